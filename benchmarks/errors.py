@@ -33,14 +33,7 @@ from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.block import prepare_runs, run_batch
 from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.config.schema import Integrator
-from rattlesweep.sweeps.error import (
-    Estimated,
-    Fit,
-    companion_setting,
-    how_far_apart,
-    relative_error,
-    with_errors,
-)
+from rattlesweep.sweeps.error import FITS, Estimated, Fit, companion_setting, with_errors
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.types import classify, sure_types
 
@@ -153,20 +146,23 @@ class Pair(NamedTuple):
         found[np.isfinite(self.tight.t_r) & ~np.isfinite(self.mix.true)] = 1.0
         return found
 
-    def estimate(self, fit: Fit | None = None) -> Floats:
-        """The estimate that the rows would hold."""
-        batch, tight, loose = self.mix.batch, self.tight, self.loose
-        apart = how_far_apart(batch, FULL, tight, loose)
-        method = METHODS[self.method]
-        return relative_error(batch, FULL, tight, loose, apart, method, self.settings, fit=fit)
+    @property
+    def told(self) -> Estimated:
+        """The runs with their errors, as the rows would hold them."""
+        name = "tol" if METHODS[self.method].adaptive else "dt"
+        integrator = Integrator.model_validate({"method": self.method, name: self.value})
+        config = self.mix.config.model_copy(update={"integrator": integrator})
+        return with_errors(config, self.mix.batch, self.tight, self.loose, self.settings)
+
+    @property
+    def estimate(self) -> Floats:
+        """The estimate of the relative error."""
+        return self.told.t_r_error / self.tight.t_r
 
     @property
     def sure(self) -> Flags:
         """Whether the types are sure, as the rows would say."""
-        name = "tol" if METHODS[self.method].adaptive else "dt"
-        integrator = Integrator.model_validate({"method": self.method, name: self.value})
-        config = self.mix.config.model_copy(update={"integrator": integrator})
-        told = with_errors(config, self.mix.batch, self.tight, self.loose, self.settings)
+        told, config = self.told, self.mix.config
         return sure_types(
             codes(told, config),
             told.reversal_sure,
@@ -175,9 +171,9 @@ class Pair(NamedTuple):
             config.classify,
         )
 
-    def judge(self, fit: Fit | None = None) -> tuple[float, float]:
+    def judge(self) -> tuple[float, float]:
         """Share of reversing runs that are covered, and the median overestimate."""
-        error, estimate = self.error, self.estimate(fit)
+        error, estimate = self.error, self.estimate
         some = np.isfinite(self.tight.t_r)
         covered = float((error <= estimate)[some].mean())
         return covered, float(np.median((estimate / np.maximum(error, 1e-16))[some]))
@@ -203,7 +199,7 @@ def row(pair: Pair) -> str:
     """A line of the table."""
     covered, over = pair.judge()
     some = np.isfinite(pair.tight.t_r)
-    error, estimate = pair.error[some], pair.estimate()[some]
+    error, estimate = pair.error[some], pair.estimate[some]
     off, marked = error > 1e-6, estimate > 1e-6
     sure = pair.sure
     wrong = codes(pair.tight, pair.mix.config) != pair.mix.true_codes
@@ -220,7 +216,8 @@ def refit(pairs: list[Pair], wanted: float = 0.9953) -> None:
     found = []
     for values in itertools.product((0.3, 0.5, 0.7, 1, 1.5), (5, 10, 15), (3, 5, 8, 12),
                                     (0.0005, 0.0007, 0.001, 0.0015)):  # fmt: skip
-        judged = [pair.judge(Fit(*values)) for pair in pairs]
+        FITS["dop853"] = Fit(*values)
+        judged = [pair.judge() for pair in pairs]
         found.append((min(c for c, _ in judged), max(o for _, o in judged), Fit(*values)))
     good = sorted((f for f in found if f[0] >= wanted), key=lambda f: f[1])
     for covered, over, fit in (good or sorted(found, reverse=True))[:5]:
@@ -273,7 +270,7 @@ def worst(count: int) -> None:
     mix = prepare("quickstart", 1.0, count)
     pair = measure(mix, "dop853", 1e-9)
     error = np.where(np.isfinite(mix.true) & ~np.isfinite(pair.tight.t_r), 1.0, pair.error)
-    estimate = pair.estimate()
+    estimate = pair.estimate
     click.echo(
         f"{'case':>4}{'sample':>7}{'true':>15}{'looser':>12}{'1e-9':>12}{'error':>9}{'told':>9}"
     )

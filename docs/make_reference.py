@@ -103,7 +103,7 @@ These columns may be added; each replaces a part of the config for its row:
 
 A body in SI units has the columns `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m` and, where they apply, `ixy_kg_m2 axes_angle_deg
 gravity_m_s2 c_m`. Launches are then `n_i_rpm omega_xy0_rpm`, the horizon is `t_end_s`, dissipation is `sigma_N_m_s` and `rolling_m`, and the runs have
-the columns `t_r_s` and `n_i_rpm` as well. [A stone of your own](own_stone.md) has an example. Columns of any other name, such as the name of a stone,
+the columns `t_r_s` and `n_i_rpm` as well. Columns of any other name, such as the name of a stone,
 are copied to the runs; the name of a result is refused.
 
 ```csv
@@ -136,6 +136,7 @@ PARTS = {
 
 ELSEWHERE = {
     "tol": "`integrator: {accuracy: {t_r: ...}}`",
+    "turns": "`record: [reversals, error]`",
     "surface": "`bodies: {surface: ellipsoid}`",
     "dissipation": "`dissipation`",
 }
@@ -177,8 +178,6 @@ def sections(schema: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
         for name, key in model["properties"].items():
             own = f"{path}.{name}".removeprefix(".")
             for inner in references(key):
-                if inner in ("Linspace", "Logspace"):
-                    continue
                 title, label = own, own
                 if name in PARAMETERS and path == "bodies":
                     title, label = ", ".join(f"bodies.{part}" for part in PARAMETERS), f"{name}"
@@ -262,7 +261,7 @@ def kind_of(key: dict[str, Any]) -> str:
     """Return what a value may be, in words."""
     if "const" in key or "enum" in key:
         return ", ".join(f"`{word}`" for word in key.get("enum", [key.get("const")]))
-    if "Linspace" in references(key):
+    if "linspace" in str(key):
         first = key
         while ways := first.get("anyOf") or first.get("oneOf"):
             first = ways[0]

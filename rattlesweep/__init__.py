@@ -15,9 +15,8 @@ if TYPE_CHECKING:
     from rattlesweep.api import *
 
 __all__ = ["ConfigError", "GrowthRates", "Modes", "OutputError", "Page", "Rattleback", "Run",
-           "Sweep", "__version__", "bondi_threshold", "fit", "growth_rates", "load", "modes", "replay",
-           "reversal_time_gh", "show", "simulate", "sweep", "to_si",
-           "trajectory"]  # fmt: skip
+           "Sweep", "__version__", "bondi_threshold", "fit", "growth_rates", "load", "modes",
+           "replay", "reversal_time_gh", "show", "simulate", "sweep", "trajectory"]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

@@ -15,15 +15,16 @@ T = TypeVar("T")
 
 
 def take(values: T, rows: NDArray[Any]) -> T:
-    """Some rows of a dataclass of arrays over runs; what was not recorded stays so."""
+    """Return some rows of a dataclass of arrays over runs; what was not recorded stays so."""
+    found: Any = values
     if isinstance(values, np.ndarray):
-        return cast("T", values[rows] if len(values) else values)
-    if isinstance(values, dict):
-        return cast("T", {name: take(part, rows) for name, part in values.items()})
-    if is_dataclass(values) and not isinstance(values, type):
+        found = values[rows] if len(values) else values
+    elif isinstance(values, dict):
+        found = {name: take(part, rows) for name, part in values.items()}
+    elif is_dataclass(values):
         parts = {part.name: take(getattr(values, part.name), rows) for part in fields(values)}
-        return cast("T", type(values)(**parts))
-    return values
+        found = cast("Any", type(values))(**parts)
+    return cast("T", found)
 
 
 def put(values: T, into: T, rows: NDArray[Any]) -> None:

@@ -9,24 +9,16 @@ _PART = r"(\d+(?:\.\d+)?)\s*(d|h|min|m|s)"
 
 
 def seconds_of(text: str) -> float:
-    """Seconds of a text such as ``3h50m``, ``90s``, ``1.5h`` or ``2d 4h``.
-
-    Raises
-    ------
-    ValueError
-        It is something else, or no time at all.
-    """
-    whole = text.strip()
-    if not re.fullmatch(rf"(?:{_PART}\s*)+", whole):
+    """Return the seconds of ``3h50m``, ``90s``, ``1.5h`` or ``2d 4h``; else raise a ValueError."""
+    if not re.fullmatch(rf"\s*(?:{_PART}\s*)+", text):
         raise ValueError("is no length of time; write it with units, as in 3h50m, 90s or 2d")
-    seconds = sum(float(number) * _UNITS[unit] for number, unit in re.findall(_PART, whole))
+    seconds = sum(float(number) * _UNITS[unit] for number, unit in re.findall(_PART, text))
     if not 0 < seconds < 1e10:
         raise ValueError("is out of range; give more than nothing")
     return seconds
 
 
 def clock(seconds: float) -> str:
-    """Seconds as m:ss or h:mm:ss."""
-    whole = round(seconds)
-    hours, rest = divmod(whole, 3600)
+    """Return seconds as m:ss or h:mm:ss."""
+    hours, rest = divmod(round(seconds), 3600)
     return f"{hours}:{rest // 60:02d}:{rest % 60:02d}" if hours else f"{rest // 60}:{rest % 60:02d}"

@@ -2,33 +2,24 @@
 
 from collections.abc import Iterable
 
-MAX_LINE = 1000
-
 
 def printable(text: str) -> str:
-    """`text` as any terminal can show it: escapes and the like spelled out, line ends kept."""
+    """Return text as any terminal can show it: escapes and the like spelled out."""
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
 
 
 def one_line(text: str, limit: int = 60) -> str:
-    """`text` fit for one line of any terminal: nothing unprintable, and cut if it is long."""
-    if len(text) > limit:
-        text = text[: limit - 3] + "..."
+    """Return text as one printable line, cut if it is long."""
+    text = text if len(text) <= limit else text[: limit - 3] + "..."
     return printable(text).replace("\n", "\\n")
 
 
 class ConfigError(ValueError):
-    """A command or a config is wrong (exit code 2).
-
-    Parameters
-    ----------
-    messages
-        One message, or one for each thing that is wrong. Each becomes a single line.
-    """
+    """A command or a config is wrong (exit code 2): one line for each thing that is."""
 
     def __init__(self, messages: str | Iterable[str]) -> None:
         lines = [messages] if isinstance(messages, str) else messages
-        self.messages = [one_line(line, MAX_LINE) for line in lines]
+        self.messages = [one_line(line, 1000) for line in lines]
         super().__init__(self.messages)
 
     def __str__(self) -> str:

@@ -16,30 +16,17 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.job import Progress
 
 COMPILING = "compiling the kernel for this machine, once (about 15 s)"
-DELAY = 0.5
-"""Seconds after which a call from Python shows a bar: most are over by then."""
-LINE_EVERY = 60.0
-"""Seconds between the lines of a command whose standard error is no terminal."""
+DELAY = 0.5  # seconds after which a call from Python shows a bar: most are over by then
+LINE_EVERY = 60.0  # seconds between lines where standard error is no terminal
 
 
 class Bar:
-    """A bar on standard error for as long as a ``with`` lasts.
-
-    Parameters
-    ----------
-    shown : bool
-        Whether there is a bar.
-    delay : float
-        Seconds before it appears.
-    lines : bool
-        Whether lines are written where there is no bar: one a minute, and one on compilation.
-    """
+    """A bar on standard error for as long as a ``with`` lasts, or lines if there is none."""
 
     def __init__(self, shown: bool, delay: float = 0.0, lines: bool = False) -> None:
-        self._shown, self._delay, self._lines = shown, delay, lines
-        self._bar: Any = None
-        self._told = False
+        self._shown, self._delay, self._lines, self._compiled = shown, delay, lines, False
         self._start = self._last = time.monotonic()
+        self._bar: Any = None
 
     @classmethod
     def of_call(cls, progress: bool | None) -> Bar:
@@ -51,8 +38,7 @@ class Bar:
     @classmethod
     def of_command(cls, quiet: bool = False) -> Bar:
         """Return the bar of a command: in a terminal, unless it is to be quiet."""
-        terminal = sys.stderr.isatty()
-        return cls(terminal and not quiet, lines=not quiet)
+        return cls(sys.stderr.isatty() and not quiet, lines=not quiet)
 
     def __enter__(self) -> Self:
         return self
@@ -69,9 +55,9 @@ class Bar:
     def show(self, fraction: float, text: str, elapsed: float, left: float | None) -> None:
         """Show how far something is, and what it is doing; `elapsed` and `left` are seconds."""
         text += f", {clock(elapsed)}" + ("" if left is None else f", {clock(left)} left")
-        if self._appeared():
-            self._bar.n = 100.0 * fraction
-            self._bar.set_description_str(text)
+        if self._shown:
+            self._open().set_description_str(text, refresh=False)
+            self._bar.update(100 * fraction - self._bar.n)
         elif self._minute_is_over():
             print(f"{100 * fraction:.1f} %, {text}", file=sys.stderr, flush=True)
 
@@ -93,33 +79,30 @@ class Bar:
     def stage(self, text: str) -> None:
         """Write what is done now, in a terminal always and elsewhere once a minute."""
         if self._shown or self._minute_is_over():
-            seconds = time.monotonic() - self._start
-            print(f"{seconds:4.0f} s  {text}", file=sys.stderr, flush=True)
+            print(f"{time.monotonic() - self._start:4.0f} s  {text}", file=sys.stderr, flush=True)
 
     @contextmanager
     def compiling(self, kernel: str) -> Iterator[None]:
-        """Tell that a kernel is being compiled, for as long as the ``with`` lasts."""
-        if self._lines and not self._told:
+        """Tell that a kernel is being compiled, once, however many there are."""
+        if self._lines and not self._compiled:
             print(COMPILING, file=sys.stderr, flush=True)
         elif self._shown and not self._lines:
             self._delay = 0.0
-            self._appeared()
-            self._bar.set_description_str(COMPILING)
-        self._told = True  # once is enough, however many kernels there are
+            self._open().set_description_str(COMPILING)
+        self._compiled = True
         yield
 
-    def _appeared(self) -> bool:
-        if self._shown and self._bar is None and time.monotonic() >= self._start + self._delay:
+    def _open(self) -> Any:
+        if self._bar is None:
             from tqdm.auto import tqdm
 
             # tqdm's own estimate of the time left would count compilation as work.
-            bar_format = "{percentage:3.0f}%|{bar}| {desc}"
-            self._bar = tqdm(total=100.0, bar_format=bar_format, file=sys.stderr)
-        return self._bar is not None
+            form = "{percentage:3.0f}%|{bar}| {desc}"
+            self._bar = tqdm(total=100.0, bar_format=form, file=sys.stderr, delay=self._delay)
+        return self._bar
 
     def _minute_is_over(self) -> bool:
         now = time.monotonic()
         over = self._lines and now >= self._last + LINE_EVERY
-        if over:
-            self._last = now
+        self._last = now if over else self._last
         return over

@@ -6,24 +6,12 @@ from collections.abc import Sequence
 
 
 def align(lines: Sequence[Sequence[str]], sides: str = ">") -> str:
-    """Lay cells out in columns, each as wide as its widest cell.
-
-    Parameters
-    ----------
-    lines
-        Cells of each line, equally many in all.
-    sides
-        Side on which the cells of each column stand, ``<`` or ``>``; the last is that of all
-        further columns.
-    """
+    """Lay cells out in columns, on their sides ``<`` or ``>``, the last for all further columns."""
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    sides += sides[-1] * (len(widths) - len(sides))
-    return "\n".join(
-        "  ".join(
-            f"{cell:{side}{width}}" for cell, side, width in zip(line, sides, widths, strict=True)
-        ).rstrip()
-        for line in lines
-    )
+    sides = sides.ljust(len(widths), sides[-1])
+    shapes = [f"{side}{width}" for side, width in zip(sides, widths, strict=False)]
+    rows = (map(format, line, shapes) for line in lines)
+    return "\n".join("  ".join(row).rstrip() for row in rows)
 
 
 def counted(number: int, noun: str) -> str:

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import re
 from functools import cache
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from pint import UnitRegistry
 
 KINDS = {
     "mass": ("kg", "85 g"),
@@ -26,11 +22,7 @@ _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _FACTOR = r"[*/·]?\s*[A-Za-zµμ°]+\s*(?:(?:\^|\*\*)?\s*(?:-?\d|[²³]))?\s*"
 
 
-class SI(float):
-    """A number in SI units, where a plain one is in the units of a body."""
-
-
-class Quantity(SI):
+class Quantity(float):
     """A number in SI units that remembers the text it was given as, such as ``60 rpm``."""
 
     text: str
@@ -47,54 +39,29 @@ class Quantity(SI):
 
 
 def quantity(text: str, kind: str) -> float:
-    """Return a number with a unit, in SI units.
+    """Return a text such as ``12 mm`` or ``2.1e-4 kg*m**2``, of one of :data:`KINDS`, in SI units.
 
-    Parameters
-    ----------
-    text : str
-        Such as ``12 mm``, ``2.1 kg cm^2``, ``2.1e-4 kg*m**2`` or ``9.81 m/s^2``.
-    kind : str
-        One of :data:`KINDS`.
-
-    Raises
-    ------
-    ValueError
-        If it is no quantity, or one of another kind; the message has an example.
+    A ValueError has an example.
     """
     return quantities(text, kind, 1)[0]
 
 
 def quantities(text: str, kind: str, *counts: int) -> list[float]:
-    """Return numbers with commas between them and one unit behind, such as ``2,16,17 kg cm^2``.
-
-    Each may have a unit of its own, as in ``12cm,3cm``. `counts` are the numbers of values that are
-    allowed.
-    """
+    """Return as many numbers as one of `counts`, such as ``2,16,17 kg cm^2`` or ``12cm,3cm``."""
     needed = f"{_article(kind)} is needed, such as {KINDS[kind][1]}"
-    found = [split(part) for part in text.split(",")]
-    values = [value for value, _ in found if value is not None]
-    if len(values) < len(found):
+    values, units = zip(*map(split, text.split(",")), strict=True)
+    if None in values:
         raise ValueError(f"is not a number with a unit; {needed}")
     if len(values) not in counts:
-        have = f"has {len(values)} number{'' if len(values) == 1 else 's'}"
-        wanted = " or ".join(", ".join(map(str, counts)).rsplit(", ", 1))
-        be = "is" if counts == (1,) else "are"
-        raise ValueError(f"{have}; {wanted} {be} needed, with one unit behind")
-    sizes = []
-    for unit in (own or found[-1][1] for _, own in found):
-        if not unit:
-            raise ValueError(f"has no unit; {needed}")
-        if not re.fullmatch(f"({_FACTOR})+", unit):
-            raise ValueError(f"has the unit {unit}, which is not a product of units; {needed}")
-        try:
-            size, base = _base(unit)
-        except ValueError as error:
-            raise ValueError(f"{error}; {needed}") from None
-        if base != _base(KINDS[kind][0])[1]:
-            others = (_article(name) for name, (si, _) in KINDS.items() if _base(si)[1] == base)
+        raise ValueError(f"has {len(values)} numbers, not {' or '.join(map(str, counts))}")
+    found = []
+    for value, unit in zip(values, units, strict=True):
+        size, base = _base(unit or units[-1], needed)
+        if base != _base(KINDS[kind][0], "")[1]:
+            others = (_article(name) for name, (si, _) in KINDS.items() if _base(si, "")[1] == base)
             raise ValueError(f"is {next(others, 'another quantity')}; {needed}")
-        sizes.append(size)
-    return [value * size for value, size in zip(values, sizes, strict=True)]
+        found.append(value * size)
+    return found
 
 
 def split(text: str) -> tuple[float | None, str]:
@@ -108,21 +75,17 @@ def _article(noun: str) -> str:
 
 
 @cache
-def _registry() -> UnitRegistry[Any]:
+def _base(unit: str, needed: str) -> tuple[float, str]:
+    """Return the size of a unit in SI base units, and these."""
+    if not re.fullmatch(f"({_FACTOR})+", unit):
+        what = f"the unit {unit}, which is not a product of units" if unit else "no unit"
+        raise ValueError(f"has {what}; {needed}")
     import pint  # takes as long to import as all the rest of the command line
 
-    return pint.UnitRegistry()
-
-
-@cache
-def _base(text: str) -> tuple[float, str]:
-    """Return the size of a unit in SI base units, and these."""
-    import pint
-
     # "mm2" is "mm^2" to people, and the name of a unit to pint.
-    spelled = re.sub(r"(?<=[A-Za-zµμ°])\s*(?=-?\d)", "^", text.replace("°", "deg"))
+    spelled = re.sub(r"(?<=[A-Za-zµμ°])\s*(?=-?\d)", "^", unit.replace("°", "deg"))
     try:
-        base = _registry().Quantity(1.0, spelled).to_base_units()
+        base = pint.application_registry.Quantity(1.0, spelled).to_base_units()
     except (pint.PintError, ValueError, TypeError, AttributeError) as error:
-        raise ValueError(f"has the unit {text}: {' '.join(str(error).split())}") from None
+        raise ValueError(f"has the unit {unit}: {' '.join(str(error).split())}; {needed}") from None
     return float(base.magnitude), str(base.units)

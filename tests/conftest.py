@@ -10,15 +10,10 @@ from contextlib import nullcontext
 
 import pytest
 
-# The files that take longest, in seconds: 30 to 5.  They begin first, so that no worker is left
-# alone with one of them at the end.
-LONGEST = (
-    "test_run", "test_dask", "test_paper_run", "test_show", "test_harm", "test_net",
-    "test_stop_resume", "test_decide", "test_tutorial", "test_sensitivity", "test_plot",
-    "test_invariance", "test_report", "test_merge", "test_compare", "test_early",
-    "test_kernel_cache", "test_config_fuzz", "test_pilot", "test_stone", "test_tradeoff",
-    "test_lanes",
-)  # fmt: skip
+# The files that take longest begin first, so that no worker is left alone with one at the end.
+LONGEST = ("test_run", "test_dask", "test_paper_run", "test_show", "test_harm", "test_transcripts",
+           "test_stop_resume", "test_decide", "test_tutorial", "test_sensitivity", "test_plot",
+           "test_invariance", "test_report", "test_merge", "test_compare")  # fmt: skip
 
 # What is imported stays: to look for garbage in it again and again is a twelfth of the time.
 gc.disable()
@@ -46,26 +41,18 @@ def pytest_unconfigure() -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def temporary_directories(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Make temporary directories in pytest's own, which no cleaner removes during a run."""
+def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Make temporary directories in pytest's own, and let no command tell of compilation."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tempfile, "tempdir", str(tmp_path_factory.mktemp("tempfile")))
+        patch.setattr("rattlesweep.cli.command.listening", lambda listener: nullcontext())
         yield
 
 
 @pytest.fixture(autouse=True)
 def signal_handlers() -> Iterator[None]:
     """Give back the handlers of signals: a command that ends in this process leaves its own."""
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.getsignal(number) for number in numbers]
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     yield
-    for number, handler in zip(numbers, before, strict=True):
+    for number, handler in before.items():
         signal.signal(number, handler)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def no_word_of_compiling() -> Iterator[None]:
-    """Have commands in this process say the same whether kernels are there or not."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rattlesweep.cli.command.listening", lambda listener: nullcontext())
-        yield

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from rattlesweep.analysis import style
@@ -19,7 +18,6 @@ from rattlesweep.sweeps.stored import Stored, open_stored
 from rattlesweep.text import align
 
 DPI, MOST_LISTED = 150, 10
-DIFFERENCE = r"$|\Delta t_r|/t_r$"
 # What makes runs the same; another machine may draw it with other last digits.
 _RUN = ["alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0"]
 _LISTED = ["case", "sample", "type_a", "type_b", "t_r_a", "t_r_b", "relative", "over_errors",
@@ -56,14 +54,13 @@ class Comparison:
 
         ``beyond`` are runs whose times differ by more than both errors together.
         """
-        relative, known = runs.relative.dropna(), all(self.errors)
-        median, p99, worst = (
-            float(np.quantile(relative, share, method="inverted_cdf")) if len(relative) else None
-            for share in (0.5, 0.99, 1.0)
-        )
+        relative, known = runs.relative.dropna().to_numpy(), all(self.errors)
+        shares = [0.5, 0.99, 1.0]
+        ends = (np.quantile(relative, shares, method="inverted_cdf").tolist() if len(relative)
+                else [None] * 3)  # fmt: skip
         return {
             "runs": len(runs), "reversing": len(relative), "equal": int((relative == 0).sum()),
-            "median": median, "p99": p99, "worst": worst,
+            **dict(zip(("median", "p99", "worst"), ends, strict=True)),
             "beyond": int((runs.over_errors > 1).sum()) if known else None,
             "types": int(runs.differs.sum()),
             "types_sure": int((runs.differs & runs.sure).sum()) if known else None,
@@ -73,18 +70,15 @@ class Comparison:
     def disagree(self, allowed: float) -> bool:
         """Tell whether a larger share is beyond both errors, or types that are sure differ."""
         total = self.row(self.runs)
-        beyond, sure = total["beyond"] or 0, total["types_sure"] or 0
-        return bool(beyond > allowed * total["reversing"] or sure > 0)
+        return bool((total["beyond"] or 0) > allowed * total["reversing"] or total["types_sure"])
 
     def data(self) -> dict[str, Any]:
         """Return all of it as JSON can hold it."""
         runs = self.runs
-        beyond = runs[runs.over_errors > 1] if all(self.errors) else runs[:0]
-        types = runs[runs.differs].sort_values("sure", ascending=False, kind="stable")
         listed = (
-            runs[runs.relative > 0].nlargest(MOST_LISTED, "relative"),
-            beyond.nlargest(MOST_LISTED, "over_errors"),
-            types.head(MOST_LISTED),
+            runs[runs.relative > 0].sort_values("relative", ascending=False),
+            runs[runs.over_errors > 1].sort_values("over_errors", ascending=False),
+            runs[runs.differs].sort_values("sure", ascending=False, kind="stable"),
         )
         cases = self.sides[0].cases
         return {
@@ -96,7 +90,8 @@ class Comparison:
             "cases": [cases[own["case"].iloc[0]].dump() | self.row(own)
                       for _, own in runs.groupby("case")],
         } | {
-            name: rows[_LISTED].astype(object).replace([np.nan, np.inf], None).to_dict("records")
+            name: rows[_LISTED].head(MOST_LISTED).astype(object)
+            .replace([np.nan, np.inf], None).to_dict("records")
             for name, rows in zip(_LISTS, listed, strict=True)
         }  # fmt: skip
 
@@ -108,23 +103,11 @@ class Comparison:
 def compare(a: Path, b: Path) -> Comparison:
     """Compare the runs that two directories both have.
 
-    Raises
-    ------
-    ConfigError
-        They are not of the same runs, apart from how these were integrated and what was recorded.
-    OutputError
-        One of them has no runs.
+    Raises a ConfigError if they are not of the same runs, apart from how these were integrated and
+    what was recorded, an OutputError if one of them has no runs.
     """
-    one, other = sides = open_stored(a), open_stored(b)
-
-    def refused(what: str) -> ConfigError:
-        return ConfigError(
-            f"{other.directory}: its runs are not those of {one.directory} ({what}); only "
-            "directories of the same runs can be compared"
-        )
-
-    if changes := differences(*map(_same_runs, sides)):
-        raise refused("; ".join(changes[:3]))
+    sides = open_stored(a), open_stored(b)
+    wrong = differences(*map(_same_runs, sides))[:3]
     frames, errors = [], ["t_r_error" in side.schema.names for side in sides]
     for side, has in zip(sides, errors, strict=True):
         names = ["case", "sample", *_RUN, "t_r", "type", "status"]
@@ -133,12 +116,16 @@ def compare(a: Path, b: Path) -> Comparison:
             raise OutputError(f"{side.directory} holds no runs yet")
         frames.append(rows if has else rows.assign(t_r_error=np.nan, type_sure=None))
     runs = frames[0].merge(frames[1], on=["case", "sample"], suffixes=("_a", "_b"))
-    for name in _RUN:
-        x, y = runs.pop(f"{name}_a").to_numpy(float), runs.pop(f"{name}_b").to_numpy(float)
-        if len(wrong := np.flatnonzero(~np.isclose(x, y, rtol=1e-9, atol=1e-12, equal_nan=True))):
-            k = int(wrong[0])
+    for name in _RUN if not wrong else ():
+        x, y = (runs.pop(f"{name}_{side}").to_numpy(float) for side in "ab")
+        for k in np.flatnonzero(~np.isclose(x, y, rtol=1e-9, atol=1e-12, equal_nan=True))[:1]:
             where = f"case {runs['case'][k]}, sample {runs['sample'][k]}"
-            raise refused(f"{where}: {name}: {x[k]:.10g} against {y[k]:.10g}")
+            wrong.append(f"{where}: {name}: {x[k]:.10g} against {y[k]:.10g}")
+    if wrong:
+        raise ConfigError(
+            f"{b}: its runs are not those of {a} ({'; '.join(wrong)}); only directories of the "
+            "same runs can be compared"
+        )
     ok = (runs.status_a == "ok") & (runs.status_b == "ok")
     dt_r = (runs.t_r_b - runs.t_r_a).where(ok)
     error = np.hypot(runs.t_r_error_a, runs.t_r_error_b)
@@ -162,16 +149,15 @@ def _same_runs(side: Stored) -> dict[str, Any]:
     data = {k: v for k, v in fixed_part(resolved(side.config)).items() if k not in how}
     # A table may have moved; what it says is compared row by row.
     data["bodies"] = {k: v for k, v in data["bodies"].items() if k != "path"}
-    cases = [str(case) for case in side.cases]
-    return data | {"cases": cases, "samples": side.samples}
+    return data | {"cases": [str(case) for case in side.cases], "samples": side.samples}
 
 
 def _settings(side: Stored) -> dict[str, Any]:
     """Return what else can make a difference."""
     config, manifest = resolved(side.config), side.manifest
-    settings = {"integrator": config["integrator"], "record": config["record"]}
-    settings["classify"] = side.thresholds.model_dump(mode="json")
-    return settings | {"versions": manifest["versions"], "cpu": manifest["machine"].get("cpu")}
+    return {"integrator": config["integrator"], "record": config["record"],
+            "classify": side.thresholds.model_dump(mode="json"),
+            "versions": manifest["versions"], "cpu": manifest["machine"].get("cpu")}  # fmt: skip
 
 
 def as_text(found: Comparison, most_cases: int) -> str:
@@ -188,10 +174,7 @@ def as_text(found: Comparison, most_cases: int) -> str:
         lines.append(f"{more} more cases are in --json")
     if without := [n for n, stored in zip("AB", found.errors, strict=True) if not stored]:
         lines.append(f"{' and '.join(without)}: no errors stored; add record: [error]")
-    for name, title in _LISTS.items():
-        if data[name]:
-            follow = "(`rattlesweep replay DIR --case CASE --sample SAMPLE` follows one)"
-            lines += [f"\n{title} {follow}", _table(data[name])]
+    lines += [f"\n{title}\n{_table(data[name])}" for name, title in _LISTS.items() if data[name]]
     return "\n".join(lines)
 
 
@@ -215,44 +198,26 @@ def save(found: Comparison, path: Path) -> None:
 
 
 def draw(found: Comparison) -> Figure:
-    """Draw runs by relative difference, and against their errors where both have them."""
-    total, relative = found.row(found.runs), found.runs.relative
-    relative = relative[relative > 0]
-    y = relative.to_numpy()
-    x = y / found.runs.over_errors[relative.index].to_numpy()
-    kept = np.isfinite(x) & (x > 0)
-    against = all(found.errors) and bool(kept.any())
+    """Draw a histogram of the relative differences, and over their errors where both have them."""
+    total, against = found.row(found.runs), all(found.errors)
     figure = style.new_figure(8.4 if against else 5.2, 3.9)
-    panels: Any = figure.subplots(1, 2 if against else 1, squeeze=False)[0]
-    axes = panels[0]
-    if len(y):
-        axes.hist(y, 10 ** np.arange(np.floor(np.log10(y.min())), 1.1, 0.1), color=style.BLUE)
-        axes.set(xscale="log", yscale="log", ylim=(0.7, None))  # the few that differ most are seen
-    else:
-        axes.set_axis_off()
-        axes.text(0.5, 0.5, "no run differs in t_r", transform=axes.transAxes, ha="center")
-    axes.set(xlabel=DIFFERENCE, ylabel="number of runs")
+    panels: Any = figure.subplots(1, 1 + against, squeeze=False, sharey=True)[0]
+    columns = {"relative": r"$|\Delta t_r|/t_r$", "over_errors": r"$|\Delta t_r|$ / both errors"}
+    for axes, (name, words) in zip(panels, columns.items(), strict=False):
+        values = found.runs[name].to_numpy()
+        values = np.log10(values[np.isfinite(values) & (values > 0)])
+        if len(values):
+            edges = 10 ** np.arange(np.floor(values.min()), values.max() + 0.1, 0.1)
+            axes.hist(10**values, edges, color=style.BLUE)
+        axes.set(xscale="log", yscale="log", ylim=(0.7, None), xlabel=words)
+        style.light_grid(axes)
+    panels[0].set_ylabel("number of runs")
     caption = (
         f"{' against '.join(str(side.directory) for side in found.sides)}: "
         f"{total['reversing']:,} runs reverse in both, {total['equal']:,} of them equally."
     )
     if against:
-        axes, x, y = panels[1], x[kept], y[kept]
-        edges = [
-            10 ** np.linspace(np.log10(0.7 * v.min()), np.log10(1.5 * v.max()), 60) for v in (x, y)
-        ]
-        counts, *_ = np.histogram2d(x, y, edges)
-        shown = axes.pcolormesh(*edges, np.where(counts, counts, np.nan).T, norm=LogNorm(),
-                                rasterized=True)  # fmt: skip
-        figure.colorbar(shown, ax=axes, label="number of runs")
-        axes.plot(edges[0], edges[0], **style.THEORY, scaley=False)
-        axes.set(xscale="log", yscale="log", ylim=(edges[1][0], edges[1][-1]), ylabel=DIFFERENCE,
-                 xlabel="both errors / $t_r$")  # fmt: skip
-        caption += (
-            f" {total['beyond']:,} differ by more than both errors together and lie above the "
-            "dashed line."
-        )
-    for axes in panels:
-        style.light_grid(axes)
+        panels[1].axvline(1, **style.THEORY)
+        caption += f" {total['beyond']:,} differ by more than both errors together."
     style.add_caption(figure, caption)
     return figure

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from ruamel.yaml import YAML
 
-from rattlesweep.sweeps.config.schema import Linspace, Logspace
+from rattlesweep.sweeps.config.schema import spaced
 
 # Larger vector pictures are shown as PNG, or a page of seven would pass 5 MB.
 MOST_SVG = 400_000
@@ -36,9 +37,7 @@ def percent(part: int, whole: int) -> str:
     value = 100 * part / whole
     if part and value < 0.1:
         return "< 0.1 %"
-    if part < whole and value > 99.9:
-        return "> 99.9 %"
-    return f"{value:.1f} %"
+    return "> 99.9 %" if part < whole and value > 99.9 else f"{value:.1f} %"
 
 
 def source(svg: bytes, png: bytes) -> str:
@@ -62,24 +61,14 @@ def config_yaml(config: Mapping[str, Any]) -> str:
 
 def _shaped(value: Any) -> Any:
     """Return a value as a person would write it: axes as such, whole counts."""
-    if isinstance(value, list):
-        return _axis(value) or value
+    if isinstance(value, list) and len(value) >= LONG:
+        for name in ("linspace", "logspace"):
+            with suppress(ValueError, TypeError):  # not even numbers
+                if spaced(name, value[0], value[-1], len(value)) == value:
+                    return {name: [value[0], value[-1], len(value)]}
     if isinstance(value, Mapping):
         for name in {"linspace", "logspace"} & value.keys():
             low, high, count = value[name]
             return {name: [low, high, int(count)]}
         return {key: _shaped(each) for key, each in value.items()}
     return value
-
-
-def _axis(values: Sequence[Any]) -> dict[str, list[float]] | None:
-    if len(values) < LONG or not all(isinstance(value, float) for value in values):
-        return None
-    ends = [values[0], values[-1], float(len(values))]
-    for kind, name in ((Linspace, "linspace"), (Logspace, "logspace")):
-        try:
-            if kind.model_validate({name: ends}).values() == list(values):
-                return {name: [ends[0], ends[1], len(values)]}
-        except ValueError:
-            continue  # no ratio leads from one end to the other
-    return None

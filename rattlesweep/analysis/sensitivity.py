@@ -41,14 +41,9 @@ _INDICES = {"first": ("first order", style.BLUE), "total": ("total", style.ORANG
 class Sensitivity:
     """Indices of a sweep.
 
-    Attributes
-    ----------
-    rows : list of dict
-        By ``case``, ``of`` (one of `QUANTITIES`) and ``parameter``: ``used`` and ``left_out`` runs,
-        ``first`` and ``total`` with the ends ``_low`` and ``_high`` of their 95 % intervals
-        (bootstrap).
-    notes : list of str
-        Quantities that have no indices, and why.
+    `rows` are by ``case``, ``of`` (one of `QUANTITIES`) and ``parameter``: ``used`` and
+    ``left_out`` runs, ``first`` and ``total`` with the ends ``_low`` and ``_high`` of their 95 %
+    intervals (bootstrap). `notes` say of which quantities there are none, and why.
     """
 
     directory: Path
@@ -73,84 +68,64 @@ def sensitivity(directory: Path) -> Sensitivity:
     """Compute the indices of the runs that are on disk.
 
     Those of a quantity come from whole groups of runs, and only where nearly all groups have it: a
-    ``t_r`` that only some of the bodies have says nothing about the ranges.
-
-    Raises
-    ------
-    ConfigError
-        The bodies are not drawn from ranges by ``draw: saltelli``.
-    OutputError
-        No quantity of any case has indices; the message says why.
+    ``t_r`` that only some of the bodies have says nothing about the ranges. Raises a ConfigError if
+    bodies are not drawn from ranges by ``draw: saltelli``, an OutputError if nothing has indices.
     """
     stored = open_stored(directory)
     bodies = stored.config.bodies
-    if not isinstance(bodies, SdSource):
+    if not isinstance(bodies, SdSource) or bodies.draw != "saltelli":
         raise ConfigError(
-            f"{directory}: its bodies are not drawn from ranges (source: {bodies.source}), so no "
-            "share of a variance goes with any; indices need source: sd"
-        )
-    if bodies.draw != "saltelli":
-        raise ConfigError(
-            f"{directory}: its bodies were drawn one by one (draw: {bodies.draw}), and indices "
-            "need some that differ in one parameter; run the sweep with bodies.draw: saltelli"
+            f"{directory}: indices need bodies that differ in one parameter; run the sweep with "
+            "bodies.source: sd and bodies.draw: saltelli"
         )
     found = Sensitivity(directory, bodies.drawn, [case.dump() for case in stored.cases])
     frame = stored.read(["case", "sample", "t_r", "type", "status"]).to_pandas()
-    group = bodies.group
     for case, runs in frame.groupby("case"):
         kind = runs.type.where(runs.status == "ok")
         t_r = runs.t_r.where(kind == "R").to_numpy()
         values = [t_r, np.log10(t_r)]
         values += [(kind == name).where(kind.notna(), np.nan).to_numpy(float) for name in TYPES]
-        sample = runs["sample"].to_numpy()
-        shape = group, int(sample.max()) // group + 1
-        done = np.zeros(shape, bool)
-        done[sample % group, sample // group] = True
-        for of, y in zip(QUANTITIES, values, strict=True):
-            f = np.full(shape, np.nan)
-            f[sample % group, sample // group] = y
-            f = f[:, done.all(axis=0)]
-            whole = np.isfinite(f).all(axis=0)
+        group, place = np.divmod(runs["sample"].to_numpy(), bodies.group)
+        f = np.full((len(values), bodies.group, group.max() + 1), np.nan)
+        f[:, place, group] = values
+        f = f[:, :, np.bincount(group) == bodies.group]
+        for of, y in zip(QUANTITIES, f, strict=True):
+            whole = np.isfinite(y).all(axis=0)
             if whole.sum() < FEWEST or whole.mean() < 1 - MOST_MISSING:
-                does = "reverse" if "t_r" in of else "end with status ok"
-                if of != "log10 t_r":  # said of t_r
-                    found.notes.append(
-                        f"case {case}, {of}: no indices, as all runs {does} in only "
-                        f"{whole.sum():,} of {whole.size:,} groups; below {1 - MOST_MISSING:.0%} "
-                        f"or {FEWEST} they would tell of those bodies and not of the ranges"
-                    )
-                continue
-            f = f[:, whole]
-            if np.ptp(f[:2]) == 0:
-                continue  # it does not vary
-            head = {"case": int(case), "of": of, "used": f.size,
-                    "left_out": done.all(axis=0).sum().item() * group - f.size}  # fmt: skip
-            for name, index in zip(bodies.drawn, _indices(f), strict=True):
-                found.rows.append(head | {"parameter": name} | index)
+                found.notes.append(
+                    f"case {case}, {of}: no indices, as only {whole.sum():,} of {whole.size:,} "
+                    f"groups have it in all runs; below {1 - MOST_MISSING:.0%} or {FEWEST} they "
+                    "would tell of those bodies and not of the ranges"
+                )
+            elif np.ptp(y[:2, whole]) > 0:
+                head = {"case": int(case), "of": of, "used": int(whole.sum()) * bodies.group,
+                        "left_out": int((~whole).sum()) * bodies.group}  # fmt: skip
+                for name, index in zip(bodies.drawn, indices(y[:, whole]), strict=True):
+                    found.rows.append(head | {"parameter": name} | index)
     if not found.rows:
-        why = found.notes[0] if found.notes else "nothing varies"
+        why = [*found.notes, "nothing varies"][0]
         raise OutputError(f"{directory}: no quantity has indices; {why}; it takes more runs")
     return found
 
 
-def _indices(f: Floats) -> list[dict[str, Any]]:
+def indices(f: Floats) -> list[dict[str, float]]:
     """Return the indices of each parameter with their intervals, from drawing groups again.
 
     `f` are values at points A, at points B, and at those of A with one parameter of B each.
     """
 
     def estimate(f: Floats) -> Floats:
-        a, b, *mixed = f - f[:2].mean()
+        a, b, mixed = f[0], f[1], f[2:]
         variance = f[:2].var() or np.nan  # some drawn again may not vary
-        first = [np.mean(b * (ab - a)) / variance for ab in mixed]
-        return np.array([first, [0.5 * np.mean((a - ab) ** 2) / variance for ab in mixed]])
+        first = ((b - f[:2].mean()) * (mixed - a)).mean(axis=1)
+        return np.array([first, 0.5 * ((a - mixed) ** 2).mean(axis=1)]) / variance
 
     random, n = np.random.default_rng(SEED), f.shape[1]
     again = [estimate(f[:, random.integers(0, n, n)]) for _ in range(REPLICATES)]
-    value, (low, high) = estimate(f), np.nanquantile(again, [0.025, 0.975], axis=0)
-    parts = {"": value, "_low": low, "_high": high}
+    parts = {"": estimate(f), "_low": np.nanquantile(again, 0.025, axis=0),
+             "_high": np.nanquantile(again, 0.975, axis=0)}  # fmt: skip
     return [
-        {name + end: float(part[k, j]) for k, name in enumerate(_INDICES)
+        {f"{name}{end}": float(part[k, j]) for k, name in enumerate(_INDICES)
          for end, part in parts.items()}
         for j in range(len(f) - 2)
     ]  # fmt: skip
@@ -160,27 +135,15 @@ def as_text(found: Sensitivity, most_cases: int) -> str:
     """Return a table of indices with their intervals, of many cases the first."""
     table = [["case", *_SPIN, "of", "runs", "left out", "index", *found.parameters]]
     for (case, of), rows in found.grouped.items():
-        if case >= most_cases:
-            continue
-        said = found.cases[case]
-        head = [str(case), *(f"{said[k]:.4g}" if k in said else "-" for k in _SPIN), of]
-        counts = [str(rows[0]["used"]), str(rows[0]["left_out"])]
-        for index in _INDICES:
-            cells = ["{:.2f} ({:.2f} {:.2f})".format(*_values(row, index)) for row in rows]
-            table.append([*head, *counts, index, *cells])
+        spin = [found.cases[case].get(name) for name in _SPIN]
+        head = [str(case), *("-" if value is None else f"{value:.4g}" for value in spin), of,
+                str(rows[0]["used"]), str(rows[0]["left_out"])]  # fmt: skip
+        for k in _INDICES if case < most_cases else ():
+            cells = [f"{r[k]:.2f} ({r[f'{k}_low']:.2f} {r[f'{k}_high']:.2f})" for r in rows]
+            table.append([*head, k, *cells])
+    lines = [align(table), "in brackets: intervals of 95 %", *found.notes[: 2 * most_cases]]
     more = len(found.cases) - most_cases
-    return "\n".join(
-        [
-            align(table),
-            "in brackets: intervals of 95 %; left out: runs of groups that lack a value",
-            *found.notes[: 2 * most_cases],
-            *([f"{more} more cases are in --json"] if more > 0 else []),
-        ]
-    )
-
-
-def _values(row: dict[str, Any], index: str) -> tuple[float, ...]:
-    return tuple(row[index + end] for end in ("", "_low", "_high"))
+    return "\n".join(lines + ([f"{more} more cases are in --json"] if more > 0 else []))
 
 
 def save(found: Sensitivity, path: Path) -> None:
@@ -192,23 +155,18 @@ def save(found: Sensitivity, path: Path) -> None:
 def draw(found: Sensitivity) -> Figure:
     """Draw a panel for each case and quantity: bars for each parameter, with their intervals."""
     shown = found.grouped
-    names = [of for of in QUANTITIES if any(key[1] == of for key in shown)]
+    names = [of for of in QUANTITIES if any(of == key[1] for key in shown)]
     cases = list(dict.fromkeys(case for case, _ in shown))[:MOST_CASES]
     figure = style.new_figure(max(4.0, 1.2 + 2.0 * len(names)), 1.2 + 1.9 * len(cases))
     panels: Any = figure.subplots(len(cases), len(names), squeeze=False, sharex=True, sharey=True)
     symbols = [style.symbol(name) for name in found.parameters]
     for line, case in zip(panels, cases, strict=True):
         for axes, of in zip(line, names, strict=True):
-            rows = shown.get((case, of), [])
             for k, (index, (_, colour)) in enumerate(_INDICES.items()):
-                for j, row in enumerate(rows):
-                    value, low, high = _values(row, index)
+                for j, row in enumerate(shown.get((case, of), [])):
+                    value, low, high = (row[index + end] for end in ("", "_low", "_high"))
                     ends = [[max(0.0, value - low)], [max(0.0, high - value)]]
-                    axes.bar(j + 0.38 * k - 0.19, value, 0.36, color=colour, yerr=ends,
-                             error_kw={"linewidth": 0.9})  # fmt: skip
-            if not rows:
-                axes.text(0.5, 0.4, "no indices", transform=axes.transAxes, ha="center",
-                          fontsize="small", color=style.GREY)  # fmt: skip
+                    axes.bar(j + 0.38 * k - 0.19, value, 0.36, color=colour, yerr=ends)
             axes.set_xticks(range(len(symbols)), symbols)
             style.light_grid(axes)
         said = found.cases[case]
@@ -219,8 +177,6 @@ def draw(found: Sensitivity) -> Figure:
     low, high = panels[0, 0].get_ylim()
     panels[0, 0].set_ylim(max(low, -0.2), min(high, 1.4))
     style.add_legend(figure, [Patch(color=c, label=words) for words, c in _INDICES.values()])
-    caption = "Sobol' indices with 95 % intervals."
-    if any(not shown.get((case, of)) for case in cases for of in names):
-        caption += " No indices: the quantity does not vary, or too few groups of runs have it."
+    caption = "Sobol' indices with 95 % intervals; none where too few groups of runs have a value."
     style.add_caption(figure, caption)
     return figure

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import logging
 import re
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -109,32 +108,17 @@ MOST_PERIODS = 60
 @contextmanager
 def styled(style: Path | None = None) -> Iterator[None]:
     """Use Matplotlib's settings for our pictures, with those of a style file on top."""
-    settings: Any = RC | ({} if style is None else dict(_read_style(style)))
+    try:
+        own: Any = {} if style is None else mpl.rc_params_from_file(
+            str(style), fail_on_error=True, use_default_template=False
+        )  # fmt: skip
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"--style {style}: {' '.join(str(error).split())}") from None
     with mpl.rc_context():
         mpl.rcdefaults()
-        mpl.rcParams.update(settings)
+        for settings in (RC, own):
+            mpl.rcParams.update(settings)
         yield
-
-
-class _Refusal(logging.Handler):
-    """Raise what Matplotlib only logs, such as an unknown key."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        raise ValueError(record.getMessage())
-
-
-def _read_style(path: Path) -> Any:
-    logger, refusal = logging.getLogger("matplotlib"), _Refusal(logging.WARNING)
-    logger.addHandler(refusal)
-    try:
-        return mpl.rc_params_from_file(str(path), fail_on_error=True, use_default_template=False)
-    except FileNotFoundError:
-        raise ConfigError(f"--style {path}: there is no such file") from None
-    except (OSError, ValueError) as error:
-        words = " ".join(str(error).split())
-        raise ConfigError(f"--style {path}: it is no style file of Matplotlib: {words}") from None
-    finally:
-        logger.removeHandler(refusal)
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -153,29 +137,25 @@ def add_legend(figure: Figure, handles: list[Any], heading: Sequence[str] = ()) 
     # Half the size of the type is the width of a letter; formulas are not broken.
     most = int(1.8 * 72 * figure.get_figwidth() / size)
     title = "\n".join(t if "$" in t else textwrap.fill(t, most) for t in heading)
-    if not handles:
-        if title:
-            figure.suptitle(title, fontsize="medium")
-        return
-    tries = [(k, part) for part in (1, 0.85, 0.7, 0.6) for k in range(min(len(handles), 6), 0, -1)]
-    for columns, part in tries:
+    if title and not handles:
+        figure.suptitle(title, fontsize="medium")
+    tries = [(k, part * size) for part in (1, 0.8, 0.6) for k in range(min(len(handles), 6), 0, -1)]
+    for columns, own in tries:
         legend = figure.legend(handles=handles, loc="outside upper center", ncols=columns,
-                               title=title or None, columnspacing=1.4, fontsize=part * size,
-                               title_fontsize=part * size * 1.1)  # fmt: skip
+                               title=title or None, fontsize=own, title_fontsize=1.1 * own,
+                               columnspacing=1.4)  # fmt: skip
         legend.get_title().set_multialignment("center")
         box = legend.get_window_extent()
         fits = box.width < 0.98 * figure.bbox.width and box.height < 0.35 * figure.bbox.height
-        if fits or (columns, part) == tries[-1]:
+        if fits or (columns, own) == tries[-1]:
             return
         legend.remove()
 
 
 def add_caption(figure: Figure, words: str, *, grow: bool = True) -> None:
     """Write sentences below all panels, of a figure that grows by their height if `grow`."""
-    if not words:
-        return
-    size, width = 7.0, figure.get_figwidth()
-    lines = textwrap.wrap(words, int(1.9 * 72 * width / size))
+    size = 7.0
+    lines = textwrap.wrap(words, int(1.9 * 72 * figure.get_figwidth() / size))
     figure.supxlabel("\n".join(lines).replace("$", "\\$"), fontsize=size, color=GREY,
                      multialignment="left")  # fmt: skip
     if grow:
@@ -197,10 +177,9 @@ def thin(values: Floats, bins: int) -> Places:
     count = len(values)
     if count <= 2 * bins:
         return np.arange(count)
-    stretches = np.split(values, np.linspace(0, count, bins + 1).astype(np.int64)[1:-1])
-    first = np.cumsum([0, *map(len, stretches[:-1])])
-    extremes = [(part.argmin(), part.argmax()) for part in stretches]
-    return np.union1d(first[:, None] + extremes, [0, count - 1])
+    stretches = np.array_split(np.arange(count), bins)
+    extremes = [part[[values[part].argmin(), values[part].argmax()]] for part in stretches]
+    return np.union1d(extremes, [0, count - 1])
 
 
 def curve(axis: Any, t: Floats, values: Floats, colour: str = BLUE, **look: Any) -> None:
@@ -240,10 +219,8 @@ def save(figure: Figure, paths: Sequence[Path], dpi: float) -> None:
 def save_table(table: pa.Table, path: Path) -> None:
     """Write a table as CSV or Parquet, by the ending, in one step."""
     buffer = io.BytesIO()
-    if path.suffix.lower() == ".csv":
-        csv.write_csv(table, buffer)
-    else:
-        parquet.write_table(table, buffer)
+    write = csv.write_csv if path.suffix.lower() == ".csv" else parquet.write_table
+    write(table, buffer)
     replace_file(path, buffer.getvalue())
 
 
@@ -254,11 +231,10 @@ def check_formula(text: str) -> str:
     if is_math_text(text):
         try:
             MathTextParser("path").parse(text)
-        except (ValueError, RuntimeError) as error:
-            why = str(error).strip().splitlines()[-1].strip()
+        except (ValueError, RuntimeError):
             raise ValueError(
-                f"the text between dollar signs cannot be read as a formula ({why}); write \\$ for "
-                "a dollar sign"
+                "the text between dollar signs cannot be read as a formula; write \\$ for a dollar "
+                "sign"
             ) from None
     return text
 

@@ -10,7 +10,7 @@ import pandas as pd
 import pyarrow as pa
 
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.sweeps.config.messages import nearest
+from rattlesweep.sweeps.config.messages import not_one_of
 
 METHODS = ("isna", "notna", "isin", "between")
 """Methods of a column that a condition may call; others might write files."""
@@ -25,12 +25,9 @@ class Where:
     option: str  # that it was given by
 
     def filter(self, rows: pa.RecordBatch) -> pa.RecordBatch:
-        """Return the rows for which the condition is true; a comparison with null is not.
+        """Return the rows for which it is true; a comparison with null is not.
 
-        Raises
-        ------
-        ConfigError
-            If pandas cannot evaluate it.
+        Raises a ConfigError if pandas cannot evaluate it.
         """
         frame = pa.table(rows.select(list(self.columns))).to_pandas(
             types_mapper={pa.bool_(): pd.BooleanDtype()}.get
@@ -44,34 +41,23 @@ class Where:
                 # No names but the columns.
                 found = frame.eval(query, engine="python", local_dict={}, global_dict={})
             if not (isinstance(found, pd.Series) and pd.api.types.is_bool_dtype(found)):
-                raise ValueError("it is no condition on columns; compare some")
+                raise ValueError("it is no condition on columns")
         except Exception as error:  # pandas has no common class for what it raises
             why = error.msg if isinstance(error, SyntaxError) else str([*error.args, ""][0])
-            why = one_line(" ".join(why.split()), 200)
             if unknown := re.fullmatch(r"name '(\w+)' is not defined", why):
-                near = nearest(unknown[1], rows.schema.names)
-                known = ", ".join(rows.schema.names)
-                hint = f"did you mean {near}?" if near else f"there are {known}"
-                why = f"{unknown[1]} is no column; {hint}"
+                why = not_one_of(unknown[1], rows.schema.names)
             raise ConfigError(
-                f"{self.option} {one_line(self.text, 200)}: {why}; write a pandas query, as in "
-                'type == "SW" and K_r < 0.005'
+                f"{self.option} {one_line(self.text, 200)}: {one_line(why, 400)}; write a pandas "
+                'query, as in type == "SW" and K_r < 0.005'
             ) from None
         return rows.filter(pa.array(found.fillna(False).to_numpy(bool)))
 
 
 def parse_where(text: str, schema: pa.Schema, option: str = "--where") -> Where:
-    """Check a condition on the columns of a schema.
-
-    Raises
-    ------
-    ConfigError
-        If the text is no condition on columns; the message is one sentence.
-    """
+    """Return a condition on the columns of a schema; raise a ConfigError if the text is none."""
     words = re.findall(r"[A-Za-z_]\w*", _unquoted(text))
     where = Where(text, tuple(name for name in schema.names if name in words), option)
-    # On no rows, for what is wrong with the text alone.
-    where.filter(pa.RecordBatch.from_pylist([], schema=schema))
+    where.filter(pa.RecordBatch.from_pylist([], schema=schema))  # of no rows, to check the text
     return where
 
 

@@ -5,7 +5,6 @@ data refuse raises an ``OutputError``.  Each says in a sentence what is wrong an
 right.
 """
 
-from rattlesweep.api.arrays import to_si
 from rattlesweep.api.closed import (
     GrowthRates,
     bondi_threshold,
@@ -22,5 +21,4 @@ from rattlesweep.physics.theory import Modes
 
 __all__ = ["ConfigError", "GrowthRates", "Modes", "OutputError", "Page", "Rattleback", "Run",
            "Sweep", "bondi_threshold", "fit", "growth_rates", "load", "modes", "replay",
-           "reversal_time_gh", "show", "simulate", "sweep", "to_si",
-           "trajectory"]  # fmt: skip
+           "reversal_time_gh", "show", "simulate", "sweep", "trajectory"]  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Mapping
+from dataclasses import astuple
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
 
@@ -27,22 +28,6 @@ Bodies: TypeAlias = (
 )
 """One body or the name of a preset; a sequence or an array of these; or a table of bodies."""
 
-WANTED = {
-    "n_i": "the initial spin must be finite",
-    "omega_xy0": "the oscillation must be finite and positive",
-    "t_end": "the horizon must be finite and positive",
-    "psi": "an angle from -360 to 360 degrees is needed",
-    "sigma": "the dissipation must be finite and not negative",
-    "rolling": "the dissipation must be finite and not negative",
-}
-UNITS = {
-    "spin": "sqrt(g/a)", "time": "sqrt(a/g)", "length": "a", "energy": "M g a",
-    "torque per spin": "M a^2 sqrt(g/a)",
-}  # fmt: skip
-"""Units of the quantities that may be given in SI units, by their kind."""
-ENDINGS = {
-    "spin": "rad_s", "time": "s", "length": "m", "energy": "J", "torque per spin": "N_m_s",
-}  # fmt: skip
 KINDS = {
     "n": "spin", "n_i": "spin", "omega_xy0": "spin", "omega": "spin", "t_end": "time",
     "from_time": "time", "dt": "time", "times": "time", "sigma": "torque per spin",
@@ -51,21 +36,19 @@ KINDS = {
 """Arguments that may be given in SI units, and their kinds."""
 SIZE = ("mass_kg", "height_m", "gravity_m_s2")
 """Columns that tell the size of bodies."""
-RPM = 30 / np.pi
 
 
 # -- bodies ------------------------------------------------------------------------------------
 
 
 def one_body(body: Any, name: str = "body") -> Rattleback:
-    """Return a body, perhaps given by the name of a preset, or raise a ConfigError."""
+    """Return a body, perhaps given by the name of a preset."""
     if isinstance(body, Rattleback):
         return body
     if isinstance(body, str) and body in PRESETS:
         return PRESETS[body]()
-    raise ConfigError(
-        f"{name}: {kind_of(body)} is no body; give a Rattleback or a name, {' or '.join(PRESETS)}"
-    )
+    known = " or ".join(PRESETS)
+    raise ConfigError(f"{name}: {kind_of(body)} is no body; give a Rattleback or a name, {known}")
 
 
 def body_columns(bodies: Bodies) -> dict[str, Floats]:
@@ -74,39 +57,30 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
     The shape is ``()`` for one body, that of an array of bodies, and ``(rows,)`` for a sequence or
     a table.  If the size of all of them is known, it is in the columns `SIZE`.
     """
-    if isinstance(bodies, Rattleback | str):
-        bodies = np.array(one_body(bodies, "bodies"), dtype=object)
     if isinstance(bodies, Mapping) or is_frame(bodies):
         import pandas as pd
 
         from rattlesweep.sweeps.bodies.table import frame_bodies
 
         try:
-            found = frame_bodies(pd.DataFrame(bodies))
-        except ConfigError:
-            raise
+            frame = pd.DataFrame(bodies)
         except ValueError as error:
-            reason = one_line(str(error))
-            raise ConfigError(f"bodies: cannot be read as a table ({reason})") from None
-        return found.columns | {name: found.carried[name] for name in SIZE if name in found.carried}
-    if not isinstance(bodies, Iterable):
-        raise ConfigError(
-            f"bodies: {kind_of(bodies)} is no body; give a Rattleback, a sequence of them, or a "
-            f"DataFrame with the columns {' '.join(PARAMETERS)}"
-        )
-    array = bodies if isinstance(bodies, np.ndarray) else None
-    many = list(bodies) if array is None else list(array.ravel())
-    flat = [one_body(body, f"bodies[{place}]") for place, body in enumerate(many)]
-    shape = (len(flat),) if array is None else array.shape
+            raise ConfigError(f"bodies: cannot be read as a table: {error}") from None
+        table = frame_bodies(frame)
+        return table.columns | {name: table.carried[name] for name in SIZE if name in table.carried}
+    if isinstance(bodies, str) or not isinstance(bodies, Iterable):
+        flat, shape = [one_body(bodies, "bodies")], ()
+    else:
+        given = bodies if isinstance(bodies, np.ndarray) else np.fromiter(bodies, object)
+        flat = [one_body(body, f"bodies[{place}]") for place, body in enumerate(given.flat)]
+        shape = given.shape
     names = (*PARAMETERS, "c") if any(body.c is not None for body in flat) else PARAMETERS
     columns = {name: [getattr(body, name) for body in flat] for name in names}
-    sizes = [body.units for body in flat if body.units is not None]
+    sizes = [astuple(body.units) for body in flat if body.units is not None]
     if flat and len(sizes) == len(flat):
-        for name, part in zip(SIZE, ("mass", "length", "gravity"), strict=True):
-            columns[name] = [getattr(units, part) for units in sizes]
-    return {  # None becomes NaN
-        name: np.array(values, float).reshape(shape) for name, values in columns.items()
-    }
+        columns |= dict(zip(SIZE, map(list, zip(*sizes, strict=True)), strict=True))
+    # None becomes NaN.
+    return {name: np.array(values, float).reshape(shape) for name, values in columns.items()}
 
 
 def table_bodies(columns: Mapping[str, Floats]) -> TableBodies:
@@ -129,9 +103,7 @@ def scale_of(units: Units | None) -> Scale | None:
     """Return the units of a body as a scale, None if its size is not known."""
     from rattlesweep.sweeps.bodies.protocol import Scale
 
-    if units is None:
-        return None
-    return Scale(*map(np.asarray, (units.mass, units.length, units.gravity)))
+    return None if units is None else Scale(*map(np.asarray, astuple(units)))
 
 
 def column_scale(columns: Mapping[str, Any]) -> Scale | None:
@@ -148,124 +120,51 @@ def column_scale(columns: Mapping[str, Any]) -> Scale | None:
     return Scale(mass, length, gravity)
 
 
-def to_si(runs: Any) -> Any:
-    """Return runs in SI units, if the size of their bodies is known.
-
-    Parameters
-    ----------
-    runs : Run or pandas.DataFrame
-        A result of :func:`simulate`, or runs of a sweep of bodies with ``height_m`` and
-        ``mass_kg``.
-
-    Returns
-    -------
-    dict or pandas.DataFrame
-        The columns that have units, by names that end in theirs: ``t_r_s``, ``n_i_rpm``,
-        ``omega_p_rad_s``, ``energy_0_J``, ``sigma_N_m_s``, ``c_m``.
-
-    Raises
-    ------
-    ConfigError
-        If the size is not known.
-
-    Examples
-    --------
-    >>> import rattlesweep as rs
-    >>> run = rs.simulate("KL", n_i="-60 rpm", omega_xy0="5 rpm", t_end="20 s")
-    >>> round(rs.to_si(run)["n_i_rpm"], 9), run.t_r is None, round(rs.to_si(run)["t_end_s"], 9)
-    (-60.0, True, 20.0)
-    """
-    import pandas as pd
-
-    many = is_frame(runs)
-    frame: Any = runs if many else pd.DataFrame([runs.to_dict()])
-    units = runs.attrs.get("units", {}) if many else runs.units
-    scale = column_scale(frame)
-    if scale is None:
-        raise ConfigError("runs: their bodies have no size; make them by Rattleback.from_si, kl or "
-                          "half_ellipsoid, or give the columns mass_kg and height_m")  # fmt: skip
-    found: dict[str, Any] = {}
-    for name, values in frame.items():
-        kind = next((kind for kind, unit in UNITS.items() if unit == units.get(name)), None)
-        if kind is None:
-            continue
-        rpm = name.startswith("n_") or name == "omega_xy0"
-        size = (RPM if rpm else 1.0) / scale.natural(1.0, kind)
-        if values.dtype == object:  # lists, or nothing but None
-            pairs = zip(values, size, strict=True)
-            values = [None if value is None else np.multiply(value, one) for value, one in pairs]
-        else:
-            values = values * size
-        found[f"{name}_{'rpm' if rpm else ENDINGS[kind]}"] = values
-    if many:
-        return pd.DataFrame(found, index=frame.index)
-    return {name: np.asarray(values[0]).tolist() for name, values in found.items()}
-
-
 # -- numbers -----------------------------------------------------------------------------------
 
 
 def numbers(name: str, value: Any, scale: Scale | None = None) -> Floats:
-    """Return an argument as an array in the units of the bodies.
-
-    Raises
-    ------
-    ConfigError
-        If it is no number, text with a unit, or array of these, or is not what `name` can be.
-    """
+    """Return an argument as an array in the units of the bodies, or raise a ConfigError."""
     from rattlesweep.sweeps.bodies.table import check_value
 
-    wanted = WANTED.get(name, "it must be finite")
-    array = _floats(name, value, scale)
-    if array is None:
-        raise ConfigError(f"{name}: {kind_of(value)} is no number or array of numbers; {wanted}")
-    bad = ~np.isfinite(array)
-    if name == "psi":
-        bad |= np.abs(array) > 360
-    broken = None if bad.any() or name == "psi" else check_value(name, array.ravel())
-    if bad.any() or broken is not None:
-        at, rule = (int(np.argmax(bad)), wanted) if broken is None else broken
-        place = np.unravel_index(at, array.shape)
+    try:
+        array = _floats(name, value, scale)
+    except (TypeError, OverflowError):
+        raise ConfigError(f"{name}: {kind_of(value)} is no number or array of numbers") from None
+    if not np.isfinite(array).all():
+        broken: tuple[int, str] | None = int(np.argmin(np.isfinite(array))), "it must be finite"
+    else:
+        broken = check_value("psi_deg" if name == "psi" else name, array.ravel())
+    if broken is not None:
+        place = np.unravel_index(broken[0], array.shape)
         where = f"[{', '.join(map(str, place))}]" if place else ""
-        # The rule of a table says no more than what is wanted, unless it is a limit.
-        told = rule if "allowed" in rule else wanted
-        raise ConfigError(f"{name}{where} {array[place]:g}: {told}")
+        raise ConfigError(f"{name}{where} {array[place]:g}: {broken[1]}")
     return array
 
 
-def _floats(name: str, value: Any, scale: Scale | None) -> Floats | None:
-    """Return numbers and texts with units in the units of the bodies, None if there are others."""
+def _floats(name: str, value: Any, scale: Scale | None) -> Floats:
+    """Return numbers and texts with units in the units of the bodies."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
         return value.astype(float)
     try:
         given = np.array(value, dtype=object)  # not as texts, which numbers beside them may be
         flat = given.ravel().tolist()
-        texts = {one for one in flat if isinstance(one, str)} if name in KINDS else set()
-        if any(isinstance(one, bool) or (isinstance(one, str) and not texts) for one in flat):
-            return None
-        found: dict[Any, float] = {text: _in_si(name, text, scale) for text in texts}
-        array = np.array([found.get(one, one) for one in flat], float).reshape(given.shape)
-    except ConfigError:
-        raise
-    except (TypeError, ValueError):
-        return None
-    if scale is None or not texts:
+        if any(isinstance(one, bool) for one in flat):
+            raise TypeError
+        found = [quantity(one, KINDS[name]) if isinstance(one, str) else one for one in flat]
+        array = np.array(found, float).reshape(given.shape)
+    except (KeyError, ValueError) as error:
+        told = f" or a quantity: it {error}" if name in KINDS else ""
+        raise ConfigError(f"{name}: {kind_of(value)} is no number{told}") from None
+    texts = [isinstance(one, str) for one in flat]
+    if not any(texts):
         return array
-    is_text = np.array([isinstance(one, str) for one in flat]).reshape(given.shape)
-    return np.asarray(np.where(is_text, scale.natural(array, KINDS[name]), array))
-
-
-def _in_si(name: str, text: str, scale: Scale | None) -> float:
-    try:
-        found = quantity(text, KINDS[name])
-    except ValueError as error:
-        raise ConfigError(f"{name}: {one_line(repr(text))} {error}") from None
     if scale is None:
-        raise ConfigError(
-            f"{name}: {text!r} has a unit, but the body has no size; give it one (KL, from_si, "
-            f"half_ellipsoid, --mass and --height), or a number in {UNITS[KINDS[name]]}"
-        )
-    return found
+        raise ConfigError(f"{name}: {one_line(str(value))} has a unit, but the body has no size; "
+                          "give it one (KL, from_si, half_ellipsoid, --mass and --height), or a "
+                          "number without")  # fmt: skip
+    is_text = np.reshape(texts, given.shape)
+    return np.asarray(np.where(is_text, scale.natural(array, KINDS[name]), array))
 
 
 def number(name: str, value: Any, scale: Scale | None = None) -> float | None:
@@ -280,8 +179,7 @@ def number(name: str, value: Any, scale: Scale | None = None) -> float | None:
 
 def check_count(name: str, value: Any, least: int = 1) -> None:
     """Raise a ConfigError if an argument is neither None nor a whole number from `least` on."""
-    whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if value is not None and not (whole and value >= least):
+    if value is not None and not (isinstance(value, Integral) and int(value) >= least):
         raise ConfigError(f"{name}: {kind_of(value)} is no count; give a whole number from {least} "
                           "on")  # fmt: skip
 
@@ -308,10 +206,10 @@ def broadcast(arrays: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[in
     try:
         whole = np.broadcast_arrays(*arrays.values())
     except ValueError:
-        of_bodies = {"bodies": arrays[PARAMETERS[0]]}
-        hidden = (*PARAMETERS, *SIZE, "f_sd", "c")
-        rest = {name: array for name, array in arrays.items() if name not in hidden}
-        shapes = ", ".join(f"{name} {array.shape}" for name, array in (of_bodies | rest).items())
+        told = {"bodies": arrays["alpha"]} | {
+            k: v for k, v in arrays.items() if k not in PARAMETERS
+        }
+        shapes = ", ".join(f"{name} {array.shape}" for name, array in told.items())
         raise ConfigError(f"the shapes do not go together: {shapes}") from None
     return dict(zip(arrays, whole, strict=True)), whole[0].shape
 

@@ -6,26 +6,13 @@ import html
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.api.arrays import (
-    Bodies,
-    body_columns,
-    broadcast,
-    check_count,
-    column_scale,
-    full_states,
-    is_frame,
-    number,
-    numbers,
-    one_body,
-    scale_of,
-    table_bodies,
-    to_frame,
-    units_of,
-)
+from rattlesweep.api import arrays as given
+from rattlesweep.api.arrays import Bodies, check_count, number, numbers
 from rattlesweep.arrays import Floats, take
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import Rattleback
@@ -47,53 +34,30 @@ LAUNCH = ("n_i", "omega_xy0")
 STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
 
 
-class Run:
+class Run(SimpleNamespace):
     """Outcome of one run: each column of a sweep's ``runs`` is an attribute.
 
     Attributes
     ----------
-    t_r : float or None
-        Time of the first reversal, in ``sqrt(a/g)``; None without one by ``t_end``.
-    t_end : float
-        Time reached.
+    t_r, t_end : float
+        Times of the first reversal and of the end, in ``sqrt(a/g)``.
     type, status : str
-        ``type`` is None where ``status`` is not ``ok``.
     units : dict
         Unit of each column.
     """
 
-    def __init__(self, row: dict[str, Any], units: dict[str, str]) -> None:
-        self._row, self.units = row, units
-
-    def __getattr__(self, name: str) -> Any:
-        row = self.__dict__.get("_row", {})
-        if name not in row:
-            raise AttributeError(f"a run has no column {name}; there are {', '.join(row)}")
-        return row[name]
-
     def __getitem__(self, name: str) -> Any:
-        return self._row[name]
-
-    def _ipython_key_completions_(self) -> list[str]:
-        return list(self._row)
-
-    def __dir__(self) -> list[str]:
-        return sorted([*self._row, "to_dict", "units"])
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Run) and self._row == other._row
-
-    __hash__ = None  # type: ignore[assignment]
+        return getattr(self, name)
 
     def __repr__(self) -> str:
         shown = [f"t_r={self.t_r:.10g}" if self.t_r is not None else "t_r=None"]
-        shown += [f"{self.t_r_s:.5g} s"] if self._row.get("t_r_s") is not None else []
+        shown += [f"{self.t_r_s:.5g} s"] if getattr(self, "t_r_s", None) is not None else []
         shown += [f"t_end={self.t_end:.10g}", f"type={self.type}", f"status={self.status}"]
         return f"<Run {', '.join(shown)}>"
 
     def to_dict(self) -> dict[str, Any]:
         """Return all columns of the run by name."""
-        return dict(self._row)
+        return {name: value for name, value in vars(self).items() if name != "units"}
 
 
 @dataclass(frozen=True)
@@ -125,39 +89,24 @@ class Page:
 
 
 def simulate(
-    body: Bodies,
-    *,
-    n_i: ArrayLike | None = None,
-    omega_xy0: ArrayLike | None = None,
-    omega: ArrayLike | None = None,
-    u: ArrayLike | None = None,
-    t_end: ArrayLike | None = None,
-    psi: str | ArrayLike | None = None,
-    model: str = "full",
-    method: str | None = None,
-    tol: float | None = None,
-    dt_step: float | None = None,
-    accuracy: str | Mapping[str, float] | None = None,
-    sigma: ArrayLike | None = None,
-    rolling: ArrayLike | None = None,
-    record: str | Sequence[str] = (),
-    threads: int | None = None,
-    progress: bool | None = None,
-) -> Any:
+    body: Bodies, *, n_i: ArrayLike | None = None, omega_xy0: ArrayLike | None = None,
+    omega: ArrayLike | None = None, u: ArrayLike | None = None, t_end: ArrayLike | None = None,
+    psi: str | ArrayLike | None = None, model: str = "full", sigma: ArrayLike | None = None,
+    rolling: ArrayLike | None = None, record: str | Sequence[str] = (),
+    threads: int | None = None, progress: bool | None = None, **integrator: Any,
+) -> Any:  # fmt: skip
     """Integrate bodies from their launches to their first reversals or to ``t_end``.
 
-    One body and numbers give one :class:`Run`.  If anything is an array, all are broadcast by
-    NumPy's rules, and a thousand runs cost what a thousand rows of a sweep cost.  Spins, times and
-    losses of bodies whose size is known may be texts with a unit, alone or in arrays: ``"60 rpm"``,
-    ``"20 s"``, ``"1e-5 N m s"``.
+    If anything is an array, all are broadcast by NumPy's rules; many runs cost what as many rows of
+    a sweep cost.  Spins, times and losses of bodies whose size is known may be texts with a unit,
+    alone or in arrays: ``"60 rpm"``, ``"20 s"``, ``"1e-5 N m s"``.
 
     Parameters
     ----------
     body : Rattleback, str, sequence or array of these, or DataFrame
-        A text is the name of a preset, ``"GH"`` or ``"KL"``.  A table has the columns ``alpha beta
-        gamma theta phi xi``, angles in radians; if it also has ``n_i omega_xy0`` and perhaps ``psi
-        t_end`` (in radians), these are the launches of its rows unless `n_i` and `omega_xy0` are
-        given.  The runs of a sweep are such a table.
+        A text is the name of a preset, ``"GH"`` or ``"KL"``.  A table, such as the runs of a sweep,
+        has the columns ``alpha beta gamma theta phi xi``, and perhaps ``n_i omega_xy0 psi t_end``,
+        the launches of its rows unless `n_i` and `omega_xy0` are given; angles are in radians.
     n_i, omega_xy0 : array_like
         Initial spin and oscillation, in ``sqrt(g/a)``; ``n_i=0`` is a tap, by default on the pitch.
     omega, u : array_like, shape (..., 3)
@@ -170,9 +119,6 @@ def simulate(
         ``relevant`` (the default), ``pitch``, ``roll`` or degrees.
     model : str
         ``full``, ``reduced`` or ``gh``.
-    method, tol, dt_step, accuracy
-        Method, and the tolerance of an adaptive one or the step of a fixed-step one; or an accuracy
-        instead, such as ``"draft"`` or ``{"t_r": 1e-6}``: the keys of the config's ``integrator``.
     sigma, rolling : array_like, optional
         Torque ``-sigma omega``, in ``M a^2 sqrt(g/a)``; lever of a rolling resistance, in ``a``.
     record : str or sequence of str
@@ -181,30 +127,25 @@ def simulate(
         Threads of the kernel; by default one for each processor.  The results do not depend on it.
     progress : bool, optional
         Whether to show a bar; by default in a terminal and in a notebook, if it takes long.
+    **integrator
+        ``method`` with its ``tol`` or ``dt_step``, or an ``accuracy`` such as ``"draft"`` or
+        ``{"t_r": 1e-6}``: the keys of the config's ``integrator``.
 
     Returns
     -------
     Run or pandas.DataFrame
-        The table has one row a run and the columns of a sweep's ``runs`` but ``case`` and
-        ``sample``, with ``attrs["units"]``, and ``attrs["shape"]``, the shape to which the
-        arguments were broadcast: its rows are in C order.  It has the index of a DataFrame of
-        bodies of which each row is one run.  Of bodies whose size is known there are ``t_r_s`` and
-        ``n_i_rpm``; :func:`to_si` gives the others.
-
-    Raises
-    ------
-    ConfigError
-        If an argument is wrong.
+        One row a run, in C order, with the columns of a sweep's ``runs`` but ``case`` and
+        ``sample``, with ``attrs["units"]``, ``attrs["shape"]`` to which the arguments were
+        broadcast, and the index of a DataFrame of bodies of which each row is one run.  Of bodies
+        whose size is known there are ``t_r_s`` and ``n_i_rpm``.
 
     Examples
     --------
     >>> import rattlesweep as rs
     >>> rs.simulate("GH", n_i=0.1, omega_xy0=0.01)
     <Run t_r=112.093878, t_end=112.093878, type=R, status=ok>
-    >>> runs = rs.simulate("GH", n_i=[0.1, 0.2, 0.4], omega_xy0=[[0.01], [0.1]])
-    >>> runs.t_r.to_numpy().reshape(runs.attrs["shape"]).round(2)
-    array([[112.09,  74.67,  68.48],
-           [ 26.77,  33.15,  45.7 ]])
+    >>> rs.simulate("GH", n_i=[0.1, 0.2, 0.4], omega_xy0=0.1).t_r.round(2).tolist()
+    [26.77, 33.15, 45.7]
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.bodies.table import launched_from
@@ -212,69 +153,51 @@ def simulate(
     from rattlesweep.sweeps.single import Launch, is_full_state, plan_of
 
     check_count("threads", threads)
-    columns = body_columns(body)
-    scale = column_scale(columns)
-    given = {"n_i": n_i, "omega_xy0": omega_xy0, "t_end": t_end, "sigma": sigma, "rolling": rolling}
-    arrays = {name: numbers(name, x, scale) for name, x in given.items() if x is not None}
+    columns = given.body_columns(body)
+    scale = given.column_scale(columns)
+    many = {"n_i": n_i, "omega_xy0": omega_xy0, "t_end": t_end, "sigma": sigma, "rolling": rolling}
+    arrays = {name: numbers(name, x, scale) for name, x in many.items() if x is not None}
     state: dict[str, Floats] = {}
     if is_full_state(omega, u, {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi}):
-        state = full_states(omega, u, scale)
+        state = given.full_states(omega, u, scale)
     if psi is not None and not isinstance(psi, str):
         arrays["psi"] = np.radians(numbers("psi", psi))
-    columns, shape = broadcast(_launched(columns, state | arrays, psi is not None))
+    columns, shape = given.broadcast(_launched(columns, state | arrays, psi is not None))
     columns = {name: column.ravel() for name, column in columns.items()}
     if state:
         columns |= launched_from(columns, "launch")
     # Its body and its launch are replaced by those of the rows.
     launch = Launch(
         Rattleback.gh(), n_i=1.0, omega_xy0=1.0, psi=psi if isinstance(psi, str) else "relevant",
-        model=model, integrator=_integrator(method, tol, dt_step, accuracy),
+        model=model, integrator=_integrator(integrator),
         record=[record] if isinstance(record, str) else list(record),
     )  # fmt: skip
-    plan = plan_of(launch, table_bodies(columns))
+    plan = plan_of(launch, given.table_bodies(columns))
     with Bar.of_call(progress) as bar, listening(bar.compiling):
         table = integrate_plan(plan, threads if shape else 1, bar.counting(f"{plan.runs:,} runs"))
     table = table.cast(plan.schema).drop_columns(["case", "sample"])
     if not shape:
-        return Run(table.to_pylist()[0], units_of(table.schema))
-    frame = to_frame(table)
+        return Run(**table.to_pylist()[0], units=given.units_of(table.schema))
+    frame = given.to_frame(table)
     frame.attrs["shape"] = shape
-    if is_frame(body) and shape == (len(body),):
+    if given.is_frame(body) and shape == (len(body),):
         frame.index = body.index
     return frame
 
 
 def trajectory(
-    body: Rattleback | str,
-    *,
-    n_i: Number | None = None,
-    omega_xy0: Number | None = None,
-    omega: Sequence[Number] | None = None,
-    u: Sequence[float] | None = None,
-    t_end: Number | None = None,
-    psi: str | float | None = None,
-    model: str = "full",
-    channels: Sequence[str] = ("t", "n"),
-    points: int | None = None,
-    dt: Number | None = None,
-    steps: bool = False,
-    times: Any = None,
-    from_time: Number | None = None,
-    method: str | None = None,
-    tol: float | None = None,
-    dt_step: float | None = None,
-    accuracy: str | None = None,
-    e_p0: Number | None = None,
-    e_r0: Number | None = None,
-    sigma: Number = 0.0,
-    rolling: Number = 0.0,
-) -> Trajectory:
+    body: Rattleback | str, *, channels: Sequence[str] = ("t", "n"), points: int | None = None,
+    dt: Number | None = None, steps: bool = False, times: Any = None,
+    from_time: Number | None = None, **launch: Any,
+) -> Trajectory:  # fmt: skip
     """Integrate one launch to ``t_end``, past its reversals, and give it as a table.
 
     Parameters
     ----------
-    body, n_i, omega_xy0, omega, u, t_end, psi, model
-        As for :func:`simulate`, of one body.
+    body, **launch
+        As for :func:`simulate`, of one body: ``n_i, omega_xy0, omega, u, t_end, psi, model, sigma,
+        rolling`` and those of the integrator.  Also ``e_p0`` and ``e_r0``, the energies of pitch
+        and roll with which the reduced model begins, in ``M g a``; by default the launch's.
     channels : sequence of str
         Columns of the table; ``rattlesweep trajectory --channels list`` prints all of them.
     points, dt, steps, times
@@ -283,23 +206,13 @@ def trajectory(
         increasing times; in ``sqrt(a/g)``.
     from_time : float or str, optional
         Time of the first row, in ``sqrt(a/g)``; the run begins at its launch all the same.
-    method, tol, dt_step, accuracy, sigma, rolling
-        As for :func:`simulate`; ``dt_step`` is not to be confused with ``dt``.
-    e_p0, e_r0 : float or str, optional
-        Energies of pitch and roll with which the reduced model begins, in ``M g a``; by default
-        the launch's, where one of them is zero.
 
     Returns
     -------
     Trajectory
         ``table`` (pandas), ``units``, ``reversals``, ``zeros`` (of the spin, all of them),
-        ``status``, ``warning``.  The accepted steps, and so the first zero, are those of
-        :func:`simulate`, whatever rows are asked for.
-
-    Raises
-    ------
-    ConfigError
-        If an argument is wrong.
+        ``status``, ``warning``, ``plot()`` and ``show()``.  The accepted steps, and so the first
+        zero, are those of :func:`simulate`, whatever rows are asked for.
 
     Examples
     --------
@@ -310,33 +223,23 @@ def trajectory(
     """
     from rattlesweep.analysis.onerun.course import Course, collect
 
-    launch = launch_of(
-        body, n_i=n_i, omega_xy0=omega_xy0, omega=omega, u=u, t_end=t_end, psi=psi, e_p0=e_p0,
-        e_r0=e_r0, sigma=sigma, rolling=rolling, model=model, method=method, tol=tol,
-        dt_step=dt_step, accuracy=accuracy,
-    )  # fmt: skip
-    scale = scale_of(launch.body.units)
+    made = launch_of(body, **launch)
+    scale = given.scale_of(made.body.units)
     rows = rows_of(scale, points, dt, steps, times, from_time)
-    course = Course(launch, channels=channels, rows=rows)
-    return collect(course, lambda **shown: page_of(launch, scale, **shown)[0])
+    course = Course(made, channels=channels, rows=rows)
+    return collect(course, lambda **shown: page_of(made, scale, **shown)[0])
 
 
 def show(
-    body: Rattleback | str,
-    *,
-    from_time: Number | None = None,
-    points: int | None = None,
-    title: str | None = None,
-    path: str | Path | None = None,
-    **launch: Any,
-) -> Page:
+    body: Rattleback | str, *, from_time: Number | None = None, points: int | None = None,
+    title: str | None = None, path: str | Path | None = None, **launch: Any,
+) -> Page:  # fmt: skip
     """Make a page on which a body rolls on the plane, with its trace and its spin.
 
     Parameters
     ----------
     body, **launch
-        As for :func:`simulate`, of one body: ``n_i, omega_xy0, omega, u, t_end, psi, sigma,
-        rolling`` and those of the integrator.
+        As for :func:`trajectory`.
     from_time : float or str, optional
         When the page begins, in ``sqrt(a/g)``.
     points : int, optional
@@ -350,11 +253,6 @@ def show(
     Page
         A notebook shows it; ``save`` writes it.
 
-    Raises
-    ------
-    ConfigError
-        If an argument is wrong, or the run is too long for a page.
-
     Examples
     --------
     >>> import rattlesweep as rs
@@ -363,25 +261,14 @@ def show(
     """
     made = launch_of(body, **launch)
     title = title or (f"Rattleback {body}" if isinstance(body, str) else "Rattleback")
-    page, _ = page_of(
-        made, scale_of(made.body.units), points=points, from_time=from_time, title=title, path=path
-    )
-    return page
+    shown: dict[str, Any] = {"points": points, "from_time": from_time, "path": path}
+    return page_of(made, given.scale_of(made.body.units), title=title, **shown)[0]
 
 
 def replay(
-    directory: str | Path,
-    case: int,
-    sample: int,
-    *,
-    t_end: Number | None = None,
-    channels: Sequence[str] = ("t", "n"),
-    points: int | None = None,
-    dt: Number | None = None,
-    steps: bool = False,
-    times: Any = None,
-    from_time: Number | None = None,
-) -> Trajectory:
+    directory: str | Path, case: int, sample: int, *, t_end: Number | None = None,
+    channels: Sequence[str] = ("t", "n"), **rows: Any,
+) -> Trajectory:  # fmt: skip
     """Integrate a stored run again as a trajectory, proved to be the stored one bit for bit.
 
     Parameters
@@ -392,8 +279,8 @@ def replay(
         Which run: the columns of ``runs`` of these names.
     t_end : float or str, optional
         Horizon, in ``sqrt(a/g)``; by default the sweep's.
-    channels, points, dt, steps, times, from_time
-        As for :func:`trajectory`.
+    channels, **rows
+        As for :func:`trajectory`: ``points, dt, steps, times, from_time``.
 
     Returns
     -------
@@ -401,47 +288,27 @@ def replay(
 
     Raises
     ------
-    ConfigError
-        If an argument is wrong, or there is no such run.
     OutputError
         If the run is not stored yet, is damaged, or comes out otherwise than stored.
-
-    Examples
-    --------
-    >>> import rattlesweep as rs
-    >>> path = rs.replay("out/steady", case=3, sample=17)  # doctest: +SKIP
     """
     from rattlesweep.analysis.onerun.course import Course, collect
-    from rattlesweep.analysis.onerun.replay import Replay
 
-    check_count("case", case, 0)
-    check_count("sample", sample, 0)
-    source = Replay(Path(directory))
-    run = source.find(case, sample)
-    scale = stored_scale(source, run)
-    rows = rows_of(scale, points, dt, steps, times, from_time)
+    source, run, scale = _stored(directory, case=case, sample=sample)
+    wanted = rows_of(scale, **rows)
     prepared = source.prepare(run, number("t_end", t_end, scale))
     source.prove(run)
-    course = Course(prepared, channels=channels, rows=rows)
+    course = Course(prepared, channels=channels, rows=wanted)
     found = collect(course, lambda **shown: page_of(prepared, scale, title=run.name, **shown)[0])
     run.check(course)
     return found
 
 
 def stored_page(
-    directory: Path,
-    which: dict[str, Any],
-    *,
-    title: str | None = None,
-    t_end: Number | None = None,
-    **shown: Any,
-) -> tuple[Page, Course, list[str]]:
+    directory: Path, which: dict[str, Any], *, title: str | None = None,
+    t_end: Number | None = None, **shown: Any,
+) -> tuple[Page, Course, list[str]]:  # fmt: skip
     """Return the page of a run, proved to be the stored one, its course, and what was proved."""
-    from rattlesweep.analysis.onerun.replay import Replay
-
-    source = Replay(directory)
-    run = source.select(**which)[0]
-    scale = stored_scale(source, run)
+    source, run, scale = _stored(directory, **which)
     prepared = source.prepare(run, number("t_end", t_end, scale))
     source.prove(run)
     cause = source.cause(run)
@@ -452,17 +319,21 @@ def stored_page(
     return page, course, [run.proof, *([cause] if cause else [])]
 
 
+def _stored(directory: str | Path, **which: Any) -> tuple[Replay, StoredRun, Scale | None]:
+    from rattlesweep.analysis.onerun.replay import Replay
+
+    check_count("case", which.get("case"), 0)
+    check_count("sample", which.get("sample"), 0)
+    source = Replay(Path(directory))
+    run = source.select(**which)[0]
+    return source, run, stored_scale(source, run)
+
+
 def page_of(
-    run: Launch | PreparedRun,
-    scale: Scale | None,
-    *,
-    title: str = "Rattleback",
-    path: str | Path | None = None,
-    cause: str = "",
-    points: int | None = None,
-    from_time: Number | None = None,
-    watch: Callable[[float], None] | None = None,
-) -> tuple[Page, Course]:
+    run: Launch | PreparedRun, scale: Scale | None, *, title: str = "Rattleback",
+    path: str | Path | None = None, cause: str = "", points: int | None = None,
+    from_time: Number | None = None, watch: Callable[[float], None] | None = None,
+) -> tuple[Page, Course]:  # fmt: skip
     """Return the page of a run, written to a file if there is a path, and its course."""
     from rattlesweep.analysis.viewer import show as viewer
 
@@ -475,48 +346,35 @@ def page_of(
 
 
 def launch_of(
-    body: Any,
-    *,
-    psi: Any = None,
-    omega: Any = None,
-    u: Any = None,
-    model: str = "full",
-    method: str | None = None,
-    tol: Any = None,
-    dt_step: Any = None,
-    accuracy: Any = None,
+    body: Any, *, psi: Any = None, omega: Any = None, u: Any = None, model: str = "full",
     **values: Any,
-) -> Launch:
+) -> Launch:  # fmt: skip
     """Return one launch, whose numbers are single ones in the units of its body."""
     from rattlesweep.sweeps.single import Launch
 
-    made = one_body(body)
-    scale = scale_of(made.units)
+    made = given.one_body(body)
+    scale = given.scale_of(made.units)
+    integrator = _integrator({name: values.pop(name) for name in [*INTEGRATOR] if name in values})
     single: dict[str, Any] = {name: number(name, x, scale) for name, x in values.items()}
+    single = {name: x for name, x in single.items() if x is not None}
     psi = psi if isinstance(psi, str) else number("psi", psi)
     if omega is not None:
-        state = full_states(omega, u, scale)
+        state = given.full_states(omega, u, scale)
         omega = [float(state[f"omega_{x}"]) for x in "xyz"]
-    integrator = _integrator(method, tol, dt_step, accuracy)
     return Launch(made, psi=psi, omega=omega, u=u, model=model, integrator=integrator, **single)
 
 
 def rows_of(
-    scale: Scale | None,
-    points: int | None = None,
-    dt: Any = None,
-    steps: bool = False,
-    times: Any = None,
-    from_time: Any = None,
-) -> Rows:
+    scale: Scale | None, points: int | None = None, dt: Any = None, steps: bool = False,
+    times: Any = None, from_time: Any = None,
+) -> Rows:  # fmt: skip
     """Return the rows of a trajectory, whose times may be in seconds."""
     from rattlesweep.analysis.onerun.rows import Rows
 
     check_count("points", points, 2)
     times = None if times is None else numbers("times", times, scale)
-    return Rows(
-        points, number("dt", dt, scale), steps, times, number("from_time", from_time, scale)
-    )
+    dt, start = number("dt", dt, scale), number("from_time", from_time, scale)
+    return Rows(points, dt, steps, times, start)
 
 
 def stored_scale(source: Replay, run: StoredRun) -> Scale | None:
@@ -542,13 +400,17 @@ def _launched(
     launched = columns | arrays
     missing = [name for name in LAUNCH if name not in launched]
     if missing and "u_x" not in launched:
-        raise ConfigError(
-            f"{' and '.join(missing)} missing; give n_i and omega_xy0, or a DataFrame that has them"
-        )
+        raise ConfigError(f"{' and '.join(missing)} missing; give n_i and omega_xy0, or a table "
+                          "that has them")  # fmt: skip
     return launched
 
 
-def _integrator(method: Any, tol: Any, dt_step: Any, accuracy: Any) -> dict[str, Any]:
+INTEGRATOR = {"method": "method", "tol": "tol", "dt_step": "dt", "accuracy": "accuracy"}
+"""Keywords of the integrator, and the keys of the config that they are."""
+
+
+def _integrator(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the config's `integrator`, which refuses what its method does not take."""
-    given = {"method": method, "tol": tol, "dt": dt_step, "accuracy": accuracy}
-    return {key: value for key, value in given.items() if value is not None}
+    for name in given.keys() - INTEGRATOR.keys():
+        raise TypeError(f"unexpected keyword argument {name!r}")
+    return {INTEGRATOR[name]: value for name, value in given.items() if value is not None}

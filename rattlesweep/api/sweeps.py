@@ -9,6 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from rattlesweep.api.arrays import check_count, is_frame, kind_of, to_frame
 from rattlesweep.api.single import Page, replay, stored_page
 from rattlesweep.errors import ConfigError, ConfigWarning
@@ -25,17 +27,10 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.verify import Verified
 
 LOOKS = ("title", "log", "size", "xlim", "ylim")
-DPI = 110.0
-"""Dots per inch of a picture in a notebook."""
 
 
 class Sweep:
-    """An output directory; tables are read when they are asked for.
-
-    Parameters
-    ----------
-    directory : path
-        Of a sweep, whole or still running.
+    """An output directory, whole or still running; tables are read when they are asked for.
 
     Attributes
     ----------
@@ -118,6 +113,7 @@ class Sweep:
         """
         import pyarrow as pa
 
+        from rattlesweep.analysis.where import parse_where
         from rattlesweep.sweeps.config.messages import not_one_of
 
         stored = self._stored
@@ -129,8 +125,6 @@ class Sweep:
                 raise ConfigError(f"columns: {not_one_of(str(name), schema.names)}")
         if where is None:
             return to_frame(stored.read(names))
-        from rattlesweep.analysis.where import parse_where
-
         condition = parse_where(where, schema, "where")
         needed = list(dict.fromkeys((*names, *condition.columns)))
         rows = [condition.filter(batch).select(names) for batch in stored.batches(needed)]
@@ -139,11 +133,7 @@ class Sweep:
         return to_frame(pa.concat_tables([empty, *map(pa.table, rows)]).cast(chosen))
 
     def to_xarray(
-        self,
-        columns: Sequence[str] | None = None,
-        *,
-        where: str | None = None,
-        fill: bool = False,
+        self, columns: Sequence[str] | None = None, *, where: str | None = None, fill: bool = False
     ) -> xarray.Dataset:
         """Return the runs as a Dataset with one dimension for each axis of the sweep.
 
@@ -154,7 +144,7 @@ class Sweep:
         columns : sequence of str, optional
             Columns of ``runs``; by default all that hold one value a run.
         where : str, optional
-            A condition as for :meth:`read`; other runs are missing.
+            A condition as for :meth:`read`; other runs are missing: NaN, or empty words.
         fill : bool
             Whether the points that ``bodies.refine`` has left out are filled from the nearest runs,
             numbers by linear interpolation between them.
@@ -162,10 +152,9 @@ class Sweep:
         Returns
         -------
         xarray.Dataset
-            Dimensions are the target ``K_p`` or ``K_r`` if there is one, ``n_i``, ``omega_xy0``,
-            and the axes of a grid of bodies by their names, else ``sample``; coordinates ascend.
-            Each variable has ``units`` and ``long_name``.  Runs that are not stored are NaN, or
-            empty words.  Beside an axis of targets, the bodies' own coefficient is ``K_r_body``.
+            Dimensions are the target ``K_p`` or ``K_r`` if there is one (the bodies' own
+            coefficient is then ``K_r_body``), ``n_i``, ``omega_xy0``, and the axes of a grid of
+            bodies by their names, else ``sample``.  Variables have ``units`` and ``long_name``.
         """
         from rattlesweep.analysis.dataset import make_dataset
         from rattlesweep.analysis.plots.layout import read_layout
@@ -174,59 +163,37 @@ class Sweep:
         return make_dataset(layout, columns, fill_refined=fill)
 
     def plot(
-        self,
-        kind: str | None = None,
-        *,
-        x: str | None = None,
-        quantity: str | None = None,
-        select: Mapping[str, Any] | Sequence[str] = (),
-        where: str | None = None,
-        path: str | Path | None = None,
-        **looks: Any,
-    ) -> Figure:
+        self, kind: str | None = None, *, x: str | None = None, quantity: str | None = None,
+        select: Mapping[str, Any] | Sequence[str] = (), where: str | None = None,
+        path: str | Path | None = None, **looks: Any,
+    ) -> Figure:  # fmt: skip
         """Draw the sweep, as ``rattlesweep plot`` does.
 
         Parameters
         ----------
-        kind : str, optional
-            ``fractions``, ``times``, ``ratio``, ``map``, ``reversals``, ``distribution`` or
-            ``scatter``; by default what suits the sweep.
-        x : str, optional
-            Quantity along the abscissa: something that varies, or a column for a scatter.
-        quantity : str, optional
-            The column that a map or a distribution shows.
+        kind, x, quantity, where : str, optional
+            As there: ``fractions``, ``times``, ``ratio``, ``map``, ``reversals``, ``distribution``
+            or ``scatter``; what the abscissa is; which column a map or a distribution shows; a
+            condition on the runs.
         select : mapping or sequence of str
             Only these values, such as ``{"n_i": [-0.3, -0.5], "theta": "0.6:0.7"}``.
-        where : str, optional
-            A condition on the runs, as for :meth:`read`.
         path : path, optional
             An .svg, .png or .pdf file to write it to as well.
         **looks
             ``title``, ``log``, ``size`` in inches, ``xlim`` and ``ylim``.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            Shown by a notebook; ``savefig`` writes it.
         """
         from rattlesweep.analysis.plots.kinds import choose_picture
         from rattlesweep.analysis.plots.layout import read_layout
-        from rattlesweep.analysis.style import FORMATS, check_formula, encode, save, styled
+        from rattlesweep.analysis.style import FORMATS, encode, save, styled
 
         for name in looks:
             if name not in LOOKS:
                 raise ConfigError(f"{name}: unknown; the looks of a picture are {', '.join(LOOKS)}")
-        try:
-            check_formula(looks.get("title") or "")
-        except ValueError as error:
-            raise ConfigError(f"title: {error}") from None
         endings = [f".{ending}" for ending in FORMATS]
         if path is not None and Path(path).suffix.lower() not in endings:
             raise ConfigError(f"path {path}: the name must end in {', '.join(endings)}")
         if isinstance(select, Mapping):
             select = [f"{name}={_values(value)}" for name, value in select.items()]
-        elif isinstance(select, str):
-            select = [select]
         layout = read_layout(self.directory)
         with styled():
             picture = choose_picture(
@@ -236,17 +203,11 @@ class Sweep:
             if path is not None:
                 save(figure, [Path(path)], 150.0)
         # Figures made without pyplot need this to show in a notebook.
-        setattr(figure, "_repr_png_", lambda: encode(figure, "png", DPI))  # noqa: B010
+        setattr(figure, "_repr_png_", lambda: encode(figure, "png", 110.0))  # noqa: B010
         return figure
 
     def report(self, path: str | Path | None = None, *, title: str | None = None) -> Page:
-        """Write one self-contained HTML page about the sweep, by default DIRECTORY/report.html.
-
-        Returns
-        -------
-        Page
-            A notebook shows it.
-        """
+        """Write one self-contained HTML page about the sweep, by default DIRECTORY/report.html."""
         from rattlesweep.analysis.report import make_report
 
         target = self.directory / "report.html" if path is None else path
@@ -255,16 +216,8 @@ class Sweep:
     def verify(self, recompute: int = 0, *, seed: int = 0, threads: int | None = None) -> Verified:
         """Read everything and compare it with what the manifest says; nothing is changed.
 
-        Parameters
-        ----------
-        recompute : int
-            Number of runs, drawn at random by `seed`, to integrate again and compare bit by bit.
-        threads : int, optional
-
-        Returns
-        -------
-        Verified
-            ``problems``, a list of sentences, empty if all is well, and ``words``.
+        `recompute` runs, drawn at random by `seed`, are integrated again and compared bit by bit.
+        The result has ``problems``, a list of sentences, empty if all is well, and ``words``.
         """
         from rattlesweep.sweeps.verify import verify
 
@@ -279,18 +232,10 @@ class Sweep:
         return compare(self.directory, other.directory if isinstance(other, Sweep) else Path(other))
 
     def classify(self, **thresholds: float) -> pd.DataFrame:
-        """Classify the stored runs by other thresholds, without integrating.
+        """Classify the stored runs by other thresholds, and return the new summary.
 
-        Parameters
-        ----------
-        **thresholds
-            Keys of the config's ``classify``, such as ``sw_departure=0.1``; without any, those of
-            the config are restored.
-
-        Returns
-        -------
-        pandas.DataFrame
-            The new summary.
+        They are keys of the config's ``classify``, such as ``sw_departure=0.1``; without any, those
+        of the config are restored.
         """
         from rattlesweep.sweeps.classify import classify_stored
 
@@ -302,38 +247,17 @@ class Sweep:
         return replay(self.directory, case, sample, **rows)
 
     def show(
-        self,
-        case: int | None = None,
-        sample: int | None = None,
-        *,
-        where: str | None = None,
-        path: str | Path | None = None,
-        title: str | None = None,
+        self, case: int | None = None, sample: int | None = None, *, where: str | None = None,
         **settings: Any,
-    ) -> Page:
+    ) -> Page:  # fmt: skip
         """Make a page on which the body of one of the runs rolls on the plane.
 
-        Parameters
-        ----------
-        case, sample : int, optional
-            Which run.
-        where : str, optional
-            Instead of these, a condition: the first run for which it is true.
-        path : path, optional
-            An .html file to write it to.
-        title : str, optional
-        **settings
-            ``t_end``, ``from_time`` and ``points``, as for :func:`rattlesweep.show`.
-
-        Raises
-        ------
-        ConfigError
-            If there is no such run, its model has no body that moves, or an argument is wrong.
-        OutputError
-            If the run is not stored yet, or does not come out as stored, bit for bit.
+        The run is that of a case and a sample, or the first for which a condition is true; settings
+        are ``t_end``, ``from_time``, ``points``, ``title`` and ``path`` as for
+        :func:`rattlesweep.show`.  Raises an OutputError if the run does not come out as stored.
         """
         run = {"case": case, "sample": sample, "where": where}
-        return stored_page(self.directory, run, title=title, path=path, **settings)[0]
+        return stored_page(self.directory, run, **settings)[0]
 
     def __repr__(self) -> str:
         return f"<Sweep {self.directory}: {self._stored.count():,} runs>"
@@ -345,27 +269,14 @@ class Sweep:
 
 
 def load(directory: str | Path) -> Sweep:
-    """Open the output directory of a sweep, whole or still running.
-
-    Examples
-    --------
-    >>> import rattlesweep as rs
-    >>> rs.load("out/gh").summary[["n_i", "fraction_R"]]
-       n_i  fraction_R
-    0  0.1         1.0
-    1 -0.1         1.0
-    """
+    """Open the output directory of a sweep, whole or still running."""
     return Sweep(directory)
 
 
 def sweep(
-    config: str | Path | Mapping[str, Any] | pd.DataFrame,
-    *,
-    output: str | Path | None = None,
-    threads: int | None = None,
-    progress: bool | None = None,
-    **keys: Any,
-) -> Sweep:
+    config: str | Path | Mapping[str, Any] | pd.DataFrame, *, output: str | Path | None = None,
+    threads: int | None = None, progress: bool | None = None, **keys: Any,
+) -> Sweep:  # fmt: skip
     """Run a sweep, or go on with one that was stopped.
 
     Parameters
@@ -376,16 +287,10 @@ def sweep(
         or those in SI units.  Bodies are kept in the output directory beside their runs.
     output : path, optional
         Output directory; overrides the config's.
-    threads : int, optional
-        Threads of the kernel; by default one for each processor.
-    progress : bool, optional
-        Whether to show a bar; by default in a terminal and in a notebook, if it takes long.
+    threads, progress
+        As for :func:`rattlesweep.simulate`.
     **keys
         For a DataFrame, the other keys of the config: ``spin``, ``horizon``, ``record`` ...
-
-    Returns
-    -------
-    Sweep
 
     Raises
     ------
@@ -397,18 +302,13 @@ def sweep(
     Warns
     -----
     ConfigWarning
-        Of what makes little physical sense in the config, as ``rattlesweep run`` does.
+        Of what makes little physical sense in the config.
 
     Examples
     --------
     >>> import rattlesweep as rs
-    >>> sweep = rs.sweep("configs/gh.yaml")
-    >>> sweep["t_r"].round(2).tolist()
+    >>> rs.sweep("configs/gh.yaml")["t_r"].round(2).tolist()
     [112.09, 809.86]
-    >>> bodies = sweep.read(["alpha", "beta", "gamma", "theta", "phi", "xi"])
-    >>> again = rs.sweep(bodies, output="out/again", spin={"n_i": [0.2], "omega_xy0": 0.1})
-    >>> again["t_r"].round(2).tolist()
-    [33.15, 33.15]
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.config.read import load_config, parse_config
@@ -424,10 +324,8 @@ def sweep(
         plan, target, base, doubts = plan_frame(config, target, keys)
     else:
         if keys:
-            raise ConfigError(
-                f"{next(iter(keys))}: is given beside a config; write it into the config, as only "
-                "a DataFrame of bodies has its keys beside it"
-            )
+            raise ConfigError(f"{next(iter(keys))}: is given beside a config; write it into the "
+                              "config")  # fmt: skip
         if isinstance(config, str | os.PathLike):
             loaded, base = load_config(config), Path(config).resolve().parent
         else:
@@ -445,7 +343,4 @@ def _values(value: Any) -> str:
     """Return values as ``--select`` has them: a text as it is, a number, or several."""
     if isinstance(value, str):
         return value
-    try:
-        return ",".join(repr(float(each)) for each in value)
-    except TypeError:
-        return repr(value)
+    return ",".join(repr(float(each)) for each in np.atleast_1d(value))

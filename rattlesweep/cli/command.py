@@ -74,7 +74,9 @@ class Program(click.Group):
 
     def main(self, *args: Any, **settings: Any) -> NoReturn:
         """Read the command line, call the command and end the process with its exit code."""
-        _mend_streams()
+        # A stream that was closed before would be replaced by the next file that is opened.
+        sys.stdout = sys.stdout or os.fdopen(os.open(os.devnull, os.O_RDONLY), "w")
+        sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
         signal.signal(signal.SIGTERM, _terminate)
         try:
             code = super().main(*args, **{**settings, "standalone_mode": False})
@@ -118,10 +120,7 @@ class Program(click.Group):
 
 
 def command(section: str, *examples: str) -> Callable[[Callable[..., Any]], Command]:
-    """Make a function a command of the program.
-
-    `section` is where `--help` lists it, `examples` are the command lines that end its own help.
-    """
+    """Make a function a command, listed in a section, whose help ends with some examples."""
 
     def make(function: Callable[..., Any]) -> Command:
         head = "Examples" if len(examples) > 1 else "Example"
@@ -142,13 +141,10 @@ def _print_version(context: click.Context, option: click.Parameter, asked: bool)
 
     click.echo(f"rattlesweep, version {version('rattlesweep')}")
     if context.params["verbose"]:
-        from rattlesweep.integrate.batch import available_threads
-        from rattlesweep.integrate.processor import vector_bits
         from rattlesweep.sweeps.provenance import machine, versions
 
         found = {name: str(text) for name, text in {**versions(), **machine()}.items()}
         del found["rattlesweep"]
-        found |= {"vectors": f"{vector_bits()} bits", "threads": str(available_threads())}
         click.echo(align(list(found.items()), "<"))
     context.exit()
 
@@ -174,18 +170,6 @@ def main(context: click.Context, verbose: bool) -> None:
     if context.invoked_subcommand is None:
         click.echo(context.get_help(), err=True)
         context.exit(WRONG)
-
-
-def _mend_streams() -> None:
-    """Replace streams that were closed when the process began.
-
-    Otherwise the next file that is opened would take their place.  What is written to the new
-    standard output fails, and a command that prints nothing succeeds.
-    """
-    if sys.stdout is None:
-        sys.stdout = os.fdopen(os.open(os.devnull, os.O_RDONLY), "w")
-    if sys.stderr is None:
-        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
 
 
 def _terminate(number: int, frame: Any) -> NoReturn:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import pkgutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -44,36 +44,27 @@ class Kind(click.ParamType):  # type: ignore[type-arg]
             raise ConfigError(f"{flag} {one_line(value)}".strip() + f": {error}") from None
 
 
-def _numbers(count: int, fit: Callable[..., bool], wanted: str) -> Callable[[str], Any]:
-    """Return a function that reads so many numbers, with commas between them, that fit."""
-
-    def read(text: str) -> tuple[float, ...]:
-        with suppress(ValueError):
-            values = tuple(map(float, text.split(",")))
-            if len(values) == count and fit(*values):
-                return values
-        raise ValueError(wanted)
-
-    return read
+def _numbers(count: int, fit: Callable[..., bool], wanted: str, text: str) -> tuple[float, ...]:
+    """Read so many numbers, with commas between them, that fit."""
+    with suppress(ValueError):
+        values = tuple(map(float, text.split(",")))
+        if len(values) == count and fit(*values):
+            return values
+    raise ValueError(wanted)
 
 
 def _measured(kind: str, text: str) -> float | str:
-    """Read a number in the body's units, or check one with an SI unit."""
+    """Read a number in the body's units, or check one with an SI unit; a direction is a word."""
     with suppress(ValueError):
         return float(text)
-    quantity(text, kind)
+    if kind != "direction":
+        quantity(text, kind)
     return text
 
 
 def names(text: str) -> tuple[str, ...]:
     """Return what stands between commas."""
     return tuple(name.strip() for name in text.split(",") if name.strip())
-
-
-def _direction(text: str) -> float | str:
-    with suppress(ValueError):
-        return float(text)
-    return text
 
 
 def _directory(text: str) -> Path:
@@ -84,24 +75,14 @@ def _directory(text: str) -> Path:
     return Path(text)
 
 
-def _file(endings: Sequence[str], text: str) -> Path:
-    if not text.lower().endswith(tuple(endings)):
+def _file(endings: tuple[str, ...], text: str) -> Path:
+    if not text.lower().endswith(endings):
         raise ValueError(f"the name must end in {' or '.join(endings)}")
     return Path(text)
 
 
-def _count(text: str) -> int:
-    with suppress(ValueError):
-        if (count := int(text)) >= 1:
-            return count
-    raise ValueError("is no number of threads; give a whole number from 1 on")
-
-
 def _check_threads(context: click.Context, _: click.Parameter, count: int | None) -> int | None:
-    """Refuse more threads than Numba can start here, without importing Numba.
-
-    Workers of a scheduler elsewhere may have more processors.
-    """
+    """Refuse more threads than Numba can start here, unless they are a scheduler's elsewhere."""
     check_settings()
     affinity = getattr(os, "sched_getaffinity", None)
     there = len(affinity(0)) if affinity else os.cpu_count() or 1
@@ -112,18 +93,22 @@ def _check_threads(context: click.Context, _: click.Parameter, count: int | None
 
 
 PICTURES = (".svg", ".png", ".pdf")
+COUNT = click.IntRange(1)
 TIME = Kind("time", seconds_of)
-SIZE = Kind("w,h", _numbers(2, lambda w, h: 1 <= w <= 24 and 1 <= h <= 24,
+SIZE = Kind("w,h", partial(_numbers, 2, lambda w, h: 1 <= w <= 24 and 1 <= h <= 24,
             "give width and height in inches, each from 1 to 24, as in 7,4.5"))  # fmt: skip
-LIMITS = Kind("low,high", _numbers(2, lambda low, high: -math.inf < low < high < math.inf,
+LIMITS = Kind("low,high", partial(_numbers, 2, lambda a, b: -math.inf < a < b < math.inf,
               "give the lower and the upper end, as in 0.01,0.1"))  # fmt: skip
-VECTOR = Kind("x,y,z", _numbers(3, lambda *xyz: True,
+VECTOR = Kind("x,y,z", partial(_numbers, 3, lambda *xyz: True,
               "is no vector; give three numbers, such as 0,0,-1"))  # fmt: skip
 SPIN, DURATION, LENGTH, ENERGY, DAMPING = (
     Kind(name, partial(_measured, kind))
     for name, kind in (("spin", "spin"), ("time", "time"), ("length", "length"),
                        ("energy", "energy"), ("sigma", "torque per spin"))
 )  # fmt: skip
+MASS, HEIGHT, ANGLE = (
+    Kind(kind, partial(quantity, kind=kind)) for kind in ("mass", "length", "angle")
+)
 # The modules that hold these words too take long to import; a test compares.
 PRESETS = Choice(["GH", "KL"])
 ACCURACIES = Choice(["draft", "standard", "reference"])
@@ -169,7 +154,7 @@ overrides = option(
     "--set", "overrides", metavar="KEY=VALUE", multiple=True,
     help="Override a key of the config, such as bodies.samples=10; may be repeated.",
 )  # fmt: skip
-threads = option("-j", "--threads", type=Kind("n", _count), callback=_check_threads,
+threads = option("-j", "--threads", type=COUNT, callback=_check_threads,
                  help="Threads of the kernel; by default one a processor.")  # fmt: skip
 title = option("--title", metavar="TEXT", help="Title of the page.")
 as_json = option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
@@ -195,31 +180,27 @@ body = stack(
     option("--xi", type=float, help="Skew angle in radians."),
     option("--xi-deg", type=float, help="Skew angle in degrees."),
     option("--c", type=LENGTH, help="Vertical semi-axis of an ellipsoid, in a, or as in 2cm."),
-    option("--mass", type=Kind("mass", partial(quantity, kind="mass")),
-           help="Instead of all these in SI units: mass, as in 85g."),
-    option("--height", type=Kind("length", partial(quantity, kind="length")),
-           help="Height of the centre of mass over the contact."),
+    option("--mass", type=MASS, help="Instead of all these in SI units: mass, as in 85g."),
+    option("--height", type=HEIGHT, help="Height of the centre of mass over the contact."),
     option("--inertia", type=Kind("ixx,iyy,izz,ixy unit",
            lambda text: quantities(text, "moment of inertia", 3, 4, 5, 6)),
            help="Inertia about the centre of mass, as in '2,16,17,-0.2 kg cm^2'."),
     option("--radii", type=Kind("r1,r2 unit", lambda text: quantities(text, "length", 2)),
            help="Principal radii of curvature at the bottom, as in '50,1.5 cm'."),
-    option("--axes-angle", type=Kind("angle", partial(quantity, kind="angle")),
+    option("--axes-angle", type=ANGLE,
            help="Angle from the x axis of --inertia to the direction of the first of --radii."),
     option("--z-up", is_flag=True, default=None, help="The z axis of --inertia points up."),
     option("--half-ellipsoid", type=Kind("length,width,height",
            lambda text: quantities(text, "length", 3)),
            help="Instead of height, inertia and radii: a solid half ellipsoid with its flat side "
                 "up, as in 12cm,3cm,12mm; --mass is without weights."),
-    option("--skew", type=Kind("angle", partial(quantity, kind="angle")),
+    option("--skew", type=ANGLE,
            help="Angle by which its axes of inertia are turned clockwise, seen from above."),
-    option("--weights", type=Kind("mass", partial(quantity, kind="mass")),
-           help="Mass of each of two weights on its flat side."),
+    option("--weights", type=MASS, help="Mass of each of two weights on its flat side."),
     option("--at", type=Kind("x,y", lambda text: quantities(text, "length", 2)),
            help="Place of one weight from the middle, along and across, as in 45,-9mm; the other "
                 "one lies opposite."),
 )  # fmt: skip
-DISSIPATION = ("sigma", "rolling")
 dissipation = stack(
     option("--sigma", type=DAMPING, help="Dissipation: sigma of a torque -sigma omega, in "
            "M a^2 sqrt(g/a), or as in '1e-4 N m s'."),
@@ -235,17 +216,15 @@ spin = stack(
 )  # fmt: skip
 launch = stack(
     spin,
-    option("--psi", type=Kind("direction", _direction), help="Direction of the oscillation: "
-           "relevant, pitch, roll, or degrees.  [default: relevant]"),
+    option("--psi", type=Kind("direction", partial(_measured, "direction")),
+           help="Direction of the oscillation: relevant, pitch, roll, or degrees.  "
+                "[default: relevant]"),
     option("--omega", type=VECTOR, help="A full state instead: angular velocity along the body's "
            "axes, in sqrt(g/a)."),
     option("--u", type=VECTOR,
            help="Vertical unit vector along the body's axes.  [default: 0,0,-1]"),
     dissipation,
     t_end,
-)  # fmt: skip
-INTEGRATOR = ("method", "tol", "dt_step", "accuracy")
-integrator = stack(
     option("--method", type=Choice(list(METHODS)),
            help="Method of integration.  [default: dop853]"),
     option("--tol", type=float, help="Tolerance of an adaptive method.  [default: 1e-9]"),

@@ -1,7 +1,8 @@
-"""Commands that show the results of sweeps: pictures, pages, comparisons."""
+"""Commands that show the results of sweeps, and studies: the paper, speed against accuracy."""
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -9,16 +10,25 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.command import DONE, FAILED, MOST_ROWS, command, probe, say, to_json
+from rattlesweep.cli.command import (
+    DONE,
+    FAILED,
+    MOST_ROWS,
+    SOME_FAILED,
+    command,
+    probe,
+    say,
+    to_json,  # fmt: skip
+)
+from rattlesweep.progress import Bar
+from rattlesweep.text import counted
 
 
 @command(
     "Results of a sweep",
-    "rattlesweep plot out/quickstart",
     "rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf",
-    "rattlesweep plot out/steady --kind scatter --x K_r --ylim 10,1e4",
+    "rattlesweep plot out/steady --kind scatter --x K_r --where 'type == \"R\" and t_r < 2e3'",
     "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0",
-    "rattlesweep plot out/steady --kind times --where 'type == \"R\" and t_r < 2 * t_rgh'",
 )
 @options.directory
 @option("--kind", type=options.KINDS, help="What to draw; times are t_r, and ratio is t_r/t_rGH. "
@@ -43,18 +53,9 @@ from rattlesweep.cli.command import DONE, FAILED, MOST_ROWS, command, probe, say
               "be repeated. By default DIRECTORY/KIND.svg and .png.")  # fmt: skip
 @options.data
 def plot(
-    directory: Path,
-    kind: str | None,
-    x: str | None,
-    quantity: str | None,
-    select: tuple[str, ...],
-    where: str | None,
-    dpi: float,
-    style: Path | None,
-    output: tuple[Path, ...],
-    data: Path | None,
-    **looks: Any,
-) -> None:
+    directory: Path, dpi: float, style: Path | None, output: tuple[Path, ...], data: Path | None,
+    **given: Any,
+) -> None:  # fmt: skip
     """Plot a sweep: shares of types, reversal times, a map of a grid.
 
     Works at any time, even while the sweep is running. Prints the paths of what it writes.
@@ -63,25 +64,20 @@ def plot(
     from rattlesweep.analysis.plots.layout import read_layout
     from rattlesweep.analysis.style import save, styled
 
+    looks = {name: given.pop(name) for name in ("title", "log", "size", "xlim", "ylim")}
     with styled(style):
-        picture = choose_picture(
-            read_layout(directory), kind, x=x, quantity=quantity, select=select, where=where
-        )
-        name = picture.name
-        paths = list(output) or [directory / f"{name}.{ending}" for ending in ("svg", "png")]
-        figure = picture.figure(**looks)
-        save(figure, paths, dpi)
+        picture = choose_picture(read_layout(directory), **given)
+        paths = list(output) or [directory / f"{picture.name}{end}" for end in (".svg", ".png")]
+        save(picture.figure(**looks), paths, dpi)
     if data is not None:
         picture.write_data(data)
         paths.append(data)
-    for path in paths:
-        click.echo(path)
-    say(f"{name}: {picture.words()}")
+    click.echo("\n".join(map(str, paths)))
+    say(f"{picture.name}: {picture.words()}")
 
 
 @command(
     "Results of a sweep",
-    "rattlesweep report out/quickstart",
     "rattlesweep report out/steady --output steady.html --title 'Steady direction'",
 )
 @options.directory
@@ -105,7 +101,6 @@ def report(directory: Path, output: Path | None, title: str | None) -> None:
 
 @command(
     "Results of a sweep",
-    "rattlesweep compare out/tol-1e-9 out/tol-1e-11",
     "rattlesweep compare out/here out/there --figure differences.svg --data differences.parquet",
 )
 @options.path("a")
@@ -130,16 +125,15 @@ def compare(
     both record errors, exits with 1 if a larger share than --allow is beyond, or if types that are
     sure differ.
     """
-    from rattlesweep.analysis.compare import as_text, save
-    from rattlesweep.analysis.compare import compare as compared
+    from rattlesweep.analysis import compare as compared
 
     probe(figure, data)
-    result = compared(a, b)
+    result = compared.compare(a, b)
     if data is not None:
         result.write_runs(data)
     if figure is not None:
-        save(result, figure)
-    click.echo(to_json(result.data()) if as_json else as_text(result, MOST_ROWS))
+        compared.save(result, figure)
+    click.echo(to_json(result.data()) if as_json else compared.as_text(result, MOST_ROWS))
     if result.disagree(allow):
         say("the directories disagree")
         return FAILED
@@ -148,7 +142,6 @@ def compare(
 
 @command(
     "Results of a sweep",
-    "rattlesweep sensitivity out/design",
     "rattlesweep sensitivity out/design --json --figure indices.svg",
 )
 @options.directory
@@ -162,11 +155,93 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     all others were known. They need bodies.draw: saltelli in the sweep's config. Those of t_r and
     log10 t_r are told where nearly all runs reverse, those of P(R), P(SS), ... always.
     """
-    from rattlesweep.analysis.sensitivity import as_text, save
-    from rattlesweep.analysis.sensitivity import sensitivity as estimate
+    from rattlesweep.analysis import sensitivity as estimate
 
     probe(figure)
-    found = estimate(directory)
+    found = estimate.sensitivity(directory)
     if figure is not None:
-        save(found, figure)
-    click.echo(to_json(found.data()) if as_json else as_text(found, MOST_ROWS))
+        estimate.save(found, figure)
+    click.echo(to_json(found.data()) if as_json else estimate.as_text(found, MOST_ROWS))
+
+
+@command(
+    "Studies",
+    "rattlesweep paper --quick",
+    "rattlesweep paper --only fig7,fig8 --output out/paper",
+)
+@options.output("Output directory; by default out/paper, or out/paper-quick.")
+@option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
+@option("--only", metavar="NAMES", help="Parts to make, such as fig7,fig8, or theory.")
+@options.threads
+@options.quiet
+def paper(
+    output: Path | None, quick: bool, only: str | None, threads: int | None, quiet: bool
+) -> int:
+    """Reproduce the figures of Kondo and Nakanishi (2017) and check their claims.
+
+    Writes the data (Parquet) and the picture (SVG, PNG) of each figure, the verdicts on the claims
+    (claims.parquet, claims.md) and report.html, a self-contained page. After a stop the same
+    command resumes its sweeps; all else takes seconds and is computed anew. Prints each claim, its
+    verdict and what was measured on standard output.
+    """
+    from rattlesweep.paper.report import closing_table, tally
+    from rattlesweep.paper.reproduce import choose, reproduce
+    from rattlesweep.paper.workspace import FULL, QUICK, Workspace
+
+    names, start = choose(only), time.monotonic()
+    directory = output or Path("out/paper-quick" if quick else "out/paper")
+    workspace = Workspace(directory, QUICK if quick else FULL, threads, False if quiet else None)
+    with Bar.of_command(quiet) as bar:
+        done = reproduce(workspace, names, bar.stage)
+    if not quiet:
+        if done.claims:
+            click.echo(closing_table(done.claims))
+            say(f"{len(done.claims)} claims: {tally(done.claims)}")
+        say(f"{directory / 'report.html'}; {time.monotonic() - start:.1f} s")
+    if workspace.failed:
+        say(f"{counted(workspace.failed, 'run')} of the sweeps failed; see their column status")
+        return SOME_FAILED
+    return DONE
+
+
+@command(
+    "Studies",
+    "rattlesweep tradeoff --quick",
+    "rattlesweep tradeoff configs/tradeoff.yaml --output out/tradeoff",
+)
+@options.path("config", required=False)
+@options.output()
+@option("--samples", type=options.COUNT,
+        help="Number of bodies; by default enough for 2000 runs.")  # fmt: skip
+@option("--quick", is_flag=True, help="Fewer runs, methods and measurements: faster, but rough.")
+@options.overrides
+@options.threads
+@options.as_json
+def tradeoff(
+    config: Path | None, output: Path | None, samples: int | None, quick: bool,
+    overrides: tuple[str, ...], threads: int | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Measure speed against accuracy on this machine.
+
+    Integrates the same runs by several methods, settings and models. Draws them from CONFIG, by
+    default shell-dumbbell bodies in both directions; ignores its model, integrator and record.
+    Prints a table and the cheapest settings for some errors of t_r, and writes tradeoff.parquet,
+    tradeoff.svg and tradeoff.png. Costs are measured on one thread, whatever --threads says.
+    """
+    from rattlesweep.analysis.tradeoff import DEFAULT, FULL, QUICK, as_data, as_text, measure, save
+    from rattlesweep.integrate.batch import available_threads
+    from rattlesweep.sweeps.config.read import load_config, override_config
+    from rattlesweep.sweeps.files import probe_directory
+
+    loaded = load_config(config, overrides) if config else override_config(DEFAULT, overrides)
+    directory = output or Path(loaded.directory)
+    probe_directory(directory)
+    start = time.monotonic()
+    study = measure(
+        loaded, None if config is None else config.resolve().parent, samples=samples,
+        scope=QUICK if quick else FULL, threads=threads or available_threads(),
+        report=Bar.of_command().stage,
+    )  # fmt: skip
+    files = save(study, directory)
+    click.echo(to_json(as_data(study)) if as_json else as_text(study))
+    say(f"{', '.join(p.name for p in files)} in {directory}; {time.monotonic() - start:.1f} s")

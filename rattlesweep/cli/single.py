@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,15 +18,13 @@ from rattlesweep.progress import Bar
 from rattlesweep.text import align, counted
 
 if TYPE_CHECKING:
-    from rattlesweep.analysis.onerun.course import Course, PreparedRun
-    from rattlesweep.analysis.onerun.rows import Rows
+    from rattlesweep.analysis.onerun.course import Course
     from rattlesweep.sweeps.bodies.protocol import Scale
     from rattlesweep.sweeps.single import Launch
 
 
 @command(
     "One run",
-    "rattlesweep body --preset GH",
     "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
     "--radii '50,1.5 cm' --n-i 60rpm",
     "rattlesweep body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg --n-i 60rpm",
@@ -64,55 +61,47 @@ def body(as_json: bool, **given: Any) -> None:
     click.echo(align(lines, "<><><" if made.units else "<><"))
 
 
-def _list_channels(
-    context: click.Context, _: click.Parameter, names: tuple[str, ...] | None
-) -> tuple[str, ...] | None:
+def _list_channels(context: click.Context, _: click.Parameter, names: Any) -> Any:
     """Print every channel with its unit and meaning, if the word is ``list``."""
-    if names != ("list",):
-        return names
-    from rattlesweep.analysis.onerun.channels import CHANNELS
+    if names == ("list",):
+        from rattlesweep.analysis.onerun.channels import CHANNELS
 
-    lines = []
-    for c in CHANNELS.values():
-        models = "" if "gh" in c.models else f" ({', '.join(c.models)})"
-        lines.append((c.name, c.unit, c.description + models))
-    click.echo(align(lines, "<"))
-    context.exit()
+        click.echo(align([(c.name, c.unit, c.description) for c in CHANNELS.values()], "<"))
+        context.exit()
+    return names
 
 
-channels = option(
-    "--channels", type=options.Kind("a,b,...", options.names), callback=_list_channels,
-    help="Columns, and panels of the figure if given; 'list' prints all of them.  [default: t,n]",
+series = options.stack(
+    options.rows,
+    option("--channels", type=options.Kind("a,b,...", options.names), callback=_list_channels,
+           help="Columns, and panels of the figure if given; 'list' prints all of them.  "
+                "[default: t,n]"),
+    options.file("--output", ".parquet", ".csv", help="A .parquet or .csv file, instead of CSV on "
+                 "standard output; of a replay, {case} and {sample} are substituted."),
+    options.file("--figure", *options.PICTURES,
+                 help="Also draw a figure, an .svg, .png or .pdf file; likewise."),
+    options.quiet,
 )  # fmt: skip
+"""Options of a time series."""
 
 
 @command(
     "One run",
-    "rattlesweep trajectory --preset GH --n-i -0.1 --t-end 1500 --figure spin.svg",
     "rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
-    "--channels t,n,E_p,E_r --output run.parquet",
+    "--channels t,n,E_p,E_r --output run.parquet --figure run.svg",
     "rattlesweep trajectory --preset GH --omega 0.02,0,-0.3 --u 0.01,0,-1 --t-end 500",
 )
 @options.body
 @options.launch
-@options.rows
-@channels
-@options.integrator
 @option("--model", type=options.MODELS, default="full", help="Equations of motion.")
 @option("--e-p0", type=options.ENERGY, help="Energy of the pitch at the start of the reduced "
         "model, in M g a, or as in 0.5mJ.")  # fmt: skip
 @option("--e-r0", type=options.ENERGY, help="Energy of the roll, likewise.")
-@options.file("--output", ".parquet", ".csv",
-              help="A .parquet or .csv file, instead of CSV on standard output.")  # fmt: skip
-@options.figure
-@options.quiet
+@series
 def trajectory(
-    channels: tuple[str, ...] | None,
-    output: Path | None,
-    figure: Path | None,
-    quiet: bool,
+    channels: tuple[str, ...] | None, output: Path | None, figure: Path | None, quiet: bool,
     **given: Any,
-) -> int:
+) -> int:  # fmt: skip
     """Integrate one launch, past its reversals, as a time series.
 
     Prints CSV unless a file or a figure is requested; the reversal times go to standard error. A
@@ -123,42 +112,28 @@ def trajectory(
     from rattlesweep.api.arrays import scale_of
     from rattlesweep.api.single import rows_of
 
+    probe(output, figure)
     chosen = pick(given, *options.ROWS)
     launch = _launch(given)
     scale = scale_of(launch.body.units)
-    rows = rows_of(scale, **chosen)
-    probe(output, figure)
-    course = _write_course(launch, channels, rows, output, figure, quiet)
+    course = _write_course(launch, channels, rows_of(scale, **chosen), output, figure, quiet)
     return _say_outcome(course, quiet, scale)
 
 
 @command(
     "One run",
-    "rattlesweep replay out/quickstart --case 3 --sample 17 --figure run.svg",
     "rattlesweep replay out/quickstart --where 'type == \"SW\" and K_r < 0.005' --first 3 "
     "--output run-{case}-{sample}.parquet",
 )
 @options.directory
 @options.which
-@option("--first", type=click.IntRange(1),
-        help="Number of runs to take from --where.  [default: 1]")  # fmt: skip
+@option("--first", type=options.COUNT, help="Number of runs to take from --where.  [default: 1]")
 @options.t_end
-@options.rows
-@channels
-@options.file("--output", ".parquet", ".csv",
-              help="A .parquet or .csv file; {case} and {sample} are substituted.")  # fmt: skip
-@options.file("--figure", *options.PICTURES,
-              help="Also draw a figure, an .svg, .png or .pdf file; likewise.")  # fmt: skip
-@options.quiet
+@series
 def replay(
-    directory: Path,
-    t_end: float | None,
-    channels: tuple[str, ...] | None,
-    output: Path | None,
-    figure: Path | None,
-    quiet: bool,
-    **given: Any,
-) -> int:
+    directory: Path, t_end: float | None, channels: tuple[str, ...] | None, output: Path | None,
+    figure: Path | None, quiet: bool, **given: Any,
+) -> int:  # fmt: skip
     """Integrate stored runs again as time series.
 
     They go on past their reversals. Each run is first integrated as in the sweep, and its row is
@@ -178,15 +153,16 @@ def replay(
     codes = []
     for run, out, drawing in zip(runs, outputs, drawings, strict=True):
         scale = stored_scale(source, run)
-        rows = rows_of(scale, **chosen)
-        prepared = source.prepare(run, number("t_end", t_end, scale))
+        prepared, rows = (
+            source.prepare(run, number("t_end", t_end, scale)),
+            rows_of(scale, **chosen),
+        )
         source.prove(run)
         course = _write_course(prepared, channels, rows, out, drawing, quiet)
         run.check(course)
-        if not quiet:
-            say(run.proof)
-            if cause := source.cause(run):
-                say(cause)
+        for line in (run.proof, source.cause(run)):
+            if line and not quiet:
+                say(line)
         codes.append(_say_outcome(course, quiet, scale))
     return max(codes)
 
@@ -194,7 +170,6 @@ def replay(
 @command(
     "One run",
     "rattlesweep show --preset GH --n-i -0.1 --output spin.html",
-    "rattlesweep show out/quickstart --case 3 --sample 17 --output run.html",
     "rattlesweep show out/quickstart --where 'type == \"SW\"' --output wobble.html",
 )
 @options.path("directory", required=False)
@@ -203,17 +178,10 @@ def replay(
 @options.launch
 @option("--points", type=int, help="Number of rows.  [default: 20 per pitch period]")
 @options.from_time
-@options.integrator
 @options.title
 @options.file("--output", ".html", required=True, help="An .html file.")
 @options.quiet
-def show(
-    directory: Path | None,
-    title: str | None,
-    output: Path,
-    quiet: bool,
-    **given: Any,
-) -> int:
+def show(directory: Path | None, title: str | None, output: Path, quiet: bool, **given: Any) -> int:
     """Write an HTML page on which the body of one run rolls on the plane.
 
     The run is a launch of a body, or a stored run of DIRECTORY, as `replay` takes it. The page
@@ -233,9 +201,8 @@ def show(
         if directory is not None:
             rows |= pick(given, "t_end")
             for name in pick(given, *given):
-                flag = f"--{name.replace('_', '-')}"
-                raise ConfigError(f"{flag}: the sweep in {directory} says what the run was; leave "
-                                  "this out")  # fmt: skip
+                raise ConfigError(f"--{name.replace('_', '-')}: the sweep in {directory} says what "
+                                  "the run was; leave this out")  # fmt: skip
             page, course, notes = stored_page(directory, which, title=title, **rows)
         else:
             if which:
@@ -252,34 +219,21 @@ def show(
     return _say_outcome(course, quiet, scale)
 
 
-# -- shared ------------------------------------------------------------------------------------
-
-
 def _launch(given: dict[str, Any]) -> Launch:
     """Return the run that options ask for, in the units of its body."""
     from rattlesweep.analysis.derived import make_body
     from rattlesweep.api.single import launch_of
 
     made = make_body(pick(given, *options.BODY))
-    integrator = pick(given, *options.INTEGRATOR)
     rest = pick(given, *given)
-    if not {"omega", "u"} & rest.keys():
-        rest = options.SPIN_DEFAULTS | rest
-    return launch_of(made, **integrator, **rest)
+    defaults = {} if {"omega", "u"} & rest.keys() else options.SPIN_DEFAULTS
+    return launch_of(made, **{**defaults, **rest})
 
 
 def _write_course(
-    run: Launch | PreparedRun,
-    channels: Sequence[str] | None,
-    rows: Rows,
-    output: Path | None,
-    figure: Path | None,
-    quiet: bool,
+    run: Any, channels: Any, rows: Any, output: Path | None, figure: Path | None, quiet: bool
 ) -> Course:
-    """Integrate a run, and write what is asked for, or print CSV if nothing is.
-
-    A figure has rows of its own, and channels if none are asked for.
-    """
+    """Integrate a run, and write what is asked for (a figure has own rows), or print CSV."""
     from rattlesweep.analysis.onerun import files
     from rattlesweep.analysis.onerun.course import Course
 
@@ -303,7 +257,7 @@ def _write_course(
     return course
 
 
-def _say_outcome(course: Course, quiet: bool, scale: Scale | None = None) -> int:
+def _say_outcome(course: Course, quiet: bool, scale: Scale | None) -> int:
     """Tell what became of a run, in seconds too where the body has a size; return the exit code."""
     if not quiet:
         text = _times(course.reversals, "reversal")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import secrets
 import shutil
 from dataclasses import asdict
 from pathlib import Path
@@ -20,9 +21,9 @@ from rattlesweep.cli.command import (
     SOME_FAILED,
     command,
     say,
-    to_json,
+    to_json,  # fmt: skip
 )
-from rattlesweep.cli.options import Kind
+from rattlesweep.cli.options import COUNT, Kind
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.progress import Bar
 from rattlesweep.text import counted
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.job import Result
     from rattlesweep.sweeps.pilot import Forecast
     from rattlesweep.sweeps.plan import Plan
-
-POSITIVE = click.IntRange(1)
 
 
 @command("Sweeps", "rattlesweep init mine.yaml")
@@ -68,7 +67,6 @@ def init(config: Path) -> None:
 
 @command(
     "Sweeps",
-    "rattlesweep plan configs/steady.yaml",
     "rattlesweep plan configs/steady.yaml --check",
     "rattlesweep plan configs/steady.yaml --set bodies.samples=100000 --shards 16 --budget 10s",
 )
@@ -76,20 +74,14 @@ def init(config: Path) -> None:
 @options.output("Where the sweep would be written; nothing is written now.")
 @options.overrides
 @options.threads
-@option("--shards", type=POSITIVE, help="Also forecast the longest of N shards.")
+@option("--shards", type=COUNT, help="Also forecast the longest of N shards.")
 @option("--budget", type=options.TIME, default="2s", help="Time spent on the sample of runs.")
 @option("--check", is_flag=True, help="Only check the config, and integrate nothing.")
 @options.as_json
 def plan(
-    config: Path,
-    output: Path | None,
-    overrides: tuple[str, ...],
-    threads: int | None,
-    shards: int | None,
-    budget: float,
-    check: bool,
-    as_json: bool,
-) -> None:
+    config: Path, output: Path | None, overrides: tuple[str, ...], threads: int | None,
+    shards: int | None, budget: float, check: bool, as_json: bool,
+) -> None:  # fmt: skip
     """Check a config and forecast the time and disk space of its sweep.
 
     Prints how many runs it makes, or everything that is wrong with it, each with its line.
@@ -102,8 +94,8 @@ def plan(
         click.echo(to_json(size | ({} if found is None else found.as_data())))
         return
     cases, samples = counted(len(made.cases), "case"), counted(made.samples, "sample")
-    shown = one_line(str(config), 200)
-    click.echo(f"{shown} is valid: {cases} x {samples} = {counted(made.runs, 'run')}")
+    click.echo(f"{one_line(str(config), 200)} is valid: {cases} x {samples} = "
+               f"{counted(made.runs, 'run')}")  # fmt: skip
     if found is not None:
         click.echo(found.words)
 
@@ -111,7 +103,6 @@ def plan(
 @command(
     "Sweeps",
     "rattlesweep run configs/quickstart.yaml --set bodies.samples=100",
-    "rattlesweep run configs/steady.yaml --max-time 3h50m",
     "rattlesweep run configs/steady.yaml --shard 0/4 --output out/steady-0",
 )
 @options.config
@@ -122,7 +113,7 @@ def plan(
         help="Compute blocks of runs here, or by workers of a Dask cluster.")  # fmt: skip
 @option("--scheduler", metavar="ADDRESS", is_eager=True,
         help="Address of an existing Dask scheduler.")  # fmt: skip
-@option("--workers", type=POSITIVE, help="Worker processes of a Dask cluster started here.")
+@option("--workers", type=COUNT, help="Worker processes of a Dask cluster started here.")
 @option("--shard", type=Kind("i/n", "rattlesweep.sweeps.run:Shard.parse"),
         help="Compute shard I of N only, with I from 0 to N-1.")  # fmt: skip
 @option("--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m.")
@@ -134,19 +125,10 @@ def plan(
 @options.quiet
 @option("-v", "--verbose", is_flag=True, help="Report where the time went.")
 def run(
-    config: Path,
-    output: Path | None,
-    overrides: tuple[str, ...],
-    threads: int | None,
-    engine: str,
-    scheduler: str | None,
-    workers: int | None,
-    dry_run: bool,
-    compile_only: bool,
-    quiet: bool,
-    verbose: bool,
-    **how: Any,
-) -> int:
+    config: Path, output: Path | None, overrides: tuple[str, ...], threads: int | None, engine: str,
+    scheduler: str | None, workers: int | None, dry_run: bool, compile_only: bool, quiet: bool,
+    verbose: bool, **how: Any,
+) -> int:  # fmt: skip
     """Run a sweep, or resume one that was stopped.
 
     Prints one row per case on standard output.
@@ -156,13 +138,18 @@ def run(
             raise ConfigError(f"{flag}: is for --engine dask; add that, or leave this out")
     if how["fresh"] and how["shard"] is not None:
         raise ConfigError("--fresh: would remove the runs of other shards; start over without it")
+    import numpy as np
+
+    from rattlesweep.sweeps.block import load_kernel, prepare_runs
     from rattlesweep.sweeps.run import run_sweep
     from rattlesweep.sweeps.stored import examine
 
     loaded, made = _planned(config, overrides, output, quiet)
     where = Path(loaded.directory)
     if compile_only:
-        _compile(made)
+        load_kernel(made.config)
+        prepare_runs(made, np.zeros(1, np.int64), np.zeros(1, np.int64))  # draws a body
+        say("the kernels are compiled")
         return DONE
     if dry_run:
         if not how["fresh"]:
@@ -182,32 +169,28 @@ def run(
 
 def _close(result: Result, quiet: bool, verbose: bool) -> int:
     """Tell what became of a sweep and return the exit code."""
+    where = result.directory
     for remark in result.remarks:
         say(f"note: {remark}")
     if not quiet:
         if result.summary is not None:
-            print_summary(result.summary, result.directory)
+            print_summary(result.summary, where)
         done = "all of them" if result.done == result.runs else f"{result.done:,} of them"
-        done = f"{done} done now" if result.done else "all done before"
         again = f" ({result.retried:,} again)" if result.retried else ""
-        seconds = f" in {result.seconds:.1f} s" if result.done else ""
-        say(f"{counted(result.runs, 'run')} in {result.directory}, {done}{again}{seconds}")
-    if verbose:
-        rate = result.done / max(result.kernel_seconds, 1e-9)
-        runs = f" ({rate:,.0f} runs a second)" if result.done else ""
+        now = f"{done} done now{again} in {result.seconds:.1f} s"
         say(
-            f"{result.seconds:.2f} s in all: {result.load_seconds:.2f} s to load or compile the "
-            f"kernel, {result.kernel_seconds:.2f} s of integration{runs}"
+            f"{counted(result.runs, 'run')} in {where}, {now if result.done else 'all done before'}"
         )
+    if verbose:
+        say(f"{result.seconds:.2f} s in all: {result.load_seconds:.2f} s to load or compile the "
+            f"kernel, {result.kernel_seconds:.2f} s of integration")  # fmt: skip
     if result.stopped is not None:
         say(f"stopped: {result.stopped}; {result.kept}, and the same command resumes from there")
         return EARLY
-    if not quiet:
-        where = result.directory
-        if result.missing:
-            say(f"{counted(result.missing, 'run')} of other shards not in {where} yet")
-        if result.summary is not None:
-            say(f"see them: rattlesweep plot {where}, rattlesweep report {where}")
+    if not quiet and result.missing:
+        say(f"{counted(result.missing, 'run')} of other shards not in {where} yet")
+    if not quiet and result.summary is not None:
+        say(f"see them: rattlesweep plot {where}, rattlesweep report {where}")
     if result.failed:
         words = ", ".join(f"{count:,} {word}" for word, count in sorted(result.failed.items()))
         say(f"{counted(sum(result.failed.values()), 'run')} failed: {words}")
@@ -248,8 +231,6 @@ def verify(
     Prints one line per problem and exits with 1 if there is any. `rattlesweep run` repairs what
     it finds by computing the runs of damaged files again.
     """
-    import secrets
-
     from rattlesweep.sweeps.verify import verify as check
 
     seed = secrets.randbelow(2**32) if seed is None else seed
@@ -274,14 +255,9 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     print_summary(done.summary, directory)
     files = counted(done.files, "file")
     say(f"{counted(done.changed, 'type')} changed; {files} and the summary written in {directory}")
-    before, own, now = (
-        ", ".join(f"{key} {value:g}" for key, value in thresholds.items())
-        for thresholds in (done.before, done.own, done.now)
-    )
-    say(f"thresholds: {now}" + ("" if before == now else f"; before: {before}"))
-    if now != own:
-        say(f"`rattlesweep run` would put back those of the config ({own}); to keep these, set "
-            "them there")  # fmt: skip
+    say(f"thresholds: {', '.join(f'{key} {value:g}' for key, value in done.now.items())}")
+    if done.now != done.own:
+        say("`rattlesweep run` would put back those of the config; to keep these, set them there")
 
 
 @command("Sweeps", "rattlesweep merge out/steady-0 out/steady-1 --output out/steady")
@@ -303,10 +279,8 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
             print_summary(merged.summary, output)
         say(f"{counted(merged.runs, 'run')} in {counted(merged.files, 'file')} in {output}")
     if merged.missing:
-        say(
-            f"{counted(merged.missing, 'run')} missing; merge the other shards too, with the same "
-            f"--output, or compute them with `rattlesweep run CONFIG --output {output}`"
-        )
+        say(f"{counted(merged.missing, 'run')} missing; merge the other shards too, with the same "
+            f"--output, or `rattlesweep run CONFIG --output {output}`")  # fmt: skip
         return EARLY
     if merged.failed:
         say(f"{counted(merged.failed, 'run')} failed; see their column status")
@@ -320,10 +294,10 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     "sbatch steady.sh",
 )
 @options.config
-@option("--shards", type=POSITIVE, required=True, help="Number of tasks in the array.")
+@option("--shards", type=COUNT, required=True, help="Number of tasks in the array.")
 @option("--time", "limit", type=Kind("time", "rattlesweep.sweeps.slurm:limit_of"),
         default="4:00:00", help="Time limit of a task.")  # fmt: skip
-@option("--cpus", type=POSITIVE, default=1, help="CPUs per task.")
+@option("--cpus", type=COUNT, default=1, help="CPUs per task.")
 @option("--mem", "memory", type=Kind("size", "rattlesweep.sweeps.slurm:memory_of"),
         default="2G", help="Memory per task.")  # fmt: skip
 @option("--partition", metavar="NAME", help="Partition of the cluster.")
@@ -334,19 +308,15 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
 @option("--restarts", type=click.IntRange(0), default=20,
         help="How often a task that runs out of time requeues itself.")  # fmt: skip
 def slurm(
-    config: Path,
-    shards: int,
-    output: Path | None,
-    overrides: tuple[str, ...],
-    own: bool,
+    config: Path, shards: int, output: Path | None, overrides: tuple[str, ...], own: bool,
     **job: Any,
-) -> None:
+) -> None:  # fmt: skip
     """Print the script of a Slurm job array that runs a sweep, one shard per task.
 
     Tasks stop shortly before the time limit and resume after a restart. The config is checked now;
     the script checks its environment when it runs.
     """
-    from rattlesweep.sweeps.slurm import MOST_SHARDS, job_script
+    from rattlesweep.sweeps.slurm import job_script
     from rattlesweep.sweeps.stored import examine
 
     loaded, made = _planned(config, overrides, output)
@@ -355,8 +325,6 @@ def slurm(
         examine(made, where)
     if shards > made.runs:
         raise ConfigError(f"--shards {shards}: there are only {counted(made.runs, 'run')}")
-    if shards > MOST_SHARDS:
-        say(f"note: Slurm takes arrays of {MOST_SHARDS} tasks unless MaxArraySize says otherwise")
     script = job_script(made, config.resolve(), where, overrides, shards=shards, own=own, **job)
     click.echo(script, nl=False)
 
@@ -367,9 +335,6 @@ def schema() -> None:
     from rattlesweep.sweeps.config.read import config_json_schema
 
     click.echo(to_json(config_json_schema()))
-
-
-# -- shared ------------------------------------------------------------------------------------
 
 
 def print_summary(summary: pa.Table, directory: Path) -> None:
@@ -410,14 +375,3 @@ def _forecast(
     if found.bytes > (free := shutil.disk_usage(place).free):
         say(f"warning: {place} has only {free / 1e9:.1f} GB free")
     return found
-
-
-def _compile(made: Plan) -> None:
-    """Compile the kernels that a sweep needs, or load them."""
-    import numpy as np
-
-    from rattlesweep.sweeps.block import load_kernel, prepare_runs
-
-    load_kernel(made.config)
-    prepare_runs(made, np.zeros(1, np.int64), np.zeros(1, np.int64))  # draws a body
-    say("the kernels are compiled")

@@ -1,10 +1,9 @@
 """Attitude and track: where the body points and where it touches the plane.
 
-The state of :mod:`rattlesweep.physics.full` knows the vertical in the body's frame.  What it lacks
-is one angle and the place on the plane.  The heading is the angle of the horizontal
-part ``h_1`` of the body's x axis from its direction at the start; with ``h_2 = u x h_1`` and ``u``
-it spans a frame that never degenerates while the body stands on its lower surface.  The plane's
-axes are ``h_1, h_2`` at the start, and its origin the first point of contact.
+The heading is the angle of the horizontal part ``h_1`` of the body's x axis from its direction at
+the start; with ``h_2 = u x h_1`` and ``u`` it spans a frame that never degenerates while the body
+stands on its lower surface.  The plane's axes are ``h_1, h_2`` at the start, and its origin the
+first point of contact.
 """
 
 from __future__ import annotations
@@ -25,25 +24,18 @@ N_EXTRA = 3
 
 @scalar
 def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):  # type: ignore[no-untyped-def]
-    """Time derivatives of the heading and the contact point on the plane.
+    """Return the rates of the heading and of the contact point on the plane.
 
-    Parameters
-    ----------
-    p, q, a, b, c, heading : float
-    fx, fy, rise, wx, wy, wz, uz : float
-        Of :func:`rattlesweep.physics.full.paraboloid`, or of another surface.
-
-    The x axis ``e`` moves with ``omega x e``; the vertical part of ``e x (omega x e)`` over
-    ``1 - e_vertical^2`` is the heading's rate.  The contact point moves on the plane with
-    ``dr/dt + v = `` the dotted derivative of ``r`` (Eq. no-slip), which is horizontal.
+    The last arguments are of a surface, as :func:`rattlesweep.physics.full.paraboloid`.  The x axis
+    ``e`` moves with ``omega x e``; the vertical part of ``e x (omega x e)`` over
+    ``1 - e_vertical^2`` is the heading's rate.  The contact point moves with ``dr/dt``, which is
+    horizontal (Eq. no-slip).
     """
     uy = q * uz
     square = uy * uy + uz * uz
     root = sqrt(square)
     turn = (uy * b + uz * c) / square
-    x = p + fx
-    y = q + fy
-    z = 1.0 - rise
+    x, y, z = p + fx, q + fy, 1.0 - rise
     # dr/dt = r x omega - w
     xd = y * c - z * b - wx
     yd = z * a - x * c - wy
@@ -55,21 +47,10 @@ def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):  # type: ignore
 
 
 def quaternion(u: Floats, heading: Floats) -> Floats:
-    """Attitude as unit quaternions ``(q0, q1, q2, q3)``, the scalar first.
+    """Return the attitude as unit quaternions, shape (4, ...), the scalar first, without jumps.
 
-    They turn components in the body's frame into components along the plane's axes and the
-    vertical, and have no jumps.
-
-    Parameters
-    ----------
-    u : ndarray, shape (3, ...)
-        Vertical unit vector in the body's frame, ``u_z < 0``.
-    heading : ndarray
-        In radians, not brought into one turn.
-
-    Returns
-    -------
-    ndarray, shape (4, ...)
+    They turn components in the body's frame, where the vertical is `u`, shape (3, ...), into those
+    along the plane's axes and the vertical.  The heading is in radians, of any number of turns.
     """
     ux, uy, uz = u
     root = np.sqrt(uy * uy + uz * uz)
@@ -81,11 +62,5 @@ def quaternion(u: Floats, heading: Floats) -> Floats:
     y = -ux * uy / root / (4 * pivot)
     z = (ux - ux * uz / root) / (4 * pivot)
     cosine, sine = np.cos(heading / 2), np.sin(heading / 2)
-    return np.stack(
-        [
-            cosine * w - sine * z,
-            cosine * pivot - sine * y,
-            cosine * y + sine * pivot,
-            cosine * z + sine * w,
-        ]
-    )
+    first = cosine * w - sine * z, cosine * pivot - sine * y
+    return np.stack([*first, cosine * y + sine * pivot, cosine * z + sine * w])

@@ -1,4 +1,4 @@
-"""Bodies: six parameters, the shell-dumbbell map, the preset GH, the mirror image."""
+"""Bodies: six parameters, the shell-dumbbell map, presets, the mirror image."""
 
 from __future__ import annotations
 
@@ -12,21 +12,17 @@ import numpy as np
 
 from rattlesweep.physics import shapes, si
 from rattlesweep.physics.si import Units
-from rattlesweep.units import quantities
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from rattlesweep.arrays import Floats
 
 T = TypeVar("T", float, "Floats")
 
 PARAMETERS = ("alpha", "beta", "gamma", "theta", "phi", "xi")
-
-# Relative; the shell-dumbbell bodies have I_zz = I_xx + I_yy exactly, but for rounding.
-_TRIANGLE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -44,8 +40,7 @@ class Rattleback:
     c : float, optional
         Vertical semi-axis of the ellipsoid below, in ``a``, above ``theta``; None for a paraboloid.
     units : Units, optional
-        What the units are in SI units, of a body that was given in them; it is equal to one
-        without.
+        SI units of a body that was given in them; it is equal to one without.
 
     Raises
     ------
@@ -65,20 +60,19 @@ class Rattleback:
     def __post_init__(self) -> None:
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.compare}
         for name, value in values.items():
-            absent = value is None and name == "c"
-            if isinstance(value, bool) or not (absent or isinstance(value, Real)):
+            if not isinstance(value, Real) and (name, value) != ("c", None):
                 raise ValueError(f"{name}: {str(value)[:40]} ({type(value).__name__}) is no number")
         for _, sentence in violations(**values):
             raise ValueError(sentence)
 
     @classmethod
     def gh(cls) -> Rattleback:
-        """The body of Garcia and Hubbard (1988), Table I."""
+        """Return the body of Garcia and Hubbard (1988), Table I."""
         return cls(13.04, 1.522, 12.28, 0.6429, 0.0360, -math.radians(1.72))
 
     @classmethod
     def kl(cls) -> Rattleback:
-        """The body of Kane and Levinson (1982), an ellipsoid.
+        """Return the body of Kane and Levinson (1982), an ellipsoid.
 
         Semi-axes 20, 3 and 2 cm, centre of mass 1 cm below the centre, 1 kg; moments of inertia
         2, 16 and 17 and product -0.2 kg cm^2 along the ellipsoid's axes.
@@ -93,125 +87,79 @@ class Rattleback:
     def shell_dumbbell(
         cls, *, gamma: float, f_sd: float, theta: float, phi: float, xi: float
     ) -> Rattleback:
-        """A light shell with two dumbbells; ``f_sd = I_yy / I_zz`` in (0, 0.5)."""
+        """Return a light shell with two dumbbells; ``f_sd = I_yy / I_zz`` in (0, 0.5)."""
         if not 0 < f_sd < 0.5:
             raise ValueError(f"f_sd is {f_sd:g}; it must lie between 0 and 0.5")
         return cls(*shell_dumbbell(gamma, f_sd), gamma, theta, phi, xi)
 
     @classmethod
     def from_si(
-        cls,
-        *,
-        mass: float | str,
-        inertia: Sequence[float] | Sequence[Sequence[float]],
-        height: float | str,
-        radii: Sequence[float | str] | str,
-        axes_angle: float | str = 0.0,
-        c: float | str | None = None,
-        gravity: float | str = si.GRAVITY,
-        z_up: bool = False,
-    ) -> Rattleback:
-        """A body from its mass, its lengths and its inertia in SI units, which it keeps in `units`.
+        cls, *, mass: float | str, inertia: Sequence[float] | Sequence[Sequence[float]],
+        height: float | str, radii: Sequence[float | str] | str, axes_angle: float | str = 0.0,
+        c: float | str | None = None, gravity: float | str = si.GRAVITY, z_up: bool = False,
+    ) -> Rattleback:  # fmt: skip
+        """Return a body by its mass, its lengths and its inertia in SI units.
+
+        Each number may be a text with a unit, such as ``"85 g"``.
 
         Parameters
         ----------
-        mass : float
-            In kg; this and the other numbers may be texts with a unit, such as ``"85 g"``.
+        mass, height, gravity : float
+            In kg, m and m/s^2; ``height`` is ``a``, of the centre of mass over the contact.
         inertia : 3 x 3 matrix or sequence
-            Tensor of inertia about the centre of mass in kg m^2: the matrix, or its entries ``(ixx,
-            iyy, izz, ixy, ixz, iyz)``, of which the last three may be left out.  Off the diagonal
-            stands ``ixy = -sum(m x y)``.  The z axis is vertical, x and y are any.
-        height : float
-            Of the centre of mass over the point of contact, ``a``, in m.
+            Tensor of inertia about the centre of mass in kg m^2: the matrix, or ``(ixx, iyy, izz,
+            ixy, ixz, iyz)``, of which the last three may be left out.  Off the diagonal stands
+            ``ixy = -sum(m x y)``.  The z axis is vertical, x and y are any.
         radii : two floats
             Principal radii of curvature at the bottom, in m, or as in ``"50, 1.5 cm"``; those of an
-            ellipsoid with horizontal semi-axes ``p, q`` and vertical one ``c`` are ``p^2/c,
-            q^2/c``.
+            ellipsoid with horizontal semi-axes ``p, q`` are ``p^2/c, q^2/c``.
         axes_angle : float
             Angle in radians from the x axis towards the y axis to the direction along which the
             surface bends by the first of them.
         c : float, optional
             Vertical semi-axis of an ellipsoid, in m; without it the bottom is a paraboloid.
-        gravity : float
-            In m/s^2.
         z_up : bool
-            Whether the z axis points up, as CAD programs have it; here it points down, so that
-            seen from above y is clockwise from x.
-
-        Raises
-        ------
-        ValueError
-            If no rigid body is so, or it cannot stand.
+            Whether the z axis points up, as CAD programs have it; by default it points down, so
+            that seen from above y is clockwise from x.
 
         Examples
         --------
         >>> import rattlesweep as rs
+        >>> moments = (6.0e-6, 9.0e-5, 9.2e-5)
         >>> stone = rs.Rattleback.from_si(
-        ...     mass=0.085, height=0.01, radii=(0.5, 0.015), axes_angle=0.03,
-        ...     inertia=(6.0e-6, 9.0e-5, 9.2e-5),
-        ... )
+        ...     mass="85 g", height="1 cm", radii="50, 1.5 cm", axes_angle=0.03, inertia=moments)
         >>> round(stone.alpha, 2), round(stone.xi, 2), round(stone.units.time, 4)
         (11.59, 0.03, 0.0319)
         """
-        measured = {
-            name: si.number(value, kind, name)
-            for name, value, kind in (
-                ("mass", mass, "mass"),
-                ("height", height, "length"),
-                ("gravity", gravity, "acceleration"),
-            )
-        }
-        for name, value in measured.items():
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{name} is {value:g}; it must be positive")
-        if isinstance(radii, str):
-            try:
-                radii = quantities(radii, "length", 2)
-            except ValueError as error:
-                raise ValueError(f"radii: {radii!r} {error}") from None
-        if len(radii) != 2:
-            raise ValueError(f"radii: two are needed, and not {len(radii)}")
-        lengths = [si.number(radius, "length", "radii") for radius in radii]
-        for radius in lengths:
-            if not (math.isfinite(radius) and radius > measured["height"]):
-                raise ValueError(
-                    f"radii: {radius:g} m is not above the height {measured['height']:g} m, so "
-                    "the body would tip over"
-                )
+        m, a = si.size(mass, "mass", "mass"), si.size(height, "length", "height")
+        lengths = si.two_lengths(radii, "radii")
+        if not a < min(lengths) <= max(lengths) < math.inf:
+            raise ValueError(f"radii: {min(lengths):g} m is not above the height {a:g} m, so the "
+                             "body would tip over")  # fmt: skip
         tensor = np.array(si.components(inertia))
         angle = si.number(axes_angle, "angle", "axes_angle")
-        if z_up:
-            # Seen from the other side.
+        if z_up:  # seen from the other side
             tensor[3], angle = -tensor[3], -angle
-        found = si.parameters(measured["mass"], tensor, measured["height"], lengths, angle)
-        values: dict[str, Any] = {name: float(value) for name, value in found.items()}
-        if c is not None:
-            values["c"] = si.number(c, "length", "c") / measured["height"]
-        units = Units(measured["mass"], measured["height"], measured["gravity"])
-        return cls(**values, units=units)
+        values = {k: float(v) for k, v in si.parameters(m, tensor, a, lengths, angle).items()}
+        axis = None if c is None else si.number(c, "length", "c") / a
+        units = Units(m, a, si.size(gravity, "acceleration", "gravity"))
+        return cls(**values, c=axis, units=units)
 
     @classmethod
     def half_ellipsoid(
-        cls,
-        *,
-        length: float | str,
-        width: float | str,
-        height: float | str,
-        mass: float | str,
-        skew: float | str = 0.0,
-        weights: float | str | None = None,
-        at: Sequence[float | str] | str | None = None,
-        gravity: float | str = si.GRAVITY,
-    ) -> Rattleback:
-        """A solid half ellipsoid with its flat side up, as a ruler and a scale measure it.
+        cls, *, length: float | str, width: float | str, height: float | str, mass: float | str,
+        skew: float | str = 0.0, weights: float | str | None = None,
+        at: Sequence[float | str] | str | None = None, gravity: float | str = si.GRAVITY,
+    ) -> Rattleback:  # fmt: skip
+        """Return a solid half ellipsoid with its flat side up (see `physics.shapes`).
+
+        Each number may be a text with a unit, such as ``"12 cm"``.
 
         Parameters
         ----------
-        length, width, height : float
-            Of the flat side, and from the lowest point up to it, in m; these and the other numbers
-            may be texts with a unit, such as ``"12 cm"``.
-        mass : float
-            In kg, without the weights.
+        length, width, height, mass, gravity : float
+            Of the flat side, and from the lowest point up to it, in m; in kg, without the weights;
+            in m/s^2.
         skew : float
             Angle in radians by which the axes of inertia are turned against those of the surface,
             clockwise seen from above, of a body whose base is cut at an angle; ``xi = -skew``.
@@ -220,19 +168,8 @@ class Rattleback:
             axes of inertia too.  They count as points.
         at : two floats, optional
             Place of one weight in m from the middle of the flat side, seen from above: to the right
-            along the length, and away across it; or as in ``"45, -9 mm"``.  The other one lies
+            along the length, and away across it; or as in ``"45, -9 mm"``.  The other lies
             opposite.
-        gravity : float
-            In m/s^2.
-
-        Raises
-        ------
-        ValueError
-            If the body cannot stand, or has no skew.
-
-        Notes
-        -----
-        See :func:`rattlesweep.physics.shapes.half_ellipsoid`.  The surface is the ellipsoid's.
 
         Examples
         --------
@@ -243,54 +180,46 @@ class Rattleback:
         >>> round(stone.alpha, 2), round(stone.theta, 2), round(stone.xi, 4)
         (13.95, 0.4, -0.0524)
         """
-        values, units = shapes.measured(
-            length=length, width=width, height=height, mass=mass, skew=skew, weights=weights,
-            at=at, gravity=gravity,
-        )  # fmt: skip
-        return cls(**values, units=units)
+        given = {"length": length, "width": width, "height": height}
+        sizes = {name: si.size(value, "length", name) for name, value in given.items()}
+        if (weights is None) != (at is None):
+            raise ValueError("weights and at belong together: the mass of each weight, and the "
+                             "place (x, y) of one from the middle of the flat side")  # fmt: skip
+        if weights is not None and at is not None:
+            x, y = si.two_lengths(at, "at")
+            if not (2 * x / sizes["length"]) ** 2 + (2 * y / sizes["width"]) ** 2 <= 1:
+                raise ValueError(f"at: ({x:g} m, {y:g} m) is beyond the edge of the flat side")
+            sizes |= {"weights": si.size(weights, "mass", "weights"), "x": x, "y": y}
+        sizes |= {"mass": si.size(mass, "mass", "mass"), "skew": si.number(skew, "angle", "skew")}
+        found = {name: float(value) for name, value in shapes.half_ellipsoid(**sizes).items()}
+        g = si.size(gravity, "acceleration", "gravity")
+        return cls(units=Units(found.pop("mass"), found.pop("height"), g), **found)
 
     def replace(self, **parameters: Any) -> Rattleback:
-        """Return the body with other values of some parameters, such as ``theta=0.82``.
-
-        Raises
-        ------
-        ValueError
-            If a name is no parameter, or if no such body exists.
-        """
-        names = [f.name for f in fields(self)]
-        for name in parameters:
-            if name not in names:
-                raise ValueError(f"{name}: is no parameter of a body; there are {', '.join(names)}")
+        """Return the body with other values of some parameters, such as ``theta=0.82``."""
         return replace(self, **parameters)
 
     def mirrored(self) -> Rattleback:
-        """Reflection in the x-z plane: the steady and the unsteady direction change places."""
+        """Return the mirror image, whose steady and unsteady direction have changed places."""
         return replace(self, xi=-self.xi)
 
 
 PRESETS: dict[str, Callable[[], Rattleback]] = {"GH": Rattleback.gh, "KL": Rattleback.kl}
 """Bodies of the literature."""
-
-
 MAX_INERTIA = 1e6
 """Moments of inertia in ``M a^2`` are at most this: the body is then 1000 times as wide as high."""
 
 
 def shell_dumbbell(gamma: T, f_sd: T) -> tuple[T, T]:
-    """``alpha`` and ``beta`` of shell-dumbbell bodies; the sampler compiles it for scalars."""
+    """Return ``alpha`` and ``beta`` of shell-dumbbell bodies."""
     return (1 - f_sd) * gamma + 1, f_sd * gamma + 1
 
 
 def violations(
-    alpha: ArrayLike,
-    beta: ArrayLike,
-    gamma: ArrayLike,
-    theta: ArrayLike,
-    phi: ArrayLike,
-    xi: ArrayLike,
-    c: ArrayLike | None = None,
-) -> Iterator[tuple[int, str]]:
-    """What is wrong with bodies: the first offender of each rule, as (place, sentence).
+    alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike,
+    theta: ArrayLike, phi: ArrayLike, xi: ArrayLike, c: ArrayLike | None = None,
+) -> Iterator[tuple[int, str]]:  # fmt: skip
+    """Yield what is wrong with bodies: the first offender of each rule, as (place, sentence).
 
     ``c`` is NaN, or None for all of them, where the surface is a paraboloid.
     """
@@ -299,39 +228,36 @@ def violations(
     )
     c = np.broadcast_to(np.asarray(np.nan if c is None else c, float), alpha.shape)
     i_xx, i_yy = alpha - 1, beta - 1
-    slack = _TRIANGLE * (alpha + gamma)
-    both = "0 < phi < theta < 1 is needed"
-    rules: tuple[tuple[NDArray[np.bool_], Callable[[int], str]], ...] = (
+    slack = 1e-12 * (
+        alpha + gamma
+    )  # shell-dumbbell bodies have I_zz = I_xx + I_yy but for rounding
+    values = {"alpha": alpha, "beta": beta, "gamma": gamma, "theta": theta, "phi": phi, "xi": xi,
+              "c": c, "i_xx": i_xx, "yy_zz": i_yy + gamma, "xx_yy": i_xx + i_yy}  # fmt: skip
+    rules = (
         (np.isfinite(alpha + beta + gamma + theta + phi + xi),
-         lambda i: "a parameter is not a finite number"),
+         "a parameter is not a finite number"),
         (np.maximum(alpha, gamma) <= MAX_INERTIA,
-         lambda i: f"the moment of inertia {max(alpha[i], gamma[i]):g} M a^2 is out of range; "
-                   f"at most {MAX_INERTIA:g} is allowed"),
-        (phi > 0, lambda i: f"phi is {phi[i]:g}; {both}"),
-        (theta < 1, lambda i: f"theta is {theta[i]:g}; {both}"),
-        (phi < theta, lambda i: f"phi {phi[i]:g} is not below theta {theta[i]:g}; {both}"),
-        (beta > 1, lambda i: f"beta is {beta[i]:g}; alpha > beta > 1 is needed"),
-        (alpha > beta,
-         lambda i: f"alpha {alpha[i]:g} is not above beta {beta[i]:g}; alpha > beta > 1 is needed"),
-        (gamma > 0, lambda i: f"gamma is {gamma[i]:g}; it must be positive"),
+         f"a moment of inertia is out of range; at most {MAX_INERTIA:g} M a^2 is allowed"),
+        ((phi > 0) & (theta < 1),
+         "theta is {theta:g} and phi {phi:g}; 0 < phi < theta < 1 is needed"),
+        (phi < theta, "phi {phi:g} is not below theta {theta:g}; 0 < phi < theta < 1 is needed"),
+        (beta > 1, "beta is {beta:g}; alpha > beta > 1 is needed"),
+        (alpha > beta, "alpha {alpha:g} is not above beta {beta:g}; alpha > beta > 1 is needed"),
+        (gamma > 0, "gamma is {gamma:g}; it must be positive"),
         ((xi != 0) & (np.abs(xi) < np.pi / 2),
-         lambda i: f"xi is {xi[i]:g} rad; -pi/2 < xi < 0 is needed, or xi > 0 for a mirror image"),
-        (i_xx <= i_yy + gamma + slack,
-         lambda i: f"no body has this inertia: I_xx = alpha - 1 = {i_xx[i]:g} exceeds "
-                   f"I_yy + I_zz = {i_yy[i] + gamma[i]:g}"),
-        (gamma <= i_xx + i_yy + slack,
-         lambda i: f"no body has this inertia: I_zz = gamma = {gamma[i]:g} exceeds "
-                   f"I_xx + I_yy = {i_xx[i] + i_yy[i]:g}"),
+         "xi is {xi:g} rad; -pi/2 < xi < 0 is needed, or xi > 0 for a mirror image"),
+        (i_xx <= i_yy + gamma + slack, "no body has this inertia: I_xx = alpha - 1 = {i_xx:g} "
+         "exceeds I_yy + I_zz = {yy_zz:g}"),
+        (gamma <= i_xx + i_yy + slack, "no body has this inertia: I_zz = gamma = {gamma:g} "
+         "exceeds I_xx + I_yy = {xx_yy:g}"),
         (~(c <= 0) & (c < np.inf) | np.isnan(c),
-         lambda i: f"c is {c[i]:g}; the vertical semi-axis must be positive and finite"),
+         "c is {c:g}; the vertical semi-axis must be positive and finite"),
         # Lying on its side, its centre of mass is at the height sqrt(c/theta).
-        (~(c <= theta),
-         lambda i: f"c {c[i]:g} is not above theta {theta[i]:g}: the ellipsoid's horizontal "
-                   f"semi-axis sqrt(c/theta) = {np.sqrt(max(c[i], 0) / theta[i]):g} must exceed "
-                   "the height 1 of the centre of mass, or the body would rather lie on its side"),
+        (~(c <= theta), "c {c:g} is not above theta {theta:g}: the ellipsoid's horizontal "
+         "semi-axis sqrt(c/theta) must exceed 1, or the body would rather lie on its side"),
     )  # fmt: skip
     for good, sentence in rules:
         bad = np.flatnonzero(~good)
         if bad.size:
             place = int(bad[0])
-            yield place, sentence(place)
+            yield place, sentence.format(**{name: x[place] for name, x in values.items()})

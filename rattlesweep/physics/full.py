@@ -1,21 +1,17 @@
 """The full dynamics (Eqs. diff-u, diff-omega, def-z, def-xy) in five variables.
 
-The paper's state is the vertical unit vector ``u`` and the angular velocity
-``omega``, six numbers with the constraint ``|u| = 1``.  The contact point is
-always on the lower surface, so ``u_z < 0`` and the slope
+The paper's state is the vertical unit vector ``u`` and the angular velocity ``omega``.  The body
+stands on its lower surface, so ``u_z < 0`` and the slope
 
     p = u_x / u_z,   q = u_y / u_z,   u = -(p, q, 1) / sqrt(1 + p^2 + q^2)
 
-describes ``u`` completely.  The state here is ``(p, q, a, b, c)`` with
-``(a, b, c) = omega``: a sixth less arithmetic, ``|u| = 1`` for ever, and ``u``
-and ``omega`` near the steady spin appear as small numbers instead of as
-differences of large ones.  For the same reason the surface enters as
-``C = B - 1`` with ``B = R(xi) Theta^-1 R^-1(xi)``, whose entries are sums of
-positive terms; ``B - 1`` formed late would lose nine digits at
-``theta = 1 - 1e-9``.
+describes ``u`` completely.  The state here is ``(p, q, a, b, c)`` with ``(a, b, c) = omega``:
+``|u| = 1`` for ever, and what is small near the steady spin is a small number.  For the same reason
+the surface enters as ``C = B - 1`` with ``B = R(xi) Theta^-1 R^-1(xi)``; ``B - 1`` formed late
+would lose nine digits at ``theta = 1 - 1e-9``.
 
-Every function is scalar and compiled, so that the lane kernels inline it.
-The constants of a body come as the six numbers of :func:`constants`.
+Every function is scalar and compiled, so that the lane kernels inline it.  The constants of a body
+are the six numbers of :func:`constants`.
 """
 
 from __future__ import annotations
@@ -27,7 +23,9 @@ import numpy as np
 from numba import njit
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
+
+    from rattlesweep.arrays import Floats
 
 N_STATE = 5
 N_CONSTANTS = 6
@@ -41,40 +39,24 @@ scalar = njit(fastmath=FASTMATH, error_model="numpy", forceinline=True, no_cfunc
 
 
 def constants(
-    alpha: ArrayLike,
-    beta: ArrayLike,
-    gamma: ArrayLike,
-    theta: ArrayLike,
-    phi: ArrayLike,
-    xi: ArrayLike,
-) -> NDArray[np.float64]:
-    """Constants of bodies as the kernels take them.
+    alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike,
+    theta: ArrayLike, phi: ArrayLike, xi: ArrayLike,
+) -> Floats:  # fmt: skip
+    """Return ``I_xx, I_yy, I_zz, C_xx, C_xy, C_yy`` of bodies (Eqs. def-abg, def-z).
 
-    Parameters
-    ----------
-    alpha, beta, gamma, theta, phi, xi : array_like
-        Body parameters (Eqs. def-abg, def-z), ``xi`` in radians; broadcast together.
-
-    Returns
-    -------
-    ndarray, shape (6, ...)
-        ``I_xx, I_yy, I_zz, C_xx, C_xy, C_yy`` in units of ``M a^2`` and ``1/a``.
+    In units of ``M a^2`` and ``1/a``, of shape (6, ...); the parameters broadcast.
     """
     alpha, beta, gamma, theta, phi, xi = np.broadcast_arrays(
-        *(np.asarray(x, dtype=np.float64) for x in (alpha, beta, gamma, theta, phi, xi))
+        *(np.asarray(x, float) for x in (alpha, beta, gamma, theta, phi, xi))
     )
     roll, pitch = (1 - theta) / theta, (1 - phi) / phi
     sin, cos = np.sin(xi), np.cos(xi)
-    return np.stack(
-        [
-            alpha - 1,
-            beta - 1,
-            gamma,
-            cos**2 * roll + sin**2 * pitch,
-            -sin * cos * (theta - phi) / (theta * phi),
-            sin**2 * roll + cos**2 * pitch,
-        ]
-    )
+    curvature = [
+        cos**2 * roll + sin**2 * pitch,
+        -sin * cos * (theta - phi) / (theta * phi),
+        sin**2 * roll + cos**2 * pitch,
+    ]
+    return np.stack([alpha - 1, beta - 1, gamma, *curvature])
 
 
 @scalar
@@ -86,30 +68,13 @@ def slope_rate(p, q, a, b, c):  # type: ignore[no-untyped-def]
 
 @scalar
 def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
-    """How the paraboloid touches the plane and moves on (Eqs. def-xy, def-z).
+    """Return how the paraboloid touches the plane and moves on (Eqs. def-xy, def-z).
 
-    Parameters
-    ----------
-    p, q, a, b, c : float
-        State.
-    dp, dq, m : float
-        Of :func:`slope_rate`.
-    cxx, cxy, cyy : float
-        ``C``.
-
-    Returns
-    -------
-    fx, fy, rise : float
-        The contact point is ``r = (p + fx, q + fy, 1 - rise)``.
-    wx, wy, wz : float
-        ``w = r x omega - dr/dt``, with what cancels between the two taken out by hand.
-    uz : float
-        Component of the vertical.
+    ``fx, fy, rise`` of the contact point ``r = (p + fx, q + fy, 1 - rise)``; ``wx, wy, wz`` of
+    ``w = r x omega - dr/dt``, with what cancels between the two taken out by hand; and ``u_z``.
     """
-    fx = cxx * p + cxy * q
-    fy = cxy * p + cyy * q
-    x = p + fx
-    y = q + fy
+    fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
+    x, y = p + fx, q + fy
     rise = 0.5 * (x * p + y * q)
     twist = fx * q - fy * p
     wx = fy * c + rise * b + p * m - (cxx * dp + cxy * dq)
@@ -121,43 +86,30 @@ def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):  # type: ignore[no-unty
 
 @scalar
 def turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz):  # type: ignore[no-untyped-def]
-    """Derivatives of ``a, b, c`` (Eq. diff-omega) under a torque ``(lx, ly, lz)`` beside.
+    """Return the derivatives of ``a, b, c`` (Eq. diff-omega); ``(lx, ly, lz)`` is another torque.
 
     And, for another right side ``h``, what makes of it ``D^-1 (h + r s)`` with
     ``s = along (x dyz h_x + y dzx h_y + z dxy h_z)``: ``dyz, dzx, dxy, along``, and ``ivol``, by
     which the minors are multiplied.
 
-    With ``w = r x omega - dr/dt`` the bracket of Eq. diff-omega is ``omega x w``.
-    The matrix on its left side is a diagonal ``D`` minus ``r r^T``, inverted by Sherman and
-    Morrison's formula, ``D^-1 (T + s r)``.  For a long ``r`` both parts of
-    ``s = r.D^-1 T / (1 - r.D^-1 r)`` cancel; since ``r`` is normal to ``r x k`` and ``r x u``, they
-    are written with ``1 - r^2/d = I/d`` and the gyroscopic torque ``(gx, gy, gz)`` alone.
+    With ``w = r x omega - dr/dt`` the bracket of Eq. diff-omega is ``omega x w``.  The matrix on
+    its left side is ``D - r r^T`` with a diagonal ``D``, inverted by Sherman and Morrison's
+    formula, ``D^-1 (T + s r)``.  For a long ``r`` both parts of ``s = r.D^-1 T / (1 - r.D^-1 r)``
+    cancel, and are written with ``1 - r^2/d = I/d`` and the gyroscopic torque ``(gx, gy, gz)``.
     """
-    x = p + fx
-    y = q + fy
-    z = 1.0 - rise
+    x, y, z = p + fx, q + fy, 1.0 - rise
     twist = fx * q - fy * p
-    kx = b * wz - c * wy
-    ky = c * wx - a * wz
-    kz = a * wy - b * wx
+    kx, ky, kz = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
     # Torque about the contact point: inertia, motion of the contact point, gravity.
-    gx = (iy - iz) * b * c + lx
-    gy = (iz - ix) * c * a + ly
-    gz = (ix - iy) * a * b + lz
+    gx, gy, gz = (iy - iz) * b * c + lx, (iz - ix) * c * a + ly, (ix - iy) * a * b + lz
     tx = gx + (y * kz - z * ky) + uz * (fy + q * rise)
     ty = gy + (z * kx - x * kz) - uz * (fx + p * rise)
     tz = gz + (x * ky - y * kx) + uz * twist
     r2 = x * x + y * y + z * z
-    dx = ix + r2
-    dy = iy + r2
-    dz = iz + r2
-    dyz = dy * dz
-    dzx = dz * dx
-    dxy = dx * dy
+    dx, dy, dz = ix + r2, iy + r2, iz + r2
+    dyz, dzx, dxy = dy * dz, dz * dx, dx * dy
     vol = dx * dyz
-    sx = ix * x * dyz
-    sy = iy * y * dzx
-    sz = iz * z * dxy
+    sx, sy, sz = ix * x * dyz, iy * y * dzx, iz * z * dxy
     det = sx * x + sy * y + sz * z
     inv = 1.0 / (det * vol)
     s = ((x * gx + y * gy + z * gz) * vol - (sx * tx + sy * ty + sz * tz)) * vol * inv
@@ -168,13 +120,7 @@ def turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz)
 
 @scalar
 def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
-    """Time derivative of the state (Eqs. diff-u and diff-omega).
-
-    Returns
-    -------
-    tuple of 5 floats
-        Derivatives of ``p, q, a, b, c``.
-    """
+    """Return the time derivative of the state (Eqs. diff-u and diff-omega)."""
     dp, dq, m = slope_rate(p, q, a, b, c)
     fx, fy, rise, wx, wy, wz, uz = paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy)
     (da, db, dc), _ = turning(
@@ -197,28 +143,17 @@ def spin_rate(p, q, da, db, dc):  # type: ignore[no-untyped-def]
 
 @scalar
 def oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
-    """Twice the energy of the oscillation to second order: pitch, roll and their tilt.
-
-    In ``M g a``.  The measure in which step errors are compared with the oscillation.
-    """
+    """Twice the energy of the oscillation to second order, in ``M g a``; measures step errors."""
     return (ix + 1.0) * a * a + (iy + 1.0) * b * b + cxx * p * p + 2.0 * cxy * p * q + cyy * q * q
 
 
 @scalar
 def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
-    """Energy, in ``M g a``; the potential is zero for ``u = (0, 0, -1)``.
-
-    The height of G above the plane is ``-r . u``; its excess over ``a`` is written as a
-    sum of small terms.
-    """
-    fx = cxx * p + cxy * q
-    fy = cxy * p + cyy * q
-    x = p + fx
-    y = q + fy
+    """Energy, in ``M g a``; the potential, zero for ``u = (0, 0, -1)``, is a sum of small terms."""
+    fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
+    x, y = p + fx, q + fy
     z = 1.0 - 0.5 * (x * p + y * q)
-    vx = y * c - z * b
-    vy = z * a - x * c
-    vz = x * b - y * a
+    vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
     tilt = p * p + q * q
     root = sqrt(1.0 + tilt)
     lift = tilt / (1.0 + root)
@@ -228,71 +163,45 @@ def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped
 
 @scalar
 def force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz):  # type: ignore[no-untyped-def]
-    """Contact force (Eq. em-1) along the vertical and in the plane.
+    """Return the contact force (Eq. em-1) at ``r``, of rate ``(xd, yd, zd)``, ``v = r x omega``.
 
-    Of the contact point ``(x, y, z)``, its rate ``(xd, yd, zd)`` and ``v = r x omega``.
+    ``F . u``, negative where the plane would have to pull, and ``|F - (F . u) u|``, in ``M g``.
     """
     # dv/dt in space: derivative in the body frame plus omega x v (Eqs. no-slip, em-1).
     gx = (yd * c - zd * b) + (y * dc - z * db) + (b * vz - c * vy)
     gy = (zd * a - xd * c) + (z * da - x * dc) + (c * vx - a * vz)
     gz = (xd * b - yd * a) + (x * db - y * da) + (a * vy - b * vx)
     lift = gx * ux + gy * uy + gz * uz
-    hx = gx - lift * ux
-    hy = gy - lift * uy
-    hz = gz - lift * uz
+    hx, hy, hz = gx - lift * ux, gy - lift * uy, gz - lift * uz
     return 1.0 + lift, sqrt(hx * hx + hy * hy + hz * hz)
 
 
 @scalar
 def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
-    """Contact force (Eq. em-1) along the vertical and in the plane.
-
-    Returns
-    -------
-    normal : float
-        ``F_parallel = F . u`` in ``M g``; negative where the plane would have to pull.
-    tangential : float
-        ``F_perp = |F - (F . u) u|`` in ``M g``.
-    """
+    """Return the contact force as :func:`force`."""
     dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
-    x = p + cxx * p + cxy * q
-    y = q + cxy * p + cyy * q
+    x, y = p + cxx * p + cxy * q, q + cxy * p + cyy * q
     z = 1.0 - 0.5 * (x * p + y * q)
     xd = dp + cxx * dp + cxy * dq
     yd = dq + cxy * dp + cyy * dq
     zd = -(x * dp + y * dq)
-    vx = y * c - z * b
-    vy = z * a - x * c
-    vz = x * b - y * a
+    vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
     uz = -1.0 / sqrt(1.0 + p * p + q * q)
     return force(
         p * uz, q * uz, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz
     )  # fmt: skip
 
 
-def to_vectors(state: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Vertical vector and angular velocity of states, shape (5, ...).
-
-    Returns
-    -------
-    u, omega : ndarray, shape (3, ...)
-        ``u`` dimensionless, ``omega`` in ``sqrt(g/a)``; body-fixed components.
-    """
+def to_vectors(state: Floats) -> tuple[Floats, Floats]:
+    """Return ``u`` and ``omega`` (in ``sqrt(g/a)``), both (3, ...), of states of shape (5, ...)."""
     p, q = state[0], state[1]
     slope = np.stack([p, q, np.ones_like(p)])
     return -slope / np.sqrt(1 + p * p + q * q), np.array(state[2:])
 
 
-def from_vectors(u: ArrayLike, omega: ArrayLike) -> NDArray[np.float64]:
-    """State (5, ...) of a vertical vector and an angular velocity, both (3, ...).
-
-    Raises
-    ------
-    ValueError
-        If ``u_z`` is not negative: the body would not stand on its lower surface.
-    """
-    u = np.asarray(u, dtype=np.float64)
-    omega = np.asarray(omega, dtype=np.float64)
+def from_vectors(u: ArrayLike, omega: ArrayLike) -> Floats:
+    """Return the states (5, ...) of ``u`` and ``omega``, both (3, ...), where ``u_z < 0``."""
+    u, omega = np.asarray(u, float), np.asarray(omega, float)
     if np.any(~(u[2] < 0)):
         raise ValueError("u_z must be negative: the body stands on its lower surface")
     return np.concatenate([u[:2] / u[2], omega])

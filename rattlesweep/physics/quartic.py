@@ -1,9 +1,8 @@
 """Roots of real quartics and eigenvalues of symmetric 4 x 4 matrices, over arrays.
 
 All is addition, multiplication, division and square root of real numbers, element by element,
-which IEEE 754 rounds in one way only: the last bits depend neither on the processor nor on a
-library, and not on the other elements.  (NumPy's product of complex numbers is fused on some
-processors, and LAPACK's results differ with its build and its kernels.)
+which IEEE 754 rounds in one way only.  NumPy's product of complex numbers is fused on some
+processors, and LAPACK's last bits differ with its build and its kernels.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from rattlesweep.arrays import Floats
+    from rattlesweep.arrays import Flags, Floats
 
     Pair = tuple[Floats, Floats]
     Pairs = tuple[Pair, Pair]
@@ -29,16 +28,11 @@ JACOBI_SWEEPS = 6
 def quadratics(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Pairs:
     """Factor ``z^4 + a3 z^3 + a2 z^2 + a1 z + a0`` into two real quadratics.
 
-    The sum ``s`` of the two constant terms is a root of Ferrari's resolvent cubic, the largest
-    one if the four roots are two complex pairs.  Newton's method finds it; two of its steps for
-    all four coefficients then remove what rounding has left in the small ones.  Where two roots of
-    different quadratics come close, they lose up to half of the digits, as the quartic's
-    coefficients do not hold more.
-
-    Returns
-    -------
-    (b1, c1), (b2, c2) : tuples of ndarray
-        Of ``z^2 + b z + c``, with ``|c1| >= |c2|``.
+    Returns ``(b1, c1), (b2, c2)`` of ``z^2 + b z + c``, with ``|c1| >= |c2|``.  The sum ``s`` of
+    the two constant terms is a root of Ferrari's resolvent cubic, the largest one if the four roots
+    are two complex pairs.  Newton's method finds it; two of its steps for all four coefficients
+    then remove what rounding has left in the small ones.  Roots of different quadratics that come
+    close lose up to half of the digits, as the quartic's coefficients do not hold more.
     """
     s = _resolvent_root(a3, a2, a1, a0)
     # Squared differences of the quadratics' coefficients, and the product of the differences.
@@ -78,8 +72,8 @@ def _resolvent_root(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Floats:
     bend = a2 * a2 - 3 * (linear - 4 * a0)
     radius = np.maximum(np.sqrt(np.abs(bend)), (np.abs(a2) + np.sqrt(np.abs(a0))) / 10)
     # Where the cubic is positive both at its inflection and at its minimum, its only root is
-    # below; elsewhere the largest is above the minimum, and no root is beyond a2/3 + 2/3 radius
-    # if all three are real.  From beyond the root the steps all go one way.
+    # below; elsewhere the largest is above the minimum.  From beyond the root, as beyond
+    # a2/3 + 2/3 radius if all three are real, the steps all go one way.
     least = (a2 + np.sqrt(np.maximum(bend, 0.0))) / 3
     size = (np.abs(least) + np.abs(a2)) * (least * least + 4 * np.abs(a0))
     noise = 8 * EPS * (size + np.abs(linear * least) + np.abs(a1 * a1) + np.abs(a3 * a3 * a0))
@@ -120,11 +114,12 @@ def _polish(found: Pairs, quartic: Coefficients) -> Pairs:
 
     noise = 16 * EPS * np.square(scale * scale)
     good = size(_rests(step, quartic)) <= size(rests) + noise
-    first, second = (
-        (np.where(good, there[0], here[0]), np.where(good, there[1], here[1]))
-        for there, here in zip(step, found, strict=True)
-    )
-    return first, second
+    return choose(good, step[0], found[0]), choose(good, step[1], found[1])
+
+
+def choose(where: Flags, one: Pair, other: Pair) -> Pair:
+    """Return one pair where a condition is true, else the other."""
+    return np.where(where, one[0], other[0]), np.where(where, one[1], other[1])
 
 
 def _rests(found: Pairs, quartic: Coefficients) -> Coefficients:
@@ -137,7 +132,7 @@ def _rests(found: Pairs, quartic: Coefficients) -> Coefficients:
 def roots(b: Floats, c: Floats) -> Pairs:
     """Return real and imaginary parts of the roots of ``z^2 + b z + c``, the upper one first.
 
-    It is the one with positive imaginary part, or the larger one of two real roots.
+    That is the one with positive imaginary part, or the larger one of two real roots.
     """
     half = -b / 2
     inside = half * half - c
@@ -151,18 +146,13 @@ def roots(b: Floats, c: Floats) -> Pairs:
 
 
 def symmetric_eigenvalues(matrix: list[list[Floats]]) -> list[Floats]:
-    """Return the eigenvalues of symmetric matrices by Jacobi's rotations, in no order.
+    """Return the eigenvalues of symmetric matrices, given by rows, in no order.
 
-    Parameters
-    ----------
-    matrix : list of lists of ndarray
-        Rows of elements, 4 x 4; not changed.
+    By Jacobi's rotations (Golub and Van Loan, Matrix Computations, 4th ed., sec. 8.5.2).
     """
     a = [list(row) for row in matrix]
-    size = len(a)
-    pairs = [(i, j) for i in range(size) for j in range(i + 1, size)]
-    for i, j in JACOBI_SWEEPS * pairs:
-        # Golub and Van Loan, Matrix Computations, 4th ed., sec. 8.5.2.
+    places = range(len(a))
+    for i, j in JACOBI_SWEEPS * [(i, j) for i in places for j in places if i < j]:
         twice = 2 * a[i][j]
         apart = a[j][j] - a[i][i]
         below = np.abs(apart) + np.sqrt(apart * apart + twice * twice)
@@ -172,9 +162,9 @@ def symmetric_eigenvalues(matrix: list[list[Floats]]) -> list[Floats]:
         shift = t * a[i][j]
         a[i][i], a[j][j] = a[i][i] - shift, a[j][j] + shift
         a[i][j] = a[j][i] = np.zeros_like(t)
-        for k in range(size):
+        for k in places:
             if k not in (i, j):
                 one, other = a[i][k], a[j][k]
                 a[i][k] = a[k][i] = cos * one - sin * other
                 a[j][k] = a[k][j] = sin * one + cos * other
-    return [a[i][i] for i in range(size)]
+    return [a[i][i] for i in places]

@@ -41,25 +41,19 @@ def casimir(e_p: ArrayLike, e_r: ArrayLike, K_p: ArrayLike, K_r: ArrayLike) -> F
 
 
 def mode_energies(
-    alpha: ArrayLike,
-    beta: ArrayLike,
-    psi_p: ArrayLike,
-    psi_r: ArrayLike,
-    omega_xy0: ArrayLike,
-    psi: ArrayLike,
+    alpha: Floats, beta: Floats, psi_p: Floats, psi_r: Floats, omega_xy0: ArrayLike, psi: ArrayLike
 ) -> tuple[Floats, Floats]:
-    """Energies of the two modes in a launch at ``u = (0, 0, -1)``, in ``M g a``.
+    """Return the energies of pitch and roll in a launch at ``u = (0, 0, -1)``, in ``M g a``.
 
-    The modes are orthogonal in the metric ``J = diag(alpha, beta)``; the launch is split along
-    ``psi_p`` and ``psi_r``, exactly zero in the other when it lies along one.
+    The modes are orthogonal in the metric ``diag(alpha, beta)``; a launch along one has exactly
+    nothing of the other.
     """
-    alpha, beta = np.asarray(alpha, float), np.asarray(beta, float)
 
-    def along(direction: ArrayLike, other: ArrayLike) -> Floats:
+    def along(direction: Floats, other: Floats) -> Floats:
         c, s = np.cos(direction), np.sin(direction)
         product = alpha * c * np.cos(psi) + beta * s * np.sin(psi)
         norm = alpha * c * c + beta * s * s
         energy = 0.5 * np.asarray(omega_xy0) ** 2 * product**2 / norm
-        return np.where(np.asarray(psi) == np.asarray(other), 0.0, energy)
+        return np.where(np.asarray(psi) == other, 0.0, energy)
 
     return along(psi_p, psi_r), along(psi_r, psi_p)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rattlesweep.units import quantity
+from rattlesweep.units import quantities, quantity
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import ArrayLike
 
     from rattlesweep.arrays import Floats
@@ -29,17 +28,7 @@ LIMITS = {
 
 @dataclass(frozen=True)
 class Units:
-    """The units of mass, length and time of a body, in SI units.
-
-    Attributes
-    ----------
-    mass : float
-        ``M``, in kg.
-    length : float
-        ``a``, the height of the centre of mass over the contact, in m.
-    gravity : float
-        ``g``, in m/s^2.
-    """
+    """The units of a body: ``M`` in kg, ``a`` in m (height of the centre of mass), gravity."""
 
     mass: float
     length: float
@@ -65,126 +54,84 @@ class Units:
 
 
 def number(value: float | str, kind: str, name: str) -> float:
-    """Return a number in SI units, given as that or as text with a unit.
+    """Return a number in SI units, given as that or as text such as ``"12 mm"``.
 
-    Parameters
-    ----------
-    value : float or str
-        The number, or a text such as ``"12 mm"``.
-    kind : str
-        One of :data:`rattlesweep.units.KINDS`.
-    name : str
-        What an error calls it.
-
-    Raises
-    ------
-    ValueError
-        If the text is no quantity of this kind, or the number is beyond its limits.
+    `kind` is one of :data:`rattlesweep.units.KINDS`; a ValueError begins with `name`.
     """
     try:
-        found = quantity(value, kind) if isinstance(value, str) else float(value)
+        return quantity(value, kind) if isinstance(value, str) else float(value)
     except ValueError as error:
         raise ValueError(f"{name}: {value!r} {error}") from None
-    if sentence := beyond(found, kind):
-        raise ValueError(f"{name}: {found:g} {sentence}")
+
+
+def size(value: float | str, kind: str, name: str) -> float:
+    """Return a :func:`number` that is positive and within the `LIMITS` of its kind."""
+    found = number(value, kind, name)
+    low, high, unit = LIMITS[kind]
+    if not low <= found <= high:
+        raise ValueError(f"{name} is {found:g}; from {low:g} to {high:g} {unit} is allowed")
     return found
 
 
-def beyond(value: float, kind: str) -> str:
-    """Return what is wrong with the size of a quantity, or "": zero and its sign do not matter."""
-    low, high, unit = LIMITS.get(kind, (0.0, math.inf, ""))
-    if value == 0 or not math.isfinite(value) or low <= abs(value) <= high:
-        return ""
-    return f"{unit} is out of range; from {low:g} to {high:g} {unit} is allowed"
-
-
-def principal(
-    inertia: Floats, radii: Floats, axes_angle: Floats
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the principal moments, and the angle from their axes to those of curvature.
-
-    Parameters
-    ----------
-    inertia : ndarray, shape (..., 4)
-        ``I_xx, I_yy, I_zz, I_xy``.
-    radii : ndarray, shape (..., 2)
-        Radii of curvature at the bottom.
-    axes_angle : ndarray
-        Angle from the x axis to the direction along which the surface bends by the first of them.
-
-    Returns
-    -------
-    larger, smaller, vertical : ndarray
-        Moments of inertia.
-    xi : ndarray
-        Skew angle from the axis of the larger moment to that of the smaller radius, in
-        ``(-pi/2, pi/2]``.
-    """
-    xx, yy, zz, xy = np.moveaxis(inertia, -1, 0)
-    mean, half = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
-    larger = np.arctan2(2 * xy, xx - yy) / 2
-    # If the second radius is the smaller one, its direction is a right angle further.
-    smaller = axes_angle + np.where(radii[..., 0] <= radii[..., 1], 0.0, np.pi / 2)
-    xi = np.remainder(smaller - larger, np.pi)
-    return mean + half, mean - half, zz, np.where(xi > np.pi / 2, xi - np.pi, xi)
+def two_lengths(value: str | Sequence[float | str], name: str) -> list[float]:
+    """Return two lengths in m, given as numbers, texts, or a text such as ``"45, -9 mm"``."""
+    try:
+        if isinstance(value, str):
+            return quantities(value, "length", 2)
+    except ValueError as error:
+        raise ValueError(f"{name}: {value!r} {error}") from None
+    if len(value) != 2:
+        raise ValueError(f"{name}: two lengths are needed, and not {len(value)}")
+    return [number(each, "length", name) for each in value]
 
 
 def parameters(
     mass: ArrayLike, inertia: ArrayLike, height: ArrayLike, radii: ArrayLike, axes_angle: ArrayLike
 ) -> dict[str, Floats]:
-    """Return ``alpha, beta, gamma, theta, phi, xi``; arguments as for :func:`principal`."""
+    """Return ``alpha, beta, gamma, theta, phi, xi`` of bodies.
+
+    `inertia` are ``I_xx, I_yy, I_zz, I_xy``, shape (..., 4), `radii` those of curvature, (..., 2),
+    and `axes_angle` goes from the x axis to the direction along which the first of them bends.
+    """
     mass, height, radii = (np.asarray(x, float) for x in (mass, height, radii))
-    found = principal(np.asarray(inertia, float), radii, np.asarray(axes_angle, float))
-    larger, smaller, vertical, xi = found
+    xx, yy, zz, xy = np.moveaxis(np.asarray(inertia, float), -1, 0)
+    mean, half = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    larger = np.arctan2(2 * xy, xx - yy) / 2
+    # If the second radius is the smaller one, its direction is a right angle further.
+    turned = np.where(radii[..., 0] <= radii[..., 1], 0.0, np.pi / 2)
+    xi = np.remainder(np.asarray(axes_angle, float) + turned - larger, np.pi)
     unit = mass * height**2
     return {
-        "alpha": larger / unit + 1,
-        "beta": smaller / unit + 1,
-        "gamma": vertical / unit,
+        "alpha": (mean + half) / unit + 1,
+        "beta": (mean - half) / unit + 1,
+        "gamma": zz / unit,
         "theta": height / radii.min(axis=-1),
         "phi": height / radii.max(axis=-1),
-        "xi": xi,
+        "xi": np.where(xi > np.pi / 2, xi - np.pi, xi),
     }
 
 
 def components(inertia: Sequence[float] | Sequence[Sequence[float]]) -> tuple[float, ...]:
-    """Return ``I_xx, I_yy, I_zz, I_xy`` of a tensor, given as a matrix or three to six numbers.
-
-    Raises
-    ------
-    ValueError
-        If no body that can spin upright has this tensor.
-    """
+    """Return ``I_xx, I_yy, I_zz, I_xy`` of a tensor, given as a matrix or three to six numbers."""
     tensor = np.asarray(inertia, float)
     if tensor.ndim == 1 and 3 <= tensor.size <= 6:
         xx, yy, zz, xy, xz, yz = np.pad(tensor, (0, 6 - tensor.size))
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    if tensor.shape != (3, 3):
-        raise ValueError(
-            "inertia: a matrix of 3 x 3 is needed, or (ixx, iyy, izz, ixy, ixz, iyz), of which the "
-            "last three may be left out"
-        )
-    if not np.isfinite(tensor).all():
-        raise ValueError("inertia: it has an entry that is no finite number")
+    if tensor.shape != (3, 3) or not np.isfinite(tensor).all():
+        raise ValueError("inertia: a finite matrix of 3 x 3 is needed, or (ixx, iyy, izz, ixy, "
+                         "ixz, iyz), of which the last three may be left out")  # fmt: skip
     if np.abs(tensor - tensor.T).max() > 1e-6 * np.abs(tensor).max():
         raise ValueError("inertia: the matrix is not symmetric; ixy and iyx are one number")
     moments = np.linalg.eigvalsh(tensor)
-    if not moments[0] > 0:
-        raise ValueError(
-            f"inertia: a principal moment is {moments[0]:g} kg m^2, and all must be positive"
-        )
-    if moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
-        raise ValueError(
-            f"inertia: no mass distribution has it, as the principal moment {moments[2]:g} kg m^2 "
-            f"exceeds the sum of the others, {moments[0] + moments[1]:g}"
-        )
+    if moments[0] <= 0 or moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
+        told = ", ".join(f"{moment:g}" for moment in moments)
+        raise ValueError(f"inertia: no body has the principal moments {told} kg m^2; all must be "
+                         "positive, and none above the sum of the others")  # fmt: skip
     xx, yy, zz = np.diag(tensor)
     # To first order the angle by which the vertical is off a principal axis.
     coupling = np.hypot(tensor[0, 2], tensor[1, 2])
     tilt = coupling / max(abs(zz - xx), abs(zz - yy), 1e-300)
     if tilt > MAX_TILT:
-        raise ValueError(
-            f"inertia: the vertical is no principal axis: ixz and iyz turn it by {tilt:.2g} rad; "
-            "give the inertia in axes of which z is one"
-        )
+        raise ValueError(f"inertia: the vertical is no principal axis: ixz and iyz turn it by "
+                         f"{tilt:.2g} rad; give the inertia in axes of which z is one")  # fmt: skip
     return float(xx), float(yy), float(zz), float(tensor[0, 1])

@@ -1,20 +1,18 @@
 """Linear stability of the steady vertical spin, exact in the spin.
 
 Around ``u = (0, 0, -1)``, ``omega = (0, 0, -n)`` the slope and the horizontal angular velocity
-``(p, q, omega_x, omega_y)`` obey a linear system with constant coefficients.  Its eigenvalues are
-the growth rates and frequencies at any spin; their limit for small ``n`` is the theory of Case and
-Jalal, and their real part vanishes at Bondi's threshold.  Its left eigenvectors measure the
-amplitude of one mode alone, free of the beat with the other and of its own
-oscillation, which is what the types R, SS and SW need to see a slow growth.
+``(p, q, omega_x, omega_y)`` obey a linear system.  Its eigenvalues are the growth rates and
+frequencies at any spin; their limit for small ``n`` is the theory of Case and Jalal, and their real
+part vanishes at Bondi's threshold.  Its left eigenvectors measure the amplitude of one mode alone,
+free of the beat with the other and of its own oscillation, so that the types see a slow growth.
 
 Written for the slope alone, the system is of second order, ``P(lambda) s = 0`` with
 
     P = [[beta lambda^2 + d_p lambda + k_pp,  g_p lambda + k_pq],
          [g_q lambda + k_qp,  alpha lambda^2 + d_q lambda + k_qq]],
 
-and ``det P`` is a product of two real quadratics, one of each mode.  Twice the growth rates are
-their linear coefficients and are found as small numbers: a growth of a millionth of the frequency
-has nearly all of its digits.
+and ``det P`` is a product of two real quadratics, one of each mode, whose linear coefficients are
+minus twice the growth rates: these are found as the small numbers that they are.
 """
 
 from __future__ import annotations
@@ -24,7 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rattlesweep.physics.quartic import quadratics, roots, symmetric_eigenvalues
+from rattlesweep.physics.quartic import choose, quadratics, roots, symmetric_eigenvalues
 from rattlesweep.physics.theory import two_product
 
 if TYPE_CHECKING:
@@ -42,26 +40,18 @@ MOST_SLOPE = 0.1
 
 
 def matrix(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Floats:
-    """Matrix of the linear system.
+    """Return the matrix, shape (..., 4, 4), that acts on ``(p, q, omega_x, omega_y)``.
 
     Parameters
     ----------
     constants : ndarray, shape (6, ...)
         Of :func:`rattlesweep.physics.full.constants`.
-    n : array_like
-        Steady spin, in ``sqrt(g/a)``.
-    sigma : array_like
-        Of the torque ``-sigma omega``.  The spin itself then falls at the rate ``sigma / gamma``,
-        which the matrix knows; its eigenvalues are rates for as long as that is slow.
-
-    Returns
-    -------
-    ndarray, shape (..., 4, 4)
-        Acting on ``(p, q, omega_x, omega_y)``.
+    n, sigma : array_like
+        Steady spin, in ``sqrt(g/a)``, and ``sigma`` of the torque ``-sigma omega``.  The spin then
+        falls at the rate ``sigma / gamma``, which the matrix knows; its eigenvalues are rates as
+        long as that is slow.
     """
-    ix, iy, iz, cxx, cxy, cyy, c, loss = np.broadcast_arrays(
-        *constants, -np.asarray(n, float), np.asarray(sigma, float)
-    )
+    ix, iy, iz, cxx, cxy, cyy, c, loss = _broadcast(constants, n, sigma)
     zero, one = np.zeros_like(ix), np.ones_like(ix)
     # Rows as coefficients of (p, q, a, b); Eq. diff-u first.
     dp = np.stack([zero, c, zero, -one])
@@ -79,21 +69,14 @@ def matrix(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Floats:
     y = np.stack([zero, one, zero, zero]) + fy
     da = ((iy - iz) * c * b - c * wx - fy - loss * a + fall * x) / (ix + 1)
     db = ((iz - ix) * c * a - c * wy + fx - loss * b + fall * y) / (iy + 1)
-    rows = np.stack([dp, dq, da, db])
-    return np.moveaxis(rows, (0, 1), (-2, -1))
+    return np.moveaxis(np.stack([dp, dq, da, db]), (0, 1), (-2, -1))
 
 
 @dataclass(frozen=True)
 class SteadyModes:
-    """Modes of the steady spin.
+    """Eigenvalues (growth rate plus i times frequency), and left eigenvectors (..., 4) of length 1.
 
-    Attributes
-    ----------
-    pitch, roll : ndarray of complex
-        Eigenvalues: growth rate plus i times the frequency, in ``sqrt(g/a)``.
-    pitch_probe, roll_probe : ndarray of complex, shape (..., 4)
-        Left eigenvectors: the amplitude of a mode is the modulus of the product with
-        ``(p, q, omega_x, omega_y)``.
+    The modulus of a probe's product with ``(p, q, omega_x, omega_y)`` is the amplitude of a mode.
     """
 
     pitch: Complexes
@@ -103,18 +86,10 @@ class SteadyModes:
 
 
 def steady_modes(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> SteadyModes:
-    """Return eigenvalues and left eigenvectors at spin ``n``; the pitch is the faster mode.
+    """Return the modes at spin ``n``, the pitch being the faster one; arguments as for `matrix`.
 
-    Of each conjugate pair the one with positive frequency is returned, the faster pair first; of
-    a pair that no longer oscillates, the one that grows faster.  The eigenvectors have length 1.
-
-    Parameters
-    ----------
-    constants : ndarray, shape (6, ...)
-    n : array_like
-        Steady spin.
-    sigma : array_like
-        As for :func:`matrix`.
+    Of each conjugate pair the one with positive frequency is returned; of a pair that no longer
+    oscillates, the one that grows faster.
     """
     system = _System(constants, n, sigma)
     pitch, roll = _leading(system)
@@ -135,12 +110,6 @@ def transient_growth(constants: Floats, n: ArrayLike) -> Floats:
     ``V`` and no growing mode, ``|x(t)|^2 <= cond(V)^2 |x(0)|^2`` (Trefethen and Embree, Spectra and
     Pseudospectra, 2005, sec. 14).  The norm is that of :func:`full.oscillation`, in which each mode
     has length 1; ``cond(V)^2`` is the ratio of the extreme eigenvalues of the modes' products.
-
-    Parameters
-    ----------
-    constants : ndarray, shape (6, ...)
-    n : array_like
-        Steady spin, in ``sqrt(g/a)``.
     """
     system = _System(constants, n, 0.0)
     columns = []
@@ -161,36 +130,32 @@ def transient_growth(constants: Floats, n: ArrayLike) -> Floats:
 
 
 def settled_oscillation(constants: Floats, n_0: Floats, n_c: Floats, rate: Floats) -> Floats:
-    """Oscillation from which on a run only decays towards its steady spin; 0 where none is safe.
+    """Return the oscillation from which on a run only decays to its steady spin; 0 where none is.
 
-    All energy that a run has is spin in the end, ``n_0``, if the oscillation decays.  At this
-    energy the steady spin is a fixed point; around it the equations are odd in the oscillation, so
-    that what linear theory leaves out is of third order.  Decay is certain while
+    All energy is spin in the end, ``n_0``, if the oscillation decays, as is certain while
 
     - both modes decay, the pitch twice as fast as the roll at least, at every spin that the
       oscillation's energy may still lead to: down to half-way, in ``n^2``, from ``n_0`` to the
       threshold ``n_c``;
     - the energy that the oscillation may rise to, by :func:`transient_growth`, leads no farther,
       and is not enough to lean the body by a slope of ``1/sqrt(2)`` in the direction easiest to;
-    - now that slope is 0.1 at most: the amplitude of a mode is known to its square.
+    - now that slope is 0.1 at most: the amplitude of a mode is known to its square, and what linear
+      theory leaves out is of third order.
 
     Docs/types.md says how far on the safe side this is.
 
     Parameters
     ----------
     constants : ndarray, shape (6, runs)
-    n_0 : ndarray
-        Spin that would hold all the energy, with its sign.
-    n_c : ndarray
-        Threshold of stability (:func:`theory.bondi_threshold`), with its sign; NaN where there is
-        none.
+    n_0, n_c : ndarray
+        Spin that would hold all the energy, and the threshold of stability (NaN: none), with signs.
     rate : ndarray
         Least rate that counts as decay, positive, in ``sqrt(g/a)``.
 
     Returns
     -------
     ndarray
-        As :func:`full.oscillation` measures it, twice an energy, in ``M g a``.
+        In the measure of :func:`full.oscillation`, in ``M g a``.
     """
     settled = np.zeros(len(n_0))
     place = np.flatnonzero((n_0 * n_c > 0) & (np.abs(n_0) > np.abs(n_c)) & np.isfinite(rate))
@@ -211,16 +176,15 @@ def settled_oscillation(constants: Floats, n_0: Floats, n_c: Floats, rate: Float
     return settled
 
 
-class _System:
-    """The linear system as ``P``, its determinant and its eigenvectors.
+def _broadcast(constants: Floats, n: ArrayLike, sigma: ArrayLike) -> tuple[Floats, ...]:
+    return np.broadcast_arrays(*constants, -np.asarray(n, float), np.asarray(sigma, float))
 
-    The names are those at the top of the module; ``c = -n``.
-    """
+
+class _System:
+    """``P`` at the top of the module, its determinant and the eigenvectors; ``c = -n``."""
 
     def __init__(self, constants: Floats, n: ArrayLike, sigma: ArrayLike) -> None:
-        ix, iy, iz, cxx, cxy, cyy, c, sigma = np.broadcast_arrays(
-            *constants, -np.asarray(n, float), np.asarray(sigma, float)
-        )
+        ix, iy, iz, cxx, cxy, cyy, c, sigma = _broadcast(constants, n, sigma)
         fall, c2 = -sigma * c / iz, c * c
         self.constants, self.c, self.sigma = (ix, iy, iz, cxx, cxy, cyy), c, sigma
         self.alpha, self.beta = ix + 1, iy + 1
@@ -245,12 +209,8 @@ class _System:
         # The falling spin adds to a torque -sigma c what the contact point makes of it.
         x, y = 1 + (1 + cxx) / iz, 1 + (1 + cyy) / iz
         a3 = skew + sigma * (self.alpha + self.beta)
-        a2 = (
-            self.beta * self.k_qq
-            + self.alpha * self.k_pp
-            + c2 * (square - h * (cxx + cyy) + h * h)
-            + sigma * sigma
-        )
+        a2 = self.beta * self.k_qq + self.alpha * self.k_pp
+        a2 = a2 + c2 * (square - h * (cxx + cyy) + h * h) + sigma * sigma
         a1 = c2 * skew + sigma * (
             self.kept_p + self.kept_q + c2 * (2 * cxy * cxy / iz - (cyy - h) * x - (cxx - h) * y)
         )
@@ -304,27 +264,19 @@ class _System:
         """Return the product that belongs to the norm of :func:`full.oscillation`."""
         _, _, _, cxx, cxy, cyy = self.constants
         (p, q, a, b), (p_1, q_1, a_1, b_1) = one, other
-        result: Floats = (
-            p * (cxx * p_1 + cxy * q_1)
-            + q * (cxy * p_1 + cyy * q_1)
-            + self.alpha * a * a_1
-            + self.beta * b * b_1
-        )
-        return result
+        tilt = p * (cxx * p_1 + cxy * q_1) + q * (cxy * p_1 + cyy * q_1)
+        product: Floats = tilt + self.alpha * a * a_1 + self.beta * b * b_1
+        return product
 
 
 def _leading(system: _System) -> tuple[Pair, Pair]:
     """Return the eigenvalues of pitch and roll; see :func:`steady_modes`."""
     (one, low_1), (two, low_2) = (roots(*pair) for pair in quadratics(*system.quartic()))
     swap = (two[1] > one[1]) | ((two[1] == one[1]) & (two[0] > one[0]))
-    (re, im), (re_2, im_2) = _choose(swap, two, one), _choose(swap, one, two)
+    (re, im), (re_2, im_2) = choose(swap, two, one), choose(swap, one, two)
     # Where nothing oscillates, both may be of the same quadratic.
     low = np.where(swap, low_2[0], low_1[0])
     return (re, im), (np.where((im == 0) & (low > re_2), low, re_2), im_2)
-
-
-def _choose(where: NDArray[np.bool_], one: Pair, other: Pair) -> Pair:
-    return np.where(where, one[0], other[0]), np.where(where, one[1], other[1])
 
 
 def _times(one: Pair, other: Pair) -> Pair:
@@ -344,7 +296,7 @@ def _kernel(a: Pair, b: Pair, c: Pair, d: Pair) -> tuple[Pair, Pair]:
         x[0] * x[0] + x[1] * x[1] + y[0] * y[0] + y[1] * y[1] for x, y in ((a, b), (c, d))
     )
     lower = second > first
-    (re, im), y = _choose(lower, c, a), _choose(lower, d, b)
+    (re, im), y = choose(lower, c, a), choose(lower, d, b)
     # Of P = 0 any vector is one.
     y = np.where((first == 0) & (second == 0), 1.0, y[0]), y[1]
     return y, (-re, -im)

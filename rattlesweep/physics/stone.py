@@ -1,8 +1,7 @@
 """What a real stone adds to :mod:`rattlesweep.physics.full`: an ellipsoid below, and friction.
 
-The ellipsoid has the vertical semi-axis ``c`` and at its bottom the curvatures ``theta, phi``, so
-that its horizontal semi-axes are ``sqrt(c/theta)`` and ``sqrt(c/phi)``; its centre lies ``c`` above
-the lowest point.  Where its normal is ``-u`` it touches; with ``B = 1 + C``, ``s = (p, q).B(p, q)``
+The ellipsoid has the vertical semi-axis ``c`` and at its bottom the curvatures ``theta, phi``; its
+centre lies ``c`` above the lowest point.  With ``B = 1 + C`` and ``s = (p, q).B(p, q)`` it touches
 
     r = (e B(p, q), 1 - c (1 - e)),    e = 1 / sqrt(1 + s / c),
 
@@ -10,13 +9,11 @@ which for ``1/c = 0`` is the paraboloid's.  The bodies' constant is ``k = 1/c``.
 
 Friction are two couples.  One is ``-sigma omega`` (Kane and Levinson 1982, Eqs. 47-49), in
 ``M a^2 sqrt(g/a)``.  The other is the rolling resistance ``-lever F_n omega_t / |omega_t|`` against
-the part of ``omega`` in the plane, with the normal force ``F_n`` and a lever in units of ``a``; its
-direction turns within :data:`SMOOTHING` of rest, ``1 / |omega_t|`` being
-``1 / sqrt(omega_t^2 + SMOOTHING^2)``.  Their work is a sixth variable, so that energy minus work is
-what is conserved.
+the part of ``omega`` in the plane, with the normal force ``F_n`` and a lever in units of ``a``;
+``|omega_t|`` stands for ``sqrt(omega_t^2 + eps^2)``, ``eps`` being :data:`SMOOTHING`.  Their work
+is a sixth variable, and energy minus work is conserved.
 
-Functions of several surfaces take the surface's own as first arguments: ``surface`` is
-:func:`flat`, :func:`ellipsoid` or :func:`carried_ellipsoid`.
+Where ``surface`` is an argument it is :func:`flat`, :func:`ellipsoid` or :func:`carried_ellipsoid`.
 """
 
 from __future__ import annotations
@@ -30,11 +27,10 @@ from rattlesweep.physics import full
 from rattlesweep.physics.full import force, paraboloid, scalar, slope_rate, turning
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-# As many of them as a model has.
-STATE = ("p", "q", "a", "b", "c", "work")
-CONSTANTS = ("ix", "iy", "iz", "cxx", "cxy", "cyy", "k", "sigma", "lever", "eps")
+    from rattlesweep.arrays import Floats
+
 N_CONSTANTS = 7
 N_FRICTION_STATE = 6
 N_FRICTION_CONSTANTS = 10
@@ -43,23 +39,19 @@ SMOOTHING = 1e-4
 """Angular velocity below which rolling resistance becomes viscous, in ``sqrt(g/a)``."""
 
 
-def inverse_semi_axis(c: ArrayLike | None) -> NDArray[np.float64]:
+def inverse_semi_axis(c: ArrayLike | None) -> Floats:
     """``1/c``; 0 for a paraboloid, whose ``c`` is None or NaN."""
-    values = np.asarray(np.nan if c is None else c, dtype=np.float64)
-    found: NDArray[np.float64] = np.where(np.isnan(values), 0.0, 1.0 / values)
-    return found
+    values = np.asarray(np.nan if c is None else c, float)
+    return np.where(np.isnan(values), 0.0, 1.0 / values)
 
 
 @scalar
 def touching(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise):  # type: ignore[no-untyped-def]
     """How an ellipsoid of known ``e`` and ``rise = (1 - e) / k`` touches the plane."""
-    gx = cxx * p + cxy * q
-    gy = cxy * p + cyy * q
-    x0 = p + gx
-    y0 = q + gy
+    gx, gy = cxx * p + cxy * q, cxy * p + cyy * q
+    x0, y0 = p + gx, q + gy
     less = k * rise
-    fx = e * gx - less * p
-    fy = e * gy - less * q
+    fx, fy = e * gx - less * p, e * gy - less * q
     # Of 1 / e, its rate times e.
     fall = k * (e * e) * (x0 * dp + y0 * dq)
     lift = rise - less
@@ -104,10 +96,9 @@ def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped
 
 @scalar
 def corrected(p, q, cxx, cxy, cyy, k, rise):  # type: ignore[no-untyped-def]
-    """``e`` and ``rise`` by a step of Newton's method from a ``rise`` nearby.
+    """Return ``e`` and ``rise`` by a step of Newton's method from a ``rise`` nearby.
 
-    ``e (3 - e^2 (1 + k s)) / 2`` is nearer ``e``; in ``rise`` the step is without cancellation for
-    small ones, in ``e`` where it is small, on the body's side.
+    ``e (3 - e^2 (1 + k s)) / 2`` is nearer ``e``; ``rise`` and ``e`` both keep their digits.
     """
     s = (p + (cxx * p + cxy * q)) * p + (q + (cxy * p + cyy * q)) * q
     e = 1.0 - k * rise
@@ -133,18 +124,13 @@ def carried_ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):  # type: igno
 @scalar
 def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
     """Energy of an ellipsoid; as :func:`rattlesweep.physics.full.energy`."""
-    gx = cxx * p + cxy * q
-    gy = cxy * p + cyy * q
+    gx, gy = cxx * p + cxy * q, cxy * p + cyy * q
     tilt = p * p + q * q
     s = tilt + gx * p + gy * q
     rho = sqrt(1.0 + k * s)
     half = s / (1.0 + rho)
-    x = (p + gx) / rho
-    y = (q + gy) / rho
-    z = 1.0 - half / rho
-    vx = y * c - z * b
-    vy = z * a - x * c
-    vz = x * b - y * a
+    x, y, z = (p + gx) / rho, (q + gy) / rho, 1.0 - half / rho
+    vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
     root = sqrt(1.0 + tilt)
     lift = tilt / (1.0 + root)
     potential = 0.5 * (gx * p + gy * q + lift * lift - k * half * half) / root
@@ -154,9 +140,7 @@ def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-unty
 @scalar
 def contact_of(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz):  # type: ignore[no-untyped-def]
     """Contact force at ``r = (x, y, z)``; ``dr/dt = v - w`` with ``v = r x omega``."""
-    vx = y * c - z * b
-    vy = z * a - x * c
-    vz = x * b - y * a
+    vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
     return force(
         ux, uy, uz, a, b, c, da, db, dc, x, y, z, vx - wx, vy - wy, vz - wz, vx, vy, vz
     )  # fmt: skip
@@ -190,31 +174,24 @@ def viscous_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigm
     """Return the time derivative of the state and the work under ``-sigma omega`` alone."""
     dp, dq, m = slope_rate(p, q, a, b, c)
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
-    lx = -sigma * a
-    ly = -sigma * b
-    lz = -sigma * c
+    lx, ly, lz = -sigma * a, -sigma * b, -sigma * c
     (da, db, dc), _ = turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz)
     return dp, dq, da, db, dc, lx * a + ly * b + lz * c
 
 
 @scalar
 def resistance(ux, uy, uz, a, b, c, x, y, z, normal, lever, eps, dyz, dzx, dxy, along, ivol):  # type: ignore[no-untyped-def]
-    """Change of ``domega/dt`` by rolling resistance, and its power.
+    """Return the change of ``domega/dt`` by rolling resistance, and its power.
 
-    The resistance depends on the normal force, and this on the acceleration.  Both are linear:
-    with the matrix ``J`` of Eq. diff-omega and ``h`` the resistance's direction, the acceleration
-    without it is corrected by ``-lever F_n J^-1 h``.  The last five arguments are
-    :func:`rattlesweep.physics.full.turning`'s.
+    The normal force depends on the acceleration, and both are linear: with the matrix ``J`` of
+    Eq. diff-omega and ``h`` the resistance's direction, the acceleration without it is corrected by
+    ``-lever F_n J^-1 h``.  The last five arguments are :func:`rattlesweep.physics.full.turning`'s.
     """
     n = ux * a + uy * b + uz * c
-    hx = a - n * ux
-    hy = b - n * uy
-    hz = c - n * uz
+    hx, hy, hz = a - n * ux, b - n * uy, c - n * uz
     square = hx * hx + hy * hy + hz * hz
     s = (x * dyz * hx + y * dzx * hy + z * dxy * hz) * along
-    jx = (hx + x * s) * dyz * ivol
-    jy = (hy + y * s) * dzx * ivol
-    jz = (hz + z * s) * dxy * ivol
+    jx, jy, jz = (hx + x * s) * dyz * ivol, (hy + y * s) * dzx * ivol, (hz + z * s) * dxy * ivol
     change = ux * (y * jz - z * jy) + uy * (z * jx - x * jz) + uz * (x * jy - y * jx)
     # All of it over the smoothed |h|: one division.
     share = lever * normal / (sqrt(square + eps * eps) + lever * change)
@@ -228,17 +205,12 @@ def rolling_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigm
     """Return the time derivative of the state and the work under both couples."""
     dp, dq, m = slope_rate(p, q, a, b, c)
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
-    lx = -sigma * a
-    ly = -sigma * b
-    lz = -sigma * c
+    lx, ly, lz = -sigma * a, -sigma * b, -sigma * c
     (da, db, dc), solved = turning(
         p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz
     )  # fmt: skip
-    ux = p * uz
-    uy = q * uz
-    x = p + fx
-    y = q + fy
-    z = 1.0 - rise
+    ux, uy = p * uz, q * uz
+    x, y, z = p + fx, q + fy, 1.0 - rise
     normal, _ = contact_of(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz)
     ra, rb, rc, loss = resistance(ux, uy, uz, a, b, c, x, y, z, normal, lever, eps, *solved)
     return dp, dq, da - ra, db - rb, dc - rc, lx * a + ly * b + lz * c - loss

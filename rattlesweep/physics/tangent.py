@@ -3,12 +3,10 @@
 The rates are the derivatives of Eqs. diff-u and diff-omega, and of Eqs. diff-ne-1 to diff-ne-3,
 along a tangent, in forward mode by hand.
 
-A tangent is measured in the energy of the oscillation plus that of the spin, nearly the norm of the
-step error.  Two directions neither grow nor decay exponentially whatever the run does: along the
-flow, where a difference is a delay, and across the surface of constant energy.  What is measured
-is the part of a tangent in that surface and normal to the flow; it moves independently of the two
-others.  It may decay exponentially, as in a run that settles on a periodic one, where the exponent
-of the whole tangent would be zero and say nothing.
+A tangent is measured in the energy of the oscillation plus that of the spin.  Two directions
+neither grow nor decay exponentially whatever the run does: along the flow, where a difference is a
+delay, and across the surface of constant energy.  What is measured is the part of a tangent in that
+surface and normal to the flow; it moves independently of the two others, and may decay.
 """
 
 from __future__ import annotations
@@ -20,39 +18,21 @@ from rattlesweep.physics.full import oscillation, scalar
 
 @scalar
 def full_rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
-    """Derivative of :func:`rattlesweep.physics.full.rhs` along a tangent.
+    """Return the derivative of a tangent ``(p1, q1, a1, b1, c1)`` under ``full.rhs``.
 
     The angular acceleration solves ``(D - r r^T) domega = T``.  So does its derivative, with
     ``T1 - (D - r r^T)_1 domega`` on the right.  As in ``full.rhs`` the product of that with ``r``
     is taken from the identity ``r . (I domega - g) = 0``, without what cancels.
-
-    Parameters
-    ----------
-    p, q, a, b, c, dp, dq, da, db, dc : float
-        State and its derivative.
-    p1, q1, a1, b1, c1 : float
-        Tangent.
-    ix, iy, iz, cxx, cxy, cyy : float
-        Constants of the body.
-
-    Returns
-    -------
-    tuple of 5 floats
-        Derivatives of the tangent.
     """
     # Names as in full.rhs; what ends in 1 is a derivative along the tangent.
     m = p * b - q * a
     m1 = p1 * b + p * b1 - q1 * a - q * a1
     dp1 = q1 * c + q * c1 - b1 - p1 * m - p * m1
     dq1 = a1 - p1 * c - p * c1 - q1 * m - q * m1
-    fx = cxx * p + cxy * q
-    fy = cxy * p + cyy * q
-    fx1 = cxx * p1 + cxy * q1
-    fy1 = cxy * p1 + cyy * q1
-    x = p + fx
-    y = q + fy
-    x1 = p1 + fx1
-    y1 = q1 + fy1
+    fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
+    fx1, fy1 = cxx * p1 + cxy * q1, cxy * p1 + cyy * q1
+    x, y = p + fx, q + fy
+    x1, y1 = p1 + fx1, q1 + fy1
     rise = 0.5 * (x * p + y * q)
     rise1 = x * p1 + y * q1
     z = 1.0 - rise
@@ -64,24 +44,18 @@ def full_rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz,
     wx1 = fy1 * c + fy * c1 + rise1 * b + rise * b1 + p1 * m + p * m1 - (cxx * dp1 + cxy * dq1)
     wy1 = q1 * m + q * m1 - rise1 * a - rise * a1 - fx1 * c - fx * c1 - (cxy * dp1 + cyy * dq1)
     wz1 = c1 * twist + c * twist1 - 2.0 * (m1 * rise + m * rise1)
-    kx = b * wz - c * wy
-    ky = c * wx - a * wz
-    kz = a * wy - b * wx
+    kx, ky, kz = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
     kx1 = b1 * wz + b * wz1 - c1 * wy - c * wy1
     ky1 = c1 * wx + c * wx1 - a1 * wz - a * wz1
     kz1 = a1 * wy + a * wy1 - b1 * wx - b * wx1
     uz = -1.0 / sqrt(1.0 + p * p + q * q)
     uz1 = -uz * uz * uz * (p * p1 + q * q1)
-    gx = (iy - iz) * b * c
-    gy = (iz - ix) * c * a
-    gz = (ix - iy) * a * b
+    gx, gy, gz = (iy - iz) * b * c, (iz - ix) * c * a, (ix - iy) * a * b
     gx1 = (iy - iz) * (b1 * c + b * c1)
     gy1 = (iz - ix) * (c1 * a + c * a1)
     gz1 = (ix - iy) * (a1 * b + a * b1)
-    px = fy + q * rise
-    py = fx + p * rise
-    px1 = fy1 + q1 * rise + q * rise1
-    py1 = fx1 + p1 * rise + p * rise1
+    px, py = fy + q * rise, fx + p * rise
+    px1, py1 = fy1 + q1 * rise + q * rise1, fx1 + p1 * rise + p * rise1
     tx = gx1 + (y1 * kz + y * kz1 + rise1 * ky - z * ky1) + (uz1 * px + uz * px1)
     ty = gy1 + (z * kx1 - rise1 * kx - x1 * kz - x * kz1) - (uz1 * py + uz * py1)
     tz = gz1 + (x1 * ky + x * ky1 - y1 * kx - y * kx1) + (uz1 * twist + uz * twist1)
@@ -97,44 +71,29 @@ def full_rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz,
         + x1 * (gx - ix * da) + y1 * (gy - iy * db) - rise1 * (gz - iz * dc)
     )  # fmt: skip
     r2 = x * x + y * y + z * z
-    dx = ix + r2
-    dy = iy + r2
-    dz = iz + r2
-    dyz = dy * dz
-    dzx = dz * dx
-    dxy = dx * dy
+    dx, dy, dz = ix + r2, iy + r2, iz + r2
+    dyz, dzx, dxy = dy * dz, dz * dx, dx * dy
     vol = dx * dyz
-    sx = ix * x * dyz
-    sy = iy * y * dzx
-    sz = iz * z * dxy
+    sx, sy, sz = ix * x * dyz, iy * y * dzx, iz * z * dxy
     det = sx * x + sy * y + sz * z
     inv = 1.0 / (det * vol)
     s = (normal * vol - (sx * tx + sy * ty + sz * tz)) * vol * inv
     ivol = det * inv
-    return (
-        dp1,
-        dq1,
-        (tx + x * s) * dyz * ivol,
-        (ty + y * s) * dzx * ivol,
-        (tz + z * s) * dxy * ivol,
-    )
+    da1 = (tx + x * s) * dyz * ivol
+    db1 = (ty + y * s) * dzx * ivol
+    dc1 = (tz + z * s) * dxy * ivol
+    return dp1, dq1, da1, db1, dc1
 
 
 @scalar
 def full_gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
     """Gradient of :func:`rattlesweep.physics.full.energy`."""
-    fx = cxx * p + cxy * q
-    fy = cxy * p + cyy * q
-    x = p + fx
-    y = q + fy
+    fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
+    x, y = p + fx, q + fy
     z = 1.0 - 0.5 * (x * p + y * q)
-    vx = y * c - z * b
-    vy = z * a - x * c
-    vz = x * b - y * a
+    vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
     # By the contact point ...
-    rx = b * vz - c * vy
-    ry = c * vx - a * vz
-    rz = a * vy - b * vx
+    rx, ry, rz = b * vz - c * vy, c * vx - a * vz, a * vy - b * vx
     tilt = p * p + q * q
     square = 1.0 + tilt
     root = sqrt(square)
@@ -151,11 +110,7 @@ def full_gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-
 
 @scalar
 def full_square(p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
-    """Squared norm of a tangent, in ``M g a``.
-
-    Twice the energy to second order with ``B = 1 + C`` in the place of ``C``, which vanishes in one
-    direction as ``theta`` goes to 1.
-    """
+    """Squared norm, in ``M g a``: twice the energy with ``B = 1 + C``, which never vanishes."""
     slope = p1 * p1 + q1 * q1
     return oscillation(p1, q1, a1, b1, ix, iy, cxx, cxy, cyy) + slope + iz * c1 * c1
 
@@ -164,10 +119,9 @@ def full_square(p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[
 def full_transverse(  # type: ignore[no-untyped-def]
     p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy
 ):
-    """Part of a tangent in the surface of constant energy and normal to the flow.
+    """Return the part of a tangent in the surface of constant energy and normal to the flow.
 
-    Both are taken away along directions normal in the norm of :func:`full_square`: the gradient of
-    the energy, and the flow.  A tangent that lies in the surface stays there but for rounding.
+    Normal in the norm of :func:`full_square`.
     """
     ep, eq, ea, eb, ec = full_gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
     # The norm's inverse applied to the gradient.
@@ -198,28 +152,15 @@ def full_transverse(  # type: ignore[no-untyped-def]
 @scalar
 def full_seed(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
     """A tangent along no mode: as much energy in each component of slope and rate."""
-    return (
-        1.0 / sqrt(1.0 + cxx),
-        1.0 / sqrt(1.0 + cyy),
-        1.0 / sqrt(ix + 1.0),
-        1.0 / sqrt(iy + 1.0),
-        0.0,
-    )
+    p, q = 1.0 / sqrt(1.0 + cxx), 1.0 / sqrt(1.0 + cyy)
+    return p, q, 1.0 / sqrt(ix + 1.0), 1.0 / sqrt(iy + 1.0), 0.0
 
 
 @scalar
 def reduced_rate(n, e_p, e_r, dn, de_p, de_r, n1, p1, r1, k_p, k_r, inertia):  # type: ignore[no-untyped-def]
-    """Derivative of :func:`rattlesweep.physics.reduced.rhs` along a tangent.
+    """Return the derivative of a tangent ``(n1, p1, r1)`` under ``reduced.rhs``.
 
-    Parameters
-    ----------
-    n, e_p, e_r, dn, de_p, de_r : float
-        State and its derivative.
-    n1, p1, r1 : float
-        Tangent: of the spin and of the amplitudes ``sqrt(2 E_p)``, ``sqrt(2 E_r)``, which are
-        regular where a mode is absent.
-    k_p, k_r, inertia : float
-        Constants.
+    ``p1, r1`` are of the amplitudes ``sqrt(2 E_p)``, ``sqrt(2 E_r)``, which may be zero.
     """
     p = sqrt(2.0 * abs(e_p))
     r = sqrt(2.0 * abs(e_r))

@@ -1,10 +1,6 @@
 """Theory of Garcia and Hubbard in the form of Kondo and Nakanishi (2017), vectorised.
 
-Every formula is rewritten so that nothing cancels; the paper's own forms lose all digits where
-energies or frequencies nearly cancel.  The product of the two squared frequencies is a
-determinant, ``omega_r`` follows from it, and the logarithm of the reversal time is an
-inverse hyperbolic sine.  Checked against 50-digit arithmetic in the tests.
-
+Every formula is rewritten so that nothing cancels, where the paper's own forms lose all digits.
 Angles are in radians, frequencies in ``sqrt(g/a)``, times in ``sqrt(a/g)``.
 """
 
@@ -23,18 +19,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Modes:
-    """Small oscillations without spin; every attribute has the shape of the bodies.
+    """Small oscillations without spin: the faster mode (pitch) and the slower one (roll).
 
-    Attributes
-    ----------
-    omega_p, omega_r : ndarray
-        Frequencies of the faster (pitch) and the slower (roll) mode (Eq. def-omega_pr).
-    psi_p, psi_r : ndarray
-        Directions of the modes' angular velocities from the x axis, in (-pi/2, pi/2].
-    omega_p0, omega_r0 : ndarray
-        Frequencies at zero skew angle (Eqs. def:omega_p0, def:omega_r0).
-    K_p, K_r : ndarray
-        Asymmetric torque coefficients (Eqs. Kp, Kr), dimensionless.
+    Frequencies (Eq. def-omega_pr); directions of the angular velocities from the x axis, in
+    (-pi/2, pi/2]; frequencies at zero skew angle (Eqs. def:omega_p0, def:omega_r0); asymmetric
+    torque coefficients (Eqs. Kp, Kr), dimensionless.
     """
 
     omega_p: Floats
@@ -50,7 +39,7 @@ class Modes:
 def hessian(
     alpha: Floats, beta: Floats, theta: Floats, phi: Floats, xi: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Elements ``H_11, H_12, H_22`` of the matrix ``H`` (Eq. lin-omg4), in ``g/a``."""
+    """Return the elements ``H_11, H_12, H_22`` of the matrix ``H`` (Eq. lin-omg4), in ``g/a``."""
     roll, pitch = (1 - theta) / theta, (1 - phi) / phi
     sin, cos = np.sin(xi), np.cos(xi)
     h11 = (sin**2 * roll + cos**2 * pitch) / alpha
@@ -62,7 +51,7 @@ def hessian(
 def torque_coefficients(
     alpha: Floats, beta: Floats, theta: Floats, phi: Floats, xi: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """``omega_p^2, omega_r^2, K_p, K_r`` (Eqs. def-omega_pr, Kp, Kr).
+    """Return ``omega_p^2, omega_r^2, K_p, K_r`` (Eqs. def-omega_pr, Kp, Kr).
 
     Arithmetic and ufuncs only, so that samplers can compile it for scalars.
     """
@@ -73,13 +62,8 @@ def torque_coefficients(
     # det H = omega_p^2 omega_r^2 does not depend on xi.
     square_r = roll * pitch / (alpha * beta) / square_p
     # Eq. k-diff over omega_p^2 - omega_r^2.
-    torque = (
-        -0.5
-        * np.sin(2 * xi)
-        * ((alpha - beta) / (alpha * beta))
-        * ((theta - phi) / (theta * phi))
-        / split
-    )
+    torque = -0.5 * np.sin(2 * xi) * ((alpha - beta) / (alpha * beta))
+    torque = torque * ((theta - phi) / (theta * phi)) / split
     return square_p, square_r, torque * square_p, torque * square_r
 
 
@@ -92,20 +76,8 @@ def _half_turn(angle: Floats) -> Floats:
 def modes(
     alpha: ArrayLike, beta: ArrayLike, theta: ArrayLike, phi: ArrayLike, xi: ArrayLike
 ) -> Modes:
-    """Frequencies, directions and torque coefficients of the two modes.
-
-    Parameters
-    ----------
-    alpha, beta, theta, phi, xi : array_like
-        Body parameters, broadcast together; ``xi`` in radians, of either sign.
-
-    Returns
-    -------
-    Modes
-        With ``K_p, K_r > 0`` for ``xi < 0``.
-    """
-    alpha, beta = np.asarray(alpha, float), np.asarray(beta, float)
-    theta, phi, xi = np.asarray(theta, float), np.asarray(phi, float), np.asarray(xi, float)
+    """Return the two modes of bodies; ``K_p, K_r > 0`` for ``xi < 0``."""
+    alpha, beta, theta, phi, xi = (np.asarray(x, float) for x in (alpha, beta, theta, phi, xi))
     roll, pitch = (1 - theta) / theta, (1 - phi) / phi
     h11, h12, h22 = hessian(alpha, beta, theta, phi, xi)
     square_p, square_r, K_p, K_r = torque_coefficients(alpha, beta, theta, phi, xi)
@@ -129,12 +101,11 @@ def modes(
 def oscillation_speed(
     alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike
 ) -> Floats:
-    """Speed ``w`` with ``gamma w^2 / 2`` the launch's oscillation energy: ``n_0^2 = n_i^2 + w^2``.
+    """Return the speed ``w``, in ``sqrt(g/a)``, with ``n_0^2 = n_i^2 + w^2`` (Eq. def-n0).
 
-    From Eq. def-n0; in ``sqrt(g/a)``.
+    ``gamma w^2 / 2`` is the launch's oscillation energy.
     """
-    alpha, beta = np.asarray(alpha, float), np.asarray(beta, float)
-    inertia = alpha * np.cos(psi) ** 2 + beta * np.sin(psi) ** 2
+    inertia = np.asarray(alpha) * np.cos(psi) ** 2 + np.asarray(beta) * np.sin(psi) ** 2
     speed: Floats = np.abs(omega_xy0) * np.sqrt(inertia / np.asarray(gamma, float))
     return speed
 
@@ -145,22 +116,11 @@ def unsteady(K_p: ArrayLike, n_i: ArrayLike) -> NDArray[np.bool_]:
     return result
 
 
-def relevant_coefficient(K_p: ArrayLike, K_r: ArrayLike, n_i: ArrayLike) -> Floats:
-    """Coefficient of the mode that grows: ``K_p`` in the unsteady direction, else ``K_r``."""
-    return np.where(unsteady(K_p, n_i), K_p, K_r)
-
-
 def reversal_time(K: ArrayLike, n_i: ArrayLike, speed: ArrayLike) -> Floats:
-    """Time of reversal t_rGH (Eqs. trgh-p, trgh-m) for the coefficient of the growing mode.
+    """Return the time of reversal t_rGH (Eqs. trgh-p, trgh-m).
 
+    `K` is that of the mode that grows, `speed` is :func:`oscillation_speed`.
     ``ln((n_0 + n)/(n_0 - n))`` is ``2 asinh(n/w)``, since ``n_0^2 - n^2 = w^2``.
-
-    Parameters
-    ----------
-    K : array_like
-        ``K_p`` in the unsteady, ``K_r`` in the steady direction.
-    n_i, speed : array_like
-        Initial spin and :func:`oscillation_speed`.
     """
     n = np.abs(n_i)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -169,10 +129,7 @@ def reversal_time(K: ArrayLike, n_i: ArrayLike, speed: ArrayLike) -> Floats:
 
 
 def spin_gh(t: ArrayLike, K: ArrayLike, n_i: ArrayLike, speed: ArrayLike) -> Floats:
-    """Garcia and Hubbard's solution ``n(t)`` (Eqs. gh-solution-p, gh-solution-m).
-
-    Written as a hyperbolic tangent about the reversal time.
-    """
+    """Return Garcia and Hubbard's ``n(t)`` (Eqs. gh-solution-p, gh-solution-m)."""
     n_0 = np.hypot(n_i, speed)
     late = np.asarray(t, float) - reversal_time(K, n_i, speed)
     spin: Floats = -np.sign(n_i) * n_0 * np.tanh(n_0 * np.abs(K) * late / 2)
@@ -180,10 +137,7 @@ def spin_gh(t: ArrayLike, K: ArrayLike, n_i: ArrayLike, speed: ArrayLike) -> Flo
 
 
 def growth_rates(K_p: ArrayLike, K_r: ArrayLike, n: ArrayLike) -> tuple[Floats, Floats]:
-    """Growth rates of the pitch and roll amplitudes at a small spin (Eq. case-instab1).
-
-    In ``sqrt(g/a)``; the energies grow twice as fast.
-    """
+    """Return the growth rates of pitch and roll amplitudes at a small spin (Eq. case-instab1)."""
     n = np.asarray(n, float)
     return n * np.asarray(K_p) / 2, -n * np.asarray(K_r) / 2
 
@@ -191,11 +145,10 @@ def growth_rates(K_p: ArrayLike, K_r: ArrayLike, n: ArrayLike) -> tuple[Floats, 
 def damping_rates(
     alpha: ArrayLike, beta: ArrayLike, modes: Modes, sigma: ArrayLike
 ) -> tuple[Floats, Floats]:
-    """Rates at which a torque ``-sigma omega`` damps the pitch and roll amplitudes, without spin.
+    """Return the rates at which a torque ``-sigma omega`` damps pitch and roll, without spin.
 
     Half of the power ``sigma omega^2`` over the energy ``omega.J omega``, ``J = diag(alpha,
-    beta)``, of a mode whose angular velocity has the direction ``psi``.  In ``sqrt(g/a)``; at a
-    small spin they are to be taken from :func:`growth_rates`.
+    beta)``; at a small spin they are to be taken from :func:`growth_rates`.
     """
 
     def rate(psi: Floats) -> Floats:
@@ -207,21 +160,21 @@ def damping_rates(
 
 
 def _two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Sum and its rounding error, exactly."""
+    """Return the sum and its rounding error, exactly."""
     s = a + b
     t = s - a
     return s, (a - (s - t)) + (b - t)
 
 
 def _split(a: Floats) -> tuple[Floats, Floats]:
-    """Two halves of 26 bits."""
+    """Return two halves of 26 bits."""
     t = 134217729.0 * a
     high = t - (t - a)
     return high, a - high
 
 
 def two_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Product and its rounding error, exactly."""
+    """Return the product and its rounding error, exactly."""
     p = a * b
     ah, al = _split(a)
     bh, bl = _split(b)
@@ -231,7 +184,7 @@ def two_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
 def _bondi_denominator(
     alpha: Floats, beta: Floats, gamma: Floats, theta: Floats, phi: Floats
 ) -> Floats:
-    """Denominator of Eq. def-nc1 in twice the working precision: it passes through zero."""
+    """Return the denominator of Eq. def-nc1 in twice the precision: it passes through zero."""
     k, k1 = _two_sum(alpha, beta)
     k, k2 = _two_sum(k, -gamma)
     k, k_low = _two_sum(k, k1 + k2)
@@ -250,15 +203,11 @@ def _bondi_denominator(
 def bondi_threshold(
     alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike, theta: ArrayLike, phi: ArrayLike
 ) -> Floats:
-    """Bondi's threshold ``n_c1 < 0`` (Eq. def-nc1), NaN where there is none.
+    """Return Bondi's threshold ``n_c1 < 0`` (Eq. def-nc1), NaN where there is none.
 
-    For ``n < n_c1`` the steady spin is linearly stable; mirrored bodies have ``-n_c1``.
-
-    Notes
-    -----
-    The paper's condition makes the roll decay.  Outside the shell-dumbbell bodies a second
-    threshold, where a frequency vanishes, can end the stability at a larger spin; see
-    :func:`rattlesweep.physics.steady.growth`, which is exact.
+    For ``n < n_c1`` the steady spin is linearly stable; mirrored bodies have ``-n_c1``.  Outside
+    the shell-dumbbell bodies a second threshold, where a frequency vanishes, can end the stability
+    at a larger spin; :func:`rattlesweep.physics.steady.growth` is exact.
     """
     alpha, beta, gamma, theta, phi = np.broadcast_arrays(
         *(np.asarray(x, float) for x in (alpha, beta, gamma, theta, phi))

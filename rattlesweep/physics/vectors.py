@@ -18,8 +18,8 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rattlesweep.arrays import Floats
 from rattlesweep.physics import full, stone
 from rattlesweep.physics.full import scalar, turning
 from rattlesweep.physics.stone import contact_of, resistance
@@ -37,8 +37,7 @@ def unit(vx, vy, vz):  # type: ignore[no-untyped-def]
 @scalar
 def contact(ux, uy, uz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
     """Return the contact point ``r``, and ``rho``."""
-    bx = ux + cxx * ux + cxy * uy
-    by = uy + cxy * ux + cyy * uy
+    bx, by = ux + cxx * ux + cxy * uy, uy + cxy * ux + cyy * uy
     s = bx * ux + by * uy
     rho = sqrt(uz * uz + k * s)
     # The first form does not cancel, and needs no k; upside down it is the other that does not.
@@ -52,8 +51,7 @@ def moving(ux, uy, uz, a, b, c, x, y, z, rho, cxx, cxy, cyy, k):  # type: ignore
     du = uy * c - uz * b
     dv = uz * a - ux * c
     dw = ux * b - uy * a
-    bx = du + cxx * du + cxy * dv
-    by = dv + cxy * du + cyy * dv
+    bx, by = du + cxx * du + cxy * dv, dv + cxy * du + cyy * dv
     # Half the rate of s; the rate of rho, over rho.
     g = ux * bx + uy * by
     fall = (uz * dw + k * g) / (rho * rho)
@@ -103,7 +101,7 @@ def spin(vx, vy, vz, a, b, c, work):  # type: ignore[no-untyped-def]
 
 @scalar
 def spin_rate(vx, vy, vz, a, b, c, work, dvx, dvy, dvz, da, db, dc, power):  # type: ignore[no-untyped-def]
-    """Rate ``dn/dt = u . domega/dt``."""
+    """Return ``dn/dt = u . domega/dt``."""
     return spin(vx, vy, vz, da, db, dc, work)
 
 
@@ -112,9 +110,7 @@ def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
     """Energy less the work of friction, in ``M g a``; zero upright and at rest."""
     ux, uy, uz = unit(vx, vy, vz)
     x, y, z, _ = contact(ux, uy, uz, cxx, cxy, cyy, k)
-    vx = y * c - z * b
-    vy = z * a - x * c
-    vz = x * b - y * a
+    vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
     moving = ix * a * a + iy * b * b + iz * c * c + vx * vx + vy * vy + vz * vz
     return 0.5 * moving - (x * ux + y * uy + z * uz) - 1.0 - work
 
@@ -131,19 +127,10 @@ def contact_force(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma
     return contact_of(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz)
 
 
-def from_slopes(
-    y: NDArray[np.float64], constants: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """States and constants of ellipsoids, with friction or without, as they are here.
+def from_slopes(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
+    """Return states (runs, 7) and constants (runs, 10) of ellipsoids with friction or without.
 
-    Parameters
-    ----------
-    y : ndarray, shape (runs, 5 or 6)
-    constants : ndarray, shape (runs, 7 or 10)
-
-    Returns
-    -------
-    ndarray, shape (runs, 7), and ndarray, shape (runs, 10)
+    `y` is of shape (runs, 5 or 6), `constants` of (runs, 7 or 10).
     """
     u, omega = full.to_vectors(y[:, : full.N_STATE].T)
     work, loss = y[:, full.N_STATE :], constants[:, stone.N_CONSTANTS :]
@@ -153,6 +140,6 @@ def from_slopes(
     return np.hstack([u.T, omega.T, work]), np.hstack([constants[:, : stone.N_CONSTANTS], loss])
 
 
-def to_slopes(y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Slopes, angular velocity and work of states, shape (runs, 6)."""
+def to_slopes(y: Floats) -> Floats:
+    """Return slopes, angular velocity and work of states, shape (runs, 6)."""
     return np.hstack([y[:, :2] / y[:, 2:3], y[:, 3:]])

@@ -1,14 +1,12 @@
 """Rate at which the flow changes phase volume, relative to it.
 
-The volume is that of the sphere of directions ``u`` times that of ``omega``.  At fixed ``omega``
-the direction only turns, so the rate is the trace over ``omega`` of the derivative of
-``domega/dt = J^-1 T`` (Eq. diff-omega).  With the contact point ``r`` and ``w = W omega`` linear in
-``omega``, the torque's derivative is
+The volume is that of the sphere of directions ``u``, which only turn, times that of ``omega``: the
+rate is the trace over ``omega`` of the derivative of ``domega/dt = J^-1 T`` (Eq. diff-omega).  With
+the contact point ``r`` and ``w = W omega`` the torque's derivative is
 
     dT/domega = G + (r.w) 1 - w r^T + omega (W^T r)^T - (r.omega) W
 
-with the gyroscopic and viscous part ``G``.  Near a steady spin of small skew the rate is
-``n (K_p - K_r)``.
+with the gyroscopic and viscous part ``G``.
 
 States and constants are those of :mod:`rattlesweep.physics.vectors`.  ``solved`` are the last
 values of :func:`rattlesweep.physics.full.turning`, ``dyz, dzx, dxy, along, ivol``: ``J^-1`` is

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import DamagedError, OutputError
 from rattlesweep.sweeps.columns import REPEATING
 from rattlesweep.sweeps.files import reason, streamed_file
@@ -32,32 +32,24 @@ def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
     codes, categories) in which a negative code means null.  Series: see :func:`ragged`.  Arrow
     arrays are taken for any of them.
     """
-    if columns.keys() != {*schema.names}:
-        raise ValueError(f"internal error: columns {[*columns]} for a schema of {schema.names}")
     arrays = [_to_arrow(columns[field.name], field.type) for field in schema]
     table = pa.Table.from_arrays(arrays, schema=schema.remove_metadata())
     table.validate()
     for field in table.schema:
-        if not field.nullable and (empty := table.column(field.name).null_count):
-            raise ValueError(
-                f"internal error: column {field.name} has {empty} rows without a finite value, and "
-                "may have none"
-            )
+        if not field.nullable and table.column(field.name).null_count:
+            raise ValueError(f"internal error: column {field.name} has rows that are not finite")
     return table
 
 
-def ragged(values: npt.NDArray[np.float64], counts: npt.NDArray[np.integer[Any]]) -> pa.Array:
+def ragged(values: Floats, counts: Integers) -> pa.Array:
     """Make a series column: from row i, the first ``counts[i]`` entries of ``values[i]``.
 
     `values` has shape (runs, most entries); a negative count makes the row null.
     """
-    counts = np.asarray(counts, dtype=np.int64)
-    offsets = np.zeros(len(counts) + 1, dtype=np.int32)
-    np.cumsum(np.maximum(counts, 0), out=offsets[1:])
+    offsets = np.cumsum(np.append(0, np.maximum(counts, 0)), dtype=np.int32)
     kept = values[np.arange(values.shape[1]) < counts[:, None]]
-    return pa.ListArray.from_arrays(
-        pa.array(offsets), _floats(kept, pa.float64()), mask=pa.array(counts < 0)
-    )
+    floats = _floats(kept, pa.float64())
+    return pa.ListArray.from_arrays(pa.array(offsets), floats, mask=pa.array(counts < 0))
 
 
 def _to_arrow(values: Any, kind: pa.DataType) -> pa.Array:
@@ -69,19 +61,15 @@ def _to_arrow(values: Any, kind: pa.DataType) -> pa.Array:
         codes, categories = np.asarray(values[0]), values[1]
         indices = pa.array(codes.astype(np.int32), mask=codes < 0)
         return pa.DictionaryArray.from_arrays(indices, pa.array(categories, kind)).cast(kind)
-    if isinstance(values, pa.Array):
-        return values.cast(kind)
-    return pa.array(values, type=kind)
+    return values.cast(kind) if isinstance(values, pa.Array) else pa.array(values, type=kind)
 
 
 def _floats(values: Any, kind: pa.DataType) -> pa.Array:
-    if isinstance(values, pa.Array):
-        values = values.cast(kind)
-        # A null, like NaN, is not finite: if_else turns both into null.
-        return pc.if_else(pc.is_finite(values), values, pa.scalar(None, kind))
-    array = np.ascontiguousarray(values, dtype=kind.to_pandas_dtype())
-    finite = np.isfinite(array)
-    return pa.array(array, type=kind, mask=None if finite.all() else ~finite)
+    if not isinstance(values, pa.Array):
+        values = pa.array(np.ascontiguousarray(values, dtype=kind.to_pandas_dtype()))
+    values = values.cast(kind)
+    # A null, like NaN, is not finite: if_else turns both into null.
+    return pc.if_else(pc.is_finite(values), values, pa.scalar(None, kind))
 
 
 def write_parquet(table: pa.Table, path: Path, metadata: Mapping[str, str] | None = None) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.arrays import Flags, Integers, take
+from rattlesweep.arrays import Integers, take
 from rattlesweep.integrate.batch import (
     Batch,
     Control,
@@ -68,22 +68,14 @@ def compute(
     threads: int | None = None,
     control: Control | None = None,
 ) -> tuple[pa.Table, int]:
-    """Integrate and type the runs of :func:`prepare_runs`; `control` may stop it.
+    """Integrate and type the runs of :func:`prepare_runs`.
 
-    Returns
-    -------
-    rows : pyarrow.Table
-        Of `schema`; if the kernel was stopped, of the runs that had ended.
-    lost : int
-        How many runs had begun but not ended.
+    Return their rows and 0; if `control` has stopped the kernel, the rows of the runs that had
+    ended, and how many had begun but not ended.
     """
-    launches, batch = prepared
-    if batch is None:
-        return build_table(columns_of(config, launches, None, None), schema), 0
-    control = control or Control()
-    outcome = run_batch(config, batch, threads=threads, control=control)
-    lost = 0
-    if outcome.stopped:
+    (launches, batch), control, lost = prepared, control or Control(), 0
+    outcome = None if batch is None else run_batch(config, batch, threads, control)
+    if batch is not None and outcome is not None and outcome.stopped:
         ended = outcome.status != Status.STOPPED
         lost = control.runs_begun - int((ended & (outcome.status != Status.NO_HORIZON)).sum())
         if not ended.any():
@@ -93,15 +85,14 @@ def compute(
 
 
 def run_batch(
-    config: Config, batch: Batch, *, threads: int | None = None, control: Control | None = None
+    config: Config, batch: Batch, threads: int | None = None, control: Control | None = None
 ) -> Outcome:
     """Integrate the runs that have a horizon; the others get the status ``no_horizon``."""
     good = np.isfinite(batch.t_end) & (batch.t_end > 0)
     part = batch if good.all() else take(batch, good)
     control, settings = control or Control(), config.integrator
-    outcome: Outcome
     if "error" in config.record:
-        outcome = integrate_estimated(config, part, threads, control)
+        outcome: Outcome = integrate_estimated(config, part, threads, control)
     else:
         outcome = integrate(
             part,
@@ -114,20 +105,15 @@ def run_batch(
             threads=threads,
             control=control,
         )
-    return outcome if good.all() else _spread(outcome, good)
-
-
-def _spread(outcome: Outcome, good: Flags) -> Outcome:
-    """Put the outcomes of the runs ``good`` back into their places."""
+    if good.all():
+        return outcome
     wide = dict(vars(outcome))
-    for name, values in wide.items():
-        if name == "stopped" or len(values) != good.sum():  # not recorded
-            continue
-        fill = np.nan if values.dtype.kind == "f" else 0
-        wide[name] = np.full((len(good), *values.shape[1:]), fill, dtype=values.dtype)
-        wide[name][good] = values
-    wide["status"][~good] = Status.NO_HORIZON
-    wide["t_end"][~good] = 0.0
+    for name, values in vars(outcome).items():
+        if name != "stopped" and len(values) == len(part):  # others are not recorded
+            fill = np.nan if values.dtype.kind == "f" else 0
+            wide[name] = np.full((len(good), *values.shape[1:]), fill, dtype=values.dtype)
+            wide[name][good] = values
+    wide["status"][~good], wide["t_end"][~good] = Status.NO_HORIZON, 0.0
     return type(outcome)(**wide)
 
 
@@ -135,20 +121,29 @@ def columns_of(
     config: Config, launches: Launches, batch: Batch | None, outcome: Outcome | None
 ) -> dict[str, Any]:
     """Return the columns of runs, typed; without an outcome they are those of the closed form."""
-    columns = _inputs(launches)
-    if batch is None or outcome is None:
-        columns |= _closed_form(launches)
-    else:
-        columns |= _measured(config, launches, batch, outcome)
-    if launches.second is not None:
-        columns["t_r_s"] = columns["t_r"] * launches.second
-    status = columns.pop("status_codes")
-    observed = columns["amp_growth"], columns["n_departure"]
-    codes = classify(
-        status == Status.OK, columns["t_r"], *observed, config.classify, columns.get("energy_left")
+    b, second = launches.bodies, launches.second
+    columns = (
+        dict(launches.carried)
+        | _named(launches, "case", "sample", "n_i", "omega_xy0", "psi", "n_c1", "n_0")
+        | _named(b, *PARAMETERS, "f_sd")
+        | _named(launches.modes, "omega_p", "omega_r", "K_p", "K_r")
+        | {"t_rgh": launches.gh.t_rgh}
+        | ({} if b.c is None else {"c": b.c})
     )
-    columns["type"] = (codes, list(TYPES))
-    columns["status"] = (status, STATUS_WORDS)
+    if b.omega is not None and b.u is not None:
+        columns |= {f"omega_{x}": b.omega[:, k] for k, x in enumerate("xyz")}
+        columns |= {f"u_{x}": b.u[:, k] for k, x in enumerate("xyz")}
+    if batch is None or outcome is None:
+        status, measured = _closed_form(launches)
+    else:
+        status, measured = outcome.status, _measured(config, launches, batch, outcome)
+    columns |= measured
+    if second is not None:
+        columns["n_i_rpm"] = launches.n_i / second * 30 / np.pi
+        columns["t_r_s"] = columns["t_r"] * second
+    observed, left = (columns["amp_growth"], columns["n_departure"]), columns.get("energy_left")
+    codes = classify(status == Status.OK, columns["t_r"], *observed, config.classify, left)
+    columns |= {"type": (codes, list(TYPES)), "status": (status, STATUS_WORDS)}
     if isinstance(outcome, Estimated):
         errors = outcome.amp_growth_error, outcome.n_departure_error
         sure = sure_types(codes, outcome.reversal_sure, observed, errors, config.classify)
@@ -156,37 +151,18 @@ def columns_of(
     return columns
 
 
-def _inputs(launches: Launches) -> dict[str, Any]:
-    bodies = launches.bodies
-    columns = (
-        dict(launches.carried)
-        | _named(launches, "case", "sample", "n_i", "omega_xy0", "psi", "n_c1", "n_0")
-        | _named(bodies, *PARAMETERS, "f_sd")
-        | _named(launches.modes, "omega_p", "omega_r", "K_p", "K_r")
-        | {"t_rgh": launches.gh.t_rgh}
-    )
-    for name in ("omega", "u"):
-        if (vectors := getattr(bodies, name)) is not None:
-            columns |= {f"{name}_{x}": vectors[:, k] for k, x in enumerate("xyz")}
-    if launches.second is not None:
-        columns["n_i_rpm"] = launches.n_i / launches.second * 30 / np.pi
-    if bodies.c is not None:
-        columns["c"] = bodies.c
-    return columns
-
-
 def _named(values: Any, *names: str) -> dict[str, Any]:
     return {name: getattr(values, name) for name in names}
 
 
-def _closed_form(launches: Launches) -> dict[str, Any]:
-    """Return the columns of the model gh: n(t) is known, and so is its zero."""
+def _closed_form(launches: Launches) -> tuple[Integers, dict[str, Any]]:
+    """Return status and columns of the model gh: n(t) is known, and so is its zero."""
     finite, t_rgh = np.isfinite(launches.t_end), launches.gh.t_rgh
     reverses = finite & (t_rgh <= launches.t_end)
     t_end = np.where(reverses, t_rgh, np.where(finite, launches.t_end, 0.0))
     n_end = np.where(reverses, 0.0, launches.gh.spin(t_end))
     none = np.zeros(len(t_end), dtype=np.int32)
-    return {
+    return np.where(finite, Status.OK, Status.NO_HORIZON), {
         "t_end": t_end,
         "t_r": np.where(reverses, t_rgh, np.nan),
         "n_end": np.where(finite, n_end, np.nan),
@@ -196,35 +172,41 @@ def _closed_form(launches: Launches) -> dict[str, Any]:
         "amp_growth": np.full(len(t_end), np.nan),
         "n_departure": np.where(finite, 1 - n_end / launches.n_i, np.nan),
         "near_tangencies": none,
-        "status_codes": np.where(finite, Status.OK, Status.NO_HORIZON),
     }
 
 
 def _measured(config: Config, launches: Launches, batch: Batch, outcome: Outcome) -> dict[str, Any]:
     """Return the columns of runs that were integrated."""
     ok = outcome.status == Status.OK
-    columns = {"status_codes": outcome.status} | _named(
-        outcome, "t_end", "t_r", "n_end", "n_steps", "energy_drift", "amp_growth", "n_departure",
-        "near_tangencies",
-    )  # fmt: skip
-    for part in {"energy", "contact", "volume", "error", "tol"}.intersection(config.parts):
-        # Whether a type is sure is not the kernel's to say.
-        names = [column.name for column in RUNS[part] if column.name != "type_sure"]
+    columns: dict[str, Any] = {}
+    asked = {"energy", "contact", "volume", "error", "tol"}.intersection(config.parts)
+    for part in ("result", "observation", *asked):
+        # Types, and whether they are sure, are not the kernel's to say.
+        names = {column.name for column in RUNS[part]} - {"type", "type_sure", "status"}
         columns |= _named(outcome, *names)
     if config.classify.early:
         # In the end all of its energy is spin.
         spin = np.copysign(np.sqrt(2 * outcome.energy_0 / launches.bodies.gamma), launches.n_i)
         columns["n_end"] = np.where(has_settled(batch, outcome), spin, columns["n_end"])
-    if launches.sigma is not None:
-        columns |= _dissipation(launches, batch, outcome)
+    if launches.sigma is not None and launches.rolling is not None:
+        b, m, sigma = launches.bodies, launches.modes, launches.sigma
+        pitch, kinks = unsteady(m.K_p, launches.n_i), launches.rolling > 0
+        growth = steady.growth(batch.constants[:, :6].T, launches.n_i, sigma)
+        loss = np.where(pitch, *damping_rates(b.alpha, b.beta, m, sigma))
+        n_growth = np.sign(launches.n_i) * 2 * loss / np.abs(launches.gh.K)
+        columns |= {"sigma": sigma, "rolling": launches.rolling}
+        columns["growth"] = np.where(kinks, np.nan, np.where(pitch, *growth))
+        columns["n_growth"] = np.where(kinks, np.nan, n_growth)
+        # The work is the state's last component.
+        columns["energy_left"] = 1 + outcome.y_end[:, -1] / outcome.energy_0
     if "lyapunov" in config.record:
         columns["lyapunov"], late = exponents(outcome.growth)
-        columns["lyapunov_late"] = late
-        columns["chaotic"] = pa.array(is_chaotic(late, outcome.t_end), mask=~np.isfinite(late))
+        chaotic = pa.array(is_chaotic(late, outcome.t_end), mask=~np.isfinite(late))
+        columns |= {"lyapunov_late": late, "chaotic": chaotic}
     if "reversals" in config.record:
-        counted = np.where(ok, outcome.n_turns, -1)
-        columns["n_turns"] = pa.array(counted.astype(np.int32), mask=~ok)
-        kept = np.minimum(counted, MOST_REVERSALS)
+        turns = np.where(ok, outcome.n_turns, -1)
+        kept = np.minimum(turns, MOST_REVERSALS)
+        columns["n_turns"] = pa.array(turns.astype(np.int32), mask=~ok)
         for k, name in enumerate(("turn_times", "spin_after_turn")):
             columns[name] = ragged(outcome.reversals[:, :, k], kept)
         if isinstance(outcome, Estimated):
@@ -236,23 +218,3 @@ def _measured(config: Config, launches: Launches, batch: Batch, outcome: Outcome
         for k, name in enumerate(("window_amplitude", "window_n_min", "window_n_max")):
             columns[name] = ragged(outcome.windows[:, :, k], filled)
     return columns
-
-
-def _dissipation(launches: Launches, batch: Batch, outcome: Outcome) -> dict[str, Any]:
-    """Return the columns of runs of a sweep with dissipation."""
-    sigma, rolling = launches.sigma, launches.rolling
-    assert sigma is not None
-    assert rolling is not None
-    b, m, n_i = launches.bodies, launches.modes, launches.n_i
-    pitch = unsteady(m.K_p, n_i)
-    growth = np.where(pitch, *steady.growth(batch.constants[:, :6].T, n_i, sigma))
-    loss = np.where(pitch, *damping_rates(b.alpha, b.beta, m, sigma))
-    n_growth = np.sign(n_i) * 2 * loss / np.abs(launches.gh.K)
-    # The work is the state's last component.
-    return {
-        "sigma": sigma,
-        "rolling": rolling,
-        "growth": np.where(rolling > 0, np.nan, growth),
-        "n_growth": np.where(rolling > 0, np.nan, n_growth),
-        "energy_left": 1 + outcome.y_end[:, -1] / outcome.energy_0,
-    }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -58,19 +58,3 @@ def grown(held: Sequence[Case], asked: Sequence[Case]) -> tuple[Case, ...]:
         raise ConfigError(f"{told}; a sweep can only grow")
     new = [case for case in asked if case.key not in there]
     return (*held, *(replace(case, index=len(held) + k) for k, case in enumerate(new)))
-
-
-def recovered(found: Mapping[int, Case], asked: Iterable[Case]) -> tuple[Case, ...]:
-    """Return the cases of a directory without manifest.
-
-    Files tell the numbers of some; the others fill the gaps in the order of the config.
-    """
-    asked = list(asked)
-    known = {case.key for case in found.values()}
-    rest = iter([case for case in asked if case.key not in known])
-    cases: list[Case] = []
-    while case := found.get(len(cases)) or next(rest, None):
-        cases.append(replace(case, index=len(cases)))
-    if len(cases) <= max(found, default=-1) or not known <= {case.key for case in asked}:
-        raise ConfigError("its files hold cases that the config does not ask for")
-    return tuple(cases)

@@ -11,8 +11,9 @@ import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.read import override_config, resolved
-from rattlesweep.sweeps.config.schema import Config
-from rattlesweep.sweeps.locks import hold
+from rattlesweep.sweeps.config.schema import Classify
+from rattlesweep.sweeps.provenance import hold
+from rattlesweep.sweeps.rows import TYPED
 from rattlesweep.sweeps.stored import Stored, open_stored
 from rattlesweep.sweeps.summary import summarise, write_summary
 from rattlesweep.sweeps.types import with_types
@@ -39,33 +40,30 @@ def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classifie
     _changed(open_stored(directory), overrides)  # before anything is made there
     with hold(directory):
         stored = open_stored(directory)
-        runs, thresholds = stored.runs, _changed(stored, overrides).classify
-        own, before = stored.config.classify.thresholds, stored.thresholds.thresholds
-        changed = files = 0
-        for path in runs.files():
-            if runs.typed(path) != thresholds.as_text:
-                rows = runs.table(path)
+        own, thresholds = stored.config.classify, _changed(stored, overrides)
+        before, changed, files = stored.thresholds.thresholds, 0, 0
+        for path in stored.files():
+            if stored.runs.metadata(path).get(TYPED) != thresholds.as_text:
+                rows = stored.runs.table(path)
                 again = with_types(rows, thresholds)
-                runs.rewrite(path, again, thresholds.as_text)
+                stored.runs.rewrite(path, again, thresholds.as_text)
                 old, new = (pc.fill_null(t.column("type"), "") for t in (rows, again))
                 changed += pc.sum(pc.not_equal(old, new)).as_py()
                 files += 1
         summary = summarise(stored)
         write_summary(stored, summary)
-    return Classified(changed, files, before, own, thresholds.thresholds, summary)
+    return Classified(changed, files, before, own.thresholds, thresholds.thresholds, summary)
 
 
-def _changed(stored: Stored, overrides: Sequence[str]) -> Config:
-    """Return the sweep's config with other thresholds."""
+def _changed(stored: Stored, overrides: Sequence[str]) -> Classify:
+    """Return other thresholds for a sweep."""
     config, own = override_config(resolved(stored.config), list(overrides)), stored.config
     if config.model_copy(update={"classify": own.classify}) != own:
         raise ConfigError("--set: only keys of classify can change here; others need a new sweep")
-    if config.classify.early != own.classify.early:
-        raise ConfigError("--set classify.early: decides how far runs go; it needs a new sweep")
-    # A zero of the spin after the energy has fallen below it is not stored as t_r.
-    if config.dissipation and config.classify.dead_energy != own.classify.dead_energy:
-        raise ConfigError(
-            "--set classify.dead_energy: decides which zeros of the spin are reversals; with "
-            "dissipation it needs a new sweep"
-        )
-    return config
+    # A zero of the spin after the energy has fallen below dead_energy is not stored as t_r.
+    for key in ("early", *(["dead_energy"] if config.dissipation else [])):
+        if getattr(config.classify, key) != getattr(own.classify, key):
+            raise ConfigError(
+                f"--set classify.{key}: decides more than types; it needs a new sweep"
+            )
+    return config.classify

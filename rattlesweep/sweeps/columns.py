@@ -1,8 +1,7 @@
 """Every column of the two tables, in one place.
 
 `runs` has one row a run, `summary` one row a case. The names are fixed, since scripts written
-against today's tables must read next year's; each is written once, here, with its unit and its
-meaning, and both schemas are made from these rows.
+against today's tables must read next year's.
 
 M = a = g = 1, so times are in sqrt(a/g), spins and rates in sqrt(g/a), energies in M g a.
 """
@@ -16,10 +15,7 @@ import pyarrow as pa
 
 from rattlesweep.errors import ConfigError
 
-TIME = "sqrt(a/g)"
-RATE = "sqrt(g/a)"
-ENERGY = "M g a"
-FORCE = "M g"
+TIME, RATE, ENERGY, FORCE = "sqrt(a/g)", "sqrt(g/a)", "M g a", "M g"
 DAMPING = "M a^2 sqrt(g/a)"
 
 F64, I32, I64 = pa.float64(), pa.int32(), pa.int64()
@@ -31,10 +27,8 @@ SERIES = pa.list_(pa.field("element", F64))
 def field(
     name: str, kind: pa.DataType, unit: str, words: str, *, nullable: bool = True
 ) -> pa.Field:
-    """One column of a table: every table that is written is made of these.
-
-    `kind` is its Arrow type, `unit` is ``"1"`` for a pure number or a word, and `words` are a few
-    for whoever opens the table. Where it is not `nullable`, every row has a value.
+    """Return one column of a table: name, Arrow type, unit (``"1"`` for a pure number or a word)
+    and a few words; where it is not `nullable`, every row has a value.
     """
     return pa.field(name, kind, nullable, metadata={"unit": unit, "description": words})
 
@@ -67,35 +61,28 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("omega_r", F64, RATE, "roll frequency without spin"),
         field("K_p", F64, "1", "asymmetric torque coefficient of pitch"),
         field("K_r", F64, "1", "asymmetric torque coefficient of roll"),
-        field("n_c1", F64, RATE,
-              "Bondi's threshold spin of the steady direction; null: no threshold; beyond it a "
-              "steady spin is stable, but for some bodies with I_zz < I_xx"),
+        field("n_c1", F64, RATE, "Bondi's threshold spin of the steady direction; null: none; "
+              "beyond it a steady spin is stable, but for some bodies with I_zz < I_xx"),
         field("n_0", F64, RATE, "spin that would hold all the energy"),
-        field("t_rgh", F64, TIME,
-              "Garcia and Hubbard's reversal time of this spin direction; null: no reversal"),
+        field("t_rgh", F64, TIME, "reversal time of Garcia and Hubbard's theory; null: none"),
     ),
     "result": (
         required("t_end", F64, TIME, "time reached"),
-        field("t_r", F64, TIME,
-              "first zero of the spin; null: none by t_end, or with dissipation none before the "
-              "body is dead; a run that fails behind it, where reversals are recorded, keeps it"),
+        field("t_r", F64, TIME, "first zero of the spin; null: none by t_end, or before the body "
+              "is dead; a run that fails behind it, where reversals are recorded, keeps it"),
         field("type", TEXT, "1", "R, SS, SW, unclassified or D; null where status is not ok"),
         required("status", TEXT, "1", "ok, or a word for what went wrong"),
-        field("n_end", F64, RATE,
-              "spin at t_end; of a run that classify.early has ended, where it settles"),
+        field("n_end", F64, RATE, "spin at t_end; with classify.early, where it settles"),
         required("n_steps", I64, "1", "accepted steps of the integrator"),
         field("energy_drift", F64, "1", "relative change of energy at t_end"),
     ),
     "observation": (
-        field("amp_growth", F64, "1",
-              "largest ratio of the windowed amplitude of the relevant oscillation to its "
-              "smallest earlier value, minus 1"),
-        field("n_departure", F64, "1",
-              "largest fractional loss of spin at any step, 1 - n/n_i; between steps a tiny one "
-              "may be a third larger"),
-        required("near_tangencies", I32, "1",
-                 "extrema of the spin so near zero that the tolerance cannot tell whether it "
-                 "reversed"),
+        field("amp_growth", F64, "1", "largest ratio of the windowed amplitude of the relevant "
+              "oscillation to its smallest earlier value, minus 1"),
+        field("n_departure", F64, "1", "largest fractional loss of spin at any step, 1 - n/n_i; "
+              "between steps a tiny one may be a third larger"),
+        required("near_tangencies", I32, "1", "extrema of the spin too near zero to tell whether "
+                 "it reversed"),
     ),
     # What the config asks for elsewhere.
     "surface": (
@@ -104,12 +91,10 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
     "dissipation": (
         required("sigma", F64, DAMPING, "torque -sigma omega"),
         required("rolling", F64, "a", "lever of the rolling resistance"),
-        field("growth", F64, RATE,
-              "growth rate of the relevant oscillation at n_i, damping counted; null with "
-              "rolling resistance, under which small oscillations do not grow"),
-        field("n_growth", F64, RATE,
-              "spin that the relevant oscillation takes to outgrow its damping, for small spins; "
-              "null with rolling resistance"),
+        field("growth", F64, RATE, "growth rate of the relevant oscillation at n_i, damping "
+              "counted; null with rolling resistance, under which it does not grow"),
+        field("n_growth", F64, RATE, "spin that the relevant oscillation takes to outgrow its "
+              "damping, for small spins; null with rolling resistance"),
         field("energy_left", F64, "1", "share of the launch's energy that is left at t_end"),
     ),
     # What `record` asks for, by its words; a run that failed at launch has nothing to record.
@@ -128,49 +113,38 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("window_n_max", SERIES, RATE, "largest spin, by window"),
     ),
     "lyapunov": (
-        field("lyapunov", F64, RATE,
-              "largest Lyapunov exponent, apart from the zeros of the flow and the energy, over "
-              "the whole run; of a run that reverses, the finite-time one up to t_r"),
-        field("lyapunov_late", F64, RATE,
-              "the same over the second half of the run; null: too short to tell"),
-        field("chaotic", FLAG, "1",
-              "whether a small difference grows by more than e^10 in the second half: "
-              "lyapunov_late * t_end / 2 > 10; null: too short to tell"),
+        field("lyapunov", F64, RATE, "largest Lyapunov exponent, apart from the zeros of the flow "
+              "and the energy, over the whole run, or up to t_r"),
+        field("lyapunov_late", F64, RATE, "the same over the second half; null: too short to tell"),
+        field("chaotic", FLAG, "1", "whether a small difference grows by more than e^10 in the "
+              "second half: lyapunov_late * t_end / 2 > 10; null: too short to tell"),
     ),
     "volume": (
-        field("volume_rate", F64, RATE,
-              "mean rate of the logarithm of phase volume over the run; null where status is not "
-              "ok"),
+        field("volume_rate", F64, RATE, "mean rate of the logarithm of phase volume over the run"),
     ),
     "error": (
-        field("t_r_error", F64, TIME,
-              "estimate of abs(t_r - true), which it exceeds in all but a few of a thousand "
-              "runs; null: no t_r"),
+        field("t_r_error", F64, TIME, "estimate of abs(t_r - true), which it exceeds in all but "
+              "a few of a thousand runs; null: no t_r"),
         field("type_sure", FLAG, "1", "whether errors of such a size leave the type as it is"),
-        field("amp_growth_error", F64, "1",
-              "ten times the difference of amp_growth in a looser integration; null: unknown in "
-              "one"),
+        field("amp_growth_error", F64, "1", "ten times the difference of amp_growth in a looser "
+              "integration; null: unknown in one"),
         field("n_departure_error", F64, "1", "the same of n_departure"),
     ),
     # Where `integrator.accuracy` asks for an error.
     "tol": (field("tol", F64, "1", "tolerance at which the run was integrated"),),
     "reversals": (
-        field("n_turns", I32, "1",
-              "turns by t_end: times that the spin went from beyond a quarter of its first "
-              "size to beyond a quarter on the other side; without a first spin, of n_0"),
+        field("n_turns", I32, "1", "turns by t_end: times that the spin went from beyond a quarter "
+              "of n_i (n_0 without spin) to beyond a quarter on the other side"),
         field("turn_times", SERIES, TIME, "first zero in each of the first eight turns"),
-        field("spin_after_turn", SERIES, RATE,
-              "largest size of the spin between each of these turns and the next, at any step; "
-              "between steps it may be a tenth larger"),
+        field("spin_after_turn", SERIES, RATE, "largest size of the spin between each of these "
+              "turns and the next, at any step; between steps it may be a tenth larger"),
     ),
     # Where both errors and reversals are recorded.
     "turns": (
-        field("reversals_sure", I32, "1",
-              "how many of these turns, from the first on, a looser integration confirms: their "
-              "times are right to 1e-3"),
-        field("reversal_times_error", SERIES, TIME,
-              "estimate of the error of each time of turn_times; null: the looser integration has "
-              "no such turn"),
+        field("reversals_sure", I32, "1", "how many of these turns, from the first on, a looser "
+              "integration confirms: their times are right to 1e-3"),
+        field("reversal_times_error", SERIES, TIME, "estimate of the error of each of turn_times; "
+              "null: the looser integration has no such turn"),
     ),
 }
 """Columns of `runs` in their order, by what they belong to."""
@@ -190,22 +164,13 @@ MEASURED: tuple[pa.Field, ...] = (
 """Columns of `runs` of bodies whose size in SI units is known."""
 
 RECORD_PARTS: dict[str, tuple[str, ...]] = {
-    "energy": ("gh",),
-    "contact": ("reduced", "gh"),
-    "windows": ("gh",),
-    "lyapunov": ("gh",),
-    "volume": ("reduced", "gh"),
-    "error": ("gh",),
-    "tol": ("gh",),
-    "reversals": ("gh",),
-    "turns": ("gh",),
-    "surface": (),
-    "dissipation": ("reduced", "gh"),
+    "surface": (), "dissipation": ("reduced", "gh"),
+    "contact": ("reduced", "gh"), "volume": ("reduced", "gh"),
+    **dict.fromkeys(("energy", "windows", "lyapunov", "error", "tol", "reversals", "turns"),
+                    ("gh",)),
 }
-"""What a config may ask for by `record` or otherwise, with the models that cannot tell.
-
-The reduced dynamics has no contact force, and the closed form no path to look at.
-"""
+"""What a config may ask for by `record` or otherwise, with the models that cannot tell: the reduced
+dynamics has no contact force, and the closed form no path to look at."""
 
 SUMMARY: tuple[pa.Field, ...] = (
     required("case", I32, "1", "number of the case, from 0"),
@@ -218,33 +183,28 @@ SUMMARY: tuple[pa.Field, ...] = (
     field("fraction_SS", F64, "1", "share of type SS among runs with status ok"),
     field("fraction_SW", F64, "1", "share of type SW among runs with status ok"),
     field("fraction_unclassified", F64, "1", "share of unclassified among runs with status ok"),
-    field("fraction_bondi", F64, "1",
-          "share with abs(n_c1) < abs(n_i) among runs in the steady direction that have a "
-          "theory; null in the unsteady direction, where no spin is stable"),
+    field("fraction_bondi", F64, "1", "share with abs(n_c1) < abs(n_i) among runs in the steady "
+          "direction that have a theory; null in the unsteady direction"),
     field("t_r_mean", F64, TIME, "mean t_r of type R"),
-    field("t_r_std", F64, TIME,
-          "sample standard deviation (n - 1) of t_r of type R; null for fewer than 2"),
+    field("t_r_std", F64, TIME, "sample standard deviation (n - 1) of t_r of type R"),
     field("t_rgh_mean", F64, TIME, "mean t_rgh of the runs that have one"),
     field("t_r_over_t_rgh_mean", F64, "1", "mean of t_r / t_rgh, taken run by run, of type R"),
-    field("t_r_over_t_rgh_sem", F64, "1",
-          "standard error of that mean; null for fewer than 2 runs"),
+    field("t_r_over_t_rgh_sem", F64, "1", "standard error of that mean"),
     required("failed", I64, "1", "runs with status other than ok"),
     required("near_tangencies", I64, "1", "sum of near_tangencies over the runs"),
     # Of runs that record no error, null.
     field("sensitive", I64, "1", "runs of type R with t_r_error > 1e-6 t_r"),
     field("unsure", I64, "1", "runs whose type is not sure"),
-    field("t_r_mean_error", F64, TIME,
-          "mean t_r_error of type R: what t_r_mean inherits from its runs at most"),
-    field("fraction_D", F64, "1",
-          "share of type D among runs with status ok; null without dissipation"),
+    field("t_r_mean_error", F64, TIME, "mean t_r_error of type R"),
+    # Without dissipation, null.
+    field("fraction_D", F64, "1", "share of type D among runs with status ok"),
     field("sigma", F64, DAMPING, "torque -sigma omega; null: no dissipation, or rows differ"),
     field("rolling", F64, "a", "lever of the rolling resistance; null likewise"),
     # Of runs that do not record contact, null.
     field("share_friction_above_0_3", F64, "1",
           "share of runs with status ok that need a coefficient of friction above 0.3 to roll"),
     field("share_friction_above_0_6", F64, "1", "the same above 0.6"),
-    field("share_lift_off", F64, "1",
-          "share of runs with status ok whose normal force becomes negative: they would lift off"),
+    field("share_lift_off", F64, "1", "share of runs with status ok that would lift off"),
 )
 """Columns of `summary` in their order."""
 # fmt: on
@@ -256,7 +216,7 @@ REPEATING = frozenset({"case", "n_i", "omega_xy0", "type", "status", "near_tange
 def runs_schema(
     record: Collection[str] = (), model: str = "full", extra: Iterable[pa.Field] = ()
 ) -> pa.Schema:
-    """Arrow schema of `runs`, with `unit` and `description` in each field's metadata.
+    """Return the Arrow schema of `runs`, with `unit` and `description` in each field's metadata.
 
     `record` are words of `RECORD_PARTS` in any order, which are refused where the model cannot give
     them; `extra` are columns that a sweep's own bodies and launches bring along.
@@ -271,5 +231,5 @@ def runs_schema(
 
 
 def summary_schema() -> pa.Schema:
-    """Arrow schema of `summary`, with `unit` and `description` in each field's metadata."""
+    """Return the Arrow schema of `summary`."""
     return pa.schema(SUMMARY)

@@ -23,10 +23,9 @@ def expected_cost(launches: Launches, model: str) -> Floats:
     """
     if model == "gh":
         return np.ones(len(launches.t_end))
-    if model == "reduced":
-        cost = launches.t_end * launches.gh.n_0 * np.abs(launches.modes.K_p)
-    else:
-        cost = launches.t_end * launches.modes.omega_p
+    slow = model == "reduced"
+    rate = launches.gh.n_0 * np.abs(launches.modes.K_p) if slow else launches.modes.omega_p
+    cost = launches.t_end * rate
     return np.where(np.isfinite(cost), cost, 0.0)
 
 
@@ -37,19 +36,15 @@ def sample_keys(plan: Plan, per_case: int, cases: Integers) -> tuple[Plan, Integ
     Random bodies are all alike, so the first will do; those of a grid or a table are taken from all
     over it.
     """
-    bodies = plan.config.bodies
-    count = min(plan.samples, per_case)
+    bodies, count = plan.config.bodies, min(plan.samples, per_case)
     chosen = np.arange(count)
-    if isinstance(bodies, SdSource):
-        if bodies.target is not None:
-            # Bodies come in chunks; a smaller plan has smaller ones, with the same bodies.
-            small = plan.config.model_copy(
-                update={"bodies": bodies.model_copy(update={"samples": count})}
-            )
-            plan = make_plan(small).with_cases(plan.cases)
-    elif count < plan.samples:
+    if not isinstance(bodies, SdSource):
         random = np.random.default_rng(SEED)
         chosen = np.sort(random.choice(plan.samples, count, replace=False, shuffle=False))
+    elif bodies.target is not None:
+        # Bodies come in chunks; a smaller plan has smaller ones, with the same bodies.
+        fewer = bodies.model_copy(update={"samples": count})
+        plan = make_plan(plan.config.model_copy(update={"bodies": fewer})).with_cases(plan.cases)
     return plan, np.repeat(cases, count), np.tile(chosen, len(cases))
 
 
@@ -59,8 +54,8 @@ def case_costs(plan: Plan) -> Floats:
     if plan.config.model == "gh":
         return np.ones(count)
     judged = np.unique(np.linspace(0, count - 1, min(count, MOST_JUDGED)).astype(int))
-    small, case, sample = sample_keys(plan, FEW if count > 1 else MANY, judged)
-    cost = expected_cost(prepare(small, case, sample), plan.config.model)
+    keys = sample_keys(plan, FEW if count > 1 else MANY, judged)
+    cost = expected_cost(prepare(*keys), plan.config.model)
     mean = cost.reshape(len(judged), -1).mean(axis=1)
     # Cases between judged ones are neighbours in the order of the config.
     costs: Floats = np.interp(np.arange(count), judged, mean)

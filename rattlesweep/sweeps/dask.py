@@ -29,7 +29,7 @@ from rattlesweep.errors import ConfigError, OutputError, one_line
 from rattlesweep.integrate.batch import Control, available_threads
 from rattlesweep.integrate.task import POLL, Task
 from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
-from rattlesweep.sweeps.job import Engine, Job, Keys
+from rattlesweep.sweeps.job import Engine, Job, Keys, OutOfTime
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.provenance import versions
 
@@ -67,138 +67,108 @@ def make_engine(
         raise ConfigError("--workers: the workers of --scheduler are those that it has")
     for name in LOGGERS:  # what matters is said in one sentence
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    driver: _Driver | None = None
+    client: Client | None = None
 
     def engine(job: Job, blocks: Iterator[Keys]) -> None:
-        nonlocal driver
-        if driver is None or driver.job is not job:  # else this is the session's next wave
+        nonlocal client
+        if client is None or client.status != "running":  # else this is the session's next wave
             cluster = existing(scheduler) if scheduler else embedded(workers, threads or 1)
             client = job.resources.enter_context(cluster)
-            driver = _Driver(job, client, threads or (None if scheduler else 1))
             # Workers on this machine, or on others that share its cache, then find it compiled.
             loading = Task(lambda _: load_kernel(job.plan.config))
             job.result.load_seconds += loading.wait(lambda _: job.tick())
-        driver.run(blocks)
+        _spread(job, blocks, client, threads or (None if scheduler else 1))
 
     return engine
 
 
-# -- the driver --------------------------------------------------------------------------------
+def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | None) -> None:
+    """Hand out blocks and write their rows."""
+    import dask
 
-
-class _Driver:
-    """Hands out the blocks of a session and takes their tables."""
-
-    def __init__(self, job: Job, client: Client, threads: int | None) -> None:
-        import dask
-
-        self.job, self._client, self._threads = job, client, threads
-        self._where = client.scheduler.address
-        self._flying: dict[Future, tuple[Keys, str]] = {}  # keys and the worker meant for them
-        self._waiting: list[Keys] = []
-        self._workers: dict[str, int] = {}  # threads by address
-        self._due, self._seen = 0.0, time.monotonic()
-        # The plan is in bytes, so that the scheduler need not make sense of it.
-        order = {"versions": versions(), "threads": threads, "plan": pickle.dumps(job.plan)}
-        # A task of its own: a worker fetches the result once, and Dask makes it again if all
-        # workers that have it are lost, as it would not with scattered data.
-        with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
-            self._order = client.submit(dict, order, pure=False)
-
-    def run(self, blocks: Iterator[Keys]) -> None:
-        """Write the rows of blocks."""
-        job = self.job
-        try:
-            while self._hand_out(blocks):
-                time.sleep(POLL)
-                for future in [future for future in self._flying if future.done()]:
-                    keys = self._flying[future][0]
-                    answer = self._result(future, keys)
-                    del self._flying[future]
-                    if answer is None or len(answer[0]) < len(keys[0]):
-                        self._waiting.append(keys)  # its worker was lost or closed
-                        continue
-                    job.worked(keys, answer[1])
-                    job.write(answer[0])
-                job.tick()
-        finally:
-            self._flying.clear()  # what nobody waits for is cancelled
-
-    def _hand_out(self, blocks: Iterator[Keys]) -> bool:
-        """Give each worker its blocks, and return whether any are under way or left."""
-        self._look()
-        load = Counter(address for _, address in self._flying.values())
+    where = client.scheduler.address
+    flying: dict[Future, tuple[Keys, str]] = {}  # keys and the worker meant for them
+    again: list[Keys] = []  # blocks that were lost with their worker
+    workers: dict[str, int] = {}  # threads by address
+    due, seen = 0.0, time.monotonic()
+    # The plan is in bytes, so that the scheduler need not make sense of it.
+    order = {"versions": versions(), "threads": threads, "plan": pickle.dumps(job.plan)}
+    # A task of its own: a worker fetches the result once, and Dask makes it again if all workers
+    # that have it are lost, as it would not with scattered data.
+    with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
+        shared = client.submit(dict, order, pure=False)
+    try:
         while True:
-            keys = self._waiting.pop() if self._waiting else next(blocks, None)
-            if keys is None:
-                return bool(self._flying)
-            address = min(self._workers, key=load.__getitem__, default=None)
-            if address is None or load[address] >= AHEAD:
-                self._waiting.append(keys)
-                return True
-            load[address] += 1
-            # Left to itself, Dask gives a worker as many blocks as it has threads, of which all
-            # but one would wait for the kernel.
-            future = self._client.submit(
-                do_block, self._order, *keys, workers=address, allow_other_workers=True, pure=False
-            )
-            self._flying[future] = keys, address
-
-    def _look(self) -> None:
-        """Raise an OutputError if the scheduler is lost; now and then, ask for its workers."""
-        from distributed import TimeoutError as Late
-
-        lost = OutputError(
-            f"the scheduler at {self._where} is lost; completed runs are kept, and with a new one "
-            "the same command resumes from there"
-        )
-        now = time.monotonic()
-        if self._client.status != "running":
-            raise lost
-        if now < self._due:
-            return
-        self._due = now + LOOK_EVERY
-        try:
-            self._workers = self._client.sync(self._client.nthreads, callback_timeout=ANSWER)
-        except (OSError, Late) as error:
-            raise lost from error
-        if self._workers:
-            self._seen = now
-            self.job.threads = self._threads or max(self._workers.values())
-            self.job.begin()
-        elif now - self._seen > WORKERLESS:
-            raise OutputError(
-                f"the scheduler at {self._where} has had no worker for {WORKERLESS:.0f} s; start "
-                f"some with `dask worker {self._where}`, and the same command resumes from there"
-            )
-
-    def _result(self, future: Future, keys: Keys) -> tuple[pa.Table, float] | None:
-        """Return what came of a block; None if it was lost together with its worker."""
-        from distributed import CancelledError, KilledWorker
-        from distributed import TimeoutError as Late
-
-        try:
-            answer: tuple[pa.Table, float] = future.result(timeout=ANSWER)
-        except (CancelledError, Late, OSError):
-            return None
-        except (ConfigError, OutputError):
-            raise
-        except KilledWorker as error:
-            raise OutputError(
-                f"the block that begins with case {keys[0][0]}, sample {keys[1][0]} is given up: "
-                "workers that have it are lost again and again, the last one was "
-                f"{error.last_worker.address}; their logs may say why, for example a lack of memory"
-            ) from error
-        except Exception as error:
-            raise OutputError(
-                "the scheduler or a worker cannot read a block "
-                f"({one_line(f'{type(error).__name__}: {error}', 200)}); give them all the "
-                "environment of the driver"
-            ) from error
-        return answer
+            if (now := time.monotonic()) >= due or client.status != "running":
+                workers, due = _workers(client, where), now + LOOK_EVERY
+                seen = now if workers else seen
+            if workers:
+                job.threads = threads or max(workers.values())
+                job.begin()
+            elif now - seen > WORKERLESS:
+                raise OutputError(
+                    f"the scheduler at {where} has had no worker for {WORKERLESS:.0f} s; start "
+                    f"some with `dask worker {where}`, and the same command resumes from there"
+                )
+            while len(flying) < AHEAD * len(workers):
+                if (keys := again.pop() if again else next(blocks, None)) is None:
+                    break
+                # Left to itself, Dask gives a worker as many blocks as it has threads, of which
+                # all but one would wait for the kernel.
+                load = Counter(address for _, address in flying.values())
+                address = min(workers, key=load.__getitem__)
+                future = client.submit(
+                    do_block, shared, *keys, workers=address, allow_other_workers=True, pure=False
+                )
+                flying[future] = keys, address
+            if workers and not flying:
+                return
+            time.sleep(POLL)
+            for future in [future for future in flying if future.done()]:
+                keys = flying[future][0]
+                table, seconds = _result(future, keys)
+                del flying[future]
+                if len(table) < len(keys[0]):
+                    again.append(keys)
+                else:
+                    job.worked(keys, seconds)
+                    job.write(table)
+            job.tick()
+    finally:
+        flying.clear()  # what nobody waits for is cancelled
 
 
-# -- the cluster -------------------------------------------------------------------------------
+def _workers(client: Client, where: str) -> dict[str, int]:
+    """Return the threads of each worker; raise an OutputError if the scheduler is lost."""
+    try:
+        if client.status == "running":
+            workers: dict[str, int] = client.sync(client.nthreads, callback_timeout=ANSWER)
+            return workers
+    except (OSError, TimeoutError):
+        pass
+    raise OutputError(
+        f"the scheduler at {where} is lost; completed runs are kept, and with a new one the same "
+        "command resumes from there"
+    )
+
+
+def _result(future: Future, keys: Keys) -> tuple[pa.Table, float]:
+    """Return what came of a block; no rows if it was lost together with its worker."""
+    from distributed import CancelledError
+
+    try:
+        answer: tuple[pa.Table, float] = future.result(timeout=ANSWER)
+    except (CancelledError, TimeoutError, OSError):
+        return pa.table({}), 0.0
+    except (ConfigError, OutputError):
+        raise
+    except Exception as error:  # workers that are lost again and again, or another environment
+        words = one_line(f"{type(error).__name__}: {error}", 200)
+        raise OutputError(
+            f"the block that begins with case {keys[0][0]}, sample {keys[1][0]} cannot be done "
+            f"({words}); the logs of the workers may say why"
+        ) from error
+    return answer
 
 
 @contextmanager
@@ -210,11 +180,9 @@ def embedded(workers: int | None, threads: int) -> Iterator[Client]:
     with ExitStack() as stack:
         # Dask puts its scratch directory on the path of every process.  The usual one may belong
         # to another user, whose modules would be imported.
-        scratch = stack.enter_context(
-            TemporaryDirectory(prefix="rattlesweep-dask-", ignore_cleanup_errors=True)
-        )
+        scratch = TemporaryDirectory(prefix="rattlesweep-dask-", ignore_cleanup_errors=True)
         settings = {
-            "temporary-directory": scratch,
+            "temporary-directory": stack.enter_context(scratch),
             "distributed.scheduler.worker-ttl": f"{SILENCE}s",
             "distributed.scheduler.http.routes": [],
             "distributed.worker.http.routes": [],
@@ -225,25 +193,23 @@ def embedded(workers: int | None, threads: int) -> Iterator[Client]:
         resource_tracker.ensure_running()  # else the first child starts it, which unblocks them
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            cluster = stack.enter_context(
-                LocalCluster(
-                    n_workers=workers or max(1, available_threads() // threads),
-                    # A second thread prepares the next block while the kernel runs.
-                    threads_per_worker=max(2, threads),
-                    host="127.0.0.1",
-                    dashboard_address=None,
-                    # Any port: by itself Dask warns where another cluster has taken 8787.
-                    scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
-                    memory_limit=0,
-                    # TLS: whoever reaches a port without it may run anything as this user.
-                    security=True,
-                    silence_logs=logging.CRITICAL,
-                )
+            cluster = LocalCluster(
+                n_workers=workers or max(1, available_threads() // threads),
+                # A second thread prepares the next block while the kernel runs.
+                threads_per_worker=max(2, threads),
+                host="127.0.0.1",
+                dashboard_address=None,
+                # Any port: by itself Dask warns where another cluster has taken 8787.
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+                memory_limit=0,
+                # TLS: whoever reaches a port without it may run anything as this user.
+                security=True,
+                silence_logs=logging.CRITICAL,
             )
-            client = stack.enter_context(Client(cluster, set_as_default=False))
+            client = Client(stack.enter_context(cluster), set_as_default=False)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        yield client
+        yield stack.enter_context(client)
 
 
 @contextmanager
@@ -273,27 +239,21 @@ def existing(address: str) -> Iterator[Client]:
             client.close(timeout=5)
 
 
-# -- a worker ----------------------------------------------------------------------------------
-
 _kernel = threading.Lock()  # one kernel at a time in a process
+_unpack = lru_cache(maxsize=1)(pickle.loads)
 
 
 def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[pa.Table, float]:
-    """Compute a block on a worker: its rows, if somebody still waits for all of them, and the
-    seconds of the kernel.
-    """
+    """Compute a block on a worker; return its rows, and the seconds of the kernel."""
     from distributed import Status, get_worker
 
     worker = get_worker()
     state = worker.state.tasks.get(worker.get_current_task())
 
-    def unwanted() -> bool:
+    def watch(_: Control | None = None) -> None:
         closing = worker.status in (Status.closing, Status.closed)
-        return closing or state is None or state.state == "cancelled"
-
-    def watch(control: Control) -> None:
-        if unwanted():
-            control.stop()
+        if closing or state is None or state.state == "cancelled":
+            raise OutOfTime  # nobody waits for the block any more
 
     try:
         ours, theirs = versions(), order["versions"]
@@ -302,11 +262,10 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[p
             raise OutputError(
                 f"it would compute other bits: {words}; give all workers the driver's environment"
             )
-        plan = _unpack(order["plan"])
+        plan: Plan = _unpack(order["plan"])
         prepared = prepare_runs(plan, case, sample)
         while not _kernel.acquire(timeout=POLL):
-            if unwanted():
-                return plan.schema.remove_metadata().empty_table(), 0.0
+            watch()
         try:
             load_kernel(plan.config)  # not while another thread uses a kernel
             threads = order["threads"] or worker.state.nthreads
@@ -314,15 +273,11 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[p
             return task.wait(watch)[0], task.seconds
         finally:
             _kernel.release()
+    except OutOfTime:
+        return pa.table({}), 0.0
     except ConfigError:
         raise
     except Exception as error:
         words = str(error) if isinstance(error, OutputError) else f"{type(error).__name__}: {error}"
         me = f"the worker at {worker.address} on {socket.gethostname()}"
         raise OutputError(f"{me}: {one_line(words, 500)}") from None  # a cause may not be pickled
-
-
-@lru_cache(maxsize=1)
-def _unpack(plan: bytes) -> Plan:
-    unpacked: Plan = pickle.loads(plan)
-    return unpacked

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import secrets
 import tempfile
@@ -16,23 +15,17 @@ from rattlesweep.errors import OutputError
 
 def reason(error: BaseException) -> str:
     """Return in one line what went wrong."""
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror
-    return str(error).strip().split("\n")[0] or type(error).__name__
+    words = getattr(error, "strerror", None) or str(error).strip().split("\n")[0]
+    return words or type(error).__name__
 
 
 @contextlib.contextmanager
-def explained(failure: str, *, folder: bool = False) -> Iterator[None]:
-    """Turn an OSError into an OutputError: `failure`, such as "cannot read X", and why.
-
-    With `folder`, a folder is made or used, and a file may be in its place.
-    """
+def explained(failure: str) -> Iterator[None]:
+    """Turn an OSError into an OutputError: `failure`, such as "cannot read X", and why."""
     try:
         yield
     except OSError as error:
-        in_the_way = folder and isinstance(error, FileExistsError | NotADirectoryError)
-        why = "a file is in the way" if in_the_way else reason(error)
-        raise OutputError(f"{failure}: {why}") from error
+        raise OutputError(f"{failure}: {reason(error)}") from error
 
 
 def replace_file(path: Path, data: bytes) -> None:
@@ -57,36 +50,19 @@ def streamed_file(path: Path) -> Iterator[BinaryIO]:
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(temporary, path)
-            _sync_directory(path.parent)
+            folder = os.open(path.parent, os.O_RDONLY)
+            with contextlib.suppress(OSError):  # some network file systems cannot sync a folder
+                os.fsync(folder)
+            os.close(folder)
         finally:
             # After the rename there is nothing left; after anything else, Ctrl-C too, there may be.
             with contextlib.suppress(OSError):
                 temporary.unlink()
 
 
-def _sync_directory(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    except OSError as error:
-        # Some network file systems cannot; the file is in place all the same.
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
-            raise
-    finally:
-        os.close(handle)
-
-
 def probe_directory(path: Path) -> None:
     """Create `path` where need be, and raise an OutputError if files cannot be written in it."""
-    with explained(f"cannot write in {path}", folder=True):
+    with explained(f"cannot write in {path}"):
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
             pass
-
-
-def remove_temporaries(*folders: Path) -> None:
-    """Remove what dead processes were writing."""
-    for folder in folders:
-        for path in folder.glob(".*.tmp"):
-            with contextlib.suppress(OSError):
-                path.unlink()

@@ -39,7 +39,7 @@ def plan_frame(
     plan, doubts = checked_plan(config, source=source.with_surface(config.bodies))
     examine(plan, directory)
     if not (path := directory / name).exists():
-        with explained(f"cannot write in {directory}", folder=True):
+        with explained(f"cannot write in {directory}"):
             directory.mkdir(parents=True, exist_ok=True)
         write_parquet(pa.table(source.columns | source.carried), path)
     return plan, directory, directory.resolve(), doubts

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.arrays import Flags, Floats, Integers
+from rattlesweep.arrays import Flags, Integers
 from rattlesweep.integrate.batch import Control
 from rattlesweep.integrate.lanes.lane import LANES
 from rattlesweep.integrate.task import Task
@@ -27,7 +27,7 @@ from rattlesweep.sweeps.block import Prepared, compute, load_kernel, prepare_run
 from rattlesweep.sweeps.cost import case_costs
 from rattlesweep.sweeps.decide import Refining, Stopping
 from rattlesweep.sweeps.plan import Plan
-from rattlesweep.sweeps.rows import Found
+from rattlesweep.sweeps.rows import Found, keys_of
 from rattlesweep.sweeps.stored import Stored
 
 Keys = tuple[Integers, Integers]
@@ -35,10 +35,10 @@ Keys = tuple[Integers, Integers]
 
 SECONDS, MOST_SECONDS = 3.0, 30.0
 """Time that a block should take, and so what a kill or a lost worker costs; and that it may take
-where runs are so long that it would otherwise leave lanes without work."""
-FIRST_SECONDS = 0.3
-FIRST_RATE = 2e6
-"""Expected cost that a thread works off in a second, until blocks have told."""
+where runs are so long that it would otherwise leave lanes without work.  Fewer runs than lanes are
+no faster: a block then takes as long as its longest run."""
+FIRST_SECONDS, FIRST_RATE = 0.3, 2e6
+"""Time of the first block, by the cost that a thread works off in a second as a rule."""
 MOST_ROWS = 50_000
 """Runs of a block: a few hundred bytes each while it is under way."""
 ROUNDS = 4
@@ -113,42 +113,32 @@ class Job:
         self._wanted = self._left = np.zeros(cases)  # runs of each case
         self._expected, self._steps = np.zeros(cases), np.zeros(cases)  # of the runs done, by case
         self._recent: deque[tuple[float, float]] = deque(maxlen=8)  # cost and seconds of blocks
-        self._base = self._shown = 0.0  # fraction when the wave began, and that was reported last
-
-    # ----------------------------------------------------------------- blocks
+        self._shown = 0.0  # fraction that was reported last
 
     def blocks(self, wanted: Flags) -> Iterator[Keys]:
         """Cut what is left to do of these runs into blocks of about the same expected time."""
         todo = wanted & ~self.found.done
-        self._wanted, self._left, self._base = wanted.sum(axis=1), todo.sum(axis=1), self._shown
+        self._wanted, self._left = wanted.sum(axis=1), todo.sum(axis=1)
         return self._cut(todo)
 
     def _cut(self, todo: Flags) -> Iterator[Keys]:
-        samples, flat = todo.shape[1], todo.reshape(-1)
-        waiting = np.zeros(0, dtype=np.int64)
+        samples, flat, waiting = todo.shape[1], todo.reshape(-1), np.zeros(0, dtype=np.int64)
         for start in range(0, flat.size, AT_ONCE):
             # Places of all runs at once would take eight times the room of `todo`.
             waiting = np.append(waiting, start + np.flatnonzero(flat[start : start + AT_ONCE]))
             last = start + AT_ONCE >= flat.size
             while len(waiting) >= (1 if last else 2 * MOST_ROWS):
-                count = self._rows(waiting[:MOST_ROWS] // samples)
-                if len(waiting) - count < count // 4 and len(waiting) <= MOST_ROWS:
-                    count = len(waiting)  # no small block at the end
+                budget = FIRST_RATE * self.threads * FIRST_SECONDS
+                if self._recent:
+                    cost, seconds = np.sum(self._recent, axis=0)
+                    budget = cost / max(seconds, 1e-6) * SECONDS
+                sums = np.cumsum(self._cost[waiting[:MOST_ROWS] // samples])
+                limits = [budget, budget * MOST_SECONDS / SECONDS]
+                fit, most = np.searchsorted(sums, limits, "right")
+                lanes = LANES * self.threads
+                count = min(max(fit, min(ROUNDS * lanes, most), lanes), len(sums))
                 yield np.divmod(waiting[:count], samples)
                 waiting = waiting[count:]
-
-    def _rows(self, case: Integers) -> int:
-        """Return how many of the runs of these cases make a block."""
-        sums = np.cumsum(self._cost[case])
-        if self._recent:
-            cost, seconds = np.sum(self._recent, axis=0)
-            budget = cost / max(seconds, 1e-6) * SECONDS
-        else:
-            budget = FIRST_RATE * self.threads * FIRST_SECONDS
-        wanted, most = np.searchsorted(sums, [budget, budget * MOST_SECONDS / SECONDS], "right")
-        lanes = LANES * self.threads
-        rows = max(wanted, min(ROUNDS * lanes, most), lanes)
-        return int(min(rows, len(case)))
 
     def worked(self, keys: Keys, seconds: float) -> None:
         """Take note of how long a block has taken."""
@@ -160,25 +150,17 @@ class Job:
         if not len(table):
             return
         with _undisturbed():
-            config, stored = self.plan.config, self.stored
-            stored.runs.append(table, stored.hash, config.classify.as_text, stored.cases)
-            case, sample = (table.column(name).to_numpy() for name in ("case", "sample"))
-            self.found.done[case, sample] = True
-            for entry in table.column("status").value_counts().to_pylist():
-                self.found.status[entry["values"]] += entry["counts"]
+            typed, stored = self.plan.config.classify.as_text, self.stored
+            stored.runs.append(table, stored.hash, typed, stored.cases)
+            self.found.add(table)
             self.result.runs += len(table)
             self.result.done += len(table)
             if self.decide is not None:
                 self.decide.add(table)
-            self.count(case, table.column("n_steps").to_numpy())
-
-    # --------------------------------------------------------------- progress
-
-    def count(self, case: Integers, steps: Integers) -> None:
-        """Count runs of these cases as done, with their steps."""
-        np.subtract.at(self._left, case, 1)
-        np.add.at(self._expected, case, self._cost[case])
-        np.add.at(self._steps, case, steps)
+            case, _ = keys_of(table)
+            np.subtract.at(self._left, case, 1)
+            np.add.at(self._expected, case, self._cost[case])
+            np.add.at(self._steps, case, table.column("n_steps").to_numpy())
 
     def begin(self) -> None:
         """Say that work begins now: what came before, such as compilation, is no rate."""
@@ -188,46 +170,32 @@ class Job:
         """Report progress, with what the kernel says of the block under way; raise OutOfTime if
         the session's time is over.
         """
-        factors = self._factors()
+        # Most runs end before their horizon, and how many do differs from case to case.
+        overall = self._steps.sum() / self._expected.sum() if self._steps.any() else 1.0
+        factors = np.full(len(self._cost), overall)
+        np.divide(self._steps, self._expected, out=factors, where=self._steps > 0)
         cost = self._cost * factors
         whole, left, done = self._wanted @ cost, self._left @ cost, self._expected @ factors
-        runs = int((self._wanted - self._left).sum())
+        runs, ended = int((self._wanted - self._left).sum()), self.result.done
         if keys is not None and control is not None and control.total > 0:
             part = cost[keys[0]].sum() * min(1.0, control.done / control.total)
-            left, done, runs = left - part, done + part, runs + control.runs_done
+            left, done = left - part, done + part
+            runs, ended = runs + control.runs_done, ended + control.runs_done
         now, remaining, fraction = time.monotonic(), None, float(1.0 - left / whole)
         if self._begun is not None and done > 0:
             remaining = max(0.0, float(left * (now - self._begun) / done))
-        if self.decide is not None:  # nobody knows how many waves follow
-            fraction = self._base + (1.0 - self._base) * fraction / 2
-        # What is learned of later cases can make what is done less.
+        # Waves, and what is learned of later cases, can make what is done less.
         self._shown = min(1.0, max(self._shown, fraction))
         total = int(self._wanted.sum())
         self.report(Progress(self._shown, runs, total, now - self._start, remaining))
-        if self.over(self.result.done > 0 or (control is not None and control.runs_done > 0)):
+        waited = self._begun is not None and now >= self._begun + GRACE
+        if self.deadline is not None and now >= self.deadline and (ended or waited):
             raise OutOfTime
 
     def complete(self) -> None:
         """Report that nothing is left to do."""
         total = int(self._wanted.sum())
         self.report(Progress(1.0, total, total, time.monotonic() - self._start, 0.0))
-
-    def _factors(self) -> Floats:
-        """Return how many steps the runs of each case take for each unit of expected cost.
-
-        Most runs end before their horizon, and how many do differs from case to case.
-        """
-        overall = self._steps.sum() / self._expected.sum() if self._steps.any() else 1.0
-        factors = np.full(len(self._cost), overall)
-        np.divide(self._steps, self._expected, out=factors, where=self._steps > 0)
-        return factors
-
-    def over(self, some_done: bool = True) -> bool:
-        """Return whether the time is over; a session without a finished run gets a little more."""
-        now = time.monotonic()
-        if self.deadline is None or now < self.deadline:
-            return False
-        return some_done or (self._begun is not None and now >= self._begun + GRACE)
 
 
 Engine = Callable[[Job, Iterator[Keys]], None]
@@ -246,48 +214,42 @@ def local(job: Job, blocks: Iterator[Keys]) -> None:
     loading = Task(lambda _: load_kernel(plan.config))
     task: Task[tuple[pa.Table, int]] | None = None
     finished: list[pa.Table] = []
+
+    def write() -> None:
+        while finished:
+            job.write(finished.pop())
+            job.tick()
+
+    def prepare() -> tuple[Keys, Prepared] | None:
+        keys = next(blocks, None)
+        return None if keys is None else (keys, prepare_runs(plan, *keys))
+
     try:
-        ready = _prepare(job, blocks)  # bodies are drawn while the kernel is loaded
+        ready = prepare()  # bodies are drawn while the kernel is loaded
         job.result.load_seconds += loading.wait()
         job.begin()
         while ready is not None:
             keys, prepared = ready
             task = Task(partial(compute, plan.config, plan.schema, prepared, job.threads))
-            while finished:
-                job.write(finished.pop())
-                job.tick()
-            ready = _prepare(job, blocks)
+            write()
+            ready = prepare()
             table, _ = task.wait(partial(job.tick, keys))
             job.worked(keys, task.seconds)
             finished, task = [table], None
-        while finished:
-            job.write(finished.pop())
-            job.tick()
-    except Exception:
+        write()
+    except BaseException as error:
         if task is not None:
-            task.stop()
-        raise
-    except BaseException:
+            task.stop(GATHER)
+        if isinstance(error, Exception):
+            raise
         while finished:
             job.write(finished.pop())
         if task is not None:
-            _keep_ended(job, task)
+            with contextlib.suppress(TimeoutError):
+                table, lost = task.value()
+                job.result.lost += lost
+                job.write(table)
         raise
-
-
-def _prepare(job: Job, blocks: Iterator[Keys]) -> tuple[Keys, Prepared] | None:
-    """Return the keys of the next block and what the kernel needs for it; None behind the last."""
-    keys = next(blocks, None)
-    return None if keys is None else (keys, prepare_runs(job.plan, *keys))
-
-
-def _keep_ended(job: Job, task: Task[tuple[pa.Table, int]]) -> None:
-    """Stop a block and write the rows of its runs that have ended."""
-    task.stop(patience=GATHER)
-    with contextlib.suppress(TimeoutError):
-        table, lost = task.value()
-        job.result.lost += lost
-        job.write(table)
 
 
 @contextlib.contextmanager

@@ -7,9 +7,7 @@ from functools import partial
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
-from rattlesweep.arrays import Flags, Integers
 from rattlesweep.integrate.batch import Control
 from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
@@ -17,22 +15,6 @@ from rattlesweep.sweeps.plan import Plan
 
 AT_ONCE = 100_000
 """Runs that are prepared and integrated at a time: 100 MB, and some seconds of a kernel."""
-
-
-def integrate_runs(
-    plan: Plan,
-    case: Integers,
-    sample: Integers,
-    threads: int | None = None,
-    tick: Callable[[Control], None] = lambda control: None,
-) -> pa.Table:
-    """Return the rows of some runs.
-
-    `tick` is called some twenty times a second, and what it raises stops the kernel.
-    """
-    prepared = prepare_runs(plan, case, sample)
-    task = Task(partial(compute, plan.config, plan.schema, prepared, threads))
-    return task.wait(tick)[0]
 
 
 def integrate_plan(
@@ -54,7 +36,9 @@ def integrate_plan(
             share = control.done / control.total if control.total > 0 else 0.0
             report((start + runs * min(1.0, share)) / plan.runs)
 
-        tables.append(integrate_runs(plan, *np.divmod(places, plan.samples), threads, tick))
+        prepared = prepare_runs(plan, *np.divmod(places, plan.samples))
+        task = Task(partial(compute, plan.config, plan.schema, prepared, threads))
+        tables.append(task.wait(tick)[0])
     report(1.0)
     return pa.concat_tables(tables)
 
@@ -65,7 +49,8 @@ def differing_rows(
     """Integrate stored runs again, and yield case, sample and columns of those that differ."""
     rows = rows.select(plan.schema.names)
     case, sample = (rows.column(name).to_numpy().astype(np.int64) for name in ("case", "sample"))
-    again = integrate_runs(plan, case, sample, threads)
+    prepared = prepare_runs(plan, case, sample)
+    again = Task(partial(compute, plan.config, plan.schema, prepared, threads)).wait()[0]
     if same_bits(again, rows):
         return
     for k in range(len(rows)):
@@ -78,17 +63,14 @@ def differing_rows(
 def same_bits(one: pa.Table, other: pa.Table) -> bool:
     """Return whether two tables hold the same values, zeros of different sign told apart."""
     return one.schema.names == other.schema.names and all(
-        a.equals(b) and np.array_equal(_signs(a), _signs(b))
+        a.equals(b) and _bits(a).equals(_bits(b))
         for a, b in zip(one.columns, other.columns, strict=True)
     )
 
 
-def _signs(column: pa.ChunkedArray) -> Flags:
-    """Return which numbers of a column are below zero or its negative twin."""
+def _bits(column: pa.ChunkedArray) -> pa.Array:
+    """Return floating numbers as whole ones of the same bits, and others as they are."""
     values = column.combine_chunks()
     if pa.types.is_list(values.type):
         values = values.flatten()
-    if not pa.types.is_floating(values.type):
-        return np.zeros(0, bool)
-    signs: Flags = np.signbit(pc.fill_null(values, 0.0).to_numpy(zero_copy_only=False))
-    return signs
+    return values.view(pa.int64()) if pa.types.is_float64(values.type) else values

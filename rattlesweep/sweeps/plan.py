@@ -165,7 +165,7 @@ def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
             told = f"there are several values, and the table has a {column}"
             raise ConfigError(f"dissipation.{name}: {told}; keep one of them")
     config = config.model_copy(update={"dissipation": given.model_copy(update=dict(own))})
-    if own and (wrong := [": ".join(one) for one in clashes(dict(config))]):
+    if own and (wrong := [": ".join(one) for one in clashes(config)]):
         raise ConfigError(f"bodies.path: with the table's columns: {one}" for one in wrong)
     return config
 

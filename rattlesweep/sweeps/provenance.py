@@ -1,11 +1,13 @@
-"""Where numbers come from: program, machine, and the sessions that worked in a directory.
+"""Where numbers come from: program, machine, and the sessions that work in a directory.
 
-``sessions/*.json`` say who worked there, when, and how it ended; no number depends on them.
+``sessions/*.json`` say who worked there, when, and how it ended; no number depends on them.  Locks,
+which die with their process, keep to one writer for each shard.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import platform
@@ -13,26 +15,30 @@ import shlex
 import socket
 import sys
 import time
+from collections.abc import Iterator
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
+
 from rattlesweep.errors import OutputError
-from rattlesweep.sweeps.files import replace_file
+from rattlesweep.sweeps.files import explained, replace_file
 
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow")
-SESSIONS = "sessions"
+SESSIONS, LOCKS, WHOLE = "sessions", ".locks", "whole"
 NOTE_EVERY = 5.0
 """Seconds between two notes of how far a session is."""
+PATIENCE = 0.5
+"""Seconds; a lock may be held for a moment by a process that only looks whether it is held."""
+NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EINVAL)
+"""Answers of file systems without locks, on which each process goes on as if it were alone."""
 
 
 def package_version() -> str:
     """Return the version of rattlesweep."""
-    try:
-        return version("rattlesweep")
-    except PackageNotFoundError:
-        return "unknown"
+    return version("rattlesweep")
 
 
 def versions() -> dict[str, str]:
@@ -54,9 +60,9 @@ def machine() -> dict[str, Any]:
     }
 
 
-def now(timespec: str = "seconds") -> str:
+def now() -> str:
     """Return the time, in UTC."""
-    return datetime.now(UTC).isoformat(timespec=timespec)
+    return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def command_line() -> list[str]:
@@ -70,9 +76,9 @@ class Session:
     """The record of this process in an output directory; `shard` is such as ``shard-0-of-4``."""
 
     def __init__(self, directory: Path, shard: str | None, threads: int) -> None:
-        started = now("microseconds")
+        begin = datetime.now(UTC)
         self._data: dict[str, Any] = {
-            "started": started,
+            "started": begin.isoformat(),
             "ended": None,
             "how": "running",
             "shard": shard,
@@ -83,8 +89,7 @@ class Session:
             "versions": versions(),
             "machine": machine(),
         }
-        stamp = started.replace(":", "").replace("-", "").replace("+0000", "Z")
-        self._path = directory / SESSIONS / f"{stamp}-{os.getpid()}.json"
+        self._path = directory / SESSIONS / f"{begin:%Y%m%dT%H%M%S.%fZ}-{os.getpid()}.json"
         self._due = 0.0
         self.note()
 
@@ -110,10 +115,8 @@ def read_sessions(directory: Path) -> list[dict[str, Any]]:
     """Return the records of a directory, the oldest first; what cannot be read is left out."""
     found = []
     for path in sorted((directory / SESSIONS).glob("*.json")):
-        with contextlib.suppress(OSError, ValueError):
-            data = json.loads(path.read_bytes())
-            if isinstance(data, dict):
-                found.append(data)
+        with contextlib.suppress(OSError, ValueError, TypeError):
+            found.append({"how": None, "shard": None} | json.loads(path.read_bytes()))
     return found
 
 
@@ -123,3 +126,55 @@ def who(session: dict[str, Any]) -> str:
         f"`{session.get('command')}` (process {session.get('pid')} on {session.get('host')}, "
         f"since {str(session.get('started'))[:19]} UTC)"
     )
+
+
+@contextlib.contextmanager
+def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
+    """Hold a directory, or a shard such as ``shard-0-of-4``, and tidy up after dead processes.
+
+    Raise an OutputError if another process works there: one that does the whole sweep excludes all
+    others, shards ``I/N`` of the same N may work side by side.  A process takes its own lock first
+    and then looks for others, so that of two that begin at once at most one goes on.
+    """
+    mine, busy = shard or WHOLE, []
+    lock = FileLock(directory / LOCKS / mine)
+    with explained(f"cannot write in {directory}"):
+        (directory / LOCKS).mkdir(exist_ok=True)
+        try:
+            lock.acquire(timeout=PATIENCE, poll_interval=0.02)
+        except Timeout:
+            busy = [mine]
+        except OSError as error:
+            if error.errno not in NO_LOCKS:
+                raise
+    try:
+        beside = None if shard is None else shard.partition("-of-")[2]
+        busy += [o for o in at_work(directory, mine) if o.partition("-of-")[2] != beside]
+        if busy:
+            what = f"{directory}" if busy[0] == WHOLE else f"{directory}: {busy[0]}"
+            by = [who(s) for s in read_sessions(directory)
+                  if s["how"] == "running" and (s["shard"] or WHOLE) == busy[0]]  # fmt: skip
+            raise OutputError(f"{what} is in use by {by[-1] if by else 'another process'}")
+        if shard is None:  # other shards may be writing
+            for folder in (directory, directory / "runs", directory / SESSIONS):
+                for path in folder.glob(".*.tmp"):
+                    with contextlib.suppress(OSError):
+                        path.unlink()
+        yield
+    finally:
+        lock.release()
+
+
+def at_work(directory: Path, mine: str | None = None) -> list[str]:
+    """Return the locks that other processes hold, without waiting."""
+    held = []
+    for path in sorted((directory / LOCKS).glob("*")):
+        if path.name != mine:
+            try:
+                with FileLock(path).acquire(timeout=0):
+                    continue
+            except Timeout:
+                held.append(path.name)
+            except OSError:
+                continue  # a directory of somebody else, or no locks at all
+    return held

@@ -5,8 +5,7 @@ each with any set of rows, ascending by key, and no key of another file.  A file
 first row.  What is left to do is what is wanted, minus the keys of these rows.
 
 The metadata of a file say to which sweep it belongs, by which thresholds its rows were typed, and
-what the cases of its rows are: files can be copied between directories, and a lost manifest made
-again.
+what the cases of its rows are, so that files can be copied between directories of a sweep.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
@@ -22,11 +21,10 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
-from rattlesweep.arrays import Flags
+from rattlesweep.arrays import Flags, Integers
 from rattlesweep.errors import DamagedError, OutputError
-from rattlesweep.sweeps.arrow import parquet_file, same_schema, write_parquet
+from rattlesweep.sweeps.arrow import parquet_file, read_parquet, same_schema, write_parquet
 from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.files import explained
 
@@ -42,11 +40,20 @@ class Found:
     """What the files of a directory hold."""
 
     done: Flags  # which runs there are; shape (cases, samples)
-    rows: int = 0
     status: Counter[str] = field(default_factory=Counter)  # runs by status
-    failed: list[Path] = field(default_factory=list)  # files with rows that are not ok
     typed: dict[str, list[Path]] = field(default_factory=dict)  # files by thresholds, as JSON
-    aside: list[Path] = field(default_factory=list)  # damaged files, by their new names if renamed
+    damaged: list[Path] = field(default_factory=list)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self.status.total()
+
+    def add(self, rows: pa.Table) -> None:
+        """Count rows."""
+        self.done[keys_of(rows)] = True
+        for entry in rows.column("status").value_counts().to_pylist():
+            self.status[entry["values"]] += entry["counts"]
 
 
 class Runs:
@@ -57,44 +64,26 @@ class Runs:
 
     def files(self) -> list[Path]:
         """Return the files in the order of their names; none where there is no folder."""
-        with explained(f"cannot read {self.folder}", folder=True):
-            try:
-                paths = sorted(self.folder.iterdir())
-            except FileNotFoundError:
-                return []
-        return [p for p in paths if p.suffix == ".parquet" and not p.name.startswith(".")]
+        with explained(f"cannot read {self.folder}"), contextlib.suppress(FileNotFoundError):
+            paths = sorted(self.folder.iterdir())
+            return [p for p in paths if p.suffix == ".parquet" and not p.name.startswith(".")]
+        return []
 
-    # ---------------------------------------------------------------- write
-
-    def append(self, table: pa.Table, sweep: str, typed: str, cases: Sequence[Case]) -> Path:
+    def append(self, table: pa.Table, sweep: str, typed: str, cases: Sequence[Case]) -> None:
         """Write rows, of which none may be on disk, as a file of their own."""
-        case, sample = (table.column(name)[0].as_py() for name in ("case", "sample"))
-        path = self.free(f"case{case:05d}-sample{sample:09d}")
-        here = [cases[number].dump() for number in pc.unique(table.column("case")).to_pylist()]
-        write_parquet(table, path, {SWEEP: sweep, TYPED: typed, CASES: json.dumps(here)})
-        return path
-
-    def free(self, stem: str) -> Path:
-        """Return a path that no file has: a file whose first row is gone keeps its name."""
-        return _free(self.folder / f"{stem}.parquet")
+        case, sample = keys_of(table.slice(0, 1))
+        path = free_path(self.folder / f"case{case[0]:05d}-sample{sample[0]:09d}.parquet")
+        words = {SWEEP: sweep, TYPED: typed, CASES: "\n".join(_told(table, cases))}
+        write_parquet(table, path, words)
 
     def rewrite(self, path: Path, table: pa.Table, typed: str | None = None) -> None:
         """Put other rows in the place of those of a file; a file without rows goes."""
-        if not len(table):
+        if len(table):
+            words = self.metadata(path) | ({} if typed is None else {TYPED: typed})
+            write_parquet(table, path, words)
+        else:
             with explained(f"cannot remove {path}"):
                 path.unlink()
-            return
-        metadata = _metadata_of(path)
-        write_parquet(table, path, metadata if typed is None else metadata | {TYPED: typed})
-
-    def drop_failed(self, path: Path) -> int:
-        """Take the rows that are not ok out of a file; return how many there were."""
-        table = self.table(path)
-        kept = table.filter(pc.equal(table.column("status"), "ok"))
-        self.rewrite(path, kept)
-        return len(table) - len(kept)
-
-    # ----------------------------------------------------------------- read
 
     def find(
         self,
@@ -102,78 +91,49 @@ class Runs:
         samples: int,
         sweep: str,
         schema: pa.Schema,
-        skip: Collection[Path] = (),
-        *,
-        put_aside: bool = True,
+        files: Iterable[Path] | None = None,
     ) -> Found:
-        """Read all of every file, but for those to `skip`, put damaged ones aside, and return what
-        there is.  Raise an OutputError if a file is not of this sweep, or if a run is there twice.
+        """Read all of every file, or of `files`, and return what there is.
+
+        Raise an OutputError if a file is not of this sweep, or if a run is there twice.
         """
         found = Found(np.zeros((len(cases), samples), dtype=bool))
-        for path in self.files():
-            if path in skip:
-                continue
+        for path in self.files() if files is None else files:
             try:
-                with parquet_file(path) as file:
-                    metadata = _metadata(file)
-                    _check_sweep(path, metadata, sweep)
-                    if not same_schema(file.schema_arrow, schema):
-                        raise OutputError(
-                            f"{path} has the columns of another version of rattlesweep; use "
-                            "another output"
-                        )
-                    for case in _cases(path, metadata):
-                        if [case] != list(cases[case.index : case.index + 1]):
-                            raise OutputError(
-                                f"{path} numbers its cases in another way: case {case.index} is "
-                                f"{case} there; move it away, or use another output"
-                            )
-                    table = file.read()
+                rows = read_parquet(path)
             except DamagedError:
-                found.aside.append(_put_aside(path) if put_aside else path)
+                found.damaged.append(path)
                 continue
-            except OutputError:
-                if path.exists():
-                    raise
-                continue  # damaged, and put aside by another shard meanwhile
-            _add(path, table, found)
-            found.typed.setdefault(metadata.get(TYPED, ""), []).append(path)
+            words = _words(rows.schema)
+            wrong: str | None = "holds runs of another sweep"
+            if words.get(SWEEP) == sweep:
+                wrong = "has the columns of another version of rattlesweep"
+                if same_schema(rows.schema, schema):
+                    wrong = _wrong_keys(rows, words, cases, found.done)
+            if wrong:
+                raise OutputError(f"{path} {wrong}; move it away, or use another output")
+            found.add(rows)
+            found.typed.setdefault(words.get(TYPED, ""), []).append(path)
         return found
 
-    def cases(self, sweep: str) -> dict[int, Case]:
-        """Return the cases of which the files tell, by their numbers."""
-        found: dict[int, Case] = {}
-        for path in self.files():
-            with contextlib.suppress(DamagedError):
-                metadata = _metadata_of(path)
-                _check_sweep(path, metadata, sweep)
-                found |= {case.index: case for case in _cases(path, metadata)}
-        return found
-
-    def typed(self, path: Path) -> str:
-        """Return the thresholds behind the types of a file's rows, as JSON."""
-        return _metadata_of(path).get(TYPED, "")
-
-    def count(self) -> int:
-        """Return how many rows there are, by the files' own account."""
-        rows = 0
-        for path in self.files():
-            with parquet_file(path) as file:
-                rows += file.metadata.num_rows
-        return rows
+    def metadata(self, path: Path) -> dict[str, str]:
+        """Return the words beside the schema of a file."""
+        with parquet_file(path) as file:
+            return _words(file.schema_arrow)
 
     def table(self, path: Path, columns: Sequence[str] | None = None) -> pa.Table:
         """Return the rows of one file, without metadata of the whole."""
-        with parquet_file(path) as file:
-            rows = file.read(None if columns is None else list(columns))
-        return rows.replace_schema_metadata(None)
+        return read_parquet(path, columns).replace_schema_metadata(None)
 
     def batches(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
         """Yield all rows in the order of their keys, however they lie in files, some at a time.
 
         Memory goes with :data:`PIECE`, or with the largest file where that is more.
         """
-        first = {path: self._first_key(path) for path in self.files()}
+        first = {}
+        for path in self.files():
+            case, sample = keys_of(self.table(path, ["case", "sample"]))
+            first[path] = case[0], sample[0]
         paths = sorted(first, key=first.__getitem__)
         wanted = None if columns is None else list(dict.fromkeys([*columns, "case", "sample"]))
         held: list[pa.Table] = []
@@ -182,82 +142,55 @@ class Runs:
             if following is not None and sum(map(len, held)) < PIECE:
                 continue
             table = pa.concat_tables(held)
-            order = np.lexsort((table["sample"].to_numpy(), table["case"].to_numpy()))
+            case, sample = keys_of(table)
+            order = np.lexsort((sample, case))
             if (np.diff(order) != 1).any():
-                table = table.take(pa.array(order))
+                table, case, sample = table.take(pa.array(order)), case[order], sample[order]
             ready = len(table)
             if following is not None:  # what comes before its first row is in its place now
-                case, sample = first[following]
-                here, there = table["case"].to_numpy(), table["sample"].to_numpy()
-                ready = int(((here < case) | ((here == case) & (there < sample))).sum())
+                ends = first[following]
+                ready = int(((case < ends[0]) | ((case == ends[0]) & (sample < ends[1]))).sum())
             held = [table.slice(ready)]
             if ready:
                 piece = table.slice(0, ready)
                 yield piece if columns is None else piece.select(list(columns))
 
-    def _first_key(self, path: Path) -> tuple[int, int]:
-        keys = self.table(path, ["case", "sample"])
-        return keys["case"][0].as_py(), keys["sample"][0].as_py()
+
+def keys_of(rows: pa.Table) -> tuple[Integers, Integers]:
+    """Return case and sample of each row."""
+    case, sample = (rows.column(name).to_numpy().astype(np.int64) for name in ("case", "sample"))
+    return case, sample
 
 
-def _metadata(file: pq.ParquetFile) -> dict[str, str]:
-    return {k.decode(): v.decode() for k, v in (file.schema_arrow.metadata or {}).items()}
-
-
-def _metadata_of(path: Path) -> dict[str, str]:
-    with parquet_file(path) as file:
-        return _metadata(file)
-
-
-def _cases(path: Path, metadata: dict[str, str]) -> list[Case]:
-    try:
-        return [Case.load(data) for data in json.loads(metadata.get(CASES, "[]"))]
-    except (ValueError, TypeError, KeyError) as error:
-        raise DamagedError(f"{path} is damaged: its cases cannot be read") from error
-
-
-def _check_sweep(path: Path, metadata: dict[str, str], sweep: str) -> None:
-    if SWEEP not in metadata:
-        raise OutputError(f"{path} was not written by rattlesweep; move it away")
-    if metadata[SWEEP] != sweep:
-        raise OutputError(
-            f"{path} holds runs of another sweep; move it away, or use another output"
-        )
-
-
-def _add(path: Path, table: pa.Table, found: Found) -> None:
-    """Mark the rows of a file as found; raise an OutputError if they cannot belong to the sweep."""
-    case, sample = (table.column(name).to_numpy().astype(np.int64) for name in ("case", "sample"))
-    cases, samples = found.done.shape
-    if not len(case) or case.max() >= cases or sample.max() >= samples:
-        most = f"runs up to case {case.max()} and sample {sample.max()}" if len(case) else "no runs"
-        raise OutputError(
-            f"{path} holds {most}; the sweep has {cases} cases of {samples} samples; move it away"
-        )
-    if found.done[case, sample].any() or len(np.unique(case * samples + sample)) < len(case):
-        raise OutputError(
-            f"{path} holds runs that are there twice; move it away, and what is then missing is "
-            "done again"
-        )
-    found.done[case, sample] = True
-    found.rows += len(case)
-    for entry in table.column("status").value_counts().to_pylist():
-        found.status[entry["values"]] += entry["counts"]
-    if not pc.all(pc.equal(table.column("status"), "ok")).as_py():
-        found.failed.append(path)
-
-
-def _put_aside(path: Path) -> Path:
-    aside = _free(path.with_suffix(".damaged"))
-    with explained(f"cannot rename {path}"), contextlib.suppress(FileNotFoundError):
-        path.rename(aside)  # unless another shard was quicker
-    return aside
-
-
-def _free(path: Path) -> Path:
+def free_path(path: Path) -> Path:
     """Return this path, or the same with the first number behind it that no file has."""
-    stem, suffix, again = path.stem, path.suffix, 1
+    stem, again = path.stem, 1
     while path.exists():
         again += 1
-        path = path.with_name(f"{stem}-{again}{suffix}")
+        path = path.with_stem(f"{stem}-{again}")
     return path
+
+
+def _wrong_keys(
+    rows: pa.Table, words: dict[str, str], cases: Sequence[Case], done: Flags
+) -> str | None:
+    """Return why the rows of a file cannot be among those of a sweep."""
+    case, sample = keys_of(rows)
+    samples = done.shape[1]
+    if not len(rows) or case.max() >= len(cases) or sample.max() >= samples:
+        return f"holds no runs, or others than of {len(cases)} cases of {samples} samples"
+    if not set(_told(rows, cases)) <= {*words.get(CASES, "").split("\n")}:
+        return "numbers its cases in another way"
+    if done[case, sample].any() or len(np.unique(case * samples + sample)) < len(case):
+        return "holds runs that are there twice"
+    return None
+
+
+def _told(rows: pa.Table, cases: Sequence[Case]) -> list[str]:
+    """Return the cases of some rows, each as JSON."""
+    return [json.dumps(cases[n].dump()) for n in pc.unique(rows.column("case")).to_pylist()]
+
+
+def _words(schema: pa.Schema) -> dict[str, str]:
+    words = schema.metadata or {}
+    return {k.decode(errors="replace"): v.decode(errors="replace") for k, v in words.items()}

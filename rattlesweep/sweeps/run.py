@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pyarrow.compute as pc
 
 from rattlesweep.arrays import Flags
 from rattlesweep.errors import ConfigError, OutputError
@@ -17,10 +18,9 @@ from rattlesweep.integrate.batch import available_threads
 from rattlesweep.sweeps.decide import decides, decision
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.job import Engine, Job, OutOfTime, Progress, Result, local
-from rattlesweep.sweeps.locks import hold
 from rattlesweep.sweeps.plan import Plan
-from rattlesweep.sweeps.provenance import Session
-from rattlesweep.sweeps.rows import Found
+from rattlesweep.sweeps.provenance import Session, hold
+from rattlesweep.sweeps.rows import Found, free_path
 from rattlesweep.sweeps.stored import (
     Stored,
     begin,
@@ -44,13 +44,9 @@ class Shard:
     def parse(cls, text: str) -> Shard:
         """Read ``I/N``; raise a ValueError that says what is wrong with it."""
         match = re.fullmatch(r"\s*(\d{1,6})\s*/\s*(\d{1,6})\s*", text)
-        if not match:
-            raise ValueError("is not I/N; write it as in --shard 0/4")
-        index, count = int(match[1]), int(match[2])
-        if index >= count:
-            last = f", so from 0 to {count - 1}" if count else ""
-            raise ValueError(f"there is no such shard; I runs from 0 to N-1{last}")
-        return cls(index, count)
+        if not match or int(match[1]) >= int(match[2]):
+            raise ValueError("is not I/N; write it as in --shard 0/4, with I from 0 to N-1")
+        return cls(int(match[1]), int(match[2]))
 
     @property
     def name(self) -> str:
@@ -90,25 +86,17 @@ def run_sweep(
     start = time.monotonic()
     threads = threads or available_threads()
     if shard is not None and retry_failed:
-        raise ConfigError(
-            "--retry-failed: takes rows out of files that other shards may have written; run it "
-            "without --shard"
-        )
+        raise ConfigError("--retry-failed: takes rows of other shards too; run it without --shard")
     if shard is not None and (key := decides(plan.config)):
-        raise ConfigError(
-            f"{key}: what is run next depends on all runs before, so there are no shards that know "
-            "nothing of each other; use all cores, or --engine dask"
-        )
+        raise ConfigError(f"{key}: what is run next depends on all runs, so there are no shards")
     if fresh:
         check_removable(directory)
     else:
-        held, _ = examine(plan, directory)  # before anything is made there
-        if held is not None and shard is not None:
-            _check_types(directory, held.typed, plan)
-    with explained(f"cannot write in {directory}", folder=True):
+        examine(plan, directory)  # before anything is made there
+    with explained(f"cannot write in {directory}"):
         directory.mkdir(parents=True, exist_ok=True)
-    name = None if shard is None else shard.name
-    result, job = Result(directory), None
+    name, how = None if shard is None else shard.name, "failed"
+    result = Result(directory)
     with hold(directory, name):
         if fresh:
             start_over(directory)
@@ -120,6 +108,7 @@ def run_sweep(
             report(progress)
             session.note(progress=vars(progress))
 
+        job: Job | None = None
         try:
             found = _find(plan, stored, shard, retry_failed, result)
             decide = decision(plan.config, plan.cases, plan.samples)
@@ -129,65 +118,64 @@ def run_sweep(
             job = Job(plan, stored, found, result, threads, told, decide, deadline)
             with job.resources:
                 _work(job, shard, engine)
-            _close(job, shard)
-            how = "complete" if result.stopped is None else "stopped"
+            result.failed = found.status - Counter(ok=found.status["ok"])
+            how = "stopped"
+            if result.stopped is None:
+                how = "complete"
+                if shard is not None:  # others have gone on meanwhile
+                    result.missing = plan.runs - stored.count()
+                if not result.missing:
+                    result.summary = summarise(stored)
+                    write_summary(stored, result.summary)
         except BaseException as error:
-            how = "failed" if isinstance(error, Exception) else "interrupted"
-            if job is not None and not isinstance(error, Exception):
-                error.add_note(result.kept)
+            if not isinstance(error, Exception):
+                how = "interrupted"
+                if job is not None:
+                    error.add_note(result.kept)
             raise
         finally:
             result.seconds = time.monotonic() - start
-            session.end(
-                how,
-                runs=result.done,
-                seconds=round(result.seconds, 3),
-                kernel_seconds=round(result.kernel_seconds, 3),
-            )
+            seconds, kernel = round(result.seconds, 3), round(result.kernel_seconds, 3)
+            session.end(how, runs=result.done, seconds=seconds, kernel_seconds=kernel)
     return result
 
 
 def _find(
     plan: Plan, stored: Stored, shard: Shard | None, retry_failed: bool, result: Result
 ) -> Found:
-    """Read what is on disk, renew its types, and take out what is to be done again."""
-
-    def find() -> Found:
-        return stored.runs.find(plan.cases, plan.samples, stored.hash, plan.schema)
-
-    found, runs = find(), stored.runs
-    result.remarks += [
-        f"a file was damaged and is now {path}; its runs are done again" for path in found.aside
-    ]
-    typed = plan.config.classify.as_text
-    for text, paths in found.typed.items():
-        if shard is not None:
-            _check_types(stored.directory, text, plan)
-        for path in paths if text != typed else ():
-            runs.rewrite(path, with_types(runs.table(path), plan.config.classify), typed)
-    if retry_failed and found.failed:
-        remove_summary(stored.directory)
-        result.retried = sum(map(runs.drop_failed, found.failed))
-        found = find()
-    return found
-
-
-def _check_types(directory: Path, typed: str, plan: Plan) -> None:
-    if typed != plan.config.classify.as_text:
+    """Read what is on disk, put damaged files aside, renew types, and take out what failed."""
+    runs, what = stored.runs, (plan.cases, plan.samples, stored.hash, plan.schema)
+    found, thresholds = runs.find(*what), plan.config.classify
+    for path in found.damaged:
+        aside = free_path(path.with_suffix(".damaged"))
+        with explained(f"cannot rename {path}"):
+            path.rename(aside)
+        result.remarks.append(f"a file was damaged and is now {aside}; its runs are done again")
+    stale = {p for text in found.typed.keys() - {thresholds.as_text} for p in found.typed[text]}
+    if stale and shard is not None:
         raise ConfigError(
-            f"{directory}: its runs are typed by other thresholds than those of the config; run "
-            "`rattlesweep classify` there before its shards go on"
+            f"{stored.directory}: its runs are typed by other thresholds than those of the config; "
+            "run `rattlesweep classify` there before its shards go on"
         )
+    retry = retry_failed and found.rows > found.status["ok"]
+    if retry or stale:
+        remove_summary(stored.directory)
+    for path in runs.files() if retry else stale:
+        rows = with_types(runs.table(path), thresholds)
+        kept = rows.filter(pc.equal(rows.column("status"), "ok")) if retry else rows
+        result.retried += len(rows) - len(kept)
+        if path in stale or len(kept) < len(rows):
+            runs.rewrite(path, kept, thresholds.as_text)
+    return runs.find(*what) if retry else found
 
 
 def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
     """Do what is left, wave by wave where the sweep decides what to run next."""
     result, done, shape = job.result, job.found.done, job.plan.shape
     while True:
+        wanted = np.ones(shape, dtype=bool) if shard is None else shard.runs(shape)
         if job.decide is not None:
             wanted = job.decide.wanted()
-        else:
-            wanted = np.ones(shape, dtype=bool) if shard is None else shard.runs(shape)
         result.runs = int((wanted & done).sum())
         blocks = job.blocks(wanted)
         if done[wanted].all():
@@ -205,16 +193,3 @@ def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
                 return
         if left := int((wanted & ~done).sum()):
             raise OutputError(f"{left} runs did not come back from the engine; run it again")
-
-
-def _close(job: Job, shard: Shard | None) -> None:
-    """Count what failed and, if all of the sweep is done, sum up."""
-    result, stored = job.result, job.stored
-    result.failed = Counter({k: n for k, n in job.found.status.items() if k != "ok"})
-    if result.stopped is not None:
-        return
-    if shard is not None:
-        result.missing = job.plan.runs - stored.count()  # others have gone on meanwhile
-    if not result.missing:
-        result.summary = summarise(stored)
-        write_summary(stored, result.summary)

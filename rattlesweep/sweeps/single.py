@@ -22,19 +22,12 @@ from rattlesweep.sweeps.plan import Plan, make_plan
 
 @dataclass(frozen=True)
 class Launch:
-    """One run as a user asks for it; all keys but `n_i` and `omega_xy0` may be left out.
+    """One run as a user asks for it, in the words of a config.
 
-    Attributes
-    ----------
-    body : Rattleback
-    n_i, omega_xy0, t_end, psi, model, integrator, sigma, rolling, record
-        As in a config; without `t_end` the horizon is 5 t_rGH of the spin's own direction.
-    e_p0, e_r0 : float, optional
-        Initial energies of pitch and roll in the reduced model, in ``M g a``; None for those of
-        the launch.
-    omega, u : sequence of float, optional
-        A full state instead of `n_i`, `omega_xy0` and `psi`: angular velocity in ``sqrt(g/a)`` and
-        vertical unit vector (None: upright), components along the body's axes.
+    The launch is `n_i` and `omega_xy0`, or the full state `omega` and `u` (None: upright), with
+    components along the body's axes.  Without `t_end` the horizon is 5 t_rGH of the spin's own
+    direction.  `e_p0` and `e_r0` are initial energies of pitch and roll in the reduced model, in
+    ``M g a``; None stands for those of the launch.
     """
 
     body: Rattleback
@@ -52,30 +45,14 @@ class Launch:
     rolling: float = 0.0
     record: Sequence[str] = ()
 
-    @property
-    def config(self) -> dict[str, Any]:
-        """Launch, as keys of a config."""
-        spin = {"n_i": self.n_i, "omega_xy0": self.omega_xy0, "psi": self.psi}
-        if is_full_state(self.omega, self.u, spin):
-            state = {"omega": self.omega, "u": self.u}
-            return {"launch": {name: list(v) for name, v in state.items() if v is not None}}
-        for name in ("n_i", "omega_xy0"):
-            if spin[name] is None:
-                raise ConfigError(f"{name}: missing; give n_i and omega_xy0, or omega and u")
-        if self.t_end is None and self.n_i == 0:
-            raise ConfigError(
-                "t_end: missing; a launch without spin has no t_rGH, so give t_end in sqrt(a/g)"
-            )
-        return {"spin": {name: value for name, value in spin.items() if value is not None}}
-
 
 def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
     """Return whether a launch is a full state; refuse half of one, and one beside a spin."""
     if omega is None and u is None:
         return False
     if given := [name for name, value in spin.items() if value is not None]:
-        told = f"{' and '.join(given)} given with a full state, which says the spin and the "
-        raise ConfigError(told + "oscillation itself; keep omega and u, or n_i, omega_xy0 and psi")
+        told = f"{' and '.join(given)} given with a full state"
+        raise ConfigError(f"{told}; keep omega and u, or n_i, omega_xy0 and psi")
     if omega is None:
         raise ConfigError("omega: missing; a full state has omega and u")
     return True
@@ -90,9 +67,17 @@ def plan_of(launch: Launch, source: TableBodies | None = None) -> Plan:
         bodies |= {"surface": "ellipsoid"} if source.has_semi_axes else {}
     elif c is not None:
         bodies |= {"surface": "ellipsoid", "c": c}
+    spin = {"n_i": launch.n_i, "omega_xy0": launch.omega_xy0, "psi": launch.psi}
+    if is_full_state(launch.omega, launch.u, spin):
+        state = {"omega": launch.omega, "u": launch.u}
+        own: dict[str, Any] = {"launch": {k: list(v) for k, v in state.items() if v is not None}}
+    elif launch.t_end is None and launch.n_i == 0:
+        raise ConfigError("t_end: missing; a launch without spin has no t_rGH")
+    else:
+        own = {"spin": {k: v for k, v in spin.items() if v is not None}}
     config = parse_config({
         "bodies": bodies,
-        **launch.config,
+        **own,
         "model": launch.model,
         "horizon": {"t_rgh": 5.0} if launch.t_end is None else {"t": launch.t_end},
         "integrator": dict(launch.integrator),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import shlex
 import sys
@@ -17,8 +16,7 @@ from rattlesweep.sweeps.provenance import package_version
 if TYPE_CHECKING:
     from rattlesweep.sweeps.plan import Plan
 
-MOST_SHARDS = 1001
-"""Tasks of an array that Slurm takes unless its MaxArraySize says otherwise."""
+MOST_SHARDS = 1001  # tasks of an array that Slurm takes unless its MaxArraySize says otherwise
 SHORTEST = 120  # seconds of a time limit
 MARGIN, MARGIN_SHARE = 300, 0.25  # seconds, or share of the limit if that is less
 
@@ -27,68 +25,53 @@ def limit_of(text: str) -> int:
     """Return the seconds of a time limit in Slurm's notation, such as ``90`` (minutes) or ``2-12``,
     or raise a ValueError.
     """
-    match = re.fullmatch(r"(?:(\d{1,4})-)?(\d{1,6}(?::\d{1,3}){0,2})", text.strip())
+    match = re.fullmatch(r"(?:(\d{1,4})-)?(\d{1,6})(?::(\d{1,3}))?(?::(\d{1,3}))?", text.strip())
     if not match:
-        raise ValueError(
-            "is no time limit; write it as Slurm does, as in 4:00:00, 90 (minutes) or 2-12:00:00"
-        )
-    parts = [int(part) for part in match[2].split(":")]
-    if match[1] is None and len(parts) < 3:
-        parts.insert(0, 0)  # without days, minutes come first
-    hours, minutes, seconds = (*parts, 0, 0)[:3]
-    total = 86400 * int(match[1] or 0) + 3600 * hours + 60 * minutes + seconds
+        raise ValueError("is no time limit; write it as in 4:00:00, 90 (minutes) or 2-12:00:00")
+    days, *parts = (int(part or 0) for part in match.groups())
+    if match[1] is None and match[4] is None:
+        parts = [0, *parts]  # without days, minutes come first
+    total = 86400 * days + 3600 * parts[0] + 60 * parts[1] + parts[2]
     if total < SHORTEST:
         raise ValueError(f"is too short; give at least {SHORTEST // 60} minutes")
     return total
 
 
-def memory_of(text: str) -> int:
-    """Return the bytes of ``4G``, ``800M`` or ``800`` (megabytes), or raise a ValueError."""
-    match = re.fullmatch(r"(\d{1,9})\s*([KMGT]?)B?", text.strip(), re.IGNORECASE)
-    if not match or not int(match[1]):
+def memory_of(text: str) -> str:
+    """Return a size of memory such as ``4G``, as Slurm has it, or raise a ValueError."""
+    if not re.fullmatch(r"[1-9]\d{0,8}[KMGT]?", text.strip().upper()):
         raise ValueError("is no size of memory; write it as in 4G or 800M")
-    return int(match[1]) << (10 * " KMGT".index(match[2].upper() or "M"))
+    return text.strip().upper()
 
 
 def job_script(
-    plan: Plan,
-    config: Path,
-    output: Path,
-    overrides: Sequence[str],
-    *,
-    shards: int,
-    own: bool,
-    limit: int,
-    cpus: int,
-    memory: int | None,
-    partition: str | None,
-    restarts: int,
-) -> str:
+    plan: Plan, config: Path, output: Path, overrides: Sequence[str], *, shards: int, own: bool,
+    limit: int, cpus: int, memory: str, partition: str | None, restarts: int,
+) -> str:  # fmt: skip
     """Return the script of a job array, for the program of this environment in this directory.
 
-    Paths are absolute, `overrides` are the values of ``--set``, `limit` is in seconds, `memory` in
-    bytes.  With `own`, each shard has a directory of its own, ``OUTPUT-I``.  A task may requeue
-    itself `restarts` times.
+    Paths are absolute, `overrides` are the values of ``--set``, `limit` is in seconds.  With `own`,
+    each shard has a directory of its own, ``OUTPUT-I``.  A task may requeue itself `restarts`
+    times.
     """
     name, where = plan.config.name, Path.cwd()
     if any("\n" in f"{text}" for text in (name, config, output, where, *overrides)):
         raise ConfigError("a name, path or override with a line break cannot stand in a script")
     if partition is not None and not re.fullmatch(r"[\w.,+-]+", partition):
         raise ConfigError(f"--partition {partition}: is no name of a partition")
-    more = [] if memory is None else [f"#SBATCH --mem={math.ceil(memory / 1024**2)}M\n"]
-    more += [] if partition is None else [f"#SBATCH --partition={partition}\n"]
     # A task stops by itself before its limit; Slurm warns after half of that margin.
     margin = round(min(MARGIN, MARGIN_SHARE * limit))
     target, merged = _quoted(output), _quoted(f"{output}-merged")
     parts = f"{target}-{{0..{shards - 1}}}" if shards > 1 else f"{target}-0"
     finish = f"merge {parts} --output {merged}" if own else f"verify {target}"
+    more = "" if partition is None else f"#SBATCH --partition={partition}\n"
     values = {
         "NAME": re.sub(r"[^\w.-]+", "-", name).strip("-.") or "sweep",
         "LAST": shards - 1,
         "CPUS": cpus,
         "TIME": f"{limit // 3600}:{limit // 60 % 60:02}:{limit % 60:02}",
         "WARNING": margin // 2,
-        "MORE": "".join(more),
+        "MORE": f"#SBATCH --mem={memory}\n{more}",
         "ABOUT": f"{plan.runs} runs in {shards} shards.",
         "FINISH": f"rattlesweep {finish}",
         "VERSION": package_version(),

@@ -9,10 +9,16 @@ from typing import Any
 
 from rattlesweep.durations import clock
 from rattlesweep.sweeps.decide import decides, decision
-from rattlesweep.sweeps.locks import FOLDER, WHOLE, at_work
-from rattlesweep.sweeps.provenance import read_sessions, who
+from rattlesweep.sweeps.provenance import WHOLE, at_work, read_sessions, who
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.text import counted
+
+ENDED = {
+    "complete": "has done all of its runs",
+    "stopped": "stopped when its time was up",
+    "interrupted": "was interrupted",
+    "running": "died without a word",
+}
 
 
 @dataclass(frozen=True)
@@ -49,66 +55,42 @@ class Status:
                 counts = ", ".join(f"{word} {count:,}" for word, count in data[what].items())
                 lines.append(f"{what}: {counts}")
         for session in data["at_work"]:
-            shard = f"{session['shard']}, " if session.get("shard") else ""
-            lines.append(f"at work: {shard}{who(session)}{_how_far(session)}")
+            line = f"at work: {session['shard'] or 'the whole sweep'}, {who(session)}"
+            if progress := session.get("progress"):
+                line += f": {progress['runs']:,} of {progress['total']:,} runs"
+                if progress["left"] is not None:
+                    line += f", about {clock(progress['left'])} left"
+            lines.append(line)
         if not data["at_work"] and (last := data["last"]) is not None:
-            lines.append(f"nobody is at work; the last session, {who(last)}, {_ended(last)}")
+            ended = ENDED.get(last["how"], last["how"])
+            lines.append(f"nobody is at work; the last session, {who(last)}, {ended}")
         return "\n".join(lines)
 
 
 def status(directory: Path) -> Status:
     """Count the rows of an output directory, and look who is at work there."""
     stored = open_stored(directory)
-    files = stored.files()
-    counts = {"status": Counter[str](), "type": Counter[str]()}
-    runs = 0
-    for path in files:
-        rows = stored.runs.table(path, ["status", "type"])
-        runs += len(rows)
-        for name, counter in counts.items():
+    words, types = Counter[str](), Counter[str]()
+    for rows in stored.batches(["status", "type"]):
+        for name, counter in (("status", words), ("type", types)):
             for entry in rows.column(name).drop_null().value_counts().to_pylist():
                 counter[entry["values"]] += entry["counts"]
     wanted = len(stored.cases) * stored.samples
     if (decide := decision(stored.config, stored.cases, stored.samples)) is not None:
         decide.read(stored)
         wanted = int(decide.wanted().sum())
-    sessions = read_sessions(directory)
+    sessions, held = read_sessions(directory), at_work(directory)
     # Of several of a shard that have not said their end, the last holds its lock, if any does.
-    last = {s.get("shard"): s for s in sessions if s.get("how") == "running"}
-    locks = directory / FOLDER
-    held = [p.name for p in locks.iterdir() if at_work(p)] if locks.is_dir() else []
+    last = {s["shard"]: s for s in sessions if s["how"] == "running"}
     working = [session for shard, session in last.items() if (shard or WHOLE) in held]
-    ended = [session for session in sessions if session not in working]
     data = {
-        "runs": runs,
+        "runs": words.total(),
         "wanted": wanted,
-        "files": len(files),
-        "bytes": sum(path.stat().st_size for path in files),
-        "status": dict(counts["status"].most_common()),
-        "types": dict(counts["type"].most_common()),
+        "files": len(stored.files()),
+        "bytes": sum(path.stat().st_size for path in stored.files()),
+        "status": dict(words.most_common()),
+        "types": dict(types.most_common()),
         "at_work": working,
-        "last": ended[-1] if ended else None,
+        "last": next((s for s in reversed(sessions) if s not in working), None),
     }
     return Status(directory, str(stored.manifest["name"]), data, decides(stored.config))
-
-
-def _how_far(session: dict[str, Any]) -> str:
-    progress = session.get("progress")
-    if not isinstance(progress, dict):
-        return ""
-    left = progress.get("left")
-    return (
-        f": {progress['runs']:,} of {progress['total']:,} runs, those under way included"
-        f"{'' if left is None else f', about {clock(left)} left'}"
-    )
-
-
-def _ended(session: dict[str, Any]) -> str:
-    how = session.get("how")
-    words = {
-        "complete": "has done all of its runs",
-        "stopped": "stopped when its time was up",
-        "interrupted": "was interrupted",
-        "running": "died without a word",
-    }
-    return words.get(str(how), str(how))

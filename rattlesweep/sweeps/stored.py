@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
-from rattlesweep.sweeps import columns
-from rattlesweep.sweeps.cases import Case, grown, recovered
+from rattlesweep.sweeps.cases import Case, grown
 from rattlesweep.sweeps.columns import runs_schema
 from rattlesweep.sweeps.config.read import (
     differences,
@@ -30,16 +29,15 @@ from rattlesweep.sweeps.config.read import (
 )
 from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import explained, reason, replace_file
-from rattlesweep.sweeps.locks import FOLDER as LOCKS
-from rattlesweep.sweeps.locks import manifest_lock, others_at_work
-from rattlesweep.sweeps.provenance import command_line, machine, now, versions
-from rattlesweep.sweeps.rows import FOLDER, Runs
+from rattlesweep.sweeps.provenance import LOCKS, command_line, machine, now, versions
+from rattlesweep.sweeps.rows import FOLDER, TYPED, Runs
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.plan import Plan
 
 MANIFEST, SUMMARY = "manifest.json", "summary.parquet"
 FORMAT = 3
+OURS = ("runs", "sessions", MANIFEST, SUMMARY)
 
 
 @dataclass(frozen=True)
@@ -51,21 +49,13 @@ class Stored:
     config: Config  # with all defaults filled in
     cases: tuple[Case, ...]
     extra: tuple[pa.Field, ...]  # columns that the bodies and launches bring along
+    samples: int  # of each case
+    hash: str  # of what determines the numbers of a run with a given key
 
-    @property
-    def samples(self) -> int:
-        """Number of samples of each case."""
-        return int(self.manifest["samples"])
-
-    @property
-    def hash(self) -> str:
-        """Hash of what determines the numbers of a run with a given key."""
-        return str(self.manifest["config_hash"])
-
-    @property
-    def base(self) -> Path | None:
-        """Directory of the config file, where the path of a table begins."""
-        return None if self.manifest.get("base") is None else Path(self.manifest["base"])
+    @cached_property
+    def runs(self) -> Runs:
+        """The rows."""
+        return Runs(self.directory)
 
     @cached_property
     def schema(self) -> pa.Schema:
@@ -76,8 +66,8 @@ class Stored:
     def thresholds(self) -> Classify:
         """Thresholds behind the types on disk, which may be those of ``rattlesweep classify``."""
         for path in self.files():
-            with contextlib.suppress(DamagedError):
-                typed = json.loads(self.runs.typed(path) or "{}")
+            with contextlib.suppress(DamagedError, ValueError):
+                typed = json.loads(self.runs.metadata(path).get(TYPED, "{}"))
                 return self.config.classify.model_copy(update=typed)
         return self.config.classify
 
@@ -86,29 +76,24 @@ class Stored:
         """The same as JSON, as each file of rows has it."""
         return self.thresholds.as_text
 
-    @cached_property
-    def runs(self) -> Runs:
-        """The rows."""
-        return Runs(self.directory)
-
     def files(self) -> list[Path]:
         """Return the files of the rows."""
         return self.runs.files()
 
     def count(self) -> int:
         """Return the number of rows on disk."""
-        return self.runs.count()
+        return sum(len(self.runs.table(path, ["case"])) for path in self.files())
 
     def read(self, names: Sequence[str] | None = None) -> pa.Table:
         """Return all rows, or some of their columns, in the order of their keys."""
         schema = self.schema
+        if unknown := [name for name in names or () if name not in schema.names]:
+            there = ", ".join(schema.names)
+            raise ConfigError(
+                f"{self.directory}: its runs have no column {unknown[0]}; they have {there}"
+            )
         if names is not None:
-            if unknown := [name for name in names if name not in schema.names]:
-                raise ConfigError(
-                    f"{self.directory}: its runs have no column {unknown[0]}; they have "
-                    f"{', '.join(schema.names)}"
-                )
-            schema = pa.schema([self.schema.field(name) for name in names])
+            schema = pa.schema([schema.field(name) for name in names])
         tables = [schema.remove_metadata().empty_table(), *self.runs.batches(names)]
         return pa.concat_tables(tables).cast(schema)
 
@@ -123,16 +108,12 @@ class Stored:
         # Numba, which most readers of a sweep do without.
         from rattlesweep.sweeps.plan import make_plan
 
-        base = self.base
-        path = getattr(self.config.bodies, "path", None)
-        if path is not None and (self.directory / path).exists():
+        base = self.manifest["base"] or "."
+        if (self.directory / getattr(self.config.bodies, "path", "..none")).exists():
             base = self.directory  # a directory may have been moved with its table
-        plan = make_plan(self.config, base).with_cases(self.cases)
+        plan = make_plan(self.config, Path(base)).with_cases(self.cases)
         if sweep_hash(plan) != self.hash:
-            raise ConfigError(
-                f"{self.directory}: its table of bodies has changed, so its runs cannot be "
-                "computed again"
-            )
+            raise ConfigError(f"{self.directory}: the table of bodies of its runs has changed")
         return plan
 
 
@@ -151,33 +132,32 @@ def open_stored(directory: Path | str) -> Stored:
     directory = Path(directory)
     path = directory / MANIFEST
     try:
-        text = path.read_bytes()
+        data = json.loads(path.read_bytes())
+        if data["format"] != FORMAT:
+            raise ValueError(f"its format is {data['format']}, and this version reads {FORMAT}")
+        extra = tuple(
+            pa.field(
+                part["name"], pa.type_for_alias(part["type"]), part["nullable"],
+                {"unit": part["unit"], "description": part["description"]},
+            )
+            for part in data["columns"]
+        )  # fmt: skip
+        cases = tuple(Case.load(case) for case in data["cases"])
+        config = override_config(data["config"], [])
+        samples, key = int(data["samples"]), str(data["config_hash"])
+        if [case.index for case in cases] != list(range(len(cases))) or samples < 1:
+            raise ValueError("its cases are not numbered")
+        return Stored(directory, data, config, cases, extra, samples, key)
     except (FileNotFoundError, NotADirectoryError):
         what = "has no manifest.json" if directory.is_dir() else "there is no such directory"
         raise ConfigError(f"{directory} is not an output directory: {what}") from None
     except OSError as error:
         raise OutputError(f"cannot read {path}: {reason(error)}") from error
-    try:
-        data = json.loads(text)
-        other = data["format"] != FORMAT
-        if not other:
-            fields = tuple(_load_field(field) for field in data["columns"])
-            cases = tuple(Case.load(case) for case in data["cases"])
-            if [case.index for case in cases] != list(range(len(cases))) or data["samples"] < 1:
-                raise ValueError("its cases are not numbered")
-            config = override_config(data["config"], [])
-            stored = Stored(directory, data, config, cases, fields)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise DamagedError(
-            f"{path} is damaged ({reason(error)[:100]}); move it away, and `rattlesweep run` with "
-            "the same config makes it again"
+            f"{path} is damaged or of another version ({reason(error)[:100]}); move it away, and "
+            "`rattlesweep run` with the same config makes it again"
         ) from error
-    if other:
-        raise ConfigError(
-            f"{directory} was written in format {data['format']} by another version of "
-            f"rattlesweep; this one reads format {FORMAT}"
-        )
-    return stored
 
 
 def examine(plan: Plan, directory: Path) -> tuple[Stored | None, tuple[Case, ...]]:
@@ -186,86 +166,99 @@ def examine(plan: Plan, directory: Path) -> tuple[Stored | None, tuple[Case, ...
     Return the sweep that is there, None if its manifest has yet to be written, and the plan's cases
     as they are numbered there.
     """
-    ours, runs = sweep_hash(plan), Runs(directory)
-    held = open_stored(directory) if (directory / MANIFEST).exists() else None
+    ours = sweep_hash(plan)
+    if not (directory / MANIFEST).exists():
+        check_empty(directory)  # or its manifest is lost
+        Runs(directory).find(plan.cases, plan.samples, ours, plan.schema)
+        return None, plan.cases
+    there = open_stored(directory)
     try:
-        if held is None:
-            if directory.exists() and not directory.is_dir():
-                raise ConfigError("is a file; give the path of a directory")
-            files = runs.files()
-            if (foreign := foreign_name(directory)) and not files:
-                raise ConfigError(
-                    f"holds other files, such as {foreign}; give an empty or new directory"
-                )
-            if not files:
-                return None, plan.cases
-            cases = recovered(runs.cases(ours), plan.cases)
-            runs.find(cases, plan.samples, ours, plan.schema, put_aside=False)
-            return None, cases
-        if held.hash != ours:
-            theirs, mine = (fixed_part(resolved(c)) for c in (held.config, plan.config))
-            what = "; ".join(differences(theirs, mine)[:3]) or "the table of bodies has changed"
+        if there.hash != ours:
+            what = differing_keys(there.config, plan.config)
             raise ConfigError(f"holds another sweep ({what}); give another output, or --fresh")
-        if plan.samples < held.samples:
+        if plan.samples < there.samples:
+            held = f"holds a sweep of {there.samples} samples a case"
             raise ConfigError(
-                f"holds a sweep of {held.samples} samples a case, and the config asks for "
-                f"{plan.samples}; a sweep can only grow"
+                f"{held}, and the config asks for {plan.samples}; a sweep can only grow"
             )
-        return held, grown(held.cases, plan.cases)
+        return there, grown(there.cases, plan.cases)
     except ConfigError as error:
-        raise ConfigError([f"{directory}: {line}" for line in error.messages]) from None
+        raise ConfigError(f"{directory}: {error}") from None
+
+
+def differing_keys(one: Config, other: Config) -> str:
+    """Return in which keys two sweeps differ, with both values."""
+    parts = (fixed_part(resolved(config)) for config in (one, other))
+    return "; ".join(differences(*parts)[:3]) or "the table of bodies has changed"
 
 
 def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> Stored:
     """Make a directory, which this process holds, one of a plan, and return it.
 
-    The manifest is written where there is none, and again where the sweep grows.
+    The manifest is written where there is none, and again where the sweep grows or, unless for a
+    shard, its config changes in what no run depends on.
     """
-    with explained(f"cannot write in {directory / FOLDER}", folder=True):
+    with explained(f"cannot write in {directory}"):
         (directory / FOLDER).mkdir(exist_ok=True)
-    with manifest_lock(directory):
-        held, cases = examine(plan, directory)
-        data = _manifest(plan.with_cases(cases), base)
-        if held is not None:
-            same = len(cases) == len(held.cases) and plan.samples == held.samples
-            if same and _may_change(held.config) == _may_change(plan.config):
-                return held
-            if others_at_work(directory, shard):
-                raise OutputError(
-                    f"{directory}: other shards are at work on the smaller sweep; let it grow when "
-                    "they have ended"
-                )
-            data["started"] = held.manifest.get("started")
-        remove_summary(directory)  # it is of the smaller sweep
-        write_manifest(directory, data)
+    there, cases = examine(plan, directory)
+    data = {
+        "format": FORMAT,
+        "name": plan.config.name,
+        "config": resolved(plan.config),
+        "config_hash": sweep_hash(plan),
+        "base": None if base is None else str(base),
+        "cases": [case.dump() for case in cases],
+        "samples": plan.samples,
+        "columns": [
+            {"name": column.name, "type": str(column.type), "nullable": column.nullable}
+            | {key.decode(): text.decode() for key, text in (column.metadata or {}).items()}
+            for column in plan.extra
+        ],
+        "versions": versions(),
+        "machine": machine(),
+        "command": command_line(),
+        "started": now(),
+        "written": now(),
+    }
+    if there is not None:
+        keys = ("cases", "samples") if shard else ("cases", "samples", "config")
+        if all(data[key] == there.manifest[key] for key in keys):
+            return there
+        data["started"] = there.manifest["started"]
+    remove_summary(directory)  # it is of the smaller sweep
+    write_manifest(directory, data)
     return open_stored(directory)
 
 
-OURS = ("runs", "sessions", MANIFEST, SUMMARY)
+def write_manifest(directory: Path, data: dict[str, Any]) -> None:
+    """Put ``manifest.json`` in place, whole."""
+    text = json.dumps(data, indent=2, allow_nan=False)
+    replace_file(directory / MANIFEST, text.encode() + b"\n")
 
 
-def foreign_name(directory: Path, ours: Sequence[str] = OURS) -> str | None:
-    """Return the name of a file in a directory that is no part of a sweep; None if there is none,
-    no such directory, or one in which a sweep has worked: figures may lie beside it.
+def check_empty(directory: Path, ours: Sequence[str] = OURS) -> None:
+    """Raise a ConfigError if a directory holds files that are no part of a sweep.
+
+    Where a sweep has worked, figures may lie beside it.
     """
-    if (directory / LOCKS).is_dir() or not directory.is_dir():
-        return None
+    if not directory.exists() or (directory / LOCKS).is_dir():
+        return
     with explained(f"cannot read {directory}"):
-        names = sorted(p.name for p in directory.iterdir())
+        names = sorted(path.name for path in directory.iterdir())
     # Bodies from memory are kept before the sweep begins.
-    return next((n for n in names if n not in ours and not n.startswith((".", "bodies-"))), None)
+    other = [n for n in names if n not in ours and not n.startswith((".", "bodies-"))]
+    if other:
+        raise ConfigError(
+            f"{directory}: holds other files, such as {other[0]}; give an empty or new directory"
+        )
 
 
 def check_removable(directory: Path) -> None:
     """Raise a ConfigError if a directory holds files and no sweep has worked there."""
-    with contextlib.suppress(ConfigError, DamagedError):
+    try:
         open_stored(directory)
-        return
-    if foreign := foreign_name(directory, ours=()):
-        raise ConfigError(
-            f"{directory}: holds other files, such as {foreign}, and no sweep that --fresh could "
-            "start over; give an empty or new directory"
-        )
+    except (ConfigError, DamagedError):
+        check_empty(directory, ours=())
 
 
 def start_over(directory: Path) -> None:
@@ -282,46 +275,3 @@ def remove_summary(directory: Path) -> None:
     """Remove the summary where rows have come or gone."""
     with explained(f"cannot remove {directory / SUMMARY}"):
         (directory / SUMMARY).unlink(missing_ok=True)
-
-
-def write_manifest(directory: Path, data: dict[str, Any]) -> None:
-    """Put ``manifest.json`` in place, whole."""
-    text = json.dumps(data, indent=2, allow_nan=False)
-    replace_file(directory / MANIFEST, text.encode() + b"\n")
-
-
-def _manifest(plan: Plan, base: Path | None) -> dict[str, Any]:
-    return {
-        "format": FORMAT,
-        "name": plan.config.name,
-        "config": resolved(plan.config),
-        "config_hash": sweep_hash(plan),
-        "base": None if base is None else str(base),
-        "cases": [case.dump() for case in plan.cases],
-        "samples": plan.samples,
-        "columns": [_dump_field(field) for field in plan.extra],
-        "versions": versions(),
-        "machine": machine(),
-        "command": command_line(),
-        "started": now(),
-        "written": now(),
-    }
-
-
-def _may_change(config: Config) -> dict[str, Any]:
-    """Return the part of a config that may change while its sweep goes on."""
-    data = resolved(config)
-    kept = {key: data.get(key) for key in ("name", "classify", "stop")}
-    limits = {"max_steps": data["integrator"]["max_steps"]}
-    return kept | limits | {"refine": data["bodies"].get("refine")}
-
-
-def _dump_field(field: pa.Field) -> dict[str, Any]:
-    words = {key.decode(): text.decode() for key, text in (field.metadata or {}).items()}
-    return {"name": field.name, "type": str(field.type), "nullable": field.nullable} | words
-
-
-def _load_field(data: dict[str, Any]) -> pa.Field:
-    kinds = {"double": columns.F64, "int64": columns.I64, "string": columns.TEXT}
-    kind, nullable = kinds[data["type"]], bool(data["nullable"])
-    return columns.field(data["name"], kind, data["unit"], data["description"], nullable=nullable)

@@ -97,17 +97,15 @@ def verify(
     """
     stored = open_stored(directory)
     result = Verified(directory, files=len(stored.files()))
-    found = stored.runs.find(
-        stored.cases, stored.samples, stored.hash, stored.schema, put_aside=False
-    )
+    found = stored.runs.find(stored.cases, stored.samples, stored.hash, stored.schema)
     result.runs = found.rows
     result.problems += [
-        f"{path} is damaged; `rattlesweep run` does its runs again" for path in found.aside
+        f"{path} is damaged; `rattlesweep run` does its runs again" for path in found.damaged
     ]
     decide = decision(stored.config, stored.cases, stored.samples)
     if decide is None:
         result.missing = found.done.size - found.rows
-    elif not found.aside:
+    elif not found.damaged:
         decide.read(stored)
         result.missing = int((decide.wanted() & ~found.done).sum())
     for text, paths in found.typed.items():

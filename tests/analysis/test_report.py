@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 import re
 from collections.abc import Iterator
 from html.parser import HTMLParser
@@ -96,12 +95,8 @@ def test_all_of_a_sweep_is_there(sweeps, pages):
     assert "A sweep of 120 runs in 12 cases, complete." in page.text
     for name, count in sweep.runs["type"].value_counts().items():
         assert f"{name} {100 * count / 120:.1f} %" in page.text
-    for _, row in sweep.summary.iterrows():
-        # Two digits of the error of the mean, and none beyond.
-        error = row["t_r_std"] / (row["runs"] * row["fraction_R"]) ** 0.5
-        if error > 0:
-            decimals = max(0, 1 - math.floor(math.log10(error)))
-            assert f" {row['t_r_mean']:.{decimals}f} " in page.text
+    for mean in sweep.summary["t_r_mean"].dropna():
+        assert f" {mean:.5g} " in page.text
     assert "None: all 120 runs have status ok." in page.text
     assert f"{sweep.runs['n_steps'].sum():,}" in page.text
     assert sweep.manifest["config_hash"] in page.text

@@ -13,8 +13,7 @@ from refusal import assert_refused
 from scipy.stats import sobol_indices
 from sweeping import changed, invoke, sweep
 
-from rattlesweep.analysis.sensitivity import MOST_MISSING, sensitivity
-from rattlesweep.analysis.sensitivity import _indices as indices
+from rattlesweep.analysis.sensitivity import MOST_MISSING, indices, sensitivity
 from rattlesweep.errors import OutputError
 from rattlesweep.sweeps.bodies.sampler import sequence_points
 
@@ -106,7 +105,7 @@ def test_incomplete_groups_are_noted_and_too_many_refused(design, tmp_path):
     [
         ({"source": "sd", "samples": 28, "draw": "saltelli"}, 1, "it takes more runs"),
         ({"source": "sd", "samples": 20}, 2, "bodies.draw: saltelli"),
-        ({"source": "preset", "name": "GH"}, 2, "not drawn from ranges"),
+        ({"source": "preset", "name": "GH"}, 2, "bodies.source: sd"),
     ],
 )
 def test_what_has_no_indices_is_refused(tmp_path, bodies, code, words):
@@ -116,5 +115,5 @@ def test_what_has_no_indices_is_refused(tmp_path, bodies, code, words):
 
 def test_a_sweep_in_which_nothing_varies_is_refused(tmp_path):
     sweep(tmp_path / "out", changed(CONFIG, horizon={"t": 1e-3}))
-    with pytest.raises(OutputError, match="all runs reverse in only 0 of"):
+    with pytest.raises(OutputError, match="only 0 of"):
         sensitivity(tmp_path / "out")

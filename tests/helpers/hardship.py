@@ -103,12 +103,9 @@ class Nursery:
     def start(self, *args: Any, **how: Any) -> Child:
         """Start a command.
 
-        Parameters
-        ----------
-        how
-            ``calls``: arguments of `syscalls.Calls`. ``hold``: how many blocks are done before a
-            SIGUSR1. ``grace``: seconds that a first run is waited for when the time is up.
-            ``rows``: runs of a block.
+        `how`: ``calls``, arguments of `syscalls.Calls`; ``hold``, how many blocks are done before a
+        SIGUSR1; ``grace``, seconds that a first run is waited for when the time is up; ``rows``,
+        runs of a block.
         """
         self._number += 1
         number = self._number
@@ -145,7 +142,10 @@ class Nursery:
 
     def close(self) -> None:
         """End it, and all that it started."""
-        self._process.communicate()
+        try:
+            self._process.communicate(timeout=30)
+        except subprocess.TimeoutExpired:
+            os.killpg(self._process.pid, signal.SIGKILL)
 
 
 @cache
@@ -210,14 +210,9 @@ def one_sentence(err: str) -> bool:
     return len(lines) == 1 and lines[0].startswith("error: ") and "internal error" not in err
 
 
-def wait_until(
-    what: Callable[[], Any],
-    seconds: float = 120,
-    process: subprocess.Popen[str] | None = None,
-) -> None:
-    """Wait for something to become true, which a process brings about that has not ended."""
+def wait_until(what: Callable[[], Any], seconds: float = 120) -> None:
+    """Wait for something to become true."""
     end = time.monotonic() + seconds
     while not what():
         assert time.monotonic() < end, f"not within {seconds} s"
-        assert process is None or process.poll() is None, process.communicate()
         time.sleep(0.005)

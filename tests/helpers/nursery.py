@@ -90,10 +90,7 @@ def _prepare(order: dict[str, Any]) -> None:
     if "hold" in order:
         _hold(order["hold"])
     if "calls" in order:
-        calls = dict(order["calls"])
-        log = calls.pop("log", None)
-        root, kinds = Path(calls.pop("root")), tuple(calls.pop("kinds"))
-        Calls(root, kinds, log=None if log is None else Path(log), **calls).install()
+        Calls(**order["calls"]).install()
 
 
 def _hold(blocks: int) -> None:

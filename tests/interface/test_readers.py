@@ -1,55 +1,40 @@
 """The tables of a sweep open in pandas, DuckDB and Polars, alike."""
 
-from pathlib import Path
-
 import duckdb
 import numpy as np
 import pandas as pd
 import polars as pl
 import pyarrow as pa
 import pyarrow.parquet as pq
-import pytest
 from sweeping import run
 
 
-@pytest.fixture(scope="module")
-def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    directory = tmp_path_factory.mktemp("readers") / "out"
+def test_three_readers_see_the_same_rows(tmp_path):
+    output = tmp_path / "out"
     sets = ("bodies.target={K_r: [0.01, 0.1], rel_tol: 0.1}", "spin.n_i=[-0.3, -0.5]",
             "record=[energy, contact, windows]", "integrator.max_steps=20000")  # fmt: skip
     # Runs of every type, some that fail, and files of two sessions.
     for samples in (20, 30):
-        done = run("quickstart.yaml", directory, f"bodies.samples={samples}", *sets)
-        assert done.exit_code == 3
-    return directory
-
-
-def test_three_readers_see_the_same_rows(output):
+        assert run("quickstart.yaml", output, f"bodies.samples={samples}", *sets).exit_code == 3
     glob = str(output / "runs" / "*.parquet")
-    assert len(list((output / "runs").iterdir())) > 1
-    keys = ["case", "sample"]
-    whole = pd.read_parquet(output / "runs").sort_values(keys, ignore_index=True)
+    whole = pd.read_parquet(output / "runs").sort_values(["case", "sample"], ignore_index=True)
     assert {"R", "SS"} <= set(whole.type.dropna())
     assert {"ok", "step_limit"} == set(whole.status)
+    question = (
+        "SELECT \"case\", count(*) FILTER (WHERE type = 'R') / count(type) AS r, avg(t_r) AS t "
+        f'FROM \'{glob}\' GROUP BY "case" ORDER BY "case"'
+    )
     with duckdb.connect() as connection:
         query = f"SELECT * FROM read_parquet('{glob}') ORDER BY \"case\", sample"
         duck = connection.sql(query).to_arrow_table()
-    polars = pl.read_parquet(glob).sort(*keys).to_arrow()
+        case, fraction, mean = np.array(connection.sql(question).fetchall(), dtype=float).T
+    polars = pl.read_parquet(glob).sort("case", "sample").to_arrow()
     assert len(whole) == 120
     assert list(whole) == duck.column_names == polars.column_names
     values = pa.Table.from_pandas(whole, schema=pq.read_schema(next(output.glob("runs/*"))))
     assert values.to_pylist() == duck.to_pylist() == polars.to_pylist()
-
-
-def test_queries_need_no_help(output):
-    """Counts as a user would ask for them agree with the summary."""
+    # Counts as a user would ask for them agree with the summary.
     summary = pd.read_parquet(output / "summary.parquet")
-    question = (
-        "SELECT \"case\", count(*) FILTER (WHERE type = 'R') / count(type) AS r, avg(t_r) AS t "
-        f'FROM \'{output / "runs" / "*.parquet"}\' GROUP BY "case" ORDER BY "case"'
-    )
-    with duckdb.connect() as connection:
-        case, fraction, mean = np.array(connection.sql(question).fetchall(), dtype=float).T
     assert case.tolist() == summary["case"].tolist()
     np.testing.assert_allclose(fraction, summary.fraction_R, rtol=1e-15)
     np.testing.assert_allclose(mean, summary.t_r_mean, rtol=1e-13)

@@ -1,8 +1,5 @@
 """A sweep as Python has it: tables, xarray, pictures, pages and runs of one directory."""
 
-import shutil
-import sys
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -60,6 +57,7 @@ def test_what_a_notebook_user_expects(sd):
     assert sd.config["horizon"] == {"t": 50}
     assert sd.verify(recompute=3).problems == []
     assert repr(sd) == f"<Sweep {sd.directory}: 20 runs>"
+    assert "fraction_SS" in sd._repr_html_()
     same = sd.compare(sd)
     assert "all 20 runs" in repr(same)
     assert not same.disagree(0.0)
@@ -79,20 +77,14 @@ def test_other_thresholds_and_back(sd):
 @pytest.mark.parametrize(
     ("call", "words"),
     [(lambda s: s.read("t_R"), r'columns: "t_R" is not one of .*did you mean "t_r"\?'),
-     (lambda s: s.read(["t_r", 3]), 'columns: "3" is not one of'),
-     (lambda s: s.read(where="tpye == 'R'"), "where tpye == 'R': tpye is no column; did you mean"),
-     (lambda s: s.to_xarray(["window_amplitude"]), "holds several values a run; .read"),
+     (lambda s: s.read(where="tpye == 'R'"), "where tpye == 'R': \"tpye\" is not one of .*did you mean"),
      (lambda s: s.to_xarray(["nothing"]), 'columns: "nothing" is not one of'),
-     (lambda s: s.to_xarray(where="t_r >"), "where t_r >: cannot be read near"),
      (lambda s: s.plot("mpa"), "--kind"),
      (lambda s: s.plot(colour="red"), "colour: unknown; the looks of a picture are title, log"),
      (lambda s: s.plot(path="a.gif"), "path a.gif: the name must end in .svg, .png, .pdf"),
      (lambda s: s.plot(select={"n_i": [0.7]}), r"--select n_i=0.7: n_i has no value 0.7"),
-     (lambda s: s.plot(where="n_i"), "n_i: is no condition"),
      (lambda s: s.replay(9, 0), "case 9: .* has the cases 0 to 3"),
-     (lambda s: s.replay(0, 0, from_time=60), "from_time 60: rows begin at 0 or later, before t_"),
      (lambda s: s.show(), "which run"),
-     (lambda s: s.show(0, 0, from_time=-1), "from_time -1: rows begin at 0 or later"),
      (lambda s: s.show(0, 0, t_end=-1), "t_end -1")],
 )  # fmt: skip
 def test_bad_arguments_get_a_sentence_and_nothing_is_written(sd, call, words):
@@ -124,26 +116,14 @@ def test_a_map_is_a_dataset_of_its_axes(grid):
     # What is not chosen is missing.
     part = grid.to_xarray(["t_r", "type", "n_steps"], where="type == 'R'")
     assert (part.type.values == "").sum() == (rows.type != "R").sum() > 0
-    assert part.n_steps.notnull().sum() == (rows.type == "R").sum()
 
 
 def test_random_bodies_are_a_dataset_of_samples(sd):
-    data = sd.to_xarray(["t_r", "K_r", "theta", "energy_0"])
+    data = sd.to_xarray(["t_r", "K_r", "theta"])
     assert dict(data.sizes) == {"K_r": 2, "n_i": 2, "omega_xy0": 1, "sample": 5}
-    assert data.K_r.values.tolist() == [0.03, 0.1]
-    assert abs(data.K_r_body / data.K_r - 1).max() <= 0.1
     rows = sd.read(where="case == 1")  # the first target and the second spin
     at = data.sel(K_r=0.1, n_i=-0.3, omega_xy0=0.1)
     assert at.theta.values.tolist() == rows.theta.tolist()
-    pd.testing.assert_frame_equal(
-        at.t_r.to_dataframe()[["t_r"]].reset_index(drop=True), rows[["t_r"]]
-    )
-
-
-def test_without_xarray_a_sentence_says_what_to_install(grid, monkeypatch):
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(rs.ConfigError, match=r"needs xarray .*pip install 'rattlesweep\[xarray\]'"):
-        grid.to_xarray()
 
 
 def test_pictures_and_pages(sd, tmp_path):
@@ -155,36 +135,12 @@ def test_pictures_and_pages(sd, tmp_path):
     shown = [text.get_text() for text in some.findobj() if hasattr(text, "get_text")]
     assert any("Some" in text and condition in text for text in shown)
     page = sd.report(tmp_path / "report.html", title="Mine & yours")
-    assert page.path.stat().st_size > 10_000
-    assert page.path == tmp_path / "report.html"
-    shown_page = page._repr_html_()
-    assert shown_page.startswith('<iframe sandbox="allow-scripts"')
-    assert "Mine &amp;amp; yours" in shown_page
+    assert page.path.read_bytes() == page.content
     rolling = sd.show(0, 1, t_end=10, from_time=4, path=tmp_path / "roll.html", title="A run")
     assert '"start": 4.0' in rolling.path.read_text()
     path = sd.replay(0, 1, points=11, t_end=10, from_time=4)
     assert path.table.t.tolist() == pytest.approx(np.linspace(4, 10, 11))
     assert path.table.t.iloc[-1] == 10
-
-
-def test_a_notebook_shows_what_there_is(sd):
-    text = sd._repr_html_()
-    assert "20 runs" in text
-    assert str(sd.directory) in text
-    assert text.count("<tr") == 1 + 4
-    assert "fraction_SS" in text
-
-
-def test_the_summary_of_a_sweep_under_way(sd, tmp_path):
-    copy = tmp_path / "out"
-    shutil.copytree(sd.directory, copy)
-    (copy / "summary.parquet").unlink()
-    pd.testing.assert_frame_equal(rs.load(copy).summary, sd.summary)
-    first, *others = sorted((copy / "runs").iterdir())
-    kept = len(pd.read_parquet(first))
-    for path in others:
-        path.unlink()
-    assert rs.load(copy).summary.runs.sum() == kept
 
 
 # ------------------------------------------------------------------ bodies from memory
@@ -209,23 +165,11 @@ def test_a_sweep_of_a_table_in_memory(tmp_path, monkeypatch):
     with pytest.raises(rs.ConfigError, match="holds another sweep"):
         rs.sweep(BODIES.assign(phi=0.04), output=output, **KEYS)
     assert len(list(output.glob("bodies-*.parquet"))) == 1
-    # A column of what these bodies have not says nothing.
-    whole = rs.sweep(BODIES.assign(c=np.nan), output=tmp_path / "c", threads=1, **KEYS)
-    pd.testing.assert_frame_equal(whole.read(list(alone)), alone)
     # The directory has all it needs, wherever it is.
     moved = output.rename(tmp_path / "moved")
     monkeypatch.chdir(tmp_path)
     assert verify(moved, recompute=3).problems == []
     assert rs.load("moved").replay(0, 1, points=2).t_end == 30
-
-
-def test_rows_may_say_how_they_are_launched(tmp_path):
-    launched = BODIES.assign(n_i=[0.2, 0.3, -0.4], omega_xy0=0.1, t_end=[5.0, np.nan, 7.0])
-    done = rs.sweep(launched, output=tmp_path / "out", threads=1, horizon={"t": 6})
-    assert done.runs.t_end.tolist() == [5, 6, 7]
-    # The runs of a sweep are a table of bodies.
-    again = rs.sweep(done.runs, output=tmp_path / "again", threads=1)
-    pd.testing.assert_frame_equal(again.runs, done.runs)
 
 
 def test_bad_tables_leave_nothing(tmp_path):
@@ -242,12 +186,4 @@ def test_bad_tables_leave_nothing(tmp_path):
             rs.sweep(bodies, output=output, **keys)
     with pytest.raises(rs.ConfigError, match="spin: is given beside a config"):
         rs.sweep({"bodies": {"source": "preset", "name": "GH"}}, output=output, **KEYS)
-    with pytest.raises(rs.ConfigError, match=r"threads: 1\.5"):
-        rs.sweep(BODIES, output=output, threads=1.5, **KEYS)
-    other = tmp_path / "mine"
-    other.mkdir()
-    (other / "thesis.txt").write_text("all of it")
-    with pytest.raises(rs.ConfigError, match="holds other files, such as thesis"):
-        rs.sweep(BODIES, output=other, **KEYS)
-    assert [path.name for path in other.iterdir()] == ["thesis.txt"]
     assert not output.exists()

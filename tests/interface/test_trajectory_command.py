@@ -3,7 +3,6 @@
 import io
 import json
 import re
-import sys
 from typing import Any
 
 import matplotlib as mpl
@@ -16,7 +15,6 @@ from refusal import assert_refused
 from sweeping import invoke
 
 import rattlesweep as rs
-from rattlesweep import cli
 
 GH = rs.Rattleback.gh()
 
@@ -127,20 +125,6 @@ def test_contact_that_no_real_body_keeps_is_said():
                           channels=["t", "F_normal", "F_tangential"])  # fmt: skip
     ratio = slips.table["F_tangential"] / slips.table["F_normal"]
     assert f"from t = {slips.table['t'][np.argmax(ratio > 1)]:.4g} " in slips.warning
-
-
-def test_a_long_table_is_printed_by_its_ends(tmp_path, monkeypatch):
-    result = command("--points", 20_000_000_000)
-    lines = result.stdout.splitlines()
-    assert (result.exit_code, len(lines), lines[21]) == (0, 42, "...")
-    assert "only the first and the last 20 rows are printed; for all of them give" in result.stderr
-    # A file that takes standard output has them all.
-    with (tmp_path / "run.csv").open("w") as file:
-        monkeypatch.setattr(sys, "stdout", file)
-        with pytest.raises(SystemExit) as end:
-            cli.main(["trajectory", "--preset", "GH", "--t-end", "130", "--points", "10001"])
-    assert end.value.code == 0
-    assert len((tmp_path / "run.csv").read_text().splitlines()) == 10_002
 
 
 def test_figures_are_files_and_do_not_obey_the_users_matplotlibrc(tmp_path):

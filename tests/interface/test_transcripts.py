@@ -1,20 +1,99 @@
-"""Commands print what is kept in `tests/net/transcripts.txt`; see `tests/net/make.py`."""
+"""Commands print what is kept in `tests/net/transcripts.txt`; executed, this file writes it anew.
 
-import importlib.util
+Seconds, sizes, dates, processes and paths are masked, and numbers rounded to five digits.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import sys
+import tempfile
 from pathlib import Path
-from typing import Any
 
-spec = importlib.util.spec_from_file_location("net", Path(__file__).parents[1] / "net" / "make.py")
-assert spec is not None
-assert spec.loader is not None
-net: Any = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(net)
+from click.testing import CliRunner
+
+from rattlesweep.cli import main
+from rattlesweep.progress import COMPILING
+
+FILE = Path(__file__).parents[1] / "net" / "transcripts.txt"
+FILES = {
+    "sd.yaml": "bodies: {source: sd, samples: 4, target: {K_r: [0.02, 0.1], rel_tol: 1e-2}}\n"
+    "spin: {n_i: [-0.3, 0.4], omega_xy0: 0.1}\nhorizon: {t_rgh: 5, t: 2000}\n",
+    "gh.yaml": "bodies: {source: preset, name: GH}\nspin: {n_i: [0.1, -0.1], omega_xy0: 0.01}\n"
+    "record: [error]\n",
+    "failing.yaml": "bodies: {source: sd, samples: 4}\nspin: {n_i: -0.3, omega_xy0: 0.1}\n"
+    "integrator: {max_steps: 400}\n",
+    "bad.yaml": "nmae: x\nbodies: {source: sd, samples: -1}\nspin: {n_i: [0.1, oops]}\n",
+}
+COMMANDS = r"""
+--help
+init mine.yaml
+plan sd.yaml --check
+plan bad.yaml
+plan none.yaml
+body --preset GH --n-i -0.1
+body --mass 85g --radii '50 cm'
+run sd.yaml
+run sd.yaml
+run sd.yaml --set bodies.samples=6
+run sd.yaml --set spin.omega_xy0=0.2
+run sd.yaml --set seed=7
+run sd.yaml --shard 3/2
+run sd.yaml --output half --shard 0/2 -q
+merge half --output part
+run failing.yaml
+run failing.yaml --retry-failed --set integrator.max_steps=100000 -q
+run gh.yaml --max-time 0s
+run gh.yaml -q
+status out/sd
+status nowhere
+verify out/gh --recompute 2 --seed 1
+classify out/sd --set classify.sw_departure=0.2
+compare out/gh out/gh
+plot out/sd
+trajectory --preset GH --t-end 150 --points 4 --channels t,n,E_p
+replay out/gh --case 1 --sample 0 --points 3 --t-end 900
+replay out/gh --case 2 --sample 0
+"""
+
+
+def masked(text: str) -> str:
+    """Replace what differs from machine to machine and from run to run."""
+    text = re.sub(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?(\.\d+)?", "DATE", text)
+    text = re.sub(r"process \d+ on \S+,", "process N on HOST,", text)
+    text = re.sub(r"\b[\d.]+ (s|ms|kB|MB|GB)\b", r"N \1", text)
+    text = re.sub(r"-?\d+\.\d{5,}(e[+-]\d+)?", lambda number: f"{float(number[0]):.5g}", text)
+    return re.sub(r"(?<!\+)\b\d+ steps", "N steps", text)
+
+
+def make() -> str:
+    """Run the commands in the working directory and return their transcript."""
+    for name, text in FILES.items():
+        Path(name).write_text(f"name: {Path(name).stem}\n" * (name != "bad.yaml") + text)
+    found = []
+    for line in COMMANDS.strip().splitlines():
+        args = shlex.split(line)
+        sys.argv = ["rattlesweep", *args]
+        result = CliRunner().invoke(main, args, prog_name="rattlesweep")
+        if not isinstance(result.exception, SystemExit | None):
+            raise result.exception
+        told = [f"! {each}\n" for each in result.stderr.splitlines() if each != COMPILING]
+        shown = masked("".join([f"$ rattlesweep {line}\n", result.stdout, *told]))
+        found.append(f"{shown}[{result.exit_code}]\n")
+    return "\n".join(found)
 
 
 def test_commands_print_what_is_kept(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.argv", [])
     monkeypatch.setenv("COLUMNS", "80")
-    found, kept = (text.split("\n$ ") for text in (net.make(), net.FILE.read_text()))
-    for one, other in zip(found, kept, strict=True):
+    for one, other in zip(make().split("\n$ "), FILE.read_text().split("\n$ "), strict=True):
         assert one == other
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        FILE.write_text(make())

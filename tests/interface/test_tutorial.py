@@ -56,7 +56,7 @@ def test_from_a_ruler_and_a_scale_to_seconds(here: Path, capsys: pytest.CaptureF
         text = re.sub(r"\d+ steps", "N steps", text)
         return re.sub(r"-?\d+\.\d{6,}", lambda number: f"{float(number[0]):.6g}", text)
 
-    assert execute("own_stone.md") == 5
+    assert execute("own_stone.md") == 4
     shown = plain(capsys.readouterr().out)
     for block in blocks("own_stone.md", "text"):
         for line in plain(block).splitlines():

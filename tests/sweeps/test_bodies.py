@@ -216,7 +216,7 @@ def test_a_grid_goes_through_its_axes_the_first_one_slowest():
 @pytest.mark.parametrize(
     ("source", "words"),
     [
-        ({"overrides": {"theta": 1.2}}, "theta: 1.2 is out of range; it must be below 1"),
+        ({"overrides": {"theta": 1.2}}, "theta: 1.2 is given; it should be less than 1"),
         ({"overrides": {"alpha": 20}},
          "no body has this inertia: I_xx = alpha - 1 = 19 exceeds"),
         # gamma 13 exceeds I_xx + I_yy = 12.562 of GH's alpha and beta, but only there.

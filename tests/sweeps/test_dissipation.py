@@ -171,8 +171,8 @@ REFUSED_TABLES: dict[str, tuple[str, str, dict[str, Any], str]] = {
 }  # fmt: skip
 # name: (sigma or all losses, words); with test_stones.REFUSED, which are of single values
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "too many": ({"sigma": {"linspace": [0, 1, 100_001]}}, "100001 cases (targets x n_i x "
-                 "omega_xy0 x sigma x rolling); at most 100000 are possible"),
+    "too many": ({"sigma": {"linspace": [0, 1, 100_001]}},
+                 "the lists make 100001 cases; at most 100000 are possible"),
     "no decay at all": ({}, "horizon.t_decay is in units of gamma/sigma; give sigma"),
 }  # fmt: skip
 

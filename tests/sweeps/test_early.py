@@ -98,7 +98,7 @@ def test_other_thresholds_give_the_types_of_runs_to_the_horizon(both, tmp_path):
 def test_it_is_no_threshold_and_another_sweep(both):
     full, early = both / "full", both / "early"
     done = invoke("classify", full, "--set", EARLY)
-    assert_refused(done, 2, "classify.early: decides how far runs go; it needs a new sweep")
+    assert_refused(done, 2, "classify.early: decides more than types")
     done = sweeping.run("steady.yaml", full, *SETS, EARLY, options=("-q",))
     assert_refused(done, 2, "holds another sweep (classify.early: false against true)")
     # A comparison takes it as another way to integrate.

@@ -23,7 +23,7 @@ from rattlesweep.analysis.style import styled
 from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
 from rattlesweep.integrate.model import FULL, MODELS
 from rattlesweep.integrate.status import Status
-from rattlesweep.integrate.tableau import DOP853, METHODS
+from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full
 from rattlesweep.sweeps import error
 from rattlesweep.sweeps.block import columns_of, compute, run_batch
@@ -117,17 +117,16 @@ def outcome(t_r: float, y: Any, near: int = 0) -> Outcome:
         (NEAR, STATE, 0, 1.0, 2e-9 + 5 * 0.1 * 1e-4),
     ],
 )
-def test_the_estimate(t_r, y, near, before, expected):
+def test_the_estimate(t_r, y, near, before, expected, monkeypatch):
     values: dict[str, Any] = {part.name: np.ones(1) for part in fields(Batch)}
-    batch = Batch(**values | {"constants": np.array([BODY], float)})
-    companion, fit = outcome(t_r, y, near), error.Fit(1.9, 100.0, 5.0, 0.01)
+    state = np.array([[0.0, 0.0, 0.0, 0.0, 0.1]])  # launched in the steady direction
+    batch = Batch(**values | {"constants": np.array([BODY], float), "y0": state})
+    monkeypatch.setitem(error.FITS, "dop853", error.Fit(1.9, 100.0, 5.0, 0.01))
+    config, companion = plan_of().config, outcome(t_r, y, near)
     for own, wanted in ((100.0, expected), (np.nan, np.nan)):  # no reversal has no error
         runs = outcome(own, STATE)
-        apart = error.how_far_apart(batch, FULL, runs, companion)
-        found = error.relative_error(
-            batch, runs, companion, apart, DOP853, (1e-9, 1e-6), np.array([before]), fit
-        )
-        assert found[0] == pytest.approx(wanted, rel=1e-9, nan_ok=True)
+        found = error.with_errors(config, batch, runs, companion, (1e-9, 1e-6), np.array([before]))
+        assert found.t_r_error[0] / own == pytest.approx(wanted, rel=1e-9, nan_ok=True)
 
 
 @pytest.mark.parametrize("name", ["full", "reduced"])
@@ -158,8 +157,9 @@ def test_distances_are_those_of_the_step_control(name):
 )
 def test_tolerances_of_companions_and_for_an_error(settings, expected):
     integrator = plan_of(f"integrator={{{settings}}}").config.integrator
-    assert error.ladder(integrator) == pytest.approx(expected, rel=1e-12)
-    assert len(error.prices(integrator)) == len(expected)
+    values, costs = error.ladder(integrator)
+    assert values == pytest.approx(expected, rel=1e-12)
+    assert len(costs) == len(expected)
 
 
 @pytest.mark.parametrize(
@@ -394,8 +394,9 @@ def test_types_that_are_not_sure_are_hatched(marked, told):
     for directory in (marked, told):
         with styled():
             figure = choose_picture(read_layout(directory), "fractions").figure()
-        pale = [p.get_height() for axes in figure.axes for p in axes.patches
-                if p.get_hatch() == UNSURE["hatch"] and p.get_height() > 0]  # fmt: skip
+        hatched = [p.get_data() for axes in figure.axes for p in axes.patches
+                   if p.get_hatch() == UNSURE["hatch"]]  # fmt: skip
+        pale = [high for p in hatched for high in p.values - p.baseline if high > 0]
         rows = rows_of(directory).to_pandas().query("status == 'ok'")
         unsure = rows[rows["type_sure"] == False].groupby(["case", "type"]).size()  # noqa: E712
         shares = unsure / rows.groupby("case").size()

@@ -74,24 +74,14 @@ def test_the_golden_sweep_comes_out_again(tmp_path):
     assert then.n_steps.max() > 20 * then.n_steps.min()
 
 
-@pytest.mark.parametrize(
-    ("name", "change"), [("t_r", 1e-5), ("n_0", 1e-11), ("n_end", 1e-5), ("energy_drift", 1e-6)]
-)
-def test_the_tolerances_notice_a_change(name, change):
-    then = pd.read_parquet(GOLDEN)
-    now = then.copy()
-    row = now[name][ordinary(now)].first_valid_index()
-    now.loc[row, name] = now.loc[row, name] * (1 + change) + (change if name[0] in "ne" else 0)
-    with pytest.raises(AssertionError):
-        assert_close(now, then)
-
-
 @pytest.mark.slow
 def test_on_another_type_of_processor(tmp_path):
     """Compiled without fused multiply-add, which no machine of today is without."""
     target = tmp_path / "generic.parquet"
     environment = {**os.environ, "NUMBA_CPU_NAME": "generic"}
-    subprocess.run([sys.executable, HERE / "make.py", target], env=environment, check=True)
+    subprocess.run(
+        [sys.executable, HERE / "make.py", target], env=environment, check=True, timeout=900
+    )
     now, then = pd.read_parquet(target), pd.read_parquet(GOLDEN)
     assert not now.equals(then)
     assert_close(now, then)

@@ -214,46 +214,13 @@ SETS = ("bodies.samples=1500", "bodies.target=", "spin.n_i=[-0.3, -0.5]", "horiz
 
 
 @SLOW
-@pytest.mark.parametrize("kind", SCENES)
-def test_killed_at_random_instants(kind, tmp_path, record_property):
-    """200 kills of commands that are made to work on many small files."""
-    scene, output = make_scene(kind, tmp_path), tmp_path / "out"
-    scene = Scene(scene.before, scene.command, scene.after, rows=max(1, scene.rows // 12))
-    scene.begin(output)
-    began = time.monotonic()
-    assert scene.run(output).code == 0
-    seconds = time.monotonic() - began
-    known = (scene.after, *([scene.before] if scene.before else []))
-    dice, counts = random.Random(kind), Counter[str]()
-    scene.begin(output)
-    while counts["killed"] < 25:
-        args = [str(part).replace("{out}", str(output)) for part in scene.command]
-        child = nursery().start(*args, rows=scene.rows)
-        time.sleep(seconds * dice.uniform(0.0, 1.0))
-        if child.ended():
-            assert child.wait().code == 0
-            counts["through"] += 1
-            check_equal(output, scene.after)
-            scene.begin(output)
-            continue
-        child.kill()
-        child.wait()
-        counts["killed"] += 1
-        if output.exists():
-            counts["half"] += check_whole(output, *known) > 0
-    assert scene.run(output).code == 0
-    check_equal(output, scene.after)
-    record_property("counts", dict(counts))
-
-
-@SLOW
 def test_the_program_killed_at_random_instants(tmp_path, record_property):
     """The real command with the kernel, in a process of its own."""
     sets = [part for text in SETS for part in ("--set", text)]
     output, whole = tmp_path / "out", tmp_path / "whole"
     command = [PROGRAM, "run", CONFIGS / "quickstart.yaml", "-q", *sets, "--output"]
     began = time.monotonic()
-    subprocess.run([*command, whole], check=True, capture_output=True)
+    subprocess.run([*command, whole], check=True, capture_output=True, timeout=600)
     seconds = time.monotonic() - began
     dice, counts = random.Random(2017), Counter[str]()
     while counts["killed"] < 10:
@@ -272,6 +239,6 @@ def test_the_program_killed_at_random_instants(tmp_path, record_property):
             check_equal(output, whole)
             counts["through"] += 1
             shutil.rmtree(output)
-    subprocess.run([*command, output], check=True, capture_output=True)
+    subprocess.run([*command, output], check=True, capture_output=True, timeout=600)
     check_equal(output, whole)
     record_property("counts", dict(counts))

@@ -16,7 +16,6 @@ from sweeping import invoke, proved
 import rattlesweep as rs
 from rattlesweep.analysis.plots.kinds import choose_picture
 from rattlesweep.analysis.plots.layout import read_layout
-from rattlesweep.sweeps.counts import Moments
 
 CONFIG: dict[str, Any] = {
     "bodies": {"source": "grid", "base": {"preset": "GH"}, "axes": {"theta": [0.64, 0.8, 0.9]}},
@@ -126,8 +125,8 @@ def test_a_map_of_the_shipped_config(tmp_path):
     assert "not run yet" in [text.get_text() for text in shown.figure().legends[0].get_texts()]
     # Numbers up to 5 have a colour each, larger ones may share one, and every number has one.
     for most in (6, 300):
-        shown.counted[1]["n_turns"] = count = Moments(64)
-        count.add(np.arange(2), np.array([0.0, most]))
+        means = shown.layout.count(shown.more)[1]
+        means["n_turns"] = np.append([0.0, most], np.full(62, np.nan))
         labels = [text.get_text() for text in shown.figure().axes[-1].get_yticklabels()]
         spans = [[int(end) for end in label.split(" to ")] for label in labels]
         assert [span[0] for span in spans[1:]] == [span[-1] + 1 for span in spans[:-1]]

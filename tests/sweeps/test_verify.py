@@ -182,11 +182,11 @@ def test_cases_that_a_manifest_numbers_in_another_way_are_found(output):
     data = json.loads(path.read_bytes())
     data["cases"] = [data["cases"][1] | {"case": 0}, data["cases"][0] | {"case": 1}]
     path.write_text(json.dumps(data))
-    with pytest.raises(OutputError, match=r"numbers its cases in another way: case 0 is n_i -0\.1"):
+    with pytest.raises(OutputError, match=r"numbers its cases in another way"):
         verify(output)
     # A lost manifest of more cases than the config asks for is not made of fewer.
     path.unlink()
-    with pytest.raises(ConfigError, match="hold cases that the config does not ask for"):
+    with pytest.raises(OutputError, match="holds no runs, or others than of 1 cases"):
         sweep(output, changed(CONFIG, spin={"n_i": [-0.1]}))
     assert not path.exists()
 

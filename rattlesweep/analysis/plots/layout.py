@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -19,46 +19,65 @@ from rattlesweep.sweeps.config.schema import Config, GridSource
 from rattlesweep.sweeps.counts import Counts, Moments, columns_for, floats
 from rattlesweep.sweeps.stored import Stored, open_stored
 
+MOST_CELLS = 4_000_000
 # A value that is asked for in decimal means the nearest one there is.
 NEAR = 1e-6
 TARGETS = ("K_p", "K_r")
+LAUNCH = ("n_i", "omega_xy0", "sigma", "rolling")
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One thing that varies."""
+    """One thing that varies: a target, the launch, dissipation or a parameter of the body."""
 
-    name: str  # K_p, K_r, n_i, omega_xy0, sigma, rolling or a body parameter
+    name: str
     values: Floats  # those that are shown, ascending
-    rank: Integers
-    """Place in `values` of each case, or of each value of a grid's axis; -1: not shown."""
-
-    @classmethod
-    def of(cls, name: str, given: Sequence[float]) -> Axis:
-        """Make an axis of the value of each case, or of those that a grid lists."""
-        values, rank = np.unique(np.asarray(given, float), return_inverse=True)
-        return cls(name, values, rank)
-
-    def only(self, places: Integers) -> Axis:
-        """Keep some of the values, given by their places in ascending order."""
-        place = np.full(len(self.values), -1)
-        place[places] = np.arange(len(places))
-        return Axis(self.name, self.values[places], place[self.rank])
+    rank: Integers  # place among them of each case, or of each value of a grid's axis; -1: hidden
 
     @property
     def pinned(self) -> bool:
         """Whether one of several values was chosen."""
         return len(self.values) == 1 and bool((self.rank < 0).any())
 
+    @property
+    def edges(self) -> Floats:
+        """Borders of cells around the values."""
+        if len(self.values) == 1:
+            return np.array([self.values[0] - 0.5, self.values[0] + 0.5])
+        values = np.log(self.values) if self.logarithmic() else self.values
+        middle = (values[1:] + values[:-1]) / 2
+        edges = np.array([2 * values[0] - middle[0], *middle, 2 * values[-1] - middle[-1]])
+        return np.exp(edges) if self.logarithmic() else edges
+
     def logarithmic(self, log: bool | None = None) -> bool:
         """Return `log`, or whether the values are more evenly spread over their logarithms."""
-        if log is not None:
-            return log
         v = self.values
-        if len(v) < 3 or v[0] <= 0 or v[-1] < 3 * v[0]:
-            return False
+        if log is not None or len(v) < 3 or v[0] <= 0 or v[-1] < 3 * v[0]:
+            return bool(log)
         uneven, uneven_log = (np.std(s) / np.mean(s) for s in (np.diff(v), np.diff(np.log(v))))
         return bool(uneven_log < uneven)
+
+    def only(self, wanted: str, option: str) -> Axis:
+        """Keep the values that ``VALUE,VALUE`` or ``LOW:HIGH`` says."""
+        v, between = self.values, ":" in wanted
+        try:
+            numbers = [float(word) for word in wanted.split(":" if between else ",")]
+            low, high = numbers if between else (0, 0)
+        except ValueError:
+            raise ConfigError(
+                f"{option}: is not NAME=VALUES, as in n_i=-0.3,-0.5 or theta=0.6:0.7"
+            ) from None
+        # One row for each value that must be there.
+        zero = NEAR**2 * float(np.abs(v).max())
+        alike = np.array([np.isclose(v, x, rtol=NEAR, atol=zero) for x in numbers])
+        found = ((v >= low) & (v <= high))[None] if between else alike
+        if not found.any(axis=1).all():
+            texts = [f"{value:.6g}" for value in v]
+            there = ", ".join(texts if len(v) < 10 else [*texts[:3], "...", *texts[-6:]])
+            raise ConfigError(f"{option}: {self.name} has no value {wanted}; there are {there}")
+        kept = found.any(axis=0)
+        place = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
+        return Axis(self.name, v[kept], place[self.rank])
 
 
 @dataclass(frozen=True)
@@ -66,14 +85,10 @@ class Layout:
     """The axes of a sweep, as far as they are shown, and a condition on its runs."""
 
     stored: Stored
-    cases: tuple[Axis, ...]
-    """Targets, ``n_i``, ``omega_xy0``, ``sigma``, ``rolling``, as far as there are any."""
-    grid: tuple[Axis, ...]
-    """Axes of a grid of bodies; empty where a case's samples are a population."""
+    axes: dict[str, Axis]  # target, launch and dissipation, body, as far as there are any
+    bodies: list[str]  # axes of a grid; none where the samples of a case are a population
     where: Where | None = None
-    held: pa.Table | None = None
-    """Columns that are in memory already."""
-    _counted: dict[Any, Any] = field(default_factory=dict, compare=False)
+    _counted: dict[Any, Any] = field(default_factory=dict, init=False, compare=False)
 
     @property
     def config(self) -> Config:
@@ -81,138 +96,90 @@ class Layout:
         return self.stored.config
 
     @cached_property
-    def axes(self) -> dict[str, Axis]:
-        """All axes by name."""
-        return {axis.name: axis for axis in (*self.cases, *self.grid)}
-
-    @cached_property
     def lengths(self) -> dict[str, int]:
         """Number of values of each axis."""
         return {name: len(axis.values) for name, axis in self.axes.items()}
 
     @property
-    def targets(self) -> list[str]:
-        """The coefficient that bodies are drawn for, if there is one."""
-        return [axis.name for axis in self.cases if axis.name in TARGETS]
-
-    @property
-    def bodies(self) -> list[str]:
-        """Axes of the grid."""
-        return [axis.name for axis in self.grid]
-
-    @property
-    def launch(self) -> list[str]:
-        """Spin, oscillation and dissipation, where they are axes."""
-        return [axis.name for axis in self.cases if axis.name not in TARGETS]
+    def several(self) -> list[str]:
+        """Axes of several values, those of the launch first."""
+        names = sorted(self.axes, key=lambda name: name not in LAUNCH)
+        return [name for name in names if self.lengths[name] > 1]
 
     @property
     def population(self) -> bool:
         """Whether a case has many bodies that no axis tells apart."""
-        return not self.grid and self.stored.samples > 1
+        return not self.bodies and self.stored.samples > 1
 
     @property
     def refined(self) -> bool:
         """Whether only some points of the grid are integrated and the others filled."""
         return isinstance(self.config.bodies, GridSource) and self.config.bodies.refine is not None
 
-    def cells(self, rows: pa.RecordBatch, axes: Iterable[Axis]) -> Integers:
-        """Return the cell of each row among some axes, the last varying fastest; -1: not shown."""
-        case = rows.column("case").to_numpy()
-        at: dict[str, Integers] = {axis.name: axis.rank[case] for axis in self.cases}
-        if self.grid:
-            shape = tuple(len(axis.rank) for axis in self.grid)
-            places = np.unravel_index(rows.column("sample").to_numpy(), shape)
-            at |= {a.name: a.rank[place] for a, place in zip(self.grid, places, strict=True)}
-        cell = np.zeros(rows.num_rows, np.int64)
-        for axis in axes:
-            cell = cell * len(axis.values) + at[axis.name]
-        for place in at.values():
-            cell[place < 0] = -1
-        return cell
+    def cells(self, rows: pa.RecordBatch) -> Integers:
+        """Return the cell of each row along all axes, the last varying fastest; -1: hidden."""
+        case, sample = (rows.column(name).to_numpy() for name in ("case", "sample"))
+        grid = [len(self.axes[name].rank) for name in self.bodies]
+        at = dict(zip(self.bodies, np.unravel_index(sample, grid) if grid else (), strict=True))
+        cell, shown = np.zeros(len(case), np.int64), np.ones(len(case), bool)
+        for name, axis in self.axes.items():
+            place = axis.rank[at.get(name, case)]
+            cell = cell * len(axis.values) + place
+            shown &= place >= 0
+        return np.where(shown, cell, -1)
 
     def rows(self, columns: Sequence[str]) -> Iterator[pa.RecordBatch]:
         """Read columns of the runs for which the condition is true, file by file."""
-        needed = list(dict.fromkeys((*columns, *(self.where.columns if self.where else ()))))
-        if self.held is not None and set(needed) <= set(self.held.column_names):
-            batches: Iterable[pa.RecordBatch] = self.held.select(needed).to_batches()
-        else:
-            batches = self.stored.batches(needed)
-        for rows in batches:
+        needed = dict.fromkeys((*columns, *(self.where.columns if self.where else ())))
+        for rows in self.stored.batches(list(needed)):
             yield rows if self.where is None else self.where.filter(rows)
 
-    def count(
-        self, axes: Sequence[Axis], more: Sequence[str] = ()
-    ) -> tuple[Counts, dict[str, Moments]]:
-        """Count the runs by cell of some axes, with moments of more columns, in one pass."""
-        key = tuple(axis.name for axis in axes), tuple(more)
-        if key not in self._counted:
-            cells = int(np.prod([len(axis.values) for axis in axes]))
-            counts, means = Counts(cells), {name: Moments(cells) for name in more}
+    def count(self, more: tuple[str, ...] = ()) -> tuple[Counts, dict[str, Floats]]:
+        """Count the runs by cell, with the means of more columns, in one pass."""
+        if more not in self._counted:
+            size = int(np.prod([*self.lengths.values()]))
+            if size > MOST_CELLS:
+                raise ConfigError(f"{size:,} cells are too many; choose some with --select")
+            counts, moments = Counts(size), {name: Moments(size) for name in more}
             for rows in self.rows(("case", "sample", *columns_for(self.config), *more)):
-                cell = self.cells(rows, axes)
+                cell = self.cells(rows)
                 counts.add(rows, cell)
-                for name, moments in means.items():
+                for name, own in moments.items():
                     values = floats(rows.column(name))
                     kept = (cell >= 0) & np.isfinite(values)
-                    moments.add(cell[kept], values[kept])
-            self._counted[key] = counts, means
-        found: tuple[Counts, dict[str, Moments]] = self._counted[key]
+                    own.add(cell[kept], values[kept])
+            self._counted[more] = counts, {name: own.means() for name, own in moments.items()}
+        found: tuple[Counts, dict[str, Floats]] = self._counted[more]
         return found
 
     def named(self, name: str, option: str) -> Axis:
         """Return an axis by its name; raise a ConfigError if there is none."""
         if name not in self.axes:
-            known = not_one_of(name, self.axes) if self.axes else f"{name}: nothing varies by case"
-            raise ConfigError(f"{option}: {known}")
+            raise ConfigError(f"{option}: {not_one_of(name, self.axes)}")
         return self.axes[name]
+
+    def column(self, name: str, option: str) -> tuple[str, str]:
+        """Return unit and description of a numeric column; raise a ConfigError if it is none."""
+        schema = self.stored.schema
+        numbers = [f.name for f in schema if str(f.type) in ("double", "int32", "int64")]
+        if name not in numbers:
+            raise ConfigError(f"{option}: {not_one_of(name, numbers)}")
+        metadata = schema.field(name).metadata
+        return metadata[b"unit"].decode(), metadata[b"description"].decode()
 
     def chosen(self, where: str | None) -> Layout:
         """Keep the runs for which a condition is true; None: all."""
-        if where is None:
-            return self
-        return replace(self, where=parse_where(where, self.stored.schema), _counted={})
+        new = None if where is None else parse_where(where, self.stored.schema)
+        return self if new == self.where else replace(self, where=new)
 
     def select(self, texts: Sequence[str]) -> Layout:
         """Keep what ``NAME=VALUE,VALUE`` or ``NAME=LOW:HIGH`` texts say."""
-        if not texts:
-            return self
         axes = dict(self.axes)
         for text in texts:
             name, _, wanted = text.partition("=")
-            option = f"--select {text}"
-            if not wanted:
-                raise ConfigError(
-                    f"{option}: is not NAME=VALUES; write it as in n_i=-0.3,-0.5 or theta=0.6:0.7"
-                )
-            axis = self.named(name.strip(), option)
-            axes[axis.name] = axis.only(_places(axis, wanted, option))
-        cases, grid = (tuple(axes[axis.name] for axis in kind) for kind in (self.cases, self.grid))
-        return replace(self, cases=cases, grid=grid, _counted={})
-
-
-def _places(axis: Axis, wanted: str, option: str) -> Integers:
-    """Return the places of the values that a text chooses, ascending."""
-    between = ":" in wanted
-    try:
-        numbers = np.array([float(word) for word in wanted.split(":" if between else ",")])
-        if np.isnan(numbers).any() or (between and len(numbers) != 2):
-            raise ValueError
-    except ValueError:
-        raise ConfigError(
-            f"{option}: {wanted} are not numbers; write -0.3,-0.5 or 0.6:0.7"
-        ) from None
-    values = [f"{value:.6g}" for value in axis.values]
-    there = ", ".join(values[:3] + ["..."] * (len(values) > 9) + values[3:][-6:])
-    if between:
-        chosen = (axis.values >= numbers[0]) & (axis.values <= numbers[1])
-        if not chosen.any():
-            raise ConfigError(f"{option}: no value lies there; there are {there}")
-        return np.flatnonzero(chosen)
-    zero = NEAR**2 * float(np.abs(axis.values).max())
-    alike = np.isclose(axis.values[:, None], numbers, rtol=NEAR, atol=zero)
-    for number in numbers[~alike.any(axis=0)]:
-        raise ConfigError(f"{option}: {axis.name} has no value {number:g}; there are {there}")
-    return np.flatnonzero(alike.any(axis=1))
+            axis = self.named(name.strip(), f"--select {text}")
+            axes[axis.name] = axes[axis.name].only(wanted, f"--select {text}")
+        return replace(self, axes=axes) if texts else self
 
 
 def read_layout(directory: Path) -> Layout:
@@ -221,16 +188,14 @@ def read_layout(directory: Path) -> Layout:
     if not stored.files():
         raise OutputError(f"{directory} holds no runs yet")
     config, cases = stored.config, stored.cases
-    given: dict[str, list[Any]] = {}
+    given: dict[str, Sequence[Any]] = {}
     if cases[0].target_name is not None:
         given[cases[0].target_name] = [case.target for case in cases]
-    if config.spin is not None and cases[0].n_i is not None:
-        given |= {"n_i": [case.n_i for case in cases]}
-    if config.spin is not None and cases[0].omega_xy0 is not None:
-        given |= {"omega_xy0": [case.omega_xy0 for case in cases]}
-    for name in ("sigma", "rolling"):
-        if isinstance(getattr(config.dissipation, name), list):
-            given[name] = [getattr(case, name) for case in cases]
+    launch = ["n_i", "omega_xy0"] if config.spin is not None else []
+    losses = (n for n in ("sigma", "rolling") if isinstance(getattr(config.dissipation, n), list))
+    given |= {name: [getattr(case, name) for case in cases] for name in (*launch, *losses)}
+    given = {name: values for name, values in given.items() if values[0] is not None}
     grid = config.bodies.varying if isinstance(config.bodies, GridSource) else {}
-    case_axes, grid_axes = (tuple(Axis.of(*i) for i in own.items()) for own in (given, grid))
-    return Layout(stored, case_axes, grid_axes)
+    axes = {name: Axis(name, *np.unique(np.asarray(values, float), return_inverse=True))
+            for name, values in (given | grid).items()}  # fmt: skip
+    return Layout(stored, axes, list(grid))

@@ -5,38 +5,23 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from numbers import Integral, Real
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, get_args
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.sweeps.config.messages import (
-    Key,
-    Places,
-    describe,
-    dotted,
-    nearest,
-    not_one_of,
-    quoted,
-)
-from rattlesweep.sweeps.config.schema import (
-    SOURCES,
-    Clashes,
-    Config,
-    Dissipation,
-    as_number,
-    clashes,
-)
+from rattlesweep.sweeps.config.messages import Key, Places, describe, nearest, not_one_of
+from rattlesweep.sweeps.config.schema import SOURCES, TAGS, Config, Dissipation
 
 # Larger files take seconds to parse; aliases may stand for far more values than a file has.
 MAX_BYTES, MAX_VALUES = 250_000, 20_000
-# Problems told in full; the rest is counted.
-MAX_TOLD = 20
+MAX_TOLD = 20  # problems told in full
 
 Problem = tuple[int | str | None, Key, str]
 """Line or ``--set`` text, key, and sentence."""
@@ -50,31 +35,44 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
     A ConfigError has everything that is wrong, one line each: ``file:line: key: sentence``.
     """
     file = one_line(os.fspath(path), 200)
-    data, lines, problems = read_yaml(_read_text(path, file))
+    try:
+        raw = Path(path).read_bytes()
+        text = raw.decode("utf-8-sig")
+    except (OSError, ValueError) as error:
+        reason = one_line(getattr(error, "strerror", None) or str(error), 200)
+        raise ConfigError(f"{file}: {reason}; give the path of a config in UTF-8") from None
+    if len(raw) > MAX_BYTES:
+        size = f"{MAX_BYTES // 1000} kB"
+        raise ConfigError(f"{file}: is larger than {size}; put long lists of bodies into a table")
+    data, lines, problems = read_yaml(text)
     if not isinstance(data, dict):
         line, _, sentence = problems[0] if problems else (1, (), "")
-        empty = data is None and "the file is empty; it needs at least bodies and spin"
-        sentence = sentence or empty or f"{describe(data)} is found; write key: value lines"
+        sentence = sentence or f"{describe(data)} is found; write key: value lines"
         raise ConfigError(f"{file}:{line}: {sentence}")
     stem = "".join(c if c.isprintable() and c != "\\" else "_" for c in Path(path).stem)
-    return _check(data, overrides, file, {(): 1, **lines}, problems, stem)
+    return _check({"name": stem} | data, overrides, Places(file, {(): 1, **lines}), problems)
 
 
 def parse_config(data: Mapping[str, Any]) -> Config:
-    """Check a config given as Python data.
+    """Check a config given as Python data, in which tuples are lists and NumPy's numbers numbers.
 
-    Tuples count as lists, and NumPy's numbers as Python's. A ConfigError has everything that is
-    wrong, one line each: ``key: sentence``.
+    A ConfigError has everything that is wrong, one line each: ``key: sentence``.
     """
     return override_config(data, ())
 
 
 def override_config(data: Mapping[str, Any], overrides: Sequence[str]) -> Config:
     """Check a config given as Python data, with some keys replaced by ``KEY=VALUE`` texts."""
-    plain = _plain(data)
-    if not isinstance(plain, dict):
-        raise ConfigError(f"{describe(plain)} is given for a config; give a dict")
-    return _check(plain, overrides, None, {}, [])
+
+    def plain(value: Any) -> Any:
+        return value.tolist() if hasattr(value, "tolist") else str(value)
+
+    try:
+        return _check(
+            json.loads(json.dumps({**data}, default=plain)), overrides, Places(None, {}), []
+        )
+    except TypeError as error:
+        raise ConfigError(f"the config is not plain data ({error}); give a dict") from None
 
 
 def config_json_schema() -> dict[str, Any]:
@@ -82,12 +80,8 @@ def config_json_schema() -> dict[str, Any]:
     schema = Config.model_json_schema()
     # This keyword belongs to OpenAPI and not to JSON Schema.
     del schema["properties"]["bodies"]["discriminator"]
-    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
-    schema["title"] = "rattlesweep config"
-    for model in (schema, *schema["$defs"].values()):
-        for key in model["properties"].values():
-            key["description"] = " ".join(key["description"].split())
-    return schema
+    draft = "https://json-schema.org/draft/2020-12/schema"
+    return schema | {"$schema": draft, "title": "rattlesweep config"}
 
 
 def resolved(config: Config) -> dict[str, Any]:
@@ -119,6 +113,10 @@ def fixed_part(data: Mapping[str, Any]) -> dict[str, Any]:
     return part
 
 
+def _without(data: Mapping[str, Any], *names: str) -> dict[str, Any]:
+    return {key: value for key, value in data.items() if key not in names}
+
+
 def physics_hash(config: Config) -> str:
     """Return the SHA-256, in hex, of the :func:`fixed_part` of a config."""
     part = fixed_part(resolved(config))
@@ -126,48 +124,17 @@ def physics_hash(config: Config) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def differences(a: dict[str, Any], b: dict[str, Any]) -> list[str]:
+def differences(a: Mapping[str, Any], b: Mapping[str, Any], *, within: str = "") -> list[str]:
     """Return dotted keys in which two resolved configs differ, each with both values."""
-    left, right = _flat(a), _flat(b)
-    return [
-        f"{key}: {left.get(key, 'not set')} against {right.get(key, 'not set')}"
-        for key in {**left, **right}
-        if left.get(key) != right.get(key)
-    ]
-
-
-def _without(data: Mapping[str, Any], *names: str) -> dict[str, Any]:
-    return {key: value for key, value in data.items() if key not in names}
-
-
-def _flat(data: Any, prefix: str = "") -> dict[str, str]:
-    if not isinstance(data, dict) or (not data and prefix):
-        return {prefix: json.dumps(data)}
-    flat: dict[str, str] = {}
-    for key, value in data.items():
-        flat |= _flat(value, f"{prefix}.{key}" if prefix else str(key))
-    return flat
-
-
-# -- files and Python data -------------------------------------------------------------------------
-
-
-def _read_text(path: str | os.PathLike[str], file: str) -> str:
-    try:
-        raw = Path(path).read_bytes()
-    except (OSError, ValueError) as error:
-        reason = one_line(getattr(error, "strerror", None) or str(error))
-        if isinstance(error, FileNotFoundError):
-            reason = "there is no such file"
-        raise ConfigError(f"{file}: {reason}; give the path of a config") from None
-    if len(raw) > MAX_BYTES:
-        size = f"{MAX_BYTES // 1000} kB"
-        raise ConfigError(f"{file}: is larger than {size}; put long lists of bodies into a table")
-    try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
-        raise ConfigError(f"{file}:{line}: is not UTF-8 text; save the file as UTF-8") from None
+    found = []
+    for key in {**a, **b}:
+        left, right = a.get(key), b.get(key)
+        if isinstance(left, dict) and isinstance(right, dict):
+            found += differences(left, right, within=f"{within}{key}.")
+        elif left != right:
+            values = ("not set" if x is None else json.dumps(x) for x in (left, right))
+            found.append(f"{within}{key}: {' against '.join(values)}")
+    return found
 
 
 def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
@@ -177,17 +144,13 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
     """
     lines: dict[Key, int] = {}
     problems: list[Problem] = []
-    count = 0
 
     def convert(node: Node, key: Key) -> Any:
-        nonlocal count
-        count += 1
-        if count > MAX_VALUES:
+        if len(lines) > MAX_VALUES:
             raise ValueError(f"more than {MAX_VALUES} values")
         if isinstance(node, SequenceNode):
-            for index, item in enumerate(node.value):
-                lines[(*key, index)] = item.start_mark.line + 1
-            return [convert(item, (*key, index)) for index, item in enumerate(node.value)]
+            lines.update({(*key, i): item.start_mark.line + 1 for i, item in enumerate(node.value)})
+            return [convert(item, (*key, i)) for i, item in enumerate(node.value)]
         if not isinstance(node, MappingNode):
             return _scalar(str(node.tag).rpartition(":")[2], node.value)
         data: dict[str, Any] = {}
@@ -208,185 +171,106 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
         return None if root is None else convert(root, ()), lines, problems
     except Exception as error:  # on malformed text also ValueError, RecursionError, IndexError ...
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
-        line = mark.line if mark else text.count("\n", 0, getattr(error, "position", 0))
-        words = getattr(error, "problem", None) or getattr(error, "context", None)
-        words = str(words or error or type(error).__name__).partition("\n")[0]
-        message = f"cannot be read as YAML ({words}); check indentation, brackets and quotes"
-        return None, {}, [(line + 1, (), message)]
+        words = str(getattr(error, "problem", None) or error or type(error).__name__)
+        message = f"cannot be read as YAML ({one_line(words, 200)}); mend brackets, quotes, indents"
+        return None, {}, [(mark.line + 1 if mark else 1, (), message)]
 
 
 def _scalar(kind: str, text: str) -> Any:
     """Return the value of a scalar; what YAML knows beside words and numbers stays text."""
-    if kind == "null":
-        return None
-    if kind == "bool":
-        return text.lower() == "true"
-    if kind == "int" and text.lstrip("+-")[:2] in ("0o", "0x", "0b"):
-        return int(text.replace("_", ""), 0)
-    if kind == "float" and text.lower().lstrip("+-") in (".inf", ".nan"):
-        return float(text.replace(".", ""))
-    return as_number(text) if kind in ("int", "float") else text
-
-
-def _plain(value: Any) -> Any:
-    """Return Python data as a config file would give it."""
-    if isinstance(value, Mapping):
-        return {str(name): _plain(item) for name, item in value.items()}
-    if isinstance(value, list | tuple) or type(value).__name__ == "ndarray":
-        return [_plain(item) for item in value]
-    # NumPy's numbers are registered as these.
-    if isinstance(value, bool) or not isinstance(value, Real):
-        return value
-    return int(value) if isinstance(value, Integral) else float(value)
-
-
-# -- checking --------------------------------------------------------------------------------------
+    if kind in ("null", "bool"):
+        return None if kind == "null" else text.lower() == "true"
+    with suppress(ValueError):
+        return int(text, 0) if kind == "int" else float(text) if kind == "float" else text
+    return text
 
 
 def _check(
-    data: dict[str, Any],
-    overrides: Sequence[str],
-    file: str | None,
-    origins: dict[Key, int | str],
-    found: list[Problem],
-    name: str | None = None,
+    data: dict[str, Any], overrides: Sequence[str], places: Places, found: list[Problem]
 ) -> Config:
     """Return the config, or raise a ConfigError with everything that is wrong."""
-    places = Places(file, origins)
-    refused = [line for text in overrides for line in _override(data, origins, text)]
-    if name is not None:
-        data.setdefault("name", name)
-    sections, wrong = data, set[str | int]()
-    while True:
-        try:
-            config = Config.model_validate(sections)
-            break
-        except ValidationError as error:
-            # Once more without the sections that are wrong.
-            for one in error.errors(include_url=False):
-                wrong.add(one["loc"][0])
-                found += [(places.origin(key), key, text) for key, text in _sentences(one, data)]
-            right = {key: value for key, value in data.items() if key not in wrong}
-            sections = {"bodies": {"source": "sd"}} | right
-    known = {name: getattr(config, name) for name in Config.model_fields if name not in wrong}
-    found += [(places.origin((name,)), (name,), text) for name, text in clashes(known)]
-    if not found and not refused:
+    for text in overrides:
+        places = _override(data, places, text)
+    config = None
+    try:
+        config = Config.model_validate(data)
+    except ValidationError as error:
+        for one in error.errors(include_url=False):
+            key, sentence = _problem(one, data)
+            found.append((places.origin(key), key, sentence))
+    if config is not None and not found:
         config._places = places
         return config
     # In the order of the file; those of settings come last.
     found.sort(key=lambda one: one[0] if isinstance(one[0], int) else bool(one[0]) * MAX_BYTES)
-    told = [places.line(key, text, origin) for origin, key, text in found]
-    lines = list(dict.fromkeys([*told, *refused]))
-    if (more := len(lines) - MAX_TOLD) > 0:
-        head = f"{file}: " if file else ""
-        lines = [*lines[:MAX_TOLD], f"{head}and {more} more; fix these first"]
-    raise ConfigError(lines)
+    lines = [*dict.fromkeys(places.line(key, words, origin) for origin, key, words in found)]
+    more = [f"and {len(lines) - MAX_TOLD} more"] if len(lines) > MAX_TOLD else []
+    raise ConfigError([*lines[:MAX_TOLD], *more])
 
 
-def _override(data: dict[str, Any], origins: dict[Key, int | str], text: str) -> list[str]:
-    """Put one ``KEY=VALUE`` into `data`; return what is wrong with it."""
+def _override(data: dict[str, Any], places: Places, text: str) -> Places:
+    """Put one ``KEY=VALUE`` into `data`, and return the new places."""
     origin = f"--set {one_line(text, 100)}"
     name, equals, value = text.partition("=")
     key: Key = tuple(name.strip().split("."))
     if not equals or not all(key):
-        return [f"{origin}: is not KEY=VALUE; write it as in bodies.samples=10"]
+        raise ConfigError(f"{origin}: is not KEY=VALUE; write it as in bodies.samples=10")
     parsed, _, problems = read_yaml(value)
     if problems:
-        return [f"{origin}: {dotted(key)}: {problems[0][2]}"]
-    here = data
-    for depth, part in enumerate(key[:-1], start=1):
-        if here.get(str(part)) is None:
-            here[str(part)] = {}
-            origins[key[:depth]] = origin
-        here = here[str(part)]
-        if not isinstance(here, dict):
-            return [f"{origin}: {dotted(key[:depth])} is not a mapping; set it as a whole"]
-    here[str(key[-1])] = parsed
-    for old in [old for old in origins if old[: len(key)] == key]:
-        del origins[old]
-    origins[key] = origin
-    return []
+        raise ConfigError(f"{origin}: {problems[0][2]}")
+    *parents, last = map(str, key)
+    for part in parents:
+        if data.get(part) is None:
+            data[part] = {}
+        data = data[part]
+        if not isinstance(data, dict):
+            raise ConfigError(f"{origin}: {part} is not a mapping; set it as a whole")
+    data[last] = parsed
+    origins = {k: line for k, line in places.origins.items() if k[: len(key)] != key}
+    return Places(places.file, origins | {key: origin})
 
 
-_WANTED = {
-    "float": "a number", "bool": "true or false", "int": "a whole number", "string": "text",
-    "list": "a list", "dict": "a mapping", "model": "a mapping",
-}  # fmt: skip
-_LIMITS = {
-    "greater_than": ("gt", "above"),
-    "greater_than_equal": ("ge", "at least"),
-    "less_than": ("lt", "below"),
-    "less_than_equal": ("le", "at most"),
-}
-
-
-def _sentences(error: Any, data: Any) -> Iterator[tuple[Key, str]]:
-    """Yield the keys and sentences of one of pydantic's errors."""
-    kind, value, context = error["type"], error["input"], error.get("ctx", {})
-    key, names = _walk(error["loc"], data)
-    if kind == "value_error" and isinstance(context["error"], Clashes):
-        for name, sentence in context["error"].found:
-            yield ((*key, name) if name else key), sentence
-    elif kind == "value_error":
-        yield key, str(context["error"])
-    elif kind == "extra_forbidden":
-        near = nearest(str(key[-1]), names)
-        hint = f"did you mean {quoted(near)}?" if near else "the keys allowed here are "
-        yield key, f"unknown key {quoted(str(key[-1]))}; {hint}{'' if near else ', '.join(names)}"
-    elif kind == "missing":
-        yield key, "the key is missing; add it"
-    elif kind == "union_tag_not_found":
-        if near := nearest("source", map(str, value)):
-            yield (*key, near), f'unknown key {quoted(near)}; did you mean "source"?'
-        else:
-            yield (*key, "source"), f"the key is missing; it must be one of {', '.join(SOURCES)}"
-    elif kind == "union_tag_invalid":
-        yield (*key, "source"), not_one_of(value["source"], SOURCES)
-    elif kind == "literal_error":
-        choices = context["expected"].replace(" or ", ", ").split(", ")
-        yield key, not_one_of(value, [choice.strip("'") for choice in choices])
-    elif kind in _LIMITS:
-        name, bound = _LIMITS[kind]
-        yield key, f"{describe(value)} is out of range; it must be {bound} {context[name]:.15g}"
-    elif (wanted := _WANTED.get(kind.split("_")[0])) and kind != "string_too_short":
-        yield key, f"{describe(value)} is given here; write {wanted}"
-    else:
-        words = error["msg"].replace("Input", "it")
-        yield key, f"{describe(value)} is given here; {words[0].lower()}{words[1:]}"
-
-
-def _walk(location: Sequence[str | int], data: Any) -> tuple[Key, list[str]]:
-    """Return the key of an error, and the keys that are allowed beside it.
-
-    Pydantic's location has the source of bodies too, and places in lists made of other data.
-    """
+def _problem(error: Any, data: Any) -> tuple[Key, str]:
+    """Return the key and the sentence of one of pydantic's errors."""
+    kind, value = error["type"], error["input"]
+    place = [part for part in error["loc"] if part not in TAGS]
+    if place[0] == "bodies":
+        del place[1:2]  # pydantic puts the source here
     key: Key = ()
+    here = data
+    for part in place:
+        if isinstance(part, int) and not isinstance(here, list):
+            continue  # a number may stand for a list of one
+        key = (*key, part)
+        known = part in here if isinstance(here, dict) else isinstance(part, int)
+        here = here[part] if known else None
+    if kind.startswith("union_tag"):
+        return (*key, "source"), not_one_of(value.get("source"), SOURCES)
+    if kind == "missing":
+        return key, "the key is missing; add it"
+    if kind == "extra_forbidden":
+        word, names = str(key[-1]), _names(key, data)
+        near = nearest(word, names)
+        hint = f"did you mean {describe(near)}?" if near else f"allowed are {', '.join(names)}"
+        return key, f"unknown key {describe(word)}; {hint}"
+    if kind == "literal_error":
+        return key, not_one_of(value, re.findall(r"'(\w+)'", error["ctx"]["expected"]))
+    words = re.sub(r" or instance of \w+| after validation|Value error, ", "", error["msg"])
+    words = words.replace("Input", "it").replace("List", "it")
+    if kind in ("clash", "value_error"):
+        return key, f"{describe(value)} {words}" if isinstance(value, str) else words
+    return key, f"{describe(value)} is given; {words}"
+
+
+def _names(key: Key, data: Any) -> list[str]:
+    """Return the keys that are allowed at the place of one."""
     model: Any = Config
-    names: list[str] = []
-    for place, part in enumerate(location):
-        if place == 1 and key == ("bodies",):
-            model = SOURCES[str(part)]
-        elif isinstance(part, str):
-            key, names = (*key, part), list(model.model_fields) if model else []
-            field = model.model_fields.get(part) if model else None
-            model = _model(field.annotation) if field else None
-        elif isinstance(value_at(data, key), list):
-            key = (*key, part)
-    return key, names
-
-
-def value_at(data: Any, key: Sequence[str | int]) -> Any:
-    """Return the value at a key of nested data; None if there is none."""
-    try:
-        for part in key:
-            data = data[part]
-    except (TypeError, KeyError, IndexError):
-        return None
-    return data
-
-
-def _model(annotation: Any) -> type[BaseModel] | None:
-    """Return the model inside a union or an annotation."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    return next((model for inner in get_args(annotation) if (model := _model(inner))), None)
+    for depth, part in enumerate(key[:-1]):
+        if key[: depth + 1] == ("bodies",):
+            model = SOURCES[data["bodies"]["source"]]
+            continue
+        kinds = [model.model_fields[part].annotation]
+        for kind in kinds:
+            kinds.extend(get_args(kind))
+        model = next(kind for kind in kinds if hasattr(kind, "model_fields"))
+    return list(model.model_fields)
