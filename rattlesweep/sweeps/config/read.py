@@ -232,14 +232,12 @@ def _problem(error: Any, data: Any) -> tuple[Key, str]:
     place = [part for part in error["loc"] if part not in TAGS]
     if place[0] == "bodies":
         del place[1:2]  # pydantic puts the source here
-    key: Key = ()
-    here = data
+    key, here = (), data
     for part in place:
-        if isinstance(part, int) and not isinstance(here, list):
-            continue  # a number may stand for a list of one
-        key = (*key, part)
-        known = part in here if isinstance(here, dict) else isinstance(part, int)
-        here = here[part] if known else None
+        if isinstance(part, str):
+            key, here = (*key, part), here.get(part) if isinstance(here, dict) else None
+        elif isinstance(here, list):  # else one value stands for a list of one
+            key, here = (*key, part), here[part]
     if kind.startswith("union_tag"):
         return (*key, "source"), not_one_of(value.get("source"), SOURCES)
     if kind == "missing":
