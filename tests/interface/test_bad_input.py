@@ -95,12 +95,20 @@ def test_a_config_whose_name_is_not_utf_8(here, monkeypatch):
     assert json.loads(manifest.read_bytes())["command"][2] == r"c\udcff.yaml"
 
 
-@pytest.mark.parametrize(("file", "output"), [("file", "file"), ("out/runs", "out")])
-def test_a_directory_that_cannot_be(file, output, here):
-    (here / file).parent.mkdir(exist_ok=True)
-    (here / file).write_text("precious")
-    refused(invoke("run", "c.yaml", "--output", output), 1, "Not a directory")
-    assert (here / file).read_text() == "precious"
+@pytest.mark.parametrize(
+    ("file", "output", "code", "words"),
+    [
+        ("file", "file", 2, "file: is a file; give the path of a directory"),
+        ("out/runs", "out", 2, "holds other files, such as runs"),
+        (None, "/proc/rattlesweep/out", 1, "cannot write in /proc/rattlesweep/out: "),
+    ],
+)
+def test_a_directory_that_cannot_be(file, output, code, words, here):
+    if file:
+        (here / file).parent.mkdir(exist_ok=True)
+        (here / file).write_text("precious")
+    refused(invoke("run", "c.yaml", "--output", output), code, words)
+    assert not file or (here / file).read_text() == "precious"
     assert not list(here.rglob("manifest.json"))
 
 

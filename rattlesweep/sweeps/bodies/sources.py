@@ -207,9 +207,10 @@ def _shaped(sizes: Floats) -> Bodies:
 
 
 def _check(bodies: Bodies, where: str, sizes: dict[str, Floats] | None = None) -> None:
-    """Raise a ConfigError if one of the bodies cannot exist, told by its parameters or `sizes`."""
+    """Raise a ConfigError if a body cannot exist; of several, told by its parameters or `sizes`."""
     names = PARAMETERS if bodies.c is None else (*PARAMETERS, "c")
     columns = {name: getattr(bodies, name) for name in names}
     for place, sentence in violations(**columns):
         told = (f"{name} {values[place]:g}" for name, values in (sizes or columns).items())
-        raise ConfigError(f"{where}: at {', '.join(told)}: {sentence}")
+        which = f"at {', '.join(told)}: " if len(bodies.alpha) > 1 else ""
+        raise ConfigError(f"{where}: {which}{sentence}")

@@ -232,7 +232,8 @@ def _problem(error: Any, data: Any) -> tuple[Key, str]:
     place = [part for part in error["loc"] if part not in TAGS]
     if place[0] == "bodies":
         del place[1:2]  # pydantic puts the source here
-    key, here = (), data
+    key: Key = ()
+    here = data
     for part in place:
         if isinstance(part, str):
             key, here = (*key, part), here.get(part) if isinstance(here, dict) else None
