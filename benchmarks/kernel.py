@@ -219,7 +219,7 @@ def show_lanes(quick):
     widths = (8, 16, 32, 64)
     click.echo("generated step alone, M steps/s by number of lanes; medians")
     click.echo(f"{'':10}" + "".join(f"{width:>8}" for width in widths))
-    at = Layout.of(FULL)
+    at = Layout(FULL)
     n = FULL.n_state
     for name, tableau in METHODS.items():
         loops = {}

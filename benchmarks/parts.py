@@ -192,7 +192,7 @@ def without_amplitude() -> Any:
 
 def steps(calls: int) -> list[Part]:
     """The generated step, with and without what the types need."""
-    at, n = Layout.of(FULL), FULL.n_state
+    at, n = Layout(FULL), FULL.n_state
     size = (at.stages + (DOP853.stages + 1) * n) * LANES
     flat = np.zeros(size + 8)
     flat = flat[(-flat.ctypes.data // 8) % 8 :][:size]

@@ -16,7 +16,7 @@ from matplotlib.colors import ListedColormap
 from scipy.ndimage import label as islands
 
 from rattlesweep.analysis import style
-from rattlesweep.analysis.grids import boundaries, fill
+from rattlesweep.analysis.plots.layout import fill
 from rattlesweep.analysis.plots.map import CELLS, CODES
 from rattlesweep.arrays import Flags
 from rattlesweep.sweeps.config.read import override_config, resolved
@@ -31,7 +31,7 @@ def refined(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> Flags:
     data = resolved(stored.config)
     config = override_config(data | {"bodies": data["bodies"] | {"refine": refine}}, [])
     decide = Refining(config, stored.cases, stored.samples)
-    table = rows.select([*decide.columns])
+    table = rows
     done = np.zeros(decide.code.shape, dtype=bool)
     while (todo := decide.wanted() & ~done).any():
         decide.add(table.take(np.flatnonzero(todo)))
@@ -54,8 +54,6 @@ def main() -> None:
     code = np.array([CODES[name] for name in types]).reshape(shape)
     ratio = rows.column("t_r").to_numpy() / rows.column("t_rgh").to_numpy()
     ratio = ratio.reshape(shape)
-    for k, omega in enumerate(spin.omega_xy0):
-        print(f"full grid, omega_xy0 {omega:g}: {boundaries(code[:, k].T).words}")
     print("refine                   runs  fewer  missed  in islands  largest  t_r off by 5 %")
     for refine in [{"levels": n} for n in LEVELS] + [{"levels": 4, "by": "t_r"}]:
         done = refined(rows, stored, refine).reshape(shape)

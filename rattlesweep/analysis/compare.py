@@ -9,25 +9,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-from matplotlib.figure import Figure
 
 from rattlesweep.analysis import style
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.read import differences, fixed_part, resolved
 from rattlesweep.sweeps.stored import Stored, open_stored
-from rattlesweep.text import align
 
 DPI, MOST_LISTED = 150, 10
 # What makes runs the same; another machine may draw it with other last digits.
 _RUN = ["alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0"]
 _LISTED = ["case", "sample", "type_a", "type_b", "t_r_a", "t_r_b", "relative", "over_errors",
            "type_sure_a", "type_sure_b"]  # fmt: skip
-_FORMATS = {"n_i": ".4g", "omega_xy0": ".4g", "t_r_a": ".10g", "t_r_b": ".10g"}
-_LISTS = {
-    "differing_times": "t_r that differ most, by their relative difference",
-    "beyond_errors": "t_r that differ by more than both errors, by that ratio",
-    "differing_types": "types that differ, those that both are sure of first",
-}
 
 
 @dataclass
@@ -43,27 +35,26 @@ class Comparison:
     sides: tuple[Stored, Stored]
     differ: list[str]  # in what else: settings, versions, processors
     missing: list[int]  # runs that each directory lacks
-    errors: list[bool]  # whether each has t_r_error and type_sure
+    errors: bool  # whether both have t_r_error and type_sure
     runs: pd.DataFrame
 
     def __repr__(self) -> str:
         return as_text(self, 20)
 
     def row(self, runs: pd.DataFrame) -> dict[str, Any]:
-        """Count some of the runs; None is what is not known.
+        """Count some of the runs, ``beyond`` those that differ by more than both errors together.
 
-        ``beyond`` are runs whose times differ by more than both errors together.
+        None is what is not known.
         """
-        relative, known = runs.relative.dropna().to_numpy(), all(self.errors)
-        shares = [0.5, 0.99, 1.0]
-        ends = (np.quantile(relative, shares, method="inverted_cdf").tolist() if len(relative)
-                else [None] * 3)  # fmt: skip
+        relative = runs.relative.dropna().to_numpy()
+        ends = np.quantile(relative, [0.5, 0.99, 1], method="inverted_cdf") if len(relative) else []
         return {
             "runs": len(runs), "reversing": len(relative), "equal": int((relative == 0).sum()),
-            **dict(zip(("median", "p99", "worst"), ends, strict=True)),
-            "beyond": int((runs.over_errors > 1).sum()) if known else None,
+            "median": None, "p99": None, "worst": None,
+            **dict(zip(("median", "p99", "worst"), map(float, ends), strict=False)),
+            "beyond": int((runs.over_errors > 1).sum()) if self.errors else None,
             "types": int(runs.differs.sum()),
-            "types_sure": int((runs.differs & runs.sure).sum()) if known else None,
+            "types_sure": int((runs.differs & runs.sure).sum()) if self.errors else None,
             "not_ok": int(runs.not_ok.sum()),
         }  # fmt: skip
 
@@ -73,26 +64,17 @@ class Comparison:
         return bool((total["beyond"] or 0) > allowed * total["reversing"] or total["types_sure"])
 
     def data(self) -> dict[str, Any]:
-        """Return all of it as JSON can hold it."""
-        runs = self.runs
-        listed = (
-            runs[runs.relative > 0].sort_values("relative", ascending=False),
-            runs[runs.over_errors > 1].sort_values("over_errors", ascending=False),
-            runs[runs.differs].sort_values("sure", ascending=False, kind="stable"),
-        )
+        """Return all of it as JSON can hold it; ``differing`` are the runs that differ most."""
         cases = self.sides[0].cases
+        rows = self.runs[self.runs.differs | (self.runs.relative > 0)]
+        rows = rows.sort_values(["differs", "over_errors", "relative"], ascending=False)
+        listed = rows[_LISTED].head(MOST_LISTED).astype(object).replace([np.nan, np.inf], None)
         return {
-            "directories": [str(side.directory) for side in self.sides],
-            "differ": self.differ,
-            "missing": self.missing,
-            "errors_stored": self.errors,
-            "total": self.row(runs),
-            "cases": [cases[own["case"].iloc[0]].dump() | self.row(own)
-                      for _, own in runs.groupby("case")],
-        } | {
-            name: rows[_LISTED].head(MOST_LISTED).astype(object)
-            .replace([np.nan, np.inf], None).to_dict("records")
-            for name, rows in zip(_LISTS, listed, strict=True)
+            "directories": [str(side.directory) for side in self.sides], "differ": self.differ,
+            "missing": self.missing, "total": self.row(self.runs),
+            "cases": [cases[int(str(case))].dump() | self.row(own)
+                      for case, own in self.runs.groupby("case")],
+            "differing": listed.to_dict("records"),
         }  # fmt: skip
 
     def write_runs(self, path: Path) -> None:
@@ -108,13 +90,13 @@ def compare(a: Path, b: Path) -> Comparison:
     """
     sides = open_stored(a), open_stored(b)
     wrong = differences(*map(_same_runs, sides))[:3]
-    frames, errors = [], ["t_r_error" in side.schema.names for side in sides]
-    for side, has in zip(sides, errors, strict=True):
+    frames, errors = [], all("t_r_error" in side.schema.names for side in sides)
+    for side in sides:
         names = ["case", "sample", *_RUN, "t_r", "type", "status"]
-        rows = side.read([*names, *(["t_r_error", "type_sure"] if has else [])]).to_pandas()
+        rows = side.read([*names, *(["t_r_error", "type_sure"] if errors else [])]).to_pandas()
         if rows.empty:
             raise OutputError(f"{side.directory} holds no runs yet")
-        frames.append(rows if has else rows.assign(t_r_error=np.nan, type_sure=None))
+        frames.append(rows if errors else rows.assign(t_r_error=np.nan, type_sure=None))
     runs = frames[0].merge(frames[1], on=["case", "sample"], suffixes=("_a", "_b"))
     for name in _RUN if not wrong else ():
         x, y = (runs.pop(f"{name}_{side}").to_numpy(float) for side in "ab")
@@ -168,56 +150,32 @@ def as_text(found: Comparison, most_cases: int) -> str:
         some = f"{missing:,} of {planned:,} runs are missing"
         lines.append(f"{name}  {side.directory}: {some if missing else f'all {planned:,} runs'}")
     lines += [f"   {words}" for words in found.differ]
-    shown = [*data["cases"][:most_cases], {"case": "all"} | data["total"]]
-    lines.append("\n" + _table(shown))
-    if (more := len(data["cases"]) - most_cases) > 0:
-        lines.append(f"{more} more cases are in --json")
-    if without := [n for n, stored in zip("AB", found.errors, strict=True) if not stored]:
-        lines.append(f"{' and '.join(without)}: no errors stored; add record: [error]")
-    lines += [f"\n{title}\n{_table(data[name])}" for name, title in _LISTS.items() if data[name]]
+    cases = data["cases"]
+    lines += ["", style.text_table([*cases[:most_cases], {"case": "all"} | data["total"]])]
+    lines += [f"{len(cases) - most_cases} more cases are in --json"] * (len(cases) > most_cases)
+    lines += ["no errors stored in both; add record: [error]"] * (not found.errors)
+    if data["differing"]:
+        lines += ["\nruns that differ most:", style.text_table(data["differing"])]
     return "\n".join(lines)
 
 
-def _table(rows: list[dict[str, Any]]) -> str:
-    """Lay rows out under their keys, without keys that none has."""
-    names = [k for k in dict.fromkeys(k for row in rows for k in row)
-             if any(row.get(k) is not None for row in rows)]  # fmt: skip
-
-    def cell(value: Any, name: str) -> str:
-        if value is None or isinstance(value, bool):
-            return {None: "-", True: "yes", False: "no"}[value]
-        return format(value, _FORMATS.get(name, ".2g")) if isinstance(value, float) else str(value)
-
-    return align([names, *([cell(row.get(k), k) for k in names] for row in rows)])
-
-
 def save(found: Comparison, path: Path) -> None:
-    """Write the figure to an .svg, .png or .pdf file."""
+    """Draw a histogram of the differences of t_r, over their errors if known, and write it."""
+    total, name = found.row(found.runs), "over_errors" if found.errors else "relative"
+    values = found.runs[name][found.runs[name].between(0, np.inf, inclusive="neither")]
     with style.styled():
-        style.save(draw(found), [path], DPI)
-
-
-def draw(found: Comparison) -> Figure:
-    """Draw a histogram of the relative differences, and over their errors where both have them."""
-    total, against = found.row(found.runs), all(found.errors)
-    figure = style.new_figure(8.4 if against else 5.2, 3.9)
-    panels: Any = figure.subplots(1, 1 + against, squeeze=False, sharey=True)[0]
-    columns = {"relative": r"$|\Delta t_r|/t_r$", "over_errors": r"$|\Delta t_r|$ / both errors"}
-    for axes, (name, words) in zip(panels, columns.items(), strict=False):
-        values = found.runs[name].to_numpy()
-        values = np.log10(values[np.isfinite(values) & (values > 0)])
+        figure = style.new_figure(5.2, 3.9)
+        axes: Any = figure.subplots()
         if len(values):
-            edges = 10 ** np.arange(np.floor(values.min()), values.max() + 0.1, 0.1)
-            axes.hist(10**values, edges, color=style.BLUE)
-        axes.set(xscale="log", yscale="log", ylim=(0.7, None), xlabel=words)
+            bins = np.geomspace(values.min() / 2, 2 * values.max(), 60)
+            axes.hist(values, bins, color=style.BLUE)
+            axes.set(xscale="log", yscale="log", ylim=(0.7, None))
+        below = "both errors" if found.errors else "$t_r$"
+        axes.set(xlabel=rf"$|\Delta t_r|$ / {below}", ylabel="number of runs")
         style.light_grid(axes)
-    panels[0].set_ylabel("number of runs")
-    caption = (
-        f"{' against '.join(str(side.directory) for side in found.sides)}: "
-        f"{total['reversing']:,} runs reverse in both, {total['equal']:,} of them equally."
-    )
-    if against:
-        panels[1].axvline(1, **style.THEORY)
-        caption += f" {total['beyond']:,} differ by more than both errors together."
-    style.add_caption(figure, caption)
-    return figure
+        style.add_caption(
+            figure,
+            f"{' against '.join(str(side.directory) for side in found.sides)}: "
+            f"{total['reversing']:,} runs reverse in both, {total['equal']:,} of them equally.",
+        )
+        style.save(figure, [path], DPI)

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.analysis.grids import fill
-from rattlesweep.analysis.plots.layout import TARGETS, Layout
+from rattlesweep.analysis.plots.layout import TARGETS, Layout, fill
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.columns import RUNS
 from rattlesweep.sweeps.config.messages import not_one_of
@@ -25,12 +24,9 @@ UNITS = "mass M, height of the centre of mass at rest a and gravity g are 1"
 def make_dataset(
     layout: Layout, columns: Sequence[str] | None = None, *, fill_refined: bool = False
 ) -> xarray.Dataset:
-    """Return the runs along the axes of their sweep, of which a condition leaves out some.
+    """Return the runs along the axes of their sweep, as ``Sweep.to_xarray`` promises.
 
-    `columns` are by default all that hold one value a run; dimensions are those of
-    :meth:`rattlesweep.api.sweeps.Sweep.to_xarray`. What is missing is NaN in numbers, which whole
-    ones then become, and an empty text; with `fill_refined` the points that a refined grid has left
-    out are filled. Raises a ConfigError if xarray is not installed or there is no such column.
+    Raises a ConfigError if xarray is not installed or there is no such column.
     """
     try:
         import xarray
@@ -78,7 +74,7 @@ def make_dataset(
         own = f"{name}_body" if name in coordinates else name
         variables[own] = tuple(coordinates), values, _about(schema.field(name))
     return xarray.Dataset(variables, coordinates, {
-        "title": layout.config.name,
+        "title": layout.stored.config.name,
         "source": f"rattlesweep {package_version()}",
         "comment": UNITS,
         "references": "Kondo and Nakanishi, Phys. Rev. E 95, 062207 (2017)",

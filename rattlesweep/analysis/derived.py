@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -39,49 +40,47 @@ def make_body(given: dict[str, Any]) -> Rattleback:
     given = {name: value for name, value in given.items() if value is not None}
     if "xi_deg" in given and "xi" not in given:
         given["xi"] = math.radians(given.pop("xi_deg"))
-    fitting = [way for way, (own, more) in WAYS.items() if own <= given.keys() <= own | more]
-    if not fitting:
-        ways = "; ".join(" ".join(sorted(_option(n) for n in own)) for own, _ in WAYS.values())
-        raise ConfigError(
-            f"{', '.join(map(_option, given)) or 'no option'} given, which is not one whole body; "
-            f"give one of these, and what may change in it: {ways}"
-        )
+    way = next((w for w, (own, more) in WAYS.items() if own <= set(given) <= own | more), "")
     c = given.get("c")
-    if isinstance(c, str) and "height" not in given:
+    if not way:
+        ways = "; ".join(map(_options, (own for own, _ in WAYS.values())))
+        raise ConfigError(
+            f"{_options(given) or 'nothing'} is not one whole body; give one of these, and what "
+            f"may change in it: {ways}"
+        )
+    if isinstance(c, str) and way != "si":
         raise ConfigError("--c has a unit, but the body has no size; give a number in a")
     try:
-        match fitting[0]:
-            case "preset":
-                return replace(PRESETS[given.pop("preset")](), **given)
-            case "plain":
-                return Rattleback(**given)
-            case "dumbbell":
-                given.pop("c", None)
-                return replace(Rattleback.shell_dumbbell(**given), c=c)
-            case "si":
-                if isinstance(c, float):
-                    given["c"] = c * given["height"]
-                return Rattleback.from_si(**given)
-        length, width, height = given.pop("half_ellipsoid")
-        return Rattleback.half_ellipsoid(length=length, width=width, height=height, **given)
+        if way == "preset":
+            return replace(PRESETS[given.pop("preset")](), **given)
+        if way == "dumbbell":
+            given.pop("c", None)
+            return replace(Rattleback.shell_dumbbell(**given), c=c)
+        if way == "si":
+            given |= {"c": c * given["height"]} if isinstance(c, float) else {}
+            return Rattleback.from_si(**given)
+        if way == "half_ellipsoid":
+            sizes = zip(("length", "width", "height"), given.pop(way), strict=True)
+            return Rattleback.half_ellipsoid(**dict(sizes), **given)
+        return Rattleback(**given)
     except ValueError as error:
         raise ConfigError(str(error)) from None
 
 
-def _option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
+def _options(names: Iterable[str]) -> str:
+    return " ".join(sorted(f"--{name.replace('_', '-')}" for name in names))
 
 
 def derived(
     body: Rattleback, n_i: float, omega_xy0: float, sigma: float = 0.0, rolling: float = 0.0
 ) -> list[Quantity]:
     """Return everything theory says of a body and a launch along the relevant mode."""
-    if not (math.isfinite(n_i) and n_i != 0 and 0 < omega_xy0 < math.inf):
-        raise ConfigError(f"--n-i {n_i:g}, --omega-xy0 {omega_xy0:g}: theory needs a spin that is "
-                          "not zero and a positive oscillation")  # fmt: skip
-    for name, loss in (("--sigma", sigma), ("--rolling", rolling)):
-        if not 0 <= loss < math.inf:
-            raise ConfigError(f"{name} {loss:g}: the dissipation must be finite and not negative")
+    good = 0 < abs(n_i) < math.inf and 0 < omega_xy0 < math.inf
+    if not (good and 0 <= sigma < math.inf and 0 <= rolling < math.inf):
+        raise ConfigError(
+            f"--n-i {n_i:g}, --omega-xy0 {omega_xy0:g}, --sigma {sigma:g}, --rolling {rolling:g}: "
+            "the spin must not be zero, the oscillation positive, the dissipation not negative"
+        )
     b, m = body, theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
     psi = direction(m, n_i, "relevant")
     gh = garcia_hubbard(b, m, n_i, omega_xy0, psi)

@@ -1,15 +1,18 @@
-"""Write a sweep on one self-contained page."""
+"""Pages that need nothing but themselves, made of `templates/`, and the one of a sweep."""
 
 from __future__ import annotations
 
+import base64
+import io
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pyarrow.compute as pc
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from ruamel.yaml import YAML
 
-from rattlesweep.analysis.pages import MOST_SVG, config_yaml, percent, render, source
 from rattlesweep.analysis.plots.kinds import choose_picture, default_kind
 from rattlesweep.analysis.plots.layout import Layout, read_layout
 from rattlesweep.analysis.style import encode, styled
@@ -17,49 +20,47 @@ from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.read import resolved
 from rattlesweep.sweeps.provenance import read_sessions
 from rattlesweep.sweeps.status import status
-from rattlesweep.sweeps.stored import Stored
 from rattlesweep.sweeps.summary import absent_columns, count_cases, summary_table
 
-DPI = 120
+# Larger vector pictures are shown as PNG, or a page of seven would pass 5 MB.
+DPI, MOST_SVG = 120, 400_000
 # Cases shown at once, and at all: each takes some 400 bytes.
 OPEN_CASES, MOST_CASES, MOST_SESSIONS = 40, 2000, 200
-RATE, TIME = "√(g/a)", "√(a/g)"
-# Columns of `summary` that are shown, with their headings and formats.
-CASE_COLUMNS = {
-    "case": ("case", ",d"),
-    "K_p": ("K_p", ".5g"),
-    "K_r": ("K_r", ".5g"),
-    "n_i": (f"n_i ({RATE})", ".5g"),
-    "omega_xy0": (f"ω_xy0 ({RATE})", ".5g"),
-    "sigma": ("σ (M a² √(g/a))", ".5g"),
-    "rolling": ("rolling (a)", ".5g"),
-    "runs": ("runs", ",d"),
-    "fraction_R": ("R", ".3f"),
-    "fraction_SS": ("SS", ".3f"),
-    "fraction_SW": ("SW", ".3f"),
-    "fraction_unclassified": ("unclassified", ".3f"),
-    "fraction_D": ("D", ".3f"),
-    "fraction_bondi": ("Bondi", ".3f"),
-    "t_r_mean": (f"mean t_r ({TIME})", ".5g"),
-    "t_r_std": (f"standard deviation of t_r ({TIME})", ".3g"),
-    "t_r_mean_error": (f"mean error of t_r ({TIME})", ".3g"),
-    "t_rgh_mean": (f"mean t_rGH ({TIME})", ".5g"),
-    "t_r_over_t_rgh_mean": ("mean t_r/t_rGH", ".4f"),
-    "t_r_over_t_rgh_sem": ("± error of the mean", ".2g"),
-    "sensitive": ("sensitive", ",d"),
-    "unsure": ("type not sure", ",d"),
-    "share_friction_above_0_3": ("needs friction above 0.3", ".3g"),
-    "share_friction_above_0_6": ("needs friction above 0.6", ".3g"),
-    "share_lift_off": ("lifts off", ".3g"),
-    "failed": ("failed", ",d"),
-}
+
+
+def render(template: str, **values: Any) -> bytes:
+    """Return a page; `values` are the names that its template uses, `title` among them."""
+    environment = Environment(
+        loader=PackageLoader("rattlesweep.analysis", "templates"), autoescape=True,
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    environment.filters |= {"thousands": "{:,}".format}
+    return environment.get_template(template).render(values).encode()
+
+
+def source(svg: bytes, png: bytes) -> str:
+    """Return a picture as the address of an image; the smaller kind if the vectors are many."""
+    kind, data = ("svg+xml", svg) if len(svg) <= MOST_SVG else ("png", png)
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
+
+
+def config_yaml(config: Mapping[str, Any]) -> str:
+    """Return the YAML of a resolved config; what holds no mapping or list stands in one line."""
+    yaml: Any = YAML(typ="safe", pure=True)
+    nested = any(isinstance(value, Mapping | list) for value in config.values())
+    yaml.default_flow_style = None if nested else False
+    yaml.sort_base_mapping_type_on_output = False
+    yaml.width = 96
+    buffer = io.StringIO()
+    yaml.dump(config, buffer)
+    return buffer.getvalue()
 
 
 def make_report(directory: Path, title: str | None = None) -> bytes:
     """Return the page of a sweep, whole or still running: HTML that needs nothing else."""
     layout = read_layout(directory)
     stored, manifest, state = layout.stored, layout.stored.manifest, status(directory)
-    runs = state.data["runs"]
+    runs, wanted, size = (state.data[name] for name in ("runs", "wanted", "bytes"))
     rows = stored.read(["case", "sample", "status", "n_steps"])
     steps = pc.sum(rows["n_steps"], min_count=0).as_py()
     failed = rows.filter(pc.not_equal(rows["status"], "ok")).to_pandas().groupby("status")
@@ -67,50 +68,52 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     table = summary_table(stored.cases, counts)
     absent = {"K_p", "K_r"}.difference(layout.axes) | absent_columns(table)
     absent |= set() if counts.has_errors else {"t_r_mean_error"}
-    columns = {name: how for name, how in CASE_COLUMNS.items() if name not in absent}
+    table = table.drop_columns([*absent & {*table.column_names}, "near_tangencies"])
     sessions = read_sessions(directory)
     seconds, kernel = (
         sum(s.get(name) or 0.0 for s in sessions) for name in ("seconds", "kernel_seconds")
     )
-    size = state.data["bytes"]
+    first = default_kind(layout)
+    curves = ("times", "ratio") if first not in ("map", "reversals") and layout.several else ()
+    kinds = (first, *curves, "distribution")
     return render(
         "sweep.html.j2",
         title=title or manifest["name"],
         complete=state.done,
-        state=_how_far(state.data) if not state.done else "complete" + (
-            f" ({state.decides} leaves out the others)" if state.decides else ""
-        ),
+        state="complete" if state.done else f"not complete: {runs:,} of {wanted:,} runs are done",
         runs=runs,
         ok=state.data["status"].get("ok", 0),
         counts=counts,
-        horizon=layout.config.horizon,
-        pictures=[_shown(layout, kind) for kind in _kinds(layout)],
-        case_head=[heading for heading, _ in columns.values()],
+        horizon=layout.stored.config.horizon,
+        pictures=[_shown(layout, kind) for kind in dict.fromkeys(kinds)],
+        case_head=table.column_names,
         cases=[
-            [None if row[name] is None else format(row[name], form)
-             for name, (_, form) in columns.items()]
-            for row in table.to_pylist()
+            [None if x is None else f"{x:,}" if isinstance(x, int) else f"{x:.5g}" for x in row]
+            for row in zip(*(column.to_pylist() for column in table.columns), strict=True)
         ],
         open_cases=OPEN_CASES,
         most_cases=MOST_CASES,
         failures=[
-            (word, f"{len(own):,}", percent(len(own), runs),
+            (word, f"{len(own):,}", f"{100 * len(own) / runs:.2g} %",
              f"case {own['case'].iloc[0]}, sample {own['sample'].iloc[0]}")
             for word, own in failed
         ],
-        thresholds=_thresholds(stored),
+        thresholds=[
+            (key, f"{value:g}", f"{stored.thresholds.thresholds[key]:g}")
+            for key, value in stored.config.classify.thresholds.items()
+        ],
         cost=[
             ("time of all sessions", f"{seconds:,.1f} s"),
             ("of it, integration", f"{kernel:,.1f} s"),
             ("accepted steps", f"{steps:,}"),
             ("size of the runs", f"{size / 1e6:,.1f} MB, {size / max(runs, 1):.0f} bytes a run"),
         ],
-        config=config_yaml(resolved(layout.config)),
+        config=config_yaml(resolved(layout.stored.config)),
         provenance=[
             ("started", manifest.get("started")),
             ("command", shlex.join(manifest.get("command", []))),
-            ("machine", _listed(manifest["machine"])),
-            ("versions", _listed(manifest["versions"])),
+            *((part, ", ".join(f"{key} {value}" for key, value in manifest[part].items()))
+              for part in ("machine", "versions")),
             ("hash of the config", stored.hash),
         ],
         sessions=[
@@ -119,29 +122,6 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
             for s in sessions[-MOST_SESSIONS:]
         ],
     )  # fmt: skip
-
-
-def _how_far(data: Mapping[str, Any]) -> str:
-    how = "running" if data["at_work"] else "not complete"
-    return f"{how}: {data['runs']:,} of {data['wanted']:,} runs are done"
-
-
-def _thresholds(stored: Stored) -> dict[str, Any]:
-    """Return the thresholds of the config and those behind the types on disk."""
-    config, now = stored.config.classify.thresholds, stored.thresholds.thresholds
-    sets = [f"--set classify.{key}={value!r}" for key, value in now.items() if value != config[key]]
-    return {
-        "rows": [(key, f"{config[key]:g}", f"{now[key]:g}") for key in now],
-        "changed": bool(sets),
-        "command": f"rattlesweep classify {shlex.quote(str(stored.directory))} {' '.join(sets)}",
-    }
-
-
-def _kinds(layout: Layout) -> list[str]:
-    """Return the pictures that suit a sweep."""
-    first = default_kind(layout)
-    extra = ("times", "ratio") if first not in ("map", "reversals") and layout.several else ()
-    return list(dict.fromkeys((first, *extra, "distribution")))
 
 
 def _shown(layout: Layout, kind: str) -> Mapping[str, Any]:
@@ -153,12 +133,8 @@ def _shown(layout: Layout, kind: str) -> Mapping[str, Any]:
             svg = encode(figure, "svg", DPI)
             png = encode(figure, "png", DPI) if len(svg) > MOST_SVG else b""
     except (ConfigError, OutputError) as error:
-        # More panels than a page can show; the others still say what there is.
+        # More panels than a page can show, or no runs.
         return {"kind": kind, "error": error}
     varies = ", ".join(axis.name for axis in picture.axes) or "all runs"
     return {"kind": kind, "error": None, "source": source(svg, png), "varies": varies,
             "caption": " ".join(picture.notes)}  # fmt: skip
-
-
-def _listed(part: Mapping[str, Any]) -> str:
-    return ", ".join(f"{key} {value}" for key, value in part.items())

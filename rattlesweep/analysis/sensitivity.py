@@ -1,21 +1,20 @@
 """Which parameter matters: indices of Sobol' over the ranges that bodies are drawn from.
 
 First-order indices are the share of a variance that goes with one parameter alone, total ones the
-share that would be left if all others were known. Both come from runs that differ in one parameter
-(``draw: saltelli``), by the estimators of Saltelli et al., Comput. Phys. Commun. 181, 259, 2010.
-These are SciPy's too, whose function takes powers of two of groups alone: one run that does not
-reverse would cost half of the others.
+share that would be left if all others were known, by the estimators of Saltelli et al., Comput.
+Phys. Commun. 181, 259, 2010. They are SciPy's, whose function takes powers of two of groups alone:
+one run that does not reverse would cost half of the others.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from itertools import groupby
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
+import pandas as pd
 from matplotlib.patches import Patch
 
 from rattlesweep.analysis import style
@@ -24,13 +23,11 @@ from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.schema import SdSource
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.types import TYPES
-from rattlesweep.text import align
 
 QUANTITIES = {"t_r": "$t_r$", "log10 t_r": r"$\log\,t_r$"} | {f"P({n})": f"P({n})" for n in TYPES}
-FEWEST = 64
-"""Groups from which on there are indices."""
-MOST_MISSING = 0.05
-"""Share of groups that may lack a value: the others would be another population than the ranges."""
+# Groups from which on there are indices, and the share of them that may lack a value: the others
+# would be another population than the ranges.
+FEWEST, MOST_MISSING = 64, 0.05
 REPLICATES, SEED = 300, 20170427
 DPI, MOST_CASES = 150, 6
 _SPIN = ("n_i", "omega_xy0")
@@ -47,29 +44,21 @@ class Sensitivity:
     """
 
     directory: Path
-    parameters: tuple[str, ...]
     cases: list[dict[str, Any]]
-    rows: list[dict[str, Any]] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    rows: list[dict[str, Any]]
+    notes: list[str]
 
     def data(self) -> dict[str, Any]:
         """Return all of it as JSON can hold it."""
         return {"directory": str(self.directory), "cases": self.cases, "indices": self.rows,
                 "notes": self.notes}  # fmt: skip
 
-    @property
-    def grouped(self) -> dict[tuple[int, str], list[dict[str, Any]]]:
-        """The rows of each case and quantity."""
-        parts = groupby(self.rows, key=lambda row: (row["case"], row["of"]))
-        return {key: list(rows) for key, rows in parts}
-
 
 def sensitivity(directory: Path) -> Sensitivity:
-    """Compute the indices of the runs that are on disk.
+    """Compute the indices of the runs that are on disk, from whole groups of runs.
 
-    Those of a quantity come from whole groups of runs, and only where nearly all groups have it: a
-    ``t_r`` that only some of the bodies have says nothing about the ranges. Raises a ConfigError if
-    bodies are not drawn from ranges by ``draw: saltelli``, an OutputError if nothing has indices.
+    Raises a ConfigError if bodies are not drawn from ranges by ``draw: saltelli``, an OutputError
+    if no quantity is there in nearly all groups.
     """
     stored = open_stored(directory)
     bodies = stored.config.bodies
@@ -78,7 +67,7 @@ def sensitivity(directory: Path) -> Sensitivity:
             f"{directory}: indices need bodies that differ in one parameter; run the sweep with "
             "bodies.source: sd and bodies.draw: saltelli"
         )
-    found = Sensitivity(directory, bodies.drawn, [case.dump() for case in stored.cases])
+    found = Sensitivity(directory, [case.dump() for case in stored.cases], [], [])
     frame = stored.read(["case", "sample", "t_r", "type", "status"]).to_pandas()
     for case, runs in frame.groupby("case"):
         kind = runs.type.where(runs.status == "ok")
@@ -94,8 +83,7 @@ def sensitivity(directory: Path) -> Sensitivity:
             if whole.sum() < FEWEST or whole.mean() < 1 - MOST_MISSING:
                 found.notes.append(
                     f"case {case}, {of}: no indices, as only {whole.sum():,} of {whole.size:,} "
-                    f"groups have it in all runs; below {1 - MOST_MISSING:.0%} or {FEWEST} they "
-                    "would tell of those bodies and not of the ranges"
+                    "groups have it in all runs; they would tell of those bodies, not of the ranges"
                 )
             elif np.ptp(y[:2, whole]) > 0:
                 head = {"case": int(case), "of": of, "used": int(whole.sum()) * bodies.group,
@@ -133,50 +121,35 @@ def indices(f: Floats) -> list[dict[str, float]]:
 
 def as_text(found: Sensitivity, most_cases: int) -> str:
     """Return a table of indices with their intervals, of many cases the first."""
-    table = [["case", *_SPIN, "of", "runs", "left out", "index", *found.parameters]]
-    for (case, of), rows in found.grouped.items():
-        spin = [found.cases[case].get(name) for name in _SPIN]
-        head = [str(case), *("-" if value is None else f"{value:.4g}" for value in spin), of,
-                str(rows[0]["used"]), str(rows[0]["left_out"])]  # fmt: skip
-        for k in _INDICES if case < most_cases else ():
-            cells = [f"{r[k]:.2f} ({r[f'{k}_low']:.2f} {r[f'{k}_high']:.2f})" for r in rows]
-            table.append([*head, k, *cells])
-    lines = [align(table), "in brackets: intervals of 95 %", *found.notes[: 2 * most_cases]]
+    rows = [{"case": row["case"]} | {n: found.cases[row["case"]].get(n) for n in _SPIN} | row
+            for row in found.rows if row["case"] < most_cases]  # fmt: skip
+    lines = [style.text_table(rows, ".3g"), *found.notes[:most_cases]]
     more = len(found.cases) - most_cases
     return "\n".join(lines + ([f"{more} more cases are in --json"] if more > 0 else []))
 
 
 def save(found: Sensitivity, path: Path) -> None:
-    """Write the figure to an .svg, .png or .pdf file."""
+    """Draw a panel of bars for each case and quantity, and write the figure."""
+    frame = pd.DataFrame(found.rows)
+    names = [of for of in QUANTITIES if of in set(frame["of"])]
+    cases = [int(case) for case in frame["case"].unique()[:MOST_CASES]]
     with style.styled():
-        style.save(draw(found), [path], DPI)
-
-
-def draw(found: Sensitivity) -> Figure:
-    """Draw a panel for each case and quantity: bars for each parameter, with their intervals."""
-    shown = found.grouped
-    names = [of for of in QUANTITIES if any(of == key[1] for key in shown)]
-    cases = list(dict.fromkeys(case for case, _ in shown))[:MOST_CASES]
-    figure = style.new_figure(max(4.0, 1.2 + 2.0 * len(names)), 1.2 + 1.9 * len(cases))
-    panels: Any = figure.subplots(len(cases), len(names), squeeze=False, sharex=True, sharey=True)
-    symbols = [style.symbol(name) for name in found.parameters]
-    for line, case in zip(panels, cases, strict=True):
-        for axes, of in zip(line, names, strict=True):
+        figure = style.new_figure(max(4.0, 1.2 + 2.0 * len(names)), 1.2 + 1.9 * len(cases))
+        panels: Any = figure.subplots(len(cases), len(names), squeeze=False, sharey=True)
+        for (i, case), (j, of) in product(enumerate(cases), enumerate(names)):
+            axes = panels[i, j]
+            own = frame[(frame["case"] == case) & (frame["of"] == of)]
             for k, (index, (_, colour)) in enumerate(_INDICES.items()):
-                for j, row in enumerate(shown.get((case, of), [])):
-                    value, low, high = (row[index + end] for end in ("", "_low", "_high"))
-                    ends = [[max(0.0, value - low)], [max(0.0, high - value)]]
-                    axes.bar(j + 0.38 * k - 0.19, value, 0.36, color=colour, yerr=ends)
-            axes.set_xticks(range(len(symbols)), symbols)
+                value, low, high = (own[index + end].to_numpy() for end in ("", "_low", "_high"))
+                at, ends = np.arange(len(own)) + 0.38 * k - 0.19, [value - low, high - value]
+                axes.bar(at, value, 0.36, color=colour, yerr=np.maximum(ends, 0))
+            axes.set_xticks(range(len(own)), [*map(style.symbol, own["parameter"])])
+            axes.set_title(QUANTITIES[of], fontsize="medium")
             style.light_grid(axes)
-        said = found.cases[case]
-        lines = [style.value_text(k, said[k]) for k in _SPIN if k in said]
-        line[0].set_ylabel("\n".join(lines) or f"case {case}")
-    for axes, of in zip(panels[0], names, strict=True):
-        axes.set_title(QUANTITIES[of], fontsize="medium")
-    low, high = panels[0, 0].get_ylim()
-    panels[0, 0].set_ylim(max(low, -0.2), min(high, 1.4))
-    style.add_legend(figure, [Patch(color=c, label=words) for words, c in _INDICES.values()])
-    caption = "Sobol' indices with 95 % intervals; none where too few groups of runs have a value."
-    style.add_caption(figure, caption)
-    return figure
+            axes.set_ylabel(f"case {case}" if j == 0 else "")
+        low, high = panels[0, 0].get_ylim()
+        panels[0, 0].set_ylim(max(low, -0.2), min(high, 1.4))
+        style.add_legend(figure, [Patch(color=c, label=words) for words, c in _INDICES.values()])
+        style.add_caption(figure, "Sobol' indices with 95 % intervals; none where too few groups "
+                          "of runs have a value.")  # fmt: skip
+        style.save(figure, [path], DPI)

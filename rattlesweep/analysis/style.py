@@ -5,13 +5,14 @@ from __future__ import annotations
 import io
 import re
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.csv as csv
 import pyarrow.parquet as parquet
@@ -19,10 +20,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cbook import is_math_text
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
+from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from rattlesweep.arrays import Floats, Places
-from rattlesweep.errors import ConfigError
+from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.sweeps.columns import RUNS
 from rattlesweep.sweeps.files import replace_file
 
 # Okabe and Ito's colours, which the colour-blind can tell apart.
@@ -55,69 +59,46 @@ SERIES = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (PURPLE, "D"), (ORANGE, "
 """Colours and shapes of curves, in the order in which they are used."""
 THEORY: dict[str, Any] = {"color": INK, "linestyle": (0, (4, 2)), "linewidth": 1.1}
 
-RATE, TIME = r"$\sqrt{g/a}$", r"$\sqrt{a/g}$"
+# Units as formulas.
 UNITS = {
-    "": "", "1": "", "sqrt(a/g)": TIME, "sqrt(g/a)": RATE, "rad": "rad", "deg": "degrees",
+    "1": "", "sqrt(a/g)": r"$\sqrt{a/g}$", "sqrt(g/a)": r"$\sqrt{g/a}$", "deg": "degrees",
     "a": "$a$", "M g a": "$M g a$", "M g": "$M g$", "M a^2 sqrt(g/a)": r"$M a^2 \sqrt{g/a}$",
 }  # fmt: skip
-"""Units as tables write them, and as formulas."""
-# Symbols and units of what a config varies and of the columns that have a symbol.
+# Symbols of names that are not spelled by letter and index.
 SYMBOLS = {
-    "K_p": ("$K_p$", ""), "K_r": ("$K_r$", ""), "n_i": ("$n_i$", "sqrt(g/a)"),
-    "omega_xy0": (r"$\omega_{xy0}$", "sqrt(g/a)"), "alpha": (r"$\alpha$", ""),
-    "beta": (r"$\beta$", ""), "gamma": (r"$\gamma$", ""), "theta": (r"$\theta$", ""),
-    "phi": (r"$\varphi$", ""), "xi": (r"$\xi$", "rad"), "xi_deg": (r"$\xi$", "deg"),
-    "minus_xi_deg": (r"$-\xi$", "deg"), "f_sd": ("$f_{sd}$", ""), "c": ("$c$", "a"),
-    "sigma": (r"$\sigma$", "M a^2 sqrt(g/a)"), "rolling": ("$l$", "a"),
-    "t_r": ("$t_r$", "sqrt(a/g)"), "t_rgh": ("$t_{rGH}$", "sqrt(a/g)"),
-    "n_turns": ("number of turns", ""), "reversals_sure": ("number of sure turns", ""),
-    "t": ("time", "sqrt(a/g)"), "n": ("spin $n$", "sqrt(g/a)"),
-    "omega_x": (r"$\omega_x$", "sqrt(g/a)"), "omega_y": (r"$\omega_y$", "sqrt(g/a)"),
-    "ratio": (r"$t_r/t_{rGH}$", ""),
-    "n_0": ("$n_0$", "sqrt(g/a)"), "n_c1": ("$n_{c1}$", "sqrt(g/a)"),
-    "omega_p": (r"$\omega_p$", "sqrt(g/a)"), "omega_r": (r"$\omega_r$", "sqrt(g/a)"),
+    "phi": r"$\varphi$", "xi_deg": r"$\xi$", "minus_xi_deg": r"$-\xi$", "rolling": "$l$",
+    "t_rgh": "$t_{rGH}$", "ratio": r"$t_r/t_{rGH}$", "t": "time", "n": "spin $n$",
+    "n_turns": "number of turns", "reversals_sure": "number of sure turns",
 }  # fmt: skip
+LETTERS = r"(alpha|beta|gamma|theta|xi|sigma|omega|[A-Za-z])(?:_(\w{1,3}))?"
 
 RC: dict[str, Any] = {
-    "font.size": 9,
-    "axes.linewidth": 0.6,
-    "axes.axisbelow": True,
-    "axes.formatter.useoffset": False,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.minor.width": 0.4,
-    "ytick.minor.width": 0.4,
-    "legend.frameon": False,
-    "hatch.linewidth": 0.5,
-    "hatch.color": "#00000066",
-    "svg.fonttype": "path",
-    "svg.hashsalt": "rattlesweep",
-    "pdf.fonttype": 42,
-}
+    "font.size": 9, "axes.linewidth": 0.6, "axes.axisbelow": True,
+    "axes.formatter.useoffset": False, "xtick.major.width": 0.6, "ytick.major.width": 0.6,
+    "legend.frameon": False, "hatch.linewidth": 0.5, "hatch.color": "#00000066",
+    "svg.fonttype": "path", "svg.hashsalt": "rattlesweep", "pdf.fonttype": 42,
+}  # fmt: skip
 FORMATS: dict[str, dict[str, Any]] = {
     "svg": {"Date": None}, "png": {"Software": None}, "pdf": {"CreationDate": None},
 }  # fmt: skip
 """Formats of figures, with the metadata that would change from one writing to the next."""
 
-# Stretches of which only the least and the largest value are drawn: about a pixel each.
-BINS = 1000
-# With more oscillations than this a curve would be a slab of ink, and its envelope is drawn.
-MOST_PERIODS = 60
+# Stretches of a curve, about a pixel each; inches of an axis on which few numbers have room.
+BINS, NARROW = 1000, 1.1
 
 
 @contextmanager
 def styled(style: Path | None = None) -> Iterator[None]:
     """Use Matplotlib's settings for our pictures, with those of a style file on top."""
+    settings = mpl.RcParams(RC)
     try:
-        own: Any = {} if style is None else mpl.rc_params_from_file(
-            str(style), fail_on_error=True, use_default_template=False
-        )  # fmt: skip
+        if style is not None:
+            settings |= mpl.rc_params_from_file(str(style), True, False)
     except (OSError, ValueError) as error:
-        raise ConfigError(f"--style {style}: {' '.join(str(error).split())}") from None
+        raise ConfigError(f"--style {style}: {one_line(str(error), 300)}") from None
     with mpl.rc_context():
         mpl.rcdefaults()
-        for settings in (RC, own):
-            mpl.rcParams.update(settings)
+        mpl.rcParams.update(settings)
         yield
 
 
@@ -168,12 +149,36 @@ def light_grid(axes: Any) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def thin(values: Floats, bins: int) -> Places:
-    """Return the places of the ends, and of the least and largest value of each of some stretches.
+def entry(words: str, **look: Any) -> Line2D:
+    """Make an entry of a legend."""
+    return Line2D([], [], label=words, **{"linestyle": "", **look})
 
-    A curve through them covers on paper what the whole one does, if a stretch is no wider than a
-    line.
-    """
+
+def scale_axis(axes: Any, which: str, values: Any, log: bool, name: str = "t_r") -> None:
+    """Make an axis for values of some name logarithmic if `log`."""
+    if log:
+        if np.min(values) <= 0:
+            raise ConfigError(f"--log: {name} has values that are not positive; leave it out")
+        getattr(axes, f"set_{which}scale")("log")
+        plain_ticks(axes, which, (float(np.min(values)), float(np.max(values))))
+
+
+def plain_ticks(axes: Any, which: str, ends: tuple[float, float]) -> None:
+    """Set ticks of a logarithmic axis in plain numbers, enough of them over half a decade too."""
+    span = ends[1] / ends[0] if ends[0] > 0 else 1.0
+    narrow = which == "x" and axes.get_position().width * axes.figure.get_figwidth() < NARROW
+    subs: tuple[float, ...] = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+    for least, coarser in ((4, (1.0, 2.0, 5.0)), (40, (1.0, 3.0)), (300, (1.0,))):
+        if span > least / (1 + 9 * narrow):
+            subs = coarser
+    axis = getattr(axes, f"{which}axis")
+    axis.set_major_locator(MaxNLocator(4) if span < 2 else LogLocator(subs=subs, numticks=20))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def thin(values: Floats, bins: int) -> Places:
+    """Return the places of the ends, and of the least and largest value in each of some bins."""
     count = len(values)
     if count <= 2 * bins:
         return np.arange(count)
@@ -183,24 +188,9 @@ def thin(values: Floats, bins: int) -> Places:
 
 
 def curve(axis: Any, t: Floats, values: Floats, colour: str = BLUE, **look: Any) -> None:
-    """Draw a curve; one of very many oscillations by its least and largest values in stretches.
-
-    Each stretch is about a pixel wide and holds an oscillation at least.
-    """
-    look = {"linewidth": 1.0} | look
-    periods = np.count_nonzero(np.diff(np.sign(np.diff(values)))) / 2
-    if periods <= MOST_PERIODS or not np.isfinite(values).all():
-        places = thin(values, BINS)
-        axis.plot(t[places], values[places], color=colour, **look)
-        return
-    starts = np.linspace(0, len(t), int(min(BINS, periods / 1.5)) + 1).astype(np.int64)[:-1]
-    low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
-    middle = t[(starts + np.append(starts[1:], len(t)) - 1) // 2]
-    middle[0], middle[-1] = t[0], t[-1]
-    axis.fill_between(middle, low, high, color=colour, alpha=0.25, linewidth=0)
-    for edge in (low, high):
-        axis.plot(middle, edge, color=colour, **{**look, "linewidth": 0.7})
-        look.pop("label", None)
+    """Draw a curve; of very many points the least and largest values in stretches."""
+    places = thin(values, BINS)
+    axis.plot(t[places], values[places], **{"color": colour, "linewidth": 0.8} | look)
 
 
 def encode(figure: Figure, kind: str, dpi: float) -> bytes:
@@ -224,31 +214,42 @@ def save_table(table: pa.Table, path: Path) -> None:
     replace_file(path, buffer.getvalue())
 
 
+def text_table(rows: Sequence[Mapping[str, Any]], form: str = ".6g") -> str:
+    """Lay rows out for a terminal under their keys, without keys that none has."""
+    frame = pd.DataFrame(rows).dropna(axis=1, how="all").astype(object)
+    return frame.where(frame.notna(), "-").to_string(
+        index=False, float_format=lambda x: f"{x:{form}}"
+    )
+
+
 def check_formula(text: str) -> str:
     """Return a text that a picture can show; raise a ValueError if it cannot."""
+    try:
+        if is_math_text(text):
+            MathTextParser("path").parse(text)
+    except (ValueError, RuntimeError):
+        raise ValueError(
+            "between dollar signs is no formula; write \\$ for a dollar sign"
+        ) from None
     if not text.isprintable():
         raise ValueError("a control character is in it; leave it out")
-    if is_math_text(text):
-        try:
-            MathTextParser("path").parse(text)
-        except (ValueError, RuntimeError):
-            raise ValueError(
-                "the text between dollar signs cannot be read as a formula; write \\$ for a dollar "
-                "sign"
-            ) from None
     return text
 
 
 def symbol(name: str) -> str:
-    """Return the symbol of a quantity: of a name such as ``u_x`` a letter with its index."""
-    if name in SYMBOLS:
-        return SYMBOLS[name][0]
-    return f"${name[0]}_{{{name[2:]}}}$" if re.fullmatch(r"[A-Za-z]_[A-Za-z]", name) else name
+    """Return the symbol of a quantity: of a name such as ``omega_p`` a letter with its index."""
+    if name in SYMBOLS or not (found := re.fullmatch(LETTERS, name)):
+        return SYMBOLS.get(name, name)
+    letter = f"\\{found[1]}" if len(found[1]) > 1 else found[1]
+    return f"${letter}_{{{found[2]}}}$" if found[2] else f"${letter}$"
 
 
 def label(name: str, unit: str | None = None) -> str:
-    """Return the symbol of a quantity with its unit in brackets, as every axis shows it."""
-    unit = SYMBOLS.get(name, ("", ""))[1] if unit is None else unit
+    """Return the symbol of a quantity with its unit in brackets, by default as columns have it."""
+    if unit is None:
+        known = {column.name: column for part in RUNS.values() for column in part}
+        degrees = "deg" if name.endswith("_deg") else "1"
+        unit = known[name].metadata[b"unit"].decode() if name in known else degrees
     shown = UNITS.get(unit, unit)
     return f"{symbol(name)} ({shown})" if shown else symbol(name)
 

@@ -12,8 +12,8 @@ import pyarrow as pa
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.config.messages import not_one_of
 
+# Methods of a column that a condition may call; others might write files.
 METHODS = ("isna", "notna", "isin", "between")
-"""Methods of a column that a condition may call; others might write files."""
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,7 @@ class Where:
     option: str  # that it was given by
 
     def filter(self, rows: pa.RecordBatch) -> pa.RecordBatch:
-        """Return the rows for which it is true; a comparison with null is not.
-
-        Raises a ConfigError if pandas cannot evaluate it.
-        """
+        """Return the rows for which it is true; raise a ConfigError if pandas cannot say."""
         frame = pa.table(rows.select(list(self.columns))).to_pandas(
             types_mapper={pa.bool_(): pd.BooleanDtype()}.get
         )

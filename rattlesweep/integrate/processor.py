@@ -16,10 +16,7 @@ REGISTERS = {"%zmm": 512, "%ymm": 256, "%xmm": 128, r"\bv\d+\.2d": 128}
 
 
 def vector_bits() -> int:
-    """Width of the vectors that the kernels really use, read from the machine code of a part.
-
-    Compiles that part, which takes a moment.
-    """
+    """Return the width of the vectors in the machine code of a part, which is compiled for it."""
     signature = typeof(problem_of(FULL, True)), float64[::1]
     advance.compile(signature)
     code = advance.inspect_asm()[signature]
@@ -27,6 +24,6 @@ def vector_bits() -> int:
 
 
 def compiled_for() -> str:
-    """Processor that LLVM compiles for, and the width of the vectors."""
+    """Return the processor that LLVM compiles for, and the width of the vectors."""
     name = config.CPU_NAME or binding.get_host_cpu_name()
     return f"{name}, vectors of {vector_bits()} bits"

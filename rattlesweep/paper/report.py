@@ -14,7 +14,7 @@ from typing import Any
 
 import pandas as pd
 
-from rattlesweep.analysis.pages import config_yaml, render, source
+from rattlesweep.analysis.report import config_yaml, render, source
 from rattlesweep.paper.claim import COLUMNS, UNDECIDED
 from rattlesweep.paper.workspace import FULL, Part, Tables, Workspace, sweep_config
 from rattlesweep.sweeps.files import replace_file

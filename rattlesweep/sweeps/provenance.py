@@ -28,12 +28,10 @@ from rattlesweep.sweeps.files import explained, replace_file
 
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow")
 SESSIONS, LOCKS, WHOLE = "sessions", ".locks", "whole"
-NOTE_EVERY = 5.0
-"""Seconds between two notes of how far a session is."""
-PATIENCE = 0.5
-"""Seconds; a lock may be held for a moment by a process that only looks whether it is held."""
+NOTE_EVERY = 5.0  # seconds between two notes of how far a session is
+PATIENCE = 0.5  # seconds; who only looks whether a lock is held has it for a moment
+# Answers of file systems without locks, on which each process goes on as if it were alone.
 NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EINVAL)
-"""Answers of file systems without locks, on which each process goes on as if it were alone."""
 
 
 def package_version() -> str:
@@ -52,12 +50,8 @@ def machine() -> dict[str, Any]:
     from llvmlite import binding
 
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return {
-        "system": platform.system(),
-        "machine": platform.machine(),
-        "cpu": binding.get_host_cpu_name(),
-        "processors": allowed,
-    }
+    cpu, kind = binding.get_host_cpu_name(), platform.machine()
+    return {"system": platform.system(), "machine": kind, "cpu": cpu, "processors": allowed}
 
 
 def now() -> str:

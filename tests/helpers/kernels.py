@@ -143,9 +143,9 @@ def problem(method, model):
 
 def workspace(method, model, lanes=LANES):
     """A lane workspace, flat and as (row, lane), and its layout; at rest with GH-like numbers."""
-    layout = Layout.of(MODELS[model])
+    layout = Layout(MODELS[model])
     rows = layout.rows(METHODS[method], MODELS[model])
-    flat = built.aligned(1, rows * lanes)[0][: rows * lanes]
+    flat = built.workspace(METHODS[method], MODELS[model], 1, lanes)[0][: rows * lanes]
     return flat, flat.reshape(rows, lanes), layout
 
 

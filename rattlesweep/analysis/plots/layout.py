@@ -10,13 +10,16 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from rattlesweep.analysis.where import Where, parse_where
-from rattlesweep.arrays import Floats, Integers
+from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.messages import not_one_of
-from rattlesweep.sweeps.config.schema import Config, GridSource
+from rattlesweep.sweeps.config.schema import GridSource
 from rattlesweep.sweeps.counts import Counts, Moments, columns_for, floats
+from rattlesweep.sweeps.decide import FEWEST as FEWEST_REFINED
+from rattlesweep.sweeps.decide import nearest
 from rattlesweep.sweeps.stored import Stored, open_stored
 
 MOST_CELLS = 4_000_000
@@ -33,11 +36,6 @@ class Axis:
     name: str
     values: Floats  # those that are shown, ascending
     rank: Integers  # place among them of each case, or of each value of a grid's axis; -1: hidden
-
-    @property
-    def pinned(self) -> bool:
-        """Whether one of several values was chosen."""
-        return len(self.values) == 1 and bool((self.rank < 0).any())
 
     @property
     def edges(self) -> Floats:
@@ -61,16 +59,16 @@ class Axis:
         """Keep the values that ``VALUE,VALUE`` or ``LOW:HIGH`` says."""
         v, between = self.values, ":" in wanted
         try:
-            numbers = [float(word) for word in wanted.split(":" if between else ",")]
-            low, high = numbers if between else (0, 0)
+            numbers = np.array([float(x) for x in wanted.split(":" if between else ",")])[:, None]
         except ValueError:
             raise ConfigError(
                 f"{option}: is not NAME=VALUES, as in n_i=-0.3,-0.5 or theta=0.6:0.7"
             ) from None
         # One row for each value that must be there.
         zero = NEAR**2 * float(np.abs(v).max())
-        alike = np.array([np.isclose(v, x, rtol=NEAR, atol=zero) for x in numbers])
-        found = ((v >= low) & (v <= high))[None] if between else alike
+        found = np.isclose(v, numbers, rtol=NEAR, atol=zero)
+        if between:
+            found = (v >= numbers[:1]) & (v <= numbers[-1:])
         if not found.any(axis=1).all():
             texts = [f"{value:.6g}" for value in v]
             there = ", ".join(texts if len(v) < 10 else [*texts[:3], "...", *texts[-6:]])
@@ -90,11 +88,6 @@ class Layout:
     where: Where | None = None
     _counted: dict[Any, Any] = field(default_factory=dict, init=False, compare=False)
 
-    @property
-    def config(self) -> Config:
-        """Config of the sweep."""
-        return self.stored.config
-
     @cached_property
     def lengths(self) -> dict[str, int]:
         """Number of values of each axis."""
@@ -107,14 +100,10 @@ class Layout:
         return [name for name in names if self.lengths[name] > 1]
 
     @property
-    def population(self) -> bool:
-        """Whether a case has many bodies that no axis tells apart."""
-        return not self.bodies and self.stored.samples > 1
-
-    @property
     def refined(self) -> bool:
         """Whether only some points of the grid are integrated and the others filled."""
-        return isinstance(self.config.bodies, GridSource) and self.config.bodies.refine is not None
+        bodies = self.stored.config.bodies
+        return isinstance(bodies, GridSource) and bodies.refine is not None
 
     def cells(self, rows: pa.RecordBatch) -> Integers:
         """Return the cell of each row along all axes, the last varying fastest; -1: hidden."""
@@ -141,7 +130,7 @@ class Layout:
             if size > MOST_CELLS:
                 raise ConfigError(f"{size:,} cells are too many; choose some with --select")
             counts, moments = Counts(size), {name: Moments(size) for name in more}
-            for rows in self.rows(("case", "sample", *columns_for(self.config), *more)):
+            for rows in self.rows(("case", "sample", *columns_for(self.stored.config), *more)):
                 cell = self.cells(rows)
                 counts.add(rows, cell)
                 for name, own in moments.items():
@@ -199,3 +188,29 @@ def read_layout(directory: Path) -> Layout:
     axes = {name: Axis(name, *np.unique(np.asarray(values, float), return_inverse=True))
             for name, values in (given | grid).items()}  # fmt: skip
     return Layout(stored, axes, list(grid))
+
+
+def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
+    """Return an array in which the points that were not run, not `known`, have a value too.
+
+    A point takes the value of the nearest run, in steps of the grid, or between runs with a finite
+    number the linear interpolation; where the nearest run has none (NaN) it has none either. Axes
+    of few values are not refined; planes across them are filled apart.
+    """
+    from scipy.interpolate import LinearNDInterpolator
+
+    along = [n >= FEWEST_REFINED for n in values.shape]
+    filled: NDArray[Any] = values[tuple(nearest(known, along))]
+    if not np.issubdtype(values.dtype, np.floating):
+        return filled
+    others = (1 if own else n for own, n in zip(along, values.shape, strict=True))
+    for place in np.ndindex(*others):
+        here = tuple(slice(None) if own else k for own, k in zip(along, place, strict=True))
+        new, wanted = filled[here], ~known[here] & np.isfinite(filled[here])
+        source = known[here] & np.isfinite(values[here])
+        spread = all(len(np.unique(axis)) > 1 for axis in np.nonzero(source))
+        if wanted.any() and spread and new.ndim > 1 and source.sum() > new.ndim + 1:
+            interpolate = LinearNDInterpolator(np.argwhere(source), values[here][source])
+            between = interpolate(np.argwhere(wanted))
+            new[wanted] = np.where(np.isfinite(between), between, new[wanted])
+    return filled

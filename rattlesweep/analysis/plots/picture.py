@@ -11,21 +11,16 @@ from typing import Any, ClassVar
 import numpy as np
 import pyarrow as pa
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
+from rattlesweep.analysis import style
 from rattlesweep.analysis.plots.layout import LAUNCH, Axis, Layout
-from rattlesweep.analysis.style import add_caption, add_legend, new_figure, save_table, value_text
-from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.counts import Counts, share, wilson
 
 MOST_PANELS = 40
 # Values that spread over more than this ratio are shown by their logarithms.
 WIDE = 30.0
-# Inches of an abscissa on which no more than a few numbers have room.
-NARROW = 1.1
 
 
 class Picture(ABC):
@@ -36,15 +31,10 @@ class Picture(ABC):
     """
 
     name: ClassVar[str]
+    more: tuple[str, ...] = ()
 
-    def __init__(
-        self,
-        layout: Layout,
-        axes: Sequence[str],
-        size: tuple[float, float],
-        more: Sequence[str] = (),
-    ) -> None:
-        self.layout, self.size, self.more = layout, size, tuple(more)
+    def __init__(self, layout: Layout, axes: list[str], width: float, height: float) -> None:
+        self.layout, self.size = layout, (width, height)
         self.axes = [layout.axes[name] for name in axes]
         self.notes: list[str] = []
 
@@ -69,10 +59,6 @@ class Picture(ABC):
         whole = flat.reshape(lengths).transpose(order + others)
         return whole.reshape([lengths[k] for k in order])
 
-    def mean(self, column: str) -> Floats:
-        """Return the mean of one of the columns `more`, in the shape of the axes."""
-        return self.grid(self.layout.count(self.more)[1][column])
-
     def table(self) -> pa.Table:
         """Return the numbers that are drawn: one row for each cell that holds runs."""
         cells, more = self.layout.count(self.more)
@@ -85,11 +71,11 @@ class Picture(ABC):
             low, high = wilson(part, cells.ok)
             found |= {f"fraction_{name}": share(part, cells.ok), f"fraction_{name}_low": low,
                       f"fraction_{name}_high": high}  # fmt: skip
-        found["fraction_bondi"] = share(cells.bondi, cells.steady)
         for name, moments in (("t_r", cells.t_r), ("ratio", cells.ratio)):
             found |= {f"{name}_mean": moments.means(), f"{name}_std": moments.deviations(),
                       f"{name}_sem": moments.errors()}  # fmt: skip
-        found["t_rgh_mean"] = cells.t_rgh.means()
+        found |= {"fraction_bondi": share(cells.bondi, cells.steady),
+                  "t_rgh_mean": cells.t_rgh.means()}  # fmt: skip
         found |= {f"{name}_mean": mean for name, mean in more.items()}
         if cells.has_errors:
             found |= {"t_r_mean_error": cells.t_r_error.means(), "sensitive": cells.sensitive,
@@ -99,7 +85,7 @@ class Picture(ABC):
 
     def write_data(self, path: Path) -> None:
         """Write the numbers that are drawn as CSV or Parquet, in one step."""
-        save_table(self.table(), path)
+        style.save_table(self.table(), path)
 
     def words(self) -> str:
         """Return how much is shown."""
@@ -115,38 +101,28 @@ class Picture(ABC):
         ylim: tuple[float, float] | None = None,
         captioned: bool = True,
     ) -> Figure:
-        """Draw it; None: as suits the values.
-
-        Raises
-        ------
-        OutputError
-            There is no run to show.
-        ConfigError
-            An axis cannot be so.
-        """
+        """Draw it; None: as suits the values."""
         if not len(self):
             raise OutputError(f"{self.layout.stored.directory} holds no run of those selected")
-        figure = new_figure(*(size or self.size))
+        figure = style.new_figure(*(size or self.size))
         self.notes = []
         handles = self.draw(figure, log)
         panels = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
         for axes, (which, limits) in product(panels, (("x", xlim), ("y", ylim))):
-            if limits is None:
-                continue
-            if getattr(axes, f"get_{which}scale")() == "log":
+            if limits is not None and getattr(axes, f"get_{which}scale")() == "log":
                 if limits[0] <= 0:
-                    raise ConfigError(f"--{which}lim: a logarithmic axis begins above 0; add "
-                                      "--linear")  # fmt: skip
-                plain_ticks(axes, which, limits)
+                    raise ConfigError(f"--{which}lim: a logarithmic axis is positive; add --linear")
+                style.plain_ticks(axes, which, limits)
             getattr(axes, f"set_{which}lim")(limits)
         # A selection of one value is nowhere else in the picture.
         where = self.layout.where
-        pinned = [value_text(a.name, a.values[0]) for a in self.layout.axes.values() if a.pinned]
+        single = (axis for axis in self.layout.axes.values() if len(axis.values) == 1)
+        pinned = [style.value_text(axis.name, axis.values[0]) for axis in single if -1 in axis.rank]
         # A dollar in a condition begins no formula.
         condition = where.text.replace("$", "\\$") if where else ""
-        add_legend(figure, handles, [t for t in (title, ", ".join(pinned), condition) if t])
+        style.add_legend(figure, handles, [t for t in (title, ", ".join(pinned), condition) if t])
         if captioned:
-            add_caption(figure, " ".join(self.notes), grow=size is None)
+            style.add_caption(figure, " ".join(self.notes), grow=size is None)
         return figure
 
 
@@ -179,7 +155,7 @@ def draw_panels(
 
     def text(axes: Sequence[Axis], places: tuple[int, ...]) -> str:
         shown = zip(axes, places, strict=True)
-        return ", ".join(value_text(axis.name, axis.values[k]) for axis, k in shown)
+        return ", ".join(style.value_text(axis.name, axis.values[k]) for axis, k in shown)
 
     wide = [column for column in across for _ in range(parts)]
     grid = figure.subplots(len(down), len(wide), sharex=True, sharey=True, squeeze=False)
@@ -191,31 +167,3 @@ def draw_panels(
         axes.annotate(text(rows, row), (1.02, 0.5), xycoords="axes fraction", rotation=270,
                       va="center", ha="left")  # fmt: skip
     return list(zip(grid.flat, [r + c for r, c in product(down, wide)], strict=True))
-
-
-def entry(words: str, **look: Any) -> Line2D:
-    """Make an entry of a legend."""
-    return Line2D([], [], label=words, **{"linestyle": "", **look})
-
-
-def scale_axis(axes: Any, which: str, values: Any, log: bool, name: str = "t_r") -> None:
-    """Make an axis for values of some name logarithmic if `log`."""
-    if log:
-        if np.min(values) <= 0:
-            raise ConfigError(f"--log: {name} has values that are not positive; leave it out")
-        getattr(axes, f"set_{which}scale")("log")
-        plain_ticks(axes, which, (float(np.min(values)), float(np.max(values))))
-
-
-def plain_ticks(axes: Any, which: str, ends: tuple[float, float]) -> None:
-    """Set ticks of a logarithmic axis in plain numbers, enough of them over half a decade too."""
-    span = ends[1] / ends[0] if ends[0] > 0 else 1.0
-    narrow = which == "x" and axes.get_position().width * axes.figure.get_figwidth() < NARROW
-    subs: tuple[float, ...] = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
-    for least, coarser in ((4, (1.0, 2.0, 5.0)), (40, (1.0, 3.0)), (300, (1.0,))):
-        if span > least / (1 + 9 * narrow):
-            subs = coarser
-    axis = getattr(axes, f"{which}axis")
-    axis.set_major_locator(MaxNLocator(4) if span < 2 else LogLocator(subs=subs, numticks=20))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())

@@ -124,7 +124,7 @@ class SdBodies:
         first, stop = number * CHUNK, min((number + 1) * CHUNK, self.samples)
         source, seed, ranges = self._source, self._seed, self._ranges
         if source.draw != "random":
-            group = source.group if source.draw == "saltelli" else 1
+            group = 2 + len(source.drawn) if source.draw == "saltelli" else 1
             return bodies_of(sequence_points(len(ranges), seed, first, stop, group), ranges)
         return draw_bodies(seed, np.arange(first, stop), ranges, source.target, value)[0]
 

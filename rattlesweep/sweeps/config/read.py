@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -19,8 +20,7 @@ from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.config.messages import Key, Places, describe, nearest, not_one_of
 from rattlesweep.sweeps.config.schema import SOURCES, TAGS, Config, Dissipation
 
-# Larger files take seconds to parse; aliases may stand for far more values than a file has.
-MAX_BYTES, MAX_VALUES = 250_000, 20_000
+MAX_VALUES = 20_000  # aliases may stand for far more values than a file has
 MAX_TOLD = 20  # problems told in full
 
 Problem = tuple[int | str | None, Key, str]
@@ -36,14 +36,10 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
     """
     file = one_line(os.fspath(path), 200)
     try:
-        raw = Path(path).read_bytes()
-        text = raw.decode("utf-8-sig")
+        text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         reason = one_line(getattr(error, "strerror", None) or str(error), 200)
         raise ConfigError(f"{file}: {reason}; give the path of a config in UTF-8") from None
-    if len(raw) > MAX_BYTES:
-        size = f"{MAX_BYTES // 1000} kB"
-        raise ConfigError(f"{file}: is larger than {size}; put long lists of bodies into a table")
     data, lines, problems = read_yaml(text)
     if not isinstance(data, dict):
         line, _, sentence = problems[0] if problems else (1, (), "")
@@ -202,7 +198,7 @@ def _check(
         config._places = places
         return config
     # In the order of the file; those of settings come last.
-    found.sort(key=lambda one: one[0] if isinstance(one[0], int) else bool(one[0]) * MAX_BYTES)
+    found.sort(key=lambda one: one[0] if isinstance(one[0], int) else math.inf)
     lines = [*dict.fromkeys(places.line(key, words, origin) for origin, key, words in found)]
     more = [f"and {len(lines) - MAX_TOLD} more"] if len(lines) > MAX_TOLD else []
     raise ConfigError([*lines[:MAX_TOLD], *more])

@@ -321,9 +321,8 @@ class Overrides(Base):
     def given(self) -> dict[str, float]:
         """Return the parameters that are given, with xi in radians."""
         values = self.model_dump(exclude_none=True, exclude={"preset"})
-        if "xi_deg" in values:
-            values["xi"] = math.radians(values.pop("xi_deg"))
-        return values
+        skew = values.pop("xi_deg", None)
+        return values if skew is None else values | {"xi": math.radians(skew)}
 
 
 class PresetSource(Surfaced):
@@ -596,10 +595,11 @@ class Integrator(Base):
         return data
 
     def _clashes(self) -> Clash:
+        word: Any = self.accuracy
         takes = ["accuracy", "tol"] if METHODS[self.method].adaptive else ["dt"]
         given = [name for name in ("accuracy", "tol", "dt") if getattr(self, name) is not None]
         wrong = [name for name in given if name not in takes] or given[1:]
-        if isinstance(self.accuracy, str):
+        if isinstance(word, str):
             yield "accuracy", "a word is a method and its tol; leave out method, tol and dt"
         elif wrong:
             yield wrong[0], f"{self.method} takes {' or '.join(takes)} alone; leave this out"
@@ -651,12 +651,9 @@ class Config(Base):
     @property
     def parts(self) -> list[str]:
         """Parts of the columns of `runs` that not every sweep has."""
-        own = {
-            "tol": self.integrator.goal is not None,
-            "turns": "error" in self.record and "reversals" in self.record,
-            "surface": self.bodies.ellipsoidal,
-            "dissipation": bool(self.dissipation),
-        }
+        turns = {"error", "reversals"} <= {*self.record}
+        own = {"tol": self.integrator.goal, "turns": turns, "surface": self.bodies.ellipsoidal,
+               "dissipation": self.dissipation}  # fmt: skip
         return [*self.record, *(name for name, there in own.items() if there)]
 
     @property
