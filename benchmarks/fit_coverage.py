@@ -96,8 +96,9 @@ def main() -> None:
     print("|---|---|---|---|")
     for parameter, own in fits.groupby("parameter", sort=False):
         doubt = own.error.std() / math.sqrt(len(own))
-        print(f"| `{parameter}` | {100 * own.covered.mean():.1f} % | {100 * own.width.median():.2g} % "
-              f"| {100 * own.error.mean():.2g} +- {100 * doubt:.1g} % |")  # fmt: skip
+        share, width, mean = own.covered.mean(), own.width.median(), own.error.mean()
+        print(f"| `{parameter}` | {100 * share:.1f} % | {100 * width:.2g} % "
+              f"| {100 * mean:.2g} +- {100 * doubt:.1g} % |")  # fmt: skip
 
 
 if __name__ == "__main__":
