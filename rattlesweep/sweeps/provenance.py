@@ -27,7 +27,7 @@ from rattlesweep.errors import OutputError
 from rattlesweep.sweeps.files import explained, replace_file
 
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow")
-SESSIONS, LOCKS, WHOLE = "sessions", ".locks", "whole"
+SESSIONS, LOCKS, WHOLE, MANIFEST_LOCK = "sessions", ".locks", "whole", "manifest"
 NOTE_EVERY = 5.0  # seconds between two notes of how far a session is
 PATIENCE = 0.5  # seconds; who only looks whether a lock is held has it for a moment
 # Answers of file systems without locks, on which each process goes on as if it were alone.
@@ -123,6 +123,23 @@ def who(session: dict[str, Any]) -> str:
 
 
 @contextlib.contextmanager
+def manifest_lock(directory: Path) -> Iterator[None]:
+    """Let one process after the other begin or grow the sweep of a directory."""
+    lock = FileLock(directory / LOCKS / MANIFEST_LOCK)
+    with explained(f"cannot write in {directory}"):
+        (directory / LOCKS).mkdir(exist_ok=True)
+        try:
+            lock.acquire()
+        except OSError as error:
+            if error.errno not in NO_LOCKS:
+                raise
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+@contextlib.contextmanager
 def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
     """Hold a directory, or a shard such as ``shard-0-of-4``, and tidy up after dead processes.
 
@@ -160,10 +177,10 @@ def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
 
 
 def at_work(directory: Path, mine: str | None = None) -> list[str]:
-    """Return the locks that other processes hold, without waiting."""
+    """Return the locks that other processes hold, without waiting; not that on the manifest."""
     held = []
     for path in sorted((directory / LOCKS).glob("*")):
-        if path.name != mine:
+        if path.name not in (mine, MANIFEST_LOCK):
             try:
                 with FileLock(path).acquire(timeout=0):
                     continue

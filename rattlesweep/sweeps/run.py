@@ -31,7 +31,7 @@ from rattlesweep.sweeps.cost import case_costs
 from rattlesweep.sweeps.decide import Refining, Stopping, decides, decision
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.plan import Plan
-from rattlesweep.sweeps.provenance import Session, hold
+from rattlesweep.sweeps.provenance import Session, hold, manifest_lock
 from rattlesweep.sweeps.rows import Found, free_path, keys_of
 from rattlesweep.sweeps.stored import (
     Stored,
@@ -340,10 +340,12 @@ def run_sweep(
         directory.mkdir(parents=True, exist_ok=True)
     name, how = None if shard is None else shard.name, "failed"
     result = Result(directory)
-    with hold(directory, name):
-        if fresh:
-            start_over(directory)
-        stored = begin(plan, directory, base, name)
+    with contextlib.ExitStack() as held:
+        with manifest_lock(directory):
+            held.enter_context(hold(directory, name))
+            if fresh:
+                start_over(directory)
+            stored = begin(plan, directory, base, name)
         plan = plan.with_cases(stored.cases)
         session = Session(directory, name, threads)
 

@@ -29,7 +29,7 @@ from rattlesweep.sweeps.config.read import (
 )
 from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import explained, reason, replace_file
-from rattlesweep.sweeps.provenance import LOCKS, command_line, machine, now, versions
+from rattlesweep.sweeps.provenance import LOCKS, at_work, command_line, machine, now, versions
 from rattlesweep.sweeps.rows import FOLDER, TYPED, Runs
 
 if TYPE_CHECKING:
@@ -223,6 +223,11 @@ def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> 
         keys = ("cases", "samples") if shard else ("cases", "samples", "config")
         if all(data[key] == there.manifest[key] for key in keys):
             return there
+        # A shard that works on has the smaller sweep in mind, and would leave its summary.
+        if others := at_work(directory, shard) if shard else []:
+            raise OutputError(
+                f"{directory}: {others[0]} is at work; the sweep can grow when it has ended"
+            )
         data["started"] = there.manifest["started"]
     remove_summary(directory)  # it is of the smaller sweep
     write_manifest(directory, data)

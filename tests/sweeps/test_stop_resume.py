@@ -20,7 +20,7 @@ from sweeping import begin, plan_of
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate import task
 from rattlesweep.sweeps import run as runner
-from rattlesweep.sweeps.provenance import read_sessions
+from rattlesweep.sweeps.provenance import hold, read_sessions
 from rattlesweep.sweeps.rows import Found, Runs
 from rattlesweep.sweeps.run import Job, Progress, Result, Shard
 from rattlesweep.sweeps.status import status
@@ -334,3 +334,16 @@ def test_shards_are_read_as_words():
     for text in ("3/3", "1", "a/b", "-1/3", "0/0"):
         with pytest.raises(ValueError, match=r"is not I/N"):
             Shard.parse(text)
+
+
+def test_a_sweep_grows_when_no_other_shard_is_at_work(tiny_sweep, tmp_path):
+    """Shards of the larger sweep that begin at once grow it once."""
+    config, _ = tiny_sweep
+    args = ("run", config, "--output", tmp_path / "out", "-q", "--set")
+    assert sweeping.invoke(*args, "bodies.samples=2", "--shard", "0/2").exit_code == 0
+    with hold(tmp_path / "out", "shard-1-of-2"):
+        done = sweeping.invoke(*args, "bodies.samples=4", "--shard", "0/2")
+        assert done.exit_code == 1
+        assert "shard-1-of-2 is at work; the sweep can grow when it has ended" in done.stderr
+    assert sweeping.invoke(*args, "bodies.samples=4", "--shard", "0/2").exit_code == 0
+    assert sweeping.invoke(*args, "bodies.samples=4", "--shard", "1/2").exit_code == 0
