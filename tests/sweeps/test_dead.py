@@ -34,7 +34,7 @@ def test_a_sweep_and_its_thresholds(plain):
     assert plain.runs.t_r.isna().all()
     assert (plain.runs.energy_left.abs() < 0.01).all()
     for value in ("0.5", "0.001"):
-        with pytest.raises(ConfigError, match="with dissipation it needs a new sweep"):
+        with pytest.raises(ConfigError, match="needs a new sweep"):
             classify_stored(plain.directory, [f"classify.dead_energy={value}"])
         with pytest.raises(ConfigError, match="holds another sweep"):
             rs.sweep(CONFIG | {"classify": {"dead_energy": float(value)}}, output=plain.directory)

@@ -18,9 +18,8 @@ from test_invariance import Stop, cut
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.counts import wilson
-from rattlesweep.sweeps.decide import FIRST, Refining, Stopping, decision, nearest_rows, strides
+from rattlesweep.sweeps.decide import FIRST, Refining, Stopping, decision, nearest_rows
 from rattlesweep.sweeps.memory import integrate_plan, same_bits
-from rattlesweep.sweeps.run import Shard
 from rattlesweep.sweeps.status import status
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.summary import summarise
@@ -125,13 +124,6 @@ def test_stopped_again_and_again_in_any_order_with_harm(name, done, tmp_path):
     check_equal(tmp_path, done[name])
 
 
-def test_there_are_no_shares_of_what_depends_on_all(tmp_path):
-    for config, key in ((MAP, "bodies.refine"), (ENOUGH, "stop")):
-        with pytest.raises(ConfigError, match=f"{key}: what is run next depends on all runs"):
-            sweeping.sweep(tmp_path / "out", config, shard=Shard(0, 2))
-    assert not (tmp_path / "out").exists()
-
-
 def filled(directory: Path, names: list[str]) -> pa.Table:
     """All points of the grid, those that were left out with the columns of the nearest run."""
     stored = open_stored(directory)
@@ -191,15 +183,6 @@ def test_filled_is_the_nearest_of_each_spin_and_body(done):
         assert np.sum((found - here) ** 2) == least
 
 
-def test_times_between_runs_are_as_near_as_asked(full, done):
-    exact = full["t_r"].to_pandas()
-    near = filled(done["refine by t_r"], ["t_r"])["t_r"].to_pandas()
-    assert (exact.isna() == near.isna()).mean() > 0.99
-    off = (near / exact - 1).abs().dropna()
-    assert off.quantile(0.9) < 0.1
-    assert open_stored(done["refine by t_r"]).count() < 0.5 * POINTS
-
-
 def asked(kind: Callable[..., Any], theta: int, phi: int, levels: int) -> Any:
     """Which points of a plane of bodies are asked for; the types ``kind(x, y)``; waves."""
     axes = {"theta": {"linspace": [0.6, 0.95, theta]}, "phi": {"linspace": [0.02, 0.1, phi]}}
@@ -224,14 +207,6 @@ def test_each_spin_is_a_picture_of_its_own_and_only_boundaries_are_refined():
     # Both sides of every step are known.
     assert (there[0][1:] & there[0][:-1])[truth[1:] != truth[:-1]].all()
     assert there[0].sum() < 0.1 * there[0].size
-
-
-@pytest.mark.parametrize(
-    ("shape", "levels", "expected"),
-    [((400, 2, 400), 4, (16, 1, 16)), ((9, 9), 4, (4, 4)), ((4, 5), 1, (1, 2)), ((17,), 3, (8,))],
-)
-def test_coarse_grids(shape, levels, expected):
-    assert strides(shape, levels) == expected
 
 
 def test_refused_where_nothing_can_be_left_out_or_recorded(tmp_path):

@@ -12,11 +12,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 import sweeping
-from rattlesweep.analysis.plots.curves import UNSURE
-from sweeping import content_hash, invoke, prepared, proved
+from sweeping import content_hash, prepared, proved
 
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import Replay
+from rattlesweep.analysis.plots.curves import UNSURE
 from rattlesweep.analysis.plots.kinds import choose_picture
 from rattlesweep.analysis.plots.layout import read_layout
 from rattlesweep.analysis.style import styled
@@ -146,16 +146,12 @@ def test_distances_are_those_of_the_step_control(name):
     [
         (R, True, 50.0, 1.0, (90.0, 0.0), True),
         (R, False, 50.0, 1.0, (0.0, 0.0), False),
-        (SS, False, 1e-5, 1e-6, (1e-6, 1e-8), True),
         (SS, False, 1e-5, 1e-6, (2e-3, 1e-8), False),
         (SW, False, 300.0, 0.4, (90.0, 0.01), True),
         (SW, False, 300.0, 0.4, (4e3, 0.01), False),  # its companion may not have grown at all
-        (SW, False, 300.0, 0.4, (90.0, 0.36), False),
         (SW, False, 300.0, 0.99, (90.0, 0.02), False),  # may cross zero
         (SW, False, 300.0, 0.4, (90.0, np.nan), False),  # its companion failed
-        (UNCLASSIFIED, False, 0.1, 0.01, (0.01, 0.001), True),
         (UNCLASSIFIED, False, np.nan, 0.01, (np.nan, 0.001), True),
-        (UNCLASSIFIED, False, 0.1, 0.04, (0.01, 0.02), False),
         (-1, True, 0.1, 0.01, (0.0, 0.0), False),
     ],
 )
@@ -359,19 +355,6 @@ def test_types_that_are_not_sure_are_hatched(marked):
     shares = unsure / rows.groupby("case").size()
     assert sorted(pale) == pytest.approx(sorted(shares.dropna()))
     assert len(pale) > 0
-
-
-def test_replay_says_it_of_a_run(marked, told):
-    where = "t_r_error > 0.01 * t_r and type_sure"
-    (run,) = Replay(marked).select(where=where)
-    assert f"t_r {run.t_r!r} +- {run.t_r_error:.2g} (sensitive) and type R as" in run.proof
-    Replay(marked).prove(run)
-    cause = Replay(marked).cause(run)
-    assert f"{run.name}: " in cause
-    shown = invoke("replay", marked, "--where", where, "--points", 9)
-    assert cause in shown.stderr
-    (quiet,) = Replay(told).select(where="t_r_error < 0.000001 * t_r")
-    assert Replay(told).cause(quiet) == ""
 
 
 def test_replay_takes_the_tolerance_of_the_run(kept):

@@ -86,20 +86,6 @@ def test_failed_runs_have_no_count_and_keep_their_first_zero(tmp_path):
     assert (runs.t_r <= runs.t_end)[failed & runs.t_r.notna()].all()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("model", ["reduced", "full"])
-def test_with_a_fixed_step_and_the_reduced_model(model, tmp_path):
-    config = CONFIG | {
-        "record": ["reversals"], "model": model, "horizon": {"t": 300},
-        "integrator": {"method": "rk4", "dt": 0.01}, "spin": {"n_i": [0.2, -0.2], "omega_xy0": 0.1},
-    }  # fmt: skip
-    runs = rs.sweep(config, output=tmp_path).runs
-    assert runs.n_turns.max() > 0
-    for run in runs.itertuples():
-        path = rs.replay(tmp_path, int(run.case), int(run.sample), points=2)
-        assert run.turn_times.tolist() == path.reversals[:8].tolist()
-
-
 def test_turns_are_sure_as_far_as_a_looser_integration_confirms_them(sweep, tmp_path):
     """The second turn of this body comes at another time at every tolerance."""
     config = {

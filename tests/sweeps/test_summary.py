@@ -128,27 +128,6 @@ def one_case(directory, **change):
     return summarise(write(directory, columns | changed, cases=CASES[:1])).to_pylist()[0]
 
 
-DIVERGED = {"status": ["diverged"] * 3, "type": [None] * 3}
-ONE_DIVERGED = {"status": ["ok", "diverged", "ok"], "type": ["R", None, "SS"], "t_r": [7, 9, NAN]}
-# Those that do not reverse have a theory too, and it must not count.
-TIMES = {"type": ["R", "R", "SS"], "t_r": [20, 6, NAN], "t_rgh": [10, 4, 1000]}
-
-
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        ({}, {"t_r_mean": 7.0, "t_r_std": None}),
-        (DIVERGED, {"fraction_R": None, "failed": 3, "t_r_mean": None}),
-        (ONE_DIVERGED, {"t_r_mean": 7.0, "fraction_R": 0.5, "failed": 1}),
-        (TIMES, {"t_r_over_t_rgh_mean": 1.75, "t_r_over_t_rgh_sem": 0.25, "t_r_mean": 13.0,
-                 "t_rgh_mean": 338.0}),
-    ],
-)  # fmt: skip
-def test_what_counts_and_where_there_is_nothing_to_take_a_mean_of(change, expected, tmp_path):
-    row = one_case(tmp_path, **change)
-    assert {name: row[name] for name in expected} == pytest.approx(expected)
-
-
 @pytest.mark.parametrize(
     ("n_c1", "n_i", "omega_p", "expected"),
     [
