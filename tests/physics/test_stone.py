@@ -82,7 +82,9 @@ def test_equations_are_those_of_mechanics(model):
 def test_what_the_stages_of_a_step_carry(model):
     """Its start and rate are those of the contact point, and it need not be exact; 60 digits."""
     assert model.n_carried == 1
-    start, carried, plain = map(exactly, (model.carried_start, model.carried_rhs, model.rhs))
+    start, carried, plain = map(
+        exactly, (model.carried_start, model.carried_rhs, model.rhs)
+    )  # fmt: skip
     for body, u, omega, sigma, rolling in random_bodies(12, 6):
         body, sigma, rolling = of_model(model, body, sigma, rolling)
         with mp.workdps(60):
