@@ -96,9 +96,9 @@ def main() -> None:
     print("|---|---|---|---|")
     for parameter, own in fits.groupby("parameter", sort=False):
         doubt = own.error.std() / math.sqrt(len(own))
-        share, width = own.covered.mean(), own.width.median()
-        print(f"| `{parameter}` | {share:.1%} | {width:.2%} "
-              f"| {100 * own.error.mean():.2g} +- {100 * doubt:.1g} % |")  # fmt: skip
+        share, width, mean = own.covered.mean(), own.width.median(), own.error.mean()
+        print(f"| `{parameter}` | {100 * share:.1f} % | {100 * width:.2g} % "
+              f"| {100 * mean:.2g} +- {100 * doubt:.1g} % |")  # fmt: skip
 
 
 if __name__ == "__main__":

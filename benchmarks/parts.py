@@ -49,7 +49,7 @@ CONFIG = Path(__file__).resolve().parent.parent / "configs" / "tradeoff.yaml"
 HORIZON = 1000.0
 STEP = "step with what the types need"
 RECORDS = (
-    [], ["energy"], ["contact"], ["windows"], ["error"], ["lyapunov"],
+    [], ["energy"], ["contact"], ["windows"], ["error"], ["lyapunov"], ["volume"], ["reversals"],
     ["energy", "contact", "windows"],
 )  # fmt: skip
 

@@ -481,52 +481,38 @@ def advice(rows: pd.DataFrame) -> list[dict[str, Any]]:
     return found
 
 
-# Two lines of heading, and the cell of a row.
-COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
-    ("", "setting", row_name),
-    ("us a unit", "and run", lambda row: f"{row.us_per_unit:.3g}"),
-    ("times faster", "than plain", lambda row: f"{row.speedup:.3g}"),
-    ("error of", "median", lambda row: number(row.error_median)),
-    ("t_r", "99 %", lambda row: number(row.error_p99)),
-    ("share", "> 1e-6", lambda row: _percent(row.share_above_1e_6)),
-    ("reversals", "missed", lambda row: str(row.missed)),
-    ("", "false", lambda row: str(row.false)),
-    ("other", "type", lambda row: _percent(row.type_flips)),
-    ("energy", "drift", lambda row: number(row.energy_drift_median)),
-    ("not", "ok", lambda row: str(row.failed)),
-    ("", "runs", lambda row: str(row.runs)),
-)
-
-
 def as_text(study: Study) -> str:
     """Return everything that was measured, to be read."""
-    f, here = study.facts, machine()
-    heads = [[one for one, _, _ in COLUMNS], [two for _, two, _ in COLUMNS]]
-    cells = [[cell(row) for *_, cell in COLUMNS] for row in study.rows.itertuples()]
+    rows, f, here = study.rows, study.facts, machine()
+    shown = pd.DataFrame({
+        "setting": [row_name(row) for row in rows.itertuples()],
+        "us a unit": rows.us_per_unit.map("{:.3g}".format),
+        "faster than plain": rows.speedup.map("{:.3g}".format),
+        "median error": rows.error_median.map(number),
+        "of 99 %": rows.error_p99.map(number),
+        "> 1e-6": rows.share_above_1e_6.map(_percent),
+        "other type": rows.type_flips.map(_percent),
+        "energy drift": rows.energy_drift_median.map(number),
+        **rows[["missed", "false", "failed", "runs"]].astype(str),
+    })  # fmt: skip
     best = [["error of t_r", "median", "us a unit", "99 % of runs", "us a unit"]]
-    for entry in advice(study.rows):
-        best.append([number(entry["error"])])
-        for word in QUANTILES:
-            cost = entry[f"{word}_us_per_unit"]
-            best[-1] += [entry[word] or "none", "-" if cost is None else f"{cost:.3g}"]
-    return "\n".join(
-        [
-            f"{here['cpu']}, {here['processors']} processors, {here['system']}, Python "
-            f"{platform.python_version()}, rattlesweep {package_version()}",
-            f"{f['runs']} runs, {f['reversing_in_both']} with a reversal in both references; "
-            f"{f['compared']} of them agree to 1e-8",
-            f"{f['dropped']} runs are left out: the references do not agree on what becomes of "
-            "them",
-            f"the references differ by {f['references_differ_median']:.1e} (median), "
-            f"{f['references_differ_p99']:.1e} (99 %)",
-            f"costs on one thread, of runs cut at t = {f['timing_horizon']:g}",
-            "",
-            align([*heads, *cells], "<>"),
-            "",
-            "cheapest setting",
-            align(best, "<"),
-        ]
-    )
+    for entry in advice(rows):
+        error, *rest = entry.values()
+        best.append([number(error), *("none" if x is None else x if isinstance(x, str)
+                                      else f"{x:.3g}" for x in rest)])  # fmt: skip
+    return "\n".join([
+        f"{here['cpu']}, {here['processors']} processors, {here['system']}, Python "
+        f"{platform.python_version()}, rattlesweep {package_version()}",
+        f"{f['runs']} runs, {f['reversing_in_both']} with a reversal in both references; "
+        f"{f['compared']} of them agree to 1e-8; {f['dropped']} are left out, as the references do "
+        f"not agree; these differ by {f['references_differ_median']:.1e} (median)",
+        f"costs on one thread, of runs cut at t = {f['timing_horizon']:g}",
+        "",
+        align([[*map(str, shown)], *shown.to_numpy().tolist()], "<>"),
+        "",
+        "cheapest setting",
+        align(best, "<"),
+    ])  # fmt: skip
 
 
 def as_data(study: Study) -> dict[str, Any]:
