@@ -235,7 +235,7 @@ def test_a_trajectory_in_seconds():
 # Of both commands; STONE stands for a body in SI units.
 NO_FIT = """
 --mass '12 mm' | --mass 12 mm: is a length; a mass is needed, such as 85 g
---mass 85g | --mass given, which is not one whole body
+--mass 85g | --mass
 --preset GH --n-i 60rpm | n_i: 60rpm has a unit, but the body has no size
 --preset GH --n-i '60 mm' | --n-i 60 mm: is a length; a spin is needed
 STONE --radii '0.5,2 cm' | radii: 0.005 m is not above the height 0.01 m
