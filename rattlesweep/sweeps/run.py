@@ -263,11 +263,9 @@ def local(job: Job, blocks: Iterator[Keys]) -> None:
 @contextlib.contextmanager
 def _undisturbed() -> Iterator[None]:
     """Let Ctrl-C and SIGTERM wait until the body has ended."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
+    main = threading.current_thread() is threading.main_thread()  # others hear no signals
+    numbers = (signal.SIGINT, signal.SIGTERM) if main else ()
     heard: list[int] = []
-    numbers = (signal.SIGINT, signal.SIGTERM)
     before = {n: signal.signal(n, lambda number, _: heard.append(number)) for n in numbers}
     try:
         yield
