@@ -186,6 +186,8 @@ def _load(recipe: Recipe, names: tuple[Any, ...]) -> Any:
     from numba import config, njit, typeof
 
     function, arguments, options, _ = recipe(*names)
+    if config.DISABLE_JIT:
+        return function
     signature, place = tuple(map(typeof, arguments)), _place(recipe, names)
     with suppress(Exception):
         # A damaged file or a full disk: the kernel is then compiled again, and kept in memory.  An

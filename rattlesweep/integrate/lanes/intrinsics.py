@@ -1,5 +1,7 @@
 """Operations that Numba does not have for the CPU, as intrinsics.
 
+Each has a Python function beside it, which is what runs with ``NUMBA_DISABLE_JIT=1``: then a kernel
+can be stepped through.
 Private interfaces of Numba are used here and in :mod:`rattlesweep.integrate.lanes.lane` alone:
 ``numba.core.cgutils``, the context's ``make_array``, ``make_tuple`` and ``call_conv``,
 ``to_fixed_tuple`` of ``numba.np.unsafe``, ``library`` and ``fndesc`` of a compiled overload.
@@ -9,13 +11,14 @@ Tried with Numba 0.68.1.
 # mypy: disable-error-code="no-untyped-call, no-untyped-def"
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from functools import wraps
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import config, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.unsafe.ndarray import to_fixed_tuple
@@ -27,8 +30,11 @@ INNER |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 ONE = 1023 << 52  # the bits of 1.0
 
 
-def emitting(signature_of: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a function that writes LLVM code as an intrinsic, typed by its arguments' types."""
+def emitting(signature_of: Callable[..., Any], python: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorate a function that writes LLVM code as an intrinsic, typed by its arguments' types.
+
+    Without compilation it is the Python function.
+    """
 
     def decorate(codegen: Callable[..., Any]) -> Any:
         @wraps(signature_of)
@@ -36,7 +42,7 @@ def emitting(signature_of: Callable[..., Any]) -> Callable[..., Any]:
             return signature_of(*given), codegen
 
         typed.__name__ = codegen.__name__
-        return intrinsic(typed)
+        return python if config.DISABLE_JIT else intrinsic(typed)
 
     return decorate
 
@@ -48,7 +54,15 @@ def _element(context, builder, signature, args):
     return cgutils.get_item_pointer(context, builder, array_type, array, index, wraparound=False)
 
 
-@emitting(lambda typingctx, array, index, value: types.int64(array, types.intp, types.int64))
+def _fetch_add(array, index, value):
+    before = int(array[index])
+    array[index] += value
+    return before
+
+
+@emitting(
+    lambda typingctx, array, index, value: types.int64(array, types.intp, types.int64), _fetch_add
+)
 def fetch_add(context, builder, signature, args):
     """Add ``value`` to ``array[index]`` (int64) and return what was there before.
 
@@ -59,7 +73,10 @@ def fetch_add(context, builder, signature, args):
     return builder.atomic_rmw("add", pointer, args[2], "monotonic")
 
 
-@emitting(lambda typingctx, array, index: types.int64(array, types.intp))
+@emitting(
+    lambda typingctx, array, index: types.int64(array, types.intp),
+    lambda array, index: int(array[index]),
+)
 def load(context, builder, signature, args):
     """Read ``array[index]`` (int64) afresh; the compiler may not keep an older value."""
     pointer = _element(context, builder, signature, args)
@@ -67,7 +84,7 @@ def load(context, builder, signature, args):
     return builder.atomic_rmw("or", pointer, ir.Constant(ir.IntType(64), 0), "monotonic")
 
 
-@emitting(lambda typingctx: types.void())
+@emitting(lambda typingctx: types.void(), lambda: None)
 def barrier(context, builder, signature, args):
     """Keep the compiler from joining arithmetic before with arithmetic behind; costs nothing.
 
@@ -78,7 +95,7 @@ def barrier(context, builder, signature, args):
     return context.get_dummy_value()
 
 
-@emitting(lambda typingctx: types.void())
+@emitting(lambda typingctx: types.void(), lambda: None)
 def widest_vectors(context, builder, signature, args):
     """Let LLVM vectorise the calling function with all that the processor has; costs nothing.
 
@@ -90,7 +107,12 @@ def widest_vectors(context, builder, signature, args):
     return context.get_dummy_value()
 
 
-@emitting(lambda typingctx, x: types.float64(types.float64))
+def _rough_root(x):
+    bits = (int(np.float64(x).view(np.int64)) >> 6) + ONE - (ONE >> 6)
+    return float(np.int64(bits).view(np.float64))
+
+
+@emitting(lambda typingctx, x: types.float64(types.float64), _rough_root)
 def rough_root(context, builder, signature, args):
     """Return about ``x^(1/64)`` of a positive number, by dividing the bits of its logarithm.
 
@@ -102,8 +124,11 @@ def rough_root(context, builder, signature, args):
     return builder.bitcast(builder.add(bits, whole(ONE - (ONE >> 6))), ir.DoubleType())
 
 
-def _on_each(operation: str) -> Any:
-    @emitting(lambda typingctx, values, x: values(values, types.float64))
+def _on_each(operation: str, python: Callable[[float, float], float]) -> Any:
+    @emitting(
+        lambda typingctx, values, x: values(values, types.float64),
+        lambda values, x: tuple(python(value, x) for value in values),
+    )
     def apply(context, builder, signature, args):
         one_by_one = (builder.extract_value(args[0], i) for i in range(len(signature.args[0])))
         found = [getattr(builder, operation)(value, args[1]) for value in one_by_one]
@@ -113,11 +138,11 @@ def _on_each(operation: str) -> Any:
 
 
 # Products and quotients of each of a tuple and the same number.
-times, over = _on_each("fmul"), _on_each("fdiv")
+times, over = _on_each("fmul", operator.mul), _on_each("fdiv", operator.truediv)
 
 
 # ``first_of(array, length)``: the first numbers of an array as a tuple.
-first_of = to_fixed_tuple
+first_of = (lambda array, length: tuple(array[:length])) if config.DISABLE_JIT else to_fixed_tuple
 
 
 # -- calls by address ------------------------------------------------------------------------------
@@ -126,19 +151,25 @@ first_of = to_fixed_tuple
 def address_of(compiled: Any) -> Any:
     """Return where the machine code of a compiled function of one signature is.
 
-    The function must not be dropped as long as the address is used.
+    The function must not be dropped as long as the address is used.  Without compilation it is the
+    function itself.
     """
+    if config.DISABLE_JIT:
+        return compiled
     (result,) = compiled.overloads.values()
     return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
 
 
 def addresses_of(*compiled: Any) -> Any:
     """Return the addresses of functions as an array."""
-    return np.array([address_of(each) for each in compiled])
+    return np.array([address_of(each) for each in compiled], object if config.DISABLE_JIT else int)
 
 
 def _calling(result: Any) -> Any:
-    @emitting(lambda typingctx, address, arguments: result(types.intp, arguments))
+    @emitting(
+        lambda typingctx, address, arguments: result(types.intp, arguments),
+        lambda function, arguments: function(*arguments),
+    )
     def call(context, builder, signature, args):
         given = signature.args[1].types
         function_type = context.call_conv.get_function_type(result, given)
