@@ -96,7 +96,8 @@ def main() -> None:
     print("|---|---|---|---|")
     for parameter, own in fits.groupby("parameter", sort=False):
         doubt = own.error.std() / math.sqrt(len(own))
-        print(f"| `{parameter}` | {100 * own.covered.mean():.1f} % | {100 * own.width.median():.2g} % "
+        share, width = own.covered.mean(), own.width.median()
+        print(f"| `{parameter}` | {share:.1%} | {width:.2%} "
               f"| {100 * own.error.mean():.2g} +- {100 * doubt:.1g} % |")  # fmt: skip
 
 

@@ -29,7 +29,7 @@ from rattlesweep.arrays import take
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.lanes.build import problem_of
 from rattlesweep.integrate.lanes.lane import LANES, Layout
-from rattlesweep.integrate.lanes.step import compile_attempt
+from rattlesweep.integrate.lanes.step import OPTIONS, write_attempt
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.physics import full, theory
@@ -187,7 +187,7 @@ def without_amplitude() -> Any:
         return 0.0
 
     blind = replace(FULL, name="blind", amplitude=nothing)
-    return compile_attempt(DOP853, blind), problem_of(blind, True)
+    return njit(**OPTIONS)(write_attempt(DOP853, blind)), problem_of(blind, True)
 
 
 def steps(calls: int) -> list[Part]:
@@ -204,7 +204,7 @@ def steps(calls: int) -> list[Part]:
     rows[at.h], rows[at.probe : at.probe + FULL.n_probe] = 0.3, 0.1
     parts = []
     for name, (attempt, problem) in (
-        (STEP, (compile_attempt(DOP853, FULL), problem_of(FULL, True))),
+        (STEP, (njit(**OPTIONS)(write_attempt(DOP853, FULL)), problem_of(FULL, True))),
         ("step without the amplitude", without_amplitude()),
     ):
         many = partial(_many(attempt), problem, flat, calls)

@@ -147,9 +147,9 @@ def integrate(
 ) -> Outcome:
     """Integrate every run to its first reversal, or to its horizon.
 
-    It is to the horizon if it does not reverse, and for all if reversals are recorded; less far
-    once it has settled.  An ellipsoid that rolls onto its side, where the slope has no value, is
-    integrated anew as :attr:`Model.anywhere`.
+    All go to the horizon if reversals are recorded, and none further than where it has settled.  An
+    ellipsoid that rolls onto its side, where the slope has no value, is integrated anew as
+    :attr:`Model.anywhere`.
 
     Parameters
     ----------

@@ -34,11 +34,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-# Packages are imported by the functions that need them: commands that need no kernel take half the
-# time.
+# Numba is imported by the functions that need it: commands without a kernel take half the time.
 PACKAGE = Path(__file__).resolve().parents[1]
-# Processes that compile at the same time: each takes 200 MB, and no group of kernels gains by more.
-AT_ONCE = 2
+AT_ONCE = 2  # processes that compile: each takes 200 MB, and no group of kernels gains by more
 
 
 class Kernel(NamedTuple):
@@ -155,8 +153,7 @@ def import_written(name: str, source: str) -> ModuleType:
         written.write_text(source)
         written.replace(path)
     spec = spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
+    assert spec is not None and spec.loader is not None  # noqa: PT018
     # Numba looks the module of a stored function up by its name.
     sys.modules[name] = module = module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -222,8 +219,8 @@ CODE = f"from {__name__} import compile_in_child; compile_in_child()"
 def _compile(wanted: list[tuple[Recipe, tuple[Any, ...]]]) -> None:
     """Have other processes compile kernels, and wait for them.
 
-    Each kernel has a lock, which dies with the process that compiles it.  So all processes of this
-    user share the work: none compiles what another one is compiling.
+    Each kernel has a lock, which dies with the process that compiles it, so that none compiles what
+    another one is compiling.
     """
     from filelock import FileLock
 
@@ -259,8 +256,12 @@ def compile_in_child() -> None:
     """Compile and store kernels, in a process that does nothing else."""
     from filelock import FileLock, Timeout
 
+    def end_with_parent() -> None:
+        sys.stdin.read()
+        os._exit(1)
+
     gc.disable()  # it would take an eighth of the time
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=end_with_parent, daemon=True).start()
     for module, name, names in json.loads(sys.argv[1]):
         recipe = getattr(import_module(module), name)
         with suppress(Timeout), FileLock(f"{_place(recipe, names)}.lock", timeout=0):
@@ -268,11 +269,6 @@ def compile_in_child() -> None:
                 _load(recipe, tuple(names))
     # Python would take a while to let go of all that LLVM has made.
     os._exit(0)
-
-
-def _end_with_parent() -> None:
-    sys.stdin.read()
-    os._exit(1)
 
 
 # Given a kernel's name; what it makes lasts as long as the compilation.

@@ -11,7 +11,7 @@ method from the accepted step before it, one time in each lane; no accepted step
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -57,11 +57,10 @@ def record_steps(problem, parts, w, y0, constants, probe, plan, options,
                  record, steps, zeros, counts, energies):  # fmt: skip
     """Go on with the run until the tables are full or it ends.
 
-    Arguments up to ``record`` are those of :func:`rattlesweep.integrate.lanes.kernel.work` for one
-    run; the workspace keeps the run between calls.  Written to are ``steps``, of shape (rows,
-    2 + 2 n_state): where the run has come to, and the ends of the accepted steps; ``zeros``: times
-    of the zeros found, but for those after the body is dead; ``counts``; ``energies``: of the
-    launch and of the last row.
+    Arguments up to ``record`` are those of the kernel's ``work`` for one run, which the workspace
+    keeps between calls.  Written to are ``steps``: where it has come to, and the ends of the
+    accepted steps; ``zeros``: times of the zeros found, but for those after the body is dead;
+    ``counts``; ``energies``: of the launch and of the last row.
     """
     widest_vectors()
     scale, dt, max_steps = options[0], options[1], options[2]
@@ -72,12 +71,8 @@ def record_steps(problem, parts, w, y0, constants, probe, plan, options,
         lane.next = 1e290
         for l in range(1, problem.lanes):
             runs.idle(lane_of(problem, w, l))
-    row = 0
-    found = 0
-    status = OK
-    accepted = True
-    last = False
-    ended = False
+    row, found, status = 0, 0, OK
+    accepted, last, ended = True, False, False
     while True:
         if accepted:
             steps[row, T] = lane.t_end if last else lane.t
@@ -102,12 +97,9 @@ def record_steps(problem, parts, w, y0, constants, probe, plan, options,
             runs.stay(lane)
         last = lane.last > 0.0
         commit(problem, w)
-    counts[ENDED] = 1 if ended else 0
-    counts[STATUS] = status
-    counts[N_STEPS] = row - 1
-    counts[N_ZEROS] = found
-    energies[0] = lane.energy0
-    energies[1] = runs.energy_at(lane, lane.y)
+    counts[ENDED], counts[STATUS] = 1 if ended else 0, status
+    counts[N_STEPS], counts[N_ZEROS] = row - 1, found
+    energies[0], energies[1] = lane.energy0, runs.energy_at(lane, lane.y)
 
 
 def states_behind(problem, parts, w, steps, which, offset, constants, out):
@@ -119,8 +111,7 @@ def states_behind(problem, parts, w, steps, which, offset, constants, out):
     widest_vectors()
     for l in range(problem.lanes):
         lane_of(problem, w, l).constants = first_of(constants, problem.n_constants)
-    given = problem.n_given
-    points = which.size
+    given, points = problem.n_given, which.size
     for first in range(0, points, problem.lanes):
         for l in range(problem.lanes):
             i = min(first + l, points - 1)
@@ -231,11 +222,11 @@ class Follower:
         self._look, self._watch = look, watch
         models = [model, ATTITUDES[model.name]] if attitude else [model]
         # All at once, so that they are compiled side by side.
-        wanted: list[tuple[Any, ...]] = [(steps_recipe, model.name, tableau.adaptive)]
-        wanted += [(build.decide_closely, tableau.adaptive)]
-        wanted += [(build.attempt, tableau.name, each.name) for each in models]
-        wanted += [(states_recipe, each.name) for each in models]
-        self._kernel, decision, step, *_ = load_kernels(*wanted)
+        self._kernel, decision, step, *_ = load_kernels(
+            (steps_recipe, model.name, tableau.adaptive), (build.decide_closely, tableau.adaptive),
+            *((build.attempt, tableau.name, each.name) for each in models),
+            *((states_recipe, each.name) for each in models),
+        )  # fmt: skip
         # No windows: nothing is due at their ends.
         endless = replace(batch, window=np.full(1, 1e290), first_mark=np.full(1, 1e290))
         self._run = (
@@ -263,10 +254,7 @@ class Follower:
         return Samples(np.zeros(1), self._batch.y0.copy(), np.zeros((1, self._extra.shape[1])))
 
     def steps(self) -> Samples:
-        """Go on, and return the ends of the next accepted steps: none when the run has ended.
-
-        A method without error control shows every eighth step only.
-        """
+        """Go on, and return the ends of the next accepted steps: none when the run has ended."""
         if self.ended:
             return self._samples(0, 0)
         self._go_on()
@@ -275,8 +263,7 @@ class Follower:
     def at(self, times: Floats) -> Samples:
         """Return states at increasing times, none earlier than those of the last call.
 
-        Each is one step of the method away from the accepted step before it.  Fewer than asked
-        for come back where the run ended earlier.
+        Fewer than asked for come back where the run ended earlier.
         """
         out = np.empty((len(times), self._n))
         extra = np.empty((len(times), self._extra.shape[1]))

@@ -102,8 +102,7 @@ FULL = Model(
     ),
 )
 
-# An ellipsoid's ``rise`` is integrated along, since it is what the second root is for, and since
-# everything else in a stage waits for that root.
+# An ellipsoid's ``rise`` is integrated along, as all else in a stage waits for the root in it.
 
 
 @full.scalar
@@ -122,9 +121,9 @@ def _rise_rhs(p, q, a, b, c, rise, ix, iy, iz, cxx, cxy, cyy, k):
 
 # -- bodies with friction, whose work is the last component of the state ---------------------------
 
+# Of an oscillation with less than this share of the spin's energy the error of the spin counts as
+# of one with so much: it is then 1e-7 of the tolerance, and no less than rounding.
 SPIN_KNOWN = 1e-14
-"""Of an oscillation with less than this share of the spin's energy the error of the spin counts as
-of one with so much: it is then 1e-7 of the tolerance, and no less than rounding."""
 
 
 @full.scalar

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 
-from llvmlite import binding
-from numba import config, float64, typeof
+from numba import float64, typeof
 
 from rattlesweep.integrate.lanes.build import problem_of
 from rattlesweep.integrate.lanes.kernel import advance
@@ -21,9 +20,3 @@ def vector_bits() -> int:
     advance.compile(signature)
     code = advance.inspect_asm()[signature]
     return next((bits for name, bits in REGISTERS.items() if re.search(name, code)), 64)
-
-
-def compiled_for() -> str:
-    """Return the processor that LLVM compiles for, and the width of the vectors."""
-    name = config.CPU_NAME or binding.get_host_cpu_name()
-    return f"{name}, vectors of {vector_bits()} bits"

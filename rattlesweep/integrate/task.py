@@ -10,6 +10,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent import futures
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -114,39 +115,34 @@ class Task(threading.Thread, Generic[T]):
         self.control = control or Control()
         self.seconds = 0.0
         self._call = call
-        self._error: BaseException | None = None
-        self._value: list[T] = []
         # After a Ctrl-C in `join`, Python 3.11 takes a thread that runs for one that has ended.
-        self._ended = threading.Event()
+        self._future: futures.Future[T] = futures.Future()
         self.start()
 
     def run(self) -> None:
         """Make the call; not to be called by others."""
         start = time.perf_counter()
         try:
-            self._value.append(self._call(self.control))
+            value = self._call(self.control)
         except BaseException as error:
-            self._error = error
-        self.seconds = time.perf_counter() - start
-        self._ended.set()
+            self._future.set_exception(error)
+        else:
+            self.seconds = time.perf_counter() - start
+            self._future.set_result(value)
 
     def stop(self, patience: float = PATIENCE) -> None:
         """Ask for an end, and wait for it a little."""
         self.control.stop()
-        self._ended.wait(patience)
+        futures.wait([self._future], patience)
 
     def value(self) -> T:
         """Return what the call came to, or raise what it raised; TimeoutError before it ends."""
-        if not self._ended.is_set():
-            raise TimeoutError
-        if self._error is not None:
-            raise self._error
-        return self._value[0]
+        return self._future.result(timeout=0)
 
     def wait(self, tick: Callable[[Control], None] = lambda control: None) -> T:
         """Wait for the value; `tick` is called a few times a second and may raise to stop it."""
         try:
-            while not self._ended.wait(POLL):
+            while not futures.wait([self._future], POLL).done:
                 tick(self.control)
         except BaseException:
             self.stop()

@@ -123,14 +123,6 @@ def test_a_stored_number_that_is_not_what_comes_out_is_told(sweep, tmp_path):
         rs.replay(gone, one.case, one.sample)
 
 
-def test_a_sweep_typed_again_is_replayed(sweep, tmp_path):
-    output = edited(sweep, tmp_path / "out", lambda table: table)
-    assert invoke("classify", output, "--set", "classify.sw_departure=0.9").exit_code == 0
-    source = Replay(output)
-    for row in rows(output).itertuples():
-        source.prove(source.find(row.case, row.sample))
-
-
 @pytest.mark.parametrize("model", ["gh", pytest.param("reduced", marks=pytest.mark.slow)])
 def test_other_models_are_replayed_too(tmp_path, model):
     output, table = tmp_path / "out", tmp_path / "run.csv"

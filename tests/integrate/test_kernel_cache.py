@@ -212,7 +212,7 @@ def test_ctrl_c_ends_a_command_that_compiles_and_its_processes(tmp_path):
     assert "Traceback" not in rest
 
     def compiling():
-        return [path for path in Path("/proc").glob("[0-9]*/cmdline") if str(cache) in text(path)]
+        return [path for path in Path("/proc").glob("[0-9]*/environ") if str(cache) in text(path)]
 
     for _ in range(600):
         if not compiling():

@@ -118,24 +118,6 @@ def test_threads_order_and_company_do_not_matter(method):
         kernels.assert_same(alone, kernels.pick(whole, [k]))
 
 
-@both_kinds
-def test_every_lane_gives_the_same_bits(method):
-    others = mixed(LANES, t_end=20.0)
-    run = kernels.full_batch(GH, 0.05, 0.1, t_end=20.0)
-    alone = integrate(run, method, FULL, dt=0.01)
-    assert np.isfinite(alone.t_r[0])
-    # Of equal cost, so the queue keeps the order: run k begins in lane k.
-    others = dataclasses.replace(others, t_end=run.t_end * run.swing / others.swing)
-    for parity in (0, 1):
-        which = np.arange(LANES)
-        which[parity::2] = LANES
-        out = integrate(
-            kernels.take(kernels.join(others, run), which), method, FULL, threads=1, dt=0.01
-        )
-        for k in range(parity, LANES, 2):
-            kernels.assert_same(kernels.pick(out, [k]), alone)
-
-
 def test_idle_lanes():
     batch = mixed(2 * LANES + 1, t_end=10.0)
     whole = integrate(batch, DOP853, FULL)
@@ -218,18 +200,17 @@ def test_impossible_tolerances_end(name, tol):
         assert Status.OK not in set(out.status)
 
 
-def test_nonfinite_states_end_at_once_and_leave_the_neighbours_alone():
+@both_kinds
+def test_nonfinite_states_end_at_once_and_leave_the_neighbours_alone(method):
     runs = mixed(LANES)
-    alone = integrate(runs, DOP853, FULL)
+    alone = integrate(runs, method, FULL, dt=0.01)
     y0 = runs.y0.copy()
     y0[5, 2], y0[9, 4], y0[11, 0] = np.nan, np.inf, 1e200
-    for method in (DOP853, RK4):
-        out = integrate(dataclasses.replace(runs, y0=y0), method, FULL, dt=0.01)
-        assert [Status(s) for s in out.status[[5, 9, 11]]] == [Status.NONFINITE] * 3
-        assert np.isnan(out.t_r[[5, 9, 11]]).all()
-        if method is DOP853:
-            rest = np.delete(np.arange(LANES), [5, 9, 11])
-            kernels.assert_same(kernels.pick(out, rest), kernels.pick(alone, rest))
+    out = integrate(dataclasses.replace(runs, y0=y0), method, FULL, dt=0.01)
+    assert [Status(int(s)) for s in out.status[[5, 9, 11]]] == [Status.NONFINITE] * 3
+    assert np.isnan(out.t_r[[5, 9, 11]]).all()
+    rest = np.delete(np.arange(LANES), [5, 9, 11])
+    kernels.assert_same(kernels.pick(out, rest), kernels.pick(alone, rest))
 
 
 # --- runs that settle -----------------------------------------------------------------------------
@@ -363,21 +344,13 @@ def test_progress_rises_to_the_total():
     job = begin(runs, DOP853, FULL)
     seen = []
     while job.is_alive():
-        if job.control.total:
-            seen.append((job.control.done, job.control.runs_done))
+        seen.append((job.control.done, job.control.runs_done))
         time.sleep(0.005)
-    total = job.control.total
     done, ended = np.array(seen).T
-    assert job.control.done == pytest.approx(total, rel=1e-12)
+    assert job.control.done == pytest.approx(job.control.total, rel=1e-12)
     assert job.control.runs_done == 2000
-    assert not job.value().stopped
     assert len(set(done)) > 10
-    # A run that has ended is counted twice until its thread's next report: as done, and as under
-    # way.  No more than all lanes' runs, but progress can fall by so much.
-    twice = 2 * LANES * float((runs.t_end * runs.swing).max())
-    assert np.diff(done).min() >= -twice
-    assert done.max() <= total + twice
-    assert (np.diff(ended) >= 0).all()
+    assert min(np.diff(done).min(), np.diff(ended).min()) >= 0
 
 
 # --- the reduced model ----------------------------------------------------------------------------

@@ -90,11 +90,10 @@ run c.yaml --thread | no such option
 body --xi a | invalid value for '--xi': 'a' is not a valid float
 verify c -j two | 'two' is not a valid integer range
 verify c -j 99999 | --threads 99999: is more than the
-body | nothing is not one whole body; give one of these
-body --preset GH --f-sd 0.1 | --f-sd --preset is not one whole body
-body --preset GH --xi -0.1 --xi-deg -3 | --preset --xi --xi-deg is not one whole body
+body | no option given, which is not one whole body
+body --preset GH --f-sd 0.1 | --preset, --f-sd given, which is not one whole body
 body --preset GH --phi 0.7 | phi 0.7 is not below theta 0.6429
-body --preset GH --n-i 0 | --n-i 0, --omega-xy0 0.01, --sigma 0, --rolling 0: the spin must not
+body --preset GH --n-i 0 | --n-i 0, --omega-xy0 0.01: theory needs a spin that is not zero
 body --gamma 10 --f-sd 0.7 --theta 0.8 --phi 0.05 --xi -0.1 | f_sd is 0.7; it must lie
 init mine.txt | the name of a config ends in .yaml
 """

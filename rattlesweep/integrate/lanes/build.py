@@ -106,7 +106,6 @@ def parallel() -> bool:
     try:
         numba.get_num_threads()
     except ValueError as error:
-        # The first line says what is wrong, hints follow.
         raise SettingError(f"NUMBA_THREADING_LAYER: {str(error).splitlines()[0]}") from error
     return True
 

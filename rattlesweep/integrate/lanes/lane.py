@@ -25,7 +25,6 @@ from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     NativeValue,
     infer_getattr,
-    intrinsic,
     lower_getattr_generic,
     lower_setattr_generic,
     models,
@@ -33,6 +32,8 @@ from numba.extending import (
     typeof_impl,
     unbox,
 )
+
+from rattlesweep.integrate.lanes.intrinsics import emitting
 
 if TYPE_CHECKING:
     from rattlesweep.integrate.model import Model
@@ -95,11 +96,10 @@ FIELDS = (
 
 
 class Layout:
-    """First rows of the fields of a model's lanes, each also an attribute.
+    """First rows of the fields of a model's lanes, each an attribute; ``fields`` has types too.
 
-    Without a model it has the fields that all models share.  ``fields`` has Numba's types too;
-    ``stages`` is the first row of the stages but the first, which is ``f``, and those of the
-    tangent or of what is carried come behind.
+    Behind them, from ``stages`` on, are the stages but the first, which is ``f``, and those of the
+    tangent or of what is carried.  Without a model there are the fields that all models share.
     """
 
     def __init__(self, model: Model | None) -> None:
@@ -298,34 +298,25 @@ def _set(context: Any, builder: Any, signature: Any, args: Any, name: str) -> No
         cells.write(row + i, builder.extract_value(args[1], i))
 
 
-@intrinsic
-def lane_of(typingctx, problem, w, l):
+@emitting(lambda typingctx, problem, w, l: LaneType(problem)(problem, w, types.intp))
+def lane_of(context, builder, signature, args):
     """Return lane ``l`` of a workspace ``w``."""
-    found = LaneType(problem)
-
-    def codegen(context, builder, signature, args):
-        made = cgutils.create_struct_proxy(found)(context, builder)
-        made.data = context.make_array(signature.args[1])(context, builder, args[1]).data
-        made.place = args[2]
-        return made._getvalue()
-
-    return found(problem, w, types.intp), codegen
+    made = cgutils.create_struct_proxy(signature.return_type)(context, builder)
+    made.data = context.make_array(signature.args[1])(context, builder, args[1]).data
+    made.place = args[2]
+    return made._getvalue()
 
 
-@intrinsic
-def clear(typingctx, lane):
+@emitting(lambda typingctx, lane: types.void(lane))
+def clear(context, builder, signature, args):
     """Set all numbers to zero that are there in every model."""
-
-    def codegen(context, builder, signature, args):
-        kind = signature.args[0]
-        cells = _cells(context, builder, kind, args[0])
-        end = cells.lane.type(kind.field("y")[0] * cells.lanes)
-        step = cells.lane.type(cells.lanes)
-        with cgutils.for_range_slice(builder, cells.lane, end, step) as (index, _):
-            builder.store(DOUBLE(0.0), cgutils.gep(builder, cells.data, index))
-        return context.get_dummy_value()
-
-    return types.void(lane), codegen
+    kind = signature.args[0]
+    cells = _cells(context, builder, kind, args[0])
+    end = cells.lane.type(kind.field("y")[0] * cells.lanes)
+    step = cells.lane.type(cells.lanes)
+    with cgutils.for_range_slice(builder, cells.lane, end, step) as (index, _):
+        builder.store(DOUBLE(0.0), cgutils.gep(builder, cells.data, index))
+    return context.get_dummy_value()
 
 
 # -- many cells ------------------------------------------------------------------------------------
@@ -354,38 +345,35 @@ def sums(count: int, terms: dict[int, float], start: int | None = None, *scale: 
 
 
 def gather(lanes: int, values: Sequence[int | Sum], behind: Sequence[int]) -> Any:
-    """``gather(w, l)``: the values in lane ``l``, and those ``behind`` them, a tuple.
+    """Return ``read(w, l)``: the values in lane ``l``, and those ``behind`` them, a tuple.
 
-    What comes behind is read first, and single cells before sums.  Which of two products LLVM fuses
-    with their sum depends on such an order, and with it the last bits.
+    What comes behind is read first, and single cells before sums: on such an order depends which of
+    two products LLVM fuses with their sum, and with it the last bits.
     """
     wanted = [*values, *behind]
     order = sorted(range(len(wanted)), key=lambda i: (i < len(values), isinstance(wanted[i], Sum)))
 
-    def read(typingctx, w, l):
-        def codegen(context, builder, signature, args):
-            array = context.make_array(signature.args[0])(context, builder, args[0])
-            lane = _Cells(builder, array.data, args[1], lanes)
-            found = {i: lane.value(wanted[i]) for i in order}
-            parts = [found[i] for i in range(len(wanted))]
-            return context.make_tuple(builder, signature.return_type, parts)
+    @emitting(lambda typingctx, w, l: types.UniTuple(types.float64, len(wanted))(w, types.intp))
+    def read(context, builder, signature, args):
+        array = context.make_array(signature.args[0])(context, builder, args[0])
+        lane = _Cells(builder, array.data, args[1], lanes)
+        found = {i: lane.value(wanted[i]) for i in order}
+        parts = [found[i] for i in range(len(wanted))]
+        return context.make_tuple(builder, signature.return_type, parts)
 
-        return types.UniTuple(types.float64, len(wanted))(w, types.intp), codegen
-
-    return intrinsic(read)
+    return read
 
 
 def scatter(lanes: int, rows: Sequence[int]) -> Any:
-    """``scatter(w, l, values)``: write a tuple to the rows in lane ``l``."""
+    """Return ``write(w, l, values)``, which writes a tuple to the rows in lane ``l``."""
+    values = types.UniTuple(types.float64, len(rows))
 
-    def write(typingctx, w, l, values):
-        def codegen(context, builder, signature, args):
-            array = context.make_array(signature.args[0])(context, builder, args[0])
-            lane = _Cells(builder, array.data, args[1], lanes)
-            for i, row in enumerate(rows):
-                lane.write(row, builder.extract_value(args[2], i))
-            return context.get_dummy_value()
+    @emitting(lambda typingctx, w, l, given: types.void(w, types.intp, values))
+    def write(context, builder, signature, args):
+        array = context.make_array(signature.args[0])(context, builder, args[0])
+        lane = _Cells(builder, array.data, args[1], lanes)
+        for i, row in enumerate(rows):
+            lane.write(row, builder.extract_value(args[2], i))
+        return context.get_dummy_value()
 
-        return types.void(w, types.intp, types.UniTuple(types.float64, len(rows))), codegen
-
-    return intrinsic(write)
+    return write

@@ -1,7 +1,4 @@
-"""Single lanes: a run begins, a window closes, a run ends.
-
-The kernel calls these functions for the few lanes where something is due.
-"""
+"""Single lanes where something is due: a run begins, a window closes, a run ends."""
 
 # mypy: ignore-errors
 from __future__ import annotations
@@ -100,10 +97,7 @@ def pass_marks(lane, t, run, windows, record):
 
 @njit(**INNER)
 def settled(lane, most):
-    """Return whether the amplitude never grew in two windows, and oscillation is at most `most`.
-
-    Not within the first window: the last comparison there is after any short time.
-    """
+    """Return whether the amplitude never grew in two windows, and oscillation is at most `most`."""
     if most == 0.0 or lane.window_no < 2.0 or lane.growth > 1.0 or lane.t_zero >= 0.0:
         return False
     return oscillation_at(lane, lane.y1) <= most

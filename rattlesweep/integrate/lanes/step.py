@@ -1,11 +1,9 @@
 """The vectorised step: a module generated from a tableau and a model.
 
 One call of its function ``attempt`` tries one step on every lane (:data:`SUBSTEPS` equal ones for a
-method without error control).  All arrays are rows of one flat workspace, each row as long as there
-are lanes, and every stage is one loop over lanes that loads its combination of earlier stages,
-calls the scalar right-hand side and stores ``f``.  With the coefficients and the offsets as
-constants in the source, LLVM drops the zeros, keeps the stage in registers and vectorises each
-loop; one workspace instead of many arrays lets it prove that rows do not overlap.
+method without error control).  Every stage is one loop over lanes that loads its combination of
+earlier stages, calls the scalar right-hand side and stores ``f``.  With the coefficients and the
+rows as constants in the source, LLVM keeps the stage in registers and vectorises each loop.
 
 A tangent has loops of its own, behind those of the state, and barriers between.  Else LLVM would
 share products between the two, fuse other sums with them, and the state would come out with other
@@ -17,8 +15,6 @@ The module is written into the folder of the kernels, where it can be read and s
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
-
-from numba import njit
 
 from rattlesweep.integrate.compile import import_written
 from rattlesweep.integrate.lanes.intrinsics import INNER
@@ -44,7 +40,7 @@ from rattlesweep.integrate.lanes.lane import gather, lane_of, scatter, sums
 '''
 
 
-class Attempt:
+class _Attempt:
     """The text of ``attempt(problem, w, scale)``: one step tried on every lane.
 
     ``w`` is the flat workspace, ``scale`` is ``1 / tol**2``.
@@ -149,20 +145,12 @@ class Attempt:
         tangent = self.sums(n, row, tangents, v, share)
         return self.gather(f"{span(y, n)} + {span(f, n)} + {tangent}")
 
-    def sums(
-        self,
-        count: int,
-        row: Row,
-        stages: Sequence[int],
-        start: int | None = None,
-        share: float = 1.0,
-    ) -> str:
-        """Return a row of the tableau times the stages; with ``start``, that plus ``share * h``
-        times the sum.
-        """
+    def sums(self, count: int, row: Row, stages: Sequence[int], *from_and_share: float) -> str:
+        """Return a row of the tableau times the stages, or ``start`` and ``share * h`` times it."""
         terms = {stages[j]: value for j, value in row.items()}
-        if start is None:
+        if not from_and_share:
             return f"sums({count}, {terms})"
+        start, share = from_and_share
         return f"sums({count}, {terms}, {start}, {self.at.h}, {share})"
 
     def gather(self, values: str) -> str:
@@ -171,11 +159,9 @@ class Attempt:
         return self.name("given", f"gather({self.lanes}, {values}, behind={behind})")
 
     def scatter(self, to: str) -> str:
-        """Return a writer to rows."""
         return self.name("put", f"scatter({self.lanes}, {to})")
 
     def name(self, word: str, call: str) -> str:
-        """Give a reader or writer a name."""
         name = f"{word}_{len(self.cells)}"
         self.cells.append(f"{name} = {call}")
         return name
@@ -206,12 +192,5 @@ def write_attempt(
 ) -> Callable[..., Any]:
     """Write and import the step of a method and a model, and return its function."""
     name = f"attempt_{tableau.name}_{model.name}_{lanes}{'_volume' * volume}"
-    written = import_written(name, Attempt(tableau, model, lanes, volume).source)
-    function: Callable[..., Any] = written.attempt
-    return function
-
-
-def compile_attempt(tableau: Tableau, model: Model, lanes: int = LANES) -> Callable[..., Any]:
-    """Return the step of a method and a model, to be compiled at its first call."""
-    compiled: Callable[..., Any] = njit(**OPTIONS)(write_attempt(tableau, model, lanes))
-    return compiled
+    written = import_written(name, _Attempt(tableau, model, lanes, volume).source)
+    return written.attempt  # type: ignore[no-any-return]

@@ -1,12 +1,9 @@
 """Runs that carry a tangent: how they begin, are watched, end and move on.
 
-The functions do what those of the same names in :mod:`rattlesweep.integrate.lanes.runs` and
-:mod:`rattlesweep.integrate.lanes.kernel` do, and look after the tangent.  Barriers keep the two
-apart, so that the last bits of the state are those of a run without a tangent.
-
-The tangent obeys a linear equation, so its length may be changed at any time.  It is multiplied by
-a power of two when it has become very long or short; that rounds nothing, costs no logarithm, and
-the tangent never overflows.
+The functions do what those of the same names in :mod:`runs` and :mod:`kernel` do, and look after
+the tangent.  Barriers keep the two apart, so that the last bits of the state are those of a run
+without one.  The tangent obeys a linear equation, so its length may be changed at any time: it is
+multiplied by a power of two when it has become very long or short, which rounds nothing.
 """
 
 # mypy: ignore-errors

@@ -235,11 +235,10 @@ def _problem(error: Any, data: Any) -> tuple[Key, str]:
     key: Key = ()
     here = data
     for part in place:
-        if isinstance(part, int) and not isinstance(here, list):
-            continue  # a number may stand for a list of one
-        key = (*key, part)
-        known = part in here if isinstance(here, dict) else isinstance(part, int)
-        here = here[part] if known else None
+        if isinstance(part, str):
+            key, here = (*key, part), here.get(part) if isinstance(here, dict) else None
+        elif isinstance(here, list):  # else one value stands for a list of one
+            key, here = (*key, part), here[part]
     if kind.startswith("union_tag"):
         return (*key, "source"), not_one_of(value.get("source"), SOURCES)
     if kind == "missing":
