@@ -228,7 +228,7 @@ BAD_RUNS: list[tuple[dict[str, Any], str]] = [
     ({"n_i": [0.1, 0.2], "omega_xy0": [0.1] * 3}, r"bodies \(\), n_i \(2,\), omega_xy0 \(3,\)"),
     ({"omega_xy0": None}, "omega_xy0 missing; give n_i and omega_xy0"),
     ({"sigma": -1}, "sigma -1: "),
-    ({"psi": [0, 400]}, r"psi\[1\] 400: from -360 to 360 degrees"),
+    ({"psi": [0, 400]}, r"psi\[1\] 400: an angle from -360 to 360 degrees"),
     ({"psi": "yaw"}, '"yaw" is not one of relevant, pitch, roll'),
     ({"model": "gh "}, '"gh " is not one of full, reduced, gh'),
     ({"tol": 1.0}, "integrator.tol: 1.0 is given; .* 0.01"),
