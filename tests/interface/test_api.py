@@ -219,7 +219,7 @@ def test_bad_arguments_get_a_sentence(call, words):
 
 
 BAD_RUNS: list[tuple[dict[str, Any], str]] = [
-    ({"n_i": [0.1, 0], "t_end": None}, "without spin .* t_rGH|without spin .* has"),
+    ({"n_i": [0.1, 0], "t_end": None}, "without spin .* has no t_rGH"),
     ({"omega": (0, 0, 1)}, "n_i and omega_xy0 given with a full state"),
     ({"n_i": [[0.1, None]]}, r"n_i\[0, 1\] nan: it must be finite"),
     ({"n_i": True}, r"n_i: True \(bool\) is no number"),
@@ -228,11 +228,11 @@ BAD_RUNS: list[tuple[dict[str, Any], str]] = [
     ({"n_i": [0.1, 0.2], "omega_xy0": [0.1] * 3}, r"bodies \(\), n_i \(2,\), omega_xy0 \(3,\)"),
     ({"omega_xy0": None}, "omega_xy0 missing; give n_i and omega_xy0"),
     ({"sigma": -1}, "sigma -1: "),
-    ({"psi": [0, 400]}, r"psi\[1\] 400: an angle from -360 to 360 degrees"),
+    ({"psi": [0, 400]}, r"psi\[1\] 400: .*from -360 to 360"),
     ({"psi": "yaw"}, '"yaw" is not one of relevant, pitch, roll'),
     ({"model": "gh "}, '"gh " is not one of full, reduced, gh'),
-    ({"tol": 1.0}, "integrator.tol: 1.0 is given; .* 0.01"),
-    ({"method": "rk4", "tol": 1e-9}, "integrator.tol: rk4 takes dt alone"),
+    ({"tol": 1.0}, "integrator.tol: 1.0 .* 0.01"),
+    ({"method": "rk4", "tol": 1e-9}, "integrator.tol: rk4 takes"),
     ({"threads": 0}, r"threads: 0 \(int\) is no count; give a whole number from 1 on"),
     ({"body": [GH, "HG"]}, r"bodies\[1\]: 'HG' \(str\) is no body"),
     ({"body": FRAME.drop(columns="phi")}, "bodies: the column phi is missing"),
