@@ -34,9 +34,9 @@ from rattlesweep.integrate.batch import Batch, integrate
 from rattlesweep.integrate.lanes.build import problem_of
 from rattlesweep.integrate.lanes.intrinsics import widest_vectors
 from rattlesweep.integrate.lanes.lane import LANES, Layout
-from rattlesweep.integrate.lanes.step import compile_attempt
+from rattlesweep.integrate.lanes.step import OPTIONS, write_attempt
 from rattlesweep.integrate.model import FULL
-from rattlesweep.integrate.processor import compiled_for
+from rattlesweep.integrate.processor import vector_bits
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, launch, steady, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
@@ -166,7 +166,7 @@ def processor():
 
 def heading():
     """Machine and versions."""
-    click.echo(f"{processor()}, {os.cpu_count()} processors, kernels for {compiled_for()}")
+    click.echo(f"{processor()}, {os.cpu_count()} processors, vectors of {vector_bits()} bits")
     click.echo(
         f"Python {platform.python_version()}, NumPy {np.__version__}, Numba {numba.__version__}, "
         f"llvmlite {llvmlite.__version__}, {platform.system()} {platform.release()}"
@@ -219,12 +219,12 @@ def show_lanes(quick):
     widths = (8, 16, 32, 64)
     click.echo("generated step alone, M steps/s by number of lanes; medians")
     click.echo(f"{'':10}" + "".join(f"{width:>8}" for width in widths))
-    at = Layout.of(FULL)
+    at = Layout(FULL)
     n = FULL.n_state
     for name, tableau in METHODS.items():
         loops = {}
         for width in widths:
-            attempt = compile_attempt(tableau, FULL, width)
+            attempt = njit(**OPTIONS)(write_attempt(tableau, FULL, width))
             size = (at.stages + tableau.stages * n) * width
             flat = np.zeros(size + 8)
             shift = (-flat.ctypes.data // 8) % 8
@@ -267,7 +267,7 @@ CHAIN, CELLS = 8, 64
 
 def products(tableau):
     """Products in one step of a method for one lane; 0 where the machine code is not x86's."""
-    step = compile_attempt(tableau, FULL, 1)
+    step = njit(**OPTIONS)(write_attempt(tableau, FULL, 1))
     step.compile((typeof(problem_of(FULL, tableau.adaptive, 1)), float64[::1], float64))
     (code,) = step.inspect_asm().values()
     found = PRODUCT.findall(code)

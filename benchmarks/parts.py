@@ -29,7 +29,7 @@ from rattlesweep.arrays import take
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.lanes.build import problem_of
 from rattlesweep.integrate.lanes.lane import LANES, Layout
-from rattlesweep.integrate.lanes.step import compile_attempt
+from rattlesweep.integrate.lanes.step import OPTIONS, write_attempt
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.physics import full, theory
@@ -49,7 +49,7 @@ CONFIG = Path(__file__).resolve().parent.parent / "configs" / "tradeoff.yaml"
 HORIZON = 1000.0
 STEP = "step with what the types need"
 RECORDS = (
-    [], ["energy"], ["contact"], ["windows"], ["error"], ["lyapunov"],
+    [], ["energy"], ["contact"], ["windows"], ["error"], ["lyapunov"], ["volume"], ["reversals"],
     ["energy", "contact", "windows"],
 )  # fmt: skip
 
@@ -187,12 +187,12 @@ def without_amplitude() -> Any:
         return 0.0
 
     blind = replace(FULL, name="blind", amplitude=nothing)
-    return compile_attempt(DOP853, blind), problem_of(blind, True)
+    return njit(**OPTIONS)(write_attempt(DOP853, blind)), problem_of(blind, True)
 
 
 def steps(calls: int) -> list[Part]:
     """The generated step, with and without what the types need."""
-    at, n = Layout.of(FULL), FULL.n_state
+    at, n = Layout(FULL), FULL.n_state
     size = (at.stages + (DOP853.stages + 1) * n) * LANES
     flat = np.zeros(size + 8)
     flat = flat[(-flat.ctypes.data // 8) % 8 :][:size]
@@ -204,7 +204,7 @@ def steps(calls: int) -> list[Part]:
     rows[at.h], rows[at.probe : at.probe + FULL.n_probe] = 0.3, 0.1
     parts = []
     for name, (attempt, problem) in (
-        (STEP, (compile_attempt(DOP853, FULL), problem_of(FULL, True))),
+        (STEP, (njit(**OPTIONS)(write_attempt(DOP853, FULL)), problem_of(FULL, True))),
         ("step without the amplitude", without_amplitude()),
     ):
         many = partial(_many(attempt), problem, flat, calls)

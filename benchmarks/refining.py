@@ -31,7 +31,7 @@ def refined(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> Flags:
     data = resolved(stored.config)
     config = override_config(data | {"bodies": data["bodies"] | {"refine": refine}}, [])
     decide = Refining(config, stored.cases, stored.samples)
-    table = rows.select([*decide.columns])
+    table = rows
     done = np.zeros(decide.code.shape, dtype=bool)
     while (todo := decide.wanted() & ~done).any():
         decide.add(table.take(np.flatnonzero(todo)))

@@ -22,6 +22,7 @@ COPIED = {
     "benchmarks/README.md": "measurements.md",
     "benchmarks/extremes.md": "extremes.md",
     "benchmarks/claims.md": "claims.md",
+    "benchmarks/fit.md": "fit_coverage.md",
 }
 
 

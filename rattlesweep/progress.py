@@ -13,7 +13,7 @@ from rattlesweep.durations import clock
 if TYPE_CHECKING:
     from typing import Self
 
-    from rattlesweep.sweeps.job import Progress
+    from rattlesweep.sweeps.run import Progress
 
 COMPILING = "compiling the kernel for this machine, once (about 15 s)"
 DELAY = 0.5  # seconds after which a call from Python shows a bar: most are over by then

@@ -44,8 +44,8 @@ def make_body(given: dict[str, Any]) -> Rattleback:
     if not way:
         ways = "; ".join(map(_options, (own for own, _ in WAYS.values())))
         raise ConfigError(
-            f"{_options(given) or 'nothing'} is not one whole body; give one of these, and what "
-            f"may change in it: {ways}"
+            f"{_options(given) or 'no option'} given, which is not one whole body; give one of "
+            f"these, and what may change in it: {ways}"
         )
     if isinstance(c, str) and way != "si":
         raise ConfigError("--c has a unit, but the body has no size; give a number in a")

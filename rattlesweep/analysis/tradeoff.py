@@ -37,7 +37,6 @@ from rattlesweep.sweeps.block import columns_of, load_kernel, run_batch
 from rattlesweep.sweeps.columns import F64, I64, TEXT, TIME, field, required
 from rattlesweep.sweeps.config.read import override_config, resolved
 from rattlesweep.sweeps.config.schema import Config, SdSource
-from rattlesweep.sweeps.error import Estimated
 from rattlesweep.sweeps.files import probe_directory
 from rattlesweep.sweeps.launches import (
     Launches,
@@ -79,7 +78,7 @@ SCHEMA = pa.schema(
     [
         required("model", TEXT, "1", "full, reduced or gh"),
         required("method", TEXT, "1", "integrator; plain: scalar RK4, one run after another"),
-        required("setting", TEXT, "1", "tol, dt, accuracy (of t_r), or none"),
+        required("setting", TEXT, "1", "tol, dt, or none"),
         field("value", F64, "1", "value of the setting; dt in sqrt(a/g)"),
         required("runs", I64, "1", "runs integrated for the errors"),
         required("reversing", I64, "1", "runs among them whose reference reverses"),
@@ -90,15 +89,11 @@ SCHEMA = pa.schema(
         field("share_above_1e_6", F64, "1", "share of runs off by more than 1e-6, or without t_r"),
         required("missed", I64, "1", "runs with a reversal in the reference and none here"),
         required("false", I64, "1", "runs with a reversal here and none in the reference"),
-        field("within_accuracy", F64, "1", "share of runs within the accuracy asked for, of those "
-              "whose t_r_error says so; null: none was asked for"),
-        field("doubtful", F64, "1", "share of runs whose t_r_error says that they may not be"),
         field("type_flips", F64, "1", "share of runs with another type"),
         field("energy_drift_median", F64, "1", "median change of energy, relative"),
         required("failed", I64, "1", "runs with a status other than ok"),
     ]
 )  # fmt: skip
-"""One row a setting."""
 
 
 # -- settings and runs ---------------------------------------------------------------------------
@@ -116,10 +111,7 @@ class Setting:
     @property
     def integrator(self) -> dict[str, Any]:
         """The part of a config."""
-        if self.method == "none":
-            return {}
-        value = {"t_r": self.value} if self.name == "accuracy" else self.value
-        return {"method": self.method, self.name: value}
+        return {} if self.method == "none" else {"method": self.method, self.name: self.value}
 
     @property
     def stages(self) -> int:
@@ -132,7 +124,6 @@ REFERENCES = tuple(Setting("full", method, "tol", 1e-13) for method in ("verner9
 PLAIN = Setting("full", "plain", "dt", DT)
 REDUCED = Setting("reduced", "dop853", "tol", 1e-9)
 CLOSED_FORM = Setting("gh", "none")
-GOAL = Setting("full", "dop853", "accuracy", 1e-6)
 
 
 def settings(methods: Collection[str]) -> list[Setting]:
@@ -159,10 +150,10 @@ class Scope:
     stages: float = 6e8
 
 
-FULL = Scope((PLAIN, *settings(METHODS), GOAL, REDUCED, CLOSED_FORM))
+FULL = Scope((PLAIN, *settings(METHODS), REDUCED, CLOSED_FORM))
 # A quick study needs no kernel but those of the references.
 QUICK = Scope(
-    (PLAIN, *settings([s.method for s in REFERENCES]), GOAL, CLOSED_FORM),
+    (PLAIN, *settings([s.method for s in REFERENCES]), CLOSED_FORM),
     least=300, rounds=2, horizon=500.0, stages=1e8,
 )  # fmt: skip
 
@@ -178,7 +169,6 @@ class Solution:
     n_end: Floats  # spin at t_end
     drift: Floats  # relative change of energy
     tries: float  # steps tried in all, accepted or not
-    t_r_error: Floats  # estimate of the error of t_r; NaN where there is none
 
 
 @dataclass(frozen=True)
@@ -224,7 +214,7 @@ class Runs:
             t_end = np.where(np.isnan(t_r), batch.t_end, t_r)
             ok, tries = np.ones(len(batch), dtype=bool), float(t_end.sum()) / setting.value
             none = np.full(len(batch), -2)
-            return Solution(t_r, t_end, none, ok, nothing, nothing, tries, nothing)
+            return Solution(t_r, t_end, none, ok, nothing, nothing, tries)
         config, outcome = self._config(setting), None
         if batch is not None:
             work = batch
@@ -234,11 +224,7 @@ class Runs:
             ).wait()
         columns = columns_of(config, take(self.launches, index), batch, outcome)
         ok = columns["status"][0] == Status.OK
-        tries = 0.0
-        if isinstance(outcome, Estimated):
-            tries = float(outcome.tries.sum())
-        elif outcome is not None:
-            tries = float((outcome.n_steps + outcome.n_rejected).sum())
+        tries = 0 if outcome is None else (outcome.n_steps + outcome.n_rejected).sum()
         return Solution(
             t_r=np.where(ok, columns["t_r"], np.nan),
             t_end=columns["t_end"],
@@ -246,24 +232,18 @@ class Runs:
             ok=ok,
             n_end=columns["n_end"],
             drift=nothing if outcome is None else np.abs(outcome.energy_drift),
-            tries=tries,
-            t_r_error=columns.get("t_r_error", nothing),
+            tries=float(tries),
         )
 
     def _config(self, setting: Setting) -> Config:
         integrator = type(self.config.integrator).model_validate(setting.integrator)
-        record = ["error"] if integrator.goal is not None else []
         return self.config.model_copy(
-            update={"model": setting.model, "integrator": integrator, "record": record}
+            update={"model": setting.model, "integrator": integrator, "record": []}
         )
 
 
 def draw_runs(config: Config, base: Path | None, *, samples: int | None, least: int) -> Runs:
-    """Draw runs from a config, whose model, integrator and records play no part.
-
-    There are `samples` runs of each case, or so many that there are `least` runs, or all. `base` is
-    where a table's relative path is looked up besides the working directory.
-    """
+    """Draw `samples` runs of each case, or so many that there are `least` runs, or all."""
     data: dict[str, Any] = resolved(config) | {"record": [], "model": "full"}
     config = override_config(data, ["integrator={method: dop853}"])
     plan = make_plan(config, base)
@@ -295,9 +275,7 @@ class Study:
     """What was measured on the runs of a config."""
 
     name: str  # of the config
-    rows: pd.DataFrame
-    """One row a setting, with the columns of `SCHEMA`; NaN where there is nothing, infinity for the
-    error of a run without ``t_r``."""
+    rows: pd.DataFrame  # one row a setting, with the columns of `SCHEMA`
     facts: dict[str, Any]  # what the rows rest on
 
 
@@ -312,17 +290,7 @@ def measure(
 ) -> Study:
     """Measure cost and error of every setting on the runs of :func:`draw_runs`.
 
-    Parameters
-    ----------
-    threads : int
-        Threads for the errors; costs are always those of one thread.
-    report : callable
-        Called with what is about to be done.
-
-    Raises
-    ------
-    ConfigError
-        No run reverses.
+    `threads` are those for the errors; `report` is called with what is about to be done.
     """
     begin = time.perf_counter()
     runs = draw_runs(config, base, samples=samples, least=scope.least)
@@ -366,7 +334,7 @@ def measure(
                 "reversing": int(reference.both[index].sum()),
                 "us_per_unit": 1e6 * seconds[setting],
                 "speedup": seconds.get(PLAIN, np.nan) / seconds[setting],
-                **errors(setting, found, reference, index),
+                **errors(found, reference, index),
             }
         )  # fmt: skip
     apart = reference.apart
@@ -428,11 +396,7 @@ def _timed_call(
 def _affordable(
     runs: Runs, reference: Reference, setting: Setting, tries: float, scope: Scope
 ) -> Places:
-    """Return runs for the errors: all that one can afford, drawn from those that are not too long.
-
-    They depend on the config and the setting alone, not on the machine's speed. `tries` are steps
-    for one unit of time.
-    """
+    """Return runs for the errors, as many as `tries` steps a unit of time let one afford."""
     good = runs.bounded
     if setting.model != "full":
         return good
@@ -445,9 +409,7 @@ def _affordable(
     return np.sort(good[order[np.cumsum(price[order]) <= most]])
 
 
-def errors(
-    setting: Setting, found: Solution, reference: Reference, index: Places
-) -> dict[str, Any]:
+def errors(found: Solution, reference: Reference, index: Places) -> dict[str, Any]:
     """Return the columns of a row that say how well the runs `index` came out."""
     both, neither = reference.both[index], reference.neither[index]
     error = np.abs(found.t_r / reference.solution.t_r[index] - 1)[both]
@@ -459,9 +421,6 @@ def errors(
     known = (both | neither) & (found.types > -2)
     flips = found.types[known] != reference.solution.types[index][known]
     drift = found.drift[found.ok & np.isfinite(found.drift)]
-    # Runs that say that they keep the accuracy that was asked for.
-    asked = setting.name == "accuracy"
-    held = found.t_r_error[both] <= setting.value * found.t_r[both]
 
     def mean(values: Any) -> float:
         return float(values.mean()) if len(values) else np.nan
@@ -472,8 +431,6 @@ def errors(
         "share_above_1e_6": mean(error > 1e-6),
         "missed": int((np.isnan(found.t_r) & both & found.ok).sum()),
         "false": int((np.isfinite(found.t_r) & neither).sum()),
-        "within_accuracy": mean((error <= setting.value)[held]) if asked else np.nan,
-        "doubtful": mean(~held) if asked else np.nan,
         "type_flips": mean(flips),
         "energy_drift_median": float(np.median(drift)) if len(drift) else np.nan,
         "failed": int((~found.ok).sum()),
@@ -524,53 +481,38 @@ def advice(rows: pd.DataFrame) -> list[dict[str, Any]]:
     return found
 
 
-# Two lines of heading, and the cell of a row.
-COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
-    ("", "setting", row_name),
-    ("us a unit", "and run", lambda row: f"{row.us_per_unit:.3g}"),
-    ("times faster", "than plain", lambda row: f"{row.speedup:.3g}"),
-    ("error of", "median", lambda row: number(row.error_median)),
-    ("t_r", "99 %", lambda row: number(row.error_p99)),
-    ("share", "> 1e-6", lambda row: _percent(row.share_above_1e_6)),
-    ("within the", "accuracy", lambda row: _percent(row.within_accuracy)),
-    ("reversals", "missed", lambda row: str(row.missed)),
-    ("", "false", lambda row: str(row.false)),
-    ("other", "type", lambda row: _percent(row.type_flips)),
-    ("energy", "drift", lambda row: number(row.energy_drift_median)),
-    ("not", "ok", lambda row: str(row.failed)),
-    ("", "runs", lambda row: str(row.runs)),
-)
-
-
 def as_text(study: Study) -> str:
     """Return everything that was measured, to be read."""
-    f, here = study.facts, machine()
-    heads = [[one for one, _, _ in COLUMNS], [two for _, two, _ in COLUMNS]]
-    cells = [[cell(row) for *_, cell in COLUMNS] for row in study.rows.itertuples()]
+    rows, f, here = study.rows, study.facts, machine()
+    shown = pd.DataFrame({
+        "setting": [row_name(row) for row in rows.itertuples()],
+        "us a unit": rows.us_per_unit.map("{:.3g}".format),
+        "faster than plain": rows.speedup.map("{:.3g}".format),
+        "median error": rows.error_median.map(number),
+        "of 99 %": rows.error_p99.map(number),
+        "> 1e-6": rows.share_above_1e_6.map(_percent),
+        "other type": rows.type_flips.map(_percent),
+        "energy drift": rows.energy_drift_median.map(number),
+        **rows[["missed", "false", "failed", "runs"]].astype(str),
+    })  # fmt: skip
     best = [["error of t_r", "median", "us a unit", "99 % of runs", "us a unit"]]
-    for entry in advice(study.rows):
-        best.append([number(entry["error"])])
-        for word in QUANTILES:
-            cost = entry[f"{word}_us_per_unit"]
-            best[-1] += [entry[word] or "none", "-" if cost is None else f"{cost:.3g}"]
-    return "\n".join(
-        [
-            f"{here['cpu']}, {here['processors']} processors, {here['system']}, Python "
-            f"{platform.python_version()}, rattlesweep {package_version()}",
-            f"{f['runs']} runs, {f['reversing_in_both']} with a reversal in both references; "
-            f"{f['compared']} of them agree to 1e-8",
-            f"{f['dropped']} runs are left out: the references do not agree on what becomes of "
-            "them",
-            f"the references differ by {f['references_differ_median']:.1e} (median), "
-            f"{f['references_differ_p99']:.1e} (99 %)",
-            f"costs on one thread, of runs cut at t = {f['timing_horizon']:g}",
-            "",
-            align([*heads, *cells], "<>"),
-            "",
-            "cheapest setting",
-            align(best, "<"),
-        ]
-    )
+    for entry in advice(rows):
+        error, *rest = entry.values()
+        best.append([number(error), *("none" if x is None else x if isinstance(x, str)
+                                      else f"{x:.3g}" for x in rest)])  # fmt: skip
+    return "\n".join([
+        f"{here['cpu']}, {here['processors']} processors, {here['system']}, Python "
+        f"{platform.python_version()}, rattlesweep {package_version()}",
+        f"{f['runs']} runs, {f['reversing_in_both']} with a reversal in both references; "
+        f"{f['compared']} of them agree to 1e-8; {f['dropped']} are left out, as the references do "
+        f"not agree; these differ by {f['references_differ_median']:.1e} (median)",
+        f"costs on one thread, of runs cut at t = {f['timing_horizon']:g}",
+        "",
+        align([[*map(str, shown)], *shown.to_numpy().tolist()], "<>"),
+        "",
+        "cheapest setting",
+        align(best, "<"),
+    ])  # fmt: skip
 
 
 def as_data(study: Study) -> dict[str, Any]:
@@ -589,9 +531,8 @@ def as_data(study: Study) -> dict[str, Any]:
 
 
 WIDTH, HEIGHT, DPI = 8.4, 5.6, 150
-# Settings that stand alone: plain RK4, models without the full dynamics, an error asked for.
-SINGLES = {"plain": "plain scalar rk4, dt 0.002", "reduced": "reduced", "gh": "gh",
-           "accuracy": "accuracy {t_r: 1e-6}"}  # fmt: skip
+# Settings that stand alone: plain RK4, and models without the full dynamics.
+SINGLES = {"plain": "plain scalar rk4, dt 0.002", "reduced": "reduced", "gh": "gh"}
 
 
 def save(study: Study, directory: Path) -> list[Path]:
@@ -614,9 +555,10 @@ def draw(rows: pd.DataFrame, caption: str = "") -> Figure:
     """Draw cost against error: the median as markers, and a line to the 99th percentile."""
     figure = style.new_figure(WIDTH, HEIGHT)
     axes = figure.subplots()
-    alone = np.where(rows.setting == "accuracy", "accuracy", rows.model)
     looks = iter(style.SERIES * len(rows))
-    for series, own in rows.groupby(rows.method.where(alone == "full", alone), sort=False):
+    for series, own in rows.groupby(
+        rows.method.where(rows.model == "full", rows.model), sort=False
+    ):
         word = SINGLES.get(str(series))
         own = own[np.isfinite(own.error_median) & (own.error_median > 0)]
         if own.empty:

@@ -131,10 +131,12 @@ def numbers(name: str, value: Any, scale: Scale | None = None) -> Floats:
         array = _floats(name, value, scale)
     except (TypeError, OverflowError):
         raise ConfigError(f"{name}: {kind_of(value)} is no number or array of numbers") from None
-    if not np.isfinite(array).all():
-        broken: tuple[int, str] | None = int(np.argmin(np.isfinite(array))), "it must be finite"
-    else:
-        broken = check_value("psi_deg" if name == "psi" else name, array.ravel())
+    degrees = name == "psi"
+    bad = ~np.isfinite(array) | (degrees & (np.abs(array) > 360))
+    broken = None if degrees else check_value(name, array.ravel())
+    if bad.any():
+        wanted = "an angle from -360 to 360 degrees is needed" if degrees else "it must be finite"
+        broken = int(np.argmax(bad)), wanted
     if broken is not None:
         place = np.unravel_index(broken[0], array.shape)
         where = f"[{', '.join(map(str, place))}]" if place else ""

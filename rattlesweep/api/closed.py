@@ -105,15 +105,10 @@ def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRa
     body : Rattleback, sequence or array of Rattleback, or DataFrame
         As for :func:`modes`.
     n : array_like
-        Spin, in ``sqrt(g/a)``.
+        Spin, in ``sqrt(g/a)``; it broadcasts with the bodies.
     exact : bool
         Whether to take the eigenvalues at this spin; by default their limit for a small one,
         ``n K_p / 2`` and ``-n K_r / 2`` (Eq. case-instab1).  Energies grow twice as fast.
-
-    Returns
-    -------
-    GrowthRates
-        ``pitch`` and ``roll``: floats, or arrays of the shape to which bodies and spins broadcast.
 
     Examples
     --------

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.api import arrays as given
+from rattlesweep.api import arrays as arguments
 from rattlesweep.api.arrays import Bodies, check_count, number, numbers
 from rattlesweep.arrays import Floats, take
 from rattlesweep.errors import ConfigError
@@ -62,14 +62,7 @@ class Run(SimpleNamespace):
 
 @dataclass(frozen=True)
 class Page:
-    """A self-contained HTML page, which a notebook shows.
-
-    Attributes
-    ----------
-    content : bytes
-    path : Path or None
-        File that it was written to.
-    """
+    """A self-contained HTML page, which a notebook shows, and the file that it was written to."""
 
     content: bytes = field(repr=False)
     path: Path | None = None
@@ -153,16 +146,16 @@ def simulate(
     from rattlesweep.sweeps.single import Launch, is_full_state, plan_of
 
     check_count("threads", threads)
-    columns = given.body_columns(body)
-    scale = given.column_scale(columns)
+    columns = arguments.body_columns(body)
+    scale = arguments.column_scale(columns)
     many = {"n_i": n_i, "omega_xy0": omega_xy0, "t_end": t_end, "sigma": sigma, "rolling": rolling}
     arrays = {name: numbers(name, x, scale) for name, x in many.items() if x is not None}
     state: dict[str, Floats] = {}
     if is_full_state(omega, u, {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi}):
-        state = given.full_states(omega, u, scale)
+        state = arguments.full_states(omega, u, scale)
     if psi is not None and not isinstance(psi, str):
         arrays["psi"] = np.radians(numbers("psi", psi))
-    columns, shape = given.broadcast(_launched(columns, state | arrays, psi is not None))
+    columns, shape = arguments.broadcast(_launched(columns, state | arrays, psi is not None))
     columns = {name: column.ravel() for name, column in columns.items()}
     if state:
         columns |= launched_from(columns, "launch")
@@ -172,15 +165,15 @@ def simulate(
         model=model, integrator=_integrator(integrator),
         record=[record] if isinstance(record, str) else list(record),
     )  # fmt: skip
-    plan = plan_of(launch, given.table_bodies(columns))
+    plan = plan_of(launch, arguments.table_bodies(columns))
     with Bar.of_call(progress) as bar, listening(bar.compiling):
         table = integrate_plan(plan, threads if shape else 1, bar.counting(f"{plan.runs:,} runs"))
     table = table.cast(plan.schema).drop_columns(["case", "sample"])
     if not shape:
-        return Run(**table.to_pylist()[0], units=given.units_of(table.schema))
-    frame = given.to_frame(table)
+        return Run(**table.to_pylist()[0], units=arguments.units_of(table.schema))
+    frame = arguments.to_frame(table)
     frame.attrs["shape"] = shape
-    if given.is_frame(body) and shape == (len(body),):
+    if arguments.is_frame(body) and shape == (len(body),):
         frame.index = body.index
     return frame
 
@@ -224,7 +217,7 @@ def trajectory(
     from rattlesweep.analysis.onerun.course import Course, collect
 
     made = launch_of(body, **launch)
-    scale = given.scale_of(made.body.units)
+    scale = arguments.scale_of(made.body.units)
     rows = rows_of(scale, points, dt, steps, times, from_time)
     course = Course(made, channels=channels, rows=rows)
     return collect(course, lambda **shown: page_of(made, scale, **shown)[0])
@@ -238,15 +231,10 @@ def show(
 
     Parameters
     ----------
-    body, **launch
-        As for :func:`trajectory`.
-    from_time : float or str, optional
-        When the page begins, in ``sqrt(a/g)``.
-    points : int, optional
-        Number of rows; by default 20 a period of the pitch.
-    title : str, optional
-    path : path, optional
-        An .html file to write it to.
+    body, from_time, points, **launch
+        As for :func:`trajectory`; by default there are 20 rows a period of the pitch.
+    title, path : str, optional
+        Title of the page, and an .html file to write it to.
 
     Returns
     -------
@@ -262,7 +250,7 @@ def show(
     made = launch_of(body, **launch)
     title = title or (f"Rattleback {body}" if isinstance(body, str) else "Rattleback")
     shown: dict[str, Any] = {"points": points, "from_time": from_time, "path": path}
-    return page_of(made, given.scale_of(made.body.units), title=title, **shown)[0]
+    return page_of(made, arguments.scale_of(made.body.units), title=title, **shown)[0]
 
 
 def replay(
@@ -277,14 +265,8 @@ def replay(
         Output directory of a sweep, whole or still running.
     case, sample : int
         Which run: the columns of ``runs`` of these names.
-    t_end : float or str, optional
-        Horizon, in ``sqrt(a/g)``; by default the sweep's.
-    channels, **rows
-        As for :func:`trajectory`: ``points, dt, steps, times, from_time``.
-
-    Returns
-    -------
-    Trajectory
+    t_end, channels, **rows
+        As for :func:`trajectory`; by default the sweep's horizon.
 
     Raises
     ------
@@ -352,14 +334,14 @@ def launch_of(
     """Return one launch, whose numbers are single ones in the units of its body."""
     from rattlesweep.sweeps.single import Launch
 
-    made = given.one_body(body)
-    scale = given.scale_of(made.units)
+    made = arguments.one_body(body)
+    scale = arguments.scale_of(made.units)
     integrator = _integrator({name: values.pop(name) for name in [*INTEGRATOR] if name in values})
     single: dict[str, Any] = {name: number(name, x, scale) for name, x in values.items()}
     single = {name: x for name, x in single.items() if x is not None}
     psi = psi if isinstance(psi, str) else number("psi", psi)
     if omega is not None:
-        state = given.full_states(omega, u, scale)
+        state = arguments.full_states(omega, u, scale)
         omega = [float(state[f"omega_{x}"]) for x in "xyz"]
     return Launch(made, psi=psi, omega=omega, u=u, model=model, integrator=integrator, **single)
 

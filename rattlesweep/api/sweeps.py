@@ -96,13 +96,12 @@ class Sweep:
         columns : str or sequence of str, optional
             Columns of ``runs``, in this order; by default all.
         where : str, optional
-            A pandas query, as of ``rattlesweep plot --where``: ``'type == "SW" and K_r < 0.005'``.
+            A pandas query: ``'type == "SW" and K_r < 0.005'``.
 
         Returns
         -------
         pandas.DataFrame
-            One row a run, in the order of cases and samples, with ``attrs["units"]`` and
-            ``attrs["descriptions"]``.
+            One row a run, in order, with ``attrs["units"]`` and ``attrs["descriptions"]``.
 
         Examples
         --------

@@ -17,9 +17,8 @@ from rattlesweep.text import align
 if TYPE_CHECKING:
     from rattlesweep.analysis.fit import Fit
     from rattlesweep.physics.body import Rattleback
-    from rattlesweep.sweeps.config.messages import Places
 
-SECTIONS, LOSSES = ("body", "launch", "dissipation", "free"), ("sigma", "rolling")
+SECTIONS = {"body": dict, "free": list, "launch": dict, "dissipation": dict}
 
 
 @command(
@@ -41,20 +40,15 @@ def fit(stone: Path, data: Path, figure: Path | None, as_json: bool, quiet: bool
     from rattlesweep.api.fit import fit as fit_run
 
     probe(figure)
-    arguments, places = read_stone(stone)
+    arguments = read_stone(stone)
     try:
         found = fit_run(data=data, **arguments)
     except ConfigError as error:
-        name, _, sentence = str(error).partition(": ")
-        key = ("dissipation", name) if name in LOSSES else tuple(name.split("."))
-        if key[0] not in SECTIONS:
-            raise
-        raise ConfigError(places.line(key, sentence)) from None
+        of_data = str(error).startswith(one_line(str(data), 200))
+        raise ConfigError(str(error) if of_data else f"{stone}: {error}") from None
     if as_json:
-        intervals = {name: list(ends) for name, ends in found.intervals.items()}
-        click.echo(to_json({"values": found.values, "intervals": intervals, "noise": found.noise,
-                            "noise_unit": found.noise_unit, "rows": found.rows,
-                            "remarks": found.remarks}))  # fmt: skip
+        names = ("values", "intervals", "noise", "noise_unit", "rows", "remarks")
+        click.echo(to_json({name: getattr(found, name) for name in names}))
     else:
         click.echo(_table(found))
     if figure is not None:
@@ -66,11 +60,12 @@ def fit(stone: Path, data: Path, figure: Path | None, as_json: bool, quiet: bool
 
 
 def _table(found: Fit) -> str:
-    """Return values and intervals, in SI units too where the body has some."""
+    """Return values and intervals, in SI units too where the body has a size."""
     from rattlesweep.analysis.fit import PARAMETERS
 
     sizes = {} if found.body.units is None else found.body.units.sizes
-    lines = [("", "value", "low", "high", "unit", "", "low", "high", "unit", "")]
+    lines: list[tuple[str, ...]] = [("", "value", "low", "high", "unit", "", "low", "high",
+                                     "unit", "")]  # fmt: skip
     for name, value in found.values.items():
         known, numbers = PARAMETERS[name], (value, *found.intervals[name])
         size, unit = sizes.get(known.unit, (math.nan, ""))
@@ -84,51 +79,44 @@ def _table(found: Fit) -> str:
     return align(lines, "<>>><>>><<")
 
 
-def read_stone(path: Path) -> tuple[dict[str, Any], Places]:
-    """Return the arguments of :func:`rattlesweep.fit` in a YAML file, and the lines of its keys."""
-    from rattlesweep.sweeps.config.messages import Places, not_one_of
-    from rattlesweep.sweeps.config.read import read_yaml
+def read_stone(path: Path) -> dict[str, Any]:
+    """Return the arguments of :func:`rattlesweep.fit` in a YAML file."""
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
 
     file = one_line(str(path), 200)
     try:
-        stone, lines, problems = read_yaml(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "is not UTF-8 text"
-        raise ConfigError(f"{file}: {reason}; give the YAML file of a stone") from None
-    if problems:
-        raise ConfigError(f"{file}:{problems[0][0]}: {problems[0][2]}")
-    places = Places(file, {(): 1, **lines})
-    if not isinstance(stone, dict) or not {"body", "free"} <= stone.keys():
-        raise ConfigError(f"{file}:1: the keys body and free are needed, and perhaps launch and "
+        given = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, YAMLError) as error:
+        mark = getattr(error, "problem_mark", None)
+        reason = getattr(error, "strerror", None) or getattr(error, "problem", None) or str(error)
+        line = f":{mark.line + 1}" if mark else ""
+        raise ConfigError(f"{file}{line}: {one_line(reason, 200)}") from None
+    if not isinstance(given, dict) or not {"body", "free"} <= given.keys() <= SECTIONS.keys():
+        raise ConfigError(f"{file}: the keys body and free are needed, and perhaps launch and "
                           "dissipation")  # fmt: skip
-    for name, value in stone.items():
-        if name not in SECTIONS:
-            raise ConfigError(places.line((name,), not_one_of(name, SECTIONS)))
-        if not isinstance(value, dict) and (name != "free" or not isinstance(value, list)):
-            raise ConfigError(places.line((name,), "lines of key: value are needed"))
-    losses = stone.get("dissipation", {})
-    for name in losses.keys() - set(LOSSES):
-        raise ConfigError(places.line(("dissipation", name), not_one_of(name, LOSSES)))
+    for name, value in given.items():
+        if not isinstance(value, SECTIONS[name]):
+            wanted = "a list of names" if name == "free" else "lines of name: value"
+            raise ConfigError(f"{file}: {name}: {wanted} is needed")
+    losses = given.get("dissipation", {})
+    if wrong := [str(name) for name in losses if name not in ("sigma", "rolling")]:
+        raise ConfigError(f"{file}: dissipation: has sigma and rolling, and no {wrong[0]}")
     try:
-        body = _body(dict(stone["body"]))
-    except (ValueError, TypeError) as error:
-        raise ConfigError(places.line(("body",), str(error))) from None
-    return {"body": body, "free": stone["free"], "launch": stone.get("launch")} | losses, places
+        body = _body(given["body"])
+    except (ValueError, TypeError, KeyError) as error:
+        raise ConfigError(f"{file}: body: {error}") from None
+    return {"body": body, "free": given["free"], "launch": given.get("launch"), **losses}
 
 
 def _body(given: dict[str, Any]) -> Rattleback:
-    """Return a body from the keys of a file."""
     from rattlesweep.physics.body import PRESETS, Rattleback
-    from rattlesweep.sweeps.config.messages import not_one_of
 
     if "xi_deg" in given:
         given["xi"] = math.radians(given.pop("xi_deg"))
-    for key, choices in (("preset", [*PRESETS]), ("shape", ["half_ellipsoid"])):
-        if key in given and given[key] not in choices:
-            raise ValueError(f"{key}: {not_one_of(given[key], choices)}")
     if "preset" in given:
         return PRESETS[given.pop("preset")]().replace(**given)
-    if given.pop("shape", None):
+    if given.pop("shape", "") == "half_ellipsoid":
         return Rattleback.half_ellipsoid(**given)
     if "mass" in given:
         return Rattleback.from_si(**given)

@@ -77,7 +77,8 @@ def _directory(text: str) -> Path:
 
 def _file(endings: tuple[str, ...], text: str) -> Path:
     if not text.lower().endswith(endings):
-        raise ValueError(f"the name must end in {' or '.join(endings)}")
+        known = " or ".join(", ".join(endings).rsplit(", ", 1))
+        raise ValueError(f"the name must end in {known}")
     return Path(text)
 
 

@@ -116,14 +116,10 @@ def compare(
 ) -> int:
     """Compare two output directories of the same runs.
 
-    A and B may be of another tolerance, method, machine or version; other bodies, launches,
-    horizons or models are refused with exit code 2. Runs that only one of them has are left out.
-    Differences of t_r are relative to the mean of both.
-
-    In the table, "beyond" counts runs whose t_r differ by more than sqrt(e_A^2 + e_B^2), where e
-    is t_r_error, and "types_sure" counts differing types that are sure in both (type_sure). Where
-    both record errors, exits with 1 if a larger share than --allow is beyond, or if types that are
-    sure differ.
+    A and B may be of another tolerance, method, machine or version. Differences of t_r are relative
+    to the mean of both. "beyond" counts runs whose t_r differ by more than their errors, and
+    "types_sure" differing types that are sure in both: exits with 1 if a larger share than --allow
+    is beyond, or if such types differ.
     """
     from rattlesweep.analysis import compare as compared
 
@@ -150,10 +146,9 @@ def compare(
 def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     """Estimate which parameters of the bodies t_r and the types depend on.
 
-    Prints Sobol' indices by case, with 95 % intervals (bootstrap): first-order ones, the share of
-    the variance that goes with a parameter alone, and total ones, the share that would be left if
-    all others were known. They need bodies.draw: saltelli in the sweep's config. Those of t_r and
-    log10 t_r are told where nearly all runs reverse, those of P(R), P(SS), ... always.
+    Prints Sobol' indices by case, first-order and total ones, with 95 % intervals (bootstrap). They
+    need bodies.draw: saltelli in the sweep's config; those of t_r are told where nearly all runs
+    reverse.
     """
     from rattlesweep.analysis import sensitivity as estimate
 
@@ -179,10 +174,8 @@ def paper(
 ) -> int:
     """Reproduce the figures of Kondo and Nakanishi (2017) and check their claims.
 
-    Writes the data (Parquet) and the picture (SVG, PNG) of each figure, the verdicts on the claims
-    (claims.parquet, claims.md) and report.html, a self-contained page. After a stop the same
-    command resumes its sweeps; all else takes seconds and is computed anew. Prints each claim, its
-    verdict and what was measured on standard output.
+    Writes the data and the picture of each figure, the verdicts on the claims, which it also
+    prints, and report.html, a self-contained page. After a stop the same command resumes.
     """
     from rattlesweep.paper.report import closing_table, tally
     from rattlesweep.paper.reproduce import choose, reproduce
@@ -223,10 +216,9 @@ def tradeoff(
 ) -> None:  # fmt: skip
     """Measure speed against accuracy on this machine.
 
-    Integrates the same runs by several methods, settings and models. Draws them from CONFIG, by
-    default shell-dumbbell bodies in both directions; ignores its model, integrator and record.
-    Prints a table and the cheapest settings for some errors of t_r, and writes tradeoff.parquet,
-    tradeoff.svg and tradeoff.png. Costs are measured on one thread, whatever --threads says.
+    Integrates the same runs by several methods, settings and models, drawn from CONFIG, by default
+    shell-dumbbell bodies in both directions. Prints a table and the cheapest settings for some
+    errors of t_r, and writes tradeoff.parquet, .svg and .png. Costs are those of one thread.
     """
     from rattlesweep.analysis.tradeoff import DEFAULT, FULL, QUICK, as_data, as_text, measure, save
     from rattlesweep.integrate.batch import available_threads

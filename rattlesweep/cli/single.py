@@ -105,9 +105,8 @@ def trajectory(
     """Integrate one launch, past its reversals, as a time series.
 
     Prints CSV unless a file or a figure is requested; the reversal times go to standard error. A
-    reversal is counted once the spin has gone from beyond a quarter of its initial value to beyond
-    a quarter of it on the other side; of a launch without spin (--n-i 0), a quarter of the spin
-    that would hold all its energy.
+    reversal is counted once the spin has gone from beyond a quarter of its initial value (without
+    one, of n_0) to beyond a quarter of it on the other side.
     """
     from rattlesweep.api.arrays import scale_of
     from rattlesweep.api.single import rows_of
@@ -136,9 +135,8 @@ def replay(
 ) -> int:  # fmt: skip
     """Integrate stored runs again as time series.
 
-    They go on past their reversals. Each run is first integrated as in the sweep, and its row is
-    compared with the stored one, bit for bit; so is the first reversal of the series. Exits with 1
-    if any differs.
+    They go on past their reversals. Each run is first integrated as in the sweep, and compared with
+    the stored row, bit for bit. Exits with 1 if any differs.
     """
     from rattlesweep.analysis.onerun.replay import Replay, targets
     from rattlesweep.api.arrays import number
@@ -185,8 +183,7 @@ def show(directory: Path | None, title: str | None, output: Path, quiet: bool, *
     """Write an HTML page on which the body of one run rolls on the plane.
 
     The run is a launch of a body, or a stored run of DIRECTORY, as `replay` takes it. The page
-    needs a browser but no network. Play, pause, change the speed, drag to look around; the page
-    lists its keys.
+    needs a browser but no network.
     """
     from rattlesweep.api.arrays import scale_of
     from rattlesweep.api.single import page_of, stored_page

@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from rattlesweep.sweeps.config.schema import Config
-    from rattlesweep.sweeps.job import Result
     from rattlesweep.sweeps.pilot import Forecast
     from rattlesweep.sweeps.plan import Plan
+    from rattlesweep.sweeps.run import Result
 
 
 @command("Sweeps", "rattlesweep init mine.yaml")
@@ -42,8 +42,7 @@ if TYPE_CHECKING:
 def init(config: Path) -> None:
     """Write a commented config to begin with.
 
-    It is a small sweep that runs as it is, with the name of the file, by default sweep.yaml.
-    Nothing is overwritten. Prints its path.
+    It is a small sweep that runs as it is. Nothing is overwritten. Prints its path.
     """
     from importlib.resources import files
 
@@ -204,8 +203,7 @@ def _close(result: Result, quiet: bool, verbose: bool) -> int:
 def status(directory: Path, as_json: bool) -> int:
     """Show the progress of a sweep.
 
-    Prints how many runs are done, left and failed, and when the sweep should end. Works at any
-    time, even while it is running. Exits with 3 if some runs have a status other than ok.
+    Works at any time. Exits with 3 if some runs have a status other than ok.
     """
     from rattlesweep.sweeps.status import status as count_rows
 
@@ -227,9 +225,8 @@ def verify(
 ) -> int:
     """Verify every bit of an output directory.
 
-    Checks checksums, columns, missing and repeated runs, unexpected nulls, types and summary.
-    Prints one line per problem and exits with 1 if there is any. `rattlesweep run` repairs what
-    it finds by computing the runs of damaged files again.
+    Prints one line per problem and exits with 1 if there is any. `rattlesweep run` repairs what it
+    finds by computing the runs of damaged files again.
     """
     from rattlesweep.sweeps.verify import verify as check
 
@@ -246,8 +243,7 @@ def verify(
 def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     """Classify stored runs by other thresholds, without integrating.
 
-    Rewrites the types and the summary; each file of runs names its thresholds, and the manifest
-    those of the config. Prints one row per case on standard output.
+    Rewrites the types and the summary. Prints one row per case on standard output.
     """
     from rattlesweep.sweeps.classify import classify_stored
 
@@ -267,9 +263,8 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
 def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     """Merge the directories of one sweep's shards into one.
 
-    Checks that they hold the same sweep, and no run twice. Exits with 75 if runs are missing then:
-    merge other shards into the same output, or let `rattlesweep run CONFIG --output DIR` compute
-    the rest.
+    Exits with 75 if runs are missing then: merge other shards into the same output, or let
+    `rattlesweep run CONFIG --output DIR` compute the rest.
     """
     from rattlesweep.sweeps.merge import merge as join
 
@@ -313,8 +308,7 @@ def slurm(
 ) -> None:  # fmt: skip
     """Print the script of a Slurm job array that runs a sweep, one shard per task.
 
-    Tasks stop shortly before the time limit and resume after a restart. The config is checked now;
-    the script checks its environment when it runs.
+    Tasks stop shortly before the time limit and resume after a restart.
     """
     from rattlesweep.sweeps.slurm import job_script
     from rattlesweep.sweeps.stored import examine

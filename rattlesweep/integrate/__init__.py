@@ -10,19 +10,9 @@ class SettingError(ValueError):
 
 
 def check_settings() -> None:
-    """Refuse a number of threads at which importing Numba fails or warns with a traceback.
-
-    Raises
-    ------
-    SettingError
-        ``NUMBA_NUM_THREADS`` is no number of threads.
-    """
+    """Raise SettingError for a number of threads at which importing Numba fails."""
     text = os.environ.get("NUMBA_NUM_THREADS", "1")
-    try:
-        fits = 1 <= int(text) <= MOST_THREADS
-    except ValueError:
-        fits = False
-    if not fits:
+    if not (text.strip().isdecimal() and 1 <= int(text) <= MOST_THREADS):
         raise SettingError(
             f"NUMBA_NUM_THREADS={ascii(text)[1:-1]}: "
             f"it must be a whole number from 1 to {MOST_THREADS}"

@@ -4,19 +4,18 @@ Numba's ``cache=True`` looks at the file of the function that is called, and not
 the functions that it calls.  The cache is therefore a folder named by a hash of all sources that
 kernels are made of, and of what they are compiled with and for: after an edit nothing old is found.
 A kernel has a subfolder of its own, since Numba's index of a function is not made for two processes
-that write to it at once.
+that write to it at once.  What is loaded is executed, so the folder :func:`is_private`.
 
 Numba holds its own lock, and mostly the interpreter's, while it compiles.  So other processes
-compile: two kernels at once, while the calling process draws bodies and hears Ctrl-C.  They are
-plain ``python -c`` processes.  Those of ``concurrent.futures`` would import the user's script again
-(and run it, where it has no ``if __name__ == "__main__"``), and outlive a command that is stopped.
-
-What is loaded is executed: see :func:`cache_folder` for whom the folder must belong to.
+compile: two kernels at once, while the calling process draws bodies and hears Ctrl-C.  Those of
+``concurrent.futures`` would import the user's script again (and run it, where it has no
+``if __name__ == "__main__"``), and outlive a command that is stopped.
 """
 
 from __future__ import annotations
 
 import atexit
+import gc
 import hashlib
 import json
 import os
@@ -35,25 +34,15 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-# Packages are imported by the functions that need them: commands that need no kernel take half the
-# time.
+# Numba is imported by the functions that need it: commands without a kernel take half the time.
 PACKAGE = Path(__file__).resolve().parents[1]
-# Processes that compile at the same time: each takes 200 MB, and no group of kernels gains by more.
-AT_ONCE = 2
+AT_ONCE = 2  # processes that compile: each takes 200 MB, and no group of kernels gains by more
 
 
 class Kernel(NamedTuple):
-    """A function to compile.
+    """A function to compile, for the types of arguments, with options of ``njit``.
 
-    Attributes
-    ----------
-    function : callable
-    arguments : tuple
-        Arguments of the types that it is compiled for.
-    options : dict
-        Options of ``njit``.
-    files : tuple of str
-        Source files outside of ``integrate`` and ``physics`` whose functions it calls.
+    ``files`` are source files outside of ``integrate`` and ``physics`` whose functions it calls.
     """
 
     function: Callable[..., Any]
@@ -88,35 +77,29 @@ def source_hash() -> str:
     from numba import config
 
     files = [path for room in ("integrate", "physics") for path in (PACKAGE / room).rglob("*.py")]
-    processor = (
-        config.CPU_NAME or binding.get_host_cpu_name(),
-        config.CPU_FEATURES or binding.get_host_cpu_features().flatten(),
-    )
+    name = config.CPU_NAME or binding.get_host_cpu_name()
+    features = config.CPU_FEATURES or binding.get_host_cpu_features().flatten()
     versions = sys.version, numba.__version__, llvmlite.__version__
-    return _hash(sorted(files), str(PACKAGE), *versions, *processor)
+    return _hash(sorted(files), str(PACKAGE), *versions, name, features)
 
 
 def _others_may_write(found: os.stat_result) -> bool:
     """Return whether somebody else can write; a group of the user's own is nobody else."""
-    if not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        return False
-    try:
-        import grp
-        import pwd
+    import grp
+    import pwd
 
-        user, group = pwd.getpwuid(found.st_uid), grp.getgrgid(found.st_gid)
-    except (ImportError, KeyError):
-        return True
-    own = user.pw_gid == group.gr_gid and not {*group.gr_mem} - {user.pw_name}
-    return bool(found.st_mode & stat.S_IWOTH) or user.pw_name != group.gr_name or not own
+    group_may = found.st_mode & stat.S_IWGRP
+    with suppress(KeyError):
+        user, group = pwd.getpwuid(found.st_uid).pw_name, grp.getgrgid(found.st_gid)
+        group_may = group_may and (user != group.gr_name or not {*group.gr_mem} <= {user})
+    return bool(group_may or found.st_mode & stat.S_IWOTH)
 
 
 def is_private(folder: Path) -> bool:
-    """Return whether only this user, and root, can put anything into a folder.
+    """Make a folder if need be, and return whether only this user, and root, can write there.
 
     It must be this user's with mode 0700, and nobody else may be able to replace it: the folders
-    above are this user's or root's, and not writable for others unless they are sticky.  A missing
-    folder is made, but not below one that belongs to somebody else.
+    above are this user's or root's, and not writable for others unless they are sticky.
     """
     if not hasattr(os, "geteuid"):  # Windows, where the user's folders are private
         folder.mkdir(parents=True, exist_ok=True)
@@ -124,9 +107,8 @@ def is_private(folder: Path) -> bool:
     for parent in reversed(folder.parents):
         parent.mkdir(mode=0o700, exist_ok=True)
         found = parent.stat()
-        if found.st_uid not in (0, os.geteuid()):
-            return False
-        if _others_may_write(found) and not found.st_mode & stat.S_ISVTX:
+        shared = _others_may_write(found) and not found.st_mode & stat.S_ISVTX
+        if shared or found.st_uid not in (0, os.geteuid()):
             return False
     folder.mkdir(mode=0o700, exist_ok=True)
     found = folder.stat()
@@ -138,10 +120,8 @@ def is_private(folder: Path) -> bool:
 def cache_folder() -> Path:
     """Return the folder of this version's kernels.
 
-    It lies in ``$NUMBA_CACHE_DIR`` if that is set, else in the user's cache directory.  Where
-    neither :func:`is_private`, it is a temporary folder, which is removed when this process ends;
-    where there is none either, as on a full disk, it is one that cannot be: kernels then stay in
-    memory.
+    It lies in ``$NUMBA_CACHE_DIR`` if that is set, else in the user's cache directory, else, where
+    neither :func:`is_private`, in a temporary folder, which is removed when this process ends.
     """
     from platformdirs import user_cache_dir
 
@@ -150,23 +130,16 @@ def cache_folder() -> Path:
             folder = Path(root).expanduser().resolve() / source_hash()
             if is_private(folder):
                 return folder
-    try:
-        temporary = Path(tempfile.mkdtemp(prefix="rattlesweep-"))
-    except OSError:
-        return Path(os.devnull, "nowhere")
-    atexit.register(_remove, temporary, os.getpid())
-    return temporary
-
-
-def _remove(folder: Path, process: int) -> None:
-    if os.getpid() == process:  # and not one that was forked from it
-        shutil.rmtree(folder, ignore_errors=True)
+    temporary = Path(tempfile.mkdtemp(prefix="rattlesweep-"))
+    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+    folder = temporary / source_hash()
+    folder.mkdir(mode=0o700)
+    return folder
 
 
 def _place(recipe: Recipe, names: tuple[Any, ...]) -> Path:
     """Return the subfolder of a kernel."""
-    kernel = recipe(*names)
-    files = [_hash([Path(file) for file in kernel.files])[:8]] if kernel.files else []
+    files = [_hash([Path(file)])[:8] for file in recipe(*names).files]
     return cache_folder() / "-".join([recipe.__name__, *map(str, names), *files])
 
 
@@ -175,22 +148,14 @@ def import_written(name: str, source: str) -> ModuleType:
     path = cache_folder() / f"{name}.py"
     if name in sys.modules and getattr(sys.modules[name], "__file__", None) == str(path):
         return sys.modules[name]
-    try:
-        if not path.exists() or path.read_text() != source:
-            written = path.with_suffix(f".{os.getpid()}")
-            written.write_text(source)
-            written.replace(path)
-    except OSError:
-        # A full disk: the module is the same, but no debugger can show its source.
-        sys.modules[name] = module = ModuleType(name)
-        exec(compile(source, str(path), "exec"), vars(module))
-        return module
+    if not path.exists() or path.read_text() != source:
+        written = path.with_suffix(f".{os.getpid()}")
+        written.write_text(source)
+        written.replace(path)
     spec = spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = module_from_spec(spec)
+    assert spec is not None and spec.loader is not None  # noqa: PT018
     # Numba looks the module of a stored function up by its name.
-    sys.modules[name] = module
+    sys.modules[name] = module = module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
@@ -207,37 +172,21 @@ def load_kernel(recipe: Recipe, *names: Any) -> Any:
 
 
 def load_kernels(*wanted: tuple[Any, ...]) -> list[Any]:
-    """Return compiled kernels; those that were never compiled on this machine take seconds.
-
-    Parameters
-    ----------
-    *wanted : tuple
-        A :data:`Recipe` each, and the names that it is given.
-
-    Returns
-    -------
-    list
-        Functions for the types of their recipe's arguments; plain Python functions with
-        ``NUMBA_DISABLE_JIT=1``.
-    """
-    missing = [(recipe, names) for recipe, *names in wanted if (recipe, *names) not in _loaded]
-    if missing:
-        _compile([(recipe, tuple(names)) for recipe, names in missing])
+    """Return kernels, each of a :data:`Recipe` and its names; to compile one takes seconds."""
+    missing = [(recipe, tuple(names)) for recipe, *names in wanted]
+    missing = [(recipe, names) for recipe, names in missing if (recipe, *names) not in _loaded]
+    _compile([(recipe, names) for recipe, names in missing if not is_stored(recipe, *names)])
     for recipe, names in missing:
-        _loaded.setdefault((recipe, *names), _load(recipe, tuple(names)))
+        _loaded.setdefault((recipe, *names), _load(recipe, names))
     return [_loaded[each] for each in wanted]
 
 
 def _load(recipe: Recipe, names: tuple[Any, ...]) -> Any:
     """Load a kernel, or compile it here if no other process could."""
-    import numba
-    from numba import config, njit
+    from numba import config, njit, typeof
 
     function, arguments, options, _ = recipe(*names)
-    if config.DISABLE_JIT:
-        return function
-    signature = tuple(map(numba.typeof, arguments))
-    place = _place(recipe, names)
+    signature, place = tuple(map(typeof, arguments)), _place(recipe, names)
     with suppress(Exception):
         # A damaged file or a full disk: the kernel is then compiled again, and kept in memory.  An
         # error in the kernel comes up again below.
@@ -264,49 +213,38 @@ def is_stored(recipe: Recipe, *names: Any) -> bool:
 
 # -- compiling -------------------------------------------------------------------------------------
 
-# The child ends with a Ctrl-C without a word, and does not look for garbage: that would take an
-# eighth of the time.
-CODE = (
-    "import gc, signal; gc.disable(); signal.signal(signal.SIGINT, signal.SIG_DFL); "
-    f"from {__name__} import compile_in_child; compile_in_child()"
-)
+CODE = f"from {__name__} import compile_in_child; compile_in_child()"
 
 
 def _compile(wanted: list[tuple[Recipe, tuple[Any, ...]]]) -> None:
-    """Have other processes compile the kernels that are not stored, and wait for them.
+    """Have other processes compile kernels, and wait for them.
 
-    Each kernel has a lock, which dies with the process that compiles it.  So all processes of this
-    user share the work: none compiles what another one is compiling.
+    Each kernel has a lock, which dies with the process that compiles it, so that none compiles what
+    another one is compiling.
     """
-    from numba import config
+    from filelock import FileLock
 
-    if config.DISABLE_JIT:
-        return
-    wanted = [(recipe, names) for recipe, names in wanted if not is_stored(recipe, *names)]
     if not wanted:
         return
     orders = [(recipe.__module__, recipe.__name__, names) for recipe, names in wanted]
     path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
+    own = {"PYTHONPATH": path, "PYTHONHASHSEED": "0", "NUMBA_CACHE_DIR": str(cache_folder().parent)}
+    nowhere = subprocess.DEVNULL
+    # -P: a package of this name in the working directory is another one.
+    call = [sys.executable, "-P", "-c", CODE, json.dumps(orders)]
     children: list[subprocess.Popen[bytes]] = []
-    with compiling("-".join(map(str, wanted[0][1]))):
+    listener = _listeners[-1] if _listeners else nullcontext
+    with listener("-".join(map(str, wanted[0][1]))):
         try:
             for _ in range(min(AT_ONCE, len(wanted))):
-                # -P: a package of this name in the working directory is another one.
-                call = [sys.executable, "-P", "-c", CODE, str(cache_folder()), json.dumps(orders)]
-                children.append(
-                    subprocess.Popen(
-                        call,
-                        env=os.environ | {"PYTHONPATH": path, "PYTHONHASHSEED": "0"},
-                        stdin=subprocess.PIPE,
-                        stdout=subprocess.DEVNULL,
-                        stderr=subprocess.DEVNULL,
-                    )
-                )
+                child = subprocess.Popen(call, env=os.environ | own, stdin=subprocess.PIPE,
+                                         stdout=nowhere, stderr=nowhere)  # fmt: skip
+                children.append(child)
             for child in children:
                 child.wait()
             for recipe, names in wanted:
                 # Another command may be compiling it.
-                with _locked(_place(recipe, names), timeout=-1):
+                with suppress(OSError), FileLock(f"{_place(recipe, names)}.lock"):
                     pass
         finally:
             for child in children:
@@ -314,44 +252,24 @@ def _compile(wanted: list[tuple[Recipe, tuple[Any, ...]]]) -> None:
                 child.communicate()
 
 
-@contextmanager
-def _locked(place: Path, timeout: float) -> Iterator[bool]:
-    """Hold the lock of a kernel, where there are locks; False if another process holds it."""
-    from filelock import FileLock, Timeout
-
-    lock, free = FileLock(f"{place}.lock", timeout=timeout), True
-    try:
-        lock.acquire()
-    except Timeout:
-        free = False
-    except (OSError, NotImplementedError):
-        pass
-    try:
-        yield free
-    finally:
-        lock.release()
-
-
 def compile_in_child() -> None:
     """Compile and store kernels, in a process that does nothing else."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    folder, orders = Path(sys.argv[1]), json.loads(sys.argv[2])
-    globals()["cache_folder"] = lambda: folder
-    for module, name, names in orders:
+    from filelock import FileLock, Timeout
+
+    def end_with_parent() -> None:
+        sys.stdin.read()
+        os._exit(1)
+
+    gc.disable()  # it would take an eighth of the time
+    threading.Thread(target=end_with_parent, daemon=True).start()
+    for module, name, names in json.loads(sys.argv[1]):
         recipe = getattr(import_module(module), name)
-        with _locked(_place(recipe, names), timeout=0) as free:
-            if free and not is_stored(recipe, *names):
+        with suppress(Timeout), FileLock(f"{_place(recipe, names)}.lock", timeout=0):
+            if not is_stored(recipe, *names):
                 _load(recipe, tuple(names))
     # Python would take a while to let go of all that LLVM has made.
     os._exit(0)
 
-
-def _end_with_parent() -> None:
-    sys.stdin.read()
-    os._exit(1)
-
-
-# -- saying so -------------------------------------------------------------------------------------
 
 # Given a kernel's name; what it makes lasts as long as the compilation.
 Listener = Callable[[str], AbstractContextManager[object]]
@@ -366,8 +284,3 @@ def listening(listener: Listener | None) -> Iterator[None]:
         yield
     finally:
         _listeners.pop()
-
-
-def compiling(kernel: str) -> AbstractContextManager[object]:
-    """Return the innermost listener's context of a compilation."""
-    return _listeners[-1](kernel) if _listeners else nullcontext()

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 
-from llvmlite import binding
-from numba import config, float64, typeof
+from numba import float64, typeof
 
 from rattlesweep.integrate.lanes.build import problem_of
 from rattlesweep.integrate.lanes.kernel import advance
@@ -16,17 +15,8 @@ REGISTERS = {"%zmm": 512, "%ymm": 256, "%xmm": 128, r"\bv\d+\.2d": 128}
 
 
 def vector_bits() -> int:
-    """Width of the vectors that the kernels really use, read from the machine code of a part.
-
-    Compiles that part, which takes a moment.
-    """
+    """Return the width of the vectors in the machine code of a part, which is compiled for it."""
     signature = typeof(problem_of(FULL, True)), float64[::1]
     advance.compile(signature)
     code = advance.inspect_asm()[signature]
     return next((bits for name, bits in REGISTERS.items() if re.search(name, code)), 64)
-
-
-def compiled_for() -> str:
-    """Processor that LLVM compiles for, and the width of the vectors."""
-    name = config.CPU_NAME or binding.get_host_cpu_name()
-    return f"{name}, vectors of {vector_bits()} bits"

@@ -20,10 +20,8 @@ class Status(IntEnum):
     label: str
     meaning: str
 
-    def __new__(cls, value: int, label: str, meaning: str) -> Status:
+    def __new__(cls, value: int, label: str = "", meaning: str = "") -> Status:
         """Make a member with its word and meaning."""
         member = int.__new__(cls, value)
-        member._value_ = value
-        member.label = label
-        member.meaning = meaning
+        member._value_, member.label, member.meaning = value, label, meaning
         return member

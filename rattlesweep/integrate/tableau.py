@@ -1,9 +1,8 @@
 """Explicit Runge-Kutta methods as data.
 
-A method is a frozen :class:`Tableau` that checks itself when it is made.  The lane
-kernel is generated from it (:mod:`rattlesweep.integrate.lanes.step`), and it appears by
-its name in the config's choices, `--help`, the tests and the benchmarks.  Configs and `--help` are
-read without NumPy, which therefore is not imported here.
+The lane kernel is generated from a :class:`Tableau` by :mod:`rattlesweep.integrate.lanes.step`; its
+name is the method's in configs.  Configs and `--help` are read without NumPy, which therefore is
+not imported here.
 """
 
 from __future__ import annotations
@@ -14,44 +13,21 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from rattlesweep.arrays import Floats
 
 Row = dict[int, float]
 
 
 @dataclass(frozen=True)
 class Tableau:
-    """Butcher tableau of an explicit method.
-
-    Parameters
-    ----------
-    name : str
-        Name in configs.
-    order : int
-        Order of the solution that is carried on.
-    a : tuple of dict
-        Row ``i`` holds the non-zero ``a_ij`` of stage ``i``; row 0 is empty.
-    b : dict
-        Non-zero weights of the solution.
-    errors : tuple of dict
-        Weights of the error estimates: none for a fixed step, one for an embedded pair, two
-        for the pair of estimates of DOP853.  Key ``len(a)`` stands for the derivative at
-        the end of the step.
-    reference : str
-        Where the coefficients come from.
-
-    Raises
-    ------
-    ValueError
-        If the rows refer to later stages, if the weights do not sum to 1, or if the weights of
-        an error estimate do not sum to 0.
-    """
+    """Butcher tableau of an explicit method; a ValueError says what is wrong with its numbers."""
 
     name: str
-    order: int
-    a: tuple[Row, ...]
-    b: Row
+    order: int  # of the solution that is carried on
+    a: tuple[Row, ...]  # row i holds the non-zero a_ij of stage i; row 0 is empty
+    b: Row  # non-zero weights of the solution
+    # Weights of the error estimates: none for a fixed step, one for an embedded pair, two for the
+    # pair of estimates of DOP853.  Key len(a) is the derivative at the end of the step.
     errors: tuple[Row, ...]
     reference: str
 
@@ -67,12 +43,12 @@ class Tableau:
 
     @property
     def stages(self) -> int:
-        """Number of stages; the derivative at the end of the step comes on top."""
+        """Return the number of stages; the derivative at the end of the step comes on top."""
         return len(self.a)
 
     @property
     def adaptive(self) -> bool:
-        """Whether the method estimates its error."""
+        """Return whether the method estimates its error."""
         return bool(self.errors)
 
     @cached_property
@@ -80,8 +56,8 @@ class Tableau:
         """Nodes: the row sums of ``a``."""
         return tuple(math.fsum(row.values()) for row in self.a)
 
-    def damping(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
-        """``-ln abs(R(i z))``: how much a step damps an oscillation of phase ``z`` a step.
+    def damping(self, z: Floats) -> Floats:
+        """Return ``-ln abs(R(i z))``: how much a step damps an oscillation of phase ``z`` a step.
 
         ``R`` is the stability function.  Negative where the step amplifies.
         """
@@ -90,13 +66,13 @@ class Tableau:
         # R(z) = 1 + sum_k z^k b A^(k-1) 1, a polynomial since the method is explicit.
         weights = np.ones(self.stages)
         value = np.ones(np.shape(z), dtype=complex)
-        power = np.ones(np.shape(z), dtype=complex)
+        power = value.copy()
         for _ in range(self.stages):
             power = power * 1j * np.asarray(z)
             value = value + power * sum(b * weights[j] for j, b in self.b.items())
             weights = np.array([sum(a * weights[j] for j, a in row.items()) for row in self.a])
         with np.errstate(divide="ignore"):
-            rate: NDArray[np.float64] = -np.log(np.abs(value))
+            rate: Floats = -np.log(np.abs(value))
         return rate
 
 

@@ -1,15 +1,16 @@
 """Compiled calls in threads of their own, so that the main thread hears Ctrl-C and can stop them.
 
-One call is a :class:`Task`; several at a time are :func:`side_by_side`. Each call is given the
-:class:`Control` through which it is stopped: the lane kernels take it as it is, other loops look at
-``control.flag[0]`` now and then.
+Each call is given the :class:`Control` through which it is stopped: the lane kernels take it as it
+is, other loops look at ``control.flag[0]`` now and then.
 """
 
 from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent import futures
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -29,21 +30,16 @@ THREAD = "rattlesweep-kernel"
 
 @dataclass
 class Control:
-    """Link to a running kernel, or several in turn: hears how far it is and tells it to stop.
+    """Link to a running kernel, or several in turn: hears how far it is and tells it to stop."""
 
-    Attributes
-    ----------
-    total : float
-        Expected cost of the batch, in the units of :attr:`done`.
-    """
-
-    total: float = 0.0
+    total: float = 0.0  # expected cost of the batch, in the units of `done`
+    # Next place in the kernel's queue, stop flag; what it reports; cost and number of its runs.
     _shared: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, dtype=np.int64))
     _progress: Floats = field(default_factory=lambda: np.zeros((1, 8)))
-    _most: float = 0.0
-    _runs: int = 0
-    # Expected cost of the runs of this kernel, runs of those before, what this one counts for.
     _cost: float = 0.0
+    _runs: int = 0
+    # Most that was done so far; runs of the kernels before; what this one counts for.
+    _most: float = 0.0
     _begun: int = 0
     _ended: int = 0
     _span: tuple[float, float] = (0.0, 1.0)
@@ -54,14 +50,10 @@ class Control:
         self._shared[1] = 1
 
     def stage(self, low: float, high: float, *, begins: bool = False, ends: bool = False) -> None:
-        """Say that the next kernel is one of several for the same runs.
+        """Say that the next kernel does the part from ``low`` to ``high`` of 1 of the whole work.
 
-        Parameters
-        ----------
-        low, high : float
-            The part of the whole work that it does, as shares from 0 to 1.
-        begins, ends : bool
-            Whether the runs that it takes up have then begun, and those that it ends are done.
+        ``begins`` and ``ends`` say whether runs that it takes up have then begun, and those that it
+        ends are done.
         """
         self._begun, self._ended = self.runs_begun, self.runs_done
         self._progress, self._cost, self._runs = np.zeros((1, 8)), 0.0, 0
@@ -74,6 +66,11 @@ class Control:
     def settle(self, runs: int) -> None:
         """Count runs as done that no further kernel takes up."""
         self._ended += runs
+
+    def start(self, threads: int, cost: Floats) -> None:
+        """Say that a kernel starts, with so many threads and runs of this expected cost."""
+        self.total = self._cost = float(cost.sum())
+        self._runs, self._progress, self._shared[0] = len(cost), np.zeros((threads, 8)), 0
 
     @property
     def flag(self) -> NDArray[np.int64]:
@@ -110,12 +107,7 @@ class Control:
 class Task(threading.Thread, Generic[T]):
     """One call, started at once, in a thread that does not keep the process alive.
 
-    Parameters
-    ----------
-    call : callable
-        Given the control.
-    control : Control, optional
-        One that several tasks share; by default its own.
+    The call is given the control, which several tasks may share.
     """
 
     def __init__(self, call: Callable[[Control], T], control: Control | None = None) -> None:
@@ -123,45 +115,34 @@ class Task(threading.Thread, Generic[T]):
         self.control = control or Control()
         self.seconds = 0.0
         self._call = call
-        self._error: BaseException | None = None
-        self._value: list[T] = []
         # After a Ctrl-C in `join`, Python 3.11 takes a thread that runs for one that has ended.
-        self._ended = threading.Event()
+        self._future: futures.Future[T] = futures.Future()
         self.start()
 
     def run(self) -> None:
         """Make the call; not to be called by others."""
         start = time.perf_counter()
         try:
-            self._value.append(self._call(self.control))
+            value = self._call(self.control)
         except BaseException as error:
-            self._error = error
-        self.seconds = time.perf_counter() - start
-        self._ended.set()
+            self._future.set_exception(error)
+        else:
+            self.seconds = time.perf_counter() - start
+            self._future.set_result(value)
 
     def stop(self, patience: float = PATIENCE) -> None:
         """Ask for an end, and wait for it a little."""
         self.control.stop()
-        self._ended.wait(patience)
+        futures.wait([self._future], patience)
 
     def value(self) -> T:
-        """Return what the call came to, or raise what it raised.
-
-        Raises
-        ------
-        TimeoutError
-            If it has not ended.
-        """
-        if not self._ended.is_set():
-            raise TimeoutError
-        if self._error is not None:
-            raise self._error
-        return self._value[0]
+        """Return what the call came to, or raise what it raised; TimeoutError before it ends."""
+        return self._future.result(timeout=0)
 
     def wait(self, tick: Callable[[Control], None] = lambda control: None) -> T:
         """Wait for the value; `tick` is called a few times a second and may raise to stop it."""
         try:
-            while not self._ended.wait(POLL):
+            while not futures.wait([self._future], POLL).done:
                 tick(self.control)
         except BaseException:
             self.stop()
@@ -169,34 +150,22 @@ class Task(threading.Thread, Generic[T]):
         return self.value()
 
 
-def side_by_side(
-    calls: Sequence[Callable[[Control], T]],
-    threads: int,
-    report: Callable[[float], None] = lambda share: None,
-) -> list[T]:
-    """Results of calls, so many at a time, in their order.
+def side_by_side(calls: Sequence[Callable[[Control], T]], threads: int) -> list[T]:
+    """Return the results of calls, so many at a time, in their order.
 
-    Parameters
-    ----------
-    calls : sequence of callable
-        Each is given the control that all share.
-    threads : int
-    report : callable
-        Called in this thread, some twenty times a second, with the share of the calls that is done.
-        What it raises, a Ctrl-C, or the first error of a call stops them all and is raised here;
-        none is begun after that.
+    Each is given the control that all share.  A Ctrl-C, or the first error of a call, stops them
+    all and is raised here; none is begun after that.
     """
     control = Control()
-    left = iter(enumerate(calls))
+    left = deque(enumerate(calls))
     results: dict[int, T] = {}
     errors: list[BaseException] = []
-    one_at_a_time = threading.Lock()
 
     def work(control: Control) -> None:
         while not control.stopping:
-            with one_at_a_time:
-                place, call = next(left, (-1, None))
-            if call is None:
+            try:
+                place, call = left.popleft()
+            except IndexError:
                 return
             try:
                 results[place] = call(control)
@@ -204,13 +173,8 @@ def side_by_side(
                 errors.append(error)
                 control.stop()
 
-    team = [Task(work, control) for _ in range(min(threads, len(calls)))]
-    for task in team:
-        task.wait(lambda _: report(len(results) / len(calls)))
+    for task in [Task(work, control) for _ in range(min(threads, len(calls)))]:
+        task.wait()
     if errors:
         raise errors[0]
-    report(1.0)
     return [results[place] for place in range(len(calls))]
-
-
-__all__ = ["PATIENCE", "POLL", "Control", "Task", "side_by_side"]

@@ -137,15 +137,20 @@ class Claim:
         return "partly" if head or room else "disagree", room
 
 
+def read_table(name: str) -> dict[str, dict[str, Any]]:
+    """Return the rows of ``NAME.yaml`` by their id, with the functions that they name."""
+    rows: dict[str, dict[str, Any]] = YAML(typ="safe").load(TABLE.with_name(f"{name}.yaml"))
+    for row in rows.values():
+        for key in row.keys() & {"measure", "data", "draw"}:
+            module, function = row[key].split(".")
+            row[key] = getattr(import_module(f"rattlesweep.paper.{module}"), function)
+    return rows
+
+
 @cache
 def claims() -> dict[str, Claim]:
     """Return the claims of ``claims.yaml`` by their id."""
-    found = {}
-    for name, row in YAML(typ="safe").load(TABLE).items():
-        module, function = row.pop("measure").split(".")
-        measure = getattr(import_module(f"rattlesweep.paper.{module}"), function)
-        found[name] = Claim(id=name, measure=measure, **row)
-    return found
+    return {name: Claim(id=name, **row) for name, row in read_table("claims").items()}
 
 
 def judge(made: Made, *, theory: bool, few: bool = False) -> list[dict[str, Any]]:

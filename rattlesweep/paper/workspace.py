@@ -94,8 +94,8 @@ class Part:
     """A figure of the paper, or a supplement to one: words for people, its data, its picture."""
 
     title: str
-    caption: str
     data: Callable[[Workspace], Tables]
+    caption: str = ""
     draw: Callable[[Tables], Figure] | None = None
 
 

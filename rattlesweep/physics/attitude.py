@@ -26,10 +26,9 @@ N_EXTRA = 3
 def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):  # type: ignore[no-untyped-def]
     """Return the rates of the heading and of the contact point on the plane.
 
-    The last arguments are of a surface, as :func:`rattlesweep.physics.full.paraboloid`.  The x axis
-    ``e`` moves with ``omega x e``; the vertical part of ``e x (omega x e)`` over
-    ``1 - e_vertical^2`` is the heading's rate.  The contact point moves with ``dr/dt``, which is
-    horizontal (Eq. no-slip).
+    The x axis ``e`` moves with ``omega x e``; the vertical part of ``e x (omega x e)`` over
+    ``1 - e_vertical^2`` is the heading's rate.  The contact point moves with the dotted derivative
+    of ``r`` plus ``v`` (Eq. no-slip), which is horizontal.
     """
     uy = q * uz
     square = uy * uy + uz * uz

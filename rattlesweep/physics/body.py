@@ -72,11 +72,7 @@ class Rattleback:
 
     @classmethod
     def kl(cls) -> Rattleback:
-        """Return the body of Kane and Levinson (1982), an ellipsoid.
-
-        Semi-axes 20, 3 and 2 cm, centre of mass 1 cm below the centre, 1 kg; moments of inertia
-        2, 16 and 17 and product -0.2 kg cm^2 along the ellipsoid's axes.
-        """
+        """Return the ellipsoid of Kane and Levinson (1982): semi-axes 20, 3, 2 cm; 1 kg."""
         along, across, product = 2.0, 16.0, -0.2
         mean, half = (across + along) / 2, math.hypot((across - along) / 2, product)
         xi = 0.5 * math.atan2(2 * product, across - along)
@@ -107,9 +103,8 @@ class Rattleback:
         mass, height, gravity : float
             In kg, m and m/s^2; ``height`` is ``a``, of the centre of mass over the contact.
         inertia : 3 x 3 matrix or sequence
-            Tensor of inertia about the centre of mass in kg m^2: the matrix, or ``(ixx, iyy, izz,
-            ixy, ixz, iyz)``, of which the last three may be left out.  Off the diagonal stands
-            ``ixy = -sum(m x y)``.  The z axis is vertical, x and y are any.
+            About the centre of mass in kg m^2: the tensor, or ``(ixx, iyy, izz, ixy, ixz, iyz)``,
+            of which the last three may be left out; ``ixy = -sum(m x y)``.  The z axis is vertical.
         radii : two floats
             Principal radii of curvature at the bottom, in m, or as in ``"50, 1.5 cm"``; those of an
             ellipsoid with horizontal semi-axes ``p, q`` are ``p^2/c, q^2/c``.

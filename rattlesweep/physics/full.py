@@ -89,13 +89,12 @@ def turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz)
     """Return the derivatives of ``a, b, c`` (Eq. diff-omega); ``(lx, ly, lz)`` is another torque.
 
     And, for another right side ``h``, what makes of it ``D^-1 (h + r s)`` with
-    ``s = along (x dyz h_x + y dzx h_y + z dxy h_z)``: ``dyz, dzx, dxy, along``, and ``ivol``, by
-    which the minors are multiplied.
+    ``s = along (x dyz h_x + y dzx h_y + z dxy h_z)``: ``dyz, dzx, dxy, along, ivol``.
 
     With ``w = r x omega - dr/dt`` the bracket of Eq. diff-omega is ``omega x w``.  The matrix on
-    its left side is ``D - r r^T`` with a diagonal ``D``, inverted by Sherman and Morrison's
-    formula, ``D^-1 (T + s r)``.  For a long ``r`` both parts of ``s = r.D^-1 T / (1 - r.D^-1 r)``
-    cancel, and are written with ``1 - r^2/d = I/d`` and the gyroscopic torque ``(gx, gy, gz)``.
+    its left side, ``D - r r^T``, is inverted by Sherman and Morrison's formula.  For a long ``r``
+    both parts of ``s = r.D^-1 T / (1 - r.D^-1 r)`` cancel, and are written with ``1 - r^2/d = I/d``
+    and the gyroscopic torque ``(gx, gy, gz)``.
     """
     x, y, z = p + fx, q + fy, 1.0 - rise
     twist = fx * q - fy * p

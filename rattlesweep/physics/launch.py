@@ -23,11 +23,7 @@ NO_SPIN = 1e-15
 class GarciaHubbard:
     """Garcia and Hubbard's spin after a launch: the growing mode alone, up to one reversal.
 
-    Attributes
-    ----------
-    K, n_i, speed : ndarray
-        Torque coefficient of the mode that grows, initial spin, and
-        :func:`rattlesweep.physics.theory.oscillation_speed`.
+    By the torque coefficient of that mode, the initial spin and `theory.oscillation_speed`.
     """
 
     K: Floats
@@ -82,11 +78,7 @@ def full_state(n_i: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike) -> Floats:
 
 
 def spin_and_oscillation(omega: ArrayLike, u: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    """Return spin, oscillation and its direction from the x axis of full states, (..., 3) each.
-
-    ``n = u . omega``, the size of ``omega - n u`` and its angle; those of :func:`full_state` if
-    ``u`` is upright.
-    """
+    """Return ``n = u . omega``, the size of ``omega - n u`` and its direction, of full states."""
     omega, u = np.asarray(omega, float), np.asarray(u, float)
     n = (omega * u).sum(axis=-1)
     n = np.where(np.abs(n) <= NO_SPIN * np.linalg.norm(omega, axis=-1), 0.0, n)

@@ -26,13 +26,12 @@ JACOBI_SWEEPS = 6
 
 
 def quadratics(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Pairs:
-    """Factor ``z^4 + a3 z^3 + a2 z^2 + a1 z + a0`` into two real quadratics.
+    """Factor ``z^4 + a3 z^3 + a2 z^2 + a1 z + a0`` into two real quadratics ``z^2 + b z + c``.
 
-    Returns ``(b1, c1), (b2, c2)`` of ``z^2 + b z + c``, with ``|c1| >= |c2|``.  The sum ``s`` of
-    the two constant terms is a root of Ferrari's resolvent cubic, the largest one if the four roots
-    are two complex pairs.  Newton's method finds it; two of its steps for all four coefficients
-    then remove what rounding has left in the small ones.  Roots of different quadratics that come
-    close lose up to half of the digits, as the quartic's coefficients do not hold more.
+    Returns ``(b1, c1), (b2, c2)``, with ``|c1| >= |c2|``.  The sum ``s`` of the two constant terms
+    is a root of Ferrari's resolvent cubic, the largest one if the four roots are two complex pairs.
+    Newton's method finds it; two of its steps for all four coefficients then remove what rounding
+    has left in the small ones.
     """
     s = _resolvent_root(a3, a2, a1, a0)
     # Squared differences of the quadratics' coefficients, and the product of the differences.

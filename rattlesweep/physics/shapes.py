@@ -20,26 +20,10 @@ def half_ellipsoid(
 ) -> dict[str, Floats]:  # fmt: skip
     """Return the parameters of solid half ellipsoids that lie with their flat side up.
 
-    Parameters
-    ----------
-    length, width, height : array_like
-        Of the flat side, and from the lowest point to it, in m: twice the horizontal semi-axes, and
-        the vertical one.
-    mass : array_like
-        Of the half ellipsoid without weights, in kg; its density is uniform, and its centre of mass
-        lies ``3/8`` of the height below the flat side.
-    skew : array_like
-        Angle in radians by which its inertia is turned against its surface, clockwise seen from
-        above: of a body whose base is cut at this angle.  Without weights, ``xi = -skew``.
-    weights, x, y : array_like
-        Mass in kg of each of two points on the flat side, at ``(x, y)`` and ``(-x, -y)`` in m, seen
-        from above: `x` along the length to the right, `y` across it and away.
-
-    Returns
-    -------
-    dict
-        ``alpha, beta, gamma, theta, phi, xi, c`` of :class:`rattlesweep.physics.body.Rattleback`;
-        ``mass`` in kg and ``height`` of the centre of mass in m, with the weights: the units.
+    Arguments as for :meth:`rattlesweep.physics.body.Rattleback.half_ellipsoid`, in m, kg and
+    radians, with ``at = (x, y)``.  The density is uniform: without weights the centre of mass lies
+    ``3/8`` of the height below the flat side.  Returned are ``alpha, beta, gamma, theta, phi, xi,
+    c``, and the units: ``mass`` in kg and ``height`` of the centre of mass in m, with the weights.
     """
     length, width, height, mass, skew, weights, x, y = np.broadcast_arrays(
         *(np.asarray(v, float) for v in (length, width, height, mass, skew, weights, x, y))

@@ -42,14 +42,9 @@ MOST_SLOPE = 0.1
 def matrix(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Floats:
     """Return the matrix, shape (..., 4, 4), that acts on ``(p, q, omega_x, omega_y)``.
 
-    Parameters
-    ----------
-    constants : ndarray, shape (6, ...)
-        Of :func:`rattlesweep.physics.full.constants`.
-    n, sigma : array_like
-        Steady spin, in ``sqrt(g/a)``, and ``sigma`` of the torque ``-sigma omega``.  The spin then
-        falls at the rate ``sigma / gamma``, which the matrix knows; its eigenvalues are rates as
-        long as that is slow.
+    Of bodies with :func:`rattlesweep.physics.full.constants`, shape (6, ...), at a spin ``n``, in
+    ``sqrt(g/a)``.  Under a torque ``-sigma omega`` the spin falls at the rate ``sigma / gamma``,
+    which the matrix knows; its eigenvalues are rates as long as that is slow.
     """
     ix, iy, iz, cxx, cxy, cyy, c, loss = _broadcast(constants, n, sigma)
     zero, one = np.zeros_like(ix), np.ones_like(ix)
@@ -86,10 +81,9 @@ class SteadyModes:
 
 
 def steady_modes(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> SteadyModes:
-    """Return the modes at spin ``n``, the pitch being the faster one; arguments as for `matrix`.
+    """Return the modes, the pitch being the faster one; arguments as for `matrix`.
 
-    Of each conjugate pair the one with positive frequency is returned; of a pair that no longer
-    oscillates, the one that grows faster.
+    Of each conjugate pair the one with positive frequency, or else the one that grows faster.
     """
     system = _System(constants, n, sigma)
     pitch, roll = _leading(system)
@@ -142,20 +136,9 @@ def settled_oscillation(constants: Floats, n_0: Floats, n_c: Floats, rate: Float
     - now that slope is 0.1 at most: the amplitude of a mode is known to its square, and what linear
       theory leaves out is of third order.
 
-    Docs/types.md says how far on the safe side this is.
-
-    Parameters
-    ----------
-    constants : ndarray, shape (6, runs)
-    n_0, n_c : ndarray
-        Spin that would hold all the energy, and the threshold of stability (NaN: none), with signs.
-    rate : ndarray
-        Least rate that counts as decay, positive, in ``sqrt(g/a)``.
-
-    Returns
-    -------
-    ndarray
-        In the measure of :func:`full.oscillation`, in ``M g a``.
+    Docs/types.md says how far on the safe side this is.  Of runs with `constants` (6, runs), spins
+    `n_0` that would hold all the energy and thresholds of stability `n_c` (NaN: none), with signs;
+    `rate` is the least that counts as decay.  In the measure of :func:`full.oscillation`.
     """
     settled = np.zeros(len(n_0))
     place = np.flatnonzero((n_0 * n_c > 0) & (np.abs(n_0) > np.abs(n_c)) & np.isfinite(rate))

@@ -7,11 +7,10 @@ centre lies ``c`` above the lowest point.  With ``B = 1 + C`` and ``s = (p, q).B
 
 which for ``1/c = 0`` is the paraboloid's.  The bodies' constant is ``k = 1/c``.
 
-Friction are two couples.  One is ``-sigma omega`` (Kane and Levinson 1982, Eqs. 47-49), in
-``M a^2 sqrt(g/a)``.  The other is the rolling resistance ``-lever F_n omega_t / |omega_t|`` against
-the part of ``omega`` in the plane, with the normal force ``F_n`` and a lever in units of ``a``;
-``|omega_t|`` stands for ``sqrt(omega_t^2 + eps^2)``, ``eps`` being :data:`SMOOTHING`.  Their work
-is a sixth variable, and energy minus work is conserved.
+Friction are two couples: ``-sigma omega`` (Kane and Levinson 1982, Eqs. 47-49), and the rolling
+resistance ``-lever F_n omega_t / |omega_t|`` against the part of ``omega`` in the plane, with the
+normal force ``F_n`` and ``sqrt(omega_t^2 + eps^2)`` for ``|omega_t|``.  Their work is a sixth
+variable, and energy minus work is conserved.
 
 Where ``surface`` is an argument it is :func:`flat`, :func:`ellipsoid` or :func:`carried_ellipsoid`.
 """
@@ -184,8 +183,7 @@ def resistance(ux, uy, uz, a, b, c, x, y, z, normal, lever, eps, dyz, dzx, dxy, 
     """Return the change of ``domega/dt`` by rolling resistance, and its power.
 
     The normal force depends on the acceleration, and both are linear: with the matrix ``J`` of
-    Eq. diff-omega and ``h`` the resistance's direction, the acceleration without it is corrected by
-    ``-lever F_n J^-1 h``.  The last five arguments are :func:`rattlesweep.physics.full.turning`'s.
+    Eq. diff-omega and the direction ``h`` the change is ``-lever F_n J^-1 h``.
     """
     n = ux * a + uy * b + uz * c
     hx, hy, hz = a - n * ux, b - n * uy, c - n * uz

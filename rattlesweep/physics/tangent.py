@@ -20,9 +20,8 @@ from rattlesweep.physics.full import oscillation, scalar
 def full_rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
     """Return the derivative of a tangent ``(p1, q1, a1, b1, c1)`` under ``full.rhs``.
 
-    The angular acceleration solves ``(D - r r^T) domega = T``.  So does its derivative, with
-    ``T1 - (D - r r^T)_1 domega`` on the right.  As in ``full.rhs`` the product of that with ``r``
-    is taken from the identity ``r . (I domega - g) = 0``, without what cancels.
+    Of ``(D - r r^T) domega = T``, with ``T1 - (D - r r^T)_1 domega`` on the right, whose product
+    with ``r`` is taken from the identity ``r . (I domega - g) = 0``, without what cancels.
     """
     # Names as in full.rhs; what ends in 1 is a derivative along the tangent.
     m = p * b - q * a

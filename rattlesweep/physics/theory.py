@@ -147,8 +147,7 @@ def damping_rates(
 ) -> tuple[Floats, Floats]:
     """Return the rates at which a torque ``-sigma omega`` damps pitch and roll, without spin.
 
-    Half of the power ``sigma omega^2`` over the energy ``omega.J omega``, ``J = diag(alpha,
-    beta)``; at a small spin they are to be taken from :func:`growth_rates`.
+    At a small spin they are to be taken from :func:`growth_rates`.
     """
 
     def rate(psi: Floats) -> Floats:

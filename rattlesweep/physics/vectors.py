@@ -1,10 +1,9 @@
 """An ellipsoid in any position, as one that has rolled onto its side.
 
-There ``u_z = 0``, and the slopes ``u_x/u_z, u_y/u_z`` of :mod:`rattlesweep.physics.full` end.  The
-state here is ``(v_x, v_y, v_z, a, b, c, work)``: a vector along the vertical, whose length the
-equations keep and nothing depends on, the angular velocity and the work of friction.  With
-``u = v/|v|``, ``B = 1 + C`` and ``k = 1/c`` the ellipsoid of :mod:`rattlesweep.physics.stone`
-touches the plane at
+There ``u_z = 0``, and the slopes of :mod:`rattlesweep.physics.full` end.  The state here is
+``(v_x, v_y, v_z, a, b, c, work)``: a vector along the vertical, on whose length nothing depends,
+the angular velocity and the work of friction.  With ``u = v/|v|``, ``B = 1 + C`` and ``k = 1/c``
+the ellipsoid of :mod:`rattlesweep.physics.stone` touches the plane at
 
     r = (-B (u_x, u_y) / rho, 1 - (1 + u_z/rho) / k),    rho^2 = u_z^2 + k s,
     s = (u_x, u_y).B (u_x, u_y),
@@ -128,10 +127,7 @@ def contact_force(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma
 
 
 def from_slopes(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
-    """Return states (runs, 7) and constants (runs, 10) of ellipsoids with friction or without.
-
-    `y` is of shape (runs, 5 or 6), `constants` of (runs, 7 or 10).
-    """
+    """Return states (runs, 7) and constants (runs, 10) of those in slopes, with friction or not."""
     u, omega = full.to_vectors(y[:, : full.N_STATE].T)
     work, loss = y[:, full.N_STATE :], constants[:, stone.N_CONSTANTS :]
     if not work.size:

@@ -37,11 +37,8 @@ def _across(u, v):  # type: ignore[no-untyped-def]
 @scalar
 def _lift(u, r, j):  # type: ignore[no-untyped-def]
     """Return ``u.(r x j)``."""
-    return (
-        u[0] * (r[1] * j[2] - r[2] * j[1])
-        + u[1] * (r[2] * j[0] - r[0] * j[2])
-        + u[2] * (r[0] * j[1] - r[1] * j[0])
-    )
+    (x, y, z), (a, b, c) = r, j
+    return u[0] * (y * c - z * b) + u[1] * (z * a - x * c) + u[2] * (x * b - y * a)
 
 
 @scalar
@@ -79,12 +76,8 @@ def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):  # 
     _, _, wzz = vectors.moving(*u, 0.0, 0.0, 1.0, *r, rho, *surface)
     part = _dot(r, w) - sigma
     rolled = _dot(r, omega)
-    diagonal = (
-        part * (dyz + dzx + dxy)
-        - _dot(w, s)
-        + _dot(r, wd)
-        - rolled * (dyz * wxx + dzx * wyy + dxy * wzz)
-    )
+    diagonal = part * (dyz + dzx + dxy) - _dot(w, s) + _dot(r, wd)
+    diagonal = diagonal - rolled * (dyz * wxx + dzx * wyy + dxy * wzz)
     rank_one = (
         (iy - iz) * sx * (sy * c + sz * b)
         + (iz - ix) * sy * (sz * a + sx * c)
@@ -99,11 +92,7 @@ def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):  # 
 
 @scalar
 def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
-    """Return the rate, in ``sqrt(g/a)``.
-
-    Of ``domega/dt`` the rolling resistance takes ``share j`` with ``j = J^-1 h``, see
-    :func:`rattlesweep.physics.stone.resistance`.
-    """
+    """Return the rate, in ``sqrt(g/a)``; of ``domega/dt`` the resistance takes ``share J^-1 h``."""
     u = vectors.unit(vx, vy, vz)
     x, y, z, rho = vectors.contact(*u, cxx, cxy, cyy, k)
     r, surface, inertia = (x, y, z), (cxx, cxy, cyy, k), (ix, iy, iz)

@@ -21,8 +21,7 @@ from rattlesweep.errors import DamagedError, OutputError
 from rattlesweep.sweeps.columns import REPEATING
 from rattlesweep.sweeps.files import reason, streamed_file
 
-ROW_GROUP = 1 << 17
-"""Rows in a row group: about 30 MB decoded, so that readers can stream a large file."""
+ROW_GROUP = 1 << 17  # rows: about 30 MB decoded, so that readers can stream a large file
 
 
 def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:

@@ -61,8 +61,7 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("omega_r", F64, RATE, "roll frequency without spin"),
         field("K_p", F64, "1", "asymmetric torque coefficient of pitch"),
         field("K_r", F64, "1", "asymmetric torque coefficient of roll"),
-        field("n_c1", F64, RATE, "Bondi's threshold spin of the steady direction; null: none; "
-              "beyond it a steady spin is stable, but for some bodies with I_zz < I_xx"),
+        field("n_c1", F64, RATE, "Bondi's threshold spin of the steady direction; null: none"),
         field("n_0", F64, RATE, "spin that would hold all the energy"),
         field("t_rgh", F64, TIME, "reversal time of Garcia and Hubbard's theory; null: none"),
     ),
@@ -79,10 +78,8 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
     "observation": (
         field("amp_growth", F64, "1", "largest ratio of the windowed amplitude of the relevant "
               "oscillation to its smallest earlier value, minus 1"),
-        field("n_departure", F64, "1", "largest fractional loss of spin at any step, 1 - n/n_i; "
-              "between steps a tiny one may be a third larger"),
-        required("near_tangencies", I32, "1", "extrema of the spin too near zero to tell whether "
-                 "it reversed"),
+        field("n_departure", F64, "1", "largest fractional loss of spin at any step, 1 - n/n_i"),
+        required("near_tangencies", I32, "1", "extrema of the spin too near zero to be decided"),
     ),
     # What the config asks for elsewhere.
     "surface": (
@@ -93,8 +90,7 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         required("rolling", F64, "a", "lever of the rolling resistance"),
         field("growth", F64, RATE, "growth rate of the relevant oscillation at n_i, damping "
               "counted; null with rolling resistance, under which it does not grow"),
-        field("n_growth", F64, RATE, "spin that the relevant oscillation takes to outgrow its "
-              "damping, for small spins; null with rolling resistance"),
+        field("n_growth", F64, RATE, "spin at which it outgrows its damping; null if rolling"),
         field("energy_left", F64, "1", "share of the launch's energy that is left at t_end"),
     ),
     # What `record` asks for, by its words; a run that failed at launch has nothing to record.
@@ -113,11 +109,9 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("window_n_max", SERIES, RATE, "largest spin, by window"),
     ),
     "lyapunov": (
-        field("lyapunov", F64, RATE, "largest Lyapunov exponent, apart from the zeros of the flow "
-              "and the energy, over the whole run, or up to t_r"),
+        field("lyapunov", F64, RATE, "largest Lyapunov exponent over the whole run, or up to t_r"),
         field("lyapunov_late", F64, RATE, "the same over the second half; null: too short to tell"),
-        field("chaotic", FLAG, "1", "whether a small difference grows by more than e^10 in the "
-              "second half: lyapunov_late * t_end / 2 > 10; null: too short to tell"),
+        field("chaotic", FLAG, "1", "lyapunov_late * t_end / 2 > 10; null: too short to tell"),
     ),
     "volume": (
         field("volume_rate", F64, RATE, "mean rate of the logarithm of phase volume over the run"),
@@ -141,8 +135,7 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
     ),
     # Where both errors and reversals are recorded.
     "turns": (
-        field("reversals_sure", I32, "1", "how many of these turns, from the first on, a looser "
-              "integration confirms: their times are right to 1e-3"),
+        field("reversals_sure", I32, "1", "how many of the first turns are right to 1e-3"),
         field("reversal_times_error", SERIES, TIME, "estimate of the error of each of turn_times; "
               "null: the looser integration has no such turn"),
     ),
@@ -164,10 +157,9 @@ MEASURED: tuple[pa.Field, ...] = (
 """Columns of `runs` of bodies whose size in SI units is known."""
 
 RECORD_PARTS: dict[str, tuple[str, ...]] = {
-    "surface": (), "dissipation": ("reduced", "gh"),
-    "contact": ("reduced", "gh"), "volume": ("reduced", "gh"),
-    **dict.fromkeys(("energy", "windows", "lyapunov", "error", "tol", "reversals", "turns"),
-                    ("gh",)),
+    "energy": ("gh",), "contact": ("reduced", "gh"), "windows": ("gh",), "lyapunov": ("gh",),
+    "volume": ("reduced", "gh"), "error": ("gh",), "tol": ("gh",), "reversals": ("gh",),
+    "turns": ("gh",), "surface": (), "dissipation": ("reduced", "gh"),
 }
 """What a config may ask for by `record` or otherwise, with the models that cannot tell: the reduced
 dynamics has no contact force, and the closed form no path to look at."""

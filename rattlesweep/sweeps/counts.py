@@ -21,10 +21,6 @@ from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.types import TYPES
 
 COLUMNS = ("n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status", "near_tangencies")
-"""Columns of `runs` that `Counts.add` reads; the next ones where they are there."""
-ERRORS = ("t_r_error", "type_sure")
-LOSSES = ("energy_left", "sigma", "rolling")
-CONTACT = ("contact_ratio_max", "contact_normal_min")
 FRICTION = {"share_friction_above_0_3": 0.3, "share_friction_above_0_6": 0.6}
 """Coefficients of friction by the columns of the shares of runs that need a larger one."""
 SENSITIVE = 1e-6
@@ -35,9 +31,9 @@ Z95 = 1.959963984540054
 
 def columns_for(config: Config) -> tuple[str, ...]:
     """Return the columns of a sweep's runs that `Counts.add` reads."""
-    losses = LOSSES if config.dissipation else ()
-    errors = ERRORS if "error" in config.record else ()
-    contact = CONTACT if "contact" in config.record else ()
+    losses = ("energy_left", "sigma", "rolling") if config.dissipation else ()
+    errors = ("t_r_error", "type_sure") if "error" in config.record else ()
+    contact = ("contact_ratio_max", "contact_normal_min") if "contact" in config.record else ()
     return (*COLUMNS, *errors, *losses, *contact)
 
 
@@ -45,11 +41,7 @@ class Moments:
     """Count, mean and deviation of values by cell.
 
     Sums are of differences from the first value of each cell, so that a mean far larger than the
-    deviation costs no digits. What is beyond the range of numbers is NaN.
-
-    Attributes
-    ----------
-    count : array of int, shape (cells,)
+    deviation costs no digits.
     """
 
     def __init__(self, cells: int) -> None:
@@ -61,22 +53,20 @@ class Moments:
         new = np.flatnonzero(self.count[cell] == 0)
         cells, place = np.unique(cell[new], return_index=True)
         self._first[cells] = values[new[place]]
+        step = values - self._first[cell]
         # One by one and in order: np.bincount would sum each piece apart.
         np.add.at(self.count, cell, weight)
-        with np.errstate(over="ignore", invalid="ignore"):
-            step = values - self._first[cell]
-            np.add.at(self._sum, cell, weight * step)
-            np.add.at(self._squares, cell, weight * step**2)
+        np.add.at(self._sum, cell, weight * step)
+        np.add.at(self._squares, cell, weight * step**2)
 
     def means(self) -> Floats:
         """Return the means, NaN of nothing."""
-        return _finite(self._first + share(self._sum, self.count))
+        return self._first + share(self._sum, self.count)
 
     def deviations(self) -> Floats:
         """Return the sample standard deviations (divisor n - 1), NaN for fewer than two."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            squares = self._squares - share(self._sum**2, np.maximum(self.count, 1))
-        return _finite(np.sqrt(share(np.maximum(squares, 0), self.count - 1)))
+        squares = self._squares - share(self._sum**2, np.maximum(self.count, 1))
+        return np.sqrt(share(np.maximum(squares, 0), self.count - 1))
 
     def errors(self) -> Floats:
         """Return the standard errors of the means, NaN for fewer than two."""
@@ -84,49 +74,29 @@ class Moments:
 
 
 class Counts:
-    """Runs by cell; each array has the shape (cells,).
-
-    Attributes
-    ----------
-    runs, ok, failed
-        Runs, those with status ``ok``, and the others.
-    types, unsure_types : dict
-        Of those that are ``ok``, the runs of each of `TYPES`, of D only with dissipation; and the
-        ones of them whose type is not sure.
-    steady, bondi
-        Runs in the steady direction that have a theory (``omega_p`` is not null) and no
-        dissipation, and of these the ones past Bondi's threshold, ``abs(n_c1) < abs(n_i)``.
-    near_tangencies
-        Sum over the runs.
-    t_r, ratio : Moments
-        Of ``t_r`` and of ``t_r/t_rGH`` of the runs of type R. Ratios are taken run by run: bodies
-        differ in ``t_rgh`` by orders of magnitude, and those that reverse are no fair sample.
-    t_rgh, t_r_error : Moments
-        Of all runs that have one; of the runs of type R that have one.
-    sensitive
-        Runs of type R whose error is large.
-    contact : dict
-        Of those that are ``ok``, the runs that need a larger coefficient of friction than each of
-        `FRICTION`, and those that lift off, by the columns of the summary.
-    has_errors, has_losses, has_contact : bool
-        Whether rows tell errors, have dissipation, and tell the forces of contact.
-    """
+    """Runs by cell; each array has the shape (cells,)."""
 
     def __init__(self, cells: int) -> None:
-        self.runs, self.ok, self.failed, self.steady, self.bondi, self.near_tangencies = (
-            np.zeros(cells, np.int64) for _ in range(6)
-        )
-        self.sensitive = np.zeros(cells, np.int64)
-        self.has_errors = self.has_losses = self.has_contact = False
-        self._types, self.unsure_types = (
-            {name: np.zeros(cells, np.int64) for name in TYPES} for _ in range(2)
-        )
-        self.contact = {n: np.zeros(cells, np.int64) for n in (*FRICTION, "share_lift_off")}
-        self.t_r, self.ratio, self.t_rgh, self.t_r_error = (Moments(cells) for _ in range(4))
+        # All runs, those with status ok, and the others.
+        self.runs, self.ok, self.failed = _zeros(cells, 3)
+        # Of the runs that are ok, those of each type, and of these the ones whose type is not sure;
+        # of D only with dissipation.
+        self.types = dict(zip(TYPES[:4], _zeros(cells, 4), strict=True))
+        self.unsure_types = dict(zip(TYPES[:4], _zeros(cells, 4), strict=True))
+        # Runs in the steady direction that have a theory and no dissipation, and of these the ones
+        # past Bondi's threshold, abs(n_c1) < abs(n_i).
+        self.steady, self.bondi = _zeros(cells, 2)
+        # Sum over the runs; runs of type R whose error is large.
+        self.near_tangencies, self.sensitive = _zeros(cells, 2)
+        # Of type R, ratios taken run by run; t_rgh of all.
+        self.t_r, self.t_r_error, self.ratio, self.t_rgh = (Moments(cells) for _ in range(4))
+        # Of the runs that are ok, those that need more friction or lift off.
+        self.contact = dict(zip((*FRICTION, "share_lift_off"), _zeros(cells, 3), strict=True))
+        self.has_errors = self.has_contact = False  # whether rows tell
 
     def add(self, rows: pa.RecordBatch | pa.Table, cell: Integers, weight: Any = None) -> None:
         """Count more runs, each in its cell and, if told, as so many; none in a negative cell."""
-        kept = cell >= 0
+        kept, names = cell >= 0, rows.schema.names
         cell = cell[kept]
         weight = np.ones(len(cell), np.int64) if weight is None else weight[kept]
 
@@ -142,52 +112,47 @@ class Counts:
         n_i, t_r, t_rgh = column("n_i"), column("t_r"), column("t_rgh")
         kind = codes(rows.column("type"), TYPES)[kept]
         ok = codes(rows.column("status"), ("ok",))[kept] == 0
+        steady = np.isfinite(column("omega_p")) & ~unsteady(column("K_p"), n_i)
+        if "energy_left" in names:
+            for types in (self.types, self.unsure_types):
+                types.setdefault("D", np.zeros(len(self.runs), np.int64))
+            steady &= (column("sigma") == 0) & (column("rolling") == 0)
         count(self.runs, np.ones(len(cell), bool))
         count(self.ok, ok)
         count(self.failed, ~ok)
-        for code, name in enumerate(TYPES):
-            count(self._types[name], ok & (kind == code))
+        for name, into in self.types.items():
+            count(into, ok & (kind == TYPES.index(name)))
         near = np.nan_to_num(column("near_tangencies")).astype(np.int64)
         np.add.at(self.near_tangencies, cell, weight * near)
-
-        steady = np.isfinite(column("omega_p")) & ~unsteady(column("K_p"), n_i)
-        if "energy_left" in rows.schema.names:
-            self.has_losses = True
-            steady &= (column("sigma") == 0) & (column("rolling") == 0)
         count(self.steady, steady)
-        # A null threshold is NaN here, which is below nothing.
         count(self.bondi, steady & (np.abs(column("n_c1")) < np.abs(n_i)))
-
         reverses = ok & (kind == TYPES.index("R")) & np.isfinite(t_r)
         average(self.t_r, t_r, reverses)
-        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            average(self.ratio, t_r / t_rgh, reverses & (t_rgh > 0))
         average(self.t_rgh, t_rgh, np.isfinite(t_rgh))
-        if "t_r_error" in rows.schema.names:
-            self.has_errors = True
-            error = column("t_r_error")
+        compared = reverses & (t_rgh > 0)
+        average(self.ratio, np.divide(t_r, t_rgh, np.zeros(len(t_r)), where=compared), compared)
+        if "t_r_error" in names:
+            self.has_errors, error = True, column("t_r_error")
             average(self.t_r_error, error, reverses & np.isfinite(error))
             count(self.sensitive, reverses & is_sensitive(error, t_r))
             unsure = column("type_sure") == 0
-            for code, name in enumerate(TYPES):
-                count(self.unsure_types[name], unsure & (kind == code))
-        if "contact_ratio_max" in rows.schema.names:
-            self.has_contact = True
-            ratio, normal = (column(name) for name in CONTACT)
+            for name, into in self.unsure_types.items():
+                count(into, unsure & (kind == TYPES.index(name)))
+        if "contact_ratio_max" in names:
+            self.has_contact, ratio = True, column("contact_ratio_max")
             for name, most in FRICTION.items():
                 count(self.contact[name], ok & (ratio > most))
-            count(self.contact["share_lift_off"], ok & (normal < 0))
-
-    @property
-    def types(self) -> dict[str, Integers]:
-        """Runs of each type."""
-        return {n: part for n, part in self._types.items() if n != "D" or self.has_losses}
+            count(self.contact["share_lift_off"], ok & (column("contact_normal_min") < 0))
 
     @property
     def unsure(self) -> Integers:
         """Runs whose type is not sure."""
         total: Integers = np.sum([*self.unsure_types.values()], axis=0)
         return total
+
+
+def _zeros(cells: int, count: int) -> list[Integers]:
+    return [np.zeros(cells, np.int64) for _ in range(count)]
 
 
 def floats(column: pa.Array) -> Floats:
@@ -215,18 +180,12 @@ def is_sensitive(t_r_error: Any, t_r: Any) -> Any:
     return t_r_error > SENSITIVE * t_r
 
 
-def _finite(values: Floats) -> Floats:
-    return np.where(np.isfinite(values), values, np.nan)
-
-
 def wilson(part: ArrayLike, whole: ArrayLike, z: float = Z95) -> tuple[Floats, Floats]:
     """Return the interval of a share, by default of 95 %; NaN where there is nothing.
 
     Source: E. B. Wilson, J. Am. Stat. Assoc. 22, 209 (1927).
     """
     part, whole = np.asarray(part, float), np.asarray(whole, float)
-    if np.any((part < 0) | (part > whole)):
-        raise ValueError("a share has more parts than its whole, or less than none")
     p, weight = share(part, whole), share(np.full(part.shape, z * z), whole)
     centre = (p + weight / 2) / (1 + weight)
     half = np.sqrt(weight * (p * (1 - p) + weight / 4)) / (1 + weight)

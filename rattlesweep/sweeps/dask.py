@@ -29,9 +29,9 @@ from rattlesweep.errors import ConfigError, OutputError, one_line
 from rattlesweep.integrate.batch import Control, available_threads
 from rattlesweep.integrate.task import POLL, Task
 from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
-from rattlesweep.sweeps.job import Engine, Job, Keys, OutOfTime
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.provenance import versions
+from rattlesweep.sweeps.run import Engine, Job, Keys, OutOfTime
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -26,19 +26,17 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.cases import Case
     from rattlesweep.sweeps.stored import Stored
 
-FIRST = 400
-"""Samples of each case in the first wave: with fewer the intervals are too uncertain to stop on."""
-MORE = 0.1
-"""Samples of the next wave, as a share of those so far."""
+# Samples of each case in the first wave: with fewer the intervals are too uncertain to stop on;
+# and those of the next wave, as a share of those so far.
+FIRST, MORE = 400, 0.1
+# Quantile of the normal distribution for 97 %: a sweep that stops as soon as an interval of 95 % is
+# narrow enough stops too early now and then (`benchmarks/stopping.py`).
 Z = 2.1700903775845606
-"""Quantile of the normal distribution for 97 %.  A sweep that stops as soon as an interval of 95 %
-is narrow enough stops too early now and then; the margin makes up for it
-(`benchmarks/stopping.py`)."""
-MOST_POINTS = 10**8
-FEWEST = 5
-"""Values along an axis from which on some may be left out."""
+FEWEST = 5  # values along an axis from which on some may be left out
 FAILED = len(TYPES)
-"""Code of a run whose status is not ``ok``."""
+
+Sides = tuple[int, ...]
+Array = NDArray[Any]
 
 
 def decides(config: Config) -> str | None:
@@ -57,26 +55,19 @@ def decision(config: Config, cases: Sequence[Case], samples: int) -> Stopping | 
 
 
 class _Known:
-    """What is known of the runs: arrays of the shape (cases, samples).
-
-    Attributes
-    ----------
-    code : ndarray of int8
-        Place of the type in :data:`TYPES`, :data:`FAILED` where a run is not ok, -1 for no run.
-    value : ndarray
-        The column that is asked for, if one is.
+    """What is known of the runs: `code`, the place of the type in :data:`TYPES`, :data:`FAILED` or
+    -1 for no run, and `value`, the column that is asked for; arrays of the shape (cases, samples).
     """
 
     def __init__(self, shape: tuple[int, int], column: str | None) -> None:
         self.code = np.full(shape, -1, np.int8)
         self.value = np.full(shape if column else (0, 0), np.nan)
         self._column = column
-        names = ("case", "sample", "type", "status", *((column,) if column else ()))
-        self.columns = tuple(dict.fromkeys(names))
 
     def read(self, stored: Stored) -> None:
         """Take all rows of a directory."""
-        for rows in stored.batches(self.columns):
+        names = {"case", "sample", "type", "status"} | ({self._column} if self._column else set())
+        for rows in stored.batches(sorted(names)):
             self.add(rows)
 
     def add(self, rows: pa.RecordBatch | pa.Table) -> None:
@@ -110,12 +101,10 @@ class Stopping(_Known):
 
     def _are_known(self, cases: Integers, samples: int) -> Flags:
         """Return which cases so many samples tell enough about."""
-        code, stop = self.code[cases, :samples], self._stop
-        ok = (code < FAILED).sum(axis=1)
-        known = np.ones(len(cases), dtype=bool)
+        code, stop, known = self.code[cases, :samples], self._stop, np.ones(len(cases), bool)
         if stop.fraction is not None:
             for number in range(len(TYPES)):
-                low, high = wilson((code == number).sum(axis=1), ok, Z)
+                low, high = wilson((code == number).sum(axis=1), (code < FAILED).sum(axis=1), Z)
                 known &= (high - low) / 2 <= stop.fraction
         if stop.t_r is not None:
             reverses = code == R
@@ -141,51 +130,39 @@ class Refining(_Known):
         bodies, spin, losses = config.bodies, config.spin, config.dissipation
         assert isinstance(bodies, GridSource)
         assert bodies.refine is not None
-        refine = bodies.refine
         launches: dict[str, Sequence[float | None]] = {}
         if spin is not None:
             launches |= {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0}
         if losses:
             launches |= {name: losses.values(name) for name in ("sigma", "rolling")}
         self.shape = tuple(len(values) for values in (launches | bodies.varying).values())
-        if (points := math.prod(self.shape)) > MOST_POINTS:
-            raise ConfigError(
-                f"bodies.refine: the finest grid has {points} points; at most {MOST_POINTS} are "
-                "possible"
-            )
-        self.strides = strides(self.shape, refine.levels)
+        self.strides = strides(self.shape, bodies.refine.levels)
         if max(self.strides) == 1:
-            raise ConfigError(
-                f"bodies.refine: no axis has {FEWEST} values or more, so there is nothing to leave "
-                "out; the axes are those of the finest grid"
-            )
-        if refine.by not in runs_schema(config.parts, config.model).names:
-            raise ConfigError(
-                f"bodies.refine.by: there is no column {refine.by} in these runs; have it "
-                "recorded, or take another"
-            )
-        self._tol = refine.tol
-        super().__init__((len(cases), samples), None if refine.by == "type" else refine.by)
+            raise ConfigError(f"bodies.refine: no axis has {FEWEST} values or more to leave out")
+        by, self._tol = bodies.refine.by, bodies.refine.tol
+        if by not in runs_schema(config.parts, config.model).names:
+            raise ConfigError(f"bodies.refine.by: there is no column {by} in these runs")
+        super().__init__((len(cases), samples), None if by == "type" else by)
         # A directory may number its cases in another order than the axes.
         numbers = {tuple(getattr(case, name) for name in launches): case.index for case in cases}
         self._order = np.array([numbers[values] for values in product(*launches.values())])
 
-    def _grid(self, values: NDArray[Any]) -> NDArray[Any]:
+    def grid(self, values: Array) -> Array:
         """Return values by (case, sample) as an array along the axes."""
-        grid: NDArray[Any] = values[self._order].reshape(self.shape)
+        grid: Array = values[self._order].reshape(self.shape)
         return grid
 
-    def _runs(self, grid: NDArray[Any]) -> NDArray[Any]:
+    def runs(self, grid: Array) -> Array:
         """Return values along the axes by (case, sample)."""
         values = np.empty(self.code.shape, grid.dtype)
         values[self._order] = grid.reshape(len(self._order), -1)
         return values
 
     def wanted(self) -> Flags:
-        """Return which runs are wanted, as far as the rows so far tell.  Shape (cases, samples)."""
-        code, value = self._grid(self.code), self._grid(self.value) if self._column else None
+        """Return which runs are wanted, as far as the rows so far tell."""
+        code, value = self.grid(self.code), self.grid(self.value) if self._column else None
         wanted = np.zeros(self.shape, dtype=bool)
-        wanted[np.ix_(*map(ticks, self.shape, self.strides))] = True
+        wanted[np.ix_(*map(_ticks, self.shape, self.strides))] = True
         while not (code[wanted] < 0).any():
             before = wanted.copy()
             # Only what this wave and those before it have found counts.
@@ -193,61 +170,50 @@ class Refining(_Known):
             seen_value = None if value is None else np.where(before, value, np.nan)
             stride = self.strides
             while max(stride) > 1:
-                self._halve(stride, wanted, seen, seen_value)
-                stride = tuple(max(1, s // 2) if s == max(stride) else s for s in stride)
+                half = tuple(max(1, s // 2) if s == max(stride) else s for s in stride)
+                self._halve(stride, half, wanted, seen, seen_value)
+                stride = half
             if (wanted == before).all():
                 break
-        return self._runs(wanted)
-
-    def nearest(self, there: Flags) -> tuple[Integers, Integers]:
-        """Return case and sample of the run nearest to each among those that are `there`."""
-        index = nearest(self._grid(there), [stride > 1 for stride in self.strides])
-        number = self._grid(np.arange(there.size).reshape(there.shape))
-        case, sample = np.divmod(self._runs(number[tuple(index)]), there.shape[1])
-        return case, sample
+        return self.runs(wanted)
 
     def _halve(
-        self, stride: tuple[int, ...], wanted: Flags, code: NDArray[np.int8], value: Floats | None
+        self, stride: Sides, half: Sides, wanted: Flags, code: Array, value: Floats | None
     ) -> None:
         """Mark the points of the cells of these sides that are to be halved."""
-        at = [ticks(n, s) for n, s in zip(self.shape, stride, strict=True)]
+        at = [_ticks(n, s) for n, s in zip(self.shape, stride, strict=True)]
         refined = [axis for axis, s in enumerate(self.strides) if s > 1]
         most, least = code, np.where(code >= 0, code, np.int8(127))
         corners = code[np.ix_(*at)] >= 0
         for axis in refined:
-            most = _over(np.maximum, most, at[axis], axis)
-            least = _over(np.minimum, least, at[axis], axis)
-            corners = _ends(np.logical_and, corners, axis)
+            most, least = (_over(f, v, at[axis], axis)
+                           for f, v in ((np.maximum, most), (np.minimum, least)))  # fmt: skip
+            corners = _over(np.logical_and, corners, np.arange(len(at[axis])), axis)
         differs = most != least
         if value is not None:
-            differs |= self._bends(at, refined, value)
+            differs |= self._bends(at, refined, value[np.ix_(*at)])
         sides: list[tuple[Integers, ...]] = []
         for axis, cell in enumerate(np.nonzero(corners & differs)):
             low = at[axis][cell]
-            if axis not in refined:
+            if axis in refined:
+                high = at[axis][cell + 1]
+                sides.append((low, np.minimum(low + half[axis], high), high))
+            else:
                 sides.append((low,))
-                continue
-            high = at[axis][cell + 1]
-            half = max(1, stride[axis] // 2) if stride[axis] == max(stride) else stride[axis]
-            sides.append((low, np.minimum(low + half, high), high))
         for point in product(*sides):
             wanted[point] = True
 
-    def _bends(self, at: list[Integers], refined: list[int], values: Floats) -> Flags:
+    def _bends(self, at: list[Integers], refined: list[int], value: Floats) -> Flags:
         """Return which cells have a corner that lies off the line through its neighbours."""
-        value = values[np.ix_(*at)]
         bends = np.zeros(value.shape, dtype=bool)
         for axis in refined:
-            if len(at[axis]) < 3:
-                continue
             v, gaps = np.moveaxis(value, axis, -1), np.diff(at[axis])
-            left, right = gaps[:-1], gaps[1:]
+            left, right, middle = gaps[:-1], gaps[1:], v[..., 1:-1]
             line = (v[..., :-2] * right + v[..., 2:] * left) / (left + right)
-            middle = v[..., 1:-1]
             off = np.abs(middle - line) > self._tol * np.maximum(np.abs(middle), np.abs(line))
             np.moveaxis(bends, axis, -1)[..., 1:-1] |= off
         for axis in refined:
-            bends = _ends(np.logical_or, bends, axis)
+            bends = _over(np.logical_or, bends, np.arange(len(at[axis])), axis)
         return bends
 
 
@@ -257,25 +223,16 @@ def strides(shape: Sequence[int], levels: int) -> tuple[int, ...]:
                  for n in shape)  # fmt: skip
 
 
-def ticks(length: int, stride: int) -> Integers:
+def _ticks(length: int, stride: int) -> Integers:
     """Return every so many-th place along an axis, and the last."""
     return np.unique(np.append(np.arange(0, length, stride), length - 1))
 
 
-def _over(
-    function: np.ufunc, values: NDArray[np.int8], at: Integers, axis: int
-) -> NDArray[np.int8]:
-    """Return the most or the least of each cell along an axis, both ends included."""
+def _over(function: np.ufunc, values: Array, at: Integers, axis: int) -> Array:
+    """Reduce the values of each cell along an axis, both ends included."""
     inner = function.reduceat(values, at[:-1], axis=axis)
-    ends: NDArray[np.int8] = function(inner, np.take(values, at[1:], axis=axis))
-    return ends
-
-
-def _ends(function: np.ufunc, values: Flags, axis: int) -> Flags:
-    """Return both ends of each cell along an axis together."""
-    v = np.moveaxis(values, axis, 0)
-    both: Flags = np.moveaxis(function(v[:-1], v[1:]), 0, axis)
-    return both
+    reduced: Array = function(inner, np.take(values, at[1:], axis=axis))
+    return reduced
 
 
 def nearest(known: Flags, refined: Sequence[bool]) -> Integers:
@@ -286,16 +243,10 @@ def nearest(known: Flags, refined: Sequence[bool]) -> Integers:
     """
     from scipy.ndimage import distance_transform_edt
 
-    index = np.indices(known.shape)
-    axes = np.flatnonzero(refined)
-    others = (1 if own else n for own, n in zip(refined, known.shape, strict=True))
-    for place in np.ndindex(*others):
-        here = tuple(slice(None) if own else k for own, k in zip(refined, place, strict=True))
-        if known[here].any() and not known[here].all():
-            index[(axes, *here)] = distance_transform_edt(
-                ~known[here], return_distances=False, return_indices=True
-            )
-    return index
+    apart = np.where(refined, 1.0, 1e6)
+    index = distance_transform_edt(~known, apart, return_distances=False, return_indices=True)
+    some = known.any(axis=tuple(np.flatnonzero(refined)), keepdims=True)
+    return np.where(some, index, np.indices(known.shape))
 
 
 def nearest_rows(stored: Stored) -> Iterator[tuple[int, Integers]]:
@@ -307,5 +258,5 @@ def nearest_rows(stored: Stored) -> Iterator[tuple[int, Integers]]:
     refining.read(stored)
     there = refining.code >= 0
     row = np.where(there, np.cumsum(there).reshape(there.shape) - 1, -1)
-    for number, (case, sample) in enumerate(zip(*refining.nearest(there), strict=True)):
-        yield number, row[case, sample]
+    index = nearest(refining.grid(there), [stride > 1 for stride in refining.strides])
+    yield from enumerate(refining.runs(refining.grid(row)[tuple(index)]))

@@ -65,8 +65,9 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
                 stack.enter_context(hold(directory))
         here = Runs(output)
         with explained(f"cannot write in {output}"):
-            here.folder.mkdir(parents=True, exist_ok=True)
-        stack.enter_context(hold(output))
+            output.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(hold(output))
+            here.folder.mkdir(exist_ok=True)
         # A merge that was killed has left some files there.
         new = [
             path for directory in directories for path in Runs(directory).files()

@@ -22,58 +22,31 @@ from rattlesweep.sweeps.arrow import build_table, encode
 from rattlesweep.sweeps.block import columns_of, load_kernel, run_batch
 from rattlesweep.sweeps.cost import SEED, expected_cost, sample_keys
 from rattlesweep.sweeps.decide import decides
-from rattlesweep.sweeps.launches import Launches, make_batch, prepare
+from rattlesweep.sweeps.launches import make_batch, prepare
 from rattlesweep.sweeps.plan import Plan
 
-KNOWN = 20_000
-"""Runs whose expected cost is worked out."""
+KNOWN = 20_000  # runs whose expected cost is worked out
+# Runs of a first look, which tells the size of the pilot, and the steps of each at most; a run of
+# the pilot takes at most its budget over FIRST, and longer ones are cut.
 FIRST, FIRST_STEPS = 128, 20_000
-"""Runs of a first look, which tells the size of the pilot, and the steps of each at most."""
-LEAST, MOST = 256, 8_192
-"""Runs of the pilot; a run takes at most the budget over `FIRST`, and longer ones are cut."""
-FEW_OF, FEW_LIMIT = 100, 0.5
-"""A few runs take most of the time if one in a hundred takes half of it."""
-LANES = 8
-"""Lanes of a thread at the speed of which a run that is left alone goes on."""
-CONFIDENT = 1.96
+LEAST, MOST = 256, 8_192  # runs of the pilot
+LANES = 8  # lanes of a thread at the speed of which a run that is left alone goes on
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a sweep is expected to take on this machine, as busy as it is now.
-
-    Attributes
-    ----------
-    runs, threads : int
-    seconds : float
-        Time of the kernel for all runs; drawing bodies and compiling come on top.
-    low, high : float
-        Interval of 95 % of that; runs that the pilot could not follow to their end widen it.
-    longest : float
-        Time that the longest single run takes at most.
-    bytes : int
-        Size of the files.
-    share : float or None
-        Seconds of one of so many shares.
-    few : float or None
-        Share of the expected cost that one run in a hundred takes; None for fewer runs.
-    unseen : float
-        Share of the pilot's runs that were too long for it.
-    decides : str or None
-        Key by which the sweep leaves runs out; the figures are then those of all runs.
-    """
+    """What a sweep is expected to take on this machine, as busy as it is now."""
 
     runs: int
     threads: int
-    seconds: float
-    low: float
+    seconds: float  # of the kernel for all runs; drawing bodies and compiling come on top
+    low: float  # and high: interval of 95 %; runs that were too long for the pilot widen it
     high: float
-    longest: float
-    bytes: int
-    share: float | None
-    few: float | None
-    unseen: float
-    decides: str | None
+    longest: float  # seconds that the longest single run takes at most
+    bytes: int  # of the files
+    share: float | None  # seconds of one of so many shards
+    unseen: float  # share of the pilot's runs that were too long for it
+    decides: str | None  # key by which the sweep leaves runs out; the figures are those of all
 
     def as_data(self) -> dict[str, Any]:
         """Return the figures as JSON data."""
@@ -90,16 +63,6 @@ class Forecast:
         ]
         if self.share is not None:
             lines.append(f"a shard takes about {_time(self.share)}")
-        if self.few is not None and self.few >= FEW_LIMIT:
-            lines.append(
-                f"one run in a hundred takes {100 * self.few:.0f} % of the time, as t_rGH goes to "
-                "infinity with the skew to zero; horizon: {t_rgh: 5, t: ...} sets a limit"
-            )
-        if self.unseen > 0.05:
-            lines.append(
-                f"{100 * self.unseen:.0f} % of the pilot's runs were too long for it, so the time "
-                "may be anywhere in the interval"
-            )
         if self.decides:
             lines.append(f"{self.decides} leaves runs out; how many cannot be told before")
         return "\n".join(lines)
@@ -110,79 +73,60 @@ def forecast(
 ) -> Forecast:
     """Integrate some runs of a plan for about so many seconds, and say what all of them take.
 
-    `shards` is the number of shares of which the time of one is asked for.
+    `shards` is the number of shards of which the time of one is asked for.
     """
-    here = available_threads()
+    here, config = available_threads(), plan.config
     threads = threads or here
-    load_kernel(plan.config)
-    launches = _known(plan)
-    cost = expected_cost(launches, plan.config.model)
-    rng = np.random.default_rng(SEED)
+    load_kernel(config)
+    # Launches that stand for all.
+    cases, most_cases = np.arange(len(plan.cases)), KNOWN // 4
+    if len(cases) > most_cases:
+        cases = np.unique(np.linspace(0, len(cases) - 1, most_cases).astype(int))
+    each = max(4, KNOWN // len(cases))
+    if getattr(config.bodies, "target", None):
+        each = min(each, 400)  # each of these is drawn many times until it meets its target
+    launches = prepare(*sample_keys(plan, each, cases))
+    cost = expected_cost(launches, config.model)
     shares = cost / cost.sum() if cost.sum() > 0 else np.full(len(cost), 1 / len(cost))
+    rng = np.random.default_rng(SEED)
 
     def measure(count: int, most: int) -> tuple[Any, ...]:
-        """Return the runs drawn, how often each was, their steps, which were cut, and the rate."""
+        """Integrate runs, each drawn so often, of so many steps at most."""
         drawn, times = np.unique(rng.choice(len(cost), count, p=shares), return_counts=True)
-        table, steps, cut, rate = _integrate(plan, take(launches, drawn), here, most)
-        return table, times / count, steps / np.maximum(cost[drawn], 1e-300), cut, rate, steps
+        part, settings = take(launches, drawn), config.integrator
+        batch, outcome, start = make_batch(part, config.model), None, time.perf_counter()
+        steps, cut = np.ones(len(drawn)), np.zeros(len(drawn), bool)
+        if batch is not None:
+            capped = settings.model_copy(update={"max_steps": min(most, settings.max_steps)})
+            outcome = run_batch(config.model_copy(update={"integrator": capped}), batch, here)
+            steps, cut = np.maximum(outcome.n_steps, 1.0), outcome.status == Status.STEP_LIMIT
+        columns = columns_of(config, part, batch, outcome)
+        rate = float(steps.sum()) / max(time.perf_counter() - start, 1e-6)
+        table = build_table(columns, plan.schema)
+        return table, times / count, steps, steps / np.maximum(cost[drawn], 1e-300), cut, rate
 
-    *_, rate, steps = measure(FIRST, FIRST_STEPS)
+    _, _, steps, *_, rate = measure(FIRST, FIRST_STEPS)
     budget = max(rate * seconds, 1e4)
     count = int(np.clip(budget / max(float(steps.mean()), 1.0), LEAST, MOST))
-    table, weight, ratio, cut, rate, _ = measure(count, max(1_000, int(budget / FIRST)))
+    table, weight, _, ratio, cut, rate = measure(count, max(1_000, int(budget / FIRST)))
     # A run that was cut takes at most as many steps for its cost as one that has ended.
-    upper = np.where(cut, ratio.max(), ratio)
-    error = CONFIDENT * np.sqrt(float(weight @ (ratio - weight @ ratio) ** 2) / count)
-    each = float(cost.mean()) * plan.runs / (rate * threads / here)
-    low, high = each * max(0.0, float(weight @ ratio) - error), each * (weight @ upper + error)
-    middle = each * float(weight @ (ratio + upper)) / 2
-    few = None
-    if min(plan.runs, len(cost)) >= FEW_OF:
-        few = float(np.sort(shares)[::-1][: len(cost) // FEW_OF].sum())
-    # Of a heavy tail the largest of many draws grows with their number.
-    beyond = plan.runs / len(cost) if few is not None and few >= FEW_LIMIT else 1.0
+    upper, mean = np.where(cut, ratio.max(), ratio), float(weight @ ratio)
+    error = 1.96 * np.sqrt(float(weight @ (ratio - mean) ** 2) / count)
+    all_runs = float(cost.mean()) * plan.runs / (rate * threads / here)
+    low, high = all_runs * max(0.0, mean - error), float(all_runs * (weight @ upper + error))
+    middle = all_runs * float(weight @ (ratio + upper)) / 2
+    # Of a heavy tail, in which one run in a hundred takes half, the largest of many draws grows.
+    heavy = np.sort(shares)[::-1][: len(cost) // 100].sum() > 0.5
+    beyond = plan.runs / len(cost) if heavy else 1.0
     longest = float(cost.max() * ratio.max()) * beyond / (rate / (LANES * here))
     if plan.runs <= LEAST and not cut.any():
-        longest = min(longest, float(high))  # few runs leave lanes idle
-    return Forecast(
-        plan.runs, threads, middle, low, float(high), longest, _disk(table, plan.runs),
-        None if shards is None else max(middle / shards, longest), few, float(weight @ cut),
-        decides(plan.config),
-    )  # fmt: skip
-
-
-def _integrate(plan: Plan, launches: Launches, threads: int, most: int) -> tuple[Any, ...]:
-    """Return the rows of runs of so many steps at most, their steps, which were cut, the rate."""
-    config = plan.config
-    capped = {"max_steps": min(most, config.integrator.max_steps)}
-    limited = config.model_copy(update={"integrator": config.integrator.model_copy(update=capped)})
-    batch = make_batch(launches, config.model)
-    start = time.perf_counter()
-    outcome = None if batch is None else run_batch(limited, batch, threads=threads)
-    columns = columns_of(config, launches, batch, outcome)
-    seconds = max(time.perf_counter() - start, 1e-6)
-    steps, cut = np.ones(len(launches.n_i)), np.zeros(len(launches.n_i), bool)
-    if outcome is not None:
-        steps, cut = np.maximum(outcome.n_steps, 1.0), outcome.status == Status.STEP_LIMIT
-    return build_table(columns, plan.schema), steps, cut, float(steps.sum()) / seconds
-
-
-def _known(plan: Plan) -> Launches:
-    """Return launches that stand for all of a plan."""
-    cases = np.arange(len(plan.cases))
-    if len(cases) > KNOWN // 4:
-        cases = np.unique(np.linspace(0, len(cases) - 1, KNOWN // 4).astype(int))
-    each = max(4, KNOWN // len(cases))
-    if plan.config.bodies.source == "sd" and getattr(plan.config.bodies, "target", None):
-        each = min(each, 400)  # each of these is drawn many times until it meets its target
-    return prepare(*sample_keys(plan, each, cases))
-
-
-def _disk(table: pa.Table, runs: int) -> int:
-    """Return the size of a file of so many runs, from rows of some of them."""
+        longest = min(longest, high)  # few runs leave lanes idle
     half = len(table) // 2
-    whole, part = _encoded(table), _encoded(table.slice(0, half))
-    return int(whole + (runs - len(table)) * (whole - part) / (len(table) - half))
+    size, first = _encoded(table), _encoded(table.slice(0, half))
+    size += int((plan.runs - len(table)) * (size - first) / (len(table) - half))
+    share = None if shards is None else max(middle / shards, longest)
+    unseen, leaves = float(weight @ cut), decides(config)
+    return Forecast(plan.runs, threads, middle, low, high, longest, size, share, unseen, leaves)
 
 
 def _encoded(table: pa.Table) -> int:

@@ -27,13 +27,11 @@ from rattlesweep.errors import OutputError
 from rattlesweep.sweeps.files import explained, replace_file
 
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow")
-SESSIONS, LOCKS, WHOLE = "sessions", ".locks", "whole"
-NOTE_EVERY = 5.0
-"""Seconds between two notes of how far a session is."""
-PATIENCE = 0.5
-"""Seconds; a lock may be held for a moment by a process that only looks whether it is held."""
+SESSIONS, LOCKS, WHOLE, MANIFEST_LOCK = "sessions", ".locks", "whole", "manifest"
+NOTE_EVERY = 5.0  # seconds between two notes of how far a session is
+PATIENCE = 0.5  # seconds; who only looks whether a lock is held has it for a moment
+# Answers of file systems without locks, on which each process goes on as if it were alone.
 NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EINVAL)
-"""Answers of file systems without locks, on which each process goes on as if it were alone."""
 
 
 def package_version() -> str:
@@ -52,12 +50,8 @@ def machine() -> dict[str, Any]:
     from llvmlite import binding
 
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return {
-        "system": platform.system(),
-        "machine": platform.machine(),
-        "cpu": binding.get_host_cpu_name(),
-        "processors": allowed,
-    }
+    cpu, kind = binding.get_host_cpu_name(), platform.machine()
+    return {"system": platform.system(), "machine": kind, "cpu": cpu, "processors": allowed}
 
 
 def now() -> str:
@@ -129,6 +123,23 @@ def who(session: dict[str, Any]) -> str:
 
 
 @contextlib.contextmanager
+def manifest_lock(directory: Path) -> Iterator[None]:
+    """Let one process after the other begin or grow the sweep of a directory."""
+    lock = FileLock(directory / LOCKS / MANIFEST_LOCK)
+    with explained(f"cannot write in {directory}"):
+        (directory / LOCKS).mkdir(exist_ok=True)
+        try:
+            lock.acquire()
+        except OSError as error:
+            if error.errno not in NO_LOCKS:
+                raise
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+@contextlib.contextmanager
 def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
     """Hold a directory, or a shard such as ``shard-0-of-4``, and tidy up after dead processes.
 
@@ -166,10 +177,10 @@ def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
 
 
 def at_work(directory: Path, mine: str | None = None) -> list[str]:
-    """Return the locks that other processes hold, without waiting."""
+    """Return the locks that other processes hold, without waiting; not that on the manifest."""
     held = []
     for path in sorted((directory / LOCKS).glob("*")):
-        if path.name != mine:
+        if path.name not in (mine, MANIFEST_LOCK):
             try:
                 with FileLock(path).acquire(timeout=0):
                     continue

@@ -29,10 +29,9 @@ from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.files import explained
 
 FOLDER = "runs"
+# Keys of a file's metadata: hash of the sweep, thresholds behind the types, cases of the rows.
 SWEEP, TYPED, CASES = "rattlesweep.sweep", "rattlesweep.classify", "rattlesweep.cases"
-"""Keys of a file's metadata: hash of the sweep, thresholds behind the types, cases of the rows."""
-PIECE = 1_000_000
-"""Rows that are put in order at a time."""
+PIECE = 1_000_000  # rows that are put in order at a time
 
 
 @dataclass

@@ -43,17 +43,14 @@ class Status:
     def words(self) -> str:
         """The same for the terminal."""
         data = self.data
-        percent = 100 * data["runs"] / max(1, data["wanted"])
-        so_far = " wanted so far" if self.decides and not self.done else ""
-        lines = [
-            f"{self.name} in {self.directory}: {data['runs']:,} of {data['wanted']:,} runs"
-            f"{so_far} ({percent:.1f} %), {counted(data['files'], 'file')}, "
-            f"{data['bytes'] / 1e6:.1f} MB"
-        ]
+        runs = f"{data['runs']:,} of {data['wanted']:,} runs"
+        runs += " wanted so far" if self.decides and not self.done else ""
+        share, size = data["runs"] / max(1, data["wanted"]), f"{data['bytes'] / 1e6:.1f} MB"
+        files = counted(data["files"], "file")
+        lines = [f"{self.name} in {self.directory}: {runs} ({100 * share:.1f} %), {files}, {size}"]
         for what in ("status", "types"):
-            if data[what]:
-                counts = ", ".join(f"{word} {count:,}" for word, count in data[what].items())
-                lines.append(f"{what}: {counts}")
+            counts = ", ".join(f"{word} {count:,}" for word, count in data[what].items())
+            lines += [f"{what}: {counts}"] if counts else []
         for session in data["at_work"]:
             line = f"at work: {session['shard'] or 'the whole sweep'}, {who(session)}"
             if progress := session.get("progress"):

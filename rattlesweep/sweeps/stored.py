@@ -29,7 +29,7 @@ from rattlesweep.sweeps.config.read import (
 )
 from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import explained, reason, replace_file
-from rattlesweep.sweeps.provenance import LOCKS, command_line, machine, now, versions
+from rattlesweep.sweeps.provenance import LOCKS, at_work, command_line, machine, now, versions
 from rattlesweep.sweeps.rows import FOLDER, TYPED, Runs
 
 if TYPE_CHECKING:
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
 MANIFEST, SUMMARY = "manifest.json", "summary.parquet"
 FORMAT = 3
-OURS = ("runs", "sessions", MANIFEST, SUMMARY)
 
 
 @dataclass(frozen=True)
@@ -224,6 +223,11 @@ def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> 
         keys = ("cases", "samples") if shard else ("cases", "samples", "config")
         if all(data[key] == there.manifest[key] for key in keys):
             return there
+        # A shard that works on has the smaller sweep in mind, and would leave its summary.
+        if others := at_work(directory, shard) if shard else []:
+            raise OutputError(
+                f"{directory}: {others[0]} is at work; the sweep can grow when it has ended"
+            )
         data["started"] = there.manifest["started"]
     remove_summary(directory)  # it is of the smaller sweep
     write_manifest(directory, data)
@@ -236,29 +240,19 @@ def write_manifest(directory: Path, data: dict[str, Any]) -> None:
     replace_file(directory / MANIFEST, text.encode() + b"\n")
 
 
-def check_empty(directory: Path, ours: Sequence[str] = OURS) -> None:
-    """Raise a ConfigError if a directory holds files that are no part of a sweep.
-
-    Where a sweep has worked, figures may lie beside it.
-    """
+def check_empty(directory: Path) -> None:
+    """Raise a ConfigError if a directory holds files and no sweep has worked there."""
+    if directory.is_file():
+        raise ConfigError(f"{directory}: is a file; give the path of a directory")
     if not directory.exists() or (directory / LOCKS).is_dir():
         return
     with explained(f"cannot read {directory}"):
         names = sorted(path.name for path in directory.iterdir())
     # Bodies from memory are kept before the sweep begins.
-    other = [n for n in names if n not in ours and not n.startswith((".", "bodies-"))]
-    if other:
+    if foreign := [name for name in names if not name.startswith((".", "bodies-"))]:
         raise ConfigError(
-            f"{directory}: holds other files, such as {other[0]}; give an empty or new directory"
+            f"{directory}: holds other files, such as {foreign[0]}; give an empty or new directory"
         )
-
-
-def check_removable(directory: Path) -> None:
-    """Raise a ConfigError if a directory holds files and no sweep has worked there."""
-    try:
-        open_stored(directory)
-    except (ConfigError, DamagedError):
-        check_empty(directory, ours=())
 
 
 def start_over(directory: Path) -> None:

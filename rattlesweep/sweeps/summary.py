@@ -24,8 +24,8 @@ def count_cases(stored: Stored) -> Counts:
     """Return the runs of a sweep on disk, counted by case.
 
     In a refined sweep each run counts for all points of the finest grid that it is the nearest one
-    to, in the case of the point: runs lie close where types differ, so that plain shares would be
-    those of the boundaries.  ``runs`` and ``failed`` count what was done.
+    to, in the case of the point: plain shares would be those of the boundaries.  ``runs`` and
+    ``failed`` count what was done.
     """
     cases, names = len(stored.cases), ("case", *columns_for(stored.config))
     counts = Counts(cases)
@@ -48,24 +48,14 @@ def summarise(stored: Stored) -> pa.Table:
 
 def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     """Return the summary of cases whose runs are counted."""
-
-    def known(there: bool, values: Any, kind: pa.DataType | None = None) -> Any:
-        return values if there else pa.nulls(len(cases), kind or pa.float64())
-
-    def told(name: str) -> Any:
-        return pa.array([getattr(case, name) for case in cases], pa.float64())
-
+    schema, ok = summary_schema(), counts.ok
     columns: dict[str, Any] = {
         name: pa.array([c.target if c.target_name == name else None for c in cases], pa.float64())
         for name in ("K_p", "K_r")
     }
-    columns |= {name: told(name) for name in ("n_i", "omega_xy0", "sigma", "rolling")}
-    columns |= {f"fraction_{name}": share(part, counts.ok) for name, part in counts.types.items()}
-    columns |= {} if counts.has_losses else {"fraction_D": known(False, None)}
-    columns |= {
-        name: known(counts.has_contact, share(part, counts.ok))
-        for name, part in counts.contact.items()
-    }
+    for name in ("n_i", "omega_xy0", "sigma", "rolling"):
+        columns[name] = pa.array([getattr(case, name) for case in cases], pa.float64())
+    columns |= {f"fraction_{name}": share(part, ok) for name, part in counts.types.items()}
     columns |= {
         "case": np.arange(len(cases)),
         "runs": counts.runs,
@@ -77,11 +67,15 @@ def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
         "t_r_over_t_rgh_sem": counts.ratio.errors(),
         "failed": counts.failed,
         "near_tangencies": counts.near_tangencies,
-        "sensitive": known(counts.has_errors, counts.sensitive, pa.int64()),
-        "unsure": known(counts.has_errors, counts.unsure, pa.int64()),
         "t_r_mean_error": counts.t_r_error.means(),
     }
-    return build_table(columns, summary_schema())
+    if counts.has_errors:
+        columns |= {"sensitive": counts.sensitive, "unsure": counts.unsure}
+    if counts.has_contact:
+        columns |= {name: share(part, ok) for name, part in counts.contact.items()}
+    for field in schema:  # what the sweep does not record
+        columns.setdefault(field.name, pa.nulls(len(cases), field.type))
+    return build_table(columns, schema)
 
 
 def read_summary(stored: Stored) -> pa.Table:
@@ -107,26 +101,16 @@ def same_summary(one: pa.Table, other: pa.Table) -> bool:
 
 # Columns of the summary, with their headings and formats for the terminal.
 _SHOWN = {
-    "n_i": ("n_i", ".4g"),
-    "omega_xy0": ("omega_xy0", ".4g"),
-    "sigma": ("sigma", ".4g"),
-    "rolling": ("rolling", ".4g"),
-    "runs": ("runs", "d"),
-    "fraction_R": ("R", ".3f"),
-    "fraction_SS": ("SS", ".3f"),
-    "fraction_SW": ("SW", ".3f"),
-    "fraction_unclassified": ("unclassified", ".3f"),
-    "fraction_D": ("D", ".3f"),
-    "fraction_bondi": ("beyond Bondi", ".3f"),
-    "t_r_mean": ("mean t_r", ".5g"),
-    "t_r_over_t_rgh_mean": ("mean t_r/t_rGH", ".4f"),
-    "sensitive": ("sensitive", "d"),
-    "unsure": ("type unsure", "d"),
-    "share_friction_above_0_3": ("friction > 0.3", ".3f"),
-    "share_friction_above_0_6": ("friction > 0.6", ".3f"),
-    "share_lift_off": ("lift-off", ".3f"),
+    "n_i": ("n_i", ".4g"), "omega_xy0": ("omega_xy0", ".4g"),
+    "sigma": ("sigma", ".4g"), "rolling": ("rolling", ".4g"), "runs": ("runs", "d"),
+    "fraction_R": ("R", ".3f"), "fraction_SS": ("SS", ".3f"), "fraction_SW": ("SW", ".3f"),
+    "fraction_unclassified": ("unclassified", ".3f"), "fraction_D": ("D", ".3f"),
+    "fraction_bondi": ("beyond Bondi", ".3f"), "t_r_mean": ("mean t_r", ".5g"),
+    "t_r_over_t_rgh_mean": ("mean t_r/t_rGH", ".4f"), "sensitive": ("sensitive", "d"),
+    "unsure": ("type unsure", "d"), "share_friction_above_0_3": ("friction > 0.3", ".3f"),
+    "share_friction_above_0_6": ("friction > 0.6", ".3f"), "share_lift_off": ("lift-off", ".3f"),
     "failed": ("failed", "d"),
-}
+}  # fmt: skip
 
 
 def absent_columns(summary: pa.Table) -> set[str]:
@@ -137,19 +121,13 @@ def absent_columns(summary: pa.Table) -> set[str]:
 
 
 def closing_table(summary: pa.Table) -> str:
-    """Lay a summary out as an aligned text table about 120 characters wide.
-
-    The means are over type R, the second of the ratio of each run; "beyond Bondi" and "friction >
-    0.3" are shares of runs. What a case has nothing of is "-"; what no case has is left out.
-    """
+    """Lay a summary out as an aligned text table; what a case has nothing of is "-"."""
     absent = absent_columns(summary)
     shown = {name: how for name, how in _SHOWN.items() if name not in absent}
     lines = [["case", "target", *(heading for heading, _ in shown.values())]]
     for row in summary.to_pylist():
         targets = [f"{k}={row[k]:.4g}" for k in ("K_p", "K_r") if row[k] is not None]
-        values = [
-            "-" if row[name] is None else format(row[name], form)
-            for name, (_, form) in shown.items()
-        ]
-        lines.append([str(row["case"]), *(targets or ["-"]), *values])
+        values = ((row[name], form) for name, (_, form) in shown.items())
+        cells = ("-" if value is None else format(value, form) for value, form in values)
+        lines.append([str(row["case"]), *(targets or ["-"]), *cells])
     return align(lines)

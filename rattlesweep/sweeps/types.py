@@ -1,12 +1,10 @@
 """Types of runs: R, SS, SW, unclassified (the paper, "Steady initial spin direction"), and D.
 
-R: the spin reached zero by the horizon.  D: too little energy is left for anything more; a zero of
-the spin after that is no reversal.  Otherwise SS: the amplitude of the relevant oscillation decayed
-monotonically.  Otherwise SW: the spin left its plateau.  Otherwise unclassified.
-
-The last questions are answered by two stored numbers, so that runs can be typed again without
-integrating: ``amp_growth``, the largest ratio of the amplitude in a window to its smallest value in
-an earlier window, minus 1, and ``n_departure``, the largest fractional loss of spin.
+R: the spin reached zero by the horizon.  D: too little energy is left for anything more.  Otherwise
+SS: the amplitude of the relevant oscillation decayed monotonically.  Otherwise SW: the spin left
+its plateau.  These follow from stored numbers, so that runs can be typed again: ``amp_growth``, the
+largest ratio of a window's amplitude to the smallest of an earlier one, minus 1, and
+``n_departure``, the largest fractional loss of spin.
 """
 
 from __future__ import annotations
@@ -21,9 +19,6 @@ from rattlesweep.sweeps.config.schema import Classify
 
 TYPES = ("R", "SS", "SW", "unclassified", "D")
 R, SS, SW, UNCLASSIFIED, DEAD = range(5)
-COLUMNS = ("status", "t_r", "amp_growth", "n_departure", "energy_left", "amp_growth_error",
-           "n_departure_error")  # fmt: skip
-"""Columns that types follow from; the last three where there are such."""
 LEAST_GROWTH = 10.0
 """Between the growth that no chaos is needed for and that of chaos; see docs/dynamics.md."""
 
@@ -38,8 +33,7 @@ def classify(
 ) -> NDArray[np.int8]:
     """Return the places of types in :data:`TYPES`; -1 where a run is not ok.
 
-    The arguments are the columns of these names, NaN for null.  A run too short for two windows has
-    no ``amp_growth`` and cannot be SS.
+    The arguments are columns, NaN for null: a run too short for two windows has no ``amp_growth``.
     """
     dead = np.zeros(ok.shape, bool) if energy_left is None else energy_left < thresholds.dead_energy
     steady, leaves = amp_growth <= thresholds.ss_growth, n_departure > thresholds.sw_departure
@@ -57,7 +51,7 @@ def sure_types(
     """Return whether types survive errors of this size.
 
     `observed` are ``amp_growth`` and ``n_departure``, `errors` those of their columns; of a run of
-    type R or D only `reversal_sure` counts, whether it is certain that it reverses or does not.
+    type R or D only `reversal_sure` counts.
     """
     (growth, departure), (growth_error, departure_error) = observed, errors
     beyond = np.abs(growth - thresholds.ss_growth)
@@ -76,17 +70,20 @@ def sure_types(
 
 def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
     """Return stored runs with the types that their numbers give, and whether these are sure."""
-    names = rows.schema.names
-    of = {name: rows.column(name).to_numpy() for name in COLUMNS if name in names}
-    observed = of["amp_growth"], of["n_departure"]
-    ok = of["status"] == "ok"
-    codes = classify(ok, of["t_r"], *observed, thresholds, of.get("energy_left"))
+
+    def column(name: str) -> Floats:
+        values: Floats = rows.column(name).to_numpy()
+        return values
+
+    observed = column("amp_growth"), column("n_departure")
+    left = column("energy_left") if "energy_left" in rows.schema.names else None
+    codes = classify(column("status") == "ok", column("t_r"), *observed, thresholds, left)
     indices = pa.array(codes, mask=codes < 0)
     changed = {"type": pa.DictionaryArray.from_arrays(indices, pa.array(TYPES)).cast(pa.string())}
-    if "type_sure" in names:
+    if "type_sure" in rows.schema.names:
         # Whether a reversal is certain does not depend on thresholds.
         before = pc.fill_null(rows.column("type_sure"), False).to_numpy()
-        errors = of["amp_growth_error"], of["n_departure_error"]
+        errors = column("amp_growth_error"), column("n_departure_error")
         sure = sure_types(codes, before, observed, errors, thresholds)
         changed["type_sure"] = pa.array(sure, mask=codes < 0)
     for name, values in changed.items():
@@ -99,7 +96,7 @@ def is_chaotic(lyapunov_late: ArrayLike, t_end: ArrayLike) -> Flags:
     """Return whether differences grow by more than e^10 in the second half of a run.
 
     An almost periodic run doubles them there at most; the instability by which wobbling sets in
-    multiplies them by some hundreds.  False where ``lyapunov_late`` is not known.
+    multiplies them by some hundreds.  False where ``lyapunov_late`` is NaN.
     """
     growth = np.asarray(lyapunov_late, dtype=float) * np.asarray(t_end, dtype=float) / 2
     return np.asarray(growth > LEAST_GROWTH)

@@ -123,14 +123,6 @@ def test_a_stored_number_that_is_not_what_comes_out_is_told(sweep, tmp_path):
         rs.replay(gone, one.case, one.sample)
 
 
-def test_a_sweep_typed_again_is_replayed(sweep, tmp_path):
-    output = edited(sweep, tmp_path / "out", lambda table: table)
-    assert invoke("classify", output, "--set", "classify.sw_departure=0.9").exit_code == 0
-    source = Replay(output)
-    for row in rows(output).itertuples():
-        source.prove(source.find(row.case, row.sample))
-
-
 @pytest.mark.parametrize("model", ["gh", pytest.param("reduced", marks=pytest.mark.slow)])
 def test_other_models_are_replayed_too(tmp_path, model):
     output, table = tmp_path / "out", tmp_path / "run.csv"
@@ -179,4 +171,4 @@ def test_rows_may_begin_late(sweep, tmp_path):
     assert invoke(*which, "--from-time", 20, "--figure", figure).exit_code == 0
     for bad in (-1, 30, "nan"):
         refused = invoke(*which, "--from-time", bad)
-        assert_refused(refused, 2, f"from_time {bad}: rows begin at 0 or later, before t_end = 30")
+        assert_refused(refused, 2, f"from_time {bad}")

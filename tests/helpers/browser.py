@@ -119,14 +119,11 @@ class Browser:
         """Let the page draw what has changed."""
         self.run("new Promise((f) => requestAnimationFrame(() => requestAnimationFrame(f)))")
 
-    def size(self, width: int, height: int, *, dark: bool = False, still: bool = False) -> None:
-        """Size of the window and what its owner prefers."""
+    def size(self, width: int, height: int) -> None:
+        """Size of the window, of an owner who wants no motion."""
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height,
                   deviceScaleFactor=1, mobile=False)  # fmt: skip
-        features = [
-            {"name": "prefers-color-scheme", "value": "dark" if dark else "light"},
-            {"name": "prefers-reduced-motion", "value": "reduce" if still else "no-preference"},
-        ]
+        features = [{"name": "prefers-reduced-motion", "value": "reduce"}]
         self.call("Emulation.setEmulatedMedia", features=features)
 
     def open(self, path: Path, ready: str = "globalThis.show && true") -> None:
@@ -136,16 +133,13 @@ class Browser:
             f"document.readyState === 'complete' && location.protocol === 'file:' && {ready}"
         )
 
-    def key(self, key: str, code: str | None = None, *, shift: bool = False) -> None:
+    def key(self, key: str, code: str | None = None) -> None:
         """Press and release a key."""
-        more: dict[str, Any] = {"key": key, "code": code or key, "modifiers": 8 * shift}
-        codes = {" ": 32, "Home": 36, "End": 35, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39,
-                 "ArrowDown": 40, "Tab": 9, "Enter": 13}  # fmt: skip
+        more: dict[str, Any] = {"key": key, "code": code or key}
+        codes = {" ": 32, "Home": 36, "End": 35, "ArrowLeft": 37, "ArrowRight": 39}
         more["windowsVirtualKeyCode"] = codes.get(key, ord(key[0].upper()))
         if len(key) == 1:
             more["text"] = key
-        if key == "Enter":
-            more["text"] = "\r"
         self.call("Input.dispatchKeyEvent", type="keyDown", **more)
         more.pop("text", None)
         self.call("Input.dispatchKeyEvent", type="keyUp", **more)
@@ -160,16 +154,11 @@ class Browser:
         )
         return x, y
 
-    def mouse(self, *places: tuple[float, float]) -> None:
-        """Press at the first place, go through the others, release at the last."""
-        (x, y), *_ = places
-        self.call("Input.dispatchMouseEvent", type="mousePressed", x=x, y=y, button="left",
-                  buttons=1, clickCount=1)  # fmt: skip
-        for x, y in places[1:]:
-            self.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y, button="left",
-                      buttons=1)  # fmt: skip
-        self.call("Input.dispatchMouseEvent", type="mouseReleased", x=x, y=y, button="left",
-                  buttons=0, clickCount=1)  # fmt: skip
+    def mouse(self, place: tuple[float, float]) -> None:
+        """Press and release at a place."""
+        for kind, buttons in (("mousePressed", 1), ("mouseReleased", 0)):
+            self.call("Input.dispatchMouseEvent", type=kind, x=place[0], y=place[1],
+                      button="left", buttons=buttons, clickCount=1)  # fmt: skip
 
     def click(self, selector: str) -> None:
         """Click on an element."""

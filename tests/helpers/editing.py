@@ -17,11 +17,8 @@ def edited(source: Path, target: Path, change: Callable[[pa.Table], pa.Table]) -
     for path in sorted((target / "runs").glob("*.parquet")):
         table = pq.ParquetFile(path).read()
         rows = change(table)
-        metadata = {**(table.schema.metadata or {})}
-        if len(rows):
-            pq.write_table(rows.replace_schema_metadata(metadata), path, write_page_checksum=True)
-        else:
-            path.unlink()
+        rows = rows.replace_schema_metadata(table.schema.metadata)
+        pq.write_table(rows, path, write_page_checksum=True) if len(rows) else path.unlink()
     return target
 
 

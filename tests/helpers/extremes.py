@@ -145,9 +145,6 @@ COARSE = (
     (Case("phi 1e-4", LONG_ROLL, 0.1, 0.01, 7.0), "R", (0.002, 0.01, 0.03, 0.07, 0.1, 0.2, 1.0)),
 )  # fmt: skip
 
-TOLERANCE_CASES = [REFERENCE[k] for k in (0, 8, 33, 35, 38)]
-TOLERANCES = [(c, tol) for c in TOLERANCE_CASES for tol in (1e-13, 1e-14, 1e-15)]
-
 # Bodies launched so that the spin swings through zero: the first touches are searched for.
 GRAZING = (
     ("GH", gh(), 0.1, 1),
@@ -156,7 +153,6 @@ GRAZING = (
     ("theta 0.95", gh(theta=0.95), 0.1, 1),
     ("xi -20 deg", gh(xi=-20.0), 0.1, 1),
 )
-BESIDE = (-1e-3, -1e-7, -1e-9, -1e-11, -1e-13, 1e-13, 1e-11, 1e-7)
 
 
 def touches(body, omega_xy0, direction, count=2, t_end=20.0):
@@ -181,16 +177,6 @@ def touches(body, omega_xy0, direction, count=2, t_end=20.0):
             low, high = grid[j], grid[j + 1]
         found.append(direction * low)
     return found
-
-
-def pairs(grazing=GRAZING, count=2):
-    """Cases beside the touches, from a thousandth to 1e-13 of the spin away."""
-    return [
-        Case(f"{name}, touch {k + 1}, {away:+.0e}", body, n * (1 + away), omega, 20.0)
-        for name, body, omega, direction in grazing
-        for k, n in enumerate(touches(body, omega, direction, count))
-        for away in BESIDE
-    ]
 
 
 @dataclass

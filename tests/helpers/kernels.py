@@ -4,17 +4,20 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numba import njit
 
+from rattlesweep import arrays
 from rattlesweep.integrate import batch
 from rattlesweep.integrate.lanes import build as built
 from rattlesweep.integrate.lanes import step as stages
-from rattlesweep.integrate.lanes.lane import LANES, Layout
-from rattlesweep.integrate.model import FULL, MODELS
+from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, launch, reduced, steady, theory
 from rattlesweep.physics.body import PARAMETERS
 
 N_WINDOWS = 64
+# Rows of a batch, or of an outcome.
+take = pick = arrays.take
 
 
 def methods(*quick):
@@ -88,37 +91,18 @@ def reduced_batch(body, n_i, e_p, e_r, t_end=1000.0):
     )
 
 
-def take(runs, which):
-    """The runs ``which`` of a batch, in that order."""
-    parts = {name: value[which] if len(value) else value for name, value in vars(runs).items()}
-    return batch.Batch(**{name: np.ascontiguousarray(value) for name, value in parts.items()})
-
-
 def join(*batches):
     """Batches one after another."""
-    names = vars(batches[0])
-    return batch.Batch(
-        **{name: np.concatenate([getattr(b, name) for b in batches]) for name in names}
-    )
-
-
-def columns(outcome):
-    """The arrays of an outcome by name."""
-    return {name: value for name, value in vars(outcome).items() if name != "stopped"}
+    parts = zip(*(vars(each).values() for each in batches), strict=True)
+    return batch.Batch(*map(np.concatenate, parts))
 
 
 def assert_same(a, b, skip=()):
     """Every column of two outcomes is the same, bit for bit."""
-    for name, value in columns(a).items():
-        if name not in skip:
+    for name, value in vars(a).items():
+        if name not in (*skip, "stopped"):
             other = getattr(b, name)
             assert (value.shape, value.tobytes()) == (other.shape, other.tobytes()), name
-
-
-def pick(outcome, which):
-    """The rows ``which`` of an outcome."""
-    parts = {name: v[which] if len(v) else v for name, v in columns(outcome).items()}
-    return batch.Outcome(**parts, stopped=outcome.stopped)
 
 
 def mode_energies(body, n_i, omega_xy0):
@@ -133,32 +117,9 @@ def mode_energies(body, n_i, omega_xy0):
 @cache
 def attempt(method, model):
     """The generated step of a method and a model, compiled by its first call."""
-    return stages.compile_attempt(METHODS[method], MODELS[model])
+    return njit(**stages.OPTIONS)(stages.write_attempt(METHODS[method], MODELS[model]))
 
 
 def problem(method, model):
     """What the kernel of a method and a model is compiled for."""
     return built.problem_of(MODELS[model], METHODS[method].adaptive)
-
-
-def workspace(method, model, lanes=LANES):
-    """A lane workspace, flat and as (row, lane), and its layout; at rest with GH-like numbers."""
-    layout = Layout.of(MODELS[model])
-    rows = layout.rows(METHODS[method], MODELS[model])
-    flat = built.aligned(1, rows * lanes)[0][: rows * lanes]
-    return flat, flat.reshape(rows, lanes), layout
-
-
-def lane_steps(method, constants, y0, h, steps):
-    """Steps of the generated code alone, all lanes alike; the state after them."""
-    flat, rows, at = workspace(method, "full")
-    n = FULL.n_state
-    rows[at.constants : at.constants + FULL.n_constants] = np.reshape(constants, (-1, 1))
-    rows[at.y : at.y + n] = np.reshape(y0, (-1, 1))
-    rows[at.f : at.f + n] = np.reshape(full.rhs(*y0, *constants), (-1, 1))
-    rows[at.h] = h
-    for _ in range(steps):
-        attempt(method, "full")(problem(method, "full"), flat, 1.0)
-        rows[at.y : at.y + 2 * n] = rows[at.y1 : at.y1 + 2 * n]
-    assert (rows[at.y : at.y + n] == rows[at.y : at.y + n, :1]).all()
-    return rows[at.y : at.y + n, 0].copy()

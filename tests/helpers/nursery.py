@@ -18,7 +18,7 @@ from typing import Any
 from syscalls import Calls
 
 from rattlesweep import cli
-from rattlesweep.sweeps import job
+from rattlesweep.sweeps import run as runner
 
 ROWS = 6
 """Runs of a block, so that small sweeps have several files."""
@@ -86,7 +86,7 @@ def _prepare(order: dict[str, Any]) -> None:
     # A kill of the process takes nothing from the system's memory: whether that is on the disk
     # is a question of power cuts, and costs most of the time.
     os.fsync = os.fstat  # type: ignore[assignment]
-    job.MOST_ROWS, job.GRACE = order.get("rows", ROWS), order.get("grace", job.GRACE)
+    runner.MOST_ROWS, runner.GRACE = order.get("rows", ROWS), order.get("grace", runner.GRACE)
     if "hold" in order:
         _hold(order["hold"])
     if "calls" in order:
@@ -95,7 +95,7 @@ def _prepare(order: dict[str, Any]) -> None:
 
 def _hold(blocks: int) -> None:
     """Let so many blocks pass, and the others wait for SIGUSR1 or a stop."""
-    honest, passed, released = job.compute, [], []
+    honest, passed, released = runner.compute, [], []
     signal.signal(signal.SIGUSR1, lambda *_: released.append(True))
 
     def held(config: Any, schema: Any, prepared: Any, threads: int, control: Any) -> Any:
@@ -106,7 +106,7 @@ def _hold(blocks: int) -> None:
         passed.append(None)
         return honest(config, schema, prepared, threads, control)
 
-    job.compute = held  # type: ignore[assignment]
+    runner.compute = held  # type: ignore[assignment]
 
 
 if __name__ == "__main__":

@@ -8,14 +8,6 @@ import reference
 from extremes import GH, Case, ask, errors, refer
 from mpmath import mp
 
-
-def cases(every, quick):
-    """Parametrise ``case``; slow but for the one named ``quick``."""
-    marks = [[] if case.name == quick else [pytest.mark.slow] for case in every]
-    every = [pytest.param(c, marks=m, id=c.name) for c, m in zip(every, marks, strict=True)]
-    return pytest.mark.parametrize("case", every)
-
-
 # --- the reference itself -------------------------------------------------------------------------
 
 
@@ -29,32 +21,13 @@ def test_the_reference_has_the_equations_of_the_oracle():
         assert found.astype(float) == pytest.approx(oracle.rhs(0.0, y, GH), abs=1e-12)
 
 
-def test_the_reference_converges_with_its_order():
-    case = Case("", GH, 0.1, 0.01, 10.0)
-    answer = ask([case])
-    ends = [refer([case], answer, share).y_end.astype(float) for share in (8.0, 4.0, 0.5)]
-    off = [np.abs(y - ends[2]).max() for y in ends[:2]]
-    assert 2**12 < off[0] / off[1] < 2**20
-
-
-EXACT = (
-    Case("GH", GH, 0.01, 0.3, 3.0),
-    Case("phi 1e-4", extremes.LONG_ROLL, 0.01, 0.01, 0.25),
-    Case("theta 1 - 1e-9", extremes.FLAT, 0.003, 0.1, 3.0),
-    Case("n_i 50", GH, 50.0, 0.001, 0.3),
-    Case("omega_xy0 3", GH, -0.5, 3.0, 1.0),
-)
-
-
-@cases(EXACT, quick="omega_xy0 3")
-def test_forty_digits_confirm_the_reference_and_the_product(case):
+def test_forty_digits_confirm_the_reference_and_the_product():
+    case = Case("omega_xy0 3", GH, -0.5, 3.0, 1.0)
     answer = ask([case], {"tol": 1e-12})
     found = refer([case], answer, 0.5)
     with mp.workdps(40):
-        exact = refer([case], answer, 0.5 if case.t_end < 1 else 1.0, exact=True)
+        exact = refer([case], answer, 1.0, exact=True)
     assert found.y_end.astype(float) == pytest.approx(exact.y_end.astype(float), abs=1e-14)
-    off = abs(float(found.t_r[0]) / float(exact.t_r[0]) - 1)
-    assert off < 1e-15 or np.isnan(off)
     assert max(errors(case, answer[0], exact, 0)) < 1e-11
 
 
@@ -92,18 +65,6 @@ def test_extremes_agree_with_the_reference():
 
 
 @pytest.mark.slow
-def test_tolerances_below_double_precision_agree_or_say_so():
-    cases = extremes.TOLERANCE_CASES
-    rows = extremes.against_reference(cases)
-    fine = refer(cases, [answers[0] for _, answers, *_ in rows], 0.5)
-    for case, tol in extremes.TOLERANCES:
-        [answer] = ask([case], {"tol": tol}, max_steps=10_000_000)
-        assert answer.status in ("ok", "step_too_small", "step_limit")
-        if answer.status == "ok":
-            assert max(errors(case, answer, fine, cases.index(case))) < 1e-9, (case, tol)
-
-
-@pytest.mark.slow
 def test_long_horizons_have_the_exact_growth():
     rows = extremes.against_growth(extremes.LINEAR)
     for case, answers, exponent, off in rows:
@@ -136,7 +97,7 @@ def test_an_overdamped_roll_is_ss(case):
     assert answer.type == "SS"
 
 
-@cases(extremes.SATURATED, quick=extremes.SATURATED[1].name)
+@pytest.mark.parametrize("case", extremes.SATURATED[:2], ids=lambda c: c.name)
 def test_a_spin_that_wobbles_is_sw_at_any_horizon(case):
     [answer] = ask([case])
     assert answer.n_departure > 0.1
@@ -160,34 +121,6 @@ def test_rk4_with_a_long_step_agrees_or_says_so(case, kind, dt):
 
 
 # --- close pairs of zeros -------------------------------------------------------------------------
-
-
-def check_pairs(cases):
-    answers = [ask(cases, {"tol": tol}) for tol in extremes.TOLS]
-    fine = refer(cases, answers[0], 0.5)
-    missed = np.zeros(2, dtype=int)
-    for k, case in enumerate(cases):
-        for i, (found, tol) in enumerate(zip(answers, extremes.TOLS, strict=True)):
-            answer = found[k]
-            assert answer.status == "ok"
-            assert np.isfinite(answer.t_r)
-            wrong = errors(case, answer, fine, k)[0]
-            if wrong > 1e-3:
-                # Another zero: only where the method cannot tell, and then it is counted.
-                missed[i] += 1
-                away = abs(float(case.name.rsplit(",", 1)[1]))
-                assert answer.near_tangencies > 0, case
-                assert away < tol, (case, tol)
-                continue
-            # Near a touch the spin passes zero with a rate like the square root of the distance.
-            away = abs(float(case.name.rsplit(",", 1)[1]))
-            assert wrong < min(10 * tol / np.sqrt(away), 0.3 * np.sqrt(tol)), (case, tol, wrong)
-    assert missed[1] <= missed[0]
-
-
-@pytest.mark.slow  # quick, around another touch: test_lanes
-def test_close_pairs_of_zeros():
-    check_pairs(extremes.pairs())
 
 
 @pytest.mark.parametrize(("place", "touch", "tol"), [(0, 0, 1e-11), (0, 1, 1e-12), (3, 1, 1e-10)])

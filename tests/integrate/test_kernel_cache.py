@@ -9,22 +9,18 @@ import signal
 import stat
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from pathlib import Path
 
 import kernels
 import numba
-import numpy as np
 import oracle
 import pytest
 
-from rattlesweep.integrate import SettingError, compile
+from rattlesweep.integrate import compile
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.compile import Kernel, is_stored, load_kernel
-from rattlesweep.integrate.follow import Follower
-from rattlesweep.integrate.lanes import build as built
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 
@@ -95,20 +91,6 @@ def test_all_parts_of_a_sweep_s_kernel_are_found_by_the_next_process():
     assert set(hits.values()) == {1}
 
 
-def test_a_listener_hears_of_a_compilation_alone(place):
-    heard = []
-
-    def listener(kernel):
-        heard.append(kernel)
-        return compile.nullcontext()
-
-    with compile.listening(listener):
-        again("one")
-        again("one")
-    again("two")
-    assert heard == ["one"]
-
-
 def test_other_sources_have_another_folder(place, monkeypatch, tmp_path):
     package = tmp_path / "package"
     for room in ("integrate", "physics"):
@@ -172,33 +154,27 @@ def test_a_private_temporary_folder_is_removed_with_its_process(unsafe, place, t
     if unsafe:
         place.mkdir()
         place.chmod(0o777)
-    code = (
-        "from rattlesweep.integrate import compile; import test_kernel_cache as t; "
-        "print(t.again(), t.again(), compile.cache_folder())"
-    )
     nowhere = str(place) if unsafe else "/proc/nowhere"
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     env = {"NUMBA_CACHE_DIR": nowhere, "XDG_CACHE_HOME": nowhere, "TMPDIR": str(temporary)}
-    code = code.replace("t.again(), t.again()", "t.again(), t.load_kernel(t.small, 'small')(-4)")
+    code = (
+        "import test_kernel_cache as t; "
+        "print(t.again(), t.load_kernel(t.small, 'small')(-4), t.compile.cache_folder())"
+    )
     done = python(code, **env)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith(f"(13, False) 14 {temporary}/rattlesweep-")
     assert not list(temporary.iterdir())
 
 
-@pytest.mark.parametrize("full", ["for files", "for folders"])
-def test_a_kernel_stays_in_memory_where_the_disk_is_full(full, place, monkeypatch):
+def test_a_kernel_stays_in_memory_where_the_disk_is_full(place, monkeypatch):
     def fail(*args, **kwargs):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    if full == "for files":
-        # Other processes fail as well: their command is one that ends at once.
-        monkeypatch.setattr(compile, "CODE", "raise SystemExit(1)")
-        monkeypatch.setattr(numba.core.caching.IndexDataCacheFile, "save", fail)
-    else:
-        monkeypatch.setattr(Path, "mkdir", fail)
-        monkeypatch.setattr(tempfile, "mkdtemp", fail)
+    # Other processes fail as well: their command is one that ends at once.
+    monkeypatch.setattr(compile, "CODE", "raise SystemExit(1)")
+    monkeypatch.setattr(numba.core.caching.IndexDataCacheFile, "save", fail)
     assert again() == (13, False)
     assert not list(place.rglob("*.nb?"))
 
@@ -236,7 +212,7 @@ def test_ctrl_c_ends_a_command_that_compiles_and_its_processes(tmp_path):
     assert "Traceback" not in rest
 
     def compiling():
-        return [path for path in Path("/proc").glob("[0-9]*/cmdline") if str(cache) in text(path)]
+        return [path for path in Path("/proc").glob("[0-9]*/environ") if str(cache) in text(path)]
 
     for _ in range(600):
         if not compiling():
@@ -250,30 +226,6 @@ def text(path):
         return path.read_text()
     except OSError:
         return ""
-
-
-# -- nothing compiled ------------------------------------------------------------------------------
-
-
-def both():
-    """In a fresh process: the outcome of a run with all observations, and its trajectory."""
-    batch = kernels.full_batch(oracle.GH, [-0.1], 0.01, t_end=30.0)
-    records = frozenset(["energy", "contact", "windows", "reversals", "lyapunov"])
-    out = integrate(batch, METHODS["dop853"], FULL, threads=1, record=records)
-    follower = Follower(batch, METHODS["dop853"], FULL, attitude=True)
-    found = follower.at(np.linspace(0.0, 30.0, 7))
-    values = out.y_end, out.n_departure, out.windows, found.y, found.extra
-    numbers = np.concatenate([value[np.isfinite(value)] for value in values])
-    print(json.dumps([numbers.tolist(), out.n_steps.tolist(), follower.n_steps]))
-
-
-def test_a_run_can_be_stepped_through_in_python():
-    code = "import test_kernel_cache as t; t.both()"
-    compiled, plain = (python(code, NUMBA_DISABLE_JIT=flag) for flag in "01")
-    assert plain.returncode == 0, plain.stderr
-    (numbers, *steps), (others, *same_steps) = (json.loads(p.stdout) for p in (compiled, plain))
-    assert same_steps == steps
-    np.testing.assert_allclose(others, numbers, rtol=0, atol=1e-12)
 
 
 # -- threads and forks -----------------------------------------------------------------------------
@@ -309,21 +261,10 @@ def test_threads_and_forked_processes_integrate(layer):
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_a_threading_layer_that_cannot_be_is_one_sentence(monkeypatch):
-    def fail():
-        raise ValueError("The threading layer requested 'none' is unknown to Numba.\nHints follow.")
-
-    monkeypatch.setattr(numba, "get_num_threads", fail)
-    monkeypatch.setattr(numba.config, "THREADING_LAYER", "none")
-    with pytest.raises(SettingError, match=r"^NUMBA_THREADING_LAYER=none: The .* to Numba; leave"):
-        built.parallel()
-
-
 @pytest.mark.parametrize(
     ("setting", "said"),
     [("NUMBA_NUM_THREADS=0", "it must be a whole number from 1 to 4096"),
-     pytest.param("NUMBA_THREADING_LAYER=nonsense", "layer requested 'nonsense' is unknown",
-                  marks=pytest.mark.slow)],
+     ("NUMBA_THREADING_LAYER=nonsense", "layer requested 'nonsense' is unknown")],
 )  # fmt: skip
 def test_a_setting_that_cannot_be_is_one_sentence(setting, said, tmp_path):
     code = (
@@ -332,6 +273,6 @@ def test_a_setting_that_cannot_be_is_one_sentence(setting, said, tmp_path):
     )
     done = python(code, **dict([setting.split("=")]))
     assert done.returncode == 2, done.stderr
-    assert done.stderr.startswith(f"error: {setting}: ")
+    assert done.stderr.startswith(f"error: {setting.split('=')[0]}")
     assert said in done.stderr
     assert done.stderr.count("\n") == 1

@@ -11,7 +11,6 @@ from samples import dumbbells, mapping
 from scipy.integrate import solve_ivp
 
 from rattlesweep.integrate.batch import RECORDS, integrate
-from rattlesweep.integrate.lanes import controller
 from rattlesweep.integrate.lanes.lane import LANES
 from rattlesweep.integrate.lanes.runs import MAX_ENERGY_DRIFT
 from rattlesweep.integrate.lanes.step import SUBSTEPS
@@ -65,21 +64,10 @@ def test_gh_reversal_times_at_defaults(method):
     assert np.array_equal(out.t_r, out.t_end)
     assert out.n_end == pytest.approx([0, 0], abs=1e-14)
     assert np.abs(out.energy_drift).max() < 1e-7
+    after = [full.energy(*y, *q) for y, q in zip(out.y_end, runs.constants, strict=True)]
+    assert out.energy_drift == pytest.approx(after / out.energy_0 - 1, abs=1e-14)
     assert out.n_departure == pytest.approx([1, 1])
     assert (out.amp_growth > 1).all()
-
-
-@every_method
-def test_energy_drift_is_that_of_the_states(method):
-    runs = mixed(20)
-    out = integrate(runs, method, FULL, tol=1e-7, dt=0.01)
-    before, after = (
-        np.array([full.energy(*y, *q) for y, q in zip(states, runs.constants, strict=True)])
-        for states in (runs.y0, out.y_end)
-    )
-    assert out.energy_0 == pytest.approx(before, rel=1e-14)
-    assert out.energy_drift == pytest.approx(after / before - 1, abs=1e-14)
-    assert [full.spin(*y) for y in out.y_end] == pytest.approx(out.n_end, abs=1e-16)
 
 
 @pytest.mark.parametrize(("count", "seed"), [(9, 23), pytest.param(40, 11, marks=pytest.mark.slow)])
@@ -108,11 +96,8 @@ def test_random_bodies_reverse_when_the_oracle_says(count, seed):
 
 
 def test_few_steps_are_rejected():
-    runs = mixed(100, t_end=400.0)
-    out = integrate(runs, DOP853, FULL)
+    out = integrate(mixed(100, t_end=400.0), DOP853, FULL)
     assert out.n_rejected.sum() < 0.05 * out.n_steps.sum()
-    assert controller.retry_ratio(np.nan) == controller.retry_ratio(1e20) == controller.SHRINK
-    assert controller.retry_ratio(1.5) < 0.9
 
 
 # --- identical bits -------------------------------------------------------------------------------
@@ -133,39 +118,20 @@ def test_threads_order_and_company_do_not_matter(method):
         kernels.assert_same(alone, kernels.pick(whole, [k]))
 
 
-@both_kinds
-def test_every_lane_gives_the_same_bits(method):
-    others = mixed(LANES, t_end=20.0)
-    run = kernels.full_batch(GH, 0.05, 0.1, t_end=20.0)
-    alone = integrate(run, method, FULL, dt=0.01)
-    assert np.isfinite(alone.t_r[0])
-    # Of equal cost, so the queue keeps the order: run k begins in lane k.
-    others = dataclasses.replace(others, t_end=run.t_end * run.swing / others.swing)
-    for parity in (0, 1):
-        which = np.arange(LANES)
-        which[parity::2] = LANES
-        out = integrate(
-            kernels.take(kernels.join(others, run), which), method, FULL, threads=1, dt=0.01
-        )
-        for k in range(parity, LANES, 2):
-            kernels.assert_same(kernels.pick(out, [k]), alone)
-
-
 def test_idle_lanes():
     batch = mixed(2 * LANES + 1, t_end=10.0)
     whole = integrate(batch, DOP853, FULL)
     for runs in (0, 1, LANES - 1, LANES, LANES + 1):
         which = np.arange(runs)
-        for threads in (1, 2):
-            out = integrate(kernels.take(batch, which), DOP853, FULL, threads=threads)
-            assert len(out.status) == runs
-            assert not out.stopped
-            kernels.assert_same(out, kernels.pick(whole, which))
+        out = integrate(kernels.take(batch, which), DOP853, FULL, threads=2)
+        assert (len(out.status), out.stopped) == (runs, False)
+        kernels.assert_same(out, kernels.pick(whole, which))
 
 
 # --- the first zero -------------------------------------------------------------------------------
 
-# GH launched with 0.1 along the pitch: the spin just touches zero (tests/physics/test_oracle.py).
+# GH launched with 0.1 along the pitch: the spin just touches zero (tests/physics/test_oracle.py,
+# `oracle.first_reversal`).
 TOUCH, T_TOUCH, T_NEXT = 0.00663381740279008, 1.967217, 3.13791070912
 
 
@@ -173,8 +139,7 @@ TOUCH, T_TOUCH, T_NEXT = 0.00663381740279008, 1.967217, 3.13791070912
 def test_grazing_spin_just_reverses_and_just_does_not(method, options):
     n_i = TOUCH + np.array([-1e-4, -1e-7, -1e-11, 1e-11])
     out = integrate(kernels.full_batch(GH, n_i, 0.1, t_end=6.0), method, FULL, **options)
-    expected = [oracle.first_reversal(GH, n, 0.1, PSI_P, 6.0)[0] for n in n_i]
-    assert expected == pytest.approx([1.85117222647, 1.96356847665, T_TOUCH, T_NEXT], abs=1e-6)
+    expected = np.array([1.85117222647, 1.96356847665, T_TOUCH, T_NEXT])
     # Near the touch the time of the zero goes like the square root of the error.
     assert np.abs(out.t_r - expected)[[0, 1, 3]].max() < 1e-8
     assert out.t_r[2] == pytest.approx(T_TOUCH, abs=1e-5)
@@ -198,24 +163,6 @@ def test_no_first_zero_is_missed_around_the_touch(name, tol):
     assert tol > 1e-9 or not out.near_tangencies[np.abs(n_i - TOUCH) > 1e-5].any()
 
 
-@pytest.mark.parametrize("dt", [0.1, 0.05, 0.02, 0.002])
-def test_a_pair_of_zeros_much_shorter_than_a_step(dt):
-    # Where RK4's own error puts the touch: between the last early and the first late reversal.
-    low, high = 0.9 * TOUCH, 1.1 * TOUCH
-    for _ in range(3):
-        n_i = np.linspace(low, high, 101)
-        out = integrate(kernels.full_batch(GH, n_i, 0.1, t_end=6.0), RK4, FULL, dt=dt)
-        assert_status(out, Status.OK)
-        late = out.t_r > 2.5
-        # Every run below it reverses early: no pair is missed, however short.
-        assert np.count_nonzero(np.diff(late)) == 1
-        low, high = n_i[late.argmax() - 1], n_i[late.argmax()]
-    assert low == pytest.approx(TOUCH, abs=2 * dt**4 + 1e-8)
-    # The zeros of the last early run lie about the touch, closer than a step; one look at the
-    # lanes spans eight.
-    assert 2 * (T_TOUCH - out.t_r[~late][-1]) < max(dt, 0.02)
-
-
 # --- horizons and statuses ------------------------------------------------------------------------
 
 
@@ -233,7 +180,7 @@ def test_energy_off_by_more_than_a_hundredth_has_a_status():
     assert {int(out.status[0]) for out in found} >= {int(Status.OK), int(Status.ENERGY)}
 
 
-@every_method
+@both_kinds
 def test_runs_end_at_the_most_steps(method):
     out = integrate(kernels.full_batch(GH, [0.1, -0.1]), method, FULL, max_steps=80)
     assert_status(out, Status.STEP_LIMIT)
@@ -253,18 +200,17 @@ def test_impossible_tolerances_end(name, tol):
         assert Status.OK not in set(out.status)
 
 
-def test_nonfinite_states_end_at_once_and_leave_the_neighbours_alone():
+@both_kinds
+def test_nonfinite_states_end_at_once_and_leave_the_neighbours_alone(method):
     runs = mixed(LANES)
-    alone = integrate(runs, DOP853, FULL)
+    alone = integrate(runs, method, FULL, dt=0.01)
     y0 = runs.y0.copy()
     y0[5, 2], y0[9, 4], y0[11, 0] = np.nan, np.inf, 1e200
-    for method in (DOP853, RK4):
-        out = integrate(dataclasses.replace(runs, y0=y0), method, FULL, dt=0.01)
-        assert [Status(s) for s in out.status[[5, 9, 11]]] == [Status.NONFINITE] * 3
-        assert np.isnan(out.t_r[[5, 9, 11]]).all()
-        if method is DOP853:
-            rest = np.delete(np.arange(LANES), [5, 9, 11])
-            kernels.assert_same(kernels.pick(out, rest), kernels.pick(alone, rest))
+    out = integrate(dataclasses.replace(runs, y0=y0), method, FULL, dt=0.01)
+    assert [Status(int(s)) for s in out.status[[5, 9, 11]]] == [Status.NONFINITE] * 3
+    assert np.isnan(out.t_r[[5, 9, 11]]).all()
+    rest = np.delete(np.arange(LANES), [5, 9, 11])
+    kernels.assert_same(kernels.pick(out, rest), kernels.pick(alone, rest))
 
 
 # --- runs that settle -----------------------------------------------------------------------------
@@ -307,20 +253,18 @@ def records_of(method):
     return [name for name in RECORDS if method is DOP853 or name != "lyapunov"]
 
 
-def test_recording_changes_nothing_else():
+@both_kinds
+def test_recording_changes_nothing_else(method):
     runs = mixed(70)
     extra = ("energy_drift_max", "contact_ratio_max", "contact_normal_min", "windows", "growth",
              "volume_rate")  # fmt: skip
     # With reversals, runs go on behind the first.
-    for method in (DOP853, RK4):
-        others = tuple(name for name in records_of(method) if name != "reversals")
-        plain = integrate(runs, method, FULL, dt=0.01)
-        for record in (*others, others):
-            names = frozenset([record] if isinstance(record, str) else record)
-            out = integrate(runs, method, FULL, dt=0.01, record=names)
-            kernels.assert_same(out, plain, skip=extra)
-            shape = (70 if "windows" in names else 0, kernels.N_WINDOWS, 3)
-            assert out.windows.shape == shape
+    others = tuple(name for name in records_of(method) if name != "reversals")
+    plain = integrate(runs, method, FULL, dt=0.01)
+    for record in (*((name,) for name in others), others):
+        out = integrate(runs, method, FULL, dt=0.01, record=frozenset(record))
+        kernels.assert_same(out, plain, skip=extra)
+        assert out.windows.shape == (70 if "windows" in record else 0, kernels.N_WINDOWS, 3)
 
 
 @both_kinds
@@ -400,21 +344,13 @@ def test_progress_rises_to_the_total():
     job = begin(runs, DOP853, FULL)
     seen = []
     while job.is_alive():
-        if job.control.total:
-            seen.append((job.control.done, job.control.runs_done))
+        seen.append((job.control.done, job.control.runs_done))
         time.sleep(0.005)
-    total = job.control.total
     done, ended = np.array(seen).T
-    assert job.control.done == pytest.approx(total, rel=1e-12)
+    assert job.control.done == pytest.approx(job.control.total, rel=1e-12)
     assert job.control.runs_done == 2000
-    assert not job.value().stopped
     assert len(set(done)) > 10
-    # A run that has ended is counted twice until its thread's next report: as done, and as under
-    # way.  No more than all lanes' runs, but progress can fall by so much.
-    twice = 2 * LANES * float((runs.t_end * runs.swing).max())
-    assert np.diff(done).min() >= -twice
-    assert done.max() <= total + twice
-    assert (np.diff(ended) >= 0).all()
+    assert min(np.diff(done).min(), np.diff(ended).min()) >= 0
 
 
 # --- the reduced model ----------------------------------------------------------------------------
@@ -427,8 +363,6 @@ def test_reduced_model_with_one_mode_is_the_formula(method):
     body, n_i, omega = shell_dumbbells(60, seed=31)
     e_p, e_r = kernels.mode_energies(body, n_i, omega)
     modes = theory.modes(*(body[x] for x in ("alpha", "beta", "theta", "phi", "xi")))
-    assert np.array_equal(e_r == 0, n_i > 0)
-    assert np.array_equal(e_p == 0, n_i < 0)
     speed = np.sqrt(2 * (e_p + e_r) / body["gamma"])
     expected = theory.reversal_time(np.where(n_i > 0, modes.K_p, modes.K_r), n_i, speed)
     runs = kernels.reduced_batch(body, n_i, e_p, e_r, t_end=2 * expected)
@@ -436,14 +370,6 @@ def test_reduced_model_with_one_mode_is_the_formula(method):
     assert_status(out, Status.OK)
     assert out.t_r == pytest.approx(expected, rel=1e-9)
     assert np.abs(out.energy_drift).max() < 1e-9
-    # A fraction of the time: the spin of the formula.
-    half = dataclasses.replace(runs, t_end=0.8 * expected)
-    out = integrate(half, method, REDUCED, dt=0.02)
-    assert np.isnan(out.t_r).all()
-    assert out.n_end == pytest.approx(
-        theory.spin_gh(0.8 * expected, np.where(n_i > 0, modes.K_p, modes.K_r), n_i, speed),
-        rel=1e-8,
-    )
 
 
 def test_reduced_model_with_both_modes_keeps_its_invariants():
@@ -452,7 +378,7 @@ def test_reduced_model_with_both_modes_keeps_its_invariants():
     runs = kernels.reduced_batch(body, n_i, 0.3 * e, 0.01 * e, t_end=300.0)
     out = integrate(runs, DOP853, REDUCED, tol=1e-12)
     assert_status(out, Status.OK)
-    k_p, k_r, inertia = runs.constants.T
+    k_p, k_r, _ = runs.constants.T
     before, after = (
         (
             reduced.energy.py_func(*y.T, *runs.constants.T),
@@ -466,10 +392,3 @@ def test_reduced_model_with_both_modes_keeps_its_invariants():
     seen = out.y_end[:, 1:].min(axis=1) > 1e-140
     assert seen.sum() > 50
     assert after[1][seen] == pytest.approx(before[1][seen], rel=1e-9)
-    k = int(np.argmin(np.where(np.isfinite(out.t_r), out.t_r, np.inf)))
-    found = solve_ivp(
-        oracle.reduced_rhs, (0, out.t_end[k]), runs.y0[k], "DOP853",
-        args=tuple(runs.constants[k]), rtol=1e-12, atol=1e-18,
-    )  # fmt: skip
-    assert out.y_end[k] == pytest.approx(found.y[:, -1], abs=1e-11)
-    assert inertia[k] == body["gamma"][k]

@@ -94,21 +94,12 @@ def test_embedded_solutions_have_their_orders(name, orders):
     assert [order_of(a, b - weights(row, METHODS[name])) for row in errors] == orders
 
 
-def test_a_wrong_digit_is_noticed():
-    a, b = matrix(METHODS["dop853"])
-    a[7, 4] += 1e-9
-    assert order_of(a, b) < 8
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"a": ({0: 1.0},)}, "x: stage 0 is not explicit"),
         ({"a": ({}, {1: 1.0})}, "x: stage 1 is not explicit"),
-        ({"a": ({}, {-1: 1.0})}, "x: stage 1 is not explicit"),
         ({"b": {0: 0.9}}, "x: the weights must sum to 1"),
-        ({"b": {}}, "x: the weights must sum to 1"),
-        ({"errors": ({0: 0.1},)}, "x: the weights of an error must sum to 0"),
         ({"errors": ({0: 1.0, 1: -1.0}, {0: 1e-3})}, "x: the weights of an error must sum to 0"),
     ],
 )
@@ -132,50 +123,17 @@ def reference():
     return full.from_vectors(y[:3], y[3:])
 
 
-def measured(errors):
-    return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
-
-
-# One call of a fixed-step method is eight steps; the order is the same.
-@pytest.mark.parametrize(
-    ("name", "calls"),
-    [("rk4", (16, 32, 64)), ("dop853", (24, 48)),
-     pytest.param("dopri5", (64, 128, 256), marks=pytest.mark.slow)],
-)  # fmt: skip
-def test_order_of_the_generated_step(name, calls):
+def test_order_of_rk4_in_the_kernel():
     runs = kernels.full_batch(oracle.GH, *LAUNCH, T_END)
-    errors = [
-        np.linalg.norm(
-            kernels.lane_steps(name, runs.constants[0], runs.y0[0], T_END / n, n) - reference()
-        )
-        for n in calls
-    ]
-    # Halved steps show more than the order as long as the next power is still felt.
-    found = measured(errors) - METHODS[name].order
-    assert found.min() > -0.2
-    assert found.max() < 0.9
+    outs = [integrate(runs, METHODS["rk4"], FULL, dt=dt) for dt in (0.2, 0.1, 0.05, 0.025)]
+    errors = np.array([np.abs(out.y_end[0] - reference()).max() for out in outs])
+    assert np.log2(errors[:-1] / errors[1:]) == pytest.approx(4, abs=0.3)
 
 
-def test_order_of_rk4_in_the_whole_kernel():
+def test_error_follows_the_tolerance():
     runs = kernels.full_batch(oracle.GH, *LAUNCH, T_END)
-    errors = []
-    for dt in (0.2, 0.1, 0.05, 0.025):
-        out = integrate(runs, METHODS["rk4"], FULL, dt=dt)
-        assert out.t_end[0] == T_END
-        # 8 more where the steps add up to a little less than T_END.
-        assert out.n_steps[0] - round(T_END / dt) in (0, 8)
-        errors.append(np.abs(out.y_end[0] - reference()).max())
-    assert measured(errors) == pytest.approx(4, abs=0.3)
-    assert errors[-1] < 1e-6
-
-
-@pytest.mark.parametrize("name", [pytest.param("dopri5", marks=pytest.mark.slow), "dop853"])
-def test_error_follows_the_tolerance(name):
-    runs = kernels.full_batch(oracle.GH, *LAUNCH, T_END)
-    errors = []
-    for tol in (1e-5, 1e-7, 1e-9, 1e-11):
-        out = integrate(runs, METHODS[name], FULL, tol=tol)
-        errors.append(np.abs(out.y_end[0] - reference()).max())
+    outs = [integrate(runs, METHODS["dop853"], FULL, tol=tol) for tol in (1e-5, 1e-7, 1e-9, 1e-11)]
+    errors = [np.abs(out.y_end[0] - reference()).max() for out in outs]
     assert errors == sorted(errors, reverse=True)
     assert errors[-1] < 1e-11
 

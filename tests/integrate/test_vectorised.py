@@ -12,16 +12,14 @@ import sys
 from functools import cache
 
 import kernels
-import numpy as np
 import pytest
 from llvmlite import binding
-from numba import float64, njit, typeof
+from numba import float64, typeof
 
 from rattlesweep.integrate.lanes import kernel, tangents
 from rattlesweep.integrate.model import MODELS, WITH_TANGENT
-from rattlesweep.integrate.processor import compiled_for, vector_bits
+from rattlesweep.integrate.processor import vector_bits
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.physics.full import FASTMATH
 
 pytestmark = pytest.mark.skipif(
     platform.machine() not in ("x86_64", "AMD64"), reason="reads x86 assembly"
@@ -158,38 +156,3 @@ def test_the_width_of_vectors_is_read_from_the_machine_code():
     features = binding.get_host_cpu_features()
     widest = 512 if features.get("avx512f") else 256 if features.get("avx") else 128
     assert vector_bits() == widest
-    assert compiled_for().endswith(f", vectors of {widest} bits")
-
-
-def test_a_scalar_loop_is_recognised():
-    @njit(fastmath=FASTMATH, error_model="numpy")
-    def chain(w):
-        for l in range(1, 4096):
-            w[l] = 1.0 / (w[l - 1] + 2.0)
-
-    @njit(fastmath=FASTMATH, error_model="numpy")
-    def free(w):
-        for l in range(4096):
-            w[l] = 1.0 / (w[l] + 2.0)
-
-    assert_vectorised(assembly(free, "void(float64[::1])"))
-    with pytest.raises(AssertionError):
-        assert_vectorised(assembly(chain, "void(float64[::1])"))
-
-
-def test_the_generated_step_keeps_lanes_apart():
-    # A number put into one lane reaches no other.
-    flat, rows, at = kernels.workspace("dop853", "full")
-    rng = np.random.default_rng(0)
-    rows[at.constants : at.constants + 6] = [[12.04], [0.5], [12.3], [0.6], [0.1], [26.0]]
-    rows[at.y : at.y + 5] = 0.1 * rng.standard_normal((5, 1))
-    rows[at.h] = 0.1
-    problem = kernels.problem("dop853", "full")
-    kernels.attempt("dop853", "full")(problem, flat, 1e12)
-    before = rows.copy()
-    assert (before == before[:, :1]).all()
-    rows[at.y, 7] = np.nan
-    kernels.attempt("dop853", "full")(problem, flat, 1e12)
-    changed = ~((rows == before) | (np.isnan(rows) & np.isnan(before)))
-    assert changed[:, 7].any()
-    assert not np.delete(changed, 7, axis=1).any()

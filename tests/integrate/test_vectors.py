@@ -4,7 +4,6 @@ import dataclasses
 
 import kernels
 import numpy as np
-import oracle
 import pytest
 import stone_oracle
 from sweeping import plan_of, prepared
@@ -104,41 +103,3 @@ def test_runs_go_on_past_the_side_as_the_oracle_says():
         kernels.take(batch, rows), DOP853, ELLIPSOID, record=frozenset(["reversals", "volume"])
     )
     np.testing.assert_array_equal(both.t_r, out.t_r)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("c", "n_i"), [(2, -0.5), (1.5, -0.4), (4, -0.5)])
-def test_no_low_ellipsoid_is_lost(c, n_i):
-    bodies = {"source": "sd", "samples": 200, "surface": "ellipsoid", "c": c}
-    config, _, batch = rollers(0, bodies=bodies, spin={"n_i": n_i, "omega_xy0": 0.01})
-    out = run_batch(config, batch)
-    assert (out.status == Status.OK).all()
-    assert 0.5 < np.isfinite(out.t_r).mean() < 0.7
-
-
-# --- Routh's sphere -------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("model", [ELLIPSOID, VECTORS], ids=lambda model: model.name)
-def test_a_sphere_keeps_jelletts_integral(model):
-    """Of a loaded sphere whose inertia is round, the spin along r: (I omega).r is conserved."""
-    c, (ix, iz) = 3.0, (1.4, 1.1)
-    # The two curvatures are 1/c, so that C = c - 1.
-    sphere = np.array([[ix, ix, iz, c - 1, 0.0, c - 1, 1 / c]])
-    runs = kernels.full_batch(oracle.GH, 0.1, 0.3, t_end=100.0)
-    y0 = np.array([[0.2, -0.1, 0.3, 0.2, -0.7]])
-    if model is VECTORS:
-        y0, sphere = vectors.from_slopes(y0, sphere)
-    runs = dataclasses.replace(runs, y0=y0, constants=sphere)
-    out = integrate(runs, DOP853, model, tol=1e-14, record=frozenset(["reversals"]))
-    assert out.status[0] == Status.OK
-    assert out.n_steps[0] > 200
-
-    def jellett(y):
-        u, omega = full.to_vectors(y[:5]) if model is ELLIPSOID else (y[:3], y[3:6])
-        r = np.array([0, 0, 1 - c]) - c * u / np.linalg.norm(u)
-        return (np.array([ix, ix, iz]) * omega) @ r
-
-    assert jellett(out.y_end[0]) == pytest.approx(jellett(y0[0]), rel=1e-12)
-    assert abs(out.energy_drift[0]) < 1e-12
-    assert np.abs(out.y_end[0, :5] - y0[0, :5]).max() > 0.1

@@ -59,19 +59,6 @@ def test_shell_dumbbells_are_bodies_all_of_them(scale):
         assert (body.alpha, body.beta, body.gamma) == (alpha[k], beta[k], gamma[k])
 
 
-def test_mirror_image():
-    body = Rattleback.gh()
-    image = body.mirrored()
-    assert image == Rattleback(**(GH | {"xi": -GH["xi"]}))
-    assert image.xi > 0
-    assert image.mirrored() == body
-    # R Theta R^-1 of the image is the reflection of the body's.
-    reflect = np.diag([1.0, -1.0])
-    np.testing.assert_allclose(
-        oracle.matrices(image)[0], reflect @ oracle.matrices(body)[0] @ reflect, atol=1e-16
-    )
-
-
 # --- the reduced dynamics -------------------------------------------------------------------------
 
 

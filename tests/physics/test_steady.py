@@ -140,28 +140,6 @@ def test_bits_depend_neither_on_the_library_of_linear_algebra_nor_on_the_process
     assert len(found) == 1
 
 
-def test_roll_changes_from_growth_to_decay_at_bondis_threshold():
-    bodies = table_one(400, 23)
-    n_c1 = theory.bondi_threshold(*bodies[:5])
-    some = np.isfinite(n_c1) & (n_c1 > -1)
-    assert some.sum() > 50
-    bodies, n_c1 = bodies[:, some], n_c1[some]
-    constants = full.constants(*bodies)
-    for part, grows in ((0.5, True), (1 - 1e-6, True), (1 + 1e-6, False), (1.5, False)):
-        pitch, roll = steady.growth(constants, part * n_c1)
-        assert np.all((roll > 0) == grows), part
-        assert np.all(pitch < 0)
-    # Its zero is there to rounding: between these two the rate changes by 2e-6 of itself.
-    at = steady.growth(constants, n_c1)[1]
-    near = np.abs(steady.growth(constants, (1 - 1e-6) * n_c1)[1])
-    assert np.all(np.abs(at) < 1e-3 * near + 20 * EPS)
-    # The mirror image has it at the other spin.
-    mirrored = full.constants(*bodies[:5], -bodies[5])
-    np.testing.assert_allclose(
-        steady.growth(mirrored, -0.7 * n_c1)[1], steady.growth(constants, 0.7 * n_c1)[1], rtol=1e-9
-    )
-
-
 def energy_norm(constants):
     """Root of the matrix of `full.oscillation`, for one body."""
     ix, iy, _, cxx, cxy, cyy = constants

@@ -78,12 +78,12 @@ def test_equations_are_those_of_mechanics(model):
         np.testing.assert_allclose([p + fx, q_slope + fy, 1 - rise], r, atol=1e-12)
 
 
-@pytest.mark.parametrize("model", [m for m in MODELS if m.carried], ids=lambda model: model.name)
+@pytest.mark.parametrize("model", [m for m in MODELS if m.n_carried], ids=lambda model: model.name)
 def test_what_the_stages_of_a_step_carry(model):
     """Its start and rate are those of the contact point, and it need not be exact; 60 digits."""
-    assert model.carried.n == 1
+    assert model.n_carried == 1
     start, carried, plain = map(
-        exactly, (model.carried.start, model.carried.rhs, model.rhs)
+        exactly, (model.carried_start, model.carried_rhs, model.rhs)
     )  # fmt: skip
     for body, u, omega, sigma, rolling in random_bodies(12, 6):
         body, sigma, rolling = of_model(model, body, sigma, rolling)
@@ -107,7 +107,7 @@ def test_what_the_stages_of_a_step_carry(model):
         for slope in (0.1, 1e3, 1e8):
             steep = [slope, 0.5 * slope, *(float(x) for x in y[2:])]
             numbers = [float(x) for x in q]
-            kept = model.carried.rhs(*steep, *model.carried.start(*steep, *numbers), *numbers)
+            kept = model.carried_rhs(*steep, *model.carried_start(*steep, *numbers), *numbers)
             wanted = np.array(model.rhs(*steep, *numbers))
             np.testing.assert_allclose(
                 kept[: model.n_state], wanted, rtol=1e-9, atol=1e-12 * np.abs(wanted).max()

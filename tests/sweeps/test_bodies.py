@@ -12,7 +12,6 @@ import pytest
 import sweeping
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from scipy import stats
 from scipy.stats import qmc
 from sweeping import prepared, rows
 
@@ -87,22 +86,6 @@ def test_the_bits_are_those_of_numpys_philox(seed, word, sample, draw):
     assert uniforms(seed, word, sample, draw) == tuple(generator.random(8))
 
 
-def test_draws_fill_the_ranges_uniformly_and_independently():
-    n = 20_000
-    gamma, f_sd, theta, phi, xi, alpha, beta = draw_bodies(2017, np.arange(n), RANGES)[0]
-    low, high = RANGES.T[:, :, None]
-    unit = (np.array([gamma, f_sd, theta, phi, -np.degrees(xi)]) - low) / (high - low)
-    assert 0 <= unit.min() <= unit.max() <= 1 + 1e-15
-    assert (unit.min(axis=1) < 1e-3).all()
-    assert (unit.max(axis=1) > 1 - 1e-3).all()
-    assert min(stats.kstest(values, "uniform").pvalue for values in unit) > 1e-3
-    assert np.abs(np.corrcoef(unit) - np.eye(5)).max() < 4 / math.sqrt(n)
-    # The draw 1 - u lies in (0, 1]: the angle is never zero.
-    assert (xi < 0).all()
-    assert np.array_equal(alpha, (1 - f_sd) * gamma + 1)
-    assert np.array_equal(beta, f_sd * gamma + 1)
-
-
 def sobol(samples: Any, seed: int = 7) -> np.ndarray:
     """Points of the unit cube behind bodies that are drawn by a sequence."""
     b = plan(drawn(20_000, draw="sobol"), seed=seed).source.bodies(math.nan, np.asarray(samples))
@@ -164,7 +147,6 @@ def test_samples_of_a_group_differ_in_one_parameter_each(semi_axis):
     names = ["gamma", "f_sd", "theta", "phi", "xi", *semi_axis]
     n, group = len(names), len(names) + 2
     made = plan(drawn(group * 512, draw="saltelli", **semi_axis))
-    assert made.config.bodies.group == group
     b = made.source.bodies(math.nan, np.arange(group * 40))
     values = np.array([getattr(b, name) for name in names]).reshape(n, 40, group)
     first, second, others = values[:, :, 0], values[:, :, 1], values[:, :, 2:]
@@ -228,18 +210,6 @@ def test_a_grid_goes_through_its_axes_the_first_one_slowest():
     np.testing.assert_allclose(b[3:], [values.ravel() for values in grid], rtol=1e-15)
     assert (b[0] == 13.04).all()
     assert np.array_equal(bodies_of(made, samples=[3, 9]), b[:, [3, 9]])
-
-
-def test_a_grid_over_a_shell_dumbbell_body_remakes_its_inertia():
-    base = {"gamma": 10, "f_sd": 0.1, "theta": 0.7, "phi": 0.05, "xi_deg": -3}
-    axes = {"gamma": [8, 10], "f_sd": [0.1, 0.2], "minus_xi_deg": {"logspace": [0.01, 1, 3]}}
-    b = plan(GRID | {"base": base, "axes": axes}).source.bodies(math.nan, np.arange(12))
-    # The axes in the order in which a body lists its parameters.
-    assert b.gamma.tolist() == [8.0] * 6 + [10.0] * 6
-    assert b.f_sd.tolist() == ([0.1] * 3 + [0.2] * 3) * 2
-    np.testing.assert_allclose(-np.degrees(b.xi), [0.01, 0.1, 1] * 4, rtol=1e-14)
-    assert np.array_equal(b.beta, b.f_sd * b.gamma + 1)
-    assert np.array_equal(b.alpha, (1 - b.f_sd) * b.gamma + 1)
 
 
 @pytest.mark.parametrize(

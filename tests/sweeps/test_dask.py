@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -22,13 +22,12 @@ from hardship import wait_until
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps import dask as daskengine
-from rattlesweep.sweeps import job as jobs
+from rattlesweep.sweeps import run as runner
 from rattlesweep.sweeps.config.read import load_config, parse_config
-from rattlesweep.sweeps.dask import AHEAD, make_engine
-from rattlesweep.sweeps.job import Progress
+from rattlesweep.sweeps.dask import make_engine
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.rows import Runs
-from rattlesweep.sweeps.run import Result, run_sweep
+from rattlesweep.sweeps.run import Progress, Result, run_sweep
 from rattlesweep.sweeps.stored import open_stored
 
 ROOT = Path(__file__).parents[2]
@@ -64,7 +63,7 @@ def rows(output: Path) -> pa.Table:
 
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch):
-    monkeypatch.setattr(jobs, "MOST_ROWS", 10)
+    monkeypatch.setattr(runner, "MOST_ROWS", 10)
 
 
 @pytest.fixture(scope="module")
@@ -175,27 +174,6 @@ def test_rows_are_those_of_the_local_engine(name, cluster, tmp_path):
     assert rows(tmp_path / "dask").equals(rows(tmp_path / "local"))
 
 
-def test_blocks_in_flight_are_bounded_and_progress_is_told(cluster, plain, tmp_path, monkeypatch):
-    honest, flying, seen = make_engine(cluster), [], []
-
-    def engine(job: Any, blocks: Any) -> None:
-        def drawn() -> Iterator[Any]:
-            for number, keys in enumerate(blocks, 1):
-                flying.append(number - job.result.done // 2)
-                yield keys
-
-        honest(job, drawn())
-
-    monkeypatch.setattr(jobs, "MOST_ROWS", 2)
-    spread(tmp_path, SWEEP, engine, report=lambda progress: seen.append(progress.runs))
-    assert rows(tmp_path).equals(plain)
-    # One more is drawn before it is known whether a worker is free.
-    assert len(flying) == 40
-    assert 2 < max(flying) <= 2 * AHEAD + 1
-    assert seen == sorted(seen)
-    assert 3 < len(set(seen)) <= 41
-
-
 def test_workers_need_no_disk_in_common_and_a_killed_one_costs_nothing(
     own_cluster, gate, tmp_path, plain
 ):
@@ -267,7 +245,7 @@ def test_lost_scheduler_and_one_without_workers_are_one_sentence(
     with pytest.raises(OutputError, match=f"{it.address} has had no worker for 1 s"):
         spread(output, SWEEP, make_engine(it.address))
     monkeypatch.undo()
-    monkeypatch.setattr(jobs, "MOST_ROWS", 10)
+    monkeypatch.setattr(runner, "MOST_ROWS", 10)
     it.worker()
 
     def kill(progress: Progress) -> None:
@@ -283,14 +261,14 @@ def test_lost_scheduler_and_one_without_workers_are_one_sentence(
 SCRIPT = f"""
 import json, sys
 from pathlib import Path
-from rattlesweep.sweeps import job
+from rattlesweep.sweeps import run as runner
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.dask import make_engine
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.run import run_sweep
 
 if __name__ == "__main__":
-    job.MOST_ROWS = 10
+    runner.MOST_ROWS = 10
     engine, plan = make_engine(**json.loads(sys.argv[2])), make_plan(parse_config({SWEEP!r}))
     try:
         run_sweep(plan, Path(sys.argv[1]), engine=engine)
@@ -298,33 +276,6 @@ if __name__ == "__main__":
         print(*error.__notes__, file=sys.stderr)
         sys.exit(130)
 """
-
-
-@pytest.fixture
-def driver(tmp_path, gate) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """A driver in a process group of its own, as a terminal has it; one block has been done."""
-    started: list[subprocess.Popen[str]] = []
-
-    def start(output: Path, **options: Any) -> subprocess.Popen[str]:
-        (tmp_path / "script.py").write_text(SCRIPT)
-        process = subprocess.Popen(
-            [sys.executable, tmp_path / "script.py", output, json.dumps(options)],
-            env=os.environ | {
-                "DASK_DISTRIBUTED__WORKER__PRELOAD": json.dumps([str(GATE)]),
-                "RATTLESWEEP_TESTS_GATE": str(gate),
-            },
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-            start_new_session=True,
-        )  # fmt: skip
-        started.append(process)
-        wait_until(lambda: any(output.glob("runs/*.parquet")) or process.poll() is not None)
-        return process
-
-    yield start
-    for process in started:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-        process.communicate(timeout=NEVER)
 
 
 def workers_of(process: subprocess.Popen[str]) -> list[int]:
@@ -339,52 +290,39 @@ def workers_of(process: subprocess.Popen[str]) -> list[int]:
 
 
 @pytest.mark.slow
-def test_ctrl_c_to_the_whole_group_ends_an_embedded_cluster_quietly(driver, plain, tmp_path):
-    process = driver(tmp_path / "out", workers=2)
-    workers = workers_of(process)
-    os.killpg(process.pid, signal.SIGINT)
-    said = process.communicate(timeout=NEVER)[1]
-    assert process.returncode == 130, said
-    assert re.fullmatch(r"\d+ runs are kept, 0 in flight were lost\n", said)
-    assert len(workers) == 2
-    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
-    spread(tmp_path / "out", SWEEP)
-    assert rows(tmp_path / "out").equals(plain)
-
-
-@pytest.mark.slow
-def test_killed_and_paused_workers_of_an_embedded_cluster_are_replaced(
-    driver, gate, plain, tmp_path
-):
-    process = driver(tmp_path / "out", workers=2)
-    first, second = workers_of(process)
-    os.kill(first, signal.SIGKILL)
-    os.kill(second, signal.SIGSTOP)
-    (gate / "open").touch()
-    said = process.communicate(timeout=NEVER)[1]
-    assert (process.returncode, said) == (0, "")
-    assert rows(tmp_path / "out").equals(plain)
-
-
-@pytest.mark.slow
-def test_blocks_of_a_killed_driver_are_dropped(driver, own_cluster, gate, plain, tmp_path):
-    from distributed import Client
-
-    own_cluster.worker()
-    process = driver(tmp_path / "out", scheduler=own_cluster.address)
-    process.kill()
-    process.communicate(timeout=NEVER)
-    with Client(own_cluster.address, set_as_default=False) as client:
-        # The gate is still shut, so blocks end only if the worker sees that nobody waits for them.
-        wait_until(
-            lambda: not any(client.run(lambda dask_worker: dask_worker.active_threads).values())
-        )
-    (gate / "ticket").touch()
-    begun = driver(tmp_path / "next", scheduler=own_cluster.address)
-    assert not (gate / "ticket").exists()
-    (gate / "open").touch()
-    assert begun.wait(NEVER) == 0
-    assert rows(tmp_path / "next").equals(plain)
+@pytest.mark.parametrize("how", ["interrupted", "workers lost"])
+def test_an_embedded_cluster_hears_ctrl_c_and_replaces_workers(how, gate, plain, tmp_path):
+    """The driver is in a process group of its own, as a terminal has it."""
+    output = tmp_path / "out"
+    (tmp_path / "script.py").write_text(SCRIPT)
+    own = {"DASK_DISTRIBUTED__WORKER__PRELOAD": json.dumps([str(GATE)]),
+           "RATTLESWEEP_TESTS_GATE": str(gate)}  # fmt: skip
+    process = subprocess.Popen(
+        [sys.executable, tmp_path / "script.py", output, json.dumps({"workers": 2})],
+        env=os.environ | own, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    try:
+        wait_until(lambda: any(output.glob("runs/*.parquet")) or process.poll() is not None)
+        first, second = workers_of(process)
+        if how == "interrupted":
+            os.killpg(process.pid, signal.SIGINT)
+        else:
+            os.kill(first, signal.SIGKILL)
+            os.kill(second, signal.SIGSTOP)
+            (gate / "open").touch()
+        said = process.communicate(timeout=NEVER)[1]
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    if how == "interrupted":
+        assert process.returncode == 130, said
+        assert re.fullmatch(r"\d+ runs are kept, 0 in flight were lost\n", said)
+        wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in (first, second)))
+        spread(output, SWEEP)
+    else:
+        assert (process.returncode, said) == (0, "")
+    assert rows(output).equals(plain)
 
 
 def test_embedded_cluster_is_closed_to_others_and_has_a_directory_of_its_own(tmp_path, monkeypatch):
@@ -461,9 +399,7 @@ def test_address_where_nobody_is_is_told(tmp_path, monkeypatch):
                 spread(tmp_path, SWEEP, make_engine(address))
 
 
-def test_missing_dask_and_options_that_contradict_each_other_are_told(monkeypatch):
-    with pytest.raises(ConfigError, match="--workers: the workers of --scheduler are"):
-        make_engine("tcp://127.0.0.1:9", workers=2)
+def test_missing_dask_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ConfigError, match=r"pip install '\.\[dask\]'"):
         make_engine()

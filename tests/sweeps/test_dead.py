@@ -1,7 +1,6 @@
 """A body whose energy is gone does not reverse: by every door, type D and no t_r."""
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import rattlesweep as rs
@@ -35,14 +34,10 @@ def test_a_sweep_and_its_thresholds(plain):
     assert plain.runs.t_r.isna().all()
     assert (plain.runs.energy_left.abs() < 0.01).all()
     for value in ("0.5", "0.001"):
-        with pytest.raises(ConfigError, match="with dissipation it needs a new sweep"):
+        with pytest.raises(ConfigError, match="needs a new sweep"):
             classify_stored(plain.directory, [f"classify.dead_energy={value}"])
         with pytest.raises(ConfigError, match="holds another sweep"):
             rs.sweep(CONFIG | {"classify": {"dead_energy": float(value)}}, output=plain.directory)
-
-
-def test_other_thresholds_still_change(plain):
-    assert classify_stored(plain.directory, ["classify.sw_departure=0.5"]).changed == 0
 
 
 def test_recorded_reversals_and_errors(tmp_path):
@@ -55,15 +50,10 @@ def test_recorded_reversals_and_errors(tmp_path):
     assert runs[["t_r", "t_r_error"]].isna().all(axis=None)
 
 
-@pytest.mark.parametrize("sigma", [0.3, 3.0])
-def test_a_trajectory(sigma):
-    path = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, sigma=sigma, t_end=2000, points=2)
+def test_a_trajectory_and_a_replay(plain):
+    path = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, sigma=3.0, t_end=2000, points=2)
     assert (path.status, len(path.zeros), len(path.reversals)) == ("ok", 0, 0)
-
-
-def test_a_replay(plain):
-    path = rs.replay(plain.directory, 1, 0, points=2)
-    assert len(path.zeros) == 0
+    assert len(rs.replay(plain.directory, 1, 0, points=2).zeros) == 0
 
 
 def test_a_larger_share_kills_earlier(tmp_path):
@@ -75,24 +65,3 @@ def test_a_larger_share_kills_earlier(tmp_path):
     dead = rs.sweep(one | {"classify": {"dead_energy": share}}, output=tmp_path / "dead").runs
     assert (dead.type[0], dead.t_end[0]) == ("D", alive.t_end)
     assert np.isnan(dead.t_r[0])
-
-
-def test_damped_reversals_are_the_plain_ones(tmp_path):
-    """Above the share nothing is decided by it: only zeros of dead bodies go."""
-    config = {
-        "bodies": {"source": "grid", "base": {"preset": "GH"},
-                   "axes": {"minus_xi_deg": {"logspace": [0.1, 10, 6]}}},
-        "spin": {"n_i": [0.2, -0.2], "omega_xy0": 0.01},
-        "dissipation": {"sigma": {"logspace": [3e-3, 0.3, 4]}},
-        "horizon": {"t_decay": 5}, "record": ["reversals"],
-    }  # fmt: skip
-    runs = rs.sweep(config, output=tmp_path / "own").runs
-    least = config | {"classify": {"dead_energy": 1e-6}}
-    free = rs.sweep(least, output=tmp_path / "free").runs
-    alive = runs.t_r.notna()
-    assert 10 < alive.sum() < len(runs)
-    columns = ["t_r", "t_end", "n_end", "n_steps", "energy_left"]
-    pd.testing.assert_frame_equal(runs[alive][columns], free[alive][columns], check_exact=True)
-    assert (runs.n_turns <= free.n_turns).all()
-    late = free.t_r.notna() & ~alive
-    assert (runs[late].type == "D").all()

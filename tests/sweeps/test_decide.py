@@ -10,20 +10,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 import sweeping
 from hardship import check_equal
 from sweeping import changed, plan_of, proved
 from test_invariance import Stop, cut
 
-from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.block import compute, prepare_runs
-from rattlesweep.sweeps.config.read import parse_config, physics_hash
+from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.counts import wilson
-from rattlesweep.sweeps.decide import FIRST, Refining, Stopping, decision, nearest_rows, strides
+from rattlesweep.sweeps.decide import FIRST, Refining, Stopping, decision, nearest_rows
 from rattlesweep.sweeps.memory import integrate_plan, same_bits
-from rattlesweep.sweeps.run import Shard
 from rattlesweep.sweeps.status import status
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.summary import summarise
@@ -68,9 +64,6 @@ def done(tmp_path_factory) -> dict[str, Path]:
     return {name: folder / name for name in CONFIGS}
 
 
-# -- a pure function of the rows -------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", CONFIGS)
 def test_wanted_is_found_from_any_rows_in_any_order(name, done):
     """From none to all, wave by wave, with rows that nobody asked for, and in pieces."""
@@ -95,34 +88,6 @@ def test_wanted_is_found_from_any_rows_in_any_order(name, done):
             known.add(every.take(pa.array(case[some] * plan.samples + sample[some])))
         assert np.array_equal(wanted, there)
     assert len(waves) > 3
-
-
-@pytest.mark.parametrize("surplus", [0.3, 1.0])
-def test_values_that_nobody_asked_for_change_nothing(surplus):
-    """Whether a column bends is judged by the runs of the waves so far."""
-    axes = {"theta": {"linspace": [0.6, 0.95, 65]}, "phi": {"linspace": [0.02, 0.1, 65]}}
-    bodies = GRID | {"axes": axes, "refine": {"levels": 3, "by": "t_r", "tol": 0.1}}
-    plan = plan_of(TIMES, bodies=bodies, spin={"n_i": [-0.1], "omega_xy0": 0.01})
-    x, y = np.meshgrid(np.linspace(0, 1, 65), np.linspace(0, 1, 65), indexing="ij")
-    # A surface, found by trying some, on which it mattered.
-    dice = np.random.default_rng(30)
-    dice.uniform(2, 12, 3)
-    height, a, b = dice.random(3)
-    bump = np.exp(-((x - a) ** 2 + (y - b) ** 2) / dice.uniform(0.002, 0.05))
-    values = (1 + height * bump + 0.3 * (x + dice.random() * y > 1)).ravel()
-
-    def wanted(todo: Any) -> Any:
-        known = fresh(plan)
-        while (todo := todo | (known.wanted() & (known.code < 0))).any():
-            sample = np.nonzero(todo)[1]
-            rows = {"case": 0 * sample, "sample": sample, "t_r": values[sample]}
-            words = {"type": ["R"] * len(sample), "status": ["ok"] * len(sample)}
-            known.add(pa.table(rows | words))
-            todo = np.zeros_like(todo)
-        return known.wanted()
-
-    more = dice.random(plan.shape) < surplus
-    assert np.array_equal(wanted(more), wanted(np.zeros_like(more)))
 
 
 def without(config: dict[str, Any]) -> dict[str, Any]:
@@ -159,38 +124,6 @@ def test_stopped_again_and_again_in_any_order_with_harm(name, done, tmp_path):
     check_equal(tmp_path, done[name])
 
 
-def test_rows_that_cannot_be_read_are_an_error_and_no_fewer_runs(done, tmp_path, monkeypatch):
-    output = tmp_path / "out"
-    with pytest.raises(Stop):
-        sweeping.sweep(output, MAP, engine=cut(100, 4))
-    honest, calls, at = pq.ParquetFile.read, [0], [0]
-
-    def failing(*args: Any, **options: Any) -> Any:
-        calls[0] += 1
-        if calls == at:
-            raise OSError(5, "Input/output error")
-        return honest(*args, **options)
-
-    files = len(open_stored(output).files())
-    assert files > 1
-    monkeypatch.setattr(pq.ParquetFile, "read", failing)
-    for number in range(1, 2 * files + 1):
-        calls[0], at[0] = 0, number
-        with pytest.raises(OutputError, match=r"cannot read .*: Input/output error"):
-            sweeping.sweep(output, MAP)
-        assert not (output / "summary.parquet").exists()
-    monkeypatch.undo()
-    sweeping.sweep(output, MAP)
-    check_equal(output, done["refine by type"])
-
-
-def test_there_are_no_shares_of_what_depends_on_all(tmp_path):
-    for config, key in ((MAP, "bodies.refine"), (ENOUGH, "stop")):
-        with pytest.raises(ConfigError, match=f"{key}: what is run next depends on all runs"):
-            sweeping.sweep(tmp_path / "out", config, shard=Shard(0, 2))
-    assert not (tmp_path / "out").exists()
-
-
 def filled(directory: Path, names: list[str]) -> pa.Table:
     """All points of the grid, those that were left out with the columns of the nearest run."""
     stored = open_stored(directory)
@@ -201,9 +134,6 @@ def filled(directory: Path, names: list[str]) -> pa.Table:
         .append_column("at_sample", pa.array(np.arange(len(nearest))))
         for case, nearest in nearest_rows(stored)
     )
-
-
-# -- refine ----------------------------------------------------------------------------------------
 
 
 def test_a_fraction_of_the_runs_gives_the_same_map(full, done):
@@ -253,15 +183,6 @@ def test_filled_is_the_nearest_of_each_spin_and_body(done):
         assert np.sum((found - here) ** 2) == least
 
 
-def test_times_between_runs_are_as_near_as_asked(full, done):
-    exact = full["t_r"].to_pandas()
-    near = filled(done["refine by t_r"], ["t_r"])["t_r"].to_pandas()
-    assert (exact.isna() == near.isna()).mean() > 0.99
-    off = (near / exact - 1).abs().dropna()
-    assert off.quantile(0.9) < 0.1
-    assert open_stored(done["refine by t_r"]).count() < 0.5 * POINTS
-
-
 def asked(kind: Callable[..., Any], theta: int, phi: int, levels: int) -> Any:
     """Which points of a plane of bodies are asked for; the types ``kind(x, y)``; waves."""
     axes = {"theta": {"linspace": [0.6, 0.95, theta]}, "phi": {"linspace": [0.02, 0.1, phi]}}
@@ -288,24 +209,6 @@ def test_each_spin_is_a_picture_of_its_own_and_only_boundaries_are_refined():
     assert there[0].sum() < 0.1 * there[0].size
 
 
-def test_a_boundary_that_hides_between_coarse_points_is_followed_to_its_ends():
-    """A spiral arm thinner than the coarse cells, which meets them in a few places only."""
-    arm = lambda x, y: np.abs(y - 0.5 - 0.3 * np.sin(7 * x)) < 0.025  # noqa: E731
-    there, truth, waves = asked(arm, 257, 200, levels=4)
-    steps = truth[:, 1:] != truth[:, :-1]
-    assert (there[0][:, 1:] & there[0][:, :-1])[steps].mean() > 0.97
-    assert waves > 5
-    assert there[0].sum() < 0.25 * there[0].size
-
-
-@pytest.mark.parametrize(
-    ("shape", "levels", "expected"),
-    [((400, 2, 400), 4, (16, 1, 16)), ((9, 9), 4, (4, 4)), ((4, 5), 1, (1, 2)), ((17,), 3, (8,))],
-)
-def test_coarse_grids(shape, levels, expected):
-    assert strides(shape, levels) == expected
-
-
 def test_refused_where_nothing_can_be_left_out_or_recorded(tmp_path):
     few = GRID | {"axes": {"theta": [0.6, 0.7, 0.8]}, "refine": {}}
     for bodies, spin, words in (
@@ -314,7 +217,6 @@ def test_refused_where_nothing_can_be_left_out_or_recorded(tmp_path):
     ):
         with pytest.raises(ConfigError, match=words):
             fresh(plan_of(MAP, bodies=bodies, spin=spin))
-    assert physics_hash(parse_config(MAP)) == physics_hash(parse_config(MAP | {"bodies": GRID}))
 
 
 def test_a_refined_directory_becomes_the_whole_grid(full, done, tmp_path):
@@ -322,9 +224,6 @@ def test_a_refined_directory_becomes_the_whole_grid(full, done, tmp_path):
     result = sweeping.sweep(tmp_path, MAP | {"bodies": GRID})
     assert result.runs - result.done == open_stored(done["refine by type"]).count()
     assert same_bits(open_stored(tmp_path).read(), full)
-
-
-# -- stop ------------------------------------------------------------------------------------------
 
 
 def test_every_case_is_known_well_enough_and_no_case_long_before(done):
@@ -353,22 +252,3 @@ def test_mean_times_known_well_enough_or_all_samples(tmp_path):
         assert FIRST <= len(own) < 6000
     never = changed(ENOUGH, bodies={"samples": 1000}, stop={"t_r": 1e-4})
     assert sweeping.sweep(tmp_path / "all", never).runs == 3000
-
-
-@pytest.mark.slow
-def test_what_is_promised_holds_in_95_of_100_sweeps():
-    """Stopping by what came out may not make it look better known than it is."""
-    bodies = {"source": "sd", "samples": 2**18, "draw": "sobol"}
-    plan = plan_of(without(ENOUGH), bodies=bodies)
-    t_r = integrate_plan(plan)["t_r"].to_pandas().to_numpy().reshape(3, -1)
-    true = np.isfinite(t_r).mean(axis=1)
-    shares = []
-    for seed in range(500):
-        plan = plan_of(ENOUGH, seed=1000 + seed)
-        known = fresh(plan)
-        while (todo := known.wanted() & (known.code < 0)).any():
-            prepared = prepare_runs(plan, *np.nonzero(todo))
-            known.add(compute(plan.config, plan.schema, prepared)[0])
-        done = known.code >= 0
-        shares.append((known.code == 0).sum(axis=1) / done.sum(axis=1))
-    assert (np.mean(np.abs(np.array(shares) - true) <= 0.03, axis=0) >= 0.94).all()

@@ -9,16 +9,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-import sweeping
 from refusal import assert_refused
-from sweeping import invoke, plan_of, prepared, proved, rows
+from sweeping import invoke, plan_of, prepared, proved
 
 import rattlesweep as rs
-from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.theory import bondi_threshold
-from rattlesweep.sweeps.config.read import parse_config, physics_hash
 from rattlesweep.sweeps.launches import model_of
 
 SIGMA, ROLLING = [0.0, 0.05, 0.2], [0.0, 1e-3]
@@ -58,19 +55,6 @@ def written(folder: Path, config: Any) -> Path:
 
 
 # -- cases -------------------------------------------------------------------------------------
-
-
-def test_kernels_are_by_what_some_run_has_and_hashes_by_values():
-    def of(**losses: Any) -> Any:
-        return parse_config(CONFIG | {"dissipation": losses})
-
-    assert model_of(of(sigma=[0, 0.1])).name == "ellipsoid_viscous"
-    assert model_of(of(sigma=[0, 0.1], rolling=[0, 0.1])).name == "ellipsoid_rolling"
-    assert model_of(of(sigma=[0])).name == model_of(of()).name == "ellipsoid"
-    # A hash is of what chooses the kernel: the values are those of the cases.
-    hashes = [physics_hash(of(sigma=sigma)) for sigma in (0, 0.1, [0.1, 0.2], [0, 0.3])]
-    assert hashes[0] != hashes[1]
-    assert len(set(hashes[1:])) == 1
 
 
 def test_a_horizon_in_units_of_the_decay():
@@ -141,35 +125,6 @@ def test_without_losses_it_is_that_of_a_sweep_without(tmp_path):
 
 
 # -- what is made of them ----------------------------------------------------------------------
-
-
-def test_summary_by_case_and_types(swept):
-    summary, directory = swept.summary, swept.directory
-    assert summary.sigma.tolist() == [s for _ in (1, 2) for s in SIGMA for _ in ROLLING]
-    assert summary["rolling"].tolist() == ROLLING * 6
-    free = (summary.sigma == 0) & (summary["rolling"] == 0)
-    # Bondi's share has a meaning in the steady direction, and where nothing is lost.
-    assert (summary.fraction_bondi.notna() == (free & (summary.n_i < 0))).all()
-    before = proved(directory, recompute=20)
-    assert invoke("classify", directory, "--set", "classify.sw_departure=0.9").exit_code == 0
-    assert proved(directory) != before
-    assert invoke("classify", directory).exit_code == 0
-    assert proved(directory) == before
-
-
-def test_grows_by_more_values(swept, tmp_path):
-    sweeping.sweep(tmp_path, CONFIG | {"dissipation": {"sigma": 0.2, "rolling": ROLLING}})
-    result = sweeping.sweep(tmp_path, CONFIG)
-    assert result.runs - result.done == 24
-    key = ["n_i", "sigma", "rolling", "sample"]
-    grown, whole = (
-        frame.sort_values(key, ignore_index=True).drop(columns="case")
-        for frame in (rows(tmp_path), swept.runs)
-    )
-    pd.testing.assert_frame_equal(grown, whole, check_exact=True)
-    # Not where all runs would have another kernel.
-    with pytest.raises(ConfigError, match=r"holds another sweep \(dissipation.kind: .rolling"):
-        sweeping.sweep(tmp_path, CONFIG | {"dissipation": {"sigma": 0.2}})
 
 
 # -- tables ------------------------------------------------------------------------------------

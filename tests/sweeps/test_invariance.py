@@ -17,11 +17,10 @@ from sweeping import changed, plan_of
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.batch import most_threads
-from rattlesweep.sweeps import job
-from rattlesweep.sweeps.job import Job, Keys, local
+from rattlesweep.sweeps import run as runner
 from rattlesweep.sweeps.memory import integrate_plan, same_bits
 from rattlesweep.sweeps.merge import merge
-from rattlesweep.sweeps.run import Shard
+from rattlesweep.sweeps.run import Job, Keys, Shard, local
 from rattlesweep.sweeps.stored import open_stored
 
 # Under the full model, of runs that take from 200 to 20,000 steps.
@@ -208,7 +207,7 @@ def test_is_as_if_begun_with_more(small, more, tmp_path):
 
 
 def test_step_by_step_with_a_damaged_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(job, "MOST_ROWS", 7)
+    monkeypatch.setattr(runner, "MOST_ROWS", 7)
     sweep(tmp_path / "whole", LARGE)
     grown = tmp_path / "grown"
     sweep(grown, SMALL)

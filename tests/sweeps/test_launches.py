@@ -176,13 +176,3 @@ def test_launches_that_cannot_be_are_refused(config, words, tmp_path, monkeypatc
     Path("c.yaml").write_text("bodies: {source: preset, name: GH}\n" + config + "\n")
     assert_refused(invoke("run", "c.yaml"), 2, words)
     assert not Path("out").exists()
-
-
-def test_a_row_without_spin_needs_a_horizon(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    row = "13.04,1.522,12.28,0.82,0.036,-0.03"
-    Path("t.csv").write_text(f"{HEAD},n_i,omega_xy0,t_end\n{row},0,0.1,50\n{row},0,0.1,\n")
-    Path("c.yaml").write_text("bodies: {source: table, path: t.csv}\n")
-    assert_refused(invoke("run", "c.yaml"), 2, "horizon.t: missing; a launch without spin (2 of 2)")
-    assert invoke("run", "c.yaml", "--set", "horizon.t=60", "-q").exit_code == 0
-    assert rs.load("out/c").runs.t_end.tolist() == [50, 60]

@@ -14,7 +14,7 @@ from rattlesweep.sweeps.arrow import write_parquet
 from rattlesweep.sweeps.cost import case_costs, expected_cost, sample_keys
 from rattlesweep.sweeps.launches import prepare
 from rattlesweep.sweeps.memory import integrate_plan
-from rattlesweep.sweeps.pilot import FEW_LIMIT, Forecast, forecast
+from rattlesweep.sweeps.pilot import forecast
 
 CONFIG: dict[str, Any] = {
     "bodies": {"source": "sd", "samples": 1000},
@@ -27,62 +27,28 @@ GRID = {
 }  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def small() -> Forecast:
-    return forecast(plan_of(CONFIG), 2, shards=2, seconds=0.3)
-
-
-def test_it_says_what_the_plan_is_as_data_and_in_words(small):
-    assert small.runs == 2000
-    assert small.threads == 2
-    assert small.decides is None
-    assert 0 <= small.low <= small.seconds <= small.high
-    assert small.longest > 0
-    assert small.share == max(small.seconds / 2, small.longest)
-    assert 0 < small.few < FEW_LIMIT
-    assert json.loads(json.dumps(small.as_data(), allow_nan=False))["runs"] == 2000
-    text = replace(small, seconds=190.0, low=170.0, high=210.0, bytes=12_300_000).words
+def test_it_says_what_the_plan_takes(tmp_path):
+    found = forecast(plan_of(CONFIG), 2, shards=2, seconds=0.3)
+    assert (found.runs, found.threads, found.decides) == (2000, 2, None)
+    assert 0 <= found.low <= found.seconds <= found.high
+    assert found.share == max(found.seconds / 2, found.longest) > 0
+    assert json.loads(json.dumps(found.as_data(), allow_nan=False))["runs"] == 2000
+    text = replace(found, seconds=190.0, low=170.0, high=210.0, bytes=12_300_000).words
     assert "2,000 runs: 3:10 with 2 threads (95 %: 2:50 to 3:30), up to 12.3 MB on disk" in text
     assert "a shard takes about" in text
-    for change, words in (
-        ({"few": 0.9}, "one run in a hundred takes 90 % of the time"),
-        ({"unseen": 0.2}, "20 % of the pilot's runs were too long for it"),
-        ({"decides": "stop"}, "runs: at most "),
-    ):
-        assert words in replace(small, **change).words
-        assert words not in small.words
-
-
-def test_files_are_as_large_as_said(small, tmp_path):
+    assert "runs: at most " in replace(found, decides="stop").words
     write_parquet(integrate_plan(plan_of(CONFIG)), tmp_path / "a")
-    assert small.bytes == pytest.approx((tmp_path / "a").stat().st_size, rel=0.3)
+    assert found.bytes == pytest.approx((tmp_path / "a").stat().st_size, rel=0.5)
 
 
-def test_steps_are_as_many_as_the_rate_says():
-    """Without a clock: seconds times rate is the steps of the whole sweep, both from one pilot."""
+def test_steps_are_as_many_as_runs_drawn_by_their_cost_say():
+    """Without a clock: as the pilot draws them, they tell the mean of steps over cost."""
     plan = plan_of(CONFIG)
-    launches = prepare(*sample_keys(plan, 10_000, np.arange(2)))
-    cost = expected_cost(launches, "full")
+    cost = expected_cost(prepare(*sample_keys(plan, 10_000, np.arange(2))), "full")
     steps = integrate_plan(plan)["n_steps"].to_numpy()
-    # Runs drawn by their cost, as the pilot draws them, tell the mean of steps over cost.
-    dice = np.random.default_rng(1)
-    drawn = dice.choice(len(cost), 500, p=cost / cost.sum())
+    drawn = np.random.default_rng(1).choice(len(cost), 500, p=cost / cost.sum())
     guess = (steps[drawn] / cost[drawn]).mean() * cost.mean() * plan.runs
     assert guess == pytest.approx(steps.sum(), rel=0.1)
-    assert np.corrcoef(np.log(cost), np.log(steps))[0, 1] > 0.3
-
-
-def test_a_few_runs_that_take_most_of_the_time_are_said():
-    ranges = {"minus_xi_deg": [0, 6]}
-    free = CONFIG | {"bodies": {"source": "sd", "samples": 200_000, "ranges": ranges},
-                     "horizon": {"t_rgh": 5}}  # fmt: skip
-    found = forecast(plan_of(free), 2, seconds=0.3)
-    assert found.few > FEW_LIMIT
-    assert "horizon: {t_rgh: 5, t: ...} sets a limit" in found.words
-    assert found.high > found.seconds > found.low >= 0
-    limited = forecast(plan_of(free | {"horizon": {"t_rgh": 5, "t": 500}}), 2, seconds=0.3)
-    assert limited.few < FEW_LIMIT
-    assert limited.longest < found.longest
 
 
 @pytest.mark.parametrize(
@@ -91,6 +57,7 @@ def test_a_few_runs_that_take_most_of_the_time_are_said():
         {"model": "gh"},
         {"bodies": {"source": "sd", "samples": 10**8}, "model": "gh"},
         {"bodies": {"source": "sd", "samples": 1}},
+        {"bodies": {"source": "sd", "samples": 200_000}, "horizon": {"t_rgh": 5}},  # a heavy tail
         {"horizon": {"t": 1e-3}},
         {"bodies": GRID | {"refine": {"levels": 4}}},
     ],
@@ -107,14 +74,11 @@ def test_some_runs_are_the_sweeps_own_and_from_all_over_a_grid():
     plan = plan_of(CONFIG, bodies={"source": "sd", "samples": 3000, "target": target})
     cheap, case, sample = sample_keys(plan, 20, np.arange(4))
     assert case.tolist() == np.repeat(np.arange(4), 20).tolist()
-    assert sample.tolist() == [*range(20)] * 4
     theirs = plan.source.bodies(plan.targets[3], np.arange(20)).theta
     assert np.array_equal(prepare(cheap, case, sample).bodies.theta[-20:], theirs)
-    plan = plan_of(CONFIG, bodies=GRID)
-    theta, again = (prepare(*sample_keys(plan, 2000, np.arange(1))).bodies.theta for _ in "ab")
+    theta = prepare(*sample_keys(plan_of(CONFIG, bodies=GRID), 2000, np.arange(1))).bodies.theta
     assert theta.min() < 0.605
     assert theta.max() > 0.895
-    assert np.array_equal(theta, again)
 
 
 def test_costs_of_many_cases_are_judged_by_some():
@@ -123,4 +87,3 @@ def test_costs_of_many_cases_are_judged_by_some():
     many = case_costs(plan_of(CONFIG, spin={"n_i": spins, "omega_xy0": 0.01}))
     assert many[[0, -1]] == pytest.approx(few, rel=1e-12)
     assert np.isfinite(many).all()
-    assert (np.diff(many) <= 1e-9 * many[0]).all() or (np.diff(many) >= -1e-9 * many[0]).all()

@@ -34,7 +34,7 @@ from rattlesweep import progress
 from rattlesweep.sweeps.arrow import same_schema
 from rattlesweep.sweeps.columns import runs_schema, summary_schema
 from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.job import Progress
+from rattlesweep.sweeps.run import Progress
 
 SMALL = {
     "gh.yaml": (),
@@ -206,14 +206,6 @@ def test_another_config_is_kept_out_of_a_directory(tmp_path):
         table.write_text(f"alpha,beta,gamma,theta,phi,xi\n13.04,1.522,12.28,{theta},0.036,-0.03\n")
         result = run("gh.yaml", tmp_path / "table", *sets)
     assert_refused(result, 2, "the table of bodies has changed")
-
-
-def test_a_dry_run_writes_nothing(tmp_path):
-    result = run(
-        "steady.yaml", tmp_path / "a" / "b", "model=gh", "record=[]", options=("--dry-run",)
-    )
-    assert result.exit_code == 0
-    assert list(tmp_path.iterdir()) == []
 
 
 # -- what is said, and where -------------------------------------------------------------------

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import stone_oracle
 from refusal import assert_refused
-from scipy.optimize import brentq
 from sweeping import invoke, plan_of, prepared
 from test_stone import kl_state, random_bodies
 
@@ -154,30 +153,3 @@ def test_kane_and_levinsons_stone_reverses_when_theirs_does():
     out = kernel_of_everything([body, body | {"c": None}], [(u, omega)] * 2, [(0, 0)] * 2, 200.0)
     assert out.t_r[0] / second == pytest.approx(2.684647045, abs=1e-8)
     assert out.t_r[1] / second == pytest.approx(2.6597, abs=1e-4)
-
-
-@pytest.mark.slow
-def test_kane_and_levinsons_stone_along_its_course():
-    """Channels: omega_3 is zero first at 2.352730997 s; both ways, with and without sigma."""
-    unit = 1e-4 * math.sqrt(stone_oracle.KL_GRAVITY / stone_oracle.KL_HEIGHT)
-    for omega_3, sigma in ((-5.0, 0.0), (5.0, 0.0), (-5.0, 1e-4), (5.0, 1e-4)):
-        u, omega, second = kl_state(omega_3)
-        path = rs.trajectory(
-            rs.Rattleback.kl(), omega=omega, u=u, t_end=3 * second, sigma=sigma / unit,
-            tol=1e-13, channels=["t", "omega_z"], points=30_001,
-        )  # fmt: skip
-        spin, third = stone_oracle.kane_levinson(omega_3, sigma, t_end=3.0)
-        if spin is not None:
-            assert path.zeros[0] / second == pytest.approx(spin, abs=1e-8)
-        else:
-            assert not path.zeros.size
-        t, z = path.table.t.to_numpy() / second, path.table.omega_z.to_numpy()
-        change = np.flatnonzero(z[1:] * z[:-1] < 0)
-        if third is None:
-            assert not change.size
-            continue
-        # By a polynomial through eight rows, 0.1 ms apart.
-        near = slice(change[0] - 3, change[0] + 5)
-        curve = np.polynomial.Polynomial.fit(t[near], z[near], 7)
-        root = brentq(curve, t[change[0]], t[change[0] + 1], xtol=1e-15)
-        assert root == pytest.approx(third, abs=1e-8)

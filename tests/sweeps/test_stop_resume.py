@@ -19,11 +19,10 @@ from sweeping import begin, plan_of
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate import task
-from rattlesweep.sweeps import job
-from rattlesweep.sweeps.job import Job, Progress, Result
-from rattlesweep.sweeps.provenance import read_sessions
+from rattlesweep.sweeps import run as runner
+from rattlesweep.sweeps.provenance import hold, read_sessions
 from rattlesweep.sweeps.rows import Found, Runs
-from rattlesweep.sweeps.run import Shard
+from rattlesweep.sweeps.run import Job, Progress, Result, Shard
 from rattlesweep.sweeps.status import status
 from rattlesweep.sweeps.stored import open_stored
 
@@ -215,19 +214,6 @@ def test_any_time_however_short_makes_progress(whole, often, tmp_path):
     check_equal(tmp_path, whole)
 
 
-def test_a_second_ctrl_c_ends_the_waiting_for_rows(tmp_path, monkeypatch):
-    """The first one waits for the kernel, and whoever has no patience presses it again."""
-
-    def impatient(*args: Any) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(task.Task, "stop", impatient)
-    with pytest.raises(KeyboardInterrupt):
-        sweeping.sweep(tmp_path, CONFIG, report=stop_after(0))
-    monkeypatch.undo()
-    assert sweeping.sweep(tmp_path, CONFIG).runs == FEW
-
-
 def test_beside_the_main_thread(whole, tmp_path):
     """As in a notebook's or a server's thread, where no signals are heard."""
     thread = threading.Thread(target=sweeping.sweep, args=(tmp_path, CONFIG))
@@ -272,7 +258,7 @@ def test_a_fresh_start_removes_a_sweep_whatever_has_come_to_it(harmed, whole, tm
 def new_job(
     monkeypatch: Any, cost: Any, samples: int, report: Any = lambda p: None, **more: Any
 ) -> Job:
-    monkeypatch.setattr(job, "case_costs", lambda plan: np.array(cost, float))
+    monkeypatch.setattr(runner, "case_costs", lambda plan: np.array(cost, float))
     spin = {"n_i": np.linspace(-0.5, -0.1, len(cost)).tolist(), "omega_xy0": 0.01}
     plan = plan_of(CONFIG, bodies={"source": "sd", "samples": samples}, spin=spin)
     stored: Any = type("Stored", (), {"hash": "", "cases": (), "runs": Runs(Path())})
@@ -282,8 +268,8 @@ def new_job(
 
 @pytest.mark.parametrize("seed", range(3))
 def test_blocks_are_each_run_once_in_order_and_alike_in_cost(seed, monkeypatch):
-    monkeypatch.setattr(job, "MOST_ROWS", 3000)
-    monkeypatch.setattr(job, "AT_ONCE", 7000)
+    monkeypatch.setattr(runner, "MOST_ROWS", 3000)
+    monkeypatch.setattr(runner, "AT_ONCE", 7000)
     dice = np.random.default_rng(seed)
     work = new_job(monkeypatch, 10 ** dice.uniform(2, 5, 40), 500)
     work.found.done[:] = dice.random((40, 500)) < 0.4
@@ -297,7 +283,7 @@ def test_blocks_are_each_run_once_in_order_and_alike_in_cost(seed, monkeypatch):
     sizes = np.array([len(block[0]) for block in blocks])
     assert sizes.max() <= 3000
     # But for the first, which learns, and the last, which is what is left.
-    least = job.ROUNDS * job.LANES * 2
+    least = runner.ROUNDS * runner.LANES * 2
     assert (cost[1:-1][sizes[1:-1] > least] <= 3.0e7).all()
     assert (sizes[1:-1] >= least).all()
 
@@ -307,8 +293,8 @@ def test_blocks_are_each_run_once_in_order_and_alike_in_cost(seed, monkeypatch):
 )
 def test_a_block_of_long_runs_is_small(seconds, rows, monkeypatch):
     """Time that a run takes, and rows of a block of two threads with 32 lanes each."""
-    monkeypatch.setattr(job, "MOST_ROWS", 3000)
-    monkeypatch.setattr(job, "LANES", 32)
+    monkeypatch.setattr(runner, "MOST_ROWS", 3000)
+    monkeypatch.setattr(runner, "LANES", 32)
     work = new_job(monkeypatch, [1.0], 10_000)
     blocks = work.blocks(np.ones((1, 10_000), bool))
     first = next(blocks)
@@ -348,3 +334,16 @@ def test_shards_are_read_as_words():
     for text in ("3/3", "1", "a/b", "-1/3", "0/0"):
         with pytest.raises(ValueError, match=r"is not I/N"):
             Shard.parse(text)
+
+
+def test_a_sweep_grows_when_no_other_shard_is_at_work(tiny_sweep, tmp_path):
+    """Shards of the larger sweep that begin at once grow it once."""
+    config, _ = tiny_sweep
+    args = ("run", config, "--output", tmp_path / "out", "-q", "--set")
+    assert sweeping.invoke(*args, "bodies.samples=2", "--shard", "0/2").exit_code == 0
+    with hold(tmp_path / "out", "shard-1-of-2"):
+        done = sweeping.invoke(*args, "bodies.samples=4", "--shard", "0/2")
+        assert done.exit_code == 1
+        assert "shard-1-of-2 is at work; the sweep can grow when it has ended" in done.stderr
+    assert sweeping.invoke(*args, "bodies.samples=4", "--shard", "0/2").exit_code == 0
+    assert sweeping.invoke(*args, "bodies.samples=4", "--shard", "1/2").exit_code == 0

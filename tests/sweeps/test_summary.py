@@ -128,27 +128,6 @@ def one_case(directory, **change):
     return summarise(write(directory, columns | changed, cases=CASES[:1])).to_pylist()[0]
 
 
-DIVERGED = {"status": ["diverged"] * 3, "type": [None] * 3}
-ONE_DIVERGED = {"status": ["ok", "diverged", "ok"], "type": ["R", None, "SS"], "t_r": [7, 9, NAN]}
-# Those that do not reverse have a theory too, and it must not count.
-TIMES = {"type": ["R", "R", "SS"], "t_r": [20, 6, NAN], "t_rgh": [10, 4, 1000]}
-
-
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        ({}, {"t_r_mean": 7.0, "t_r_std": None}),
-        (DIVERGED, {"fraction_R": None, "failed": 3, "t_r_mean": None}),
-        (ONE_DIVERGED, {"t_r_mean": 7.0, "fraction_R": 0.5, "failed": 1}),
-        (TIMES, {"t_r_over_t_rgh_mean": 1.75, "t_r_over_t_rgh_sem": 0.25, "t_r_mean": 13.0,
-                 "t_rgh_mean": 338.0}),
-    ],
-)  # fmt: skip
-def test_what_counts_and_where_there_is_nothing_to_take_a_mean_of(change, expected, tmp_path):
-    row = one_case(tmp_path, **change)
-    assert {name: row[name] for name in expected} == pytest.approx(expected)
-
-
 @pytest.mark.parametrize(
     ("n_c1", "n_i", "omega_p", "expected"),
     [
@@ -185,11 +164,6 @@ def test_moments_do_not_lose_digits_over_many_pieces():
     assert moments.means()[:5] == pytest.approx([part.mean() for part in parts], rel=1e-14)
     assert moments.deviations()[:5] == pytest.approx([p.std(ddof=1) for p in parts], rel=1e-12)
     assert np.isnan([moments.means()[5], moments.deviations()[5], moments.errors()[5]]).all()
-    # Beyond the range of numbers there are none.
-    moments = Moments(3)
-    moments.add(np.array([0, 0, 1, 1, 2]), np.array([1e170, 3e170, 1e308, -1e308, 2.0]))
-    assert moments.means() == pytest.approx([2e170, NAN, 2.0], nan_ok=True)
-    assert np.isnan(moments.deviations()).all()
 
 
 def test_wilson_against_scipy():
@@ -201,21 +175,19 @@ def test_wilson_against_scipy():
     assert np.isnan([low[5], high[5]]).all()
     assert (low[0], high[1]) == (0, 1)
     assert [float(end) for end in wilson(1, 7)] == [low[2], high[2]]
-    with pytest.raises(ValueError, match="more parts than its whole"):
-        wilson(3, 2)
 
 
 def test_closing_table():
-    values = [0, None, 0.0041, -0.5, 0.001, 10_000_000, 0.5, 0.25, 0.25, 0.0, 0.125]
-    values += [812.4567, 3.0, 1600.0, 1.01557, 0.003, 12, 0, *[None] * 9]
-    first = dict(zip(summary_schema().names, values, strict=True))
-    second = dict.fromkeys(first, None) | {"case": 11, "runs": 0, "failed": 0, "near_tangencies": 0}
+    values = {"case": 0, "K_r": 0.0041, "n_i": -0.5, "omega_xy0": 0.001, "runs": 10_000_000,
+              "fraction_R": 0.5, "t_r_mean": 812.4567, "t_r_over_t_rgh_mean": 1.01557,
+              "failed": 12, "near_tangencies": 0}  # fmt: skip
+    first = dict.fromkeys(summary_schema().names) | values
+    second = dict.fromkeys(first) | {"case": 11, "runs": 0, "failed": 0, "near_tangencies": 0}
     text = closing_table(pa.Table.from_pylist([first, second], summary_schema()))
     head, one, two = text.split("\n")
     assert head.split()[:4] == ["case", "target", "n_i", "omega_xy0"]
     assert " ".join(one.split()) == (
-        "0 K_r=0.0041 -0.5 0.001 10000000 0.500 0.250 0.250 0.000 0.125 812.46 1.0156 12"
+        "0 K_r=0.0041 -0.5 0.001 10000000 0.500 - - - - 812.46 1.0156 12"
     )
     assert two.split()[:3] == ["11", "-", "-"]
     assert len({len(line) for line in (head, one, two)}) == 1
-    assert len(head) <= 130

@@ -1,4 +1,5 @@
 """What can be asked of a trajectory: each channel with its unit, its words and its formula."""
+# ruff: noqa: D102 - names and types say it
 
 from __future__ import annotations
 
@@ -101,39 +102,31 @@ def contact_force(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class View:
-    """Quantities of a run at the same times, computed when they are first asked for.
-
-    `constants` are those of the equations, `samples` their states, `beside` those of the reduced
-    model; `energy_0` is the launch's energy.
-    """
+    """Quantities of a run at the same times, computed when they are first asked for."""
 
     model: str
     launches: Launches
     constants: Floats
     energy_0: float
     samples: Samples
-    beside: Samples | None
+    beside: Samples | None  # of the reduced model
 
     @cached_property
     def y(self) -> Floats:
-        """State, components first."""
         return np.ascontiguousarray(self.samples.y.T)
 
     @cached_property
     def gh(self) -> Floats:
-        """Garcia and Hubbard's spin."""
         return self.launches.gh.spin(self.samples.t)
 
     @cached_property
     def n(self) -> Floats:
-        """Spin."""
         if self.model == "full":
             return spin(self.y)
         return self.gh if self.model == "gh" else self.y[0]
 
     @cached_property
     def energy(self) -> Floats:
-        """Energy."""
         if self.model == "full":
             return energy(self.y, self.constants)
         value: Floats = 0.5 * self.constants[2] * self.y[0] ** 2 + self.y[1] + self.y[2]
@@ -141,14 +134,12 @@ class View:
 
     @property
     def work(self) -> Floats:
-        """Work of the dissipation so far."""
         # Behind the five variables that the full model has.
         has = self.model == "full" and len(self.y) > full.N_STATE
         return self.y[full.N_STATE] if has else np.zeros(self.y.shape[1])
 
     @cached_property
     def vectors(self) -> tuple[Floats, Floats]:
-        """Vertical vector and angular velocity."""
         return full.to_vectors(self.y[: full.N_STATE])
 
     @cached_property
@@ -158,8 +149,6 @@ class View:
         With ``e`` an eigenvector of Eq. def-omgpr, ``omega`` without the spin and ``tilt`` the
         angle whose rate it is (Eq. lin-u), the energy of a mode is
         ``((e.J^1/2 omega)^2 + omega_j^2 (e.J^1/2 tilt)^2) / 2``.  The modes are those without spin.
-        For GH at n = 0.1 the pitch's energy then swings by 1.4 % within a period, and by 11 % with
-        the spin's own part left in omega.
         """
         if self.model == "reduced":
             return self.y[1], self.y[2]
@@ -179,29 +168,24 @@ class View:
 
     @cached_property
     def casimir(self) -> Floats:
-        """Casimir invariant, NaN where a mode has no energy at all."""
         m = self.launches.modes
         value = reduced.casimir(*self.modes, m.K_p, m.K_r)
         return np.where(np.isfinite(value), value, np.nan)
 
     @cached_property
     def contact(self) -> Floats:
-        """Contact point in the body's frame, components first."""
         return _touch(self.y, self.constants)[0]
 
     @cached_property
     def force(self) -> tuple[Floats, Floats]:
-        """Normal and tangential contact force."""
         return contact_force(self.y, self.constants)
 
     @cached_property
     def attitude(self) -> Floats:
-        """Quaternion, components first."""
         return quaternion(self.vectors[0], self.samples.extra[:, 0])
 
     @property
     def reduced(self) -> Floats:
-        """State of the reduced model beside, components first."""
         assert self.beside is not None
         return self.beside.y.T
 

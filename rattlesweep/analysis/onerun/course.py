@@ -1,4 +1,5 @@
 """One run as a table of chosen channels, whole or in chunks."""
+# ruff: noqa: D102 - names and types say it
 
 from __future__ import annotations
 
@@ -49,10 +50,8 @@ BESIDE_TOL = 1e-10
 class Observer:
     """Turns and contact forces of a run, from its launch and its accepted steps as they come."""
 
-    plateau: float
-    """Modulus of the launch's spin, in ``sqrt(g/a)``; of a launch without spin, ``n_0``."""
-    zeros: list[float] = field(default_factory=list)
-    """Times of all zeros of the spin so far, kept by whoever finds them."""
+    plateau: float  # modulus of the launch's spin; of a launch without spin, n_0
+    zeros: list[float] = field(default_factory=list)  # of the spin so far, kept by the follower
     reversals: list[float] = field(default_factory=list)  # the first zero of each turn
     normal_min: float = math.inf  # least normal force in M g
     friction_max: float = 0.0  # largest ratio of the tangential force to it
@@ -62,7 +61,6 @@ class Observer:
     _last: tuple[float, float] = (0.0, 0.0)
 
     def spin(self, t: Floats, n: Floats) -> None:
-        """Look at spins."""
         far = np.abs(n) > PLATEAU_SHARE * self.plateau
         t = np.concatenate([[self._last[0]], t[far]])
         side = np.concatenate([[self._last[1]], np.sign(n[far])])
@@ -72,7 +70,6 @@ class Observer:
         self._last = float(t[-1]), float(side[-1])
 
     def forces(self, t: Floats, normal: Floats, tangential: Floats) -> None:
-        """Look at contact forces."""
         ratio = np.divide(tangential, normal, out=np.zeros(len(t)), where=normal > 0)
         if not self.lifts <= t[0] and (normal < 0).any():
             self.lifts = float(t[np.argmax(normal < 0)])
@@ -109,31 +106,15 @@ class _ClosedForm:
         self.zeros = [t_rgh] if t_rgh <= self.t else []
 
     def at(self, times: Floats) -> Samples:
-        """Return the times alone."""
         nothing = np.zeros((len(times), 0))
         return Samples(times, nothing, nothing)
 
 
 class Course:
-    """A trajectory under way: iterate to get it chunk by chunk, stop whenever you like.
+    """A trajectory under way: iterate to get its columns chunk by chunk.
 
-    Parameters
-    ----------
-    run : Launch or tuple
-        What is integrated.
-    channels : sequence of str
-        Names of :data:`rattlesweep.analysis.onerun.channels.CHANNELS`, which become the columns.
-    rows : Rows
-        Times at which they are wanted, in ``sqrt(a/g)``.
-    watch : callable, optional
-        Called with the share that is done, every few thousand steps.
-
-    Attributes
-    ----------
-    zeros, reversals : list of float
-        Times of all zeros of the spin so far, and of the first zero of each turn.
-    units : Units, optional
-        Of a body whose size is known: each channel is then there in SI units too.
+    `watch` is called with the share that is done, every few thousand steps.  `zeros` and
+    `reversals` are the times of all zeros of the spin so far, and of the first zero of each turn.
     """
 
     def __init__(
@@ -210,17 +191,14 @@ class Course:
 
     @property
     def t(self) -> float:
-        """Time reached."""
         return self._follower.t
 
     @property
     def status(self) -> Status:
-        """What has become of the run so far."""
         return self._follower.status
 
     @property
     def n_steps(self) -> int:
-        """Accepted steps so far."""
         return self._follower.n_steps
 
     def __iter__(self) -> Iterator[dict[str, Floats]]:
@@ -231,7 +209,6 @@ class Course:
             yield {channel.name: channel.of(view) for channel in self.channels}
 
     def columns(self) -> dict[str, Floats]:
-        """Integrate the whole run and return its columns."""
         chunks = list(self)
         return {
             c.name: np.concatenate([np.zeros(0), *(chunk[c.name] for chunk in chunks)])

@@ -49,15 +49,11 @@ def write_csv(course: Course, write: Callable[[bytes], Any]) -> None:
     columns = schema(course)
     write((",".join(columns.names) + "\n").encode())
     for chunk in course:
-        write(_lines(build_table(chunk, columns)))
-
-
-def _lines(table: pa.Table) -> bytes:
-    sink = pa.BufferOutputStream()
-    # In one piece: pyarrow (26) writes what was in memory for an empty chunk before others.
-    pcsv.write_csv(table.combine_chunks(), sink, pcsv.WriteOptions(include_header=False))
-    lines: bytes = sink.getvalue().to_pybytes()
-    return lines
+        sink = pa.BufferOutputStream()
+        # In one piece: pyarrow (26) writes what was in memory for an empty chunk before others.
+        table = build_table(chunk, columns).combine_chunks()
+        pcsv.write_csv(table, sink, pcsv.WriteOptions(include_header=False))
+        write(sink.getvalue().to_pybytes())
 
 
 def save(course: Course, path: Path) -> None:

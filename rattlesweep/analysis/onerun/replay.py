@@ -1,4 +1,5 @@
 """A stored run again, as a trajectory: found, proved equal to what is stored, followed."""
+# ruff: noqa: D102 - names and types say it
 
 from __future__ import annotations
 
@@ -40,17 +41,14 @@ class StoredRun:
     t_r_error: float | None = None
     type_sure: bool | None = None
     tol: float | None = None
-    early: bool = False
-    """Whether it may have ended before its horizon."""
+    early: bool = False  # whether it may have ended before its horizon
 
     @property
     def name(self) -> str:
-        """What to call it."""
         return f"case {self.case}, sample {self.sample}"
 
     @property
     def sensitive(self) -> bool:
-        """Whether its ``t_r`` is known to few digits only."""
         return None not in (self.t_r, self.t_r_error) and is_sensitive(self.t_r_error, self.t_r)
 
     @property
@@ -104,7 +102,6 @@ class Replay:
         self._fields = [part.name for part in fields(StoredRun) if part.name in there]
 
     def find(self, case: int, sample: int) -> StoredRun:
-        """Return the run of a case and a sample."""
         stored = self._stored
         for name, value, count in (
             ("case", case, len(stored.cases)), ("sample", sample, stored.samples)
@@ -136,7 +133,6 @@ class Replay:
         return found
 
     def _row(self, case: int, sample: int, names: Sequence[str] | None = None) -> pa.Table:
-        """Return the row of a run; empty if it is not stored."""
         mine = (pc.field("case") == case) & (pc.field("sample") == sample)
         for rows in self._stored.batches(names):
             if len(found := pa.Table.from_batches([rows]).filter(mine)):

@@ -58,11 +58,6 @@ class Rows:
         """Return the times of the rows up to a horizon; None for the accepted steps.
 
         `periods` are those of the pitch up to there, 0 for a model without them.
-
-        Raises
-        ------
-        ConfigError
-            More than one way is chosen, or one that makes no increasing times.
         """
         ways = {"points": self.points, "dt": self.dt, "steps": self.steps or None,
                 "times": self.times}  # fmt: skip
@@ -80,12 +75,10 @@ class Rows:
             if self.from_time is not None:
                 raise ConfigError("times and from_time are both given; keep one of them")
             times = np.array(self.times, dtype=float, ndmin=1)
-            if times.ndim != 1 or not times.size or not np.all(np.isfinite(times)):
-                raise ConfigError("times: a list of finite numbers is needed")
-            if times[0] < 0 or times[-1] > t_end or np.any(np.diff(times) <= 0):
-                raise ConfigError(
-                    f"times: they must increase, from 0 at least to t_end = {t_end:g}"
-                )
+            good = times.ndim == 1 and times.size and np.isfinite(times).all()
+            if not good or times[0] < 0 or times[-1] > t_end or np.any(np.diff(times) <= 0):
+                raise ConfigError(f"times: a list that increases from 0 at least to t_end = "
+                                  f"{t_end:g} is needed")  # fmt: skip
             return times
         if self.dt is not None:
             if not (math.isfinite(self.dt) and self.dt > 0):

@@ -72,11 +72,7 @@ def course_of(
     *,
     from_time: float | None = None,
 ) -> Course:
-    """Return the run with the channels and the rows that its page needs, or so many ``points``.
-
-    The page begins at the launch, or at ``from_time`` in ``sqrt(a/g)``.  Refuses a run too long for
-    a page, too few points for one, and a model without a body that moves.
-    """
+    """Return the run with the channels and the rows that its page needs, or so many ``points``."""
     model = run.model if isinstance(run, Launch) else run[0].model
     if model != "full":
         raise ConfigError(f"the model {model} has no body that moves; show needs the full one")
@@ -99,10 +95,7 @@ def course_of(
 
 
 def make_scene(course: Course, cause: str = "") -> Scene:
-    """Integrate a course of :func:`course_of`, not yet begun, and gather what its page shows.
-
-    `cause` says of a stored run why its reversal is sensitive, if it is.
-    """
+    """Integrate a course of :func:`course_of`, not yet begun, and gather what its page shows."""
     assert isinstance(course.times, EvenTimes)
     start, step = course.times.start, course.times.step / course.times.parts
     columns = course.columns()

@@ -1,112 +1,82 @@
-"""Kernels of all methods and models."""
+"""Kernels of all methods and models, and the threads that they may use."""
 
 from __future__ import annotations
 
 import os
-from contextlib import suppress
+import threading
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
-from numba import config
 
 from rattlesweep.integrate import SettingError
 from rattlesweep.integrate.compile import Kernel, load_kernels
-from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.integrate.lanes import runs, tangents
 from rattlesweep.integrate.lanes.intrinsics import INNER, address_of, addresses_of
 from rattlesweep.integrate.lanes.lane import LANES, Layout, Problem
 from rattlesweep.integrate.lanes.step import OPTIONS, write_attempt
-from rattlesweep.integrate.model import REDUCED, find_model
-from rattlesweep.integrate.tableau import METHODS, RK4
+from rattlesweep.integrate.model import find_model
+from rattlesweep.integrate.tableau import METHODS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
-    from numpy.typing import NDArray
-
+    from rattlesweep.arrays import Floats
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
 
 
 def problem_of(model: Model, adaptive: bool, width: int = LANES) -> Problem:
     """Return what the kernels of a model are compiled for."""
-    kind = tangents if model.tangent else runs
+    kind = tangents if model.rate else runs
     hooks = {"start": kind.start, "pass_marks": kind.pass_marks, "finish": kind.finish}
-    advance = tangents.advance if model.tangent else lanes.advance
+    advance = tangents.advance if model.rate else lanes.advance
     return Problem(model, adaptive, width, advance=advance, **hooks)
 
 
-def aligned(threads: int, size: int) -> NDArray[np.float64]:
-    """Return zeros of shape (threads, size), each row on its own cache lines."""
-    size = -(-size // 16) * 16
+def workspace(tableau: Tableau, model: Model, threads: int, width: int = LANES) -> Floats:
+    """Return the workspace of each thread, a row of zeros on cache lines of its own."""
+    size = -(-Layout(model).rows(tableau, model) * width // 16) * 16
     flat = np.zeros(threads * size + 8)
     shift = (-flat.ctypes.data // 8) % 8
     return flat[shift : shift + threads * size].reshape(threads, size)
 
 
-def workspace(tableau: Tableau, model: Model, threads: int) -> NDArray[np.float64]:
-    """Return the workspace of each thread, shape (threads, rows * lanes)."""
-    size = Layout.of(model).rows(tableau, model) * LANES
-    # Whole rows: they are looked at as such where nothing is compiled.
-    return aligned(threads, size)[:, :size] if config.DISABLE_JIT else aligned(threads, size)
-
-
 # -- recipes, see compile.Recipe -------------------------------------------------------------------
 
-NO_PARTS = np.zeros(lanes.PARTS, dtype=np.int64)
-
-
-def _arguments(model: Model) -> tuple[Any, ...]:
-    """Return arguments of :func:`lanes.work` behind the thread's own, with an empty queue."""
-
-    def nothing(*shape: int) -> NDArray[np.float64]:
-        return np.zeros(shape)
-
-    return (
-        np.zeros(2, dtype=np.int64),
-        np.zeros(0, dtype=np.int64),
-        nothing(0, model.n_state),
-        nothing(0, model.n_constants),
-        nothing(0, model.n_probe),
-        nothing(0, C.N_PLAN),
-        nothing(C.N_OPTIONS),
-        np.zeros(C.N_RECORD, dtype=np.bool_),
-        nothing(0, C.FIRST_STATE + model.n_state),
-        np.zeros((0, C.N_COUNTS), dtype=np.int64),
-        nothing(0, 1, 3),
-        nothing(1, 8),
-    )
+# Arguments of their types: a workspace, addresses of parts, and what threads share, empty.
+FLAT, TABLE, NO_PARTS = np.zeros(0), np.zeros((0, 1)), np.zeros(lanes.PARTS, dtype=np.int64)
+WHOLE = np.zeros(0, dtype=np.int64)
+RUNS = TABLE, TABLE, TABLE, TABLE, FLAT, np.zeros(1, dtype=np.bool_)
+SHARED = WHOLE, WHOLE, *RUNS, TABLE, TABLE.astype(np.int64), np.zeros((0, 1, 1)), TABLE
 
 
 def work(model_name: str, adaptive: bool) -> Kernel:
     """Return :func:`lanes.work` for a model: what each thread does."""
-    model = find_model(model_name)
-    arguments = 0, NO_PARTS, workspace(RK4, model, 1)[0], *_arguments(model)
+    arguments = problem_of(find_model(model_name), adaptive), 0, NO_PARTS, FLAT, *SHARED
     options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-    return Kernel(lanes.work, (problem_of(model, adaptive), *arguments), options)
+    return Kernel(lanes.work, arguments, options)
 
 
 def attempt(tableau_name: str, model_name: str, beside: str = "") -> Kernel:
     """Return the step of a method and a model; ``beside`` is ``volume`` or nothing."""
     tableau, model = METHODS[tableau_name], find_model(model_name)
-    arguments = problem_of(model, tableau.adaptive), workspace(tableau, model, 1)[0], 1.0
     written = write_attempt(tableau, model, volume=beside == "volume")
-    return Kernel(written, arguments, OPTIONS)
+    return Kernel(written, (problem_of(model, tableau.adaptive), FLAT, 1.0), OPTIONS)
 
 
 def decide_closely(adaptive: bool) -> Kernel:
     """Return :func:`lanes.decide_closely`, which is that of all models."""
-    arguments = Problem(None, adaptive), np.zeros(0), 0, 1.0, False
-    return Kernel(lanes.decide_closely, arguments, INNER)
+    return Kernel(lanes.decide_closely, (Problem(None, adaptive), FLAT, 0, 1.0, False), INNER)
 
 
 def drive() -> Kernel:
     """Return what starts the threads of all kernels."""
-    arguments = (0, NO_PARTS, 1, workspace(RK4, REDUCED, 1), *_arguments(REDUCED))
-    return Kernel(lanes.drive, arguments, {"parallel": True, "nogil": True})
+    options = {"parallel": True, "nogil": True}
+    return Kernel(lanes.drive, (0, NO_PARTS, 1, TABLE, SHARED), options)
 
 
 # -- threads ---------------------------------------------------------------------------------------
@@ -114,10 +84,13 @@ def drive() -> Kernel:
 # Whether this process was forked from one in which GNU OpenMP had started threads: it ends a
 # process that starts threads again.
 _forked = False
+# Numba's own threading layer ends a process in which two threads start a kernel.
+_workqueue = threading.Lock()
 
 
 def _after_fork() -> None:
-    global _forked
+    global _forked, _workqueue
+    _workqueue = threading.Lock()  # whoever held it is not in this process
     with suppress(ValueError):  # no threads were started
         _forked = numba.threading_layer() == "omp" or _forked
 
@@ -127,25 +100,29 @@ if hasattr(os, "register_at_fork"):
 
 
 def parallel() -> bool:
-    """Return whether this process can start threads for its kernels.
-
-    Raises
-    ------
-    SettingError
-        The environment asks for threads that cannot be.
-    """
-    if _forked or config.DISABLE_JIT:
+    """Return whether this process can start threads for its kernels, or raise SettingError."""
+    if _forked:
         return False
     try:
         numba.get_num_threads()
     except ValueError as error:
-        # The first line says what is wrong, hints follow.
-        said = str(error).splitlines()[0].rstrip(".")
-        raise SettingError(
-            f"NUMBA_THREADING_LAYER={ascii(config.THREADING_LAYER)[1:-1]}: {said}; "
-            "leave it unset, or set it to omp or workqueue"
-        ) from error
+        raise SettingError(f"NUMBA_THREADING_LAYER: {str(error).splitlines()[0]}") from error
     return True
+
+
+@contextmanager
+def holding(threads: int) -> Iterator[None]:
+    """Have threads for a kernel."""
+    if not parallel():
+        yield
+        return
+    with _workqueue if numba.threading_layer() == "workqueue" else nullcontext():
+        before = numba.get_num_threads()
+        numba.set_num_threads(threads)
+        try:
+            yield
+        finally:
+            numba.set_num_threads(before)
 
 
 # -- kernels ---------------------------------------------------------------------------------------
@@ -154,8 +131,8 @@ def parallel() -> bool:
 def kernel(tableau_name: str, model_name: str, *beside: str) -> Callable[..., None]:
     """Return a kernel: called with the number of threads, their workspaces and what they share.
 
-    With ``"volume"`` beside, its steps find the rate of phase volume.
-    Where not :func:`parallel`, its threads work one after another.
+    With ``"volume"`` beside, its steps find the rate of phase volume.  Where not :func:`parallel`,
+    its threads work one after another.
     """
     adaptive = METHODS[tableau_name].adaptive
     wanted: list[tuple[Any, ...]] = [
@@ -169,7 +146,7 @@ def kernel(tableau_name: str, model_name: str, *beside: str) -> Callable[..., No
     do, *others = load_kernels(*wanted)
     problem, addresses = problem_of(find_model(model_name), adaptive), addresses_of(*others)
 
-    def alone(threads: int, w: Any, *shared: Any) -> None:
+    def alone(threads: int, w: Floats, shared: tuple[Any, ...]) -> None:
         for thread in range(threads):
             do(problem, thread, addresses, w[thread], *shared)
 

@@ -1,40 +1,39 @@
 """First zero of the spin within a step, with no misses.
 
-The spin swings at twice the frequency of the oscillation and grazes zero before it reverses, so
-a pair of zeros often lies inside one step.  When a step that met the tolerance may
-hold a zero, it is held: the lane goes back to the start of the step and tries shorter steps from
-there, each as good as the method itself.  The step is cut into pieces that are
-short against a swing.  A piece whose ends differ in sign has a zero; a piece
-with the spin falling at its start and rising at its end is searched for its minimum until a bound
-shows it positive or a negative value is found; the zero is then polished by Newton's method, kept
-in its bracket.  The search never changes the step that is finally accepted, so it leaves
-the trajectory alone, and it works for any method without dense output.
+The spin swings at twice the frequency of the oscillation and grazes zero before it reverses, so a
+pair of zeros often lies inside one step.  When a step that met the tolerance may hold a zero, it is
+held: the lane goes back to its start and tries shorter steps from there, each as good as the method
+itself.  The step is cut into pieces that are short against a swing.  A piece whose ends differ in
+sign has a zero; one with the spin falling at its start and rising at its end is searched for its
+minimum until a bound shows it positive or a negative value is found; the zero is then polished by
+Newton's method, kept in its bracket.  The step that is finally accepted is the same, and the search
+works for any method without dense output.
 """
 
-# mypy: disable-error-code="no-any-return"
+# mypy: disable-error-code="no-any-return, no-untyped-def"
 from __future__ import annotations
 
 from math import ceil
+from typing import Any
 
 from numba import njit
 
 from rattlesweep.integrate.lanes.intrinsics import INNER
-from rattlesweep.integrate.lanes.lane import Lane, Point
+from rattlesweep.integrate.lanes.lane import Point
 from rattlesweep.physics.full import scalar
 
 # Modes of a lane.
 STEP, SCAN, MINIMUM, ROOT, REDO = 0, 1, 2, 3, 4
-# What a move of the search decides.
+# What a move of the search decides: to go back and try ``lane.h_next``, to accept the step just
+# tried, or that it ends at the first zero.
 HOLD, TAKE, REVERSED = 0, 1, 2
 # Longest piece, in radians of the fastest swing.
 PIECE_ANGLE = 0.5
 # Steps are a dozen radians at most, or so much longer than a swing that nothing is to be found.
-MAX_PIECES = 4096.0
-MAX_TRIES = 60
-
+MAX_PIECES, MAX_TRIES = 4096.0, 60
 _CLEAR, _DIP, _ZERO = 0, 1, 2
-# No function here may call itself, not even through another: Numba cannot cache recursion (the
-# cached kernel crashes when it is loaded, seen with Numba 0.68).
+# The end of the next piece is known already.  (No function here may call itself, not even through
+# another: the cached kernel crashes when it is loaded, seen with Numba 0.68.)
 _KNOWN = 3
 
 
@@ -43,49 +42,36 @@ def _judge(start: Point, end: Point, sign: float) -> int:
     """Return whether a piece whose spin starts positive (after ``sign``) can hold a zero."""
     if sign * end.n <= 0.0:
         return _ZERO
-    down = sign * start.rate
-    up = sign * end.rate
+    down, up = sign * start.rate, sign * end.rate
     if not (down < 0.0 and up > 0.0):
         return _CLEAR
     # A convex curve lies above its tangents, and these meet at this height.
-    n0 = sign * start.n
-    n1 = sign * end.n
-    width = end.h - start.h
-    meet = (n0 * up - n1 * down + width * down * up) / (up - down)
+    n0, n1 = sign * start.n, sign * end.n
+    meet = (n0 * up - n1 * down + (end.h - start.h) * down * up) / (up - down)
     return _CLEAR if meet > 0.0 else _DIP
 
 
 @scalar
-def may_reverse(h, n0, n1, rate1, rate_max):  # type: ignore[no-untyped-def]
+def may_reverse(h, n0, n1, rate1, rate_max):
     """Return whether a step of size ``h`` between spins ``n0`` and ``n1`` may hold a zero."""
     # The spin changes by at most h * max|rate| in all; twice the recent largest is safe.
-    recent = 0.9 * rate_max
-    now = abs(rate1)
+    recent, now = 0.9 * rate_max, abs(rate1)
     recent = now if now > recent else recent
     return (abs(n0) + abs(n1) < 2.0 * h * recent) | (n0 * n1 <= 0.0)
 
 
 @njit(**INNER)
-def search(lane: Lane, tried: Point) -> int:
-    """One move of the search, after each step tried on the lane.
-
-    Returns
-    -------
-    int
-        HOLD (go back and try ``lane.h_next``), TAKE (accept the step just tried), or REVERSED (the
-        step just tried ends at the first zero).
-    """
+def search(lane: Any, tried: Point) -> int:
+    """Make one move of the search, after each step tried on the lane."""
     if lane.mode == REDO:
-        lane.mode = STEP
-        lane.h_next = lane.full_next
+        lane.mode, lane.h_next = STEP, lane.full_next
         return TAKE
     if lane.mode == ROOT:
         return _polish(lane, tried)
     if lane.mode == MINIMUM:
         return _close_in(lane, tried)
     if lane.mode == STEP:
-        lane.full = tried
-        lane.full_next = lane.h_next
+        lane.full, lane.full_next = tried, lane.h_next
         lane.pieces = min(MAX_PIECES, max(1.0, ceil(tried.h * lane.swing / PIECE_ANGLE)))
         lane.piece = 1.0
         lane.lo = Point(0.0, lane.n0, lane.rate0)
@@ -99,7 +85,7 @@ def search(lane: Lane, tried: Point) -> int:
 
 
 @njit(**INNER)
-def search_on(lane: Lane, h: float) -> int:
+def search_on(lane: Any, h: float) -> int:
     """Search in the same step behind the zero at ``h``, for one of the other direction."""
     lane.sign = -lane.sign
     lane.mode = SCAN
@@ -111,7 +97,7 @@ def search_on(lane: Lane, h: float) -> int:
 
 
 @njit(**INNER)
-def _scan(lane: Lane, tried: float) -> int:
+def _scan(lane: Any, tried: float) -> int:
     """Decide on the pieces from LO on whose ends are known; END is the end of the first."""
     while True:
         verdict = _judge(lane.lo, lane.end, lane.sign)
@@ -119,8 +105,7 @@ def _scan(lane: Lane, tried: float) -> int:
             lane.hi = lane.end
             if verdict == _ZERO:
                 return _start_root(lane)
-            lane.mode = MINIMUM
-            lane.tries = 0.0
+            lane.mode, lane.tries = MINIMUM, 0.0
             lane.h_next = _towards_minimum(lane)
             return HOLD
         move = _next_piece(lane, tried)
@@ -129,7 +114,7 @@ def _scan(lane: Lane, tried: float) -> int:
 
 
 @njit(**INNER)
-def _next_piece(lane: Lane, tried: float) -> int:
+def _next_piece(lane: Any, tried: float) -> int:
     """Go on behind END: try the next piece's end, or take the step, or _KNOWN if END now is it."""
     lane.lo = lane.end
     lane.piece += 1.0
@@ -142,16 +127,14 @@ def _next_piece(lane: Lane, tried: float) -> int:
         lane.end = lane.full
         return _KNOWN
     if tried == lane.full.h:
-        lane.mode = STEP
-        lane.h_next = lane.full_next
+        lane.mode, lane.h_next = STEP, lane.full_next
         return TAKE
-    lane.mode = REDO
-    lane.h_next = lane.full.h
+    lane.mode, lane.h_next = REDO, lane.full.h
     return HOLD
 
 
 @njit(**INNER)
-def _close_in(lane: Lane, tried: Point) -> int:
+def _close_in(lane: Any, tried: Point) -> int:
     """Search the minimum between LO and HI until the spin is seen to be positive there or not."""
     if lane.sign * tried.n <= 0.0:
         lane.hi = tried
@@ -176,7 +159,7 @@ def _close_in(lane: Lane, tried: Point) -> int:
 
 
 @njit(**INNER)
-def _towards_minimum(lane: Lane) -> float:
+def _towards_minimum(lane: Any) -> float:
     """Next point in LO..HI, where the rate changes sign: a secant, every third time the middle."""
     lo, hi = lane.lo, lane.hi
     share = 0.5 if lane.tries % 3.0 == 2.0 else lo.rate / (lo.rate - hi.rate)
@@ -184,18 +167,16 @@ def _towards_minimum(lane: Lane) -> float:
 
 
 @njit(**INNER)
-def _start_root(lane: Lane) -> int:
+def _start_root(lane: Any) -> int:
     """Begin to polish the zero between LO and HI."""
     lo, hi = lane.lo, lane.hi
-    lane.beyond = hi
-    lane.mode = ROOT
-    lane.tries = 0.0
+    lane.beyond, lane.mode, lane.tries = hi, ROOT, 0.0
     lane.h_next = lo.h + lo.n / (lo.n - hi.n) * (hi.h - lo.h)
     return HOLD
 
 
 @njit(**INNER)
-def _polish(lane: Lane, tried: Point) -> int:
+def _polish(lane: Any, tried: Point) -> int:
     """Newton's method in the bracket LO..HI until it moves by rounding only."""
     h, n, rate = tried
     if lane.sign * n > 0.0:

@@ -1,11 +1,11 @@
 """The lane kernel: many runs at once, each with its own step.
 
 A thread holds :data:`LANES` runs.  Every turn tries one step on all of them (the generated
-``attempt``), decides on all of them in loops over lanes that vectorise, looks closer
-only at the lanes where something is due (a rejection, a possible zero of the spin, the end of a
-window or of the run), and refills the lanes whose run has ended from a queue
-that all threads share.  The arithmetic of a run depends on its own numbers
-alone, so its results are the same bits in any lane, thread and batch.
+``attempt``), decides on all of them in loops over lanes that vectorise, looks closer only at the
+lanes where something is due (a rejection, a possible zero of the spin, the end of a window or of
+the run), and refills those whose run has ended from a queue that all threads share.  The arithmetic
+of a run depends on its own numbers alone, so its results are the same bits in any lane, thread and
+batch.
 
 What costs much to compile and is called seldom, or takes long where it is called, is compiled for
 itself and called by its address (:data:`PARTS`): the step, of a method and a model, is then the
@@ -15,50 +15,67 @@ same code in sweeps and trajectories, and all the rest the same for all methods 
 # mypy: ignore-errors
 from __future__ import annotations
 
-from math import isfinite
+from math import isfinite, sqrt
 
 from numba import njit, prange
 
 from rattlesweep.integrate.lanes import columns as C
-from rattlesweep.integrate.lanes.controller import LEAST_STEP, error_root, retry_ratio, step_ratio
-from rattlesweep.integrate.lanes.events import (
-    HOLD,
-    REVERSED,
-    STEP,
-    TAKE,
-    may_reverse,
-    search,
-    search_on,
-)
+from rattlesweep.integrate.lanes import events, runs
+from rattlesweep.integrate.lanes.events import HOLD, REVERSED, STEP, TAKE, may_reverse
 from rattlesweep.integrate.lanes.intrinsics import (
     INNER,
     call,
     call_for_two,
     fetch_add,
     load,
+    rough_root,
     widest_vectors,
 )
 from rattlesweep.integrate.lanes.lane import Point, lane_of
-from rattlesweep.integrate.lanes.runs import (
-    UNKNOWN_RATE,
-    energy_at,
-    idle,
-    see_contact,
-    see_side,
-    see_zero,
-    settled,
-    stay,
-)
 from rattlesweep.integrate.status import Status
+from rattlesweep.physics.full import scalar
 
-OK = int(Status.OK)
-NONFINITE = int(Status.NONFINITE)
-STEP_LIMIT = int(Status.STEP_LIMIT)
-STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
-
+OK, NONFINITE = int(Status.OK), int(Status.NONFINITE)
+STEP_LIMIT, STEP_TOO_SMALL = int(Status.STEP_LIMIT), int(Status.STEP_TOO_SMALL)
 # Places in ``parts``: the addresses of the step, ``attempt``, and of :func:`decide_closely`.
-ATTEMPT, DECIDE = 0, 1
-PARTS = 2
+ATTEMPT, DECIDE, PARTS = 0, 1, 2
+
+
+# -- step size control: errors are squared and in units of the tolerance ---------------------------
+
+# In radians of the spin's fastest swing: the first step, for a tolerance of 1, and the least one
+# before a run is given up.
+FIRST_STEP, LEAST_STEP = 6.0, 1e-9
+SAFETY, SAFETY_REJECTED = 0.95, 0.85
+# Least ratio of two steps; the largest is 7.3, by the root of the least error.
+SHRINK, LEAST_ERROR = 0.2, 1e-30
+
+
+@scalar
+def error_root(error):
+    """Return what :func:`step_ratio` takes of an error."""
+    return rough_root(error + LEAST_ERROR)
+
+
+@scalar
+def step_ratio(root, last, held):
+    """Return the ratio of the next step to one that is accepted: a PI control of low gain.
+
+    ``root`` and ``last`` are the :func:`error_root` of the step and of the accepted one before;
+    where a step in between was rejected (``held``), the next one is not longer.
+    """
+    ratio = SAFETY * last / (root * root)
+    return 1.0 if held & (ratio > 1.0) else ratio
+
+
+@scalar
+def retry_ratio(error):
+    """Ratio of the next step to one that was rejected; an error that is no number is large."""
+    ratio = SAFETY_REJECTED / sqrt(sqrt(sqrt(sqrt(error + LEAST_ERROR))))
+    return ratio if ratio > SHRINK else SHRINK
+
+
+# -- decisions -------------------------------------------------------------------------------------
 
 
 @njit(**INNER)
@@ -74,30 +91,16 @@ def give_up(lane, max_steps):
 
 
 def decide_closely(problem, w, l, max_steps, on):
-    """Decide again on the step tried on a lane where something is due.
+    """Decide again on the step tried on a lane ``l`` where something is due.
 
-    Parameters
-    ----------
-    problem : Problem
-        One without a model: this function is the same for all of them.
-    w : ndarray
-        Workspace, of any model.
-    l : int
-        The lane.
-    max_steps : float
-    on : bool
-        Whether that step has been found to end at a zero, behind which the search is to go on.
-
-    Returns
-    -------
-    status : int
-        OK to go on.
-    move : int
-        HOLD (the step is not taken), TAKE, or REVERSED (it is, and ends at a zero of the spin).
+    The problem is one without a model: this function is the same for all of them.  ``on`` says that
+    the step has been found to end at a zero, behind which the search is to go on.  Returned are the
+    status, OK to go on, and HOLD (the step is not taken), TAKE, or REVERSED (it is, and ends at a
+    zero of the spin).
     """
     lane = lane_of(problem, w, l)
     if on:
-        move = search_on(lane, lane.h)
+        move = events.search_on(lane, lane.h)
         lane.accept = 0.0 if move == HOLD else 1.0
         return OK, move
     if lane.mode == STEP and lane.accept == 0.0:
@@ -108,16 +111,15 @@ def decide_closely(problem, w, l, max_steps, on):
     move = TAKE
     if lane.arm > 0.0:
         # No zero counts yet, and every step is looked at (may_reverse).
-        lane.rate_max = UNKNOWN_RATE
+        lane.rate_max = runs.UNKNOWN_RATE
         if abs(lane.n1) > lane.arm:
             lane.arm = 0.0
             lane.sign = 1.0 if lane.n1 > 0.0 else -1.0
             lane.rate_max = lane.arm_rate
     elif lane.mode != STEP or may_reverse(lane.h, lane.n0, lane.n1, lane.rate1, lane.rate_max):
-        move = search(lane, Point(lane.h, lane.n1, lane.rate1))
+        move = events.search(lane, Point(lane.h, lane.n1, lane.rate1))
     lane.accept = 0.0 if move == HOLD else 1.0
-    full = move != HOLD and lane.steps >= max_steps
-    return STEP_LIMIT if full else OK, move
+    return STEP_LIMIT if move != HOLD and lane.steps >= max_steps else OK, move
 
 
 @njit(**INNER)
@@ -164,8 +166,8 @@ def advance(problem, w):
 def commit(problem, w):
     """Move all lanes to the end of the step tried, and set their next step.
 
-    Lanes that do not take it were told to :func:`stay`.  Nothing is read or written under a mask,
-    which AVX2 does slowly: so nothing is written back as it was, and nothing read for one choice.
+    Lanes that do not take it were told to :func:`runs.stay`.  Nothing is read or written under a
+    mask, which AVX2 does slowly: nothing is written back as it was, nothing read for one choice.
     """
     widest_vectors()
     problem.advance(problem, w)
@@ -173,11 +175,9 @@ def commit(problem, w):
         lane = lane_of(problem, w, l)
         n1 = lane.n1
         lane.n0 = n1
-        signed = lane.sign * n1
-        least = lane.n_least
+        signed, least = lane.sign * n1, lane.n_least
         lane.n_least = (signed if signed < least else least) + 0.0
-        largest = lane.a_max
-        now = lane.amplitude
+        now, largest = lane.amplitude, lane.a_max
         lane.a_max = (now if now > largest else largest) + 0.0
         lane.root0 = lane.root
     for l in range(problem.lanes):
@@ -209,73 +209,51 @@ def commit(problem, w):
 
 @njit(**INNER)
 def watch(problem, w, windows, record):
-    """Observations that are made at every accepted step only when they are asked for."""
+    """Observe at every accepted step what was asked for."""
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        if lane.accept > 0.0:
-            if record[C.REC_ENERGY]:
-                energy0 = lane.energy0
-                drift = abs(energy_at(lane, lane.y1) - energy0) / energy0 if energy0 > 0.0 else 0.0
-                lane.drift_max = max(lane.drift_max, drift)
-            if record[C.REC_CONTACT]:
-                see_contact(lane, lane.y1)
-            if record[C.REC_WINDOWS]:
-                lane.window_n_min = min(lane.window_n_min, lane.n1)
-                lane.window_n_max = max(lane.window_n_max, lane.n1)
-            if record[C.REC_REVERSALS]:
-                see_side(lane, windows, record)
-            if record[C.REC_VOLUME]:
-                lane.volume += lane.h * lane.volume_rate1
+        if lane.accept == 0.0:
+            continue
+        if record[C.REC_ENERGY] and lane.energy0 > 0.0:
+            off = abs(runs.energy_at(lane, lane.y1) - lane.energy0)
+            lane.drift_max = max(lane.drift_max, off / lane.energy0)
+        if record[C.REC_CONTACT]:
+            runs.see_contact(lane, lane.y1)
+        if record[C.REC_WINDOWS]:
+            lane.window_n_min = min(lane.window_n_min, lane.n1)
+            lane.window_n_max = max(lane.window_n_max, lane.n1)
+        if record[C.REC_REVERSALS]:
+            runs.see_side(lane, windows, record)
+        if record[C.REC_VOLUME]:
+            lane.volume += lane.h * lane.volume_rate1
 
 
 def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, options,
          record, result, counts, windows, progress):  # fmt: skip
     """Do what one thread does until the queue is empty or Python says stop.
 
-    Parameters
-    ----------
-    problem : Problem
-    thread : int
-        Row of ``progress`` to write to.
-    parts : int64 ndarray, shape (PARTS,)
-        Addresses of what is compiled for itself.
-    w : ndarray
-        The thread's own workspace.
-    shared : int64 ndarray
-        ``[next place in the queue, stop flag]``.
-    order : int64 ndarray, shape (runs,)
-        The queue, longest runs first.
-    y0, constants, probe : ndarray, shape (runs, ...)
-        Initial states, the bodies' constants and the amplitudes' coefficients.
-    plan, options : ndarray
-        See :mod:`rattlesweep.integrate.lanes.columns`, as for ``record``, ``result`` and
-        ``counts``.
-    record : bool ndarray, shape (N_RECORD,)
-        Which extra observations to make.
-    result, counts, windows : ndarray
-        Written to, one row a run.
-    progress : ndarray, shape (threads, ...)
-        Expected cost of the runs that have ended, and of the lanes' runs so far.
+    ``thread`` is its row of ``progress``, whose columns are the expected cost of its runs that have
+    ended, of those in its lanes so far, and the number that have ended.  ``parts`` has the
+    addresses of what is compiled for itself, ``w`` is the thread's workspace, ``shared`` the next
+    place in the queue and the flag that stops, ``order`` the queue.  The others have a row for each
+    run; see :mod:`rattlesweep.integrate.lanes.columns`.  ``result``, ``counts`` and ``windows`` are
+    written to.
     """
     widest_vectors()
     scale, dt, max_steps = options[0], options[1], options[2]
-    watching = (
-        record[C.REC_ENERGY]
-        or record[C.REC_CONTACT]
-        or record[C.REC_WINDOWS]
-        or record[C.REC_REVERSALS]
-        or record[C.REC_VOLUME]
-    )
+    watching = False
+    for asked in record:
+        watching = watching or asked
     total = order.size
     busy = 0
     for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
         place = fetch_add(shared, 0, 1)
         if place < total:
-            problem.start(lane, order[place], y0, constants, probe, plan, record)
+            run = order[place]
+            problem.start(lane_of(problem, w, l), run, y0, constants, probe, plan, record)
             busy += 1
         else:
-            idle(lane)
+            runs.idle(lane_of(problem, w, l))
     turns = 0
     while busy > 0:
         call(parts[ATTEMPT], (problem, w, scale))
@@ -289,13 +267,13 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
                 if run < 0:
                     lane.accept = 0.0
                     lane.h_next = 0.0
-                    stay(lane)
+                    runs.stay(lane)
                     continue
                 status, move = call_for_two(parts[DECIDE], (problem, w, l, max_steps, False))
                 t = lane.t + (lane.h - lane.t_low)
                 if move == REVERSED and record[C.REC_REVERSALS]:
                     # Go on behind the zero, in the same step.
-                    see_zero(lane, t)
+                    runs.see_zero(lane, t)
                     behind, move = call_for_two(parts[DECIDE], (problem, w, l, max_steps, True))
                     status = behind if move == HOLD else status
                 reversal = move == REVERSED
@@ -305,7 +283,7 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
                     ended = True
                 if move == TAKE and not ended and t >= lane.next:
                     problem.pass_marks(lane, t, run, windows, record)
-                    ended = settled(lane, plan[run, C.SETTLED])
+                    ended = runs.settled(lane, plan[run, C.SETTLED])
                 if ended:
                     lane.steps += 1.0
                     problem.finish(lane, status, reversal, t, run, result, counts, windows, record)
@@ -315,11 +293,11 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
                     if place < total:
                         problem.start(lane, order[place], y0, constants, probe, plan, record)
                     else:
-                        idle(lane)
+                        runs.idle(lane)
                         busy -= 1
                     lane.accept = 0.0
                 if lane.accept == 0.0:
-                    stay(lane)
+                    runs.stay(lane)
         if watching:
             watch(problem, w, windows, record)
         commit(problem, w)
@@ -337,18 +315,11 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
     progress[thread, 1] = 0.0
 
 
-def drive(address, parts, threads, w, shared, order, y0, constants, probe, plan, options,
-          record, result, counts, windows, progress):  # fmt: skip
+def drive(address, parts, threads, w, shared):
     """Do :func:`work`, known by its address, on each thread.
 
     This way the driver is compiled once for all problems, and none is compiled again inside of it.
     A problem has no value, so none is handed over.
     """
     for thread in prange(threads):
-        call(
-            address,
-            (
-                thread, parts, w[thread], shared, order, y0, constants, probe, plan, options,
-                record, result, counts, windows, progress,
-            ),
-        )  # fmt: skip
+        call(address, (thread, parts, w[thread]) + shared)  # noqa: RUF005

@@ -1,8 +1,4 @@
-"""Single lanes: a run begins, a window closes, a run ends.
-
-The kernel calls these functions for the few lanes where something is due.  The equations are those
-of ``lane.problem``.
-"""
+"""Single lanes where something is due: a run begins, a window closes, a run ends."""
 
 # mypy: ignore-errors
 from __future__ import annotations
@@ -17,17 +13,13 @@ from rattlesweep.integrate.lanes.lane import clear
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.full import FASTMATH
 
-OK = int(Status.OK)
-NONFINITE = int(Status.NONFINITE)
-ENERGY = int(Status.ENERGY)
-
+OK, NONFINITE, ENERGY = int(Status.OK), int(Status.NONFINITE), int(Status.ENERGY)
 MAX_ENERGY_DRIFT = 0.01
 TINY = 1e-290
 # Of the first squared amplitude: what has decayed by 1e-9 is gone.  A mode that dies at once would
 # else be followed into the rounding of the other.
 FLOOR = 1e-18
-# Bound of a spin's rate that makes every step due.
-UNKNOWN_RATE = 1e290
+UNKNOWN_RATE = 1e290  # bound of a spin's rate that makes every step due
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -38,7 +30,7 @@ def energy_at(lane, y):
 
 @njit(fastmath=FASTMATH, **INNER)
 def contact_at(lane, y):
-    """Normal and tangential contact force."""
+    """Normal and tangential contact force in the state ``y``."""
     return lane.problem.contact(*(y + lane.constants))
 
 
@@ -84,8 +76,7 @@ def close_window(lane, run, windows, record):
         windows[run, k, 1] = lane.window_n_min
         windows[run, k, 2] = lane.window_n_max
     lane.window_a_max = lane.amplitude
-    lane.window_n_min = lane.n1
-    lane.window_n_max = lane.n1
+    lane.window_n_min = lane.window_n_max = lane.n1
     lane.window_no = k + 1
     lane.window_end = (k + 2) * lane.window
 
@@ -106,10 +97,7 @@ def pass_marks(lane, t, run, windows, record):
 
 @njit(**INNER)
 def settled(lane, most):
-    """Return whether the amplitude never grew in two windows, and oscillation is at most `most`.
-
-    Not within the first window: the last comparison there is after any short time.
-    """
+    """Return whether the amplitude never grew in two windows, and oscillation is at most `most`."""
     if most == 0.0 or lane.window_no < 2.0 or lane.growth > 1.0 or lane.t_zero >= 0.0:
         return False
     return oscillation_at(lane, lane.y1) <= most
@@ -156,7 +144,7 @@ def see_zero(lane, t):
 def see_side(lane, windows, record):
     """Count a reversal once the spin is far on the other side, and note its largest size since.
 
-    Written into the columns of the windows behind those of :func:`close_window`.
+    They stand in the columns of ``windows`` behind those of :func:`close_window`.
     """
     run = int(lane.run)
     at = 3 if record[C.REC_WINDOWS] else 0
@@ -189,42 +177,32 @@ def start(lane, run, y0, constants, probe, plan, record):
     lane.constants = first_of(constants[run], lane.problem.n_constants)
     lane.probe = first_of(probe[run], lane.problem.n_probe)
     n, rate = derive(lane)
-    swing = plan[run, C.SWING]
     lane.t_end = plan[run, C.HORIZON]
-    lane.swing = swing
-    lane.window = plan[run, C.WINDOW]
-    lane.window_end = plan[run, C.WINDOW]
+    lane.swing = plan[run, C.SWING]
+    lane.window = lane.window_end = plan[run, C.WINDOW]
     lane.mark = plan[run, C.FIRST_MARK]
     lane.next = min(plan[run, C.FIRST_MARK], plan[run, C.WINDOW])
     lane.rate_max = plan[run, C.RATE]
-    lane.n_launch = n
-    lane.n0 = n
+    lane.n_launch = lane.n0 = lane.window_n_min = lane.window_n_max = n
     lane.rate0 = rate
-    lane.sign = 1.0 if n > 0.0 else -1.0
+    lane.sign = lane.side = 1.0 if n > 0.0 else -1.0
     lane.far = plan[run, C.FAR]
-    lane.side = lane.sign
-    lane.t_zero = -1.0
-    lane.t_pending = -1.0
+    lane.t_zero = lane.t_pending = -1.0
     if plan[run, C.TAPPED] > 0.0:
         lane.arm = plan[run, C.FAR]
         lane.arm_rate = plan[run, C.RATE]
         lane.rate_max = UNKNOWN_RATE
         lane.side = 0.0
     lane.n_least = abs(n)
-    lane.window_n_min = n
-    lane.window_n_max = n
     lane.energy0 = energy_at(lane, lane.y)
     lane.normal_min = 1e290
     if record[C.REC_CONTACT]:
         see_contact(lane, lane.y)
     lane.fuzz = plan[run, C.FUZZ]
     lane.dead = plan[run, C.DEAD]
-    h = plan[run, C.FIRST_STEP]
-    if h >= plan[run, C.HORIZON]:
-        h = plan[run, C.HORIZON]
+    if plan[run, C.FIRST_STEP] >= lane.t_end:
         lane.last = 1.0
-    lane.h = h
-    lane.h_next = h
+    lane.h = lane.h_next = min(plan[run, C.FIRST_STEP], lane.t_end)
 
 
 @njit(**INNER)
@@ -236,9 +214,7 @@ def idle(lane):
     n, _ = derive(lane)
     lane.n0 = n
     lane.sign = 1.0
-    lane.t_end = 1e290
-    lane.window_end = 1e290
-    lane.next = 1e290
+    lane.t_end = lane.window_end = lane.next = 1e290
 
 
 @njit(**INNER)
@@ -262,36 +238,27 @@ def finish(lane, status, reversal, t, run, result, counts, windows, record):
     if status == OK and not abs(drift) <= MAX_ENERGY_DRIFT:
         status = ENERGY if isfinite(drift) else NONFINITE
     n = lane.n1
-    least = min(lane.n_least, lane.sign * n)
     reach_border(lane)
-    begun = lane.window_no * lane.window
-    if t - begun > 0.9 * lane.window:
+    if t - lane.window_no * lane.window > 0.9 * lane.window:
         close_window(lane, run, windows, record)
     if record[C.REC_CONTACT]:
         see_contact(lane, lane.y1)
-    result[run, C.T_END] = t
-    result[run, C.T_R] = t if reversal and status == OK and not is_dead(lane) else nan
+    t_r = t if reversal and status == OK and not is_dead(lane) else nan
     if record[C.REC_REVERSALS]:
         see_side(lane, windows, record)
         # What goes wrong behind the first zero leaves it as it is, but for energy that has drifted.
         if lane.t_zero > 0.0 and status != ENERGY:
-            result[run, C.T_R] = lane.t_zero
-    result[run, C.N_END] = n
-    result[run, C.DRIFT] = drift
-    growth = lane.growth
+            t_r = lane.t_zero
     # Twice at least, or there was nothing to compare with.
-    result[run, C.GROWTH] = sqrt(growth) - 1.0 if lane.compared > 1.0 else nan
-    result[run, C.DEPARTURE] = 1.0 - least / abs(lane.n_launch)
-    result[run, C.ENERGY_0] = energy0
-    result[run, C.DRIFT_MAX] = max(lane.drift_max, abs(drift))
-    result[run, C.RATIO_MAX] = lane.ratio_max
-    result[run, C.NORMAL_MIN] = lane.normal_min
+    growth = sqrt(lane.growth) - 1.0 if lane.compared > 1.0 else nan
+    departure = 1.0 - min(lane.n_least, lane.sign * n) / abs(lane.n_launch)
+    rate = nan
     if record[C.REC_VOLUME] and status == OK:
-        result[run, C.VOLUME] = (lane.volume + lane.h * lane.volume_rate1) / t
-    for i, component in enumerate(lane.y1):
-        result[run, C.FIRST_STATE + i] = component
+        rate = (lane.volume + lane.h * lane.volume_rate1) / t
+    found = t, t_r, n, drift, growth, departure
+    seen = energy0, max(lane.drift_max, abs(drift)), lane.ratio_max, lane.normal_min, rate
+    for i, value in enumerate(found + seen + lane.y1):
+        result[run, i] = value
     counts[run, C.STATUS] = status
-    counts[run, C.STEPS] = int(lane.steps)
-    counts[run, C.NEAR] = int(lane.near)
-    counts[run, C.REJECTED] = int(lane.rejected)
-    counts[run, C.REVERSALS] = int(lane.reversals)
+    for i, count in enumerate((lane.steps, lane.near, lane.rejected, lane.reversals)):
+        counts[run, C.STEPS + i] = int(count)

@@ -1,12 +1,9 @@
 """Runs that carry a tangent: how they begin, are watched, end and move on.
 
-The functions do what those of the same names in :mod:`rattlesweep.integrate.lanes.runs` and
-:mod:`rattlesweep.integrate.lanes.kernel` do, and look after the tangent.  Barriers keep the two
-apart, so that the last bits of the state are those of a run without a tangent.
-
-The tangent obeys a linear equation, so its length may be changed at any time.  It is multiplied by
-a power of two when it has become very long or short; that rounds nothing, costs no
-logarithm, and the tangent never overflows.
+The functions do what those of the same names in :mod:`runs` and :mod:`kernel` do, and look after
+the tangent.  Barriers keep the two apart, so that the last bits of the state are those of a run
+without one.  The tangent obeys a linear equation, so its length may be changed at any time: it is
+multiplied by a power of two when it has become very long or short, which rounds nothing.
 """
 
 # mypy: ignore-errors
@@ -21,21 +18,20 @@ from rattlesweep.integrate.lanes.intrinsics import INNER, barrier, over, times, 
 from rattlesweep.integrate.lanes.lane import lane_of
 from rattlesweep.physics.full import FASTMATH
 
-# A tangent is multiplied by a power of two when its norm leaves 2^-SHIFT .. 2^SHIFT.
-SHIFT = 200
+# The norm of a tangent stays within 2^-SHIFT .. 2^SHIFT.
+SHIFT, LOG_2 = 200, log(2.0)
 SHORTER, LONGER = 2.0**-SHIFT, 2.0**SHIFT
 LONG, SHORT = LONGER**2, SHORTER**2
-LOG_2 = log(2.0)
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def tangent_seed(lane):
+def seed(lane):
     """Give a lane the model's first tangent."""
     lane.v = lane.problem.seed(*(lane.y + lane.constants))
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def tangent_begin(lane):
+def begin(lane):
     """Make it transverse and of norm 1."""
     v = lane.problem.transverse(*(lane.y + lane.f + lane.v + lane.constants))
     v = over(v, sqrt(lane.problem.square(*(v + lane.constants))))
@@ -47,8 +43,8 @@ def tangent_begin(lane):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def tangent_log(lane):
-    """Logarithm of the tangent's growth from the start of the run to the end of the step."""
+def growth(lane):
+    """Return the logarithm of the tangent's growth from the launch to the end of the step."""
     return 0.5 * log(lane.problem.square(*(lane.v1 + lane.constants))) + LOG_2 * lane.shift
 
 
@@ -73,12 +69,19 @@ def tangent_advance(problem, w):
 
 
 @njit(**INNER)
+def advance(problem, w):
+    """Move all lanes and their tangents to the end of their step."""
+    kernel.advance(problem, w)
+    tangent_advance(problem, w)
+
+
+@njit(**INNER)
 def start(lane, run, y0, constants, probe, plan, record):
     """Put a run and its tangent into a lane."""
     runs.start(lane, run, y0, constants, probe, plan, record)
     barrier()
-    tangent_seed(lane)
-    tangent_begin(lane)
+    seed(lane)
+    begin(lane)
     barrier()
 
 
@@ -88,7 +91,7 @@ def see_tangent(lane, t, run, windows):
     k = min(int(lane.window_no), windows.shape[1] - 1)
     barrier()
     windows[run, k, windows.shape[2] - 2] = t
-    windows[run, k, windows.shape[2] - 1] = tangent_log(lane)
+    windows[run, k, windows.shape[2] - 1] = growth(lane)
     barrier()
 
 
@@ -105,10 +108,3 @@ def finish(lane, status, reversal, t, run, result, counts, windows, record):
     """Write down a run that has ended, and its tangent."""
     see_tangent(lane, t, run, windows)
     runs.finish(lane, status, reversal, t, run, result, counts, windows, record)
-
-
-@njit(**INNER)
-def advance(problem, w):
-    """Move all lanes and their tangents to the end of their step."""
-    kernel.advance(problem, w)
-    tangent_advance(problem, w)

@@ -124,7 +124,7 @@ class SdBodies:
         first, stop = number * CHUNK, min((number + 1) * CHUNK, self.samples)
         source, seed, ranges = self._source, self._seed, self._ranges
         if source.draw != "random":
-            group = source.group if source.draw == "saltelli" else 1
+            group = 2 + len(source.drawn) if source.draw == "saltelli" else 1
             return bodies_of(sequence_points(len(ranges), seed, first, stop, group), ranges)
         return draw_bodies(seed, np.arange(first, stop), ranges, source.target, value)[0]
 
@@ -207,9 +207,10 @@ def _shaped(sizes: Floats) -> Bodies:
 
 
 def _check(bodies: Bodies, where: str, sizes: dict[str, Floats] | None = None) -> None:
-    """Raise a ConfigError if one of the bodies cannot exist, told by its parameters or `sizes`."""
+    """Raise a ConfigError if a body cannot exist; of several, told by its parameters or `sizes`."""
     names = PARAMETERS if bodies.c is None else (*PARAMETERS, "c")
     columns = {name: getattr(bodies, name) for name in names}
     for place, sentence in violations(**columns):
         told = (f"{name} {values[place]:g}" for name, values in (sizes or columns).items())
-        raise ConfigError(f"{where}: at {', '.join(told)}: {sentence}")
+        which = f"at {', '.join(told)}: " if len(bodies.alpha) > 1 else ""
+        raise ConfigError(f"{where}: {which}{sentence}")

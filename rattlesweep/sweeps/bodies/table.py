@@ -81,6 +81,7 @@ BOUNDS = {
     "rolling": (0.0, 1.0, "a"),
     "t_end": (1e-300, MAX_TIME, "sqrt(a/g)"),
     "psi": (-2 * np.pi, 2 * np.pi, "rad"),
+    "psi_deg": (-360.0, 360.0, "degrees"),
     "mass_kg": si.LIMITS["mass"],
     **dict.fromkeys(("height_m", "r1_m", "r2_m"), si.LIMITS["length"]),
     "gravity_m_s2": si.LIMITS["acceleration"],

@@ -132,11 +132,10 @@ def _plain(value: Any) -> Any:
     return value.text if isinstance(value, Quantity) else value
 
 
-def measured(kind: str, *limits: Any) -> Any:
+def measured(kind: str, item: Any) -> Any:
     """Return the type of a number in units of the body, or of a text with a unit of a kind."""
-    text = Annotated[str, Field(examples=[KINDS[kind][1]])]
-    read = AfterValidator(lambda text: Quantity(text, kind))
-    return or_text(Annotated[float, *limits], Annotated[text, read, PlainSerializer(_plain)])
+    example, read = Field(examples=[KINDS[kind][1]]), AfterValidator(lambda x: Quantity(x, kind))
+    return or_text(item, Annotated[str, example, read, PlainSerializer(_plain)])
 
 
 def spaced(law: str, low: float, high: float, n: float) -> list[float]:
@@ -197,7 +196,7 @@ def _rising(ends: list[float]) -> list[float]:
 
 def losses(most: float, kind: str) -> Any:
     """Return the type of one or several numbers up to a limit, or of the word table."""
-    many = several(measured(kind, Field(ge=0, le=most)))
+    many = several(measured(kind, Annotated[float, Field(ge=0, le=most)]))
 
     def check(value: Any, handler: Callable[[Any], list[float]]) -> Any:
         found = [value] if value == TABLE else handler(value)
@@ -208,9 +207,8 @@ def losses(most: float, kind: str) -> Any:
 
 
 Positive = Annotated[float, Field(gt=0)]
-Span = Field(gt=0, le=MAX_TIME)
-Time = Annotated[float, Span]
-Speed = Field(ge=-MAX_SPEED, le=MAX_SPEED)
+Time = Annotated[float, Field(gt=0, le=MAX_TIME)]
+Speed = Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED)]
 Skew = Annotated[float, Field(ge=0, lt=90)]
 Surface = Literal["paraboloid", "ellipsoid"]
 Draw = Literal["random", "sobol", "saltelli"]
@@ -321,9 +319,8 @@ class Overrides(Base):
     def given(self) -> dict[str, float]:
         """Return the parameters that are given, with xi in radians."""
         values = self.model_dump(exclude_none=True, exclude={"preset"})
-        if "xi_deg" in values:
-            values["xi"] = math.radians(values.pop("xi_deg"))
-        return values
+        skew = values.pop("xi_deg", None)
+        return values if skew is None else values | {"xi": math.radians(skew)}
 
 
 class PresetSource(Surfaced):
@@ -415,8 +412,9 @@ class GridSource(Surfaced):
         return self.axes.given() | own
 
 
-Length, Mass = (interval(measured(kind, Field(gt=0))) for kind in ("length", "mass"))
-Angle = interval(measured("angle", Field(gt=-math.pi / 2, lt=math.pi / 2)))
+Length, Mass = (interval(measured(kind, Positive)) for kind in ("length", "mass"))
+Turn = Annotated[float, Field(gt=-math.pi / 2, lt=math.pi / 2)]
+Angle = interval(measured("angle", Turn))
 
 
 class ShapeSource(Base):
@@ -452,10 +450,10 @@ SOURCES = {"sd": SdSource, "preset": PresetSource, "table": TableSource, "grid":
            "shape": ShapeSource}  # fmt: skip
 Bodies = SdSource | PresetSource | TableSource | GridSource | ShapeSource
 
-Unsigned = AfterValidator(lambda spin: spin + 0.0)  # a zero has no sign
+Unsigned = Annotated[Speed, AfterValidator(lambda spin: spin + 0.0)]  # a zero has no sign
 Torques, Levers = losses(MAX_SIGMA, "torque per spin"), losses(1, "length")
-Spins = several(measured("spin", Speed, Unsigned))
-Oscillations = several(measured("spin", Field(ge=MIN_OSCILLATION, le=MAX_SPEED)))
+Oscillation = Annotated[float, Field(ge=MIN_OSCILLATION, le=MAX_SPEED)]
+Spins, Pushes = (several(measured("spin", item)) for item in (Unsigned, Oscillation))
 Direction = or_text(Annotated[float, Field(ge=-360, le=360)], Literal["relevant", "pitch", "roll"])
 
 
@@ -463,7 +461,7 @@ class Spin(Base):
     """How bodies are launched. Every n_i is combined with every omega_xy0."""
 
     n_i: Spins = key(..., "Initial spins in sqrt(g/a) or with a unit; negative: steady; 0: a tap.")
-    omega_xy0: Oscillations = key(..., "Initial oscillations in sqrt(g/a), or with a unit.")
+    omega_xy0: Pushes = key(..., "Initial oscillations in sqrt(g/a), or with a unit.")
     psi: Direction = key("relevant", "Mode (relevant: pitch for n_i >= 0, else roll) or degrees.")
 
 
@@ -484,9 +482,7 @@ Upwards = Annotated[list[float], THREE, AfterValidator(unit)]
 class State(Base):
     """A full state that all bodies are launched from, in components along the body's axes."""
 
-    omega: Annotated[list[Annotated[float, Speed]], THREE] = key(
-        ..., "Angular velocity [x, y, z] in sqrt(g/a)."
-    )
+    omega: Annotated[list[Speed], THREE] = key(..., "Angular velocity [x, y, z] in sqrt(g/a).")
     u: Upwards = key([0, 0, -1], "Vertical unit vector [x, y, z]; [0, 0, -1] is upright.")
 
     def _clashes(self) -> Clash:
@@ -499,7 +495,7 @@ class Horizon(Base):
 
     needed = ("t_rgh", "t", "t_decay")
     t_rgh: Time | None = key(None, "In units of t_rGH in the spin's own direction.")
-    t: measured("time", Span) | None = key(None, "A time in sqrt(a/g), or with a unit.")
+    t: measured("time", Time) | None = key(None, "A time in sqrt(a/g), or with a unit.")
     t_decay: Time | None = key(None, "In units of gamma/sigma, of dissipation.sigma.")
 
 
@@ -596,10 +592,11 @@ class Integrator(Base):
         return data
 
     def _clashes(self) -> Clash:
+        word: Any = self.accuracy
         takes = ["accuracy", "tol"] if METHODS[self.method].adaptive else ["dt"]
         given = [name for name in ("accuracy", "tol", "dt") if getattr(self, name) is not None]
         wrong = [name for name in given if name not in takes] or given[1:]
-        if isinstance(self.accuracy, str):
+        if isinstance(word, str):
             yield "accuracy", "a word is a method and its tol; leave out method, tol and dt"
         elif wrong:
             yield wrong[0], f"{self.method} takes {' or '.join(takes)} alone; leave this out"
@@ -651,12 +648,9 @@ class Config(Base):
     @property
     def parts(self) -> list[str]:
         """Parts of the columns of `runs` that not every sweep has."""
-        own = {
-            "tol": self.integrator.goal is not None,
-            "turns": "error" in self.record and "reversals" in self.record,
-            "surface": self.bodies.ellipsoidal,
-            "dissipation": bool(self.dissipation),
-        }
+        turns = {"error", "reversals"} <= {*self.record}
+        own = {"tol": self.integrator.goal, "turns": turns, "surface": self.bodies.ellipsoidal,
+               "dissipation": self.dissipation}  # fmt: skip
         return [*self.record, *(name for name, there in own.items() if there)]
 
     @property

@@ -1,0 +1,111 @@
+"""Fits find what made the data, with intervals; what is wrong with data is one sentence."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from refusal import assert_refused
+from sweeping import ROOT, invoke
+
+import rattlesweep as rs
+from rattlesweep.analysis.fit import unwrapped
+
+STONE, DATA = ROOT / "configs/fit/stone.yaml", ROOT / "configs/fit/data.csv"
+BODY = rs.Rattleback.half_ellipsoid(
+    length="12 cm", width="3 cm", height="12 mm", mass="60 g", skew="3 deg"
+)
+TRUTH = {"n_i": 0.3, "omega_xy0": 0.03, "sigma": 4e-3}
+
+
+@pytest.fixture(scope="module")
+def spins() -> pd.DataFrame:
+    """Exact spins in turns a minute, some of them missing."""
+    table = rs.trajectory(BODY, **TRUTH, t_end=60, points=300, channels=["t", "n"]).table
+    table.loc[40:70, "n_rpm"] = np.nan
+    return table[["t_s", "n_rpm"]]
+
+
+def test_the_command_prints_what_the_page_shows(tmp_path):
+    picture = tmp_path / "fit.png"
+    result = invoke("fit", STONE, DATA, "--figure", picture)
+    assert result.exit_code == 0, result.stderr
+    page = (ROOT / "docs/fit.md").read_text()
+    assert result.stdout + result.stderr in page
+    assert picture.stat().st_size > 10_000
+    told = json.loads(invoke("fit", STONE, DATA, "--json", "-q").stdout)
+    for name, truth in TRUTH.items():
+        low, high = told["intervals"][name]
+        assert low < told["values"][name] < high
+        assert low - (high - low) < truth < high + (high - low)
+
+
+def test_exact_data_give_the_truth_back(spins):
+    launch = {"n_i": 0.31, "omega_xy0": 0.028}
+    found = rs.fit(BODY, spins, free=["n_i", "sigma"], launch=launch | {"omega_xy0": 0.03})
+    assert found.rows == 300 - 31
+    for name in ("n_i", "sigma"):
+        assert found.values[name] == pytest.approx(TRUTH[name], rel=1e-6)
+    # In the units of the body too, where it has no size.
+    bare = pd.DataFrame(
+        {"t": spins.t_s / BODY.units.time, "n": spins.n_rpm * math.pi / 30 * BODY.units.time}
+    )
+    again = rs.fit(BODY, bare, free=["n_i", "sigma"], launch=launch | {"omega_xy0": 0.03})
+    assert again.values == pytest.approx(found.values, rel=1e-6)
+
+
+def test_reversal_times_tell_the_friction():
+    launch = {"n_i": 0.3, "omega_xy0": 0.03}
+    run = rs.trajectory(BODY, **launch, sigma=4e-3, t_end="8 s", points=2)
+    times = run.reversals * BODY.units.time
+    assert len(times) >= 2
+    found = rs.fit(BODY, {"reversal_s": times}, free="sigma", launch=launch)
+    assert found.values["sigma"] == pytest.approx(4e-3, rel=1e-5)
+    found.plot()
+
+
+def test_what_the_data_cannot_tell_apart_is_said():
+    launch = {"n_i": "100 rpm", "omega_xy0": "10 rpm"}
+    run = rs.trajectory(BODY, **launch, sigma=2e-3, rolling="10 um", t_end="6 s", points=2)
+    times = run.reversals * BODY.units.time
+    assert len(times) == 3
+    noisy = {"reversal_s": times + np.random.default_rng(1).normal(0, 0.01, 3)}
+    found = rs.fit(BODY, noisy, free=["sigma", "omega_xy0"], launch=launch, rolling="10 um")
+    assert "cannot tell sigma and omega_xy0 apart" in found.remarks[0]
+
+
+def test_an_axis_is_followed_through_half_turns_and_gaps():
+    t = np.linspace(0, 10, 400)
+    angle = 9 * t - 0.9 * t**2
+    seen = np.remainder(angle, math.pi)
+    seen[100:130] = np.nan
+    found = unwrapped(t, seen)
+    known = np.isfinite(seen)
+    assert np.ptp((found - angle)[known]) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("stone", "data", "words"),
+    [
+        ("body: {preset: GH", "", "stone.yaml:"),
+        ("body: {preset: XY}\nfree: [sigma]", "", "body: 'XY'"),
+        ("body: {preset: GH}\nfree: [signa]", "t,n\n0,1\n1,1\n", 'did you mean "sigma"?'),
+        ("body: {preset: GH}\nfree: [sigma]", "t_s,n_rpm\n0,1\n", "the body has no size"),
+        ("body: {preset: KL}\nfree: [sigma]", "t_s,n_rpm\n0,1\n0,2\n", "row 2"),
+        ("body: {preset: KL}\nfree: [sigma]", "t_s,n_rpm\n0,a\n", "column n_rpm"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_sentence(tmp_path, stone, data, words):
+    (tmp_path / "stone.yaml").write_text(stone + "\n")
+    (tmp_path / "data.csv").write_text(data)
+    result = invoke("fit", tmp_path / "stone.yaml", tmp_path / "data.csv")
+    assert_refused(result, 2, words)
+
+
+def test_a_missing_file_is_one_sentence(tmp_path):
+    assert_refused(invoke("fit", STONE, tmp_path / "none.csv"), 2, "No such file")
+    with pytest.raises(rs.ConfigError, match="n_i"):
+        rs.fit(BODY, DATA, free=["sigma"])
