@@ -12,12 +12,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 import sweeping
-from rattlesweep.analysis.plots.curves import UNSURE
 from sweeping import content_hash, prepared, proved
 
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import Replay
-from rattlesweep.analysis.plots.kinds import choose_picture
+from rattlesweep.analysis.plots.kinds import UNSURE, choose_picture
 from rattlesweep.analysis.plots.layout import read_layout
 from rattlesweep.analysis.style import styled
 from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
