@@ -13,8 +13,7 @@ from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
 from rattlesweep.physics.launch import direction, garcia_hubbard
 
 FREQUENCY, TIME = "sqrt(g/a)", "sqrt(a/g)"
-SPINS = ("n_c1", "n_i", "n_0")
-"""Quantities that are given in turns a minute."""
+SPINS = ("n_c1", "n_i", "n_0")  # in turns a minute
 # Options that make a body, and those that may stand beside them.
 WAYS: dict[str, tuple[set[str], set[str]]] = {
     "preset": ({"preset"}, {*PARAMETERS, "c"}),

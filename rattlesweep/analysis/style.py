@@ -34,7 +34,6 @@ BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"
 PURPLE, ORANGE, SKY, YELLOW = "#CC79A7", "#E69F00", "#56B4E9", "#F0E442"
 BLACK = "#000000"
 INK, GREY, FAINT = "#222222", "#555555", "#e4e4e4"
-"""Theory, remarks, and the lines of a grid."""
 FAILED, MISSING, NO_REVERSAL = BLACK, "#FFFFFF", "#C4C4C4"
 
 
@@ -56,7 +55,6 @@ TYPE_STYLE = {
 }
 SERIES = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (PURPLE, "D"), (ORANGE, "v"), (SKY, "P"),
           (BLACK, "X"), ("#8A8A8A", "*"))  # fmt: skip
-"""Colours and shapes of curves, in the order in which they are used."""
 THEORY: dict[str, Any] = {"color": INK, "linestyle": (0, (4, 2)), "linewidth": 1.1}
 
 # Units as formulas.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 import shutil
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -194,35 +193,6 @@ def test_failed_and_missing_cells_are_seen(sweeps, tmp_path):
         figure = picture(directory).figure()
         assert word in legend_words(figure)
         assert (figure.axes[0].collections[0].get_array() == CODES[name]).sum() == count
-
-
-@pytest.mark.parametrize(
-    ("kind", "size"),
-    [("ratio", None), ("map", None), ("distribution", None), ("fractions", (3.4, 2.6))],
-)
-def test_nothing_lies_over_anything(sweeps, kind, size):
-    select = [] if kind == "map" else ["omega_xy0=0.01"]
-    title = "A title that is longer than a small picture is wide, as titles tend to be"
-    figure = drawn(picture(sweeps / "steady", kind, select=select), title=title, size=size)
-    words = [legend.get_title().get_text() for legend in figure.legends] or [figure.get_suptitle()]
-    assert words[0].replace("\n", " ").startswith(title)
-    for legend in figure.legends:
-        box = legend.get_window_extent()
-        assert figure.bbox.x0 - 1 <= box.x0
-        assert box.x1 <= figure.bbox.x1 + 1
-        assert not any(box.overlaps(axes.get_window_extent()) for axes in figure.axes)
-    for axis in (axis for axes in figure.axes if not size for axis in (axes.xaxis, axes.yaxis)):
-        low, high = sorted(axis.get_view_interval())
-        ticks = [t for t in axis.get_major_ticks() if low <= t.get_loc() <= high]
-        boxes = [tick.label1.get_window_extent() for tick in ticks if tick.label1.get_visible()]
-        for one, other in pairwise(box for box in boxes if box.width > 1):
-            assert not one.overlaps(other)
-
-
-def test_limits_are_those_of_every_panel(sweeps):
-    figure = picture(sweeps / "steady", "map").figure(xlim=(0.01, 0.06), ylim=(0.2, 0.8), log=False)
-    for axes in figure.axes[:-1]:
-        assert (axes.get_xlim(), axes.get_ylim()) == ((0.01, 0.06), (0.2, 0.8))
 
 
 def test_data_style_title_size_and_defaults(sweeps, tmp_path):

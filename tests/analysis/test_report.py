@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser import NO_WEBGL, browser, find_browser
 from editing import edited
 from sweeping import invoke
 
@@ -135,16 +134,3 @@ def test_thresholds_of_the_config_and_those_behind_the_types(sweeps, tmp_path):
     assert "sw_departure 0.05 0.05" in Page(make_report(again)).text
     assert invoke("classify", again, "--set", "classify.sw_departure=0.2").exit_code == 0
     assert "sw_departure 0.05 0.2" in Page(make_report(again)).text
-
-
-@pytest.mark.skipif(find_browser() is None, reason="no Chromium here to open the page with")
-def test_a_narrow_page_does_not_scroll_sideways(pages, tmp_path):
-    with browser(*NO_WEBGL) as window:
-        for name, data in pages.items():
-            target = tmp_path / f"{name}.html"
-            target.write_bytes(data)
-            window.size(390, 800)
-            window.open(target, ready="true")
-            page = "document.documentElement"
-            wide, inside = window.run(f"[{page}.scrollWidth, {page}.clientWidth]")
-            assert 300 < wide <= inside <= 390

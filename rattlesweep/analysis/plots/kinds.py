@@ -22,8 +22,7 @@ from rattlesweep.sweeps.counts import codes, floats, share, wilson
 
 # Axes of so many values are long enough for an abscissa; of fewer than these each has a tick.
 ENOUGH, FEW = 3, 6
-# With more points than this, markers and bars hide the curve.
-MOST_MARKERS = 40
+MOST_MARKERS = 40  # with more they hide the curve
 UNSURE: dict[str, Any] = {"facecolor": "#FFFFFFB0", "edgecolor": style.INK, "hatch": "xxxxxx",
                           "linewidth": 0, "label": "type not sure"}  # fmt: skip
 BONDI_LABEL = "Bondi"
