@@ -210,7 +210,9 @@ def _load(recipe: Recipe, names: tuple[Any, ...]) -> Any:
 
 def is_stored(recipe: Recipe, *names: Any) -> bool:
     """Return whether a kernel has been compiled before."""
-    return any(_place(recipe, names).glob("*/*.nbc"))
+    from numba import config
+
+    return config.DISABLE_JIT or any(_place(recipe, names).glob("*/*.nbc"))
 
 
 # -- compiling -------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
+from numba import config
 
 from rattlesweep.integrate import SettingError
 from rattlesweep.integrate.compile import Kernel, load_kernels
@@ -42,7 +43,9 @@ def workspace(tableau: Tableau, model: Model, threads: int, width: int = LANES) 
     size = -(-Layout(model).rows(tableau, model) * width // 16) * 16
     flat = np.zeros(threads * size + 8)
     shift = (-flat.ctypes.data // 8) % 8
-    return flat[shift : shift + threads * size].reshape(threads, size)
+    found = flat[shift : shift + threads * size].reshape(threads, size)
+    # Whole rows: they are looked at as such where nothing is compiled.
+    return found[:, : size // width * width] if config.DISABLE_JIT else found
 
 
 # -- recipes, see compile.Recipe -------------------------------------------------------------------
@@ -101,7 +104,7 @@ if hasattr(os, "register_at_fork"):
 
 def parallel() -> bool:
     """Return whether this process can start threads for its kernels, or raise SettingError."""
-    if _forked:
+    if _forked or config.DISABLE_JIT:
         return False
     try:
         numba.get_num_threads()

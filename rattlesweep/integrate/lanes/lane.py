@@ -19,7 +19,7 @@ from functools import reduce
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from llvmlite import ir
-from numba import types
+from numba import config, types
 from numba.core import cgutils
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
@@ -39,7 +39,8 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
 
-LANES = 32  # benchmarks/kernel.py --lanes has the figures behind it
+# benchmarks/kernel.py --lanes has the figures behind it; of one, Python can step through a kernel.
+LANES = 1 if config.DISABLE_JIT else 32
 DOUBLE = ir.DoubleType()
 
 
@@ -232,6 +233,25 @@ class _LaneModel(models.StructModel):
         super().__init__(manager, lane, members)
 
 
+class Lane:
+    """A lane where nothing is compiled."""
+
+    def __init__(self, problem: Problem, w: Any, l: int) -> None:
+        cells = w.reshape(-1, problem.lanes)[:, l]
+        vars(self).update(problem=problem, cells=cells, fields=problem.layout.fields)
+
+    def __getattr__(self, name: str) -> Any:
+        row, kind = self.fields[name]
+        if kind is types.float64:
+            return self.cells[row]
+        values = tuple(self.cells[row : row + len(kind)])
+        return Point(*values) if isinstance(kind, types.NamedUniTuple) else values
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        row, kind = self.fields[name]
+        self.cells[row : row + (1 if kind is types.float64 else len(kind))] = value
+
+
 class _Cells:
     """Write LLVM code that reads and writes the cells of one lane."""
 
@@ -298,7 +318,7 @@ def _set(context: Any, builder: Any, signature: Any, args: Any, name: str) -> No
         cells.write(row + i, builder.extract_value(args[1], i))
 
 
-@emitting(lambda typingctx, problem, w, l: LaneType(problem)(problem, w, types.intp))
+@emitting(lambda typingctx, problem, w, l: LaneType(problem)(problem, w, types.intp), Lane)
 def lane_of(context, builder, signature, args):
     """Return lane ``l`` of a workspace ``w``."""
     made = cgutils.create_struct_proxy(signature.return_type)(context, builder)
@@ -307,7 +327,11 @@ def lane_of(context, builder, signature, args):
     return made._getvalue()
 
 
-@emitting(lambda typingctx, lane: types.void(lane))
+def _clear(lane: Lane) -> None:
+    lane.cells[: lane.fields["y"][0]] = 0.0
+
+
+@emitting(lambda typingctx, lane: types.void(lane), _clear)
 def clear(context, builder, signature, args):
     """Set all numbers to zero that are there in every model."""
     kind = signature.args[0]
@@ -333,6 +357,14 @@ class Sum(NamedTuple):
     factor: int | None = None
     share: float = 1.0
 
+    def value(self, w: Any) -> Any:
+        """Return the value from the rows of a lane, as compiled code does."""
+        products = [number * w[row] for number, row in self.terms]
+        total = sum(products[1::2], start=0.0) + sum(products[::2], start=0.0)
+        if self.factor is not None:
+            total *= self.share * w[self.factor]
+        return total if self.row is None else w[self.row] + total
+
 
 def sums(count: int, terms: dict[int, float], start: int | None = None, *scale: Any) -> list[Sum]:
     """Return sums for ``count`` components, whose rows stand one after another.
@@ -353,7 +385,13 @@ def gather(lanes: int, values: Sequence[int | Sum], behind: Sequence[int]) -> An
     wanted = [*values, *behind]
     order = sorted(range(len(wanted)), key=lambda i: (i < len(values), isinstance(wanted[i], Sum)))
 
-    @emitting(lambda typingctx, w, l: types.UniTuple(types.float64, len(wanted))(w, types.intp))
+    def python(w: Any, l: int) -> tuple[float, ...]:
+        cells = w.reshape(-1, lanes)[:, l]
+        return tuple(cells[one] if isinstance(one, int) else one.value(cells) for one in wanted)
+
+    @emitting(
+        lambda typingctx, w, l: types.UniTuple(types.float64, len(wanted))(w, types.intp), python
+    )
     def read(context, builder, signature, args):
         array = context.make_array(signature.args[0])(context, builder, args[0])
         lane = _Cells(builder, array.data, args[1], lanes)
@@ -368,7 +406,10 @@ def scatter(lanes: int, rows: Sequence[int]) -> Any:
     """Return ``write(w, l, values)``, which writes a tuple to the rows in lane ``l``."""
     values = types.UniTuple(types.float64, len(rows))
 
-    @emitting(lambda typingctx, w, l, given: types.void(w, types.intp, values))
+    def python(w: Any, l: int, given: tuple[float, ...]) -> None:
+        w.reshape(-1, lanes)[list(rows), l] = given
+
+    @emitting(lambda typingctx, w, l, given: types.void(w, types.intp, values), python)
     def write(context, builder, signature, args):
         array = context.make_array(signature.args[0])(context, builder, args[0])
         lane = _Cells(builder, array.data, args[1], lanes)
