@@ -219,7 +219,7 @@ BAD = [
     ({"channels": ["u_x"], "model": "reduced"}, "u_x is not of the model reduced"),
     ({"points": 5, "dt": 0.1}, "points and dt are both given"),
     ({"dt": math.nan}, "must be finite"),
-    ({"times": [0, 2, 1]}, "they must increase"),
+    ({"times": [0, 2, 1]}, "a list that increases"),
     ({"times": [0, 11]}, "t_end = 10"),
     ({"steps": True, "model": "gh"}, "the model gh takes none"),
     ({"e_r0": -1.0, "model": "reduced"}, "from 0 to"),

@@ -104,7 +104,7 @@
   const [second, timeUnit] = D.units.t, [turn, spinUnit] = D.units.n;
   document.querySelectorAll(".time-unit").forEach((e) => { e.textContent = timeUnit; });
   document.querySelectorAll(".spin-unit").forEach((e) => { e.textContent = spinUnit; });
-  const places = Math.min(2, Math.max(0, 4 - Math.ceil(Math.log10(tEnd * second)) - (second === 1)));
+  const places = Math.min(2, Math.max(0, 5 - Math.ceil(Math.log10(tEnd * second)) - (second === 1)));
   const spinPlaces = turn === 1 ? 4 : 2;
   const shares = ["spin", "pitch", "roll"];
   const bars = shares.map((name) => document.querySelector(`#bar .${name}`));
