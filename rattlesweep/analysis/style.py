@@ -82,6 +82,8 @@ FORMATS: dict[str, dict[str, Any]] = {
 """Formats of figures, with the metadata that would change from one writing to the next."""
 
 # Stretches of a curve, about a pixel each; inches of an axis on which few numbers have room.
+# With more oscillations than this a curve would be a slab of ink, and its envelope is drawn.
+MOST_PERIODS = 60
 BINS, NARROW = 1000, 1.1
 
 
@@ -186,9 +188,24 @@ def thin(values: Floats, bins: int) -> Places:
 
 
 def curve(axis: Any, t: Floats, values: Floats, colour: str = BLUE, **look: Any) -> None:
-    """Draw a curve; of very many points the least and largest values in stretches."""
-    places = thin(values, BINS)
-    axis.plot(t[places], values[places], **{"color": colour, "linewidth": 0.8} | look)
+    """Draw a curve; one of very many oscillations by its least and largest values in stretches.
+
+    Each stretch is about a pixel wide and holds an oscillation at least.
+    """
+    look = {"color": colour, "linewidth": 0.8} | look
+    periods = np.count_nonzero(np.diff(np.sign(np.diff(values)))) / 2
+    if periods <= MOST_PERIODS or not np.isfinite(values).all():
+        places = thin(values, BINS)
+        axis.plot(t[places], values[places], **look)
+        return
+    starts = np.linspace(0, len(t), int(min(BINS, periods / 1.5)) + 1).astype(np.int64)[:-1]
+    low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+    middle = t[(starts + np.append(starts[1:], len(t)) - 1) // 2]
+    middle[0], middle[-1] = t[0], t[-1]
+    axis.fill_between(middle, low, high, color=colour, alpha=0.25, linewidth=0)
+    for edge in (low, high):
+        axis.plot(middle, edge, **look)
+        look.pop("label", None)
 
 
 def encode(figure: Figure, kind: str, dpi: float) -> bytes:

@@ -15,6 +15,7 @@ from refusal import assert_refused
 from sweeping import invoke, rows, run
 
 import rattlesweep as rs
+from rattlesweep.analysis import style
 from rattlesweep.analysis.onerun import channels
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import Replay
@@ -172,3 +173,15 @@ def test_rows_may_begin_late(sweep, tmp_path):
     for bad in (-1, 30, "nan"):
         refused = invoke(*which, "--from-time", bad)
         assert_refused(refused, 2, f"from_time {bad}")
+
+
+def test_a_fast_oscillation_is_drawn_as_an_envelope():
+    """Both edges hold the extremes of their stretches, and little else is drawn."""
+    t = np.linspace(0, 1000, 100_001)
+    axis = style.new_figure(5, 3).subplots()
+    style.curve(axis, t, np.exp(-t / 500) * np.sin(2 * np.pi * t))
+    low, high = (line.get_xydata().T for line in axis.lines)
+    np.testing.assert_allclose(high[1], np.exp(-high[0] / 500), atol=0.01)
+    np.testing.assert_allclose(low[1], -np.exp(-low[0] / 500), atol=0.01)
+    assert len(axis.collections) == 1
+    assert len(high[0]) < 1000
