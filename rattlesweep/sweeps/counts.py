@@ -57,7 +57,8 @@ class Moments:
         # One by one and in order: np.bincount would sum each piece apart.
         np.add.at(self.count, cell, weight)
         np.add.at(self._sum, cell, weight * step)
-        np.add.at(self._squares, cell, weight * step**2)
+        with np.errstate(over="ignore"):  # the deviation is then infinite, and stored as null
+            np.add.at(self._squares, cell, weight * step**2)
 
     def means(self) -> Floats:
         """Return the means, NaN of nothing."""
@@ -65,8 +66,9 @@ class Moments:
 
     def deviations(self) -> Floats:
         """Return the sample standard deviations (divisor n - 1), NaN for fewer than two."""
-        squares = self._squares - share(self._sum**2, np.maximum(self.count, 1))
-        return np.sqrt(share(np.maximum(squares, 0), self.count - 1))
+        with np.errstate(over="ignore", invalid="ignore"):
+            squares = self._squares - share(self._sum**2, np.maximum(self.count, 1))
+            return np.sqrt(share(np.maximum(squares, 0), self.count - 1))
 
     def errors(self) -> Floats:
         """Return the standard errors of the means, NaN for fewer than two."""

@@ -177,12 +177,13 @@ def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
 
 
 def at_work(directory: Path, mine: str | None = None) -> list[str]:
-    """Return the locks that other processes hold, without waiting; not that on the manifest."""
+    """Return the locks that other processes hold, but that on the manifest."""
     held = []
     for path in sorted((directory / LOCKS).glob("*")):
         if path.name not in (mine, MANIFEST_LOCK):
             try:
-                with FileLock(path).acquire(timeout=0):
+                # Another process that only looks has it for a moment.
+                with FileLock(path).acquire(timeout=0.1, poll_interval=0.02):
                     continue
             except Timeout:
                 held.append(path.name)

@@ -344,7 +344,7 @@ def test_embedded_cluster_is_closed_to_others_and_has_a_directory_of_its_own(tmp
             call = [sys.executable, "-c", code]
             intruder = subprocess.run(call, capture_output=True, text=True, timeout=60)
             assert intruder.returncode == 1
-            assert re.search("^(OSError|TypeError)", intruder.stderr, re.MULTILINE)
+            assert "Error" in intruder.stderr
     assert not private.exists()
     assert not list(planted.iterdir())
 
