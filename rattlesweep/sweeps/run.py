@@ -141,10 +141,14 @@ class Job:
                     cost, seconds = np.sum(self._recent, axis=0)
                     budget = cost / max(seconds, 1e-6) * SECONDS
                 sums = np.cumsum(self._cost[waiting[:MOST_ROWS] // samples])
-                limits = [budget, budget * MOST_SECONDS / SECONDS]
-                fit, most = np.searchsorted(sums, limits, "right")
+                fit, most = np.searchsorted(
+                    sums, [budget, budget * MOST_SECONDS / SECONDS], "right"
+                )
                 lanes = LANES * self.threads
-                count = min(max(fit, min(ROUNDS * lanes, most), lanes), len(sums))
+                least = min(ROUNDS * lanes, max(most, lanes)) if self._recent else ROUNDS * lanes
+                count = min(max(fit, least), len(sums))
+                if last and len(waiting) - count < count // 4:
+                    count = len(waiting)  # no small block at the end
                 yield np.divmod(waiting[:count], samples)
                 waiting = waiting[count:]
 
