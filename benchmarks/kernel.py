@@ -38,7 +38,7 @@ from rattlesweep.integrate.lanes.step import OPTIONS, write_attempt
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.processor import vector_bits
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.physics import full, launch, steady, theory
+from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 
 DT, TOL = 0.002, 1e-9
@@ -78,7 +78,7 @@ def batch(t_end):
     modes = theory.modes(*(BODY[name] for name in ("alpha", "beta", "theta", "phi", "xi")))
     found = steady.steady_modes(constants, n_i)
     return Batch(
-        y0=launch.full_state(n_i, OMEGA, launch.direction(modes, n_i, "relevant")),
+        y0=theory.full_state(n_i, OMEGA, theory.direction(modes, n_i, "relevant")),
         constants=constants.T.copy(),
         probe=np.concatenate([found.roll_probe.real, found.roll_probe.imag], axis=1),
         t_end=t_end,

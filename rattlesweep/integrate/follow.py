@@ -171,7 +171,7 @@ class Samples:
     t: Floats  # in sqrt(a/g)
     y: Floats  # in the model's variables
     # Where they were asked for, heading in radians and contact point on the plane, see
-    # :mod:`rattlesweep.physics.attitude`.
+    # :mod:`rattlesweep.physics.full`.
     extra: Floats
 
 
