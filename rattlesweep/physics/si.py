@@ -115,7 +115,7 @@ def components(inertia: Sequence[float] | Sequence[Sequence[float]]) -> tuple[fl
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     slack = 1e-6 * np.abs(tensor).max(initial=0)
     if tensor.shape != (3, 3) or not np.abs(tensor - tensor.T).max() <= slack < np.inf:
-        raise ValueError("inertia: a finite symmetric matrix of 3 x 3 is needed, or (ixx, iyy, izz, "
+        raise ValueError("inertia: a finite symmetric 3 x 3 matrix is needed, or (ixx, iyy, izz, "
                          "ixy, ixz, iyz), of which the last three may be left out")  # fmt: skip
     moments = np.linalg.eigvalsh(tensor)
     if moments[0] <= 0 or moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
@@ -126,7 +126,7 @@ def components(inertia: Sequence[float] | Sequence[Sequence[float]]) -> tuple[fl
     coupling = np.hypot(tensor[0, 2], tensor[1, 2])
     tilt = coupling / max(abs(zz - xx), abs(zz - yy), 1e-300)
     if tilt > MAX_TILT:
-        raise ValueError(f"inertia: the vertical is no principal axis, by an angle of {tilt:.2g}")
+        raise ValueError(f"inertia: the z axis is off a principal axis by {tilt:.2g} rad")
     return float(xx), float(yy), float(zz), float(tensor[0, 1])
 
 

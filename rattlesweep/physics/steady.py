@@ -48,8 +48,8 @@ def matrix(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Floats:
     """
     system = _System(constants, n, sigma)
     c, zero, one = system.c, np.zeros_like(system.c), np.ones_like(system.c)
-    # Rows as coefficients of (p, q, omega_x, omega_y): Eq. diff-u, then the two equations of P s = 0
-    # with omega_x = dq/dt + c p, omega_y = c q - dp/dt.
+    # Rows as coefficients of (p, q, omega_x, omega_y): Eq. diff-u, then the two of P s = 0 with
+    # omega_x = dq/dt + c p, omega_y = c q - dp/dt.
     dp, dq = np.stack([zero, c, zero, -one]), np.stack([-c, zero, one, zero])
     k_p = np.stack([system.k_pp, system.k_pq, zero, zero])
     k_q = np.stack([system.k_qp, system.k_qq, zero, zero])

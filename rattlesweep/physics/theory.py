@@ -109,26 +109,6 @@ def unsteady(K_p: ArrayLike, n_i: ArrayLike) -> NDArray[np.bool_]:
     return result
 
 
-def reversal_time(K: ArrayLike, n_i: ArrayLike, speed: ArrayLike) -> Floats:
-    """Return the time of reversal t_rGH (Eqs. trgh-p, trgh-m).
-
-    `K` is that of the mode that grows, `speed` is :func:`oscillation_speed`.
-    ``ln((n_0 + n)/(n_0 - n))`` is ``2 asinh(n/w)``, since ``n_0^2 - n^2 = w^2``.
-    """
-    n = np.abs(n_i)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        time: Floats = 2 * np.arcsinh(n / np.asarray(speed)) / (np.hypot(n, speed) * np.abs(K))
-    return time
-
-
-def spin_gh(t: ArrayLike, K: ArrayLike, n_i: ArrayLike, speed: ArrayLike) -> Floats:
-    """Return Garcia and Hubbard's ``n(t)`` (Eqs. gh-solution-p, gh-solution-m)."""
-    n_0 = np.hypot(n_i, speed)
-    late = np.asarray(t, float) - reversal_time(K, n_i, speed)
-    spin: Floats = -np.sign(n_i) * n_0 * np.tanh(n_0 * np.abs(K) * late / 2)
-    return spin
-
-
 def growth_rates(K_p: ArrayLike, K_r: ArrayLike, n: ArrayLike) -> tuple[Floats, Floats]:
     """Return the growth rates of pitch and roll amplitudes at a small spin (Eq. case-instab1)."""
     n = np.asarray(n, float)
@@ -143,9 +123,8 @@ def damping_rates(
     At a small spin they are to be taken from :func:`growth_rates`.
     """
     alpha, beta, sigma = np.asarray(alpha), np.asarray(beta), np.asarray(sigma)
-    inertia = (alpha * np.cos(psi) ** 2 + beta * np.sin(psi) ** 2
-               for psi in (modes.psi_p, modes.psi_r))  # fmt: skip
-    pitch, roll = (sigma / (2 * each) for each in inertia)
+    pitch, roll = (sigma / (2 * (alpha * np.cos(psi) ** 2 + beta * np.sin(psi) ** 2))
+                   for psi in (modes.psi_p, modes.psi_r))  # fmt: skip
     return pitch, roll
 
 
@@ -164,25 +143,6 @@ def two_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     return p, ((ah * bh - p) + ah * bl + al * bh) + al * bl
 
 
-def _bondi_denominator(
-    alpha: Floats, beta: Floats, gamma: Floats, theta: Floats, phi: Floats
-) -> Floats:
-    """Return the denominator of Eq. def-nc1 in twice the precision: it passes through zero."""
-    k, k1 = _two_sum(alpha, beta)
-    k, k2 = _two_sum(k, -gamma)
-    k, k_low = _two_sum(k, k1 + k2)
-    s, s_low = _two_sum(theta, phi)
-    m, m_low = two_product(theta, phi)
-    d, d1 = _two_sum(s, -2 * m)
-    d, d_low = _two_sum(d, d1 + s_low - 2 * m_low)
-    p, p1 = two_product(k, d)
-    p_low = p1 + k * d_low + k_low * d
-    a, a1 = _two_sum(np.full_like(s, 2.0), -s)
-    b, b1 = _two_sum(a, -p)
-    result: Floats = b + (b1 + a1 - s_low - p_low)
-    return result
-
-
 def bondi_threshold(
     alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike, theta: ArrayLike, phi: ArrayLike
 ) -> Floats:
@@ -195,7 +155,19 @@ def bondi_threshold(
     alpha, beta, gamma, theta, phi = np.broadcast_arrays(
         *(np.asarray(x, float) for x in (alpha, beta, gamma, theta, phi))
     )
-    denominator = _bondi_denominator(alpha, beta, gamma, theta, phi)
+    # The denominator passes through zero: in twice the precision.
+    k, k1 = _two_sum(alpha, beta)
+    k, k2 = _two_sum(k, -gamma)
+    k, k_low = _two_sum(k, k1 + k2)
+    s, s_low = _two_sum(theta, phi)
+    m, m_low = two_product(theta, phi)
+    d, d1 = _two_sum(s, -2 * m)
+    d, d_low = _two_sum(d, d1 + s_low - 2 * m_low)
+    p, p1 = two_product(k, d)
+    p_low = p1 + k * d_low + k_low * d
+    a, a1 = _two_sum(np.full_like(s, 2.0), -s)
+    b, b1 = _two_sum(a, -p)
+    denominator = b + (b1 + a1 - s_low - p_low)
     with np.errstate(divide="ignore", invalid="ignore"):
         square = -(1 - theta) * (1 - phi) / denominator
         return np.where((denominator < 0) & np.isfinite(square), -np.sqrt(np.abs(square)), np.nan)
@@ -219,12 +191,20 @@ class GarciaHubbard:
 
     @property
     def t_rgh(self) -> Floats:
-        """Time of reversal, in ``sqrt(a/g)``; NaN without an initial spin, which has none."""
-        return np.where(self.n_i == 0, np.nan, reversal_time(self.K, self.n_i, self.speed))
+        """Time of reversal (Eqs. trgh-p, trgh-m); NaN without an initial spin, which has none.
+
+        ``ln((n_0 + n)/(n_0 - n))`` is ``2 asinh(n/w)``, since ``n_0^2 - n^2 = w^2``.
+        """
+        n = np.abs(self.n_i)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            time = 2 * np.arcsinh(n / self.speed) / (np.hypot(n, self.speed) * np.abs(self.K))
+        return np.where(n == 0, np.nan, time)
 
     def spin(self, t: ArrayLike) -> Floats:
-        """Return the spin at times ``t``."""
-        return spin_gh(t, self.K, self.n_i, self.speed)
+        """Return the spin at times ``t`` (Eqs. gh-solution-p, gh-solution-m)."""
+        late = np.asarray(t, float) - np.where(self.n_i == 0, 0.0, self.t_rgh)
+        rate = self.n_0 * np.abs(self.K)
+        return np.asarray(-np.sign(self.n_i) * self.n_0 * np.tanh(rate * late / 2))
 
 
 def garcia_hubbard(

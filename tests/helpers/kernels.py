@@ -8,7 +8,6 @@ from numba import njit
 
 from rattlesweep import arrays
 from rattlesweep.integrate import batch
-from rattlesweep.integrate.lanes import build as built
 from rattlesweep.integrate.lanes import step as stages
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.tableau import METHODS
@@ -122,4 +121,4 @@ def attempt(method, model):
 
 def problem(method, model):
     """What the kernel of a method and a model is compiled for."""
-    return built.problem_of(MODELS[model], METHODS[method].adaptive)
+    return batch.problem_of(MODELS[model], METHODS[method].adaptive)
