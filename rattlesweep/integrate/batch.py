@@ -151,8 +151,6 @@ if hasattr(os, "register_at_fork"):
 
 def parallel() -> bool:
     """Return whether this process can start threads for its kernels, or raise SettingError."""
-    if config.DISABLE_JIT:
-        raise SettingError("NUMBA_DISABLE_JIT: kernels run compiled only")
     if _forked:
         return False
     try:

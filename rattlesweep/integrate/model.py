@@ -37,8 +37,7 @@ class Model:
     anywhere: Model | None = None  # the same equations for runs that these variables cannot follow
     n_beside: int = 0  # last components of the state that the states of a run do not have
     # Functions x of the state that the stages of a step integrate, as that costs less than they do:
-    # carried_start(*y, *q), their values, with which each step begins and without which it ends, so
-    # that it is one of the method for the state alone, of the same order; carried_rhs(*y, *x, *q),
+    # carried_start(*y, *q), their values, with which each step begins; carried_rhs(*y, *x, *q),
     # derivatives of the state and, behind, of them.
     n_carried: int = 0
     carried_start: Callable[..., Any] | None = None
@@ -53,16 +52,10 @@ class Model:
 
 
 def _compiled(model: str, **functions: Callable[..., Any]) -> dict[str, Any]:
-    """Return compiled functions of a model, under names of its own.
-
-    Numba makes symbols of names, so functions of two models may not share one.
-    """
+    """Return compiled functions of a model, named after it: Numba makes symbols of names."""
     for name, function in functions.items():
         function.__name__ = function.__qualname__ = f"{name}_{model}"
     return {name: full.scalar(function) for name, function in functions.items()}
-
-
-# -- bodies without friction -----------------------------------------------------------------------
 
 
 @full.scalar
@@ -119,10 +112,8 @@ def _rise_rhs(p, q, a, b, c, rise, ix, iy, iz, cxx, cxy, cyy, k):
     return f + (stone.rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)  # noqa: RUF005
 
 
-# -- bodies with friction, whose work is the last component of the state ---------------------------
-
-# Of an oscillation with less than this share of the spin's energy the error of the spin counts as
-# of one with so much: it is then 1e-7 of the tolerance, and no less than rounding.
+# An oscillation with less than this share of the spin's energy counts as one with so much where the
+# error of the spin is judged.
 SPIN_KNOWN = 1e-14
 
 
@@ -131,8 +122,7 @@ def _friction_error(
     ep, eq, ea, eb, ec, ework, p, q, a, b, c, work,
     ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps,
 ):  # fmt: skip
-    # The work is a quadrature beside, as accurate as what it is of.  The spin, which falls by
-    # itself, has errors of rounding: where the oscillation has died, no step is judged by them.
+    # The spin, which falls by itself, has errors of rounding: no step is judged by them alone.
     size = full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
     known = min(1.0, size / (SPIN_KNOWN * iz * c * c + 1e-290))
     return full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy) + known * iz * ec * ec, size
@@ -226,9 +216,6 @@ FRICTION = {
 """Models with friction, by the surface's model and the kind: viscous alone, or rolling too."""
 
 
-# -- the reduced model -----------------------------------------------------------------------------
-
-
 @full.scalar
 def _reduced_error(dn, de_p, de_r, n, e_p, e_r, k_p, k_r, inertia):
     # Each energy relative to itself: the one that decays decides what happens much later.
@@ -256,9 +243,6 @@ REDUCED = Model(
 )
 
 
-# -- what is beside --------------------------------------------------------------------------------
-
-
 def _with_tangent(plain: Model) -> Model:
     """Return a model with the largest Lyapunov exponent's tangent."""
     names = "rate", "seed", "transverse", "square"
@@ -267,10 +251,7 @@ def _with_tangent(plain: Model) -> Model:
 
 
 def _with_attitude(plain: Model) -> Model:
-    """Return a model with heading and contact point (:mod:`rattlesweep.physics.full`).
-
-    It makes single steps from states of the plain model, in which nothing is looked at.
-    """
+    """Return a model with heading and contact point, for single steps."""
     n, own_rhs, touch = plain.n_state, plain.rhs, plain.touch
     behind = n + full.N_EXTRA
 

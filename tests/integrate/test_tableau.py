@@ -11,7 +11,7 @@ import pytest
 
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import FULL
-from rattlesweep.integrate.tableau import METHODS, Tableau
+from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full
 
 # --- order conditions: Hairer, Norsett and Wanner, Solving ODEs I, II.2 --------------------------
@@ -83,8 +83,6 @@ def order_of(a, b):
 def test_every_order_condition_holds_up_to_the_order_and_no_further(tableau):
     a, b = matrix(tableau)
     assert order_of(a, b) == tableau.order
-    # Rounding of a sum goes with its largest term: up to 36 in verner98.
-    assert tableau.c == pytest.approx(a.sum(axis=1)[:-1], abs=1e-15 * max(1, np.abs(a).max()))
 
 
 @pytest.mark.parametrize(("name", "orders"), [("rk4", []), ("dopri5", [4]), ("dop853", [5, 3])])
@@ -92,22 +90,6 @@ def test_embedded_solutions_have_their_orders(name, orders):
     a, b = matrix(METHODS[name])
     errors = METHODS[name].errors
     assert [order_of(a, b - weights(row, METHODS[name])) for row in errors] == orders
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"a": ({0: 1.0},)}, "x: stage 0 is not explicit"),
-        ({"a": ({}, {1: 1.0})}, "x: stage 1 is not explicit"),
-        ({"b": {0: 0.9}}, "x: the weights must sum to 1"),
-        ({"errors": ({0: 1.0, 1: -1.0}, {0: 1e-3})}, "x: the weights of an error must sum to 0"),
-    ],
-)
-def test_a_bad_tableau_is_refused(changes, message):
-    good = {"name": "x", "order": 1, "a": ({},), "b": {0: 1.0}, "errors": (), "reference": "x"}
-    assert Tableau(**good).stages == 1
-    with pytest.raises(ValueError, match=message):
-        Tableau(**(good | changes))
 
 
 # --- measured orders ----------------------------------------------------------------------------

@@ -4,12 +4,10 @@ A thread holds :data:`LANES` runs.  Every turn tries one step on all of them (th
 ``attempt``), decides on all of them in loops over lanes that vectorise, looks closer only at the
 lanes where something is due (a rejection, a possible zero of the spin, the end of a window or of
 the run), and refills those whose run has ended from a queue that all threads share.  The arithmetic
-of a run depends on its own numbers alone, so its results are the same bits in any lane, thread and
-batch.
+of a run depends on its own numbers alone: the same bits in any lane, thread and batch.
 
-What costs much to compile and is called seldom, or takes long where it is called, is compiled for
-itself and called by its address (:data:`PARTS`): the step, of a method and a model, is then the
-same code in sweeps and trajectories, and all the rest the same for all methods with error control.
+The step, of a method and a model, and :func:`decide_closely`, of all models, are compiled for
+themselves and called by their addresses (:data:`PARTS`), in sweeps and trajectories.
 """
 
 # mypy: ignore-errors
@@ -75,9 +73,6 @@ def retry_ratio(error):
     return ratio if ratio > SHRINK else SHRINK
 
 
-# -- decisions -------------------------------------------------------------------------------------
-
-
 @njit(**INNER)
 def give_up(lane, max_steps):
     """Status of a lane whose step failed, OK to go on with a shorter one."""
@@ -93,10 +88,9 @@ def give_up(lane, max_steps):
 def decide_closely(problem, w, l, max_steps, on):
     """Decide again on the step tried on a lane ``l`` where something is due.
 
-    The problem is one without a model: this function is the same for all of them.  ``on`` says that
-    the step has been found to end at a zero, behind which the search is to go on.  Returned are the
-    status, OK to go on, and HOLD (the step is not taken), TAKE, or REVERSED (it is, and ends at a
-    zero of the spin).
+    The problem is one without a model.  ``on``: the step ends at a zero, behind which the search is
+    to go on.  Returned are the status, OK to go on, and HOLD (the step is not taken), TAKE, or
+    REVERSED (it is, and ends at a zero of the spin).
     """
     lane = lane_of(problem, w, l)
     if on:
@@ -157,7 +151,7 @@ def commit(problem, w):
     """Move all lanes to the end of the step tried, and set their next step.
 
     Lanes that do not take it were told to :func:`runs.stay`.  Nothing is read or written under a
-    mask, which AVX2 does slowly: nothing is written back as it was, nothing read for one choice.
+    mask, which AVX2 does slowly.
     """
     widest_vectors()
     problem.advance(problem, w)
@@ -223,17 +217,13 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
     """Do what one thread does until the queue is empty or Python says stop.
 
     ``thread`` is its row of ``progress``, whose columns are the expected cost of its runs that have
-    ended, of those in its lanes so far, and the number that have ended.  ``parts`` has the
-    addresses of what is compiled for itself, ``w`` is the thread's workspace, ``shared`` the next
-    place in the queue and the flag that stops, ``order`` the queue.  The others have a row for each
-    run; see :mod:`rattlesweep.integrate.lanes.runs`.  ``result``, ``counts`` and ``windows`` are
-    written to.
+    ended, of those in its lanes so far, and the number that have ended.  ``parts`` has addresses,
+    ``w`` is the thread's workspace, ``shared`` the next place in the queue and the flag that stops,
+    ``order`` the queue.  The others have a row for each run, see `lanes.runs`.
     """
     widest_vectors()
     scale, dt, max_steps = options[0], options[1], options[2]
-    watching = False
-    for asked in record:
-        watching = watching or asked
+    watching = record.any()
     total = order.size
     busy = 0
     for l in range(problem.lanes):
@@ -306,10 +296,6 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
 
 
 def drive(address, parts, threads, w, shared):
-    """Do :func:`work`, known by its address, on each thread.
-
-    This way the driver is compiled once for all problems, and none is compiled again inside of it.
-    A problem has no value, so none is handed over.
-    """
+    """Do :func:`work`, known by its address, on each thread: one driver for all problems."""
     for thread in prange(threads):
         call(address, (thread, parts, w[thread]) + shared)  # noqa: RUF005

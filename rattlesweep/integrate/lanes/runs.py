@@ -66,12 +66,6 @@ def energy_at(lane, y):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def contact_at(lane, y):
-    """Normal and tangential contact force in the state ``y``."""
-    return lane.problem.contact(*(y + lane.constants))
-
-
-@njit(fastmath=FASTMATH, **INNER)
 def oscillation_at(lane, y):
     """Square of the oscillation that step errors are compared with."""
     _, oscillation = lane.problem.error(*(y + y + lane.constants))
@@ -148,20 +142,18 @@ def reach_border(lane):
     lane.window_n_max = max(lane.window_n_max, lane.n1)
 
 
-@njit(**INNER)
+@njit(fastmath=FASTMATH, **INNER)
 def see_contact(lane, y):
     """Note the contact force in the state ``y``."""
-    normal, tangential = contact_at(lane, y)
+    normal, tangential = lane.problem.contact(*(y + lane.constants))
     lane.normal_min = min(lane.normal_min, normal)
     lane.ratio_max = max(lane.ratio_max, tangential / abs(normal))
 
 
 @njit(**INNER)
 def is_dead(lane):
-    """Return whether so little energy is left after the step just tried that the spin has no sign.
-
-    With friction the last component of the state is the work, which is negative.
-    """
+    """Return whether too little energy is left after the step just tried for the spin's sign."""
+    # With friction the last component of the state is the work, which is negative.
     return lane.dead > 0.0 and 1.0 + lane.y1[-1] / lane.energy0 < lane.dead
 
 
@@ -179,10 +171,7 @@ def see_zero(lane, t):
 
 @njit(**INNER)
 def see_side(lane, windows, record):
-    """Count a reversal once the spin is far on the other side, and note its largest size since.
-
-    They stand in the columns of ``windows`` behind those of :func:`close_window`.
-    """
+    """Count a reversal once the spin is far on the other side, and note its largest size since."""
     run = int(lane.run)
     at = 3 if record[REC_WINDOWS] else 0
     n = lane.n1
@@ -315,14 +304,9 @@ def advance(problem, w):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def seed(lane):
-    """Give a lane the model's first tangent."""
-    lane.v = lane.problem.seed(*(lane.y + lane.constants))
-
-
-@njit(fastmath=FASTMATH, **INNER)
 def begin(lane):
-    """Make it transverse and of norm 1."""
+    """Give a lane the model's first tangent, made transverse and of norm 1."""
+    lane.v = lane.problem.seed(*(lane.y + lane.constants))
     v = lane.problem.transverse(*(lane.y + lane.f + lane.v + lane.constants))
     v = over(v, sqrt(lane.problem.square(*(v + lane.constants))))
     lane.v = v
@@ -370,7 +354,6 @@ def start_both(lane, run, y0, constants, probe, plan, record):
     """Put a run and its tangent into a lane."""
     start(lane, run, y0, constants, probe, plan, record)
     barrier()
-    seed(lane)
     begin(lane)
     barrier()
 

@@ -5,11 +5,8 @@ method without error control).  Every stage is one loop over lanes that loads it
 earlier stages, calls the scalar right-hand side and stores ``f``.  With the coefficients and the
 rows as constants in the source, LLVM keeps the stage in registers and vectorises each loop.
 
-A tangent has loops of its own, behind those of the state, and barriers between.  Else LLVM would
-share products between the two, fuse other sums with them, and the state would come out with other
-last bits than without a tangent.
-
-The module is written into the folder of the kernels, where it can be read and stepped through.
+A tangent has loops of its own, with barriers between.  Else LLVM would share products between it
+and the state, which would come out with other last bits than without a tangent.
 """
 
 from __future__ import annotations
