@@ -41,15 +41,12 @@ AT_ONCE = 2  # processes that compile: each takes 200 MB, and no group of kernel
 
 
 class Kernel(NamedTuple):
-    """A function to compile, for the types of arguments, with options of ``njit``.
-
-    ``files`` are source files outside of ``integrate`` and ``physics`` whose functions it calls.
-    """
+    """A function to compile, for the types of arguments, with options of ``njit``."""
 
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
     options: dict[str, Any]
-    files: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()  # sources outside of integrate and physics that it calls
 
 
 # A function at the top of a module, which makes a kernel from names (str or bool).
@@ -65,10 +62,7 @@ def _hash(files: list[Path], *words: object) -> str:
 
 @cache
 def source_hash() -> str:
-    """Return the hash of what kernels are made of, made with and made for.
-
-    Where the package lies is part of it, since Numba's index of a function is for one file.
-    """
+    """Return the hash of what kernels are made of, made with and made for, and of its place."""
     import llvmlite
     import numba
     from llvmlite import binding

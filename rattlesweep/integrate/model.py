@@ -77,23 +77,15 @@ def _volume(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
 
 
 FULL = Model(
-    name="full",
-    n_state=full.N_STATE,
-    n_constants=full.N_CONSTANTS,
-    n_probe=8,
-    rhs=full.rhs,
-    spin=full.spin,
-    amplitude=_amplitude,
-    error=_error,
-    energy=full.energy,
-    contact=full.contact_force,
-    touch=full.paraboloid,
+    "full", full.N_STATE, full.N_CONSTANTS, 8,
+    rhs=full.rhs, spin=full.spin, amplitude=_amplitude, error=_error, energy=full.energy,
+    contact=full.contact_force, touch=full.paraboloid,
     **_compiled(
         "full",
         spin_rate=lambda *v: full.spin_rate(*(v[:2] + v[7:])),
         volume=lambda *v: _volume(*v, 0.0),
     ),
-)
+)  # fmt: skip
 
 # An ellipsoid's ``rise`` is integrated along, as all else in a stage waits for the root in it.
 
@@ -106,9 +98,8 @@ def _rise(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
 
 @full.scalar
 def _rise_rhs(p, q, a, b, c, rise, ix, iy, iz, cxx, cxy, cyy, k):
-    f = stone.frictionless_rhs(
-        stone.carried_ellipsoid, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, (k, rise)
-    )
+    on = stone.carried_ellipsoid
+    f = stone.frictionless_rhs(on, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, (k, rise))
     return f + (stone.rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)  # noqa: RUF005
 
 
@@ -135,39 +126,22 @@ def _vectors_error(eu, ev, ew, ea, eb, ec, ework, u, v, w, a, *rest):
 
 
 VECTORS = Model(
-    name="vectors",
-    n_state=vectors.N_STATE,
-    n_constants=stone.N_FRICTION_CONSTANTS,
-    n_probe=FULL.n_probe,
-    rhs=vectors.rhs,
-    spin=vectors.spin,
-    spin_rate=vectors.spin_rate,
-    error=_vectors_error,
-    energy=vectors.energy,
-    contact=vectors.contact_force,
-    volume=vectors.volume,
+    "vectors", vectors.N_STATE, stone.N_FRICTION_CONSTANTS, FULL.n_probe,
+    rhs=vectors.rhs, spin=vectors.spin, spin_rate=vectors.spin_rate, error=_vectors_error,
+    energy=vectors.energy, contact=vectors.contact_force, volume=vectors.volume,
     # Upright, minus u_x and u_y are the slopes.
     **_compiled(
         "vectors",
         amplitude=lambda u, v, w, a, b, c, work, *probe: _amplitude(-u, -v, a, b, c, *probe),
     ),
-)
+)  # fmt: skip
 
 ELLIPSOID = replace(
-    FULL,
-    name="ellipsoid",
-    n_constants=stone.N_CONSTANTS,
-    rhs=stone.rhs,
-    energy=stone.energy,
-    contact=stone.contact_force,
-    touch=stone.ellipsoid,
-    volume=_volume,
-    anywhere=VECTORS,
-    n_carried=1,
-    carried_start=_rise,
-    carried_rhs=_rise_rhs,
+    FULL, name="ellipsoid", n_constants=stone.N_CONSTANTS, rhs=stone.rhs, energy=stone.energy,
+    contact=stone.contact_force, touch=stone.ellipsoid, volume=_volume, anywhere=VECTORS,
+    n_carried=1, carried_start=_rise, carried_rhs=_rise_rhs,
     **_compiled("ellipsoid", error=lambda *v: _error(*v[:-1])),
-)
+)  # fmt: skip
 
 
 def _with_friction(plain: Model, kind: str, rhs_on: Callable[..., Any]) -> Model:
@@ -226,13 +200,8 @@ def _reduced_error(dn, de_p, de_r, n, e_p, e_r, k_p, k_r, inertia):
 
 
 REDUCED = Model(
-    name="reduced",
-    n_state=reduced.N_STATE,
-    n_constants=reduced.N_CONSTANTS,
-    n_probe=2,
-    rhs=reduced.rhs,
-    error=_reduced_error,
-    energy=reduced.energy,
+    "reduced", reduced.N_STATE, reduced.N_CONSTANTS, 2,
+    rhs=reduced.rhs, error=_reduced_error, energy=reduced.energy,
     **_compiled(
         "reduced",
         spin=lambda n, e_p, e_r: n,
@@ -240,14 +209,7 @@ REDUCED = Model(
         amplitude=lambda n, e_p, e_r, w_p, w_r: w_p * e_p + w_r * e_r,
         contact=lambda *v: (1.0, 0.0),
     ),
-)
-
-
-def _with_tangent(plain: Model) -> Model:
-    """Return a model with the largest Lyapunov exponent's tangent."""
-    names = "rate", "seed", "transverse", "square"
-    functions = {name: getattr(tangent, f"{plain.name}_{name}") for name in names}
-    return replace(plain, name=f"{plain.name}_tangent", **functions)
+)  # fmt: skip
 
 
 def _with_attitude(plain: Model) -> Model:
@@ -271,14 +233,17 @@ def _with_attitude(plain: Model) -> Model:
     return replace(plain, name=name, **functions)
 
 
-WITH_TANGENT = {plain.name: _with_tangent(plain) for plain in (FULL, REDUCED)}
-"""The same equations with a tangent, by the name of the model without."""
+TANGENT = replace(
+    FULL, name="full_tangent", rate=tangent.rate, seed=tangent.seed, transverse=tangent.transverse,
+    square=tangent.square,
+)  # fmt: skip
+"""The full model with the largest Lyapunov exponent's tangent."""
 
 ATTITUDES = {plain.name: _with_attitude(plain) for plain in (FULL, ELLIPSOID, *FRICTION.values())}
 """Models with heading and contact point, by the names of those without."""
 
 PLAIN = FULL, ELLIPSOID, VECTORS, *FRICTION.values(), REDUCED
-MODELS: dict[str, Model] = {model.name: model for model in (*PLAIN, *WITH_TANGENT.values())}
+MODELS: dict[str, Model] = {model.name: model for model in (*PLAIN, TANGENT)}
 
 
 def find_model(name: str) -> Model:

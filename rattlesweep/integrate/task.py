@@ -146,19 +146,22 @@ class Task(threading.Thread, Generic[T]):
 def side_by_side(calls: Sequence[Callable[[Control], T]], threads: int) -> list[T]:
     """Return the results of calls, so many at a time, in their order.
 
-    Each is given the control that all share.  A Ctrl-C, or the error of a call, stops them all and
+    Each is given the control that all share.  A Ctrl-C, or the first error, stops them all and
     is raised here; none is begun after that.
     """
     control, left, results = Control(), iter(enumerate(calls)), dict[int, T]()
+    errors: list[BaseException] = []
 
     def work(control: Control) -> None:
         try:
             while not control.stopping and (given := next(left, None)):
                 results[given[0]] = given[1](control)
-        except BaseException:
+        except BaseException as error:
+            errors.append(error)
             control.stop()
-            raise
 
     for task in [Task(work, control) for _ in range(min(threads, len(calls)))]:
         task.wait()
+    if errors:
+        raise errors[0]
     return [results[place] for place in range(len(calls))]

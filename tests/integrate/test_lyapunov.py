@@ -60,7 +60,7 @@ def test_rate_is_the_derivative_of_the_right_hand_side():
     with mp.workdps(60):
         for constants, y, v in bodies_and_states(96, 1):
             exact = np.array(derivative(mp_rhs, y, v, *constants), dtype=float)
-            got = tangent.full_rate(*y, *full.rhs(*y, *constants), *v, *constants)
+            got = tangent.rate(*y, *full.rhs(*y, *constants), *v, *constants)
             worst = max(worst, np.abs(got - exact).max() / np.abs(exact).max())
     assert worst < 1e-13
 
@@ -68,11 +68,11 @@ def test_rate_is_the_derivative_of_the_right_hand_side():
 def test_transverse_is_in_the_energy_surface_and_normal_to_the_flow():
     for constants, y, v in bodies_and_states(48, 4):
         f = full.rhs(*y, *constants)
-        got = np.array(tangent.full_transverse(*y, *f, *v, *constants))
-        gradient = np.array(tangent.full_gradient(*y, *constants))
+        got = np.array(tangent.transverse(*y, *f, *v, *constants))
+        gradient = np.array(tangent.gradient(*y, *constants))
 
         # The norm as a matrix.
-        pairs = [[tangent.full_square(*(a + b), *constants) for a in np.eye(5)] for b in np.eye(5)]
+        pairs = [[tangent.square(*(a + b), *constants) for a in np.eye(5)] for b in np.eye(5)]
         one = np.diag(pairs) / 4
         metric = (np.array(pairs) - one[:, None] - one) / 2
         speed = f @ metric @ f
@@ -83,10 +83,10 @@ def test_transverse_is_in_the_energy_surface_and_normal_to_the_flow():
             np.abs(f) @ np.abs(metric) @ (np.abs(v) + np.abs(got))
         )
         # What is transverse stays as it is; the flow itself vanishes.
-        again = tangent.full_transverse(*y, *f, *got, *constants)
+        again = tangent.transverse(*y, *f, *got, *constants)
         assert again == pytest.approx(got, rel=1e-9, abs=1e-9 * np.abs(got).max())
-        nothing = tangent.full_transverse(*y, *f, *f, *constants)
-        assert tangent.full_square(*nothing, *constants) < 1e-20 * speed
+        nothing = tangent.transverse(*y, *f, *f, *constants)
+        assert tangent.square(*nothing, *constants) < 1e-20 * speed
 
 
 # --- known exponents ------------------------------------------------------------------------------
@@ -135,11 +135,11 @@ def test_growth_is_that_of_two_runs_nearby():
         return full.from_vectors(run.y[:3, -1], run.y[3:, -1])
 
     def transverse(y, v):
-        v = np.array(tangent.full_transverse(*y, *full.rhs(*y, *constants), *v, *constants))
-        return v, np.sqrt(tangent.full_square(*v, *constants))
+        v = np.array(tangent.transverse(*y, *full.rhs(*y, *constants), *v, *constants))
+        return v, np.sqrt(tangent.square(*v, *constants))
 
     y, far, total, expected = y0, 1e-5, 0.0, []
-    v, norm = transverse(y, np.array(tangent.full_seed(*y, *constants)))
+    v, norm = transverse(y, np.array(tangent.seed(*y, *constants)))
     for step in np.diff(times, prepend=0.0):
         # Differences on both sides of the run, or their curvature would show.
         ends = [ahead(y + s * far * v / norm, step) for s in (1, -1)]

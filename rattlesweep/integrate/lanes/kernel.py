@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from math import isfinite, sqrt
 
-from numba import njit, prange
+from numba import njit
 
 from rattlesweep.integrate.lanes import events, runs
 from rattlesweep.integrate.lanes.events import HOLD, REVERSED, STEP, TAKE, may_reverse
@@ -26,12 +26,10 @@ from rattlesweep.integrate.lanes.lane import (
     call_for_two,
     fetch_add,
     lane_of,
-    load,
     rough_root,
     widest_vectors,
 )
 from rattlesweep.integrate.status import Status
-from rattlesweep.physics.full import scalar
 
 OK, NONFINITE = int(Status.OK), int(Status.NONFINITE)
 STEP_LIMIT, STEP_TOO_SMALL = int(Status.STEP_LIMIT), int(Status.STEP_TOO_SMALL)
@@ -49,42 +47,6 @@ SAFETY, SAFETY_REJECTED = 0.95, 0.85
 SHRINK, LEAST_ERROR = 0.2, 1e-30
 
 
-@scalar
-def error_root(error):
-    """Return what :func:`step_ratio` takes of an error."""
-    return rough_root(error + LEAST_ERROR)
-
-
-@scalar
-def step_ratio(root, last, held):
-    """Return the ratio of the next step to one that is accepted: a PI control of low gain.
-
-    ``root`` and ``last`` are the :func:`error_root` of the step and of the accepted one before;
-    where a step in between was rejected (``held``), the next one is not longer.
-    """
-    ratio = SAFETY * last / (root * root)
-    return 1.0 if held & (ratio > 1.0) else ratio
-
-
-@scalar
-def retry_ratio(error):
-    """Ratio of the next step to one that was rejected; an error that is no number is large."""
-    ratio = SAFETY_REJECTED / sqrt(sqrt(sqrt(sqrt(error + LEAST_ERROR))))
-    return ratio if ratio > SHRINK else SHRINK
-
-
-@njit(**INNER)
-def give_up(lane, max_steps):
-    """Status of a lane whose step failed, OK to go on with a shorter one."""
-    if not lane.problem.adaptive:
-        return NONFINITE
-    if lane.steps + lane.rejected >= max_steps:
-        return STEP_LIMIT
-    if lane.h * lane.swing < LEAST_STEP:
-        return STEP_TOO_SMALL if isfinite(lane.error) else NONFINITE
-    return OK
-
-
 def decide_closely(problem, w, l, max_steps, on):
     """Decide again on the step tried on a lane ``l`` where something is due.
 
@@ -100,8 +62,17 @@ def decide_closely(problem, w, l, max_steps, on):
     if lane.mode == STEP and lane.accept == 0.0:
         lane.rejected += 1.0
         lane.held = 1.0
-        lane.h_next = lane.h * retry_ratio(lane.error)
-        return give_up(lane, max_steps), HOLD
+        # An error that is no number is large.
+        ratio = SAFETY_REJECTED / sqrt(sqrt(sqrt(sqrt(lane.error + LEAST_ERROR))))
+        lane.h_next = lane.h * (ratio if ratio > SHRINK else SHRINK)
+        status = OK
+        if not problem.adaptive:
+            status = NONFINITE
+        elif lane.steps + lane.rejected >= max_steps:
+            status = STEP_LIMIT
+        elif lane.h * lane.swing < LEAST_STEP:
+            status = STEP_TOO_SMALL if isfinite(lane.error) else NONFINITE
+        return status, HOLD
     move = TAKE
     if lane.arm > 0.0:
         # No zero counts yet, and every step is looked at (may_reverse).
@@ -126,9 +97,11 @@ def decide(problem, w, dt, max_steps):
         h = lane.h
         accept = lane.error <= 1.0
         if problem.adaptive:
-            root = error_root(lane.error)
+            # A PI control of low gain; after a rejection the step is not longer.
+            root = rough_root(lane.error + LEAST_ERROR)
+            ratio = SAFETY * lane.root0 / (root * root)
             lane.root = root
-            lane.h_next = h * step_ratio(root, lane.root0, lane.held > 0.0)
+            lane.h_next = h * (1.0 if (lane.held > 0.0) & (ratio > 1.0) else ratio)
         else:
             lane.h_next = dt
         # No 'or': what is behind it would be read under a mask.
@@ -283,7 +256,7 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
         commit(problem, w)
         turns += 1
         if turns % 256 == 0:
-            if load(shared, 1) != 0:
+            if fetch_add(shared, 1, 0) != 0:
                 return
             under_way = 0.0
             for l in range(problem.lanes):
@@ -293,9 +266,3 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
                     under_way += min(1.0, lane.t / plan[run, runs.HORIZON]) * plan[run, runs.COST]
             progress[thread, 1] = under_way
     progress[thread, 1] = 0.0
-
-
-def drive(address, parts, threads, w, shared):
-    """Do :func:`work`, known by its address, on each thread: one driver for all problems."""
-    for thread in prange(threads):
-        call(address, (thread, parts, w[thread]) + shared)  # noqa: RUF005

@@ -3,16 +3,13 @@
 The workspace is one flat array of rows, each of which holds one number of every lane, so that loops
 over lanes vectorise.  (Of two arrays LLVM would have to prove that they do not overlap.)  In
 compiled code a lane reads as a record: ``lane.t_end``, ``lane.y1 = lane.y``.  A field is the lane's
-number in a row, or a tuple of those in some rows one after another; reading and writing it are
-LLVM's loads and stores.
+number in a row, or a tuple of those in some rows one after another.
 
-:func:`gather` and :func:`scatter` read, sum and write many cells at a time.  Numba would take most
-of the time of a kernel's compilation to type and lower the hundreds of indexed reads, products and
-sums that they stand for.
+:func:`gather` and :func:`scatter` stand for hundreds of indexed reads, products and sums, which
+Numba would take most of the time of a kernel's compilation to type and lower.
 
-Private interfaces of Numba are used here alone: ``numba.core.cgutils``, the context's
-``make_array``, ``make_tuple`` and ``call_conv``, ``to_fixed_tuple`` of ``numba.np.unsafe``,
-``library`` and ``fndesc`` of a compiled overload.  Tried with Numba 0.68.1.
+Private interfaces of Numba (0.68.1) are used here alone: ``cgutils``, the context's ``make_array``,
+``make_tuple`` and ``call_conv``, ``to_fixed_tuple``, ``library`` and ``fndesc`` of an overload.
 """
 
 # mypy: disable-error-code="no-untyped-call, no-untyped-def, misc"
@@ -70,29 +67,13 @@ def emitting(signature_of: Callable[..., Any]) -> Callable[..., Any]:
 # -- operations that Numba does not have -----------------------------------------------------------
 
 
-def _element(context, builder, signature, args):
-    array_type = signature.args[0]
-    array = context.make_array(array_type)(context, builder, args[0])
-    index = [args[1]]
-    return cgutils.get_item_pointer(context, builder, array_type, array, index, wraparound=False)
-
-
 @emitting(lambda typingctx, array, index, value: types.int64(array, types.intp, types.int64))
 def fetch_add(context, builder, signature, args):
-    """Add ``value`` to ``array[index]`` (int64) and return what was there before.
-
-    All threads take the next run from one counter, so that long and short runs even out.
-    """
-    pointer = _element(context, builder, signature, args)
+    """Add ``value`` to ``array[index]`` (int64) and return what was there before."""
+    kind, index = signature.args[0], [args[1]]
+    array = context.make_array(kind)(context, builder, args[0])
+    pointer = cgutils.get_item_pointer(context, builder, kind, array, index, wraparound=False)
     return builder.atomic_rmw("add", pointer, args[2], "monotonic")
-
-
-@emitting(lambda typingctx, array, index: types.int64(array, types.intp))
-def load(context, builder, signature, args):
-    """Read ``array[index]`` (int64) afresh; the compiler may not keep an older value."""
-    pointer = _element(context, builder, signature, args)
-    # An or with nothing: llvmlite's atomic load has changed its arguments over the versions.
-    return builder.atomic_rmw("or", pointer, WHOLE(0), "monotonic")
 
 
 @emitting(lambda typingctx: types.void())
@@ -144,18 +125,13 @@ def _on_each(operation: str) -> Any:
 times, over = _on_each("fmul"), _on_each("fdiv")
 
 
-def address_of(compiled: Any) -> Any:
-    """Return where the machine code of a compiled function of one signature is.
-
-    The function must not be dropped as long as the address is used.
-    """
-    (result,) = compiled.overloads.values()
-    return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
-
-
 def addresses_of(*compiled: Any) -> Any:
-    """Return the addresses of functions as an array."""
-    return np.array([address_of(each) for each in compiled])
+    """Return where the machine code of compiled functions of one signature is, as an array.
+
+    The functions must not be dropped as long as the addresses are used.
+    """
+    results = [result for function in compiled for result in function.overloads.values()]
+    return np.array([r.library.get_pointer_to_function(r.fndesc.llvm_func_name) for r in results])
 
 
 def _calling(result: Any) -> Any:
@@ -237,8 +213,8 @@ FIELDS = (
 class Layout:
     """First rows of the fields of a model's lanes, each an attribute; ``fields`` has types too.
 
-    Behind them, from ``stages`` on, are the stages but the first, which is ``f``, and those of the
-    tangent or of what is carried.  Without a model there are the fields that all models share.
+    Behind them, from ``stages`` on, are the stages but the first, which is ``f``.  Without a model
+    there are the fields that all models share.
     """
 
     def __init__(self, model: Model | None) -> None:
@@ -371,11 +347,13 @@ class _LaneModel(models.StructModel):
         super().__init__(manager, lane, members)
 
 
-class _Cells:
-    """Write LLVM code that reads and writes the cells of one lane."""
+class _Cells(NamedTuple):
+    """Writes LLVM code that reads and writes the cells of one lane."""
 
-    def __init__(self, builder: Any, data: Any, lane: Any, lanes: int) -> None:
-        self.builder, self.data, self.lane, self.lanes = builder, data, lane, lanes
+    builder: Any
+    data: Any
+    lane: Any
+    lanes: int
 
     def place(self, row: int) -> Any:
         index = self.builder.add(self.lane.type(row * self.lanes), self.lane)
@@ -462,10 +440,7 @@ def clear(context, builder, signature, args):
 
 
 class Sum(NamedTuple):
-    """A cell and a multiple of a sum: ``w[row] + share * w[factor] * (a * w[i] + b * w[j] + ...)``.
-
-    ``terms`` has the numbers and rows; without a row or a factor it is the rest.
-    """
+    """Cells as ``w[row] + share * w[factor] * (a * w[i] + b * w[j] + ...)``; None is nothing."""
 
     row: int | None
     terms: tuple[tuple[float, int], ...]
@@ -474,11 +449,7 @@ class Sum(NamedTuple):
 
 
 def sums(count: int, terms: dict[int, float], start: int | None = None, *scale: Any) -> list[Sum]:
-    """Return sums for ``count`` components, whose rows stand one after another.
-
-    ``terms`` has the numbers by the first rows of what they multiply; ``scale`` is the row of the
-    factor and the share, or nothing.
-    """
+    """Return sums for ``count`` components; ``terms`` has the numbers by what they multiply."""
     shifted = [tuple((number, row + i) for row, number in terms.items()) for i in range(count)]
     return [Sum(None if start is None else start + i, shifted[i], *scale) for i in range(count)]
 

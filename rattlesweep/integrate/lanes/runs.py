@@ -66,13 +66,6 @@ def energy_at(lane, y):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def oscillation_at(lane, y):
-    """Square of the oscillation that step errors are compared with."""
-    _, oscillation = lane.problem.error(*(y + y + lane.constants))
-    return oscillation
-
-
-@njit(fastmath=FASTMATH, **INNER)
 def derive(lane):
     """Set the derivative at the start of the step; returns the spin and its rate there."""
     y = lane.y
@@ -126,12 +119,13 @@ def pass_marks(lane, t, run, windows, record):
         lane.next = min(lane.mark, lane.window_end)
 
 
-@njit(**INNER)
+@njit(fastmath=FASTMATH, **INNER)
 def settled(lane, most):
     """Return whether the amplitude never grew in two windows, and oscillation is at most `most`."""
     if most == 0.0 or lane.window_no < 2.0 or lane.growth > 1.0 or lane.t_zero >= 0.0:
         return False
-    return oscillation_at(lane, lane.y1) <= most
+    _, oscillation = lane.problem.error(*(lane.y1 + lane.y1 + lane.constants))
+    return oscillation <= most
 
 
 @njit(**INNER)
@@ -317,12 +311,6 @@ def begin(lane):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def growth(lane):
-    """Return the logarithm of the tangent's growth from the launch to the end of the step."""
-    return 0.5 * log(lane.problem.square(*(lane.v1 + lane.constants))) + LOG_2 * lane.shift
-
-
-@njit(fastmath=FASTMATH, **INNER)
 def tangent_advance(problem, w):
     """Move the tangents of all lanes to the end of their step."""
     widest_vectors()
@@ -358,13 +346,14 @@ def start_both(lane, run, y0, constants, probe, plan, record):
     barrier()
 
 
-@njit(**INNER)
+@njit(fastmath=FASTMATH, **INNER)
 def see_tangent(lane, t, run, windows):
     """Write the time and the tangent's growth into the last two columns of the window's row."""
     k = min(int(lane.window_no), windows.shape[1] - 1)
     barrier()
     windows[run, k, windows.shape[2] - 2] = t
-    windows[run, k, windows.shape[2] - 1] = growth(lane)
+    growth = 0.5 * log(lane.problem.square(*(lane.v1 + lane.constants)))
+    windows[run, k, windows.shape[2] - 1] = growth + LOG_2 * lane.shift
     barrier()
 
 
