@@ -99,10 +99,8 @@ def kernel(tableau_name: str, model_name: str, *beside: str) -> Callable[..., No
 
     def call(w: Floats, shared: tuple[Any, ...]) -> None:
         # Threads of Python's, as compiled code releases its lock.
-        team = [
-            threading.Thread(target=do, args=(problem, k, addresses, w[k], *shared), daemon=True)
-            for k in range(len(w))
-        ]
+        given = ((problem, k, addresses, w[k], *shared) for k in range(len(w)))
+        team = [threading.Thread(target=do, args=each, daemon=True) for each in given]
         for thread in team:
             thread.start()
         for thread in team:
@@ -132,12 +130,12 @@ class Batch:
     probe: Floats
     t_end: Floats
     # Angular frequencies: the fastest at which the spin swings, and that of the watched
-    # oscillation, 0 where there is none; bound of the spin's rate in the first steps.
+    # oscillation or 0; bound of the spin's rate in the first steps.
     swing: Floats
     relevant: Floats
     rate: Floats
     # Length of the windows in which amplitudes are compared; the first time at which they are, and
-    # again after twice, four times as long, until the first window ends.
+    # again after twice, four times as long within the first window.
     window: Floats
     first_mark: Floats
     # Modulus of the launch's spin, or of what stands for it; whether it was launched without spin:
@@ -145,7 +143,7 @@ class Batch:
     scale: Floats
     tapped: Flags
     # Oscillation (its square in Model.error) from which on it only decays: where it has come down
-    # to this, and its amplitude never grew, a run ends after a window.  0 is never.
+    # to this and never grew, a run ends after a window.  0 is never.
     settled: Floats = field(default_factory=lambda: np.zeros(0))
     # Share of the launch's energy, with friction, below which a zero of the spin is no reversal.
     dead: Floats = field(default_factory=lambda: np.zeros(0))

@@ -75,7 +75,7 @@ class Control:
 
     @property
     def stopping(self) -> bool:
-        """Return whether a stop was asked for."""
+        """Whether a stop was asked for."""
         return bool(self._shared[1])
 
     @property

@@ -3,9 +3,8 @@
 The rate is the derivative of Eqs. diff-u and diff-omega along a tangent, in forward mode by hand.
 
 A tangent is measured in the energy of the oscillation plus that of the spin.  Two directions
-neither grow nor decay exponentially whatever the run does: along the flow, where a difference is a
-delay, and across the surface of constant energy.  What is measured is the part of a tangent in that
-surface and normal to the flow; it moves independently of the two others, and may decay.
+neither grow nor decay exponentially: along the flow, where a difference is a delay, and across the
+surface of constant energy.  What is measured is the part in that surface and normal to the flow.
 """
 
 # mypy: disable-error-code="no-untyped-def"

@@ -173,9 +173,6 @@ def bondi_threshold(
         return np.where((denominator < 0) & np.isfinite(square), -np.sqrt(np.abs(square)), np.nan)
 
 
-# -- launches --------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class GarciaHubbard:
     """Garcia and Hubbard's spin after a launch: the growing mode alone, up to one reversal."""

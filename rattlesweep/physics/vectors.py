@@ -131,9 +131,6 @@ def contact_force(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma
     return contact_of(ux, uy, uz, a, b, c, f[3], f[4], f[5], x, y, z, wx, wy, wz)
 
 
-# -- phase volume ---------------------------------------------------------------------------------
-
-
 @scalar
 def _dot(one, other):
     return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
@@ -222,9 +219,6 @@ def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
     lost = share * trace + (0.5 * lever * (ahead - behind) - share * wider) / below
     smooth = smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma)
     return smooth - (lost if share > 0.0 else 0.0)
-
-
-# -- slopes and back -------------------------------------------------------------------------------
 
 
 def from_slopes(y: Floats, constants: Floats) -> tuple[Floats, Floats]:

@@ -37,10 +37,8 @@ STEP_LIMIT, STEP_TOO_SMALL = int(Status.STEP_LIMIT), int(Status.STEP_TOO_SMALL)
 ATTEMPT, DECIDE, PARTS = 0, 1, 2
 
 
-# -- step size control: errors are squared and in units of the tolerance ---------------------------
-
-# In radians of the spin's fastest swing: the first step, for a tolerance of 1, and the least one
-# before a run is given up.
+# Step size control: errors are squared and in units of the tolerance.
+# In radians of the fastest swing: the first step, for a tolerance of 1, and the least one.
 FIRST_STEP, LEAST_STEP = 6.0, 1e-9
 SAFETY, SAFETY_REJECTED = 0.95, 0.85
 # Least ratio of two steps; the largest is 7.3, by the root of the least error.

@@ -21,20 +21,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import extending, types
 from numba.core import cgutils
 from numba.core.typing.templates import AttributeTemplate
-from numba.extending import (
-    NativeValue,
-    infer_getattr,
-    intrinsic,
-    lower_getattr_generic,
-    lower_setattr_generic,
-    models,
-    register_model,
-    typeof_impl,
-    unbox,
-)
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 if TYPE_CHECKING:
@@ -59,7 +48,7 @@ def emitting(signature_of: Callable[..., Any]) -> Callable[..., Any]:
             return signature_of(*given), codegen
 
         typed.__name__ = codegen.__name__
-        return intrinsic(typed)
+        return extending.intrinsic(typed)
 
     return decorate
 
@@ -244,9 +233,6 @@ class Layout:
         return self.stages + stages + model.n_carried * (tableau.stages + 1)
 
 
-# -- problems --------------------------------------------------------------------------------------
-
-
 class Problem:
     """What a kernel is compiled for: equations, kind of method, number of lanes.
 
@@ -285,27 +271,27 @@ class ProblemType(types.Type):
         return getattr(Problem.known[self.problem], name)
 
 
-@register_model(ProblemType)
-class _ProblemModel(models.StructModel):
+@extending.register_model(ProblemType)
+class _ProblemModel(extending.models.StructModel):
     def __init__(self, manager: Any, problem: ProblemType) -> None:
         super().__init__(manager, problem, [])
 
 
-@typeof_impl.register(Problem)
+@extending.typeof_impl.register(Problem)
 def _typeof(problem: Problem, _: Any) -> ProblemType:
     return ProblemType(problem.name)
 
 
-@unbox(ProblemType)
-def _unbox_problem(problem: ProblemType, _: Any, c: Any) -> NativeValue:
-    return NativeValue(_empty(c.context, c.builder, problem))
+@extending.unbox(ProblemType)
+def _unbox_problem(problem: ProblemType, _: Any, c: Any) -> Any:
+    return extending.NativeValue(_empty(c.context, c.builder, problem))
 
 
 def _empty(context: Any, builder: Any, problem: ProblemType) -> Any:
     return cgutils.create_struct_proxy(problem)(context, builder)._getvalue()
 
 
-@infer_getattr
+@extending.infer_getattr
 class _Attributes(AttributeTemplate):
     key = ProblemType
 
@@ -316,16 +302,13 @@ class _Attributes(AttributeTemplate):
         return self.context.resolve_value_type(value)
 
 
-@lower_getattr_generic(ProblemType)
+@extending.lower_getattr_generic(ProblemType)
 def _get_attribute(context: Any, builder: Any, problem: ProblemType, _: Any, name: str) -> Any:
     value = problem.value_of(name)
     if callable(value):
         return context.get_dummy_value()
     kind = context.typing_context.resolve_value_type(value)
     return context.get_constant_generic(builder, kind, value)
-
-
-# -- lanes -----------------------------------------------------------------------------------------
 
 
 class LaneType(types.Type):
@@ -340,8 +323,8 @@ class LaneType(types.Type):
         return self.problem.value_of("layout").fields[name]
 
 
-@register_model(LaneType)
-class _LaneModel(models.StructModel):
+@extending.register_model(LaneType)
+class _LaneModel(extending.models.StructModel):
     def __init__(self, manager: Any, lane: LaneType) -> None:
         members = [("data", types.CPointer(types.float64)), ("place", types.intp)]
         super().__init__(manager, lane, members)
@@ -386,7 +369,7 @@ def _cells(context: Any, builder: Any, lane: LaneType, value: Any) -> _Cells:
     return _Cells(builder, found.data, found.place, lane.problem.value_of("lanes"))
 
 
-@infer_getattr
+@extending.infer_getattr
 class _Fields(AttributeTemplate):
     key = LaneType
 
@@ -394,7 +377,7 @@ class _Fields(AttributeTemplate):
         return lane.problem if name == "problem" else lane.field(name)[1]
 
 
-@lower_getattr_generic(LaneType)
+@extending.lower_getattr_generic(LaneType)
 def _get(context: Any, builder: Any, lane: LaneType, value: Any, name: str) -> Any:
     if name == "problem":
         return _empty(context, builder, lane.problem)
@@ -404,7 +387,7 @@ def _get(context: Any, builder: Any, lane: LaneType, value: Any, name: str) -> A
     return context.make_tuple(builder, kind, [cells.read(row + i) for i in range(len(kind))])
 
 
-@lower_setattr_generic(LaneType)
+@extending.lower_setattr_generic(LaneType)
 def _set(context: Any, builder: Any, signature: Any, args: Any, name: str) -> None:
     lane = signature.args[0]
     cells, (row, kind) = _cells(context, builder, lane, args[0]), lane.field(name)

@@ -25,9 +25,8 @@ from rattlesweep.integrate.lanes.lane import (
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.full import FASTMATH
 
-# Columns of what a kernel writes and reads, one row a run.
-# ``result``: what was measured, by the names of an Outcome's attributes; behind them the state at
-# the end.
+# Columns of what a kernel writes and reads, one row a run.  ``result``: what was measured, by the
+# names of an Outcome's attributes; behind them the state at the end.
 RESULT = ("t_end", "t_r", "n_end", "energy_drift", "amp_growth", "n_departure", "energy_0",
           "energy_drift_max", "contact_ratio_max", "contact_normal_min", "volume_rate")  # fmt: skip
 T_END, T_R, GROWTH, DEPARTURE, FIRST_STATE = 0, 1, 4, 5, 11
@@ -40,8 +39,7 @@ STATUS, STEPS = 0, 1
 # which the run has settled; the share of the launch's energy below which it is dead.
 HORIZON, SWING, WINDOW, RATE, FIRST_STEP, COST, FUZZ, FIRST_MARK = 0, 1, 2, 3, 4, 5, 6, 7
 FAR, TAPPED, SETTLED, DEAD = 8, 9, 10, 11
-# ``options``: 1 / tol^2, fixed step, most steps.
-# ``record``: what is asked for beyond the types' needs.
+# ``options``: 1 / tol^2, fixed step, most steps.  ``record``: what is asked for beyond the types.
 REC_ENERGY, REC_CONTACT, REC_WINDOWS, REC_REVERSALS, REC_VOLUME, N_RECORD = 0, 1, 2, 3, 4, 5
 # Reversals of a run that are written down, a row of its windows each.
 MOST_REVERSALS = 8
@@ -49,8 +47,7 @@ MOST_REVERSALS = 8
 OK, NONFINITE, ENERGY = int(Status.OK), int(Status.NONFINITE), int(Status.ENERGY)
 MAX_ENERGY_DRIFT = 0.01
 TINY = 1e-290
-# Of the first squared amplitude: what has decayed by 1e-9 is gone.  A mode that dies at once would
-# else be followed into the rounding of the other.
+# Of the first squared amplitude: what has decayed by 1e-9 is gone in the rounding of the other.
 FLOOR = 1e-18
 UNKNOWN_RATE = 1e290  # bound of a spin's rate that makes every step due
 # The norm of a tangent stays within 2^-SHIFT .. 2^SHIFT.
@@ -292,9 +289,6 @@ def advance(problem, w):
         lane = lane_of(problem, w, l)
         lane.y = lane.y1
         lane.f = lane.f1
-
-
-# -- tangents --------------------------------------------------------------------------------------
 
 
 @njit(fastmath=FASTMATH, **INNER)
