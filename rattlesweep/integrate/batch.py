@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.tableau import Tableau
 
 N_WINDOWS = 64
-# Largest change of the oscillation's amplitude, as a logarithm, that a fixed step may cause.
-MAX_DAMPING = 0.1
+MAX_DAMPING = 0.1  # largest logarithmic change of the amplitude that a fixed step may cause
 # The spin has reversed once it has gone from beyond this share of the launch's spin to beyond it on
 # the other side.  Where the spin has plateaus, any share from 0.05 to 0.5 counts the same.
 PLATEAU_SHARE = 0.25
@@ -124,10 +123,9 @@ def available_threads() -> int:
 class Batch:
     """Runs to integrate; the first axis of every array is the run, units are ``a`` and ``g``."""
 
-    # Initial states, constants of the bodies, coefficients of the watched amplitude; horizons.
-    y0: Floats
+    y0: Floats  # initial states
     constants: Floats
-    probe: Floats
+    probe: Floats  # coefficients of the watched amplitude
     t_end: Floats
     # Angular frequencies: the fastest at which the spin swings, and that of the watched
     # oscillation or 0; bound of the spin's rate in the first steps.

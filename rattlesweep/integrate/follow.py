@@ -14,20 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rattlesweep.integrate.batch import (
-    FLAT,
-    MAX_DAMPING,
-    NO_PARTS,
-    RUNS,
-    TABLE,
-    WHOLE,
-    attempt,
-    decide_closely,
-    problem_of,
-    run_arrays,
-    stride,
-    workspace,
-)
+from rattlesweep.integrate import batch as batches
 from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.lanes import runs
 from rattlesweep.integrate.lanes.events import HOLD, REVERSED
@@ -140,16 +127,17 @@ OPTIONS = {"nogil": True, "error_model": "numpy"}
 
 def steps_recipe(model_name: str, adaptive: bool) -> Kernel:
     """Return :func:`record_steps` of a model."""
-    problem = problem_of(find_model(model_name), adaptive)
-    given = problem, NO_PARTS, FLAT, *RUNS
-    return Kernel(record_steps, (*given, TABLE, FLAT, WHOLE, FLAT), OPTIONS)
+    problem = batches.problem_of(find_model(model_name), adaptive)
+    given = problem, batches.NO_PARTS, batches.FLAT, *batches.RUNS
+    tables = batches.TABLE, batches.FLAT, batches.WHOLE, batches.FLAT
+    return Kernel(record_steps, (*given, *tables), OPTIONS)
 
 
 def states_recipe(model_name: str) -> Kernel:
     """Return :func:`states_behind` of a model, which is that of all methods."""
-    problem = problem_of(find_model(model_name), True)
-    tables = TABLE, WHOLE, FLAT, FLAT, TABLE
-    return Kernel(states_behind, (problem, NO_PARTS, FLAT, *tables), OPTIONS)
+    problem = batches.problem_of(find_model(model_name), True)
+    tables = batches.TABLE, batches.WHOLE, batches.FLAT, batches.FLAT, batches.TABLE
+    return Kernel(states_behind, (problem, batches.NO_PARTS, batches.FLAT, *tables), OPTIONS)
 
 
 @dataclass(frozen=True)
@@ -162,15 +150,13 @@ class Samples:
 
 
 class Follower:
-    """Integrates one run, past its reversals, as far as its states are asked for.
+    """Integrates one run, a batch of one, past its reversals, as far as its states are asked for.
 
     Parameters
     ----------
-    batch, tableau, model, tol, dt, max_steps
-        As for :func:`rattlesweep.integrate.batch.integrate`; the batch is one run.
     attitude : bool
-        Whether to integrate heading and contact point too (not of the reduced model).  They are
-        quadratures over the accepted steps and change none of them.
+        Whether to integrate heading and contact point too (not of the reduced model), by
+        quadratures over the accepted steps, which they do not change.
     look : callable, optional
         Called with the times and the states, one row each, of the accepted steps as they come, and
         at first with the launch; every eighth of a method without error control.
@@ -194,8 +180,9 @@ class Follower:
         self._models = [model, ATTITUDES[model.name]] if attitude else [model]
         # All at once, so that they are compiled side by side.
         self._kernel, decision, *others = load_kernels(
-            (steps_recipe, model.name, tableau.adaptive), (decide_closely, tableau.adaptive),
-            *((attempt, tableau.name, each.name) for each in self._models),
+            (steps_recipe, model.name, tableau.adaptive),
+            (batches.decide_closely, tableau.adaptive),
+            *((batches.attempt, tableau.name, each.name) for each in self._models),
             *((states_recipe, each.name) for each in self._models),
         )  # fmt: skip
         steps, self._states = others[: len(self._models)], others[len(self._models) :]
@@ -203,10 +190,10 @@ class Follower:
         # No windows: nothing is due at their ends.
         endless = replace(batch, window=np.full(1, 1e290), first_mark=np.full(1, 1e290))
         self._run = (
-            problem_of(model, tableau.adaptive),
+            batches.problem_of(model, tableau.adaptive),
             addresses_of(steps[0], decision),
-            workspace(tableau, model, 1)[0],
-            *run_arrays(endless, tableau, tol, dt, max_steps),
+            batches.workspace(tableau, model, 1)[0],
+            *batches.run_arrays(endless, tableau, tol, dt, max_steps),
             np.zeros(runs.N_RECORD, dtype=np.bool_),
         )
         self._counts, self._energies = np.zeros(N_COUNTS, dtype=np.int64), np.zeros(2)
@@ -267,11 +254,10 @@ class Follower:
     def _between(self, place: int, which: Integers, offset: Floats) -> Floats:
         """Return the states of a model of the run between accepted steps, by rows and offsets."""
         model, constants = self._models[place], self._batch.constants[0].copy()
-        w, out = workspace(self._tableau, model, 1)[0], np.empty((len(which), model.n_state))
-        self._states[place](
-            problem_of(model, True), self._steps[place], w, self._table, which.astype(np.int64),
-            offset, constants, out,
-        )  # fmt: skip
+        w = batches.workspace(self._tableau, model, 1)[0]
+        out = np.empty((len(which), model.n_state))
+        given = batches.problem_of(model, True), self._steps[place], w, self._table
+        self._states[place](*given, which.astype(np.int64), offset, constants, out)
         return out
 
     def _moved(self, which: Integers, offset: Floats) -> Floats:
@@ -283,7 +269,7 @@ class Follower:
         table, counts = self._table, self._counts
         self._kernel(*self._run, table, self._zeros, counts, self._energies)
         self._rows = rows = 1 + int(counts[N_STEPS])
-        self.n_steps += int(counts[N_STEPS]) * stride(self._tableau)
+        self.n_steps += int(counts[N_STEPS]) * batches.stride(self._tableau)
         self.zeros += self._zeros[: counts[N_ZEROS]].tolist()
         self.t = float(table[rows - 1, T])
         self.ended, self.status = bool(counts[ENDED]), Status(int(counts[STATUS]))
@@ -310,7 +296,7 @@ class Follower:
             self.status = Status.ENERGY if np.isfinite(drift) else Status.NONFINITE
         elif not self._tableau.adaptive:
             damping = self._tableau.damping(self._dt * self._batch.relevant)[0]
-            if not abs(damping * (self.t / self._dt)) <= MAX_DAMPING:
+            if not abs(damping * (self.t / self._dt)) <= batches.MAX_DAMPING:
                 self.status = Status.COARSE
 
 

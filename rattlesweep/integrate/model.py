@@ -14,10 +14,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Model:
-    """Equations of motion and what is watched on the way, as compiled scalar functions.
+    """Equations of motion and what is watched, as compiled functions of single components.
 
-    Their arguments are ``y``, the state's components, ``q``, the body's constants, and others, each
-    component an argument of its own.
+    Those of the state are ``y``, the body's constants are ``q``.
     """
 
     name: str

@@ -21,8 +21,7 @@ from rattlesweep.arrays import Floats
 T = TypeVar("T")
 # Seconds between two looks at what is under way: every wait of the package uses it.
 POLL = 0.05
-# Seconds for which a stop waits; a kernel answers within a millisecond, a compilation does not.
-PATIENCE = 0.5
+PATIENCE = 0.5  # seconds for which a stop waits; a compilation takes longer
 
 
 @dataclass
@@ -144,10 +143,9 @@ class Task(threading.Thread, Generic[T]):
 
 
 def side_by_side(calls: Sequence[Callable[[Control], T]], threads: int) -> list[T]:
-    """Return the results of calls, so many at a time, in their order.
+    """Return the results of calls, so many at a time, in their order; they share a control.
 
-    Each is given the control that all share.  A Ctrl-C, or the first error, stops them all and
-    is raised here; none is begun after that.
+    A Ctrl-C, or the first error, stops them all and is raised here.
     """
     control, left, results = Control(), iter(enumerate(calls)), dict[int, T]()
     errors: list[BaseException] = []

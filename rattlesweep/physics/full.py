@@ -32,8 +32,7 @@ N_CONSTANTS = 6
 N_EXTRA = 3  # heading and the two co-ordinates of the contact point on the plane
 
 # Fused multiply-add only.  With 'nnan' and 'ninf' LLVM folds the test for a non-finite state away;
-# 'reassoc' gains nothing here and 'arcp' 3 %, and both let the last bits depend on how often a
-# function went through the optimiser.
+# 'reassoc' and 'arcp' let the last bits depend on how often a function was optimised.
 FASTMATH = {"contract", "nsz"}
 # No function pointer for C: it would take time to compile.
 scalar = njit(fastmath=FASTMATH, error_model="numpy", forceinline=True, no_cfunc_wrapper=True)
@@ -225,8 +224,7 @@ def from_vectors(u: ArrayLike, omega: ArrayLike) -> Floats:
 def quaternion(u: Floats, heading: Floats) -> Floats:
     """Return the attitude as unit quaternions, shape (4, ...), the scalar first, without jumps.
 
-    They turn components in the body's frame, where the vertical is `u`, shape (3, ...), into those
-    along the plane's axes and the vertical.
+    From the body's frame, where the vertical is `u`, shape (3, ...), to the plane's axes.
     """
     ux, uy, uz = u
     root = np.sqrt(uy * uy + uz * uz)

@@ -43,13 +43,10 @@ class Units:
         """Size of each unit that rattlesweep writes, and the SI unit of that size."""
         m, a, g, t = self.mass, self.length, self.gravity, self.time
         return {
-            "sqrt(a/g)": (t, "s"),
-            "sqrt(g/a)": (1 / t, "rad/s"),
-            "a": (a, "m"),
-            "M g": (m * g, "N"),
-            "M g a": (m * g * a, "J"),
+            "sqrt(a/g)": (t, "s"), "sqrt(g/a)": (1 / t, "rad/s"), "a": (a, "m"),
+            "M g": (m * g, "N"), "M g a": (m * g * a, "J"),
             "M a^2 sqrt(g/a)": (m * a**2 / t, "N m s"),
-        }
+        }  # fmt: skip
 
 
 def number(value: float | str, kind: str, name: str) -> float:

@@ -238,8 +238,7 @@ class _System:
         _, _, _, cxx, cxy, cyy = self.constants
         (p, q, a, b), (p_1, q_1, a_1, b_1) = one, other
         tilt = p * (cxx * p_1 + cxy * q_1) + q * (cxy * p_1 + cyy * q_1)
-        product: Floats = tilt + self.alpha * a * a_1 + self.beta * b * b_1
-        return product
+        return np.asarray(tilt + self.alpha * a * a_1 + self.beta * b * b_1)
 
 
 def _leading(system: _System) -> tuple[Pair, Pair]:
@@ -314,15 +313,11 @@ def quadratics(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Pairs:
 
 
 def _resolvent_root(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Floats:
-    """Return the largest root of the resolvent cubic, or the only one.
-
-    It is ``(s - a2)(s^2 - 4 a0) + a1 a3 s - a1^2 - a3^2 a0``.
-    """
+    """Return the largest root of the resolvent cubic, or the only one."""
     linear, constant = a1 * a3, a1 * a1 + a3 * a3 * a0
 
     def cubic(s: Floats) -> Floats:
-        result: Floats = (s - a2) * (s * s - 4 * a0) + (linear * s - constant)
-        return result
+        return np.asarray((s - a2) * (s * s - 4 * a0) + (linear * s - constant))
 
     bend = a2 * a2 - 3 * (linear - 4 * a0)
     radius = np.maximum(np.sqrt(np.abs(bend)), (np.abs(a2) + np.sqrt(np.abs(a0))) / 10)
@@ -338,8 +333,7 @@ def _resolvent_root(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Floats:
         slope = (3 * s - 2 * a2) * s + (linear - 4 * a0)
         there = s - cubic(s) / np.where(slope != 0, slope, 1.0)
         there = np.where(side > 0, np.maximum(there, least), there)
-        # Only the first step may be outwards.  A run whose steps have ended stays where it is,
-        # however many more the others take.
+        # Only the first step may be outwards; a run whose steps have ended stays where it is.
         there = np.where((side * there < side * s) | (step == 0), there, s)
         if np.array_equal(there, s):
             break
@@ -364,8 +358,7 @@ def _polish(found: Pairs, quartic: Coefficients) -> Pairs:
 
     def size(rests: Coefficients) -> Floats:
         r3, r2, r1, r0 = (np.abs(r) for r in rests)
-        total: Floats = ((r3 * scale + r2) * scale + r1) * scale + r0
-        return total
+        return np.asarray(((r3 * scale + r2) * scale + r1) * scale + r0)
 
     noise = 16 * EPS * np.square(scale * scale)
     good = size(_rests(step, quartic)) <= size(rests) + noise

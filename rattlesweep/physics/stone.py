@@ -11,7 +11,7 @@ Friction are two couples: ``-sigma omega`` (Kane and Levinson 1982, Eqs. 47-49),
 resistance ``-lever F_n omega_t / sqrt(omega_t^2 + eps^2)`` with the part ``omega_t`` in the plane
 and the normal force ``F_n``.  Their work is a sixth variable; energy minus work is conserved.
 
-Where ``surface`` is an argument it is :func:`flat`, :func:`ellipsoid` or :func:`carried_ellipsoid`.
+A ``surface`` is :func:`flat`, :func:`ellipsoid` or :func:`carried_ellipsoid`.
 """
 
 # mypy: disable-error-code="no-untyped-def"

@@ -115,10 +115,7 @@ def square(p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
 
 @scalar
 def transverse(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
-    """Return the part of a tangent in the surface of constant energy and normal to the flow.
-
-    Normal in the norm of :func:`square`.
-    """
+    """Return the part in the surface of constant energy and, in the norm, normal to the flow."""
     ep, eq, ea, eb, ec = gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
     # The norm's inverse applied to the gradient.
     bxx, byy = 1.0 + cxx, 1.0 + cyy

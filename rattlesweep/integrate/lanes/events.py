@@ -5,8 +5,7 @@ may hold a zero is held: the lane goes back to its start and tries shorter steps
 good as the method itself.  The step is cut into pieces that are short against a swing.  A piece
 whose ends differ in sign has a zero; one with the spin falling at its start and rising at its end
 is searched for its minimum until a bound shows it positive or a negative value is found; the zero
-is then polished by Newton's method, kept in its bracket.  The step that is finally accepted is the
-same.
+is then polished by Newton's method in its bracket.  The step that is finally accepted is the same.
 """
 
 # mypy: disable-error-code="no-any-return, no-untyped-def"

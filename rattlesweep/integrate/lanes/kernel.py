@@ -121,8 +121,7 @@ def decide(problem, w, dt, max_steps):
 def commit(problem, w):
     """Move all lanes to the end of the step tried, and set their next step.
 
-    Lanes that do not take it were told to :func:`runs.stay`.  Nothing is read or written under a
-    mask, which AVX2 does slowly.
+    Nothing is read or written under a mask, which AVX2 does slowly.
     """
     widest_vectors()
     problem.advance(problem, w)

@@ -67,10 +67,9 @@ def fetch_add(context, builder, signature, args):
 
 @emitting(lambda typingctx: types.void())
 def barrier(context, builder, signature, args):
-    """Keep the compiler from joining arithmetic before with arithmetic behind; costs nothing.
+    """Keep the compiler from sharing products before with arithmetic behind; costs nothing.
 
-    What is behind reads its numbers afresh from arrays, and so shares no product with what is
-    before.  A shared product is not fused with a sum, and the last bits change.
+    A shared product is not fused with a sum, and the last bits change.
     """
     builder.fence("seq_cst", "singlethread")
     return context.get_dummy_value()
@@ -80,8 +79,7 @@ def barrier(context, builder, signature, args):
 def widest_vectors(context, builder, signature, args):
     """Let LLVM vectorise the calling function with all that the processor has; costs nothing.
 
-    By itself it uses 256 of the 512 bits of AVX-512 on Intel, as rare wide instructions slow down
-    the code around them.  The step is nothing but such instructions.
+    By itself it uses 256 of the 512 bits of AVX-512 on Intel.
     """
     # llvmlite knows no attribute with a value, but writes what is in the set.
     set.add(builder.function.attributes, '"prefer-vector-width"="512"')
@@ -92,8 +90,7 @@ def widest_vectors(context, builder, signature, args):
 def rough_root(context, builder, signature, args):
     """Return about ``x^(1/64)`` of a positive number, by dividing the bits of its logarithm.
 
-    Up to 6 % off, always by the same bits, rises with ``x``, and costs two instructions on integers
-    where six square roots would be a twentieth of the time of a step.
+    Up to 6 % off, always by the same bits, rises with ``x``; two instructions on integers.
     """
     one = 1023 << 52  # the bits of 1.0
     bits = builder.lshr(builder.bitcast(args[0], WHOLE), WHOLE(6))
@@ -236,9 +233,8 @@ class Layout:
 class Problem:
     """What a kernel is compiled for: equations, kind of method, number of lanes.
 
-    Compiled functions take it as an argument that has a type and no value, and see its attributes,
-    which are those of the model too, as constants.  Hooks are functions that differ between models
-    with and without a tangent.
+    Compiled functions take it as an argument without a value, and see its attributes, the model's
+    too, as constants.  Hooks differ between models with and without a tangent.
     """
 
     known: ClassVar[dict[str, Problem]] = {}
@@ -440,8 +436,7 @@ def sums(count: int, terms: dict[int, float], start: int | None = None, *scale: 
 def gather(lanes: int, values: Sequence[int | Sum], behind: Sequence[int]) -> Any:
     """Return ``read(w, l)``: the values in lane ``l``, and those ``behind`` them, a tuple.
 
-    What comes behind is read first, and single cells before sums: on such an order depends which of
-    two products LLVM fuses with their sum, and with it the last bits.
+    What comes behind is read first, and single cells before sums: the last bits depend on it.
     """
     wanted = [*values, *behind]
     order = sorted(range(len(wanted)), key=lambda i: (i < len(values), isinstance(wanted[i], Sum)))

@@ -1,8 +1,7 @@
 """Single lanes where something is due: a run begins, a window closes, a run ends.
 
-A run may carry a tangent, which obeys a linear equation: its length is changed by a power of two
-where it has become very long or short, which rounds nothing.  Barriers keep it apart from the
-state, whose last bits are those of a run without one.
+A run may carry a tangent, whose length is changed by a power of two where it has become very long
+or short.  Barriers keep it apart from the state, whose last bits are those of a run without one.
 """
 
 # mypy: ignore-errors
