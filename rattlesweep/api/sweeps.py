@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.api.arrays import check_count, is_frame, kind_of, to_frame
-from rattlesweep.api.single import Page, replay, stored_page
+from rattlesweep.api.single import Page, Trajectory, replay, stored_page
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.progress import Bar
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rattlesweep.analysis.compare import Comparison
-    from rattlesweep.analysis.onerun.course import Trajectory
     from rattlesweep.sweeps.stored import Stored
     from rattlesweep.sweeps.verify import Verified
 
