@@ -73,7 +73,7 @@ def fit(
     0.001
     """
     from rattlesweep.analysis.fit import PARAMETERS, fit_run, read_data
-    from rattlesweep.sweeps.config.messages import not_one_of
+    from rattlesweep.sweeps.config import not_one_of
 
     body = one_body(body)
     names = list(dict.fromkeys([free] if isinstance(free, str) else free))

@@ -18,7 +18,7 @@ from rattlesweep.physics import theory
 from rattlesweep.sweeps.bodies.protocol import Bodies, Source
 from rattlesweep.sweeps.bodies.sampler import bodies_of
 from rattlesweep.sweeps.bodies.sources import SdBodies, drawn, ranges_of
-from rattlesweep.sweeps.config.messages import Key
+from rattlesweep.sweeps.config import Key
 from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.sweeps.launches import Launches, prepare
 from rattlesweep.sweeps.plan import Plan, make_plan

@@ -114,10 +114,10 @@ class TableBodies:
         return len(self.columns["alpha"])
 
     @property
-    def losses(self) -> dict[str, float | str]:
+    def losses(self) -> dict[str, list[float | str]]:
         """Dissipation that the table gives: a number if all rows share it, else "table"."""
         own = {name: np.unique(self.columns[name]) for name in LOSSES if name in self.columns}
-        return {name: float(v[0]) if len(v) == 1 else TABLE for name, v in own.items()}
+        return {name: [float(v[0]) if len(v) == 1 else TABLE] for name, v in own.items()}
 
     @property
     def has_semi_axes(self) -> bool:
