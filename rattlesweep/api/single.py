@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rattlesweep.analysis.onerun.course import Course, PreparedRun, Trajectory
     from rattlesweep.analysis.onerun.replay import Replay, StoredRun
     from rattlesweep.analysis.onerun.rows import Rows
-    from rattlesweep.sweeps.bodies.protocol import Scale
+    from rattlesweep.sweeps.bodies import Scale
     from rattlesweep.sweeps.single import Launch
 
     # A number, or text with an SI unit such as "60 rpm".

@@ -19,7 +19,7 @@ from rattlesweep.text import align, counted
 
 if TYPE_CHECKING:
     from rattlesweep.analysis.onerun.course import Course
-    from rattlesweep.sweeps.bodies.protocol import Scale
+    from rattlesweep.sweeps.bodies import Scale
     from rattlesweep.sweeps.single import Launch
 
 
