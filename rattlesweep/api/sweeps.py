@@ -112,7 +112,7 @@ class Sweep:
         import pyarrow as pa
 
         from rattlesweep.analysis.where import parse_where
-        from rattlesweep.sweeps.config.messages import not_one_of
+        from rattlesweep.sweeps.config import not_one_of
 
         stored = self._stored
         schema = stored.schema

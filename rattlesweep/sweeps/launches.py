@@ -14,7 +14,7 @@ from rattlesweep.integrate.batch import N_WINDOWS, Batch
 from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
 from rattlesweep.physics import full, reduced, stone, theory
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
-from rattlesweep.sweeps.bodies.protocol import Bodies
+from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.config.schema import MAX_SPEED, Config, Horizon
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.units import Quantity

@@ -19,12 +19,12 @@ import pyarrow as pa
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.theory import spin_and_oscillation
-from rattlesweep.sweeps.bodies.protocol import Source
+from rattlesweep.sweeps.bodies import Source
 from rattlesweep.sweeps.bodies.sources import make_source
 from rattlesweep.sweeps.bodies.table import LOSSES, TableBodies, check_value
 from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import STATE, runs_schema
-from rattlesweep.sweeps.config.schema import TABLE, Config, SdSource, clashes
+from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.units import Quantity
 
 MAX_RUNS = 10**9
@@ -154,18 +154,18 @@ def _natural(config: Config, source: Source) -> dict[str, Values]:
     return values
 
 
-def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
+def _with_losses(config: Config, own: Mapping[str, list[float | str]]) -> Config:
     """Return the config with the dissipation that a table gives for its rows."""
     given = config.dissipation
     for name in LOSSES:
-        value, column = getattr(given, name), f"column {name}"
-        if value == TABLE and name not in own:
+        values, column = given.values(name), f"column {name}"
+        if None in values and name not in own:
             raise ConfigError(f"dissipation.{name}: the table has no {column}; give a number")
-        if isinstance(value, list) and name in own:
+        if len(values) > 1 and name in own:
             told = f"there are several values, and the table has a {column}"
             raise ConfigError(f"dissipation.{name}: {told}; keep one of them")
     config = config.model_copy(update={"dissipation": given.model_copy(update=dict(own))})
-    if own and (wrong := [": ".join(one) for one in clashes(config)]):
+    if own and (wrong := [": ".join(one) for one in config.clashes()]):
         raise ConfigError(f"bodies.path: with the table's columns: {one}" for one in wrong)
     return config
 

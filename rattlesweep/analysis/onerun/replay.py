@@ -16,7 +16,7 @@ from rattlesweep.analysis.onerun.course import PreparedRun
 from rattlesweep.analysis.where import parse_where
 from rattlesweep.arrays import take
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.bodies.protocol import Scale
+from rattlesweep.sweeps.bodies import Scale
 from rattlesweep.sweeps.counts import is_sensitive
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.memory import differing_rows
