@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from rattlesweep.sweeps.config.schema import Config
-    from rattlesweep.sweeps.pilot import Forecast
+    from rattlesweep.sweeps.cost import Forecast
     from rattlesweep.sweeps.plan import Plan
     from rattlesweep.sweeps.run import Result
 
@@ -90,7 +90,7 @@ def plan(
     found = None if check else _forecast(made, loaded, threads, shards, budget)
     if as_json:
         size = {"cases": len(made.cases), "samples": made.samples, "runs": made.runs}
-        click.echo(to_json(size | ({} if found is None else found.as_data())))
+        click.echo(to_json(size | ({} if found is None else vars(found))))
         return
     cases, samples = counted(len(made.cases), "case"), counted(made.samples, "sample")
     click.echo(f"{one_line(str(config), 200)} is valid: {cases} x {samples} = "
@@ -205,7 +205,7 @@ def status(directory: Path, as_json: bool) -> int:
 
     Works at any time. Exits with 3 if some runs have a status other than ok.
     """
-    from rattlesweep.sweeps.status import status as count_rows
+    from rattlesweep.sweeps.verify import status as count_rows
 
     found = count_rows(directory)
     click.echo(to_json(found.data) if as_json else found.words)
@@ -245,7 +245,7 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
 
     Rewrites the types and the summary. Prints one row per case on standard output.
     """
-    from rattlesweep.sweeps.classify import classify_stored
+    from rattlesweep.sweeps.merge import classify_stored
 
     done = classify_stored(directory, overrides)
     print_summary(done.summary, directory)
@@ -360,7 +360,7 @@ def _forecast(
     made: Plan, config: Config, threads: int | None, shards: int | None, seconds: float = 2.0
 ) -> Forecast:
     """Return what a sweep will take, and say if the disk has too little room for it."""
-    from rattlesweep.sweeps.pilot import forecast
+    from rattlesweep.sweeps.cost import forecast
 
     found = forecast(made, threads, shards, seconds)
     place = Path(config.directory).absolute()

@@ -26,10 +26,9 @@ import pyarrow as pa
 
 from rattlesweep.arrays import Integers
 from rattlesweep.errors import ConfigError, OutputError, one_line
-from rattlesweep.integrate.batch import Control, available_threads
+from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.task import POLL, Task
 from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
-from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.provenance import versions
 from rattlesweep.sweeps.run import Engine, Job, Keys, OutOfTime
 
@@ -86,7 +85,6 @@ def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | Non
     """Hand out blocks and write their rows."""
     import dask
 
-    where = client.scheduler.address
     flying: dict[Future, tuple[Keys, str]] = {}  # keys and the worker meant for them
     again: list[Keys] = []  # blocks that were lost with their worker
     workers: dict[str, int] = {}  # threads by address
@@ -100,12 +98,13 @@ def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | Non
     try:
         while True:
             if (now := time.monotonic()) >= due or client.status != "running":
-                workers, due = _workers(client, where), now + LOOK_EVERY
+                workers, due = _workers(client), now + LOOK_EVERY
                 seen = now if workers else seen
             if workers:
                 job.threads = threads or max(workers.values())
-                job.begin()
+                job.begun = job.begun or now
             elif now - seen > WORKERLESS:
+                where = client.scheduler.address
                 raise OutputError(
                     f"the scheduler at {where} has had no worker for {WORKERLESS:.0f} s; start "
                     f"some with `dask worker {where}`, and the same command resumes from there"
@@ -125,9 +124,8 @@ def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | Non
                 return
             time.sleep(POLL)
             for future in [future for future in flying if future.done()]:
-                keys = flying[future][0]
+                keys, _ = flying.pop(future)
                 table, seconds = _result(future, keys)
-                del flying[future]
                 if len(table) < len(keys[0]):
                     again.append(keys)
                 else:
@@ -138,17 +136,15 @@ def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | Non
         flying.clear()  # what nobody waits for is cancelled
 
 
-def _workers(client: Client, where: str) -> dict[str, int]:
+def _workers(client: Client) -> dict[str, int]:
     """Return the threads of each worker; raise an OutputError if the scheduler is lost."""
-    try:
+    with suppress(OSError, TimeoutError):
         if client.status == "running":
             workers: dict[str, int] = client.sync(client.nthreads, callback_timeout=ANSWER)
             return workers
-    except (OSError, TimeoutError):
-        pass
     raise OutputError(
-        f"the scheduler at {where} is lost; completed runs are kept, and with a new one the same "
-        "command resumes from there"
+        f"the scheduler at {client.scheduler.address} is lost; completed runs are kept, and with a "
+        "new one the same command resumes from there"
     )
 
 
@@ -250,7 +246,7 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[p
     worker = get_worker()
     state = worker.state.tasks.get(worker.get_current_task())
 
-    def watch(_: Control | None = None) -> None:
+    def watch(_: Any = None) -> None:
         closing = worker.status in (Status.closing, Status.closed)
         if closing or state is None or state.state == "cancelled":
             raise OutOfTime  # nobody waits for the block any more
@@ -262,7 +258,7 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[p
             raise OutputError(
                 f"it would compute other bits: {words}; give all workers the driver's environment"
             )
-        plan: Plan = _unpack(order["plan"])
+        plan = _unpack(order["plan"])
         prepared = prepare_runs(plan, case, sample)
         while not _kernel.acquire(timeout=POLL):
             watch()

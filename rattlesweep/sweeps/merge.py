@@ -1,4 +1,4 @@
-"""Merge directories of one sweep: files go into one folder, for no run stands in two of them."""
+"""What is done with stored runs without integrating: merge directories, and type runs again."""
 
 from __future__ import annotations
 
@@ -12,20 +12,25 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.config.read import override_config, resolved
+from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.decide import decision
 from rattlesweep.sweeps.files import explained, streamed_file
 from rattlesweep.sweeps.provenance import hold
-from rattlesweep.sweeps.rows import Runs, free_path
+from rattlesweep.sweeps.rows import TYPED, Runs, free_path
 from rattlesweep.sweeps.stored import (
     MANIFEST,
+    Stored,
     check_empty,
-    differing_keys,
+    check_same,
     open_stored,
     write_manifest,
 )
 from rattlesweep.sweeps.summary import summarise, write_summary
+from rattlesweep.sweeps.types import with_types
 
 
 @dataclass(frozen=True)
@@ -42,7 +47,8 @@ class Merged:
 def merge(directories: Sequence[Path], output: Path) -> Merged:
     """Put the runs of several directories of one sweep, such as its shards, into another.
 
-    The output is new or empty, or of the same sweep.  The sources stay as they are.
+    No run stands in two of them.  The output is new or empty, or of the same sweep.  The sources
+    stay as they are.
     """
     if len({directory.resolve() for directory in (output, *directories)}) <= len(directories):
         raise ConfigError("a directory is given twice; give each once, and as --output another one")
@@ -53,12 +59,7 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
         check_empty(output)
     largest = max(sources, key=lambda stored: (len(stored.cases), stored.samples))
     for stored in sources:
-        both = f"{stored.directory} and {largest.directory}"
-        if stored.hash != largest.hash:
-            what = differing_keys(stored.config, largest.config)
-            raise ConfigError(f"{both} hold different sweeps ({what})")
-        if [c.key for c in stored.cases] != [c.key for c in largest.cases[: len(stored.cases)]]:
-            raise ConfigError(f"{both} number their cases differently; run the whole config in one")
+        check_same(largest, stored.directory, stored.hash, stored.config)
     with contextlib.ExitStack() as stack:
         for directory in directories:
             if os.access(directory, os.W_OK):  # nobody works in one that is read-only
@@ -73,8 +74,7 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
             path for directory in directories for path in Runs(directory).files()
             if not ((twin := here.folder / path.name).exists() and filecmp.cmp(path, twin, False))
         ]  # fmt: skip
-        files = [*here.files(), *new]
-        found = here.find(largest.cases, largest.samples, largest.hash, largest.schema, files)
+        found = largest.find([*here.files(), *new])
         if found.damaged:
             raise OutputError(f"{found.damaged[0]} is damaged; do its runs again before merging")
         if len(found.typed) > 1:
@@ -104,3 +104,52 @@ def _put(path: Path, target: Path) -> None:
     except OSError:
         with open(path, "rb") as file, streamed_file(target) as copy:
             shutil.copyfileobj(file, copy)
+
+
+@dataclass(frozen=True)
+class Classified:
+    """What typing the runs of a directory again came to."""
+
+    changed: int  # runs whose type is another one now
+    files: int  # files that were written
+    own: dict[str, float]  # thresholds of the sweep's config
+    now: dict[str, float]
+    summary: pa.Table  # one row a case
+
+
+def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classified:
+    """Type the stored runs of a directory by some thresholds, and renew the summary.
+
+    `overrides` are ``classify.KEY=VALUE`` texts over the sweep's config.  Each file is rewritten in
+    one step; after a kill the same command goes on.
+    """
+    _changed(open_stored(directory), overrides)  # before anything is made there
+    with hold(directory):
+        stored = open_stored(directory)
+        thresholds, changed, files = _changed(stored, overrides), 0, 0
+        for path in stored.files():
+            if stored.runs.metadata(path).get(TYPED) != thresholds.as_text:
+                rows = stored.runs.table(path)
+                again = with_types(rows, thresholds)
+                stored.runs.rewrite(path, again, thresholds.as_text)
+                old, new = (pc.fill_null(t.column("type"), "") for t in (rows, again))
+                changed += pc.sum(pc.not_equal(old, new)).as_py()
+                files += 1
+        summary = summarise(stored)
+        write_summary(stored, summary)
+    own = stored.config.classify.thresholds
+    return Classified(changed, files, own, thresholds.thresholds, summary)
+
+
+def _changed(stored: Stored, overrides: Sequence[str]) -> Classify:
+    """Return other thresholds for a sweep."""
+    config, own = override_config(resolved(stored.config), list(overrides)), stored.config
+    if config.model_copy(update={"classify": own.classify}) != own:
+        raise ConfigError("--set: only keys of classify can change here; others need a new sweep")
+    # A zero of the spin after the energy has fallen below dead_energy is not stored as t_r.
+    for key in ("early", *(["dead_energy"] if config.dissipation else [])):
+        if getattr(config.classify, key) != getattr(own.classify, key):
+            raise ConfigError(
+                f"--set classify.{key}: decides more than types; it needs a new sweep"
+            )
+    return config.classify

@@ -22,9 +22,9 @@ from rattlesweep.physics.launch import spin_and_oscillation
 from rattlesweep.sweeps.bodies.protocol import Source
 from rattlesweep.sweeps.bodies.sources import make_source
 from rattlesweep.sweeps.bodies.table import LOSSES, TableBodies, check_value
-from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import STATE, runs_schema
 from rattlesweep.sweeps.config.schema import TABLE, Config, SdSource, clashes
+from rattlesweep.sweeps.rows import Case
 from rattlesweep.units import Quantity
 
 MAX_RUNS = 10**9
@@ -95,15 +95,16 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
         targets = [(aim.name, value) for value in aim.values]
     state = "u_x" in table or ("n_i" not in table and config.launch is not None)
     launches: list[tuple[float | None, float | None]] = [(None, None)]
+    t_end = None
     if "n_i" in table:
         n_i, t_end = table["n_i"], table.get("t_end")
     elif config.launch is not None:
         found = spin_and_oscillation(config.launch.omega, config.launch.u)
         launches = [(float(found[0]), float(found[1]))]
-        n_i, t_end = np.array([found[0]]), None
+        n_i = np.array([found[0]])
     elif config.spin is not None:
         launches = list(product(values["n_i"], values["omega_xy0"]))
-        n_i, t_end = np.array(config.spin.n_i), None
+        n_i = np.array(config.spin.n_i)
     else:
         told = "missing; the table has no columns n_i and omega_xy0, so the config must give them"
         raise ConfigError(f"spin: {told}")
@@ -130,27 +131,28 @@ def _natural(config: Config, source: Source) -> dict[str, Values]:
         return values
     count = source.samples if isinstance(source, TableBodies) else min(source.samples, 64)
     scale = source.bodies(np.nan, np.arange(count)).scale
+
+    def one(name: str, value: float | None, alone: bool) -> float | None:
+        if not isinstance(value, Quantity):
+            return value
+        told = f"{KEYS[name]}: {value.text}"
+        natural = np.full(1, np.nan) if scale is None else scale.natural(value, value.kind)
+        if np.isnan(natural).any():
+            wanted = "columns height_m and mass_kg, or a number in the bodies' own units"
+            raise ConfigError(f"{told} needs the size of the bodies; give {wanted}")
+        if broken := check_value(name, natural):
+            own = f"comes to {natural[broken[0]]:g} in units of the body"
+            raise ConfigError(f"{told} {own}; {broken[1]}")
+        if natural.min() == natural.max():
+            return float(natural[0])
+        if not alone:
+            own = "is another number for each body, as their sizes differ"
+            raise ConfigError(f"{told} {own}; give it alone, or numbers without units")
+        return None
+
     for name, quantities in given.items():
         listed: Sequence[float | None] = values.get(name, list(quantities))
-        found: Values = []
-        for value in listed:
-            if not isinstance(value, Quantity):
-                found.append(value)
-                continue
-            told = f"{KEYS[name]}: {value.text}"
-            natural = np.full(1, np.nan) if scale is None else scale.natural(value, value.kind)
-            if np.isnan(natural).any():
-                wanted = "columns height_m and mass_kg, or a number in the bodies' own units"
-                raise ConfigError(f"{told} needs the size of the bodies; give {wanted}")
-            if broken := check_value(name, natural):
-                own = f"comes to {natural[broken[0]]:g} in units of the body"
-                raise ConfigError(f"{told} {own}; {broken[1]}")
-            same = bool(natural.min() == natural.max())
-            if not same and len(listed) > 1:
-                own = "is another number for each body, as their sizes differ"
-                raise ConfigError(f"{told} {own}; give it alone, or numbers without units")
-            found.append(float(natural[0]) if same else None)
-        values[name] = found
+        values[name] = [one(name, value, len(listed) == 1) for value in listed]
     return values
 
 

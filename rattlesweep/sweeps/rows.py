@@ -13,10 +13,12 @@ from __future__ import annotations
 import contextlib
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -25,13 +27,47 @@ import pyarrow.compute as pc
 from rattlesweep.arrays import Flags, Integers
 from rattlesweep.errors import DamagedError, OutputError
 from rattlesweep.sweeps.arrow import parquet_file, read_parquet, same_schema, write_parquet
-from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.files import explained
 
 FOLDER = "runs"
 # Keys of a file's metadata: hash of the sweep, thresholds behind the types, cases of the rows.
 SWEEP, TYPED, CASES = "rattlesweep.sweep", "rattlesweep.classify", "rattlesweep.cases"
 PIECE = 1_000_000  # rows that are put in order at a time
+VARIES = ("n_i", "omega_xy0", "sigma", "rolling")
+
+
+@dataclass(frozen=True)
+class Case:
+    """Target, launch and dissipation that the runs of a case share; None where they differ."""
+
+    index: int
+    target_name: str | None
+    target: float | None
+    n_i: float | None
+    omega_xy0: float | None
+    sigma: float | None = None
+    rolling: float | None = None
+
+    @cached_property
+    def key(self) -> tuple[Any, ...]:
+        """Everything but the number."""
+        return self.target_name, self.target, *(getattr(self, name) for name in VARIES)
+
+    def dump(self) -> dict[str, Any]:
+        """Return the case as JSON data: its number, and what it has."""
+        data = {"case": self.index, self.target_name: self.target}
+        data |= {name: getattr(self, name) for name in VARIES}
+        return {str(name): value for name, value in data.items() if value is not None}
+
+    @classmethod
+    def load(cls, data: Mapping[str, Any]) -> Case:
+        """Return the case that :meth:`dump` has written."""
+        name = next((name for name in ("K_p", "K_r") if name in data), None)
+        found = (None if data.get(k) is None else float(data[k]) for k in (name or "", *VARIES))
+        return cls(int(data["case"]), name, *found)
+
+    def __str__(self) -> str:
+        return ", ".join(f"{name} {value:g}" for name, value in list(self.dump().items())[1:])
 
 
 @dataclass
@@ -72,7 +108,7 @@ class Runs:
         """Write rows, of which none may be on disk, as a file of their own."""
         case, sample = keys_of(table.slice(0, 1))
         path = free_path(self.folder / f"case{case[0]:05d}-sample{sample[0]:09d}.parquet")
-        words = {SWEEP: sweep, TYPED: typed, CASES: "\n".join(_told(table, cases))}
+        words = {SWEEP: sweep, TYPED: typed, CASES: "\n".join(_cases_of(table, cases))}
         write_parquet(table, path, words)
 
     def rewrite(self, path: Path, table: pa.Table, typed: str | None = None) -> None:
@@ -85,13 +121,9 @@ class Runs:
                 path.unlink()
 
     def find(
-        self,
-        cases: Sequence[Case],
-        samples: int,
-        sweep: str,
-        schema: pa.Schema,
+        self, cases: Sequence[Case], samples: int, sweep: str, schema: pa.Schema,
         files: Iterable[Path] | None = None,
-    ) -> Found:
+    ) -> Found:  # fmt: skip
         """Read all of every file, or of `files`, and return what there is.
 
         Raise an OutputError if a file is not of this sweep, or if a run is there twice.
@@ -104,11 +136,13 @@ class Runs:
                 found.damaged.append(path)
                 continue
             words = _words(rows.schema)
-            wrong: str | None = "holds runs of another sweep"
-            if words.get(SWEEP) == sweep:
+            wrong: str | None
+            if words.get(SWEEP) != sweep:
+                wrong = "holds runs of another sweep"
+            elif not same_schema(rows.schema, schema):
                 wrong = "has the columns of another version of rattlesweep"
-                if same_schema(rows.schema, schema):
-                    wrong = _wrong_keys(rows, words, cases, found.done)
+            else:
+                wrong = _wrong_keys(rows, words, cases, found.done)
             if wrong:
                 raise OutputError(f"{path} {wrong}; move it away, or use another output")
             found.add(rows)
@@ -129,10 +163,7 @@ class Runs:
 
         Memory goes with :data:`PIECE`, or with the largest file where that is more.
         """
-        first = {}
-        for path in self.files():
-            case, sample = keys_of(self.table(path, ["case", "sample"]))
-            first[path] = case[0], sample[0]
+        first = {p: _places(self.table(p, ["case", "sample"]))[0] for p in self.files()}
         paths = sorted(first, key=first.__getitem__)
         wanted = None if columns is None else list(dict.fromkeys([*columns, "case", "sample"]))
         held: list[pa.Table] = []
@@ -141,14 +172,12 @@ class Runs:
             if following is not None and sum(map(len, held)) < PIECE:
                 continue
             table = pa.concat_tables(held)
-            case, sample = keys_of(table)
-            order = np.lexsort((sample, case))
-            if (np.diff(order) != 1).any():
-                table, case, sample = table.take(pa.array(order)), case[order], sample[order]
-            ready = len(table)
-            if following is not None:  # what comes before its first row is in its place now
-                ends = first[following]
-                ready = int(((case < ends[0]) | ((case == ends[0]) & (sample < ends[1]))).sum())
+            place = _places(table)
+            if (np.diff(place) < 0).any():
+                order = np.argsort(place)
+                table, place = table.take(pa.array(order)), place[order]
+            # What comes before the first row of the next file is in its place now.
+            ready = len(table) if following is None else np.searchsorted(place, first[following])
             held = [table.slice(ready)]
             if ready:
                 piece = table.slice(0, ready)
@@ -170,6 +199,12 @@ def free_path(path: Path) -> Path:
     return path
 
 
+def _places(rows: pa.Table) -> Integers:
+    """Return numbers in the order of the keys; samples are fewer than 2^32."""
+    case, sample = keys_of(rows)
+    return (case << 32) + sample
+
+
 def _wrong_keys(
     rows: pa.Table, words: dict[str, str], cases: Sequence[Case], done: Flags
 ) -> str | None:
@@ -178,14 +213,14 @@ def _wrong_keys(
     samples = done.shape[1]
     if not len(rows) or case.max() >= len(cases) or sample.max() >= samples:
         return f"holds no runs, or others than of {len(cases)} cases of {samples} samples"
-    if not set(_told(rows, cases)) <= {*words.get(CASES, "").split("\n")}:
+    if not set(_cases_of(rows, cases)) <= {*words.get(CASES, "").split("\n")}:
         return "numbers its cases in another way"
-    if done[case, sample].any() or len(np.unique(case * samples + sample)) < len(case):
+    if done[case, sample].any() or len(np.unique(_places(rows))) < len(rows):
         return "holds runs that are there twice"
     return None
 
 
-def _told(rows: pa.Table, cases: Sequence[Case]) -> list[str]:
+def _cases_of(rows: pa.Table, cases: Sequence[Case]) -> list[str]:
     """Return the cases of some rows, each as JSON."""
     return [json.dumps(cases[n].dump()) for n in pc.unique(rows.column("case")).to_pylist()]
 

@@ -16,7 +16,6 @@ from rattlesweep.sweeps.provenance import package_version
 if TYPE_CHECKING:
     from rattlesweep.sweeps.plan import Plan
 
-MOST_SHARDS = 1001  # tasks of an array that Slurm takes unless its MaxArraySize says otherwise
 SHORTEST = 120  # seconds of a time limit
 MARGIN, MARGIN_SHARE = 300, 0.25  # seconds, or share of the limit if that is less
 
@@ -54,16 +53,16 @@ def job_script(
     each shard has a directory of its own, ``OUTPUT-I``.  A task may requeue itself `restarts`
     times.
     """
-    name, where = plan.config.name, Path.cwd()
+    name, where, quote = plan.config.name, Path.cwd(), shlex.quote
     if any("\n" in f"{text}" for text in (name, config, output, where, *overrides)):
         raise ConfigError("a name, path or override with a line break cannot stand in a script")
     if partition is not None and not re.fullmatch(r"[\w.,+-]+", partition):
         raise ConfigError(f"--partition {partition}: is no name of a partition")
     # A task stops by itself before its limit; Slurm warns after half of that margin.
     margin = round(min(MARGIN, MARGIN_SHARE * limit))
-    target, merged = _quoted(output), _quoted(f"{output}-merged")
+    target = quote(f"{output}")
     parts = f"{target}-{{0..{shards - 1}}}" if shards > 1 else f"{target}-0"
-    finish = f"merge {parts} --output {merged}" if own else f"verify {target}"
+    merge = f"merge {parts} --output {quote(f'{output}-merged')}"
     more = "" if partition is None else f"#SBATCH --partition={partition}\n"
     values = {
         "NAME": re.sub(r"[^\w.-]+", "-", name).strip("-.") or "sweep",
@@ -73,20 +72,16 @@ def job_script(
         "WARNING": margin // 2,
         "MORE": f"#SBATCH --mem={memory}\n{more}",
         "ABOUT": f"{plan.runs} runs in {shards} shards.",
-        "FINISH": f"rattlesweep {finish}",
+        "FINISH": f"rattlesweep {merge if own else f'verify {target}'}",
         "VERSION": package_version(),
-        "PROGRAM": _quoted(Path(sys.executable).with_name("rattlesweep")),
-        "WHERE": _quoted(where),
-        "CONFIG": _quoted(config),
+        "PROGRAM": quote(f"{Path(sys.executable).with_name('rattlesweep')}"),
+        "WHERE": quote(f"{where}"),
+        "CONFIG": quote(f"{config}"),
         "OUTPUT": f'{target}"-$index"' if own else target,
-        "SETS": "".join(f" --set {_quoted(text)}" for text in overrides),
+        "SETS": "".join(f" --set {quote(text)}" for text in overrides),
         "SHARDS": shards,
         "SECONDS": limit - margin,
         "RESTARTS": restarts,
     }
     template = files(__package__).joinpath("slurm_array.sh").read_text(encoding="utf-8")
     return re.sub(r"@(\w+)@", lambda match: str(values[match[1]]), template)
-
-
-def _quoted(text: str | Path) -> str:
-    return shlex.quote(str(text))

@@ -9,8 +9,8 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
-from rattlesweep.sweeps.cases import Case, grown
 from rattlesweep.sweeps.columns import runs_schema
 from rattlesweep.sweeps.config.read import (
     differences,
@@ -30,7 +29,7 @@ from rattlesweep.sweeps.config.read import (
 from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import explained, reason, replace_file
 from rattlesweep.sweeps.provenance import LOCKS, at_work, command_line, machine, now, versions
-from rattlesweep.sweeps.rows import FOLDER, TYPED, Runs
+from rattlesweep.sweeps.rows import FOLDER, TYPED, Case, Found, Runs
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.plan import Plan
@@ -51,7 +50,7 @@ class Stored:
     samples: int  # of each case
     hash: str  # of what determines the numbers of a run with a given key
 
-    @cached_property
+    @property
     def runs(self) -> Runs:
         """The rows."""
         return Runs(self.directory)
@@ -70,14 +69,13 @@ class Stored:
                 return self.config.classify.model_copy(update=typed)
         return self.config.classify
 
-    @property
-    def typed(self) -> str:
-        """The same as JSON, as each file of rows has it."""
-        return self.thresholds.as_text
-
     def files(self) -> list[Path]:
         """Return the files of the rows."""
         return self.runs.files()
+
+    def find(self, files: Iterable[Path] | None = None) -> Found:
+        """Read all files, or these; see :meth:`Runs.find`."""
+        return self.runs.find(self.cases, self.samples, self.hash, self.schema, files)
 
     def count(self) -> int:
         """Return the number of rows on disk."""
@@ -117,9 +115,7 @@ class Stored:
 
 
 def sweep_hash(plan: Plan) -> str:
-    """Return the hash of what determines a run with a given key: the physical part of the config,
-    and the table of bodies.
-    """
+    """Return the hash of what determines a run: the config's physical part, the table of bodies."""
     from rattlesweep.sweeps.bodies.sources import content_hash
 
     text = f"{physics_hash(plan.config)} {content_hash(plan.source)}"
@@ -165,30 +161,30 @@ def examine(plan: Plan, directory: Path) -> tuple[Stored | None, tuple[Case, ...
     Return the sweep that is there, None if its manifest has yet to be written, and the plan's cases
     as they are numbered there.
     """
-    ours = sweep_hash(plan)
     if not (directory / MANIFEST).exists():
         check_empty(directory)  # or its manifest is lost
-        Runs(directory).find(plan.cases, plan.samples, ours, plan.schema)
+        Runs(directory).find(plan.cases, plan.samples, sweep_hash(plan), plan.schema)
         return None, plan.cases
     there = open_stored(directory)
-    try:
-        if there.hash != ours:
-            what = differing_keys(there.config, plan.config)
-            raise ConfigError(f"holds another sweep ({what}); give another output, or --fresh")
-        if plan.samples < there.samples:
-            held = f"holds a sweep of {there.samples} samples a case"
-            raise ConfigError(
-                f"{held}, and the config asks for {plan.samples}; a sweep can only grow"
-            )
-        return there, grown(there.cases, plan.cases)
-    except ConfigError as error:
-        raise ConfigError(f"{directory}: {error}") from None
+    check_same(there, directory, sweep_hash(plan), plan.config)
+    new, lost = {case.key: case for case in plan.cases}, []
+    for case in there.cases:
+        if new.pop(case.key, None) is None:
+            lost.append(f"runs with {case}, which the config does not ask for")
+    if plan.samples < there.samples:
+        lost.append(f"{there.samples} samples a case, and the config asks for {plan.samples}")
+    if lost:
+        raise ConfigError(f"{directory}: it holds {lost[0]}; a sweep can only grow")
+    more = enumerate(new.values(), len(there.cases))
+    return there, (*there.cases, *(replace(case, index=k) for k, case in more))
 
 
-def differing_keys(one: Config, other: Config) -> str:
-    """Return in which keys two sweeps differ, with both values."""
-    parts = (fixed_part(resolved(config)) for config in (one, other))
-    return "; ".join(differences(*parts)[:3]) or "the table of bodies has changed"
+def check_same(there: Stored, directory: Path, key: str, config: Config) -> None:
+    """Raise a ConfigError that says in what a stored sweep differs from another."""
+    if there.hash != key:
+        parts = (fixed_part(resolved(each)) for each in (there.config, config))
+        what = "; ".join(differences(*parts)[:3]) or "the table of bodies has changed"
+        raise ConfigError(f"{directory}: holds another sweep ({what}); choose another directory")
 
 
 def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> Stored:
@@ -229,7 +225,7 @@ def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> 
                 f"{directory}: {others[0]} is at work; the sweep can grow when it has ended"
             )
         data["started"] = there.manifest["started"]
-    remove_summary(directory)  # it is of the smaller sweep
+    remove(directory / SUMMARY)  # it is of the smaller sweep
     write_manifest(directory, data)
     return open_stored(directory)
 
@@ -258,14 +254,13 @@ def check_empty(directory: Path) -> None:
 def start_over(directory: Path) -> None:
     """Remove a sweep, its rows first, so that a kill leaves a sweep and no foreign files."""
     runs = Runs(directory)
-    with explained(f"cannot remove the runs of {directory}"):
-        for path in [*runs.files(), *runs.folder.glob("*.damaged")]:
-            path.unlink()
-        for name in (SUMMARY, MANIFEST):
-            (directory / name).unlink(missing_ok=True)
+    for path in (*runs.files(), *runs.folder.glob("*.damaged")):
+        remove(path)
+    for name in (SUMMARY, MANIFEST):
+        remove(directory / name)
 
 
-def remove_summary(directory: Path) -> None:
-    """Remove the summary where rows have come or gone."""
-    with explained(f"cannot remove {directory / SUMMARY}"):
-        (directory / SUMMARY).unlink(missing_ok=True)
+def remove(path: Path) -> None:
+    """Remove a file that may be gone already."""
+    with explained(f"cannot remove {path}"):
+        path.unlink(missing_ok=True)

@@ -1,11 +1,13 @@
-"""Check an output directory: files, keys, types, theory, and runs that are computed again."""
+"""Look at an output directory: how far it is, and whether all in it is right."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -15,14 +17,87 @@ from rattlesweep.errors import ConfigError, DamagedError
 from rattlesweep.physics import theory
 from rattlesweep.sweeps.arrow import read_parquet
 from rattlesweep.sweeps.counts import floats
-from rattlesweep.sweeps.decide import decision
+from rattlesweep.sweeps.decide import decides, decision
+from rattlesweep.sweeps.provenance import WHOLE, at_work, read_sessions, who
+from rattlesweep.sweeps.rows import keys_of
 from rattlesweep.sweeps.stored import SUMMARY, Stored, open_stored
 from rattlesweep.sweeps.summary import same_summary, summarise
 from rattlesweep.sweeps.types import with_types
 from rattlesweep.text import counted
 
+if TYPE_CHECKING:
+    from rattlesweep.sweeps.plan import Plan
+
 CLOSE = 1e-9  # relative difference of theory on another processor
 TOLD = 10  # problems that are printed
+ENDED = {
+    "complete": "has done all of its runs",
+    "stopped": "stopped when its time was up",
+    "interrupted": "was interrupted",
+    "running": "died without a word",
+}
+
+
+@dataclass(frozen=True)
+class Status:
+    """What is there of a sweep.
+
+    `data` has ``runs``, ``wanted``, ``files``, ``bytes``, ``status`` and ``types`` (runs by each),
+    ``at_work`` (sessions under way) and ``last`` (the session that ended last).
+    """
+
+    directory: Path
+    name: str
+    data: dict[str, Any]
+    decides: str | None  # key of the config by which the sweep leaves runs out
+
+    @property
+    def words(self) -> str:
+        """The same for the terminal."""
+        data = self.data
+        runs = f"{data['runs']:,} of {data['wanted']:,} runs"
+        runs += " wanted so far" if self.decides and data["runs"] < data["wanted"] else ""
+        share, size = data["runs"] / max(1, data["wanted"]), f"{data['bytes'] / 1e6:.1f} MB"
+        files = counted(data["files"], "file")
+        lines = [f"{self.name} in {self.directory}: {runs} ({100 * share:.1f} %), {files}, {size}"]
+        for what in ("status", "types"):
+            counts = ", ".join(f"{word} {count:,}" for word, count in data[what].items())
+            lines += [f"{what}: {counts}"] if counts else []
+        for session in data["at_work"]:
+            lines.append(f"at work: {session['shard'] or 'the whole sweep'}, {who(session)}")
+        if not data["at_work"] and (last := data["last"]) is not None:
+            ended = ENDED.get(last["how"], last["how"])
+            lines.append(f"nobody is at work; the last session, {who(last)}, {ended}")
+        return "\n".join(lines)
+
+
+def status(directory: Path) -> Status:
+    """Count the rows of an output directory, and look who is at work there."""
+    stored = open_stored(directory)
+    words, types = Counter[str](), Counter[str]()
+    for rows in stored.batches(["status", "type"]):
+        for name, counter in (("status", words), ("type", types)):
+            for entry in rows.column(name).drop_null().value_counts().to_pylist():
+                counter[entry["values"]] += entry["counts"]
+    wanted = len(stored.cases) * stored.samples
+    if (decide := decision(stored.config, stored.cases, stored.samples)) is not None:
+        decide.read(stored)
+        wanted = int(decide.wanted().sum())
+    sessions, held = read_sessions(directory), at_work(directory)
+    # Of several of a shard that have not said their end, the last holds its lock, if any does.
+    last = {s["shard"]: s for s in sessions if s["how"] == "running"}
+    working = [session for shard, session in last.items() if (shard or WHOLE) in held]
+    data = {
+        "runs": words.total(),
+        "wanted": wanted,
+        "files": len(stored.files()),
+        "bytes": sum(path.stat().st_size for path in stored.files()),
+        "status": dict(words.most_common()),
+        "types": dict(types.most_common()),
+        "at_work": working,
+        "last": next((s for s in reversed(sessions) if s not in working), None),
+    }
+    return Status(directory, str(stored.manifest["name"]), data, decides(stored.config))
 
 
 @dataclass
@@ -66,7 +141,7 @@ def verify(
     or the manifest is damaged.
     """
     stored = open_stored(directory)
-    found = stored.runs.find(stored.cases, stored.samples, stored.hash, stored.schema)
+    found, typed = stored.find(), stored.thresholds.as_text
     result = Verified(directory, found.rows, len(stored.files()))
     problems = result.problems
     for path in found.damaged:
@@ -77,11 +152,12 @@ def verify(
     elif not found.damaged:
         decide.read(stored)
         result.missing = int((decide.wanted() & ~found.done).sum())
-    problems += [
-        f"{counted(len(paths), 'file')}, such as {paths[0]}, typed by other thresholds; "
-        "`rattlesweep classify` ends what was begun"
-        for text, paths in found.typed.items() if text != stored.typed
-    ]  # fmt: skip
+    for text, paths in found.typed.items():
+        if text != typed:
+            problems.append(
+                f"{counted(len(paths), 'file')}, such as {paths[0]}, typed by other thresholds; "
+                "`rattlesweep classify` ends what was begun"
+            )
     good = [path for paths in found.typed.values() for path in paths]
     count, last = min(recompute, found.rows), 0
     chosen = np.random.default_rng(seed).choice(found.rows, count, replace=False)
@@ -91,7 +167,11 @@ def verify(
         problems += _row_problems(stored, path, rows)
         first, last = last, last + len(rows)
         if len(here := np.sort(chosen[(chosen >= first) & (chosen < last)]) - first):
-            _recompute(stored, rows.take(pa.array(here)), threads, result)
+            try:
+                _recompute(stored, rows.take(pa.array(here)), threads, result)
+            except ConfigError as error:  # the table of bodies is gone
+                problems.append(str(error))
+                chosen = chosen[:0]
     path, anew = stored.directory / SUMMARY, "`rattlesweep run` writes it anew"
     try:
         if not path.exists():
@@ -107,7 +187,7 @@ def verify(
 
 def _row_problems(stored: Stored, path: Path, rows: pa.Table) -> Iterator[str]:
     """Yield what is wrong with the rows of a file."""
-    case, sample = (rows.column(n).to_numpy().astype(np.int64) for n in ("case", "sample"))
+    case, sample = keys_of(rows)
 
     def told(wrong: Any, what: str) -> Iterator[str]:
         places = np.flatnonzero(wrong)
@@ -125,26 +205,52 @@ def _row_problems(stored: Stored, path: Path, rows: pa.Table) -> Iterator[str]:
         theirs, ours = floats(rows.column(name)), getattr(modes, name)
         wrong = np.isfinite(ours) & ~np.isclose(theirs, ours, CLOSE, 0)
         yield from told(wrong, f"{name} does not follow from its body")
-    late = floats(rows.column("t_r")) > floats(rows.column("t_end")) * (1 + 1e-12)
-    yield from told(late, "t_r is later than t_end")
 
 
 def _recompute(stored: Stored, rows: pa.Table, threads: int | None, result: Verified) -> None:
     """Integrate some runs again."""
-    # Numba, without which the rest can be checked.
-    from rattlesweep.sweeps.memory import differing_rows
-
-    try:
-        plan = stored.plan
-    except ConfigError as error:
-        if str(error) not in result.problems:
-            result.problems.append(str(error))
-        return
     # Runs that were given up under a smaller limit go on under a larger one.
     limit = stored.config.integrator.max_steps
     given_up = pc.and_(pc.equal(rows["status"], "step_limit"), pc.less(rows["n_steps"], limit))
     again = rows.filter(pc.invert(given_up))
-    for case, sample, names in differing_rows(plan, again, threads):
+    for case, sample, names in differing_rows(stored.plan, again, threads):
         what = ", ".join(names[:4])
         result.problems.append(f"case {case} sample {sample} comes out differently: {what}")
     result.recomputed += len(again)
+
+
+def differing_rows(
+    plan: Plan, rows: pa.Table, threads: int | None = None
+) -> Iterator[tuple[int, int, list[str]]]:
+    """Integrate stored runs again, and yield case, sample and columns of those that differ."""
+    # Numba, without which the rest can be checked.
+    from rattlesweep.integrate.task import Task
+    from rattlesweep.sweeps.block import compute, prepare_runs
+
+    rows = rows.select(plan.schema.names)
+    case, sample = keys_of(rows)
+    prepared = prepare_runs(plan, case, sample)
+    again = Task(partial(compute, plan.config, plan.schema, prepared, threads)).wait()[0]
+    if same_bits(again, rows):
+        return
+    for k in range(len(rows)):
+        one, other = again.slice(k, 1), rows.slice(k, 1)
+        names = [n for n in rows.schema.names if not same_bits(one.select([n]), other.select([n]))]
+        if names:
+            yield int(case[k]), int(sample[k]), names
+
+
+def same_bits(one: pa.Table, other: pa.Table) -> bool:
+    """Return whether two tables hold the same values, zeros of different sign told apart."""
+    return one.schema.names == other.schema.names and all(
+        a.equals(b) and _bits(a).equals(_bits(b))
+        for a, b in zip(one.columns, other.columns, strict=True)
+    )
+
+
+def _bits(column: pa.ChunkedArray) -> pa.Array:
+    """Return floating numbers as whole ones of the same bits, and others as they are."""
+    values = column.combine_chunks()
+    if pa.types.is_list(values.type):
+        values = values.flatten()
+    return values.view(pa.int64()) if pa.types.is_float64(values.type) else values

@@ -24,10 +24,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.sweeps.memory import same_bits
 from rattlesweep.sweeps.rows import Runs
 from rattlesweep.sweeps.stored import open_stored
-from rattlesweep.sweeps.verify import verify
+from rattlesweep.sweeps.verify import same_bits, verify
 
 TINY = """\
 name: tiny

@@ -12,7 +12,7 @@ from hardship import check_equal
 from refusal import assert_refused
 from sweeping import changed, invoke, tree
 
-from rattlesweep.sweeps.classify import classify_stored
+from rattlesweep.sweeps.merge import classify_stored
 from rattlesweep.sweeps.rows import Runs
 from rattlesweep.sweeps.run import Shard
 
@@ -105,17 +105,17 @@ def test_shards_of_a_smaller_sweep(plain, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "word"),
+    ("changes", "code", "word"),
     [
-        ({"seed": 12}, "hold different sweeps (seed: 1"),
-        ({"classify": {"sw_departure": 0.2}}, "types of different thresholds"),
-        ({"spin": {"n_i": [0.2, -0.1], "omega_xy0": 0.1}}, "number their cases differently"),
+        ({"seed": 12}, 2, "holds another sweep (seed: 1"),
+        ({"classify": {"sw_departure": 0.2}}, 2, "types of different thresholds"),
+        ({"spin": {"n_i": [0.2, -0.1], "omega_xy0": 0.1}}, 1, "numbers its cases in another way"),
     ],
 )
-def test_only_shards_of_one_config_are_joined(changes, word, thirds, tmp_path):
+def test_only_shards_of_one_config_are_joined(changes, code, word, thirds, tmp_path):
     sweep(tmp_path / "other", (0, 12), **changes)
     result = merge(tmp_path / "other", thirds[1], to=tmp_path / "out")
-    assert_refused(result, 2, word)
+    assert_refused(result, code, word)
     assert not Runs(tmp_path / "out").files()
 
 
@@ -137,7 +137,7 @@ def test_output_must_be_new(plain, thirds, tmp_path):
     assert_refused(merge(plain, to=plain), 2, "a directory is given twice")
     sweep(tmp_path / "used", (0, 12), seed=3)
     before = tree(tmp_path / "used")
-    assert_refused(merge(plain, to=tmp_path / "used"), 2, "hold different sweeps (seed")
+    assert_refused(merge(plain, to=tmp_path / "used"), 2, "holds another sweep (seed")
     assert tree(tmp_path / "used") == before
     (tmp_path / "foreign").mkdir()
     (tmp_path / "foreign" / "a").touch()

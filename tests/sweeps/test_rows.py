@@ -19,12 +19,11 @@ from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps import columns as units
 from rattlesweep.sweeps import rows as rows_module
 from rattlesweep.sweeps.arrow import build_table, ragged, read_parquet, write_parquet
-from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import RECORD_PARTS, runs_schema, summary_schema
 from rattlesweep.sweeps.files import replace_file, streamed_file
-from rattlesweep.sweeps.memory import same_bits
-from rattlesweep.sweeps.rows import Found, Runs
+from rattlesweep.sweeps.rows import Case, Found, Runs
 from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.verify import same_bits
 
 SCHEMA = runs_schema(("energy", "contact", "windows"))
 CASES = tuple(Case(k, None, None, -0.1 * (k + 1), 0.01) for k in range(5))

@@ -16,10 +16,9 @@ from test_rows import SCHEMA, random_columns
 
 from rattlesweep.sweeps import rows as rows_module
 from rattlesweep.sweeps.arrow import build_table, read_parquet, same_schema
-from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import summary_schema
 from rattlesweep.sweeps.counts import Moments, wilson
-from rattlesweep.sweeps.rows import Runs
+from rattlesweep.sweeps.rows import Case, Runs
 from rattlesweep.sweeps.summary import closing_table, same_summary, summarise, write_summary
 
 CASES = (

@@ -22,8 +22,8 @@ from rattlesweep.sweeps.counts import is_sensitive
 from rattlesweep.sweeps.decide import decides
 from rattlesweep.sweeps.error import PARTED, Estimated
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
-from rattlesweep.sweeps.memory import differing_rows
 from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.verify import differing_rows
 
 
 @dataclass(frozen=True)
