@@ -116,7 +116,6 @@ def plan(
 @option("--shard", type=Kind("i/n", "rattlesweep.sweeps.run:Shard.parse"),
         help="Compute shard I of N only, with I from 0 to N-1.")  # fmt: skip
 @option("--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m.")
-@option("--fresh", is_flag=True, help="Delete the existing runs and start over.")
 @option("--retry-failed", is_flag=True, help="Repeat the runs whose status is not ok.")
 @option("--dry-run", is_flag=True, help="Print the forecast, as `plan` does, and stop.")
 @option("--compile-only", is_flag=True,
@@ -135,13 +134,11 @@ def run(
     for flag, value in (("--scheduler", scheduler), ("--workers", workers)):
         if value is not None and engine == "local":
             raise ConfigError(f"{flag}: is for --engine dask; add that, or leave this out")
-    if how["fresh"] and how["shard"] is not None:
-        raise ConfigError("--fresh: would remove the runs of other shards; start over without it")
     import numpy as np
 
     from rattlesweep.sweeps.block import load_kernel, prepare_runs
+    from rattlesweep.sweeps.plan import examine
     from rattlesweep.sweeps.run import run_sweep
-    from rattlesweep.sweeps.stored import examine
 
     loaded, made = _planned(config, overrides, output, quiet)
     where = Path(loaded.directory)
@@ -151,8 +148,7 @@ def run(
         say("the kernels are compiled")
         return DONE
     if dry_run:
-        if not how["fresh"]:
-            examine(made, where)
+        examine(made, where)
         shards = None if how["shard"] is None else how["shard"].count
         click.echo(_forecast(made, loaded, threads, shards).words)
         return DONE
@@ -310,8 +306,8 @@ def slurm(
 
     Tasks stop shortly before the time limit and resume after a restart.
     """
+    from rattlesweep.sweeps.plan import examine
     from rattlesweep.sweeps.slurm import job_script
-    from rattlesweep.sweeps.stored import examine
 
     loaded, made = _planned(config, overrides, output)
     where = Path(loaded.directory).absolute()

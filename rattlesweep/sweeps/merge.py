@@ -15,18 +15,23 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.arrow import read_parquet
 from rattlesweep.sweeps.config.read import override_config, resolved
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.decide import decision
 from rattlesweep.sweeps.files import explained, streamed_file
+from rattlesweep.sweeps.plan import check_empty, check_same
 from rattlesweep.sweeps.provenance import hold
-from rattlesweep.sweeps.rows import TYPED, Runs, free_path
 from rattlesweep.sweeps.stored import (
+    FOLDER,
     MANIFEST,
+    TYPED,
     Stored,
-    check_empty,
-    check_same,
+    files_of,
+    free_path,
+    metadata,
     open_stored,
+    rewrite,
     write_manifest,
 )
 from rattlesweep.sweeps.summary import summarise, write_summary
@@ -59,22 +64,22 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
         check_empty(output)
     largest = max(sources, key=lambda stored: (len(stored.cases), stored.samples))
     for stored in sources:
-        check_same(largest, stored.directory, stored.hash, stored.config)
+        check_same(stored, largest)
     with contextlib.ExitStack() as stack:
         for directory in directories:
             if os.access(directory, os.W_OK):  # nobody works in one that is read-only
                 stack.enter_context(hold(directory))
-        here = Runs(output)
+        folder = output / FOLDER
         with explained(f"cannot write in {output}"):
             output.mkdir(parents=True, exist_ok=True)
             stack.enter_context(hold(output))
-            here.folder.mkdir(exist_ok=True)
+            folder.mkdir(exist_ok=True)
         # A merge that was killed has left some files there.
         new = [
-            path for directory in directories for path in Runs(directory).files()
-            if not ((twin := here.folder / path.name).exists() and filecmp.cmp(path, twin, False))
+            path for directory in directories for path in files_of(directory)
+            if not ((twin := folder / path.name).exists() and filecmp.cmp(path, twin, False))
         ]  # fmt: skip
-        found = largest.find([*here.files(), *new])
+        found = largest.find([*files_of(output), *new])
         if found.damaged:
             raise OutputError(f"{found.damaged[0]} is damaged; do its runs again before merging")
         if len(found.typed) > 1:
@@ -84,7 +89,7 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
             )
         write_manifest(output, largest.manifest)
         for path in new:
-            _put(path, free_path(here.folder / path.name))
+            _put(path, free_path(folder / path.name))
         merged, wanted = open_stored(output), np.ones_like(found.done)
         if (decide := decision(merged.config, merged.cases, merged.samples)) is not None:
             decide.read(merged)
@@ -128,10 +133,10 @@ def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classifie
         stored = open_stored(directory)
         thresholds, changed, files = _changed(stored, overrides), 0, 0
         for path in stored.files():
-            if stored.runs.metadata(path).get(TYPED) != thresholds.as_text:
-                rows = stored.runs.table(path)
+            if metadata(path).get(TYPED) != thresholds.as_text:
+                rows = read_parquet(path)
                 again = with_types(rows, thresholds)
-                stored.runs.rewrite(path, again, thresholds.as_text)
+                rewrite(path, again, thresholds.as_text)
                 old, new = (pc.fill_null(t.column("type"), "") for t in (rows, again))
                 changed += pc.sum(pc.not_equal(old, new)).as_py()
                 files += 1

@@ -1,4 +1,4 @@
-"""From a config to its cases and samples.
+"""From a config to its cases and samples, and to the directory that holds their runs.
 
 A case is one combination of target, ``n_i`` and ``omega_xy0``, and of the dissipation where it has
 several values; a run is one sample of a case, and its key is ``(case, sample)``.  What becomes of a
@@ -7,6 +7,7 @@ run follows from the config and its key alone.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,14 +18,27 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigError
+from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.physics.launch import spin_and_oscillation
 from rattlesweep.sweeps.bodies.protocol import Source
-from rattlesweep.sweeps.bodies.sources import make_source
+from rattlesweep.sweeps.bodies.sources import content_hash, make_source
 from rattlesweep.sweeps.bodies.table import LOSSES, TableBodies, check_value
 from rattlesweep.sweeps.columns import STATE, runs_schema
+from rattlesweep.sweeps.config.read import differences, fixed_part, physics_hash, resolved
 from rattlesweep.sweeps.config.schema import TABLE, Config, SdSource, clashes
-from rattlesweep.sweeps.rows import Case
+from rattlesweep.sweeps.files import explained
+from rattlesweep.sweeps.provenance import LOCKS, at_work, command_line, machine, now, versions
+from rattlesweep.sweeps.stored import (
+    FOLDER,
+    FORMAT,
+    MANIFEST,
+    SUMMARY,
+    Case,
+    Stored,
+    open_stored,
+    remove,
+    write_manifest,
+)
 from rattlesweep.units import Quantity
 
 MAX_RUNS = 10**9
@@ -184,3 +198,116 @@ def _check_launches(config: Config, state: bool, n_i: Floats, t_end: Floats) -> 
         which = f" ({np.argmax(endless) + 1} of {len(n_i)})" if len(n_i) > 1 else ""
         told = f"missing; a launch without spin{which} has no t_rGH"
         raise ConfigError(f"horizon.t: {told}, so give horizon: {{t: TIME}} in sqrt(a/g)")
+
+
+# -- the directory of a plan -----------------------------------------------------------------------
+
+
+def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
+    """Return the sweep of a plan as a directory would hold it; nothing is written."""
+    text = f"{physics_hash(plan.config)} {content_hash(plan.source)}"
+    key = hashlib.sha256(text.encode()).hexdigest()
+    manifest = {
+        "format": FORMAT,
+        "name": plan.config.name,
+        "config": resolved(plan.config),
+        "config_hash": key,
+        "base": None if base is None else str(base),
+        "cases": [case.dump() for case in plan.cases],
+        "samples": plan.samples,
+        "columns": [
+            {"name": column.name, "type": str(column.type), "nullable": column.nullable}
+            | {key.decode(): text.decode() for key, text in (column.metadata or {}).items()}
+            for column in plan.extra
+        ],
+        "versions": versions(),
+        "machine": machine(),
+        "command": command_line(),
+        "started": now(),
+        "written": now(),
+    }
+    return Stored(directory, manifest, plan.config, plan.cases, plan.extra, plan.samples, key)
+
+
+def examine(plan: Plan, directory: Path, base: Path | None = None) -> tuple[Stored | None, Stored]:
+    """Refuse a directory in which a plan cannot go on.
+
+    Return the sweep as it is there, None if its manifest has yet to be written, and as it is to be,
+    with the cases numbered as they are there.
+    """
+    ours = describe(plan, directory, base)
+    if not (directory / MANIFEST).exists():
+        check_empty(directory)  # or its manifest is lost
+        ours.find()
+        return None, ours
+    there = open_stored(directory)
+    check_same(there, ours)
+    new, lost = {case.key: case for case in plan.cases}, []
+    for case in there.cases:
+        if new.pop(case.key, None) is None:
+            lost.append(f"runs with {case}, which the config does not ask for")
+    if plan.samples < there.samples:
+        lost.append(f"{there.samples} samples a case, and the config asks for {plan.samples}")
+    if lost:
+        raise ConfigError(f"{directory}: holds {lost[0]}; a sweep can only grow")
+    more = enumerate(new.values(), len(there.cases))
+    cases = (*there.cases, *(replace(case, index=k) for k, case in more))
+    return there, describe(plan.with_cases(cases), directory, base)
+
+
+def check_same(one: Stored, other: Stored) -> None:
+    """Raise a ConfigError that says in what a stored sweep differs from another."""
+    if one.hash != other.hash:
+        parts = (fixed_part(resolved(each.config)) for each in (one, other))
+        what = "; ".join(differences(*parts)[:3]) or "the table of bodies has changed"
+        raise ConfigError(f"{one.directory}: holds another sweep ({what}); give another output")
+
+
+def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> Stored:
+    """Make a directory, which this process holds, one of a plan, and return it.
+
+    The manifest is written where there is none, and again where the sweep grows or, unless for a
+    shard, its config changes in what no run depends on.
+    """
+    with explained(f"cannot write in {directory}"):
+        (directory / FOLDER).mkdir(exist_ok=True)
+    there, ours = examine(plan, directory, base)
+    if there is not None:
+        keys = ("cases", "samples") if shard else ("cases", "samples", "config")
+        if all(ours.manifest[key] == there.manifest[key] for key in keys):
+            return there
+        # A shard that works on has the smaller sweep in mind, and would leave its summary.
+        if others := at_work(directory, shard) if shard else []:
+            raise OutputError(
+                f"{directory}: {others[0]} is at work; the sweep can grow when it has ended"
+            )
+        ours.manifest["started"] = there.manifest["started"]
+    remove(directory / SUMMARY)  # it is of the smaller sweep
+    write_manifest(directory, ours.manifest)
+    return ours
+
+
+def check_empty(directory: Path) -> None:
+    """Raise a ConfigError if a directory holds files and no sweep has worked there."""
+    if directory.is_file():
+        raise ConfigError(f"{directory}: is a file; give the path of a directory")
+    if not directory.exists() or (directory / LOCKS).is_dir():
+        return
+    with explained(f"cannot read {directory}"):
+        names = sorted(path.name for path in directory.iterdir())
+    # Bodies from memory are kept before the sweep begins.
+    if foreign := [name for name in names if not name.startswith((".", "bodies-"))]:
+        raise ConfigError(
+            f"{directory}: holds other files, such as {foreign[0]}; give an empty or new directory"
+        )
+
+
+def stored_plan(stored: Stored) -> Plan:
+    """Return the plan from which stored runs can be computed again."""
+    base = stored.manifest["base"] or "."
+    if (stored.directory / getattr(stored.config.bodies, "path", "..none")).exists():
+        base = stored.directory  # a directory may have been moved with its table
+    plan = make_plan(stored.config, Path(base)).with_cases(stored.cases)
+    if describe(plan, stored.directory).hash != stored.hash:
+        raise ConfigError(f"{stored.directory}: the table of bodies of its runs has changed")
+    return plan

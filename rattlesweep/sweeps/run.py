@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -26,22 +27,14 @@ from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.batch import Control, available_threads
 from rattlesweep.integrate.lanes.lane import LANES
 from rattlesweep.integrate.task import Task
-from rattlesweep.sweeps.block import Prepared, compute, load_kernel, prepare_runs
+from rattlesweep.sweeps.arrow import read_parquet
+from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
 from rattlesweep.sweeps.cost import case_costs
 from rattlesweep.sweeps.decide import Refining, Stopping, decides, decision
 from rattlesweep.sweeps.files import explained
-from rattlesweep.sweeps.plan import Plan
+from rattlesweep.sweeps.plan import Plan, begin, examine
 from rattlesweep.sweeps.provenance import MANIFEST_LOCK, hold, locked, session
-from rattlesweep.sweeps.rows import Found, free_path, keys_of
-from rattlesweep.sweeps.stored import (
-    SUMMARY,
-    Stored,
-    begin,
-    check_empty,
-    examine,
-    remove,
-    start_over,
-)
+from rattlesweep.sweeps.stored import SUMMARY, Found, Stored, free_path, keys_of, remove, rewrite
 from rattlesweep.sweeps.summary import summarise, write_summary
 from rattlesweep.sweeps.types import with_types
 
@@ -163,8 +156,7 @@ class Job:
         if not len(table):
             return
         with _undisturbed():
-            typed, stored = self.plan.config.classify.as_text, self.stored
-            stored.runs.append(table, stored.hash, typed, stored.cases)
+            self.stored.append(table, self.plan.config.classify.as_text)
             self.found.add(table)
             self.result.runs += len(table)
             self.result.done += len(table)
@@ -207,32 +199,25 @@ def local(job: Job, blocks: Iterator[Keys]) -> None:
     thread writes the block before, prepares the one after, reports progress and hears Ctrl-C.
     """
     plan = job.plan
-    loading = Task(lambda _: load_kernel(plan.config))
+    loading: Task[float] | None = Task(lambda _: load_kernel(plan.config))
     task: Task[tuple[pa.Table, int]] | None = None
     finished: list[pa.Table] = []
-
-    def write() -> None:
-        while finished:
-            job.write(finished.pop())
-            job.tick()
-
-    def prepare() -> tuple[Keys, Prepared] | None:
-        keys = next(blocks, None)
-        return None if keys is None else (keys, prepare_runs(plan, *keys))
-
     try:
-        ready = prepare()  # bodies are drawn while the kernel is loaded
-        job.result.load_seconds += loading.wait()
-        job.begun = job.begun or time.monotonic()
-        while ready is not None:
-            keys, prepared = ready
-            task = Task(partial(compute, plan.config, plan.schema, prepared, job.threads))
-            write()
-            ready = prepare()
-            table, _ = task.wait(partial(job.tick, keys))
-            job.worked(keys, task.seconds)
-            finished, task = [table], None
-        write()
+        for before, keys in pairwise(chain([None], blocks, [None])):
+            # While the kernel is loaded, or the block before is computed.
+            prepared = None if keys is None else prepare_runs(plan, *keys)
+            if loading is not None:
+                job.result.load_seconds += loading.wait()
+                job.begun, loading = job.begun or time.monotonic(), None
+            if task is not None and before is not None:
+                table, _ = task.wait(partial(job.tick, before))
+                job.worked(before, task.seconds)
+                finished, task = [table], None
+            if keys is not None and prepared is not None:
+                task = Task(partial(compute, plan.config, plan.schema, prepared, job.threads))
+            while finished:
+                job.write(finished.pop())
+                job.tick()
     except BaseException as error:
         if task is not None:
             task.stop(GATHER)
@@ -292,24 +277,15 @@ class Shard:
 
 
 def run_sweep(
-    plan: Plan,
-    directory: Path,
-    *,
-    base: Path | None = None,
-    threads: int | None = None,
-    report: Callable[[Progress], None] = lambda progress: None,
-    shard: Shard | None = None,
-    max_time: float | None = None,
-    fresh: bool = False,
-    retry_failed: bool = False,
-    engine: Engine = local,
-) -> Result:
+    plan: Plan, directory: Path, *, base: Path | None = None, threads: int | None = None,
+    report: Callable[[Progress], None] = lambda progress: None, shard: Shard | None = None,
+    max_time: float | None = None, retry_failed: bool = False, engine: Engine = local,
+) -> Result:  # fmt: skip
     """Do the runs that a plan asks for and that are not on disk.
 
-    Rows of the same sweep, or of a smaller one, are kept unless `fresh`; rows whose status is not
-    ``ok`` are done again if `retry_failed`.  `base` is where a table's relative path is looked up
-    besides the working directory, `max_time` is in seconds.  `report` is called some times a
-    second.  Whatever stops it, the rows of the runs that have ended are kept.
+    Rows whose status is not ``ok`` are done again if `retry_failed`.  `base` is where a table's
+    relative path is looked up besides the working directory, `max_time` is in seconds.  `report` is
+    called some times a second.  Whatever stops it, the rows of the runs that have ended are kept.
     """
     start = time.monotonic()
     threads = threads or available_threads()
@@ -317,18 +293,13 @@ def run_sweep(
         raise ConfigError("--retry-failed: takes rows of other shards too; run it without --shard")
     if shard is not None and (key := decides(plan.config)):
         raise ConfigError(f"{key}: what is run next depends on all runs, so there are no shards")
-    if fresh:
-        check_empty(directory)
-    else:
-        examine(plan, directory)  # before anything is made there
+    examine(plan, directory)  # before anything is made there
     with explained(f"cannot write in {directory}"):
         directory.mkdir(parents=True, exist_ok=True)
     name, result = None if shard is None else shard.name, Result(directory)
     with contextlib.ExitStack() as held:
         with locked(directory, MANIFEST_LOCK):  # shards that begin at once begin or grow it once
             held.enter_context(hold(directory, name))
-            if fresh:
-                start_over(directory)
             stored = begin(plan, directory, base, name)
         plan = plan.with_cases(stored.cases)
         record = held.enter_context(session(directory, name, threads))
@@ -360,7 +331,7 @@ def _find(
     plan: Plan, stored: Stored, shard: Shard | None, retry_failed: bool, result: Result
 ) -> Found:
     """Read what is on disk, put damaged files aside, renew types, and take out what failed."""
-    runs, thresholds, found = stored.runs, plan.config.classify, stored.find()
+    thresholds, found = plan.config.classify, stored.find()
     for path in found.damaged:
         aside = free_path(path.with_suffix(".damaged"))
         with explained(f"cannot rename {path}"):
@@ -375,12 +346,12 @@ def _find(
     retry = retry_failed and found.rows > found.status["ok"]
     if retry or stale:
         remove(stored.directory / SUMMARY)
-    for path in runs.files() if retry else stale:
-        rows = with_types(runs.table(path), thresholds)
+    for path in stored.files() if retry else stale:
+        rows = with_types(read_parquet(path), thresholds)
         kept = rows.filter(pc.equal(rows.column("status"), "ok")) if retry else rows
         result.retried += len(rows) - len(kept)
         if path in stale or len(kept) < len(rows):
-            runs.rewrite(path, kept, thresholds.as_text)
+            rewrite(path, kept, thresholds.as_text)
     return stored.find() if retry else found
 
 
@@ -413,9 +384,7 @@ def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
 
 
 def integrate_plan(
-    plan: Plan,
-    threads: int | None = None,
-    report: Callable[[float], None] = lambda fraction: None,
+    plan: Plan, threads: int | None = None, report: Callable[[float], None] = lambda fraction: None
 ) -> pa.Table:
     """Return the rows of all runs of a plan, as the files of a sweep would hold them.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
@@ -19,8 +18,7 @@ from rattlesweep.sweeps.arrow import read_parquet
 from rattlesweep.sweeps.counts import floats
 from rattlesweep.sweeps.decide import decides, decision
 from rattlesweep.sweeps.provenance import WHOLE, at_work, read_sessions, who
-from rattlesweep.sweeps.rows import keys_of
-from rattlesweep.sweeps.stored import SUMMARY, Stored, open_stored
+from rattlesweep.sweeps.stored import SUMMARY, Stored, keys_of, open_stored
 from rattlesweep.sweeps.summary import same_summary, summarise
 from rattlesweep.sweeps.types import with_types
 from rattlesweep.text import counted
@@ -74,11 +72,9 @@ class Status:
 def status(directory: Path) -> Status:
     """Count the rows of an output directory, and look who is at work there."""
     stored = open_stored(directory)
-    words, types = Counter[str](), Counter[str]()
-    for rows in stored.batches(["status", "type"]):
-        for name, counter in (("status", words), ("type", types)):
-            for entry in rows.column(name).drop_null().value_counts().to_pylist():
-                counter[entry["values"]] += entry["counts"]
+    found = stored.find()
+    if found.damaged:
+        raise DamagedError(f"{found.damaged[0]} is damaged; `rattlesweep run` does its runs again")
     wanted = len(stored.cases) * stored.samples
     if (decide := decision(stored.config, stored.cases, stored.samples)) is not None:
         decide.read(stored)
@@ -88,12 +84,12 @@ def status(directory: Path) -> Status:
     last = {s["shard"]: s for s in sessions if s["how"] == "running"}
     working = [session for shard, session in last.items() if (shard or WHOLE) in held]
     data = {
-        "runs": words.total(),
+        "runs": found.rows,
         "wanted": wanted,
         "files": len(stored.files()),
         "bytes": sum(path.stat().st_size for path in stored.files()),
-        "status": dict(words.most_common()),
-        "types": dict(types.most_common()),
+        "status": dict(found.status.most_common()),
+        "types": dict(found.types.most_common()),
         "at_work": working,
         "last": next((s for s in reversed(sessions) if s not in working), None),
     }
@@ -163,7 +159,7 @@ def verify(
     chosen = np.random.default_rng(seed).choice(found.rows, count, replace=False)
     for number, path in enumerate(good):
         report(number / len(good))
-        rows = stored.runs.table(path)
+        rows = read_parquet(path)
         problems += _row_problems(stored, path, rows)
         first, last = last, last + len(rows)
         if len(here := np.sort(chosen[(chosen >= first) & (chosen < last)]) - first):
@@ -209,11 +205,13 @@ def _row_problems(stored: Stored, path: Path, rows: pa.Table) -> Iterator[str]:
 
 def _recompute(stored: Stored, rows: pa.Table, threads: int | None, result: Verified) -> None:
     """Integrate some runs again."""
+    from rattlesweep.sweeps.plan import stored_plan  # Numba, without which the rest can be checked
+
     # Runs that were given up under a smaller limit go on under a larger one.
     limit = stored.config.integrator.max_steps
     given_up = pc.and_(pc.equal(rows["status"], "step_limit"), pc.less(rows["n_steps"], limit))
     again = rows.filter(pc.invert(given_up))
-    for case, sample, names in differing_rows(stored.plan, again, threads):
+    for case, sample, names in differing_rows(stored_plan(stored), again, threads):
         what = ", ".join(names[:4])
         result.problems.append(f"case {case} sample {sample} comes out differently: {what}")
     result.recomputed += len(again)
@@ -223,7 +221,6 @@ def differing_rows(
     plan: Plan, rows: pa.Table, threads: int | None = None
 ) -> Iterator[tuple[int, int, list[str]]]:
     """Integrate stored runs again, and yield case, sample and columns of those that differ."""
-    # Numba, without which the rest can be checked.
     from rattlesweep.integrate.task import Task
     from rattlesweep.sweeps.block import compute, prepare_runs
 

@@ -26,9 +26,8 @@ from rattlesweep.sweeps import run as runner
 from rattlesweep.sweeps.config.read import load_config, parse_config
 from rattlesweep.sweeps.dask import make_engine
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.rows import Runs
 from rattlesweep.sweeps.run import Progress, Result, run_sweep
-from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.stored import Stored, open_stored
 
 ROOT = Path(__file__).parents[2]
 GATE = ROOT / "tests" / "helpers" / "gate.py"
@@ -226,7 +225,7 @@ def test_a_stop_keeps_the_blocks_that_are_done_and_frees_the_workers(
         ]
     else:
         with monkeypatch.context() as patch:
-            patch.setattr(Runs, "append", full)
+            patch.setattr(Stored, "append", full)
             with pytest.raises(OutputError, match="the disk is full"):
                 spread(output, SWEEP, engine)
     assert len(rows(output)) < 80

@@ -22,6 +22,7 @@ from rattlesweep.sweeps.counts import is_sensitive
 from rattlesweep.sweeps.decide import decides
 from rattlesweep.sweeps.error import PARTED, Estimated
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
+from rattlesweep.sweeps.plan import stored_plan
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.verify import differing_rows
 
@@ -164,7 +165,7 @@ class Replay:
     def prove(self, run: StoredRun, threads: int | None = 1) -> None:
         """Integrate a run as the sweep did, and compare its whole row bit for bit."""
         thresholds = self._stored.thresholds
-        plan = self._stored.plan
+        plan = stored_plan(self._stored)
         plan = replace(plan, config=plan.config.model_copy(update={"classify": thresholds}))
         for _, _, names in differing_rows(plan, self._row(run.case, run.sample), threads):
             raise OutputError(
@@ -185,7 +186,7 @@ class Replay:
         return f"{run.name}: {cause_of(found, swing, float(launches.n_i[0]))}"
 
     def _launches(self, run: StoredRun) -> Launches:
-        return prepare(self._stored.plan, np.array([run.case]), np.array([run.sample]))
+        return prepare(stored_plan(self._stored), np.array([run.case]), np.array([run.sample]))
 
     def prepare(self, run: StoredRun, t_end: float | None = None) -> PreparedRun:
         """Return the run for a :class:`Course`, to ``t_end`` or the sweep's horizon."""
