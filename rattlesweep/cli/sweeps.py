@@ -67,19 +67,18 @@ def init(config: Path) -> None:
 @command(
     "Sweeps",
     "rattlesweep plan configs/steady.yaml --check",
-    "rattlesweep plan configs/steady.yaml --set bodies.samples=100000 --shards 16 --budget 10s",
+    "rattlesweep plan configs/steady.yaml --set bodies.samples=100000 --budget 10s",
 )
 @options.config
 @options.output("Where the sweep would be written; nothing is written now.")
 @options.overrides
 @options.threads
-@option("--shards", type=COUNT, help="Also forecast the longest of N shards.")
 @option("--budget", type=options.TIME, default="2s", help="Time spent on the sample of runs.")
 @option("--check", is_flag=True, help="Only check the config, and integrate nothing.")
 @options.as_json
 def plan(
     config: Path, output: Path | None, overrides: tuple[str, ...], threads: int | None,
-    shards: int | None, budget: float, check: bool, as_json: bool,
+    budget: float, check: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Check a config and forecast the time and disk space of its sweep.
 
@@ -87,7 +86,7 @@ def plan(
     Integrates a sample of the runs for about two seconds and writes nothing.
     """
     loaded, made = _planned(config, overrides, output)
-    found = None if check else _forecast(made, loaded, threads, shards, budget)
+    found = None if check else _forecast(made, loaded, threads, budget)
     if as_json:
         size = {"cases": len(made.cases), "samples": made.samples, "runs": made.runs}
         click.echo(to_json(size | ({} if found is None else vars(found))))
@@ -112,7 +111,6 @@ def plan(
         help="Compute blocks of runs here, or by workers of a Dask cluster.")  # fmt: skip
 @option("--scheduler", metavar="ADDRESS", is_eager=True,
         help="Address of an existing Dask scheduler.")  # fmt: skip
-@option("--workers", type=COUNT, help="Worker processes of a Dask cluster started here.")
 @option("--shard", type=Kind("i/n", "rattlesweep.sweeps.run:Shard.parse"),
         help="Compute shard I of N only, with I from 0 to N-1.")  # fmt: skip
 @option("--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m.")
@@ -124,16 +122,15 @@ def plan(
 @option("-v", "--verbose", is_flag=True, help="Report where the time went.")
 def run(
     config: Path, output: Path | None, overrides: tuple[str, ...], threads: int | None, engine: str,
-    scheduler: str | None, workers: int | None, dry_run: bool, compile_only: bool, quiet: bool,
+    scheduler: str | None, dry_run: bool, compile_only: bool, quiet: bool,
     verbose: bool, **how: Any,
 ) -> int:  # fmt: skip
     """Run a sweep, or resume one that was stopped.
 
     Prints one row per case on standard output.
     """
-    for flag, value in (("--scheduler", scheduler), ("--workers", workers)):
-        if value is not None and engine == "local":
-            raise ConfigError(f"{flag}: is for --engine dask; add that, or leave this out")
+    if (engine == "dask") != (scheduler is not None):
+        raise ConfigError("--engine dask: goes with --scheduler ADDRESS; give both, or neither")
     import numpy as np
 
     from rattlesweep.sweeps.block import load_kernel, prepare_runs
@@ -149,13 +146,12 @@ def run(
         return DONE
     if dry_run:
         examine(made, where)
-        shards = None if how["shard"] is None else how["shard"].count
-        click.echo(_forecast(made, loaded, threads, shards).words)
+        click.echo(_forecast(made, loaded, threads).words)
         return DONE
-    if engine == "dask":
+    if scheduler is not None:
         from rattlesweep.sweeps.dask import make_engine
 
-        how["engine"] = make_engine(scheduler, workers, threads)
+        how["engine"] = make_engine(scheduler, threads)
     with Bar.of_command(quiet) as bar:
         base = config.resolve().parent
         result = run_sweep(made, where, base=base, threads=threads, report=bar, **how)
@@ -177,8 +173,7 @@ def _close(result: Result, quiet: bool, verbose: bool) -> int:
             f"{counted(result.runs, 'run')} in {where}, {now if result.done else 'all done before'}"
         )
     if verbose:
-        say(f"{result.seconds:.2f} s in all: {result.load_seconds:.2f} s to load or compile the "
-            f"kernel, {result.kernel_seconds:.2f} s of integration")  # fmt: skip
+        say(f"{result.seconds:.2f} s in all, {result.kernel_seconds:.2f} s of integration")
     if result.stopped is not None:
         say(f"stopped: {result.stopped}; {result.kept}, and the same command resumes from there")
         return EARLY
@@ -289,8 +284,7 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
 @option("--time", "limit", type=Kind("time", "rattlesweep.sweeps.slurm:limit_of"),
         default="4:00:00", help="Time limit of a task.")  # fmt: skip
 @option("--cpus", type=COUNT, default=1, help="CPUs per task.")
-@option("--mem", "memory", type=Kind("size", "rattlesweep.sweeps.slurm:memory_of"),
-        default="2G", help="Memory per task.")  # fmt: skip
+@option("--mem", "memory", metavar="SIZE", default="2G", help="Memory per task.")
 @option("--partition", metavar="NAME", help="Partition of the cluster.")
 @options.output()
 @options.overrides
@@ -352,13 +346,11 @@ def _planned(
     return loaded, made
 
 
-def _forecast(
-    made: Plan, config: Config, threads: int | None, shards: int | None, seconds: float = 2.0
-) -> Forecast:
+def _forecast(made: Plan, config: Config, threads: int | None, seconds: float = 2.0) -> Forecast:
     """Return what a sweep will take, and say if the disk has too little room for it."""
     from rattlesweep.sweeps.cost import forecast
 
-    found = forecast(made, threads, shards, seconds)
+    found = forecast(made, threads, seconds)
     place = Path(config.directory).absolute()
     while not place.exists():
         place = place.parent

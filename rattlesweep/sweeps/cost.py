@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,6 @@ KNOWN = 20_000  # runs whose expected cost a forecast works out
 # the pilot takes at most its budget over FIRST, and longer ones are cut.
 FIRST, FIRST_STEPS = 128, 20_000
 LEAST, MOST = 256, 8_192  # runs of the pilot
-LANES = 8  # lanes of a thread at the speed of which a run that is left alone goes on
 
 
 def expected_cost(launches: Launches, model: str) -> Floats:
@@ -60,7 +59,8 @@ def sample_keys(plan: Plan, per_case: int, cases: Integers) -> tuple[Plan, Integ
     elif bodies.target is not None:
         # Bodies come in chunks; a smaller plan has smaller ones, with the same bodies.
         fewer = bodies.model_copy(update={"samples": count})
-        plan = make_plan(plan.config.model_copy(update={"bodies": fewer})).with_cases(plan.cases)
+        smaller = make_plan(plan.config.model_copy(update={"bodies": fewer}))
+        plan = replace(smaller, cases=plan.cases)
     return plan, np.repeat(cases, count), np.tile(chosen, len(cases))
 
 
@@ -93,9 +93,7 @@ class Forecast:
     seconds: float  # of the kernel for all runs; drawing bodies and compiling come on top
     low: float  # and high: interval of 95 %; runs that were too long for the pilot widen it
     high: float
-    longest: float  # seconds that the longest single run takes at most
     bytes: int  # of the files
-    share: float | None  # seconds of one of so many shards
     decides: str | None  # key by which the sweep leaves runs out; the figures are those of all
 
     @property
@@ -104,24 +102,19 @@ class Forecast:
         most, plural = "at most " if self.decides else "", "s" if self.threads > 1 else ""
         lines = [
             f"{self.runs:,} runs: {most}{_time(self.seconds)} with {self.threads} thread{plural} "
-            f"(95 %: {_time(self.low)} to {_time(self.high)}), up to {_size(self.bytes)} on disk",
-            f"the longest run takes up to {_time(self.longest)}",
+            f"(95 %: {_time(self.low)} to {_time(self.high)}), up to {_size(self.bytes)} on disk"
         ]
-        if self.share is not None:
-            lines.append(f"a shard takes about {_time(self.share)}")
         if self.decides:
             lines.append(f"{self.decides} leaves runs out; how many cannot be told before")
         return "\n".join(lines)
 
 
-def forecast(
-    plan: Plan, threads: int | None = None, shards: int | None = None, seconds: float = 2.0
-) -> Forecast:
+def forecast(plan: Plan, threads: int | None = None, seconds: float = 2.0) -> Forecast:
     """Integrate some runs of a plan for about so many seconds, and say what all of them take.
 
     Runs differ a thousandfold in length, and most end before their horizon.  Runs are therefore
     drawn in proportion to their expected cost: the mean of steps over expected cost is then the
-    sweep's.  `shards` is the number of shards of which the time of one is asked for.
+    sweep's.
     """
     here, config = available_threads(), plan.config
     threads = threads or here
@@ -161,17 +154,10 @@ def forecast(
     all_runs = float(cost.mean()) * plan.runs / (rate * threads / here)
     low, high = all_runs * max(0.0, mean - error), float(all_runs * (weight @ upper + error))
     middle = all_runs * float(weight @ (ratio + upper)) / 2
-    # Of a heavy tail, in which one run in a hundred takes half, the largest of many draws grows.
-    heavy = np.sort(shares)[::-1][: len(cost) // 100].sum() > 0.5
-    beyond = plan.runs / len(cost) if heavy else 1.0
-    longest = float(cost.max() * ratio.max()) * beyond / (rate / (LANES * here))
-    if plan.runs <= LEAST and not cut.any():
-        longest = min(longest, high)  # few runs leave lanes idle
     half = len(table) // 2
     size, first = _encoded(table), _encoded(table.slice(0, half))
     size += int((plan.runs - len(table)) * (size - first) / (len(table) - half))
-    share = None if shards is None else max(middle / shards, longest)
-    return Forecast(plan.runs, threads, middle, low, high, longest, size, share, decides(config))
+    return Forecast(plan.runs, threads, middle, low, high, size, decides(config))
 
 
 def _encoded(table: pa.Table) -> int:

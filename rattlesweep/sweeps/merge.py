@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
@@ -18,7 +17,6 @@ from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.arrow import read_parquet
 from rattlesweep.sweeps.config.read import override_config, resolved
 from rattlesweep.sweeps.config.schema import Classify
-from rattlesweep.sweeps.decide import decision
 from rattlesweep.sweeps.files import explained, streamed_file
 from rattlesweep.sweeps.plan import check_empty, check_same
 from rattlesweep.sweeps.provenance import hold
@@ -36,6 +34,7 @@ from rattlesweep.sweeps.stored import (
 )
 from rattlesweep.sweeps.summary import summarise, write_summary
 from rattlesweep.sweeps.types import with_types
+from rattlesweep.sweeps.verify import wanted_runs
 
 
 @dataclass(frozen=True)
@@ -90,11 +89,8 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
         write_manifest(output, largest.manifest)
         for path in new:
             _put(path, free_path(folder / path.name))
-        merged, wanted = open_stored(output), np.ones_like(found.done)
-        if (decide := decision(merged.config, merged.cases, merged.samples)) is not None:
-            decide.read(merged)
-            wanted = decide.wanted()
-        missing = int((wanted & ~found.done).sum())
+        merged = open_stored(output)
+        missing = int((wanted_runs(merged, found) & ~found.done).sum())
         summary = None if missing else summarise(merged)
         if summary is not None:
             write_summary(merged, summary)

@@ -72,11 +72,6 @@ class Plan:
         return self.source.samples
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Numbers of cases and samples."""
-        return len(self.cases), self.samples
-
-    @property
     def runs(self) -> int:
         """Number of runs, if none is left out."""
         return len(self.cases) * self.samples
@@ -85,10 +80,6 @@ class Plan:
     def targets(self) -> Floats:
         """Target of each case, NaN without one."""
         return np.array([np.nan if c.target is None else c.target for c in self.cases])
-
-    def with_cases(self, cases: Sequence[Case]) -> Plan:
-        """Return the same plan with its cases in another order."""
-        return replace(self, cases=tuple(cases))
 
 
 def make_plan(config: Config, base: Path | None = None, source: Source | None = None) -> Plan:
@@ -216,9 +207,9 @@ def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
         "cases": [case.dump() for case in plan.cases],
         "samples": plan.samples,
         "columns": [
-            {"name": column.name, "type": str(column.type), "nullable": column.nullable}
-            | {key.decode(): text.decode() for key, text in (column.metadata or {}).items()}
-            for column in plan.extra
+            [f.name, str(f.type), f.nullable]
+            + [f.metadata[key].decode() for key in (b"unit", b"description")]
+            for f in plan.extra
         ],
         "versions": versions(),
         "machine": machine(),
@@ -242,17 +233,16 @@ def examine(plan: Plan, directory: Path, base: Path | None = None) -> tuple[Stor
         return None, ours
     there = open_stored(directory)
     check_same(there, ours)
-    new, lost = {case.key: case for case in plan.cases}, []
-    for case in there.cases:
-        if new.pop(case.key, None) is None:
-            lost.append(f"runs with {case}, which the config does not ask for")
+    more = "; a sweep can only grow"
+    held, asked = set(there.cases), set(plan.cases)
+    if lost := [case for case in there.cases if case not in asked]:
+        raise ConfigError(f"{directory}: holds runs with {lost[0]}, which the config lacks{more}")
     if plan.samples < there.samples:
-        lost.append(f"{there.samples} samples a case, and the config asks for {plan.samples}")
-    if lost:
-        raise ConfigError(f"{directory}: holds {lost[0]}; a sweep can only grow")
-    more = enumerate(new.values(), len(there.cases))
-    cases = (*there.cases, *(replace(case, index=k) for k, case in more))
-    return there, describe(plan.with_cases(cases), directory, base)
+        told = f"{there.samples} samples a case, more than the config asks for"
+        raise ConfigError(f"{directory}: holds {told}{more}")
+    new = enumerate((case for case in plan.cases if case not in held), len(held))
+    cases = (*there.cases, *(replace(case, index=k) for k, case in new))
+    return there, describe(replace(plan, cases=cases), directory, base)
 
 
 def check_same(one: Stored, other: Stored) -> None:
@@ -307,7 +297,7 @@ def stored_plan(stored: Stored) -> Plan:
     base = stored.manifest["base"] or "."
     if (stored.directory / getattr(stored.config.bodies, "path", "..none")).exists():
         base = stored.directory  # a directory may have been moved with its table
-    plan = make_plan(stored.config, Path(base)).with_cases(stored.cases)
+    plan = replace(make_plan(stored.config, Path(base)), cases=stored.cases)
     if describe(plan, stored.directory).hash != stored.hash:
         raise ConfigError(f"{stored.directory}: the table of bodies of its runs has changed")
-    return plan
+    return replace(plan, config=plan.config.model_copy(update={"classify": stored.thresholds}))

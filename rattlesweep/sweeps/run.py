@@ -12,8 +12,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, pairwise
 from pathlib import Path
@@ -81,7 +80,6 @@ class Result:
     lost: int = 0  # runs that were under way when it was stopped
     seconds: float = 0.0
     kernel_seconds: float = 0.0
-    load_seconds: float = 0.0
     stopped: str | None = None  # why it ended before all was done
     remarks: list[str] = field(default_factory=list)  # what the user should know
     failed: Counter[str] = field(default_factory=Counter)  # runs on disk by status, if not ok
@@ -107,7 +105,6 @@ class Job:
     decide: Stopping | Refining | None = None  # says by the rows which runs are wanted
     deadline: float | None = None  # of `time.monotonic`
     begun: float | None = None  # set by engines once the kernel is loaded, which is no rate
-    resources: ExitStack = field(default_factory=ExitStack)  # what an engine keeps between waves
 
     def __post_init__(self) -> None:
         self._start = time.monotonic()
@@ -207,7 +204,7 @@ def local(job: Job, blocks: Iterator[Keys]) -> None:
             # While the kernel is loaded, or the block before is computed.
             prepared = None if keys is None else prepare_runs(plan, *keys)
             if loading is not None:
-                job.result.load_seconds += loading.wait()
+                loading.wait()
                 job.begun, loading = job.begun or time.monotonic(), None
             if task is not None and before is not None:
                 table, _ = task.wait(partial(job.tick, before))
@@ -269,7 +266,7 @@ class Shard:
         """Name of the shard's lock."""
         return f"shard-{self.index}-of-{self.count}"
 
-    def runs(self, shape: tuple[int, int]) -> Flags:
+    def runs(self, shape: tuple[int, ...]) -> Flags:
         """Return which runs are the shard's: neighbours go to different ones, which cost alike."""
         case, sample = (np.arange(n) % self.count for n in shape)
         mine: Flags = (case[:, None] + sample) % self.count == self.index
@@ -301,7 +298,7 @@ def run_sweep(
         with locked(directory, MANIFEST_LOCK):  # shards that begin at once begin or grow it once
             held.enter_context(hold(directory, name))
             stored = begin(plan, directory, base, name)
-        plan = plan.with_cases(stored.cases)
+        plan = replace(plan, cases=stored.cases)
         record = held.enter_context(session(directory, name, threads))
         try:
             found = _find(plan, stored, shard, retry_failed, result)
@@ -310,8 +307,7 @@ def run_sweep(
                 decide.read(stored)
             deadline = None if max_time is None else start + max_time
             job = Job(plan, stored, found, result, threads, report, decide, deadline)
-            with job.resources:
-                _work(job, shard, engine)
+            _work(job, shard, engine)
             result.failed = found.status - Counter(ok=found.status["ok"])
             if result.stopped is None:
                 if shard is not None:  # others have gone on meanwhile
@@ -357,9 +353,9 @@ def _find(
 
 def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
     """Do what is left, wave by wave where the sweep decides what to run next."""
-    result, done, shape = job.result, job.found.done, job.plan.shape
+    result, done = job.result, job.found.done
     while True:
-        wanted = np.ones(shape, dtype=bool) if shard is None else shard.runs(shape)
+        wanted = np.ones_like(done) if shard is None else shard.runs(done.shape)
         if job.decide is not None:
             wanted = job.decide.wanted()
         result.runs = int((wanted & done).sum())

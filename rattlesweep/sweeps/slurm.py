@@ -16,31 +16,19 @@ from rattlesweep.sweeps.provenance import package_version
 if TYPE_CHECKING:
     from rattlesweep.sweeps.plan import Plan
 
-SHORTEST = 120  # seconds of a time limit
 MARGIN, MARGIN_SHARE = 300, 0.25  # seconds, or share of the limit if that is less
 
 
 def limit_of(text: str) -> int:
-    """Return the seconds of a time limit in Slurm's notation, such as ``90`` (minutes) or ``2-12``,
-    or raise a ValueError.
-    """
-    match = re.fullmatch(r"(?:(\d{1,4})-)?(\d{1,6})(?::(\d{1,3}))?(?::(\d{1,3}))?", text.strip())
+    """Return the seconds of Slurm's ``[days-]hours:minutes:seconds``, or of minutes alone."""
+    match = re.fullmatch(r"(?:(\d{1,4})-)?(\d{1,6}):(\d\d):(\d\d)|(\d{1,6})", text.strip())
     if not match:
         raise ValueError("is no time limit; write it as in 4:00:00, 90 (minutes) or 2-12:00:00")
-    days, *parts = (int(part or 0) for part in match.groups())
-    if match[1] is None and match[4] is None:
-        parts = [0, *parts]  # without days, minutes come first
-    total = 86400 * days + 3600 * parts[0] + 60 * parts[1] + parts[2]
-    if total < SHORTEST:
-        raise ValueError(f"is too short; give at least {SHORTEST // 60} minutes")
+    days, hours, minutes, seconds, alone = (int(part or 0) for part in match.groups())
+    total = 86400 * days + 3600 * hours + 60 * (minutes + alone) + seconds
+    if total < 120:
+        raise ValueError("is too short; give at least 2 minutes")
     return total
-
-
-def memory_of(text: str) -> str:
-    """Return a size of memory such as ``4G``, as Slurm has it, or raise a ValueError."""
-    if not re.fullmatch(r"[1-9]\d{0,8}[KMGT]?", text.strip().upper()):
-        raise ValueError("is no size of memory; write it as in 4G or 800M")
-    return text.strip().upper()
 
 
 def job_script(
@@ -56,8 +44,9 @@ def job_script(
     name, where, quote = plan.config.name, Path.cwd(), shlex.quote
     if any("\n" in f"{text}" for text in (name, config, output, where, *overrides)):
         raise ConfigError("a name, path or override with a line break cannot stand in a script")
-    if partition is not None and not re.fullmatch(r"[\w.,+-]+", partition):
-        raise ConfigError(f"--partition {partition}: is no name of a partition")
+    for flag, text in (("--mem", memory), ("--partition", partition or "none")):
+        if not re.fullmatch(r"[\w.,+-]+", text):
+            raise ConfigError(f"{flag} {text}: is nothing that Slurm knows")
     # A task stops by itself before its limit; Slurm warns after half of that margin.
     margin = round(min(MARGIN, MARGIN_SHARE * limit))
     target = quote(f"{output}")

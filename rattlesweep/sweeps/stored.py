@@ -46,18 +46,13 @@ VARIES = ("n_i", "omega_xy0", "sigma", "rolling")
 class Case:
     """Target, launch and dissipation that the runs of a case share; None where they differ."""
 
-    index: int
+    index: int = field(compare=False)
     target_name: str | None
     target: float | None
     n_i: float | None
     omega_xy0: float | None
     sigma: float | None = None
     rolling: float | None = None
-
-    @cached_property
-    def key(self) -> tuple[Any, ...]:
-        """Everything but the number."""
-        return self.target_name, self.target, *(getattr(self, name) for name in VARIES)
 
     def dump(self) -> dict[str, Any]:
         """Return the case as JSON data: its number, and what it has."""
@@ -202,12 +197,9 @@ def open_stored(directory: Path | str) -> Stored:
         if data["format"] != FORMAT:
             raise ValueError(f"its format is {data['format']}, and this version reads {FORMAT}")
         extra = tuple(
-            pa.field(
-                part["name"], pa.type_for_alias(part["type"]), part["nullable"],
-                {"unit": part["unit"], "description": part["description"]},
-            )
-            for part in data["columns"]
-        )  # fmt: skip
+            pa.field(name, pa.type_for_alias(kind), nullable, {"unit": unit, "description": words})
+            for name, kind, nullable, unit, words in data["columns"]
+        )
         cases = tuple(Case.load(case) for case in data["cases"])
         config = override_config(data["config"], [])
         samples, key = int(data["samples"]), str(data["config_hash"])

@@ -12,13 +12,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from rattlesweep.errors import ConfigError, DamagedError
+from rattlesweep.arrays import Flags
+from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.physics import theory
 from rattlesweep.sweeps.arrow import read_parquet
 from rattlesweep.sweeps.counts import floats
-from rattlesweep.sweeps.decide import decides, decision
+from rattlesweep.sweeps.decide import decision
 from rattlesweep.sweeps.provenance import WHOLE, at_work, read_sessions, who
-from rattlesweep.sweeps.stored import SUMMARY, Stored, keys_of, open_stored
+from rattlesweep.sweeps.stored import SUMMARY, Found, Stored, keys_of, open_stored
 from rattlesweep.sweeps.summary import same_summary, summarise
 from rattlesweep.sweeps.types import with_types
 from rattlesweep.text import counted
@@ -36,6 +37,15 @@ ENDED = {
 }
 
 
+def wanted_runs(stored: Stored, found: Found) -> Flags:
+    """Return which runs are wanted, as far as the rows so far tell.  Shape (cases, samples)."""
+    decide = decision(stored.config, stored.cases, stored.samples)
+    if decide is None or found.damaged:
+        return np.ones_like(found.done)
+    decide.read(stored)
+    return decide.wanted()
+
+
 @dataclass(frozen=True)
 class Status:
     """What is there of a sweep.
@@ -44,20 +54,16 @@ class Status:
     ``at_work`` (sessions under way) and ``last`` (the session that ended last).
     """
 
-    directory: Path
-    name: str
+    title: str
     data: dict[str, Any]
-    decides: str | None  # key of the config by which the sweep leaves runs out
 
     @property
     def words(self) -> str:
         """The same for the terminal."""
         data = self.data
-        runs = f"{data['runs']:,} of {data['wanted']:,} runs"
-        runs += " wanted so far" if self.decides and data["runs"] < data["wanted"] else ""
         share, size = data["runs"] / max(1, data["wanted"]), f"{data['bytes'] / 1e6:.1f} MB"
-        files = counted(data["files"], "file")
-        lines = [f"{self.name} in {self.directory}: {runs} ({100 * share:.1f} %), {files}, {size}"]
+        runs = f"{data['runs']:,} of {data['wanted']:,} runs ({100 * share:.1f} %)"
+        lines = [f"{self.title}: {runs}, {counted(data['files'], 'file')}, {size}"]
         for what in ("status", "types"):
             counts = ", ".join(f"{word} {count:,}" for word, count in data[what].items())
             lines += [f"{what}: {counts}"] if counts else []
@@ -72,28 +78,25 @@ class Status:
 def status(directory: Path) -> Status:
     """Count the rows of an output directory, and look who is at work there."""
     stored = open_stored(directory)
-    found = stored.find()
+    found, files = stored.find(), stored.files()
     if found.damaged:
         raise DamagedError(f"{found.damaged[0]} is damaged; `rattlesweep run` does its runs again")
-    wanted = len(stored.cases) * stored.samples
-    if (decide := decision(stored.config, stored.cases, stored.samples)) is not None:
-        decide.read(stored)
-        wanted = int(decide.wanted().sum())
+    wanted = wanted_runs(stored, found)
     sessions, held = read_sessions(directory), at_work(directory)
     # Of several of a shard that have not said their end, the last holds its lock, if any does.
     last = {s["shard"]: s for s in sessions if s["how"] == "running"}
     working = [session for shard, session in last.items() if (shard or WHOLE) in held]
     data = {
         "runs": found.rows,
-        "wanted": wanted,
-        "files": len(stored.files()),
-        "bytes": sum(path.stat().st_size for path in stored.files()),
+        "wanted": int(wanted.sum()),
+        "files": len(files),
+        "bytes": sum(path.stat().st_size for path in files),
         "status": dict(found.status.most_common()),
         "types": dict(found.types.most_common()),
         "at_work": working,
         "last": next((s for s in reversed(sessions) if s not in working), None),
     }
-    return Status(directory, str(stored.manifest["name"]), data, decides(stored.config))
+    return Status(f"{stored.manifest['name']} in {directory}", data)
 
 
 @dataclass
@@ -122,99 +125,89 @@ class Verified:
 
 
 def verify(
-    directory: Path,
-    recompute: int = 0,
-    seed: int = 0,
-    threads: int | None = None,
+    directory: Path, recompute: int = 0, seed: int = 0, threads: int | None = None,
     report: Callable[[float], None] = lambda share: None,
-) -> Verified:
+) -> Verified:  # fmt: skip
     """Read all of an output directory and compare it with its manifest; nothing is changed.
 
     So many runs as `recompute` says, drawn by `seed`, are integrated again and compared bit by bit.
-    `report` is called with the share that is done.
-
-    Raise a ConfigError if it is no output directory, and an OutputError if a file cannot be read
-    or the manifest is damaged.
+    `report` is called with the share that is done.  Raise a ConfigError if it is no output
+    directory, and an OutputError if a file cannot be read or the manifest is damaged.
     """
     stored = open_stored(directory)
-    found, typed = stored.find(), stored.thresholds.as_text
-    result = Verified(directory, found.rows, len(stored.files()))
+    found, thresholds = stored.find(), stored.thresholds
+    wanted, files = wanted_runs(stored, found), stored.files()
+    result = Verified(directory, found.rows, len(files), int((wanted & ~found.done).sum()))
     problems = result.problems
     for path in found.damaged:
         problems.append(f"{path} is damaged; `rattlesweep run` does its runs again")
-    decide = decision(stored.config, stored.cases, stored.samples)
-    if decide is None:
-        result.missing = found.done.size - found.rows
-    elif not found.damaged:
-        decide.read(stored)
-        result.missing = int((decide.wanted() & ~found.done).sum())
     for text, paths in found.typed.items():
-        if text != typed:
+        if text != thresholds.as_text:
             problems.append(
                 f"{counted(len(paths), 'file')}, such as {paths[0]}, typed by other thresholds; "
                 "`rattlesweep classify` ends what was begun"
             )
+    try:
+        plan = None
+        if recompute:  # Numba, without which the rest can be checked
+            from rattlesweep.sweeps.plan import stored_plan
+
+            plan = stored_plan(stored)
+    except ConfigError as error:  # the table of bodies has gone or changed
+        problems.append(str(error))
     good = [path for paths in found.typed.values() for path in paths]
     count, last = min(recompute, found.rows), 0
     chosen = np.random.default_rng(seed).choice(found.rows, count, replace=False)
     for number, path in enumerate(good):
         report(number / len(good))
         rows = read_parquet(path)
-        problems += _row_problems(stored, path, rows)
+        problems += _row_problems(path, rows, with_types(rows, thresholds))
         first, last = last, last + len(rows)
-        if len(here := np.sort(chosen[(chosen >= first) & (chosen < last)]) - first):
-            try:
-                _recompute(stored, rows.take(pa.array(here)), threads, result)
-            except ConfigError as error:  # the table of bodies is gone
-                problems.append(str(error))
-                chosen = chosen[:0]
-    path, anew = stored.directory / SUMMARY, "`rattlesweep run` writes it anew"
-    try:
-        if not path.exists():
-            if not result.missing and not problems:
-                problems.append(f"{path} is missing; {anew}")
-        elif not problems and not same_summary(read_parquet(path), summarise(stored)):
-            problems.append(f"{path} does not follow from the runs; {anew}")
-    except DamagedError as error:
-        problems.append(f"{error}; {anew}")
+        here = np.sort(chosen[(chosen >= first) & (chosen < last)]) - first
+        if len(here) and plan is not None:
+            again = _not_given_up(stored, rows.take(pa.array(here)))
+            for case, sample, names in differing_rows(plan, again, threads):
+                what = f"comes out differently: {', '.join(names[:4])}"
+                problems.append(f"case {case} sample {sample} {what}")
+            result.recomputed += len(again)
+    if not problems and not result.missing:
+        path = directory / SUMMARY
+        try:
+            right = same_summary(read_parquet(path), summarise(stored))
+        except OutputError:
+            right = False
+        if not right:
+            problems.append(
+                f"{path} is missing, damaged or does not follow from the runs; `rattlesweep run` "
+                "writes it anew"
+            )
     report(1.0)
     return result
 
 
-def _row_problems(stored: Stored, path: Path, rows: pa.Table) -> Iterator[str]:
-    """Yield what is wrong with the rows of a file."""
+def _row_problems(path: Path, rows: pa.Table, again: pa.Table) -> Iterator[str]:
+    """Yield what is wrong with the rows of a file; `again` are the same rows, typed anew."""
     case, sample = keys_of(rows)
-
-    def told(wrong: Any, what: str) -> Iterator[str]:
-        places = np.flatnonzero(wrong)
-        if len(places):
-            such = f"such as case {case[places[0]]} sample {sample[places[0]]}"
-            yield f"{path}: {counted(len(places), 'run')}, {such}: {what}"
-
-    yield from told(np.lexsort((sample, case)) != np.arange(len(case)), "its rows are not in order")
-    again = with_types(rows, stored.thresholds)
+    wrong = {"its rows are not in order": np.lexsort((sample, case)) != np.arange(len(case))}
     for name in {"type", "type_sure"}.intersection(rows.schema.names):
-        theirs, ours = (table.column(name).to_numpy() for table in (rows, again))
-        yield from told(theirs != ours, f"{name} does not follow from its columns")
+        wrong[f"{name} does not follow from its columns"] = (
+            rows.column(name).to_numpy() != again.column(name).to_numpy()
+        )
     modes = theory.modes(*(floats(rows.column(n)) for n in ("alpha", "beta", "theta", "phi", "xi")))
     for name in ("omega_p", "omega_r", "K_p", "K_r"):
-        theirs, ours = floats(rows.column(name)), getattr(modes, name)
-        wrong = np.isfinite(ours) & ~np.isclose(theirs, ours, CLOSE, 0)
-        yield from told(wrong, f"{name} does not follow from its body")
+        ours = getattr(modes, name)
+        same = np.isclose(floats(rows.column(name)), ours, CLOSE, 0)
+        wrong[f"{name} does not follow from its body"] = np.isfinite(ours) & ~same
+    for what, which in wrong.items():
+        if which.any():
+            such = f"such as case {case[which][0]} sample {sample[which][0]}"
+            yield f"{path}: {counted(int(which.sum()), 'run')}, {such}: {what}"
 
 
-def _recompute(stored: Stored, rows: pa.Table, threads: int | None, result: Verified) -> None:
-    """Integrate some runs again."""
-    from rattlesweep.sweeps.plan import stored_plan  # Numba, without which the rest can be checked
-
-    # Runs that were given up under a smaller limit go on under a larger one.
-    limit = stored.config.integrator.max_steps
-    given_up = pc.and_(pc.equal(rows["status"], "step_limit"), pc.less(rows["n_steps"], limit))
-    again = rows.filter(pc.invert(given_up))
-    for case, sample, names in differing_rows(stored_plan(stored), again, threads):
-        what = ", ".join(names[:4])
-        result.problems.append(f"case {case} sample {sample} comes out differently: {what}")
-    result.recomputed += len(again)
+def _not_given_up(stored: Stored, rows: pa.Table) -> pa.Table:
+    """Leave out runs that came to a smaller limit of steps: under a larger one they go on."""
+    less = pc.less(rows["n_steps"], stored.config.integrator.max_steps)
+    return rows.filter(pc.invert(pc.and_(pc.equal(rows["status"], "step_limit"), less)))
 
 
 def differing_rows(
@@ -224,10 +217,10 @@ def differing_rows(
     from rattlesweep.integrate.task import Task
     from rattlesweep.sweeps.block import compute, prepare_runs
 
-    rows = rows.select(plan.schema.names)
     case, sample = keys_of(rows)
     prepared = prepare_runs(plan, case, sample)
     again = Task(partial(compute, plan.config, plan.schema, prepared, threads)).wait()[0]
+    rows = rows.select(plan.schema.names)
     if same_bits(again, rows):
         return
     for k in range(len(rows)):

@@ -68,7 +68,7 @@ def test_wanted_is_found_from_any_rows_in_any_order(name, done):
     """From none to all, wave by wave, with rows that nobody asked for, and in pieces."""
     plan, dice = plan_of(CONFIGS[name]), np.random.default_rng(4)
     rows, every = open_stored(done[name]).read(), integrate_plan(plan_of(without(CONFIGS[name])))
-    there = np.zeros(plan.shape, bool)
+    there = np.zeros((len(plan.cases), plan.samples), bool)
     there[rows["case"].to_numpy(), rows["sample"].to_numpy()] = True
     waves = {0}
     for surplus in (0.0, 0.3):

@@ -164,10 +164,8 @@ class Replay:
 
     def prove(self, run: StoredRun, threads: int | None = 1) -> None:
         """Integrate a run as the sweep did, and compare its whole row bit for bit."""
-        thresholds = self._stored.thresholds
-        plan = stored_plan(self._stored)
-        plan = replace(plan, config=plan.config.model_copy(update={"classify": thresholds}))
-        for _, _, names in differing_rows(plan, self._row(run.case, run.sample), threads):
+        row = self._row(run.case, run.sample)
+        for _, _, names in differing_rows(stored_plan(self._stored), row, threads):
             raise OutputError(
                 f"{run.name} comes out otherwise than stored, in {', '.join(names[:6])}"
                 f"{' and others' if len(names) > 6 else ''}; see rattlesweep verify"
