@@ -209,7 +209,7 @@ def simulate(
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.bodies.table import launched_from
-    from rattlesweep.sweeps.memory import integrate_plan
+    from rattlesweep.sweeps.run import integrate_plan
     from rattlesweep.sweeps.single import Launch, is_full_state, plan_of
 
     check_count("threads", threads)
