@@ -25,7 +25,7 @@ from rattlesweep.physics.body import PARAMETERS as BODY
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import modes
-from rattlesweep.sweeps.single import Launch
+from rattlesweep.sweeps.launches import Launch
 from rattlesweep.units import quantity
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from rattlesweep.text import align, counted
 if TYPE_CHECKING:
     from rattlesweep.analysis.onerun.course import Course
     from rattlesweep.sweeps.bodies.protocol import Scale
-    from rattlesweep.sweeps.single import Launch
+    from rattlesweep.sweeps.launches import Launch
 
 
 @command(

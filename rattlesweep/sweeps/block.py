@@ -26,8 +26,7 @@ from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import steady
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.theory import damping_rates, unsteady
-from rattlesweep.sweeps.arrow import build_table, ragged
-from rattlesweep.sweeps.columns import RUNS
+from rattlesweep.sweeps.columns import RUNS, build_table, ragged
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.error import Estimated, integrate_estimated
 from rattlesweep.sweeps.launches import Launches, ending_early, make_batch, model_of, prepare
@@ -121,9 +120,9 @@ def columns_of(
     config: Config, launches: Launches, batch: Batch | None, outcome: Outcome | None
 ) -> dict[str, Any]:
     """Return the columns of runs, typed; without an outcome they are those of the closed form."""
-    b, second = launches.bodies, launches.second
+    b = launches.bodies
     columns = (
-        dict(launches.carried)
+        dict(b.carried)
         | _named(launches, "case", "sample", "n_i", "omega_xy0", "psi", "n_c1", "n_0")
         | _named(b, *PARAMETERS, "f_sd")
         | _named(launches.modes, "omega_p", "omega_r", "K_p", "K_r")
@@ -138,7 +137,8 @@ def columns_of(
     else:
         status, measured = outcome.status, _measured(config, launches, batch, outcome)
     columns |= measured
-    if second is not None:
+    if b.scale is not None:
+        second = b.scale.second
         columns["n_i_rpm"] = launches.n_i / second * 30 / np.pi
         columns["t_r_s"] = columns["t_r"] * second
     observed, left = (columns["amp_growth"], columns["n_departure"]), columns.get("energy_left")

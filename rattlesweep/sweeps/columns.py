@@ -1,19 +1,28 @@
-"""Every column of the two tables, in one place.
+"""Every column of the two tables in one place, and tables as Parquet files.
 
-`runs` has one row a run, `summary` one row a case. The names are fixed, since scripts written
-against today's tables must read next year's.
-
-M = a = g = 1, so times are in sqrt(a/g), spins and rates in sqrt(g/a), energies in M g a.
+`runs` has one row a run, `summary` one row a case.  The names are fixed, since scripts written
+against today's tables must read next year's.  M = a = g = 1, so times are in sqrt(a/g), spins and
+rates in sqrt(g/a), energies in M g a.  Each page of a file carries a checksum, which every reader
+here verifies.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+import os
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
-from rattlesweep.errors import ConfigError
+from rattlesweep.arrays import Floats, Integers
+from rattlesweep.errors import ConfigError, DamagedError, OutputError
+from rattlesweep.sweeps.files import reason, streamed_file
 
 TIME, RATE, ENERGY, FORCE = "sqrt(a/g)", "sqrt(g/a)", "M g a", "M g"
 DAMPING = "M a^2 sqrt(g/a)"
@@ -27,9 +36,7 @@ SERIES = pa.list_(pa.field("element", F64))
 def field(
     name: str, kind: pa.DataType, unit: str, words: str, *, nullable: bool = True
 ) -> pa.Field:
-    """Return one column of a table: name, Arrow type, unit (``"1"`` for a pure number or a word)
-    and a few words; where it is not `nullable`, every row has a value.
-    """
+    """Return a column with its unit (``"1"`` for a pure number or a word) and its meaning."""
     return pa.field(name, kind, nullable, metadata={"unit": unit, "description": words})
 
 
@@ -201,23 +208,20 @@ SUMMARY: tuple[pa.Field, ...] = (
 """Columns of `summary` in their order."""
 # fmt: on
 
-REPEATING = frozenset({"case", "n_i", "omega_xy0", "type", "status", "near_tangencies", "window_t"})
-"""Columns of which few values fill many rows, so that a dictionary makes the file smaller."""
+# Columns of which few values fill many rows, so that a dictionary makes the file smaller.
+REPEATING = {"case", "n_i", "omega_xy0", "type", "status", "near_tangencies", "window_t"}
+ROW_GROUP = 1 << 17  # rows: about 30 MB decoded, so that readers can stream a large file
 
 
 def runs_schema(
     record: Collection[str] = (), model: str = "full", extra: Iterable[pa.Field] = ()
 ) -> pa.Schema:
-    """Return the Arrow schema of `runs`, with `unit` and `description` in each field's metadata.
+    """Return the schema of `runs` with some parts of `RECORD_PARTS`, and with columns of a source.
 
-    `record` are words of `RECORD_PARTS` in any order, which are refused where the model cannot give
-    them; `extra` are columns that a sweep's own bodies and launches bring along.
+    Raise a ConfigError if the model cannot give one.
     """
-    for part in sorted(record):
-        if part not in RECORD_PARTS:
-            raise ConfigError(f"record: {part!r} is none of {', '.join(RECORD_PARTS)}")
-        if model in RECORD_PARTS[part]:
-            raise ConfigError(f"record: the model {model!r} has no {part!r} to record")
+    if wrong := [part for part in sorted(record) if model in RECORD_PARTS[part]]:
+        raise ConfigError(f"record: the model {model!r} has no {wrong[0]!r} to record")
     asked = [part for part in RUNS if part not in RECORD_PARTS or part in record]
     return pa.schema([*(column for part in asked for column in RUNS[part]), *extra])
 
@@ -225,3 +229,100 @@ def runs_schema(
 def summary_schema() -> pa.Schema:
     """Return the Arrow schema of `summary`."""
     return pa.schema(SUMMARY)
+
+
+def same_schema(one: pa.Schema, other: pa.Schema) -> bool:
+    """Return whether names, types, nulls and units are the same; descriptions may differ."""
+    units = [[(f.metadata or {}).get(b"unit", b"") for f in schema] for schema in (one, other)]
+    return one.equals(other) and units[0] == units[1]
+
+
+def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
+    """Make a table of `schema` from one entry for each of its fields.
+
+    An entry is an array, of floats one in which NaN and infinity mean null, or a tuple of (integer
+    codes, categories) in which a negative code means null.
+    """
+    arrays = [_to_arrow(columns[field.name], field.type) for field in schema]
+    table = pa.Table.from_arrays(arrays, schema=schema.remove_metadata())
+    for field in table.schema:
+        if not field.nullable and table.column(field.name).null_count:
+            raise ValueError(f"internal error: column {field.name} has rows that are not finite")
+    return table
+
+
+def ragged(values: Floats, counts: Integers) -> pa.Array:
+    """Make a column of lists: from row i, the first ``counts[i]`` entries of ``values[i]``.
+
+    A negative count makes the row null.
+    """
+    offsets = np.cumsum(np.append(0, np.maximum(counts, 0)), dtype=np.int32)
+    kept = _to_arrow(values[np.arange(values.shape[1]) < counts[:, None]], F64)
+    return pa.ListArray.from_arrays(pa.array(offsets), kept, mask=pa.array(counts < 0))
+
+
+def _to_arrow(values: Any, kind: pa.DataType) -> pa.Array:
+    if isinstance(values, tuple):
+        codes = np.asarray(values[0])
+        indices = pa.array(codes.astype(np.int32), mask=codes < 0)
+        values = pa.DictionaryArray.from_arrays(indices, pa.array(values[1], kind))
+    elif isinstance(values, pa.ChunkedArray):
+        values = values.combine_chunks()
+    elif not isinstance(values, pa.Array):
+        values = pa.array(values)
+    values = values.cast(kind)
+    if not pa.types.is_floating(kind):
+        return values
+    return pc.if_else(pc.is_finite(values), values, pa.scalar(None, kind))
+
+
+def floats(column: pa.Array) -> Floats:
+    """Return a column of numbers; null is NaN."""
+    values: Floats = column.to_numpy(zero_copy_only=False).astype(float)
+    return values
+
+
+def write_parquet(table: pa.Table, path: Path, metadata: Mapping[str, str] | None = None) -> None:
+    """Write a table, and words beside its schema; equal tables give equal files."""
+    # Chunk borders would move page borders.
+    table = table.combine_chunks().replace_schema_metadata(dict(metadata or {}) or None)
+    with streamed_file(path) as file:
+        encode(table, file)
+
+
+def encode(table: pa.Table, sink: Any) -> None:
+    """Write a table as Parquet, with page checksums, to an open file."""
+    pq.write_table(
+        table,
+        sink,
+        row_group_size=ROW_GROUP,
+        version="2.6",
+        compression="zstd",
+        use_dictionary=[name for name in table.schema.names if name in REPEATING],
+        write_page_checksum=True,
+    )
+
+
+@contextmanager
+def parquet_file(path: Path) -> Iterator[pq.ParquetFile]:
+    """Open a Parquet file whose pages are verified as they are read.
+
+    Raise a DamagedError if it is not what was written, and another OutputError if it cannot be
+    read, which says nothing about what it holds.
+    """
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            yield file
+    except MemoryError:
+        raise  # Arrow's own is an ArrowException too, and says nothing about the file
+    except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
+        # Arrow raises OSError, without a number, for pages and footers that are not as they were.
+        if isinstance(error, OSError) and error.errno is not None:
+            raise OutputError(f"cannot read {path}: {os.strerror(error.errno)}") from error
+        raise DamagedError(f"{path} is damaged: {reason(error)}") from error
+
+
+def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """Return the rows of a Parquet file, with its metadata; errors as for :func:`parquet_file`."""
+    with parquet_file(path) as file:
+        return file.read(None if columns is None else list(columns))

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.columns import runs_schema
+from rattlesweep.sweeps.columns import floats, runs_schema
 from rattlesweep.sweeps.config.schema import Config, GridSource, Stop
-from rattlesweep.sweeps.counts import codes, floats, wilson
-from rattlesweep.sweeps.types import TYPES, R
+from rattlesweep.sweeps.types import TYPES, R, codes, wilson
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases import Case

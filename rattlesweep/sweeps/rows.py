@@ -24,8 +24,8 @@ import pyarrow.compute as pc
 
 from rattlesweep.arrays import Flags, Integers
 from rattlesweep.errors import DamagedError, OutputError
-from rattlesweep.sweeps.arrow import parquet_file, read_parquet, same_schema, write_parquet
 from rattlesweep.sweeps.cases import Case
+from rattlesweep.sweeps.columns import parquet_file, read_parquet, same_schema, write_parquet
 from rattlesweep.sweeps.files import explained
 
 FOLDER = "runs"

@@ -13,8 +13,7 @@ import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError, DamagedError
 from rattlesweep.physics import theory
-from rattlesweep.sweeps.arrow import read_parquet
-from rattlesweep.sweeps.counts import floats
+from rattlesweep.sweeps.columns import floats, read_parquet
 from rattlesweep.sweeps.decide import decision
 from rattlesweep.sweeps.stored import SUMMARY, Stored, open_stored
 from rattlesweep.sweeps.summary import same_summary, summarise

@@ -21,7 +21,7 @@ from sweeping import invoke, rows, run
 
 import rattlesweep as rs
 from rattlesweep.analysis.viewer import show
-from rattlesweep.sweeps.single import Launch
+from rattlesweep.sweeps.launches import Launch
 
 GH = rs.Rattleback.gh()
 T_END = 130.0

@@ -18,9 +18,16 @@ from sweeping import sweep
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps import columns as units
 from rattlesweep.sweeps import rows as rows_module
-from rattlesweep.sweeps.arrow import build_table, ragged, read_parquet, write_parquet
 from rattlesweep.sweeps.cases import Case
-from rattlesweep.sweeps.columns import RECORD_PARTS, runs_schema, summary_schema
+from rattlesweep.sweeps.columns import (
+    RECORD_PARTS,
+    build_table,
+    ragged,
+    read_parquet,
+    runs_schema,
+    summary_schema,
+    write_parquet,
+)
 from rattlesweep.sweeps.files import replace_file, streamed_file
 from rattlesweep.sweeps.memory import same_bits
 from rattlesweep.sweeps.rows import Found, Runs

@@ -16,8 +16,8 @@ from hardship import check_equal, rows_of
 
 from rattlesweep.errors import ConfigError, DamagedError
 from rattlesweep.sweeps import run as runner
-from rattlesweep.sweeps.arrow import read_parquet, write_parquet
 from rattlesweep.sweeps.classify import classify_stored
+from rattlesweep.sweeps.columns import read_parquet, write_parquet
 from rattlesweep.sweeps.memory import same_bits
 from rattlesweep.sweeps.rows import Runs
 from rattlesweep.sweeps.run import Shard

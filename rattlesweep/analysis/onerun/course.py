@@ -24,8 +24,7 @@ from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.sweeps.launches import model_of, reduced_batch, with_energies
-from rattlesweep.sweeps.single import Launch, single_run
+from rattlesweep.sweeps.launches import Launch, model_of, reduced_batch, single_run, with_energies
 from rattlesweep.text import counted
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.analysis.onerun.rows import Rows
 from rattlesweep.analysis.style import GREY, INK, VERMILION, curve
 from rattlesweep.arrays import Floats
-from rattlesweep.sweeps.single import Launch
+from rattlesweep.sweeps.launches import Launch
 
 WIDTH, DPI = 7.2, 160
 # Every period of the pitch is seen, as far as the points are not too many.

@@ -12,8 +12,7 @@ import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
 from rattlesweep.analysis.onerun.course import Course
-from rattlesweep.sweeps.arrow import build_table
-from rattlesweep.sweeps.columns import F64, field
+from rattlesweep.sweeps.columns import F64, build_table, field
 from rattlesweep.sweeps.files import streamed_file
 from rattlesweep.sweeps.provenance import package_version
 

@@ -18,12 +18,12 @@ from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.status import Status
 from rattlesweep.sweeps.block import run_batch
 from rattlesweep.sweeps.config.schema import Config
-from rattlesweep.sweeps.counts import is_sensitive
 from rattlesweep.sweeps.decide import decides
 from rattlesweep.sweeps.error import PARTED, Estimated
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.memory import differing_rows
 from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.summary import is_sensitive
 
 
 @dataclass(frozen=True)

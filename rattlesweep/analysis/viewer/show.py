@@ -26,8 +26,8 @@ from rattlesweep.analysis.onerun.rows import EvenTimes, Rows
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.sweeps.launches import Launch
 from rattlesweep.sweeps.provenance import package_version
-from rattlesweep.sweeps.single import Launch
 
 # What is shown of each row, in the order in which the page holds it.
 COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r")
