@@ -42,7 +42,7 @@ def field(
 
 required = partial(field, nullable=False)
 
-# Set as tables, a column in a line or two.
+# Columns of `runs` in their order, by what they belong to; set as a table.
 # fmt: off
 RUNS: dict[str, tuple[pa.Field, ...]] = {
     "keys": (
@@ -74,8 +74,7 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
     ),
     "result": (
         required("t_end", F64, TIME, "time reached"),
-        field("t_r", F64, TIME, "first zero of the spin; null: none by t_end, or before the body "
-              "is dead; a run that fails behind it, where reversals are recorded, keeps it"),
+        field("t_r", F64, TIME, "first zero of the spin by t_end; null: none, or the body is dead"),
         field("type", TEXT, "1", "R, SS, SW, unclassified or D; null where status is not ok"),
         required("status", TEXT, "1", "ok, or a word for what went wrong"),
         field("n_end", F64, RATE, "spin at t_end; with classify.early, where it settles"),
@@ -83,8 +82,7 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("energy_drift", F64, "1", "relative change of energy at t_end"),
     ),
     "observation": (
-        field("amp_growth", F64, "1", "largest ratio of the windowed amplitude of the relevant "
-              "oscillation to its smallest earlier value, minus 1"),
+        field("amp_growth", F64, "1", "largest growth of the amplitude between two windows"),
         field("n_departure", F64, "1", "largest fractional loss of spin at any step, 1 - n/n_i"),
         required("near_tangencies", I32, "1", "extrema of the spin too near zero to be decided"),
     ),
@@ -95,8 +93,7 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
     "dissipation": (
         required("sigma", F64, DAMPING, "torque -sigma omega"),
         required("rolling", F64, "a", "lever of the rolling resistance"),
-        field("growth", F64, RATE, "growth rate of the relevant oscillation at n_i, damping "
-              "counted; null with rolling resistance, under which it does not grow"),
+        field("growth", F64, RATE, "growth rate of the oscillation at n_i; null if rolling"),
         field("n_growth", F64, RATE, "spin at which it outgrows its damping; null if rolling"),
         field("energy_left", F64, "1", "share of the launch's energy that is left at t_end"),
     ),
@@ -124,53 +121,43 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("volume_rate", F64, RATE, "mean rate of the logarithm of phase volume over the run"),
     ),
     "error": (
-        field("t_r_error", F64, TIME, "estimate of abs(t_r - true), which it exceeds in all but "
-              "a few of a thousand runs; null: no t_r"),
+        field("t_r_error", F64, TIME, "estimate of the largest error of t_r; null: no t_r"),
         field("type_sure", FLAG, "1", "whether errors of such a size leave the type as it is"),
-        field("amp_growth_error", F64, "1", "ten times the difference of amp_growth in a looser "
-              "integration; null: unknown in one"),
+        field("amp_growth_error", F64, "1", "10 times the change in a looser run; null: unknown"),
         field("n_departure_error", F64, "1", "the same of n_departure"),
     ),
     # Where `integrator.accuracy` asks for an error.
     "tol": (field("tol", F64, "1", "tolerance at which the run was integrated"),),
     "reversals": (
-        field("n_turns", I32, "1", "turns by t_end: times that the spin went from beyond a quarter "
-              "of n_i (n_0 without spin) to beyond a quarter on the other side"),
+        field("n_turns", I32, "1", "times that the spin went from beyond n_i/4 to beyond -n_i/4"),
         field("turn_times", SERIES, TIME, "first zero in each of the first eight turns"),
-        field("spin_after_turn", SERIES, RATE, "largest size of the spin between each of these "
-              "turns and the next, at any step; between steps it may be a tenth larger"),
+        field("spin_after_turn", SERIES, RATE, "largest size of the spin until the next turn"),
     ),
     # Where both errors and reversals are recorded.
     "turns": (
         field("reversals_sure", I32, "1", "how many of the first turns are right to 1e-3"),
-        field("reversal_times_error", SERIES, TIME, "estimate of the error of each of turn_times; "
-              "null: the looser integration has no such turn"),
+        field("reversal_times_error", SERIES, TIME, "errors of turn_times; null: unknown"),
     ),
 }
-"""Columns of `runs` in their order, by what they belong to."""
-
+# Columns of `runs` launched from a full state, behind all others.
 STATE: tuple[pa.Field, ...] = tuple(
     required(f"{vector}_{x}", F64, unit, f"initial {words}, component along the body's {x}")
-    for vector, unit, words in (("omega", RATE, "angular velocity"),
-                                ("u", "1", "vertical unit vector"))
+    for vector, unit, words in (("omega", RATE, "angular velocity"), ("u", "1", "vertical vector"))
     for x in "xyz"
 )
-"""Columns of `runs` launched from a full state, behind all others."""
-
+# Columns of `runs` of bodies whose size in SI units is known.
 MEASURED: tuple[pa.Field, ...] = (
     field("t_r_s", F64, "s", "t_r in seconds"),
     required("n_i_rpm", F64, "rpm", "initial spin, positive = unsteady direction"),
 )
-"""Columns of `runs` of bodies whose size in SI units is known."""
-
+# What a config may ask for by `record` or otherwise, with the models that cannot tell: the reduced
+# dynamics has no contact force, and the closed form no path to look at.
 RECORD_PARTS: dict[str, tuple[str, ...]] = {
     "energy": ("gh",), "contact": ("reduced", "gh"), "windows": ("gh",), "lyapunov": ("gh",),
     "volume": ("reduced", "gh"), "error": ("gh",), "tol": ("gh",), "reversals": ("gh",),
     "turns": ("gh",), "surface": (), "dissipation": ("reduced", "gh"),
 }
-"""What a config may ask for by `record` or otherwise, with the models that cannot tell: the reduced
-dynamics has no contact force, and the closed form no path to look at."""
-
+# Columns of `summary` in their order; shares are of the runs with status ok.
 SUMMARY: tuple[pa.Field, ...] = (
     required("case", I32, "1", "number of the case, from 0"),
     field("K_p", F64, "1", "target of K_p, where the case has one"),
@@ -178,12 +165,11 @@ SUMMARY: tuple[pa.Field, ...] = (
     field("n_i", F64, RATE, "initial spin; null where rows differ"),
     field("omega_xy0", F64, RATE, "initial rate; null where rows differ"),
     required("runs", I64, "1", "runs stored"),
-    field("fraction_R", F64, "1", "share of type R among runs with status ok"),
-    field("fraction_SS", F64, "1", "share of type SS among runs with status ok"),
-    field("fraction_SW", F64, "1", "share of type SW among runs with status ok"),
-    field("fraction_unclassified", F64, "1", "share of unclassified among runs with status ok"),
-    field("fraction_bondi", F64, "1", "share with abs(n_c1) < abs(n_i) among runs in the steady "
-          "direction that have a theory; null in the unsteady direction"),
+    field("fraction_R", F64, "1", "share of type R"),
+    field("fraction_SS", F64, "1", "share of type SS"),
+    field("fraction_SW", F64, "1", "share of type SW"),
+    field("fraction_unclassified", F64, "1", "share of unclassified"),
+    field("fraction_bondi", F64, "1", "share past Bondi's threshold; null: unsteady direction"),
     field("t_r_mean", F64, TIME, "mean t_r of type R"),
     field("t_r_std", F64, TIME, "sample standard deviation (n - 1) of t_r of type R"),
     field("t_rgh_mean", F64, TIME, "mean t_rgh of the runs that have one"),
@@ -196,16 +182,14 @@ SUMMARY: tuple[pa.Field, ...] = (
     field("unsure", I64, "1", "runs whose type is not sure"),
     field("t_r_mean_error", F64, TIME, "mean t_r_error of type R"),
     # Without dissipation, null.
-    field("fraction_D", F64, "1", "share of type D among runs with status ok"),
+    field("fraction_D", F64, "1", "share of type D"),
     field("sigma", F64, DAMPING, "torque -sigma omega; null: no dissipation, or rows differ"),
     field("rolling", F64, "a", "lever of the rolling resistance; null likewise"),
     # Of runs that do not record contact, null.
-    field("share_friction_above_0_3", F64, "1",
-          "share of runs with status ok that need a coefficient of friction above 0.3 to roll"),
-    field("share_friction_above_0_6", F64, "1", "the same above 0.6"),
-    field("share_lift_off", F64, "1", "share of runs with status ok that would lift off"),
+    field("share_friction_above_0_3", F64, "1", "share with contact_ratio_max > 0.3"),
+    field("share_friction_above_0_6", F64, "1", "share with contact_ratio_max > 0.6"),
+    field("share_lift_off", F64, "1", "share with contact_normal_min < 0, which would lift off"),
 )
-"""Columns of `summary` in their order."""
 # fmt: on
 
 # Columns of which few values fill many rows, so that a dictionary makes the file smaller.

@@ -86,7 +86,6 @@ class Estimated(Outcome):
     companion_t_r: Floats
     apart: Floats  # distance of the two states at their reversals
     grazes: Integers  # undecided extrema of the two
-    tries: Integers  # steps tried in all, for companions and at looser tolerances too
     turn_errors: Floats  # of the times in `reversals`, shape (runs, 8) or (0, 8)
     turns_sure: Integers  # how many of these turns, from the first on, are sure
 
@@ -150,7 +149,7 @@ def integrate_estimated(
     # Where a run ends is known by now, so none is begun late and keeps lanes waiting.
     runs = attempt(1, 1, batch, record, companions.n_steps)
     now = done = with_errors(config, batch, runs, companions, pair)
-    rows, part, tries = np.arange(len(batch)), batch, now.tries.copy()
+    rows, part = np.arange(len(batch)), batch
     for k in range(2, len(values)):
         large = now.t_r_error > goal * now.t_r
         missed = np.isnan(now.t_r) & np.isfinite(now.companion_t_r)
@@ -164,20 +163,18 @@ def integrate_estimated(
         runs = attempt(k, k, part, record, companions.n_steps)
         now = with_errors(config, part, runs, companions, (values[k], values[k - 1]), before)
         put(now, done, rows)
-        tries[rows] += runs.n_steps + runs.n_rejected
     if turning:
         none = np.full((len(batch), MOST_REVERSALS, 2), np.nan)
         done = replace(done, reversals=none, turn_errors=none[:, :, 0].copy())
         goes_on = (done.status == Status.OK) & (done.t_end < batch.t_end)
         control.settle(int((~goes_on & (done.status != Status.STOPPED)).sum()))
-        rows, part, first = np.flatnonzero(goes_on), take(batch, goes_on), take(done, goes_on)
+        part, first = take(batch, goes_on), take(done, goes_on)
         companions = attempt(2, 0, part, turning)
         runs = attempt(3, 1, part, record | turning, companions.n_steps)
         now = with_errors(config, part, runs, companions, pair)
         now = _with_turns(now, first, companions.reversals[:, :, 0], _scales(config, pair))
-        put(now, done, rows)
-        tries[rows] += now.tries
-    return replace(done, tries=tries, stopped=bool((done.status == Status.STOPPED).any()))
+        put(now, done, np.flatnonzero(goes_on))
+    return replace(done, stopped=bool((done.status == Status.STOPPED).any()))
 
 
 def with_errors(
@@ -214,11 +211,10 @@ def with_errors(
     )
     t_r_error = relative * runs.t_r
     # Of a run that has settled, amp_growth lies between what it was and 0.
-    (low, high), (low_other, high_other) = (
-        (out.amp_growth, np.where(has_settled(batch, out), 0.0, out.amp_growth))
-        for out in (runs, companions)
+    high, high_other = (
+        np.where(has_settled(batch, out), 0.0, out.amp_growth) for out in (runs, companions)
     )
-    between = np.maximum(0.0, np.maximum(low - high_other, low_other - high))
+    below, above = runs.amp_growth - high_other, companions.amp_growth - high
     departed = np.abs(runs.n_departure - companions.n_departure)
     ok, others_ok = (out.status == Status.OK for out in (runs, companions))
     neither = np.isnan(runs.t_r) & np.isnan(companions.t_r) & others_ok & (grazes == 0)
@@ -230,7 +226,7 @@ def with_errors(
     return Estimated(
         **vars(runs) | changed,
         t_r_error=t_r_error,
-        amp_growth_error=np.where(ok, DIFFER * between, np.nan),
+        amp_growth_error=np.where(ok, DIFFER * np.maximum(0.0, np.maximum(below, above)), np.nan),
         n_departure_error=np.where(ok & others_ok, DIFFER * departed, np.nan),
         reversal_sure=((relative < 1.0) & (runs.t_r + t_r_error < batch.t_end)) | neither,
         tol=tol,
@@ -238,7 +234,6 @@ def with_errors(
         companion_t_r=companions.t_r,
         apart=apart,
         grazes=grazes,
-        tries=runs.n_steps + runs.n_rejected + companions.n_steps + companions.n_rejected,
         turn_errors=np.zeros((0, MOST_REVERSALS)),
         turns_sure=np.zeros(len(batch), np.int64),
     )
@@ -259,21 +254,21 @@ def _with_turns(
 ) -> Estimated:
     """Return runs to the horizon with errors of their turns, and with those of their first zero."""
     _, common, ratio = scales
-    times = runs.reversals[:, :, 0]
+    times, t_r = runs.reversals[:, :, 0], first.t_r[:, None]
     difference = np.abs(other_times / times - 1.0)
     there = np.isfinite(difference)
     d = np.maximum.accumulate(np.where(there, difference, 1.0), axis=1)
-    carried = np.maximum(ratio, np.minimum(1.0, (d / TURN_PARTED) ** 2))
-    relative = common + TURN_SLOPE * carried * d
+    relative = common + TURN_SLOPE * np.maximum(ratio, np.minimum(1.0, (d / TURN_PARTED) ** 2)) * d
     # A spin that comes back after its first zero turns at a later one: which, is less sure.
-    t_r = first.t_r[:, None]
     relative[:, :1] = np.maximum(first.t_r_error[:, None] / t_r, times[:, :1] / t_r - 1.0)
     relative = np.minimum(relative, 1.0)
-    sure = np.cumprod(there & (relative < SURE), axis=1).sum(axis=1)
-    names = ("t_r_error", "reversal_sure", "apart", "companion_t_r", "grazes")
-    kept = {name: getattr(first, name) for name in names}
-    errors = np.where(there, relative * times, np.nan)
-    return replace(runs, turn_errors=errors, turns_sure=sure, **kept)
+    kept = ("t_r_error", "reversal_sure", "apart", "companion_t_r", "grazes")
+    return replace(
+        runs,
+        turn_errors=np.where(there, relative * times, np.nan),
+        turns_sure=np.cumprod(there & (relative < SURE), axis=1).sum(axis=1),
+        **{name: getattr(first, name) for name in kept},
+    )
 
 
 def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Floats:

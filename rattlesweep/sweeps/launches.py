@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rattlesweep.arrays import Flags, Floats, Integers
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import N_WINDOWS, Batch
 from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
@@ -23,15 +23,10 @@ from rattlesweep.sweeps.config.schema import MAX_SPEED, Config, Horizon
 from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.units import Quantity
 
-# A window has at least this many periods of the slower mode, so that it contains the largest
-# amplitude; see the evidence in docs/types.md.
-WINDOW_PERIODS = 2.0
-# Within the first window, amplitudes are compared for the first time after this many periods.
-MARK_PERIODS = 8.0
-# A mode counts as decaying if its amplitude falls by this share until the horizon.
-LEAST_DECAY = 0.01
-# The probes of the initial spin tell pitch from roll well enough up to this change of the spin.
-MOST_APART = 0.02
+WINDOW_PERIODS = 2.0  # of the slower mode in a window at least; see the evidence in docs/types.md
+MARK_PERIODS = 8.0  # after which amplitudes are compared for the first time
+LEAST_DECAY = 0.01  # fall of its amplitude until the horizon by which a mode counts as decaying
+MOST_APART = 0.02  # change of the spin up to which its first probes tell pitch from roll
 
 
 @dataclass(frozen=True)
@@ -61,21 +56,15 @@ class Launches:
     dead: Floats | None = None
 
     @property
-    def tapped(self) -> Flags:
-        """Whether a run is launched without spin."""
-        return np.equal(self.n_i, 0.0)
-
-    @property
     def spin_scale(self) -> Floats:
         """Spin that later spins are compared with: that of the launch, or ``n_0`` without one."""
-        return np.where(self.tapped, self.n_0, np.abs(self.n_i))
+        return np.where(self.n_i == 0, self.n_0, np.abs(self.n_i))
 
 
 def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     """Return the launches of some runs, given by their keys in any order."""
     config, bodies = plan.config, plan.source.bodies(plan.targets[case], sample)
-    if config.launch is not None and bodies.n_i is None:
-        state = config.launch
+    if (state := config.launch) is not None and bodies.n_i is None:
         omega, u = (np.tile(x, (len(sample), 1)) for x in (state.omega, state.u))
         n_i, omega_xy0, psi = launch.spin_and_oscillation(omega, u)
         bodies = replace(bodies, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
@@ -144,7 +133,7 @@ def with_theory(
 
 
 def _natural(value: Quantity, bodies: Bodies) -> Floats:
-    """Return a value with a unit in the units of each body."""
+    """Return a value in the units of each body."""
     assert bodies.scale is not None
     return bodies.scale.natural(value, value.kind)
 
@@ -154,10 +143,9 @@ def _energy(bodies: Bodies, omega: Floats, u: Floats) -> Floats:
     b = bodies
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
     # An ellipsoid with an infinite semi-axis is a paraboloid.
-    k = np.broadcast_to(stone.inverse_semi_axis(b.c), len(u))
-    rows = zip(*full.from_vectors(u.T, omega.T).tolist(), *np.array([*constants, k]).tolist(),
-               strict=True)  # fmt: skip
-    return np.array([stone.energy.py_func(*row) for row in rows], float)
+    energy = np.vectorize(stone.energy.py_func, otypes=[float])
+    state = full.from_vectors(u.T, omega.T)
+    return np.asarray(energy(*state, *constants, stone.inverse_semi_axis(b.c)))
 
 
 def model_of(config: Config) -> Model:
@@ -218,7 +206,7 @@ def full_batch(launches: Launches) -> Batch:
         window=_windows(launches.t_end, slower),
         first_mark=MARK_PERIODS * 2 * np.pi / slower,
         scale=launches.spin_scale,
-        tapped=launches.tapped,
+        tapped=launches.n_i == 0,
         dead=np.zeros(0) if launches.dead is None else launches.dead,
     )
 
@@ -243,7 +231,7 @@ def reduced_batch(launches: Launches) -> Batch:
         window=_windows(launches.t_end, np.full(len(rate), np.inf)),
         first_mark=launches.t_end,
         scale=launches.spin_scale,
-        tapped=launches.tapped,
+        tapped=launches.n_i == 0,
     )
 
 

@@ -1,7 +1,6 @@
-"""Runs counted by cell, and one row a case: what its runs have in common.
+"""Runs counted by cell, such as a case or a pixel of a map, and the summary: one row a case.
 
-A cell is whatever the caller tells apart: a case, a pixel of a map, a point of a curve.  Sums grow
-in the order of the rows, so they do not depend on how rows lie in files.
+Sums grow in the order of the rows, so they do not depend on how rows lie in files.
 """
 
 from __future__ import annotations
@@ -91,23 +90,20 @@ class Counts:
     """Runs by cell; each array has the shape (cells,)."""
 
     def __init__(self, cells: int) -> None:
-        def zeros(names: Sequence[str]) -> dict[str, Integers]:
-            return {name: np.zeros(cells, np.int64) for name in names}
+        def zeros(count: int) -> list[Integers]:
+            return [*np.zeros((count, cells), np.int64)]
 
-        # All runs, those with status ok, and the others.
-        self.runs, self.ok, self.failed = zeros(("runs", "ok", "failed")).values()
-        # Of the runs that are ok, those of each type, and of these the ones whose type is not sure;
-        # of D only with dissipation.
-        self.types, self.unsure_types = zeros(TYPES[:DEAD]), zeros(TYPES[:DEAD])
+        self.runs, self.ok, self.failed, self.near_tangencies, self.sensitive = zeros(5)
         # Runs in the steady direction that have a theory and no dissipation, and of these the ones
         # past Bondi's threshold, abs(n_c1) < abs(n_i).
-        self.steady, self.bondi = zeros(("steady", "bondi")).values()
-        # Sum over the runs; runs of type R whose error is large.
-        self.near_tangencies, self.sensitive = zeros(("near", "sensitive")).values()
+        self.steady, self.bondi = zeros(2)
+        # Of the runs that are ok, those of each type, and of these the ones whose type is not sure;
+        # of D only with dissipation; those that need more friction or lift off.
+        self.types = dict(zip(TYPES[:DEAD], zeros(DEAD), strict=True))
+        self.unsure_types = dict(zip(TYPES[:DEAD], zeros(DEAD), strict=True))
+        self.contact = dict(zip((*FRICTION, "share_lift_off"), zeros(3), strict=True))
         # Of type R, ratios taken run by run; t_rgh of all.
         self.t_r, self.t_r_error, self.ratio, self.t_rgh = (Moments(cells) for _ in range(4))
-        # Of the runs that are ok, those that need more friction or lift off.
-        self.contact = zeros((*FRICTION, "share_lift_off"))
         self.has_errors = self.has_contact = False  # whether rows tell
 
     def add(self, rows: pa.RecordBatch | pa.Table, cell: Integers, weight: Any = None) -> None:
@@ -150,9 +146,8 @@ class Counts:
             self.has_errors, error = True, column("t_r_error")
             average(self.t_r_error, error, reverses & np.isfinite(error))
             count(self.sensitive, reverses & is_sensitive(error, t_r))
-            unsure = column("type_sure") == 0
             for name, into in self.unsure_types.items():
-                count(into, unsure & (kind == TYPES.index(name)))
+                count(into, (column("type_sure") == 0) & (kind == TYPES.index(name)))
         if "contact_ratio_max" in names:
             self.has_contact, ratio = True, column("contact_ratio_max")
             for name, most in FRICTION.items():
@@ -162,8 +157,7 @@ class Counts:
     @property
     def unsure(self) -> Integers:
         """Runs whose type is not sure."""
-        total: Integers = np.sum([*self.unsure_types.values()], axis=0)
-        return total
+        return np.asarray(sum(self.unsure_types.values()))
 
 
 def count_cases(stored: Stored) -> Counts:
@@ -194,14 +188,15 @@ def summarise(stored: Stored) -> pa.Table:
 
 def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     """Return the summary of cases whose runs are counted."""
-    columns: dict[str, Any] = {
-        name: pa.array([c.target if c.target_name == name else None for c in cases], pa.float64())
-        for name in ("K_p", "K_r")
-    }
+    schema, ok = summary_schema(), counts.ok
+    columns: dict[str, Any] = {field.name: pa.nulls(len(cases), field.type) for field in schema}
+    for name in ("K_p", "K_r"):
+        columns[name] = np.array(
+            [c.target if c.target_name == name else None for c in cases], float
+        )
     for name in ("n_i", "omega_xy0", "sigma", "rolling"):
-        columns[name] = pa.array([getattr(case, name) for case in cases], pa.float64())
-    types = counts.types.items()
-    columns |= {f"fraction_{name}": share(part, counts.ok) for name, part in types}
+        columns[name] = np.array([getattr(case, name) for case in cases], float)
+    columns |= {f"fraction_{name}": share(part, ok) for name, part in counts.types.items()}
     columns |= {
         "case": np.arange(len(cases)),
         "runs": counts.runs,
@@ -218,10 +213,8 @@ def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     if counts.has_errors:
         columns |= {"sensitive": counts.sensitive, "unsure": counts.unsure}
     if counts.has_contact:
-        columns |= {name: share(part, counts.ok) for name, part in counts.contact.items()}
-    schema = summary_schema()
-    absent = {field.name: pa.nulls(len(cases), field.type) for field in schema}
-    return build_table(absent | columns, schema)
+        columns |= {name: share(part, ok) for name, part in counts.contact.items()}
+    return build_table(columns, schema)
 
 
 def read_summary(stored: Stored) -> pa.Table:
@@ -237,9 +230,9 @@ def write_summary(stored: Stored, table: pa.Table) -> None:
 
 def same_summary(one: pa.Table, other: pa.Table) -> bool:
     """Return whether two summaries say the same, but for the last digits of their means."""
-    return one.schema.names == other.schema.names and all(
-        np.allclose(floats(a), floats(b), 1e-9, 0, equal_nan=True)
-        for a, b in zip(one.columns, other.columns, strict=True)
+    names = one.schema.names
+    return names == other.schema.names and all(
+        np.allclose(floats(one[n]), floats(other[n]), 1e-9, 0, equal_nan=True) for n in names
     )
 
 
