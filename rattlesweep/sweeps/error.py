@@ -4,7 +4,8 @@ With d = abs(t_r'/t_r - 1), where t_r' is the companion's, and s the distance of
 their reversals in the norm of the step control,
 
     t_r_error / t_r = (floor + near r) tol + slope T (d + share s / sqrt(N)) + C + G,
-    T = max(r^power, P),   P = min(1, (s / PARTED)^2),   r = tol / tol',   N = n_steps / 1000,
+    T = max((r + near r^2)^power, P),   P = min(1, (s / PARTED)^2),
+    r = tol / tol',   N = n_steps / 1000,
 
 at most 1, which it is where the companion does not reverse.  The first term is the common size of
 the error, and more where the companion is hardly looser and so tells less.  The second carries the
@@ -40,24 +41,27 @@ from rattlesweep.integrate.model import REDUCED, Model
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full
-from rattlesweep.sweeps.config.schema import Config, Integrator
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.launches import model_of
 
 
 class Fit(NamedTuple):
-    """Constants of the estimate: 99.5 % of four mixes covered, with the least overestimate."""
+    """Constants of the estimate, and the tolerance of a companion over the run's."""
 
     floor: float = 0.5
     near: float = 10.0
-    slope: float = 8.0
+    slope: float = 12.0
     share: float = 0.0007
     power: float = 1.0
+    looser: float = 2e3
 
 
 FITS = {"dop853": Fit(), "verner98": Fit(floor=0.2), "rk4": Fit(floor=0.0, share=0.003)}
-ROLLING = Fit(floor=5.0, power=0.5)  # its kinks lower the order of all methods
-# Tolerance of a companion over the run's, the least, and the loosest: beyond, most runs part.
-LOOSER, LEAST_LOOSER, LOOSEST = 2e3, 10.0, 1e-5
+# Kinks lower the order of all methods, in some runs so much that a tighter tolerance hardly helps,
+# which only a companion that is nearly as good can tell.
+ROLLING = Fit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0)
+# A companion is at least so much looser than the run, and at most so loose: beyond, most runs part.
+LEAST_LOOSER, LOOSEST = 10.0, 1e-5
 TIGHTEST = 1e-14  # tolerance below which the error of a step is rounding
 PARTED = 0.2  # distance at which two runs have nothing to do with each other any more
 REMEMBERED = 0.1  # least share of d that is carried over if the companion had parted from its own
@@ -90,28 +94,35 @@ class Estimated(Outcome):
     turns_sure: Integers  # how many of these turns, from the first on, are sure
 
 
-def companion_setting(method: str, value: float) -> float:
+def fit_of(config: Config) -> Fit:
+    """Return the constants for the method and the model of a sweep."""
+    rolls = "rolling" in model_of(config).name
+    return ROLLING if rolls else FITS.get(config.integrator.method, Fit())
+
+
+def companion_setting(config: Config, value: float) -> float:
     """Return the tolerance of a companion, or twice the step of a fixed-step method."""
-    if not METHODS[method].adaptive:
+    if not METHODS[config.integrator.method].adaptive:
         return 2.0 * value
-    return max(LEAST_LOOSER * value, min(LOOSER * value, LOOSEST))
+    return max(LEAST_LOOSER * value, min(fit_of(config).looser * value, LOOSEST))
 
 
-def ladder(settings: Integrator) -> tuple[list[float], list[float]]:
+def ladder(config: Config) -> tuple[list[float], list[float]]:
     """Return the settings of companions, of the runs, and of those done again, with the expected
     cost of each in units of plain runs on the second.
     """
-    tableau = METHODS[settings.method]
+    settings, tableau = config.integrator, METHODS[config.integrator.method]
     if not tableau.adaptive:
         dt = settings.dt or DT
-        return [companion_setting(settings.method, dt), dt], [0.5, 1.0]
+        return [companion_setting(config, dt), dt], [0.5, 1.0]
     if settings.goal is None:
         tol = settings.tol or TOL
-        values = [companion_setting(settings.method, tol), tol]
+        values = [companion_setting(config, tol), tol]
     else:
         first = min(FIRST_RUNG * settings.goal, LOOSEST_RUNG)
         rungs = {max(first * RUNG**k, TIGHTEST) for k in range(RUNGS)}
-        values = [min(LOOSER * first, LOOSEST_OF_LADDER), *sorted(rungs, reverse=True)]
+        loosest = min(fit_of(config).looser * first, LOOSEST_OF_LADDER)
+        values = [loosest, *sorted(rungs, reverse=True)]
     # The tenth is lost in rejected steps: 40 to 45 % at 1e-9, 77 to 84 % at 1e-6.
     companion = 1.1 * float((values[1] / values[0]) ** (1.0 / tableau.order))
     return values, [companion, 1.0, *AGAIN[: len(values) - 2]]
@@ -128,7 +139,7 @@ def integrate_estimated(
     """
     settings, model = config.integrator, model_of(config)
     tableau, goal = METHODS[settings.method], settings.goal or np.inf
-    (values, costs), turning = ladder(settings), frozenset(config.record) & {"reversals"}
+    (values, costs), turning = ladder(config), frozenset(config.record) & {"reversals"}
     record, pair = frozenset(config.record) - turning, (values[1], values[0])
     spans = np.cumsum([0.0, *costs, *(costs[:2] if turning else [])])
     spans /= spans[-1]
@@ -241,12 +252,12 @@ def with_errors(
 
 def _scales(config: Config, settings: tuple[float, float]) -> tuple[Fit, float, float]:
     """Return the constants, the common size of the error, and what it is to the difference."""
-    tableau, kinks = METHODS[config.integrator.method], "rolling" in model_of(config).name
-    fit = ROLLING if kinks else FITS.get(tableau.name, Fit())
+    tableau, fit = METHODS[config.integrator.method], fit_of(config)
     tol, ratio = settings[0], settings[0] / settings[1]
     if not tableau.adaptive:  # errors of fixed steps do not add up at random
         tol, ratio = 0.0, ratio**tableau.order
-    return fit, (fit.floor + fit.near * ratio) * max(tol, TIGHTEST), ratio**fit.power
+    common = (fit.floor + fit.near * ratio) * max(tol, TIGHTEST)
+    return fit, common, (ratio + fit.near * ratio**2) ** fit.power
 
 
 def _with_turns(
