@@ -136,10 +136,8 @@ class Batch:
     # again after twice, four times as long within the first window.
     window: Floats
     first_mark: Floats
-    # Modulus of the launch's spin, or of what stands for it; whether it was launched without spin:
-    # zeros then count once it has passed PLATEAU_SHARE of scale.
-    scale: Floats
-    tapped: Flags
+    scale: Floats  # modulus of the launch's spin, or of what stands for it
+    tapped: Flags  # launched without spin: zeros count once it has passed PLATEAU_SHARE of scale
     # Oscillation (its square in Model.error) from which on it only decays: where it has come down
     # to this and never grew, a run ends after a window.  0 is never.
     settled: Floats = field(default_factory=lambda: np.zeros(0))
@@ -236,7 +234,7 @@ def integrate(
     width = turned + (2 if moving is not model else 0)
     windows = np.full((len(batch) if width else 0, N_WINDOWS, width), np.nan)
     if len(batch):
-        # Longest first, so that no thread begins a long run when the others are done.
+        # Longest first.
         order = np.argsort(-price, kind="stable")
         flags = np.array([name in record for name in WATCHED])
         call = kernel(tableau.name, moving.name, *beside)
@@ -245,8 +243,7 @@ def integrate(
             flags, result, counts, windows, control._progress,
         ))  # fmt: skip
     if not tableau.adaptive:
-        # A coarse step damps an oscillation that is a small part of the energy without a trace in
-        # the energy's drift.
+        # A coarse step may damp an oscillation without a trace in the energy's drift.
         damping = tableau.damping(dt * batch.relevant) * (result[:, C.T_END] / dt)
         coarse = (counts[:, C.STATUS] == Status.OK) & ~(np.abs(damping) <= MAX_DAMPING)
         counts[coarse, C.STATUS] = Status.COARSE

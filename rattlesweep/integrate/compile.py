@@ -35,7 +35,7 @@ from typing import Any, NamedTuple
 
 from rattlesweep.integrate import SettingError
 
-# Numba is imported by the functions that need it: commands without a kernel take half the time.
+# Numba is imported where it is needed: commands without a kernel take half the time.
 PACKAGE = Path(__file__).resolve().parents[1]
 AT_ONCE = 2  # processes that compile: each takes 200 MB, and no group of kernels gains by more
 
@@ -76,10 +76,9 @@ def source_hash() -> str:
 
 
 def is_private(folder: Path) -> bool:
-    """Make a folder if need be, and return whether only this user, and root, can write there.
+    """Make a folder if need be, and return whether it is this user's with mode 0700.
 
-    It must be this user's with mode 0700; the folders above are this user's or root's, and not
-    writable for all unless they are sticky.
+    Folders above must be this user's or root's, and not writable for all unless they are sticky.
     """
     if not hasattr(os, "geteuid"):  # Windows, where the user's folders are private
         folder.mkdir(parents=True, exist_ok=True)

@@ -39,8 +39,7 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
 
-# Steps between two looks from Python: some milliseconds, so that Ctrl-C is heard.
-STEPS_AT_ONCE = 2048
+STEPS_AT_ONCE = 2048  # between two looks from Python: some milliseconds, so that Ctrl-C is heard
 # ``counts`` of :func:`record_steps`: whether the run has begun and ended, its status, how many
 # steps and zeros were written by the last call.
 BEGUN, ENDED, STATUS, N_STEPS, N_ZEROS, N_COUNTS = 0, 1, 2, 3, 4, 5

@@ -16,10 +16,8 @@ if TYPE_CHECKING:
 
     from rattlesweep.arrays import Floats
 
-GRAVITY = 9.81
-"""Gravity on Earth, in m/s^2."""
-MAX_TILT = 1e-3
-"""Angle in radians by which the principal axis may be off the vertical, for rounded inputs."""
+GRAVITY = 9.81  # on Earth, in m/s^2
+MAX_TILT = 1e-3  # angle by which the principal axis may be off the vertical, for rounded inputs
 LIMITS = {"mass": (1e-9, 1e9, "kg"), "length": (1e-9, 1e6, "m"),
           "acceleration": (1e-6, 1e6, "m/s^2")}  # fmt: skip
 """Smallest and largest size of a quantity by its kind: beyond them products leave no digits."""

@@ -227,17 +227,12 @@ def test_records_are_those_of_the_trajectory(method):
     )  # fmt: skip
 
 
-def begin(*args):
-    """A batch in a thread of its own."""
-    return Task(lambda control: integrate(*args, control=control))
-
-
 @both_kinds
 def test_stop_ends_a_long_batch_soon_and_keeps_what_was_done(method):
     # Stable in its steady direction: no reversal for ever.  The longest go first.
     t_end = np.where(np.arange(LANES + 8) < 3, 1e7, 5.0)
     runs = kernels.full_batch(GH, -1.5, 0.001, t_end=t_end)
-    job = begin(runs, method, FULL)
+    job = Task(lambda control: integrate(runs, method, FULL, control=control))
     while job.control.runs_done < LANES + 5 and job.is_alive():
         time.sleep(0.01)
     assert job.is_alive()

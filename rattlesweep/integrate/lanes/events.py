@@ -24,8 +24,7 @@ STEP, SCAN, MINIMUM, ROOT, REDO = 0, 1, 2, 3, 4
 # What a move of the search decides: to go back and try ``lane.h_next``, to accept the step just
 # tried, or that it ends at the first zero.
 HOLD, TAKE, REVERSED = 0, 1, 2
-# Longest piece, in radians of the fastest swing.
-PIECE_ANGLE = 0.5
+PIECE_ANGLE = 0.5  # longest piece, in radians of the fastest swing
 # Steps are a dozen radians at most, or so much longer than a swing that nothing is to be found.
 MAX_PIECES, MAX_TRIES = 4096.0, 60
 _CLEAR, _DIP, _ZERO = 0, 1, 2

@@ -186,10 +186,9 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
          record, result, counts, windows, progress):  # fmt: skip
     """Do what one thread does until the queue is empty or Python says stop.
 
-    ``thread`` is its row of ``progress``, whose columns are the expected cost of its runs that have
-    ended, of those in its lanes so far, and the number that have ended.  ``parts`` has addresses,
-    ``w`` is the thread's workspace, ``shared`` the next place in the queue and the flag that stops,
-    ``order`` the queue.  The others have a row for each run, see `lanes.runs`.
+    ``thread`` is its row of ``progress``: expected cost of its runs that have ended, of those in
+    its lanes, and the number that have ended.  ``parts`` has addresses, ``w`` is the workspace,
+    ``shared`` the next place in the queue and the flag that stops, ``order`` the queue.
     """
     widest_vectors()
     scale, dt, max_steps = options[0], options[1], options[2]

@@ -40,7 +40,7 @@ first_of = to_fixed_tuple  # of an array and a length: its first numbers as a tu
 
 
 def emitting(signature_of: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a function that writes LLVM code as an intrinsic, typed by its arguments' types."""
+    """Decorate a function that writes LLVM code as an intrinsic, typed by its arguments."""
 
     def decorate(codegen: Callable[..., Any]) -> Any:
         @wraps(signature_of)
@@ -51,9 +51,6 @@ def emitting(signature_of: Callable[..., Any]) -> Callable[..., Any]:
         return extending.intrinsic(typed)
 
     return decorate
-
-
-# -- operations that Numba does not have -----------------------------------------------------------
 
 
 @emitting(lambda typingctx, array, index, value: types.int64(array, types.intp, types.int64))
@@ -112,10 +109,7 @@ times, over = _on_each("fmul"), _on_each("fdiv")
 
 
 def addresses_of(*compiled: Any) -> Any:
-    """Return where the machine code of compiled functions of one signature is, as an array.
-
-    The functions must not be dropped as long as the addresses are used.
-    """
+    """Return where the machine code of compiled functions is; they must not be dropped."""
     results = [result for function in compiled for result in function.overloads.values()]
     return np.array([r.library.get_pointer_to_function(r.fndesc.llvm_func_name) for r in results])
 
@@ -139,9 +133,6 @@ def _calling(result: Any) -> Any:
 # Call the compiled function at an address with a tuple of arguments; the second returns two whole
 # numbers.
 call, call_for_two = _calling(types.none), _calling(types.UniTuple(types.intp, 2))
-
-
-# -- the workspace ---------------------------------------------------------------------------------
 
 
 class Point(NamedTuple):
@@ -199,8 +190,7 @@ FIELDS = (
 class Layout:
     """First rows of the fields of a model's lanes, each an attribute; ``fields`` has types too.
 
-    Behind them, from ``stages`` on, are the stages but the first, which is ``f``.  Without a model
-    there are the fields that all models share.
+    From ``stages`` on are the stages but the first.  Without a model: what all models share.
     """
 
     def __init__(self, model: Model | None) -> None:
@@ -413,9 +403,6 @@ def clear(context, builder, signature, args):
     with cgutils.for_range_slice(builder, cells.lane, end, step) as (index, _):
         builder.store(DOUBLE(0.0), cgutils.gep(builder, cells.data, index))
     return context.get_dummy_value()
-
-
-# -- many cells ------------------------------------------------------------------------------------
 
 
 class Sum(NamedTuple):

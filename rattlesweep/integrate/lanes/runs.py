@@ -40,8 +40,7 @@ HORIZON, SWING, WINDOW, RATE, FIRST_STEP, COST, FUZZ, FIRST_MARK = 0, 1, 2, 3, 4
 FAR, TAPPED, SETTLED, DEAD = 8, 9, 10, 11
 # ``options``: 1 / tol^2, fixed step, most steps.  ``record``: what is asked for beyond the types.
 REC_ENERGY, REC_CONTACT, REC_WINDOWS, REC_REVERSALS, REC_VOLUME, N_RECORD = 0, 1, 2, 3, 4, 5
-# Reversals of a run that are written down, a row of its windows each.
-MOST_REVERSALS = 8
+MOST_REVERSALS = 8  # that are written down, a row of the run's windows each
 
 OK, NONFINITE, ENERGY = int(Status.OK), int(Status.NONFINITE), int(Status.ENERGY)
 MAX_ENERGY_DRIFT = 0.01

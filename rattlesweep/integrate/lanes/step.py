@@ -1,9 +1,9 @@
 """The vectorised step: a module generated from a tableau and a model.
 
-One call of its function ``attempt`` tries one step on every lane (:data:`SUBSTEPS` equal ones for a
-method without error control).  Every stage is one loop over lanes that loads its combination of
-earlier stages, calls the scalar right-hand side and stores ``f``.  With the coefficients and the
-rows as constants in the source, LLVM keeps the stage in registers and vectorises each loop.
+Its function ``attempt`` tries one step on every lane (:data:`SUBSTEPS` equal ones for a method
+without error control).  Every stage is one loop over lanes that loads its combination of earlier
+stages, calls the right-hand side and stores ``f``.  Coefficients and rows are constants in the
+source, so LLVM keeps the stage in registers and vectorises each loop.
 
 A tangent has loops of its own, with barriers between.  Else LLVM would share products between it
 and the state, which would come out with other last bits than without a tangent.
@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Row, Tableau
 
-# Steps of a fixed-step method between two looks at the lanes: the looks then cost little.
-SUBSTEPS = 8
+SUBSTEPS = 8  # of a fixed-step method between two looks at the lanes
 OPTIONS: dict[str, Any] = {"fastmath": FASTMATH} | INNER | {"no_cpython_wrapper": False}
 HEAD = '''"""One step of {tableau.name} for the model {model.name}, written by lanes.step."""
 
