@@ -88,10 +88,8 @@ def test_embedded_solutions_have_their_orders(name, orders):
 
 def test_damping_of_an_oscillation():
     z = np.array([0.1, 0.2, 0.4])
-    # RK4: abs(R(iz))^2 = 1 - z^6/72 + z^8/576.
     exact = -0.5 * np.log1p(-(z**6) / 72 + z**8 / 576)
     np.testing.assert_allclose(METHODS["rk4"].damping(z), exact, rtol=1e-6)
-    # Beyond sqrt(8) it amplifies.
     assert METHODS["rk4"].damping(np.array(2.83)) < 0 < METHODS["rk4"].damping(np.array(2.82))
     for tableau in METHODS.values():
         assert abs(tableau.damping(np.array(0.1))) < 0.1 ** (tableau.order + 2)
