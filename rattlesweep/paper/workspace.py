@@ -1,17 +1,22 @@
-"""What all parts share: the output directory, its sweeps, the numbers of samples."""
+"""What all parts share: the directory and its sweeps, numbers of samples, single runs, ink."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 from ruamel.yaml import YAML
 
 from rattlesweep import api
+from rattlesweep.analysis.onerun.course import Trajectory
+from rattlesweep.analysis.style import BLUE, FAINT, thin
+from rattlesweep.errors import OutputError
+from rattlesweep.physics.body import Rattleback
 from rattlesweep.sweeps.files import probe_directory
 
 # Tables by name, and those of all parts by part.
@@ -19,6 +24,13 @@ Tables = Mapping[str, pd.DataFrame]
 Made = Mapping[str, Tables]
 
 LAUNCH = ["alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0", "psi"]
+# Matplotlib's settings: frames with ticks inward, as in the paper.
+LOOK: Any = {
+    "xtick.direction": "in", "ytick.direction": "in", "xtick.top": True, "ytick.right": True,
+    "axes.titlesize": 10, "axes.titlepad": 4, "grid.color": FAINT, "grid.linewidth": 0.6,
+    # At a fixed height: to avoid what is at the top takes a sixth of the drawing's time.
+    "axes.titley": 1.0,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -37,13 +49,9 @@ class Sizes:
 
 FULL = Sizes()
 QUICK = Sizes(
-    fig3_bodies=50_000,
-    fig4_density=2_000_000,
-    samples=30,
-    lyapunov=200,
-    friction=60,
+    fig3_bodies=50_000, fig4_density=2_000_000, samples=30, lyapunov=200, friction=60,
     exponents_t_end=50_000.0,
-)
+)  # fmt: skip
 
 
 class Workspace:
@@ -65,38 +73,30 @@ class Workspace:
     def sweep(self, name: str, config: Mapping[str, Any] | None = None) -> pd.DataFrame:
         """Run the sweep ``sweeps/NAME``, or go on with it, and return its runs that are ``ok``."""
         if name not in self._sweeps:
-            path = self.directory / "sweeps" / name
-            config = config or sweep_config(name, self.sizes)
-            found = api.sweep(config, output=path, **self.settings)
+            found = api.sweep(
+                config or sweep_config(name, self.sizes),
+                output=self.directory / "sweeps" / name,
+                **self.settings,
+            )
             runs, cases = self._good(found.read()), found.summary.set_index("case")
-            for target in ("K_p", "K_r"):
-                if cases[target].notna().any():
-                    targets = runs["case"].map(cases[target])
-                    runs = runs.assign(**{f"{target}_body": runs[target], target: targets})
+            for target in map(str, cases[["K_p", "K_r"]].dropna(axis=1, how="all")):
+                targets = runs["case"].map(cases[target])
+                runs = runs.assign(**{f"{target}_body": runs[target], target: targets})
             self._sweeps[name] = runs.reset_index(drop=True)
         return self._sweeps[name]
 
-    def again(self, runs: pd.DataFrame, **how: Any) -> pd.DataFrame:
-        """Integrate runs once more with other arguments of :func:`rattlesweep.simulate`."""
+    def again(self, runs: pd.DataFrame, most: int, record: str) -> pd.DataFrame:
+        """Integrate runs once more with something recorded; of too many an even choice."""
+        runs = runs.iloc[:: max(1, -(-len(runs) // most))]
         if runs.empty:
-            return pd.DataFrame(index=runs.index)
-        found = self._good(api.simulate(runs[LAUNCH], **self.settings, **how))
+            return runs
+        found = self._good(api.simulate(runs[LAUNCH], **self.settings, record=[record]))
         return found.reindex(runs.index)
 
     def _good(self, runs: pd.DataFrame) -> pd.DataFrame:
         good = runs["status"] == "ok"
         self.failed += int((~good).sum())
         return runs[good]
-
-
-@dataclass(frozen=True)
-class Part:
-    """A figure of the paper, or a supplement to one: words for people, its data, its picture."""
-
-    title: str
-    data: Callable[[Workspace], Tables]
-    caption: str = ""
-    draw: Callable[[Tables], Figure] | None = None
 
 
 def sweep_config(name: str, sizes: Sizes) -> dict[str, Any]:
@@ -106,9 +106,30 @@ def sweep_config(name: str, sizes: Sizes) -> dict[str, Any]:
     return config
 
 
-def evenly(runs: pd.DataFrame, most: int) -> pd.DataFrame:
-    """Return at most so many of the runs, evenly chosen, so that all cases keep their share."""
-    return runs.iloc[:: max(1, -(-len(runs) // most))]
+def follow(body: Rattleback, *channels: str, dt: float = 0.05, **launch: Any) -> Trajectory:
+    """Integrate one run past its reversals; raise OutputError if it fails.
+
+    By default the rows are a hundredth of the period of a pitch apart.
+    """
+    found = api.trajectory(body, channels=("t", *channels), dt=dt, **launch)
+    if found.status != "ok":
+        raise OutputError(f"{body}: the run ended at t = {found.t_end:g} with {found.status}")
+    return found
+
+
+def thinned(run: pd.DataFrame, *beside: str, **bins: int) -> pd.DataFrame:
+    """Return ``t`` and some columns of a run at the rows that curves through them need."""
+    places = [thin(run[name].to_numpy(), number) for name, number in bins.items()]
+    rows = run.iloc[np.unique(np.concatenate(places))]
+    return rows[["t", *beside, *bins]].reset_index(drop=True)
+
+
+def draw_spin(axis: Axes, series: pd.DataFrame, linewidth: float = 0.8, label: str = "") -> None:
+    """Draw the spin against time, and a line at zero if it reverses."""
+    axis.plot(series["t"], series["n"], color=BLUE, linewidth=linewidth, label=label)
+    if series["n"].min() < 0 < series["n"].max():
+        axis.axhline(0, color="#777777", linewidth=0.6, zorder=1)
+    axis.set(xlabel=r"$t$ / $\tilde t$", ylabel=r"$n$ / $\tilde\omega$")
 
 
 def records(frame: pd.DataFrame) -> list[dict[str, Any]]:
