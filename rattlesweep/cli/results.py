@@ -182,7 +182,8 @@ def paper(
 
     names, start = choose(only), time.monotonic()
     directory = output or Path("out/paper-quick" if quick else "out/paper")
-    workspace = Workspace(directory, QUICK if quick else FULL, threads, False if quiet else None)
+    progress = False if quiet else None
+    workspace = Workspace(directory, QUICK if quick else FULL, threads=threads, progress=progress)
     with Bar.of_command(quiet) as bar:
         claims = reproduce(workspace, names, bar.stage)
     if not quiet:

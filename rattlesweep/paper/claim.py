@@ -20,8 +20,6 @@ from rattlesweep.sweeps.counts import wilson
 # Checks, whose truth says whether they hold, and numbers by name.
 Measured = tuple[Sequence[object], dict[str, Any]]
 
-COLUMNS = ["id", "where", "words", "measured", "value", "low", "high", "verdict", "held", "checks",
-           "headline", "evidence"]  # fmt: skip
 UNDECIDED = "too few samples to tell"
 # Rounding error allowed in an identity between doubles.
 EXACT = 1e-9
@@ -57,16 +55,15 @@ def rises(
     frame: pd.DataFrame, value: str, by: str, within: Sequence[str], *, sign: int = 1
 ) -> Count:
     """Count the groups ``within`` which the value rises with abs(``by``), or with sign -1 falls."""
+    columns = [value, f"{value}_low", f"{value}_high"]
     rising, possible = [], []
     for _, own in frame.groupby(list(within)):
-        ordered = own.sort_values(by, key=np.abs)
-        step = sign * np.diff(ordered[value])
-        if step.size:
-            up = step > 0 if sign > 0 else step >= 0
-            lows, highs = (ordered[f"{value}_{end}"].to_numpy() for end in ("low", "high"))
-            overlap = highs[1:] > lows[:-1] if sign > 0 else lows[1:] < highs[:-1]
-            rising.append(bool(up.all()))
-            possible.append(bool((up | overlap).all()))
+        if len(own) > 1:
+            values, *ends = (sign * own.sort_values(by, key=np.abs)[columns]).to_numpy().T
+            low, high = np.sort(ends, axis=0)
+            up = np.diff(values) > 0 if sign > 0 else np.diff(values) >= 0
+            rising.append(up.all())
+            possible.append((up | (high[1:] > low[:-1])).all())
     return every(rising, possible)
 
 
@@ -105,7 +102,7 @@ def judge(made: Made, *, theory: bool, few: bool = False) -> list[dict[str, Any]
 
 
 def judge_claim(claim: Mapping[str, Any], made: Made, few: bool) -> dict[str, Any]:
-    """Measure a claim, a row of ``claims.yaml``, and return its other :data:`COLUMNS`.
+    """Measure a claim, a row of ``claims.yaml``, and return the rest of a row of the table.
 
     Its function ``measure`` takes the tables to checks, one for each of the ``criteria``, of which
     the first is the headline, and to numbers by name (or to None: too few samples).  Of these

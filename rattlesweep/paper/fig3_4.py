@@ -27,6 +27,7 @@ LEVELS, CHUNK = 2001, 100_000
 BOUND, DECADES = 1.3, 9
 # The binned axes of Fig. 4(b).  Not named in the paper; no body of Table I lies outside.
 ENDS, BINS = {"K_p": (0.0, 7.0), "K_r": (0.0, 0.4)}, 200
+EDGES = {name: np.linspace(*ends, BINS + 1) for name, ends in ENDS.items()}
 # Distributions this close cannot be told apart in print; "much larger" is so many times.
 CLOSE, MUCH = 0.02, 10.0
 
@@ -51,9 +52,6 @@ def cumulative(**values: Floats) -> pd.DataFrame:
     return pd.DataFrame({"probability": probability} | columns)
 
 
-# --- Fig. 3 --------------------------------------------------------------------------------------
-
-
 def frequencies(ws: Workspace) -> Tables:
     """Return the tables ``cumulative`` and ``summary`` (one row) of Fig. 3."""
     found = drawn_modes(ws.sizes.fig3_bodies)
@@ -64,19 +62,17 @@ def frequencies(ws: Workspace) -> Tables:
         row[f"distance_{mode}"] = ks_2samp(exact, zeroth, method="asymp").statistic
         off = np.quantile(np.abs(zeroth / exact - 1), (0.5, 0.99))
         row[f"off_median_{mode}"], row[f"off_p99_{mode}"] = off
-    names = ("omega_p", "omega_r", "omega_p0", "omega_r0")
-    values = {name: getattr(found, name) for name in names}
+    values = {n: getattr(found, n) for n in ("omega_p", "omega_r", "omega_p0", "omega_r0")}
     return {"cumulative": cumulative(**values, ratio=ratio), "summary": pd.DataFrame([row])}
 
 
 def ratio_bound() -> float:
     """Return the infimum of ``omega_p / omega_r`` over the ranges of the paper's Table I."""
     ranges = SdRanges()
-    alpha, beta = shell_dumbbell(np.array(ranges.gamma[::-1]), np.array(ranges.f_sd))
-    theta, phi = np.array(ranges.theta), np.array(ranges.phi[::-1])
+    alpha, beta = shell_dumbbell(ranges.gamma[1], ranges.f_sd[0])
     xi = -np.radians(ranges.minus_xi_deg[0])
-    found = theory.modes(alpha[:, None], beta[:, None], theta, phi, xi)
-    return float(np.min(found.omega_p / found.omega_r))
+    found = theory.modes(alpha, beta, ranges.theta[0], ranges.phi[1], xi)
+    return float(found.omega_p / found.omega_r)
 
 
 def frequency_claim(made: Made) -> Measured:
@@ -94,8 +90,7 @@ def draw_frequencies(tables: Tables) -> Figure:
     level = values["probability"]
     figure = new_figure(4.6, 3.6)
     axes = figure.add_subplot()
-    # The approximations lie almost on top, so they are dark, dashed and thin over something pale
-    # and broad.
+    # The approximations lie almost on top: dark, dashed and thin over something pale and broad.
     for mode, colour, dark in (("p", SKY, "#003F66"), ("r", ORANGE, "#7A2E00")):
         axes.plot(values[f"omega_{mode}"], level, color=colour, linewidth=3.2,
                   solid_capstyle="butt", label=rf"$\omega_{mode}$")  # fmt: skip
@@ -107,8 +102,6 @@ def draw_frequencies(tables: Tables) -> Figure:
     inset = axes.inset_axes((0.6, 0.19, 0.36, 0.42))
     inset.plot(values["ratio"], level, color=GREEN, linewidth=1.6)
     inset.axvline(BOUND, color="#444444", linewidth=0.8, linestyle=":")
-    inset.annotate(f"{BOUND:g}", (BOUND, 0.93), xytext=(3, 0), textcoords="offset points",
-                   fontsize=7.5, color="#444444", va="center")  # fmt: skip
     # The last percent of the ratios would fill half of the axis.
     inset.set(xlim=(0, np.ceil(np.interp(0.995, level, values["ratio"]))), ylim=(0, 1.05))
     inset.set_xlabel(r"$\omega_p/\omega_r$", labelpad=1)
@@ -116,18 +109,17 @@ def draw_frequencies(tables: Tables) -> Figure:
     return figure
 
 
-# --- Fig. 4 --------------------------------------------------------------------------------------
-
-
 def coefficients(ws: Workspace) -> Tables:
     """Return ``cumulative``, ``density`` (bins that hold bodies) and ``summary`` of Fig. 4."""
     samples, total = ws.sizes.fig4_bodies, ws.sizes.fig4_density
     found = drawn_modes(samples)
-    counts, below = count_bodies(total, ws.settings["threads"])
+    counts, below = count_bodies(total, ws.settings.get("threads"))
     i, j = np.nonzero(counts)
-    density = {"i": i, "j": j, "count": counts[i, j], "relative_frequency": counts[i, j] / total}
-    for name, places in (("K_p", i), ("K_r", j)):
-        density |= {f"{name}_low": edges(name)[places], f"{name}_high": edges(name)[places + 1]}
+    density = {
+        "i": i, "j": j, "K_p_low": EDGES["K_p"][i], "K_p_high": EDGES["K_p"][i + 1],
+        "K_r_low": EDGES["K_r"][j], "K_r_high": EDGES["K_r"][j + 1],
+        "count": counts[i, j], "relative_frequency": counts[i, j] / total,
+    }  # fmt: skip
     summary = {"samples": samples, "density_samples": total, "below": below}
     return {
         "cumulative": cumulative(K_p=found.K_p, K_r=found.K_r, ratio=found.K_p / found.K_r),
@@ -158,11 +150,6 @@ def count_bodies(total: int, threads: int | None = None) -> tuple[Integers, int]
     return counts.reshape(BINS, BINS), below
 
 
-def edges(name: str) -> Floats:
-    """Return the edges of the bins of ``K_p`` or ``K_r``, shape (bins + 1,)."""
-    return np.linspace(*ENDS[name], BINS + 1)
-
-
 def coefficient_claim(made: Made) -> Measured:
     """Measure T5: the distributions of the torque coefficients."""
     own = made["fig4"]
@@ -172,11 +159,7 @@ def coefficient_claim(made: Made) -> Measured:
     half = 0.98 / np.sqrt(row["samples"])
     low, median, high = np.interp([0.5 - half, 0.5, 0.5 + half], level, data["ratio"]).tolist()
     decades = np.log10(own["density"]["relative_frequency"].agg(["min", "max"])).to_list()
-    checks = [
-        median >= MUCH,
-        bool(data["ratio"][0] > 1),
-        -DECADES <= decades[0] <= decades[1] <= 0,
-    ]
+    checks = [median >= MUCH, data["ratio"][0] > 1, -DECADES <= decades[0] <= decades[1] <= 0]
     return checks, {
         "value": median, "low": low, "high": high, "samples": row["samples"],
         "total": row["density_samples"], "least": data["ratio"][0], "decades": decades,
@@ -189,26 +172,20 @@ def draw_coefficients(tables: Tables) -> Figure:
     figure = new_figure(4.6, 7.2)
     upper, lower = figure.subplots(2, 1, height_ratios=(1, 1.25))
     values, density = tables["cumulative"], tables["density"]
-    # K_r is steep on the axis of K_p, so the inset shows the same over decades.
-    inset = upper.inset_axes((0.47, 0.18, 0.5, 0.52))
-    for axes in (upper, inset):
-        for name, colour, style in (("K_p", BLUE, "-"), ("K_r", VERMILION, (0, (5, 1.5)))):
-            axes.plot(values[name], values["probability"], color=colour, linestyle=style,
-                      linewidth=1.8, label=f"${name}$")  # fmt: skip
-        axes.set_ylim(0, 1.03)
-    upper.set(xlim=(0, ENDS["K_p"][1]), xlabel="$K_p$,  $K_r$", ylabel="cumulative distribution")
-    upper.legend(loc="upper right", bbox_to_anchor=(1, 0.93), ncols=2)
-    inset.set(xscale="log", xlim=(1e-4, 10.0))
-    inset.tick_params(labelsize=7.5)
-    inset.minorticks_off()
-
+    for name, colour, style in (("K_p", BLUE, "-"), ("K_r", VERMILION, (0, (5, 1.5)))):
+        upper.plot(values[name], values["probability"], color=colour, linestyle=style,
+                   linewidth=1.8, label=f"${name}$")  # fmt: skip
+    # Over decades, as K_r is steep on the axis of K_p.
+    upper.set(xscale="log", xlim=(1e-4, 10.0), ylim=(0, 1.03), xlabel="$K_p$,  $K_r$",
+              ylabel="cumulative distribution")  # fmt: skip
+    upper.legend()
+    upper.set_title("(a)", loc="left")
     shown = np.full((BINS, BINS), np.nan)
     shown[density["i"], density["j"]] = np.log10(density["relative_frequency"])
-    picture = lower.pcolormesh(edges("K_p"), edges("K_r"), shown.T, cmap="viridis",
+    picture = lower.pcolormesh(EDGES["K_p"], EDGES["K_r"], shown.T, cmap="viridis",
                                vmin=-DECADES, vmax=0, rasterized=True)  # fmt: skip
-    lower.set(xlabel="$K_p$", ylabel="$K_r$")
     bar = figure.colorbar(picture, ax=lower, ticks=range(-DECADES, 1), pad=0.02)
     bar.set_label(r"$\log_{10} P(K_p, K_r)$")
-    upper.set_title("(a)", loc="left")
+    lower.set(xlabel="$K_p$", ylabel="$K_r$")
     lower.set_title("(b)", loc="left")
     return figure

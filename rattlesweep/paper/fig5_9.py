@@ -23,12 +23,26 @@ from rattlesweep.physics.volume import smooth_volume
 from rattlesweep.sweeps.types import is_chaotic
 
 OMEGA_XY0 = 0.01
-
-# --- Fig. 5 --------------------------------------------------------------------------------------
-
-# Spin, and length, which the paper does not name, of (a) and of (b).
+# Fig. 5: spin, and length, which the paper does not name, of (a) and of (b).
 ENDS = {"unsteady": (0.1, 200.0), "steady": (-0.1, 1500.0)}
 COMPONENTS = ("omega_x", "omega_y")
+
+THETAS = (0.6429, 0.82, 0.9)
+# Fig. 9: the length is not named in the paper.
+LAUNCH: dict[str, Any] = {"n_i": 0.1, "omega_xy0": OMEGA_XY0}
+T_END = 20_000.0
+# Energy of the roll with which the reduced model begins; its E_p is the launch's.
+E_R0 = 3e-5
+# At 1e-9 the reversals of the first run come up to 7 % early; 1e-13, Verner's method at 1e-12 and
+# RK4 with the paper's step agree to 0.1 on all of them.
+TOL, REDUCED_TOL = 1e-13, 1e-12
+# Zeros of the spin closer to each other than so many periods of the roll are one reversal.
+ONE_REVERSAL = 5
+# Parts of the second half of a run whose scatter gives the error of its mean rate of volume.
+PARTS = 10
+STATE = ("u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z")
+CHANNELS = ("n", "n_reduced", "E_p", "E_r", "energy_drift", "F_normal", "F_tangential", *STATE)
+volume_rate = vectorize(smooth_volume.py_func)
 
 
 def reversals(_: Workspace) -> Tables:
@@ -135,31 +149,8 @@ def draw_reversals(tables: Tables) -> Figure:
     return figure
 
 
-# --- Fig. 9 --------------------------------------------------------------------------------------
-
-THETAS = (0.6429, 0.82, 0.9)
-# The length is not named in the paper.
-LAUNCH: dict[str, Any] = {"n_i": 0.1, "omega_xy0": OMEGA_XY0}
-T_END = 20_000.0
-# Energy of the roll with which the reduced model begins; its E_p is the launch's.
-E_R0 = 3e-5
-# At 1e-9 the reversals of the first run come up to 7 % early; 1e-13, Verner's method at 1e-12 and
-# RK4 with the paper's step agree to 0.1 on all of them.
-TOL, REDUCED_TOL = 1e-13, 1e-12
-# Zeros of the spin closer to each other than so many periods of the roll are one reversal.
-ONE_REVERSAL = 5
-# Parts of the second half of a run whose scatter gives the error of its mean rate of volume.
-PARTS = 10
-STATE = ("u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z")
-CHANNELS = ("n", "n_reduced", "E_p", "E_r", "energy_drift", "F_normal", "F_tangential", *STATE)
-volume_rate = vectorize(smooth_volume.py_func)
-
-
 def long_runs(ws: Workspace) -> Tables:
-    """Return the tables ``spin`` (thinned series) and ``runs``.
-
-    The Lyapunov exponents in ``runs`` are those of the runs continued to longer times.
-    """
+    """Return ``spin`` (thinned) and ``runs``, with the Lyapunov exponents of longer runs."""
     bodies = [replace(Rattleback.gh(), theta=theta) for theta in THETAS]
     longer = simulate(bodies, **LAUNCH, **ws.settings, tol=TOL, t_end=ws.sizes.exponents_t_end,
                       record=["lyapunov", "reversals"])  # fmt: skip

@@ -3,13 +3,10 @@
 To agree with the formula means in all claims that the mean is within a tenth of a decade of the
 line (a factor of 1.26), the size of a symbol on the paper's logarithmic axes.
 
-Late reversals and onsets of wobbling, of which the paper speaks at Fig. 8, are seen in windows of
-time: the runs that do not reverse (type SW) and those that reverse late are integrated once more
-with the smallest and the largest spin of each of 64 windows recorded.
-
-The onset of wobbling is the middle of the first window in which the loss of spin, 1 - n/n_i,
-exceeds half of the largest loss in the run.  A reversal is a loss of 1, of which half is lost at
-nearly the same time as all of it, so that the onset and the time of reversal are alike.
+Late reversals and onsets of wobbling are seen in windows of time: the runs of type SW and those
+that reverse late are integrated once more with the extremes of the spin in 64 windows recorded.
+The onset is the middle of the first window in which the loss of spin, 1 - n/n_i, exceeds half of
+the largest loss in the run; a reversal loses half of the spin and all of it at nearly one time.
 """
 
 from __future__ import annotations
@@ -18,10 +15,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rattlesweep.analysis.style import SERIES, add_legend, new_figure, value_text
+from rattlesweep.analysis.style import GREY, SERIES, add_legend, new_figure, value_text
 from rattlesweep.api import growth_rates, modes
 from rattlesweep.arrays import Floats
 from rattlesweep.paper.claim import Measured, every, rises, span
@@ -38,10 +34,6 @@ N_I, OMEGA_XY0, T_END = 0.5, 0.01, 150.0
 LATE_FROM = 2.0
 # The spin has left its plateau when it has lost this much of itself.
 PLATEAU = 0.1
-# Panels beside each other.
-COLUMNS = 3
-
-# --- data ----------------------------------------------------------------------------------------
 
 
 def unsteady(ws: Workspace) -> Tables:
@@ -85,8 +77,7 @@ def steady(ws: Workspace) -> Tables:
 def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
     """Return one row a point: the runs that reverse beside the theory's line at the mean ``n_0``.
 
-    ``ratio`` is mean over line, ``scatter`` deviation over mean; ``low`` and ``high`` are the ends
-    of their 95 % intervals.
+    ``ratio`` is mean over line, ``scatter`` deviation over mean, both with 95 % intervals.
     """
     rows = runs.assign(back=runs["t_r"].where(runs["type"] == "R")).groupby("case").agg(
         **{name: (name, "first") for name in (target, "n_i", "omega_xy0")},
@@ -130,9 +121,6 @@ def first_above(loss: Floats, level: float, step: float) -> float:
     """Return the middle of the first window whose loss is above a level; NaN without one."""
     above = np.flatnonzero(loss > level)
     return (float(above[0]) + 0.5) * step if above.size else np.nan
-
-
-# --- claims --------------------------------------------------------------------------------------
 
 
 def close(ratio: pd.Series) -> pd.Series:
@@ -269,60 +257,40 @@ def onset_of_wobbling(made: Made) -> Measured | None:
     }  # fmt: skip
 
 
-# --- pictures ------------------------------------------------------------------------------------
-
-
-def draw_unsteady(tables: Tables) -> Figure:
-    """Draw a panel for each spin, and Fig. 6(b) in the place that is left."""
-    figure, axes = panels(tables["times"], "K_p", "t_{ru}", "t_{rGH+}")
-    add_legend(figure, axes[0].get_legend_handles_labels()[0])
-    axes[0].set_title("(a)", loc="left")
-    draw_spin(axes[-1], tables["spin"])
-    axes[-1].set_title(f"(b) GH, {value_text('n_i', N_I)}")
-    return figure
-
-
-def draw_steady(tables: Tables) -> Figure:
-    """Draw a panel for each spin, and the legend in the place that is left."""
-    figure, axes = panels(tables["times"], "K_r", "t_{rs}", "t_{rGH-}")
-    axes[-1].axis("off")
-    axes[-1].legend(*axes[0].get_legend_handles_labels(), loc="center", labelspacing=0.9)
-    return figure
-
-
-def panels(
-    values: pd.DataFrame, coefficient: str, time: str, theory: str
-) -> tuple[Figure, list[Axes]]:
-    """Draw a panel for each of five spins from the table of :func:`times`, and an empty one."""
+def draw_times(tables: Tables) -> Figure:
+    """Draw a panel for each of five spins and, if there is one, the run of Fig. 6(b) beside."""
+    values, spin = tables["times"], tables.get("spin")
+    coefficient, way, sign = ("K_r", "s", "-") if spin is None else ("K_p", "u", "+")
     figure = new_figure(9.2, 6.15)
-    axes = list(figure.subplots(2, COLUMNS).ravel())
+    axes = list(figure.subplots(2, 3).ravel())
     means = values[["t_r_mean", "t_rgh_line"]].to_numpy()
-    for axis, spin in zip(axes, sorted(values["n_i"].unique(), key=abs), strict=False):
-        own = values[values["n_i"] == spin]
-        draw_points(axis, own.sort_values(coefficient), coefficient, theory)
+    for axis, n_i in zip(axes, sorted(values["n_i"].unique(), key=abs), strict=False):
+        own = values[values["n_i"] == n_i].sort_values(coefficient)
+        axis.plot([], [], color=GREY, linewidth=1.1, label=f"$t_{{rGH{sign}}}$ at the mean $n_0$")
+        for (size, rows), (colour, marker) in zip(own.groupby("omega_xy0"), SERIES, strict=False):
+            x, mean, std = rows[coefficient], rows["t_r_mean"], rows["t_r_std"]
+            axis.plot(x, rows["t_rgh_line"], color=colour, linewidth=1.1, zorder=2)
+            # On a logarithmic axis a bar that reaches zero has no lower end.
+            bars: Any = [np.minimum(std, 0.999 * mean), std]
+            axis.errorbar(
+                x, mean, yerr=bars, color=colour, marker=marker, markersize=5, linestyle="none",
+                markerfacecolor="white", markeredgewidth=1.2, elinewidth=0.9, capsize=2.2,
+                zorder=3, label=value_text("omega_xy0", size),
+            )  # fmt: skip
         axis.set(xscale="log", yscale="log", xlabel=f"${coefficient}$",
                  xlim=(own[coefficient].min() / 1.35, own[coefficient].max() * 1.35),
                  ylim=(np.nanmin(means) / 2.5, np.nanmax(means) * 2.5),
-                 title=value_text("n_i", spin))  # fmt: skip
+                 title=value_text("n_i", n_i))  # fmt: skip
         # On a short logarithmic axis the labels between decades run into each other.
         axis.tick_params(axis="x", which="minor", labelbottom=False)
         axis.grid(visible=True)
-    for axis in axes[::COLUMNS]:
-        axis.set_ylabel(rf"${time}$ / $\tilde t$")
-    return figure, axes
-
-
-def draw_points(axis: Axes, rows: pd.DataFrame, coefficient: str, theory: str) -> None:
-    """Draw means with their deviations and the theory's line, one series an oscillation."""
-    axis.plot([], [], color="#555555", linewidth=1.1, label=rf"${theory}$ at the mean $n_0$")
-    for size, (colour, marker) in zip(sorted(rows["omega_xy0"].unique()), SERIES, strict=False):
-        own = rows[rows["omega_xy0"] == size]
-        x, mean, std = (own[name].to_numpy() for name in (coefficient, "t_r_mean", "t_r_std"))
-        axis.plot(x, own["t_rgh_line"], color=colour, linewidth=1.1, zorder=2)
-        # On a logarithmic axis a bar that reaches zero has no lower end.
-        bars: Any = [np.minimum(std, 0.999 * mean), std]
-        axis.errorbar(
-            x, mean, yerr=bars, color=colour, marker=marker, markersize=5, markerfacecolor="white",
-            markeredgewidth=1.2, linestyle="none", elinewidth=0.9, capsize=2.2, zorder=3,
-            label=value_text("omega_xy0", size),
-        )  # fmt: skip
+    for axis in axes[::3]:
+        axis.set_ylabel(rf"$t_{{r{way}}}$ / $\tilde t$")
+    add_legend(figure, axes[0].get_legend_handles_labels()[0])
+    if spin is None:
+        axes[-1].axis("off")
+    else:
+        draw_spin(axes[-1], spin)
+        axes[-1].set_title(f"(b) GH, {value_text('n_i', N_I)}")
+        axes[0].set_title("(a)", loc="left")
+    return figure

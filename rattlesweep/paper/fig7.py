@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -20,16 +21,13 @@ from rattlesweep.sweeps.types import is_chaotic
 POINT = ["K_r", "n_i", "omega_xy0"]
 # In the order of the legend.
 SHOWN = ("R", "SW", "SS", "unclassified")
-# Examples: the runs among which each is chosen, by which column, and its title.  The paper says of
-# the chaotic run only where it lies.
+# Examples: the runs among which each is chosen, by which column, and its title.
 EXAMPLES = {
     "spin_ss": ("type == 'SS' and n_i == -0.5 and omega_xy0 == 0.1", "n_end", "(b-1) SS"),
     "spin_sw": ("type == 'SW' and n_i == -0.4 and omega_xy0 == 0.01", "n_departure", "(b-2) SW"),
     "spin_chaotic": ("chaotic and K_r == 0.0041 and n_i == -0.5", "lyapunov_late",
                      "(b-3) SW, chaotic"),
 }  # fmt: skip
-# Longest time of an example, in sqrt(a/g).
-LONGEST = 20_000.0
 # "only several Type SS samples out of 8000 samples".
 SEVERAL = (1, 20)
 
@@ -37,10 +35,9 @@ SEVERAL = (1, 20)
 def with_shares(rows: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
     """Add the shares that counts have of the ``runs``, with 95 % intervals (Wilson)."""
     for name in names:
-        rows[f"fraction_{name}"] = rows[name] / rows["runs"]
-        rows[f"fraction_{name}_low"], rows[f"fraction_{name}_high"] = wilson(
-            rows[name], rows["runs"]
-        )
+        share = f"fraction_{name}"
+        rows[share] = rows[name] / rows["runs"]
+        rows[f"{share}_low"], rows[f"{share}_high"] = wilson(rows[name], rows["runs"])
     return rows
 
 
@@ -50,9 +47,6 @@ def draw_share(axis: Axes, rows: pd.DataFrame, by: str, name: str, **look: Any) 
     bars = [value - rows[f"fraction_{name}_low"], rows[f"fraction_{name}_high"] - value]
     marks: Any = {"markersize": 5, "markerfacecolor": "white", "linewidth": 0.9, "zorder": 3}
     axis.errorbar(rows[by], value, yerr=np.maximum(bars, 0), **(marks | look))
-
-
-# --- Fig. 7 --------------------------------------------------------------------------------------
 
 
 def types(ws: Workspace) -> Tables:
@@ -83,15 +77,9 @@ def settled(runs: pd.DataFrame) -> pd.DataFrame:
     """Return where runs of type SS end; ``gain`` is 1 if all energy is in the spin."""
     # Within 1 % of Bondi's threshold the oscillation is still there at the horizon.
     near = runs["n_c1"].abs() > 0.99 * runs["n_i"].abs()
-    beyond = (runs["n_end"] / runs["n_i"] - 1).where(~near)
-    gain = ((runs["n_end"] - runs["n_i"]) / (-runs["n_0"] - runs["n_i"])).where(~near)
-    found = runs.assign(near=near, beyond=beyond, gain=gain, faster=beyond > 0)
-    groups = found.groupby(["n_i", "omega_xy0"], sort=False)
-    return groups.agg(
-        SS=("gain", "count"), near=("near", "sum"), faster=("faster", "sum"),
-        gain_median=("gain", "median"), beyond_median=("beyond", "median"),
-        beyond_max=("beyond", "max"),
-    ).reset_index()  # fmt: skip
+    beyond = runs["n_end"] / runs["n_i"] - 1
+    gain = (runs["n_end"] - runs["n_i"]) / (-runs["n_0"] - runs["n_i"])
+    return runs[POINT].assign(near=near, beyond=beyond, gain=gain)
 
 
 def examples(runs: pd.DataFrame) -> Tables:
@@ -103,7 +91,7 @@ def examples(runs: pd.DataFrame) -> Tables:
             continue
         # The one in the middle, the lower one of two.
         run = chosen.iloc[-1 if name == "spin_chaotic" else (len(chosen) - 1) // 2]
-        shown = min(LONGEST, run["t_end"])
+        shown = min(20_000.0, run["t_end"])
         found = follow(Rattleback(*map(float, run[list(PARAMETERS)])), "n", n_i=run["n_i"],
                        omega_xy0=run["omega_xy0"], t_end=shown)  # fmt: skip
         tables[name] = thinned(found.table, n=1100)
@@ -123,7 +111,7 @@ def pooled(frame: pd.DataFrame, *names: str, by: Sequence[str] = ("n_i", "omega_
 def steady_spin(made: Made) -> Measured:
     """Measure S1: small spins reverse; SS beyond."""
     frame = made["fig7"]["fractions"]
-    slowest = frame[frame["n_i"].abs() == frame["n_i"].abs().min()]
+    slowest = frame[frame["n_i"] == frame["n_i"].max()]
     beyond = frame.query("abs(n_i) >= 0.3")
     by_spin = pooled(frame, "SS")
     halves = pooled(beyond, "SS", by=("n_i", "omega_xy0", "half"))
@@ -201,11 +189,11 @@ def wobbling_chaos(made: Made) -> Measured | None:
     calm, fast = runs.query("abs(n_i) <= 0.4"), runs.query("n_i == -0.5")
     if calm.empty or fast.empty:
         return None
-    middle = np.sqrt(runs["K_r"].min() * runs["K_r"].max())
-    parts = (calm, fast.query("K_r < @middle"), fast.query("K_r >= @middle"),
-             fast.query("K_r == K_r.min()"))  # fmt: skip
+    middle, least = np.sqrt(runs["K_r"].min() * runs["K_r"].max()), fast["K_r"].min()
+    below, above = fast.query("K_r < @middle"), fast.query("K_r >= @middle")
     (hits, total), (many, small), (few, large), lowest = (
-        (int(part["chaotic"].sum()), len(part)) for part in parts
+        (int(part["chaotic"].sum()), len(part))
+        for part in (calm, below, above, fast.query("K_r == @least"))
     )
     overlap = wilson(many, small)[1] > wilson(few, large)[0]
     checks = [Count(total - hits, total), every([many > 0], True),
@@ -213,25 +201,25 @@ def wobbling_chaos(made: Made) -> Measured | None:
     return checks, {
         **share(hits, total), "hits": hits, "runs": total,
         "middle": middle, "small": f"{many} of {small}", "large": f"{few} of {large}",
-        "K_r": fast["K_r"].min(), "least": f"{lowest[0]} of {lowest[1]}, {share(*lowest)['share']}",
+        "K_r": least, "least": f"{lowest[0]} of {lowest[1]}, {share(*lowest)['share']}",
     }  # fmt: skip
 
 
 def settled_spins(made: Made) -> Measured | None:
     """Measure S9b: where the spins of SS end, and about which spins SW wobbles; None of neither."""
     settled, wobbling = made["fig7"]["settled"], made["fig8"]["windows"].query("wobbling > 0")
-    if settled.empty or wobbling.empty:
+    far = settled.query("not near")
+    if far.empty or wobbling.empty:
         return None
-    faster = Count(int(settled["faster"].sum()), int(settled["SS"].sum()))
+    faster = every(far["beyond"] > 0)
     between = Count(int(wobbling["centre_between"].sum()), int(wobbling["wobbling"].sum()))
-    converted = every((settled["gain_median"] - 1).abs() < 0.1)
-    sizes = settled.groupby("omega_xy0")["beyond_median"].median().reset_index()
-    return [faster, converted, between], {
-        "near": int(settled["near"].sum()),
+    medians = far.groupby(["n_i", "omega_xy0"])[["beyond", "gain"]].median()
+    sizes = medians.groupby("omega_xy0")["beyond"].median().reset_index()
+    return [faster, every((medians["gain"] - 1).abs() < 0.1), between], {
         "value": wobbling["centre_median"].median(), "low": wobbling["centre_low"].min(),
         "high": wobbling["centre_high"].max(), "faster": faster, "between": between,
-        "beyond": records(sizes), "most": settled["beyond_max"].max(),
-        "gain": settled["gain_median"].median(),
+        "near": len(settled) - len(far), "beyond": records(sizes), "most": far["beyond"].max(),
+        "gain": medians["gain"].median(),
     }  # fmt: skip
 
 
@@ -243,7 +231,8 @@ def draw_types(tables: Tables) -> Figure:
     figure = new_figure(2.1 * len(spins) + 0.6, sum(heights))
     upper, *lower = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
     axes = upper.subplots(len(sizes), len(spins), sharex=True, sharey=True, squeeze=False)
-    for (spin, size), rows in values.groupby(["n_i", "omega_xy0"]):
+    for spin, size in product(spins, sizes):
+        rows = values[(values["n_i"] == spin) & (values["omega_xy0"] == size)]
         axis = axes[sizes.index(size), spins.index(spin)]
         axis.plot(rows["K_r"], rows["fraction_bondi"], color="black", marker="^", markersize=3.4,
                   linestyle="none", label=r"$|n_{c1}| < |n_i|$ (Bondi)", zorder=4)  # fmt: skip
@@ -254,12 +243,9 @@ def draw_types(tables: Tables) -> Figure:
             draw_share(axis, rows, "K_r", name, color=mark.colour, marker=mark.marker,
                        label=mark.label, **look)  # fmt: skip
         axis.grid(visible=True, axis="y")
-    for axis, spin in zip(axes[0], spins, strict=True):
-        axis.set_title(value_text("n_i", spin))
-    for axis, size in zip(axes[:, 0], sizes, strict=True):
-        axis.set_ylabel(f"{value_text('omega_xy0', size)}\nfraction")
-    for axis in axes[-1]:
-        axis.set_xlabel("$K_r$")
+        axis.set(xlabel="$K_r$", ylabel=f"{value_text('omega_xy0', size)}\nfraction")
+        axis.set_title(value_text("n_i", spin) if size == sizes[0] else "")
+        axis.label_outer()
     # On a short logarithmic axis the labels between decades run into each other.
     axes[0, 0].tick_params(axis="x", which="minor", labelbottom=False)
     axes[0, 0].set(xscale="log", ylim=(-0.04, 1.04), yticks=[0, 0.5, 1])
@@ -274,31 +260,15 @@ def draw_types(tables: Tables) -> Figure:
     return figure
 
 
-# --- friction ------------------------------------------------------------------------------------
-
-N_I, OMEGA_XY0 = 0.3, 0.01
-# In units of M a^2 sqrt(g/a).  A spin alone lasts gamma/sigma: 300 to 1500 sqrt(a/g) at 0.01 to
-# 0.03, or 10 to 50 s for a stone with a = 1 cm.
-SIGMAS = (0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12)
-
-
 def friction(ws: Workspace) -> Tables:
     """Return the table ``shares``: one row a sigma, which bodies reverse in which direction."""
-    runs = ws.sweep("friction", {
-        "name": "friction",
-        "seed": 2017,
-        "bodies": {"source": "sd", "samples": ws.sizes.friction},
-        "spin": {"n_i": [N_I, -N_I], "omega_xy0": OMEGA_XY0},
-        "dissipation": {"sigma": list(SIGMAS)},
-        "horizon": {"t_decay": 5},
-        "record": ["reversals"],
-    })  # fmt: skip
+    runs = ws.sweep("friction")
     turns = runs.pivot_table("n_turns", ["sigma", "sample"], "n_i").dropna()
-    unsteady, steady = turns[N_I] > 0, turns[-N_I] > 0
+    unsteady, steady = turns[0.3] > 0, turns[-0.3] > 0
     found = pd.DataFrame(
         {"runs": 1, "one_way": unsteady & ~steady, "both": unsteady & steady,
          "neither": ~unsteady & ~steady, "steady_only": ~unsteady & steady,
-         "unsteady": unsteady, "twice": turns[N_I] > 1}
+         "unsteady": unsteady, "twice": turns[0.3] > 1}
     )  # fmt: skip
     rows = found.groupby("sigma").sum().reset_index()
     return {"shares": with_shares(rows, ["one_way", "both", "neither"])}

@@ -73,8 +73,8 @@ def garcia_hubbard(_: Made) -> Measured:
     ]
     # 0.03 rad is 1.719 degrees, which Table I would print as 1.72.
     other = gh_numbers(xi=-0.03)
-    five = as_printed(found) | {"K_r": True}
-    checks = [every(within), every([*as_printed(other).values()]), every([*five.values()])]
+    five = [same for name, same in as_printed(found).items() if name != "K_r"]
+    checks = [every(within), every([*as_printed(other).values()]), every(five)]
     return checks, {
         **found, "value": found["K_r"], "low": ends["K_r"][0], "high": ends["K_r"][1],
         "other": other["K_r"],
@@ -150,10 +150,9 @@ def limits(_: Made) -> Measured:
 
 
 def ellipsoid(centre: float, b2: Floats, c2: Floats) -> dict[str, Floats]:
-    """Return parameters of a uniform ellipsoid or of its lower half: mean squares are a fifth.
+    """Return parameters of the ellipsoid x^2/c^2 + y^2/b^2 + z^2 = 1 or of its lower half.
 
-    ``centre`` is the depth of the centre of mass of the body in x^2/c^2 + y^2/b^2 + z^2 = 1, whose
-    surface has the curvatures 1/c^2 and 1/b^2 at the bottom.
+    Mean squares are a fifth less the square of ``centre``, the depth of the centre of mass.
     """
     height, vertical = 1 - centre, 1 / 5 - centre**2
     return {
@@ -195,34 +194,25 @@ def growth_slopes(body: tuple[Floats, ...]) -> tuple[Floats, Floats]:
     return ranked[..., 0], ranked[..., 1]
 
 
-def moffatt_tokieda(body: tuple[Floats, ...]) -> float:
-    """Return the largest relative distance of the reduced system from Eq. (75) [toki-prs].
-
-    With ``n = S``, ``E_p = (I/2) P^2``, ``E_r = (I/2) R^2``, ``t = (2/K_r) tau``, at random states.
-    """
-    alpha, beta, gamma, theta, phi, xi = body
-    found = theory.modes(alpha, beta, theta, phi, xi)
-    p, r, s = np.random.default_rng(2017).normal(size=(3, len(alpha)))
-    rates = reduced.rhs.py_func(s, gamma / 2 * p**2, gamma / 2 * r**2, found.K_p, found.K_r, gamma)
-    spin, pitch, roll = (2 / found.K_r * np.asarray(rate) for rate in rates)
-    mapped = np.stack([pitch / (gamma * p), roll / (gamma * r), spin])
-    ratio = (found.omega_p / found.omega_r) ** 2
-    wanted = np.stack([ratio * p * s, -r * s, r**2 - ratio * p**2])
-    return float(np.max(np.abs(mapped - wanted) / np.linalg.norm(wanted, axis=0)))
-
-
 def slow_spin(_: Made) -> Measured:
     """Measure T7: growth rates at small spin, and the system of Moffatt and Tokieda."""
-    off = []
-    for body in (drawn_bodies(0, SAMPLES), wide_bodies()):
-        alpha, beta, _gamma, theta, phi, xi = body
+    off: list[float] = []
+    for body in (wide_bodies(), drawn_bodies(0, SAMPLES)):
+        alpha, beta, gamma, theta, phi, xi = body
         found = theory.modes(alpha, beta, theta, phi, xi)
         magnified = found.omega_p**2 / (found.omega_p**2 - found.omega_r**2)
         pitch, roll = growth_slopes(body)
         # Near zero K_r the slope is what is left of larger terms: measured against K_p.
-        for rest in (pitch - found.K_p / 2, roll + found.K_r / 2):
-            off.append(float(np.max(np.abs(rest) / (found.K_p * magnified))))
-    field = moffatt_tokieda(drawn_bodies(0, SAMPLES))
+        rest = np.abs([pitch - found.K_p / 2, roll + found.K_r / 2])
+        off = [*np.max(rest / (found.K_p * magnified), axis=1).tolist(), *off]
+    # Eq. (75) [toki-prs] with n = S, E_p = (I/2) P^2, E_r = (I/2) R^2, t = (2/K_r) tau.
+    p, r, s = np.random.default_rng(2017).normal(size=(3, SAMPLES))
+    rates = reduced.rhs.py_func(s, gamma / 2 * p**2, gamma / 2 * r**2, found.K_p, found.K_r, gamma)
+    spin, pitch, roll = (2 / found.K_r * np.asarray(rate) for rate in rates)
+    ratio = (found.omega_p / found.omega_r) ** 2
+    wanted = np.stack([ratio * p * s, -r * s, r**2 - ratio * p**2])
+    rest = np.stack([pitch / (gamma * p), roll / (gamma * r), spin]) - wanted
+    field = float(np.max(np.abs(rest) / np.linalg.norm(wanted, axis=0)))
     return [value < EXACT for value in (*off, field)], {
         "off": off, "field": field, "value": max(*off, field), "bodies": SAMPLES,
     }  # fmt: skip

@@ -14,7 +14,7 @@ from ruamel.yaml import YAML
 
 from rattlesweep import api
 from rattlesweep.analysis.onerun.course import Trajectory
-from rattlesweep.analysis.style import BLUE, FAINT, thin
+from rattlesweep.analysis.style import BLUE, thin
 from rattlesweep.errors import OutputError
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.sweeps.files import probe_directory
@@ -24,13 +24,6 @@ Tables = Mapping[str, pd.DataFrame]
 Made = Mapping[str, Tables]
 
 LAUNCH = ["alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0", "psi"]
-# Matplotlib's settings: frames with ticks inward, as in the paper.
-LOOK: Any = {
-    "xtick.direction": "in", "ytick.direction": "in", "xtick.top": True, "ytick.right": True,
-    "axes.titlesize": 10, "axes.titlepad": 4, "grid.color": FAINT, "grid.linewidth": 0.6,
-    # At a fixed height: to avoid what is at the top takes a sixth of the drawing's time.
-    "axes.titley": 1.0,
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -57,27 +50,18 @@ QUICK = Sizes(
 class Workspace:
     """An output directory whose sweeps resume; all else takes seconds and is computed anew."""
 
-    def __init__(
-        self,
-        directory: Path,
-        sizes: Sizes = FULL,
-        threads: int | None = None,
-        progress: bool | None = None,
-    ) -> None:
+    def __init__(self, directory: Path, sizes: Sizes = FULL, **settings: Any) -> None:
+        """Make or open the directory; `settings` are ``threads`` and ``progress`` of its sweeps."""
         probe_directory(directory)
-        self.directory, self.sizes = directory, sizes
-        self.settings: dict[str, Any] = {"threads": threads, "progress": progress}
+        self.directory, self.sizes, self.settings = directory, sizes, settings
         self.failed = 0
         self._sweeps: dict[str, pd.DataFrame] = {}
 
-    def sweep(self, name: str, config: Mapping[str, Any] | None = None) -> pd.DataFrame:
+    def sweep(self, name: str) -> pd.DataFrame:
         """Run the sweep ``sweeps/NAME``, or go on with it, and return its runs that are ``ok``."""
         if name not in self._sweeps:
-            found = api.sweep(
-                config or sweep_config(name, self.sizes),
-                output=self.directory / "sweeps" / name,
-                **self.settings,
-            )
+            config, output = sweep_config(name, self.sizes), self.directory / "sweeps" / name
+            found = api.sweep(config, output=output, **self.settings)
             runs, cases = self._good(found.read()), found.summary.set_index("case")
             for target in map(str, cases[["K_p", "K_r"]].dropna(axis=1, how="all")):
                 targets = runs["case"].map(cases[target])
@@ -100,17 +84,14 @@ class Workspace:
 
 
 def sweep_config(name: str, sizes: Sizes) -> dict[str, Any]:
-    """Return the config of the sweep ``steady`` or ``unsteady``, that of ``configs/``."""
+    """Return the config of the sweep ``steady``, ``unsteady`` or ``friction``."""
     config: dict[str, Any] = YAML(typ="safe").load(Path(__file__).with_name(f"{name}.yaml"))
-    config["bodies"]["samples"] = sizes.samples
+    config["bodies"]["samples"] = sizes.friction if name == "friction" else sizes.samples
     return config
 
 
 def follow(body: Rattleback, *channels: str, dt: float = 0.05, **launch: Any) -> Trajectory:
-    """Integrate one run past its reversals; raise OutputError if it fails.
-
-    By default the rows are a hundredth of the period of a pitch apart.
-    """
+    """Integrate one run past its reversals; raise OutputError if it fails."""
     found = api.trajectory(body, channels=("t", *channels), dt=dt, **launch)
     if found.status != "ok":
         raise OutputError(f"{body}: the run ended at t = {found.t_end:g} with {found.status}")

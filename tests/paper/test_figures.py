@@ -66,12 +66,11 @@ def test_l4_follows_the_volume(nine):
     assert (nine["runs"]["volume_late"] > -1).tolist() == [True, False, False]
 
 
-def test_friction_keeps_more_and_more_bodies_from_reversing(ws, monkeypatch):
-    monkeypatch.setattr(fig7, "SIGMAS", (0.02, 0.3))
+def test_friction_keeps_more_and_more_bodies_from_reversing(ws):
     tables = fig7.friction(ws)
     rows = tables["shares"]
     assert (rows["runs"] == 20).all()
     assert (rows[["one_way", "both", "neither", "steady_only"]].sum(axis=1) == 20).all()
     assert rows["neither"].is_monotonic_increasing
-    assert rows["one_way"].iloc[0] > 10
+    assert rows["one_way"].max() > 10
     assert len(fig7.draw_friction(tables).axes) == 1

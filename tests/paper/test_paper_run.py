@@ -34,7 +34,7 @@ def made(tmp_path_factory):
     directory = tmp_path_factory.mktemp("paper")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(command, "DPI", 60)
-        claims = reproduce(Workspace(directory, SMALL, 2), PARTS_OF_SWEEPS)
+        claims = reproduce(Workspace(directory, SMALL, threads=2), PARTS_OF_SWEEPS)
     return SimpleNamespace(
         directory=directory, claims=claims,
         **{name: runs_of(directory, name) for name in ("steady", "unsteady")},
@@ -147,7 +147,7 @@ def test_a_lost_file_of_a_sweep_is_computed_again(made, tmp_path, monkeypatch):
     files = sorted((out / "sweeps" / "steady" / "runs").glob("*.parquet"))
     files[0].unlink()
     kept = {path: path.stat().st_mtime_ns for path in files[1:]}
-    reproduce(Workspace(out, SMALL, 2), ["fig8"])
+    reproduce(Workspace(out, SMALL, threads=2), ["fig8"])
     pd.testing.assert_frame_equal(runs_of(out, "steady"), made.steady)
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     pd.testing.assert_frame_equal(

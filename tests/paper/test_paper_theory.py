@@ -35,7 +35,7 @@ def test_bodies_are_counted_by_their_coefficients():
     size = 250_000
     alpha, beta, _, th, phi, xi = fig3_4.drawn_bodies(0, size)
     found = theory.modes(alpha, beta, th, phi, xi)
-    bins = [fig3_4.edges("K_p"), fig3_4.edges("K_r")]
+    bins = [*fig3_4.EDGES.values()]
     wanted = np.histogram2d(found.K_p, found.K_r, bins=bins)[0]
     few = np.count_nonzero(found.omega_p / found.omega_r < fig3_4.BOUND)
     for threads in (1, 3):
