@@ -18,7 +18,7 @@ from rattlesweep.paper.claim import Measured
 from rattlesweep.paper.workspace import Made, Tables, Workspace, records
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
-from rattlesweep.sweeps.bodies.sampler import draw_bodies
+from rattlesweep.sweeps.bodies.sources import bodies_at, draw_points
 from rattlesweep.sweeps.config.schema import SdRanges
 
 # Points of a cumulative distribution; bodies counted at a time.
@@ -34,9 +34,8 @@ CLOSE, MUCH = 0.02, 10.0
 
 def drawn_bodies(first: int, last: int) -> tuple[Floats, ...]:
     """Return ``alpha, beta, gamma, theta, phi, xi`` of the bodies of some numbers."""
-    drawn = draw_bodies(2017, np.arange(first, last), np.array(SdRanges().ends()))[0]
-    gamma, _, theta, phi, xi, alpha, beta = drawn
-    return alpha, beta, gamma, theta, phi, xi
+    b = bodies_at(draw_points(2017, np.arange(first, last)), np.array(SdRanges().ends()))
+    return b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi
 
 
 def drawn_modes(samples: int) -> theory.Modes:

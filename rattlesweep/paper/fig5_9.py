@@ -19,7 +19,7 @@ from rattlesweep.paper.claim import Measured, every
 from rattlesweep.paper.workspace import Made, Tables, Workspace, draw_spin, follow, records, thinned
 from rattlesweep.physics import full, reduced
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.physics.volume import smooth_volume
+from rattlesweep.physics.vectors import smooth_volume
 from rattlesweep.sweeps.types import is_chaotic
 
 OMEGA_XY0 = 0.01

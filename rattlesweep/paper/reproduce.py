@@ -18,7 +18,7 @@ from rattlesweep.analysis.style import FAINT, save, save_table, styled
 from rattlesweep.errors import ConfigError
 from rattlesweep.paper.claim import UNDECIDED, judge, read_table
 from rattlesweep.paper.workspace import FULL, Tables, Workspace, sweep_config
-from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.provenance import machine, now, package_version, versions
 

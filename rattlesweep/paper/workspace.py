@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from ruamel.yaml import YAML
 
 from rattlesweep import api
-from rattlesweep.analysis.onerun.course import Trajectory
 from rattlesweep.analysis.style import BLUE, thin
+from rattlesweep.api.single import Trajectory
 from rattlesweep.errors import OutputError
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.sweeps.files import probe_directory
