@@ -15,7 +15,7 @@ import pandas as pd
 from ruamel.yaml import YAML
 
 from rattlesweep.paper.workspace import Made
-from rattlesweep.sweeps.counts import wilson
+from rattlesweep.sweeps.types import wilson
 
 # Checks, whose truth says whether they hold, and numbers by name.
 Measured = tuple[Sequence[object], dict[str, Any]]

@@ -23,7 +23,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.paper.claim import Measured, every, rises, span
 from rattlesweep.paper.workspace import Made, Tables, Workspace, draw_spin, follow, records
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.sweeps.counts import Z95
+from rattlesweep.sweeps.types import Z95
 
 SYMBOL = 10**0.1
 # Fewest runs of a kind for a median, and twice as many for one that tells.

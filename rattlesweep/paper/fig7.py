@@ -15,8 +15,7 @@ from rattlesweep.analysis.style import SERIES, TYPE_STYLE, add_legend, new_figur
 from rattlesweep.paper.claim import Count, Measured, every, rises, share, span
 from rattlesweep.paper.workspace import Made, Tables, Workspace, draw_spin, follow, records, thinned
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.sweeps.counts import wilson
-from rattlesweep.sweeps.types import is_chaotic
+from rattlesweep.sweeps.types import is_chaotic, wilson
 
 POINT = ["K_r", "n_i", "omega_xy0"]
 # In the order of the legend.
