@@ -177,19 +177,19 @@ def paper(
     Writes the data and the picture of each figure, the verdicts on the claims, which it also
     prints, and report.html, a self-contained page. After a stop the same command resumes.
     """
-    from rattlesweep.paper.report import closing_table, tally
-    from rattlesweep.paper.reproduce import choose, reproduce
+    from rattlesweep.paper.reproduce import choose, closing_table, reproduce, tally
     from rattlesweep.paper.workspace import FULL, QUICK, Workspace
 
     names, start = choose(only), time.monotonic()
     directory = output or Path("out/paper-quick" if quick else "out/paper")
-    workspace = Workspace(directory, QUICK if quick else FULL, threads, False if quiet else None)
+    progress = False if quiet else None
+    workspace = Workspace(directory, QUICK if quick else FULL, threads=threads, progress=progress)
     with Bar.of_command(quiet) as bar:
-        done = reproduce(workspace, names, bar.stage)
+        claims = reproduce(workspace, names, bar.stage)
     if not quiet:
-        if done.claims:
-            click.echo(closing_table(done.claims))
-            say(f"{len(done.claims)} claims: {tally(done.claims)}")
+        if claims:
+            click.echo(closing_table(claims))
+            say(f"{len(claims)} claims: {tally(claims)}")
         say(f"{directory / 'report.html'}; {time.monotonic() - start:.1f} s")
     if workspace.failed:
         say(f"{counted(workspace.failed, 'run')} of the sweeps failed; see their column status")
