@@ -63,10 +63,11 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
         from rattlesweep.sweeps.bodies.table import frame_bodies
 
         try:
-            frame = pd.DataFrame(bodies)
+            table = frame_bodies(pd.DataFrame(bodies))
+        except ConfigError:
+            raise
         except ValueError as error:
             raise ConfigError(f"bodies: cannot be read as a table: {error}") from None
-        table = frame_bodies(frame)
         return table.columns | {name: table.carried[name] for name in SIZE if name in table.carried}
     if isinstance(bodies, str) or not isinstance(bodies, Iterable):
         flat, shape = [one_body(bodies, "bodies")], ()
@@ -96,14 +97,12 @@ def table_bodies(columns: Mapping[str, Floats]) -> TableBodies:
     return TableBodies(rest, scale, size, (*fields, *MEASURED))
 
 
-# -- units -------------------------------------------------------------------------------------
+# -- numbers -----------------------------------------------------------------------------------
 
 
 def scale_of(units: Units | None) -> Scale | None:
     """Return the units of a body as a scale, None if its size is not known."""
-    from rattlesweep.sweeps.bodies.protocol import Scale
-
-    return None if units is None else Scale(*map(np.asarray, astuple(units)))
+    return column_scale({} if units is None else dict(zip(SIZE, astuple(units), strict=True)))
 
 
 def column_scale(columns: Mapping[str, Any]) -> Scale | None:
@@ -112,15 +111,10 @@ def column_scale(columns: Mapping[str, Any]) -> Scale | None:
 
     if "height_m" not in columns:
         return None
-    length = np.asarray(columns["height_m"], float)
-    mass, gravity = (
-        np.broadcast_to(np.asarray(columns.get(name, default), float), length.shape)
-        for name, default in (("mass_kg", np.nan), ("gravity_m_s2", GRAVITY))
-    )
+    mass, length = columns.get("mass_kg", np.nan), columns["height_m"]
+    parts = np.broadcast_arrays(length, mass, columns.get("gravity_m_s2", GRAVITY))
+    length, mass, gravity = (np.asarray(part, float) for part in parts)
     return Scale(mass, length, gravity)
-
-
-# -- numbers -----------------------------------------------------------------------------------
 
 
 def numbers(name: str, value: Any, scale: Scale | None = None) -> Floats:
@@ -131,12 +125,11 @@ def numbers(name: str, value: Any, scale: Scale | None = None) -> Floats:
         array = _floats(name, value, scale)
     except (TypeError, OverflowError):
         raise ConfigError(f"{name}: {kind_of(value)} is no number or array of numbers") from None
-    degrees = name == "psi"
-    bad = ~np.isfinite(array) | (degrees & (np.abs(array) > 360))
-    broken = None if degrees else check_value(name, array.ravel())
+    broken = None if name == "psi" else check_value(name, array.ravel())
+    bad = ~np.isfinite(array) | ((np.abs(array) > 360) if name == "psi" else False)
     if bad.any():
-        wanted = "an angle from -360 to 360 degrees is needed" if degrees else "it must be finite"
-        broken = int(np.argmax(bad)), wanted
+        degrees = "an angle from -360 to 360 degrees is needed"
+        broken = int(np.argmax(bad)), degrees if name == "psi" else "it must be finite"
     if broken is not None:
         place = np.unravel_index(broken[0], array.shape)
         where = f"[{', '.join(map(str, place))}]" if place else ""
@@ -148,24 +141,23 @@ def _floats(name: str, value: Any, scale: Scale | None) -> Floats:
     """Return numbers and texts with units in the units of the bodies."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
         return value.astype(float)
+    given = np.array(value, dtype=object)  # not as texts, which numbers beside them may be
+    flat = given.ravel().tolist()
+    if any(isinstance(one, bool) for one in flat):
+        raise TypeError
+    is_text = np.array([isinstance(one, str) for one in flat]).reshape(given.shape)
     try:
-        given = np.array(value, dtype=object)  # not as texts, which numbers beside them may be
-        flat = given.ravel().tolist()
-        if any(isinstance(one, bool) for one in flat):
-            raise TypeError
         found = [quantity(one, KINDS[name]) if isinstance(one, str) else one for one in flat]
         array = np.array(found, float).reshape(given.shape)
     except (KeyError, ValueError) as error:
         told = f" or a quantity: it {error}" if name in KINDS else ""
         raise ConfigError(f"{name}: {kind_of(value)} is no number{told}") from None
-    texts = [isinstance(one, str) for one in flat]
-    if not any(texts):
+    if not is_text.any():
         return array
     if scale is None:
         raise ConfigError(f"{name}: {one_line(str(value))} has a unit, but the body has no size; "
                           "give it one (KL, from_si, half_ellipsoid, --mass and --height), or a "
                           "number without")  # fmt: skip
-    is_text = np.reshape(texts, given.shape)
     return np.asarray(np.where(is_text, scale.natural(array, KINDS[name]), array))
 
 
@@ -182,8 +174,8 @@ def number(name: str, value: Any, scale: Scale | None = None) -> float | None:
 def check_count(name: str, value: Any, least: int = 1) -> None:
     """Raise a ConfigError if an argument is neither None nor a whole number from `least` on."""
     if value is not None and not (isinstance(value, Integral) and int(value) >= least):
-        raise ConfigError(f"{name}: {kind_of(value)} is no count; give a whole number from {least} "
-                          "on")  # fmt: skip
+        wanted = f"give a whole number from {least} on"
+        raise ConfigError(f"{name}: {kind_of(value)} is no count; {wanted}")
 
 
 def full_states(omega: Any, u: Any, scale: Scale | None = None) -> dict[str, Floats]:
@@ -195,9 +187,8 @@ def full_states(omega: Any, u: Any, scale: Scale | None = None) -> dict[str, Flo
     for name, value in (("omega", omega), ("u", (0.0, 0.0, -1.0) if u is None else u)):
         vectors = numbers(name, value, scale)
         if vectors.shape[-1:] != (3,):
-            raise ConfigError(
-                f"{name}: a vector has three components, x, y, z; its shape is {vectors.shape}"
-            )
+            raise ConfigError(f"{name}: a vector has three components, x, y, z; its shape is "
+                              f"{vectors.shape}")  # fmt: skip
         for k, x in enumerate("xyz"):
             state[f"{name}_{x}"] = numbers(f"{name}_{x}", vectors[..., k])
     return state
@@ -208,9 +199,8 @@ def broadcast(arrays: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[in
     try:
         whole = np.broadcast_arrays(*arrays.values())
     except ValueError:
-        told = {"bodies": arrays["alpha"]} | {
-            k: v for k, v in arrays.items() if k not in PARAMETERS
-        }
+        others = {name: array for name, array in arrays.items() if name not in PARAMETERS}
+        told = {"bodies": arrays["alpha"]} | others
         shapes = ", ".join(f"{name} {array.shape}" for name, array in told.items())
         raise ConfigError(f"the shapes do not go together: {shapes}") from None
     return dict(zip(arrays, whole, strict=True)), whole[0].shape

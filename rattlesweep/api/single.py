@@ -16,7 +16,7 @@ from rattlesweep.api.arrays import Bodies, check_count, number, numbers
 from rattlesweep.arrays import Floats, take
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.progress import Bar
+from rattlesweep.text import Bar
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -14,7 +14,7 @@ import numpy as np
 from rattlesweep.api.arrays import check_count, is_frame, kind_of, to_frame
 from rattlesweep.api.single import Page, replay, stored_page
 from rattlesweep.errors import ConfigError, ConfigWarning
-from rattlesweep.progress import Bar
+from rattlesweep.text import Bar
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,21 +26,9 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.stored import Stored
     from rattlesweep.sweeps.verify import Verified
 
-LOOKS = ("title", "log", "size", "xlim", "ylim")
-
 
 class Sweep:
-    """An output directory, whole or still running; tables are read when they are asked for.
-
-    Attributes
-    ----------
-    directory : Path
-
-    Raises
-    ------
-    OutputError, ConfigError
-        If it is not the output directory of a sweep.
-    """
+    """The output directory of a sweep, whole or still running; tables are read when asked for."""
 
     def __init__(self, directory: str | Path) -> None:
         if not isinstance(directory, str | os.PathLike):
@@ -63,8 +51,7 @@ class Sweep:
     @property
     def config(self) -> dict[str, Any]:
         """The config with all defaults filled in."""
-        config: dict[str, Any] = self.manifest["config"]
-        return config
+        return dict(self.manifest["config"])
 
     @property
     def runs(self) -> pd.DataFrame:
@@ -80,16 +67,12 @@ class Sweep:
 
     def __getitem__(self, columns: str | list[str]) -> Any:
         """Return a column of the runs as a Series, or several as a DataFrame."""
-        frame = self.read(columns)
-        return frame[columns] if isinstance(columns, str) else frame
-
-    def _ipython_key_completions_(self) -> list[str]:
-        return list(self._stored.schema.names)
+        return self.read(columns)[columns]
 
     def read(
         self, columns: Sequence[str] | str | None = None, where: str | None = None
     ) -> pd.DataFrame:
-        """Read runs, or some of their columns, or those for which a condition is true.
+        """Read the runs, or some of their columns, or those for which a condition is true.
 
         Parameters
         ----------
@@ -117,8 +100,11 @@ class Sweep:
 
         stored = self._stored
         schema = stored.schema
-        names = schema.names if columns is None else columns
-        names = [names] if isinstance(names, str) else list(names)
+        names = (
+            [columns]
+            if isinstance(columns, str)
+            else list(schema.names if columns is None else columns)
+        )
         for name in names:
             if name not in schema.names:
                 raise ConfigError(f"columns: {not_one_of(str(name), schema.names)}")
@@ -185,20 +171,13 @@ class Sweep:
         from rattlesweep.analysis.plots.layout import read_layout
         from rattlesweep.analysis.style import FORMATS, encode, save, styled
 
-        for name in looks:
-            if name not in LOOKS:
-                raise ConfigError(f"{name}: unknown; the looks of a picture are {', '.join(LOOKS)}")
-        endings = [f".{ending}" for ending in FORMATS]
-        if path is not None and Path(path).suffix.lower() not in endings:
-            raise ConfigError(f"path {path}: the name must end in {', '.join(endings)}")
+        if path is not None and Path(path).suffix.lower()[1:] not in FORMATS:
+            raise ConfigError(f"path {path}: the name must end in .{', .'.join(FORMATS)}")
         if isinstance(select, Mapping):
             select = [f"{name}={_values(value)}" for name, value in select.items()]
-        layout = read_layout(self.directory)
+        chosen: dict[str, Any] = {"x": x, "quantity": quantity, "select": select, "where": where}
         with styled():
-            picture = choose_picture(
-                layout, kind, x=x, quantity=quantity, select=select, where=where
-            )
-            figure = picture.figure(**looks)
+            figure = choose_picture(read_layout(self.directory), kind, **chosen).figure(**looks)
             if path is not None:
                 save(figure, [Path(path)], 150.0)
         # Figures made without pyplot need this to show in a notebook.
@@ -209,8 +188,8 @@ class Sweep:
         """Write one self-contained HTML page about the sweep, by default DIRECTORY/report.html."""
         from rattlesweep.analysis.report import make_report
 
-        target = self.directory / "report.html" if path is None else path
-        return Page(make_report(self.directory, title)).save(target)
+        page = Page(make_report(self.directory, title))
+        return page.save(self.directory / "report.html" if path is None else path)
 
     def verify(self, recompute: int = 0, *, seed: int = 0, threads: int | None = None) -> Verified:
         """Read everything and compare it with what the manifest says; nothing is changed.
@@ -263,7 +242,7 @@ class Sweep:
 
     def _repr_html_(self) -> str:
         summary = self.summary.dropna(axis="columns", how="all")
-        table = summary.to_html(max_rows=10, index=False, float_format=lambda x: f"{x:.5g}")
+        table = summary.to_html(max_rows=10, index=False, float_format="{:.5g}".format)
         return f"<div>{html.escape(repr(self))}{table}</div>"
 
 
@@ -289,7 +268,7 @@ def sweep(
     threads, progress
         As for :func:`rattlesweep.simulate`.
     **keys
-        For a DataFrame, the other keys of the config: ``spin``, ``horizon``, ``record`` ...
+        For a DataFrame, the other keys of the config: ``spin``, ``horizon``, ``record``...
 
     Raises
     ------
@@ -316,19 +295,16 @@ def sweep(
 
     check_count("threads", threads)
     target = None if output is None else Path(output)
-    base: Path | None = None
     if is_frame(config):
         from rattlesweep.sweeps.frame import plan_frame
 
         plan, target, base, doubts = plan_frame(config, target, keys)
     else:
-        if keys:
-            raise ConfigError(f"{next(iter(keys))}: is given beside a config; write it into the "
-                              "config")  # fmt: skip
-        if isinstance(config, str | os.PathLike):
-            loaded, base = load_config(config), Path(config).resolve().parent
-        else:
-            loaded = parse_config(config)  # type: ignore[arg-type]
+        for key in keys:
+            raise ConfigError(f"{key}: is given beside a config; write it into the config")
+        path = Path(config) if isinstance(config, str | os.PathLike) else None
+        loaded = parse_config(config) if path is None else load_config(path)  # type: ignore[arg-type]
+        base = None if path is None else path.resolve().parent
         plan, doubts = checked_plan(loaded, base)
         target = target or Path(loaded.directory)
     for doubt in doubts:

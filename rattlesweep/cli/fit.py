@@ -10,7 +10,7 @@ import click
 from click import argument
 
 from rattlesweep.cli import options
-from rattlesweep.cli.command import command, probe, say, to_json
+from rattlesweep.cli.options import command, probe, say, to_json
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.text import align
 

@@ -1,9 +1,8 @@
-"""Options that several commands have, and the kinds of their values."""
+"""What commands share: how they are made and end, their options, the kinds of their values."""
 
 from __future__ import annotations
 
-import math
-import os
+import json
 import pkgutil
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,13 +13,80 @@ from typing import Any
 import click
 from click import Choice, argument, option
 
-from rattlesweep.durations import seconds_of
-from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.integrate import check_settings
+from rattlesweep.errors import ConfigError, OutputError, one_line, printable
+from rattlesweep.integrate import MOST_THREADS, check_settings
+from rattlesweep.integrate.compile import listening
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.units import quantities, quantity
+from rattlesweep.text import Bar
+from rattlesweep.units import quantities, quantity, seconds_of
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+DONE, FAILED, WRONG, SOME_FAILED, EARLY = 0, 1, 2, 3, 75
+"""Exit codes."""
+MOST_ROWS = 20
+"""Rows of a table that are printed."""
+
+
+# -- commands ----------------------------------------------------------------------------------
+
+COMMANDS: list[Command] = []
+
+
+class Command(click.Command):
+    """A command; its function returns the exit code, or None if all is done."""
+
+    section = ""
+
+    def invoke(self, ctx: click.Context) -> None:
+        """Check the environment, call the function and end with its exit code."""
+        check_settings()
+        with listening(Bar.of_command(bool(ctx.params.get("quiet"))).compiling):
+            code = super().invoke(ctx)
+        ctx.exit(code or DONE)
+
+
+def command(section: str, *examples: str) -> Callable[[Callable[..., Any]], Command]:
+    """Make a function a command, listed in a section, whose help ends with some examples."""
+
+    def make(function: Callable[..., Any]) -> Command:
+        head = "Examples" if len(examples) > 1 else "Example"
+        epilog = "\n  ".join([f"\b\n{head}:", *examples])
+        made = click.command(cls=Command, epilog=epilog)(function)
+        made.section = section
+        COMMANDS.append(made)
+        return made
+
+    return make
+
+
+def say(text: str) -> None:
+    """Write a line to standard error, where everything goes that is not data."""
+    click.echo(printable(text), err=True)
+
+
+def to_json(data: Any) -> str:
+    """Return data as JSON that every reader takes."""
+    return json.dumps(data, indent=2, allow_nan=False, default=str)
+
+
+def probe(*files: Path | None) -> None:
+    """Raise an OutputError if files cannot be written, before anything is computed."""
+    from rattlesweep.sweeps.files import probe_directory
+
+    for path in filter(None, files):
+        if path.is_dir():
+            raise OutputError(f"cannot write {path}: a directory is in the way")
+        probe_directory(path.parent)
+
+
+def pick(given: dict[str, Any], *names: str) -> dict[str, Any]:
+    """Take options out of all that were read, and return those that were given."""
+    taken = {name: given.pop(name) for name in names if name in given}
+    return {name: value for name, value in taken.items() if value is not None}
+
+
+# -- kinds of values ---------------------------------------------------------------------------
 
 
 class Kind(click.ParamType):  # type: ignore[type-arg]
@@ -44,22 +110,28 @@ class Kind(click.ParamType):  # type: ignore[type-arg]
             raise ConfigError(f"{flag} {one_line(value)}".strip() + f": {error}") from None
 
 
-def _numbers(count: int, fit: Callable[..., bool], wanted: str, text: str) -> tuple[float, ...]:
-    """Read so many numbers, with commas between them, that fit."""
+def _numbers(example: str, low: float, high: float, text: str) -> tuple[float, ...]:
+    """Read as many numbers as an example has, with commas between them."""
     with suppress(ValueError):
         values = tuple(map(float, text.split(",")))
-        if len(values) == count and fit(*values):
+        if len(values) == 1 + example.count(",") and all(low <= x <= high for x in values):
             return values
-    raise ValueError(wanted)
+    within = "" if low < -1e9 else f" from {low:g} to {high:g}"
+    raise ValueError(f"give {1 + example.count(',')} numbers{within}, as in {example}")
+
+
+def _number_or_word(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def _measured(kind: str, text: str) -> float | str:
-    """Read a number in the body's units, or check one with an SI unit; a direction is a word."""
-    with suppress(ValueError):
-        return float(text)
-    if kind != "direction":
-        quantity(text, kind)
-    return text
+    """Read a number in the body's units, or check one with an SI unit."""
+    if isinstance(number := _number_or_word(text), str):
+        quantity(number, kind)
+    return number
 
 
 def names(text: str) -> tuple[str, ...]:
@@ -70,51 +142,34 @@ def names(text: str) -> tuple[str, ...]:
 def _directory(text: str) -> Path:
     if not text:
         raise ValueError("the directory has no name; give one")
-    if text != text.encode(errors="replace").decode():
-        raise ValueError("the name is not UTF-8; give one that is")
     return Path(text)
 
 
 def _file(endings: tuple[str, ...], text: str) -> Path:
     if not text.lower().endswith(endings):
-        known = " or ".join(", ".join(endings).rsplit(", ", 1))
-        raise ValueError(f"the name must end in {known}")
+        raise ValueError(f"the name must end in {' or '.join(endings)}")
     return Path(text)
-
-
-def _check_threads(context: click.Context, _: click.Parameter, count: int | None) -> int | None:
-    """Refuse more threads than Numba can start here, unless they are a scheduler's elsewhere."""
-    check_settings()
-    affinity = getattr(os, "sched_getaffinity", None)
-    there = len(affinity(0)) if affinity else os.cpu_count() or 1
-    most = int(os.environ.get("NUMBA_NUM_THREADS", there))
-    if count is not None and count > most and not context.params.get("scheduler"):
-        raise ConfigError(f"--threads {count}: is more than the {most} processors there are")
-    return count
 
 
 PICTURES = (".svg", ".png", ".pdf")
 COUNT = click.IntRange(1)
 TIME = Kind("time", seconds_of)
-SIZE = Kind("w,h", partial(_numbers, 2, lambda w, h: 1 <= w <= 24 and 1 <= h <= 24,
-            "give width and height in inches, each from 1 to 24, as in 7,4.5"))  # fmt: skip
-LIMITS = Kind("low,high", partial(_numbers, 2, lambda a, b: -math.inf < a < b < math.inf,
-              "give the lower and the upper end, as in 0.01,0.1"))  # fmt: skip
-VECTOR = Kind("x,y,z", partial(_numbers, 3, lambda *xyz: True,
-              "is no vector; give three numbers, such as 0,0,-1"))  # fmt: skip
-SPIN, DURATION, LENGTH, ENERGY, DAMPING = (
-    Kind(name, partial(_measured, kind))
-    for name, kind in (("spin", "spin"), ("time", "time"), ("length", "length"),
-                       ("energy", "energy"), ("sigma", "torque per spin"))
-)  # fmt: skip
-MASS, HEIGHT, ANGLE = (
-    Kind(kind, partial(quantity, kind=kind)) for kind in ("mass", "length", "angle")
+SIZE = Kind("w,h", partial(_numbers, "7,4.5", 1, 24))
+LIMITS = Kind("low,high", partial(_numbers, "0.01,0.1", -1e300, 1e300))
+VECTOR = Kind("x,y,z", partial(_numbers, "0,0,-1", -1e300, 1e300))
+SPIN, DURATION, LENGTH, ENERGY = (
+    Kind(kind, partial(_measured, kind)) for kind in ("spin", "time", "length", "energy")
 )
+DAMPING = Kind("sigma", partial(_measured, "torque per spin"))
+MASS, HEIGHT, ANGLE = (Kind(k, partial(quantity, kind=k)) for k in ("mass", "length", "angle"))
 # The modules that hold these words too take long to import; a test compares.
 PRESETS = Choice(["GH", "KL"])
 ACCURACIES = Choice(["draft", "standard", "reference"])
 MODELS = Choice(["full", "reduced", "gh"])
 KINDS = Choice(["fractions", "times", "ratio", "map", "reversals", "distribution", "scatter"])
+
+
+# -- options -----------------------------------------------------------------------------------
 
 
 def stack(*decorators: Decorator) -> Decorator:
@@ -126,12 +181,6 @@ def stack(*decorators: Decorator) -> Decorator:
         return function
 
     return add
-
-
-def pick(given: dict[str, Any], *names: str) -> dict[str, Any]:
-    """Take options out of all that were read, and return those that were given."""
-    taken = {name: given.pop(name) for name in names if name in given}
-    return {name: value for name, value in taken.items() if value is not None}
 
 
 def output(help: str = "Output directory; overrides the config's.", **settings: Any) -> Decorator:
@@ -155,8 +204,8 @@ overrides = option(
     "--set", "overrides", metavar="KEY=VALUE", multiple=True,
     help="Override a key of the config, such as bodies.samples=10; may be repeated.",
 )  # fmt: skip
-threads = option("-j", "--threads", type=COUNT, callback=_check_threads,
-                 help="Threads of the kernel; by default one a processor.")  # fmt: skip
+threads = option("-j", "--threads", type=click.IntRange(1, MOST_THREADS),
+                 help="Threads of the kernel; by default one for each processor.")  # fmt: skip
 title = option("--title", metavar="TEXT", help="Title of the page.")
 as_json = option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 quiet = option("-q", "--quiet", is_flag=True, help="No progress, closing words or warnings.")
@@ -165,6 +214,13 @@ data = file("--data", ".csv", ".parquet", help="Also write the numbers, as .csv 
 t_end = option("--t-end", type=DURATION, help="Horizon, in sqrt(a/g), or as in 20s; by default "
                "5 t_rGH, or that of the sweep.")  # fmt: skip
 from_time = option("--from-time", type=DURATION, help="Time of the first row, likewise.")
+where = option("--where", metavar="CONDITION", help="Runs for which a pandas query on their "
+               "columns is true, as in 'type == \"SW\" and K_r < 0.005'.")  # fmt: skip
+which = stack(
+    option("--case", type=int, help="Case of the run."),
+    option("--sample", type=int, help="Sample of the run."),
+    where,
+)
 
 BODY = ("preset", "alpha", "beta", "gamma", "f_sd", "theta", "phi", "xi", "xi_deg", "c", "mass",
         "height", "inertia", "radii", "axes_angle", "z_up",
@@ -181,7 +237,7 @@ body = stack(
     option("--xi", type=float, help="Skew angle in radians."),
     option("--xi-deg", type=float, help="Skew angle in degrees."),
     option("--c", type=LENGTH, help="Vertical semi-axis of an ellipsoid, in a, or as in 2cm."),
-    option("--mass", type=MASS, help="Instead of all these in SI units: mass, as in 85g."),
+    option("--mass", type=MASS, help="Instead of all these, a body in SI units: mass, as in 85g."),
     option("--height", type=HEIGHT, help="Height of the centre of mass over the contact."),
     option("--inertia", type=Kind("ixx,iyy,izz,ixy unit",
            lambda text: quantities(text, "moment of inertia", 3, 4, 5, 6)),
@@ -200,7 +256,7 @@ body = stack(
     option("--weights", type=MASS, help="Mass of each of two weights on its flat side."),
     option("--at", type=Kind("x,y", lambda text: quantities(text, "length", 2)),
            help="Place of one weight from the middle, along and across, as in 45,-9mm; the other "
-                "one lies opposite."),
+                "lies opposite."),
 )  # fmt: skip
 dissipation = stack(
     option("--sigma", type=DAMPING, help="Dissipation: sigma of a torque -sigma omega, in "
@@ -217,7 +273,7 @@ spin = stack(
 )  # fmt: skip
 launch = stack(
     spin,
-    option("--psi", type=Kind("direction", partial(_measured, "direction")),
+    option("--psi", type=Kind("direction", _number_or_word),
            help="Direction of the oscillation: relevant, pitch, roll, or degrees.  "
                 "[default: relevant]"),
     option("--omega", type=VECTOR, help="A full state instead: angular velocity along the body's "
@@ -241,10 +297,3 @@ rows = stack(
     option("--steps", is_flag=True, default=None, help="One row per accepted step."),
     from_time,
 )  # fmt: skip
-where = option("--where", metavar="CONDITION", help="Runs for which a pandas query on their "
-               "columns is true, as in 'type == \"SW\" and K_r < 0.005'.")  # fmt: skip
-which = stack(
-    option("--case", type=int, help="Case of the run."),
-    option("--sample", type=int, help="Sample of the run."),
-    where,
-)

@@ -15,7 +15,6 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import take
-from rattlesweep.durations import clock
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.status import Status
 from rattlesweep.sweeps.arrow import build_table, encode
@@ -24,6 +23,7 @@ from rattlesweep.sweeps.cost import SEED, expected_cost, sample_keys
 from rattlesweep.sweeps.decide import decides
 from rattlesweep.sweeps.launches import make_batch, prepare
 from rattlesweep.sweeps.plan import Plan
+from rattlesweep.text import clock
 
 KNOWN = 20_000  # runs whose expected cost is worked out
 # Runs of a first look, which tells the size of the pilot, and the steps of each at most; a run of

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rattlesweep.durations import clock
 from rattlesweep.sweeps.decide import decides, decision
 from rattlesweep.sweeps.provenance import WHOLE, at_work, read_sessions, who
 from rattlesweep.sweeps.stored import open_stored
-from rattlesweep.text import counted
+from rattlesweep.text import clock, counted
 
 ENDED = {
     "complete": "has done all of its runs",

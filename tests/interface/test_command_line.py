@@ -20,8 +20,8 @@ from rattlesweep.analysis.plots.kinds import KINDS
 from rattlesweep.cli import options
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.physics.body import PRESETS
-from rattlesweep.progress import Bar
 from rattlesweep.sweeps.config.read import config_json_schema, load_config
+from rattlesweep.text import Bar
 
 HEAVY = {"numpy", "numba", "scipy", "pandas", "pyarrow", "pydantic", "tqdm", "matplotlib"}
 COMMANDS = sorted(cli.main.commands)

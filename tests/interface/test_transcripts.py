@@ -15,7 +15,7 @@ from pathlib import Path
 from click.testing import CliRunner
 
 from rattlesweep.cli import main
-from rattlesweep.progress import COMPILING
+from rattlesweep.text import COMPILING
 
 FILE = Path(__file__).parents[1] / "net" / "transcripts.txt"
 FILES = {

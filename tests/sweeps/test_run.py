@@ -30,7 +30,7 @@ from sweeping import (
 )
 
 import rattlesweep as rs
-from rattlesweep import progress
+import rattlesweep.text
 from rattlesweep.sweeps.arrow import same_schema
 from rattlesweep.sweeps.columns import runs_schema, summary_schema
 from rattlesweep.sweeps.config.read import parse_config
@@ -223,8 +223,8 @@ def test_quiet_says_nothing_and_the_table_goes_to_standard_output(tmp_path):
 
 def test_without_a_terminal_there_is_at_most_one_line_a_minute(monkeypatch, capfd):
     now = [0.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
-    with progress.Bar.of_command() as meter:
+    monkeypatch.setattr(rattlesweep.text.time, "monotonic", lambda: now[0])
+    with rattlesweep.text.Bar.of_command() as meter:
         for tick in range(6001):
             now[0] = tick / 10
             meter(Progress(tick / 6000, tick, 6000, now[0], 600 - now[0]))
