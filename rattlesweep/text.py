@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.run import Progress
 
 COMPILING = "compiling the kernel for this machine, once (about 15 s)"
-DELAY = 0.5  # seconds after which a call from Python shows a bar: most are over by then
+DELAY = 0.5  # seconds after which a bar appears: much is over by then
 LINE_EVERY = 60.0  # seconds between lines where standard error is no terminal
 
 
@@ -22,8 +22,8 @@ def align(lines: Sequence[Sequence[str]], sides: str = ">") -> str:
     """Lay cells out in columns, on their sides ``<`` or ``>``, the last for all further columns."""
     columns = list(zip(*lines, strict=True))
     widths = [max(map(len, column)) for column in columns]
-    shapes = map("{}{}".format, sides.ljust(len(columns), sides[-1]), widths)
-    rows = (map(format, line, list(shapes)) for line in lines)
+    shapes = list(map("{}{}".format, sides.ljust(len(columns), sides[-1]), widths))
+    rows = (map(format, line, shapes) for line in lines)
     return "\n".join("  ".join(row).rstrip() for row in rows)
 
 
@@ -41,8 +41,8 @@ def clock(seconds: float) -> str:
 class Bar:
     """Progress on standard error: a bar, or a line a minute, for as long as a ``with`` lasts."""
 
-    def __init__(self, shown: bool, delay: float = 0.0, lines: bool = False) -> None:
-        self._shown, self._delay, self._lines, self._compiled = shown, delay, lines, False
+    def __init__(self, shown: bool, lines: bool = False) -> None:
+        self._shown, self._lines, self._compiled = shown, lines, False
         self._start = self._last = time.monotonic()
         self._bar: Any = None
 
@@ -51,7 +51,7 @@ class Bar:
         """Return the bar of a call from Python: by default in a notebook and in a terminal."""
         if progress is None:
             progress = "ipykernel" in sys.modules or sys.stderr.isatty()
-        return cls(progress, DELAY)
+        return cls(progress)
 
     @classmethod
     def of_command(cls, quiet: bool = False) -> Bar:
@@ -75,8 +75,8 @@ class Bar:
         return lambda fraction: self._show(fraction, what)
 
     def stage(self, text: str) -> None:
-        """Write what is done now, in a terminal always and elsewhere once a minute."""
-        if self._shown or self._minute_is_over():
+        """Write what is done now."""
+        if self._shown or self._lines:
             print(f"{time.monotonic() - self._start:4.0f} s  {text}", file=sys.stderr, flush=True)
 
     @contextmanager
@@ -88,22 +88,17 @@ class Bar:
         yield
 
     def _show(self, fraction: float, text: str, left: str = "") -> None:
-        text = f"{text}, {clock(time.monotonic() - self._start)}{left}"
-        if not self._shown:
-            if self._minute_is_over():
-                print(f"{100 * fraction:.1f} %, {text}", file=sys.stderr, flush=True)
-            return
-        if self._bar is None:
-            from tqdm.auto import tqdm
-
-            # tqdm's own estimate of the time left would count compilation as work.
-            form = "{percentage:3.0f}%|{bar}| {desc}"
-            self._bar = tqdm(total=100.0, bar_format=form, file=sys.stderr, delay=self._delay)
-        self._bar.set_description_str(text, refresh=False)
-        self._bar.update(100 * fraction - self._bar.n)
-
-    def _minute_is_over(self) -> bool:
         now = time.monotonic()
-        over = self._lines and now >= self._last + LINE_EVERY
-        self._last = now if over else self._last
-        return over
+        text = f"{text}, {clock(now - self._start)}{left}"
+        if self._shown:
+            if self._bar is None:
+                from tqdm.auto import tqdm
+
+                # tqdm's own estimate of the time left would count compilation as work.
+                form = "{percentage:3.0f}%|{bar}| {desc}"
+                self._bar = tqdm(total=100.0, bar_format=form, file=sys.stderr, delay=DELAY)
+            self._bar.set_description_str(text, refresh=False)
+            self._bar.update(100 * fraction - self._bar.n)
+        elif self._lines and now >= self._last + LINE_EVERY:
+            self._last = now
+            print(f"{100 * fraction:.1f} %, {text}", file=sys.stderr, flush=True)

@@ -9,10 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from rattlesweep.api.arrays import check_count, is_frame, kind_of, to_frame
-from rattlesweep.api.single import Page, replay, stored_page
+from rattlesweep.api.arrays import check_count, is_frame, to_frame
+from rattlesweep.api.single import Page
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.text import Bar
 
@@ -22,7 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rattlesweep.analysis.compare import Comparison
-    from rattlesweep.analysis.onerun.course import Trajectory
     from rattlesweep.sweeps.stored import Stored
     from rattlesweep.sweeps.verify import Verified
 
@@ -31,8 +28,6 @@ class Sweep:
     """The output directory of a sweep, whole or still running; tables are read when asked for."""
 
     def __init__(self, directory: str | Path) -> None:
-        if not isinstance(directory, str | os.PathLike):
-            raise ConfigError(f"directory: {kind_of(directory)} is no path")
         self.directory = Path(directory)
         _ = self._stored  # it must be one
 
@@ -74,17 +69,8 @@ class Sweep:
     ) -> pd.DataFrame:
         """Read the runs, or some of their columns, or those for which a condition is true.
 
-        Parameters
-        ----------
-        columns : str or sequence of str, optional
-            Columns of ``runs``, in this order; by default all.
-        where : str, optional
-            A pandas query: ``'type == "SW" and K_r < 0.005'``.
-
-        Returns
-        -------
-        pandas.DataFrame
-            One row a run, in order, with ``attrs["units"]`` and ``attrs["descriptions"]``.
+        The condition is a pandas query, ``'type == "SW" and K_r < 0.005'``.  The runs are in order,
+        with ``attrs["units"]`` and ``attrs["descriptions"]``.
 
         Examples
         --------
@@ -122,7 +108,9 @@ class Sweep:
     ) -> xarray.Dataset:
         """Return the runs as a Dataset with one dimension for each axis of the sweep.
 
-        Needs xarray (``pip install '.[xarray]'``).
+        Needs xarray (``pip install '.[xarray]'``).  Dimensions are the target ``K_p`` or ``K_r`` if
+        there is one (the bodies' own coefficient is then ``K_r_body``), ``n_i``, ``omega_xy0``, and
+        the axes of a grid of bodies, else ``sample``.
 
         Parameters
         ----------
@@ -133,13 +121,6 @@ class Sweep:
         fill : bool
             Whether the points that ``bodies.refine`` has left out are filled from the nearest runs,
             numbers by linear interpolation between them.
-
-        Returns
-        -------
-        xarray.Dataset
-            Dimensions are the target ``K_p`` or ``K_r`` if there is one (the bodies' own
-            coefficient is then ``K_r_body``), ``n_i``, ``omega_xy0``, and the axes of a grid of
-            bodies by their names, else ``sample``.  Variables have ``units`` and ``long_name``.
         """
         from rattlesweep.analysis.dataset import make_dataset
         from rattlesweep.analysis.plots.layout import read_layout
@@ -174,7 +155,8 @@ class Sweep:
         if path is not None and Path(path).suffix.lower()[1:] not in FORMATS:
             raise ConfigError(f"path {path}: the name must end in .{', .'.join(FORMATS)}")
         if isinstance(select, Mapping):
-            select = [f"{name}={_values(value)}" for name, value in select.items()]
+            listed = {k: [v] if isinstance(v, str | float | int) else v for k, v in select.items()}
+            select = [f"{name}={','.join(map(str, values))}" for name, values in listed.items()]
         chosen: dict[str, Any] = {"x": x, "quantity": quantity, "select": select, "where": where}
         with styled():
             figure = choose_picture(read_layout(self.directory), kind, **chosen).figure(**looks)
@@ -199,8 +181,6 @@ class Sweep:
         """
         from rattlesweep.sweeps.verify import verify
 
-        check_count("recompute", recompute, 0)
-        check_count("threads", threads)
         return verify(self.directory, recompute, seed, threads)
 
     def compare(self, other: Sweep | str | Path) -> Comparison:
@@ -219,23 +199,6 @@ class Sweep:
 
         texts = [f"classify.{key}={value!r}" for key, value in thresholds.items()]
         return to_frame(classify_stored(self.directory, texts).summary)
-
-    def replay(self, case: int, sample: int, **rows: Any) -> Trajectory:
-        """Integrate one of the runs again as a trajectory, as :func:`rattlesweep.replay` does."""
-        return replay(self.directory, case, sample, **rows)
-
-    def show(
-        self, case: int | None = None, sample: int | None = None, *, where: str | None = None,
-        **settings: Any,
-    ) -> Page:  # fmt: skip
-        """Make a page on which the body of one of the runs rolls on the plane.
-
-        The run is that of a case and a sample, or the first for which a condition is true; settings
-        are ``t_end``, ``from_time``, ``points``, ``title`` and ``path`` as for
-        :func:`rattlesweep.show`.  Raises an OutputError if the run does not come out as stored.
-        """
-        run = {"case": case, "sample": sample, "where": where}
-        return stored_page(self.directory, run, **settings)[0]
 
     def __repr__(self) -> str:
         return f"<Sweep {self.directory}: {self._stored.count():,} runs>"
@@ -273,14 +236,10 @@ def sweep(
     Raises
     ------
     ConfigError
-        If the config or an argument is wrong, or the directory holds another sweep.
+        If the config or an argument is wrong, or the directory holds another sweep; what makes
+        little physical sense is a ConfigWarning.
     OutputError
         If the directory cannot be read or written.
-
-    Warns
-    -----
-    ConfigWarning
-        Of what makes little physical sense in the config.
 
     Examples
     --------
@@ -294,7 +253,7 @@ def sweep(
     from rattlesweep.sweeps.run import run_sweep
 
     check_count("threads", threads)
-    target = None if output is None else Path(output)
+    target, base = None if output is None else Path(output), None
     if is_frame(config):
         from rattlesweep.sweeps.frame import plan_frame
 
@@ -302,9 +261,10 @@ def sweep(
     else:
         for key in keys:
             raise ConfigError(f"{key}: is given beside a config; write it into the config")
-        path = Path(config) if isinstance(config, str | os.PathLike) else None
-        loaded = parse_config(config) if path is None else load_config(path)  # type: ignore[arg-type]
-        base = None if path is None else path.resolve().parent
+        if isinstance(config, str | os.PathLike):
+            loaded, base = load_config(config), Path(config).resolve().parent
+        else:
+            loaded = parse_config(config)  # type: ignore[arg-type]
         plan, doubts = checked_plan(loaded, base)
         target = target or Path(loaded.directory)
     for doubt in doubts:
@@ -312,10 +272,3 @@ def sweep(
     with Bar.of_call(progress) as bar, listening(bar.compiling):
         run_sweep(plan, target, base=base, threads=threads, report=bar)
     return Sweep(target)
-
-
-def _values(value: Any) -> str:
-    """Return values as ``--select`` has them: a text as it is, a number, or several."""
-    if isinstance(value, str):
-        return value
-    return ",".join(repr(float(each)) for each in np.atleast_1d(value))

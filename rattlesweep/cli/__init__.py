@@ -13,16 +13,14 @@ import threading
 from typing import Any, NoReturn
 
 import click
+from click import option
 
 from rattlesweep.cli import fit, single, sweeps
-from rattlesweep.cli.options import COMMANDS, DONE, FAILED, WRONG, say
+from rattlesweep.cli.options import COMMANDS, DONE, FAILED, WRONG, say, to_json
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate import SettingError
-from rattlesweep.text import align
 
 __all__ = ["fit", "main", "single", "sweeps"]
-
-SECTIONS = ("Sweeps", "Results of a sweep", "One run", "Studies")
 
 
 class Program(click.Group):
@@ -40,7 +38,7 @@ class Program(click.Group):
         except (click.Abort, KeyboardInterrupt) as error:
             signal.signal(signal.SIGINT, signal.SIG_DFL)  # a second Ctrl-C ends it at once
             stop = error.__cause__ or error
-            number = next(iter(stop.args), signal.SIGINT)
+            number = stop.args[0] if stop.args else signal.SIGINT
             kept = "; ".join(getattr(stop, "__notes__", []))
             word = "interrupted" if number == signal.SIGINT else "terminated"
             say(word + (f"; {kept}, and the same command resumes from there" if kept else ""))
@@ -65,7 +63,7 @@ class Program(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands by section, each with its whole first sentence."""
-        for section in SECTIONS:
+        for section in ("Sweeps", "Results of a sweep", "One run", "Studies"):
             rows = [(f"{made.name:<11}", made.get_short_help_str(limit=1000))
                     for made in COMMANDS if made.section == section]  # fmt: skip
             with formatter.section(section):
@@ -90,41 +88,32 @@ def _leave(code: int) -> NoReturn:
     raise SystemExit(code)
 
 
-def _print_version(context: click.Context, option: click.Parameter, asked: bool) -> None:
-    """Print the version, and with --verbose all that numbers and speed depend on."""
-    if not asked or context.resilient_parsing:
-        return
-    from importlib.metadata import version
-
-    click.echo(f"rattlesweep, version {version('rattlesweep')}")
-    if context.params["verbose"]:
-        from rattlesweep.sweeps.provenance import machine, versions
-
-        found = {name: str(text) for name, text in {**versions(), **machine()}.items()}
-        del found["rattlesweep"]
-        click.echo(align(list(found.items()), "<"))
-    context.exit()
-
-
 @click.group(
     cls=Program,
     commands=COMMANDS,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
 )
-@click.option("--verbose", is_flag=True, is_eager=True,
-              help="With --version: also of libraries and processor.")  # fmt: skip
-@click.option("--version", is_flag=True, expose_value=False, callback=_print_version,
-              help="Show the version and exit.")  # fmt: skip
+@option("--verbose", is_flag=True, help="With --version: of libraries and the processor, too.")
+@option("--version", is_flag=True, help="Show the version and exit.")
 @click.pass_context
-def main(context: click.Context, verbose: bool) -> None:
+def main(context: click.Context, verbose: bool, version: bool) -> None:
     """Parameter sweeps of rattlebacks: sample bodies, integrate, classify the runs, write Parquet.
 
     Exit codes: 0 done, 1 failed, 2 the command or the config is wrong, 3 done but some runs have
     a status other than ok, 75 stopped early on purpose, 130 interrupted, 143 terminated.
 
-    The words of tables and pictures are explained in docs/columns.md and docs/types.md.
+    docs/columns.md explains the columns of tables, docs/types.md the types of runs and other words.
     """
+    if version:
+        import rattlesweep
+
+        click.echo(f"rattlesweep, version {rattlesweep.__version__}")
+        if verbose:
+            from rattlesweep.sweeps.provenance import machine, versions
+
+            click.echo(to_json({**versions(), **machine()}))
+        context.exit()
     if context.invoked_subcommand is None:
         click.echo(context.get_help(), err=True)
         context.exit(WRONG)

@@ -22,15 +22,11 @@ from rattlesweep.units import quantities, quantity, seconds_of
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
-DONE, FAILED, WRONG, SOME_FAILED, EARLY = 0, 1, 2, 3, 75
-"""Exit codes."""
-MOST_ROWS = 20
-"""Rows of a table that are printed."""
+DONE, FAILED, WRONG, SOME_FAILED, EARLY = 0, 1, 2, 3, 75  # exit codes
+MOST_ROWS = 20  # of a table that is printed
 
 
 # -- commands ----------------------------------------------------------------------------------
-
-COMMANDS: list[Command] = []
 
 
 class Command(click.Command):
@@ -46,13 +42,15 @@ class Command(click.Command):
         ctx.exit(code or DONE)
 
 
+COMMANDS: list[Command] = []
+
+
 def command(section: str, *examples: str) -> Callable[[Callable[..., Any]], Command]:
     """Make a function a command, listed in a section, whose help ends with some examples."""
 
     def make(function: Callable[..., Any]) -> Command:
         head = "Examples" if len(examples) > 1 else "Example"
-        epilog = "\n  ".join([f"\b\n{head}:", *examples])
-        made = click.command(cls=Command, epilog=epilog)(function)
+        made = click.command(cls=Command, epilog="\n  ".join([f"\b\n{head}:", *examples]))(function)
         made.section = section
         COMMANDS.append(made)
         return made
@@ -116,22 +114,21 @@ def _numbers(example: str, low: float, high: float, text: str) -> tuple[float, .
         values = tuple(map(float, text.split(",")))
         if len(values) == 1 + example.count(",") and all(low <= x <= high for x in values):
             return values
-    within = "" if low < -1e9 else f" from {low:g} to {high:g}"
-    raise ValueError(f"give {1 + example.count(',')} numbers{within}, as in {example}")
-
-
-def _number_or_word(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text
+    raise ValueError(f"give numbers from {low:g} to {high:g}, as in {example}")
 
 
 def _measured(kind: str, text: str) -> float | str:
-    """Read a number in the body's units, or check one with an SI unit."""
-    if isinstance(number := _number_or_word(text), str):
-        quantity(number, kind)
-    return number
+    """Read a number in the body's units, or check one with an SI unit; without a kind, a word."""
+    with suppress(ValueError):
+        return float(text)
+    if kind:
+        quantity(text, kind)
+    return text
+
+
+def several(metavar: str, kind: str, *counts: int) -> Kind:
+    """Return the kind of so many quantities with one unit."""
+    return Kind(metavar, lambda text: quantities(text, kind, *counts))
 
 
 def names(text: str) -> tuple[str, ...]:
@@ -155,8 +152,8 @@ PICTURES = (".svg", ".png", ".pdf")
 COUNT = click.IntRange(1)
 TIME = Kind("time", seconds_of)
 SIZE = Kind("w,h", partial(_numbers, "7,4.5", 1, 24))
-LIMITS = Kind("low,high", partial(_numbers, "0.01,0.1", -1e300, 1e300))
-VECTOR = Kind("x,y,z", partial(_numbers, "0,0,-1", -1e300, 1e300))
+LIMITS = Kind("low,high", partial(_numbers, "0.01,0.1", -1e12, 1e12))
+VECTOR = Kind("x,y,z", partial(_numbers, "0,0,-1", -1e12, 1e12))
 SPIN, DURATION, LENGTH, ENERGY = (
     Kind(kind, partial(_measured, kind)) for kind in ("spin", "time", "length", "energy")
 )
@@ -164,7 +161,6 @@ DAMPING = Kind("sigma", partial(_measured, "torque per spin"))
 MASS, HEIGHT, ANGLE = (Kind(k, partial(quantity, kind=k)) for k in ("mass", "length", "angle"))
 # The modules that hold these words too take long to import; a test compares.
 PRESETS = Choice(["GH", "KL"])
-ACCURACIES = Choice(["draft", "standard", "reference"])
 MODELS = Choice(["full", "reduced", "gh"])
 KINDS = Choice(["fractions", "times", "ratio", "map", "reversals", "distribution", "scatter"])
 
@@ -200,11 +196,9 @@ def path(name: str, **settings: Any) -> Decorator:
 
 
 config, directory = path("config"), path("directory")
-overrides = option(
-    "--set", "overrides", metavar="KEY=VALUE", multiple=True,
-    help="Override a key of the config, such as bodies.samples=10; may be repeated.",
-)  # fmt: skip
-threads = option("-j", "--threads", type=click.IntRange(1, MOST_THREADS),
+overrides = option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Override a key "
+                   "of the config, as in bodies.samples=10; may be repeated.")  # fmt: skip
+threads = option("-j", "--threads", type=click.IntRange(1, MOST_THREADS), metavar="N",
                  help="Threads of the kernel; by default one for each processor.")  # fmt: skip
 title = option("--title", metavar="TEXT", help="Title of the page.")
 as_json = option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
@@ -239,24 +233,21 @@ body = stack(
     option("--c", type=LENGTH, help="Vertical semi-axis of an ellipsoid, in a, or as in 2cm."),
     option("--mass", type=MASS, help="Instead of all these, a body in SI units: mass, as in 85g."),
     option("--height", type=HEIGHT, help="Height of the centre of mass over the contact."),
-    option("--inertia", type=Kind("ixx,iyy,izz,ixy unit",
-           lambda text: quantities(text, "moment of inertia", 3, 4, 5, 6)),
+    option("--inertia", type=several("ixx,iyy,izz,ixy unit", "moment of inertia", 3, 4, 5, 6),
            help="Inertia about the centre of mass, as in '2,16,17,-0.2 kg cm^2'."),
-    option("--radii", type=Kind("r1,r2 unit", lambda text: quantities(text, "length", 2)),
+    option("--radii", type=several("r1,r2 unit", "length", 2),
            help="Principal radii of curvature at the bottom, as in '50,1.5 cm'."),
     option("--axes-angle", type=ANGLE,
            help="Angle from the x axis of --inertia to the direction of the first of --radii."),
     option("--z-up", is_flag=True, default=None, help="The z axis of --inertia points up."),
-    option("--half-ellipsoid", type=Kind("length,width,height",
-           lambda text: quantities(text, "length", 3)),
+    option("--half-ellipsoid", type=several("length,width,height", "length", 3),
            help="Instead of height, inertia and radii: a solid half ellipsoid with its flat side "
                 "up, as in 12cm,3cm,12mm; --mass is without weights."),
     option("--skew", type=ANGLE,
            help="Angle by which its axes of inertia are turned clockwise, seen from above."),
     option("--weights", type=MASS, help="Mass of each of two weights on its flat side."),
-    option("--at", type=Kind("x,y", lambda text: quantities(text, "length", 2)),
-           help="Place of one weight from the middle, along and across, as in 45,-9mm; the other "
-                "lies opposite."),
+    option("--at", type=several("x,y", "length", 2), help="Place of one weight from the middle, "
+           "along and across, as in 45,-9mm; the other lies opposite."),
 )  # fmt: skip
 dissipation = stack(
     option("--sigma", type=DAMPING, help="Dissipation: sigma of a torque -sigma omega, in "
@@ -273,20 +264,17 @@ spin = stack(
 )  # fmt: skip
 launch = stack(
     spin,
-    option("--psi", type=Kind("direction", _number_or_word),
-           help="Direction of the oscillation: relevant, pitch, roll, or degrees.  "
-                "[default: relevant]"),
+    option("--psi", type=Kind("direction", partial(_measured, "")), help="Direction of the "
+           "oscillation: relevant, pitch, roll, or degrees.  [default: relevant]"),
     option("--omega", type=VECTOR, help="A full state instead: angular velocity along the body's "
            "axes, in sqrt(g/a)."),
-    option("--u", type=VECTOR,
-           help="Vertical unit vector along the body's axes.  [default: 0,0,-1]"),
+    option("--u", type=VECTOR, help="Vertical unit vector along these.  [default: 0,0,-1]"),
     dissipation,
     t_end,
-    option("--method", type=Choice(list(METHODS)),
-           help="Method of integration.  [default: dop853]"),
+    option("--method", type=Choice(list(METHODS)), help="Method.  [default: dop853]"),
     option("--tol", type=float, help="Tolerance of an adaptive method.  [default: 1e-9]"),
     option("--dt-step", type=float, help="Step of a fixed-step method.  [default: 0.002]"),
-    option("--accuracy", type=ACCURACIES,
+    option("--accuracy", type=Choice(["draft", "standard", "reference"]),
            help="A named accuracy instead of a method and its tolerance."),
 )  # fmt: skip
 ROWS = ("points", "dt", "steps", "from_time")

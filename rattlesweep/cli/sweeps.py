@@ -14,29 +14,15 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.options import (
-    COUNT,
-    DONE,
-    EARLY,
-    FAILED,
-    MOST_ROWS,
-    SOME_FAILED,
-    Kind,
-    command,
-    probe,
-    say,
-    to_json,
-)
-from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.cli.options import COUNT, DONE, Kind, command, probe, say, to_json
+from rattlesweep.errors import ConfigError
 from rattlesweep.text import Bar, counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from rattlesweep.sweeps.config.schema import Config
     from rattlesweep.sweeps.pilot import Forecast
     from rattlesweep.sweeps.plan import Plan
-    from rattlesweep.sweeps.run import Result
 
 
 # -- sweeps ------------------------------------------------------------------------------------
@@ -54,11 +40,10 @@ def init(config: Path) -> None:
     from rattlesweep.sweeps.config.read import parse_config, read_yaml
     from rattlesweep.sweeps.files import replace_file
 
-    shown = one_line(str(config), 200)
     if config.suffix not in (".yaml", ".yml"):
-        raise ConfigError(f"{shown}: the name of a config ends in .yaml; write {config.stem}.yaml")
+        raise ConfigError(f"{config}: the name of a config ends in .yaml")
     if config.exists():
-        raise ConfigError(f"{shown}: is there already; choose another name, or remove it first")
+        raise ConfigError(f"{config}: is there already; choose another name, or remove it first")
     text = (files("rattlesweep.sweeps.config") / "starter.yaml").read_text(encoding="utf-8")
     # In quotes, as YAML would take some names for numbers.
     text = text.replace("name: NAME", f"name: {json.dumps(config.stem)}")
@@ -66,40 +51,38 @@ def init(config: Path) -> None:
     parse_config(read_yaml(text)[0])  # the name of a file need not be one of a directory
     replace_file(config, text.encode())
     click.echo(config)
-    say(f"run it: rattlesweep plan {shown}, rattlesweep run {shown}")
 
 
 @command(
     "Sweeps",
     "rattlesweep plan configs/steady.yaml --check",
-    "rattlesweep plan configs/steady.yaml --set bodies.samples=100000 --shards 16 --budget 10s",
+    "rattlesweep plan configs/steady.yaml --set bodies.samples=100000 --shards 16",
 )
 @options.config
 @options.output("Where the sweep would be written; nothing is written now.")
 @options.overrides
 @options.threads
 @option("--shards", type=COUNT, help="Also forecast the longest of N shards.")
-@option("--budget", type=options.TIME, default="2s", help="Time spent on the sample of runs.")
 @option("--check", is_flag=True, help="Only check the config, and integrate nothing.")
 @options.as_json
 def plan(
     config: Path, output: Path | None, overrides: tuple[str, ...], threads: int | None,
-    shards: int | None, budget: float, check: bool, as_json: bool,
+    shards: int | None, check: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Check a config and forecast the time and disk space of its sweep.
 
     Prints how many runs it makes, or everything that is wrong with it, each with its line.
     Integrates a sample of the runs for about two seconds and writes nothing.
     """
-    loaded, made = _planned(config, overrides, output)
-    found = None if check else _forecast(made, loaded, threads, shards, budget)
+    made, where = _planned(config, overrides, output)
+    found = None if check else _forecast(made, where, threads, shards)
+    size = {"case": len(made.cases), "sample": made.samples, "run": made.runs}
     if as_json:
-        size = {"cases": len(made.cases), "samples": made.samples, "runs": made.runs}
-        click.echo(to_json(size | ({} if found is None else found.as_data())))
+        figures = {} if found is None else asdict(found)
+        click.echo(to_json({f"{name}s": number for name, number in size.items()} | figures))
         return
-    cases, samples = counted(len(made.cases), "case"), counted(made.samples, "sample")
-    runs = counted(made.runs, "run")
-    click.echo(f"{one_line(str(config), 200)} is valid: {cases} x {samples} = {runs}")
+    cases, samples, runs = (counted(number, name) for name, number in size.items())
+    click.echo(f"{config} is valid: {cases} x {samples} = {runs}")
     if found is not None:
         click.echo(found.words)
 
@@ -123,8 +106,7 @@ def plan(
 @option("--fresh", is_flag=True, help="Delete the existing runs and start over.")
 @option("--retry-failed", is_flag=True, help="Repeat the runs whose status is not ok.")
 @option("--dry-run", is_flag=True, help="Print the forecast, as `plan` does, and stop.")
-@option("--compile-only", is_flag=True,
-        help="Compile the kernels, as for an image or on a login node, and stop.")  # fmt: skip
+@option("--compile-only", is_flag=True, help="Compile the kernels, as for an image, and stop.")
 @options.quiet
 @option("-v", "--verbose", is_flag=True, help="Report where the time went.")
 def run(
@@ -136,9 +118,8 @@ def run(
 
     Prints one row per case on standard output.
     """
-    for flag, value in (("--scheduler", scheduler), ("--workers", workers)):
-        if value is not None and engine == "local":
-            raise ConfigError(f"{flag}: is for --engine dask; add that, or leave this out")
+    if engine == "local" and (scheduler or workers):
+        raise ConfigError("--scheduler, --workers: are for --engine dask; add that")
     if how["fresh"] and how["shard"] is not None:
         raise ConfigError("--fresh: would remove the runs of other shards; start over without it")
     import numpy as np
@@ -147,8 +128,7 @@ def run(
     from rattlesweep.sweeps.run import run_sweep
     from rattlesweep.sweeps.stored import examine
 
-    loaded, made = _planned(config, overrides, output, quiet)
-    where = Path(loaded.directory)
+    made, where = _planned(config, overrides, output, quiet)
     if compile_only:
         load_kernel(made.config)
         prepare_runs(made, np.zeros(1, np.int64), np.zeros(1, np.int64))  # draws a body
@@ -158,7 +138,7 @@ def run(
         if not how["fresh"]:
             examine(made, where)
         shards = None if how["shard"] is None else how["shard"].count
-        click.echo(_forecast(made, loaded, threads, shards).words)
+        click.echo(_forecast(made, where, threads, shards).words)
         return DONE
     if engine == "dask":
         from rattlesweep.sweeps.dask import make_engine
@@ -167,36 +147,25 @@ def run(
     with Bar.of_command(quiet) as bar:
         base = config.resolve().parent
         result = run_sweep(made, where, base=base, threads=threads, report=bar, **how)
-    return _close(result, quiet, verbose)
-
-
-def _close(result: Result, quiet: bool, verbose: bool) -> int:
-    """Tell what became of a sweep and return the exit code."""
-    where = result.directory
     for remark in result.remarks:
         say(f"note: {remark}")
     if not quiet:
-        if result.summary is not None:
-            _print_summary(result.summary, where)
-        done = "all" if result.done == result.runs else f"{result.done:,}"
+        _print_summary(result.summary, where)
         again = f" ({result.retried:,} again)" if result.retried else ""
-        now = f"{done} of them done now{again} in {result.seconds:.1f} s"
-        now = now if result.done else "all done before"
+        now = f"{result.done:,} of them done now{again} in {result.seconds:.1f} s"
         say(f"{counted(result.runs, 'run')} in {where}, {now}")
     if verbose:
         say(f"{result.seconds:.2f} s in all: {result.load_seconds:.2f} s to load or compile the "
             f"kernel, {result.kernel_seconds:.2f} s of integration")  # fmt: skip
     if result.stopped is not None:
         say(f"stopped: {result.stopped}; {result.kept}, and the same command resumes from there")
-        return EARLY
+        return options.EARLY
     if not quiet and result.missing:
         say(f"{counted(result.missing, 'run')} of other shards not in {where} yet")
-    if not quiet and result.summary is not None:
-        say(f"see them: rattlesweep plot {where}, rattlesweep report {where}")
     if result.failed:
         words = ", ".join(f"{count:,} {word}" for word, count in sorted(result.failed.items()))
         say(f"{counted(sum(result.failed.values()), 'run')} failed: {words}")
-        return SOME_FAILED
+        return options.SOME_FAILED
     return DONE
 
 
@@ -212,20 +181,16 @@ def status(directory: Path, as_json: bool) -> int:
 
     found = count_rows(directory)
     click.echo(to_json(found.data) if as_json else found.words)
-    return SOME_FAILED if set(found.data["status"]) - {"ok"} else DONE
+    return options.SOME_FAILED if set(found.data["status"]) - {"ok"} else DONE
 
 
 @command("Sweeps", "rattlesweep verify out/quickstart --recompute 100")
 @options.directory
 @option("--recompute", type=click.IntRange(0), metavar="N", default=0,
         help="Integrate N random runs again and compare them bit for bit.")  # fmt: skip
-@option("--seed", type=click.IntRange(0),
-        help="Seed for choosing these runs; by default a new one each time.")  # fmt: skip
 @options.threads
 @options.as_json
-def verify(
-    directory: Path, recompute: int, seed: int | None, threads: int | None, as_json: bool
-) -> int:
+def verify(directory: Path, recompute: int, threads: int | None, as_json: bool) -> int:
     """Verify every bit of an output directory.
 
     Prints one line per problem and exits with 1 if there is any. `rattlesweep run` repairs what it
@@ -233,11 +198,11 @@ def verify(
     """
     from rattlesweep.sweeps.verify import verify as check
 
-    seed = secrets.randbelow(2**32) if seed is None else seed
     with Bar.of_command() as bar:
-        found = check(directory, recompute, seed, threads, report=bar.counting("verifying"))
+        watch, seed = bar.counting("verifying"), secrets.randbelow(2**32)
+        found = check(directory, recompute, seed, threads, report=watch)
     click.echo(to_json(asdict(found)) if as_json else found.words)
-    return FAILED if found.problems else DONE
+    return options.FAILED if found.problems else DONE
 
 
 @command("Sweeps", "rattlesweep classify out/quickstart --set classify.sw_departure=0.1")
@@ -246,7 +211,8 @@ def verify(
 def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     """Classify stored runs by other thresholds, without integrating.
 
-    Rewrites the types and the summary. Prints one row per case on standard output.
+    Rewrites the types and the summary, until `rattlesweep run` restores those of the config. Prints
+    one row per case on standard output.
     """
     from rattlesweep.sweeps.classify import classify_stored
 
@@ -255,8 +221,6 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     files = counted(done.files, "file")
     say(f"{counted(done.changed, 'type')} changed; {files} and the summary written in {directory}")
     say(f"thresholds: {', '.join(f'{key} {value:g}' for key, value in done.now.items())}")
-    if done.now != done.own:
-        say("`rattlesweep run` would put back those of the config; to keep these, set them there")
 
 
 @command("Sweeps", "rattlesweep merge out/steady-0 out/steady-1 --output out/steady")
@@ -273,16 +237,15 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
 
     merged = join(list(directories), output)
     if not quiet:
-        if merged.summary is not None:
-            _print_summary(merged.summary, output)
+        _print_summary(merged.summary, output)
         say(f"{counted(merged.runs, 'run')} in {counted(merged.files, 'file')} in {output}")
     if merged.missing:
         say(f"{counted(merged.missing, 'run')} missing; merge the other shards too, with the same "
             f"--output, or `rattlesweep run CONFIG --output {output}`")  # fmt: skip
-        return EARLY
+        return options.EARLY
     if merged.failed:
         say(f"{counted(merged.failed, 'run')} failed; see their column status")
-        return SOME_FAILED
+        return options.SOME_FAILED
     return DONE
 
 
@@ -316,13 +279,13 @@ def slurm(
     from rattlesweep.sweeps.slurm import job_script
     from rattlesweep.sweeps.stored import examine
 
-    loaded, made = _planned(config, overrides, output)
-    where = Path(loaded.directory).absolute()
+    made, where = _planned(config, overrides, output)
     if not own:
         examine(made, where)
     if shards > made.runs:
         raise ConfigError(f"--shards {shards}: there are only {counted(made.runs, 'run')}")
-    script = job_script(made, config.resolve(), where, overrides, shards=shards, own=own, **job)
+    place = where.absolute()
+    script = job_script(made, config.resolve(), place, overrides, shards=shards, own=own, **job)
     click.echo(script, nl=False)
 
 
@@ -334,40 +297,37 @@ def schema() -> None:
     click.echo(to_json(config_json_schema()))
 
 
-def _print_summary(summary: pa.Table, directory: Path) -> None:
-    """Print the table of a summary: all of its cases, or the first of many."""
+def _print_summary(summary: pa.Table | None, directory: Path) -> None:
+    """Print the table of a summary, if there is one: all of its cases, or the first of many."""
     from rattlesweep.sweeps.summary import closing_table
 
-    click.echo(closing_table(summary.slice(0, MOST_ROWS)))
-    if (more := len(summary) - MOST_ROWS) > 0:
+    if summary is None:
+        return
+    click.echo(closing_table(summary.slice(0, options.MOST_ROWS)))
+    if (more := len(summary) - options.MOST_ROWS) > 0:
         say(f"{counted(more, 'more case')} in {directory / 'summary.parquet'}")
 
 
 def _planned(
     path: Path, overrides: tuple[str, ...], output: Path | None, quiet: bool = False
-) -> tuple[Config, Plan]:
-    """Return the config of a sweep and its plan, and say what is doubtful about it."""
+) -> tuple[Plan, Path]:
+    """Return the plan of a sweep and its directory, and say what is doubtful about it."""
     from rattlesweep.sweeps.config.read import load_config
     from rattlesweep.sweeps.plausible import checked_plan
 
-    loaded = load_config(path, overrides)
-    if output is not None:
-        loaded = loaded.model_copy(update={"output": str(output)})
-    made, doubts = checked_plan(loaded, path.resolve().parent)
+    config = load_config(path, overrides)
+    made, doubts = checked_plan(config, path.resolve().parent)
     for doubt in () if quiet else doubts:
         say(f"warning: {doubt}")
-    return loaded, made
+    return made, output or Path(config.directory)
 
 
-def _forecast(
-    made: Plan, config: Config, threads: int | None, shards: int | None, seconds: float = 2.0
-) -> Forecast:
+def _forecast(made: Plan, where: Path, threads: int | None, shards: int | None) -> Forecast:
     """Return what a sweep will take, and say if the disk has too little room for it."""
     from rattlesweep.sweeps.pilot import forecast
 
-    found = forecast(made, threads, shards, seconds)
-    where = Path(config.directory).absolute()
-    place = next(folder for folder in (where, *where.parents) if folder.exists())
+    found = forecast(made, threads, shards)
+    place = next(p for p in (where.absolute(), *where.absolute().parents) if p.exists())
     if found.bytes > (free := shutil.disk_usage(place).free):
         say(f"warning: {place} has only {free / 1e9:.1f} GB free")
     return found
@@ -397,8 +357,7 @@ def _forecast(
 @option("--ylim", type=options.LIMITS, help="Limits of the ordinate.")
 @option("--size", type=options.SIZE, help="Width and height in inches.")
 @option("--dpi", type=click.FloatRange(20, 600), default=150.0, help="Dots per inch of a PNG.")
-@option("--style", metavar="FILE", type=click.Path(path_type=Path),
-        help="A Matplotlib style file (.mplstyle).")  # fmt: skip
+@option("--style", type=click.Path(path_type=Path), help="A Matplotlib style file (.mplstyle).")
 @option("--title", type=Kind("text", "rattlesweep.analysis.style:check_formula"),
         help="Title of the picture, perhaps with a formula, as in '$n_i$'.")  # fmt: skip
 @options.file("--output", *options.PICTURES, multiple=True, help="An .svg, .png or .pdf file; may "
@@ -428,10 +387,7 @@ def plot(
     say(f"{picture.name}: {picture.words()}")
 
 
-@command(
-    "Results of a sweep",
-    "rattlesweep report out/steady --output steady.html --title 'Steady direction'",
-)
+@command("Results of a sweep", "rattlesweep report out/steady --title 'Steady direction'")
 @options.directory
 @options.file("--output", ".html", ".htm", help="File to write; by default DIRECTORY/report.html.")
 @options.title
@@ -441,20 +397,14 @@ def report(directory: Path, output: Path | None, title: str | None) -> None:
     It holds the config, cases, figures, failures, cost and provenance. Works at any time, even
     while the sweep is running. Prints the path of the page.
     """
-    from rattlesweep.analysis.report import make_report
-    from rattlesweep.sweeps.files import replace_file
+    from rattlesweep.api import load
 
-    path = output or directory / "report.html"
-    page = make_report(directory, title)
-    replace_file(path, page)
-    click.echo(path)
-    say(f"{len(page) / 1e6:.2f} MB")
+    page = load(directory).report(output, title=title)
+    click.echo(page.path)
+    say(f"{len(page.content) / 1e6:.2f} MB")
 
 
-@command(
-    "Results of a sweep",
-    "rattlesweep compare out/here out/there --figure differences.svg --data differences.parquet",
-)
+@command("Results of a sweep", "rattlesweep compare out/here out/there --figure differences.svg")
 @options.path("a")
 @options.path("b")
 # t_r_error is to cover 99.5 % of the runs.
@@ -481,17 +431,14 @@ def compare(
         result.write_runs(data)
     if figure is not None:
         compared.save(result, figure)
-    click.echo(to_json(result.data()) if as_json else compared.as_text(result, MOST_ROWS))
+    click.echo(to_json(result.data()) if as_json else compared.as_text(result, options.MOST_ROWS))
     if result.disagree(allow):
         say("the directories disagree")
-        return FAILED
+        return options.FAILED
     return DONE
 
 
-@command(
-    "Results of a sweep",
-    "rattlesweep sensitivity out/design --json --figure indices.svg",
-)
+@command("Results of a sweep", "rattlesweep sensitivity out/design --figure indices.svg")
 @options.directory
 @options.figure
 @options.as_json
@@ -508,17 +455,13 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     found = estimate.sensitivity(directory)
     if figure is not None:
         estimate.save(found, figure)
-    click.echo(to_json(found.data()) if as_json else estimate.as_text(found, MOST_ROWS))
+    click.echo(to_json(found.data()) if as_json else estimate.as_text(found, options.MOST_ROWS))
 
 
 # -- studies -----------------------------------------------------------------------------------
 
 
-@command(
-    "Studies",
-    "rattlesweep paper --quick",
-    "rattlesweep paper --only fig7,fig8 --output out/paper",
-)
+@command("Studies", "rattlesweep paper --quick", "rattlesweep paper --only fig7,fig8")
 @options.output("Output directory; by default out/paper, or out/paper-quick.")
 @option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
 @option("--only", metavar="NAMES", help="Parts to make, such as fig7,fig8, or theory.")
@@ -548,15 +491,11 @@ def paper(
         say(f"{directory / 'report.html'}; {time.monotonic() - start:.1f} s")
     if workspace.failed:
         say(f"{counted(workspace.failed, 'run')} of the sweeps failed; see their column status")
-        return SOME_FAILED
+        return options.SOME_FAILED
     return DONE
 
 
-@command(
-    "Studies",
-    "rattlesweep tradeoff --quick",
-    "rattlesweep tradeoff configs/tradeoff.yaml --output out/tradeoff",
-)
+@command("Studies", "rattlesweep tradeoff --quick", "rattlesweep tradeoff configs/tradeoff.yaml")
 @options.path("config", required=False)
 @options.output()
 @option("--samples", type=COUNT, help="Number of bodies; by default enough for 2000 runs.")
@@ -580,14 +519,11 @@ def tradeoff(
     from rattlesweep.sweeps.files import probe_directory
 
     loaded = load_config(config, overrides) if config else override_config(DEFAULT, overrides)
-    directory = output or Path(loaded.directory)
+    base, directory = config and config.resolve().parent, output or Path(loaded.directory)
     probe_directory(directory)
-    start = time.monotonic()
-    study = measure(
-        loaded, None if config is None else config.resolve().parent, samples=samples,
-        scope=QUICK if quick else FULL, threads=threads or available_threads(),
-        report=Bar.of_command().stage,
-    )  # fmt: skip
+    start, threads = time.monotonic(), threads or available_threads()
+    how = {"samples": samples, "scope": QUICK if quick else FULL, "threads": threads}
+    study = measure(loaded, base, **how, report=Bar.of_command().stage)
     files = save(study, directory)
     click.echo(to_json(as_data(study)) if as_json else as_text(study))
     say(f"{', '.join(p.name for p in files)} in {directory}; {time.monotonic() - start:.1f} s")
