@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from typing import Self
 
-    from rattlesweep.sweeps.run import Progress
-
 COMPILING = "compiling the kernel for this machine, once (about 15 s)"
 DELAY = 0.5  # seconds after which a bar appears: much is over by then
 LINE_EVERY = 60.0  # seconds between lines where standard error is no terminal
@@ -65,8 +63,8 @@ class Bar:
         if self._bar is not None:
             self._bar.close()
 
-    def __call__(self, progress: Progress) -> None:
-        """Show how far a sweep is."""
+    def __call__(self, progress: Any) -> None:
+        """Show how far a sweep is, a ``Progress`` of `sweeps.run`."""
         left = "" if progress.left is None else f", {clock(progress.left)} left"
         self._show(progress.fraction, f"{progress.runs:,} of {progress.total:,} runs", left)
 

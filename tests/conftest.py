@@ -36,8 +36,7 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_unconfigure() -> None:
-    """Leave nothing behind that libraries would call leaked."""
-    gc.unfreeze()
+    gc.unfreeze()  # libraries would call it leaked
 
 
 @pytest.fixture(scope="session", autouse=True)

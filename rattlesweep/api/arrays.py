@@ -38,9 +38,6 @@ SIZE = ("mass_kg", "height_m", "gravity_m_s2")
 """Columns that tell the size of bodies."""
 
 
-# -- bodies ------------------------------------------------------------------------------------
-
-
 def one_body(body: Any, name: str = "body") -> Rattleback:
     """Return a body, perhaps given by the name of a preset."""
     if isinstance(body, Rattleback):
@@ -63,25 +60,22 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
         from rattlesweep.sweeps.bodies.table import frame_bodies
 
         try:
-            table = frame_bodies(pd.DataFrame(bodies))
-        except ConfigError:
-            raise
+            frame = pd.DataFrame(bodies)
         except ValueError as error:
             raise ConfigError(f"bodies: cannot be read as a table: {error}") from None
+        table = frame_bodies(frame)
         return table.columns | {name: table.carried[name] for name in SIZE if name in table.carried}
-    if isinstance(bodies, str) or not isinstance(bodies, Iterable):
-        flat, shape = [one_body(bodies, "bodies")], ()
-    else:
-        given = bodies if isinstance(bodies, np.ndarray) else np.fromiter(bodies, object)
-        flat = [one_body(body, f"bodies[{place}]") for place, body in enumerate(given.flat)]
-        shape = given.shape
+    alone = isinstance(bodies, str) or not isinstance(bodies, Iterable)
+    given = np.array(bodies if alone else list(bodies), object)
+    labels = ["bodies"] if alone else [f"bodies[{k}]" for k in range(given.size)]
+    flat = list(map(one_body, given.flat, labels))
     names = (*PARAMETERS, "c") if any(body.c is not None for body in flat) else PARAMETERS
     columns = {name: [getattr(body, name) for body in flat] for name in names}
     sizes = [astuple(body.units) for body in flat if body.units is not None]
     if flat and len(sizes) == len(flat):
         columns |= dict(zip(SIZE, map(list, zip(*sizes, strict=True)), strict=True))
     # None becomes NaN.
-    return {name: np.array(values, float).reshape(shape) for name, values in columns.items()}
+    return {name: np.array(values, float).reshape(given.shape) for name, values in columns.items()}
 
 
 def table_bodies(columns: Mapping[str, Floats]) -> TableBodies:
@@ -95,9 +89,6 @@ def table_bodies(columns: Mapping[str, Floats]) -> TableBodies:
         return TableBodies(rest)
     fields = [required(name, F64, KEPT[name], "of the body") for name in size]
     return TableBodies(rest, scale, size, (*fields, *MEASURED))
-
-
-# -- numbers -----------------------------------------------------------------------------------
 
 
 def scale_of(units: Units | None) -> Scale | None:
@@ -125,11 +116,13 @@ def numbers(name: str, value: Any, scale: Scale | None = None) -> Floats:
         array = _floats(name, value, scale)
     except (TypeError, OverflowError):
         raise ConfigError(f"{name}: {kind_of(value)} is no number or array of numbers") from None
-    broken = None if name == "psi" else check_value(name, array.ravel())
-    bad = ~np.isfinite(array) | ((np.abs(array) > 360) if name == "psi" else False)
-    if bad.any():
-        degrees = "an angle from -360 to 360 degrees is needed"
-        broken = int(np.argmax(bad)), degrees if name == "psi" else "it must be finite"
+    if name == "psi":
+        bad, wanted = ~(np.abs(array) <= 360), "an angle from -360 to 360 degrees is needed"
+    else:
+        bad, wanted = ~np.isfinite(array), "it must be finite"
+    broken = (int(np.argmax(bad)), wanted) if bad.any() else None
+    if broken is None and name != "psi":
+        broken = check_value(name, array.ravel())
     if broken is not None:
         place = np.unravel_index(broken[0], array.shape)
         where = f"[{', '.join(map(str, place))}]" if place else ""
@@ -180,15 +173,14 @@ def check_count(name: str, value: Any, least: int = 1) -> None:
 
 def full_states(omega: Any, u: Any, scale: Scale | None = None) -> dict[str, Floats]:
     """Return the components of full states by the names of their columns."""
-    state: dict[str, Floats] = {}
     if scale is not None:
-        parts = scale.mass, scale.length, scale.gravity
-        scale = type(scale)(*(np.asarray(part)[..., None] for part in parts))
+        scale = type(scale)(*(np.asarray(part)[..., None] for part in vars(scale).values()))
+    state: dict[str, Floats] = {}
     for name, value in (("omega", omega), ("u", (0.0, 0.0, -1.0) if u is None else u)):
         vectors = numbers(name, value, scale)
         if vectors.shape[-1:] != (3,):
-            raise ConfigError(f"{name}: a vector has three components, x, y, z; its shape is "
-                              f"{vectors.shape}")  # fmt: skip
+            wrong = f"its shape is {vectors.shape}"
+            raise ConfigError(f"{name}: a vector has three components, x, y, z; {wrong}")
         for k, x in enumerate("xyz"):
             state[f"{name}_{x}"] = numbers(f"{name}_{x}", vectors[..., k])
     return state
@@ -204,9 +196,6 @@ def broadcast(arrays: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[in
         shapes = ", ".join(f"{name} {array.shape}" for name, array in told.items())
         raise ConfigError(f"the shapes do not go together: {shapes}") from None
     return dict(zip(arrays, whole, strict=True)), whole[0].shape
-
-
-# -- tables ------------------------------------------------------------------------------------
 
 
 def is_frame(value: Any) -> TypeGuard[pd.DataFrame]:
