@@ -13,15 +13,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rattlesweep.api.arrays import Bodies, body_columns, broadcast, column_scale, numbers
-from rattlesweep.api.fit import fit
-from rattlesweep.api.single import Page, Run, replay, show, simulate, trajectory
+from rattlesweep.api.single import Page, Run, fit, replay, show, simulate, trajectory
 from rattlesweep.api.sweeps import Sweep, load, sweep
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.physics.launch import direction, garcia_hubbard
-from rattlesweep.physics.theory import Modes
+from rattlesweep.physics.theory import Modes, direction, garcia_hubbard
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

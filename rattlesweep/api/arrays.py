@@ -65,9 +65,9 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
             raise ConfigError(f"bodies: cannot be read as a table: {error}") from None
         table = frame_bodies(frame)
         return table.columns | {name: table.carried[name] for name in SIZE if name in table.carried}
-    alone = isinstance(bodies, str) or not isinstance(bodies, Iterable)
-    given = np.array(bodies if alone else list(bodies), object)
-    labels = ["bodies"] if alone else [f"bodies[{k}]" for k in range(given.size)]
+    several = isinstance(bodies, Iterable) and not isinstance(bodies, str)
+    given: Any = np.array(list(bodies) if several else bodies, object)  # type: ignore[arg-type]
+    labels = [f"bodies[{k}]" for k in range(given.size)] if several else ["bodies"]
     flat = list(map(one_body, given.flat, labels))
     names = (*PARAMETERS, "c") if any(body.c is not None for body in flat) else PARAMETERS
     columns = {name: [getattr(body, name) for body in flat] for name in names}

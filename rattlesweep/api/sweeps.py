@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.api.arrays import check_count, is_frame, to_frame
-from rattlesweep.api.single import Page
+from rattlesweep.api.single import Page, stored_page
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.text import Bar
 
@@ -199,6 +199,15 @@ class Sweep:
 
         texts = [f"classify.{key}={value!r}" for key, value in thresholds.items()]
         return to_frame(classify_stored(self.directory, texts).summary)
+
+    def show(self, case: int | None = None, sample: int | None = None, **settings: Any) -> Page:
+        """Make a page on which the body of one of the runs rolls on the plane.
+
+        Instead of a case and a sample there may be a condition ``where``; the other settings are
+        those of :func:`rattlesweep.show`.
+        """
+        run = {"case": case, "sample": sample, "where": settings.pop("where", None)}
+        return stored_page(self.directory, run, **settings)[0]
 
     def __repr__(self) -> str:
         return f"<Sweep {self.directory}: {self._stored.count():,} runs>"

@@ -15,12 +15,12 @@ from typing import Any, NoReturn
 import click
 from click import option
 
-from rattlesweep.cli import fit, single, sweeps
+from rattlesweep.cli import single, sweeps
 from rattlesweep.cli.options import COMMANDS, DONE, FAILED, WRONG, say, to_json
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate import SettingError
 
-__all__ = ["fit", "main", "single", "sweeps"]
+__all__ = ["main", "single", "sweeps"]
 
 
 class Program(click.Group):

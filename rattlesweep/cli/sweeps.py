@@ -522,7 +522,11 @@ def tradeoff(
     base, directory = config and config.resolve().parent, output or Path(loaded.directory)
     probe_directory(directory)
     start, threads = time.monotonic(), threads or available_threads()
-    how = {"samples": samples, "scope": QUICK if quick else FULL, "threads": threads}
+    how: dict[str, Any] = {
+        "samples": samples,
+        "scope": QUICK if quick else FULL,
+        "threads": threads,
+    }
     study = measure(loaded, base, **how, report=Bar.of_command().stage)
     files = save(study, directory)
     click.echo(to_json(as_data(study)) if as_json else as_text(study))

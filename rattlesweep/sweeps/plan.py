@@ -18,7 +18,7 @@ import pyarrow as pa
 
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
-from rattlesweep.physics.launch import spin_and_oscillation
+from rattlesweep.physics.theory import spin_and_oscillation
 from rattlesweep.sweeps.bodies.protocol import Source
 from rattlesweep.sweeps.bodies.sources import make_source
 from rattlesweep.sweeps.bodies.table import LOSSES, TableBodies, check_value

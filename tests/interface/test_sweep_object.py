@@ -80,6 +80,7 @@ def test_other_thresholds_and_back(sd):
      (lambda s: s.plot("mpa"), "--kind"),
      (lambda s: s.plot(path="a.gif"), "path a.gif: the name must end in .svg, .png, .pdf"),
      (lambda s: s.plot(select={"n_i": 0.7}), r"--select n_i=0.7: n_i has no value 0.7"),
+     (lambda s: s.show(), "which run"),
      (lambda s: rs.sweep("c.yaml", seed=1), "seed: is given beside a config")],
 )  # fmt: skip
 def test_bad_arguments_get_a_sentence_and_nothing_is_written(sd, call, words):
@@ -129,6 +130,8 @@ def test_pictures_and_pages(sd, tmp_path):
     assert any("Some" in text and condition in text for text in shown)
     page = sd.report(tmp_path / "report.html", title="Mine & yours")
     assert page.path.read_bytes() == page.content
+    rolling = sd.show(0, 1, t_end=10, from_time=4, path=tmp_path / "roll.html")
+    assert '"start": 4.0' in rolling.path.read_text()
 
 
 # -- bodies from memory ------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import si
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
-from rattlesweep.physics.shapes import half_ellipsoid
+from rattlesweep.physics.si import half_ellipsoid
 from rattlesweep.sweeps.bodies.protocol import Bodies, Scale, Source
 from rattlesweep.sweeps.bodies.sampler import bodies_of, draw_bodies, sequence_points
 from rattlesweep.sweeps.bodies.table import KEPT, TableBodies, read_bodies

@@ -28,7 +28,7 @@ from rattlesweep.arrays import Flags, Floats, Integers, take
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics import si
 from rattlesweep.physics.body import PARAMETERS, violations
-from rattlesweep.physics.launch import spin_and_oscillation
+from rattlesweep.physics.theory import spin_and_oscillation
 from rattlesweep.sweeps import columns as known
 from rattlesweep.sweeps.bodies.protocol import Bodies, Scale
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT

@@ -15,8 +15,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainSerializ
 from pydantic_core import PydanticCustomError
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.physics.body import MAX_INERTIA
 from rattlesweep.sweeps.config.messages import Key, Places
 from rattlesweep.units import KINDS, Quantity, split
