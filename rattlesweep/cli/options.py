@@ -26,9 +26,6 @@ DONE, FAILED, WRONG, SOME_FAILED, EARLY = 0, 1, 2, 3, 75  # exit codes
 MOST_ROWS = 20  # of a table that is printed
 
 
-# -- commands ----------------------------------------------------------------------------------
-
-
 class Command(click.Command):
     """A command; its function returns the exit code, or None if all is done."""
 
@@ -82,9 +79,6 @@ def pick(given: dict[str, Any], *names: str) -> dict[str, Any]:
     """Take options out of all that were read, and return those that were given."""
     taken = {name: given.pop(name) for name in names if name in given}
     return {name: value for name, value in taken.items() if value is not None}
-
-
-# -- kinds of values ---------------------------------------------------------------------------
 
 
 class Kind(click.ParamType):  # type: ignore[type-arg]
@@ -162,10 +156,8 @@ MASS, HEIGHT, ANGLE = (Kind(k, partial(quantity, kind=k)) for k in ("mass", "len
 # The modules that hold these words too take long to import; a test compares.
 PRESETS = Choice(["GH", "KL"])
 MODELS = Choice(["full", "reduced", "gh"])
+ACCURACIES = Choice(["draft", "standard", "reference"])
 KINDS = Choice(["fractions", "times", "ratio", "map", "reversals", "distribution", "scatter"])
-
-
-# -- options -----------------------------------------------------------------------------------
 
 
 def stack(*decorators: Decorator) -> Decorator:
@@ -195,9 +187,10 @@ def path(name: str, **settings: Any) -> Decorator:
     return argument(name, type=click.Path(path_type=Path), **settings)
 
 
-config, directory = path("config"), path("directory")
+directory = path("directory")
 overrides = option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Override a key "
                    "of the config, as in bodies.samples=10; may be repeated.")  # fmt: skip
+sweep = stack(path("config"), output(), overrides)
 threads = option("-j", "--threads", type=click.IntRange(1, MOST_THREADS), metavar="N",
                  help="Threads of the kernel; by default one for each processor.")  # fmt: skip
 title = option("--title", metavar="TEXT", help="Title of the page.")
@@ -205,7 +198,7 @@ as_json = option("--json", "as_json", is_flag=True, help="Print JSON instead of 
 quiet = option("-q", "--quiet", is_flag=True, help="No progress, closing words or warnings.")
 figure = file("--figure", *PICTURES, help="Also draw a figure, an .svg, .png or .pdf file.")
 data = file("--data", ".csv", ".parquet", help="Also write the numbers, as .csv or .parquet.")
-t_end = option("--t-end", type=DURATION, help="Horizon, in sqrt(a/g), or as in 20s; by default "
+t_end = option("--t-end", type=DURATION, help="Horizon, in sqrt(a/g) or as in 20s; by default "
                "5 t_rGH, or that of the sweep.")  # fmt: skip
 from_time = option("--from-time", type=DURATION, help="Time of the first row, likewise.")
 where = option("--where", metavar="CONDITION", help="Runs for which a pandas query on their "
@@ -220,8 +213,7 @@ BODY = ("preset", "alpha", "beta", "gamma", "f_sd", "theta", "phi", "xi", "xi_de
         "height", "inertia", "radii", "axes_angle", "z_up",
         "half_ellipsoid", "skew", "weights", "at")  # fmt: skip
 body = stack(
-    option("--preset", type=PRESETS,
-           help="A named body (Garcia and Hubbard 1988, Kane and Levinson 1982)."),
+    option("--preset", type=PRESETS, help="A body of Garcia and Hubbard, Kane and Levinson."),
     option("--alpha", type=float, help="I_xx + 1, in M a^2."),
     option("--beta", type=float, help="I_yy + 1, in M a^2."),
     option("--gamma", type=float, help="I_zz, in M a^2."),
@@ -234,17 +226,16 @@ body = stack(
     option("--mass", type=MASS, help="Instead of all these, a body in SI units: mass, as in 85g."),
     option("--height", type=HEIGHT, help="Height of the centre of mass over the contact."),
     option("--inertia", type=several("ixx,iyy,izz,ixy unit", "moment of inertia", 3, 4, 5, 6),
-           help="Inertia about the centre of mass, as in '2,16,17,-0.2 kg cm^2'."),
+           help="About the centre of mass, as in '2,16,17,-0.2 kg cm^2'."),
     option("--radii", type=several("r1,r2 unit", "length", 2),
            help="Principal radii of curvature at the bottom, as in '50,1.5 cm'."),
-    option("--axes-angle", type=ANGLE,
-           help="Angle from the x axis of --inertia to the direction of the first of --radii."),
+    option("--axes-angle", type=ANGLE, help="Angle from the x axis of --inertia to the first of "
+           "--radii."),
     option("--z-up", is_flag=True, default=None, help="The z axis of --inertia points up."),
     option("--half-ellipsoid", type=several("length,width,height", "length", 3),
            help="Instead of height, inertia and radii: a solid half ellipsoid with its flat side "
                 "up, as in 12cm,3cm,12mm; --mass is without weights."),
-    option("--skew", type=ANGLE,
-           help="Angle by which its axes of inertia are turned clockwise, seen from above."),
+    option("--skew", type=ANGLE, help="Turns its axes of inertia clockwise, seen from above."),
     option("--weights", type=MASS, help="Mass of each of two weights on its flat side."),
     option("--at", type=several("x,y", "length", 2), help="Place of one weight from the middle, "
            "along and across, as in 45,-9mm; the other lies opposite."),
@@ -252,16 +243,13 @@ body = stack(
 dissipation = stack(
     option("--sigma", type=DAMPING, help="Dissipation: sigma of a torque -sigma omega, in "
            "M a^2 sqrt(g/a), or as in '1e-4 N m s'."),
-    option("--rolling", type=LENGTH, help="Dissipation: lever of a rolling resistance, in a, or "
-           "as in 50um."),
+    option("--rolling", type=LENGTH, help="Lever of a rolling resistance, in a, or as in 50um."),
 )  # fmt: skip
 SPIN_DEFAULTS = {"n_i": 0.1, "omega_xy0": 0.01}
 spin = stack(
-    option("--n-i", type=SPIN,
-           help="Initial spin, in sqrt(g/a), or as in 60rpm.  [default: 0.1]"),
-    option("--omega-xy0", type=SPIN,
-           help="Initial oscillation, in sqrt(g/a), or as in 5rpm.  [default: 0.01]"),
-)  # fmt: skip
+    option("--n-i", type=SPIN, help="Initial spin, in sqrt(g/a) or as in 60rpm.  [default: 0.1]"),
+    option("--omega-xy0", type=SPIN, help="Initial oscillation, likewise.  [default: 0.01]"),
+)
 launch = stack(
     spin,
     option("--psi", type=Kind("direction", partial(_measured, "")), help="Direction of the "
@@ -274,8 +262,7 @@ launch = stack(
     option("--method", type=Choice(list(METHODS)), help="Method.  [default: dop853]"),
     option("--tol", type=float, help="Tolerance of an adaptive method.  [default: 1e-9]"),
     option("--dt-step", type=float, help="Step of a fixed-step method.  [default: 0.002]"),
-    option("--accuracy", type=Choice(["draft", "standard", "reference"]),
-           help="A named accuracy instead of a method and its tolerance."),
+    option("--accuracy", type=ACCURACIES, help="Instead of a method and its tolerance."),
 )  # fmt: skip
 ROWS = ("points", "dt", "steps", "from_time")
 rows = stack(

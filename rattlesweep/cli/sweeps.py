@@ -24,8 +24,11 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.pilot import Forecast
     from rattlesweep.sweeps.plan import Plan
 
-
-# -- sweeps ------------------------------------------------------------------------------------
+ENGINES = click.Choice(["local", "dask"])
+SHARD = Kind("i/n", "rattlesweep.sweeps.run:Shard.parse")
+LIMIT = Kind("time", "rattlesweep.sweeps.slurm:limit_of")
+MEMORY = Kind("size", "rattlesweep.sweeps.slurm:memory_of")
+TITLE = Kind("text", "rattlesweep.analysis.style:check_formula")
 
 
 @command("Sweeps", "rattlesweep init mine.yaml")
@@ -58,23 +61,20 @@ def init(config: Path) -> None:
     "rattlesweep plan configs/steady.yaml --check",
     "rattlesweep plan configs/steady.yaml --set bodies.samples=100000 --shards 16",
 )
-@options.config
-@options.output("Where the sweep would be written; nothing is written now.")
-@options.overrides
+@options.sweep
 @options.threads
 @option("--shards", type=COUNT, help="Also forecast the longest of N shards.")
 @option("--check", is_flag=True, help="Only check the config, and integrate nothing.")
 @options.as_json
 def plan(
-    config: Path, output: Path | None, overrides: tuple[str, ...], threads: int | None,
-    shards: int | None, check: bool, as_json: bool,
-) -> None:  # fmt: skip
+    config: Path, threads: int | None, shards: int | None, check: bool, as_json: bool, **given: Any
+) -> None:
     """Check a config and forecast the time and disk space of its sweep.
 
     Prints how many runs it makes, or everything that is wrong with it, each with its line.
     Integrates a sample of the runs for about two seconds and writes nothing.
     """
-    made, where = _planned(config, overrides, output)
+    made, where = _planned(config, **given)
     found = None if check else _forecast(made, where, threads, shards)
     size = {"case": len(made.cases), "sample": made.samples, "run": made.runs}
     if as_json:
@@ -92,16 +92,12 @@ def plan(
     "rattlesweep run configs/quickstart.yaml --set bodies.samples=100",
     "rattlesweep run configs/steady.yaml --shard 0/4 --output out/steady-0",
 )
-@options.config
-@options.output()
-@options.overrides
+@options.sweep
 @options.threads
-@option("--engine", type=click.Choice(["local", "dask"]), default="local",
-        help="Compute blocks of runs here, or by workers of a Dask cluster.")  # fmt: skip
+@option("--engine", type=ENGINES, default="local", help="Compute here or by workers of Dask.")
 @option("--scheduler", metavar="ADDRESS", help="Address of an existing Dask scheduler.")
 @option("--workers", type=COUNT, help="Worker processes of a Dask cluster started here.")
-@option("--shard", type=Kind("i/n", "rattlesweep.sweeps.run:Shard.parse"),
-        help="Compute shard I of N only, with I from 0 to N-1.")  # fmt: skip
+@option("--shard", type=SHARD, help="Compute shard I of N only, with I from 0 to N-1.")
 @option("--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m.")
 @option("--fresh", is_flag=True, help="Delete the existing runs and start over.")
 @option("--retry-failed", is_flag=True, help="Repeat the runs whose status is not ok.")
@@ -186,15 +182,14 @@ def status(directory: Path, as_json: bool) -> int:
 
 @command("Sweeps", "rattlesweep verify out/quickstart --recompute 100")
 @options.directory
-@option("--recompute", type=click.IntRange(0), metavar="N", default=0,
-        help="Integrate N random runs again and compare them bit for bit.")  # fmt: skip
+@option("--recompute", type=click.IntRange(0), default=0, help="Integrate so many again, too.")
 @options.threads
 @options.as_json
 def verify(directory: Path, recompute: int, threads: int | None, as_json: bool) -> int:
     """Verify every bit of an output directory.
 
-    Prints one line per problem and exits with 1 if there is any. `rattlesweep run` repairs what it
-    finds by computing the runs of damaged files again.
+    Prints one line per problem and exits with 1 if there is any. Runs that are integrated again are
+    drawn at random and compared bit for bit. `rattlesweep run` computes the runs of damaged files.
     """
     from rattlesweep.sweeps.verify import verify as check
 
@@ -254,22 +249,16 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     "rattlesweep slurm configs/steady.yaml --shards 100 --cpus 16 --time 4:00:00 > steady.sh",
     "sbatch steady.sh",
 )
-@options.config
+@options.sweep
 @option("--shards", type=COUNT, required=True, help="Number of tasks in the array.")
-@option("--time", "limit", type=Kind("time", "rattlesweep.sweeps.slurm:limit_of"),
-        default="4:00:00", help="Time limit of a task.")  # fmt: skip
+@option("--time", "limit", type=LIMIT, default="4:00:00", help="Time limit of a task.")
 @option("--cpus", type=COUNT, default=1, help="CPUs per task.")
-@option("--mem", "memory", type=Kind("size", "rattlesweep.sweeps.slurm:memory_of"),
-        default="2G", help="Memory per task.")  # fmt: skip
+@option("--mem", "memory", type=MEMORY, default="2G", help="Memory per task.")
 @option("--partition", metavar="NAME", help="Partition of the cluster.")
-@options.output()
-@options.overrides
-@option("--own-directories", "own", is_flag=True,
-        help="Give each task a directory of its own, DIR-I.")  # fmt: skip
-@option("--restarts", type=click.IntRange(0), default=20,
-        help="How often a task that runs out of time requeues itself.")  # fmt: skip
+@option("--own-directories", "own", is_flag=True, help="Give each task a directory, DIR-I.")
+@option("--restarts", type=click.IntRange(0), default=20, help="Requeue so often at the limit.")
 def slurm(
-    config: Path, shards: int, output: Path | None, overrides: tuple[str, ...], own: bool,
+    config: Path, output: Path | None, overrides: tuple[str, ...], shards: int, own: bool,
     **job: Any,
 ) -> None:  # fmt: skip
     """Print the script of a Slurm job array that runs a sweep, one shard per task.
@@ -333,9 +322,6 @@ def _forecast(made: Plan, where: Path, threads: int | None, shards: int | None) 
     return found
 
 
-# -- results -----------------------------------------------------------------------------------
-
-
 @command(
     "Results of a sweep",
     "rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf",
@@ -343,12 +329,9 @@ def _forecast(made: Plan, where: Path, threads: int | None, shards: int | None) 
     "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0",
 )
 @options.directory
-@option("--kind", type=options.KINDS, help="What to draw; times are t_r, and ratio is t_r/t_rGH. "
-        "By default what suits the sweep.")  # fmt: skip
-@option("--x", metavar="NAME", help="Quantity along the abscissa: one that the config varies, such "
-        "as n_i, or any column of the runs, such as K_p, for a scatter of t_r.")  # fmt: skip
-@option("--quantity", metavar="COLUMN", help="Any numeric column of the runs that a map shows as "
-        "colours (the mean of a cell), or a distribution as a histogram.")  # fmt: skip
+@option("--kind", type=options.KINDS, help="By default what suits the sweep; times are t_r.")
+@option("--x", metavar="NAME", help="Abscissa: what the config varies, or a column, for a scatter.")
+@option("--quantity", metavar="COLUMN", help="Numeric column for a map or a distribution.")
 @option("--select", metavar="NAME=VALUES", multiple=True, help="Only these values, as in "
         "n_i=-0.3,-0.5 or theta=0.6:0.7; may be repeated.")  # fmt: skip
 @options.where
@@ -358,10 +341,9 @@ def _forecast(made: Plan, where: Path, threads: int | None, shards: int | None) 
 @option("--size", type=options.SIZE, help="Width and height in inches.")
 @option("--dpi", type=click.FloatRange(20, 600), default=150.0, help="Dots per inch of a PNG.")
 @option("--style", type=click.Path(path_type=Path), help="A Matplotlib style file (.mplstyle).")
-@option("--title", type=Kind("text", "rattlesweep.analysis.style:check_formula"),
-        help="Title of the picture, perhaps with a formula, as in '$n_i$'.")  # fmt: skip
-@options.file("--output", *options.PICTURES, multiple=True, help="An .svg, .png or .pdf file; may "
-              "be repeated. By default DIRECTORY/KIND.svg and .png.")  # fmt: skip
+@option("--title", type=TITLE, help="Title of the picture, perhaps with a formula, as in '$n_i$'.")
+@options.file("--output", *options.PICTURES, multiple=True,
+              help="May be repeated; by default DIRECTORY/KIND.svg and .png.")  # fmt: skip
 @options.data
 def plot(
     directory: Path, dpi: float, style: Path | None, output: tuple[Path, ...], data: Path | None,
@@ -369,7 +351,8 @@ def plot(
 ) -> None:  # fmt: skip
     """Plot a sweep: fractions of types, reversal times, a map of a grid.
 
-    Works at any time, even while the sweep is running. Prints the paths of what it writes.
+    Works at any time, even while the sweep is running. A map shows the mean of a column by colours,
+    and a distribution a histogram of it. Prints the paths of what it writes.
     """
     from rattlesweep.analysis.plots.kinds import choose_picture
     from rattlesweep.analysis.plots.layout import read_layout
@@ -408,8 +391,7 @@ def report(directory: Path, output: Path | None, title: str | None) -> None:
 @options.path("a")
 @options.path("b")
 # t_r_error is to cover 99.5 % of the runs.
-@option("--allow", metavar="FRACTION", type=click.FloatRange(0, 1), default=0.005,
-        help="Fraction of the runs reversing in both that may differ by more.")  # fmt: skip
+@option("--allow", type=click.FloatRange(0, 1), default=0.005, help="Fraction that may be beyond.")
 @options.figure
 @options.data
 @options.as_json
@@ -456,9 +438,6 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     if figure is not None:
         estimate.save(found, figure)
     click.echo(to_json(found.data()) if as_json else estimate.as_text(found, options.MOST_ROWS))
-
-
-# -- studies -----------------------------------------------------------------------------------
 
 
 @command("Studies", "rattlesweep paper --quick", "rattlesweep paper --only fig7,fig8")
