@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-    from rattlesweep.sweeps.bodies.protocol import Scale
+    from rattlesweep.sweeps.bodies import Scale
     from rattlesweep.sweeps.bodies.table import TableBodies
 
 Bodies: TypeAlias = (
@@ -98,7 +98,7 @@ def scale_of(units: Units | None) -> Scale | None:
 
 def column_scale(columns: Mapping[str, Any]) -> Scale | None:
     """Return the units of bodies that the columns `SIZE` tell, None if they do not."""
-    from rattlesweep.sweeps.bodies.protocol import Scale
+    from rattlesweep.sweeps.bodies import Scale
 
     if "height_m" not in columns:
         return None

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from rattlesweep.analysis.fit import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.analysis.onerun.replay import StoredRun
-    from rattlesweep.sweeps.bodies.protocol import Scale
-    from rattlesweep.sweeps.single import Launch
+    from rattlesweep.sweeps.bodies import Scale
+    from rattlesweep.sweeps.launches import Launch
 
     # A number, or text with an SI unit such as "60 rpm".
     Number = float | str
@@ -208,8 +208,8 @@ def simulate(
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.bodies.table import launched_from
-    from rattlesweep.sweeps.memory import integrate_plan
-    from rattlesweep.sweeps.single import Launch, is_full_state, plan_of
+    from rattlesweep.sweeps.launches import Launch, is_full_state, plan_of
+    from rattlesweep.sweeps.run import integrate_plan
 
     check_count("threads", threads)
     columns = arguments.body_columns(body)
@@ -378,7 +378,7 @@ def fit(
     0.001
     """
     from rattlesweep.analysis.fit import check_free, fit_run, read_data
-    from rattlesweep.sweeps.config.messages import not_one_of
+    from rattlesweep.sweeps.config import not_one_of
 
     for name in (given := dict(launch or {})):
         if name not in (known := (*SPIN, "psi", "omega", "u")):
@@ -429,7 +429,7 @@ def launch_of(
     **values: Any,
 ) -> Launch:  # fmt: skip
     """Return one launch, whose numbers are single ones in the units of its body."""
-    from rattlesweep.sweeps.single import Launch
+    from rattlesweep.sweeps.launches import Launch
 
     made = arguments.one_body(body)
     scale = arguments.scale_of(made.units)

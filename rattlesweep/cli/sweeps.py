@@ -21,13 +21,12 @@ from rattlesweep.text import Bar, counted
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from rattlesweep.sweeps.pilot import Forecast
+    from rattlesweep.sweeps.cost import Forecast
     from rattlesweep.sweeps.plan import Plan
 
 ENGINES = click.Choice(["local", "dask"])
 SHARD = Kind("i/n", "rattlesweep.sweeps.run:Shard.parse")
 LIMIT = Kind("time", "rattlesweep.sweeps.slurm:limit_of")
-MEMORY = Kind("size", "rattlesweep.sweeps.slurm:memory_of")
 TITLE = Kind("text", "rattlesweep.analysis.style:check_formula")
 
 
@@ -59,26 +58,23 @@ def init(config: Path) -> None:
 @command(
     "Sweeps",
     "rattlesweep plan configs/steady.yaml --check",
-    "rattlesweep plan configs/steady.yaml --set bodies.samples=100000 --shards 16",
+    "rattlesweep plan configs/steady.yaml --set bodies.samples=100000",
 )
 @options.sweep
 @options.threads
-@option("--shards", type=COUNT, help="Also forecast the longest of N shards.")
 @option("--check", is_flag=True, help="Only check the config, and integrate nothing.")
 @options.as_json
-def plan(
-    config: Path, threads: int | None, shards: int | None, check: bool, as_json: bool, **given: Any
-) -> None:
+def plan(config: Path, threads: int | None, check: bool, as_json: bool, **given: Any) -> None:
     """Check a config and forecast the time and disk space of its sweep.
 
     Prints how many runs it makes, or everything that is wrong with it, each with its line.
     Integrates a sample of the runs for about two seconds and writes nothing.
     """
     made, where = _planned(config, **given)
-    found = None if check else _forecast(made, where, threads, shards)
+    found = None if check else _forecast(made, where, threads)
     size = {"case": len(made.cases), "sample": made.samples, "run": made.runs}
     if as_json:
-        figures = {} if found is None else asdict(found)
+        figures = {} if found is None else vars(found)
         click.echo(to_json({f"{name}s": number for name, number in size.items()} | figures))
         return
     cases, samples, runs = (counted(number, name) for name, number in size.items())
@@ -96,10 +92,8 @@ def plan(
 @options.threads
 @option("--engine", type=ENGINES, default="local", help="Compute here or by workers of Dask.")
 @option("--scheduler", metavar="ADDRESS", help="Address of an existing Dask scheduler.")
-@option("--workers", type=COUNT, help="Worker processes of a Dask cluster started here.")
 @option("--shard", type=SHARD, help="Compute shard I of N only, with I from 0 to N-1.")
 @option("--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m.")
-@option("--fresh", is_flag=True, help="Delete the existing runs and start over.")
 @option("--retry-failed", is_flag=True, help="Repeat the runs whose status is not ok.")
 @option("--dry-run", is_flag=True, help="Print the forecast, as `plan` does, and stop.")
 @option("--compile-only", is_flag=True, help="Compile the kernels, as for an image, and stop.")
@@ -107,22 +101,20 @@ def plan(
 @option("-v", "--verbose", is_flag=True, help="Report where the time went.")
 def run(
     config: Path, output: Path | None, overrides: tuple[str, ...], threads: int | None, engine: str,
-    scheduler: str | None, workers: int | None, dry_run: bool, compile_only: bool, quiet: bool,
-    verbose: bool, **how: Any,
+    scheduler: str | None, dry_run: bool, compile_only: bool, quiet: bool, verbose: bool,
+    **how: Any,
 ) -> int:  # fmt: skip
     """Run a sweep, or resume one that was stopped.
 
     Prints one row per case on standard output.
     """
-    if engine == "local" and (scheduler or workers):
-        raise ConfigError("--scheduler, --workers: are for --engine dask; add that")
-    if how["fresh"] and how["shard"] is not None:
-        raise ConfigError("--fresh: would remove the runs of other shards; start over without it")
+    if (engine == "dask") != (scheduler is not None):
+        raise ConfigError("--engine dask: goes with --scheduler ADDRESS; give both, or neither")
     import numpy as np
 
     from rattlesweep.sweeps.block import load_kernel, prepare_runs
+    from rattlesweep.sweeps.plan import examine
     from rattlesweep.sweeps.run import run_sweep
-    from rattlesweep.sweeps.stored import examine
 
     made, where = _planned(config, overrides, output, quiet)
     if compile_only:
@@ -131,15 +123,13 @@ def run(
         say("the kernels are compiled")
         return DONE
     if dry_run:
-        if not how["fresh"]:
-            examine(made, where)
-        shards = None if how["shard"] is None else how["shard"].count
-        click.echo(_forecast(made, where, threads, shards).words)
+        examine(made, where)
+        click.echo(_forecast(made, where, threads).words)
         return DONE
-    if engine == "dask":
+    if scheduler is not None:
         from rattlesweep.sweeps.dask import make_engine
 
-        how["engine"] = make_engine(scheduler, workers, threads)
+        how["engine"] = make_engine(scheduler, threads)
     with Bar.of_command(quiet) as bar:
         base = config.resolve().parent
         result = run_sweep(made, where, base=base, threads=threads, report=bar, **how)
@@ -151,8 +141,7 @@ def run(
         now = f"{result.done:,} of them done now{again} in {result.seconds:.1f} s"
         say(f"{counted(result.runs, 'run')} in {where}, {now}")
     if verbose:
-        say(f"{result.seconds:.2f} s in all: {result.load_seconds:.2f} s to load or compile the "
-            f"kernel, {result.kernel_seconds:.2f} s of integration")  # fmt: skip
+        say(f"{result.seconds:.2f} s in all, {result.kernel_seconds:.2f} s of integration")
     if result.stopped is not None:
         say(f"stopped: {result.stopped}; {result.kept}, and the same command resumes from there")
         return options.EARLY
@@ -173,7 +162,7 @@ def status(directory: Path, as_json: bool) -> int:
 
     Works at any time. Exits with 3 if some runs have a status other than ok.
     """
-    from rattlesweep.sweeps.status import status as count_rows
+    from rattlesweep.sweeps.verify import status as count_rows
 
     found = count_rows(directory)
     click.echo(to_json(found.data) if as_json else found.words)
@@ -209,7 +198,7 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     Rewrites the types and the summary, until `rattlesweep run` restores those of the config. Prints
     one row per case on standard output.
     """
-    from rattlesweep.sweeps.classify import classify_stored
+    from rattlesweep.sweeps.merge import classify_stored
 
     done = classify_stored(directory, overrides)
     _print_summary(done.summary, directory)
@@ -253,7 +242,7 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
 @option("--shards", type=COUNT, required=True, help="Number of tasks in the array.")
 @option("--time", "limit", type=LIMIT, default="4:00:00", help="Time limit of a task.")
 @option("--cpus", type=COUNT, default=1, help="CPUs per task.")
-@option("--mem", "memory", type=MEMORY, default="2G", help="Memory per task.")
+@option("--mem", "memory", metavar="SIZE", default="2G", help="Memory per task.")
 @option("--partition", metavar="NAME", help="Partition of the cluster.")
 @option("--own-directories", "own", is_flag=True, help="Give each task a directory, DIR-I.")
 @option("--restarts", type=click.IntRange(0), default=20, help="Requeue so often at the limit.")
@@ -265,8 +254,8 @@ def slurm(
 
     Tasks stop shortly before the time limit and resume after a restart.
     """
+    from rattlesweep.sweeps.plan import examine
     from rattlesweep.sweeps.slurm import job_script
-    from rattlesweep.sweeps.stored import examine
 
     made, where = _planned(config, overrides, output)
     if not own:
@@ -311,11 +300,11 @@ def _planned(
     return made, output or Path(config.directory)
 
 
-def _forecast(made: Plan, where: Path, threads: int | None, shards: int | None) -> Forecast:
+def _forecast(made: Plan, where: Path, threads: int | None) -> Forecast:
     """Return what a sweep will take, and say if the disk has too little room for it."""
-    from rattlesweep.sweeps.pilot import forecast
+    from rattlesweep.sweeps.cost import forecast
 
-    found = forecast(made, threads, shards)
+    found = forecast(made, threads)
     place = next(p for p in (where.absolute(), *where.absolute().parents) if p.exists())
     if found.bytes > (free := shutil.disk_usage(place).free):
         say(f"warning: {place} has only {free / 1e9:.1f} GB free")
