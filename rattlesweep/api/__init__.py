@@ -64,18 +64,9 @@ def modes(body: Bodies) -> Modes:
 def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:
     """Return Garcia and Hubbard's time of reversal (Eqs. trgh-p, trgh-m), in ``sqrt(a/g)``.
 
-    Parameters
-    ----------
-    body
-        As for :func:`modes`.
-    n_i, omega_xy0 : array_like
-        Initial spin, not zero, whose sign chooses the direction, and oscillation along the relevant
-        mode, in ``sqrt(g/a)``.
-
-    Returns
-    -------
-    float or ndarray
-        Of the shape to which bodies, spins and oscillations broadcast.
+    `body` is as for :func:`modes`; ``n_i``, not zero, is the initial spin, whose sign chooses the
+    direction, and ``omega_xy0`` the oscillation along the relevant mode, both in ``sqrt(g/a)``.
+    Returns a float or an array of the shape to which all broadcast.
 
     Examples
     --------
@@ -108,15 +99,9 @@ def bondi_threshold(body: Bodies) -> Any:
 def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRates:
     """Return the growth rates of the amplitudes of pitch and roll while the spin is ``n``.
 
-    Parameters
-    ----------
-    body
-        As for :func:`modes`.
-    n : array_like
-        Spin, in ``sqrt(g/a)``; it broadcasts with the bodies.
-    exact : bool
-        Whether to take the eigenvalues at this spin; by default their limit for a small one,
-        ``n K_p / 2`` and ``-n K_r / 2`` (Eq. case-instab1).  Energies grow twice as fast.
+    `body` is as for :func:`modes`, and ``n``, in ``sqrt(g/a)``, broadcasts with the bodies.  With
+    `exact` they are the eigenvalues at this spin, else their limit for a small one, ``n K_p / 2``
+    and ``-n K_r / 2`` (Eq. case-instab1).  Energies grow twice as fast.
 
     Examples
     --------

@@ -138,9 +138,8 @@ class Sweep:
         Parameters
         ----------
         kind, x, quantity, where : str, optional
-            As there: ``fractions``, ``times``, ``ratio``, ``map``, ``reversals``, ``distribution``
-            or ``scatter``; what the abscissa is; which column a map or a distribution shows; a
-            condition on the runs.
+            As there: what to draw, such as ``times`` or ``map``; what the abscissa is; which column
+            a map or a distribution shows; a condition on the runs.
         select : mapping or sequence of str
             Only these values, such as ``{"n_i": [-0.3, -0.5], "theta": "0.6:0.7"}``.
         path : path, optional

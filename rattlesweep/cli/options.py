@@ -6,7 +6,7 @@ import json
 import pkgutil
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any
 
@@ -143,7 +143,8 @@ def _file(endings: tuple[str, ...], text: str) -> Path:
 
 
 PICTURES = (".svg", ".png", ".pdf")
-COUNT = click.IntRange(1)
+COUNT, NUMBER = click.IntRange(1), click.IntRange(0)
+COUNT.name = NUMBER.name = "n"
 TIME = Kind("time", seconds_of)
 SIZE = Kind("w,h", partial(_numbers, "7,4.5", 1, 24))
 LIMITS = Kind("low,high", partial(_numbers, "0.01,0.1", -1e12, 1e12))
@@ -162,13 +163,13 @@ KINDS = Choice(["fractions", "times", "ratio", "map", "reversals", "distribution
 
 def stack(*decorators: Decorator) -> Decorator:
     """Return one decorator for several options, in this order."""
+    return lambda function: reduce(lambda made, each: each(made), reversed(decorators), function)
 
-    def add(function: Callable[..., Any]) -> Callable[..., Any]:
-        for decorator in reversed(decorators):
-            function = decorator(function)
-        return function
 
-    return add
+def group(*rows: tuple[str, Any, str]) -> Decorator:
+    """Return one decorator for options that are given by name, kind (None: a flag) and help."""
+    return stack(*(option(name, type=kind, is_flag=kind is None, default=None, help=words)
+                   for name, kind, words in rows))  # fmt: skip
 
 
 def output(help: str = "Output directory; overrides the config's.", **settings: Any) -> Decorator:
@@ -195,80 +196,83 @@ threads = option("-j", "--threads", type=click.IntRange(1, MOST_THREADS), metava
                  help="Threads of the kernel; by default one for each processor.")  # fmt: skip
 title = option("--title", metavar="TEXT", help="Title of the page.")
 as_json = option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
-quiet = option("-q", "--quiet", is_flag=True, help="No progress, closing words or warnings.")
+quiet = option("-q", "--quiet", is_flag=True, help="Leave out progress, summaries and warnings.")
 figure = file("--figure", *PICTURES, help="Also draw a figure, an .svg, .png or .pdf file.")
 data = file("--data", ".csv", ".parquet", help="Also write the numbers, as .csv or .parquet.")
-t_end = option("--t-end", type=DURATION, help="Horizon, in sqrt(a/g) or as in 20s; by default "
-               "5 t_rGH, or that of the sweep.")  # fmt: skip
-from_time = option("--from-time", type=DURATION, help="Time of the first row, likewise.")
-where = option("--where", metavar="CONDITION", help="Runs for which a pandas query on their "
+t_end = group(("--t-end", DURATION, "Horizon, in sqrt(a/g) or as in 20s; by default 5 t_rGH, or "
+               "that of the sweep."))  # fmt: skip
+from_time = group(("--from-time", DURATION, "Time of the first row, in sqrt(a/g) or as in 2s."))
+where = option("--where", metavar="CONDITION", help="Only runs for which a pandas query on their "
                "columns is true, as in 'type == \"SW\" and K_r < 0.005'.")  # fmt: skip
 which = stack(
-    option("--case", type=int, help="Case of the run."),
-    option("--sample", type=int, help="Sample of the run."),
-    where,
+    group(("--case", int, "Case of the run."), ("--sample", int, "Sample of the run.")), where
 )
 
 BODY = ("preset", "alpha", "beta", "gamma", "f_sd", "theta", "phi", "xi", "xi_deg", "c", "mass",
-        "height", "inertia", "radii", "axes_angle", "z_up",
-        "half_ellipsoid", "skew", "weights", "at")  # fmt: skip
-body = stack(
-    option("--preset", type=PRESETS, help="A body of Garcia and Hubbard, Kane and Levinson."),
-    option("--alpha", type=float, help="I_xx + 1, in M a^2."),
-    option("--beta", type=float, help="I_yy + 1, in M a^2."),
-    option("--gamma", type=float, help="I_zz, in M a^2."),
-    option("--f-sd", type=float, help="I_yy/I_zz of a shell-dumbbell body; replaces alpha, beta."),
-    option("--theta", type=float, help="Larger principal curvature, in 1/a."),
-    option("--phi", type=float, help="Smaller principal curvature, in 1/a."),
-    option("--xi", type=float, help="Skew angle in radians."),
-    option("--xi-deg", type=float, help="Skew angle in degrees."),
-    option("--c", type=LENGTH, help="Vertical semi-axis of an ellipsoid, in a, or as in 2cm."),
-    option("--mass", type=MASS, help="Instead of all these, a body in SI units: mass, as in 85g."),
-    option("--height", type=HEIGHT, help="Height of the centre of mass over the contact."),
-    option("--inertia", type=several("ixx,iyy,izz,ixy unit", "moment of inertia", 3, 4, 5, 6),
-           help="About the centre of mass, as in '2,16,17,-0.2 kg cm^2'."),
-    option("--radii", type=several("r1,r2 unit", "length", 2),
-           help="Principal radii of curvature at the bottom, as in '50,1.5 cm'."),
-    option("--axes-angle", type=ANGLE, help="Angle from the x axis of --inertia to the first of "
-           "--radii."),
-    option("--z-up", is_flag=True, default=None, help="The z axis of --inertia points up."),
-    option("--half-ellipsoid", type=several("length,width,height", "length", 3),
-           help="Instead of height, inertia and radii: a solid half ellipsoid with its flat side "
-                "up, as in 12cm,3cm,12mm; --mass is without weights."),
-    option("--skew", type=ANGLE, help="Turns its axes of inertia clockwise, seen from above."),
-    option("--weights", type=MASS, help="Mass of each of two weights on its flat side."),
-    option("--at", type=several("x,y", "length", 2), help="Place of one weight from the middle, "
-           "along and across, as in 45,-9mm; the other lies opposite."),
+        "height", "inertia", "radii", "axes_angle", "z_up", "half_ellipsoid", "skew", "weights",
+        "at")  # fmt: skip
+body = group(
+    ("--preset", PRESETS, "The body of Garcia and Hubbard, or of Kane and Levinson."),
+    ("--alpha", float, "I_xx + 1, in M a^2."),
+    ("--beta", float, "I_yy + 1, in M a^2."),
+    ("--gamma", float, "I_zz, in M a^2."),
+    ("--f-sd", float, "I_yy/I_zz of a shell-dumbbell body; replaces alpha, beta."),
+    ("--theta", float, "Larger principal curvature, in 1/a."),
+    ("--phi", float, "Smaller principal curvature, in 1/a."),
+    ("--xi", float, "Skew angle in radians."),
+    ("--xi-deg", float, "Skew angle in degrees."),
+    ("--c", LENGTH, "Vertical semi-axis of an ellipsoid, in a, or as in 2cm."),
+    ("--mass", MASS, "Instead of all these, a body in SI units: mass, as in 85g."),
+    ("--height", HEIGHT, "Height of the centre of mass over the contact."),
+    ("--inertia", several("ixx,iyy,izz,ixy unit", "moment of inertia", 3, 4, 5, 6),
+     "Inertia about the centre of mass, as in '2,16,17,-0.2 kg cm^2'."),
+    ("--radii", several("r1,r2 unit", "length", 2), "Principal radii of curvature at the "
+     "bottom, as in '50,1.5 cm'."),
+    ("--axes-angle", ANGLE, "Angle from the x axis of --inertia to the first of --radii."),
+    ("--z-up", None, "The z axis of --inertia points up."),
+    ("--half-ellipsoid", several("length,width,height", "length", 3), "Instead of height, "
+     "inertia and radii: a solid half ellipsoid with its flat side up, as in 12cm,3cm,12mm; "
+     "--mass is without weights."),
+    ("--skew", ANGLE, "Turns its axes of inertia clockwise, seen from above."),
+    ("--weights", MASS, "Mass of each of two weights on its flat side."),
+    ("--at", several("x,y", "length", 2), "Place of one weight from the middle, along and "
+     "across, as in 45,-9mm; the other lies opposite."),
 )  # fmt: skip
-dissipation = stack(
-    option("--sigma", type=DAMPING, help="Dissipation: sigma of a torque -sigma omega, in "
-           "M a^2 sqrt(g/a), or as in '1e-4 N m s'."),
-    option("--rolling", type=LENGTH, help="Lever of a rolling resistance, in a, or as in 50um."),
+dissipation = group(
+    ("--sigma", DAMPING, "Dissipation: sigma of a torque -sigma omega, in M a^2 sqrt(g/a), or as "
+     "in '1e-4 N m s'."),
+    ("--rolling", LENGTH, "Lever of a rolling resistance, in a, or as in 50um."),
 )  # fmt: skip
 SPIN_DEFAULTS = {"n_i": 0.1, "omega_xy0": 0.01}
-spin = stack(
-    option("--n-i", type=SPIN, help="Initial spin, in sqrt(g/a) or as in 60rpm.  [default: 0.1]"),
-    option("--omega-xy0", type=SPIN, help="Initial oscillation, likewise.  [default: 0.01]"),
+spin = group(
+    ("--n-i", SPIN, "Initial spin, in sqrt(g/a) or as in 60rpm.  [default: 0.1]"),
+    ("--omega-xy0", SPIN, "Initial oscillation, likewise.  [default: 0.01]"),
 )
 launch = stack(
     spin,
-    option("--psi", type=Kind("direction", partial(_measured, "")), help="Direction of the "
-           "oscillation: relevant, pitch, roll, or degrees.  [default: relevant]"),
-    option("--omega", type=VECTOR, help="A full state instead: angular velocity along the body's "
-           "axes, in sqrt(g/a)."),
-    option("--u", type=VECTOR, help="Vertical unit vector along these.  [default: 0,0,-1]"),
+    group(
+        ("--psi", Kind("direction", partial(_measured, "")), "Direction of the oscillation: "
+         "relevant, pitch, roll, or degrees.  [default: relevant]"),
+        ("--omega", VECTOR, "A full state instead: angular velocity along the body's axes, in "
+         "sqrt(g/a)."),
+        ("--u", VECTOR, "Vertical unit vector along these.  [default: 0,0,-1]"),
+    ),
     dissipation,
     t_end,
-    option("--method", type=Choice(list(METHODS)), help="Method.  [default: dop853]"),
-    option("--tol", type=float, help="Tolerance of an adaptive method.  [default: 1e-9]"),
-    option("--dt-step", type=float, help="Step of a fixed-step method.  [default: 0.002]"),
-    option("--accuracy", type=ACCURACIES, help="Instead of a method and its tolerance."),
+    group(
+        ("--method", Choice(list(METHODS)), "Integrator.  [default: dop853]"),
+        ("--tol", float, "Tolerance of an adaptive method.  [default: 1e-9]"),
+        ("--dt-step", float, "Step of a fixed-step method.  [default: 0.002]"),
+        ("--accuracy", ACCURACIES, "Instead of a method and its tolerance."),
+    ),
 )  # fmt: skip
 ROWS = ("points", "dt", "steps", "from_time")
 rows = stack(
-    option("--points", type=int, help="Number of rows, evenly spaced up to the horizon.  "
-           "[default: 2001, or 20 per pitch period if that is more]"),
-    option("--dt", type=DURATION, help="Spacing of the rows in time."),
-    option("--steps", is_flag=True, default=None, help="One row per accepted step."),
+    group(
+        ("--points", int, "Number of rows, evenly spaced up to the horizon.  "
+         "[default: 2001, or 20 per pitch period if that is more]"),
+        ("--dt", DURATION, "Spacing of the rows in time."),
+        ("--steps", None, "One row per accepted step."),
+    ),
     from_time,
 )  # fmt: skip

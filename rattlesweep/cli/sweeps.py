@@ -90,7 +90,7 @@ def plan(config: Path, threads: int | None, check: bool, as_json: bool, **given:
 )
 @options.sweep
 @options.threads
-@option("--engine", type=ENGINES, default="local", help="Compute here or by workers of Dask.")
+@option("--engine", type=ENGINES, default="local", help="Where to compute.")
 @option("--scheduler", metavar="ADDRESS", help="Address of an existing Dask scheduler.")
 @option("--shard", type=SHARD, help="Compute shard I of N only, with I from 0 to N-1.")
 @option("--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m.")
@@ -106,7 +106,7 @@ def run(
 ) -> int:  # fmt: skip
     """Run a sweep, or resume one that was stopped.
 
-    Prints one row per case on standard output.
+    Prints one row per case.
     """
     if (engine == "dask") != (scheduler is not None):
         raise ConfigError("--engine dask: goes with --scheduler ADDRESS; give both, or neither")
@@ -171,14 +171,14 @@ def status(directory: Path, as_json: bool) -> int:
 
 @command("Sweeps", "rattlesweep verify out/quickstart --recompute 100")
 @options.directory
-@option("--recompute", type=click.IntRange(0), default=0, help="Integrate so many again, too.")
+@option("--recompute", type=options.NUMBER, default=0, help="Also integrate N random runs again.")
 @options.threads
 @options.as_json
 def verify(directory: Path, recompute: int, threads: int | None, as_json: bool) -> int:
-    """Verify every bit of an output directory.
+    """Check that an output directory is whole and consistent.
 
     Prints one line per problem and exits with 1 if there is any. Runs that are integrated again are
-    drawn at random and compared bit for bit. `rattlesweep run` computes the runs of damaged files.
+    compared bit for bit. `rattlesweep run` repairs a directory: it computes again what is damaged.
     """
     from rattlesweep.sweeps.verify import verify as check
 
@@ -195,8 +195,8 @@ def verify(directory: Path, recompute: int, threads: int | None, as_json: bool) 
 def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     """Classify stored runs by other thresholds, without integrating.
 
-    Rewrites the types and the summary, until `rattlesweep run` restores those of the config. Prints
-    one row per case on standard output.
+    Rewrites the types and the summary; `rattlesweep run` restores those of the config. Prints one
+    row per case.
     """
     from rattlesweep.sweeps.merge import classify_stored
 
@@ -245,7 +245,7 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
 @option("--mem", "memory", metavar="SIZE", default="2G", help="Memory per task.")
 @option("--partition", metavar="NAME", help="Partition of the cluster.")
 @option("--own-directories", "own", is_flag=True, help="Give each task a directory, DIR-I.")
-@option("--restarts", type=click.IntRange(0), default=20, help="Requeue so often at the limit.")
+@option("--restarts", type=options.NUMBER, default=20, help="Requeue a task at most so often.")
 def slurm(
     config: Path, output: Path | None, overrides: tuple[str, ...], shards: int, own: bool,
     **job: Any,
@@ -319,7 +319,7 @@ def _forecast(made: Plan, where: Path, threads: int | None) -> Forecast:
 )
 @options.directory
 @option("--kind", type=options.KINDS, help="By default what suits the sweep; times are t_r.")
-@option("--x", metavar="NAME", help="Abscissa: what the config varies, or a column, for a scatter.")
+@option("--x", metavar="NAME", help="Abscissa: what the config varies, or any column of a scatter.")
 @option("--quantity", metavar="COLUMN", help="Numeric column for a map or a distribution.")
 @option("--select", metavar="NAME=VALUES", multiple=True, help="Only these values, as in "
         "n_i=-0.3,-0.5 or theta=0.6:0.7; may be repeated.")  # fmt: skip
@@ -391,8 +391,8 @@ def compare(
 
     A and B may be of another tolerance, method, machine or version. Differences of t_r are relative
     to the mean of both. "beyond" counts runs whose t_r differ by more than their errors, and
-    "types_sure" differing types that are sure in both: exits with 1 if a larger fraction than
-    --allow is beyond, or if such types differ.
+    "types_sure" differing types that are sure in both: exits with 1 if a larger fraction of
+    the runs than --allow is beyond, or if such types differ.
     """
     from rattlesweep.analysis import compare as compared
 
