@@ -48,14 +48,6 @@ def test_a_bad_config_ends_with_2_and_leaves_nothing(old, new, words, here):
     assert tree(here) == before
 
 
-def test_what_is_doubtful_is_a_warning(here):
-    before = tree(here)
-    result = invoke("plan", "c.yaml", "--check", "--set", "horizon.t=3", "--set", "model=full")
-    assert (result.exit_code, result.stdout) == (0, "c.yaml is valid: 1 case x 1 sample = 1 run\n")
-    assert result.stderr.startswith("warning: --set horizon.t=3: horizon.t: the horizon ")
-    assert tree(here) == before
-
-
 WRONG = r"""
 run . | Is a directory; give the path of a config
 run c.yaml --set bodies.samples | is not KEY=VALUE
@@ -94,9 +86,6 @@ def test_a_directory_that_cannot_be(file, output, code, words, here):
     refused(invoke("run", "c.yaml", "--output", output), code, words)
     assert not file or (here / file).read_text() == "precious"
     assert not list(here.rglob("manifest.json"))
-
-
-# -- anything at all ---------------------------------------------------------------------------
 
 
 NUMBER = st.floats(1e-6, 2) | st.floats(-2, 2) | st.floats(1e-300, 1e300)

@@ -1,4 +1,4 @@
-"""The command line itself: help, exit codes, streams; `init`, `body` and `schema`."""
+"""The command line itself: help, exit codes, streams; `init`, `body`."""
 
 import json
 import os
@@ -6,11 +6,9 @@ import re
 import subprocess
 import sys
 
-import jsonschema
 import pytest
 from refusal import assert_refused
-from ruamel.yaml import YAML
-from sweeping import CONFIGS, PROGRAM, invoke
+from sweeping import PROGRAM, invoke
 
 import rattlesweep as rs
 from rattlesweep import cli, text
@@ -18,7 +16,7 @@ from rattlesweep.analysis.plots.kinds import KINDS
 from rattlesweep.cli import options
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.physics.body import PRESETS
-from rattlesweep.sweeps.config.read import config_json_schema, load_config
+from rattlesweep.sweeps.config.read import load_config
 
 HEAVY = {"numpy", "numba", "scipy", "pandas", "pyarrow", "pydantic", "tqdm", "matplotlib"}
 COMMANDS = {"run", "classify", "body", "trajectory", "tradeoff", "paper", "plan", "status",
@@ -68,8 +66,6 @@ def test_version():
         said = subprocess.run([*program, "--version"], capture_output=True, text=True).stdout
         assert said == f"{told[0]}\n" == f"rattlesweep, version {rs.__version__}\n"
 
-
-# -- how commands end --------------------------------------------------------------------------
 
 WRONG = """
 rnu | no such command
@@ -127,9 +123,6 @@ def test_a_bar_is_shown_in_a_terminal_only(monkeypatch, capfd):
         assert ("integrating" in capfd.readouterr().err) == (terminal and not quiet)
 
 
-# -- init, schema, body ------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ["mine", "true", "a: b", "ä"])
 def test_init_writes_a_config_that_is_valid(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -138,14 +131,6 @@ def test_init_writes_a_config_that_is_valid(name, tmp_path, monkeypatch):
     assert load_config(f"{name}.yaml").name == name
     assert invoke("plan", f"{name}.yaml", "--check").exit_code == 0
     assert_refused(invoke("init", f"{name}.yaml"), 2, "is there already; choose another")
-
-
-def test_the_schema_takes_the_shipped_configs():
-    schema = json.loads(invoke("schema").stdout)
-    assert schema == config_json_schema()
-    for path in CONFIGS.glob("*.yaml"):
-        data = YAML(typ="safe", pure=True).load(path.read_text())
-        jsonschema.Draft202012Validator(schema).validate(data)
 
 
 def test_body_says_what_the_python_interface_says():
