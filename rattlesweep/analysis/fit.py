@@ -10,10 +10,11 @@ import math
 import os
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,51 +34,41 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CONFIDENCE = 0.95
+# Step of the central differences, as a share of a parameter's scale.
 STEP = 3e-6
-"""Step of the central differences, as a share of a parameter's scale."""
+# Parts of the data, from their beginning, that are fitted before all of them; the fine ones where
+# the coarse ones lead astray.
 SHARES, FINE = (0.15, 0.3, 0.6, 0.8), tuple(np.arange(0.1, 1.0, 0.05))
-"""Parts of the data, from their beginning, that are fitted before all of them; the fine ones where
-the coarse ones lead astray."""
 STEPS = 60
+# Smallest singular value of the Jacobian, its columns of length 1, of parameters that the data tell
+# apart: two of them then have errors with a correlation of 0.99.
 ALIKE = 0.1
-"""Smallest singular value of the Jacobian, its columns of length 1, of parameters that the data
-tell apart: two of them then have errors with a correlation of 0.99."""
+# Correlation of many neighbouring residuals from which on they are no noise.
 CORRELATED = 0.12
-"""Correlation of many neighbouring residuals from which on they are no noise."""
-
-
-class Parameter(NamedTuple):
-    """What can be fitted."""
-
-    unit: str
-    low: float
-    high: float
-    description: str
-
-
-PARAMETERS = {
-    "n_i": Parameter("sqrt(g/a)", -10, 10, "initial spin"),
-    "omega_xy0": Parameter("sqrt(g/a)", 1e-9, 10, "initial oscillation"),
-    "psi_deg": Parameter("deg", -360, 360, "direction of the initial oscillation"),
-    "sigma": Parameter("M a^2 sqrt(g/a)", 0, 10, "torque -sigma omega"),
-    "rolling": Parameter("a", 0, 1, "lever of the rolling resistance"),
-    "skew": Parameter("rad", -math.pi / 2, math.pi / 2, "skew angle, -xi"),
-    "xi": Parameter("rad", -math.pi / 2, math.pi / 2, "skew angle"),
-    "theta": Parameter("1", 0, 1, "larger curvature"),
-    "phi": Parameter("1", 0, 1, "smaller curvature"),
-    "alpha": Parameter("1", 1, 1e6, "I_xx + 1"),
-    "beta": Parameter("1", 1, 1e6, "I_yy + 1"),
-    "gamma": Parameter("1", 0, 1e6, "I_zz"),
-    "c": Parameter("a", 0, 1e6, "vertical semi-axis of the ellipsoid"),
+# What can be fitted: unit, limits, meaning.
+PARAMETERS: dict[str, tuple[str, float, float, str]] = {
+    "n_i": ("sqrt(g/a)", -10, 10, "initial spin"),
+    "omega_xy0": ("sqrt(g/a)", 1e-9, 10, "initial oscillation"),
+    "psi_deg": ("deg", -360, 360, "direction of the initial oscillation"),
+    "sigma": ("M a^2 sqrt(g/a)", 0, 10, "torque -sigma omega"),
+    "rolling": ("a", 0, 1, "lever of the rolling resistance"),
+    "skew": ("rad", -math.pi / 2, math.pi / 2, "skew angle, -xi"),
+    "xi": ("rad", -math.pi / 2, math.pi / 2, "skew angle"),
+    "theta": ("1", 0, 1, "larger curvature"),
+    "phi": ("1", 0, 1, "smaller curvature"),
+    "alpha": ("1", 1, 1e6, "I_xx + 1"),
+    "beta": ("1", 1, 1e6, "I_yy + 1"),
+    "gamma": ("1", 0, 1e6, "I_zz"),
+    "c": ("a", 0, 1e6, "vertical semi-axis of the ellipsoid"),
 }
 
 
 # -- data ------------------------------------------------------------------------------------------
 
+# Angle of the long axis, its rate, the spin ``u . omega``, and times of reversals.
 KINDS = {"angle": "angle", "spin": "spin", "n": "spin", "reversal": "time"}
-"""Angle of the long axis, its rate, the spin ``u . omega``, and times of reversals."""
+# Columns in the units of the body, as ``rattlesweep trajectory`` writes them.
 BARE = {"t": "sqrt(a/g)", "n": "sqrt(g/a)"}
-"""Columns in the units of the body, as ``rattlesweep trajectory`` writes them."""
 WANTED = "t_s and one of angle_deg, spin_rpm, n_rpm, or reversal_s alone"
 
 
@@ -112,8 +103,8 @@ def read_data(source: Any, units: Units | None) -> Data:
         else:
             frame = pd.DataFrame(source)
     except Exception as error:  # pandas and pyarrow raise many kinds
-        reason = getattr(error, "strerror", None) or str(error).strip().partition("\n")[0]
-        raise ConfigError(f"{place}: cannot be read as a table ({one_line(reason, 200)})") from None
+        reason = one_line(getattr(error, "strerror", None) or str(error), 200)
+        raise ConfigError(f"{place}: cannot be read as a table ({reason})") from None
     found: dict[str, tuple[Any, str, float]] = {}
     for name in frame:
         if known := _column(str(name), units):
@@ -155,15 +146,11 @@ def _column(name: str, units: Units | None) -> tuple[str, str, float] | None:
     if match is None or (units is None and match[1] != "angle"):
         return None
     kind, unit = KINDS.get(match[1], "time"), match[2].replace("_", "/")
-    try:
-        size = quantity(f"1 {unit}", kind)
-    except ValueError:
-        return None
-    if units is not None and kind == "time":
-        size *= units.time**-1
-    if units is not None and kind == "spin":
-        size *= units.time
-    return match[1], unit, size
+    second = 1.0 if units is None else units.time
+    natural = {"angle": 1.0, "spin": second, "time": second**-1}[kind]
+    with suppress(ValueError):
+        return match[1], unit, quantity(f"1 {unit}", kind) * natural
+    return None
 
 
 def unwrapped(t: Floats, angle: Floats) -> Floats:
@@ -223,27 +210,26 @@ class Fit:
 
         data = self._data
         (t_unit, t_size), (unit, size) = data.units
+        t, value, expected = data.t / t_size, data.value / size, self._expected / size
         dots: dict[str, Any] = {"color": style.BLUE, "linestyle": "none", "markersize": 2.5,
-                                "marker": "." if len(data.t) > 30 else "o"}  # fmt: skip
+                                "marker": "." if len(t) > 30 else "o"}  # fmt: skip
         curve: dict[str, Any] = {"color": style.VERMILION, "linewidth": 1.2, "label": "fit"}
         with style.styled():
             figure = style.new_figure(7.2, 4.6)
             top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-            t = data.t / t_size
             if data.kind == "reversal":
-                times = np.linspace(0, t[-1] * t_size, 2000)
+                times = np.linspace(0, data.t[-1], 2000)
                 run = Launch(self.body, t_end=times[-1], **self.launch)
                 top.plot(times / t_size, _follow(run, "n", times)[0], **curve)
                 top.plot(t, 0 * t, label="measured", **dots)
-                top.set_ylabel(style.label("spin $n$", "sqrt(g/a)"))
             else:
-                top.plot(t, data.value / size, label="measured", **dots)
-                top.plot(t, self._expected / size, **curve)
-                top.set_ylabel(style.label(data.kind, unit))
-            bottom.plot(t, (data.value - self._expected) / size, **dots)
+                top.plot(t, value, label="measured", **dots)
+                top.plot(t, expected, **curve)
+            bottom.plot(t, value - expected, **dots)
             bottom.axhline(0, color=style.VERMILION, linewidth=1.0)
-            bottom.set_ylabel(style.label("residual", unit))
-            bottom.set_xlabel(style.label("time", t_unit))
+            spin = data.kind == "reversal"
+            top.set_ylabel(style.label("n", "sqrt(g/a)") if spin else style.label(data.kind, unit))
+            bottom.set(ylabel=style.label("residual", unit), xlabel=style.label("time", t_unit))
             top.legend(loc="best")
             for axes in (top, bottom):
                 style.light_grid(axes)
@@ -294,10 +280,10 @@ class Problem:
                          for name, scale in self.scales.items()])  # fmt: skip
 
     def values(self, x: Floats) -> dict[str, float]:
-        """Return the parameters."""
+        """Return the parameters of ``x``."""
+        places = zip(self.scales.items(), x.tolist(), strict=True)
         return {name: math.exp(place) if name == "omega_xy0" else place * scale
-                for (name, scale), place in zip(self.scales.items(), x.tolist(), strict=True)
-                }  # fmt: skip
+                for (name, scale), place in places}  # fmt: skip
 
     def launched(self, x: Floats) -> Launch:
         """Return the run with these parameters; a ValueError says that there is none."""
@@ -328,8 +314,9 @@ class Problem:
 
     def limits(self) -> tuple[Floats, Floats]:
         """Return the lowest and the highest ``x``."""
-        low = self.scaled({name: PARAMETERS[name].low for name in self.scales})
-        return low, self.scaled({name: PARAMETERS[name].high for name in self.scales})
+        known = {name: PARAMETERS[name] for name in self.scales}
+        low, high = {k: x[1] for k, x in known.items()}, {k: x[2] for k, x in known.items()}
+        return self.scaled(low), self.scaled(high)
 
     def slopes(self, x: Floats) -> Floats:
         """Return the Jacobian of the residuals, by differences."""
@@ -359,9 +346,8 @@ def check_free(launch: Launch, free: Iterable[str]) -> list[str]:
         raise ConfigError("free: skew is -xi; keep one of them")
     if "c" in names and launch.body.c is None:
         raise ConfigError("free: c is of an ellipsoid, and the body is a paraboloid")
-    own = [name for name in ("n_i", "omega_xy0", "psi_deg") if name in names]
-    if own and launch.omega is not None:
-        raise ConfigError(f"free: a full state has no {' or '.join(own)}")
+    if launch.omega is not None and {"n_i", "omega_xy0", "psi_deg"} & {*names}:
+        raise ConfigError("free: a full state has no n_i, omega_xy0 and psi_deg")
     return names
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -42,16 +42,7 @@ INTEGRATOR = {"method": "method", "tol": "tol", "dt_step": "dt", "accuracy": "ac
 
 
 class Run(SimpleNamespace):
-    """Outcome of one run: each column of a sweep's ``runs`` is an attribute.
-
-    Attributes
-    ----------
-    t_r, t_end : float
-        Times of the first reversal and of the end, in ``sqrt(a/g)``.
-    type, status : str
-    units : dict
-        Unit of each column.
-    """
+    """Outcome of one run: each column of a sweep's ``runs`` is an attribute; `units` has units."""
 
     def __getitem__(self, name: str) -> Any:
         return getattr(self, name)
@@ -77,18 +68,12 @@ class Trajectory:
         known, the same in SI units follow, such as ``t_s`` and ``n_rpm``.
     units : dict
         Unit of each column.
-    reversals : ndarray
-        Times of the turns up to ``t_end``, in ``sqrt(a/g)``: the spin has gone from beyond a
-        quarter of the launch's spin to beyond a quarter on the other side, and the time is that of
-        its first zero on the way.
-    zeros : ndarray
-        Times of all zeros of the spin; the first is the ``t_r`` of a sweep.
-    t_end : float
-        Time reached.
-    status : str
-        ``ok``, or a word for what went wrong, as in the tables of runs.
-    n_steps : int
-        Accepted steps.
+    zeros, reversals : ndarray
+        Times of all zeros of the spin, in ``sqrt(a/g)``, of which the first is the ``t_r`` of a
+        sweep; and of the first zero of each turn, on which the spin goes from beyond a quarter of
+        the launch's spin to beyond a quarter on the other side.
+    t_end, n_steps, status : float, int, str
+        Time reached, accepted steps, and ``ok`` or a word for what went wrong.
     warning : str
         Where contact would be lost, or rolling needs a coefficient of friction above 1; else empty.
     """
@@ -108,9 +93,8 @@ class Trajectory:
         return self.table[columns]
 
     def __repr__(self) -> str:
-        size = f"{counted(len(self.table), 'row')}, {counted(len(self.reversals), 'reversal')}"
-        names = ", ".join(map(str, self.table))
-        return f"<Trajectory of {names}: {size} by t = {self.t_end:g}, {self.status}>"
+        turns = counted(len(self.reversals), "reversal")
+        return f"<Trajectory of {', '.join(self.units)}: {turns} by t = {self.t_end:g}>"
 
     def _repr_html_(self) -> str:
         return f"<div>{html.escape(repr(self))}{self.table.to_html(max_rows=6)}</div>"
@@ -183,10 +167,9 @@ def simulate(
         Torque ``-sigma omega``, in ``M a^2 sqrt(g/a)``; lever of a rolling resistance, in ``a``.
     record : str or sequence of str
         Further columns, as of the config's ``record``, such as ``["error", "energy"]``.
-    threads : int, optional
-        Threads of the kernel; by default one for each processor.  The results do not depend on it.
-    progress : bool, optional
-        Whether to show a bar; by default in a terminal and in a notebook, if it takes long.
+    threads, progress : int, bool
+        Threads of the kernel, on which no result depends, by default all; whether to show a bar, by
+        default in a terminal and in a notebook.
     **integrator
         ``method`` with its ``tol`` or ``dt_step``, or an ``accuracy`` such as ``"draft"`` or
         ``{"t_r": 1e-6}``: the keys of the config's ``integrator``.
@@ -194,10 +177,9 @@ def simulate(
     Returns
     -------
     Run or pandas.DataFrame
-        One row a run, in C order, with the columns of a sweep's ``runs`` but ``case`` and
-        ``sample``, with ``attrs["units"]``, ``attrs["shape"]`` to which the arguments were
-        broadcast, and the index of a DataFrame of bodies of which each row is one run.  Of bodies
-        whose size is known there are ``t_r_s`` and ``n_i_rpm``.
+        One row a run, in C order of ``attrs["shape"]``, with the columns of a sweep's ``runs`` but
+        ``case`` and ``sample``, ``attrs["units"]``, and the index of a DataFrame of bodies of which
+        each row is one run.  Of bodies whose size is known there are ``t_r_s`` and ``n_i_rpm``.
 
     Examples
     --------
@@ -395,13 +377,12 @@ def fit(
 def page_of(
     run: PreparedRun, scale: Scale | None, title: str, *, points: int | None = None,
     from_time: Number | None = None, path: str | Path | None = None,
-    watch: Callable[[float], None] | None = None,
 ) -> tuple[Page, Course]:  # fmt: skip
     """Return the page of a run, written to a file if there is a path, and its course."""
     from rattlesweep.analysis.onerun.show import course_of, make_page, make_scene
 
     check_count("points", points, 2)
-    course = course_of(run, points, number("from_time", from_time, scale), watch)
+    course = course_of(run, points, number("from_time", from_time, scale))
     page = Page(make_page(make_scene(course), title, run.title))
     return page if path is None else page.save(path), course
 

@@ -16,7 +16,6 @@ from rattlesweep.cli import options
 from rattlesweep.cli.command import DONE, SOME_FAILED, command, probe, say, to_json
 from rattlesweep.cli.options import pick
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.progress import Bar
 from rattlesweep.text import align, counted
 
 if TYPE_CHECKING:
@@ -120,7 +119,7 @@ def trajectory(
     probe(output, figure)
     chosen = pick(given, *options.ROWS)
     run, scale = _prepared(given)
-    course = _write_course(run, channels, rows_of(scale, **chosen), output, figure, quiet)
+    course = _write_course(run, channels, rows_of(scale, **chosen), output, figure)
     return _say_outcome(course, quiet, scale)
 
 
@@ -159,7 +158,7 @@ def replay(
         prepared = run.prepare(number("t_end", t_end, run.scale))
         rows = rows_of(run.scale, **chosen)
         run.prove()
-        course = _write_course(prepared, channels, rows, table, picture, quiet)
+        course = _write_course(prepared, channels, rows, table, picture)
         if not quiet:
             say(run.proof)
         codes.append(_say_outcome(course, quiet, run.scale))
@@ -206,24 +205,21 @@ def show(directory: Path | None, title: str | None, output: Path, quiet: bool, *
     which = pick(given, "case", "sample", "where")
     rows = pick(given, "points", "from_time")
     proof, scale = "", None
-    with Bar.of_command(quiet) as bar:
-        rows["watch"] = bar.counting("integrating")
-        if directory is not None:
-            rows |= pick(given, "t_end")
-            for name in pick(given, *given):
-                raise ConfigError(f"--{name.replace('_', '-')}: the sweep in {directory} says what "
-                                  "the run was; leave this out")  # fmt: skip
-            page, course, proof = stored_page(directory, which, title=title, path=output, **rows)
-        elif which:
-            raise ConfigError("--case, --sample and --where choose a run of a DIRECTORY; give it")
-        else:
-            title = title or f"Rattleback {given['preset'] or ''}".rstrip()
-            run, scale = _prepared(given)
-            page, course = page_of(run, scale, title, path=output, **rows)
+    if directory is not None:
+        rows |= pick(given, "t_end")
+        for name in pick(given, *given):
+            raise ConfigError(f"--{name.replace('_', '-')}: the sweep in {directory} says what the "
+                              "run was; leave this out")  # fmt: skip
+        page, course, proof = stored_page(directory, which, title=title, path=output, **rows)
+    elif which:
+        raise ConfigError("--case, --sample and --where choose a run of a DIRECTORY; give it")
+    else:
+        title = title or f"Rattleback {given['preset'] or ''}".rstrip()
+        run, scale = _prepared(given)
+        page, course = page_of(run, scale, title, path=output, **rows)
     click.echo(output)
-    for note in () if quiet else (proof, f"{len(page.content) / 1e6:.1f} MB"):
-        if note:
-            say(note)
+    if not quiet:
+        say(f"{proof}\n".lstrip() + f"{len(page.content) / 1e6:.1f} MB")
     return _say_outcome(course, quiet, scale)
 
 
@@ -242,28 +238,22 @@ def _prepared(given: dict[str, Any]) -> tuple[PreparedRun, Scale | None]:
 
 def _write_course(
     run: PreparedRun, channels: tuple[str, ...] | None, rows: dict[str, Any],
-    output: Path | None, figure: Path | None, quiet: bool,
+    output: Path | None, figure: Path | None,
 ) -> Course:  # fmt: skip
     """Integrate a run, and write what is asked for (a figure has own rows), or print CSV."""
     from rattlesweep.analysis.onerun.course import Course, save, write_csv
 
-    # A bar and a table would stand on one terminal.
-    on_one = output is None and figure is None and sys.stdout.isatty()
-    with Bar.of_command(quiet or on_one) as bar:
-        watch = bar.counting("integrating")
-        if output is not None or figure is None:
-            course = Course(run, channels or ("t", "n"), **rows, watch=watch)
-            if output is not None:
-                save(course, output)
-            else:
-                write_csv(course, sys.stdout.buffer)
-                sys.stdout.flush()
-        if figure is not None:
-            # Matplotlib is loaded for figures alone.
-            from rattlesweep.analysis.onerun.figure import course_of, draw
+    course = Course(run, channels or ("t", "n"), **rows)
+    if output is not None:
+        save(course, output)
+    elif figure is None:
+        write_csv(course, sys.stdout.buffer)
+    if figure is not None:
+        # Matplotlib is loaded for figures alone.
+        from rattlesweep.analysis.onerun.figure import course_of, draw
 
-            course = course_of(run, channels, rows["from_time"], watch)
-            draw(course.columns(), course, figure)
+        course = course_of(run, channels, rows["from_time"])
+        draw(course.columns(), course, figure)
     return course
 
 
@@ -342,11 +332,12 @@ def _fit_table(found: Fit) -> str:
         sizes["sqrt(g/a)"] = sizes["sqrt(g/a)"][0] * 30 / math.pi, "rpm"
     lines = [["", "value", "low", "high", "unit", "", "low", "high", "unit", ""]]
     for name, value in found.values.items():
-        known, numbers = PARAMETERS[name], (value, *found.intervals[name])
-        size, unit = sizes.get(known.unit, (math.nan, ""))
-        si = [f"{size * number:.5g}" if unit else "" for number in numbers]
+        unit, _, _, description = PARAMETERS[name]
+        size, si_unit = sizes.get(unit, (math.nan, ""))
+        numbers = (value, *found.intervals[name])
+        si = [f"{size * number:.5g}" if si_unit else "" for number in numbers]
         plain = [f"{number:.6g}" for number in numbers]
-        lines.append([name, *plain, known.unit, *si, unit, known.description])
+        lines.append([name, *plain, unit, *si, si_unit, description])
     return align(lines, "<>>><>>><<")
 
 

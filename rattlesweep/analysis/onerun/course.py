@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -55,11 +55,13 @@ class PreparedRun:
 
     config: Config
     launches: Launches
-    batch: Batch | None  # None in the model gh
+    batch: Batch | None
     units: Units | None = None  # of a body whose size is known
     energies: tuple[float | None, float | None] = (None, None)  # with which the reduced one begins
 
     def __post_init__(self) -> None:
+        if self.batch is None:
+            raise ConfigError("model: gh has no trajectory; the others have the channel n_gh")
         if not (math.isfinite(self.t_end) and self.t_end > 0):
             raise ConfigError(f"t_end: {self.t_end:g} is no finite, positive time; give t_end")
 
@@ -118,8 +120,6 @@ class PreparedRun:
             raise ConfigError(f"{' and '.join(given)} are both given; keep one of them")
         if not 0 <= first < t_end:
             raise ConfigError(f"from_time {first:g}: rows begin from 0 to t_end = {t_end:g}")
-        if steps and self.batch is None:
-            raise ConfigError("steps: the model gh takes none; give points or dt")
         if steps:
             return None
         if times is not None:
@@ -183,27 +183,12 @@ class Observer:
         return ""
 
 
-class ClosedForm:
-    """Garcia and Hubbard's solution in a follower's place: there is nothing to integrate."""
-
-    status, n_steps, ended, energy_0 = Status.OK, 0, True, math.nan
-
-    def __init__(self, launches: Launches) -> None:
-        self.t = float(launches.t_end[0])
-        t_rgh = float(launches.gh.t_rgh[0])
-        self.zeros = [t_rgh] if t_rgh <= self.t else []
-
-    def at(self, times: Floats) -> Samples:
-        nothing = np.zeros((len(times), 0))
-        return Samples(times, nothing, nothing)
-
-
 class Course:
     """A trajectory under way: iterate to get its columns chunk by chunk.
 
     One of `points`, `dt`, `steps` and `times` chooses the rows, none of which is before
-    `from_time`.  `watch` is called with the share that is done, every few thousand steps.  `zeros`
-    and `reversals` are the times of all zeros of the spin so far, and of the first of each turn.
+    `from_time`.  `zeros` and `reversals` are the times of all zeros of the spin so far, and of the
+    first of each turn.
     """
 
     def __init__(
@@ -216,7 +201,6 @@ class Course:
         steps: bool = False,
         times: Any = None,
         from_time: float | None = None,
-        watch: Callable[[float], None] | None = None,
     ) -> None:
         chosen = choose(channels, run.model)
         launches = run.launches
@@ -230,24 +214,19 @@ class Course:
         self.channels = (*chosen, *self.si.values())
         self.times = run.row_times(points, dt, steps, times, from_time)
         self._start = from_time or 0.0
-        self._constants = np.zeros(0) if run.batch is None else run.batch.constants[0]
+        assert run.batch is not None
+        self._constants = run.batch.constants[0]
         self.observer = Observer(float(launches.spin_scale[0]))
-        self._follower: Follower | ClosedForm
-        if run.batch is None:
-            self._follower = ClosedForm(launches)
-            self.observer.reversals += self._follower.zeros  # its spin goes through zero for good
-        else:
-            setting = run.integrator
-            self._follower = Follower(
-                run.batch,
-                METHODS[setting.pop("method")],
-                model_of(run.config),
-                **setting,
-                max_steps=run.config.integrator.max_steps,
-                attitude="attitude" in needs,
-                look=self._look,
-                watch=None if watch is None else lambda t: watch(min(1.0, t / run.t_end)),
-            )
+        setting = run.integrator
+        self._follower = Follower(
+            run.batch,
+            METHODS[setting.pop("method")],
+            model_of(run.config),
+            **setting,
+            max_steps=run.config.integrator.max_steps,
+            attitude="attitude" in needs,
+            look=self._look,
+        )
         self.zeros = self.observer.zeros = self._follower.zeros
         self.reversals = self.observer.reversals
         self._beside = None
@@ -277,16 +256,13 @@ class Course:
 
     def columns(self) -> dict[str, Floats]:
         """Integrate to the end, and return the columns whole."""
-        chunks = list(self)
-        return {
-            c.name: np.concatenate([np.zeros(0), *(chunk[c.name] for chunk in chunks)])
-            for c in self.channels
-        }
+        none = {channel.name: np.zeros(0) for channel in self.channels}
+        chunks = [none, *self]
+        return {name: np.concatenate([chunk[name] for chunk in chunks]) for name in none}
 
     def _samples(self) -> Iterator[Samples]:
         follower = self._follower
         if self.times is None:
-            assert isinstance(follower, Follower)
             found = follower.launch()
             while found.t.size or not follower.ended:
                 early = int(np.searchsorted(found.t, self._start))
@@ -302,7 +278,7 @@ class Course:
             if found.t.size < part.size:
                 return
         # What lies behind the last row belongs to the run: its reversals and its status.
-        while isinstance(follower, Follower) and not follower.ended:
+        while not follower.ended:
             follower.steps()
 
     def _look(self, t: Floats, y: Floats) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +20,12 @@ from rattlesweep.errors import ConfigError
 PER_PERIOD, LEAST, MOST = 24, 2001, 400_001
 # Of more turns than this only the first is marked.
 MARKS = 12
-CURVES = {"full": "full dynamics", "reduced": "reduced model", "gh": "Garcia and Hubbard"}
-SHOWN = {"full": ("n", "omega_x", "omega_y"), "reduced": ("n", "E_p", "E_r"), "gh": ("n",)}
+CURVES = {"full": "full dynamics", "reduced": "reduced model"}
+SHOWN = {"full": ("n", "omega_x", "omega_y"), "reduced": ("n", "E_p", "E_r")}
 
 
 def course_of(
-    run: PreparedRun,
-    shown: Sequence[str] | None = None,
-    from_time: float | None = None,
-    watch: Callable[[float], None] | None = None,
+    run: PreparedRun, shown: Sequence[str] | None, from_time: float | None = None
 ) -> Course:
     """Return the run at the times and with the channels that its figure needs.
 
@@ -37,11 +34,11 @@ def course_of(
     """
     names = ["t", *(SHOWN[run.model] if shown is None else shown)]
     if "n" in names:
-        names += ["n_gh"] * (run.model != "gh")
+        names.append("n_gh")
         if run.model == "full" and run.energies != (None, None):
             names.append("n_reduced")
     points = run.even_rows(PER_PERIOD, LEAST, MOST, from_time)
-    return Course(run, names, points=points, from_time=from_time, watch=watch)
+    return Course(run, names, points=points, from_time=from_time)
 
 
 def shown(figure: Figure, path: str | Path | None = None, dpi: float = 150.0) -> Figure:
@@ -76,10 +73,11 @@ def _panels(columns: Mapping[str, Floats], course: Course) -> Figure:
         axis.set_ylabel(style.label(name, units[name]))
         if name == "n":
             curve(axis, t, data["n"], label=CURVES[course.run.model])
-            beside = {"n_gh": ("gh", INK, "--"), "n_reduced": ("reduced", VERMILION, "-.")}
-            for other, (model, colour, dash) in beside.items():
+            beside = {"n_gh": ("Garcia and Hubbard", INK, "--"),
+                      "n_reduced": (CURVES["reduced"], VERMILION, "-.")}  # fmt: skip
+            for other, (words, colour, dash) in beside.items():
                 if other in data:
-                    curve(axis, t, data[other], colour, label=CURVES[model], linestyle=dash)
+                    curve(axis, t, data[other], colour, label=words, linestyle=dash)
             most = max(float(np.max(np.abs(data[k]))) for k in ("n", *beside) if k in data)
             axis.set_ylim(-1.15 * most, 1.75 * most)  # room for the legend above the curves
         elif name == "E_p" and both:
@@ -100,11 +98,8 @@ def _panels(columns: Mapping[str, Floats], course: Course) -> Figure:
 
 def _mark_turns(axes: Any, course: Course, since: float, size: float) -> None:
     """Mark zero and the turns, and explain each kind of curve in the first panel that has it."""
-    times, words = [time for time in course.reversals if time >= since], ("turn", "turns")
-    if not times:
-        times = [time for time in course.zeros if time >= since]
-        words = ("zero of the spin", "zeros of the spin")
-    text = f"{words[0]} at " if len(times) == 1 else f"{len(times)} {words[1]}, the first at "
+    times = [time for time in course.reversals if time >= since]
+    text = "turn at " if len(times) == 1 else f"{len(times)} turns, the first at "
     for axis in axes:
         style.light_grid(axis)
         low, high = axis.get_ylim()

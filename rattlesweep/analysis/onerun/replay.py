@@ -97,7 +97,7 @@ def find_runs(
     where: str | None = None,
     first: int = 1,
 ) -> list[StoredRun]:
-    """Return the run of a case and a sample, or the first ones for which a condition is true."""
+    """Return the run of a case and a sample, or the first for which a condition is true."""
     stored = open_stored(directory)
     if where is not None:
         if case is not None or sample is not None:

@@ -13,7 +13,6 @@ import html
 import json
 import math
 import re
-from collections.abc import Callable
 from importlib.resources import files
 from typing import Any
 
@@ -46,10 +45,7 @@ SOURCES = ("page.css", "three.min.js", "scene.js", "player.js")
 
 
 def course_of(
-    run: PreparedRun,
-    points: int | None = None,
-    from_time: float | None = None,
-    watch: Callable[[float], None] | None = None,
+    run: PreparedRun, points: int | None = None, from_time: float | None = None
 ) -> Course:
     """Return the run with the channels and the rows that its page needs, or so many ``points``."""
     if run.model != "full":
@@ -60,7 +56,7 @@ def course_of(
             raise ConfigError(f"t_end {run.t_end:g} is too long for one page; shorten --t-end")
     if points > MOST_ROWS:
         raise ConfigError(f"--points {points}: at most {MOST_ROWS} go into a page")
-    return Course(run, CHANNELS, points=points, from_time=from_time, watch=watch)
+    return Course(run, CHANNELS, points=points, from_time=from_time)
 
 
 def make_scene(course: Course) -> dict[str, Any]:
@@ -101,19 +97,14 @@ def make_scene(course: Course) -> dict[str, Any]:
 
 
 def _facts(course: Course) -> list[tuple[str, str]]:
-    """Return what there is to know of the run, in words."""
+    """Return what there is to know of the run beside its title, in words."""
     run, launches = course.run, course.run.launches
-    b, m, units = run.body, launches.modes, run.units
+    m, units = launches.modes, run.units
     losses = [0.0 if of is None else of[0] for of in (launches.sigma, launches.rolling)]
     facts = {
-        "α, β, γ": f"{b['alpha']:.5g}, {b['beta']:.5g}, {b['gamma']:.5g}",
-        "θ, φ": f"{b['theta']:.5g}, {b['phi']:.5g}",
-        "skew ξ": f"{math.degrees(b['xi']):.4g}°",
-        "c": f"{b['c']:.5g} (ellipsoid)" if "c" in b else "",
         "size": f"M = {units.mass:.4g} kg, a = {1000 * units.length:.4g} mm, "
         f"√(a/g) = {units.time:.4g} s" if units else "",
         "dissipation": "σ {:.4g}, rolling {:.4g}".format(*losses) if any(losses) else "",
-        "n_i, ω_xy0": f"{run.launch['n_i']:g}, {run.launch['omega_xy0']:g}",
         "launched along": f"{math.degrees(run.launch['psi']):.4g}°",
         "K_p, K_r": f"{m.K_p[0]:.4g}, {m.K_r[0]:.4g}",
         "ω_p, ω_r": f"{m.omega_p[0]:.4g}, {m.omega_r[0]:.4g}",
