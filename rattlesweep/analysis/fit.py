@@ -26,7 +26,7 @@ from rattlesweep.physics.body import PARAMETERS as BODY
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import modes
-from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.single import Launch
 from rattlesweep.units import quantity
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rattlesweep.analysis.fit import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.analysis.onerun.replay import StoredRun
-    from rattlesweep.sweeps.bodies.protocol import Scale
+    from rattlesweep.sweeps.bodies import Scale
     from rattlesweep.sweeps.single import Launch
 
     # A number, or text with an SI unit such as "60 rpm".
@@ -191,7 +191,7 @@ def simulate(
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.bodies.table import launched_from
-    from rattlesweep.sweeps.memory import integrate_plan
+    from rattlesweep.sweeps.run import integrate_plan
     from rattlesweep.sweeps.single import Launch, is_full_state, plan_of
 
     check_count("threads", threads)
@@ -361,7 +361,7 @@ def fit(
     0.001
     """
     from rattlesweep.analysis.fit import check_free, fit_run, read_data
-    from rattlesweep.sweeps.config.messages import not_one_of
+    from rattlesweep.sweeps.config import not_one_of
 
     for name in (given := dict(launch or {})):
         if name not in (known := (*SPIN, "psi", "omega", "u")):

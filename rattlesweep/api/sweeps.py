@@ -112,7 +112,7 @@ class Sweep:
         import pyarrow as pa
 
         from rattlesweep.analysis.where import parse_where
-        from rattlesweep.sweeps.config.messages import not_one_of
+        from rattlesweep.sweeps.config import not_one_of
 
         stored = self._stored
         schema = stored.schema
@@ -235,7 +235,7 @@ class Sweep:
         They are keys of the config's ``classify``, such as ``sw_departure=0.1``; without any, those
         of the config are restored.
         """
-        from rattlesweep.sweeps.classify import classify_stored
+        from rattlesweep.sweeps.merge import classify_stored
 
         texts = [f"classify.{key}={value!r}" for key, value in thresholds.items()]
         return to_frame(classify_stored(self.directory, texts).summary)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.analysis.onerun.replay import StoredRun
     from rattlesweep.physics.body import Rattleback
-    from rattlesweep.sweeps.bodies.protocol import Scale
+    from rattlesweep.sweeps.bodies import Scale
 
 
 @command(

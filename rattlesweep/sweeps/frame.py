@@ -14,9 +14,8 @@ from rattlesweep.sweeps.arrow import write_parquet
 from rattlesweep.sweeps.bodies.table import frame_bodies
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.files import explained
-from rattlesweep.sweeps.plan import Plan
+from rattlesweep.sweeps.plan import Plan, examine
 from rattlesweep.sweeps.plausible import checked_plan
-from rattlesweep.sweeps.stored import examine
 
 
 def plan_frame(

@@ -12,9 +12,9 @@ from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import N_WINDOWS, Batch
 from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
-from rattlesweep.physics import full, launch, reduced, stone, theory
+from rattlesweep.physics import full, reduced, stone, theory
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
-from rattlesweep.sweeps.bodies.protocol import Bodies
+from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.config.schema import MAX_SPEED, Config, Horizon
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.units import Quantity
@@ -48,7 +48,7 @@ class Launches:
     omega_xy0: Floats
     psi: Floats
     modes: theory.Modes
-    gh: launch.GarciaHubbard
+    gh: theory.GarciaHubbard
     n_0: Floats
     n_c1: Floats
     t_end: Floats
@@ -83,7 +83,7 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     if config.launch is not None and bodies.n_i is None:
         state = config.launch
         omega, u = (np.tile(x, (len(sample), 1)) for x in (state.omega, state.u))
-        n_i, omega_xy0, psi = launch.spin_and_oscillation(omega, u)
+        n_i, omega_xy0, psi = theory.spin_and_oscillation(omega, u)
         bodies = replace(bodies, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
 
     def value(name: str) -> Floats:
@@ -98,7 +98,7 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     n_i, omega_xy0 = value("n_i"), value("omega_xy0")
     modes = theory.modes(bodies.alpha, bodies.beta, bodies.theta, bodies.phi, bodies.xi)
     way = config.spin.psi if config.spin else "relevant"
-    psi = launch.direction(modes, n_i, way) if bodies.psi is None else bodies.psi
+    psi = theory.direction(modes, n_i, way) if bodies.psi is None else bodies.psi
     losses = (value("sigma"), value("rolling")) if config.dissipation else None
     launches = with_theory(case, sample, bodies, n_i, omega_xy0, psi, modes, config.horizon, losses)
     if losses is None:
@@ -119,7 +119,7 @@ def with_theory(
 ) -> Launches:
     """Return launches with their columns of theory; `losses` are ``sigma`` and ``rolling``."""
     b = bodies
-    gh = launch.garcia_hubbard(b, modes, n_i, omega_xy0, psi)
+    gh = theory.garcia_hubbard(b, modes, n_i, omega_xy0, psi)
     n_0 = gh.n_0
     if b.omega is not None and b.u is not None:
         ix, iy, iz, *curvature = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
@@ -197,7 +197,7 @@ def full_batch(launches: Launches) -> Batch:
     """Return the batch for the full dynamics."""
     b = launches.bodies
     if b.omega is None or b.u is None:
-        y0 = launch.full_state(launches.n_i, launches.omega_xy0, launches.psi)
+        y0 = theory.full_state(launches.n_i, launches.omega_xy0, launches.psi)
     else:
         y0 = np.ascontiguousarray(full.from_vectors(b.u.T, b.omega.T).T)
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)

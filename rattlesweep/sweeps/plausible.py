@@ -15,10 +15,9 @@ import numpy as np
 from rattlesweep.arrays import Flags, Floats, Integers, take
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
-from rattlesweep.sweeps.bodies.protocol import Bodies, Source
-from rattlesweep.sweeps.bodies.sampler import bodies_of
-from rattlesweep.sweeps.bodies.sources import SdBodies, drawn, ranges_of
-from rattlesweep.sweeps.config.messages import Key
+from rattlesweep.sweeps.bodies import Bodies, Source
+from rattlesweep.sweeps.bodies.sources import SdBodies, bodies_at, ranges_of
+from rattlesweep.sweeps.config import Key
 from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.sweeps.launches import Launches, prepare
 from rattlesweep.sweeps.plan import Plan, make_plan
@@ -99,7 +98,7 @@ class DrawnBodies:
     def __init__(self, source: SdSource) -> None:
         ranges = ranges_of(source)
         points = np.random.default_rng(SEED).random((len(ranges), DRAWN))
-        self._bodies = drawn(bodies_of(points, ranges))
+        self._bodies = bodies_at(points, ranges)
 
     def far_targets(self, source: SdSource) -> Iterator[tuple[Key, str]]:
         """Yield targets that are out of reach: there each body takes millions of draws, if any."""

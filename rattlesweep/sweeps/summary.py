@@ -10,10 +10,10 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.sweeps.arrow import build_table, read_parquet, write_parquet
-from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import summary_schema
 from rattlesweep.sweeps.counts import FRICTION, Counts, columns_for, share
 from rattlesweep.sweeps.decide import decides, nearest_rows
+from rattlesweep.sweeps.stored import Case
 from rattlesweep.text import align
 
 if TYPE_CHECKING:

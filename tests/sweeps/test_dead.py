@@ -5,7 +5,7 @@ import pytest
 
 import rattlesweep as rs
 from rattlesweep import ConfigError
-from rattlesweep.sweeps.classify import classify_stored
+from rattlesweep.sweeps.merge import classify_stored
 
 GH = rs.Rattleback.gh()
 SIGMA = [0.3, 3.0, 10.0, 1e6]

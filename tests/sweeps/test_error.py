@@ -26,14 +26,14 @@ from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full
 from rattlesweep.sweeps import error
 from rattlesweep.sweeps.block import columns_of, compute, run_batch
-from rattlesweep.sweeps.classify import classify_stored
 from rattlesweep.sweeps.columns import RUNS, runs_schema
-from rattlesweep.sweeps.memory import same_bits
+from rattlesweep.sweeps.merge import classify_stored
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.run import Shard
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.summary import read_summary
 from rattlesweep.sweeps.types import SS, SW, UNCLASSIFIED, R, sure_types
+from rattlesweep.sweeps.verify import same_bits
 
 SETS = (
     "record=[error]",

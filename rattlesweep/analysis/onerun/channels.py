@@ -14,9 +14,9 @@ import numpy as np
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, reduced
-from rattlesweep.physics.attitude import quaternion
+from rattlesweep.physics.full import quaternion
 from rattlesweep.sweeps.columns import ENERGY, FORCE, RATE, TIME
-from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.config import not_one_of
 
 if TYPE_CHECKING:
     from rattlesweep.integrate.follow import Samples

@@ -16,11 +16,12 @@ from rattlesweep.analysis.onerun.course import PreparedRun
 from rattlesweep.analysis.where import parse_where
 from rattlesweep.arrays import take
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.bodies.protocol import Scale
+from rattlesweep.sweeps.bodies import Scale
 from rattlesweep.sweeps.counts import is_sensitive
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
-from rattlesweep.sweeps.memory import differing_rows
+from rattlesweep.sweeps.plan import stored_plan
 from rattlesweep.sweeps.stored import Stored, open_stored
+from rattlesweep.sweeps.verify import differing_rows
 
 
 @dataclass(frozen=True)
@@ -59,9 +60,7 @@ class StoredRun:
 
     def prove(self) -> None:
         """Integrate it as the sweep did; raise an OutputError if its row comes out otherwise."""
-        plan, thresholds = self.stored.plan, self.stored.thresholds
-        plan = replace(plan, config=plan.config.model_copy(update={"classify": thresholds}))
-        for _, _, names in differing_rows(plan, self.row, threads=1):
+        for _, _, names in differing_rows(stored_plan(self.stored), self.row, threads=1):
             raise OutputError(
                 f"{self.name} comes out otherwise than stored, in {', '.join(names[:6])}"
                 f"{' and others' if len(names) > 6 else ''}; see rattlesweep verify"
@@ -70,7 +69,7 @@ class StoredRun:
     @cached_property
     def _launches(self) -> Launches:
         keys = (self.row[name].to_numpy().astype(np.int64) for name in ("case", "sample"))
-        return prepare(self.stored.plan, *keys)
+        return prepare(stored_plan(self.stored), *keys)
 
     @property
     def scale(self) -> Scale | None:
