@@ -40,9 +40,6 @@ STEP = 3e-6
 # the coarse ones lead astray.
 SHARES, FINE = (0.15, 0.3, 0.6, 0.8), tuple(np.arange(0.1, 1.0, 0.05))
 STEPS = 60
-# Smallest singular value of the Jacobian, its columns of length 1, of parameters that the data tell
-# apart: two of them then have errors with a correlation of 0.99.
-ALIKE = 0.1
 # Correlation of many neighbouring residuals from which on they are no noise.
 CORRELATED = 0.12
 # What can be fitted: unit, limits, meaning.
@@ -114,22 +111,20 @@ def read_data(source: Any, units: Units | None) -> Data:
         names = one_line(", ".join(map(str, frame)), 100)
         size = "" if units else "; the body has no size, so only t and n, or give it in SI units"
         raise ConfigError(f"{place}: {WANTED} are needed, and the columns are {names}{size}")
-
-    def read(name: str) -> Floats:
-        column, _, size = found[name]
-        try:
-            values: Floats = pd.to_numeric(frame[column]).to_numpy(float) * size
-        except (ValueError, TypeError) as error:
-            raise ConfigError(f"{place}: column {column}: {one_line(str(error), 80)}") from None
-        return values
-
-    value, unit = read(kind), found[kind][1:]
+    try:
+        values: dict[str, Floats] = {
+            name: pd.to_numeric(frame[column]).to_numpy(float) * size
+            for name, (column, _, size) in found.items()
+        }
+    except (ValueError, TypeError) as error:
+        raise ConfigError(f"{place}: {one_line(str(error), 200)}") from None
+    value, unit = values[kind], found[kind][1:]
     if kind == "reversal":
         value = np.sort(value[np.isfinite(value)])
         if not value.size or value[0] <= 0:
             raise ConfigError(f"{place}: reversal times are needed, all after the launch at 0")
         return Data(kind, value, value, (unit, unit))
-    t = read("t")
+    t = values["t"]
     bad = ~np.isfinite(t) | (np.diff(t, prepend=-np.inf) <= 0)
     if bad.any() or len(t) < 2:
         raise ConfigError(f"{place}: row {int(np.argmax(bad)) + 1}: two or more times are needed, "
@@ -211,25 +206,20 @@ class Fit:
         data = self._data
         (t_unit, t_size), (unit, size) = data.units
         t, value, expected = data.t / t_size, data.value / size, self._expected / size
+        label = style.label("time", t_unit)
+        if data.kind == "reversal":
+            t, label = np.arange(1.0, len(t) + 1), "number of the reversal"
         dots: dict[str, Any] = {"color": style.BLUE, "linestyle": "none", "markersize": 2.5,
                                 "marker": "." if len(t) > 30 else "o"}  # fmt: skip
-        curve: dict[str, Any] = {"color": style.VERMILION, "linewidth": 1.2, "label": "fit"}
         with style.styled():
             figure = style.new_figure(7.2, 4.6)
             top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-            if data.kind == "reversal":
-                times = np.linspace(0, data.t[-1], 2000)
-                run = Launch(self.body, t_end=times[-1], **self.launch)
-                top.plot(times / t_size, _follow(run, "n", times)[0], **curve)
-                top.plot(t, 0 * t, label="measured", **dots)
-            else:
-                top.plot(t, value, label="measured", **dots)
-                top.plot(t, expected, **curve)
+            top.plot(t, value, label="measured", **dots)
+            top.plot(t, expected, color=style.VERMILION, linewidth=1.2, label="fit")
             bottom.plot(t, value - expected, **dots)
             bottom.axhline(0, color=style.VERMILION, linewidth=1.0)
-            spin = data.kind == "reversal"
-            top.set_ylabel(style.label("n", "sqrt(g/a)") if spin else style.label(data.kind, unit))
-            bottom.set(ylabel=style.label("residual", unit), xlabel=style.label("time", t_unit))
+            top.set_ylabel(style.label(data.kind, unit))
+            bottom.set(ylabel=style.label("residual", unit), xlabel=label)
             top.legend(loc="best")
             for axes in (top, bottom):
                 style.light_grid(axes)
@@ -243,8 +233,8 @@ def _follow(launch: Launch, kind: str, times: Floats) -> tuple[Floats, list[floa
     course = Course(PreparedRun.of(launch), names, times=times)
     columns = course.columns()
     found = columns[names[0]]
-    if course.status != Status.OK or not len(found):
-        raise ValueError(f"the run failed: {course.status.meaning}")
+    if course.follower.status != Status.OK or not len(found):
+        raise ValueError(f"the run failed: {course.follower.status.meaning}")
     if len(names) > 1:
         # The long axis against the x axis, of which "yaw" is the direction.
         x, y = -math.sin(launch.body.xi), math.cos(launch.body.xi)
@@ -382,14 +372,19 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
     best = min(found, key=lambda one: float(one.cost))
 
     noise = math.sqrt(2 * best.cost / problem.freedom)
-    errors, alike = _resolution(best.jac, free)
+    # Standard errors for noise of size 1, from the Jacobian with columns of length 1.
+    sizes = np.linalg.norm(best.jac, axis=0)
+    unit_jacobian = best.jac / np.where(sizes > 0, sizes, 1.0)
+    _, singular, directions = np.linalg.svd(unit_jacobian, full_matrices=False)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        errors = np.linalg.norm(directions.T / np.maximum(singular, 1e-12), axis=1) / sizes
     width = errors * noise * float(student.ppf((1 + CONFIDENCE) / 2, problem.freedom))
     low, high = (problem.values(np.clip(best.x + side * width, *problem.limits()))
                  for side in (-1, 1))  # fmt: skip
     remarks = []
-    if alike and (width > 0.5 * np.abs(best.x))[[name in alike for name in free]].any():
-        remarks.append(f"the data cannot tell {' and '.join(alike)} apart: a change of one makes "
-                       "up for a change of the other; fix one of them")  # fmt: skip
+    vague = [name for name, wide in zip(free, width > 0.5 * np.abs(best.x), strict=True) if wide]
+    if vague:
+        remarks.append(f"the data hardly tell {' and '.join(vague)}: fix what is known otherwise")
     if best.status == 0:
         remarks.append(f"the search did not settle within {STEPS} steps; give a better launch")
     if series and _correlation(best.fun) > limit:
@@ -439,14 +434,3 @@ def _first_values(launch: Launch, data: Data, free: list[str]) -> dict[str, list
 def _correlation(residual: Floats) -> float:
     """Return the correlation of neighbouring residuals."""
     return float((residual[1:] * residual[:-1]).sum() / (residual**2).sum())
-
-
-def _resolution(jacobian: Floats, names: list[str]) -> tuple[Floats, list[str]]:
-    """Return standard errors for noise of size 1, and the names that the data hardly tell apart."""
-    sizes = np.linalg.norm(jacobian, axis=0)
-    unit = jacobian / np.where(sizes > 0, sizes, 1.0)
-    _, singular, directions = np.linalg.svd(unit, full_matrices=False)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        errors = np.linalg.norm(directions.T / np.maximum(singular, 1e-12), axis=1) / sizes
-    alike = [name for name, part in zip(names, directions[-1], strict=True) if abs(part) > 0.3]
-    return errors, alike if singular[-1] < ALIKE else []

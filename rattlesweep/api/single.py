@@ -84,9 +84,10 @@ class Trajectory:
         self._course = course
         self.table = pd.DataFrame(course.columns())
         self.units = {channel.name: channel.unit for channel in course.channels}
-        self.reversals, self.zeros = np.array(course.reversals), np.array(course.zeros)
-        self.t_end, self.status, self.n_steps = course.t, course.status.label, course.n_steps
-        self.warning = course.observer.warning
+        ended = course.follower
+        self.reversals, self.zeros = np.array(course.reversals), np.array(ended.zeros)
+        self.t_end, self.n_steps, self.status = ended.t, ended.n_steps, ended.status.label
+        self.warning = course.warning
 
     def __getitem__(self, columns: str | list[str]) -> Any:
         """Return a column as a Series, or several as a DataFrame."""
@@ -154,11 +155,10 @@ def simulate(
     n_i, omega_xy0 : array_like
         Initial spin and oscillation, in ``sqrt(g/a)``; ``n_i=0`` is a tap, by default on the pitch.
     omega, u : array_like, shape (..., 3)
-        A full state instead of these: angular velocity in ``sqrt(g/a)`` and vertical unit vector
-        (by default upright, ``(0, 0, -1)``), in components along the body's axes.
+        A full state instead: angular velocity, in ``sqrt(g/a)``, and vertical unit vector (by
+        default ``(0, 0, -1)``, upright), along the body's axes.
     t_end : array_like, optional
-        Horizon, in ``sqrt(a/g)``; by default 5 t_rGH of the spin's own direction, which a launch
-        without spin has not.
+        Horizon, in ``sqrt(a/g)``; by default 5 t_rGH of the spin's own direction.
     psi : str or array_like, optional
         ``relevant`` (the default), ``pitch``, ``roll`` or degrees.
     model : str
@@ -172,7 +172,7 @@ def simulate(
         default in a terminal and in a notebook.
     **integrator
         ``method`` with its ``tol`` or ``dt_step``, or an ``accuracy`` such as ``"draft"`` or
-        ``{"t_r": 1e-6}``: the keys of the config's ``integrator``.
+        ``{"t_r": 1e-6}``.
 
     Returns
     -------
@@ -272,12 +272,8 @@ def show(
 ) -> Page:  # fmt: skip
     """Make a page on which a body rolls on the plane, with its trace and its spin.
 
-    Parameters
-    ----------
-    body, from_time, points, **launch
-        As for :func:`trajectory`; by default there are 20 rows a period of the pitch.
-    title, path : str, optional
-        Title of the page, and an .html file to write it to.
+    The arguments are those of :func:`trajectory`, with by default 20 rows a period of the pitch;
+    `title` is that of the page, and `path` an .html file to write it to.
 
     Examples
     --------
@@ -299,19 +295,9 @@ def replay(
 ) -> Trajectory:  # fmt: skip
     """Integrate a stored run again as a trajectory, proved to be the stored one bit for bit.
 
-    Parameters
-    ----------
-    directory : path
-        Output directory of a sweep, whole or still running.
-    case, sample : int
-        Which run: the columns of ``runs`` of these names.
-    t_end, channels, **rows
-        As for :func:`trajectory`; by default the sweep's horizon.
-
-    Raises
-    ------
-    OutputError
-        If the run is not stored yet, is damaged, or comes out otherwise than stored.
+    `case` and `sample` are those of the ``runs`` in an output directory, whole or still running;
+    the other arguments are those of :func:`trajectory`, and the horizon by default the sweep's.
+    Raises an OutputError if the run is not stored yet, is damaged, or comes out otherwise.
     """
     from rattlesweep.analysis.onerun.course import Course
 
@@ -334,14 +320,13 @@ def fit(
     Parameters
     ----------
     body : Rattleback or str
-        As measured otherwise.  It needs a size, as those of ``from_si`` and ``half_ellipsoid`` have
-        one, if the data are in seconds.
+        As measured otherwise.  It needs a size if the data are in seconds.
     data : path, DataFrame or mapping of columns
-        ``t_s`` and ``angle_deg`` or ``spin_rpm``, or ``reversal_s`` alone; other units go likewise,
-        as in ``t_ms`` or ``angle_rad``.  The angle is that of the long axis, seen from above and
-        counterclockwise, and may jump by half turns; the spin is its central difference.  The spin
-        ``u . omega`` is called ``n_rpm``; ``t`` and ``n`` are in the units of the body.  A row
-        without a value is NaN.  The launch is the first row, or the time 0 of the reversals.
+        ``t_s`` and ``angle_deg``, ``spin_rpm`` or ``n_rpm``, or ``reversal_s`` alone; other units
+        go likewise, as in ``t_ms``.  The angle is that of the long axis, seen from above and
+        counterclockwise, and may jump by half turns; the spin is its central difference, and n is
+        ``u . omega``.  ``t`` and ``n`` are in the units of the body.  A row without a value is NaN.
+        The launch is the first row, or the time 0 of the reversals.
     free : sequence of str
         Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, skew`` (which is ``-xi``),
         ``xi, theta, phi, alpha, beta, gamma, c``.  The search begins at what else is given of them.
@@ -399,11 +384,11 @@ def stored_page(
 
 
 def _stored_run(directory: str | Path, **which: Any) -> StoredRun:
-    from rattlesweep.analysis.onerun.replay import find_runs
+    from rattlesweep.analysis.onerun.replay import find_run
 
     check_count("case", which.get("case"), 0)
     check_count("sample", which.get("sample"), 0)
-    return find_runs(Path(directory), **which)[0]
+    return find_run(Path(directory), **which)
 
 
 def launch_of(

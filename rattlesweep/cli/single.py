@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -21,7 +20,6 @@ from rattlesweep.text import align, counted
 if TYPE_CHECKING:
     from rattlesweep.analysis.fit import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
-    from rattlesweep.analysis.onerun.replay import StoredRun
     from rattlesweep.physics.body import Rattleback
     from rattlesweep.sweeps.bodies import Scale
 
@@ -83,9 +81,8 @@ series = options.stack(
            help="Columns, and panels of the figure if given; 'list' prints all of them.  "
                 "[default: t,n]"),
     options.file("--output", ".parquet", ".csv", help="A .parquet or .csv file, instead of CSV on "
-                 "standard output; of a replay, {case} and {sample} are substituted."),
-    options.file("--figure", *options.PICTURES,
-                 help="Also draw a figure, an .svg, .png or .pdf file; likewise."),
+                 "standard output."),
+    options.figure,
     options.quiet,
 )  # fmt: skip
 """Options of a time series."""
@@ -125,58 +122,34 @@ def trajectory(
 
 @command(
     "One run",
-    "rattlesweep replay out/quickstart --where 'type == \"SW\" and K_r < 0.005' --first 3 "
-    "--output run-{case}-{sample}.parquet",
+    "rattlesweep replay out/quickstart --where 'type == \"SW\" and K_r < 0.005' --output sw.csv",
 )
 @options.directory
 @options.which
-@option("--first", type=options.COUNT, help="Number of runs to take from --where.  [default: 1]")
 @options.t_end
 @series
 def replay(
     directory: Path, t_end: float | None, channels: tuple[str, ...] | None, output: Path | None,
     figure: Path | None, quiet: bool, **given: Any,
 ) -> int:  # fmt: skip
-    """Integrate stored runs again as time series.
+    """Integrate a stored run again as a time series.
 
-    They go on past their reversals. Each run is first integrated as in the sweep, and compared with
-    the stored row, bit for bit. Exits with 1 if any differs.
+    It goes on past its reversals. First it is integrated as in the sweep, and compared with the
+    stored row, bit for bit. Exits with 1 if it differs.
     """
-    from rattlesweep.analysis.onerun.replay import find_runs
+    from rattlesweep.analysis.onerun.replay import find_run
     from rattlesweep.api.arrays import number
     from rattlesweep.api.single import rows_of
 
-    chosen = pick(given, *options.ROWS)
-    runs = find_runs(directory, **pick(given, "case", "sample", "where", "first"))
-    if output is None and figure is None and len(runs) > 1:
-        raise ConfigError(f"{len(runs)} runs do not go into one table; give --output with {{case}} "
-                          "and {sample} in its name")  # fmt: skip
-    outputs, figures = (_files_of(runs, path) for path in (output, figure))
-    probe(*outputs, *figures)
-    codes = []
-    for run, table, picture in zip(runs, outputs, figures, strict=True):
-        prepared = run.prepare(number("t_end", t_end, run.scale))
-        rows = rows_of(run.scale, **chosen)
-        run.prove()
-        course = _write_course(prepared, channels, rows, table, picture)
-        if not quiet:
-            say(run.proof)
-        codes.append(_say_outcome(course, quiet, run.scale))
-    return max(codes)
-
-
-def _files_of(runs: Sequence[StoredRun], path: Path | None) -> list[Path | None]:
-    """Return a file for each run: the path with ``{case}`` and ``{sample}`` filled in."""
-    if path is None:
-        return [None] * len(runs)
-    names = []
-    for run in runs:
-        name = str(path).replace("{case}", str(run.values["case"]))
-        names.append(name.replace("{sample}", str(run.values["sample"])))
-    if len(set(names)) < len(names):
-        raise ConfigError(f"{path}: {len(names)} runs would be written there; name files by run, "
-                          "such as run-{case}-{sample}")  # fmt: skip
-    return [Path(name) for name in names]
+    probe(output, figure)
+    run = find_run(directory, **pick(given, "case", "sample", "where"))
+    rows = rows_of(run.scale, **given)
+    prepared = run.prepare(number("t_end", t_end, run.scale))
+    run.prove()
+    course = _write_course(prepared, channels, rows, output, figure)
+    if not quiet:
+        say(run.proof)
+    return _say_outcome(course, quiet, run.scale)
 
 
 @command(
@@ -243,11 +216,9 @@ def _write_course(
     """Integrate a run, and write what is asked for (a figure has own rows), or print CSV."""
     from rattlesweep.analysis.onerun.course import Course, save, write_csv
 
-    course = Course(run, channels or ("t", "n"), **rows)
-    if output is not None:
-        save(course, output)
-    elif figure is None:
-        write_csv(course, sys.stdout.buffer)
+    if output is not None or figure is None:
+        course = Course(run, channels or ("t", "n"), **rows)
+        write_csv(course, sys.stdout.buffer) if output is None else save(course, output)
     if figure is not None:
         # Matplotlib is loaded for figures alone.
         from rattlesweep.analysis.onerun.figure import course_of, draw
@@ -263,13 +234,13 @@ def _say_outcome(course: Course, quiet: bool, scale: Scale | None) -> int:
         text = _times(course.reversals, "reversal")
         if scale is not None and course.reversals:
             text += f" ({', '.join(f'{t * scale.second:.4g} s' for t in course.reversals[:8])})"
-        if course.zeros != course.reversals:
-            text += f" ({_times(course.zeros, 'zero crossing')})"
-        say(f"{text}; {course.n_steps} steps to t = {course.t:g}")
-        if course.observer.warning:
-            say(f"warning: {course.observer.warning}")
-    if course.status.label != "ok":
-        say(f"the run failed: {course.status.label}, {course.status.meaning}")
+        if course.follower.zeros != course.reversals:
+            text += f" ({_times(course.follower.zeros, 'zero crossing')})"
+        say(f"{text}; {course.follower.n_steps} steps to t = {course.follower.t:g}")
+        if course.warning:
+            say(f"warning: {course.warning}")
+    if course.follower.status.label != "ok":
+        say(f"the run failed: {course.follower.status.label}, {course.follower.status.meaning}")
         return SOME_FAILED
     return DONE
 
@@ -303,12 +274,7 @@ def fit(stone: Path, data: Path, figure: Path | None, as_json: bool, quiet: bool
     from rattlesweep.api.single import fit
 
     probe(figure)
-    arguments = _read_stone(stone)
-    try:
-        found = fit(data=data, **arguments)
-    except ConfigError as error:
-        of_data = str(error).startswith(one_line(str(data), 200))
-        raise ConfigError(str(error) if of_data else f"{stone}: {error}") from None
+    found = fit(data=data, **_read_stone(stone))
     if as_json:
         names = ("values", "intervals", "noise", "noise_unit", "rows", "remarks")
         click.echo(to_json({name: getattr(found, name) for name in names}))

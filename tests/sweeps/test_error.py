@@ -363,4 +363,4 @@ def test_replay_takes_the_tolerance_of_the_run(kept):
         course = Course(run.prepare())
         course.columns()
         assert course.run.integrator["tol"] == run.values["tol"]
-        assert course.zeros[0] == run.values["t_r"]
+        assert course.follower.zeros[0] == run.values["t_r"]

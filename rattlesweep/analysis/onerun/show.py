@@ -70,13 +70,14 @@ def make_scene(course: Course) -> dict[str, Any]:
     # A run that came to no good is shown as far as it has numbers.
     good = np.logical_and.reduce([np.isfinite(columns[name]) for name in CHANNELS])
     rows = len(good) if good.all() else int(np.argmin(good))
+    ended = course.follower
     if rows < 2:
-        raise ConfigError(f"the run ends at t = {course.t:g}: {course.status.meaning}")
+        raise ConfigError(f"the run ends at t = {ended.t:g}: {ended.status.meaning}")
     columns = {name: columns[name][:rows] for name in CHANNELS}
     t, launches, body = columns["t"], course.run.launches, course.run.body
     start = float(t[0])
     rise = max(1.0, MARGIN * float(np.max(1 - columns["contact_z"])))
-    first = course.zeros[0] if course.zeros else float(t[-1])
+    first = ended.zeros[0] if ended.zeros else float(t[-1])
     units = {"t": (1.0, "√(a/g)"), "n": (1.0, "√(g/a)")}
     units |= {name: (si.size, si.unit) for name, si in course.si.items() if name in units}
     return {
@@ -98,7 +99,7 @@ def make_scene(course: Course) -> dict[str, Any]:
 
 def _facts(course: Course) -> list[tuple[str, str]]:
     """Return what there is to know of the run beside its title, in words."""
-    run, launches = course.run, course.run.launches
+    run, launches, ended = course.run, course.run.launches, course.follower
     m, units = launches.modes, run.units
     losses = [0.0 if of is None else of[0] for of in (launches.sigma, launches.rolling)]
     facts = {
@@ -109,12 +110,11 @@ def _facts(course: Course) -> list[tuple[str, str]]:
         "K_p, K_r": f"{m.K_p[0]:.4g}, {m.K_r[0]:.4g}",
         "ω_p, ω_r": f"{m.omega_p[0]:.4g}, {m.omega_r[0]:.4g}",
         "t_rGH": f"{launches.gh.t_rgh[0]:.6g}" if np.isfinite(launches.gh.t_rgh[0]) else "none",
-        "turns": _listed(course.reversals, course.t),
-        "zeros of the spin": _listed(course.zeros, course.t)
-        if course.zeros != course.reversals else "",
+        "turns": _listed(course.reversals, ended.t),
+        "zeros": _listed(ended.zeros, ended.t) if ended.zeros != course.reversals else "",
         "integrated by": ", ".join(map(str, run.integrator.values())),
-        "status": course.status.label,
-        "beware": course.observer.warning,
+        "status": ended.status.label,
+        "beware": course.warning,
     }  # fmt: skip
     # Exponents keep the hyphen that programs read.
     return [(name, re.sub(r"(?<!e)-", "−", text)) for name, text in facts.items() if text]
