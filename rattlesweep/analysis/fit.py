@@ -1,8 +1,4 @@
-"""Fit parameters of one run to a measured angle or spin, or to the times of reversals.
-
-The noise is taken to be equal and independent from row to row, and estimated from the residuals;
-the intervals come from the Jacobian at the best fit.
-"""
+"""Fit parameters of one run to a measured angle or spin, or to the times of reversals."""
 
 from __future__ import annotations
 
@@ -393,19 +389,12 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
                        "narrow")  # fmt: skip
     final = problem.launched(best.x)
     names = ("n_i", "omega_xy0", "psi", "omega", "u", "sigma", "rolling")
+    kept = {name: v for name in names if (v := getattr(final, name)) is not None}
+    intervals = {name: (low[name], high[name]) for name in free}
     unit, size = data.units[1]
-    return Fit(
-        values=problem.values(best.x),
-        intervals={name: (low[name], high[name]) for name in free},
-        body=final.body,
-        launch={name: v for name in names if (v := getattr(final, name)) is not None},
-        noise=noise / size,
-        noise_unit=unit,
-        rows=int(data.known.sum()),
-        remarks=remarks,
-        _data=data,
-        _expected=problem.expected(best.x),
-    )
+    rows, expected = int(data.known.sum()), problem.expected(best.x)
+    return Fit(problem.values(best.x), intervals, final.body, kept, noise / size, unit, rows,
+               remarks, data, expected)  # fmt: skip
 
 
 def _first_values(launch: Launch, data: Data, free: list[str]) -> dict[str, list[float]]:

@@ -38,9 +38,6 @@ INTEGRATOR = {"method": "method", "tol": "tol", "dt_step": "dt", "accuracy": "ac
 """Keywords of the integrator, and the keys of the config that they are."""
 
 
-# -- what the calls return -------------------------------------------------------------------------
-
-
 class Run(SimpleNamespace):
     """Outcome of one run: each column of a sweep's ``runs`` is an attribute; `units` has units."""
 
@@ -96,9 +93,6 @@ class Trajectory:
     def __repr__(self) -> str:
         turns = counted(len(self.reversals), "reversal")
         return f"<Trajectory of {', '.join(self.units)}: {turns} by t = {self.t_end:g}>"
-
-    def _repr_html_(self) -> str:
-        return f"<div>{html.escape(repr(self))}{self.table.to_html(max_rows=6)}</div>"
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Draw the columns against the time, and write the figure to a file if `path` is given."""

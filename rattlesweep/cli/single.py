@@ -62,9 +62,6 @@ def body(as_json: bool, **given: Any) -> None:
     click.echo(align(lines, "<><><" if made.units else "<><"))
 
 
-# -- time series -----------------------------------------------------------------------------------
-
-
 def _list_channels(context: click.Context, _: click.Parameter, names: Any) -> Any:
     """Print every channel with its unit and meaning, if the word is ``list``."""
     if names == ("list",):
@@ -230,35 +227,29 @@ def _write_course(
 
 def _say_outcome(course: Course, quiet: bool, scale: Scale | None) -> int:
     """Tell what became of a run, in seconds too where the body has a size; return the exit code."""
+    ended = course.follower
     if not quiet:
         text = _times(course.reversals, "reversal")
         if scale is not None and course.reversals:
             text += f" ({', '.join(f'{t * scale.second:.4g} s' for t in course.reversals[:8])})"
-        if course.follower.zeros != course.reversals:
-            text += f" ({_times(course.follower.zeros, 'zero crossing')})"
-        say(f"{text}; {course.follower.n_steps} steps to t = {course.follower.t:g}")
+        if ended.zeros != course.reversals:
+            text += f" ({_times(ended.zeros, 'zero crossing')})"
+        say(f"{text}; {ended.n_steps} steps to t = {ended.t:g}")
         if course.warning:
             say(f"warning: {course.warning}")
-    if course.follower.status.label != "ok":
-        say(f"the run failed: {course.follower.status.label}, {course.follower.status.meaning}")
+    if ended.status.label != "ok":
+        say(f"the run failed: {ended.status.label}, {ended.status.meaning}")
         return SOME_FAILED
     return DONE
 
 
 def _times(times: list[float], word: str) -> str:
     """Return such as ``2 reversals at 112.1, 387.5``."""
-    shown = ", ".join(f"{time:.10g}" for time in times[:8])
-    more = f" and {len(times) - 8} more" if len(times) > 8 else ""
-    return f"{counted(len(times), word)} at {shown}{more}" if times else f"no {word}s"
+    shown = ", ".join(f"{time:.10g}" for time in times[:8]) + ", ..." * (len(times) > 8)
+    return f"{counted(len(times), word)} at {shown}" if times else f"no {word}s"
 
 
-# -- fit -------------------------------------------------------------------------------------------
-
-
-@command(
-    "One run",
-    "rattlesweep fit configs/fit/stone.yaml configs/fit/data.csv --figure fit.svg",
-)
+@command("One run", "rattlesweep fit configs/fit/stone.yaml configs/fit/data.csv --figure fit.svg")
 @options.path("stone")
 @options.path("data")
 @options.figure

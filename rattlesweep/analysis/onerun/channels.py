@@ -63,10 +63,9 @@ def energy(y: Floats, constants: Floats) -> Floats:
 def contact_force(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
     """Return the normal and the tangential contact force (Eq. em-1) of states of the full model.
 
-    The angular acceleration solves Eq. diff-omega,
-    ``(I + r^2 - r r^T) domega/dt = r x (dr/dt x omega + omega x v + u) - omega x I omega - L``
-    with ``v = r x omega``. The couple ``L`` of the dissipation is ``sigma omega``, and the rolling
-    resistance against the part ``h`` of omega in the plane, which is linear in the force itself.
+    The angular acceleration solves Eq. diff-omega, with ``v = r x omega`` and a couple ``L``,
+    ``(I + r^2 - r r^T) domega/dt = r x (dr/dt x omega + omega x v + u) - omega x I omega - L``.
+    ``L`` is ``sigma omega`` and the rolling resistance, which is linear in the force itself.
     """
     u, omega = full.to_vectors(y[: full.N_STATE])
     r, rate = _touch(y, constants)
@@ -222,10 +221,6 @@ CHANNELS: dict[str, Channel] = {
                      lambda v: quaternion(v.vectors[0], v.samples.extra[:, 0]), "attitude"),
         Channel("n_reduced", RATE, "spin of the reduced model beside", FULL,
                 lambda v: v.beside.y[:, 0], "reduced"),
-        Channel("E_p_reduced", ENERGY, "energy of the pitch in the reduced model", FULL,
-                lambda v: v.beside.y[:, 1], "reduced"),
-        Channel("E_r_reduced", ENERGY, "energy of the roll in the reduced model", FULL,
-                lambda v: v.beside.y[:, 2], "reduced"),
         Channel("n_gh", RATE, "spin of Garcia and Hubbard's solution", BOTH,
                 lambda v: v.launches.gh.spin(v.samples.t)),
     )

@@ -148,16 +148,10 @@ class Course:
     """
 
     def __init__(
-        self,
-        run: PreparedRun,
-        channels: Sequence[str] = ("t", "n"),
-        *,
-        points: int | None = None,
-        dt: float | None = None,
-        steps: bool = False,
-        times: Any = None,
+        self, run: PreparedRun, channels: Sequence[str] = ("t", "n"), *, points: int | None = None,
+        dt: float | None = None, steps: bool = False, times: Any = None,
         from_time: float | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         chosen = choose(channels, run.model)
         needs = {channel.needs for channel in chosen}
         if "reduced" in needs and run.launches.bodies.omega is not None:
@@ -176,14 +170,10 @@ class Course:
         assert run.batch is not None
         self._constants, setting = run.batch.constants[0], run.integrator
         self.follower = Follower(
-            run.batch,
-            METHODS[setting.pop("method")],
-            model_of(run.config),
-            **setting,
-            max_steps=run.config.integrator.max_steps,
-            attitude="attitude" in needs,
+            run.batch, METHODS[setting.pop("method")], model_of(run.config), **setting,
+            max_steps=run.config.integrator.max_steps, attitude="attitude" in needs,
             look=self._look,
-        )
+        )  # fmt: skip
         self._beside = None
         if "reduced" in needs:
             beside = with_energies(reduced_batch(run.launches), *run.energies)

@@ -32,12 +32,9 @@ PER_PERIOD, LEAST = 20, 10
 # 48 bytes a row in the page, which stays below 5 MB.
 FEWEST_ROWS, MOST_ROWS = 201, 80_000
 THEORY_POINTS = 800
-# The body is cut off above every point of contact of the run, and not below its centre of mass.
-MARGIN = 1.25
-# Share of an ellipsoid's lower half that is drawn.
-WIDEST = 0.99
-# Periods of the roll that the trace of the contact shows.
-TRAIL = 6
+MARGIN = 1.25  # the body is cut off above all points of contact, and its centre of mass
+WIDEST = 0.99  # share of an ellipsoid's lower half that is drawn
+TRAIL = 6  # periods of the roll that the trace of the contact shows
 # Seconds that the way to the first reversal takes at the page's first speed, and its bounds.
 SECONDS, SLOW, FAST = 30, 4.0, 25.0
 # What `page.html` is filled with, the style first.
@@ -121,8 +118,8 @@ def _facts(course: Course) -> list[tuple[str, str]]:
 
 
 def _listed(times: list[float], end: float) -> str:
-    more = f" and {len(times) - 6} more" if len(times) > 6 else ""
-    return ", ".join(f"{time:.8g}" for time in times[:6]) + more or f"none by {end:g}"
+    shown = ", ".join(f"{time:.8g}" for time in times[:6]) + ", ..." * (len(times) > 6)
+    return shown or f"none by {end:g}"
 
 
 def make_page(scene: dict[str, Any], title: str, subtitle: str) -> bytes:
