@@ -33,9 +33,8 @@ from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.steady import steady_modes
-from rattlesweep.sweeps.arrow import build_table, write_parquet
 from rattlesweep.sweeps.block import columns_of, run_batch
-from rattlesweep.sweeps.columns import runs_schema
+from rattlesweep.sweeps.columns import build_table, runs_schema, write_parquet
 from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.config.schema import Config, Integrator
 from rattlesweep.sweeps.launches import Launches, full_batch, prepare, reduced_batch

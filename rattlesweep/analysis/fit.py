@@ -23,7 +23,7 @@ from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import modes
 from rattlesweep.sweeps.config import not_one_of
-from rattlesweep.sweeps.single import Launch
+from rattlesweep.sweeps.launches import Launch
 from rattlesweep.units import quantity
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.analysis.onerun.replay import StoredRun
     from rattlesweep.sweeps.bodies import Scale
-    from rattlesweep.sweeps.single import Launch
+    from rattlesweep.sweeps.launches import Launch
 
     # A number, or text with an SI unit such as "60 rpm".
     Number = float | str
@@ -185,8 +185,8 @@ def simulate(
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.bodies.table import launched_from
+    from rattlesweep.sweeps.launches import Launch, is_full_state, plan_of
     from rattlesweep.sweeps.run import integrate_plan
-    from rattlesweep.sweeps.single import Launch, is_full_state, plan_of
 
     check_count("threads", threads)
     columns = arguments.body_columns(body)
@@ -390,7 +390,7 @@ def launch_of(
     **values: Any,
 ) -> Launch:  # fmt: skip
     """Return one launch, whose numbers are single ones in the units of its body."""
-    from rattlesweep.sweeps.single import Launch
+    from rattlesweep.sweeps.launches import Launch
 
     made = arguments.one_body(body)
     scale = arguments.scale_of(made.units)

@@ -317,7 +317,7 @@ def sweep(
     target = None if output is None else Path(output)
     base: Path | None = None
     if is_frame(config):
-        from rattlesweep.sweeps.frame import plan_frame
+        from rattlesweep.sweeps.plausible import plan_frame
 
         plan, target, base, doubts = plan_frame(config, target, keys)
     else:

@@ -19,7 +19,7 @@ from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweeps.single import Launch
+from rattlesweep.sweeps.launches import Launch
 
 GH = rs.Rattleback.gh()
 DOP853, RK4 = METHODS["dop853"], METHODS["rk4"]

@@ -101,7 +101,7 @@ def outcome(t_r: float, y: Any, near: int = 0) -> Outcome:
     [
         (100.0, STATE, 0, 0.0, 2e-9),
         # Together: in proportion to the tolerances.
-        (NEAR, STATE, 0, 0.0, 2e-9 + 5 * 1e-3 * 1e-4),
+        (NEAR, STATE, 0, 0.0, 2e-9 + 5 * 1.1e-3 * 1e-4),
         # Parted: the difference itself, and more where it is small by chance.
         (101.0, FAR, 0, 0.0, 2e-9 + 5 * (0.01 + 0.01 / 2)),
         (100.0, FAR, 0, 0.0, 2e-9 + 5 * 0.01 / 2),

@@ -26,11 +26,10 @@ from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps import columns
-from rattlesweep.sweeps.arrow import build_table
+from rattlesweep.sweeps.columns import build_table
 from rattlesweep.sweeps.files import streamed_file
-from rattlesweep.sweeps.launches import model_of, reduced_batch, with_energies
+from rattlesweep.sweeps.launches import Launch, model_of, reduced_batch, single_run, with_energies
 from rattlesweep.sweeps.provenance import package_version
-from rattlesweep.sweeps.single import Launch, single_run
 
 if TYPE_CHECKING:
     from typing import Self

@@ -20,6 +20,7 @@ from rattlesweep.sweeps.bodies import Scale
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.plan import stored_plan
 from rattlesweep.sweeps.stored import Stored, open_stored
+from rattlesweep.sweeps.summary import is_sensitive
 from rattlesweep.sweeps.verify import differing_rows
 
 
