@@ -29,7 +29,6 @@ from rattlesweep.units import quantity
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-CONFIDENCE = 0.95
 # Step of the central differences, as a share of a parameter's scale.
 STEP = 3e-6
 # Parts of the data, from their beginning, that are fitted before all of them; the fine ones where
@@ -54,9 +53,6 @@ PARAMETERS: dict[str, tuple[str, float, float, str]] = {
     "gamma": ("1", 0, 1e6, "I_zz"),
     "c": ("a", 0, 1e6, "vertical semi-axis of the ellipsoid"),
 }
-
-
-# -- data ------------------------------------------------------------------------------------------
 
 # Angle of the long axis, its rate, the spin ``u . omega``, and times of reversals.
 KINDS = {"angle": "angle", "spin": "spin", "n": "spin", "reversal": "time"}
@@ -145,9 +141,8 @@ def _column(name: str, units: Units | None) -> tuple[str, str, float] | None:
 
 
 def unwrapped(t: Floats, angle: Floats) -> Floats:
-    """Return an angle without jumps by half turns, as the direction of an axis makes them.
-
-    Each value is the one nearest to where the mean spin of the twenty rows before it leads.
+    """Return the angle of an axis without its jumps by half turns, which the mean spin of the
+    twenty rows before tells.
     """
     found, rows = angle.copy(), np.flatnonzero(np.isfinite(angle))
     for i in range(1, len(rows)):
@@ -156,9 +151,6 @@ def unwrapped(t: Floats, angle: Floats) -> Floats:
         ahead = found[last] + spin * (t[row] - t[last])
         found[row] += math.pi * round((ahead - found[row]) / math.pi)
     return found
-
-
-# -- fit -------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -171,14 +163,10 @@ class Fit:
         Best value of each free parameter, and both ends of its 95 % interval, in the units of the
         body: spins in ``sqrt(g/a)``, `sigma` in ``M a^2 sqrt(g/a)``, `rolling` in ``a``, angles in
         radians but `psi_deg`.
-    body : Rattleback
-        The body with the values that are its own.
-    launch : dict
-        Launch and dissipation with the others, as arguments of ``rs.trajectory``.
-    noise : float
-        Standard deviation of a measured value, estimated from the residuals, in `noise_unit`.
-    rows : int
-        Number of measured values.
+    body, launch : Rattleback, dict
+        The body with these values; launch and dissipation as arguments of ``rs.trajectory``.
+    noise, rows : float, int
+        Standard deviation of a measured value, in `noise_unit`, and number of measured values.
     remarks : list of str
         Sentences on what the data cannot tell, or the model cannot describe; usually none.
     """
@@ -374,7 +362,7 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
     _, singular, directions = np.linalg.svd(unit_jacobian, full_matrices=False)
     with np.errstate(divide="ignore", invalid="ignore"):
         errors = np.linalg.norm(directions.T / np.maximum(singular, 1e-12), axis=1) / sizes
-    width = errors * noise * float(student.ppf((1 + CONFIDENCE) / 2, problem.freedom))
+    width = errors * noise * float(student.ppf(0.975, problem.freedom))
     low, high = (problem.values(np.clip(best.x + side * width, *problem.limits()))
                  for side in (-1, 1))  # fmt: skip
     remarks = []

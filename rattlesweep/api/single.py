@@ -60,11 +60,9 @@ class Trajectory:
 
     Attributes
     ----------
-    table : pandas.DataFrame
-        One column per channel; NaN where a channel has no finite value. Of a body whose size is
-        known, the same in SI units follow, such as ``t_s`` and ``n_rpm``.
-    units : dict
-        Unit of each column.
+    table, units : pandas.DataFrame, dict
+        One column per channel, and its unit; NaN where a channel has no finite value. Of a body
+        whose size is known, the same in SI units follow, such as ``t_s`` and ``n_rpm``.
     zeros, reversals : ndarray
         Times of all zeros of the spin, in ``sqrt(a/g)``, of which the first is the ``t_r`` of a
         sweep; and of the first zero of each turn, on which the spin goes from beyond a quarter of
@@ -119,12 +117,8 @@ class Page:
 
     def _repr_html_(self) -> str:
         # A frame of its own, whose scripts see nothing of the notebook.
-        style = "width: 100%; height: 720px; border: 0"
-        text = html.escape(self.content.decode())
-        return f'<iframe sandbox="allow-scripts" style="{style}" srcdoc="{text}"></iframe>'
-
-
-# -- calls -----------------------------------------------------------------------------------------
+        look = 'sandbox="allow-scripts" style="width: 100%; height: 720px; border: 0"'
+        return f'<iframe {look} srcdoc="{html.escape(self.content.decode())}"></iframe>'
 
 
 def simulate(
@@ -180,8 +174,6 @@ def simulate(
     >>> import rattlesweep as rs
     >>> rs.simulate("GH", n_i=0.1, omega_xy0=0.01)
     <Run t_r=112.093878, t_end=112.093878, type=R, status=ok>
-    >>> rs.simulate("GH", n_i=[0.1, 0.2, 0.4], omega_xy0=0.1).t_r.round(2).tolist()
-    [26.77, 33.15, 45.7]
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.bodies.table import launched_from
@@ -268,12 +260,6 @@ def show(
 
     The arguments are those of :func:`trajectory`, with by default 20 rows a period of the pitch;
     `title` is that of the page, and `path` an .html file to write it to.
-
-    Examples
-    --------
-    >>> import rattlesweep as rs
-    >>> rs.show("GH", n_i=-0.1, omega_xy0=0.01, t_end=20, path="roll.html").path.name
-    'roll.html'
     """
     from rattlesweep.analysis.onerun.course import PreparedRun
 

@@ -82,7 +82,6 @@ series = options.stack(
     options.figure,
     options.quiet,
 )  # fmt: skip
-"""Options of a time series."""
 
 
 @command(
@@ -129,10 +128,9 @@ def replay(
     directory: Path, t_end: float | None, channels: tuple[str, ...] | None, output: Path | None,
     figure: Path | None, quiet: bool, **given: Any,
 ) -> int:  # fmt: skip
-    """Integrate a stored run again as a time series.
+    """Integrate a stored run again as a time series, past its reversals.
 
-    It goes on past its reversals. First it is integrated as in the sweep, and compared with the
-    stored row, bit for bit. Exits with 1 if it differs.
+    Exits with 1 if it does not come out as stored, bit for bit.
     """
     from rattlesweep.analysis.onerun.replay import find_run
     from rattlesweep.api.arrays import number

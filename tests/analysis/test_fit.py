@@ -61,16 +61,6 @@ def test_reversal_times_tell_the_friction():
     found.plot()
 
 
-def test_what_the_data_hardly_tell_is_said():
-    launch = {"n_i": "100 rpm", "omega_xy0": "10 rpm"}
-    run = rs.trajectory(BODY, **launch, sigma=2e-3, rolling="10 um", t_end="6 s", points=2)
-    times = run.reversals * BODY.units.time
-    assert len(times) == 3
-    noisy = {"reversal_s": times + np.random.default_rng(1).normal(0, 0.01, 3)}
-    found = rs.fit(BODY, noisy, free=["sigma", "omega_xy0"], launch=launch, rolling="10 um")
-    assert "hardly tell sigma" in found.remarks[0]
-
-
 def test_an_axis_is_followed_through_half_turns_and_gaps():
     t = np.linspace(0, 10, 400)
     angle = 9 * t - 0.9 * t**2

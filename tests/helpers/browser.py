@@ -20,10 +20,9 @@ NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable"
 FLAGS = (
     "--headless=new", "--no-sandbox", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-extensions", "--disable-dev-shm-usage",
-    "--force-color-profile=srgb", "--remote-debugging-pipe",
+    "--force-color-profile=srgb", "--remote-debugging-pipe", "--use-gl=angle",
+    "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
 )  # fmt: skip
-WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-NO_WEBGL = ("--disable-gpu", "--disable-3d-apis")
 PATIENCE = 120.0
 
 
@@ -139,7 +138,7 @@ class Browser:
 
 
 @contextmanager
-def browser(*flags: str) -> Iterator[Browser]:
+def browser() -> Iterator[Browser]:
     """A browser with a profile of its own, which ends with the block."""
     program = find_browser()
     assert program is not None
@@ -149,7 +148,7 @@ def browser(*flags: str) -> Iterator[Browser]:
     # The browser reads commands from file 3 and answers in file 4.
     shell = f'exec "$@" 3<&{read_end} 4>&{write_end}'
     process = subprocess.Popen(
-        ["bash", "-c", shell, "bash", program, *FLAGS, *flags, f"--user-data-dir={profile}"],
+        ["bash", "-c", shell, "bash", program, *FLAGS, f"--user-data-dir={profile}"],
         pass_fds=(read_end, write_end), stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
     )  # fmt: skip

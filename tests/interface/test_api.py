@@ -39,8 +39,6 @@ def test_every_name_is_there():
                 "OutputError"}  # fmt: skip
     assert contract <= set(dir(rs)) == set(rs.__all__)
     assert all(getattr(rs, name) is not None for name in rs.__all__)
-    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
-        _ = rs.nonsense
     assert rs.__version__.count(".") == 2
 
 
@@ -58,17 +56,6 @@ def test_simulate_one_run():
     assert steady.type in ("SS", "SW", "unclassified")
     mirror = rs.simulate(GH.mirrored(), n_i=-0.1, omega_xy0=0.01)
     assert mirror.t_r == pytest.approx(run.t_r, rel=1e-9)
-
-
-@pytest.mark.slow  # compiles their kernels
-def test_simulate_takes_models_and_methods():
-    reduced = rs.simulate(GH, **LAUNCH, model="reduced", tol=1e-11)
-    assert reduced.t_r == pytest.approx(rs.reversal_time_gh(GH, 0.1, 0.01), rel=1e-8)
-    paper = rs.simulate(GH, **LAUNCH, method="rk4", dt_step=0.002)
-    assert paper.t_r == pytest.approx(112.0939, rel=1e-6)
-    failed = rs.simulate(GH, **LAUNCH, method="rk4", dt_step=3.0)
-    assert failed.type is None
-    assert failed.status in ("nonfinite", "energy")
 
 
 def test_a_table_of_runs_has_the_bits_of_single_runs():
@@ -116,8 +103,6 @@ def test_texts_with_units():
     runs = rs.simulate("KL", n_i=["-60 rpm", 0.2], omega_xy0="5 rpm", t_end="2 s")
     assert runs.n_i.tolist() == pytest.approx([-2 * np.pi * second, 0.2])
     assert runs.t_end.tolist() == pytest.approx([2 / second] * 2)
-    with pytest.raises(rs.ConfigError, match="n_i: 60 rpm has a unit, but the body has no size"):
-        rs.simulate("GH", n_i="60 rpm", omega_xy0=0.1)
 
 
 def test_a_trajectory_is_used_like_a_table(tmp_path):
@@ -145,18 +130,12 @@ def test_theory_takes_arrays():
             assert values.shape == shape
             assert values.ravel().tolist() == [getattr(rs.modes(body), name) for body in BODIES]
         assert rs.bondi_threshold(bodies).shape == shape
-    assert all(type(value) is float for value in vars(rs.modes(GH)).values())
-    assert type(rs.reversal_time_gh(GH, -0.1, 0.01)) is float
     n_i = np.array([0.1, -0.1, 0.3, -2.0])
-    times = rs.reversal_time_gh(array, n_i, 0.01)
-    rates, exact = rs.growth_rates(array, n_i), rs.growth_rates(array, n_i, exact=True)
+    times, rates = rs.reversal_time_gh(array, n_i, 0.01), rs.growth_rates(array, n_i)
     for (k, i), time in np.ndenumerate(times):
-        body, n = BODIES[k], float(n_i[i])
-        assert time == rs.reversal_time_gh(body, n, 0.01)
-        assert rates.pitch[k, i] == n * rs.modes(body).K_p / 2
-        assert rates.roll[k, i] == -n * rs.modes(body).K_r / 2
-        one = rs.growth_rates(body, n, exact=True)
-        assert (exact.pitch[k, i], exact.roll[k, i]) == pytest.approx(one, rel=1e-9)
+        assert time == rs.reversal_time_gh(BODIES[k], n_i[i], 0.01)
+        assert rates.pitch[k, i] == n_i[i] * rs.modes(BODIES[k]).K_p / 2
+        assert rates.roll[k, i] == -n_i[i] * rs.modes(BODIES[k]).K_r / 2
 
 
 BAD: list[tuple[Any, str]] = [
@@ -179,6 +158,7 @@ def run_of(**wrong: Any) -> Any:
 BAD_RUNS = [
     (run_of(n_i=[0.1, 0], t_end=None), "without spin .* has no t_rGH"),
     (run_of(omega=(0, 0, 1)), "n_i and omega_xy0 given with a full state"),
+    (run_of(n_i="60 rpm"), "n_i: 60 rpm has a unit, but the body has no size"),
     (run_of(n_i=True), r"n_i: True \(bool\) is no number"),
     (run_of(n_i=[0.1, 0.2], omega_xy0=[0.1] * 3), r"bodies \(\), n_i \(2,\), omega_xy0 \(3,\)"),
     (run_of(omega_xy0=None), "omega_xy0 missing; give n_i and omega_xy0"),

@@ -42,8 +42,7 @@ def _touch(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
 def spin(y: Floats) -> Floats:
     """Return the spin of states of the full model, shape (5 or more, ...)."""
     u, omega = full.to_vectors(y[: full.N_STATE])
-    n: Floats = (u * omega).sum(axis=0)
-    return n
+    return np.asarray((u * omega).sum(axis=0))
 
 
 def energy(y: Floats, constants: Floats) -> Floats:
@@ -118,8 +117,7 @@ class View:
     def energy(self) -> Floats:
         if self.model == "full":
             return energy(self.y, self.constants)
-        value: Floats = 0.5 * self.constants[2] * self.y[0] ** 2 + self.y[1] + self.y[2]
-        return value
+        return np.asarray(0.5 * self.constants[2] * self.y[0] ** 2 + self.y[1] + self.y[2])
 
     @property
     def work(self) -> Floats:

@@ -32,8 +32,6 @@ from rattlesweep.sweeps.launches import Launch, model_of, reduced_batch, single_
 from rattlesweep.sweeps.provenance import package_version
 
 if TYPE_CHECKING:
-    from typing import Self
-
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.physics.si import Units
     from rattlesweep.sweeps.config.schema import Config
@@ -65,7 +63,7 @@ class PreparedRun:
             raise ConfigError(f"t_end: {self.t_end:g} is no finite, positive time; give t_end")
 
     @classmethod
-    def of(cls, launch: Launch) -> Self:
+    def of(cls, launch: Launch) -> PreparedRun:
         return cls(*single_run(launch), launch.body.units, (launch.e_p0, launch.e_r0))
 
     @property

@@ -20,7 +20,6 @@ from rattlesweep.sweeps.bodies import Scale
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.plan import stored_plan
 from rattlesweep.sweeps.stored import Stored, open_stored
-from rattlesweep.sweeps.summary import is_sensitive
 from rattlesweep.sweeps.verify import differing_rows
 
 
@@ -101,9 +100,7 @@ def find_run(
             return StoredRun(stored, found.slice(0, 1))
     if case is None or sample is None:
         raise ConfigError(f"--where {where}: {directory} stores no such run")
-    for name, value, count in (
-        ("case", case, len(stored.cases)), ("sample", sample, stored.samples)
-    ):  # fmt: skip
-        if not 0 <= value < count:
-            raise ConfigError(f"{name} {value}: {directory} has the {name}s 0 to {count - 1}")
+    if not (0 <= case < len(stored.cases) and 0 <= sample < stored.samples):
+        last = f"{len(stored.cases) - 1} and the samples 0 to {stored.samples - 1}"
+        raise ConfigError(f"case {case}, sample {sample}: {directory} has the cases 0 to {last}")
     raise OutputError(f"case {case}, sample {sample} is not stored yet in {directory}")

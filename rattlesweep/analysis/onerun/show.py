@@ -51,8 +51,6 @@ def course_of(
         points = run.even_rows(PER_PERIOD, FEWEST_ROWS, MOST_ROWS, from_time)
         if run.even_rows(LEAST, 2, MOST_ROWS + 1, from_time) > MOST_ROWS:
             raise ConfigError(f"t_end {run.t_end:g} is too long for one page; shorten --t-end")
-    if points > MOST_ROWS:
-        raise ConfigError(f"--points {points}: at most {MOST_ROWS} go into a page")
     return Course(run, CHANNELS, points=points, from_time=from_time)
 
 
@@ -74,7 +72,7 @@ def make_scene(course: Course) -> dict[str, Any]:
     t, launches, body = columns["t"], course.run.launches, course.run.body
     start = float(t[0])
     rise = max(1.0, MARGIN * float(np.max(1 - columns["contact_z"])))
-    first = ended.zeros[0] if ended.zeros else float(t[-1])
+    first = [*ended.zeros, float(t[-1])][0]
     units = {"t": (1.0, "√(a/g)"), "n": (1.0, "√(g/a)")}
     units |= {name: (si.size, si.unit) for name, si in course.si.items() if name in units}
     return {
