@@ -39,7 +39,6 @@ def test_every_name_is_there():
                 "OutputError"}  # fmt: skip
     assert contract <= set(dir(rs)) == set(rs.__all__)
     assert all(getattr(rs, name) is not None for name in rs.__all__)
-    assert rs.__version__.count(".") == 2
 
 
 def test_simulate_one_run():
@@ -115,7 +114,6 @@ def test_a_trajectory_is_used_like_a_table(tmp_path):
 
 def test_pages_of_launches(tmp_path):
     page = rs.show("GH", **LAUNCH, t_end=20, from_time=4, title="Mine & yours")
-    assert page.path is None
     assert page._repr_html_().startswith('<iframe sandbox="allow-scripts"')
     assert "Mine &amp;amp; yours" in page._repr_html_()
     saved = page.save(tmp_path / "roll.html")

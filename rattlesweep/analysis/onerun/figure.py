@@ -65,9 +65,9 @@ def draw(columns: Mapping[str, Floats], course: Course, path: str | Path | None 
             curve(axis, t, data[name], label=MODELS[course.run.model])
             style.light_grid(axis)
             if name == "n":
-                for other in [other for other in BESIDE if other in data]:
-                    words, colour, dash = BESIDE[other]
-                    curve(axis, t, data[other], colour, label=words, linestyle=dash)
+                for other, (words, colour, dash) in BESIDE.items():
+                    if other in data:
+                        curve(axis, t, data[other], colour, label=words, linestyle=dash)
                 low, high = axis.get_ylim()
                 axis.set_ylim(low, high + 0.25 * (high - low))  # room for the legend
             for time in turns if len(turns) <= MARKS else turns[:1]:
