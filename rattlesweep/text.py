@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -90,7 +91,9 @@ class Bar:
         text = f"{text}, {clock(now - self._start)}{left}"
         if self._shown:
             if self._bar is None:
-                from tqdm.auto import tqdm
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # in notebooks without ipywidgets
+                    from tqdm.auto import tqdm
 
                 # tqdm's own estimate of the time left would count compilation as work.
                 form = "{percentage:3.0f}%|{bar}| {desc}"

@@ -15,7 +15,7 @@ import sweeping
 from sweeping import content_hash, prepared, proved
 
 from rattlesweep.analysis.onerun.course import Course
-from rattlesweep.analysis.onerun.replay import find_runs
+from rattlesweep.analysis.onerun.replay import find_run
 from rattlesweep.analysis.plots.kinds import UNSURE, choose_picture
 from rattlesweep.analysis.plots.layout import read_layout
 from rattlesweep.analysis.style import styled
@@ -358,9 +358,9 @@ def test_types_that_are_not_sure_are_hatched(marked):
 
 def test_replay_takes_the_tolerance_of_the_run(kept):
     for level in ("tol > 1e-9", "tol < 1e-9"):
-        (run,) = find_runs(kept, where=f"type == 'R' and {level}")
+        run = find_run(kept, where=f"type == 'R' and {level}")
         run.prove()
         course = Course(run.prepare())
         course.columns()
         assert course.run.integrator["tol"] == run.values["tol"]
-        assert course.zeros[0] == run.values["t_r"]
+        assert course.follower.zeros[0] == run.values["t_r"]
