@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 import threading
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
+import numba
 import numpy as np
 from numba import config
 
 from rattlesweep.arrays import put, take
+from rattlesweep.integrate import SettingError
 from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.integrate.lanes import runs as C
@@ -24,7 +27,7 @@ from rattlesweep.integrate.task import Control
 from rattlesweep.physics import vectors
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Callable, Collection, Iterator
 
     from rattlesweep.arrays import Flags, Floats, Integers
     from rattlesweep.integrate.model import Model
@@ -54,7 +57,9 @@ def workspace(tableau: Tableau, model: Model, threads: int, width: int = LANES) 
     size = -(-Layout(model).rows(tableau, model) * width // 16) * 16
     flat = np.zeros(threads * size + 8)
     shift = (-flat.ctypes.data // 8) % 8
-    return flat[shift : shift + threads * size].reshape(threads, size)
+    found = flat[shift : shift + threads * size].reshape(threads, size)
+    # Whole rows: they are looked at as such where nothing is compiled.
+    return found[:, : size // width * width] if config.DISABLE_JIT else found
 
 
 # Arguments of their types, for recipes: a workspace, addresses of parts, what threads share, empty.
@@ -83,33 +88,83 @@ def decide_closely(adaptive: bool) -> Kernel:
     return Kernel(lanes.decide_closely, (problem_of(None, adaptive), FLAT, 0, 1.0, False), INNER)
 
 
-def kernel(tableau_name: str, model_name: str, *beside: str) -> Callable[..., None]:
-    """Return a kernel: called with the workspaces of its threads and what they share.
+def drive() -> Kernel:
+    """Return what starts the threads of all kernels."""
+    options = {"parallel": True, "nogil": True}
+    return Kernel(lanes.drive, (0, NO_PARTS, 1, TABLE, SHARED), options)
 
-    With ``"volume"`` beside, its steps find the rate of phase volume.
+
+def kernel(tableau_name: str, model_name: str, *beside: str) -> Callable[..., None]:
+    """Return a kernel: called with the number of threads, their workspaces and what they share.
+
+    With ``"volume"`` beside, its steps find the rate of phase volume.  Where not :func:`parallel`,
+    its threads work one after another.
     """
     adaptive = METHODS[tableau_name].adaptive
-    do, *others = load_kernels(
+    wanted: list[tuple[Any, ...]] = [
         (work, model_name, adaptive),
         (attempt, tableau_name, model_name, *beside),
         (decide_closely, adaptive),
-    )
+    ]
+    if parallel():
+        do, *others, start = load_kernels(*wanted, (drive,))
+        return partial(start, addresses_of(do)[0], addresses_of(*others))
+    do, *others = load_kernels(*wanted)
     problem, addresses = problem_of(find_model(model_name), adaptive), addresses_of(*others)
 
-    def call(w: Floats, shared: tuple[Any, ...]) -> None:
-        # Threads of Python's, as compiled code releases its lock.
-        given = ((problem, k, addresses, w[k], *shared) for k in range(len(w)))
-        team = [threading.Thread(target=do, args=each, daemon=True) for each in given]
-        for thread in team:
-            thread.start()
-        for thread in team:
-            thread.join()
+    def alone(threads: int, w: Floats, shared: tuple[Any, ...]) -> None:
+        for thread in range(threads):
+            do(problem, thread, addresses, w[thread], *shared)
 
-    return call
+    return alone
+
+
+# Whether this process was forked from one in which GNU OpenMP had started threads: it ends a
+# process that starts threads again.
+_forked = False
+# Numba's own threading layer ends a process in which two threads start a kernel.
+_workqueue = threading.Lock()
+
+
+def _after_fork() -> None:
+    global _forked, _workqueue
+    _workqueue = threading.Lock()  # whoever held it is not in this process
+    with suppress(ValueError):  # no threads were started
+        _forked = numba.threading_layer() == "omp" or _forked
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
+
+
+def parallel() -> bool:
+    """Return whether this process can start threads for its kernels, or raise SettingError."""
+    if _forked or config.DISABLE_JIT:
+        return False
+    try:
+        numba.get_num_threads()
+    except ValueError as error:
+        raise SettingError(f"NUMBA_THREADING_LAYER: {str(error).splitlines()[0]}") from error
+    return True
+
+
+@contextmanager
+def holding(threads: int) -> Iterator[None]:
+    """Have threads for a kernel."""
+    if not parallel():
+        yield
+        return
+    with _workqueue if numba.threading_layer() == "workqueue" else nullcontext():
+        before = numba.get_num_threads()
+        numba.set_num_threads(threads)
+        try:
+            yield
+        finally:
+            numba.set_num_threads(before)
 
 
 def most_threads() -> int:
-    """Return the most threads of a kernel; ``NUMBA_NUM_THREADS`` sets it."""
+    """Return the threads that Numba can start at most; ``NUMBA_NUM_THREADS`` sets it."""
     return int(config.NUMBA_NUM_THREADS)
 
 
@@ -221,7 +276,7 @@ def integrate(
         To watch and to stop the kernel from another thread.
     """
     control = control or Control()
-    count = min(threads or available_threads(), most_threads())
+    count = min(threads or available_threads(), most_threads()) if parallel() else 1
     price = batch.t_end * batch.swing if cost is None else cost.astype(float)
     control.start(count, price)
     moving, beside = needed(model, record)
@@ -238,10 +293,11 @@ def integrate(
         order = np.argsort(-price, kind="stable")
         flags = np.array([name in record for name in WATCHED])
         call = kernel(tableau.name, moving.name, *beside)
-        call(workspace(tableau, moving, count), (
-            control._shared, order, *run_arrays(batch, tableau, tol, dt, max_steps, price),
-            flags, result, counts, windows, control._progress,
-        ))  # fmt: skip
+        with holding(count):
+            call(count, workspace(tableau, moving, count), (
+                control._shared, order, *run_arrays(batch, tableau, tol, dt, max_steps, price),
+                flags, result, counts, windows, control._progress,
+            ))  # fmt: skip
     if not tableau.adaptive:
         # A coarse step may damp an oscillation without a trace in the energy's drift.
         damping = tableau.damping(dt * batch.relevant) * (result[:, C.T_END] / dt)

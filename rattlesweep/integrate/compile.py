@@ -33,8 +33,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from rattlesweep.integrate import SettingError
-
 # Numba is imported where it is needed: commands without a kernel take half the time.
 PACKAGE = Path(__file__).resolve().parents[1]
 AT_ONCE = 2  # processes that compile: each takes 200 MB, and no group of kernels gains by more
@@ -150,10 +148,6 @@ def load_kernel(recipe: Recipe, *names: Any) -> Any:
 
 def load_kernels(*wanted: tuple[Any, ...]) -> list[Any]:
     """Return kernels, each of a :data:`Recipe` and its names; to compile one takes seconds."""
-    from numba import config
-
-    if config.DISABLE_JIT:
-        raise SettingError("NUMBA_DISABLE_JIT: kernels run compiled only")
     missing = [(each[0], each[1:]) for each in wanted if each not in _loaded]
     _compile([(recipe, names) for recipe, names in missing if not is_stored(recipe, *names)])
     for recipe, names in missing:
@@ -166,6 +160,8 @@ def _load(recipe: Recipe, names: tuple[Any, ...]) -> Any:
     from numba import config, njit, typeof
 
     function, arguments, options, _ = recipe(*names)
+    if config.DISABLE_JIT:
+        return function
     signature, place = tuple(map(typeof, arguments)), _place(recipe, names)
     # With a damaged file or a full disk the kernel is compiled again, and kept in memory; an error
     # in the kernel comes up again below.
@@ -188,7 +184,9 @@ def _load(recipe: Recipe, names: tuple[Any, ...]) -> Any:
 
 def is_stored(recipe: Recipe, *names: Any) -> bool:
     """Return whether a kernel has been compiled before."""
-    return any(_place(recipe, names).glob("*/*.nbc"))
+    from numba import config
+
+    return config.DISABLE_JIT or any(_place(recipe, names).glob("*/*.nbc"))
 
 
 CODE = f"from {__name__} import compile_in_child; compile_in_child()"

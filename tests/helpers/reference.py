@@ -79,3 +79,21 @@ def rhs(y, q):
         (cxy * t[0] + cyy * t[1] + cyz * t[2]) / det,
         (cxz * t[0] + cyz * t[1] + czz * t[2]) / det,
     ])  # fmt: skip
+
+
+def step(y, h, q, columns=8):
+    """Return the state after a step of the extrapolated midpoint rule, of order 2 * columns."""
+    f0 = rhs(y, q)
+    table = []
+    for j in range(1, columns + 1):
+        sub = h / (2 * j)
+        before, now = 0 * y, sub * f0
+        for _ in range(2 * j - 1):
+            before, now = now, before + 2 * sub * rhs(y + now, q)
+        # Aitken and Neville in the square of the substep.
+        row = [now]
+        for i, old in enumerate(table, start=1):
+            ratio = (row[0] * 0 + 1)[:1] * (j * j) / ((j - i) * (j - i)) - 1
+            row.append(row[-1] + (row[-1] - old) / ratio)
+        table = row
+    return y + table[-1]

@@ -15,12 +15,14 @@ from pathlib import Path
 
 import kernels
 import numba
+import numpy as np
 import oracle
 import pytest
 
 from rattlesweep.integrate import compile
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.compile import Kernel, is_stored, load_kernel
+from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 
@@ -87,7 +89,7 @@ def test_all_parts_of_a_sweep_s_kernel_are_found_by_the_next_process():
     process()
     heard, hits = process()
     assert heard == []
-    assert {"work", "attempt", "decide_closely"} <= hits.keys()
+    assert {"work", "attempt", "drive"} <= hits.keys()
     assert set(hits.values()) == {1}
 
 
@@ -211,9 +213,10 @@ def _states(_):
     return states()
 
 
-def fork():
+def fork(layer):
     """In a fresh process: threads that integrate, then a pool of forked processes."""
     before = states()
+    assert numba.threading_layer() == layer
     with ThreadPoolExecutor(4) as threads:
         assert set(threads.map(lambda _: states(), range(40))) == {before}
     with multiprocessing.get_context("fork").Pool(2) as workers:
@@ -222,16 +225,16 @@ def fork():
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
-def test_threads_and_forked_processes_integrate():
-    done = python("import test_kernel_cache as t; t.fork()")
+@pytest.mark.parametrize("layer", ["omp", pytest.param("workqueue", marks=pytest.mark.slow)])
+def test_threads_and_forked_processes_integrate(layer):
+    done = python(f"import test_kernel_cache as t; t.fork({layer!r})", NUMBA_THREADING_LAYER=layer)
     assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.parametrize(
     ("setting", "said"),
     [("NUMBA_NUM_THREADS=0", "it must be a whole number from 1 to 4096"),
-     ("NUMBA_DISABLE_JIT=1", "kernels run compiled only"),
-     ],
+     ("NUMBA_THREADING_LAYER=nonsense", "layer requested 'nonsense' is unknown")],
 )  # fmt: skip
 def test_a_setting_that_cannot_be_is_one_sentence(setting, said, tmp_path):
     code = (
@@ -243,3 +246,24 @@ def test_a_setting_that_cannot_be_is_one_sentence(setting, said, tmp_path):
     assert done.stderr.startswith(f"error: {setting.split('=')[0]}")
     assert said in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def both():
+    """In a fresh process: the outcome of a run with all observations, and its trajectory."""
+    batch = kernels.full_batch(oracle.GH, [-0.1], 0.01, t_end=30.0)
+    records = frozenset(["energy", "contact", "windows", "reversals", "lyapunov"])
+    out = integrate(batch, METHODS["dop853"], FULL, threads=1, record=records)
+    follower = Follower(batch, METHODS["dop853"], FULL, attitude=True)
+    found = follower.at(np.linspace(0.0, 30.0, 7))
+    values = out.y_end, out.n_departure, out.windows, found.y, found.extra
+    numbers = np.concatenate([value[np.isfinite(value)] for value in values])
+    print(json.dumps([numbers.tolist(), out.n_steps.tolist(), follower.n_steps]))
+
+
+def test_a_run_can_be_stepped_through_in_python():
+    code = "import test_kernel_cache as t; t.both()"
+    compiled, plain = (python(code, NUMBA_DISABLE_JIT=flag) for flag in "01")
+    assert plain.returncode == 0, plain.stderr
+    (numbers, *steps), (others, *same_steps) = (json.loads(p.stdout) for p in (compiled, plain))
+    assert same_steps == steps
+    np.testing.assert_allclose(others, numbers, rtol=0, atol=1e-12)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from math import isfinite, sqrt
 
-from numba import njit
+from numba import njit, prange
 
 from rattlesweep.integrate.lanes import events, runs
 from rattlesweep.integrate.lanes.events import HOLD, REVERSED, STEP, TAKE, may_reverse
@@ -262,3 +262,9 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
                     under_way += min(1.0, lane.t / plan[run, runs.HORIZON]) * plan[run, runs.COST]
             progress[thread, 1] = under_way
     progress[thread, 1] = 0.0
+
+
+def drive(address, parts, threads, w, shared):
+    """Do :func:`work`, known by its address, on each thread: one driver for all problems."""
+    for thread in prange(threads):
+        call(address, (thread, parts, w[thread]) + shared)  # noqa: RUF005

@@ -8,6 +8,9 @@ number in a row, or a tuple of those in some rows one after another.
 :func:`gather` and :func:`scatter` stand for hundreds of indexed reads, products and sums, which
 Numba would take most of the time of a kernel's compilation to type and lower.
 
+Each operation that is written as LLVM code has a Python function beside it, which is what runs with
+``NUMBA_DISABLE_JIT=1``: then a debugger can step through a kernel.
+
 Private interfaces of Numba (0.68.1) are used here alone: ``cgutils``, the context's ``make_array``,
 ``make_tuple`` and ``call_conv``, ``to_fixed_tuple``, ``library`` and ``fndesc`` of an overload.
 """
@@ -15,13 +18,14 @@ Private interfaces of Numba (0.68.1) are used here alone: ``cgutils``, the conte
 # mypy: disable-error-code="no-untyped-call, no-untyped-def, misc"
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Sequence
 from functools import reduce, wraps
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import extending, types
+from numba import config, extending, types
 from numba.core import cgutils
 from numba.core.typing.templates import AttributeTemplate
 from numba.np.unsafe.ndarray import to_fixed_tuple
@@ -30,17 +34,22 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
 
-LANES = 32  # benchmarks/kernel.py --lanes has the figures behind it
+# benchmarks/kernel.py --lanes has the figures behind it.
+LANES = 1 if config.DISABLE_JIT else 32
 DOUBLE, WHOLE = ir.DoubleType(), ir.IntType(64)
 # Options of functions that only other compiled functions call.  What Python and C would call is not
 # made, and takes no time to compile; a call from Python ends the process.
 INNER: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 INNER |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-first_of = to_fixed_tuple  # of an array and a length: its first numbers as a tuple
+# Of an array and a length: its first numbers as a tuple.
+first_of = (lambda array, length: tuple(array[:length])) if config.DISABLE_JIT else to_fixed_tuple
 
 
-def emitting(signature_of: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a function that writes LLVM code as an intrinsic, typed by its arguments."""
+def emitting(signature_of: Callable[..., Any], python: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorate a function that writes LLVM code as an intrinsic, typed by its arguments.
+
+    Without compilation it is the Python function.
+    """
 
     def decorate(codegen: Callable[..., Any]) -> Any:
         @wraps(signature_of)
@@ -48,12 +57,20 @@ def emitting(signature_of: Callable[..., Any]) -> Callable[..., Any]:
             return signature_of(*given), codegen
 
         typed.__name__ = codegen.__name__
-        return extending.intrinsic(typed)
+        return python if config.DISABLE_JIT else extending.intrinsic(typed)
 
     return decorate
 
 
-@emitting(lambda typingctx, array, index, value: types.int64(array, types.intp, types.int64))
+def _fetch_add(array, index, value):
+    before = int(array[index])
+    array[index] += value
+    return before
+
+
+@emitting(
+    lambda typingctx, array, index, value: types.int64(array, types.intp, types.int64), _fetch_add
+)
 def fetch_add(context, builder, signature, args):
     """Add ``value`` to ``array[index]`` (int64) and return what was there before."""
     kind, index = signature.args[0], [args[1]]
@@ -62,7 +79,7 @@ def fetch_add(context, builder, signature, args):
     return builder.atomic_rmw("add", pointer, args[2], "monotonic")
 
 
-@emitting(lambda typingctx: types.void())
+@emitting(lambda typingctx: types.void(), lambda: None)
 def barrier(context, builder, signature, args):
     """Keep the compiler from sharing products before with arithmetic behind; costs nothing.
 
@@ -72,7 +89,7 @@ def barrier(context, builder, signature, args):
     return context.get_dummy_value()
 
 
-@emitting(lambda typingctx: types.void())
+@emitting(lambda typingctx: types.void(), lambda: None)
 def widest_vectors(context, builder, signature, args):
     """Let LLVM vectorise the calling function with all that the processor has; costs nothing.
 
@@ -83,19 +100,29 @@ def widest_vectors(context, builder, signature, args):
     return context.get_dummy_value()
 
 
-@emitting(lambda typingctx, x: types.float64(types.float64))
+ONE = 1023 << 52  # the bits of 1.0
+
+
+def _rough_root(x):
+    bits = (int(np.float64(x).view(np.int64)) >> 6) + ONE - (ONE >> 6)
+    return float(np.int64(bits).view(np.float64))
+
+
+@emitting(lambda typingctx, x: types.float64(types.float64), _rough_root)
 def rough_root(context, builder, signature, args):
     """Return about ``x^(1/64)`` of a positive number, by dividing the bits of its logarithm.
 
     Up to 6 % off, always by the same bits, rises with ``x``; two instructions on integers.
     """
-    one = 1023 << 52  # the bits of 1.0
     bits = builder.lshr(builder.bitcast(args[0], WHOLE), WHOLE(6))
-    return builder.bitcast(builder.add(bits, WHOLE(one - (one >> 6))), DOUBLE)
+    return builder.bitcast(builder.add(bits, WHOLE(ONE - (ONE >> 6))), DOUBLE)
 
 
-def _on_each(operation: str) -> Any:
-    @emitting(lambda typingctx, values, x: values(values, types.float64))
+def _on_each(operation: str, python: Callable[[float, float], float]) -> Any:
+    @emitting(
+        lambda typingctx, values, x: values(values, types.float64),
+        lambda values, x: tuple(python(value, x) for value in values),
+    )
     def apply(context, builder, signature, args):
         one_by_one = (builder.extract_value(args[0], i) for i in range(len(signature.args[0])))
         found = [getattr(builder, operation)(value, args[1]) for value in one_by_one]
@@ -105,17 +132,22 @@ def _on_each(operation: str) -> Any:
 
 
 # Products and quotients of each of a tuple and the same number.
-times, over = _on_each("fmul"), _on_each("fdiv")
+times, over = _on_each("fmul", operator.mul), _on_each("fdiv", operator.truediv)
 
 
 def addresses_of(*compiled: Any) -> Any:
     """Return where the machine code of compiled functions is; they must not be dropped."""
+    if config.DISABLE_JIT:
+        return np.array(compiled, object)
     results = [result for function in compiled for result in function.overloads.values()]
     return np.array([r.library.get_pointer_to_function(r.fndesc.llvm_func_name) for r in results])
 
 
 def _calling(result: Any) -> Any:
-    @emitting(lambda typingctx, address, arguments: result(types.intp, arguments))
+    @emitting(
+        lambda typingctx, address, arguments: result(types.intp, arguments),
+        lambda function, arguments: function(*arguments),
+    )
     def call(context, builder, signature, args):
         given = signature.args[1].types
         function_type = context.call_conv.get_function_type(result, given)
@@ -316,6 +348,25 @@ class _LaneModel(extending.models.StructModel):
         super().__init__(manager, lane, members)
 
 
+class Lane:
+    """A lane where nothing is compiled."""
+
+    def __init__(self, problem: Problem, w: Any, l: int) -> None:
+        cells = w.reshape(-1, problem.lanes)[:, l]
+        vars(self).update(problem=problem, cells=cells, fields=problem.layout.fields)
+
+    def __getattr__(self, name: str) -> Any:
+        row, kind = self.fields[name]
+        if kind is types.float64:
+            return self.cells[row]
+        values = tuple(self.cells[row : row + len(kind)])
+        return Point(*values) if isinstance(kind, types.NamedUniTuple) else values
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        row, kind = self.fields[name]
+        self.cells[row : row + (1 if kind is types.float64 else len(kind))] = value
+
+
 class _Cells(NamedTuple):
     """Writes LLVM code that reads and writes the cells of one lane."""
 
@@ -384,7 +435,7 @@ def _set(context: Any, builder: Any, signature: Any, args: Any, name: str) -> No
         cells.write(row + i, builder.extract_value(args[1], i))
 
 
-@emitting(lambda typingctx, problem, w, l: LaneType(problem)(problem, w, types.intp))
+@emitting(lambda typingctx, problem, w, l: LaneType(problem)(problem, w, types.intp), Lane)
 def lane_of(context, builder, signature, args):
     """Return lane ``l`` of a workspace ``w``."""
     made = cgutils.create_struct_proxy(signature.return_type)(context, builder)
@@ -393,7 +444,11 @@ def lane_of(context, builder, signature, args):
     return made._getvalue()
 
 
-@emitting(lambda typingctx, lane: types.void(lane))
+def _clear(lane):
+    lane.cells[: lane.fields["y"][0]] = 0.0
+
+
+@emitting(lambda typingctx, lane: types.void(lane), _clear)
 def clear(context, builder, signature, args):
     """Set all numbers to zero that are there in every model."""
     kind = signature.args[0]
@@ -413,6 +468,14 @@ class Sum(NamedTuple):
     factor: int | None = None
     share: float = 1.0
 
+    def value(self, w: Any) -> Any:
+        """Return the value from the rows of a lane, as compiled code does."""
+        products = [number * w[row] for number, row in self.terms]
+        total = sum(products[1::2], start=0.0) + sum(products[::2], start=0.0)
+        if self.factor is not None:
+            total *= self.share * w[self.factor]
+        return total if self.row is None else w[self.row] + total
+
 
 def sums(count: int, terms: dict[int, float], start: int | None = None, *scale: Any) -> list[Sum]:
     """Return sums for ``count`` components; ``terms`` has the numbers by what they multiply."""
@@ -428,7 +491,13 @@ def gather(lanes: int, values: Sequence[int | Sum], behind: Sequence[int]) -> An
     wanted = [*values, *behind]
     order = sorted(range(len(wanted)), key=lambda i: (i < len(values), isinstance(wanted[i], Sum)))
 
-    @emitting(lambda typingctx, w, l: types.UniTuple(types.float64, len(wanted))(w, types.intp))
+    def python(w: Any, l: int) -> tuple[float, ...]:
+        cells = w.reshape(-1, lanes)[:, l]
+        return tuple(cells[one] if isinstance(one, int) else one.value(cells) for one in wanted)
+
+    @emitting(
+        lambda typingctx, w, l: types.UniTuple(types.float64, len(wanted))(w, types.intp), python
+    )
     def read(context, builder, signature, args):
         array = context.make_array(signature.args[0])(context, builder, args[0])
         lane = _Cells(builder, array.data, args[1], lanes)
@@ -443,7 +512,10 @@ def scatter(lanes: int, rows: Sequence[int]) -> Any:
     """Return ``write(w, l, values)``, which writes a tuple to the rows in lane ``l``."""
     values = types.UniTuple(types.float64, len(rows))
 
-    @emitting(lambda typingctx, w, l, given: types.void(w, types.intp, values))
+    def python(w: Any, l: int, given: tuple[float, ...]) -> None:
+        w.reshape(-1, lanes)[list(rows), l] = given
+
+    @emitting(lambda typingctx, w, l, given: types.void(w, types.intp, values), python)
     def write(context, builder, signature, args):
         array = context.make_array(signature.args[0])(context, builder, args[0])
         lane = _Cells(builder, array.data, args[1], lanes)
