@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.config.read import override_config, resolved
+from rattlesweep.sweeps.config.read import parse_config, resolved
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.provenance import hold
 from rattlesweep.sweeps.rows import TYPED
@@ -57,7 +57,7 @@ def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classifie
 
 def _changed(stored: Stored, overrides: Sequence[str]) -> Classify:
     """Return other thresholds for a sweep."""
-    config, own = override_config(resolved(stored.config), list(overrides)), stored.config
+    config, own = parse_config(resolved(stored.config), list(overrides)), stored.config
     if config.model_copy(update={"classify": own.classify}) != own:
         raise ConfigError("--set: only keys of classify can change here; others need a new sweep")
     # A zero of the spin after the energy has fallen below dead_energy is not stored as t_r.

@@ -24,7 +24,7 @@ from rattlesweep.sweeps.bodies.sources import make_source
 from rattlesweep.sweeps.bodies.table import LOSSES, TableBodies, check_value
 from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import STATE, runs_schema
-from rattlesweep.sweeps.config.schema import Config, SdSource
+from rattlesweep.sweeps.config.schema import Config, SdSource, clashes
 from rattlesweep.units import Quantity
 
 MAX_RUNS = 10**9
@@ -165,7 +165,7 @@ def _with_losses(config: Config, own: Mapping[str, list[float | str]]) -> Config
             told = f"there are several values, and the table has a {column}"
             raise ConfigError(f"dissipation.{name}: {told}; keep one of them")
     config = config.model_copy(update={"dissipation": given.model_copy(update=dict(own))})
-    if own and (wrong := [": ".join(one) for one in config.clashes()]):
+    if own and (wrong := [": ".join(one) for one in clashes(config)]):
         raise ConfigError(f"bodies.path: with the table's columns: {one}" for one in wrong)
     return config
 

@@ -23,7 +23,7 @@ from rattlesweep.sweeps.columns import runs_schema
 from rattlesweep.sweeps.config.read import (
     differences,
     fixed_part,
-    override_config,
+    parse_config,
     physics_hash,
     resolved,
 )
@@ -140,7 +140,7 @@ def open_stored(directory: Path | str) -> Stored:
             for part in data["columns"]
         )  # fmt: skip
         cases = tuple(Case.load(case) for case in data["cases"])
-        config = override_config(data["config"], [])
+        config = parse_config(data["config"])
         samples, key = int(data["samples"]), str(data["config_hash"])
         if [case.index for case in cases] != list(range(len(cases))) or samples < 1:
             raise ValueError("its cases are not numbered")
@@ -185,7 +185,7 @@ def examine(plan: Plan, directory: Path) -> tuple[Stored | None, tuple[Case, ...
 
 def differing_keys(one: Config, other: Config) -> str:
     """Return in which keys two sweeps differ, with both values."""
-    parts = (fixed_part(resolved(config)) for config in (one, other))
+    parts = (fixed_part(config) for config in (one, other))
     return "; ".join(differences(*parts)[:3]) or "the table of bodies has changed"
 
 

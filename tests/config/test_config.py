@@ -216,24 +216,24 @@ sd | gamma: [5, 15] | gamma: [15, 5] | 6: bodies.ranges.gamma: the range is reve
 sd | gamma: [5, 15] | gamma: [] | 6: bodies.ranges.gamma: a list is given; it should have at least 2 items
 sd | theta: [0.6, 0.95] | theta: [0.6, 1.2] | 6: bodies.ranges.theta[1]: 1.2 is given; it should be less than 1
 sd | phi: [0.01, 0.1] | phi: [0.01, 0.7] | 6: bodies.ranges.phi: phi >= theta is possible; the ranges must
-sd | minus_xi_deg: [0, 6] | minus_xi_deg: [0, 0] | 6: bodies.ranges.minus_xi_deg: only xi = 0 is left, which never reverses; raise
+sd | minus_xi_deg: [0, 6] | minus_xi_deg: [0, 0] | 6: bodies.ranges.minus_xi_deg: only xi = 0 is left, which never reverses
 sd | n_i: [-0.1, | n_i: [-0.3, | 9: spin.n_i: a value is repeated; give each once
 sd | name: steady-kr-quick | name: a/b | 1: name: "a/b" is empty, or has a slash or a control character; write a plain word
 sd | spin: | launch: {omega: [0, 0, -1]}\nspin: | 9: spin: spin and launch are both given; keep one of them
-preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [0, 0, 1], u: [0, 0, 1]} | 2: launch.u: u_z is 1; it must be negative
-preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [0, 0, 1], u: [0.1, 0, -1]} | 2: launch.u: its length is 1.00499; give a unit vector
+preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [0, 0, 1], u: [0, 0, 1]} | 2: launch.u: u must be a vector of length 1 with u_z below 0
+preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [0, 0, 1], u: [0.1, 0, -1]} | 2: launch.u: u must be a vector of length 1
 sd | method: dop853 | method: rk4 | 14: integrator.tol: rk4 takes dt alone; leave this out
-sd | tol: 1e-9 | dt: 0.1 | 14: integrator.dt: dop853 takes accuracy or tol alone; leave
-sd | dop853, tol: 1e-9 | rk4, accuracy: draft | 14: integrator.accuracy: a word is a method and its tol; leave out
+sd | tol: 1e-9 | dt: 0.1 | 14: integrator.dt: dop853 takes tol alone; leave
+sd | dop853, tol: 1e-9 | rk4, accuracy: draft | 14: integrator.accuracy: rk4 takes dt alone; leave this out
 sd | dop853, tol: 1e-9 | rk4, accuracy: {t_r: 1e-6} | 14: integrator.accuracy: rk4 takes dt alone; leave
 preset | + | model: gh\nintegrator: {accuracy: {t_r: 1e-6}} | 4: integrator: accuracy is for integrated first reversals; leave
 preset | + | record: [reversals]\nclassify: {early: true} | 3: record: lyapunov, volume and reversals need whole runs; leave
 sd | samples: 1000 | draw: sobol | 7: bodies.target: only random draws can meet a target; take draw: random
 preset | + | stop: {fraction: 0.1} | 3: stop: bodies of source preset are all there are; take source: sd
-grid | phi: [0.02 | f_sd: [0.02 | 1: bodies.axes: f_sd cannot vary over this base; f_sd stands for alpha and beta
+grid | phi: [0.02 | f_sd: [0.02 | 1: bodies.axes: f_sd cannot vary over this base; f_sd is for alpha and beta
 grid | axes: {theta: {linspace: [0.6, 0.99, 200]}, phi: [0.02, 0.036]} | axes: {} | 1: bodies.axes: none of alpha, beta,
 grid | {preset: GH} | {preset: GH, phi: 0.1} | 1: bodies.base: give a preset alone, or gamma theta phi xi with alpha beta or with f_sd
-shell | xi_deg: -3 | xi_deg: -3, xi: -0.1 | 1: bodies.base: xi, xi_deg exclude each other; keep one of them
+shell | xi_deg: -3 | xi_deg: -3, xi: -0.1 | 1: bodies.base: xi, xi_deg and minus_xi_deg exclude each other; keep one
 shape | n_i: [60 rpm, 0.1] | n_i: 60 mm | 2: spin.n_i: "60 mm" is a length; a spin is needed, such as 60 rpm
 shape | n_i: [60 rpm, 0.1] | n_i: 60 rmp | 2: spin.n_i: "60 rmp" has the unit rmp: 'rmp' is not defined in the unit registry; a spin
 shape | n_i: [60 rpm, 0.1] | n_i: {linspace: [1 rpm, 2 Hz, 3]} | 2: spin.n_i: write {linspace: [low, high, n]} or
@@ -368,8 +368,9 @@ def test_the_hash_changes_with_the_numbers_of_a_run_alone(path):
 
 
 def test_differences_name_keys_and_both_values(path):
-    a = resolved(load_config(path))
-    b = resolved(load_config(path, ["bodies.samples=10", "integrator={method: rk4, dt: 0.002}"]))
+    one = load_config(path)
+    two = load_config(path, ["bodies.samples=10", "integrator={method: rk4, dt: 0.002}"])
+    a, b = resolved(one), resolved(two)
     assert differences(a, a) == []
     others = [
         'integrator.method: "dop853" against "rk4"',
@@ -377,4 +378,4 @@ def test_differences_name_keys_and_both_values(path):
         "integrator.dt: not set against 0.002",
     ]
     assert differences(a, b) == ["bodies.samples: 1000 against 10", *others]
-    assert differences(fixed_part(a), fixed_part(b)) == others
+    assert differences(fixed_part(one), fixed_part(two)) == others
