@@ -224,7 +224,7 @@ preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [0, 0, 1], u: [0, 
 preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [0, 0, 1], u: [0.1, 0, -1]} | 2: launch.u: u must be a vector of length 1
 sd | method: dop853 | method: rk4 | 14: integrator.tol: rk4 takes dt alone; leave this out
 sd | tol: 1e-9 | dt: 0.1 | 14: integrator.dt: dop853 takes tol alone; leave
-sd | dop853, tol: 1e-9 | rk4, accuracy: draft | 14: integrator.accuracy: rk4 takes dt alone; leave this out
+sd | method: dop853 | accuracy: draft | 14: integrator.tol: dop853 takes accuracy alone; leave this out
 sd | dop853, tol: 1e-9 | rk4, accuracy: {t_r: 1e-6} | 14: integrator.accuracy: rk4 takes dt alone; leave
 preset | + | model: gh\nintegrator: {accuracy: {t_r: 1e-6}} | 4: integrator: accuracy is for integrated first reversals; leave
 preset | + | record: [reversals]\nclassify: {early: true} | 3: record: lyapunov, volume and reversals need whole runs; leave

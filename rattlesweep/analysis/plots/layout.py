@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from rattlesweep.analysis.where import Where, parse_where
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.columns import floats
 from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.config.schema import GridSource
-from rattlesweep.sweeps.counts import Counts, Moments, columns_for, floats
 from rattlesweep.sweeps.decide import FEWEST as FEWEST_REFINED
 from rattlesweep.sweeps.decide import nearest
 from rattlesweep.sweeps.stored import Stored, open_stored
+from rattlesweep.sweeps.summary import Counts, Moments, columns_for
 
 MOST_CELLS = 4_000_000
 # A value that is asked for in decimal means the nearest one there is.

@@ -33,7 +33,7 @@ from rattlesweep.integrate.compile import Kernel, load_kernel
 from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.physics import body, si, theory
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
-from rattlesweep.physics.shapes import half_ellipsoid
+from rattlesweep.physics.si import half_ellipsoid
 from rattlesweep.sweeps.bodies import Bodies, Scale, Source
 from rattlesweep.sweeps.bodies.table import read_bodies, run_fields
 from rattlesweep.sweeps.columns import MEASURED

@@ -29,7 +29,7 @@ from rattlesweep.arrays import Flags, Floats, Integers, take
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics import si
 from rattlesweep.physics.body import PARAMETERS, violations
-from rattlesweep.physics.launch import spin_and_oscillation
+from rattlesweep.physics.theory import spin_and_oscillation
 from rattlesweep.sweeps.bodies import Bodies, Scale
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT, field
 from rattlesweep.sweeps.config.schema import (

@@ -24,8 +24,7 @@ from pydantic_core import PydanticCustomError
 
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.physics.body import MAX_INERTIA
 from rattlesweep.sweeps.config import Key, Places, not_one_of
 from rattlesweep.units import KINDS, Quantity, split
@@ -640,7 +639,7 @@ def clashes(config: Config) -> Iterator[tuple[str, str]]:
     for name in ("accuracy", "tol", "dt"):
         if name != takes and getattr(integrator, name) is not None:
             yield f"integrator.{name}", f"{method} takes {takes} alone; leave this out"
-    if isinstance(word, str):
+    if isinstance(word, str) and takes == "accuracy" and integrator.tol is None:
         yield "integrator.accuracy", "a word is a method and its tol; leave out method and tol"
     if integrator.goal and (config.model == "gh" or "reversals" in record):
         yield "integrator", "accuracy is for integrated first reversals; leave it or those out"
