@@ -135,7 +135,6 @@ BAD = {
                   "the column r2_m is missing; a body in SI units has mass_kg height_m"),
     "no height": (f"{PLAIN},n_i_rpm\n{ROW},60\n",
                   "the column height_m is missing; n_i_rpm needs it"),
-    "impossible": (f"{SI}\n{SI_ROW.replace('17e-4', '27e-4')}\n", "row 1: no body has this inert"),
     "name of a result": (f"{PLAIN},type\n{ROW},granite\n", "the column type has the name of a res"),
 }  # fmt: skip
 
