@@ -178,7 +178,7 @@ Draw = Literal["random", "sobol", "saltelli"]
 Skew = Annotated[float, Field(ge=0, lt=90)]
 
 
-class Source(Base):
+class Surfaced(Base):
     """Bodies with a surface."""
 
     source: str
@@ -230,7 +230,7 @@ class Target(Base):
         return self.K_r or self.K_p or []
 
 
-class SdSource(Source):
+class SdSource(Surfaced):
     """Shell-dumbbell bodies, drawn at random from ranges."""
 
     source: Literal["sd"] = key(..., "Draw shell-dumbbell bodies at random.")
@@ -269,7 +269,7 @@ class Overrides(Base):
         return values if skew is None else values | {"xi": math.radians(skew)}
 
 
-class PresetSource(Source):
+class PresetSource(Surfaced):
     """One body of the literature, perhaps with parameters replaced."""
 
     source: Literal["preset"] = key(..., "Use one named body.")
@@ -277,7 +277,7 @@ class PresetSource(Source):
     overrides: Overrides = key(Overrides, "Parameters that replace the preset's.")
 
 
-class TableSource(Source):
+class TableSource(Surfaced):
     """Bodies from the rows of a table, in its order."""
 
     source: Literal["table"] = key(..., "Read bodies from a table.")
@@ -321,7 +321,7 @@ class Refine(Base):
     tol: float = key(0.05, "How far a number may lie off its neighbours' line.", gt=0, lt=1)
 
 
-class GridSource(Source):
+class GridSource(Surfaced):
     """Every combination of some parameters' values, the others fixed."""
 
     source: Literal["grid"] = key(..., "Vary parameters over a grid.")
