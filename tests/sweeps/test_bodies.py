@@ -223,6 +223,10 @@ BAD_TABLES = {
     "repeated": (f"{HEAD},theta\n{GH},0.7\n", "there are several columns theta; keep one of them"),
     "a cell more in each row": (f"{HEAD}\n{GH},\n{GH},\n", "cannot be read as a table (CSV parse"),
     "no rows": (f"{HEAD}\n", "the table has no rows; give at least one body"),
+    "no radius": ("mass_kg,height_m,ixx_kg_m2,iyy_kg_m2,izz_kg_m2,r1_m\n1,1,2,16,17,2\n",
+                  "the column r2_m is missing; a body in SI units has mass_kg height_m"),
+    "no height": (f"{HEAD},n_i_rpm\n{GH},60\n", "the column height_m is missing; n_i_rpm needs it"),
+    "result": (f"{HEAD},type\n{GH},granite\n", "the column type has the name of a result; rename"),
     "degrees": (f"{HEAD},n_i,omega_xy0,psi\n{GH},1,0.1,30\n",
                 "row 1: psi is 30; from -6.28319 to 6.28319 rad is allowed"),
 }  # fmt: skip
