@@ -263,6 +263,8 @@ def _numbers(column: pa.ChunkedArray) -> Floats:
 
     if pa.types.is_temporal(column.type) or pa.types.is_boolean(column.type):
         return np.full(len(column), np.nan)
+    if pa.types.is_floating(column.type):  # of which there may be thousands
+        return np.array(column, float)
     return np.array(pd.to_numeric(column.to_pandas(), errors="coerce"), float)
 
 
