@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import oracle
 from mpmath import mp
-from reference import PARAMETERS, constants, contact, cross, real, rhs, trigonometry
+from reference import PARAMETERS, constants, contact, cross, real, rhs, step, trigonometry
 
-COLUMNS = 8
 # Step, in radians of `pace`, and points at which a step is looked at.
 ANGLE = 1.0
 POINTS = 16
@@ -24,24 +23,6 @@ def launch(n_i, omega_xy0, psi, exact=False):
     c, s = trigonometry(psi, exact)
     zero = 0 * n_i
     return np.stack([zero, zero, zero - 1, omega_xy0 * c, omega_xy0 * s, -n_i])
-
-
-def step(y, h, q):
-    """A step of the extrapolated midpoint rule, order 2 COLUMNS; everything as increments."""
-    f0 = rhs(y, q)
-    table = []
-    for j in range(1, COLUMNS + 1):
-        sub = h / (2 * j)
-        before, now = 0 * y, sub * f0
-        for _ in range(2 * j - 1):
-            before, now = now, before + 2 * sub * rhs(y + now, q)
-        # Aitken and Neville in the square of the substep.
-        row = [now]
-        for i, old in enumerate(table, start=1):
-            ratio = (row[0] * 0 + 1)[:1] * (j * j) / ((j - i) * (j - i)) - 1
-            row.append(row[-1] + (row[-1] - old) / ratio)
-        table = row
-    return y + table[-1]
 
 
 def spin(y):

@@ -19,7 +19,7 @@ from rattlesweep.analysis import style
 from rattlesweep.analysis.plots.layout import fill
 from rattlesweep.analysis.plots.map import CELLS, CODES
 from rattlesweep.arrays import Flags
-from rattlesweep.sweeps.config.read import override_config, resolved
+from rattlesweep.sweeps.config.read import parse_config, resolved
 from rattlesweep.sweeps.decide import Refining
 from rattlesweep.sweeps.stored import Stored, open_stored
 
@@ -29,7 +29,7 @@ LEVELS = (2, 3, 4, 5)
 def refined(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> Flags:
     """Return which of the runs a refined sweep does, in the order of their keys."""
     data = resolved(stored.config)
-    config = override_config(data | {"bodies": data["bodies"] | {"refine": refine}}, [])
+    config = parse_config(data | {"bodies": data["bodies"] | {"refine": refine}}, [])
     decide = Refining(config, stored.cases, stored.samples)
     table = rows
     done = np.zeros(decide.code.shape, dtype=bool)

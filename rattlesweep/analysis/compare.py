@@ -128,7 +128,7 @@ def compare(a: Path, b: Path) -> Comparison:
 def _same_runs(side: Stored) -> dict[str, Any]:
     """Return what determines which runs there are, however they are integrated."""
     how = ("integrator", "record", "classify")
-    data = {k: v for k, v in fixed_part(resolved(side.config)).items() if k not in how}
+    data = {k: v for k, v in fixed_part(side.config).items() if k not in how}
     # A table may have moved; what it says is compared row by row.
     data["bodies"] = {k: v for k, v in data["bodies"].items() if k != "path"}
     return data | {"cases": [str(case) for case in side.cases], "samples": side.samples}

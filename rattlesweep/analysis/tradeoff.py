@@ -43,7 +43,7 @@ from rattlesweep.sweeps.columns import (
     required,
     write_parquet,
 )
-from rattlesweep.sweeps.config.read import override_config, resolved
+from rattlesweep.sweeps.config.read import parse_config, resolved
 from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.sweeps.files import probe_directory
 from rattlesweep.sweeps.launches import (
@@ -253,11 +253,11 @@ class Runs:
 def draw_runs(config: Config, base: Path | None, *, samples: int | None, least: int) -> Runs:
     """Draw `samples` runs of each case, or so many that there are `least` runs, or all."""
     data: dict[str, Any] = resolved(config) | {"record": [], "model": "full"}
-    config = override_config(data, ["integrator={method: dop853}"])
+    config = parse_config(data, ["integrator={method: dop853}"])
     plan = make_plan(config, base)
     wanted = samples or -(-least // len(plan.cases))
     if isinstance(config.bodies, SdSource):
-        config = override_config(resolved(config), [f"bodies.samples={wanted}"])
+        config = parse_config(resolved(config), [f"bodies.samples={wanted}"])
         plan = make_plan(config, base)
     count = min(wanted, plan.samples)
     picks = np.unique(np.linspace(0, plan.samples - 1, count).round().astype(np.int64))

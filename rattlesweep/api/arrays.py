@@ -80,15 +80,13 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
 
 def table_bodies(columns: Mapping[str, Floats]) -> TableBodies:
     """Return the bodies of columns, with seconds in their runs if their size is known."""
-    from rattlesweep.sweeps.bodies.table import KEPT, TableBodies
-    from rattlesweep.sweeps.columns import F64, MEASURED, required
+    from rattlesweep.sweeps.bodies.table import TableBodies
 
     size = {name: columns[name] for name in SIZE if name in columns}
     rest = {name: values for name, values in columns.items() if name not in size}
     if (scale := column_scale(columns)) is None:
         return TableBodies(rest)
-    fields = [required(name, F64, KEPT[name], "of the body") for name in size]
-    return TableBodies(rest, scale, size, (*fields, *MEASURED))
+    return TableBodies(rest, scale, size)
 
 
 def scale_of(units: Units | None) -> Scale | None:

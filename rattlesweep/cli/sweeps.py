@@ -483,10 +483,10 @@ def tradeoff(
     """
     from rattlesweep.analysis.tradeoff import DEFAULT, FULL, QUICK, as_data, as_text, measure, save
     from rattlesweep.integrate.batch import available_threads
-    from rattlesweep.sweeps.config.read import load_config, override_config
+    from rattlesweep.sweeps.config.read import load_config, parse_config
     from rattlesweep.sweeps.files import probe_directory
 
-    loaded = load_config(config, overrides) if config else override_config(DEFAULT, overrides)
+    loaded = load_config(config, overrides) if config else parse_config(DEFAULT, overrides)
     base, directory = config and config.resolve().parent, output or Path(loaded.directory)
     probe_directory(directory)
     start, threads = time.monotonic(), threads or available_threads()

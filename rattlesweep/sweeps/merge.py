@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.columns import read_parquet
-from rattlesweep.sweeps.config.read import override_config, resolved
+from rattlesweep.sweeps.config.read import parse_config, resolved
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.files import explained, streamed_file
 from rattlesweep.sweeps.plan import check_empty, check_same
@@ -144,7 +144,7 @@ def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classifie
 
 def _changed(stored: Stored, overrides: Sequence[str]) -> Classify:
     """Return other thresholds for a sweep."""
-    config, own = override_config(resolved(stored.config), list(overrides)), stored.config
+    config, own = parse_config(resolved(stored.config), list(overrides)), stored.config
     if config.model_copy(update={"classify": own.classify}) != own:
         raise ConfigError("--set: only keys of classify can change here; others need a new sweep")
     # A zero of the spin after the energy has fallen below dead_energy is not stored as t_r.

@@ -25,7 +25,7 @@ from rattlesweep.sweeps.bodies.sources import make_source
 from rattlesweep.sweeps.bodies.table import LOSSES, TableBodies, check_value
 from rattlesweep.sweeps.columns import STATE, runs_schema
 from rattlesweep.sweeps.config.read import differences, fixed_part, physics_hash, resolved
-from rattlesweep.sweeps.config.schema import Config, SdSource
+from rattlesweep.sweeps.config.schema import Config, SdSource, clashes
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.provenance import LOCKS, at_work, command_line, machine, now, versions
 from rattlesweep.sweeps.stored import (
@@ -172,7 +172,7 @@ def _with_losses(config: Config, own: Mapping[str, list[float | str]]) -> Config
             told = f"there are several values, and the table has a {column}"
             raise ConfigError(f"dissipation.{name}: {told}; keep one of them")
     config = config.model_copy(update={"dissipation": given.model_copy(update=dict(own))})
-    if own and (wrong := [": ".join(one) for one in config.clashes()]):
+    if own and (wrong := [": ".join(one) for one in clashes(config)]):
         raise ConfigError(f"bodies.path: with the table's columns: {one}" for one in wrong)
     return config
 
@@ -248,7 +248,7 @@ def examine(plan: Plan, directory: Path, base: Path | None = None) -> tuple[Stor
 def check_same(one: Stored, other: Stored) -> None:
     """Raise a ConfigError that says in what a stored sweep differs from another."""
     if one.hash != other.hash:
-        parts = (fixed_part(resolved(each.config)) for each in (one, other))
+        parts = (fixed_part(each.config) for each in (one, other))
         what = "; ".join(differences(*parts)[:3]) or "the table of bodies has changed"
         raise ConfigError(f"{one.directory}: holds another sweep ({what}); give another output")
 

@@ -35,7 +35,7 @@ from rattlesweep.sweeps.columns import (
     same_schema,
     write_parquet,
 )
-from rattlesweep.sweeps.config.read import override_config
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import explained, reason, replace_file
 
@@ -206,7 +206,7 @@ def open_stored(directory: Path | str) -> Stored:
             for name, kind, nullable, unit, words in data["columns"]
         )
         cases = tuple(Case.load(case) for case in data["cases"])
-        config = override_config(data["config"], [])
+        config = parse_config(data["config"])
         samples, key = int(data["samples"]), str(data["config_hash"])
         if [case.index for case in cases] != list(range(len(cases))) or samples < 1:
             raise ValueError("its cases are not numbered")

@@ -134,7 +134,7 @@ def test_the_runs_of_a_sweep_are_a_table_that_says_it_row_by_row(tmp_path, swept
     source = {"source": "table", "path": str(swept.directory / "runs"), "surface": "ellipsoid"}
     config = {"bodies": source, "horizon": {"t": 300}, "record": ["reversals"]}
     losses = plan_of(config).config.dissipation
-    assert losses.sigma == losses.rolling == "table"
+    assert losses.sigma == losses.rolling == ["table"]
     again = rs.sweep(config, output=tmp_path / "out")
     names = ["sigma", "rolling", "t_r", "n_turns", "growth", "type", "energy_left"]
     pd.testing.assert_frame_equal(swept.runs[names], again.runs[names], check_exact=True)
@@ -144,7 +144,7 @@ def test_the_runs_of_a_sweep_are_a_table_that_says_it_row_by_row(tmp_path, swept
 
 def test_what_all_rows_share_is_that_of_the_config(tmp_path):
     same = plan_of(table(tmp_path, f"{HEAD},sigma,rolling", f"{ROW},0.1,0", f"{ROW},0.1,0")).config
-    assert (same.dissipation.sigma, same.dissipation.rolling) == (0.1, 0)
+    assert (same.dissipation.sigma, same.dissipation.rolling) == ([0.1], [0])
     assert model_of(same).name == "full_viscous"
     # A column counts in the place of the config's number, and another key with it.
     two = table(tmp_path, f"{HEAD},sigma", f"{ROW},0.1", f"{ROW},0.2")

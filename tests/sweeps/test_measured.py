@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from refusal import assert_refused
-from sweeping import invoke
 
 import rattlesweep as rs
 from rattlesweep.sweeps.bodies import table
@@ -126,27 +124,3 @@ def test_columns_are_carried_as_what_they_hold(tmp_path):
     assert held == {
         "whole": [5, -7], "gaps": [1.0, "nan"], "real": [1.5, 2.0], "words": ["a b", None],
     }  # fmt: skip
-
-
-SI = ",".join(name for name in STONES if name.endswith(("kg", "_m", "m2")))
-SI_ROW = "1,0.01,2e-4,16e-4,17e-4,-2e-5,2,0.045"
-BAD = {
-    "no radius": (f"{SI.replace(',r2_m', '')}\n1,0.01,2e-4,16e-4,17e-4,-2e-5,2\n",
-                  "the column r2_m is missing; a body in SI units has mass_kg height_m"),
-    "no height": (f"{PLAIN},n_i_rpm\n{ROW},60\n",
-                  "the column height_m is missing; n_i_rpm needs it"),
-    "impossible": (f"{SI}\n{SI_ROW.replace('17e-4', '27e-4')}\n", "row 1: no body has this inert"),
-    "name of a result": (f"{PLAIN},type\n{ROW},granite\n", "the column type has the name of a res"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", BAD)
-def test_a_bad_table_is_refused_in_one_line(name, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    text, words = BAD[name]
-    Path("t.csv").write_text(text)
-    Path("c.yaml").write_text(
-        "bodies: {source: table, path: t.csv}\nspin: {n_i: 0.1, omega_xy0: 0.1}\n"
-    )
-    assert_refused(invoke("run", "c.yaml"), 2, words)
-    assert not Path("out").exists()

@@ -36,21 +36,14 @@ def c_of(bodies: dict[str, Any], **others: Any) -> Any:
 def test_drawn_bodies_have_semi_axes_from_their_range_and_stay_the_same_otherwise(draw):
     source = {"source": "sd", "samples": 300, "draw": draw}
     c = c_of(source | {"c": [1.5, 4]})
-    assert 1.5 <= c.min() < c.max() < 4
-    assert 2.6 < c.mean() < 2.9
+    assert 1.5 <= c.min() < 1.6 < 3.9 < c.max() < 4
     assert len(set(c.tolist())) == 300
-    assert c_of(source | {"c": [1.5, 4]}, seed=1).tolist() != c.tolist()
     assert set(c_of(source | {"c": 3}).tolist()) == {3}
     if draw == "random":
         whole, flat = (plan_of({"bodies": s, "spin": SPIN}).source.bodies(np.nan, np.arange(300))
                        for s in (source | {"c": [1.5, 4]}, source))  # fmt: skip
         for name in PARAMETERS:
             assert np.array_equal(getattr(whole, name), getattr(flat, name))
-    # Each target draws its own.
-    aimed = {"source": "sd", "samples": 20, "target": {"K_r": [0.05, 0.1], "rel_tol": 0.05}}
-    plan = plan_of({"bodies": aimed | {"c": [1, 2]}, "spin": SPIN})
-    first, second = (plan.source.bodies(value, np.arange(20)).c for value in (0.05, 0.1))
-    assert first.tolist() != second.tolist()
 
 
 def test_presets_grids_and_tables(tmp_path):
@@ -70,7 +63,6 @@ def test_presets_grids_and_tables(tmp_path):
 
 
 ALONE = "is for paraboloids without dissipation; leave it out"
-SIGMA = {"dissipation": {"sigma": 0.1}}
 # name: (bodies over those of the preset, the rest of the config, words)
 REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
     "c below the curvature": ({"c": 0.6}, {}, "c 0.6 is not above theta 0.6429: "
@@ -79,8 +71,6 @@ REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
                                "bodies.axes: at alpha 13.04, beta 1.522, gamma 12.28, theta 0.9"),
     "no c": ({"surface": "ellipsoid"}, {},
              "an ellipsoid needs c, its vertical semi-axis over a; give c: 2"),
-    "reduced model": ({}, SIGMA | {"model": "reduced"},
-                      "dissipation: the model reduced conserves energy; take model: full"),
     "exponents of an ellipsoid": ({"c": 2}, {"record": ["lyapunov"]}, f"record: lyapunov {ALONE}"),
 }  # fmt: skip
 

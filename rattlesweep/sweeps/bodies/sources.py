@@ -35,8 +35,8 @@ from rattlesweep.physics import body, si, theory
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
 from rattlesweep.physics.si import half_ellipsoid
 from rattlesweep.sweeps.bodies import Bodies, Scale, Source
-from rattlesweep.sweeps.bodies.table import KEPT, read_bodies
-from rattlesweep.sweeps.columns import F64, MEASURED, required
+from rattlesweep.sweeps.bodies.table import read_bodies, run_fields
+from rattlesweep.sweeps.columns import MEASURED
 from rattlesweep.sweeps.config.schema import (
     Config,
     PresetSource,
@@ -130,11 +130,11 @@ class ShapeBodies:
     def __init__(self, seed: int, source: ShapeSource) -> None:
         self._seed, self._ranges = seed, np.array(list(source.sizes.values()))
         self.samples = (source.samples or 1000) if source.drawn else 1
-        size = (required(name, F64, KEPT[name], "of the body") for name in ("mass_kg", "height_m"))
-        self.fields: tuple[pa.Field, ...] = (*size, *MEASURED)
         # The conditions of a body are monotonic in each size.
-        corners = np.array(list(product(*self._ranges))).T
-        _check(_shaped(corners), "bodies", dict(zip(source.sizes, corners, strict=True)))
+        sizes = np.array(list(product(*self._ranges))).T
+        corners = _shaped(sizes)
+        _check(corners, "bodies", dict(zip(source.sizes, sizes, strict=True)))
+        self.fields = run_fields(corners.scale, corners.carried)
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some runs; all cases have the same."""
@@ -160,12 +160,6 @@ class SdBodies:
     """Shell-dumbbell bodies drawn from ranges, by seed, value of the target and number alone."""
 
     def __init__(self, seed: int, source: SdSource) -> None:
-        theta = source.ranges.theta
-        if source.c is not None and not source.c[0] > theta[1]:
-            raise ConfigError(
-                f"bodies.c: c down to {source.c[0]:g} and theta up to {theta[1]:g} give bodies "
-                "that would rather lie on their sides; c must be above theta in all of them"
-            )
         self.samples = source.samples
         self.fields: tuple[pa.Field, ...] = ()
         self._seed, self._source, self._ranges = seed, source, ranges_of(source)
@@ -189,11 +183,10 @@ class SdBodies:
         points = np.empty((6, len(sample)))
         chunk, place = np.divmod(sample, CHUNK)
         # A NaN is not equal to itself, so that none would be found again in the cache.
-        target = np.nan_to_num(np.broadcast_to(target, sample.shape))
-        for value in np.unique(target):
-            for number in np.unique(chunk[target == value]):
-                here = (target == value) & (chunk == number)
-                points[:, here] = self._chunk(float(value), int(number))[:, place[here]]
+        value = np.nan_to_num(np.broadcast_to(target, sample.shape))
+        for one, number in {*zip(value.tolist(), chunk.tolist(), strict=True)}:
+            here = (value == one) & (chunk == number)
+            points[:, here] = self._chunk(one, number)[:, place[here]]
         return bodies_at(points, self._ranges)
 
     def _draw_chunk(self, value: float, number: int) -> Floats:
@@ -260,7 +253,6 @@ def draw_points(
     ranges: Floats | None = None,
     target: Target | None = None,
     value: float = np.nan,
-    threads: int | None = None,
 ) -> Floats:
     """Return a random point of the unit cube for each of some samples, shape (6, samples).
 
@@ -281,7 +273,7 @@ def draw_points(
     if target is None:
         draw(0, samples.size, Control().flag, *settings)
         return points
-    threads = threads or available_threads()
+    threads = available_threads()
     edges = np.linspace(0, samples.size, threads + 1).astype(int).tolist()
 
     def part(first: int, last: int, control: Control) -> None:

@@ -9,12 +9,12 @@ names the first row that breaks it.
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from dataclasses import field as default
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,17 +30,17 @@ from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics import si
 from rattlesweep.physics.body import PARAMETERS, violations
 from rattlesweep.physics.theory import spin_and_oscillation
-from rattlesweep.sweeps import columns as known
 from rattlesweep.sweeps.bodies import Bodies, Scale
-from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT
+from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT, field
 from rattlesweep.sweeps.config.schema import (
     MAX_SIGMA,
     MAX_SPEED,
     MAX_TIME,
     MIN_OSCILLATION,
+    NO_UNIT_VECTOR,
     TABLE,
-    U_SLACK,
     TableSource,
+    normalised,
 )
 
 if TYPE_CHECKING:
@@ -52,8 +52,9 @@ COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, "t_end", "psi", "f_sd", "c", *LOSSE
 """Columns that say what is run, without SI units."""
 BODY = ("mass_kg", "height_m", "ixx_kg_m2", "iyy_kg_m2", "izz_kg_m2", "r1_m", "r2_m")
 """Mass, height of the centre of mass, inertia about it, radii of curvature at the bottom."""
-BODY_DEFAULTS = {"ixy_kg_m2": 0.0, "axes_angle_deg": 0.0, "gravity_m_s2": si.GRAVITY}
-"""Product of inertia, angle from the x axis to the direction of r1, and gravity."""
+BODY_DEFAULTS = {"mass_kg": np.nan, "ixy_kg_m2": 0.0, "axes_angle_deg": 0.0,
+                 "gravity_m_s2": si.GRAVITY}  # fmt: skip
+"""Mass, product of inertia, angle from the x axis to the direction of r1, and gravity."""
 WITH_UNITS = {
     "xi_deg": ("xi", np.pi / 180, ""),
     "psi_deg": ("psi", np.pi / 180, ""),
@@ -87,7 +88,6 @@ BOUNDS = {
     "gravity_m_s2": si.LIMITS["acceleration"],
 }
 """Smallest and largest values, and their unit, of columns that are no parameters of bodies."""
-SLACK = 1e-9  # between a column and the same one with units: an output table has both of spins
 LARGE = 3e8  # bytes of a file that takes seconds to read
 Problem = tuple[int, str]
 """Number of a row from 0, and what is wrong with it."""
@@ -98,13 +98,16 @@ class TableBodies:
     """Bodies from the rows of a table.
 
     `columns` have the names of :data:`COLUMNS`: those of the parameters, and perhaps others.
-    `fields` are those of the columns that the runs have because of `scale` and `carried`.
     """
 
     columns: dict[str, Floats]
     scale: Scale | None = None
-    carried: dict[str, NDArray[Any]] = field(default_factory=dict)
-    fields: tuple[pa.Field, ...] = ()
+    carried: dict[str, NDArray[Any]] = default(default_factory=dict)
+
+    @property
+    def fields(self) -> tuple[pa.Field, ...]:
+        """Columns that the runs have because of the bodies."""
+        return run_fields(self.scale, self.carried)
 
     @property
     def samples(self) -> int:
@@ -152,7 +155,16 @@ class TableBodies:
             if np.isnan(columns["c"]).all():
                 raise ConfigError("bodies.c: missing; the table has no column c")
             _refuse("bodies.path", _impossible(columns))
-        return TableBodies(columns, self.scale, self.carried, self.fields)
+        return TableBodies(columns, self.scale, self.carried)
+
+
+def run_fields(scale: Scale | None, carried: Mapping[str, NDArray[Any]]) -> tuple[pa.Field, ...]:
+    """Return the columns that runs have because of what bodies carry, and of their known size."""
+    kinds = {"i": I64, "f": F64, "O": TEXT}
+    own = (
+        (name, kinds[values.dtype.kind], KEPT.get(name, "1")) for name, values in carried.items()
+    )
+    return (*(field(*one, "from the bodies") for one in own), *(MEASURED if scale else ()))
 
 
 def read_bodies(path: str, base: Path | None = None) -> TableBodies:
@@ -223,7 +235,7 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
             told = "empty" if cell is None else repr(str(cell)[:40])
             problems.append((row, f"{name} is {told}; a finite number is needed"))
     _refuse(where, [*problems, *_out_of_bounds(columns)])
-    scale, problems = _without_units(columns, where)
+    scale = _without_units(columns, where)
     _require(PARAMETERS, columns, where, f"{' '.join(PARAMETERS)} are wanted")
     state = columns.keys() & {*OMEGA, *U}
     if state:
@@ -231,25 +243,18 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
     elif columns.keys() & {*LAUNCH}:
         _require(LAUNCH, columns, where, "a launch has n_i and omega_xy0")
     impossible = violations(**{name: columns[name] for name in PARAMETERS})
-    _refuse(where, [*problems, *_out_of_bounds(columns), *impossible])
+    _refuse(where, [*_out_of_bounds(columns), *impossible])
     if "t_r" in columns and "t_end" in columns:
         # In an output table the t_end of a run that reversed is its result, and not its horizon.
         columns["t_end"] = np.where(np.isfinite(columns["t_r"]), np.nan, columns["t_end"])
-    carried: dict[str, NDArray[Any]] = {}
-    fields: list[pa.Field] = []
-    for name, column in given.items():
-        if name in KEPT:
-            carried[name] = columns[name]
-            fields.append(known.required(name, F64, KEPT[name], "of the table of bodies"))
-        elif name not in {"", *INPUT, *RESULTS} and not pa.types.is_nested(column.type):
-            kind, carried[name] = _own(column)
-            fields.append(known.field(name, kind, "1", "column of the table of bodies"))
+    used = {"", *INPUT, *RESULTS} - KEPT.keys()
+    carried = {name: _own(name, x) for name, x in given.items() if name not in used}
     columns = {name: columns[name] for name in COLUMNS if name in columns}
     if state:
         columns |= launched_from(columns, where)
     if "n_i" not in columns or not np.isfinite(columns.get("psi", np.nan)).all():
         columns.pop("psi", None)
-    return TableBodies(columns, scale, carried, (*fields, *(MEASURED if scale else ())))
+    return TableBodies(columns, scale, carried)
 
 
 def _numbers(column: pa.ChunkedArray) -> Floats:
@@ -258,33 +263,33 @@ def _numbers(column: pa.ChunkedArray) -> Floats:
 
     if pa.types.is_temporal(column.type) or pa.types.is_boolean(column.type):
         return np.full(len(column), np.nan)
+    if pa.types.is_floating(column.type):  # of which there may be thousands
+        return np.array(column, float)
     return np.array(pd.to_numeric(column.to_pandas(), errors="coerce"), float)
 
 
-def _own(column: pa.ChunkedArray) -> tuple[pa.DataType, NDArray[Any]]:
+def _own(name: str, column: pa.ChunkedArray) -> NDArray[Any]:
     """Return a column that the runs keep: whole numbers, numbers (NaN for empty cells) or text."""
     kind, types = column.type, pa.types
-    if types.is_integer(kind) and kind != pa.uint64() and not column.null_count:
-        return I64, np.asarray(column).astype(np.int64)
-    if types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind):
-        return F64, _numbers(column)
-    return TEXT, np.array(column.cast(TEXT).to_pylist(), dtype=object)
+    whole = types.is_integer(kind) and kind != pa.uint64() and name not in KEPT
+    if whole and not column.null_count:
+        return np.asarray(column).astype(np.int64)
+    if name in KEPT or types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind):
+        return _numbers(column)
+    return np.array([x if x is None else str(x) for x in column.to_pylist()], dtype=object)
 
 
-def _without_units(columns: dict[str, Floats], where: str) -> tuple[Scale | None, list[Problem]]:
-    """Add the columns without units that follow from those with units.
+def _without_units(columns: dict[str, Floats], where: str) -> Scale | None:
+    """Add the columns without units that follow from those with units, and are not given.
 
-    Return the units of the bodies, where they are known, and where two columns disagree.
+    Return the units of the bodies, where they are known.
     """
     made: dict[str, Floats] = {}
     scale: Scale | None = None
-    full = {
-        name: np.full(len(next(iter(columns.values()))), x) for name, x in BODY_DEFAULTS.items()
-    }
-    full |= columns
-    if (height := columns.get("height_m")) is not None:
-        mass = columns.get("mass_kg", np.full(len(height), np.nan))
-        scale = Scale(mass, height, full["gravity_m_s2"])
+    rows = max(map(len, columns.values()), default=0)
+    full = {name: np.full(rows, x) for name, x in BODY_DEFAULTS.items()} | columns
+    if "height_m" in columns:
+        scale = Scale(full["mass_kg"], full["height_m"], full["gravity_m_s2"])
     if columns.keys() & {*BODY[2:], "ixy_kg_m2", "axes_angle_deg"}:
         _require(BODY, columns, where, f"a body in SI units has {' '.join(BODY)}")
         tensor = np.stack([full[f"i{x}_kg_m2"] for x in ("xx", "yy", "zz", "xy")], axis=1)
@@ -297,14 +302,9 @@ def _without_units(columns: dict[str, Floats], where: str) -> tuple[Scale | None
             _require(needed, columns, where, f"{name} needs it")
             value = columns[name] * size
             made[plain] = scale.natural(value, kind) if scale and kind else value
-    problems: list[Problem] = []
-    for plain, values in made.items():
-        # The one without units counts, so that an output table gives the same runs again.
-        own = columns.setdefault(plain, values)
-        for k in _first(~np.isclose(values, own, rtol=SLACK, atol=0, equal_nan=True)):
-            told = f"{plain} is {own[k]:g}, and {values[k]:g} by the columns with units"
-            problems.append((k, f"{told}; keep one of the two"))
-    return scale, problems
+    # What is given without units counts, so that an output table gives the same runs again.
+    columns |= made | columns
+    return scale
 
 
 def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
@@ -313,15 +313,10 @@ def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
     Raises a ConfigError that begins with `where` if a row is no state.
     """
     omega, u = (np.stack([columns[x] for x in names], axis=1) for names in (OMEGA, U))
-    length = np.fromiter(map(math.hypot, *u.T.tolist()), float, len(u))
-    off = np.abs(length - 1)
-    unit = "u must be a vector of length 1 with u_z below 0, as (0, 0, -1)"
+    u = normalised(u)
     still = "the body stands upright and at rest; give it an angular velocity"
-    rules = {unit: ~(off <= U_SLACK) | ~(u[:, 2] < 0),
-             still: (omega == 0).all(axis=1) & (u[:, 2] == -1)}  # fmt: skip
+    rules = {NO_UNIT_VECTOR: np.isnan(u[:, 0]), still: ~omega.any(axis=1) & (u[:, 2] == -1)}
     _refuse(where, ((row, told) for told, bad in rules.items() for row in _first(bad)))
-    # A vector that is normalised to rounding keeps its bits.
-    u = np.where(off[:, None] < 1e-15, u, u / length[:, None])
     n_i, omega_xy0, psi = spin_and_oscillation(omega, u)
     return {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi} | dict(zip(U, u.T, strict=True))
 

@@ -18,7 +18,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.config import Key, Places, describe, hint, not_one_of
-from rattlesweep.sweeps.config.schema import SOURCES, Config, Dissipation
+from rattlesweep.sweeps.config.schema import SOURCES, Config, clashes
 
 MAX_VALUES = 20_000  # aliases may stand for far more values than a file has
 MAX_TOLD = 20  # problems told in full
@@ -49,16 +49,11 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
     return _check({"name": stem} | data, overrides, Places(file, {(): 1, **lines}), problems)
 
 
-def parse_config(data: Mapping[str, Any]) -> Config:
+def parse_config(data: Mapping[str, Any], overrides: Sequence[str] = ()) -> Config:
     """Check a config given as Python data, in which tuples are lists and NumPy's numbers numbers.
 
     A ConfigError has everything that is wrong, one line each: ``key: sentence``.
     """
-    return override_config(data, ())
-
-
-def override_config(data: Mapping[str, Any], overrides: Sequence[str]) -> Config:
-    """Check a config given as Python data, with some keys replaced by ``KEY=VALUE`` texts."""
 
     def plain(value: Any) -> Any:
         return value.tolist() if hasattr(value, "tolist") else str(value)
@@ -83,43 +78,34 @@ def resolved(config: Config) -> dict[str, Any]:
     return config.model_dump(mode="json", exclude_none=True) | {"output": config.directory}
 
 
-def fixed_part(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the part of a resolved config that determines the numbers of a run with a given key.
+def fixed_part(config: Config) -> dict[str, Any]:
+    """Return the part of a config that determines the numbers of a run with a given key.
 
     The lists of cases, the number of samples and what decides which runs there are, are left out,
     since a sweep may grow in them; so are the limit of steps, which runs that end do not notice,
     and the thresholds between types. Of the dissipation its kind stays, which chooses the kernel,
     and with it `dead_energy`, which decides which zeros of the spin are reversals.
     """
-
-    def without(section: Mapping[str, Any], *names: str) -> dict[str, Any]:
-        return {key: value for key, value in section.items() if key not in names}
-
-    part = without(data, "name", "output", "stop")
+    types = {"ss_growth", "sw_departure", *([] if config.dissipation else ["dead_energy"])}
     # A table is known by what it holds, wherever it lies.
-    part["bodies"] = without(data["bodies"], "samples", "refine", "path")
-    if target := part["bodies"].get("target"):
-        name = "K_p" if "K_p" in target else "K_r"
-        part["bodies"]["target"] = {"coefficient": name, **without(target, name)}
-    if "spin" in data:
-        part["spin"] = without(data["spin"], "n_i", "omega_xy0")
-    part["integrator"] = without(data["integrator"], "max_steps")
-    part["classify"] = {"early": data["classify"]["early"]}
-    part["dissipation"] = {"kind": Dissipation.model_validate(data["dissipation"]).kind}
-    if part["dissipation"]["kind"]:
-        part["classify"]["dead_energy"] = data["classify"]["dead_energy"]
-    return part
+    bodies = {"samples": True, "refine": True, "path": True, "target": {"K_p", "K_r"}}
+    free: Any = {"bodies": bodies, "spin": {"n_i", "omega_xy0"}, "integrator": {"max_steps"}}
+    free |= {"classify": types, "name": True, "output": True, "stop": True, "dissipation": True}
+    part = config.model_dump(mode="json", exclude_none=True, exclude=free)
+    if target := getattr(config.bodies, "target", None):
+        part["bodies"]["target"]["coefficient"] = target.name
+    return part | {"dissipation": config.dissipation.kind}
 
 
 def physics_hash(config: Config) -> str:
     """Return the SHA-256, in hex, of the :func:`fixed_part` of a config."""
-    part = fixed_part(resolved(config))
+    part = fixed_part(config)
     text = json.dumps(part, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def differences(a: Mapping[str, Any], b: Mapping[str, Any], *, within: str = "") -> list[str]:
-    """Return dotted keys in which two resolved configs differ, each with both values."""
+    """Return dotted keys in which two configs as plain data differ, each with both values."""
     found = []
     for key in {**a, **b}:
         left, right = a.get(key), b.get(key)
@@ -191,6 +177,10 @@ def _check(
         for one in error.errors(include_url=False):
             key, sentence = _problem(one, data)
             found.append((places.origin(key), key, sentence))
+    else:
+        for name, sentence in clashes(config):
+            key = tuple(name.split("."))
+            found.append((places.origin(key), key, sentence))
     if not found:
         config._places = places
         return config
@@ -205,20 +195,19 @@ def _override(data: dict[str, Any], places: Places, text: str) -> Places:
     """Put one ``KEY=VALUE`` into `data`, and return the new places."""
     origin = f"--set {one_line(text, 100)}"
     name, equals, value = text.partition("=")
-    key: Key = tuple(name.strip().split("."))
+    key = tuple(name.strip().split("."))
     if not equals or not all(key):
         raise ConfigError(f"{origin}: is not KEY=VALUE; write it as in bodies.samples=10")
     parsed, _, problems = read_yaml(value)
     if problems:
         raise ConfigError(f"{origin}: {problems[0][2]}")
-    *parents, last = map(str, key)
-    for part in parents:
+    for part in key[:-1]:
         if data.get(part) is None:
             data[part] = {}
         data = data[part]
         if not isinstance(data, dict):
             raise ConfigError(f"{origin}: {part} is not a mapping; set it as a whole")
-    data[last] = parsed
+    data[key[-1]] = parsed
     origins = {k: line for k, line in places.origins.items() if k[: len(key)] != key}
     return Places(places.file, origins | {key: origin})
 
@@ -247,12 +236,10 @@ def _problem(error: Any, data: Any) -> tuple[Key, str]:
         return key, not_one_of(value, re.findall(r"'(\w+)'", error["ctx"]["expected"]))
     words = re.sub(r" or instance of \w+| after validation|Value error, ", "", error["msg"])
     words = words.replace("Input", "it").replace("List", "it")
-    if kind == "value_error" and isinstance(value, str):
-        return key, f"{describe(value)} {words}"
-    return key, words if kind in (
-        "clash",
-        "value_error",
-    ) else f"{describe(value)} is given; {words}"
+    if kind in ("word", "value_error"):
+        text = kind == "value_error" and isinstance(value, str)
+        return key, f"{describe(value)} {words}" if text else words
+    return key, f"{describe(value)} is given; {words}"
 
 
 def _names(key: Key, data: Any) -> list[str]:

@@ -12,16 +12,23 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 import pydantic
-from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, WrapValidator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    WrapValidator,
+)
 from pydantic_core import PydanticCustomError
 
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.physics.body import MAX_INERTIA
 from rattlesweep.sweeps.config import Key, Places, not_one_of
 from rattlesweep.units import KINDS, Quantity, split
 
-Clash = Iterator[tuple[str, str]]  # keys, empty for the section, and what is wrong with them
 U_SLACK = 1e-3  # how far the length of u may be from 1
 MAX_SPEED = 1e3  # sqrt(g/a); at this spin a tilt of 1e-6 rad takes a contact force of the weight
 MAX_SIGMA = 1e6  # M a^2 sqrt(g/a)
@@ -57,11 +64,7 @@ def key(default: Any, words: str, **limits: Any) -> Any:
 class Base(pydantic.BaseModel):
     """Frozen, strict and closed model."""
 
-    model_config = pydantic.ConfigDict(
-        extra="forbid", frozen=True, strict=True, allow_inf_nan=False
-    )
-    needed: ClassVar[tuple[str, ...]] = ()  # keys of which at least one is
-    rival: ClassVar[tuple[str, ...]] = ()  # keys of which one at most may be given
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     @pydantic.model_validator(mode="before")
     @classmethod
@@ -81,25 +84,6 @@ class Base(pydantic.BaseModel):
         texts = ("name", "path", "output")
         known = {k: x for k, x in data.items() if x is not None or k not in cls.model_fields}
         return {name: x if name in texts else number(x) for name, x in known.items()}
-
-    @pydantic.model_validator(mode="after")
-    def _check(self) -> Self:
-        found, given = [*self._clashes()], {name for name, x in self if x is not None}
-        if self.needed and not given & {*self.needed}:
-            found.append(("", f"none of {', '.join(self.needed)} is given; add one"))
-        if len(given & {*self.rival}) > 1:
-            found.append(("", f"{', '.join(self.rival)} exclude each other; keep one of them"))
-        errors: list[Any] = [
-            {"type": PydanticCustomError("clash", words), "loc": (name,) if name else ()}
-            for name, words in found
-        ]
-        if errors:
-            raise pydantic.ValidationError.from_exception_data("", errors)
-        return self
-
-    def _clashes(self) -> Clash:
-        """Yield a key and a sentence for each value that does not go with the others."""
-        yield from ()
 
 
 Positive = Annotated[float, Field(gt=0)]
@@ -125,7 +109,7 @@ def or_word(item: Any, *words: str) -> Any:
 
     def read(text: str) -> str:
         if text not in words:
-            raise PydanticCustomError("clash", not_one_of(text, words))
+            raise PydanticCustomError("word", not_one_of(text, words))
         return text
 
     return or_text(item, Literal[words], read)
@@ -167,17 +151,17 @@ def several(item: Any) -> Any:
     return Annotated[many, BeforeValidator(_as_list, given), AfterValidator(_distinct)]
 
 
-def _rising(ends: list[float]) -> list[float]:
-    if ends[0] > ends[1]:
-        raise ValueError("the range is reversed; write [low, high]")
-    return ends
-
-
 def interval(item: Any) -> Any:
     """Return the type of a range [low, high] that may be given as one number."""
+
+    def rising(ends: list[float]) -> list[float]:
+        if ends[0] > ends[1]:
+            raise ValueError("the range is reversed; write [low, high]")
+        return ends
+
     pair = Annotated[list[item], Field(min_length=2, max_length=2)]
     both = BeforeValidator(lambda x: x if isinstance(x, list) else [x, x], item | pair)
-    return Annotated[pair, both, AfterValidator(_rising)]
+    return Annotated[pair, both, AfterValidator(rising)]
 
 
 def parameter(name: str, kind: Callable[[Any], Any] = lambda item: item) -> Any:
@@ -194,7 +178,7 @@ Draw = Literal["random", "sobol", "saltelli"]
 Skew = Annotated[float, Field(ge=0, lt=90)]
 
 
-class Source(Base):
+class Surfaced(Base):
     """Bodies with a surface."""
 
     source: str
@@ -204,17 +188,12 @@ class Source(Base):
     @property
     def ellipsoidal(self) -> bool:
         """Whether the bodies are ellipsoids, as those with c and of the preset KL are."""
-        return self._curved() if self.surface is None else self.surface == "ellipsoid"
+        return self.curved if self.surface is None else self.surface == "ellipsoid"
 
-    def _curved(self) -> bool:
-        return self.c is not None
-
-    def _clashes(self) -> Clash:
-        if self.surface == "paraboloid" and self.c is not None:
-            yield "c", "c is given, and a paraboloid has none; take surface: ellipsoid"
-        # A table may have a column c.
-        if self.surface == "ellipsoid" and not self._curved() and self.source != TABLE:
-            yield "surface", "an ellipsoid needs c, its vertical semi-axis over a; give c: 2"
+    @property
+    def curved(self) -> bool:
+        """Whether the config gives the bodies a vertical semi-axis."""
+        return self.c is not None or getattr(self, "name", "") == "KL"
 
 
 class SdRanges(Base):
@@ -227,12 +206,6 @@ class SdRanges(Base):
     # Drawn from (low, high]: zero may bound the skew angle, but is never drawn.
     minus_xi_deg: interval(Skew) = key([0.0, 6.0], PARAMETERS["minus_xi_deg"][2])
 
-    def _clashes(self) -> Clash:
-        if self.phi[1] >= self.theta[0]:
-            yield "phi", "phi >= theta is possible; the ranges must not meet"
-        if self.minus_xi_deg[1] == 0:
-            yield "minus_xi_deg", "only xi = 0 is left, which never reverses; raise the end"
-
     def ends(self) -> list[list[float]]:
         """Return the ranges in the order of the fields, in which bodies are drawn."""
         return [ends for _, ends in self]
@@ -241,7 +214,6 @@ class SdRanges(Base):
 class Target(Base):
     """Bodies are redrawn until their torque coefficient lies close to one of these values."""
 
-    needed = rival = ("K_r", "K_p")
     K_r: several(Positive) | None = key(None, "Targets of the rolling coefficient; a case each.")
     K_p: several(Positive) | None = key(None, "Targets of the pitching coefficient; a case each.")
     rel_tol: float = key(1e-3, "Largest relative distance from the target.", gt=0, le=0.5)
@@ -258,7 +230,7 @@ class Target(Base):
         return self.K_r or self.K_p or []
 
 
-class SdSource(Source):
+class SdSource(Surfaced):
     """Shell-dumbbell bodies, drawn at random from ranges."""
 
     source: Literal["sd"] = key(..., "Draw shell-dumbbell bodies at random.")
@@ -267,11 +239,6 @@ class SdSource(Source):
     draw: Draw = key("random", "sobol: more even; saltelli: for `rattlesweep sensitivity`.")
     target: Target | None = key(None, "Keep only bodies with this torque coefficient.")
     c: parameter("c", interval) = None
-
-    def _clashes(self) -> Clash:
-        yield from super()._clashes()
-        if self.draw != "random" and self.target:
-            yield "target", "only random draws can meet a target; take draw: random"
 
     @property
     def drawn(self) -> tuple[str, ...]:
@@ -287,7 +254,6 @@ class SdSource(Source):
 class Overrides(Base):
     """Parameters of a body; those that replace a preset's."""
 
-    rival = ("xi", "xi_deg")
     alpha: parameter("alpha") = None
     beta: parameter("beta") = None
     gamma: parameter("gamma") = None
@@ -303,18 +269,15 @@ class Overrides(Base):
         return values if skew is None else values | {"xi": math.radians(skew)}
 
 
-class PresetSource(Source):
+class PresetSource(Surfaced):
     """One body of the literature, perhaps with parameters replaced."""
 
     source: Literal["preset"] = key(..., "Use one named body.")
     name: Preset = key(..., PRESETS)
     overrides: Overrides = key(Overrides, "Parameters that replace the preset's.")
 
-    def _curved(self) -> bool:
-        return self.name == "KL" or self.c is not None
 
-
-class TableSource(Source):
+class TableSource(Surfaced):
     """Bodies from the rows of a table, in its order."""
 
     source: Literal["table"] = key(..., "Read bodies from a table.")
@@ -327,17 +290,10 @@ class GridBase(Overrides):
     preset: Preset | None = key(None, PRESETS)
     f_sd: parameter("f_sd") = None
 
-    def _clashes(self) -> Clash:
-        wanted = {"gamma", "theta", "phi", "xi"}
-        wanted |= {"alpha", "beta"} if self.f_sd is None else {"f_sd"}
-        if self.given().keys() != (set() if self.preset else wanted):
-            yield "", "give a preset alone, or gamma theta phi xi with alpha beta or with f_sd"
-
 
 class Axes(Base):
     """Parameters that vary: every combination is a body, and the first one varies slowest."""
 
-    needed, rival = (*PARAMETERS,), ("xi", "xi_deg", "minus_xi_deg")
     alpha: parameter("alpha", several) = None
     beta: parameter("beta", several) = None
     gamma: parameter("gamma", several) = None
@@ -365,7 +321,7 @@ class Refine(Base):
     tol: float = key(0.05, "How far a number may lie off its neighbours' line.", gt=0, lt=1)
 
 
-class GridSource(Source):
+class GridSource(Surfaced):
     """Every combination of some parameters' values, the others fixed."""
 
     source: Literal["grid"] = key(..., "Vary parameters over a grid.")
@@ -374,15 +330,9 @@ class GridSource(Source):
     refine: Refine | None = key(None, "Leave out runs between others of one type.")
     c: parameter("c", several) = None
 
-    def _clashes(self) -> Clash:
-        yield from super()._clashes()
-        for name in {"alpha", "beta", "f_sd"} & self.axes.given().keys():
-            if (self.base.f_sd is None) == (name == "f_sd"):
-                yield "axes", f"{name} cannot vary over this base; f_sd stands for alpha and beta"
-        if self.c and (self.axes.c is not None or (len(self.c) > 1 and self.refine)):
-            yield "c", "c is given beside axes.c or refine; write axes: {c: ...} alone"
-
-    def _curved(self) -> bool:
+    @property
+    def curved(self) -> bool:
+        """Whether c is given, varies, or is the preset's own."""
         return bool(self.c or self.axes.c) or self.base.preset == "KL"
 
     @property
@@ -410,10 +360,6 @@ class ShapeSource(Base):
     samples: int | None = key(None, "Bodies per case (1000) if a key is a range.", ge=1, le=2**62)
 
     ellipsoidal: ClassVar[bool] = True  # its bottom is one
-
-    def _clashes(self) -> Clash:
-        if self.samples is not None and not self.drawn:
-            yield "samples", "no key is a range, so all bodies are alike; leave it out"
 
     @property
     def sizes(self) -> dict[str, list[float]]:
@@ -445,18 +391,26 @@ class Spin(Base):
     psi: Direction = key("relevant", "Mode (relevant: pitch for n_i >= 0, else roll) or degrees.")
 
 
-def unit(u: Sequence[float]) -> list[float]:
-    """Return u normalised; raise if it is not a unit vector or does not point upwards."""
-    length = math.hypot(*u)
-    if not abs(length - 1) <= U_SLACK:
-        raise ValueError(f"its length is {length:.6g}; give a unit vector, as [0, 0, -1]")
-    if not u[2] < 0:
-        raise ValueError(f"u_z is {u[2]:g}; it must be negative, and [0, 0, -1] is upright")
+NO_UNIT_VECTOR = "u must be a vector of length 1 with u_z below 0, as [0, 0, -1]"
+
+
+def normalised(u: Any) -> Floats:
+    """Return vectors with length 1, NaN those that are longer or shorter or point downwards."""
+    u = np.asarray(u, float)
+    length = np.linalg.norm(u, axis=-1, keepdims=True)
+    good = (np.abs(length - 1) <= U_SLACK) & (u[..., 2:] < 0)
     # A vector that is normalised to rounding keeps its bits.
-    return list(u) if abs(length - 1) < 1e-15 else [component / length for component in u]
+    return np.where(good, np.where(np.abs(length - 1) < 1e-15, u, u / length), np.nan)
 
 
-Upwards = Annotated[list[float], THREE, AfterValidator(unit)]
+def _unit(u: list[float]) -> list[float]:
+    found: list[float] = normalised(u).tolist()
+    if math.isnan(found[0]):
+        raise ValueError(NO_UNIT_VECTOR)
+    return found
+
+
+Upwards = Annotated[list[float], THREE, AfterValidator(_unit)]
 
 
 class State(Base):
@@ -465,15 +419,10 @@ class State(Base):
     omega: Annotated[list[Speed], THREE] = key(..., "Angular velocity [x, y, z] in sqrt(g/a).")
     u: Upwards = key([0, 0, -1], "Vertical unit vector [x, y, z]; [0, 0, -1] is upright.")
 
-    def _clashes(self) -> Clash:
-        if not any(self.omega) and not any(self.u[:2]):
-            yield "", "the body stands upright and at rest; give it an angular velocity"
-
 
 class Horizon(Base):
     """When a run ends that has not reversed. Where several are given, the smallest counts."""
 
-    needed = ("t_rgh", "t", "t_decay")
     t_rgh: Time | None = key(None, "In units of t_rGH in the spin's own direction.")
     t: measured("time", Time) | None = key(None, "A time in sqrt(a/g), or with a unit.")
     t_decay: Time | None = key(None, "In units of gamma/sigma, of dissipation.sigma.")
@@ -524,7 +473,6 @@ class Classify(Base):
 class Stop(Base):
     """When there are enough samples, by 95 % intervals; where both are given, both are met."""
 
-    needed = ("fraction", "t_r")
     fraction: float | None = key(None, "Half the width for every type's fraction.", gt=0, lt=0.5)
     t_r: float | None = key(None, "Half the width for the mean t_r, relative to it.", gt=0, lt=1)
 
@@ -569,19 +517,8 @@ class Integrator(Base):
             del data["accuracy"]
             data["method"], data["tol"] = ACCURACIES[word]
         elif word is None and isinstance(method, str) and method in METHODS:
-            own = {"tol": TOL} if METHODS[method].adaptive else {"dt": DT}
-            data = own | data
+            data = ({"tol": TOL} if METHODS[method].adaptive else {"dt": DT}) | data
         return data
-
-    def _clashes(self) -> Clash:
-        takes = ["accuracy", "tol"] if METHODS[self.method].adaptive else ["dt"]
-        given = [name for name in ("accuracy", "tol", "dt") if getattr(self, name) is not None]
-        wrong = [name for name in given if name not in takes] or given[1:]
-        word: Any = self.accuracy
-        if isinstance(word, str):
-            yield "accuracy", "a word is a method and its tol; leave out method, tol and dt"
-        elif wrong:
-            yield wrong[0], f"{self.method} takes {' or '.join(takes)} alone; leave this out"
 
 
 def _plain_word(name: str) -> str:
@@ -591,8 +528,6 @@ def _plain_word(name: str) -> str:
 
 
 Record = Literal["energy", "contact", "windows", "lyapunov", "volume", "error", "reversals"]
-
-
 Name = Annotated[str, AfterValidator(_plain_word)]
 Model = Literal["full", "reduced", "gh"]
 Records = Annotated[list[Record], AfterValidator(_distinct), UNIQUE]
@@ -665,41 +600,101 @@ class Config(Base):
         except ConfigError as error:
             raise ConfigError(map(located, error.messages)) from None
 
-    def _clashes(self) -> Clash:
-        return self.clashes()
 
-    def clashes(self) -> Clash:
-        """Yield a key and a sentence for each section that does not go with the others."""
-        bodies, spin, lost, record = self.bodies, self.spin, self.dissipation, {*self.record}
-        goal, early, full = self.integrator.goal, self.classify.early, self.model == "full"
-        special = lost or bodies.ellipsoidal
-        if self.stop and not getattr(bodies, "drawn", ()):
-            yield "stop", f"bodies of source {bodies.source} are all there are; take source: sd"
-        elif self.stop and getattr(bodies, "draw", "") == "saltelli":
-            yield "stop", "samples of draw: saltelli are not independent; take draw: sobol"
-        if spin and self.launch:
-            yield "spin", "spin and launch are both given; keep one of them"
-        elif not (spin or self.launch or bodies.source == TABLE):
-            yield "spin", "the key is missing; give n_i and omega_xy0, or a launch with omega and u"
-        lists: list[Sequence[Any]] = [lost.sigma, lost.rolling]
-        lists += [spin.n_i, spin.omega_xy0] if spin else []
-        lists += [bodies.target.values] if isinstance(bodies, SdSource) and bodies.target else []
-        if (cases := math.prod(map(len, lists))) > MAX_CASES:
-            yield "spin", f"the lists make {cases} cases; at most {MAX_CASES} are possible"
-        if TABLE in (*lost.sigma, *lost.rolling) and bodies.source != TABLE:
-            yield "dissipation", "the word table needs a table of bodies; give a number"
-        if self.horizon.t_decay and not (bodies.source == TABLE or any(lost.sigma)):
-            yield "dissipation", "horizon.t_decay is in units of gamma/sigma; give sigma"
-        if lost and not full:
-            yield "dissipation", f"the model {self.model} conserves energy; take model: full"
-        if goal and (self.model == "gh" or "reversals" in record):
-            yield "integrator", "accuracy is for integrated first reversals; leave it or those out"
-        if early and (special or not full):
-            yield "classify", "early is for full paraboloids without dissipation; leave it out"
-        if special and "lyapunov" in record:
-            yield "record", "lyapunov is for paraboloids without dissipation; leave it out"
-        if early and {"lyapunov", "volume", "reversals"} & record:
-            yield (
-                "record",
-                "lyapunov, volume and reversals need whole runs; leave classify.early out",
-            )
+def clashes(config: Config) -> Iterator[tuple[str, str]]:
+    """Yield a dotted key and a sentence for each rule between values that is broken."""
+    bodies, spin, launch, lost = config.bodies, config.spin, config.launch, config.dissipation
+    horizon, integrator, record = config.horizon, config.integrator, {*config.record}
+    early, full, table = config.classify.early, config.model == "full", bodies.source == TABLE
+    special = lost or bodies.ellipsoidal
+    yield from _body_clashes(bodies)
+    if config.stop and not _count(config.stop, "fraction", "t_r"):
+        yield "stop", "neither fraction nor t_r is given; add one"
+    if config.stop and not getattr(bodies, "drawn", ()):
+        yield "stop", f"bodies of source {bodies.source} are all there are; take source: sd"
+    if config.stop and getattr(bodies, "draw", "") == "saltelli":
+        yield "stop", "samples of draw: saltelli are not independent; take draw: sobol"
+    if spin and launch:
+        yield "spin", "spin and launch are both given; keep one of them"
+    if not (spin or launch or table):
+        yield "spin", "the key is missing; give n_i and omega_xy0, or a launch with omega and u"
+    if launch and not any((*launch.omega, *launch.u[:2])):
+        yield "launch", "the body stands upright and at rest; give it an angular velocity"
+    lists: list[Sequence[Any]] = [lost.sigma, lost.rolling]
+    lists += [spin.n_i, spin.omega_xy0] if spin else []
+    lists += [bodies.target.values] if isinstance(bodies, SdSource) and bodies.target else []
+    if (cases := math.prod(map(len, lists))) > MAX_CASES:
+        yield "spin", f"the lists make {cases} cases; at most {MAX_CASES} are possible"
+    if not _count(horizon, "t_rgh", "t", "t_decay"):
+        yield "horizon", "none of t_rgh, t, t_decay is given; add one"
+    if horizon.t_decay and not (table or any(lost.sigma)):
+        yield "dissipation", "horizon.t_decay is in units of gamma/sigma; give sigma"
+    if TABLE in (*lost.sigma, *lost.rolling) and not table:
+        yield "dissipation", "the word table needs a table of bodies; give a number"
+    if lost and not full:
+        yield "dissipation", f"the model {config.model} conserves energy; take model: full"
+    word: Any = integrator.accuracy
+    method = integrator.method
+    takes = ("accuracy" if word else "tol") if METHODS[method].adaptive else "dt"
+    for name in ("accuracy", "tol", "dt"):
+        if name != takes and getattr(integrator, name) is not None:
+            yield f"integrator.{name}", f"{method} takes {takes} alone; leave this out"
+    if isinstance(word, str) and takes == "accuracy" and integrator.tol is None:
+        yield "integrator.accuracy", "a word is a method and its tol; leave out method and tol"
+    if integrator.goal and (config.model == "gh" or "reversals" in record):
+        yield "integrator", "accuracy is for integrated first reversals; leave it or those out"
+    if early and (special or not full):
+        yield "classify", "early is for full paraboloids without dissipation; leave it out"
+    if special and "lyapunov" in record:
+        yield "record", "lyapunov is for paraboloids without dissipation; leave it out"
+    if early and {"lyapunov", "volume", "reversals"} & record:
+        yield "record", "lyapunov, volume and reversals need whole runs; leave classify.early out"
+
+
+def _body_clashes(bodies: Bodies) -> Iterator[tuple[str, str]]:
+    if isinstance(bodies, ShapeSource):
+        if bodies.samples is not None and not bodies.drawn:
+            yield "bodies.samples", "no key is a range, so all bodies are alike; leave it out"
+        return
+    if bodies.surface == "paraboloid" and bodies.c is not None:
+        yield "bodies.c", "c is given, and a paraboloid has none; take surface: ellipsoid"
+    # A table may have a column c.
+    if bodies.surface == "ellipsoid" and not bodies.curved and bodies.source != TABLE:
+        yield "bodies.surface", "an ellipsoid needs c, its vertical semi-axis over a; give c: 2"
+    for name in ("overrides", "base", "axes"):
+        if _count(getattr(bodies, name, None), "xi", "xi_deg", "minus_xi_deg") > 1:
+            yield f"bodies.{name}", "xi, xi_deg and minus_xi_deg exclude each other; keep one"
+    if isinstance(bodies, SdSource):
+        ranges, target = bodies.ranges, bodies.target
+        if ranges.phi[1] >= ranges.theta[0]:
+            yield "bodies.ranges.phi", "phi >= theta is possible; the ranges must not meet"
+        if ranges.minus_xi_deg[1] == 0:
+            yield "bodies.ranges.minus_xi_deg", "only xi = 0 is left, which never reverses"
+        if bodies.c and bodies.c[0] <= ranges.theta[1]:
+            yield "bodies.c", "c <= theta is possible, of bodies that lie on their sides; raise c"
+        if target and _count(target, "K_r", "K_p") != 1:
+            yield "bodies.target", "K_r and K_p exclude each other; give one of them"
+        if target and bodies.draw != "random":
+            yield "bodies.target", "only random draws can meet a target; take draw: random"
+    if isinstance(bodies, GridSource):
+        base, axes = bodies.base, bodies.axes.given()
+        wanted = {"gamma", "theta", "phi", "xi"}
+        wanted |= {"alpha", "beta"} if base.f_sd is None else {"f_sd"}
+        if base.given().keys() != (set() if base.preset else wanted):
+            words = "give a preset alone, or gamma theta phi xi with alpha beta or with f_sd"
+            yield "bodies.base", words
+        if not axes:
+            yield "bodies.axes", f"none of {', '.join(Axes.model_fields)} is given; add one"
+        for name in [name for name in axes if name in ("alpha", "beta", "f_sd")]:
+            if (base.f_sd is None) == (name == "f_sd"):
+                yield (
+                    "bodies.axes",
+                    f"{name} cannot vary over this base; f_sd is for alpha and beta",
+                )
+        if bodies.c and ("c" in axes or (len(bodies.c) > 1 and bodies.refine)):
+            yield "bodies.c", "c is given beside axes.c or refine; write axes: {c: ...} alone"
+
+
+def _count(section: Base | None, *names: str) -> int:
+    """Return how many of some keys are given."""
+    return sum(getattr(section, name, None) is not None for name in names)
