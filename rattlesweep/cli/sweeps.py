@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.config.schema import Config
     from rattlesweep.sweeps.cost import Forecast
     from rattlesweep.sweeps.plan import Plan
-    from rattlesweep.sweeps.run import Result
+    from rattlesweep.sweeps.run import Job
 
 
 @command("Sweeps", "rattlesweep init mine.yaml")
@@ -158,24 +158,24 @@ def run(
     return _close(result, quiet, verbose)
 
 
-def _close(result: Result, quiet: bool, verbose: bool) -> int:
+def _close(result: Job, quiet: bool, verbose: bool) -> int:
     """Tell what became of a sweep and return the exit code."""
-    where = result.directory
-    for remark in result.remarks:
-        say(f"note: {remark}")
+    where = result.stored.directory
+    for path in result.damaged:
+        say(f"note: a file was damaged and is now {path}; its runs are done again")
     if not quiet:
         if result.summary is not None:
             print_summary(result.summary, where)
         done = "all of them" if result.done == result.runs else f"{result.done:,} of them"
-        again = f" ({result.retried:,} again)" if result.retried else ""
-        now = f"{done} done now{again} in {result.seconds:.1f} s"
+        now = f"{done} done now in {result.seconds:.1f} s"
         say(
             f"{counted(result.runs, 'run')} in {where}, {now if result.done else 'all done before'}"
         )
     if verbose:
         say(f"{result.seconds:.2f} s in all, {result.kernel_seconds:.2f} s of integration")
     if result.stopped is not None:
-        say(f"stopped: {result.stopped}; {result.kept}, and the same command resumes from there")
+        kept = f"{result.runs:,} runs are kept, and the same command resumes from there"
+        say(f"stopped: {result.stopped}; {kept}")
         return EARLY
     if not quiet and result.missing:
         say(f"{counted(result.missing, 'run')} of other shards not in {where} yet")

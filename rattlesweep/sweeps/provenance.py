@@ -81,7 +81,6 @@ def session(directory: Path, shard: str | None, threads: int) -> Iterator[dict[s
         "host": socket.gethostname(),
         "pid": os.getpid(),
         "threads": threads,
-        "versions": versions(),
         "machine": machine(),
     }
 

@@ -26,7 +26,8 @@ from hardship import (
     Ended,
     check_equal,
     check_whole,
-    nursery,
+    command,
+    files_of,
     one_sentence,
     tiny,
 )
@@ -34,7 +35,7 @@ from sweeping import CONFIGS, PROGRAM
 from syscalls import CHANGES, MAY_FAIL
 
 from rattlesweep.sweeps.arrow import read_parquet, write_parquet
-from rattlesweep.sweeps.stored import files_of, metadata
+from rattlesweep.sweeps.stored import metadata
 
 GRID = (
     "bodies: {source: grid, base: {preset: GH}, "
@@ -50,21 +51,20 @@ class Scene:
     """A command, ``{out}`` in it for the directory, which is a copy of `before` each time."""
 
     before: Path | None
-    command: tuple[Any, ...]
+    args: tuple[Any, ...]
     after: Path
     rows: int = 12
 
-    def begin(self, output: Path) -> list[str]:
-        """Put the directory there, and say the command."""
+    def begin(self, output: Path) -> None:
+        """Put the directory there."""
         shutil.rmtree(output, ignore_errors=True)
         if self.before is not None:
             shutil.copytree(self.before, output)
-        return [str(part).replace("{out}", str(output)) for part in self.command]
 
     def run(self, output: Path, **how: Any) -> Ended:
         """Give the command to what is there."""
-        args = [str(part).replace("{out}", str(output)) for part in self.command]
-        return nursery().run(*args, rows=self.rows, **how)
+        args = [str(part).replace("{out}", str(output)) for part in self.args]
+        return command(*args, rows=self.rows, **how)
 
 
 def make_scene(name: str, folder: Path) -> Scene:
@@ -77,8 +77,8 @@ def make_scene(name: str, folder: Path) -> Scene:
         rows = 20 if name == "refine" else 400
     run = ("run", config, "--output", "{out}", "-q")
 
-    def did(command: tuple[Any, ...], output: Path) -> Path:
-        done = Scene(None, command, output, rows).run(output)
+    def did(args: tuple[Any, ...], output: Path) -> Path:
+        done = Scene(None, args, output, rows).run(output)
         assert done.code == 0, done
         return output
 
@@ -89,9 +89,9 @@ def make_scene(name: str, folder: Path) -> Scene:
         shards = [did((*run, "--shard", f"{k}/2"), folder / str(k)) for k in range(2)]
         return Scene(None, ("merge", *shards, "--output", "{out}"), whole)
     if name == "classify":
-        command = ("classify", "{out}", "--set", OTHER_TYPES)
-        after = did(command, Path(shutil.copytree(whole, folder / "after")))
-        return Scene(whole, command, after)
+        classify = ("classify", "{out}", "--set", OTHER_TYPES)
+        after = did(classify, Path(shutil.copytree(whole, folder / "after")))
+        return Scene(whole, classify, after)
     if name == "retry":
         before = Path(shutil.copytree(whole, folder / "failed"))
         fail_some(before)
@@ -180,7 +180,7 @@ def test_faults_at_every_call(name, number, stride, tmp_path, record_property):
 def test_stopped_at_every_call(name, number, code, word, stride, tmp_path):
     def stopped(done: Ended) -> bool:
         # Before rows are counted and when all is done nothing is said of them.
-        said = rf"{word}(; \d+ runs are kept, .*, and the same command resumes from there)?\n"
+        said = rf"{word}(; \d+ runs are kept, and the same command resumes from there)?\n"
         return done.code == code and re.fullmatch(said, done.err) is not None
 
     at_every_call(name, tmp_path, CHANGES, stopped, stride, sent=number)
@@ -216,13 +216,13 @@ def test_the_program_killed_at_random_instants(tmp_path, record_property):
     """The real command with the kernel, in a process of its own."""
     sets = [part for text in SETS for part in ("--set", text)]
     output, whole = tmp_path / "out", tmp_path / "whole"
-    command = [PROGRAM, "run", CONFIGS / "quickstart.yaml", "-q", *sets, "--output"]
+    program = [PROGRAM, "run", CONFIGS / "quickstart.yaml", "-q", *sets, "--output"]
     began = time.monotonic()
-    subprocess.run([*command, whole], check=True, capture_output=True, timeout=600)
+    subprocess.run([*program, whole], check=True, capture_output=True, timeout=600)
     seconds = time.monotonic() - began
     dice, counts = random.Random(2017), Counter[str]()
     while counts["killed"] < 10:
-        process = subprocess.Popen([*command, output], stderr=subprocess.PIPE, text=True)
+        process = subprocess.Popen([*program, output], stderr=subprocess.PIPE, text=True)
         try:
             # Nearly all of the time goes into loading: most instants are to fall after that.
             _, err = process.communicate(timeout=seconds * dice.uniform(0.5, 1.1))
@@ -237,6 +237,6 @@ def test_the_program_killed_at_random_instants(tmp_path, record_property):
             check_equal(output, whole)
             counts["through"] += 1
             shutil.rmtree(output)
-    subprocess.run([*command, output], check=True, capture_output=True, timeout=600)
+    subprocess.run([*program, output], check=True, capture_output=True, timeout=600)
     check_equal(output, whole)
     record_property("counts", dict(counts))

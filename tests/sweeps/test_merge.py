@@ -8,13 +8,12 @@ from typing import Any
 
 import pytest
 import sweeping
-from hardship import check_equal
+from hardship import check_equal, files_of
 from refusal import assert_refused
 from sweeping import changed, invoke, tree
 
 from rattlesweep.sweeps.merge import classify_stored
 from rattlesweep.sweeps.run import Shard
-from rattlesweep.sweeps.stored import files_of
 
 CONFIG: dict[str, Any] = {
     "name": "shards",

@@ -23,7 +23,7 @@ from rattlesweep.sweeps.arrow import build_table, ragged, read_parquet, write_pa
 from rattlesweep.sweeps.columns import RECORD_PARTS, runs_schema, summary_schema
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.files import replace_file, streamed_file
-from rattlesweep.sweeps.stored import Case, Stored, open_stored, pieces
+from rattlesweep.sweeps.stored import Case, Stored, open_stored
 from rattlesweep.sweeps.verify import same_bits
 
 CASES = tuple(Case(k, None, None, -0.1 * (k + 1), 0.01) for k in range(5))
@@ -139,14 +139,14 @@ def test_rows_come_back_in_order_however_they_lie_in_files(files, piece, tmp_pat
     parts = np.random.default_rng(files).integers(0, files, len(table))
     stored = scatter(tmp_path, table, parts)
     assert len(stored.files()) == len(np.unique(parts))
-    assert same_bits(pa.concat_tables(pieces(stored.files())), table)
+    assert same_bits(stored.read(), table)
     assert same_bits(stored.read(["t_r", "case"]), table.select(["t_r", "case"]))
 
 
 def test_pieces_are_bounded_where_files_follow_each_other(tmp_path, monkeypatch):
     monkeypatch.setattr(stored_module, "PIECE", 100)
     stored = scatter(tmp_path, random_rows(5, 400), np.arange(2000) // 40)
-    assert max(len(piece) for piece in pieces(stored.files(), ["case"])) <= 140
+    assert max(len(piece) for piece in stored.batches(["case"])) <= 140
 
 
 def test_what_is_there_is_found(tmp_path):

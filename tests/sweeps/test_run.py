@@ -101,7 +101,8 @@ def test_the_manifest_is_enough_to_run_it_again(mixed, tmp_path):
     assert said["versions"]["numpy"] == np.__version__
     assert {"cpu", "processors", "system"} <= said["machine"].keys()
     config = parse_config(said["config"]).model_dump(exclude_none=True)
-    again = sweep(tmp_path / "again", config).directory
+    again = tmp_path / "again"
+    sweep(again, config)
     assert content_hash(again) == content_hash(mixed)
     for key in ("config", "config_hash", "cases", "samples", "columns"):
         assert manifest(again)[key] == said[key]
