@@ -134,6 +134,8 @@ def check_whole(directory: Path, *expected: Path) -> int:
     rows = rows_of(directory)
     keys = keys_of(rows)
     assert len(set(keys)) == len(keys)
+    if not keys:
+        return 0
     good = np.zeros(len(rows), bool)
     for table in map(rows_of, expected):
         place = {key: k for k, key in enumerate(keys_of(table))}
