@@ -19,9 +19,10 @@ import pyarrow as pa
 from rattlesweep.arrays import Integers
 from rattlesweep.sweeps.block import compute, prepare_runs
 from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.counts import Z95, Counts, wilson
 from rattlesweep.sweeps.decide import Stopping
 from rattlesweep.sweeps.plan import Plan, make_plan
+from rattlesweep.sweeps.summary import Counts
+from rattlesweep.sweeps.types import Z95, wilson
 
 CONFIG: dict[str, Any] = {
     "bodies": {"source": "sd", "samples": 50_000},

@@ -32,9 +32,17 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.integrate.task import Task, side_by_side
 from rattlesweep.physics import theory
-from rattlesweep.sweeps.arrow import build_table, write_parquet
 from rattlesweep.sweeps.block import columns_of, load_kernel, run_batch
-from rattlesweep.sweeps.columns import F64, I64, TEXT, TIME, field, required
+from rattlesweep.sweeps.columns import (
+    F64,
+    I64,
+    TEXT,
+    TIME,
+    build_table,
+    field,
+    required,
+    write_parquet,
+)
 from rattlesweep.sweeps.config.read import override_config, resolved
 from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.sweeps.files import probe_directory

@@ -14,8 +14,8 @@ from rattlesweep.arrays import Floats, Integers, take
 from rattlesweep.durations import clock
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.status import Status
-from rattlesweep.sweeps.arrow import build_table, encode
 from rattlesweep.sweeps.block import columns_of, load_kernel, run_batch
+from rattlesweep.sweeps.columns import build_table, encode
 from rattlesweep.sweeps.config.schema import SdSource
 from rattlesweep.sweeps.decide import decides
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare

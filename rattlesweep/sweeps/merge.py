@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.arrow import read_parquet
+from rattlesweep.sweeps.columns import read_parquet
 from rattlesweep.sweeps.config.read import override_config, resolved
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.files import explained, streamed_file

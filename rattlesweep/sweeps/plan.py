@@ -19,13 +19,13 @@ import pyarrow as pa
 
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.physics.launch import spin_and_oscillation
-from rattlesweep.sweeps.bodies.protocol import Source
-from rattlesweep.sweeps.bodies.sources import content_hash, make_source
+from rattlesweep.physics.theory import spin_and_oscillation
+from rattlesweep.sweeps.bodies import Source
+from rattlesweep.sweeps.bodies.sources import make_source
 from rattlesweep.sweeps.bodies.table import LOSSES, TableBodies, check_value
 from rattlesweep.sweeps.columns import STATE, runs_schema
 from rattlesweep.sweeps.config.read import differences, fixed_part, physics_hash, resolved
-from rattlesweep.sweeps.config.schema import TABLE, Config, SdSource, clashes
+from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.provenance import LOCKS, at_work, command_line, machine, now, versions
 from rattlesweep.sweeps.stored import (
@@ -161,18 +161,18 @@ def _natural(config: Config, source: Source) -> dict[str, Values]:
     return values
 
 
-def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
+def _with_losses(config: Config, own: Mapping[str, list[float | str]]) -> Config:
     """Return the config with the dissipation that a table gives for its rows."""
     given = config.dissipation
     for name in LOSSES:
-        value, column = getattr(given, name), f"column {name}"
-        if value == TABLE and name not in own:
+        values, column = given.values(name), f"column {name}"
+        if None in values and name not in own:
             raise ConfigError(f"dissipation.{name}: the table has no {column}; give a number")
-        if isinstance(value, list) and name in own:
+        if len(values) > 1 and name in own:
             told = f"there are several values, and the table has a {column}"
             raise ConfigError(f"dissipation.{name}: {told}; keep one of them")
     config = config.model_copy(update={"dissipation": given.model_copy(update=dict(own))})
-    if own and (wrong := [": ".join(one) for one in clashes(config)]):
+    if own and (wrong := [": ".join(one) for one in config.clashes()]):
         raise ConfigError(f"bodies.path: with the table's columns: {one}" for one in wrong)
     return config
 
@@ -196,7 +196,7 @@ def _check_launches(config: Config, state: bool, n_i: Floats, t_end: Floats) -> 
 
 def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
     """Return the sweep of a plan as a directory would hold it; nothing is written."""
-    text = f"{physics_hash(plan.config)} {content_hash(plan.source)}"
+    text = f"{physics_hash(plan.config)} {getattr(plan.source, 'content_hash', '')}"
     key = hashlib.sha256(text.encode()).hexdigest()
     manifest = {
         "format": FORMAT,

@@ -26,8 +26,8 @@ from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.batch import Control, available_threads
 from rattlesweep.integrate.lanes.lane import LANES
 from rattlesweep.integrate.task import Task
-from rattlesweep.sweeps.arrow import read_parquet
 from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
+from rattlesweep.sweeps.columns import read_parquet
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.cost import case_costs
 from rattlesweep.sweeps.decide import Refining, Stopping, decides, decision

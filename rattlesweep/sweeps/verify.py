@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 
 from rattlesweep.arrays import Flags
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
-from rattlesweep.sweeps.arrow import read_parquet
+from rattlesweep.sweeps.columns import read_parquet
 from rattlesweep.sweeps.decide import decision
 from rattlesweep.sweeps.provenance import WHOLE, at_work, read_sessions, who
 from rattlesweep.sweeps.stored import SUMMARY, Found, Stored, keys_of, open_stored

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rattlesweep as rs
-from rattlesweep import ConfigError
+from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.merge import classify_stored
 
 GH = rs.Rattleback.gh()

@@ -17,11 +17,11 @@ from sweeping import changed, plan_of, proved
 from test_invariance import Stop, cut
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.counts import wilson
 from rattlesweep.sweeps.decide import FIRST, Refining, Stopping, decision, nearest_rows
 from rattlesweep.sweeps.run import integrate_plan
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.summary import summarise
+from rattlesweep.sweeps.types import wilson
 from rattlesweep.sweeps.verify import same_bits, status, verify
 
 GRID: dict[str, Any] = {

@@ -34,7 +34,7 @@ from hardship import (
 from sweeping import CONFIGS, PROGRAM
 from syscalls import CHANGES, MAY_FAIL
 
-from rattlesweep.sweeps.arrow import read_parquet, write_parquet
+from rattlesweep.sweeps.columns import read_parquet, write_parquet
 from rattlesweep.sweeps.stored import metadata
 
 GRID = (

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sweeping import plan_of
 
-from rattlesweep.sweeps.arrow import write_parquet
+from rattlesweep.sweeps.columns import write_parquet
 from rattlesweep.sweeps.cost import case_costs, expected_cost, forecast, sample_keys
 from rattlesweep.sweeps.launches import prepare
 from rattlesweep.sweeps.run import integrate_plan

@@ -19,8 +19,15 @@ from sweeping import sweep
 from rattlesweep.errors import DamagedError, OutputError
 from rattlesweep.sweeps import columns as units
 from rattlesweep.sweeps import stored as stored_module
-from rattlesweep.sweeps.arrow import build_table, ragged, read_parquet, write_parquet
-from rattlesweep.sweeps.columns import RECORD_PARTS, runs_schema, summary_schema
+from rattlesweep.sweeps.columns import (
+    RECORD_PARTS,
+    build_table,
+    ragged,
+    read_parquet,
+    runs_schema,
+    summary_schema,
+    write_parquet,
+)
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.files import replace_file, streamed_file
 from rattlesweep.sweeps.stored import Case, Stored, open_stored

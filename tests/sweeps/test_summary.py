@@ -15,11 +15,16 @@ import scipy.stats
 from test_rows import SCHEMA, random_columns
 
 from rattlesweep.sweeps import stored as stored_module
-from rattlesweep.sweeps.arrow import build_table, read_parquet, same_schema
-from rattlesweep.sweeps.columns import summary_schema
-from rattlesweep.sweeps.counts import Moments, wilson
+from rattlesweep.sweeps.columns import build_table, read_parquet, same_schema, summary_schema
 from rattlesweep.sweeps.stored import Case, Stored
-from rattlesweep.sweeps.summary import closing_table, same_summary, summarise, write_summary
+from rattlesweep.sweeps.summary import (
+    Moments,
+    closing_table,
+    same_summary,
+    summarise,
+    write_summary,
+)
+from rattlesweep.sweeps.types import wilson
 
 CASES = (
     Case(0, "K_r", 0.01, -0.1, 0.01),
@@ -81,7 +86,8 @@ def test_against_pandas(tmp_path, seed, size, rows):
     assert summary.column("K_p").to_pylist() == [None, 0.3, None]
     assert summary.column("n_i").to_pylist() == [-0.1, -0.1, None]
     # It is written as it was made.
-    path = write_summary(stored, summary)
+    write_summary(stored, summary)
+    path = tmp_path / "summary.parquet"
     assert pd.read_parquet(path).equals(summary.to_pandas())
     assert read_parquet(path).schema.field("t_r_mean").metadata[b"unit"] == b"sqrt(a/g)"
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from rattlesweep.analysis import style
 from rattlesweep.analysis.plots.layout import LAUNCH, Axis, Layout
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.counts import Counts, share, wilson
+from rattlesweep.sweeps.summary import Counts
+from rattlesweep.sweeps.types import share, wilson
 
 MOST_PANELS = 40
 # Values that spread over more than this ratio are shown by their logarithms.
