@@ -95,17 +95,6 @@ def test_every_column_says_what_it_is() -> None:
         assert len(column.metadata[b"description"]) > 5, column.name
 
 
-def test_what_is_not_finite_becomes_null_and_lists_are_as_long_as_counted() -> None:
-    columns = random_columns(np.zeros(50, int), np.arange(50))
-    table = build_table(columns, SCHEMA)
-    for field in SCHEMA:
-        if pa.types.is_floating(field.type):
-            null = ~np.isfinite(columns[field.name])
-            assert np.array_equal(table[field.name].is_null().to_numpy(), null), field.name
-    lists = ragged(np.arange(6.0).reshape(2, 3), np.array([2, -1])).to_pylist()
-    assert lists == [[0.0, 1.0], None]
-
-
 def test_a_file_is_whole_or_not_there(tmp_path):
     path = tmp_path / "a"
     replace_file(path, b"one")

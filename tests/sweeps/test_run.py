@@ -30,10 +30,8 @@ from sweeping import (
 )
 
 import rattlesweep as rs
-from rattlesweep import progress
 from rattlesweep.sweeps.columns import runs_schema, same_schema, summary_schema
 from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.run import Progress
 
 SMALL = {
     "gh.yaml": (),
@@ -129,41 +127,6 @@ def test_the_reversal_times_of_garcia_and_hubbards_body(tmp_path):
     assert frame.contact_normal_min.between(0.5, 1, inclusive="neither").all()
 
 
-def test_windows_are_recorded_when_asked_for(tmp_path):
-    sets = ("bodies.samples=5", "bodies.target={K_r: 0.03, rel_tol: 0.1}", "record=[windows]")
-    assert run("quickstart.yaml", tmp_path / "out", *sets).exit_code == 0
-    for row in rows(tmp_path / "out").itertuples():
-        amplitude, least, most = row.window_amplitude, row.window_n_min, row.window_n_max
-        assert 1 <= len(amplitude) == len(least) == len(most) <= 64
-        assert len(amplitude) * row.window_t <= row.t_end * (1 + 1e-9) + row.window_t
-        assert (least <= most).all()
-        assert (amplitude > 0).all()
-        # The column that types are made of, from the windows.
-        if row.type != "R":
-            departure = max(1 - min(abs(least).min(), abs(most).min()) / abs(row.n_i), 0)
-            assert row.n_departure == pytest.approx(departure, rel=1e-6, abs=1e-9)
-
-
-def test_t_r_is_kept_and_the_type_is_not_where_a_run_fails_later(tmp_path):
-    config = {
-        "bodies": {"source": "sd", "samples": 8},
-        "spin": {"n_i": 0.5, "omega_xy0": 0.1},
-        "horizon": {"t": 600},
-        "integrator": {"max_steps": 2000},
-    }
-    plain = rs.sweep(config, output=tmp_path / "plain").runs
-    swept = rs.sweep(config | {"record": ["reversals"]}, output=tmp_path / "turns")
-    runs = swept.runs
-    late = (runs.status != "ok") & (plain.type == "R")
-    assert late.sum() >= 3
-    assert (runs[late].t_r == plain[late].t_r).all()
-    assert runs[late][["type", "n_turns"]].isna().all(axis=None)
-    # No share and no mean counts them.
-    assert swept.summary.failed[0] == (runs.status != "ok").sum()
-    assert np.isnan(swept.summary.t_r_mean[0])
-    proved(tmp_path / "turns")
-
-
 def test_runs_that_fail_are_rows_with_a_status_and_the_exit_code_says_so(tmp_path):
     output = tmp_path / "out"
     sets = ("bodies.samples=3", "bodies.target.rel_tol=0.1", "integrator={method: rk4, dt: 3}",
@@ -219,18 +182,6 @@ def test_quiet_says_nothing_and_the_table_goes_to_standard_output(tmp_path):
     assert len(loud.stdout.splitlines()) == 3
     assert re.match(r"2 runs in \S+, all of them done now in .* s\n", loud.stderr)
     assert re.search(r"of integration", loud.stderr, re.MULTILINE)
-
-
-def test_without_a_terminal_there_is_at_most_one_line_a_minute(monkeypatch, capfd):
-    now = [0.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
-    with progress.Bar.of_command() as meter:
-        for tick in range(6001):
-            now[0] = tick / 10
-            meter(Progress(tick / 6000, tick, 6000, now[0], 600 - now[0]))
-    lines = capfd.readouterr().err.splitlines()
-    assert len(lines) == 10
-    assert lines[0] == "10.0 %, 600 of 6,000 runs, 1:00, 9:00 left"
 
 
 def test_bodies_can_be_drawn_while_a_kernel_runs():

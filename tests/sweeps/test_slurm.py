@@ -16,9 +16,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.provenance import package_version
-from rattlesweep.sweeps.run import run_sweep
 from rattlesweep.sweeps.slurm import job_script, limit_of
-from rattlesweep.sweeps.stored import open_stored
 
 PROGRAM, SHELLCHECK = (Path(sys.executable).with_name(n) for n in ("rattlesweep", "shellcheck"))
 SWEEP = """\
@@ -198,28 +196,3 @@ def test_environment_is_checked_before_anything_is_begun(
     assert (got, len(log.strip().splitlines())) == (code, 1)
     assert log.startswith("error: ")
     assert sentence in log
-
-
-def test_kernels_are_not_taken_from_a_directory_of_somebody_else(home, cluster):
-    (cluster.place / f"rattlesweep-{os.getuid()}").symlink_to(home)
-    text = cluster.stub(script(home), 'echo "cache $NUMBA_CACHE_DIR"\n')
-    log = cluster.run(text, TMPDIR=str(cluster.place))[1]
-    used = Path(next(line for line in log.splitlines() if line.startswith("cache "))[6:])
-    assert used.parent == cluster.place
-    assert used.name.startswith("tmp.")
-
-
-@pytest.mark.slow
-def test_array_with_a_warning_in_the_middle_comes_to_the_same_rows(home, cluster):
-    plan = make_plan(load_config(home / "sweep.yaml", ["bodies.samples=800"]))
-    run_sweep(plan, home / "plain")
-    text, runs = script(home, "bodies.samples=800", shards=2), home / "out" / "runs"
-    task = cluster.start(text)
-    wait_until(lambda: any(runs.glob("*.parquet")))
-    task.send_signal(signal.SIGUSR1)
-    log = task.communicate(timeout=120)[0]
-    assert (task.returncode, cluster.requeued()) == (0, ["requeue 100_0"]), log
-    assert 0 < open_stored(home / "out").count() < 800
-    assert cluster.run(text, 0, SLURM_RESTART_COUNT="1")[0] == 0
-    assert cluster.run(text, 1)[0] == 0
-    assert open_stored(home / "out").read().equals(open_stored(home / "plain").read())
