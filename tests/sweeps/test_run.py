@@ -127,6 +127,21 @@ def test_the_reversal_times_of_garcia_and_hubbards_body(tmp_path):
     assert frame.contact_normal_min.between(0.5, 1, inclusive="neither").all()
 
 
+def test_windows_are_recorded_when_asked_for(tmp_path):
+    sets = ("bodies.samples=5", "bodies.target={K_r: 0.03, rel_tol: 0.1}", "record=[windows]")
+    assert run("quickstart.yaml", tmp_path / "out", *sets).exit_code == 0
+    for row in rows(tmp_path / "out").itertuples():
+        amplitude, least, most = row.window_amplitude, row.window_n_min, row.window_n_max
+        assert 1 <= len(amplitude) == len(least) == len(most) <= 64
+        assert len(amplitude) * row.window_t <= row.t_end * (1 + 1e-9) + row.window_t
+        assert (least <= most).all()
+        assert (amplitude > 0).all()
+        # The column that types are made of, from the windows.
+        if row.type != "R":
+            departure = max(1 - min(abs(least).min(), abs(most).min()) / abs(row.n_i), 0)
+            assert row.n_departure == pytest.approx(departure, rel=1e-6, abs=1e-9)
+
+
 def test_runs_that_fail_are_rows_with_a_status_and_the_exit_code_says_so(tmp_path):
     output = tmp_path / "out"
     sets = ("bodies.samples=3", "bodies.target.rel_tol=0.1", "integrator={method: rk4, dt: 3}",
