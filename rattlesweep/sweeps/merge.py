@@ -50,8 +50,7 @@ class Merged:
 def merge(directories: Sequence[Path], output: Path) -> Merged:
     """Put the runs of several directories of one sweep, such as its shards, into another.
 
-    No run stands in two of them.  The output is new or empty, or of the same sweep.  The sources
-    stay as they are.
+    The output is new or empty, or of the same sweep.  The sources stay as they are.
     """
     if len({directory.resolve() for directory in (output, *directories)}) <= len(directories):
         raise ConfigError("a directory is given twice; give each once, and as --output another one")

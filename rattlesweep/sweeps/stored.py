@@ -2,12 +2,11 @@
 
 A sweep is a set of runs with keys ``(case, sample)``.  The folder ``runs`` holds Parquet files,
 each with any set of rows, ascending by key, and no key of another file; a file is named after its
-first row.  What is left to do is what is wanted, minus the keys of these rows.  The metadata of a
-file say to which sweep it belongs, by which thresholds its rows were typed, and what the cases of
-its rows are, so that files can be copied between directories of a sweep.
+first row.  The metadata of a file say to which sweep it belongs, by which thresholds its rows were
+typed, and what the cases of its rows are, so that files can be copied between directories.
 
-``manifest.json`` says what the sweep is: config, hash, cases, columns, versions, machine.  It is
-written when a sweep begins or grows, and says nothing of what has been done.
+``manifest.json`` says what the sweep is, and nothing of what has been done.  It is written when a
+sweep begins or grows.
 """
 
 from __future__ import annotations

@@ -39,11 +39,7 @@ def wanted_runs(stored: Stored, found: Found) -> Flags:
 
 @dataclass(frozen=True)
 class Status:
-    """What is there of a sweep.
-
-    `data` has ``runs``, ``wanted``, ``files``, ``bytes``, ``status`` and ``types`` (runs by each),
-    ``at_work`` (sessions under way) and ``last`` (the session that ended last).
-    """
+    """What is there of a sweep; `data` is as `status` makes it."""
 
     title: str
     data: dict[str, Any]
