@@ -67,7 +67,7 @@ class Cluster:
         assert str(PROGRAM) in text
         return text.replace(str(PROGRAM), str(path)).replace("--quiet >/dev/null", "--quiet")
 
-    def start(self, text: str, index: int | None = 0, **variables: str) -> subprocess.Popen[str]:
+    def start(self, text: str, index: int = 0, **variables: str) -> subprocess.Popen[str]:
         """Start a task as the node's daemon does: from a copy of the script, in a group."""
         copy = self.place / "slurm_script"
         copy.write_text(text)
@@ -77,7 +77,7 @@ class Cluster:
             "SLURM_ARRAY_JOB_ID": "100",
             "SLURM_CPUS_PER_TASK": "2",
             "SLURM_TMPDIR": str(self.place),
-            **({} if index is None else {"SLURM_ARRAY_TASK_ID": str(index)}),
+            "SLURM_ARRAY_TASK_ID": str(index),
             **variables,
         }
         return subprocess.Popen(
@@ -85,7 +85,7 @@ class Cluster:
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         )  # fmt: skip
 
-    def run(self, text: str, index: int | None = 0, **variables: str) -> tuple[int, str]:
+    def run(self, text: str, index: int = 0, **variables: str) -> tuple[int, str]:
         """Return exit code and log of a task."""
         task = self.start(text, index, **variables)
         log = task.communicate(timeout=120)[0]
