@@ -278,6 +278,8 @@ def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> 
 
 def check_empty(directory: Path) -> None:
     """Raise a ConfigError if a directory holds files and no sweep has worked there."""
+    if directory.is_file():
+        raise ConfigError(f"{directory}: is a file; give the path of a directory")
     if not directory.exists() or (directory / LOCKS).is_dir():
         return
     with explained(f"cannot read {directory}"):
