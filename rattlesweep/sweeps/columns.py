@@ -153,9 +153,10 @@ MEASURED: tuple[pa.Field, ...] = (
 # What a config may ask for by `record` or otherwise, with the models that cannot tell: the reduced
 # dynamics has no contact force, and the closed form no path to look at.
 RECORD_PARTS: dict[str, tuple[str, ...]] = {
-    "energy": ("gh",), "contact": ("reduced", "gh"), "windows": ("gh",), "lyapunov": ("gh",),
-    "volume": ("reduced", "gh"), "error": ("gh",), "tol": ("gh",), "reversals": ("gh",),
-    "turns": ("gh",), "surface": (), "dissipation": ("reduced", "gh"),
+    "energy": ("gh",), "contact": ("reduced", "gh"), "windows": ("gh",),
+    "lyapunov": ("reduced", "gh"), "volume": ("reduced", "gh"), "error": ("gh",),
+    "tol": ("gh",), "reversals": ("gh",), "turns": ("gh",), "surface": (),
+    "dissipation": ("reduced", "gh"),
 }
 # Columns of `summary` in their order; shares are of the runs with status ok.
 SUMMARY: tuple[pa.Field, ...] = (
