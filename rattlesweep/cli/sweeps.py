@@ -133,17 +133,19 @@ def run(
     with Bar.of_command(quiet) as bar:
         base = config.resolve().parent
         result = run_sweep(made, where, base=base, threads=threads, report=bar, **how)
-    for remark in result.remarks:
-        say(f"note: {remark}")
+    where = result.stored.directory
+    for path in result.damaged:
+        say(f"note: a file was damaged and is now {path}; its runs are done again")
     if not quiet:
-        _print_summary(result.summary, where)
-        again = f" ({result.retried:,} again)" if result.retried else ""
-        now = f"{result.done:,} of them done now{again} in {result.seconds:.1f} s"
+        if result.summary is not None:
+            _print_summary(result.summary, where)
+        now = f"{result.done:,} of them done now in {result.seconds:.1f} s"
         say(f"{counted(result.runs, 'run')} in {where}, {now}")
     if verbose:
         say(f"{result.seconds:.2f} s in all, {result.kernel_seconds:.2f} s of integration")
     if result.stopped is not None:
-        say(f"stopped: {result.stopped}; {result.kept}, and the same command resumes from there")
+        kept = f"{result.runs:,} runs are kept, and the same command resumes from there"
+        say(f"stopped: {result.stopped}; {kept}")
         return options.EARLY
     if not quiet and result.missing:
         say(f"{counted(result.missing, 'run')} of other shards not in {where} yet")

@@ -32,11 +32,8 @@ LEAST, MOST = 256, 8_192  # runs of the pilot
 
 
 def expected_cost(launches: Launches, model: str) -> Floats:
-    """Return the expected cost of runs: radians up to the horizon, 0 where there is none.
-
-    The steps of the full dynamics go with the oscillations, those of the reduced dynamics with the
-    spin's; the closed form costs the same for all.
-    """
+    """Return the expected cost of runs: radians up to the horizon, 0 where there is none."""
+    # Steps of the full dynamics go with the oscillations, of the reduced dynamics with the spin's.
     if model == "gh":
         return np.ones(len(launches.t_end))
     slow = model == "reduced"
@@ -46,13 +43,9 @@ def expected_cost(launches: Launches, model: str) -> Floats:
 
 
 def sample_keys(plan: Plan, per_case: int, cases: Integers) -> tuple[Plan, Integers, Integers]:
-    """Return keys of so many runs of some cases, and a plan that is cheap to ask for them.
-
-    Random bodies are all alike, so the first will do; those of a grid or a table are taken from all
-    over it.
-    """
+    """Return keys of so many runs of some cases, and a plan that is cheap to ask for them."""
     bodies, count = plan.config.bodies, min(plan.samples, per_case)
-    chosen = np.arange(count)
+    chosen = np.arange(count)  # random bodies are all alike
     if not isinstance(bodies, SdSource):
         random = np.random.default_rng(SEED)
         chosen = np.sort(random.choice(plan.samples, count, replace=False, shuffle=False))

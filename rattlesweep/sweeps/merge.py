@@ -7,7 +7,7 @@ import filecmp
 import os
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pyarrow as pa
@@ -25,7 +25,6 @@ from rattlesweep.sweeps.stored import (
     MANIFEST,
     TYPED,
     Stored,
-    files_of,
     free_path,
     metadata,
     open_stored,
@@ -51,8 +50,7 @@ class Merged:
 def merge(directories: Sequence[Path], output: Path) -> Merged:
     """Put the runs of several directories of one sweep, such as its shards, into another.
 
-    No run stands in two of them.  The output is new or empty, or of the same sweep.  The sources
-    stay as they are.
+    The output is new or empty, or of the same sweep.  The sources stay as they are.
     """
     if len({directory.resolve() for directory in (output, *directories)}) <= len(directories):
         raise ConfigError("a directory is given twice; give each once, and as --output another one")
@@ -75,10 +73,11 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
             folder.mkdir(exist_ok=True)
         # A merge that was killed has left some files there.
         new = [
-            path for directory in directories for path in files_of(directory)
+            path for source in sources[: len(directories)] for path in source.files()
             if not ((twin := folder / path.name).exists() and filecmp.cmp(path, twin, False))
         ]  # fmt: skip
-        found = largest.find([*files_of(output), *new])
+        merged = replace(largest, directory=output)
+        found = merged.find([*merged.files(), *new])
         if found.damaged:
             raise OutputError(f"{found.damaged[0]} is damaged; do its runs again before merging")
         if len(found.typed) > 1:
@@ -89,7 +88,6 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
         write_manifest(output, largest.manifest)
         for path in new:
             _put(path, free_path(folder / path.name))
-        merged = open_stored(output)
         missing = int((wanted_runs(merged, found) & ~found.done).sum())
         summary = None if missing else summarise(merged)
         if summary is not None:

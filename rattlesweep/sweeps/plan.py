@@ -41,11 +41,10 @@ from rattlesweep.sweeps.stored import (
 )
 from rattlesweep.units import Quantity
 
-MAX_RUNS = 10**9
-"""Runs of a sweep; what is done of them is held as one byte each."""
+MAX_RUNS = 10**9  # of a sweep; what is done of them is held as one byte each
+# Keys of the config that may have SI units, by the columns that they stand for.
 KEYS = {"n_i": "spin.n_i", "omega_xy0": "spin.omega_xy0", "t_end": "horizon.t",
         "sigma": "dissipation.sigma", "rolling": "dissipation.rolling"}  # fmt: skip
-"""Keys of the config that may have SI units, by the columns that they stand for."""
 Values = list[float | None]
 
 

@@ -66,10 +66,7 @@ def command_line() -> list[str]:
 
 @contextlib.contextmanager
 def session(directory: Path, shard: str | None, threads: int) -> Iterator[dict[str, Any]]:
-    """Keep the record of this process in an output directory, to which the body adds facts.
-
-    `shard` is such as ``shard-0-of-4``.  A body that returns says in ``how`` how it ended.
-    """
+    """Keep the record of this process; a body that returns says in ``how`` how it ended."""
     begin = datetime.now(UTC)
     path = directory / SESSIONS / f"{begin:%Y%m%dT%H%M%S.%fZ}-{os.getpid()}.json"
     record: dict[str, Any] = {
@@ -81,7 +78,6 @@ def session(directory: Path, shard: str | None, threads: int) -> Iterator[dict[s
         "host": socket.gethostname(),
         "pid": os.getpid(),
         "threads": threads,
-        "versions": versions(),
         "machine": machine(),
     }
 
@@ -141,10 +137,9 @@ def locked(directory: Path, name: str, patience: float = -1.0) -> Iterator[bool]
 def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
     """Hold a directory, or a shard such as ``shard-0-of-4``, and tidy up after dead processes.
 
-    Raise an OutputError if another process works there: one that does the whole sweep excludes all
-    others, shards ``I/N`` of the same N may work side by side.  A process takes its own lock first
-    and then looks for others, so that of two that begin at once at most one goes on.
+    Raise an OutputError if another process works there, but for another shard of as many.
     """
+    # Its own lock first, and then a look for others: of two that begin at once at most one goes on.
     mine = shard or WHOLE
     with locked(directory, mine, PATIENCE) as free:
         busy = [] if free else [mine]

@@ -28,6 +28,7 @@ from rattlesweep.integrate.lanes.lane import LANES
 from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
 from rattlesweep.sweeps.columns import read_parquet
+from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.cost import case_costs
 from rattlesweep.sweeps.decide import Refining, Stopping, decides, decision
 from rattlesweep.sweeps.files import explained
@@ -70,41 +71,25 @@ class OutOfTime(BaseException):
 
 
 @dataclass
-class Result:
-    """What a session came to."""
-
-    directory: Path
-    runs: int = 0  # rows on disk of those that were wanted
-    done: int = 0  # runs integrated in this session
-    retried: int = 0  # runs that had failed and were done again
-    lost: int = 0  # runs that were under way when it was stopped
-    seconds: float = 0.0
-    kernel_seconds: float = 0.0
-    stopped: str | None = None  # why it ended before all was done
-    remarks: list[str] = field(default_factory=list)  # what the user should know
-    failed: Counter[str] = field(default_factory=Counter)  # runs on disk by status, if not ok
-    summary: pa.Table | None = None  # one row a case; None unless the whole sweep is done
-    missing: int = 0  # runs of other shards that are not on disk
-
-    @property
-    def kept(self) -> str:
-        """What is left after a stop, for the user."""
-        return f"{self.runs:,} runs are kept, {self.lost:,} in flight were lost"
-
-
-@dataclass
 class Job:
-    """The work of a session."""
+    """The work of a session, and what it has come to."""
 
     plan: Plan
     stored: Stored  # where the rows go
     found: Found  # what is there
-    result: Result
     threads: int
     report: Callable[[Progress], None] = lambda progress: None  # called some times a second
     decide: Stopping | Refining | None = None  # says by the rows which runs are wanted
     deadline: float | None = None  # of `time.monotonic`
     begun: float | None = None  # set by engines once the kernel is loaded, which is no rate
+    runs: int = 0  # rows on disk of those that are wanted
+    done: int = 0  # runs integrated in this session
+    kernel_seconds: float = 0.0
+    seconds: float = 0.0
+    stopped: str | None = None  # why it ended before all was done
+    damaged: list[Path] = field(default_factory=list)  # files that were, where they are now
+    summary: pa.Table | None = None  # one row a case; None unless the whole sweep is done
+    missing: int = 0  # runs of other shards that are not on disk
 
     def __post_init__(self) -> None:
         self._start = time.monotonic()
@@ -113,6 +98,11 @@ class Job:
         self._total = 0  # runs wanted
         self._shown = 0.0  # fraction that was reported last
         self._recent: deque[tuple[float, float]] = deque(maxlen=8)  # cost and seconds of blocks
+
+    @property
+    def failed(self) -> Counter[str]:
+        """Runs on disk by status, if not ok."""
+        return self.found.status - Counter(ok=self.found.status["ok"])
 
     def blocks(self, wanted: Flags) -> Iterator[Keys]:
         """Cut what is left to do of these runs into blocks of about the same expected time."""
@@ -145,7 +135,7 @@ class Job:
 
     def worked(self, keys: Keys, seconds: float) -> None:
         """Take note of how long a block has taken."""
-        self.result.kernel_seconds += seconds
+        self.kernel_seconds += seconds
         self._recent.append((float(self._cost[keys[0]].sum()), seconds))
 
     def write(self, table: pa.Table) -> None:
@@ -155,8 +145,8 @@ class Job:
         with _undisturbed():
             self.stored.append(table, self.plan.config.classify.as_text)
             self.found.add(table)
-            self.result.runs += len(table)
-            self.result.done += len(table)
+            self.runs += len(table)
+            self.done += len(table)
             if self.decide is not None:
                 self.decide.add(table)
             cost = float(self._cost[keys_of(table)[0]].sum())
@@ -175,11 +165,11 @@ class Job:
             remaining = float(left * (now - self.begun) / did)
         if self._whole:  # a wave may make what is done less
             self._shown = max(self._shown, float(1.0 - left / self._whole))
-        runs, elapsed = self.result.runs + ended, now - self._start
+        runs, elapsed = self.runs + ended, now - self._start
         self.report(Progress(self._shown, runs, self._total, elapsed, remaining))
         waited = self.begun is not None and now >= self.begun + GRACE
         up = self.deadline is not None and now >= self.deadline
-        if up and (self.result.done or ended or waited):
+        if up and (self.done or ended or waited):
             raise OutOfTime
 
 
@@ -224,9 +214,7 @@ def local(job: Job, blocks: Iterator[Keys]) -> None:
             job.write(finished.pop())
         if task is not None:
             with contextlib.suppress(TimeoutError):
-                table, lost = task.value()
-                job.result.lost += lost
-                job.write(table)
+                job.write(task.value()[0])
         raise
 
 
@@ -261,11 +249,6 @@ class Shard:
             raise ValueError("is not I/N; write it as in --shard 0/4, with I from 0 to N-1")
         return cls(int(match[1]), int(match[2]))
 
-    @property
-    def name(self) -> str:
-        """Name of the shard's lock."""
-        return f"shard-{self.index}-of-{self.count}"
-
     def runs(self, shape: tuple[int, ...]) -> Flags:
         """Return which runs are the shard's: neighbours go to different ones, which cost alike."""
         case, sample = (np.arange(n) % self.count for n in shape)
@@ -277,7 +260,7 @@ def run_sweep(
     plan: Plan, directory: Path, *, base: Path | None = None, threads: int | None = None,
     report: Callable[[Progress], None] = lambda progress: None, shard: Shard | None = None,
     max_time: float | None = None, retry_failed: bool = False, engine: Engine = local,
-) -> Result:  # fmt: skip
+) -> Job:  # fmt: skip
     """Do the runs that a plan asks for and that are not on disk.
 
     Rows whose status is not ``ok`` are done again if `retry_failed`.  `base` is where a table's
@@ -293,72 +276,69 @@ def run_sweep(
     examine(plan, directory)  # before anything is made there
     with explained(f"cannot write in {directory}"):
         directory.mkdir(parents=True, exist_ok=True)
-    name, result = None if shard is None else shard.name, Result(directory)
+    name = None if shard is None else f"shard-{shard.index}-of-{shard.count}"
     with contextlib.ExitStack() as held:
         with locked(directory, MANIFEST_LOCK):  # shards that begin at once begin or grow it once
             held.enter_context(hold(directory, name))
             stored = begin(plan, directory, base, name)
         plan = replace(plan, cases=stored.cases)
         record = held.enter_context(session(directory, name, threads))
+        found, damaged = _find(stored, plan.config.classify, shard, retry_failed)
+        decide = decision(plan.config, plan.cases, plan.samples)
+        if decide is not None:
+            decide.read(stored)
+        deadline = None if max_time is None else start + max_time
+        job = Job(plan, stored, found, threads, report, decide, deadline, damaged=damaged)
         try:
-            found = _find(plan, stored, shard, retry_failed, result)
-            decide = decision(plan.config, plan.cases, plan.samples)
-            if decide is not None:
-                decide.read(stored)
-            deadline = None if max_time is None else start + max_time
-            job = Job(plan, stored, found, result, threads, report, decide, deadline)
             _work(job, shard, engine)
-            result.failed = found.status - Counter(ok=found.status["ok"])
-            if result.stopped is None:
+            if job.stopped is None:
                 if shard is not None:  # others have gone on meanwhile
-                    result.missing = plan.runs - stored.count()
-                if not result.missing:
-                    result.summary = summarise(stored)
-                    write_summary(stored, result.summary)
-            record["how"] = "stopped" if result.stopped else "complete"
+                    job.missing = plan.runs - stored.count()
+                if not job.missing:
+                    job.summary = summarise(stored)
+                    write_summary(stored, job.summary)
+            record["how"] = "stopped" if job.stopped else "complete"
         finally:
-            result.seconds = time.monotonic() - start
-            seconds, kernel = round(result.seconds, 3), round(result.kernel_seconds, 3)
-            record |= {"runs": result.done, "seconds": seconds, "kernel_seconds": kernel}
-    return result
+            job.seconds = time.monotonic() - start
+            seconds, kernel = round(job.seconds, 3), round(job.kernel_seconds, 3)
+            record |= {"runs": job.done, "seconds": seconds, "kernel_seconds": kernel}
+    return job
 
 
 def _find(
-    plan: Plan, stored: Stored, shard: Shard | None, retry_failed: bool, result: Result
-) -> Found:
+    stored: Stored, thresholds: Classify, shard: Shard | None, retry: bool
+) -> tuple[Found, list[Path]]:
     """Read what is on disk, put damaged files aside, renew types, and take out what failed."""
-    thresholds, found = plan.config.classify, stored.find()
+    found, damaged = stored.find(), []
     for path in found.damaged:
-        aside = free_path(path.with_suffix(".damaged"))
+        damaged.append(free_path(path.with_suffix(".damaged")))
         with explained(f"cannot rename {path}"):
-            path.rename(aside)
-        result.remarks.append(f"a file was damaged and is now {aside}; its runs are done again")
+            path.rename(damaged[-1])
     stale = {p for text in found.typed.keys() - {thresholds.as_text} for p in found.typed[text]}
     if stale and shard is not None:
         raise ConfigError(
             f"{stored.directory}: its runs are typed by other thresholds than those of the config; "
             "run `rattlesweep classify` there before its shards go on"
         )
-    retry = retry_failed and found.rows > found.status["ok"]
+    retry = retry and found.rows > found.status["ok"]
     if retry or stale:
         remove(stored.directory / SUMMARY)
     for path in stored.files() if retry else stale:
         rows = with_types(read_parquet(path), thresholds)
         kept = rows.filter(pc.equal(rows.column("status"), "ok")) if retry else rows
-        result.retried += len(rows) - len(kept)
         if path in stale or len(kept) < len(rows):
             rewrite(path, kept, thresholds.as_text)
-    return stored.find() if retry else found
+    return stored.find() if retry else found, damaged
 
 
 def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
     """Do what is left, wave by wave where the sweep decides what to run next."""
-    result, done = job.result, job.found.done
+    done = job.found.done
     while True:
         wanted = np.ones_like(done) if shard is None else shard.runs(done.shape)
         if job.decide is not None:
             wanted = job.decide.wanted()
-        result.runs = int((wanted & done).sum())
+        job.runs = int((wanted & done).sum())
         if done[wanted].all():
             return
         remove(job.stored.directory / SUMMARY)  # it is of fewer runs
@@ -367,13 +347,13 @@ def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
         except OutOfTime:
             # It may be up when the last run has ended.
             if not done[wanted].all():
-                result.stopped = "the time is up"
-                if not result.done:
-                    result.stopped = "the time was up before one run had ended, give more"
+                job.stopped = "the time is up"
+                if not job.done:
+                    job.stopped = "the time was up before one run had ended, give more"
                 return
         except BaseException as error:
             if not isinstance(error, Exception):
-                error.add_note(result.kept)
+                error.add_note(f"{job.runs:,} runs are kept")
             raise
         if left := int((wanted & ~done).sum()):
             raise OutputError(f"{left} runs did not come back from the engine; run it again")

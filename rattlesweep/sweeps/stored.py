@@ -2,12 +2,11 @@
 
 A sweep is a set of runs with keys ``(case, sample)``.  The folder ``runs`` holds Parquet files,
 each with any set of rows, ascending by key, and no key of another file; a file is named after its
-first row.  What is left to do is what is wanted, minus the keys of these rows.  The metadata of a
-file say to which sweep it belongs, by which thresholds its rows were typed, and what the cases of
-its rows are, so that files can be copied between directories of a sweep.
+first row.  The metadata of a file say to which sweep it belongs, by which thresholds its rows were
+typed, and what the cases of its rows are, so that files can be copied between directories.
 
-``manifest.json`` says what the sweep is: config, hash, cases, columns, versions, machine.  It is
-written when a sweep begins or grows, and says nothing of what has been done.
+``manifest.json`` says what the sweep is, and nothing of what has been done.  It is written when a
+sweep begins or grows.
 """
 
 from __future__ import annotations
@@ -28,13 +27,7 @@ import pyarrow.compute as pc
 
 from rattlesweep.arrays import Flags, Integers
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
-from rattlesweep.sweeps.columns import (
-    parquet_file,
-    read_parquet,
-    runs_schema,
-    same_schema,
-    write_parquet,
-)
+from rattlesweep.sweeps.columns import read_parquet, runs_schema, same_schema, write_parquet
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import explained, reason, replace_file
@@ -43,6 +36,7 @@ MANIFEST, SUMMARY, FOLDER = "manifest.json", "summary.parquet", "runs"
 FORMAT = 3
 # Keys of a file's metadata: hash of the sweep, thresholds behind the types, cases of the rows.
 SWEEP, TYPED, CASES = "rattlesweep.sweep", "rattlesweep.classify", "rattlesweep.cases"
+KEY = ("case", "sample")
 PIECE = 1_000_000  # rows that are put in order at a time
 VARIES = ("n_i", "omega_xy0", "sigma", "rolling")
 
@@ -126,8 +120,12 @@ class Stored:
         return self.config.classify
 
     def files(self) -> list[Path]:
-        """Return the files of the rows in the order of their names."""
-        return files_of(self.directory)
+        """Return the files of the rows in the order of their names; none without a folder."""
+        folder = self.directory / FOLDER
+        with explained(f"cannot read {folder}"), contextlib.suppress(FileNotFoundError):
+            paths = sorted(folder.iterdir())
+            return [p for p in paths if p.suffix == ".parquet" and not p.name.startswith(".")]
+        return []
 
     def append(self, table: pa.Table, typed: str) -> None:
         """Write rows, of which none may be on disk, as a file of their own."""
@@ -177,20 +175,39 @@ class Stored:
 
     def count(self) -> int:
         """Return the number of rows on disk."""
-        return sum(len(read_parquet(path, ["case"])) for path in self.files())
+        return sum(len(read_parquet(path, KEY)) for path in self.files())
 
     def read(self, names: Sequence[str] | None = None) -> pa.Table:
         """Return all rows, or some of their columns, in the order of their keys."""
         schema = self.schema
         if names is not None:
             schema = pa.schema([schema.field(name) for name in names])
-        tables = [schema.remove_metadata().empty_table(), *pieces(self.files(), names)]
-        return pa.concat_tables(tables).cast(schema)
+        own = schema.remove_metadata()
+        return pa.Table.from_batches(self.batches(names), own).cast(schema)
 
     def batches(self, names: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
-        """Yield the same rows in the same order, in pieces of bounded size."""
-        for piece in pieces(self.files(), names):
-            yield from piece.to_batches()
+        """Yield the same rows in the same order, however they lie in files, some at a time.
+
+        Memory goes with :data:`PIECE`, or with the largest file where that is more.
+        """
+        names = self.schema.names if names is None else list(names)
+        first = {path: _places(read_parquet(path, KEY))[0] for path in self.files()}
+        paths = sorted(first, key=first.__getitem__)
+        held: list[pa.Table] = []
+        for path, following in zip_longest(paths, paths[1:]):
+            rows = read_parquet(path, list(dict.fromkeys([*names, *KEY])))
+            held.append(rows.replace_schema_metadata(None))
+            if following is not None and sum(map(len, held)) < PIECE:
+                continue
+            table = pa.concat_tables(held)
+            place = _places(table)
+            if (np.diff(place) < 0).any():
+                order = np.argsort(place)
+                table, place = table.take(pa.array(order)), place[order]
+            # What comes before the first row of the next file is in its place now.
+            ready = len(table) if following is None else np.searchsorted(place, first[following])
+            held = [table.slice(ready)]
+            yield from table.slice(0, ready).select(names).to_batches()
 
 
 def open_stored(directory: Path | str) -> Stored:
@@ -229,15 +246,6 @@ def write_manifest(directory: Path, data: dict[str, Any]) -> None:
     replace_file(directory / MANIFEST, text.encode() + b"\n")
 
 
-def files_of(directory: Path) -> list[Path]:
-    """Return the files of the rows of a directory, in the order of their names."""
-    folder = directory / FOLDER
-    with explained(f"cannot read {folder}"), contextlib.suppress(FileNotFoundError):
-        paths = sorted(folder.iterdir())
-        return [p for p in paths if p.suffix == ".parquet" and not p.name.startswith(".")]
-    return []
-
-
 def rewrite(path: Path, table: pa.Table, typed: str) -> None:
     """Put other rows in the place of those of a file; a file without rows goes."""
     if len(table):
@@ -248,39 +256,12 @@ def rewrite(path: Path, table: pa.Table, typed: str) -> None:
 
 def metadata(path: Path) -> dict[str, str]:
     """Return the words beside the schema of a file."""
-    with parquet_file(path) as file:
-        return _words(file.schema_arrow)
-
-
-def pieces(files: Iterable[Path], columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-    """Yield all rows in the order of their keys, however they lie in files, some at a time.
-
-    Memory goes with :data:`PIECE`, or with the largest file where that is more.
-    """
-    first = {path: _places(read_parquet(path, ["case", "sample"]))[0] for path in files}
-    paths = sorted(first, key=first.__getitem__)
-    wanted = None if columns is None else list(dict.fromkeys([*columns, "case", "sample"]))
-    held: list[pa.Table] = []
-    for path, following in zip_longest(paths, paths[1:]):
-        held.append(read_parquet(path, wanted).replace_schema_metadata(None))
-        if following is not None and sum(map(len, held)) < PIECE:
-            continue
-        table = pa.concat_tables(held)
-        place = _places(table)
-        if (np.diff(place) < 0).any():
-            order = np.argsort(place)
-            table, place = table.take(pa.array(order)), place[order]
-        # What comes before the first row of the next file is in its place now.
-        ready = len(table) if following is None else np.searchsorted(place, first[following])
-        held = [table.slice(ready)]
-        if ready:
-            piece = table.slice(0, ready)
-            yield piece if columns is None else piece.select(list(columns))
+    return _words(read_parquet(path, []).schema)
 
 
 def keys_of(rows: pa.Table) -> tuple[Integers, Integers]:
     """Return case and sample of each row."""
-    case, sample = (rows.column(name).to_numpy().astype(np.int64) for name in ("case", "sample"))
+    case, sample = (rows.column(name).to_numpy().astype(np.int64) for name in KEY)
     return case, sample
 
 

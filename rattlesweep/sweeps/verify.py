@@ -14,8 +14,7 @@ import pyarrow.compute as pc
 
 from rattlesweep.arrays import Flags
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
-from rattlesweep.physics import theory
-from rattlesweep.sweeps.columns import floats, read_parquet
+from rattlesweep.sweeps.columns import read_parquet
 from rattlesweep.sweeps.decide import decision
 from rattlesweep.sweeps.provenance import WHOLE, at_work, read_sessions, who
 from rattlesweep.sweeps.stored import SUMMARY, Found, Stored, keys_of, open_stored
@@ -26,14 +25,7 @@ from rattlesweep.text import counted
 if TYPE_CHECKING:
     from rattlesweep.sweeps.plan import Plan
 
-CLOSE = 1e-9  # relative difference of theory on another processor
 TOLD = 10  # problems that are printed
-ENDED = {
-    "complete": "has done all of its runs",
-    "stopped": "stopped when its time was up",
-    "interrupted": "was interrupted",
-    "running": "died without a word",
-}
 
 
 def wanted_runs(stored: Stored, found: Found) -> Flags:
@@ -47,11 +39,7 @@ def wanted_runs(stored: Stored, found: Found) -> Flags:
 
 @dataclass(frozen=True)
 class Status:
-    """What is there of a sweep.
-
-    `data` has ``runs``, ``wanted``, ``files``, ``bytes``, ``status`` and ``types`` (runs by each),
-    ``at_work`` (sessions under way) and ``last`` (the session that ended last).
-    """
+    """What is there of a sweep; `data` is as `status` makes it."""
 
     title: str
     data: dict[str, Any]
@@ -69,8 +57,8 @@ class Status:
         for session in data["at_work"]:
             lines.append(f"at work: {session['shard'] or 'the whole sweep'}, {who(session)}")
         if not data["at_work"] and (last := data["last"]) is not None:
-            ended = ENDED.get(last["how"], last["how"])
-            lines.append(f"nobody is at work; the last session, {who(last)}, {ended}")
+            how = {"running": "died without a word"}.get(last["how"], f"ended: {last['how']}")
+            lines.append(f"nobody is at work; the last session, {who(last)}, {how}")
         return "\n".join(lines)
 
 
@@ -192,11 +180,6 @@ def _row_problems(path: Path, rows: pa.Table, again: pa.Table) -> Iterator[str]:
         wrong[f"{name} does not follow from its columns"] = (
             rows.column(name).to_numpy() != again.column(name).to_numpy()
         )
-    modes = theory.modes(*(floats(rows.column(n)) for n in ("alpha", "beta", "theta", "phi", "xi")))
-    for name in ("omega_p", "omega_r", "K_p", "K_r"):
-        ours = getattr(modes, name)
-        same = np.isclose(floats(rows.column(name)), ours, CLOSE, 0)
-        wrong[f"{name} does not follow from its body"] = np.isfinite(ours) & ~same
     for what, which in wrong.items():
         if which.any():
             such = f"such as case {case[which][0]} sample {sample[which][0]}"

@@ -6,42 +6,34 @@ takes some 50 ms: hundreds of kills and faults are a matter of seconds.
 
 from __future__ import annotations
 
-import atexit
-import json
+import multiprocessing
 import os
-import select
 import signal
-import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from nursery import TINY, become
 
-from rattlesweep.sweeps.stored import files_of, open_stored, pieces
+from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.verify import same_bits, verify
 
-TINY = """\
-name: tiny
-bodies: {source: sd, samples: 12}
-spin: {n_i: [-0.1, 0.2], omega_xy0: 0.01}
-model: gh
-horizon: {t: 1000}
-"""
 # At these thresholds some runs of the closed form change their type.
 OTHER_TYPES = "classify.sw_departure=1e-6"
 
 
-def tiny(folder: Path, *lines: str) -> Path:
+def tiny(folder: Path) -> Path:
     """A config of 24 runs: four blocks in the nursery."""
     path = folder / "tiny.yaml"
-    path.write_text(TINY + "".join(f"{line}\n" for line in lines))
+    path.write_text(TINY)
     return path
 
 
@@ -57,11 +49,31 @@ class Ended:
     err: str
 
 
-class Child:
-    """A `rattlesweep` command in a process of its own."""
+@cache
+def _nursery() -> tuple[Any, Path, Any]:
+    """The server of this test run, a folder for what its children say, and their numbers."""
+    os.environ["RATTLESWEEP_TESTS_NURSERY"] = "1"
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["nursery"])
+    return context, Path(tempfile.mkdtemp(prefix="nursery-")), count()
 
-    def __init__(self, nursery: Nursery, number: int, pid: int) -> None:
-        self.pid, self._nursery, self._number = pid, nursery, number
+
+class Child:
+    """A `rattlesweep` command in a process of its own.
+
+    `how`: ``calls``, arguments of `syscalls.Calls`; ``hold``, how many blocks are done before a
+    SIGUSR1; ``grace``, seconds that a first run is waited for when the time is up; ``rows``, runs
+    of a block.
+    """
+
+    def __init__(self, *args: Any, **how: Any) -> None:
+        context, folder, numbers = _nursery()
+        self._out = folder / f"{next(numbers)}"
+        texts = [str(a) for a in args]
+        self._process = context.Process(target=become, args=(texts, self._out, how), daemon=True)
+        self._process.start()
+        self.pid = self._process.pid
 
     def kill(self, number: int = signal.SIGKILL) -> None:
         """Send a signal; SIGUSR1 lets the blocks go on that ``hold`` keeps back."""
@@ -69,92 +81,29 @@ class Child:
 
     def ended(self) -> bool:
         """Whether it has ended."""
-        return self._nursery.code(self._number, 0) is not None
+        return not self._process.is_alive()
 
     def wait(self, seconds: float = 120) -> Ended:
         """Wait for the end."""
-        code = self._nursery.code(self._number, seconds)
-        assert code is not None, f"no end within {seconds} s"
-        folder = self._nursery.folder
-        paths = [folder / f"{self._number}.{name}" for name in ("out", "err")]
+        self._process.join(seconds)
+        assert self._process.exitcode is not None, f"no end within {seconds} s"
         # Killed at once, it has not made them.
+        paths = [self._out.with_suffix(f".{handle}") for handle in (1, 2)]
         out, err = (path.read_text() if path.exists() else "" for path in paths)
-        return Ended(code, out, err)
+        return Ended(self._process.exitcode, out, err)
 
 
-class Nursery:
-    """A process with everything loaded, that forks one for each command."""
-
-    def __init__(self) -> None:
-        self.folder = Path(tempfile.mkdtemp(prefix="nursery-"))
-        self._process = subprocess.Popen(
-            [sys.executable, Path(__file__).with_name("nursery.py"), self.folder, TINY],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-        )
-        self._codes: dict[int, int] = {}
-        self._pids: dict[int, int] = {}
-        self._number = 0
-        self._rest = b""
-
-    def start(self, *args: Any, **how: Any) -> Child:
-        """Start a command.
-
-        `how`: ``calls``, arguments of `syscalls.Calls`; ``hold``, how many blocks are done before a
-        SIGUSR1; ``grace``, seconds that a first run is waited for when the time is up; ``rows``,
-        runs of a block.
-        """
-        self._number += 1
-        number = self._number
-        order = {"number": number, "args": [str(a) for a in args], **how}
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(order, default=str).encode() + b"\n")
-        self._process.stdin.flush()
-        while number not in self._pids:
-            assert self._hear(60), "the nursery does not answer"
-        return Child(self, number, self._pids[number])
-
-    def run(self, *args: Any, **how: Any) -> Ended:
-        """Start a command and wait for it."""
-        return self.start(*args, **how).wait()
-
-    def code(self, number: int, seconds: float) -> int | None:
-        """How a command ended; None if it has not by then."""
-        while number not in self._codes and self._hear(seconds):
-            pass
-        return self._codes.get(number)
-
-    def _hear(self, seconds: float) -> bool:
-        assert self._process.stdout is not None
-        pipe = self._process.stdout.fileno()
-        if not select.select([pipe], [], [], seconds)[0]:
-            return False
-        data = os.read(pipe, 65536)
-        assert data, "the nursery has died"
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        for line in lines:
-            what, number, value = line.split()
-            {b"pid": self._pids, b"code": self._codes}[what][int(number)] = int(value)
-        return True
-
-    def close(self) -> None:
-        """End it, and all that it started."""
-        try:
-            self._process.communicate(timeout=30)
-        except subprocess.TimeoutExpired:
-            os.killpg(self._process.pid, signal.SIGKILL)
-
-
-@cache
-def nursery() -> Nursery:
-    """The one of this test run."""
-    made = Nursery()
-    atexit.register(made.close)
-    return made
+def command(*args: Any, **how: Any) -> Ended:
+    """Run a command in a process of its own and wait for its end."""
+    return Child(*args, **how).wait()
 
 
 # -- what must be left --------------------------------------------------------------------------
+
+
+def files_of(directory: Path) -> list[Path]:
+    """The files of rows."""
+    return sorted(directory.glob("runs/[!.]*.parquet"))
 
 
 def rows_of(directory: Path) -> pa.Table:
@@ -179,13 +128,14 @@ def check_whole(directory: Path, *expected: Path) -> int:
     """Each file that readers see is whole, no run is there twice, and each row is one of those of
     other directories; return how many rows there are.
     """
-    if (directory / "manifest.json").exists():
-        open_stored(directory)
-    if not (tables := list(pieces(files_of(directory)))):
+    if not (directory / "manifest.json").exists():
+        assert not files_of(directory)
         return 0
-    rows = pa.concat_tables(tables)
+    rows = rows_of(directory)
     keys = keys_of(rows)
     assert len(set(keys)) == len(keys)
+    if not keys:
+        return 0
     good = np.zeros(len(rows), bool)
     for table in map(rows_of, expected):
         place = {key: k for k, key in enumerate(keys_of(table))}

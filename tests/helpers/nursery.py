@@ -1,15 +1,14 @@
-"""A process with everything loaded, that forks one for each command it is told; see `hardship`."""
+"""Commands in processes that are forked from one with everything loaded; see `hardship`."""
 
 from __future__ import annotations
 
 import contextlib
 import gc
 import io
-import json
 import os
-import select
 import signal
 import sys
+import tempfile
 import time
 import traceback
 from pathlib import Path
@@ -22,56 +21,55 @@ from rattlesweep.sweeps import run as runner
 
 ROWS = 6
 """Runs of a block, so that small sweeps have several files."""
+TINY = """\
+name: tiny
+bodies: {source: sd, samples: 12}
+spin: {n_i: [-0.1, 0.2], omega_xy0: 0.01}
+model: gh
+horizon: {t: 1000}
+"""
 
 
-def _serve(folder: Path, config: str) -> None:
-    """Fork a process for each line of standard input; say what becomes of it."""
-    answers = os.dup(1)
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    (folder / "warm.yaml").write_text(config)
-    for args in (("run", "warm.yaml", "--output", "warm"), ("classify", "warm"),
-                 ("merge", "warm", "--output", "merged")):  # fmt: skip
-        paths = [str(folder / a) if a.startswith(("warm", "merged")) else a for a in args]
-        with contextlib.redirect_stderr(io.StringIO()), contextlib.suppress(SystemExit):
-            cli.main(paths)
+def warm() -> None:
+    """Load all that a command needs; called in the process from which the others are forked."""
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        Path("warm.yaml").write_text(TINY)
+        for args in (("run", "warm.yaml", "--output", "warm"), ("classify", "warm"),
+                     ("merge", "warm", "--output", "merged")):  # fmt: skip
+            with (
+                contextlib.redirect_stdout(io.StringIO()),
+                contextlib.redirect_stderr(io.StringIO()),
+                contextlib.suppress(SystemExit),
+            ):
+                cli.main(args)
     # Children that count references in memory of their parent's would copy it, page by page.
     gc.collect()
     gc.freeze()
     gc.disable()
-    at_work: dict[int, int] = {}
-    rest = b""
-    while True:
-        if select.select([0], [], [], 0.002 if at_work else None)[0]:
-            data = os.read(0, 65536)
-            if not data:
-                break
-            *lines, rest = (rest + data).split(b"\n")
-            for order in map(json.loads, lines):
-                pid = os.fork()
-                if pid == 0:
-                    _become(order, folder)
-                at_work[pid] = order["number"]
-                os.write(answers, f"pid {order['number']} {pid}\n".encode())
-        while at_work:
-            pid, ended = os.waitpid(-1, os.WNOHANG)
-            if pid == 0:
-                break
-            code = os.waitstatus_to_exitcode(ended)
-            os.write(answers, f"code {at_work.pop(pid)} {code}\n".encode())
-    for pid in at_work:
-        os.kill(pid, signal.SIGKILL)
 
 
-def _become(order: dict[str, Any], folder: Path) -> None:
+if "RATTLESWEEP_TESTS_NURSERY" in os.environ:
+    warm()
+
+
+def become(args: list[str], out: Path, how: dict[str, Any]) -> None:
     """Be the process of a command, to its end."""
     code = 1
     try:
-        for handle, name in ((1, "out"), (2, "err")):
-            path = folder / f"{order['number']}.{name}"
+        for handle in (1, 2):
+            path = out.with_suffix(f".{handle}")
             os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), handle)
-        _prepare(order)
-        sys.argv = ["rattlesweep", *order["args"]]
-        cli.main(order["args"], prog_name="rattlesweep")
+        # A kill of the process takes nothing from the system's memory: whether that is on the disk
+        # is a question of power cuts, and costs most of the time.
+        os.fsync = os.fstat  # type: ignore[assignment]
+        runner.MOST_ROWS, runner.GRACE = how.get("rows", ROWS), how.get("grace", runner.GRACE)
+        if "hold" in how:
+            _hold(how["hold"])
+        if "calls" in how:
+            paths = {k: str(v) for k, v in how["calls"].items() if isinstance(v, Path)}
+            Calls(**how["calls"] | paths).install()
+        sys.argv = ["rattlesweep", *args]
+        cli.main(args, prog_name="rattlesweep")
     except SystemExit as leaving:
         code = leaving.code if isinstance(leaving.code, int) else 0
     except BaseException:
@@ -80,17 +78,6 @@ def _become(order: dict[str, Any], folder: Path) -> None:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
-
-
-def _prepare(order: dict[str, Any]) -> None:
-    # A kill of the process takes nothing from the system's memory: whether that is on the disk
-    # is a question of power cuts, and costs most of the time.
-    os.fsync = os.fstat  # type: ignore[assignment]
-    runner.MOST_ROWS, runner.GRACE = order.get("rows", ROWS), order.get("grace", runner.GRACE)
-    if "hold" in order:
-        _hold(order["hold"])
-    if "calls" in order:
-        Calls(**order["calls"]).install()
 
 
 def _hold(blocks: int) -> None:
@@ -107,8 +94,3 @@ def _hold(blocks: int) -> None:
         return honest(config, schema, prepared, threads, control)
 
     runner.compute = held  # type: ignore[assignment]
-
-
-if __name__ == "__main__":
-    _serve(Path(sys.argv[1]), sys.argv[2])
-    os._exit(0)

@@ -7,13 +7,9 @@ and nothing is left of the process that died.
 from __future__ import annotations
 
 import errno
-import random
 import re
 import shutil
 import signal
-import subprocess
-import time
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,15 +22,15 @@ from hardship import (
     Ended,
     check_equal,
     check_whole,
-    nursery,
+    command,
+    files_of,
     one_sentence,
     tiny,
 )
-from sweeping import CONFIGS, PROGRAM
 from syscalls import CHANGES, MAY_FAIL
 
 from rattlesweep.sweeps.columns import read_parquet, write_parquet
-from rattlesweep.sweeps.stored import files_of, metadata
+from rattlesweep.sweeps.stored import metadata
 
 GRID = (
     "bodies: {source: grid, base: {preset: GH}, "
@@ -50,21 +46,20 @@ class Scene:
     """A command, ``{out}`` in it for the directory, which is a copy of `before` each time."""
 
     before: Path | None
-    command: tuple[Any, ...]
+    args: tuple[Any, ...]
     after: Path
     rows: int = 12
 
-    def begin(self, output: Path) -> list[str]:
-        """Put the directory there, and say the command."""
+    def begin(self, output: Path) -> None:
+        """Put the directory there."""
         shutil.rmtree(output, ignore_errors=True)
         if self.before is not None:
             shutil.copytree(self.before, output)
-        return [str(part).replace("{out}", str(output)) for part in self.command]
 
     def run(self, output: Path, **how: Any) -> Ended:
         """Give the command to what is there."""
-        args = [str(part).replace("{out}", str(output)) for part in self.command]
-        return nursery().run(*args, rows=self.rows, **how)
+        args = [str(part).replace("{out}", str(output)) for part in self.args]
+        return command(*args, rows=self.rows, **how)
 
 
 def make_scene(name: str, folder: Path) -> Scene:
@@ -77,8 +72,8 @@ def make_scene(name: str, folder: Path) -> Scene:
         rows = 20 if name == "refine" else 400
     run = ("run", config, "--output", "{out}", "-q")
 
-    def did(command: tuple[Any, ...], output: Path) -> Path:
-        done = Scene(None, command, output, rows).run(output)
+    def did(args: tuple[Any, ...], output: Path) -> Path:
+        done = Scene(None, args, output, rows).run(output)
         assert done.code == 0, done
         return output
 
@@ -89,9 +84,9 @@ def make_scene(name: str, folder: Path) -> Scene:
         shards = [did((*run, "--shard", f"{k}/2"), folder / str(k)) for k in range(2)]
         return Scene(None, ("merge", *shards, "--output", "{out}"), whole)
     if name == "classify":
-        command = ("classify", "{out}", "--set", OTHER_TYPES)
-        after = did(command, Path(shutil.copytree(whole, folder / "after")))
-        return Scene(whole, command, after)
+        classify = ("classify", "{out}", "--set", OTHER_TYPES)
+        after = did(classify, Path(shutil.copytree(whole, folder / "after")))
+        return Scene(whole, classify, after)
     if name == "retry":
         before = Path(shutil.copytree(whole, folder / "failed"))
         fail_some(before)
@@ -114,14 +109,10 @@ def fail_some(directory: Path) -> None:
 
 
 def at_every_call(
-    name: str,
-    folder: Path,
-    kinds: tuple[str, ...],
-    judge: Callable[[Ended], bool],
-    stride: int,
+    name: str, folder: Path, kinds: tuple[str, ...], judge: Callable[[Ended], bool], stride: int,
     **harm: Any,
-) -> int:
-    """Do harm at one call of a command after the other, look, and give it again; how often."""
+) -> None:  # fmt: skip
+    """Do harm at one call of a command after the other, look, and give it again."""
     scene, output, log = make_scene(name, folder), folder / "out", folder / "log"
     scene.begin(output)
     done = scene.run(output, calls={"root": output, "kinds": kinds, "log": log})
@@ -130,8 +121,7 @@ def at_every_call(
     assert len(calls) > 10
     check_equal(output, scene.after)
     known = (scene.after, *([scene.before] if scene.before else []))
-    places = range(stride // 2, len(calls), stride)
-    for at in places:
+    for at in range(stride // 2, len(calls), stride):
         scene.begin(output)
         done = scene.run(output, calls={"root": output, "kinds": kinds, "at": at, **harm})
         where = f"{harm} at call {at}, {calls[at]}: {done}"
@@ -141,7 +131,6 @@ def at_every_call(
         again = scene.run(output)
         assert again.code == 0, (where, again)
         check_equal(output, scene.after)
-    return len(places)
 
 
 SLOW = pytest.mark.slow
@@ -149,9 +138,8 @@ SLOW = pytest.mark.slow
 
 @pytest.mark.parametrize("stride", [60, pytest.param(1, marks=SLOW)])
 @pytest.mark.parametrize("name", SCENES)
-def test_killed_at_every_call(name, stride, tmp_path, record_property):
-    kills = at_every_call(name, tmp_path, CHANGES, lambda done: done.code == -9, stride)
-    record_property("kills", kills)
+def test_killed_at_every_call(name, stride, tmp_path):
+    at_every_call(name, tmp_path, CHANGES, lambda done: done.code == -9, stride)
 
 
 def fails(done: Ended) -> bool:
@@ -162,13 +150,12 @@ def fails(done: Ended) -> bool:
 @pytest.mark.parametrize("stride", [90, pytest.param(1, marks=SLOW)])
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO], ids=errno.errorcode.get)
 @pytest.mark.parametrize("name", SCENES)
-def test_faults_at_every_call(name, number, stride, tmp_path, record_property):
+def test_faults_at_every_call(name, number, stride, tmp_path):
     # A full disk stays full; a disk that fails once may do so anywhere.
     kinds = MAY_FAIL[number]
-    count = at_every_call(
+    at_every_call(
         name, tmp_path, kinds, fails, stride, number=number, for_good=number == errno.ENOSPC
     )
-    record_property("faults", count)
 
 
 @pytest.mark.parametrize("stride", [60, pytest.param(1, marks=SLOW)])
@@ -180,7 +167,7 @@ def test_faults_at_every_call(name, number, stride, tmp_path, record_property):
 def test_stopped_at_every_call(name, number, code, word, stride, tmp_path):
     def stopped(done: Ended) -> bool:
         # Before rows are counted and when all is done nothing is said of them.
-        said = rf"{word}(; \d+ runs are kept, .*, and the same command resumes from there)?\n"
+        said = rf"{word}(; \d+ runs are kept, and the same command resumes from there)?\n"
         return done.code == code and re.fullmatch(said, done.err) is not None
 
     at_every_call(name, tmp_path, CHANGES, stopped, stride, sent=number)
@@ -204,39 +191,3 @@ def test_the_counter_kills_and_lets_live(tmp_path):
             own = [x.split()[0] for x in lines[:place] if x.split()[1] == path]
             assert (own[0], {*own[1:-1]}, own[-1]) == ("create", {"write"}, "fsync")
             assert lines[place + 1] == f"fsync {Path(path).parent}"
-
-
-# -- the real program, at any instant ------------------------------------------------------------
-
-SETS = ("bodies.samples=1500", "bodies.target=", "spin.n_i=[-0.3, -0.5]", "horizon={t: 3000}")
-
-
-@SLOW
-def test_the_program_killed_at_random_instants(tmp_path, record_property):
-    """The real command with the kernel, in a process of its own."""
-    sets = [part for text in SETS for part in ("--set", text)]
-    output, whole = tmp_path / "out", tmp_path / "whole"
-    command = [PROGRAM, "run", CONFIGS / "quickstart.yaml", "-q", *sets, "--output"]
-    began = time.monotonic()
-    subprocess.run([*command, whole], check=True, capture_output=True, timeout=600)
-    seconds = time.monotonic() - began
-    dice, counts = random.Random(2017), Counter[str]()
-    while counts["killed"] < 10:
-        process = subprocess.Popen([*command, output], stderr=subprocess.PIPE, text=True)
-        try:
-            # Nearly all of the time goes into loading: most instants are to fall after that.
-            _, err = process.communicate(timeout=seconds * dice.uniform(0.5, 1.1))
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.communicate()
-            counts["killed"] += 1
-            if output.exists():
-                counts["half"] += 0 < check_whole(output, whole) < 3000
-        else:
-            assert process.returncode == 0, err
-            check_equal(output, whole)
-            counts["through"] += 1
-            shutil.rmtree(output)
-    subprocess.run([*command, output], check=True, capture_output=True, timeout=600)
-    check_equal(output, whole)
-    record_property("counts", dict(counts))

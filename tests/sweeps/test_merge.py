@@ -8,13 +8,12 @@ from typing import Any
 
 import pytest
 import sweeping
-from hardship import check_equal
+from hardship import check_equal, files_of
 from refusal import assert_refused
-from sweeping import changed, invoke, tree
+from sweeping import invoke, tree
 
 from rattlesweep.sweeps.merge import classify_stored
 from rattlesweep.sweeps.run import Shard
-from rattlesweep.sweeps.stored import files_of
 
 CONFIG: dict[str, Any] = {
     "name": "shards",
@@ -91,17 +90,6 @@ def test_files_that_are_copied_are_a_merge_too(plain, thirds, tmp_path):
             shutil.copy(path, tmp_path / "runs" / f"{third.name}-{path.name}")
     assert sweep(tmp_path).done == 0
     check_equal(tmp_path, plain)
-
-
-def test_shards_of_a_smaller_sweep(plain, tmp_path):
-    small = changed(CONFIG, bodies={"samples": 20})
-    sweeping.sweep(tmp_path / "0", small, shard=Shard(0, 2))
-    sweep(tmp_path / "1", (1, 2))
-    result = merge(tmp_path / "0", tmp_path / "1", to=tmp_path / "out")
-    assert result.exit_code == 75
-    assert "60 runs missing" in result.stderr
-    sweep(tmp_path / "out")
-    check_equal(tmp_path / "out", plain)
 
 
 @pytest.mark.parametrize(

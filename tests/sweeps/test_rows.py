@@ -30,7 +30,7 @@ from rattlesweep.sweeps.columns import (
 )
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.files import replace_file, streamed_file
-from rattlesweep.sweeps.stored import Case, Stored, open_stored, pieces
+from rattlesweep.sweeps.stored import Case, Stored, open_stored
 from rattlesweep.sweeps.verify import same_bits
 
 CASES = tuple(Case(k, None, None, -0.1 * (k + 1), 0.01) for k in range(5))
@@ -95,17 +95,6 @@ def test_every_column_says_what_it_is() -> None:
         assert len(column.metadata[b"description"]) > 5, column.name
 
 
-def test_what_is_not_finite_becomes_null_and_lists_are_as_long_as_counted() -> None:
-    columns = random_columns(np.zeros(50, int), np.arange(50))
-    table = build_table(columns, SCHEMA)
-    for field in SCHEMA:
-        if pa.types.is_floating(field.type):
-            null = ~np.isfinite(columns[field.name])
-            assert np.array_equal(table[field.name].is_null().to_numpy(), null), field.name
-    lists = ragged(np.arange(6.0).reshape(2, 3), np.array([2, -1])).to_pylist()
-    assert lists == [[0.0, 1.0], None]
-
-
 def test_a_file_is_whole_or_not_there(tmp_path):
     path = tmp_path / "a"
     replace_file(path, b"one")
@@ -146,14 +135,14 @@ def test_rows_come_back_in_order_however_they_lie_in_files(files, piece, tmp_pat
     parts = np.random.default_rng(files).integers(0, files, len(table))
     stored = scatter(tmp_path, table, parts)
     assert len(stored.files()) == len(np.unique(parts))
-    assert same_bits(pa.concat_tables(pieces(stored.files())), table)
+    assert same_bits(stored.read(), table)
     assert same_bits(stored.read(["t_r", "case"]), table.select(["t_r", "case"]))
 
 
 def test_pieces_are_bounded_where_files_follow_each_other(tmp_path, monkeypatch):
     monkeypatch.setattr(stored_module, "PIECE", 100)
     stored = scatter(tmp_path, random_rows(5, 400), np.arange(2000) // 40)
-    assert max(len(piece) for piece in pieces(stored.files(), ["case"])) <= 140
+    assert max(len(piece) for piece in stored.batches(["case"])) <= 140
 
 
 def test_what_is_there_is_found(tmp_path):

@@ -30,10 +30,8 @@ from sweeping import (
 )
 
 import rattlesweep as rs
-import rattlesweep.text
 from rattlesweep.sweeps.columns import runs_schema, same_schema, summary_schema
 from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.run import Progress
 
 SMALL = {
     "gh.yaml": (),
@@ -100,7 +98,8 @@ def test_the_manifest_is_enough_to_run_it_again(mixed, tmp_path):
     assert said["versions"]["numpy"] == np.__version__
     assert {"cpu", "processors", "system"} <= said["machine"].keys()
     config = parse_config(said["config"]).model_dump(exclude_none=True)
-    again = sweep(tmp_path / "again", config).directory
+    again = tmp_path / "again"
+    sweep(again, config)
     assert content_hash(again) == content_hash(mixed)
     for key in ("config", "config_hash", "cases", "samples", "columns"):
         assert manifest(again)[key] == said[key]
@@ -141,26 +140,6 @@ def test_windows_are_recorded_when_asked_for(tmp_path):
         if row.type != "R":
             departure = max(1 - min(abs(least).min(), abs(most).min()) / abs(row.n_i), 0)
             assert row.n_departure == pytest.approx(departure, rel=1e-6, abs=1e-9)
-
-
-def test_t_r_is_kept_and_the_type_is_not_where_a_run_fails_later(tmp_path):
-    config = {
-        "bodies": {"source": "sd", "samples": 8},
-        "spin": {"n_i": 0.5, "omega_xy0": 0.1},
-        "horizon": {"t": 600},
-        "integrator": {"max_steps": 2000},
-    }
-    plain = rs.sweep(config, output=tmp_path / "plain").runs
-    swept = rs.sweep(config | {"record": ["reversals"]}, output=tmp_path / "turns")
-    runs = swept.runs
-    late = (runs.status != "ok") & (plain.type == "R")
-    assert late.sum() >= 3
-    assert (runs[late].t_r == plain[late].t_r).all()
-    assert runs[late][["type", "n_turns"]].isna().all(axis=None)
-    # No share and no mean counts them.
-    assert swept.summary.failed[0] == (runs.status != "ok").sum()
-    assert np.isnan(swept.summary.t_r_mean[0])
-    proved(tmp_path / "turns")
 
 
 def test_runs_that_fail_are_rows_with_a_status_and_the_exit_code_says_so(tmp_path):
@@ -218,18 +197,6 @@ def test_quiet_says_nothing_and_the_table_goes_to_standard_output(tmp_path):
     assert len(loud.stdout.splitlines()) == 3
     assert re.match(r"2 runs in \S+, 2 of them done now in .* s\n", loud.stderr)
     assert re.search(r"of integration", loud.stderr, re.MULTILINE)
-
-
-def test_without_a_terminal_there_is_at_most_one_line_a_minute(monkeypatch, capfd):
-    now = [0.0]
-    monkeypatch.setattr(rattlesweep.text.time, "monotonic", lambda: now[0])
-    with rattlesweep.text.Bar.of_command() as meter:
-        for tick in range(6001):
-            now[0] = tick / 10
-            meter(Progress(tick / 6000, tick, 6000, now[0], 600 - now[0]))
-    lines = capfd.readouterr().err.splitlines()
-    assert len(lines) == 10
-    assert lines[0] == "10.0 %, 600 of 6,000 runs, 1:00, 9:00 left"
 
 
 def test_bodies_can_be_drawn_while_a_kernel_runs():
