@@ -57,6 +57,7 @@ class Fit(NamedTuple):
 
 
 FITS = {"dop853": Fit(), "verner98": Fit(floor=0.2), "rk4": Fit(floor=0.0, share=0.003)}
+ELLIPSOID = Fit(slope=20.0, share=0.002)  # its large swings are harder to integrate
 # Kinks lower the order of all methods, in some runs so much that a tighter tolerance hardly helps,
 # which only a companion that is nearly as good can tell.
 ROLLING = Fit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0)
@@ -96,8 +97,9 @@ class Estimated(Outcome):
 
 def fit_of(config: Config) -> Fit:
     """Return the constants for the method and the model of a sweep."""
-    rolls = "rolling" in model_of(config).name
-    return ROLLING if rolls else FITS.get(config.integrator.method, Fit())
+    if config.dissipation.kind == "rolling":
+        return ROLLING
+    return ELLIPSOID if config.bodies.ellipsoidal else FITS.get(config.integrator.method, Fit())
 
 
 def companion_setting(config: Config, value: float) -> float:

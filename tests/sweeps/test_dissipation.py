@@ -105,25 +105,6 @@ def test_columns_are_those_of_each_run(swept, tmp_path):
     )
 
 
-def test_without_losses_it_is_that_of_a_sweep_without(tmp_path):
-    """The kernel that knows losses and ellipsoids agrees with the plain one to rounding."""
-    launches = [(s, t, n) for s in (0, 0.1) for t in (0.64, 0.7, 0.8) for n in (0.1, 0.3, -0.3)]
-    lines = [f"13.04,1.522,12.28,{t},0.036,-0.03,{n},0.05,,{s},{s / 100}" for s, t, n in launches]
-    head = f"{HEAD},n_i,omega_xy0,c,sigma,rolling"
-    config = table(tmp_path, head, *lines, f"{ROW},0.1,0.05,3,0,0", surface="ellipsoid", c=None)
-    found = rs.sweep(
-        {"bodies": config["bodies"], "horizon": {"t": 300}}, output=tmp_path / "out"
-    ).runs
-    free = found[(found.sigma == 0) & found.c.isna()].reset_index(drop=True)
-    plain = pd.DataFrame({n: free[n] for n in (*PARAMETERS, "n_i", "omega_xy0")})
-    without = rs.sweep(plain, output=tmp_path / "plain", horizon={"t": 300}).runs
-    assert len(without) == len(free) == 9
-    assert without.type.tolist() == free.type.tolist()
-    np.testing.assert_allclose(free.t_r, without.t_r, rtol=1e-9)
-    np.testing.assert_allclose(free.n_end, without.n_end, rtol=0, atol=1e-9)
-    assert without.n_c1.equals(free.n_c1)
-
-
 # -- what is made of them ----------------------------------------------------------------------
 
 

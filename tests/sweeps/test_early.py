@@ -85,17 +85,6 @@ def test_the_same_content_however_it_is_run(both, tmp_path):
     assert content_hash(both / "early") != content_hash(both / "full")
 
 
-def test_errors_of_types_are_told_of_runs_that_end_early(tmp_path):
-    for name, more in (("full", ()), ("early", (EARLY,))):
-        sweep(tmp_path / name, "record=[error]", "spin.n_i=[-0.5]", *more)
-    full, early = rows(tmp_path / "full"), rows(tmp_path / "early")
-    some = ended(early, full)
-    assert some.sum() > 5
-    assert early.type_sure[some].all()
-    assert early.type.equals(full.type)
-    pd.testing.assert_frame_equal(early[~some], full[~some], check_exact=True)
-
-
 def test_from_python_and_for_the_mirror_image(tmp_path):
     """Which is stable in the other direction."""
     b = rs.Rattleback.gh()

@@ -181,19 +181,3 @@ def test_wilson_against_scipy():
     assert np.isnan([low[5], high[5]]).all()
     assert (low[0], high[1]) == (0, 1)
     assert [float(end) for end in wilson(1, 7)] == [low[2], high[2]]
-
-
-def test_closing_table():
-    values = {"case": 0, "K_r": 0.0041, "n_i": -0.5, "omega_xy0": 0.001, "runs": 10_000_000,
-              "fraction_R": 0.5, "t_r_mean": 812.4567, "t_r_over_t_rgh_mean": 1.01557,
-              "failed": 12, "near_tangencies": 0}  # fmt: skip
-    first = dict.fromkeys(summary_schema().names) | values
-    second = dict.fromkeys(first) | {"case": 11, "runs": 0, "failed": 0, "near_tangencies": 0}
-    text = closing_table(pa.Table.from_pylist([first, second], summary_schema()))
-    head, one, two = text.split("\n")
-    assert head.split()[:4] == ["case", "target", "n_i", "omega_xy0"]
-    assert " ".join(one.split()) == (
-        "0 K_r=0.0041 -0.5 0.001 10000000 0.500 - - - - 812.46 1.0156 12"
-    )
-    assert two.split()[:3] == ["11", "-", "-"]
-    assert len({len(line) for line in (head, one, two)}) == 1
