@@ -161,28 +161,6 @@ def test_the_summary_is_that_of_the_grid_and_not_of_its_boundaries(full, done):
     assert summary.runs.tolist() == runs.tolist()
 
 
-def test_filled_is_the_nearest_of_each_spin_and_body(done):
-    """By brute force; ties may go either way."""
-    stored = open_stored(done["refine by type"])
-    rows = stored.read(["case", "sample"])
-    shown = filled(stored.directory, ["theta", "n_i", "omega_xy0"])
-    theta = np.linspace(0.6, 0.99, 61)
-    place = {case.index: (case.n_i, case.omega_xy0) for case in stored.cases}
-    spins = sorted({n_i for n_i, _ in place.values()})
-    known: dict[float, list[tuple[int, int]]] = {}
-    for case, sample in zip(rows["case"].to_pylist(), rows["sample"].to_pylist(), strict=True):
-        known.setdefault(place[case][1], []).append((spins.index(place[case][0]), sample))
-    dice = np.random.default_rng(1)
-    for k in dice.choice(len(shown), 300, replace=False):
-        row = {name: shown[name][int(k)].as_py() for name in shown.schema.names}
-        n_i, push = place[row["at_case"]]
-        assert row["omega_xy0"] == push  # an axis of two values is no way to a neighbour
-        here = np.array([spins.index(n_i), row["at_sample"]])
-        found = np.array([spins.index(row["n_i"]), np.abs(theta - row["theta"]).argmin()])
-        least = np.min(np.sum((np.array(known[push]) - here) ** 2, axis=1))
-        assert np.sum((found - here) ** 2) == least
-
-
 def asked(kind: Callable[..., Any], theta: int, phi: int, levels: int) -> Any:
     """Which points of a plane of bodies are asked for; the types ``kind(x, y)``; waves."""
     axes = {"theta": {"linspace": [0.6, 0.95, theta]}, "phi": {"linspace": [0.02, 0.1, phi]}}
