@@ -26,8 +26,7 @@ import numpy as np
 from numba import njit
 
 from rattlesweep.arrays import take
-from rattlesweep.integrate.batch import Batch
-from rattlesweep.integrate.lanes.build import problem_of
+from rattlesweep.integrate.batch import Batch, problem_of
 from rattlesweep.integrate.lanes.lane import LANES, Layout
 from rattlesweep.integrate.lanes.step import OPTIONS, write_attempt
 from rattlesweep.integrate.model import FULL

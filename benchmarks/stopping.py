@@ -44,8 +44,9 @@ def run(plan: Plan, case: Integers, sample: Integers, counts: Counts) -> pa.Tabl
 def stopped(config: dict[str, Any]) -> Counts:
     """Return what a sweep that stops comes to, by case."""
     plan = make_plan(parse_config(config))
-    decide, counts = Stopping(plan.config.stop, plan.shape), Counts(len(plan.cases))
-    done = np.zeros(plan.shape, dtype=bool)
+    shape = len(plan.cases), plan.samples
+    decide, counts = Stopping(plan.config.stop, shape), Counts(len(plan.cases))
+    done = np.zeros(shape, dtype=bool)
     while (todo := decide.wanted() & ~done).any():
         decide.add(run(plan, *np.nonzero(todo), counts))
         done |= todo

@@ -11,7 +11,7 @@ import pyarrow as pa
 from rattlesweep.analysis.plots.layout import TARGETS, Layout, fill
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.columns import RUNS
-from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.config.schema import PARAMETERS
 from rattlesweep.sweeps.provenance import package_version
 
@@ -50,7 +50,7 @@ def make_dataset(
     coordinates: dict[str, Any] = {}
     for name, axis in layout.axes.items():
         about = (_about(known[name]) if name in known
-                 else {"units": "degree", "long_name": PARAMETERS[name].meaning})  # fmt: skip
+                 else {"units": "degree", "long_name": PARAMETERS[name][2]})  # fmt: skip
         coordinates[name] = name, axis.values, about
     place, shape = layout.cells(table), [*layout.lengths.values()]
     if not layout.bodies:

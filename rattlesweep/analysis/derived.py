@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
-from rattlesweep.physics.launch import direction, garcia_hubbard
+from rattlesweep.physics.theory import direction, garcia_hubbard
 
 FREQUENCY, TIME = "sqrt(g/a)", "sqrt(a/g)"
 SPINS = ("n_c1", "n_i", "n_0")  # in turns a minute

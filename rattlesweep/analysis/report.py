@@ -19,8 +19,8 @@ from rattlesweep.analysis.style import encode, styled
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.read import resolved
 from rattlesweep.sweeps.provenance import read_sessions
-from rattlesweep.sweeps.status import status
 from rattlesweep.sweeps.summary import absent_columns, count_cases, summary_table
+from rattlesweep.sweeps.verify import status
 
 # Larger vector pictures are shown as PNG, or a page of seven would pass 5 MB.
 DPI, MOST_SVG = 120, 400_000
@@ -61,6 +61,7 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     layout = read_layout(directory)
     stored, manifest, state = layout.stored, layout.stored.manifest, status(directory)
     runs, wanted, size = (state.data[name] for name in ("runs", "wanted", "bytes"))
+    whole = runs >= wanted
     rows = stored.read(["case", "sample", "status", "n_steps"])
     steps = pc.sum(rows["n_steps"], min_count=0).as_py()
     failed = rows.filter(pc.not_equal(rows["status"], "ok")).to_pandas().groupby("status")
@@ -79,8 +80,8 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     return render(
         "sweep.html.j2",
         title=title or manifest["name"],
-        complete=state.done,
-        state="complete" if state.done else f"not complete: {runs:,} of {wanted:,} runs are done",
+        complete=whole,
+        state="complete" if whole else f"not complete: {runs:,} of {wanted:,} runs are done",
         runs=runs,
         ok=state.data["status"].get("ok", 0),
         counts=counts,

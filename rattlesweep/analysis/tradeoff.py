@@ -32,7 +32,6 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.integrate.task import Task, side_by_side
 from rattlesweep.physics import theory
-from rattlesweep.physics.launch import garcia_hubbard
 from rattlesweep.sweeps.block import columns_of, load_kernel, run_batch
 from rattlesweep.sweeps.columns import (
     F64,
@@ -382,7 +381,7 @@ def _timed_call(
 
         def closed_form() -> tuple[float, float]:
             modes = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
-            garcia_hubbard(b, modes, la.n_i, la.omega_xy0, la.psi).t_rgh.sum()
+            theory.garcia_hubbard(b, modes, la.n_i, la.omega_xy0, la.psi).t_rgh.sum()
             return 0.0, len(runs) * mean
 
         return closed_form

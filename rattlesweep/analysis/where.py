@@ -10,7 +10,7 @@ import pandas as pd
 import pyarrow as pa
 
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.config import not_one_of
 
 # Methods of a column that a condition may call; others might write files.
 METHODS = ("isna", "notna", "isin", "between")

@@ -16,13 +16,12 @@ from rattlesweep.integrate.batch import (
     exponents,
     has_settled,
     integrate,
+    kernel,
     needed,
 )
-from rattlesweep.integrate.defaults import DT, TOL
-from rattlesweep.integrate.lanes.build import kernel
-from rattlesweep.integrate.lanes.columns import MOST_REVERSALS
+from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
 from rattlesweep.integrate.status import Status
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.tableau import DT, METHODS, TOL
 from rattlesweep.physics import steady
 from rattlesweep.physics.theory import damping_rates, unsteady
 from rattlesweep.sweeps.columns import build_table, ragged

@@ -22,8 +22,7 @@ from rattlesweep.sweeps.config.schema import Config, GridSource, Stop
 from rattlesweep.sweeps.types import TYPES, R, codes, wilson
 
 if TYPE_CHECKING:
-    from rattlesweep.sweeps.cases import Case
-    from rattlesweep.sweeps.stored import Stored
+    from rattlesweep.sweeps.stored import Case, Stored
 
 # Samples of each case in the first wave: with fewer the intervals are too uncertain to stop on;
 # and those of the next wave, as a share of those so far.

@@ -12,10 +12,10 @@ from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import N_WINDOWS, Batch
 from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
-from rattlesweep.physics import full, launch, reduced, stone, theory
+from rattlesweep.physics import full, reduced, stone, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
-from rattlesweep.sweeps.bodies.protocol import Bodies
+from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.bodies.sources import GridBodies
 from rattlesweep.sweeps.bodies.table import TableBodies
 from rattlesweep.sweeps.config.read import parse_config
@@ -47,7 +47,7 @@ class Launches:
     omega_xy0: Floats
     psi: Floats
     modes: theory.Modes
-    gh: launch.GarciaHubbard
+    gh: theory.GarciaHubbard
     n_0: Floats
     n_c1: Floats
     t_end: Floats
@@ -66,7 +66,7 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     config, b = plan.config, plan.source.bodies(plan.targets[case], sample)
     if (state := config.launch) is not None and b.n_i is None:
         omega, u = (np.tile(x, (len(sample), 1)) for x in (state.omega, state.u))
-        n_i, omega_xy0, psi = launch.spin_and_oscillation(omega, u)
+        n_i, omega_xy0, psi = theory.spin_and_oscillation(omega, u)
         b = replace(b, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
 
     def natural(value: Quantity) -> Floats:
@@ -84,8 +84,8 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     n_i, omega_xy0 = value("n_i"), value("omega_xy0")
     modes = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
     way = config.spin.psi if config.spin else "relevant"
-    psi = launch.direction(modes, n_i, way) if b.psi is None else b.psi
-    gh = launch.garcia_hubbard(b, modes, n_i, omega_xy0, psi)
+    psi = theory.direction(modes, n_i, way) if b.psi is None else b.psi
+    gh = theory.garcia_hubbard(b, modes, n_i, omega_xy0, psi)
     n_0 = gh.n_0
     if b.omega is not None and b.u is not None:
         ix, iy, iz, *curvature = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
@@ -157,7 +157,7 @@ def full_batch(launches: Launches) -> Batch:
     """Return the batch for the full dynamics."""
     b = launches.bodies
     if b.omega is None or b.u is None:
-        y0 = launch.full_state(launches.n_i, launches.omega_xy0, launches.psi)
+        y0 = theory.full_state(launches.n_i, launches.omega_xy0, launches.psi)
     else:
         y0 = np.ascontiguousarray(full.from_vectors(b.u.T, b.omega.T).T)
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)

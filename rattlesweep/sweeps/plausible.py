@@ -18,18 +18,16 @@ import pyarrow as pa
 from rattlesweep.arrays import Flags, Floats, Integers, take
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
-from rattlesweep.sweeps.bodies.protocol import Bodies, Source
-from rattlesweep.sweeps.bodies.sampler import bodies_of
-from rattlesweep.sweeps.bodies.sources import SdBodies, drawn, ranges_of
+from rattlesweep.sweeps.bodies import Bodies, Source
+from rattlesweep.sweeps.bodies.sources import SdBodies, bodies_at, ranges_of
 from rattlesweep.sweeps.bodies.table import frame_bodies
 from rattlesweep.sweeps.columns import write_parquet
-from rattlesweep.sweeps.config.messages import Key
+from rattlesweep.sweeps.config import Key
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.launches import Launches, prepare
-from rattlesweep.sweeps.plan import Plan, make_plan
-from rattlesweep.sweeps.stored import examine
+from rattlesweep.sweeps.plan import Plan, examine, make_plan
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -129,7 +127,7 @@ class DrawnBodies:
     def __init__(self, config: Config, source: SdSource) -> None:
         ranges, target = ranges_of(source), source.target
         points = np.random.default_rng(SEED).random((len(ranges), DRAWN))
-        self._bodies = b = drawn(bodies_of(points, ranges))
+        self._bodies = b = bodies_at(points, ranges)
         if target is None:
             return
         *_, K_p, K_r = theory.torque_coefficients(b.alpha, b.beta, b.theta, b.phi, b.xi)

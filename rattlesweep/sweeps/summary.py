@@ -13,7 +13,6 @@ import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.physics.theory import unsteady
-from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import (
     build_table,
     floats,
@@ -23,6 +22,7 @@ from rattlesweep.sweeps.columns import (
 )
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.decide import decides, nearest_rows
+from rattlesweep.sweeps.stored import Case
 from rattlesweep.sweeps.types import DEAD, TYPES, R, codes, share
 from rattlesweep.text import align
 

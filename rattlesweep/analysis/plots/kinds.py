@@ -18,7 +18,7 @@ from rattlesweep.analysis.style import SERIES, THEORY, TYPE_STYLE, label, value_
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.columns import floats
-from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.types import codes, share, wilson
 
 # Axes of so many values are long enough for an abscissa; of fewer than these each has a tick.

@@ -16,7 +16,7 @@ from rattlesweep.analysis.where import Where, parse_where
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.columns import floats
-from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.config.schema import GridSource
 from rattlesweep.sweeps.decide import FEWEST as FEWEST_REFINED
 from rattlesweep.sweeps.decide import nearest
@@ -182,7 +182,7 @@ def read_layout(directory: Path) -> Layout:
     if cases[0].target_name is not None:
         given[cases[0].target_name] = [case.target for case in cases]
     launch = ["n_i", "omega_xy0"] if config.spin is not None else []
-    losses = (n for n in ("sigma", "rolling") if isinstance(getattr(config.dissipation, n), list))
+    losses = (n for n in ("sigma", "rolling") if len(config.dissipation.values(n)) > 1)
     given |= {name: [getattr(case, name) for case in cases] for name in (*launch, *losses)}
     given = {name: values for name, values in given.items() if values[0] is not None}
     grid = config.bodies.varying if isinstance(config.bodies, GridSource) else {}
