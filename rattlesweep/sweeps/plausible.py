@@ -1,8 +1,6 @@
-"""Plans that were checked: of a config, and of a DataFrame.
+"""Plans that were checked: theory judges a few thousand runs, and nothing is integrated.
 
-Configs of which no run can be right are refused, and of those that make little physical sense is
-warned.  Theory judges a few thousand runs; nothing is compiled and nothing integrated.  Random
-bodies are drawn in NumPy, as the compiled sampler may redraw for hours.
+Random bodies are drawn in NumPy, as the compiled sampler may redraw for hours.
 """
 
 from __future__ import annotations
