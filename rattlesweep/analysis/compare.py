@@ -55,11 +55,11 @@ class Comparison:
             "beyond": int((runs.over_errors > 1).sum()) if self.errors else None,
             "types": int(runs.differs.sum()),
             "types_sure": int((runs.differs & runs.sure).sum()) if self.errors else None,
-            "not_ok": int(runs.not_ok.sum()),
+            "failed": int(runs.not_ok.sum()),
         }  # fmt: skip
 
     def disagree(self, allowed: float) -> bool:
-        """Tell whether a larger share is beyond both errors, or types that are sure differ."""
+        """Tell whether a larger fraction is beyond both errors, or types that are sure differ."""
         total = self.row(self.runs)
         return bool((total["beyond"] or 0) > allowed * total["reversing"] or total["types_sure"])
 

@@ -1,8 +1,4 @@
-"""Fit parameters of one run to a measured angle or spin, or to the times of reversals.
-
-The noise is taken to be equal and independent from row to row, and estimated from the residuals;
-the intervals come from the Jacobian at the best fit.
-"""
+"""Fit parameters of one run to a measured angle or spin, or to the times of reversals."""
 
 from __future__ import annotations
 
@@ -10,10 +6,11 @@ import math
 import os
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,52 +29,35 @@ from rattlesweep.units import quantity
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-CONFIDENCE = 0.95
+# Step of the central differences, as a share of a parameter's scale.
 STEP = 3e-6
-"""Step of the central differences, as a share of a parameter's scale."""
+# Parts of the data, from their beginning, that are fitted before all of them; the fine ones where
+# the coarse ones lead astray.
 SHARES, FINE = (0.15, 0.3, 0.6, 0.8), tuple(np.arange(0.1, 1.0, 0.05))
-"""Parts of the data, from their beginning, that are fitted before all of them; the fine ones where
-the coarse ones lead astray."""
 STEPS = 60
-ALIKE = 0.1
-"""Smallest singular value of the Jacobian, its columns of length 1, of parameters that the data
-tell apart: two of them then have errors with a correlation of 0.99."""
+# Correlation of many neighbouring residuals from which on they are no noise.
 CORRELATED = 0.12
-"""Correlation of many neighbouring residuals from which on they are no noise."""
-
-
-class Parameter(NamedTuple):
-    """What can be fitted."""
-
-    unit: str
-    low: float
-    high: float
-    description: str
-
-
-PARAMETERS = {
-    "n_i": Parameter("sqrt(g/a)", -10, 10, "initial spin"),
-    "omega_xy0": Parameter("sqrt(g/a)", 1e-9, 10, "initial oscillation"),
-    "psi_deg": Parameter("deg", -360, 360, "direction of the initial oscillation"),
-    "sigma": Parameter("M a^2 sqrt(g/a)", 0, 10, "torque -sigma omega"),
-    "rolling": Parameter("a", 0, 1, "lever of the rolling resistance"),
-    "skew": Parameter("rad", -math.pi / 2, math.pi / 2, "skew angle, -xi"),
-    "xi": Parameter("rad", -math.pi / 2, math.pi / 2, "skew angle"),
-    "theta": Parameter("1", 0, 1, "larger curvature"),
-    "phi": Parameter("1", 0, 1, "smaller curvature"),
-    "alpha": Parameter("1", 1, 1e6, "I_xx + 1"),
-    "beta": Parameter("1", 1, 1e6, "I_yy + 1"),
-    "gamma": Parameter("1", 0, 1e6, "I_zz"),
-    "c": Parameter("a", 0, 1e6, "vertical semi-axis of the ellipsoid"),
+# What can be fitted: unit, limits, meaning.
+PARAMETERS: dict[str, tuple[str, float, float, str]] = {
+    "n_i": ("sqrt(g/a)", -10, 10, "initial spin"),
+    "omega_xy0": ("sqrt(g/a)", 1e-9, 10, "initial oscillation"),
+    "psi_deg": ("deg", -360, 360, "direction of the initial oscillation"),
+    "sigma": ("M a^2 sqrt(g/a)", 0, 10, "torque -sigma omega"),
+    "rolling": ("a", 0, 1, "lever of the rolling resistance"),
+    "skew": ("rad", -math.pi / 2, math.pi / 2, "skew angle, -xi"),
+    "xi": ("rad", -math.pi / 2, math.pi / 2, "skew angle"),
+    "theta": ("1", 0, 1, "larger curvature"),
+    "phi": ("1", 0, 1, "smaller curvature"),
+    "alpha": ("1", 1, 1e6, "I_xx + 1"),
+    "beta": ("1", 1, 1e6, "I_yy + 1"),
+    "gamma": ("1", 0, 1e6, "I_zz"),
+    "c": ("a", 0, 1e6, "vertical semi-axis of the ellipsoid"),
 }
 
-
-# -- data ------------------------------------------------------------------------------------------
-
+# Angle of the long axis, its rate, the spin ``u . omega``, and times of reversals.
 KINDS = {"angle": "angle", "spin": "spin", "n": "spin", "reversal": "time"}
-"""Angle of the long axis, its rate, the spin ``u . omega``, and times of reversals."""
+# Columns in the units of the body, as ``rattlesweep trajectory`` writes them.
 BARE = {"t": "sqrt(a/g)", "n": "sqrt(g/a)"}
-"""Columns in the units of the body, as ``rattlesweep trajectory`` writes them."""
 WANTED = "t_s and one of angle_deg, spin_rpm, n_rpm, or reversal_s alone"
 
 
@@ -112,8 +92,8 @@ def read_data(source: Any, units: Units | None) -> Data:
         else:
             frame = pd.DataFrame(source)
     except Exception as error:  # pandas and pyarrow raise many kinds
-        reason = getattr(error, "strerror", None) or str(error).strip().partition("\n")[0]
-        raise ConfigError(f"{place}: cannot be read as a table ({one_line(reason, 200)})") from None
+        reason = one_line(getattr(error, "strerror", None) or str(error), 200)
+        raise ConfigError(f"{place}: cannot be read as a table ({reason})") from None
     found: dict[str, tuple[Any, str, float]] = {}
     for name in frame:
         if known := _column(str(name), units):
@@ -123,22 +103,20 @@ def read_data(source: Any, units: Units | None) -> Data:
         names = one_line(", ".join(map(str, frame)), 100)
         size = "" if units else "; the body has no size, so only t and n, or give it in SI units"
         raise ConfigError(f"{place}: {WANTED} are needed, and the columns are {names}{size}")
-
-    def read(name: str) -> Floats:
-        column, _, size = found[name]
-        try:
-            values: Floats = pd.to_numeric(frame[column]).to_numpy(float) * size
-        except (ValueError, TypeError) as error:
-            raise ConfigError(f"{place}: column {column}: {one_line(str(error), 80)}") from None
-        return values
-
-    value, unit = read(kind), found[kind][1:]
+    try:
+        values: dict[str, Floats] = {
+            name: pd.to_numeric(frame[column]).to_numpy(float) * size
+            for name, (column, _, size) in found.items()
+        }
+    except (ValueError, TypeError) as error:
+        raise ConfigError(f"{place}: {one_line(str(error), 200)}") from None
+    value, unit = values[kind], found[kind][1:]
     if kind == "reversal":
         value = np.sort(value[np.isfinite(value)])
         if not value.size or value[0] <= 0:
             raise ConfigError(f"{place}: reversal times are needed, all after the launch at 0")
         return Data(kind, value, value, (unit, unit))
-    t = read("t")
+    t = values["t"]
     bad = ~np.isfinite(t) | (np.diff(t, prepend=-np.inf) <= 0)
     if bad.any() or len(t) < 2:
         raise ConfigError(f"{place}: row {int(np.argmax(bad)) + 1}: two or more times are needed, "
@@ -155,21 +133,16 @@ def _column(name: str, units: Units | None) -> tuple[str, str, float] | None:
     if match is None or (units is None and match[1] != "angle"):
         return None
     kind, unit = KINDS.get(match[1], "time"), match[2].replace("_", "/")
-    try:
-        size = quantity(f"1 {unit}", kind)
-    except ValueError:
-        return None
-    if units is not None and kind == "time":
-        size *= units.time**-1
-    if units is not None and kind == "spin":
-        size *= units.time
-    return match[1], unit, size
+    second = 1.0 if units is None else units.time
+    natural = {"angle": 1.0, "spin": second, "time": second**-1}[kind]
+    with suppress(ValueError):
+        return match[1], unit, quantity(f"1 {unit}", kind) * natural
+    return None
 
 
 def unwrapped(t: Floats, angle: Floats) -> Floats:
-    """Return an angle without jumps by half turns, as the direction of an axis makes them.
-
-    Each value is the one nearest to where the mean spin of the twenty rows before it leads.
+    """Return the angle of an axis without its jumps by half turns, which the mean spin of the
+    twenty rows before tells.
     """
     found, rows = angle.copy(), np.flatnonzero(np.isfinite(angle))
     for i in range(1, len(rows)):
@@ -178,9 +151,6 @@ def unwrapped(t: Floats, angle: Floats) -> Floats:
         ahead = found[last] + spin * (t[row] - t[last])
         found[row] += math.pi * round((ahead - found[row]) / math.pi)
     return found
-
-
-# -- fit -------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -193,14 +163,10 @@ class Fit:
         Best value of each free parameter, and both ends of its 95 % interval, in the units of the
         body: spins in ``sqrt(g/a)``, `sigma` in ``M a^2 sqrt(g/a)``, `rolling` in ``a``, angles in
         radians but `psi_deg`.
-    body : Rattleback
-        The body with the values that are its own.
-    launch : dict
-        Launch and dissipation with the others, as arguments of ``rs.trajectory``.
-    noise : float
-        Standard deviation of a measured value, estimated from the residuals, in `noise_unit`.
-    rows : int
-        Number of measured values.
+    body, launch : Rattleback, dict
+        The body with these values; launch and dissipation as arguments of ``rs.trajectory``.
+    noise, rows : float, int
+        Standard deviation of a measured value, in `noise_unit`, and number of measured values.
     remarks : list of str
         Sentences on what the data cannot tell, or the model cannot describe; usually none.
     """
@@ -223,27 +189,21 @@ class Fit:
 
         data = self._data
         (t_unit, t_size), (unit, size) = data.units
+        t, value, expected = data.t / t_size, data.value / size, self._expected / size
+        label = style.label("time", t_unit)
+        if data.kind == "reversal":
+            t, label = np.arange(1.0, len(t) + 1), "number of the reversal"
         dots: dict[str, Any] = {"color": style.BLUE, "linestyle": "none", "markersize": 2.5,
-                                "marker": "." if len(data.t) > 30 else "o"}  # fmt: skip
-        curve: dict[str, Any] = {"color": style.VERMILION, "linewidth": 1.2, "label": "fit"}
+                                "marker": "." if len(t) > 30 else "o"}  # fmt: skip
         with style.styled():
             figure = style.new_figure(7.2, 4.6)
             top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-            t = data.t / t_size
-            if data.kind == "reversal":
-                times = np.linspace(0, t[-1] * t_size, 2000)
-                run = Launch(self.body, t_end=times[-1], **self.launch)
-                top.plot(times / t_size, _follow(run, "n", times)[0], **curve)
-                top.plot(t, 0 * t, label="measured", **dots)
-                top.set_ylabel(style.label("spin $n$", "sqrt(g/a)"))
-            else:
-                top.plot(t, data.value / size, label="measured", **dots)
-                top.plot(t, self._expected / size, **curve)
-                top.set_ylabel(style.label(data.kind, unit))
-            bottom.plot(t, (data.value - self._expected) / size, **dots)
+            top.plot(t, value, label="measured", **dots)
+            top.plot(t, expected, color=style.VERMILION, linewidth=1.2, label="fit")
+            bottom.plot(t, value - expected, **dots)
             bottom.axhline(0, color=style.VERMILION, linewidth=1.0)
-            bottom.set_ylabel(style.label("residual", unit))
-            bottom.set_xlabel(style.label("time", t_unit))
+            top.set_ylabel(style.label(data.kind, unit))
+            bottom.set(ylabel=style.label("residual", unit), xlabel=label)
             top.legend(loc="best")
             for axes in (top, bottom):
                 style.light_grid(axes)
@@ -257,8 +217,8 @@ def _follow(launch: Launch, kind: str, times: Floats) -> tuple[Floats, list[floa
     course = Course(PreparedRun.of(launch), names, times=times)
     columns = course.columns()
     found = columns[names[0]]
-    if course.status != Status.OK or not len(found):
-        raise ValueError(f"the run failed: {course.status.meaning}")
+    if course.follower.status != Status.OK or not len(found):
+        raise ValueError(f"the run failed: {course.follower.status.meaning}")
     if len(names) > 1:
         # The long axis against the x axis, of which "yaw" is the direction.
         x, y = -math.sin(launch.body.xi), math.cos(launch.body.xi)
@@ -294,10 +254,10 @@ class Problem:
                          for name, scale in self.scales.items()])  # fmt: skip
 
     def values(self, x: Floats) -> dict[str, float]:
-        """Return the parameters."""
+        """Return the parameters of ``x``."""
+        places = zip(self.scales.items(), x.tolist(), strict=True)
         return {name: math.exp(place) if name == "omega_xy0" else place * scale
-                for (name, scale), place in zip(self.scales.items(), x.tolist(), strict=True)
-                }  # fmt: skip
+                for (name, scale), place in places}  # fmt: skip
 
     def launched(self, x: Floats) -> Launch:
         """Return the run with these parameters; a ValueError says that there is none."""
@@ -328,8 +288,9 @@ class Problem:
 
     def limits(self) -> tuple[Floats, Floats]:
         """Return the lowest and the highest ``x``."""
-        low = self.scaled({name: PARAMETERS[name].low for name in self.scales})
-        return low, self.scaled({name: PARAMETERS[name].high for name in self.scales})
+        known = {name: PARAMETERS[name] for name in self.scales}
+        low, high = {k: x[1] for k, x in known.items()}, {k: x[2] for k, x in known.items()}
+        return self.scaled(low), self.scaled(high)
 
     def slopes(self, x: Floats) -> Floats:
         """Return the Jacobian of the residuals, by differences."""
@@ -359,9 +320,8 @@ def check_free(launch: Launch, free: Iterable[str]) -> list[str]:
         raise ConfigError("free: skew is -xi; keep one of them")
     if "c" in names and launch.body.c is None:
         raise ConfigError("free: c is of an ellipsoid, and the body is a paraboloid")
-    own = [name for name in ("n_i", "omega_xy0", "psi_deg") if name in names]
-    if own and launch.omega is not None:
-        raise ConfigError(f"free: a full state has no {' or '.join(own)}")
+    if launch.omega is not None and {"n_i", "omega_xy0", "psi_deg"} & {*names}:
+        raise ConfigError("free: a full state has no n_i, omega_xy0 and psi_deg")
     return names
 
 
@@ -396,14 +356,19 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
     best = min(found, key=lambda one: float(one.cost))
 
     noise = math.sqrt(2 * best.cost / problem.freedom)
-    errors, alike = _resolution(best.jac, free)
-    width = errors * noise * float(student.ppf((1 + CONFIDENCE) / 2, problem.freedom))
+    # Standard errors for noise of size 1, from the Jacobian with columns of length 1.
+    sizes = np.linalg.norm(best.jac, axis=0)
+    unit_jacobian = best.jac / np.where(sizes > 0, sizes, 1.0)
+    _, singular, directions = np.linalg.svd(unit_jacobian, full_matrices=False)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        errors = np.linalg.norm(directions.T / np.maximum(singular, 1e-12), axis=1) / sizes
+    width = errors * noise * float(student.ppf(0.975, problem.freedom))
     low, high = (problem.values(np.clip(best.x + side * width, *problem.limits()))
                  for side in (-1, 1))  # fmt: skip
     remarks = []
-    if alike and (width > 0.5 * np.abs(best.x))[[name in alike for name in free]].any():
-        remarks.append(f"the data cannot tell {' and '.join(alike)} apart: a change of one makes "
-                       "up for a change of the other; fix one of them")  # fmt: skip
+    vague = [name for name, wide in zip(free, width > 0.5 * np.abs(best.x), strict=True) if wide]
+    if vague:
+        remarks.append(f"the data hardly tell {' and '.join(vague)}: fix what is known otherwise")
     if best.status == 0:
         remarks.append(f"the search did not settle within {STEPS} steps; give a better launch")
     if series and _correlation(best.fun) > limit:
@@ -412,19 +377,12 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
                        "narrow")  # fmt: skip
     final = problem.launched(best.x)
     names = ("n_i", "omega_xy0", "psi", "omega", "u", "sigma", "rolling")
+    kept = {name: v for name in names if (v := getattr(final, name)) is not None}
+    intervals = {name: (low[name], high[name]) for name in free}
     unit, size = data.units[1]
-    return Fit(
-        values=problem.values(best.x),
-        intervals={name: (low[name], high[name]) for name in free},
-        body=final.body,
-        launch={name: v for name in names if (v := getattr(final, name)) is not None},
-        noise=noise / size,
-        noise_unit=unit,
-        rows=int(data.known.sum()),
-        remarks=remarks,
-        _data=data,
-        _expected=problem.expected(best.x),
-    )
+    rows, expected = int(data.known.sum()), problem.expected(best.x)
+    return Fit(problem.values(best.x), intervals, final.body, kept, noise / size, unit, rows,
+               remarks, data, expected)  # fmt: skip
 
 
 def _first_values(launch: Launch, data: Data, free: list[str]) -> dict[str, list[float]]:
@@ -453,14 +411,3 @@ def _first_values(launch: Launch, data: Data, free: list[str]) -> dict[str, list
 def _correlation(residual: Floats) -> float:
     """Return the correlation of neighbouring residuals."""
     return float((residual[1:] * residual[:-1]).sum() / (residual**2).sum())
-
-
-def _resolution(jacobian: Floats, names: list[str]) -> tuple[Floats, list[str]]:
-    """Return standard errors for noise of size 1, and the names that the data hardly tell apart."""
-    sizes = np.linalg.norm(jacobian, axis=0)
-    unit = jacobian / np.where(sizes > 0, sizes, 1.0)
-    _, singular, directions = np.linalg.svd(unit, full_matrices=False)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        errors = np.linalg.norm(directions.T / np.maximum(singular, 1e-12), axis=1) / sizes
-    alike = [name for name, part in zip(names, directions[-1], strict=True) if abs(part) > 0.3]
-    return errors, alike if singular[-1] < ALIKE else []

@@ -93,10 +93,10 @@ SCHEMA = pa.schema(
         field("speedup", F64, "1", "cost per unit of plain over that of this row"),
         field("error_median", F64, "1", "median of abs(t_r/t_ref - 1)" + _MISSED),
         field("error_p99", F64, "1", "99th percentile of the same" + _MISSED),
-        field("share_above_1e_6", F64, "1", "share of runs off by more than 1e-6, or without t_r"),
+        field("share_above_1e_6", F64, "1", "fraction of runs off by over 1e-6, or without t_r"),
         required("missed", I64, "1", "runs with a reversal in the reference and none here"),
         required("false", I64, "1", "runs with a reversal here and none in the reference"),
-        field("type_flips", F64, "1", "share of runs with another type"),
+        field("type_flips", F64, "1", "fraction of runs with another type"),
         field("energy_drift_median", F64, "1", "median change of energy, relative"),
         required("failed", I64, "1", "runs with a status other than ok"),
     ]

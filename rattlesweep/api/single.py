@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,8 +16,7 @@ from rattlesweep.api.arrays import Bodies, check_count, number, numbers
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.progress import Bar
-from rattlesweep.text import counted
+from rattlesweep.text import Bar, counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,20 +37,8 @@ INTEGRATOR = {"method": "method", "tol": "tol", "dt_step": "dt", "accuracy": "ac
 """Keywords of the integrator, and the keys of the config that they are."""
 
 
-# -- what the calls return -------------------------------------------------------------------------
-
-
 class Run(SimpleNamespace):
-    """Outcome of one run: each column of a sweep's ``runs`` is an attribute.
-
-    Attributes
-    ----------
-    t_r, t_end : float
-        Times of the first reversal and of the end, in ``sqrt(a/g)``.
-    type, status : str
-    units : dict
-        Unit of each column.
-    """
+    """Outcome of one run: each column of a sweep's ``runs`` is an attribute; `units` has units."""
 
     def __getitem__(self, name: str) -> Any:
         return getattr(self, name)
@@ -72,23 +59,15 @@ class Trajectory:
 
     Attributes
     ----------
-    table : pandas.DataFrame
-        One column per channel; NaN where a channel has no finite value. Of a body whose size is
-        known, the same in SI units follow, such as ``t_s`` and ``n_rpm``.
-    units : dict
-        Unit of each column.
-    reversals : ndarray
-        Times of the turns up to ``t_end``, in ``sqrt(a/g)``: the spin has gone from beyond a
-        quarter of the launch's spin to beyond a quarter on the other side, and the time is that of
-        its first zero on the way.
-    zeros : ndarray
-        Times of all zeros of the spin; the first is the ``t_r`` of a sweep.
-    t_end : float
-        Time reached.
-    status : str
-        ``ok``, or a word for what went wrong, as in the tables of runs.
-    n_steps : int
-        Accepted steps.
+    table, units : pandas.DataFrame, dict
+        One column per channel, and its unit; NaN where a channel has no finite value. Of a body
+        whose size is known, the same in SI units follow, such as ``t_s`` and ``n_rpm``.
+    zeros, reversals : ndarray
+        Times of all zeros of the spin, in ``sqrt(a/g)``, of which the first is the ``t_r`` of a
+        sweep; and of the first zero of each turn, on which the spin goes from beyond a quarter of
+        the launch's spin to beyond a quarter on the other side.
+    t_end, n_steps, status : float, int, str
+        Time reached, accepted steps, and ``ok`` or a word for what went wrong.
     warning : str
         Where contact would be lost, or rolling needs a coefficient of friction above 1; else empty.
     """
@@ -99,21 +78,18 @@ class Trajectory:
         self._course = course
         self.table = pd.DataFrame(course.columns())
         self.units = {channel.name: channel.unit for channel in course.channels}
-        self.reversals, self.zeros = np.array(course.reversals), np.array(course.zeros)
-        self.t_end, self.status, self.n_steps = course.t, course.status.label, course.n_steps
-        self.warning = course.observer.warning
+        ended = course.follower
+        self.reversals, self.zeros = np.array(course.reversals), np.array(ended.zeros)
+        self.t_end, self.n_steps, self.status = ended.t, ended.n_steps, ended.status.label
+        self.warning = course.warning
 
     def __getitem__(self, columns: str | list[str]) -> Any:
         """Return a column as a Series, or several as a DataFrame."""
         return self.table[columns]
 
     def __repr__(self) -> str:
-        size = f"{counted(len(self.table), 'row')}, {counted(len(self.reversals), 'reversal')}"
-        names = ", ".join(map(str, self.table))
-        return f"<Trajectory of {names}: {size} by t = {self.t_end:g}, {self.status}>"
-
-    def _repr_html_(self) -> str:
-        return f"<div>{html.escape(repr(self))}{self.table.to_html(max_rows=6)}</div>"
+        turns = counted(len(self.reversals), "reversal")
+        return f"<Trajectory of {', '.join(self.units)}: {turns} by t = {self.t_end:g}>"
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Draw the columns against the time, and write the figure to a file if `path` is given."""
@@ -140,12 +116,8 @@ class Page:
 
     def _repr_html_(self) -> str:
         # A frame of its own, whose scripts see nothing of the notebook.
-        style = "width: 100%; height: 720px; border: 0"
-        text = html.escape(self.content.decode())
-        return f'<iframe sandbox="allow-scripts" style="{style}" srcdoc="{text}"></iframe>'
-
-
-# -- calls -----------------------------------------------------------------------------------------
+        look = 'sandbox="allow-scripts" style="width: 100%; height: 720px; border: 0"'
+        return f'<iframe {look} srcdoc="{html.escape(self.content.decode())}"></iframe>'
 
 
 def simulate(
@@ -170,11 +142,10 @@ def simulate(
     n_i, omega_xy0 : array_like
         Initial spin and oscillation, in ``sqrt(g/a)``; ``n_i=0`` is a tap, by default on the pitch.
     omega, u : array_like, shape (..., 3)
-        A full state instead of these: angular velocity in ``sqrt(g/a)`` and vertical unit vector
-        (by default upright, ``(0, 0, -1)``), in components along the body's axes.
+        A full state instead: angular velocity, in ``sqrt(g/a)``, and vertical unit vector (by
+        default ``(0, 0, -1)``, upright), along the body's axes.
     t_end : array_like, optional
-        Horizon, in ``sqrt(a/g)``; by default 5 t_rGH of the spin's own direction, which a launch
-        without spin has not.
+        Horizon, in ``sqrt(a/g)``; by default 5 t_rGH of the spin's own direction.
     psi : str or array_like, optional
         ``relevant`` (the default), ``pitch``, ``roll`` or degrees.
     model : str
@@ -183,29 +154,25 @@ def simulate(
         Torque ``-sigma omega``, in ``M a^2 sqrt(g/a)``; lever of a rolling resistance, in ``a``.
     record : str or sequence of str
         Further columns, as of the config's ``record``, such as ``["error", "energy"]``.
-    threads : int, optional
-        Threads of the kernel; by default one for each processor.  The results do not depend on it.
-    progress : bool, optional
-        Whether to show a bar; by default in a terminal and in a notebook, if it takes long.
+    threads, progress : int, bool
+        Threads of the kernel, on which no result depends, by default all; whether to show a bar, by
+        default in a terminal and in a notebook.
     **integrator
         ``method`` with its ``tol`` or ``dt_step``, or an ``accuracy`` such as ``"draft"`` or
-        ``{"t_r": 1e-6}``: the keys of the config's ``integrator``.
+        ``{"t_r": 1e-6}``.
 
     Returns
     -------
     Run or pandas.DataFrame
-        One row a run, in C order, with the columns of a sweep's ``runs`` but ``case`` and
-        ``sample``, with ``attrs["units"]``, ``attrs["shape"]`` to which the arguments were
-        broadcast, and the index of a DataFrame of bodies of which each row is one run.  Of bodies
-        whose size is known there are ``t_r_s`` and ``n_i_rpm``.
+        One row a run, in C order of ``attrs["shape"]``, with the columns of a sweep's ``runs`` but
+        ``case`` and ``sample``, ``attrs["units"]``, and the index of a DataFrame of bodies of which
+        each row is one run.  Of bodies whose size is known there are ``t_r_s`` and ``n_i_rpm``.
 
     Examples
     --------
     >>> import rattlesweep as rs
     >>> rs.simulate("GH", n_i=0.1, omega_xy0=0.01)
     <Run t_r=112.093878, t_end=112.093878, type=R, status=ok>
-    >>> rs.simulate("GH", n_i=[0.1, 0.2, 0.4], omega_xy0=0.1).t_r.round(2).tolist()
-    [26.77, 33.15, 45.7]
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.bodies.table import launched_from
@@ -290,18 +257,8 @@ def show(
 ) -> Page:  # fmt: skip
     """Make a page on which a body rolls on the plane, with its trace and its spin.
 
-    Parameters
-    ----------
-    body, from_time, points, **launch
-        As for :func:`trajectory`; by default there are 20 rows a period of the pitch.
-    title, path : str, optional
-        Title of the page, and an .html file to write it to.
-
-    Examples
-    --------
-    >>> import rattlesweep as rs
-    >>> rs.show("GH", n_i=-0.1, omega_xy0=0.01, t_end=20, path="roll.html").path.name
-    'roll.html'
+    The arguments are those of :func:`trajectory`, with by default 20 rows a period of the pitch;
+    `title` is that of the page, and `path` an .html file to write it to.
     """
     from rattlesweep.analysis.onerun.course import PreparedRun
 
@@ -317,19 +274,9 @@ def replay(
 ) -> Trajectory:  # fmt: skip
     """Integrate a stored run again as a trajectory, proved to be the stored one bit for bit.
 
-    Parameters
-    ----------
-    directory : path
-        Output directory of a sweep, whole or still running.
-    case, sample : int
-        Which run: the columns of ``runs`` of these names.
-    t_end, channels, **rows
-        As for :func:`trajectory`; by default the sweep's horizon.
-
-    Raises
-    ------
-    OutputError
-        If the run is not stored yet, is damaged, or comes out otherwise than stored.
+    `case` and `sample` are those of the ``runs`` in an output directory, whole or still running;
+    the other arguments are those of :func:`trajectory`, and the horizon by default the sweep's.
+    Raises an OutputError if the run is not stored yet, is damaged, or comes out otherwise.
     """
     from rattlesweep.analysis.onerun.course import Course
 
@@ -352,14 +299,13 @@ def fit(
     Parameters
     ----------
     body : Rattleback or str
-        As measured otherwise.  It needs a size, as those of ``from_si`` and ``half_ellipsoid`` have
-        one, if the data are in seconds.
+        As measured otherwise.  It needs a size if the data are in seconds.
     data : path, DataFrame or mapping of columns
-        ``t_s`` and ``angle_deg`` or ``spin_rpm``, or ``reversal_s`` alone; other units go likewise,
-        as in ``t_ms`` or ``angle_rad``.  The angle is that of the long axis, seen from above and
-        counterclockwise, and may jump by half turns; the spin is its central difference.  The spin
-        ``u . omega`` is called ``n_rpm``; ``t`` and ``n`` are in the units of the body.  A row
-        without a value is NaN.  The launch is the first row, or the time 0 of the reversals.
+        ``t_s`` and ``angle_deg``, ``spin_rpm`` or ``n_rpm``, or ``reversal_s`` alone; other units
+        go likewise, as in ``t_ms``.  The angle is that of the long axis, seen from above and
+        counterclockwise, and may jump by half turns; the spin is its central difference, and n is
+        ``u . omega``.  ``t`` and ``n`` are in the units of the body.  A row without a value is NaN.
+        The launch is the first row, or the time 0 of the reversals.
     free : sequence of str
         Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, skew`` (which is ``-xi``),
         ``xi, theta, phi, alpha, beta, gamma, c``.  The search begins at what else is given of them.
@@ -395,13 +341,12 @@ def fit(
 def page_of(
     run: PreparedRun, scale: Scale | None, title: str, *, points: int | None = None,
     from_time: Number | None = None, path: str | Path | None = None,
-    watch: Callable[[float], None] | None = None,
 ) -> tuple[Page, Course]:  # fmt: skip
     """Return the page of a run, written to a file if there is a path, and its course."""
     from rattlesweep.analysis.onerun.show import course_of, make_page, make_scene
 
     check_count("points", points, 2)
-    course = course_of(run, points, number("from_time", from_time, scale), watch)
+    course = course_of(run, points, number("from_time", from_time, scale))
     page = Page(make_page(make_scene(course), title, run.title))
     return page if path is None else page.save(path), course
 
@@ -418,11 +363,11 @@ def stored_page(
 
 
 def _stored_run(directory: str | Path, **which: Any) -> StoredRun:
-    from rattlesweep.analysis.onerun.replay import find_runs
+    from rattlesweep.analysis.onerun.replay import find_run
 
     check_count("case", which.get("case"), 0)
     check_count("sample", which.get("sample"), 0)
-    return find_runs(Path(directory), **which)[0]
+    return find_run(Path(directory), **which)
 
 
 def launch_of(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,16 +12,13 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.command import DONE, SOME_FAILED, command, probe, say, to_json
-from rattlesweep.cli.options import pick
+from rattlesweep.cli.options import DONE, SOME_FAILED, command, pick, probe, say, to_json
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.progress import Bar
 from rattlesweep.text import align, counted
 
 if TYPE_CHECKING:
     from rattlesweep.analysis.fit import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
-    from rattlesweep.analysis.onerun.replay import StoredRun
     from rattlesweep.physics.body import Rattleback
     from rattlesweep.sweeps.bodies import Scale
 
@@ -65,9 +61,6 @@ def body(as_json: bool, **given: Any) -> None:
     click.echo(align(lines, "<><><" if made.units else "<><"))
 
 
-# -- time series -----------------------------------------------------------------------------------
-
-
 def _list_channels(context: click.Context, _: click.Parameter, names: Any) -> Any:
     """Print every channel with its unit and meaning, if the word is ``list``."""
     if names == ("list",):
@@ -84,12 +77,10 @@ series = options.stack(
            help="Columns, and panels of the figure if given; 'list' prints all of them.  "
                 "[default: t,n]"),
     options.file("--output", ".parquet", ".csv", help="A .parquet or .csv file, instead of CSV on "
-                 "standard output; of a replay, {case} and {sample} are substituted."),
-    options.file("--figure", *options.PICTURES,
-                 help="Also draw a figure, an .svg, .png or .pdf file; likewise."),
+                 "standard output."),
+    options.figure,
     options.quiet,
 )  # fmt: skip
-"""Options of a time series."""
 
 
 @command(
@@ -120,64 +111,39 @@ def trajectory(
     probe(output, figure)
     chosen = pick(given, *options.ROWS)
     run, scale = _prepared(given)
-    course = _write_course(run, channels, rows_of(scale, **chosen), output, figure, quiet)
+    course = _write_course(run, channels, rows_of(scale, **chosen), output, figure)
     return _say_outcome(course, quiet, scale)
 
 
 @command(
     "One run",
-    "rattlesweep replay out/quickstart --where 'type == \"SW\" and K_r < 0.005' --first 3 "
-    "--output run-{case}-{sample}.parquet",
+    "rattlesweep replay out/quickstart --where 'type == \"SW\" and K_r < 0.005' --output sw.csv",
 )
 @options.directory
 @options.which
-@option("--first", type=options.COUNT, help="Number of runs to take from --where.  [default: 1]")
 @options.t_end
 @series
 def replay(
     directory: Path, t_end: float | None, channels: tuple[str, ...] | None, output: Path | None,
     figure: Path | None, quiet: bool, **given: Any,
 ) -> int:  # fmt: skip
-    """Integrate stored runs again as time series.
+    """Integrate a stored run again as a time series, past its reversals.
 
-    They go on past their reversals. Each run is first integrated as in the sweep, and compared with
-    the stored row, bit for bit. Exits with 1 if any differs.
+    Exits with 1 if it does not come out as stored, bit for bit.
     """
-    from rattlesweep.analysis.onerun.replay import find_runs
+    from rattlesweep.analysis.onerun.replay import find_run
     from rattlesweep.api.arrays import number
     from rattlesweep.api.single import rows_of
 
-    chosen = pick(given, *options.ROWS)
-    runs = find_runs(directory, **pick(given, "case", "sample", "where", "first"))
-    if output is None and figure is None and len(runs) > 1:
-        raise ConfigError(f"{len(runs)} runs do not go into one table; give --output with {{case}} "
-                          "and {sample} in its name")  # fmt: skip
-    outputs, figures = (_files_of(runs, path) for path in (output, figure))
-    probe(*outputs, *figures)
-    codes = []
-    for run, table, picture in zip(runs, outputs, figures, strict=True):
-        prepared = run.prepare(number("t_end", t_end, run.scale))
-        rows = rows_of(run.scale, **chosen)
-        run.prove()
-        course = _write_course(prepared, channels, rows, table, picture, quiet)
-        if not quiet:
-            say(run.proof)
-        codes.append(_say_outcome(course, quiet, run.scale))
-    return max(codes)
-
-
-def _files_of(runs: Sequence[StoredRun], path: Path | None) -> list[Path | None]:
-    """Return a file for each run: the path with ``{case}`` and ``{sample}`` filled in."""
-    if path is None:
-        return [None] * len(runs)
-    names = []
-    for run in runs:
-        name = str(path).replace("{case}", str(run.values["case"]))
-        names.append(name.replace("{sample}", str(run.values["sample"])))
-    if len(set(names)) < len(names):
-        raise ConfigError(f"{path}: {len(names)} runs would be written there; name files by run, "
-                          "such as run-{case}-{sample}")  # fmt: skip
-    return [Path(name) for name in names]
+    probe(output, figure)
+    run = find_run(directory, **pick(given, "case", "sample", "where"))
+    rows = rows_of(run.scale, **given)
+    prepared = run.prepare(number("t_end", t_end, run.scale))
+    run.prove()
+    course = _write_course(prepared, channels, rows, output, figure)
+    if not quiet:
+        say(run.proof)
+    return _say_outcome(course, quiet, run.scale)
 
 
 @command(
@@ -206,24 +172,21 @@ def show(directory: Path | None, title: str | None, output: Path, quiet: bool, *
     which = pick(given, "case", "sample", "where")
     rows = pick(given, "points", "from_time")
     proof, scale = "", None
-    with Bar.of_command(quiet) as bar:
-        rows["watch"] = bar.counting("integrating")
-        if directory is not None:
-            rows |= pick(given, "t_end")
-            for name in pick(given, *given):
-                raise ConfigError(f"--{name.replace('_', '-')}: the sweep in {directory} says what "
-                                  "the run was; leave this out")  # fmt: skip
-            page, course, proof = stored_page(directory, which, title=title, path=output, **rows)
-        elif which:
-            raise ConfigError("--case, --sample and --where choose a run of a DIRECTORY; give it")
-        else:
-            title = title or f"Rattleback {given['preset'] or ''}".rstrip()
-            run, scale = _prepared(given)
-            page, course = page_of(run, scale, title, path=output, **rows)
+    if directory is not None:
+        rows |= pick(given, "t_end")
+        for name in pick(given, *given):
+            raise ConfigError(f"--{name.replace('_', '-')}: the sweep in {directory} says what the "
+                              "run was; leave this out")  # fmt: skip
+        page, course, proof = stored_page(directory, which, title=title, path=output, **rows)
+    elif which:
+        raise ConfigError("--case, --sample and --where choose a run of a DIRECTORY; give it")
+    else:
+        title = title or f"Rattleback {given['preset'] or ''}".rstrip()
+        run, scale = _prepared(given)
+        page, course = page_of(run, scale, title, path=output, **rows)
     click.echo(output)
-    for note in () if quiet else (proof, f"{len(page.content) / 1e6:.1f} MB"):
-        if note:
-            say(note)
+    if not quiet:
+        say(f"{proof}\n".lstrip() + f"{len(page.content) / 1e6:.1f} MB")
     return _say_outcome(course, quiet, scale)
 
 
@@ -242,62 +205,48 @@ def _prepared(given: dict[str, Any]) -> tuple[PreparedRun, Scale | None]:
 
 def _write_course(
     run: PreparedRun, channels: tuple[str, ...] | None, rows: dict[str, Any],
-    output: Path | None, figure: Path | None, quiet: bool,
+    output: Path | None, figure: Path | None,
 ) -> Course:  # fmt: skip
     """Integrate a run, and write what is asked for (a figure has own rows), or print CSV."""
     from rattlesweep.analysis.onerun.course import Course, save, write_csv
 
-    # A bar and a table would stand on one terminal.
-    on_one = output is None and figure is None and sys.stdout.isatty()
-    with Bar.of_command(quiet or on_one) as bar:
-        watch = bar.counting("integrating")
-        if output is not None or figure is None:
-            course = Course(run, channels or ("t", "n"), **rows, watch=watch)
-            if output is not None:
-                save(course, output)
-            else:
-                write_csv(course, sys.stdout.buffer)
-                sys.stdout.flush()
-        if figure is not None:
-            # Matplotlib is loaded for figures alone.
-            from rattlesweep.analysis.onerun.figure import course_of, draw
+    if output is not None or figure is None:
+        course = Course(run, channels or ("t", "n"), **rows)
+        write_csv(course, sys.stdout.buffer) if output is None else save(course, output)
+    if figure is not None:
+        # Matplotlib is loaded for figures alone.
+        from rattlesweep.analysis.onerun.figure import course_of, draw
 
-            course = course_of(run, channels, rows["from_time"], watch)
-            draw(course.columns(), course, figure)
+        course = course_of(run, channels, rows["from_time"])
+        draw(course.columns(), course, figure)
     return course
 
 
 def _say_outcome(course: Course, quiet: bool, scale: Scale | None) -> int:
     """Tell what became of a run, in seconds too where the body has a size; return the exit code."""
+    ended = course.follower
     if not quiet:
         text = _times(course.reversals, "reversal")
         if scale is not None and course.reversals:
             text += f" ({', '.join(f'{t * scale.second:.4g} s' for t in course.reversals[:8])})"
-        if course.zeros != course.reversals:
-            text += f" ({_times(course.zeros, 'zero crossing')})"
-        say(f"{text}; {course.n_steps} steps to t = {course.t:g}")
-        if course.observer.warning:
-            say(f"warning: {course.observer.warning}")
-    if course.status.label != "ok":
-        say(f"the run failed: {course.status.label}, {course.status.meaning}")
+        if ended.zeros != course.reversals:
+            text += f" ({_times(ended.zeros, 'zero crossing')})"
+        say(f"{text}; {ended.n_steps} steps to t = {ended.t:g}")
+        if course.warning:
+            say(f"warning: {course.warning}")
+    if ended.status.label != "ok":
+        say(f"the run failed: {ended.status.label}, {ended.status.meaning}")
         return SOME_FAILED
     return DONE
 
 
 def _times(times: list[float], word: str) -> str:
     """Return such as ``2 reversals at 112.1, 387.5``."""
-    shown = ", ".join(f"{time:.10g}" for time in times[:8])
-    more = f" and {len(times) - 8} more" if len(times) > 8 else ""
-    return f"{counted(len(times), word)} at {shown}{more}" if times else f"no {word}s"
+    shown = ", ".join(f"{time:.10g}" for time in times[:8]) + ", ..." * (len(times) > 8)
+    return f"{counted(len(times), word)} at {shown}" if times else f"no {word}s"
 
 
-# -- fit -------------------------------------------------------------------------------------------
-
-
-@command(
-    "One run",
-    "rattlesweep fit configs/fit/stone.yaml configs/fit/data.csv --figure fit.svg",
-)
+@command("One run", "rattlesweep fit configs/fit/stone.yaml configs/fit/data.csv --figure fit.svg")
 @options.path("stone")
 @options.path("data")
 @options.figure
@@ -313,12 +262,7 @@ def fit(stone: Path, data: Path, figure: Path | None, as_json: bool, quiet: bool
     from rattlesweep.api.single import fit
 
     probe(figure)
-    arguments = _read_stone(stone)
-    try:
-        found = fit(data=data, **arguments)
-    except ConfigError as error:
-        of_data = str(error).startswith(one_line(str(data), 200))
-        raise ConfigError(str(error) if of_data else f"{stone}: {error}") from None
+    found = fit(data=data, **_read_stone(stone))
     if as_json:
         names = ("values", "intervals", "noise", "noise_unit", "rows", "remarks")
         click.echo(to_json({name: getattr(found, name) for name in names}))
@@ -342,11 +286,12 @@ def _fit_table(found: Fit) -> str:
         sizes["sqrt(g/a)"] = sizes["sqrt(g/a)"][0] * 30 / math.pi, "rpm"
     lines = [["", "value", "low", "high", "unit", "", "low", "high", "unit", ""]]
     for name, value in found.values.items():
-        known, numbers = PARAMETERS[name], (value, *found.intervals[name])
-        size, unit = sizes.get(known.unit, (math.nan, ""))
-        si = [f"{size * number:.5g}" if unit else "" for number in numbers]
+        unit, _, _, description = PARAMETERS[name]
+        size, si_unit = sizes.get(unit, (math.nan, ""))
+        numbers = (value, *found.intervals[name])
+        si = [f"{size * number:.5g}" if si_unit else "" for number in numbers]
         plain = [f"{number:.6g}" for number in numbers]
-        lines.append([name, *plain, known.unit, *si, unit, known.description])
+        lines.append([name, *plain, unit, *si, si_unit, description])
     return align(lines, "<>>><>>><<")
 
 

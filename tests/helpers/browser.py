@@ -18,84 +18,60 @@ from typing import Any
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 # Software rendering, so that a machine without a graphics card draws the same.
 FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-extensions",
-    "--disable-dev-shm-usage",
-    "--force-color-profile=srgb",
-    "--remote-debugging-pipe",
-)
-WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-NO_WEBGL = ("--disable-gpu", "--disable-3d-apis")
+    "--headless=new", "--no-sandbox", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-extensions", "--disable-dev-shm-usage",
+    "--force-color-profile=srgb", "--remote-debugging-pipe", "--use-gl=angle",
+    "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+)  # fmt: skip
 PATIENCE = 120.0
 
 
 def find_browser() -> str | None:
     """Chromium or one of its kin, if it is installed."""
-    found = [shutil.which(name) for name in NAMES]
-    return next((path for path in found if path), None)
+    return next(filter(None, map(shutil.which, NAMES)), None)
 
 
 class Browser:
     """One page of a browser; every wait is for something, never for a time."""
 
     def __init__(self, to: int, back: int) -> None:
-        self._to, self._back = to, back
-        self._number = 0
-        self._rest = b""
-        self._session: str | None = None
+        self._to, self._back, self._number, self._rest = to, back, 0, b""
+        self._session: dict[str, str] = {}
         self.console: list[str] = []
         self.requests: list[str] = []
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
-        self._session = attached["sessionId"]
+        self._session = {"sessionId": attached["sessionId"]}
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
 
-    def call(self, method: str, **params: Any) -> dict[str, Any]:
+    def call(self, method: str, **params: Any) -> Any:
         """One command, and its answer."""
         self._number += 1
-        message: dict[str, Any] = {"id": self._number, "method": method, "params": params}
-        if self._session is not None:
-            message["sessionId"] = self._session
+        message = {"id": self._number, "method": method, "params": params, **self._session}
         os.write(self._to, json.dumps(message).encode() + b"\0")
-        while True:
-            answer = self._read()
-            if answer.get("id") == self._number:
-                if "error" in answer:
-                    raise RuntimeError(f"{method}: {answer['error']}")
-                result: dict[str, Any] = answer["result"]
-                return result
-            self._note(answer)
+        while (answer := self._read()).get("id") != self._number:
+            self._note(answer.get("method"), answer.get("params", {}))
+        if "error" in answer:
+            raise RuntimeError(f"{method}: {answer['error']}")
+        return answer["result"]
 
-    def _read(self) -> dict[str, Any]:
-        end = time.monotonic() + PATIENCE
+    def _read(self) -> Any:
         while b"\0" not in self._rest:
-            if not select([self._back], [], [], max(0.0, end - time.monotonic()))[0]:
+            if not select([self._back], [], [], PATIENCE)[0]:
                 raise TimeoutError("the browser does not answer")
             data = os.read(self._back, 1 << 20)
             if not data:
                 raise RuntimeError("the browser has gone")
             self._rest += data
         one, self._rest = self._rest.split(b"\0", 1)
-        answer: dict[str, Any] = json.loads(one)
-        return answer
+        return json.loads(one)
 
-    def _note(self, event: dict[str, Any]) -> None:
-        method, params = event.get("method"), event.get("params", {})
-        if method == "Runtime.consoleAPICalled":
-            words = [str(a.get("value", a.get("description"))) for a in params["args"]]
-            self.console.append(f"{params['type']}: {' '.join(words)}")
-        elif method == "Runtime.exceptionThrown":
-            details = params["exceptionDetails"]
-            self.console.append(f"exception: {details.get('exception', details)}")
-        elif method == "Log.entryAdded":
-            self.console.append(f"{params['entry']['level']}: {params['entry']['text']}")
-        elif method == "Network.requestWillBeSent":
+    def _note(self, method: str | None, params: dict[str, Any]) -> None:
+        if method == "Network.requestWillBeSent":
             self.requests.append(params["request"]["url"])
+        elif method in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"):
+            self.console.append(json.dumps(params))
 
     def run(self, expression: str) -> Any:
         """Value of an expression in the page; promises are waited for."""
@@ -106,42 +82,38 @@ class Browser:
             raise RuntimeError(f"{expression}: {answer['exceptionDetails']}")
         return answer["result"].get("value")
 
-    def until(self, expression: str) -> Any:
-        """Wait until an expression is true; its value."""
+    def until(self, expression: str) -> None:
+        """Wait until an expression is true."""
         end = time.monotonic() + PATIENCE
-        while time.monotonic() < end:
-            if value := self.run(expression):
-                return value
+        while not self.run(expression):
+            if time.monotonic() > end:
+                raise TimeoutError(f"never true: {expression}")
             time.sleep(0.02)
-        raise TimeoutError(f"never true: {expression}")
 
     def frame(self) -> None:
         """Let the page draw what has changed."""
         self.run("new Promise((f) => requestAnimationFrame(() => requestAnimationFrame(f)))")
 
-    def size(self, width: int, height: int) -> None:
-        """Size of the window, of an owner who wants no motion."""
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height,
+    def open(self, path: Path) -> None:
+        """Load a file into a small window of an owner who wants no motion, and wait for it."""
+        self.console.clear()
+        self.requests.clear()
+        self.call("Emulation.setDeviceMetricsOverride", width=340, height=460,
                   deviceScaleFactor=1, mobile=False)  # fmt: skip
         features = [{"name": "prefers-reduced-motion", "value": "reduce"}]
         self.call("Emulation.setEmulatedMedia", features=features)
-
-    def open(self, path: Path, ready: str = "globalThis.show && true") -> None:
-        """Load a file and wait until it is there."""
         self.call("Page.navigate", url=path.resolve().as_uri())
-        self.until(
-            f"document.readyState === 'complete' && location.protocol === 'file:' && {ready}"
-        )
+        ready = "document.readyState === 'complete' && location.protocol === 'file:'"
+        self.until(f"{ready} && globalThis.show && true")
+        self.frame()
 
-    def key(self, key: str, code: str | None = None) -> None:
+    def key(self, key: str) -> None:
         """Press and release a key."""
-        more: dict[str, Any] = {"key": key, "code": code or key}
         codes = {" ": 32, "Home": 36, "End": 35, "ArrowLeft": 37, "ArrowRight": 39}
+        more = {"key": key, "code": "Space" if key == " " else key}
         more["windowsVirtualKeyCode"] = codes.get(key, ord(key[0].upper()))
-        if len(key) == 1:
-            more["text"] = key
-        self.call("Input.dispatchKeyEvent", type="keyDown", **more)
-        more.pop("text", None)
+        text = {"text": key} if len(key) == 1 else {}
+        self.call("Input.dispatchKeyEvent", type="keyDown", **more, **text)
         self.call("Input.dispatchKeyEvent", type="keyUp", **more)
 
     def centre(self, selector: str) -> tuple[float, float]:
@@ -160,17 +132,13 @@ class Browser:
             self.call("Input.dispatchMouseEvent", type=kind, x=place[0], y=place[1],
                       button="left", buttons=buttons, clickCount=1)  # fmt: skip
 
-    def click(self, selector: str) -> None:
-        """Click on an element."""
-        self.mouse(self.centre(selector))
-
     def screenshot(self) -> bytes:
         """The window as PNG."""
         return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
 
 
 @contextmanager
-def browser(*flags: str) -> Iterator[Browser]:
+def browser() -> Iterator[Browser]:
     """A browser with a profile of its own, which ends with the block."""
     program = find_browser()
     assert program is not None
@@ -180,23 +148,17 @@ def browser(*flags: str) -> Iterator[Browser]:
     # The browser reads commands from file 3 and answers in file 4.
     shell = f'exec "$@" 3<&{read_end} 4>&{write_end}'
     process = subprocess.Popen(
-        ["bash", "-c", shell, "bash", program, *FLAGS, *flags, f"--user-data-dir={profile}"],
+        ["bash", "-c", shell, "bash", program, *FLAGS, f"--user-data-dir={profile}"],
         pass_fds=(read_end, write_end), stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
     )  # fmt: skip
     os.close(read_end)
     os.close(write_end)
     try:
-        page = Browser(to, back)
-        yield page
-        page._session = None
-        page.call("Browser.close")
+        yield Browser(to, back)
     finally:
+        process.terminate()
+        process.wait()
         os.close(to)
         os.close(back)
-        try:
-            process.wait(20)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
         shutil.rmtree(profile, ignore_errors=True)

@@ -39,25 +39,16 @@ def follow(batch, method=DOP853, model=FULL, **options):
     )
 
 
-# --- the steps are the sweep's -------------------------------------------------------------------
-
-
-LAUNCHES = [(0.1, 0.01, 900.0), (-0.1, 0.1, 900.0), (0.5, 0.01, 900.0), (0.3, 0.001, 7.3)]
-
-
 @every_method
-@pytest.mark.parametrize(("n_i", "omega", "t_end"), LAUNCHES)
-def test_reversal_and_last_step_are_those_of_the_sweep_bit_for_bit(method, n_i, omega, t_end):
-    batch = kernels.full_batch(oracle.GH, [n_i], omega, psi=1.1, t_end=t_end)
+@pytest.mark.parametrize(("n_i", "t_end"), [(0.1, 900.0), (-0.1, 7.3)])
+def test_reversal_and_last_step_are_those_of_the_sweep_bit_for_bit(method, n_i, t_end):
+    batch = kernels.full_batch(oracle.GH, [n_i], 0.01, psi=1.1, t_end=t_end)
     out = integrate(batch, method, FULL, dt=0.01, tol=1e-8)
     follower, t, y = follow(batch, method, dt=0.01, tol=1e-8)
-    assert follower.status == Status.OK
-    assert t[-1] == t_end
+    assert (follower.status, t[-1]) == (Status.OK, t_end)
     assert np.all(np.diff(t) > 0)
-    assert np.isnan(out.t_r[0]) == (t_end < 10)
-    if t_end < 10:
-        assert follower.zeros == []
-        assert follower.n_steps == out.n_steps[0]
+    if np.isnan(out.t_r[0]):
+        assert (follower.zeros, follower.n_steps) == ([], out.n_steps[0])
         assert y[-1].tobytes() == out.y_end[0].tobytes()
     else:
         assert out.t_r[0] == follower.zeros[0]
@@ -80,28 +71,6 @@ def test_rows_do_not_change_the_steps_nor_pieces_of_a_grid_the_rows():
         assert len(found.t) == len(times)
     # The last grid was the steps themselves; h is known but for the rounding of t.
     assert found.y == pytest.approx(y, abs=1e-13)
-
-
-# --- against others ------------------------------------------------------------------------------
-
-
-def test_states_and_all_reversals_agree_with_scipy():
-    """SciPy from the paper's equations."""
-    times = np.linspace(0, 20, 81)
-    start = oracle.launch(oracle.GH, 0.2, 0.5, oracle.relevant_psi(oracle.GH, 0.2))
-    other = solve_ivp(
-        oracle.rhs, (0, 20), start, "DOP853", times, args=(oracle.GH,), rtol=1e-11, atol=1e-13,
-        max_step=0.2, events=lambda t, y, body: oracle.spin(y),
-    )  # fmt: skip
-    channels = ["t", "n", "u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z"]
-    options = {"times": times, "t_end": 20, "tol": 1e-12, "channels": channels}
-    run = rs.trajectory(GH, n_i=0.2, omega_xy0=0.5, **options)
-    assert run.table.iloc[:, 2:].to_numpy() == pytest.approx(other.y.T, abs=1e-8)
-    assert len(run.zeros) == 7
-    assert run.zeros == pytest.approx(other.t_events[0], abs=1e-8)
-
-
-# --- channels ------------------------------------------------------------------------------------
 
 
 def everything(**options):
@@ -149,6 +118,8 @@ def test_attitude_and_trace_agree_with_rigid_body_kinematics():
         rhs, (0, t_end), np.concatenate([start, q0, [0, 0, 0]]), method="DOP853",
         t_eval=table["t"], rtol=1e-11, atol=1e-13,
     ).y  # fmt: skip
+    state = ["u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z"]
+    assert table[state].to_numpy() == pytest.approx(found[:6].T, abs=1e-8)
     quaternions = table[["q0", "q1", "q2", "q3"]].to_numpy()
     assert quaternions == pytest.approx(found[6:10].T, abs=1e-8)
     assert table[["trace_x", "trace_y"]].to_numpy() == pytest.approx(found[10:12].T, abs=1e-8)
@@ -164,9 +135,6 @@ def test_attitude_and_trace_agree_with_rigid_body_kinematics():
     assert table["yaw"].to_numpy() == pytest.approx(heading, abs=1e-12)
 
 
-# --- rows, chunks, memory ------------------------------------------------------------------------
-
-
 def test_rows_that_are_asked_for():
     long = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, t_end=3000).table["t"]
     assert long.diff().max() <= 2 * np.pi / rs.modes(GH).omega_p / 20
@@ -175,7 +143,6 @@ def test_rows_that_are_asked_for():
     assert rs.trajectory(GH, points=3, **options).table["t"].tolist() == [0, 5, 10]
     by_dt = rs.trajectory(GH, dt=0.1, **options).table["t"].to_numpy()
     assert (len(by_dt), by_dt[-1]) == (101, 10.0)
-    assert len(rs.trajectory(GH, dt=3, **options).table) == 4
     steps = rs.trajectory(GH, steps=True, **options)
     assert steps.table["t"].iloc[[0, -1]].tolist() == [0, 10]
     assert len(steps.table) == 1 + steps.n_steps
@@ -206,9 +173,6 @@ def test_a_run_that_fails_says_so_and_keeps_what_was_good():
     assert np.isfinite(y).all()
     found = Follower(batch, DOP853, FULL, max_steps=50).at(np.linspace(0, 100, 201))
     assert 0 < len(found.t) < 201
-
-
-def test_a_step_that_is_too_long_says_so():
     runs = kernels.full_batch(oracle.GH, [-0.1], t_end=600.0)
     status = Status(int(integrate(runs, RK4, FULL, dt=1.0).status[0]))
     assert follow(runs, RK4, dt=1.0)[0].status == status != Status.OK
@@ -217,14 +181,12 @@ def test_a_step_that_is_too_long_says_so():
 BAD = [
     ({"channels": ["t", "omga_x"]}, "did you mean .omega_x"),
     ({"channels": ["u_x"], "model": "reduced"}, "of the model reduced: .u_x. is not one of"),
-    ({"points": 5, "dt": 0.1}, "points and dt are both given"),
+    ({"points": 5, "dt": 0.1}, "more than one is given"),
     ({"dt": math.nan}, "must be finite"),
+    ({"dt": 1e-9}, "more than 100,000,000 rows"),
     ({"times": [0, 2, 1]}, "a list that increases"),
-    ({"times": [0, 11]}, "t_end = 10"),
-    ({"steps": True, "model": "gh"}, "the model gh takes none"),
+    ({"model": "gh"}, "gh has no trajectory"),
     ({"e_r0": -1.0, "model": "reduced"}, "from 0 to"),
-    ({"omega": (0, 0, 1)}, "n_i and omega_xy0 given with a full state"),
-    ({"method": "euler"}, "euler"),
 ]
 
 

@@ -1,10 +1,12 @@
 """The pages of docs/ say what is: their commands are executed, in order, as a reader would."""
 
+import json
 import re
 import shlex
 import shutil
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import pytest
 from sweeping import ROOT, invoke
 
@@ -75,3 +77,16 @@ def test_the_python_page(here: Path):
     found = blocks("python.md", "python")
     assert len(found) >= 6
     exec("\n".join(found), {"__name__": "__main__"})
+
+
+def test_the_notebook_runs_and_finds_what_it_shows():
+    notebook = json.loads((ROOT / "docs" / "notebook.ipynb").read_text("utf-8"))
+    cells = [cell for cell in notebook["cells"] if "outputs" in cell]
+    names: dict[str, object] = {}
+    for cell in cells:
+        exec("".join(cell["source"]), names)
+    shown = [out["data"]["text/plain"] for cell in cells for out in cell["outputs"]]
+    text = "".join(map("".join, shown))
+    assert all(f"{value:.6f}" in text for value in names["runs"]["t_r_s"])
+    assert names["sweep"].summary["runs"].sum() == 600
+    plt.close("all")

@@ -14,7 +14,7 @@ import sweeping
 from sweeping import content_hash, prepared, proved
 
 from rattlesweep.analysis.onerun.course import Course
-from rattlesweep.analysis.onerun.replay import find_runs
+from rattlesweep.analysis.onerun.replay import find_run
 from rattlesweep.integrate.batch import Control, Outcome, integrate
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
@@ -256,9 +256,9 @@ def test_counts_in_the_summary(tmp_path):
 
 def test_replay_takes_the_tolerance_of_the_run(kept):
     for level in ("tol > 1e-9", "tol < 1e-9"):
-        (run,) = find_runs(kept, where=f"type == 'R' and {level}")
+        run = find_run(kept, where=f"type == 'R' and {level}")
         run.prove()
         course = Course(run.prepare())
         course.columns()
         assert course.run.integrator["tol"] == run.values["tol"]
-        assert course.zeros[0] == run.values["t_r"]
+        assert course.follower.zeros[0] == run.values["t_r"]

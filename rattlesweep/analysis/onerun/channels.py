@@ -42,8 +42,7 @@ def _touch(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
 def spin(y: Floats) -> Floats:
     """Return the spin of states of the full model, shape (5 or more, ...)."""
     u, omega = full.to_vectors(y[: full.N_STATE])
-    n: Floats = (u * omega).sum(axis=0)
-    return n
+    return np.asarray((u * omega).sum(axis=0))
 
 
 def energy(y: Floats, constants: Floats) -> Floats:
@@ -56,33 +55,28 @@ def energy(y: Floats, constants: Floats) -> Floats:
     root = np.sqrt(1 + tilt)
     half = (tilt + bent) / (1 + np.sqrt(1 + k * (tilt + bent)))
     potential = (bent + (tilt / (1 + root)) ** 2 - k * half**2) / root
-    value: Floats = 0.5 * (
-        np.tensordot(constants[:3], omega**2, 1) + (v**2).sum(axis=0) + potential
-    )
-    return value
+    twice: Floats = np.tensordot(constants[:3], omega**2, 1) + (v**2).sum(axis=0) + potential
+    return 0.5 * twice
 
 
 def contact_force(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
     """Return the normal and the tangential contact force (Eq. em-1) of states of the full model.
 
-    The angular acceleration solves Eq. diff-omega,
-    ``(I + r^2 - r r^T) domega/dt = r x (dr/dt x omega + omega x v + u) - omega x I omega - L``
-    with ``v = r x omega``. The couple ``L`` of the dissipation is ``sigma omega``, and the rolling
-    resistance against the part ``h`` of omega in the plane, which is linear in the force itself.
+    The angular acceleration solves Eq. diff-omega, with ``v = r x omega`` and a couple ``L``,
+    ``(I + r^2 - r r^T) domega/dt = r x (dr/dt x omega + omega x v + u) - omega x I omega - L``.
+    ``L`` is ``sigma omega`` and the rolling resistance, which is linear in the force itself.
     """
     u, omega = full.to_vectors(y[: full.N_STATE])
     r, rate = _touch(y, constants)
     inertia = constants[:3, None]
     sigma, lever, eps = constants[7:10] if len(constants) > 7 else (0.0, 0.0, 0.0)
 
-    cross = partial(np.cross, axis=0)
+    cross, square = partial(np.cross, axis=0), (r**2).sum(axis=0)
+    d = inertia + square
 
-    def solve(torque: Floats) -> Floats:  # Sherman and Morrison's formula
-        square = (r**2).sum(axis=0)
-        d = inertia + square
+    def solve(torque: Floats) -> Any:  # Sherman and Morrison's formula
         along = (r * torque / d).sum(axis=0) / (inertia * r**2 / d).sum(axis=0)
-        rate: Floats = (torque + square * along * r) / d
-        return rate
+        return (torque + square * along * r) / d
 
     v = cross(r, omega)
     known = cross(rate, omega) + cross(omega, v)  # of the acceleration dv/dt
@@ -109,28 +103,21 @@ class View:
     constants: Floats
     energy_0: float
     samples: Samples
-    beside: Samples | None  # of the reduced model
+    beside: Any  # samples of the reduced model, or None
 
     @cached_property
     def y(self) -> Floats:
         return np.ascontiguousarray(self.samples.y.T)
 
     @cached_property
-    def gh(self) -> Floats:
-        return self.launches.gh.spin(self.samples.t)
-
-    @cached_property
     def n(self) -> Floats:
-        if self.model == "full":
-            return spin(self.y)
-        return self.gh if self.model == "gh" else self.y[0]
+        return spin(self.y) if self.model == "full" else self.y[0]
 
     @cached_property
     def energy(self) -> Floats:
         if self.model == "full":
             return energy(self.y, self.constants)
-        value: Floats = 0.5 * self.constants[2] * self.y[0] ** 2 + self.y[1] + self.y[2]
-        return value
+        return np.asarray(0.5 * self.constants[2] * self.y[0] ** 2 + self.y[1] + self.y[2])
 
     @property
     def work(self) -> Floats:
@@ -155,12 +142,11 @@ class View:
         wx, wy = omega[:2] - self.n * u[:2]
         m, bodies = self.launches.modes, self.launches.bodies
 
-        def energy(psi: Floats, frequency: Floats) -> Floats:
+        def energy(psi: Floats, frequency: Floats) -> Any:
             x, y = bodies.alpha * np.cos(psi), bodies.beta * np.sin(psi)
             inertia = bodies.alpha * np.cos(psi) ** 2 + bodies.beta * np.sin(psi) ** 2
             rate, tilt = x * wx + y * wy, x * self.y[1] - y * self.y[0]
-            value: Floats = 0.5 * (rate**2 + (frequency * tilt) ** 2) / inertia
-            return value
+            return 0.5 * (rate**2 + (frequency * tilt) ** 2) / inertia
 
         return energy(m.psi_p, m.omega_p), energy(m.psi_r, m.omega_r)
 
@@ -171,21 +157,8 @@ class View:
         return np.where(np.isfinite(value), value, np.nan)
 
     @cached_property
-    def contact(self) -> Floats:
-        return _touch(self.y, self.constants)[0]
-
-    @cached_property
     def force(self) -> tuple[Floats, Floats]:
         return contact_force(self.y, self.constants)
-
-    @cached_property
-    def attitude(self) -> Floats:
-        return quaternion(self.vectors[0], self.samples.extra[:, 0])
-
-    @property
-    def reduced(self) -> Floats:
-        assert self.beside is not None
-        return self.beside.y.T
 
 
 @dataclass(frozen=True)
@@ -201,7 +174,7 @@ class Channel:
     size: float = 1.0  # of the unit, in the units of the body
 
 
-FULL, BOTH, ALL = ("full",), ("full", "reduced"), ("full", "reduced", "gh")
+FULL, BOTH = ("full",), ("full", "reduced")
 
 
 def _components(
@@ -216,8 +189,8 @@ def _components(
 CHANNELS: dict[str, Channel] = {
     channel.name: channel
     for channel in (
-        Channel("t", TIME, "time", ALL, lambda v: v.samples.t),
-        Channel("n", RATE, "spin u . omega", ALL, lambda v: v.n),
+        Channel("t", TIME, "time", BOTH, lambda v: v.samples.t),
+        Channel("n", RATE, "spin u . omega", BOTH, lambda v: v.n),
         *_components("u_x u_y u_z", "1", "vertical unit vector, body's {}",
                      lambda v: v.vectors[0]),
         *_components("omega_x omega_y omega_z", RATE, "angular velocity, body's {}",
@@ -233,7 +206,8 @@ CHANNELS: dict[str, Channel] = {
         Channel("C_I", "1", "Casimir invariant ln(E_p)/K_p + ln(E_r)/K_r", BOTH,
                 lambda v: v.casimir),
         *_components("contact_x contact_y contact_z", "a",
-                     "contact point from the centre of mass, body's {}", lambda v: v.contact),
+                     "contact point from the centre of mass, body's {}",
+                     lambda v: _touch(v.y, v.constants)[0]),
         *_components("trace_x trace_y", "a", "contact point on the plane, from the first one",
                      lambda v: v.samples.extra.T[1:], "attitude"),
         Channel("F_normal", FORCE, "contact force along the vertical", FULL, lambda v: v.force[0]),
@@ -242,27 +216,21 @@ CHANNELS: dict[str, Channel] = {
                 lambda v: v.samples.extra[:, 0], "attitude"),
         *_components("q0 q1 q2 q3", "1",
                      "attitude, unit quaternion from body to plane, scalar first",
-                     lambda v: v.attitude, "attitude"),
+                     lambda v: quaternion(v.vectors[0], v.samples.extra[:, 0]), "attitude"),
         Channel("n_reduced", RATE, "spin of the reduced model beside", FULL,
-                lambda v: v.reduced[0], "reduced"),
-        Channel("E_p_reduced", ENERGY, "energy of the pitch in the reduced model", FULL,
-                lambda v: v.reduced[1], "reduced"),
-        Channel("E_r_reduced", ENERGY, "energy of the roll in the reduced model", FULL,
-                lambda v: v.reduced[2], "reduced"),
-        Channel("n_gh", RATE, "spin of Garcia and Hubbard's solution", ALL, lambda v: v.gh),
+                lambda v: v.beside.y[:, 0], "reduced"),
+        Channel("n_gh", RATE, "spin of Garcia and Hubbard's solution", BOTH,
+                lambda v: v.launches.gh.spin(v.samples.t)),
     )
 }  # fmt: skip
-
-SUFFIXES = {"s": "s", "rad/s": "rad_s", "rpm": "rpm", "m": "m", "J": "J", "N": "N"}
 
 
 def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:
     """Return channels of a model by name."""
     own = [channel.name for channel in CHANNELS.values() if model in channel.models]
     names = list(dict.fromkeys(names))
-    for name in names:
-        if name not in own:
-            raise ConfigError(f"channels of the model {model}: {not_one_of(name, own)}")
+    if unknown := [name for name in names if name not in own]:
+        raise ConfigError(f"channels of the model {model}: {not_one_of(unknown[0], own)}")
     return tuple(CHANNELS[name] for name in names)
 
 
@@ -274,6 +242,6 @@ def in_si(channels: Iterable[Channel], units: Units | None) -> dict[str, Channel
             size, unit = units.sizes[channel.unit]
             if channel.name in ("n", "n_reduced", "n_gh"):
                 size, unit = size * 30 / math.pi, "rpm"
-            name = f"{channel.name}_{SUFFIXES[unit]}"
+            name = f"{channel.name}_{unit.replace('/', '_')}"
             found[channel.name] = replace(channel, name=name, unit=unit, size=size)
     return found

@@ -6,8 +6,8 @@ from __future__ import annotations
 import json
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -18,12 +18,11 @@ import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
 from rattlesweep.analysis.onerun.channels import View, choose, contact_force, in_si, spin
-from rattlesweep.arrays import Floats
+from rattlesweep.arrays import Floats, take
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import PLATEAU_SHARE
 from rattlesweep.integrate.follow import Follower, Samples
 from rattlesweep.integrate.model import REDUCED
-from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps import columns
@@ -33,19 +32,18 @@ from rattlesweep.sweeps.launches import Launch, model_of, reduced_batch, single_
 from rattlesweep.sweeps.provenance import package_version
 
 if TYPE_CHECKING:
-    from typing import Self
-
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.physics.si import Units
     from rattlesweep.sweeps.config.schema import Config
     from rattlesweep.sweeps.launches import Launches
 
-CHUNK = 8192
-"""Rows that are in memory at once."""
+CHUNK = 8192  # rows that are in memory at once
+# Rows in a period of the pitch, and all of them, where nothing else is asked for.
 PER_PERIOD, LEAST_ROWS, MOST_ROWS = 20, 2001, 10**8
-"""Rows in a period of the pitch, and all of them, where nothing else is asked for."""
-BESIDE_TOL = 1e-10
-"""Tolerance of the reduced model beside, whose distance from the full one is far larger."""
+BESIDE_TOL = 1e-10  # of the reduced model beside, whose distance from the full one is far larger
+LIFTS = ("contact would be lost at t = {:.4g}, where the normal force becomes negative; the model "
+         "keeps the body on the plane all the same")  # fmt: skip
+SLIPS = "rolling without slip needs a coefficient of friction above 1 from t = {:.4g} on"
 
 
 @dataclass(frozen=True)
@@ -54,16 +52,18 @@ class PreparedRun:
 
     config: Config
     launches: Launches
-    batch: Batch | None  # None in the model gh
+    batch: Batch | None
     units: Units | None = None  # of a body whose size is known
     energies: tuple[float | None, float | None] = (None, None)  # with which the reduced one begins
 
     def __post_init__(self) -> None:
+        if self.batch is None:
+            raise ConfigError("model: gh has no trajectory; the others have the channel n_gh")
         if not (math.isfinite(self.t_end) and self.t_end > 0):
             raise ConfigError(f"t_end: {self.t_end:g} is no finite, positive time; give t_end")
 
     @classmethod
-    def of(cls, launch: Launch) -> Self:
+    def of(cls, launch: Launch) -> PreparedRun:
         return cls(*single_run(launch), launch.body.units, (launch.e_p0, launch.e_r0))
 
     @property
@@ -110,15 +110,11 @@ class PreparedRun:
         self, points: int | None, dt: float | None, steps: bool, times: Any, start: float | None
     ) -> Floats | None:
         """Return the times of the rows, of which none is before `start`; None for the steps."""
-        ways = {"points": points, "dt": dt, "steps": steps or None, "times": times}
-        given = [name for name, value in ways.items() if value is not None]
         first, t_end = start or 0.0, self.t_end
-        if len(given) > 1:
-            raise ConfigError(f"{' and '.join(given)} are both given; keep one of them")
+        if sum(way is not None for way in (points, dt, steps or None, times)) > 1:
+            raise ConfigError("points, dt, steps, times: more than one is given; keep one")
         if not 0 <= first < t_end:
             raise ConfigError(f"from_time {first:g}: rows begin from 0 to t_end = {t_end:g}")
-        if steps and self.batch is None:
-            raise ConfigError("steps: the model gh takes none; give points or dt")
         if steps:
             return None
         if times is not None:
@@ -140,87 +136,22 @@ class PreparedRun:
         return np.linspace(first, t_end, count) if dt is None else rows[rows <= t_end]
 
 
-@dataclass
-class Observer:
-    """Turns and contact forces of a run, from its launch and its accepted steps as they come."""
-
-    plateau: float  # modulus of the launch's spin; of a launch without spin, n_0
-    zeros: list[float] = field(default_factory=list)  # of the spin so far, kept by the follower
-    reversals: list[float] = field(default_factory=list)  # the first zero of each turn
-    lifts: float = math.nan  # when the normal force is first negative; NaN if never
-    slips: float = math.nan  # when rolling first needs a friction above 1; NaN if never
-    # The last time beyond the share PLATEAU_SHARE of the plateau, and the sign of the spin then.
-    last: tuple[float, float] = (0.0, 0.0)
-
-    def spin(self, t: Floats, n: Floats) -> None:
-        far = np.abs(n) > PLATEAU_SHARE * self.plateau
-        t = np.append(self.last[0], t[far])
-        side = np.append(self.last[1], np.sign(n[far]))
-        for k in np.flatnonzero(side[1:] * side[:-1] < 0):
-            first = bisect_right(self.zeros, t[k])
-            self.reversals += self.zeros[first : first + 1]
-        self.last = float(t[-1]), float(side[-1])
-
-    def forces(self, t: Floats, normal: Floats, tangential: Floats) -> None:
-        slipping = (normal > 0) & (tangential > normal)
-        if math.isnan(self.lifts) and (normal < 0).any():
-            self.lifts = float(t[np.argmax(normal < 0)])
-        if math.isnan(self.slips) and slipping.any():
-            self.slips = float(t[np.argmax(slipping)])
-
-    @property
-    def warning(self) -> str:
-        """One sentence on what the model does that no real body would; empty if nothing."""
-        if math.isfinite(self.lifts):
-            return (
-                f"contact would be lost at t = {self.lifts:.4g}, where the normal force becomes "
-                "negative; the model keeps the body on the plane all the same"
-            )
-        if math.isfinite(self.slips):
-            needed = "rolling without slip needs a coefficient of friction above 1"
-            return f"{needed} from t = {self.slips:.4g} on"
-        return ""
-
-
-class ClosedForm:
-    """Garcia and Hubbard's solution in a follower's place: there is nothing to integrate."""
-
-    status, n_steps, ended, energy_0 = Status.OK, 0, True, math.nan
-
-    def __init__(self, launches: Launches) -> None:
-        self.t = float(launches.t_end[0])
-        t_rgh = float(launches.gh.t_rgh[0])
-        self.zeros = [t_rgh] if t_rgh <= self.t else []
-
-    def at(self, times: Floats) -> Samples:
-        nothing = np.zeros((len(times), 0))
-        return Samples(times, nothing, nothing)
-
-
 class Course:
     """A trajectory under way: iterate to get its columns chunk by chunk.
 
     One of `points`, `dt`, `steps` and `times` chooses the rows, none of which is before
-    `from_time`.  `watch` is called with the share that is done, every few thousand steps.  `zeros`
-    and `reversals` are the times of all zeros of the spin so far, and of the first of each turn.
+    `from_time`.  So far: `reversals` are the first zeros of each turn, `warnings` say what the
+    model does that no real body would, and `follower` has what else is known of the run.
     """
 
     def __init__(
-        self,
-        run: PreparedRun,
-        channels: Sequence[str] = ("t", "n"),
-        *,
-        points: int | None = None,
-        dt: float | None = None,
-        steps: bool = False,
-        times: Any = None,
+        self, run: PreparedRun, channels: Sequence[str] = ("t", "n"), *, points: int | None = None,
+        dt: float | None = None, steps: bool = False, times: Any = None,
         from_time: float | None = None,
-        watch: Callable[[float], None] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         chosen = choose(channels, run.model)
-        launches = run.launches
         needs = {channel.needs for channel in chosen}
-        if "reduced" in needs and launches.bodies.omega is not None:
+        if "reduced" in needs and run.launches.bodies.omega is not None:
             raise ConfigError("channels: the reduced model begins with a spin and an oscillation, "
                               "and has no run beside one launched from a full state")  # fmt: skip
         if run.model == "full" and run.energies != (None, None) and "reduced" not in needs:
@@ -229,46 +160,25 @@ class Course:
         self.channels = (*chosen, *self.si.values())
         self.times = run.row_times(points, dt, steps, times, from_time)
         self._start = from_time or 0.0
-        self._constants = np.zeros(0) if run.batch is None else run.batch.constants[0]
-        self.observer = Observer(float(launches.spin_scale[0]))
-        self._follower: Follower | ClosedForm
-        if run.batch is None:
-            self._follower = ClosedForm(launches)
-            self.observer.reversals += self._follower.zeros  # its spin goes through zero for good
-        else:
-            setting = run.integrator
-            self._follower = Follower(
-                run.batch,
-                METHODS[setting.pop("method")],
-                model_of(run.config),
-                **setting,
-                max_steps=run.config.integrator.max_steps,
-                attitude="attitude" in needs,
-                look=self._look,
-                watch=None if watch is None else lambda t: watch(min(1.0, t / run.t_end)),
-            )
-        self.zeros = self.observer.zeros = self._follower.zeros
-        self.reversals = self.observer.reversals
+        self.reversals: list[float] = []
+        self.warnings: dict[str, str] = {}
+        # When the spin was last beyond PLATEAU_SHARE of the launch's, and its sign then.
+        self._last = 0.0, 0.0
+        assert run.batch is not None
+        self._constants, setting = run.batch.constants[0], run.integrator
+        self.follower = Follower(
+            run.batch, METHODS[setting.pop("method")], model_of(run.config), **setting,
+            max_steps=run.config.integrator.max_steps, attitude="attitude" in needs,
+            look=self._look,
+        )  # fmt: skip
         self._beside = None
         if "reduced" in needs:
-            beside = with_energies(reduced_batch(launches), *run.energies)
+            beside = with_energies(reduced_batch(run.launches), *run.energies)
             self._beside = Follower(beside, DOP853, REDUCED, tol=BESIDE_TOL)
-
-    @property
-    def t(self) -> float:
-        return self._follower.t
-
-    @property
-    def status(self) -> Status:
-        return self._follower.status
-
-    @property
-    def n_steps(self) -> int:
-        return self._follower.n_steps
 
     def __iter__(self) -> Iterator[dict[str, Floats]]:
         """Yield columns by name, at most :data:`CHUNK` rows at a time."""
-        run, energy_0 = self.run, self._follower.energy_0
+        run, energy_0 = self.run, self.follower.energy_0
         for samples in self._samples():
             beside = None if self._beside is None else self._beside.at(samples.t)
             view = View(run.model, run.launches, self._constants, energy_0, samples, beside)
@@ -276,21 +186,18 @@ class Course:
 
     def columns(self) -> dict[str, Floats]:
         """Integrate to the end, and return the columns whole."""
-        chunks = list(self)
-        return {
-            c.name: np.concatenate([np.zeros(0), *(chunk[c.name] for chunk in chunks)])
-            for c in self.channels
-        }
+        none = {channel.name: np.zeros(0) for channel in self.channels}
+        chunks = [none, *self]
+        return {name: np.concatenate([chunk[name] for chunk in chunks]) for name in none}
 
     def _samples(self) -> Iterator[Samples]:
-        follower = self._follower
+        follower = self.follower
         if self.times is None:
-            assert isinstance(follower, Follower)
             found = follower.launch()
             while found.t.size or not follower.ended:
-                early = int(np.searchsorted(found.t, self._start))
-                if early < len(found.t):
-                    yield Samples(found.t[early:], found.y[early:], found.extra[early:])
+                late = take(found, found.t >= self._start)
+                if late.t.size:
+                    yield late
                 found = follower.steps()
             return
         for begin in range(0, len(self.times), CHUNK):
@@ -301,20 +208,34 @@ class Course:
             if found.t.size < part.size:
                 return
         # What lies behind the last row belongs to the run: its reversals and its status.
-        while isinstance(follower, Follower) and not follower.ended:
+        while not follower.ended:
             follower.steps()
 
     def _look(self, t: Floats, y: Floats) -> None:
         """Observe the accepted steps as they come, and at first the launch."""
-        if not len(t):
-            return
         state = np.ascontiguousarray(y.T)
         with np.errstate(all="ignore"):  # a run that goes wrong overflows
-            if self.run.model == "reduced":
-                self.observer.spin(t, state[0])
-            else:
-                self.observer.spin(t, spin(state))
-                self.observer.forces(t, *contact_force(state, self._constants))
+            n = spin(state) if self.run.model == "full" else state[0]
+            far = np.abs(n) > PLATEAU_SHARE * self.run.launches.spin_scale[0]
+            times, side = (
+                np.append(self._last[0], t[far]),
+                np.append(self._last[1], np.sign(n[far])),
+            )
+            for k in np.flatnonzero(side[1:] * side[:-1] < 0):
+                first = bisect_right(self.follower.zeros, times[k])
+                self.reversals += self.follower.zeros[first : first + 1]
+            self._last = float(times[-1]), float(side[-1])
+            if self.run.model == "full":
+                normal, tangential = contact_force(state, self._constants)
+                slips = (normal > 0) & (tangential > normal)
+                for broken, words in ((normal < 0, LIFTS), (slips, SLIPS)):
+                    if broken.any() and words not in self.warnings:
+                        self.warnings[words] = words.format(t[np.argmax(broken)])
+
+    @property
+    def warning(self) -> str:
+        """One sentence on what no real body would do; empty if nothing."""
+        return self.warnings.get(LIFTS) or self.warnings.get(SLIPS, "")
 
 
 def save(course: Course, path: Path) -> None:
@@ -324,17 +245,11 @@ def save(course: Course, path: Path) -> None:
 
 
 def write_parquet(course: Course, file: BinaryIO) -> None:
-    """Integrate and write row groups; at the end, where pyarrow can, the reversals and zeros."""
+    """Integrate and write row groups."""
     schema = _schema(course)
     with pq.ParquetWriter(file, schema, compression="zstd", version="2.6") as writer:
         for chunk in course:
             writer.write_table(build_table(chunk, schema))
-        if hasattr(writer, "add_key_value_metadata"):  # younger than pyarrow 16
-            writer.add_key_value_metadata(
-                {"rattlesweep.reversals": json.dumps(course.reversals),
-                 "rattlesweep.zeros": json.dumps(course.zeros),
-                 "rattlesweep.status": course.status.label}
-            )  # fmt: skip
 
 
 def write_csv(course: Course, file: BinaryIO) -> None:

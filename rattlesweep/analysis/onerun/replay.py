@@ -20,7 +20,6 @@ from rattlesweep.sweeps.bodies import Scale
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.plan import stored_plan
 from rattlesweep.sweeps.stored import Stored, open_stored
-from rattlesweep.sweeps.summary import is_sensitive
 from rattlesweep.sweeps.verify import differing_rows
 
 
@@ -49,14 +48,11 @@ class StoredRun:
     def proof(self) -> str:
         """What :meth:`prove` has shown, in one line."""
         row = self.values
-        t_r, error = row["t_r"], row.get("t_r_error")
         if row["status"] != "ok":
             return f"{self.name}: status {row['status']} as stored, bit for bit"
-        what = "no reversal" if t_r is None else f"t_r {t_r!r}"
-        if t_r is not None and error is not None:
-            what += f" +- {error:.2g}{' (sensitive)' if is_sensitive(error, t_r) else ''}"
-        doubt = " (not sure)" if row.get("type_sure") is False else ""
-        return f"{self.name}: {what} and type {row['type']}{doubt} as stored, bit for bit"
+        error = f" +- {row['t_r_error']:.2g}" if row.get("t_r_error") is not None else ""
+        t_r = "no reversal" if row["t_r"] is None else f"t_r {row['t_r']!r}{error}"
+        return f"{self.name}: {t_r} and type {row['type']} as stored, bit for bit"
 
     def prove(self) -> None:
         """Integrate it as the sweep did; raise an OutputError if its row comes out otherwise."""
@@ -89,41 +85,22 @@ class StoredRun:
         return PreparedRun(config, launches, make_batch(launches, config.model))
 
 
-def find_runs(
-    directory: Path,
-    case: int | None = None,
-    sample: int | None = None,
-    where: str | None = None,
-    first: int = 1,
-) -> list[StoredRun]:
-    """Return the run of a case and a sample, or the first ones for which a condition is true."""
+def find_run(
+    directory: Path, case: int | None = None, sample: int | None = None, where: str | None = None
+) -> StoredRun:
+    """Return the run of a case and a sample, or the first for which a condition is true."""
     stored = open_stored(directory)
-    if where is not None:
-        if case is not None or sample is not None:
-            raise ConfigError("--where and --case, --sample are both given; keep one way")
-        condition = parse_where(where, stored.schema)
-    elif case is None or sample is None:
+    if [case is None, sample is None] != 2 * [where is not None]:
         raise ConfigError("which run? give --case and --sample, or --where")
-    else:
-        for name, value, count in (
-            ("case", case, len(stored.cases)), ("sample", sample, stored.samples)
-        ):  # fmt: skip
-            if not 0 <= value < count:
-                raise ConfigError(f"{name} {value}: {directory} has the {name}s 0 to {count - 1}")
-    found: list[StoredRun] = []
+    condition = None if where is None else parse_where(where, stored.schema)
+    mine = (pc.field("case") == case) & (pc.field("sample") == sample)
     for rows in stored.batches():
-        if where is None:
-            mine = (pc.field("case") == case) & (pc.field("sample") == sample)
-            chosen = pa.table(rows).filter(mine)
-        else:
-            chosen = pa.table(condition.filter(rows))
-        found += [StoredRun(stored, chosen.slice(k, 1)) for k in range(len(chosen))][
-            : first - len(found)
-        ]
-        if len(found) == first:
-            return found
-    if not found and where is not None:
+        found = pa.table(condition.filter(rows)) if condition else pa.table(rows).filter(mine)
+        if len(found):
+            return StoredRun(stored, found.slice(0, 1))
+    if case is None or sample is None:
         raise ConfigError(f"--where {where}: {directory} stores no such run")
-    if not found:
-        raise OutputError(f"case {case}, sample {sample} is not stored yet in {directory}")
-    return found
+    if not (0 <= case < len(stored.cases) and 0 <= sample < stored.samples):
+        last = f"{len(stored.cases) - 1} and the samples 0 to {stored.samples - 1}"
+        raise ConfigError(f"case {case}, sample {sample}: {directory} has the cases 0 to {last}")
+    raise OutputError(f"case {case}, sample {sample} is not stored yet in {directory}")

@@ -13,7 +13,6 @@ import html
 import json
 import math
 import re
-from collections.abc import Callable
 from importlib.resources import files
 from typing import Any
 
@@ -33,12 +32,9 @@ PER_PERIOD, LEAST = 20, 10
 # 48 bytes a row in the page, which stays below 5 MB.
 FEWEST_ROWS, MOST_ROWS = 201, 80_000
 THEORY_POINTS = 800
-# The body is cut off above every point of contact of the run, and not below its centre of mass.
-MARGIN = 1.25
-# Share of an ellipsoid's lower half that is drawn.
-WIDEST = 0.99
-# Periods of the roll that the trace of the contact shows.
-TRAIL = 6
+MARGIN = 1.25  # the body is cut off above all points of contact, and its centre of mass
+WIDEST = 0.99  # share of an ellipsoid's lower half that is drawn
+TRAIL = 6  # periods of the roll that the trace of the contact shows
 # Seconds that the way to the first reversal takes at the page's first speed, and its bounds.
 SECONDS, SLOW, FAST = 30, 4.0, 25.0
 # What `page.html` is filled with, the style first.
@@ -46,10 +42,7 @@ SOURCES = ("page.css", "three.min.js", "scene.js", "player.js")
 
 
 def course_of(
-    run: PreparedRun,
-    points: int | None = None,
-    from_time: float | None = None,
-    watch: Callable[[float], None] | None = None,
+    run: PreparedRun, points: int | None = None, from_time: float | None = None
 ) -> Course:
     """Return the run with the channels and the rows that its page needs, or so many ``points``."""
     if run.model != "full":
@@ -58,9 +51,7 @@ def course_of(
         points = run.even_rows(PER_PERIOD, FEWEST_ROWS, MOST_ROWS, from_time)
         if run.even_rows(LEAST, 2, MOST_ROWS + 1, from_time) > MOST_ROWS:
             raise ConfigError(f"t_end {run.t_end:g} is too long for one page; shorten --t-end")
-    if points > MOST_ROWS:
-        raise ConfigError(f"--points {points}: at most {MOST_ROWS} go into a page")
-    return Course(run, CHANNELS, points=points, from_time=from_time, watch=watch)
+    return Course(run, CHANNELS, points=points, from_time=from_time)
 
 
 def make_scene(course: Course) -> dict[str, Any]:
@@ -74,13 +65,14 @@ def make_scene(course: Course) -> dict[str, Any]:
     # A run that came to no good is shown as far as it has numbers.
     good = np.logical_and.reduce([np.isfinite(columns[name]) for name in CHANNELS])
     rows = len(good) if good.all() else int(np.argmin(good))
+    ended = course.follower
     if rows < 2:
-        raise ConfigError(f"the run ends at t = {course.t:g}: {course.status.meaning}")
+        raise ConfigError(f"the run ends at t = {ended.t:g}: {ended.status.meaning}")
     columns = {name: columns[name][:rows] for name in CHANNELS}
     t, launches, body = columns["t"], course.run.launches, course.run.body
     start = float(t[0])
     rise = max(1.0, MARGIN * float(np.max(1 - columns["contact_z"])))
-    first = course.zeros[0] if course.zeros else float(t[-1])
+    first = [*ended.zeros, float(t[-1])][0]
     units = {"t": (1.0, "√(a/g)"), "n": (1.0, "√(g/a)")}
     units |= {name: (si.size, si.unit) for name, si in course.si.items() if name in units}
     return {
@@ -101,37 +93,31 @@ def make_scene(course: Course) -> dict[str, Any]:
 
 
 def _facts(course: Course) -> list[tuple[str, str]]:
-    """Return what there is to know of the run, in words."""
-    run, launches = course.run, course.run.launches
-    b, m, units = run.body, launches.modes, run.units
+    """Return what there is to know of the run beside its title, in words."""
+    run, launches, ended = course.run, course.run.launches, course.follower
+    m, units = launches.modes, run.units
     losses = [0.0 if of is None else of[0] for of in (launches.sigma, launches.rolling)]
     facts = {
-        "α, β, γ": f"{b['alpha']:.5g}, {b['beta']:.5g}, {b['gamma']:.5g}",
-        "θ, φ": f"{b['theta']:.5g}, {b['phi']:.5g}",
-        "skew ξ": f"{math.degrees(b['xi']):.4g}°",
-        "c": f"{b['c']:.5g} (ellipsoid)" if "c" in b else "",
         "size": f"M = {units.mass:.4g} kg, a = {1000 * units.length:.4g} mm, "
         f"√(a/g) = {units.time:.4g} s" if units else "",
         "dissipation": "σ {:.4g}, rolling {:.4g}".format(*losses) if any(losses) else "",
-        "n_i, ω_xy0": f"{run.launch['n_i']:g}, {run.launch['omega_xy0']:g}",
         "launched along": f"{math.degrees(run.launch['psi']):.4g}°",
         "K_p, K_r": f"{m.K_p[0]:.4g}, {m.K_r[0]:.4g}",
         "ω_p, ω_r": f"{m.omega_p[0]:.4g}, {m.omega_r[0]:.4g}",
         "t_rGH": f"{launches.gh.t_rgh[0]:.6g}" if np.isfinite(launches.gh.t_rgh[0]) else "none",
-        "turns": _listed(course.reversals, course.t),
-        "zeros of the spin": _listed(course.zeros, course.t)
-        if course.zeros != course.reversals else "",
+        "turns": _listed(course.reversals, ended.t),
+        "zeros": _listed(ended.zeros, ended.t) if ended.zeros != course.reversals else "",
         "integrated by": ", ".join(map(str, run.integrator.values())),
-        "status": course.status.label,
-        "beware": course.observer.warning,
+        "status": ended.status.label,
+        "beware": course.warning,
     }  # fmt: skip
     # Exponents keep the hyphen that programs read.
     return [(name, re.sub(r"(?<!e)-", "−", text)) for name, text in facts.items() if text]
 
 
 def _listed(times: list[float], end: float) -> str:
-    more = f" and {len(times) - 6} more" if len(times) > 6 else ""
-    return ", ".join(f"{time:.8g}" for time in times[:6]) + more or f"none by {end:g}"
+    shown = ", ".join(f"{time:.8g}" for time in times[:6]) + ", ..." * (len(times) > 6)
+    return shown or f"none by {end:g}"
 
 
 def make_page(scene: dict[str, Any], title: str, subtitle: str) -> bytes:

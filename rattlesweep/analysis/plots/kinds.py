@@ -26,7 +26,7 @@ ENOUGH, FEW = 3, 6
 MOST_MARKERS = 40  # with more they hide the curve
 UNSURE: dict[str, Any] = {"facecolor": "#FFFFFFB0", "edgecolor": style.INK, "hatch": "xxxxxx",
                           "linewidth": 0, "label": "type not sure"}  # fmt: skip
-BONDI_LABEL = "Bondi"
+BONDI_LABEL = "beyond Bondi's threshold"
 # As few and as many bins as a histogram of some runs and of very many can do with; where a few
 # values lie far out, its axis ends at these percentiles.
 FEWEST, MOST, TAILS = 8, 150, (1, 99)
@@ -49,7 +49,7 @@ class Fractions(Picture):
         self.rows, self.columns = self.axes[1 : 1 + down], self.axes[1 + down :]
 
     def draw(self, figure: Any, log: bool | None) -> list[Any]:
-        """Draw the shares stacked, with Bondi's share, which no area shows."""
+        """Draw the fractions stacked, with that beyond Bondi's threshold, which no area shows."""
         x, cells = self.axes[0], self.cells
         marks = {name: mark for name, mark in TYPE_STYLE.items() if name in cells.types}
         bondi = self.grid(share(cells.bondi, cells.steady))
@@ -86,7 +86,7 @@ class Fractions(Picture):
             if len(x.values) < FEW:
                 axes.set_xticks(x.values, [f"{value:g}" for value in x.values])
             axes.set(xlim=x.edges[[0, -1]], ylim=(0, 1), yticks=[0, 0.5, 1])
-        figure.supylabel("share of bodies", fontsize="medium")
+        figure.supylabel("fraction of bodies", fontsize="medium")
         self.notes.append("Shares of the runs with status ok, with 95 % intervals (Wilson).")
         if BONDI_LABEL in known:
             self.notes.append("Above a triangle: bodies whose steady spin is linearly stable "
@@ -378,7 +378,7 @@ def fitting_kinds(layout: Layout) -> list[str]:
 
 
 def default_kind(layout: Layout) -> str:
-    """Return the kind that suits a sweep: a map for two long axes, shares for many bodies."""
+    """Return the kind that suits a sweep: a map for two long axes, fractions for many bodies."""
     fitting, spin = fitting_kinds(layout), layout.stored.config.spin
     population = "fractions" in fitting
     if sum(count >= SIDE for count in layout.lengths.values()) >= 2 and not population:
