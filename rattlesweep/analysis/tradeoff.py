@@ -51,7 +51,6 @@ from rattlesweep.sweeps.launches import (
     full_batch,
     prepare,
     reduced_batch,
-    with_theory,
 )
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.provenance import machine, package_version
@@ -382,8 +381,7 @@ def _timed_call(
 
         def closed_form() -> tuple[float, float]:
             modes = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
-            with_theory(la.case, la.sample, b, la.n_i, la.omega_xy0, la.psi, modes,
-                        runs.config.horizon)  # fmt: skip
+            theory.garcia_hubbard(b, modes, la.n_i, la.omega_xy0, la.psi).t_rgh.sum()
             return 0.0, len(runs) * mean
 
         return closed_form

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from rattlesweep.arrays import Floats, Integers
@@ -248,17 +247,13 @@ def ragged(values: Floats, counts: Integers) -> pa.Array:
 
 def _to_arrow(values: Any, kind: pa.DataType) -> pa.Array:
     if isinstance(values, tuple):
-        codes = np.asarray(values[0])
-        indices = pa.array(codes.astype(np.int32), mask=codes < 0)
-        values = pa.DictionaryArray.from_arrays(indices, pa.array(values[1], kind))
-    elif isinstance(values, pa.ChunkedArray):
-        values = values.combine_chunks()
-    elif not isinstance(values, pa.Array):
-        values = pa.array(values)
-    values = values.cast(kind)
-    if not pa.types.is_floating(kind):
-        return values
-    return pc.if_else(pc.is_finite(values), values, pa.scalar(None, kind))
+        codes, words = values
+        values = np.array([*words, None], dtype=object)[codes]
+    if isinstance(values, pa.Array | pa.ChunkedArray):
+        return values.cast(kind)
+    if pa.types.is_floating(kind):
+        values = np.where(np.isfinite(values), values, np.nan)
+    return pa.array(values, kind, from_pandas=True)
 
 
 def floats(column: pa.Array) -> Floats:

@@ -14,14 +14,14 @@ small), and in full once they have parted.  d alone is small by chance too often
 several components, is not.  C is P^2 in the unsteady direction, where runs that part are chaotic.
 G is one swing of the spin if an extremum of it touches zero within the tolerance.
 
-With `accuracy: {t_r: ...}`, runs are integrated at the loosest tolerance that gives this error to
-most; those whose estimate is larger again, a hundred times tighter, with the run before as their
-companion; and once more.  A companion that had parted from its own may be near the run by chance,
-so T is then a tenth of (s' / PARTED)^2 at least, with s' the distance of those two.
+With `accuracy: {t_r: ...}`, runs whose estimate is larger are integrated again, a hundred times
+tighter, with the run before as their companion; and once more.  A companion that had parted from
+its own may be near the run by chance, so T is then a tenth of (s' / PARTED)^2 at least, with s' the
+distance of those two.
 
 Where reversals are recorded too, runs that end at their first are integrated to the horizon as
-well, with their companions.  The error of a later turn follows from the largest d of it and the
-turns before, with P = min(1, (d / TURN_PARTED)^2) and s = 0, as no states are known there.
+well.  The error of a later turn follows from the largest d of it and the turns before, with
+P = min(1, (d / TURN_PARTED)^2) and s = 0.
 
 The constants are those of ``benchmarks/errors.py``; docs/accuracy.md says which runs part.
 """
@@ -56,6 +56,7 @@ class Fit(NamedTuple):
 
 
 FITS = {"dop853": Fit(), "verner98": Fit(floor=0.2), "rk4": Fit(floor=0.0, share=0.003)}
+ELLIPSOID = Fit(slope=20.0, share=0.002)  # its large swings are harder to integrate
 # Kinks lower the order of all methods, in some runs so much that a tighter tolerance hardly helps,
 # which only a companion that is nearly as good can tell.
 ROLLING = Fit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0)
@@ -95,8 +96,9 @@ class Estimated(Outcome):
 
 def fit_of(config: Config) -> Fit:
     """Return the constants for the method and the model of a sweep."""
-    rolls = "rolling" in model_of(config).name
-    return ROLLING if rolls else FITS.get(config.integrator.method, Fit())
+    if config.dissipation.kind == "rolling":
+        return ROLLING
+    return ELLIPSOID if config.bodies.ellipsoidal else FITS.get(config.integrator.method, Fit())
 
 
 def companion_setting(config: Config, value: float) -> float:
@@ -107,9 +109,7 @@ def companion_setting(config: Config, value: float) -> float:
 
 
 def ladder(config: Config) -> tuple[list[float], list[float]]:
-    """Return the settings of companions, of the runs, and of those done again, with the expected
-    cost of each in units of plain runs on the second.
-    """
+    """Return the settings of companions, of the runs, and of those done again, with their costs."""
     settings, tableau = config.integrator, METHODS[config.integrator.method]
     if not tableau.adaptive:
         dt = settings.dt or DT

@@ -19,7 +19,7 @@ from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.bodies.sources import GridBodies
 from rattlesweep.sweeps.bodies.table import TableBodies
 from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.config.schema import MAX_SPEED, Config, Horizon
+from rattlesweep.sweeps.config.schema import MAX_SPEED, Config
 from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.units import Quantity
 
@@ -63,43 +63,28 @@ class Launches:
 
 def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     """Return the launches of some runs, given by their keys in any order."""
-    config, bodies = plan.config, plan.source.bodies(plan.targets[case], sample)
-    if (state := config.launch) is not None and bodies.n_i is None:
+    config, b = plan.config, plan.source.bodies(plan.targets[case], sample)
+    if (state := config.launch) is not None and b.n_i is None:
         omega, u = (np.tile(x, (len(sample), 1)) for x in (state.omega, state.u))
         n_i, omega_xy0, psi = theory.spin_and_oscillation(omega, u)
-        bodies = replace(bodies, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
+        b = replace(b, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
+
+    def natural(value: Quantity) -> Floats:
+        """Return a value in the units of each body."""
+        assert b.scale is not None
+        return b.scale.natural(value, value.kind)
 
     def value(name: str) -> Floats:
         """Return what rows of a table say, or the config of all bodies, or else each case."""
-        own: Floats | None = getattr(bodies, name)
+        own: Floats | None = getattr(b, name)
         if own is None and name in config.in_si and getattr(plan.cases[0], name) is None:
-            own = _natural(config.in_si[name][0], bodies)
+            own = natural(config.in_si[name][0])
         return np.array([getattr(c, name) for c in plan.cases], float)[case] if own is None else own
 
     n_i, omega_xy0 = value("n_i"), value("omega_xy0")
-    modes = theory.modes(bodies.alpha, bodies.beta, bodies.theta, bodies.phi, bodies.xi)
+    modes = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
     way = config.spin.psi if config.spin else "relevant"
-    psi = theory.direction(modes, n_i, way) if bodies.psi is None else bodies.psi
-    losses = (value("sigma"), value("rolling")) if config.dissipation else None
-    launches = with_theory(case, sample, bodies, n_i, omega_xy0, psi, modes, config.horizon, losses)
-    if losses is None:
-        return launches
-    return replace(launches, dead=np.full(len(sample), config.classify.dead_energy))
-
-
-def with_theory(
-    case: Integers,
-    sample: Integers,
-    bodies: Bodies,
-    n_i: Floats,
-    omega_xy0: Floats,
-    psi: Floats,
-    modes: theory.Modes,
-    horizon: Horizon,
-    losses: tuple[Floats, Floats] | None = None,
-) -> Launches:
-    """Return launches with their columns of theory; `losses` are ``sigma`` and ``rolling``."""
-    b = bodies
+    psi = theory.direction(modes, n_i, way) if b.psi is None else b.psi
     gh = theory.garcia_hubbard(b, modes, n_i, omega_xy0, psi)
     n_0 = gh.n_0
     if b.omega is not None and b.u is not None:
@@ -110,32 +95,28 @@ def with_theory(
         gh = replace(gh, speed=speed)
         n_0 = np.sqrt(2 * _energy(b, b.omega, b.u) / b.gamma)
     n_c1 = theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi)
-    sigma, rolling = losses or (None, None)
-    if sigma is not None and rolling is not None:
+    n_c1 = np.where(b.xi > 0, -n_c1, n_c1)  # mirrored bodies spin steadily with n > 0
+    sigma = rolling = dead = None
+    if config.dissipation:
+        sigma, rolling = value("sigma"), value("rolling")
+        dead = np.full(len(sample), config.classify.dead_energy)
         # No spin stays above a threshold while it decays.
         n_c1 = np.where((sigma > 0) | (rolling > 0), np.nan, n_c1)
-    n_c1 = np.where(b.xi > 0, -n_c1, n_c1)  # mirrored bodies spin steadily with n > 0
-    t_end = np.full(len(n_i), np.inf)
+    t_end, horizon = np.full(len(n_i), np.inf), config.horizon
     if horizon.t_rgh is not None:
         # A launch without t_rGH, which is NaN, has the others.
         t_end = np.fmin(t_end, horizon.t_rgh * gh.t_rgh)
     if horizon.t is not None:
         in_si = isinstance(horizon.t, Quantity)
-        t_end = np.minimum(t_end, _natural(horizon.t, b) if in_si else horizon.t)
+        t_end = np.minimum(t_end, natural(horizon.t) if in_si else horizon.t)
     if horizon.t_decay is not None and sigma is not None:
         with np.errstate(divide="ignore"):
             t_end = np.minimum(t_end, horizon.t_decay * b.gamma / sigma)
     if b.t_end is not None:
         t_end = np.where(np.isfinite(b.t_end), b.t_end, t_end)
     return Launches(
-        case, sample, bodies, n_i, omega_xy0, psi, modes, gh, n_0, n_c1, t_end, sigma, rolling
+        case, sample, b, n_i, omega_xy0, psi, modes, gh, n_0, n_c1, t_end, sigma, rolling, dead
     )
-
-
-def _natural(value: Quantity, bodies: Bodies) -> Floats:
-    """Return a value in the units of each body."""
-    assert bodies.scale is not None
-    return bodies.scale.natural(value, value.kind)
 
 
 def _energy(bodies: Bodies, omega: Floats, u: Floats) -> Floats:
@@ -246,10 +227,8 @@ def _windows(t_end: Floats, slower: Floats) -> Floats:
 class Launch:
     """One run as a user asks for it, in the words of a config.
 
-    The launch is `n_i` and `omega_xy0`, or the full state `omega` and `u` (None: upright), with
-    components along the body's axes.  Without `t_end` the horizon is 5 t_rGH of the spin's own
-    direction.  `e_p0` and `e_r0` are initial energies of pitch and roll in the reduced model, in
-    ``M g a``; None stands for those of the launch.
+    Without `t_end` the horizon is 5 t_rGH of the spin's own direction.  `e_p0` and `e_r0` are
+    initial energies of pitch and roll in the reduced model, in ``M g a``, instead of the launch's.
     """
 
     body: Rattleback
@@ -286,19 +265,19 @@ def plan_of(run: Launch, source: TableBodies | None = None) -> Plan:
     bodies: dict[str, Any] = {"source": "preset", "name": "GH"}
     if source is not None:
         bodies = {"source": "table", "path": "the table is in memory"}
-    if c is not None if source is None else source.has_semi_axes:
-        bodies |= {"surface": "ellipsoid"} | ({"c": c} if source is None else {})
-    spin = {"n_i": run.n_i, "omega_xy0": run.omega_xy0, "psi": run.psi}
-    if is_full_state(run.omega, run.u, spin):
+        bodies |= {"surface": "ellipsoid"} if source.has_semi_axes else {}
+    elif c is not None:
+        bodies |= {"surface": "ellipsoid", "c": c}
+    how = "spin"
+    given: dict[str, Any] = {"n_i": run.n_i, "omega_xy0": run.omega_xy0, "psi": run.psi}
+    if is_full_state(run.omega, run.u, given):
         state = {"omega": run.omega, "u": run.u}
-        own: dict[str, Any] = {"launch": {k: list(v) for k, v in state.items() if v is not None}}
+        how, given = "launch", {k: None if v is None else list(v) for k, v in state.items()}
     elif run.t_end is None and run.n_i == 0:
         raise ConfigError("t_end: missing; a launch without spin has no t_rGH")
-    else:
-        own = {"spin": {k: v for k, v in spin.items() if v is not None}}
     config = parse_config({
         "bodies": bodies,
-        **own,
+        how: {name: value for name, value in given.items() if value is not None},
         "model": run.model,
         "horizon": {"t_rgh": 5.0} if run.t_end is None else {"t": run.t_end},
         "integrator": dict(run.integrator),

@@ -1,8 +1,6 @@
-"""Plans that were checked: of a config, and of a DataFrame.
+"""Plans that were checked: theory judges a few thousand runs, and nothing is integrated.
 
-Configs of which no run can be right are refused, and of those that make little physical sense is
-warned.  Theory judges a few thousand runs; nothing is compiled and nothing integrated.  Random
-bodies are drawn in NumPy, as the compiled sampler may redraw for hours.
+Random bodies are drawn in NumPy, as the compiled sampler may redraw for hours.
 """
 
 from __future__ import annotations
@@ -42,7 +40,7 @@ def plan_frame(
 ) -> tuple[Plan, Path, Path, list[str]]:
     """Plan a sweep of the rows of a DataFrame and keep them in its directory.
 
-    Nothing is written there unless the whole sweep could begin.  Returns the plan, where the runs
+    Nothing is written there unless the whole sweep could begin.  Return the plan, where the runs
     go, where the table is, and the warnings of `checked_plan`.
     """
     if "bodies" in keys:
@@ -83,7 +81,7 @@ def check_physics(plan: Plan) -> list[str]:
     config, words = plan.config, f"the {plan.runs} runs"
     with np.errstate(all="ignore"):
         if isinstance(config.bodies, SdSource):
-            plan = replace(plan, source=DrawnBodies(config))
+            plan = replace(plan, source=DrawnBodies(config, config.bodies))
             words = f"{min(plan.runs, RUNS)} runs drawn from the ranges"
         elif plan.runs > RUNS:
             words = f"{RUNS} of the {plan.runs} runs"
@@ -96,14 +94,12 @@ def _doubts(config: Config, launches: Launches, words: str) -> Iterator[tuple[Ke
     """Yield what makes little sense of some runs, by keys; raise if none has a horizon."""
 
     def told(mask: Flags) -> str:
-        if len(mask) == 1:
-            return "the only run"
-        return f"{'all' if mask.all() else mask.sum()} of {words}"
+        return (
+            f"{'all' if mask.all() else mask.sum()} of {words}" if len(mask) > 1 else "the only run"
+        )
 
     t_end, t_rgh, horizon = launches.t_end, launches.gh.t_rgh, config.horizon
-    endless = ~np.isfinite(t_end)
-    # A launch without spin has no t_rGH, which is NaN.
-    early = t_end < t_rgh
+    endless, early = ~np.isfinite(t_end), t_end < t_rgh  # without spin there is no t_rGH but NaN
     if endless.any():
         name, unit = ("t_rgh", "t_rGH") if horizon.t_rgh else ("t_decay", "gamma/sigma")
         message = f"{name} times {unit} is not a finite time in {told(endless)}; give t as well"
@@ -113,26 +109,24 @@ def _doubts(config: Config, launches: Launches, words: str) -> Iterator[tuple[Ke
     elif early.mean() >= 0.5 and horizon.t_decay is None:
         own = launches.bodies.t_end is not None
         key = ("bodies", "path") if own else ("horizon", "t" if horizon.t else "t_rgh")
-        message = "the horizon comes before t_rGH, the time of reversal by theory, in "
-        message += f"{told(early)}, and few will be of type R; give t_rgh above 1, or t above "
+        message = (
+            f"the horizon comes before t_rGH, the time of reversal by theory, in {told(early)}"
+        )
+        message += ", and few will be of type R; give t_rgh above 1, or t above "
         yield key, f"{message}{np.nanmedian(t_rgh):.3g}, the median of t_rGH"
 
 
 class DrawnBodies:
-    """A source of random bodies, whatever the target; refuses one that is out of reach, for which
-    each body would take millions of draws, if any.
-    """
+    """A source of random bodies, whatever the target, which must be within their reach."""
 
     samples = RUNS
     fields = ()
 
-    def __init__(self, config: Config) -> None:
-        source = config.bodies
-        assert isinstance(source, SdSource)
-        ranges, wrong = ranges_of(source), []
+    def __init__(self, config: Config, source: SdSource) -> None:
+        ranges, target = ranges_of(source), source.target
         points = np.random.default_rng(SEED).random((len(ranges), DRAWN))
         self._bodies = b = bodies_at(points, ranges)
-        if (target := source.target) is None:
+        if target is None:
             return
         *_, K_p, K_r = theory.torque_coefficients(b.alpha, b.beta, b.theta, b.phi, b.xi)
         found = K_p if target.name == "K_p" else K_r
@@ -141,9 +135,7 @@ class DrawnBodies:
             if abs(value - np.clip(value, low, high)) > target.rel_tol * value:
                 message = f"{value:g} is out of reach: in {DRAWN} bodies drawn from the ranges "
                 message += f"{target.name} lies between {low:.4g} and {high:.4g}"
-                wrong.append(config.line(("bodies", "target", target.name), message))
-        if wrong:
-            raise ConfigError(wrong)
+                raise ConfigError(config.line(("bodies", "target", target.name), message))
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some runs."""

@@ -97,8 +97,7 @@ def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
 def is_chaotic(lyapunov_late: ArrayLike, t_end: ArrayLike) -> Flags:
     """Return whether differences grow by more than e^10 in the second half of a run.
 
-    An almost periodic run doubles them there at most; the instability by which wobbling sets in
-    multiplies them by some hundreds.  False where ``lyapunov_late`` is NaN.
+    The instability by which wobbling sets in multiplies them by some hundreds at most.
     """
     growth = np.asarray(lyapunov_late, dtype=float) * np.asarray(t_end, dtype=float) / 2
     return np.asarray(growth > LEAST_GROWTH)

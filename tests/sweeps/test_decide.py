@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -158,54 +157,6 @@ def test_the_summary_is_that_of_the_grid_and_not_of_its_boundaries(full, done):
     # What was done is counted as it is.
     runs = some.groupby("case").size().reindex(summary.case, fill_value=0)
     assert summary.runs.tolist() == runs.tolist()
-
-
-def test_filled_is_the_nearest_of_each_spin_and_body(done):
-    """By brute force; ties may go either way."""
-    stored = open_stored(done["refine by type"])
-    rows = stored.read(["case", "sample"])
-    shown = filled(stored.directory, ["theta", "n_i", "omega_xy0"])
-    theta = np.linspace(0.6, 0.99, 61)
-    place = {case.index: (case.n_i, case.omega_xy0) for case in stored.cases}
-    spins = sorted({n_i for n_i, _ in place.values()})
-    known: dict[float, list[tuple[int, int]]] = {}
-    for case, sample in zip(rows["case"].to_pylist(), rows["sample"].to_pylist(), strict=True):
-        known.setdefault(place[case][1], []).append((spins.index(place[case][0]), sample))
-    dice = np.random.default_rng(1)
-    for k in dice.choice(len(shown), 300, replace=False):
-        row = {name: shown[name][int(k)].as_py() for name in shown.schema.names}
-        n_i, push = place[row["at_case"]]
-        assert row["omega_xy0"] == push  # an axis of two values is no way to a neighbour
-        here = np.array([spins.index(n_i), row["at_sample"]])
-        found = np.array([spins.index(row["n_i"]), np.abs(theta - row["theta"]).argmin()])
-        least = np.min(np.sum((np.array(known[push]) - here) ** 2, axis=1))
-        assert np.sum((found - here) ** 2) == least
-
-
-def asked(kind: Callable[..., Any], theta: int, phi: int, levels: int) -> Any:
-    """Which points of a plane of bodies are asked for; the types ``kind(x, y)``; waves."""
-    axes = {"theta": {"linspace": [0.6, 0.95, theta]}, "phi": {"linspace": [0.02, 0.1, phi]}}
-    spin = {"n_i": [-0.1, 0.1], "omega_xy0": 0.01}
-    plan = plan_of(MAP, bodies=GRID | {"axes": axes, "refine": {"levels": levels}}, spin=spin)
-    known = fresh(plan)
-    x, y = np.meshgrid(np.linspace(0, 1, theta), np.linspace(0, 1, phi), indexing="ij")
-    truth, waves = np.where(kind(x, y), "R", "SW"), 0
-    while (todo := known.wanted() & (known.code < 0)).any():
-        waves += 1
-        case, sample = np.nonzero(todo)
-        # Of the second spin all runs are of one type.
-        words = np.where(case == 0, truth.ravel()[sample], "R")
-        columns = [pa.array(case), pa.array(sample), pa.array(words), pa.array(["ok"] * len(case))]
-        known.add(pa.record_batch(columns, names=["case", "sample", "type", "status"]))
-    return known.wanted().reshape(2, theta, phi), truth, waves
-
-
-def test_each_spin_is_a_picture_of_its_own_and_only_boundaries_are_refined():
-    there, truth, _ = asked(lambda x, y: x + 0.3 * y > 0.6, 129, 129, levels=4)
-    assert there[1].sum() == 9 * 9
-    # Both sides of every step are known.
-    assert (there[0][1:] & there[0][:-1])[truth[1:] != truth[:-1]].all()
-    assert there[0].sum() < 0.1 * there[0].size
 
 
 def test_refused_where_nothing_can_be_left_out_or_recorded(tmp_path):

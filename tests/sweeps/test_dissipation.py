@@ -13,10 +13,12 @@ from refusal import assert_refused
 from sweeping import invoke, plan_of, prepared, proved
 
 import rattlesweep as rs
+from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.theory import bondi_threshold
 from rattlesweep.sweeps.launches import model_of
+from rattlesweep.sweeps.merge import classify_stored
 
 SIGMA, ROLLING = [0.0, 0.05, 0.2], [0.0, 1e-3]
 # The kernel that knows all of it, as in test_stones.
@@ -38,10 +40,6 @@ def swept(tmp_path_factory) -> Any:
     return rs.sweep(CONFIG, output=tmp_path_factory.mktemp("dissipation") / "out")
 
 
-def sweep(output: Path, **changes: Any) -> pd.DataFrame:
-    return rs.sweep(CONFIG | changes, output=output).runs
-
-
 def table(folder: Path, *lines: str, **source: Any) -> dict[str, Any]:
     """A config of a table of bodies."""
     path = folder / "b.csv"
@@ -54,9 +52,6 @@ def written(folder: Path, config: Any) -> Path:
     return folder / "c.yaml"
 
 
-# -- cases -------------------------------------------------------------------------------------
-
-
 def test_a_horizon_in_units_of_the_decay():
     def ends(sigma: list[float], **horizon: float) -> Any:
         plan = plan_of(GH, dissipation={"sigma": sigma}, horizon=horizon)
@@ -66,9 +61,6 @@ def test_a_horizon_in_units_of_the_decay():
     assert ends([0.01, 0.1], t_decay=5) == [500 * gamma, 50 * gamma]
     assert ends([0.01, 0.1], t_decay=5, t=1000) == [1000, 50 * gamma]
     assert ends([0, 1], t_decay=1, t=99) == [99, gamma]
-
-
-# -- runs --------------------------------------------------------------------------------------
 
 
 def test_columns_are_those_of_each_run(swept, tmp_path):
@@ -93,38 +85,63 @@ def test_columns_are_those_of_each_run(swept, tmp_path):
         assert run.growth == (pitch if run.n_i > 0 else roll)
     assert not (runs[free].type == "D").any()
     assert (runs[sigma == 0.2].type == "D").any()
-    # The more it loses, the less often it turns.
-    most = runs[rolling == 0].groupby("sigma").n_turns.sum()
-    assert most.is_monotonic_decreasing
-    assert most.iloc[0] > most.iloc[-1]
     # A run is what it is alone: the same kernel gives the same bits.
-    one = sweep(tmp_path, dissipation={"sigma": 0.2, "rolling": 1e-3})
+    own = CONFIG | {"dissipation": {"sigma": 0.2, "rolling": 1e-3}}
+    one = rs.sweep(own, output=tmp_path).runs
     same = runs[(sigma == 0.2) & (rolling == 1e-3)].reset_index(drop=True)
     pd.testing.assert_frame_equal(
         one.drop(columns="case"), same.drop(columns="case"), check_exact=True
     )
 
 
-def test_without_losses_it_is_that_of_a_sweep_without(tmp_path):
-    """The kernel that knows losses and ellipsoids agrees with the plain one to rounding."""
-    launches = [(s, t, n) for s in (0, 0.1) for t in (0.64, 0.7, 0.8) for n in (0.1, 0.3, -0.3)]
-    lines = [f"13.04,1.522,12.28,{t},0.036,-0.03,{n},0.05,,{s},{s / 100}" for s, t, n in launches]
-    head = f"{HEAD},n_i,omega_xy0,c,sigma,rolling"
-    config = table(tmp_path, head, *lines, f"{ROW},0.1,0.05,3,0,0", surface="ellipsoid", c=None)
-    found = rs.sweep(
-        {"bodies": config["bodies"], "horizon": {"t": 300}}, output=tmp_path / "out"
-    ).runs
-    free = found[(found.sigma == 0) & found.c.isna()].reset_index(drop=True)
-    plain = pd.DataFrame({n: free[n] for n in (*PARAMETERS, "n_i", "omega_xy0")})
-    without = rs.sweep(plain, output=tmp_path / "plain", horizon={"t": 300}).runs
-    assert len(without) == len(free) == 9
-    assert without.type.tolist() == free.type.tolist()
-    np.testing.assert_allclose(free.t_r, without.t_r, rtol=1e-9)
-    np.testing.assert_allclose(free.n_end, without.n_end, rtol=0, atol=1e-9)
-    assert without.n_c1.equals(free.n_c1)
+# -- bodies whose energy is gone do not reverse: by every door, type D and no t_r --------------
+
+DYING = {
+    "bodies": {"source": "preset", "name": "GH"},
+    "spin": {"n_i": 0.1, "omega_xy0": 0.01},
+    "dissipation": {"sigma": [0.3, 3.0, 10.0]},
+    "horizon": {"t": 2000},
+}
 
 
-# -- what is made of them ----------------------------------------------------------------------
+@pytest.mark.parametrize("sigma", [0.3, 3.0, 10.0, 1e6])
+def test_a_single_dying_body(sigma):
+    """The spin of each passes through zero, at sizes of 1e-26 to 0."""
+    launch = {"n_i": 0.1, "omega_xy0": 0.01, "sigma": sigma, "t_end": 2000}
+    run = rs.simulate("GH", **launch)
+    assert (run.type, run.t_r, run.status) == ("D", None, "ok")
+    path = rs.trajectory("GH", **launch, points=2)
+    assert (path.status, len(path.zeros), len(path.reversals)) == ("ok", 0, 0)
+
+
+def test_a_dying_sweep_and_its_threshold(tmp_path):
+    plain = rs.sweep(DYING, output=tmp_path)
+    assert plain.runs.type.tolist() == ["D"] * 3
+    assert plain.runs.t_r.isna().all()
+    assert (plain.runs.energy_left.abs() < 0.01).all()
+    assert len(rs.replay(tmp_path, 1, 0, points=2).zeros) == 0
+    with pytest.raises(ConfigError, match="needs a new sweep"):
+        classify_stored(tmp_path, ["classify.dead_energy=0.5"])
+    with pytest.raises(ConfigError, match="holds another sweep"):
+        rs.sweep(DYING | {"classify": {"dead_energy": 0.5}}, output=tmp_path)
+
+
+def test_recorded_reversals_and_errors(tmp_path):
+    runs = rs.sweep(DYING | {"record": ["reversals", "error"]}, output=tmp_path).runs
+    assert runs.type.tolist() == ["D"] * 3
+    assert runs.n_turns.tolist() == [0] * 3
+    assert runs[["t_r", "t_r_error"]].isna().all(axis=None)
+
+
+def test_a_larger_share_kills_earlier(tmp_path):
+    """The same zero is a reversal while the body lives."""
+    one = DYING | {"dissipation": {"sigma": 0.01}}
+    alive = rs.sweep(one, output=tmp_path / "alive").runs.iloc[0]
+    assert alive.type == "R"
+    share = min(0.99, 1.001 * alive.energy_left)
+    dead = rs.sweep(one | {"classify": {"dead_energy": share}}, output=tmp_path / "dead").runs
+    assert (dead.type[0], dead.t_end[0]) == ("D", alive.t_end)
+    assert np.isnan(dead.t_r[0])
 
 
 # -- tables ------------------------------------------------------------------------------------
@@ -152,9 +169,6 @@ def test_what_all_rows_share_is_that_of_the_config(tmp_path):
     launches, _ = prepared(both)
     assert launches.sigma.tolist() == [0.1, 0.2, 0.1, 0.2]
     assert launches.rolling.tolist() == [0, 0, 0.01, 0.01]
-    none = plan_of(table(tmp_path, f"{HEAD},sigma", f"{ROW},0")).config
-    assert not none.dissipation
-    assert model_of(none).name == "full"
 
 
 # -- bad input ---------------------------------------------------------------------------------

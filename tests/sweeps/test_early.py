@@ -27,11 +27,6 @@ def sweep(output: Path, *sets: str, **options: Any) -> Any:
     return sweeping.sweep(output, "steady.yaml", *SETS, *sets, **options)
 
 
-def ended(early: pd.DataFrame, full: pd.DataFrame) -> pd.Series:
-    """Which runs did not wait for their horizon."""
-    return (early.t_end < full.t_end) & early.t_r.isna()
-
-
 @pytest.fixture(scope="module")
 def both(tmp_path_factory) -> Path:
     """The same runs to their horizons and ended early."""
@@ -41,15 +36,9 @@ def both(tmp_path_factory) -> Path:
     return root
 
 
-@pytest.fixture(scope="module")
-def tables(both) -> tuple[pd.DataFrame, pd.DataFrame, pd.Series]:
-    """Runs ended early, runs to their horizons, and which did not wait for those."""
+def test_no_type_changes_and_steady_runs_take_a_fraction_of_their_steps(both):
     early, full = rows(both / "early"), rows(both / "full")
-    return early, full, ended(early, full)
-
-
-def test_no_type_changes_and_steady_runs_take_a_fraction_of_their_steps(both, tables):
-    early, full, some = tables
+    some = (early.t_end < full.t_end) & early.t_r.isna()
     assert early.type.equals(full.type)
     assert set(full.type) == {"R", "SS", "SW", "unclassified"}
     steady = full.type == "SS"
@@ -57,14 +46,11 @@ def test_no_type_changes_and_steady_runs_take_a_fraction_of_their_steps(both, ta
     assert 10 < 0.8 * steady.sum() < some.sum()
     assert early.n_steps[steady].sum() < 0.3 * full.n_steps[steady].sum()
     pd.testing.assert_frame_equal(early[~some], full[~some], check_exact=True)
-
-
-def test_what_a_run_that_has_ended_early_says_of_itself(tables):
-    early, full = (table[tables[2]] for table in tables[:2])
+    # It would have settled at the spin that its energy leaves it.
+    early, full = early[some], full[some]
     assert (early.status == "ok").all()
     assert (early.amp_growth <= 0).all()
     assert (full.amp_growth <= 0).all()
-    # It would have settled at the spin that its energy leaves it.
     np.testing.assert_allclose(early.n_end, -early.n_0, rtol=1e-14)
     np.testing.assert_allclose(early.n_end, full.n_end, rtol=1e-3)
     np.testing.assert_allclose(early.n_departure, full.n_departure, atol=1e-12)
@@ -83,17 +69,6 @@ def test_the_same_content_however_it_is_run(both, tmp_path):
         sweep(tmp_path, EARLY, shard=Shard(index, 2), threads=threads)
     assert proved(tmp_path, recompute=5) == content_hash(both / "early")
     assert content_hash(both / "early") != content_hash(both / "full")
-
-
-def test_errors_of_types_are_told_of_runs_that_end_early(tmp_path):
-    for name, more in (("full", ()), ("early", (EARLY,))):
-        sweep(tmp_path / name, "record=[error]", "spin.n_i=[-0.5]", *more)
-    full, early = rows(tmp_path / "full"), rows(tmp_path / "early")
-    some = ended(early, full)
-    assert some.sum() > 5
-    assert early.type_sure[some].all()
-    assert early.type.equals(full.type)
-    pd.testing.assert_frame_equal(early[~some], full[~some], check_exact=True)
 
 
 def test_from_python_and_for_the_mirror_image(tmp_path):

@@ -14,9 +14,10 @@ import pytest
 import scipy.stats
 from test_rows import SCHEMA, random_columns
 
+import rattlesweep as rs
 from rattlesweep.sweeps import stored as stored_module
 from rattlesweep.sweeps.columns import build_table, read_parquet, same_schema, summary_schema
-from rattlesweep.sweeps.stored import Case, Stored
+from rattlesweep.sweeps.stored import Case, Stored, open_stored
 from rattlesweep.sweeps.summary import (
     Moments,
     closing_table,
@@ -25,6 +26,7 @@ from rattlesweep.sweeps.summary import (
     write_summary,
 )
 from rattlesweep.sweeps.types import wilson
+from rattlesweep.sweeps.verify import verify
 
 CASES = (
     Case(0, "K_r", 0.01, -0.1, 0.01),
@@ -83,7 +85,6 @@ def test_against_pandas(tmp_path, seed, size, rows):
             assert row[name] == pytest.approx(value, rel=1e-12), name
     assert summary.column("case").to_pylist() == [0, 1, 2]
     assert summary.column("K_r").to_pylist() == [0.01, None, None]
-    assert summary.column("K_p").to_pylist() == [None, 0.3, None]
     assert summary.column("n_i").to_pylist() == [-0.1, -0.1, None]
     # It is written as it was made.
     write_summary(stored, summary)
@@ -179,17 +180,22 @@ def test_wilson_against_scipy():
     assert [float(end) for end in wilson(1, 7)] == [low[2], high[2]]
 
 
-def test_closing_table():
-    values = {"case": 0, "K_r": 0.0041, "n_i": -0.5, "omega_xy0": 0.001, "runs": 10_000_000,
-              "fraction_R": 0.5, "t_r_mean": 812.4567, "t_r_over_t_rgh_mean": 1.01557,
-              "failed": 12, "near_tangencies": 0}  # fmt: skip
-    first = dict.fromkeys(summary_schema().names) | values
-    second = dict.fromkeys(first) | {"case": 11, "runs": 0, "failed": 0, "near_tangencies": 0}
-    text = closing_table(pa.Table.from_pylist([first, second], summary_schema()))
-    head, one, two = text.split("\n")
-    assert head.split()[:4] == ["case", "target", "n_i", "omega_xy0"]
-    assert " ".join(one.split()) == (
-        "0 K_r=0.0041 -0.5 0.001 10000000 0.500 - - - - 812.46 1.0156 12"
-    )
-    assert two.split()[:3] == ["11", "-", "-"]
-    assert len({len(line) for line in (head, one, two)}) == 1
+CONTACT = {
+    "bodies": {"source": "sd", "samples": 12},
+    "spin": {"n_i": [0.2, 1.0], "omega_xy0": [0.01, 0.5]},
+    "horizon": {"t": 60},
+}
+SHARES = ["share_friction_above_0_3", "share_friction_above_0_6", "share_lift_off"]
+
+
+def test_shares_are_those_of_the_rows(tmp_path):
+    sweep = rs.sweep(CONTACT | {"record": ["contact"]}, output=tmp_path)
+    runs = sweep.runs[sweep.runs.status == "ok"]
+    ratio, normal = (runs[f"contact_{name}"] for name in ("ratio_max", "normal_min"))
+    shares = sweep.summary.set_index("case")[SHARES]
+    for name, true in zip(SHARES, (ratio > 0.3, ratio > 0.6, normal < 0), strict=True):
+        assert shares[name].tolist() == pytest.approx(true.groupby(runs.case).mean().tolist())
+        assert shares[name].nunique() > 1
+    head = closing_table(summarise(open_stored(tmp_path))).splitlines()[0]
+    assert all(words in head for words in ("friction > 0.3", "friction > 0.6", "lift-off"))
+    assert not list(verify(tmp_path).problems)
