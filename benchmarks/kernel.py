@@ -29,7 +29,7 @@ import numpy as np
 import peer_work
 from numba import float64, njit, prange, set_num_threads, typeof
 
-from rattlesweep.analysis.scalar_rk4 import rk4_step
+from rattlesweep.analysis.tradeoff import rk4_step
 from rattlesweep.integrate.batch import Batch, integrate
 from rattlesweep.integrate.lanes.build import problem_of
 from rattlesweep.integrate.lanes.intrinsics import widest_vectors

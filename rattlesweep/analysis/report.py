@@ -13,8 +13,8 @@ import pyarrow.compute as pc
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from ruamel.yaml import YAML
 
-from rattlesweep.analysis.plots.kinds import choose_picture, default_kind
-from rattlesweep.analysis.plots.layout import Layout, read_layout
+from rattlesweep.analysis.layout import Layout, read_layout
+from rattlesweep.analysis.plots import choose_picture, default_kind
 from rattlesweep.analysis.style import encode, styled
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.read import resolved

@@ -112,7 +112,7 @@ class Sweep:
         """
         import pyarrow as pa
 
-        from rattlesweep.analysis.where import parse_where
+        from rattlesweep.analysis.layout import parse_where
         from rattlesweep.sweeps.config.messages import not_one_of
 
         stored = self._stored
@@ -155,8 +155,7 @@ class Sweep:
             coefficient is then ``K_r_body``), ``n_i``, ``omega_xy0``, and the axes of a grid of
             bodies by their names, else ``sample``.  Variables have ``units`` and ``long_name``.
         """
-        from rattlesweep.analysis.dataset import make_dataset
-        from rattlesweep.analysis.plots.layout import read_layout
+        from rattlesweep.analysis.layout import make_dataset, read_layout
 
         layout = read_layout(self.directory).chosen(where)
         return make_dataset(layout, columns, fill_refined=fill)
@@ -181,8 +180,8 @@ class Sweep:
         **looks
             ``title``, ``log``, ``size`` in inches, ``xlim`` and ``ylim``.
         """
-        from rattlesweep.analysis.plots.kinds import choose_picture
-        from rattlesweep.analysis.plots.layout import read_layout
+        from rattlesweep.analysis.layout import read_layout
+        from rattlesweep.analysis.plots import choose_picture
         from rattlesweep.analysis.style import FORMATS, encode, save, styled
 
         for name in looks:

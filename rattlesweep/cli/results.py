@@ -60,9 +60,9 @@ def plot(
 
     Works at any time, even while the sweep is running. Prints the paths of what it writes.
     """
-    from rattlesweep.analysis.plots.kinds import choose_picture
-    from rattlesweep.analysis.plots.layout import read_layout
-    from rattlesweep.analysis.style import save, styled
+    from rattlesweep.analysis.layout import read_layout
+    from rattlesweep.analysis.plots import choose_picture
+    from rattlesweep.analysis.style import save, save_table, styled
 
     looks = {name: given.pop(name) for name in ("title", "log", "size", "xlim", "ylim")}
     with styled(style):
@@ -70,10 +70,10 @@ def plot(
         paths = list(output) or [directory / f"{picture.name}{end}" for end in (".svg", ".png")]
         save(picture.figure(**looks), paths, dpi)
     if data is not None:
-        picture.write_data(data)
+        save_table(picture.table(), data)
         paths.append(data)
     click.echo("\n".join(map(str, paths)))
-    say(f"{picture.name}: {picture.words()}")
+    say(f"{picture.name}: {counted(len(picture), 'run')}")
 
 
 @command(

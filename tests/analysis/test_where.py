@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from rattlesweep.analysis.where import parse_where
+from rattlesweep.analysis.layout import parse_where
 from rattlesweep.errors import ConfigError
 
 N = 400

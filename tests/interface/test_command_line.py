@@ -16,7 +16,7 @@ from sweeping import CONFIGS, PROGRAM, begin, invoke
 
 import rattlesweep as rs
 from rattlesweep import cli
-from rattlesweep.analysis.plots.kinds import KINDS
+from rattlesweep.analysis.plots import KINDS
 from rattlesweep.cli import options
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.physics.body import PRESETS

@@ -14,10 +14,10 @@ import pytest
 import sweeping
 from sweeping import content_hash, prepared, proved
 
+from rattlesweep.analysis.layout import read_layout
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import Replay
-from rattlesweep.analysis.plots.kinds import UNSURE, choose_picture
-from rattlesweep.analysis.plots.layout import read_layout
+from rattlesweep.analysis.plots import UNSURE, choose_picture
 from rattlesweep.analysis.style import styled
 from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
 from rattlesweep.integrate.model import FULL, MODELS

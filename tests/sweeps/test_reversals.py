@@ -14,8 +14,8 @@ from refusal import assert_refused
 from sweeping import invoke, proved
 
 import rattlesweep as rs
-from rattlesweep.analysis.plots.kinds import choose_picture
-from rattlesweep.analysis.plots.layout import read_layout
+from rattlesweep.analysis.layout import read_layout
+from rattlesweep.analysis.plots import choose_picture
 
 CONFIG: dict[str, Any] = {
     "bodies": {"source": "grid", "base": {"preset": "GH"}, "axes": {"theta": [0.64, 0.8, 0.9]}},

@@ -11,8 +11,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from rattlesweep.analysis.layout import parse_where
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
-from rattlesweep.analysis.where import parse_where
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.status import Status

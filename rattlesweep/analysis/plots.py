@@ -1,0 +1,653 @@
+"""Pictures of a sweep: shares of types, times, maps, histograms, scatters, and which one suits.
+
+Each kind tells apart some axes of the sweep, counts the runs by cell along them, and draws.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import product
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from rattlesweep.analysis import style
+from rattlesweep.analysis.layout import LAUNCH, Axis, Layout, fill
+from rattlesweep.analysis.style import SERIES, THEORY, TYPE_STYLE, label, value_text
+from rattlesweep.arrays import Floats, Integers
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.cases import TARGETS
+from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.counts import Counts, codes, floats, share, wilson
+
+MOST_PANELS = 40
+WIDE = 30.0  # values that spread over more than this ratio are shown by their logarithms
+# Axes of so many values are long enough for an abscissa; of fewer than these each has a tick; from
+# this many on along both sides, a grid is a map.
+ENOUGH, FEW, SIDE = 3, 6, 8
+MOST_MARKERS = 40  # with more they hide the curve
+MAP_ENDS = (0.5, 99.5)  # percentiles, beyond which a map has the end colours
+MOST_BINS = 150
+BONDI = "Bondi's threshold"
+UNSURE: dict[str, Any] = {"facecolor": "#FFFFFFB0", "edgecolor": style.INK, "hatch": "xxxxxx",
+                          "linewidth": 0, "label": "type not sure"}  # fmt: skip
+# What a cell is: its most common type, or none of them.
+CELLS = {
+    **{name: (mark.colour, mark.label) for name, mark in TYPE_STYLE.items()},
+    "failed": (style.FAILED, "failed"),
+    "missing": (style.MISSING, "not run yet"),
+}
+CODES = {name: code for code, name in enumerate(CELLS)}
+Names = tuple[list[str], list[str], list[str]]
+Panels = list[tuple[Any, tuple[int, ...]]]
+"""The Axes of each panel, with the places of its values along the axes of rows and columns."""
+
+
+class Picture(ABC):
+    """A picture of a sweep, of one kind.
+
+    `axes` are those that it tells apart, the abscissa first, and behind its own those of the rows
+    and columns of panels; others have a single value. Drawing fills `notes`, the caption.
+    """
+
+    name: ClassVar[str]
+    panel: ClassVar[tuple[float, float]]  # width and height of one, in inches
+    parts = 1  # panels side by side for each combination of values
+    more: tuple[str, ...] = ()  # columns of which each cell has a mean
+
+    def __init__(self, layout: Layout, x: str | None = None, quantity: str | None = None) -> None:
+        self.layout, self.x, self.quantity = layout, x, quantity
+        own, self.rows, self.columns = ([layout.axes[k] for k in part] for part in self._arrange())
+        self.axes = [*own, *self.rows, *self.columns]
+        self.notes: list[str] = []
+
+    @abstractmethod
+    def _arrange(self) -> Names:
+        """Choose axes for a panel, and for rows and columns of panels."""
+
+    @abstractmethod
+    def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
+        """Draw it and return the entries of its legend; `log` None: as suits the values."""
+
+    @cached_property
+    def counted(self) -> tuple[Counts, dict[str, Floats]]:
+        """The runs by cell, and means of columns; :meth:`grid` puts an array along `axes`."""
+        return self.layout.count(self.more)
+
+    @property
+    def cells(self) -> Counts:
+        """The runs by cell."""
+        return self.counted[0]
+
+    def __len__(self) -> int:
+        """Return the number of runs that are shown."""
+        return int(self.cells.runs.sum())
+
+    def grid(self, flat: NDArray[Any]) -> NDArray[Any]:
+        """Give an array over the cells the shape of `axes`."""
+        every = [axis.name for axis in self.layout.axes.values()]
+        order = [every.index(axis.name) for axis in self.axes]
+        others = [k for k in range(len(every)) if k not in order]
+        whole = flat.reshape([*self.layout.lengths.values()]).transpose(order + others)
+        return whole.reshape([len(axis.values) for axis in self.axes])
+
+    def table(self) -> pd.DataFrame:
+        """Return the numbers that are drawn: one row for each cell that holds runs."""
+        cells, more = self.counted
+        t_r, t_rgh = map(self.layout.name, ("t_r", "t_rgh"))
+        found: dict[str, Any] = {"runs": cells.runs, "failed": cells.failed}
+        for name, part in cells.types.items():
+            found[f"fraction_{name}"] = share(part, cells.ok)
+            found[f"fraction_{name}_low"], found[f"fraction_{name}_high"] = wilson(part, cells.ok)
+        for name, all_of in ((t_r, cells.t_r), ("ratio", cells.ratio)):
+            found |= {f"{name}_mean": all_of.means(), f"{name}_std": all_of.deviations(),
+                      f"{name}_sem": all_of.errors()}  # fmt: skip
+        found["fraction_bondi"] = share(cells.bondi, cells.steady)
+        found[f"{t_rgh}_mean"] = cells.t_rgh.means()
+        found |= {f"{self.layout.name(name)}_mean": mean for name, mean in more.items()}
+        if cells.has_errors:
+            found |= {f"{t_r}_mean_error": cells.t_r_error.means(),
+                      "sensitive": cells.sensitive, "unsure": cells.unsure}  # fmt: skip
+        axes = self.layout.axes.values()
+        values = np.meshgrid(*(axis.values for axis in axes), indexing="ij")
+        places = {axis.name: v.ravel() for axis, v in zip(axes, values, strict=True)}
+        return pd.DataFrame(places | found)[cells.runs > 0].reset_index(drop=True)
+
+    def read(self, *columns: str) -> Floats:
+        """Return the cell and columns of the runs with status ok, of shape (1 + columns, runs)."""
+        parts = [np.empty((1 + len(columns), 0))]
+        for rows in self.layout.rows(("case", "sample", "status", *columns)):
+            cells = self.layout.cells(rows)
+            found = np.stack([cells, *(floats(rows.column(name)) for name in columns)])
+            parts.append(found[:, (codes(rows.column("status"), ("ok",)) == 0) & (cells >= 0)])
+        return np.concatenate(parts, axis=1)
+
+    def figure(
+        self,
+        *,
+        title: str | None = None,
+        log: bool | None = None,
+        size: tuple[float, float] | None = None,
+        xlim: tuple[float, float] | None = None,
+        ylim: tuple[float, float] | None = None,
+        captioned: bool = True,
+    ) -> Figure:
+        """Draw it; None: as suits the values."""
+        if not len(self):
+            raise OutputError(f"{self.layout.stored.directory} holds no run of those selected")
+        down, across = (
+            [*product(*(range(len(axis.values)) for axis in axes))]
+            for axes in (self.rows, self.columns)
+        )
+        if len(down) * len(across) > MOST_PANELS:
+            names = " and ".join(axis.name for axis in (*self.rows, *self.columns))
+            raise ConfigError(
+                f"there would be {len(down) * len(across)} panels, one for each {names}; choose "
+                "some with --select, as in --select n_i=-0.3,-0.5"
+            )
+        wide = [column for column in across for _ in range(self.parts)]
+        width, height = self.panel[0] * len(wide), self.panel[1] * len(down)
+        figure = style.new_figure(
+            *(size or (np.clip(1.6 + width, 6.4, 14), np.clip(1.4 + height, 3.4, 14)))
+        )
+        grid = figure.subplots(len(down), len(wide), sharex=True, sharey=True, squeeze=False)
+        for axes, column in zip(grid[0], wide, strict=True):
+            axes.set_title(texts(self.columns, column), fontsize="medium")
+        for axes, row in zip(grid[:, -1], down, strict=True):
+            axes.annotate(texts(self.rows, row), (1.02, 0.5), xycoords="axes fraction",
+                          rotation=270, va="center", ha="left")  # fmt: skip
+        if self.axes:
+            for axes in grid[-1]:
+                axes.set_xlabel(label(self.axes[0].name))
+        self.notes = []
+        places = [r + c for r, c in product(down, wide)]
+        handles = self._draw([*zip(grid.flat, places, strict=True)], log)
+        for axes, (which, limits) in product(grid.flat, (("x", xlim), ("y", ylim))):
+            if limits is not None and getattr(axes, f"get_{which}scale")() == "log":
+                if limits[0] <= 0:
+                    raise ConfigError(f"--{which}lim: a logarithmic axis is positive; add --linear")
+                style.plain_ticks(axes, which, *limits)
+            getattr(axes, f"set_{which}lim")(limits)
+        # A selection of one value is nowhere else in the picture.
+        single = [axis for axis in self.layout.axes.values() if len(axis.values) == 1]
+        pinned = texts([axis for axis in single if -1 in axis.rank], [0] * len(single))
+        # A dollar in a condition begins no formula.
+        where = self.layout.where
+        condition = where.text.replace("$", "\\$") if where else ""
+        style.add_legend(figure, handles, [t for t in (title, pinned, condition) if t])
+        if captioned:
+            style.add_caption(figure, " ".join(self.notes), grow=size is None)
+        return figure
+
+
+def texts(axes: Sequence[Axis], places: Sequence[int]) -> str:
+    """Return which values some axes have, such as ``n_i = -0.1, K_r = 0.02``."""
+    shown = zip(axes, places, strict=False)
+    return ", ".join(value_text(axis.name, axis.values[k]) for axis, k in shown)
+
+
+def ordered(layout: Layout, enough: int, prefer: str = "") -> list[str]:
+    """Return all axes, the longest first, of which `enough` values count as many.
+
+    Of equal length come one that is preferred, then targets and bodies, then the launch.
+    """
+    lengths = layout.lengths
+    return sorted(lengths, key=lambda n: (-min(lengths[n], enough), n != prefer, n in LAUNCH))
+
+
+class Fractions(Picture):
+    """Shares of the types against the first axis, in rows and columns of panels for the others."""
+
+    name = "fractions"
+    panel = (1.7, 1.6)
+
+    def _arrange(self) -> Names:
+        first = self.x or ordered(self.layout, ENOUGH)[0]
+        rest = [name for name in self.layout.several if name != first]
+        rest.sort(key=lambda name: name != "omega_xy0")
+        down = 1 if len(rest) > 1 or rest == ["omega_xy0"] else 0
+        return [first], rest[:down], rest[down:]
+
+    def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
+        x, cells = self.axes[0], self.cells
+        marks = {name: mark for name, mark in TYPE_STYLE.items() if name in cells.types}
+        bondi = self.grid(share(cells.bondi, cells.steady))
+        known: dict[str, Any] = {}
+        for axes, where in panels:
+            here: Any = (slice(None), *where)
+            ok = self.grid(cells.ok)[here]
+            part = np.zeros_like(ok)
+            for name, mark in marks.items():
+                below, part = share(part, ok), part + self.grid(cells.types[name])[here]
+                above = share(part, ok)
+                known[mark.label] = axes.stairs(
+                    above, x.edges, baseline=below, fill=True, label=mark.label,
+                    facecolor=mark.colour, hatch=mark.hatch, linewidth=0,
+                )  # fmt: skip
+                unsure = share(self.grid(cells.unsure_types[name])[here], ok)
+                if (unsure > 0).any():
+                    known[UNSURE["label"]] = axes.stairs(
+                        above, x.edges, baseline=above - unsure, fill=True, **UNSURE
+                    )
+                # Wilson's interval of the border above, itself a share of the runs.
+                low, high = wilson(part, ok)
+                real = (part > 0) & (part < ok)
+                axes.errorbar(
+                    x.values[real], above[real], [(above - low)[real], (high - above)[real]],
+                    fmt="none", ecolor="#000000", elinewidth=0.9, capsize=1.6, zorder=4,
+                )  # fmt: skip
+            if np.isfinite(bondi).any():
+                (known["Bondi"],) = axes.plot(x.values, 1 - bondi[here], "k^", ms=4, mec="white",
+                                              mew=0.5, zorder=5, label="Bondi", clip_on=False)  # fmt: skip
+            style.scale_axis(axes, "x", x.values, x.logarithmic(log), x.name)
+            if len(x.values) < FEW:
+                axes.set_xticks(x.values, [f"{value:.4g}" for value in x.values])
+            axes.set(xlim=x.edges[[0, -1]], ylim=(0, 1), yticks=[0, 0.5, 1])
+        panels[0][0].figure.supylabel("share of bodies", fontsize="medium")
+        self.notes.append("Shares of the runs with status ok, with 95 % intervals (Wilson).")
+        if "Bondi" in known:
+            self.notes.append("Above a triangle: bodies whose steady spin is linearly stable "
+                              "according to theory, |n_c1| < |n_i|.")  # fmt: skip
+        words = [*(mark.label for mark in marks.values()), UNSURE["label"], "Bondi"]
+        return [known[word] for word in words if word in known]
+
+
+class Times(Picture):
+    """The mean of ``t_r`` over type R with its spread, and theory, dashed.
+
+    The first axis is the abscissa, the second makes curves, the others panels.
+    """
+
+    name = "times"
+    panel = (2.6, 2.8)
+    relative = False
+    """Whether times are in units of theory's; their ordinate is then linear and begins at 0."""
+
+    def _arrange(self) -> Names:
+        layout = self.layout
+        first = self.x or ordered(layout, ENOUGH, "n_i" if self.relative else "")[0]
+        rest = [name for name in layout.several if name != first]
+        rest.sort(key=lambda name: -layout.lengths[name])
+        return [first, *rest[:1]], [], rest[1:]
+
+    def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
+        x, *curves = self.axes[: len(self.axes) - len(self.columns)]
+        cells, relative = self.cells, self.relative
+        moments = cells.ratio if relative else cells.t_r
+        log_y = bool(log) if relative else log is not False
+        # As many curves as the eye tells apart.
+        count = len(curves[0].values) if curves else 1
+        shown = np.linspace(0, count - 1, min(count, len(SERIES))).astype(int)
+        looks = [(place, *look) for place, look in zip(shown, SERIES, strict=False)]
+        mean, spread, error, theory = (
+            np.expand_dims(self.grid(part), [] if curves else 1)
+            for part in (moments.means(), np.nan_to_num(moments.deviations()),
+                         np.nan_to_num(moments.errors()), cells.t_rgh.means())
+        )  # fmt: skip
+        # The two directions of spin are not joined.
+        ends = [int(np.searchsorted(x.values, 0.0))] if x.name.startswith("n_i") else []
+        pieces = np.split(np.arange(len(x.values)), ends)
+        for axes, where in panels:
+            for place, colour, marker in looks:
+                here: Any = (slice(None), place, *where)
+                middle, half = mean[here], spread[here]
+                # On a logarithmic axis a band that reaches zero has no end; it stops at a tenth.
+                low = np.minimum(half, 0.9 * middle) if log_y else half
+                for part in pieces:
+                    axes.plot(x.values[part], middle[part], color=colour, linewidth=1.1)
+                    axes.fill_between(x.values[part], (middle - low)[part], (middle + half)[part],
+                                      color=colour, alpha=0.12, linewidth=0)  # fmt: skip
+                    if not relative:
+                        axes.plot(x.values[part], theory[here][part], zorder=1.5,
+                                  **{**THEORY, "color": colour})  # fmt: skip
+                if len(x.values) <= MOST_MARKERS:
+                    axes.errorbar(x.values, middle, error[here], color=colour, elinewidth=1.2,
+                                  fmt=marker, ms=4)  # fmt: skip
+            style.scale_axis(axes, "x", x.values, x.logarithmic(log), x.name)
+            style.light_grid(axes)
+            if relative:
+                axes.axhline(1, **THEORY, zorder=1.5)
+            if log_y:
+                axes.set_yscale("log")
+                style.plain_ticks(axes, "y", *axes.get_ylim())
+            elif relative:
+                axes.set_ylim(0, 1.08 * float(np.nanmax(mean + spread, initial=1.0)))
+        panels[0][0].set_ylabel(label("ratio" if relative else self.layout.name("t_r")))
+
+        what = "t_r/t_rGH, taken run by run," if relative else "the time t_r of the first reversal"
+        self.notes.append(f"Mean of {what} over the runs that reverse (type R).")
+        if not relative:
+            self.notes.append("Theory: the mean of Garcia and Hubbard's time over all runs.")
+        if (moments.count > 1).any():
+            self.notes.append("Bands: standard deviation; bars: error of the mean.")
+        if len(shown) < count:
+            self.notes.append(f"Shown are {len(shown)} of {count} values of {curves[0].name}.")
+        handles = [
+            style.entry(texts(curves, [k]), color=own, marker=mark, ms=4, ls="-")
+            for k, own, mark in (looks if curves else [])
+        ]
+        return [*handles, style.entry("theory", **THEORY)]
+
+
+class Ratio(Times):
+    """The mean of ``t_r/t_rGH``, run by run."""
+
+    name = "ratio"
+    relative = True
+
+
+class Map(Picture):
+    """Types and ``t_r/t_rGH`` side by side, or one column; a row for each further value.
+
+    A cell of several runs has their most common type and their mean. The cells that a refined grid
+    has left out are filled from those that were run.
+    """
+
+    name = "map"
+    panel = (3.7, 3.4)
+
+    def _arrange(self) -> Names:
+        layout, names = self.layout, ordered(self.layout, SIDE)
+        first = self.x or names[0]
+        order = [first, *(n for n in names if n != first and layout.lengths[n] > 1)]
+        if layout.lengths[first] < 2:
+            raise ConfigError(f"--kind map: only one value of {first} is left; it needs two")
+        self.parts = 2 if self.quantity is None else 1
+        # Of one body a cell, and of spins that stay beyond it.
+        self.theory = bool(layout.bodies) and not layout.stored.config.dissipation
+        theory = ("n_c1", "n_i") if self.theory else ()
+        self.more = tuple(dict.fromkeys([*filter(None, [self.quantity]), *theory]))
+        return order[:2], order[2:], []
+
+    def shown(self) -> tuple[Integers, Floats, Floats]:
+        """Return what each cell is (a place in `CELLS`), its value, how far beyond Bondi's line.
+
+        The value is ``t_r/t_rGH`` or the mean of the column; the last is NaN without theory.
+        """
+        layout, (cells, more) = self.layout, self.counted
+        counts = np.stack([cells.types.get(name, 0 * cells.runs) for name in TYPE_STYLE])
+        code = np.where(cells.ok == 0, CODES["failed"], np.argmax(counts, axis=0))
+        code = self.grid(np.where(cells.runs == 0, CODES["missing"], code))
+        value = self.grid(more[self.quantity] if self.quantity else cells.ratio.means())
+        beyond = np.full(code.shape, np.nan)
+        if self.theory:
+            beyond = self.grid(more["n_c1"] - more["n_i"])
+        if layout.refined:
+            # Runs that a condition does not choose are missing, and no gap.
+            runs = cells.runs if layout.where is None else layout.chosen(None).count()[0].runs
+            done = self.grid(runs) > 0
+            code, value, beyond = (fill(array, done) for array in (code, value, beyond))
+        return code, value, beyond
+
+    def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
+        x, y, *_ = self.axes
+        types_too, bondi = self.quantity is None, False
+        code, value, beyond = self.shown()
+        known = value[np.isfinite(value)] if np.isfinite(value).any() else np.array([0.0, 2.0])
+        low, high = (float(end) for end in np.percentile(known, MAP_ENDS))
+        wide = low > 0 and high > (4 if types_too else WIDE) * low
+        norm = (LogNorm if wide else Normalize)(low, high if high > low else low + 1)
+        mesh: Any = None
+        for k, (axes, where) in enumerate(panels):
+            here: Any = (..., *where)
+            on_types = types_too and k % 2 == 0
+            colours = [colour for colour, _ in CELLS.values()]
+            if not on_types:  # where there is a type and no value
+                colours[: len(TYPE_STYLE)] = [style.NO_REVERSAL] * len(TYPE_STYLE)
+            axes.pcolormesh(x.edges, y.edges, code[here].T, rasterized=True, vmin=-0.5,
+                            vmax=len(CELLS) - 0.5, cmap=ListedColormap(colours))  # fmt: skip
+            if not on_types:
+                mesh = axes.pcolormesh(x.edges, y.edges, np.ma.masked_invalid(value[here].T),
+                                       rasterized=True, norm=norm)  # fmt: skip
+            if on_types or not types_too:
+                axes.set_ylabel(label(y.name))
+            if np.nanmin(beyond[here], initial=0) < 0 < np.nanmax(beyond[here], initial=0):
+                bondi = True
+                # A dark line with a light rim is seen on every colour.
+                for colour, width in (("#FFFFFF", 2.8), ("#000000", 1.3)):
+                    axes.contour(x.values, y.values, beyond[here].T, [0], colors=colour,
+                                 linewidths=width, linestyles="solid")  # fmt: skip
+            for which, axis in (("x", x), ("y", y)):
+                style.scale_axis(axes, which, axis.values, axis.logarithmic(log), axis.name)
+            axes.set(xlim=x.edges[[0, -1]], ylim=y.edges[[0, -1]])
+        several = self.cells.runs.max() > 1
+        mean = "mean " if several else ""
+        if types_too:
+            panels[0][0].set_title("most common type" if several else "type", fontsize="medium")
+            panels[1][0].set_title(mean + label("ratio"), fontsize="medium")
+        every = [axes for axes, _ in panels]
+        bar = every[0].figure.colorbar(mesh, ax=every, pad=0.03, extend="both",
+                                       aspect=30 if len(panels) < 4 else 45)  # fmt: skip
+        if wide:
+            style.plain_ticks(bar.ax, "y", low, high)
+        if self.quantity is None:
+            bar.set_label(mean + label("ratio"))
+            self.notes.append(
+                "t_r is the time of the first reversal, t_rGH that of Garcia and Hubbard's theory."
+            )
+        else:
+            unit, meaning = self.layout.column(self.quantity, "--quantity")
+            bar.set_label(mean + label(self.quantity, unit))
+            self.notes.append(f"{self.quantity}: {meaning}.")
+        looks = CELLS | ({"missing": (style.MISSING, "not selected")} if self.layout.where else {})
+        entries = [looks[name] for name in CELLS
+                   if CODES[name] in code and (types_too or name not in TYPE_STYLE)]  # fmt: skip
+        if ((code < len(TYPE_STYLE)) & np.isnan(value)).any():
+            entries.append((style.NO_REVERSAL, "no reversal" if types_too else "no value"))
+        handles: list[Any] = [
+            Patch(facecolor=colour, label=text, edgecolor=style.GREY, linewidth=0.5)
+            for colour, text in entries
+        ]
+        if bondi:
+            handles.append(style.entry(BONDI, color="#000000", linestyle="-", linewidth=1.3))
+            self.notes.append("Bondi's threshold of the steady spin: |n_i| = |n_c1|.")
+        return handles
+
+
+class Reversals(Map):
+    """Number of turns by cell; where runs tell how many of them are sure, only these."""
+
+    name = "reversals"
+
+    def _arrange(self) -> Names:
+        sure = "reversals_sure" in self.layout.stored.schema.names
+        self.quantity = "reversals_sure" if sure else "n_turns"
+        return super()._arrange()
+
+
+class Distribution(Picture):
+    """A histogram of ``t_r/t_rGH`` of type R, or of a column of all runs."""
+
+    name = "distribution"
+    panel = (4.8, 2.2)
+
+    def _arrange(self) -> Names:
+        return [], [], []
+
+    @cached_property
+    def values(self) -> Floats:
+        """The quantity of all runs with status ok, NaN where they have none."""
+        if self.quantity is not None:
+            return self.read(self.quantity)[1]
+        _, t_r, t_rgh = self.read("t_r", "t_rgh")
+        return np.divide(t_r, t_rgh, np.full(len(t_r), np.nan), where=t_rgh > 0)
+
+    def __len__(self) -> int:
+        """Return the number of runs, with a value or without."""
+        return len(self.values)
+
+    @cached_property
+    def bins(self) -> tuple[Floats, bool]:
+        """Borders of bins that hold every value, and whether they are even in the logarithm."""
+        values = self.values[np.isfinite(self.values)]
+        low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
+        if (values == values.round()).all() and high - low < MOST_BINS:
+            return np.arange(low, high + 2) - 0.5, False
+        log = bool(low > 0 and (self.quantity is None or high > WIDE * low))
+        v = np.log(values) if log else values
+        quarter, third = np.percentile(v, (25, 75))
+        # Freedman and Diaconis, within reason.
+        width = max(2 * (third - quarter) / np.cbrt(len(v)), np.ptp(v) / MOST_BINS, 1e-9)
+        edges = (np.geomspace if log else np.linspace)(low, high, max(8, int(np.ptp(v) / width)))
+        edges[[0, -1]] = low, np.nextafter(high, np.inf)
+        return edges, log
+
+    def table(self) -> pd.DataFrame:
+        """Return the histogram."""
+        edges, name = self.bins[0], "ratio"
+        if self.quantity is not None:
+            name = self.layout.name(self.quantity)
+        counts = np.histogram(self.values[np.isfinite(self.values)], edges)[0]
+        return pd.DataFrame({f"{name}_low": edges[:-1], f"{name}_high": edges[1:], "runs": counts})
+
+    def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
+        axes, (edges, log_x) = panels[0][0], self.bins
+        low, high = edges[[0, -1]]
+        axes.stairs(self.table()["runs"], edges, fill=True, facecolor=style.BLUE)
+        if self.quantity is None:
+            low, high = min(low, 0.95), max(high, 1.05)
+            axes.axvline(1, **THEORY)
+            axes.set_xlabel(label("ratio"))
+            meaning = "t_r/t_rGH of the runs that reverse, 1 at the dashed line"
+        else:
+            unit, meaning = self.layout.column(self.quantity, "--quantity")
+            axes.set_xlabel(label(self.quantity, unit))
+        if log_x:
+            axes.set_xscale("log")
+            style.plain_ticks(axes, "x", low, high)
+        if log:
+            axes.set_yscale("log")
+        else:
+            axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.set(ylabel="number of runs", xlim=(low, high))
+        style.light_grid(axes)
+        count = int(np.isfinite(self.values).sum())
+        self.notes.append(f"{count:,} of {len(self.values):,} runs: {meaning}.")
+        return []
+
+
+class Scatter(Picture):
+    """Times of the first reversal, run by run, in colours of an axis if it is short."""
+
+    name = "scatter"
+    panel = (4.8, 3.2)
+
+    def _arrange(self) -> Names:
+        self.column, layout = self.x or "t_rgh", self.layout
+        if self.column == "t_r":
+            raise ConfigError("--x t_r: it is the ordinate of a scatter; choose another column")
+        self.unit, _ = layout.column(self.column, "--x")
+        short = [n for n in layout.several if n in LAUNCH and layout.lengths[n] <= len(SERIES)]
+        return [name for name in short if name != self.x][:1], [], []
+
+    @cached_property
+    def points(self) -> pd.DataFrame:
+        """Column, ``t_r`` and value along the axis of the runs that have both."""
+        layout = self.layout
+        cell, x, t_r = self.read(self.column, "t_r")
+        points = pd.DataFrame({layout.name(self.column): x, layout.name("t_r"): t_r})
+        places = np.unravel_index(cell.astype(int), [*layout.lengths.values()] or [1])
+        for axis, place in zip(layout.axes.values(), places, strict=False):
+            if axis.name in [own.name for own in self.axes]:
+                points[axis.name] = axis.values[place]
+        return points[np.isfinite(points).all(axis=1)].reset_index(drop=True)
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return len(self.points)
+
+    def table(self) -> pd.DataFrame:
+        """Return the points."""
+        return self.points
+
+    def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
+        axes, handles = panels[0][0], []
+        x, t_r, *along = self.points.to_numpy().T
+        own = along[0] if along else np.zeros(len(x))
+        for value, (colour, marker) in zip(np.unique(own), SERIES, strict=False):
+            here = own == value
+            look: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "", "mew": 0}
+            axes.plot(x[here], t_r[here], ms=2.6, alpha=0.6, rasterized=True, **look)
+            handles += [style.entry(value_text(a.name, value), ms=5, **look) for a in self.axes]
+        wide = bool(0 < WIDE * x.min() < x.max())
+        style.scale_axis(axes, "x", x, wide if log is None else log, self.column)
+        style.scale_axis(axes, "y", t_r, log is not False)
+        if self.column == "t_rgh":
+            # In small steps: where one axis alone is logarithmic, the line is curved.
+            theory = np.linspace(max(0, axes.get_xlim()[0]), axes.get_xlim()[1], 400)[1:]
+            axes.plot(theory, theory, **THEORY, scalex=False, scaley=len(x) == 1)
+            handles.append(style.entry("theory", **THEORY))
+        axes.set(xlabel=label(self.column, self.unit), ylabel=label(self.layout.name("t_r")))
+        style.light_grid(axes)
+        self.notes.append(f"Times of the first reversal of {len(x):,} runs that reverse.")
+        return handles
+
+
+KINDS: dict[str, type[Picture]] = {
+    kind.name: kind for kind in (Fractions, Times, Ratio, Map, Reversals, Distribution, Scatter)
+}
+
+
+def choose_picture(
+    layout: Layout,
+    kind: str | None = None,
+    *,
+    x: str | None = None,
+    quantity: str | None = None,
+    select: Sequence[str] = (),
+    where: str | None = None,
+) -> Picture:
+    """Choose the picture that suits a sweep, or take the kind that is asked for.
+
+    Raises a ConfigError if the kind does not suit the sweep, or a name or a text cannot be read.
+    """
+    layout = layout.chosen(where).select(select).in_si()
+    fitting, suited = fitting_kinds(layout), default_kind(layout)
+    if kind is None and x in layout.stored.schema.names and x not in layout.axes:
+        kind = "scatter"
+    if x is not None and kind != "scatter":
+        layout.named(x, f"--x {x}")
+    if kind is None and quantity is not None:
+        kind = "map" if suited in ("map", "reversals") else "distribution"
+    kind = kind or suited
+    if kind not in KINDS:
+        raise ConfigError(f"--kind: {not_one_of(kind, fitting)}")
+    if kind not in fitting:
+        raise ConfigError(f"--kind {kind}: does not fit this sweep; {', '.join(fitting)} fit")
+    if quantity is not None and kind not in ("map", "distribution"):
+        raise ConfigError(f"--quantity: goes with --kind map or distribution, not {kind}")
+    if quantity is not None:
+        layout.column(quantity, "--quantity")
+    return KINDS[kind](layout, x, quantity)
+
+
+def fitting_kinds(layout: Layout) -> list[str]:
+    """Return the kinds for which enough varies, and is recorded."""
+    line, plane = bool(layout.axes), len(layout.several) >= 2
+    fits = {
+        "fractions": line and not layout.bodies and layout.stored.samples > 1,
+        "times": line, "ratio": line, "map": plane,
+        "reversals": plane and "reversals" in layout.stored.config.record,
+    }  # fmt: skip
+    return [name for name in KINDS if fits.get(name, True)]
+
+
+def default_kind(layout: Layout) -> str:
+    """Return the kind that suits a sweep: a map for two long axes, shares for many bodies."""
+    fitting, spin = fitting_kinds(layout), layout.stored.config.spin
+    population = "fractions" in fitting
+    if sum(count >= SIDE for count in layout.lengths.values()) >= 2 and not population:
+        return "reversals" if "reversals" in fitting else "map"
+    if not layout.several:
+        return "distribution"
+    if population and spin is not None and min(spin.n_i) < 0:
+        return "fractions"
+    return "times" if set(TARGETS) & set(layout.several) else "ratio"
