@@ -122,14 +122,15 @@ def compare(
     is beyond, or if such types differ.
     """
     from rattlesweep.analysis import compare as compared
+    from rattlesweep.analysis.style import save_table
 
     probe(figure, data)
     result = compared.compare(a, b)
     if data is not None:
-        result.write_runs(data)
+        save_table(result.runs, data)
     if figure is not None:
         compared.save(result, figure)
-    click.echo(to_json(result.data()) if as_json else compared.as_text(result, MOST_ROWS))
+    click.echo(to_json(result.data) if as_json else compared.as_text(result, MOST_ROWS))
     if result.disagree(allow):
         say("the directories disagree")
         return FAILED
