@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import pyarrow.compute as pc
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from ruamel.yaml import YAML
 
@@ -47,8 +46,7 @@ def source(svg: bytes, png: bytes) -> str:
 def config_yaml(config: Mapping[str, Any]) -> str:
     """Return the YAML of a resolved config; what holds no mapping or list stands in one line."""
     yaml: Any = YAML(typ="safe", pure=True)
-    nested = any(isinstance(value, Mapping | list) for value in config.values())
-    yaml.default_flow_style = None if nested else False
+    yaml.default_flow_style = None
     yaml.sort_base_mapping_type_on_output = False
     yaml.width = 96
     buffer = io.StringIO()
@@ -59,23 +57,20 @@ def config_yaml(config: Mapping[str, Any]) -> str:
 def make_report(directory: Path, title: str | None = None) -> bytes:
     """Return the page of a sweep, whole or still running: HTML that needs nothing else."""
     layout = read_layout(directory)
-    stored, manifest, state = layout.stored, layout.stored.manifest, status(directory)
+    stored, state, sessions = layout.stored, status(directory), read_sessions(directory)
+    manifest, config = stored.manifest, stored.config
     runs, wanted, size = (state.data[name] for name in ("runs", "wanted", "bytes"))
-    rows = stored.read(["case", "sample", "status", "n_steps"])
-    steps = pc.sum(rows["n_steps"], min_count=0).as_py()
-    failed = rows.filter(pc.not_equal(rows["status"], "ok")).to_pandas().groupby("status")
+    rows = stored.read(["case", "sample", "status", "n_steps"]).to_pandas()
     counts = count_cases(stored)
     table = summary_table(stored.cases, counts)
     absent = {"K_p", "K_r"}.difference(layout.axes) | absent_columns(table)
     absent |= set() if counts.has_errors else {"t_r_mean_error"}
     table = table.drop_columns([*absent & {*table.column_names}, "near_tangencies"])
-    sessions = read_sessions(directory)
     seconds, kernel = (
         sum(s.get(name) or 0.0 for s in sessions) for name in ("seconds", "kernel_seconds")
     )
     first = default_kind(layout)
     curves = ("times", "ratio") if first not in ("map", "reversals") and layout.several else ()
-    kinds = (first, *curves, "distribution")
     return render(
         "sweep.html.j2",
         title=title or manifest["name"],
@@ -84,31 +79,31 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         runs=runs,
         ok=state.data["status"].get("ok", 0),
         counts=counts,
-        horizon=layout.stored.config.horizon,
-        pictures=[_shown(layout, kind) for kind in dict.fromkeys(kinds)],
+        horizon=config.horizon,
+        pictures=[_shown(layout, kind) for kind in dict.fromkeys((first, *curves, "distribution"))],
         case_head=table.column_names,
         cases=[
             [None if x is None else f"{x:,}" if isinstance(x, int) else f"{x:.5g}" for x in row]
-            for row in zip(*(column.to_pylist() for column in table.columns), strict=True)
+            for row in zip(*table.to_pydict().values(), strict=True)
         ],
         open_cases=OPEN_CASES,
         most_cases=MOST_CASES,
         failures=[
             (word, f"{len(own):,}", f"{100 * len(own) / runs:.2g} %",
              f"case {own['case'].iloc[0]}, sample {own['sample'].iloc[0]}")
-            for word, own in failed
+            for word, own in rows[rows["status"] != "ok"].groupby("status")
         ],
         thresholds=[
             (key, f"{value:g}", f"{stored.thresholds.thresholds[key]:g}")
-            for key, value in stored.config.classify.thresholds.items()
+            for key, value in config.classify.thresholds.items()
         ],
         cost=[
             ("time of all sessions", f"{seconds:,.1f} s"),
             ("of it, integration", f"{kernel:,.1f} s"),
-            ("accepted steps", f"{steps:,}"),
+            ("accepted steps", f"{rows['n_steps'].sum():,}"),
             ("size of the runs", f"{size / 1e6:,.1f} MB, {size / max(runs, 1):.0f} bytes a run"),
         ],
-        config=config_yaml(resolved(layout.stored.config)),
+        config=config_yaml(resolved(config)),
         provenance=[
             ("started", manifest.get("started")),
             ("command", shlex.join(manifest.get("command", []))),
@@ -118,14 +113,14 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         ],
         sessions=[
             [str(s.get("started"))[:19],
-             *(s.get(name) for name in ("how", "shard", "host", "threads", "runs", "seconds"))]
+             *map(s.get, ("how", "shard", "host", "threads", "runs", "seconds"))]
             for s in sessions[-MOST_SESSIONS:]
         ],
     )  # fmt: skip
 
 
 def _shown(layout: Layout, kind: str) -> Mapping[str, Any]:
-    """Return a picture for the page, or why there is none."""
+    """Return a picture for the page, or why there is none: too many panels, or no runs."""
     try:
         with styled():
             picture = choose_picture(layout, kind)
@@ -133,7 +128,6 @@ def _shown(layout: Layout, kind: str) -> Mapping[str, Any]:
             svg = encode(figure, "svg", DPI)
             png = encode(figure, "png", DPI) if len(svg) > MOST_SVG else b""
     except (ConfigError, OutputError) as error:
-        # More panels than a page can show, or no runs.
         return {"kind": kind, "error": error}
     varies = ", ".join(axis.name for axis in picture.axes) or "all runs"
     return {"kind": kind, "error": None, "source": source(svg, png), "varies": varies,

@@ -157,7 +157,7 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     found = estimate.sensitivity(directory)
     if figure is not None:
         estimate.save(found, figure)
-    click.echo(to_json(found.data()) if as_json else estimate.as_text(found, MOST_ROWS))
+    click.echo(to_json(found) if as_json else estimate.as_text(found, MOST_ROWS))
 
 
 @command(

@@ -89,9 +89,9 @@ def test_incomplete_groups_are_noted_and_too_many_refused(design, tmp_path):
 
     few = sensitivity(edited(design, tmp_path / "few", without(0.5 * MOST_MISSING)))
     many = sensitivity(edited(design, tmp_path / "many", without(2 * MOST_MISSING)))
-    assert any((row["case"], row["of"]) == (1, "t_r") for row in few.rows)
-    assert {row["of"] for row in many.rows if row["case"] == 1} == {"P(R)", "P(SW)"}
-    assert any("of those bodies, not of the ranges" in note for note in many.notes)
+    assert any((row["case"], row["of"]) == (1, "t_r") for row in few["indices"])
+    assert {row["of"] for row in many["indices"] if row["case"] == 1} == {"P(R)", "P(SW)"}
+    assert any("of those bodies, not of the ranges" in note for note in many["notes"])
 
 
 @pytest.mark.parametrize(
