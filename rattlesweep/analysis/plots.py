@@ -28,14 +28,13 @@ from rattlesweep.sweeps.cases import TARGETS
 from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.counts import Counts, codes, floats, share, wilson
 
-MOST_PANELS = 40
+MOST_PANELS, MOST_BINS = 40, 150
+MOST_MARKERS = 40  # with more they hide the curve
 WIDE = 30.0  # values that spread over more than this ratio are shown by their logarithms
 # Axes of so many values are long enough for an abscissa; of fewer than these each has a tick; from
 # this many on along both sides, a grid is a map.
 ENOUGH, FEW, SIDE = 3, 6, 8
-MOST_MARKERS = 40  # with more they hide the curve
 MAP_ENDS = (0.5, 99.5)  # percentiles, beyond which a map has the end colours
-MOST_BINS = 150
 BONDI = "Bondi's threshold"
 UNSURE: dict[str, Any] = {"facecolor": "#FFFFFFB0", "edgecolor": style.INK, "hatch": "xxxxxx",
                           "linewidth": 0, "label": "type not sure"}  # fmt: skip
@@ -58,13 +57,12 @@ class Picture(ABC):
     and columns of panels; others have a single value. Drawing fills `notes`, the caption.
     """
 
-    name: ClassVar[str]
     panel: ClassVar[tuple[float, float]]  # width and height of one, in inches
     parts = 1  # panels side by side for each combination of values
     more: tuple[str, ...] = ()  # columns of which each cell has a mean
 
-    def __init__(self, layout: Layout, x: str | None = None, quantity: str | None = None) -> None:
-        self.layout, self.x, self.quantity = layout, x, quantity
+    def __init__(self, layout: Layout, name: str, x: str | None, quantity: str | None) -> None:
+        self.layout, self.name, self.x, self.quantity = layout, name, x, quantity
         own, self.rows, self.columns = ([layout.axes[k] for k in part] for part in self._arrange())
         self.axes = [*own, *self.rows, *self.columns]
         self.notes: list[str] = []
@@ -82,14 +80,9 @@ class Picture(ABC):
         """The runs by cell, and means of columns; :meth:`grid` puts an array along `axes`."""
         return self.layout.count(self.more)
 
-    @property
-    def cells(self) -> Counts:
-        """The runs by cell."""
-        return self.counted[0]
-
     def __len__(self) -> int:
         """Return the number of runs that are shown."""
-        return int(self.cells.runs.sum())
+        return int(self.counted[0].runs.sum())
 
     def grid(self, flat: NDArray[Any]) -> NDArray[Any]:
         """Give an array over the cells the shape of `axes`."""
@@ -101,25 +94,24 @@ class Picture(ABC):
 
     def table(self) -> pd.DataFrame:
         """Return the numbers that are drawn: one row for each cell that holds runs."""
-        cells, more = self.counted
+        (cells, more), axes = self.counted, self.layout.axes.values()
         t_r, t_rgh = map(self.layout.name, ("t_r", "t_rgh"))
-        found: dict[str, Any] = {"runs": cells.runs, "failed": cells.failed}
+        values = np.meshgrid(*(axis.values for axis in axes), indexing="ij")
+        found: dict[str, Any] = {a.name: v.ravel() for a, v in zip(axes, values, strict=True)}
+        found |= {"runs": cells.runs, "failed": cells.failed}
         for name, part in cells.types.items():
             found[f"fraction_{name}"] = share(part, cells.ok)
             found[f"fraction_{name}_low"], found[f"fraction_{name}_high"] = wilson(part, cells.ok)
-        for name, all_of in ((t_r, cells.t_r), ("ratio", cells.ratio)):
-            found |= {f"{name}_mean": all_of.means(), f"{name}_std": all_of.deviations(),
-                      f"{name}_sem": all_of.errors()}  # fmt: skip
+        for name, moments in ((t_r, cells.t_r), ("ratio", cells.ratio)):
+            found |= {f"{name}_mean": moments.means(), f"{name}_std": moments.deviations(),
+                      f"{name}_sem": moments.errors()}  # fmt: skip
         found["fraction_bondi"] = share(cells.bondi, cells.steady)
         found[f"{t_rgh}_mean"] = cells.t_rgh.means()
         found |= {f"{self.layout.name(name)}_mean": mean for name, mean in more.items()}
         if cells.has_errors:
             found |= {f"{t_r}_mean_error": cells.t_r_error.means(),
                       "sensitive": cells.sensitive, "unsure": cells.unsure}  # fmt: skip
-        axes = self.layout.axes.values()
-        values = np.meshgrid(*(axis.values for axis in axes), indexing="ij")
-        places = {axis.name: v.ravel() for axis, v in zip(axes, values, strict=True)}
-        return pd.DataFrame(places | found)[cells.runs > 0].reset_index(drop=True)
+        return pd.DataFrame(found)[cells.runs > 0].reset_index(drop=True)
 
     def read(self, *columns: str) -> Floats:
         """Return the cell and columns of the runs with status ok, of shape (1 + columns, runs)."""
@@ -131,44 +123,35 @@ class Picture(ABC):
         return np.concatenate(parts, axis=1)
 
     def figure(
-        self,
-        *,
-        title: str | None = None,
-        log: bool | None = None,
-        size: tuple[float, float] | None = None,
-        xlim: tuple[float, float] | None = None,
+        self, *, title: str | None = None, log: bool | None = None, captioned: bool = True,
+        size: tuple[float, float] | None = None, xlim: tuple[float, float] | None = None,
         ylim: tuple[float, float] | None = None,
-        captioned: bool = True,
-    ) -> Figure:
+    ) -> Figure:  # fmt: skip
         """Draw it; None: as suits the values."""
+        layout = self.layout
         if not len(self):
-            raise OutputError(f"{self.layout.stored.directory} holds no run of those selected")
-        down, across = (
-            [*product(*(range(len(axis.values)) for axis in axes))]
-            for axes in (self.rows, self.columns)
-        )
-        if len(down) * len(across) > MOST_PANELS:
+            raise OutputError(f"{layout.stored.directory} holds no run of those selected")
+        down, across = ([*product(*(range(len(axis.values)) for axis in axes))]
+                        for axes in (self.rows, self.columns))  # fmt: skip
+        if (count := len(down) * len(across)) > MOST_PANELS:
             names = " and ".join(axis.name for axis in (*self.rows, *self.columns))
             raise ConfigError(
-                f"there would be {len(down) * len(across)} panels, one for each {names}; choose "
-                "some with --select, as in --select n_i=-0.3,-0.5"
+                f"there would be {count} panels, one for each {names}; choose some with --select, "
+                "as in --select n_i=-0.3,-0.5"
             )
-        wide = [column for column in across for _ in range(self.parts)]
-        width, height = self.panel[0] * len(wide), self.panel[1] * len(down)
-        figure = style.new_figure(
-            *(size or (np.clip(1.6 + width, 6.4, 14), np.clip(1.4 + height, 3.4, 14)))
-        )
-        grid = figure.subplots(len(down), len(wide), sharex=True, sharey=True, squeeze=False)
-        for axes, column in zip(grid[0], wide, strict=True):
+        across = [column for column in across for _ in range(self.parts)]
+        needed = np.array(self.panel) * (len(across), len(down)) + (1.6, 1.4)
+        figure = style.new_figure(*(size or np.clip(needed, (6.4, 3.4), 14)))
+        grid = figure.subplots(len(down), len(across), sharex=True, sharey=True, squeeze=False)
+        for axes, column in zip(grid[0], across, strict=True):
             axes.set_title(texts(self.columns, column), fontsize="medium")
         for axes, row in zip(grid[:, -1], down, strict=True):
             axes.annotate(texts(self.rows, row), (1.02, 0.5), xycoords="axes fraction",
                           rotation=270, va="center", ha="left")  # fmt: skip
-        if self.axes:
-            for axes in grid[-1]:
-                axes.set_xlabel(label(self.axes[0].name))
+        for axes, axis in product(grid[-1], self.axes[:1]):
+            axes.set_xlabel(label(axis.name))
         self.notes = []
-        places = [r + c for r, c in product(down, wide)]
+        places = [r + c for r, c in product(down, across)]
         handles = self._draw([*zip(grid.flat, places, strict=True)], log)
         for axes, (which, limits) in product(grid.flat, (("x", xlim), ("y", ylim))):
             if limits is not None and getattr(axes, f"get_{which}scale")() == "log":
@@ -177,12 +160,11 @@ class Picture(ABC):
                 style.plain_ticks(axes, which, *limits)
             getattr(axes, f"set_{which}lim")(limits)
         # A selection of one value is nowhere else in the picture.
-        single = [axis for axis in self.layout.axes.values() if len(axis.values) == 1]
-        pinned = texts([axis for axis in single if -1 in axis.rank], [0] * len(single))
+        pinned = [a for a in layout.axes.values() if len(a.values) == 1 and -1 in a.rank]
         # A dollar in a condition begins no formula.
-        where = self.layout.where
-        condition = where.text.replace("$", "\\$") if where else ""
-        style.add_legend(figure, handles, [t for t in (title, pinned, condition) if t])
+        condition = layout.where.text.replace("$", "\\$") if layout.where else ""
+        heading = title, texts(pinned, [0] * len(pinned)), condition
+        style.add_legend(figure, handles, [*filter(None, heading)])
         if captioned:
             style.add_caption(figure, " ".join(self.notes), grow=size is None)
         return figure
@@ -190,34 +172,40 @@ class Picture(ABC):
 
 def texts(axes: Sequence[Axis], places: Sequence[int]) -> str:
     """Return which values some axes have, such as ``n_i = -0.1, K_r = 0.02``."""
-    shown = zip(axes, places, strict=False)
+    shown = zip(axes, places, strict=True)
     return ", ".join(value_text(axis.name, axis.values[k]) for axis, k in shown)
 
 
-def ordered(layout: Layout, enough: int, prefer: str = "") -> list[str]:
-    """Return all axes, the longest first, of which `enough` values count as many.
+def ordered(layout: Layout, first: str | None, enough: int, prefer: str = "") -> list[str]:
+    """Return `first` and the other axes of several values; without it, the longest comes first.
 
-    Of equal length come one that is preferred, then targets and bodies, then the launch.
+    So many values as `enough` count as many. Of equal length come one that is preferred, then
+    targets and bodies, then the launch.
     """
-    lengths = layout.lengths
-    return sorted(lengths, key=lambda n: (-min(lengths[n], enough), n != prefer, n in LAUNCH))
+    size = layout.lengths
+    names = sorted(size, key=lambda n: (-min(size[n], enough), n != prefer, n in LAUNCH))
+    first = first or names[0]
+    return [first, *(name for name in names if name != first and size[name] > 1)]
+
+
+def scale(axes: Any, which: str, axis: Axis, log: bool | None) -> None:
+    """Make an axis logarithmic if asked for or, with None, if its values are."""
+    style.scale_axis(axes, which, axis.values, axis.logarithmic(log), axis.name)
 
 
 class Fractions(Picture):
     """Shares of the types against the first axis, in rows and columns of panels for the others."""
 
-    name = "fractions"
     panel = (1.7, 1.6)
 
     def _arrange(self) -> Names:
-        first = self.x or ordered(self.layout, ENOUGH)[0]
-        rest = [name for name in self.layout.several if name != first]
-        rest.sort(key=lambda name: name != "omega_xy0")
+        first, *rest = ordered(self.layout, self.x, ENOUGH)
+        rest.sort(key=lambda name: (name != "omega_xy0", name not in LAUNCH))
         down = 1 if len(rest) > 1 or rest == ["omega_xy0"] else 0
         return [first], rest[:down], rest[down:]
 
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
-        x, cells = self.axes[0], self.cells
+        x, cells = self.axes[0], self.counted[0]
         marks = {name: mark for name, mark in TYPE_STYLE.items() if name in cells.types}
         bondi = self.grid(share(cells.bondi, cells.steady))
         known: dict[str, Any] = {}
@@ -245,9 +233,10 @@ class Fractions(Picture):
                     fmt="none", ecolor="#000000", elinewidth=0.9, capsize=1.6, zorder=4,
                 )  # fmt: skip
             if np.isfinite(bondi).any():
-                (known["Bondi"],) = axes.plot(x.values, 1 - bondi[here], "k^", ms=4, mec="white",
-                                              mew=0.5, zorder=5, label="Bondi", clip_on=False)  # fmt: skip
-            style.scale_axis(axes, "x", x.values, x.logarithmic(log), x.name)
+                look: dict[str, Any] = {"ms": 4, "mec": "white", "mew": 0.5, "zorder": 5}
+                (known["Bondi"],) = axes.plot(x.values, 1 - bondi[here], "k^", label="Bondi",
+                                              clip_on=False, **look)  # fmt: skip
+            scale(axes, "x", x, log)
             if len(x.values) < FEW:
                 axes.set_xticks(x.values, [f"{value:.4g}" for value in x.values])
             axes.set(xlim=x.edges[[0, -1]], ylim=(0, 1), yticks=[0, 0.5, 1])
@@ -261,27 +250,24 @@ class Fractions(Picture):
 
 
 class Times(Picture):
-    """The mean of ``t_r`` over type R with its spread, and theory, dashed.
+    """The mean of ``t_r``, or run by run of ``t_r/t_rGH``, over type R, and theory, dashed.
 
     The first axis is the abscissa, the second makes curves, the others panels.
     """
 
-    name = "times"
     panel = (2.6, 2.8)
-    relative = False
-    """Whether times are in units of theory's; their ordinate is then linear and begins at 0."""
 
     def _arrange(self) -> Names:
-        layout = self.layout
-        first = self.x or ordered(layout, ENOUGH, "n_i" if self.relative else "")[0]
-        rest = [name for name in layout.several if name != first]
-        rest.sort(key=lambda name: -layout.lengths[name])
+        order = ordered(self.layout, self.x, ENOUGH, "n_i" if self.name == "ratio" else "")
+        first, *rest = order
+        rest.sort(key=lambda name: -self.layout.lengths[name])
         return [first, *rest[:1]], [], rest[1:]
 
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
         x, *curves = self.axes[: len(self.axes) - len(self.columns)]
-        cells, relative = self.cells, self.relative
+        cells, relative = self.counted[0], self.name == "ratio"
         moments = cells.ratio if relative else cells.t_r
+        # Ratios are on a linear axis that begins at 0.
         log_y = bool(log) if relative else log is not False
         # As many curves as the eye tells apart.
         count = len(curves[0].values) if curves else 1
@@ -295,23 +281,22 @@ class Times(Picture):
         # The two directions of spin are not joined.
         ends = [int(np.searchsorted(x.values, 0.0))] if x.name.startswith("n_i") else []
         pieces = np.split(np.arange(len(x.values)), ends)
-        for axes, where in panels:
-            for place, colour, marker in looks:
-                here: Any = (slice(None), place, *where)
-                middle, half = mean[here], spread[here]
-                # On a logarithmic axis a band that reaches zero has no end; it stops at a tenth.
-                low = np.minimum(half, 0.9 * middle) if log_y else half
-                for part in pieces:
-                    axes.plot(x.values[part], middle[part], color=colour, linewidth=1.1)
-                    axes.fill_between(x.values[part], (middle - low)[part], (middle + half)[part],
-                                      color=colour, alpha=0.12, linewidth=0)  # fmt: skip
-                    if not relative:
-                        axes.plot(x.values[part], theory[here][part], zorder=1.5,
-                                  **{**THEORY, "color": colour})  # fmt: skip
-                if len(x.values) <= MOST_MARKERS:
-                    axes.errorbar(x.values, middle, error[here], color=colour, elinewidth=1.2,
-                                  fmt=marker, ms=4)  # fmt: skip
-            style.scale_axis(axes, "x", x.values, x.logarithmic(log), x.name)
+        for (axes, where), (place, colour, marker) in product(panels, looks):
+            here: Any = (slice(None), place, *where)
+            middle, half = mean[here], spread[here]
+            # On a logarithmic axis a band that reaches zero has no end; it stops at a tenth.
+            low, high = middle - (np.minimum(half, 0.9 * middle) if log_y else half), middle + half
+            for part in pieces:
+                at = x.values[part]
+                axes.plot(at, middle[part], color=colour, linewidth=1.1)
+                axes.fill_between(at, low[part], high[part], color=colour, alpha=0.12, linewidth=0)
+                if not relative:
+                    axes.plot(at, theory[here][part], **THEORY | {"color": colour, "zorder": 1.5})
+            if len(x.values) <= MOST_MARKERS:
+                axes.errorbar(x.values, middle, error[here], color=colour, elinewidth=1.2,
+                              fmt=marker, ms=4)  # fmt: skip
+        for axes, _ in panels:
+            scale(axes, "x", x, log)
             style.light_grid(axes)
             if relative:
                 axes.axhline(1, **THEORY, zorder=1.5)
@@ -337,13 +322,6 @@ class Times(Picture):
         return [*handles, style.entry("theory", **THEORY)]
 
 
-class Ratio(Times):
-    """The mean of ``t_r/t_rGH``, run by run."""
-
-    name = "ratio"
-    relative = True
-
-
 class Map(Picture):
     """Types and ``t_r/t_rGH`` side by side, or one column; a row for each further value.
 
@@ -351,20 +329,17 @@ class Map(Picture):
     has left out are filled from those that were run.
     """
 
-    name = "map"
     panel = (3.7, 3.4)
 
     def _arrange(self) -> Names:
-        layout, names = self.layout, ordered(self.layout, SIDE)
-        first = self.x or names[0]
-        order = [first, *(n for n in names if n != first and layout.lengths[n] > 1)]
-        if layout.lengths[first] < 2:
-            raise ConfigError(f"--kind map: only one value of {first} is left; it needs two")
+        layout, order = self.layout, ordered(self.layout, self.x, SIDE)
+        if layout.lengths[order[0]] < 2:
+            raise ConfigError(f"--kind map: only one value of {order[0]} is left; it needs two")
         self.parts = 2 if self.quantity is None else 1
         # Of one body a cell, and of spins that stay beyond it.
         self.theory = bool(layout.bodies) and not layout.stored.config.dissipation
-        theory = ("n_c1", "n_i") if self.theory else ()
-        self.more = tuple(dict.fromkeys([*filter(None, [self.quantity]), *theory]))
+        names = [self.quantity, *(("n_c1", "n_i") if self.theory else ())]
+        self.more = tuple(dict.fromkeys(filter(None, names)))
         return order[:2], order[2:], []
 
     def shown(self) -> tuple[Integers, Floats, Floats]:
@@ -389,25 +364,26 @@ class Map(Picture):
 
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
         x, y, *_ = self.axes
-        types_too, bondi = self.quantity is None, False
+        bondi, several = False, bool(self.counted[0].runs.max() > 1)
+        every, mean = [axes for axes, _ in panels], "mean " if several else ""
         code, value, beyond = self.shown()
         known = value[np.isfinite(value)] if np.isfinite(value).any() else np.array([0.0, 2.0])
         low, high = (float(end) for end in np.percentile(known, MAP_ENDS))
-        wide = low > 0 and high > (4 if types_too else WIDE) * low
+        wide = low > 0 and high > (WIDE if self.quantity else 4) * low
         norm = (LogNorm if wide else Normalize)(low, high if high > low else low + 1)
         mesh: Any = None
         for k, (axes, where) in enumerate(panels):
             here: Any = (..., *where)
-            on_types = types_too and k % 2 == 0
+            of_types = self.quantity is None and k % 2 == 0
             colours = [colour for colour, _ in CELLS.values()]
-            if not on_types:  # where there is a type and no value
+            if not of_types:  # where there is a type and no value
                 colours[: len(TYPE_STYLE)] = [style.NO_REVERSAL] * len(TYPE_STYLE)
             axes.pcolormesh(x.edges, y.edges, code[here].T, rasterized=True, vmin=-0.5,
                             vmax=len(CELLS) - 0.5, cmap=ListedColormap(colours))  # fmt: skip
-            if not on_types:
+            if not of_types:
                 mesh = axes.pcolormesh(x.edges, y.edges, np.ma.masked_invalid(value[here].T),
                                        rasterized=True, norm=norm)  # fmt: skip
-            if on_types or not types_too:
+            if k % self.parts == 0:
                 axes.set_ylabel(label(y.name))
             if np.nanmin(beyond[here], initial=0) < 0 < np.nanmax(beyond[here], initial=0):
                 bondi = True
@@ -415,20 +391,22 @@ class Map(Picture):
                 for colour, width in (("#FFFFFF", 2.8), ("#000000", 1.3)):
                     axes.contour(x.values, y.values, beyond[here].T, [0], colors=colour,
                                  linewidths=width, linestyles="solid")  # fmt: skip
-            for which, axis in (("x", x), ("y", y)):
-                style.scale_axis(axes, which, axis.values, axis.logarithmic(log), axis.name)
+            scale(axes, "x", x, log)
+            scale(axes, "y", y, log)
             axes.set(xlim=x.edges[[0, -1]], ylim=y.edges[[0, -1]])
-        several = self.cells.runs.max() > 1
-        mean = "mean " if several else ""
-        if types_too:
-            panels[0][0].set_title("most common type" if several else "type", fontsize="medium")
-            panels[1][0].set_title(mean + label("ratio"), fontsize="medium")
-        every = [axes for axes, _ in panels]
         bar = every[0].figure.colorbar(mesh, ax=every, pad=0.03, extend="both",
                                        aspect=30 if len(panels) < 4 else 45)  # fmt: skip
         if wide:
             style.plain_ticks(bar.ax, "y", low, high)
+        entries = CELLS | {"none": (style.NO_REVERSAL, "no reversal")}
+        present = {name for name in CELLS if CODES[name] in code}
+        if ((code < len(TYPE_STYLE)) & np.isnan(value)).any():
+            present.add("none")
+        if self.layout.where is not None:
+            entries["missing"] = (style.MISSING, "not selected")
         if self.quantity is None:
+            every[0].set_title("most common type" if several else "type", fontsize="medium")
+            every[1].set_title(mean + label("ratio"), fontsize="medium")
             bar.set_label(mean + label("ratio"))
             self.notes.append(
                 "t_r is the time of the first reversal, t_rGH that of Garcia and Hubbard's theory."
@@ -437,36 +415,21 @@ class Map(Picture):
             unit, meaning = self.layout.column(self.quantity, "--quantity")
             bar.set_label(mean + label(self.quantity, unit))
             self.notes.append(f"{self.quantity}: {meaning}.")
-        looks = CELLS | ({"missing": (style.MISSING, "not selected")} if self.layout.where else {})
-        entries = [looks[name] for name in CELLS
-                   if CODES[name] in code and (types_too or name not in TYPE_STYLE)]  # fmt: skip
-        if ((code < len(TYPE_STYLE)) & np.isnan(value)).any():
-            entries.append((style.NO_REVERSAL, "no reversal" if types_too else "no value"))
+            entries["none"] = (style.NO_REVERSAL, "no value")
+            present -= {*TYPE_STYLE}
         handles: list[Any] = [
             Patch(facecolor=colour, label=text, edgecolor=style.GREY, linewidth=0.5)
-            for colour, text in entries
-        ]
+            for name, (colour, text) in entries.items() if name in present
+        ]  # fmt: skip
         if bondi:
             handles.append(style.entry(BONDI, color="#000000", linestyle="-", linewidth=1.3))
             self.notes.append("Bondi's threshold of the steady spin: |n_i| = |n_c1|.")
         return handles
 
 
-class Reversals(Map):
-    """Number of turns by cell; where runs tell how many of them are sure, only these."""
-
-    name = "reversals"
-
-    def _arrange(self) -> Names:
-        sure = "reversals_sure" in self.layout.stored.schema.names
-        self.quantity = "reversals_sure" if sure else "n_turns"
-        return super()._arrange()
-
-
 class Distribution(Picture):
     """A histogram of ``t_r/t_rGH`` of type R, or of a column of all runs."""
 
-    name = "distribution"
     panel = (4.8, 2.2)
 
     def _arrange(self) -> Names:
@@ -493,25 +456,24 @@ class Distribution(Picture):
             return np.arange(low, high + 2) - 0.5, False
         log = bool(low > 0 and (self.quantity is None or high > WIDE * low))
         v = np.log(values) if log else values
-        quarter, third = np.percentile(v, (25, 75))
         # Freedman and Diaconis, within reason.
-        width = max(2 * (third - quarter) / np.cbrt(len(v)), np.ptp(v) / MOST_BINS, 1e-9)
-        edges = (np.geomspace if log else np.linspace)(low, high, max(8, int(np.ptp(v) / width)))
+        width = 2 * np.ptp(np.percentile(v, (25, 75))) / np.cbrt(len(v))
+        count = int(np.clip(np.ptp(v) / max(width, 1e-300), 8, MOST_BINS))
+        edges = (np.geomspace if log else np.linspace)(low, high, count + 1)
         edges[[0, -1]] = low, np.nextafter(high, np.inf)
         return edges, log
 
     def table(self) -> pd.DataFrame:
         """Return the histogram."""
-        edges, name = self.bins[0], "ratio"
-        if self.quantity is not None:
-            name = self.layout.name(self.quantity)
-        counts = np.histogram(self.values[np.isfinite(self.values)], edges)[0]
+        name = "ratio" if self.quantity is None else self.layout.name(self.quantity)
+        edges, values = self.bins[0], self.values[np.isfinite(self.values)]
+        counts = np.histogram(values, edges)[0]
         return pd.DataFrame({f"{name}_low": edges[:-1], f"{name}_high": edges[1:], "runs": counts})
 
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
-        axes, (edges, log_x) = panels[0][0], self.bins
+        (axes, _), (edges, log_x), runs = panels[0], self.bins, self.table()["runs"]
         low, high = edges[[0, -1]]
-        axes.stairs(self.table()["runs"], edges, fill=True, facecolor=style.BLUE)
+        axes.stairs(runs, edges, fill=True, facecolor=style.BLUE)
         if self.quantity is None:
             low, high = min(low, 0.95), max(high, 1.05)
             axes.axvline(1, **THEORY)
@@ -520,24 +482,18 @@ class Distribution(Picture):
         else:
             unit, meaning = self.layout.column(self.quantity, "--quantity")
             axes.set_xlabel(label(self.quantity, unit))
-        if log_x:
-            axes.set_xscale("log")
-            style.plain_ticks(axes, "x", low, high)
-        if log:
-            axes.set_yscale("log")
-        else:
+        style.scale_axis(axes, "x", (low, high), log_x)
+        axes.set(ylabel="number of runs", xlim=(low, high), yscale="log" if log else "linear")
+        if not log:
             axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-        axes.set(ylabel="number of runs", xlim=(low, high))
         style.light_grid(axes)
-        count = int(np.isfinite(self.values).sum())
-        self.notes.append(f"{count:,} of {len(self.values):,} runs: {meaning}.")
+        self.notes.append(f"{runs.sum():,} of {len(self.values):,} runs: {meaning}.")
         return []
 
 
 class Scatter(Picture):
     """Times of the first reversal, run by run, in colours of an axis if it is short."""
 
-    name = "scatter"
     panel = (4.8, 3.2)
 
     def _arrange(self) -> Names:
@@ -592,19 +548,15 @@ class Scatter(Picture):
 
 
 KINDS: dict[str, type[Picture]] = {
-    kind.name: kind for kind in (Fractions, Times, Ratio, Map, Reversals, Distribution, Scatter)
-}
+    "fractions": Fractions, "times": Times, "ratio": Times, "map": Map, "reversals": Map,
+    "distribution": Distribution, "scatter": Scatter,
+}  # fmt: skip
 
 
 def choose_picture(
-    layout: Layout,
-    kind: str | None = None,
-    *,
-    x: str | None = None,
-    quantity: str | None = None,
-    select: Sequence[str] = (),
-    where: str | None = None,
-) -> Picture:
+    layout: Layout, kind: str | None = None, *, x: str | None = None, quantity: str | None = None,
+    select: Sequence[str] = (), where: str | None = None,
+) -> Picture:  # fmt: skip
     """Choose the picture that suits a sweep, or take the kind that is asked for.
 
     Raises a ConfigError if the kind does not suit the sweep, or a name or a text cannot be read.
@@ -613,20 +565,23 @@ def choose_picture(
     fitting, suited = fitting_kinds(layout), default_kind(layout)
     if kind is None and x in layout.stored.schema.names and x not in layout.axes:
         kind = "scatter"
-    if x is not None and kind != "scatter":
-        layout.named(x, f"--x {x}")
     if kind is None and quantity is not None:
         kind = "map" if suited in ("map", "reversals") else "distribution"
     kind = kind or suited
+    if x is not None and kind != "scatter":
+        layout.named(x, f"--x {x}")
     if kind not in KINDS:
         raise ConfigError(f"--kind: {not_one_of(kind, fitting)}")
     if kind not in fitting:
         raise ConfigError(f"--kind {kind}: does not fit this sweep; {', '.join(fitting)} fit")
     if quantity is not None and kind not in ("map", "distribution"):
         raise ConfigError(f"--quantity: goes with --kind map or distribution, not {kind}")
+    if kind == "reversals":  # where runs tell how many of them are sure, only these
+        sure = "reversals_sure" in layout.stored.schema.names
+        quantity = "reversals_sure" if sure else "n_turns"
     if quantity is not None:
         layout.column(quantity, "--quantity")
-    return KINDS[kind](layout, x, quantity)
+    return KINDS[kind](layout, kind, x, quantity)
 
 
 def fitting_kinds(layout: Layout) -> list[str]:
