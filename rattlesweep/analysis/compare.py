@@ -11,12 +11,13 @@ import pandas as pd
 
 from rattlesweep.analysis import style
 from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.config.read import differences, fixed_part, resolved
 from rattlesweep.sweeps.stored import Stored, open_stored
 
 DPI, MOST_LISTED = 150, 10
 # What makes runs the same; another machine may draw it with other last digits.
-_RUN = ["alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0"]
+_RUN = [*PARAMETERS, "n_i", "omega_xy0"]
 _LISTED = ["case", "sample", "type_a", "type_b", "t_r_a", "t_r_b", "relative", "over_errors",
            "type_sure_a", "type_sure_b"]  # fmt: skip
 
@@ -25,12 +26,11 @@ _LISTED = ["case", "sample", "type_a", "type_b", "t_r_a", "t_r_b", "relative", "
 class Comparison:
     """How two directories of the same runs differ.
 
-    `runs` has a row for each run of both: ``case``, ``sample``, ``t_r``, ``type``, ``status``,
-    ``t_r_error`` and ``type_sure`` with the suffixes ``_a`` and ``_b``, ``dt_r`` (b less a),
-    ``relative`` (to the mean of both), ``over_errors`` (to the root of the sum of the squares of
-    both errors), ``differs`` (types), ``sure`` (of both types) and ``not_ok`` (one of them).
-    `data` is what JSON can hold: what else differs, counts of all and by case (None is what is not
-    known; ``beyond`` are those that differ by more than both errors), the runs that differ most.
+    `runs` has a row for each run of both, with columns of each with the suffixes ``_a`` and ``_b``,
+    ``dt_r`` (b less a), ``relative`` (to the mean of both), ``over_errors`` (to the root of the sum
+    of the squares of both errors), ``differs`` (types), ``sure`` (of both types) and ``not_ok``.
+    `data` is what JSON can hold: what else differs, counts of all and by case (``beyond``: of those
+    that differ by more than both errors; None: not known), the runs that differ most.
     """
 
     runs: pd.DataFrame
@@ -57,9 +57,8 @@ def compare(a: Path, b: Path) -> Comparison:
     names = ["case", "sample", *_RUN, "t_r", "type", "status"]
     names += ["t_r_error", "type_sure"] if errors else []
     frames = [side.read(names).to_pandas() for side in sides]
-    for side, frame in zip(sides, frames, strict=True):
-        if frame.empty:
-            raise OutputError(f"{side.directory} holds no runs yet")
+    if empty := [side for side, frame in zip(sides, frames, strict=True) if frame.empty]:
+        raise OutputError(f"{empty[0].directory} holds no runs yet")
     runs = frames[0].merge(frames[1], on=["case", "sample"], suffixes=("_a", "_b"))
     for name in _RUN if not wrong else ():
         x, y = (runs.pop(f"{name}_{side}").to_numpy(float) for side in "ab")
@@ -151,10 +150,9 @@ def as_text(found: Comparison, most_cases: int) -> str:
 def save(found: Comparison, path: Path) -> None:
     """Draw a histogram of the differences of t_r, over their errors if known, and write it."""
     total, runs = found.data["total"], found.runs
-    name, below = "over_errors", "both errors"
-    if total["beyond"] is None:
-        name, below = "relative", "$t_r$"
-    values = runs[name][runs[name].between(0, np.inf, inclusive="neither")]
+    errors = total["beyond"] is not None
+    values, below = (runs.over_errors, "both errors") if errors else (runs.relative, "$t_r$")
+    values = values[values.between(0, np.inf, inclusive="neither")]
     with style.styled():
         figure = style.new_figure(5.2, 3.9)
         axes: Any = figure.subplots()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -28,15 +29,11 @@ from rattlesweep.sweeps.stored import Stored, open_stored
 if TYPE_CHECKING:
     import xarray
 
-MOST_CELLS = 4_000_000
 # A value that is asked for in decimal means the nearest one there is.
 NEAR = 1e-6
 LAUNCH = ("n_i", "omega_xy0", "sigma", "rolling")
 # Methods of a column that a condition may call; others might write files.
 METHODS = ("isna", "notna", "isin", "between")
-
-
-# -- conditions ----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -85,9 +82,6 @@ def _unquoted(text: str) -> str:
     return re.sub(r"'[^']*'|\"[^\"]*\"", "''", text)
 
 
-# -- axes ----------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Axis:
     """One thing that varies: a target, the launch, dissipation or a parameter of the body."""
@@ -99,11 +93,11 @@ class Axis:
     @property
     def edges(self) -> Floats:
         """Borders of cells around the values."""
-        if len(self.values) == 1:
-            return self.values[0] + np.array([-0.5, 0.5])
         log = self.logarithmic()
-        edges = borders(np.log(self.values) if log else self.values)
-        return np.exp(edges) if log else edges
+        v = np.log(self.values) if log else self.values
+        middle = (v[1:] + v[:-1]) / 2 if len(v) > 1 else v - 0.5
+        edges = np.array([2 * v[0] - middle[0], *middle, 2 * v[-1] - middle[-1]])
+        return np.exp(edges) if log else edges if len(v) > 1 else edges[[1, 2]]
 
     def logarithmic(self, log: bool | None = None) -> bool:
         """Return `log`, or whether the values are more evenly spread over their logarithms."""
@@ -119,9 +113,8 @@ class Axis:
         try:
             numbers = np.array([float(x) for x in wanted.split(":" if between else ",")])[:, None]
         except ValueError:
-            raise ConfigError(
-                f"{option}: is not NAME=VALUES, as in n_i=-0.3,-0.5 or theta=0.6:0.7"
-            ) from None
+            told = "is not NAME=VALUES, as in n_i=-0.3,-0.5 or theta=0.6:0.7"
+            raise ConfigError(f"{option}: {told}") from None
         # One row for each value that must be there.
         found = np.isclose(v, numbers, rtol=NEAR, atol=NEAR**2 * float(np.abs(v).max()))
         if between:
@@ -132,12 +125,6 @@ class Axis:
         kept = found.any(axis=0)
         place = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
         return Axis(self.name, v[kept], place[self.rank])
-
-
-def borders(values: Floats) -> Floats:
-    """Return the middles between two or more values, and as far beyond the outermost ones."""
-    middle = (values[1:] + values[:-1]) / 2
-    return np.array([2 * values[0] - middle[0], *middle, 2 * values[-1] - middle[-1]])
 
 
 @dataclass(frozen=True)
@@ -172,12 +159,11 @@ class Layout:
         case, sample = (rows.column(name).to_numpy() for name in ("case", "sample"))
         grid = [len(self.axes[name].rank) for name in self.bodies]
         at = dict(zip(self.bodies, np.unravel_index(sample, grid) if grid else (), strict=True))
-        cell, shown = np.zeros(len(case), np.int64), np.ones(len(case), bool)
-        for name, axis in self.axes.items():
-            place = axis.rank[at.get(name, case)]
-            cell = cell * len(axis.values) + place
-            shown &= place >= 0
-        return np.where(shown, cell, -1)
+        places = [axis.rank[at.get(name, case)] for name, axis in self.axes.items()]
+        if not places:
+            return np.zeros(len(case), np.int64)
+        cell = np.ravel_multi_index(places, [*self.lengths.values()], mode="clip")
+        return np.where(np.min(places, axis=0) >= 0, cell, -1)
 
     def rows(self, columns: Sequence[str]) -> Iterator[pa.RecordBatch]:
         """Read columns of the runs for which the condition is true, file by file."""
@@ -190,8 +176,6 @@ class Layout:
     def count(self, more: tuple[str, ...] = ()) -> tuple[Counts, dict[str, Floats]]:
         """Count the runs by cell, with the means of more columns, in one pass."""
         size = int(np.prod([*self.lengths.values()]))
-        if size > MOST_CELLS:
-            raise ConfigError(f"{size:,} cells are too many; choose some with --select")
         counts, moments = Counts(size), {name: Moments(size) for name in more}
         for rows in self.rows(("case", "sample", *columns_for(self.stored.config), *more)):
             cell = self.cells(rows)
@@ -210,13 +194,12 @@ class Layout:
 
     def column(self, name: str, option: str) -> tuple[str, str]:
         """Return unit and description of a numeric column; raise a ConfigError if it is none."""
-        schema = self.stored.schema
-        numbers = [f.name for f in schema if str(f.type) in ("double", "int32", "int64")]
+        numbers = {f.name: _about(f) for f in self.stored.schema
+                   if str(f.type) in ("double", "int32", "int64")}  # fmt: skip
         if name not in numbers:
             raise ConfigError(f"{option}: {not_one_of(name, numbers)}")
-        about = _about(schema.field(name))
-        unit = "s" if self.si and about["units"] == TIME else about["units"]
-        return unit, about["long_name"]
+        unit, words = numbers[name].values()
+        return "s" if self.si and unit == TIME else unit, words
 
     def name(self, column: str) -> str:
         """Return the name of a column in tables: of times in seconds it ends in ``_s``."""
@@ -237,21 +220,13 @@ class Layout:
         return replace(self, axes=axes)
 
     def in_si(self) -> Layout:
-        """Return it with times in seconds and, if all bodies are of one size, spins in rpm.
-
-        Without sizes it stays as it is.
-        """
+        """Return it with times in seconds and, if all bodies are of one size, spins in rpm."""
         if "t_r_s" not in self.stored.schema.names:
             return self
-        table = self.stored.read(["n_i", "n_i_rpm"])
-        spins = [
-            table[name].to_numpy()[table["n_i"].to_numpy() != 0] for name in table.column_names
-        ]
-        factor, axes = spins[1] / spins[0], dict(self.axes)
-        if "n_i" in axes and len(factor) and np.ptp(factor) < NEAR * factor[0]:
-            axes["n_i"] = replace(
-                axes["n_i"], name="n_i_rpm", values=axes["n_i"].values * factor[0]
-            )
+        spins = self.stored.read(["n_i", "n_i_rpm"]).to_pandas().query("n_i != 0")
+        factor, axes = (spins["n_i_rpm"] / spins["n_i"]).to_numpy(), dict(self.axes)
+        if (n_i := axes.get("n_i")) and len(factor) and np.ptp(factor) < NEAR * factor[0]:
+            axes["n_i"] = replace(n_i, name="n_i_rpm", values=n_i.values * factor[0])
         return replace(self, axes=axes, si=True)
 
 
@@ -294,6 +269,7 @@ def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
     of few values are not refined; planes across them are filled apart.
     """
     from scipy.interpolate import LinearNDInterpolator
+    from scipy.spatial import QhullError
 
     along = [n >= FEWEST for n in values.shape]
     filled: NDArray[Any] = values[tuple(nearest(known, along))]
@@ -304,15 +280,11 @@ def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
         here = tuple(slice(None) if own else k for own, k in zip(along, place, strict=True))
         new, wanted = filled[here], ~known[here] & np.isfinite(filled[here])
         source = known[here] & np.isfinite(values[here])
-        spread = all(len(np.unique(axis)) > 1 for axis in np.nonzero(source))
-        if wanted.any() and spread and new.ndim > 1 and source.sum() > new.ndim + 1:
+        with suppress(QhullError, ValueError):  # too few runs, or all in a line
             interpolate = LinearNDInterpolator(np.argwhere(source), values[here][source])
             between = interpolate(np.argwhere(wanted))
             new[wanted] = np.where(np.isfinite(between), between, new[wanted])
     return filled
-
-
-# -- Dataset -------------------------------------------------------------------------------------
 
 
 def make_dataset(
@@ -320,14 +292,8 @@ def make_dataset(
 ) -> xarray.Dataset:
     """Return the runs along the axes of their sweep, as ``Sweep.to_xarray`` promises.
 
-    Raises a ConfigError if xarray is not installed or there is no such column.
+    Raises a ConfigError if there is no such column, an ImportError if xarray is not installed.
     """
-    try:
-        import xarray  # noqa: F401 - pandas needs it
-    except ImportError as error:
-        raise ConfigError(
-            f"to_xarray needs xarray ({error}); install it with `pip install 'rattlesweep[xarray]'`"
-        ) from None
     schema = layout.stored.schema
     single = [column.name for column in schema if not pa.types.is_list(column.type)]
     for name in columns or ():

@@ -25,7 +25,6 @@ from rattlesweep.analysis.style import SERIES, THEORY, TYPE_STYLE, label, value_
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.cases import TARGETS
-from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.counts import Counts, codes, floats, share, wilson
 
 MOST_PANELS, MOST_BINS = 40, 150
@@ -36,8 +35,6 @@ WIDE = 30.0  # values that spread over more than this ratio are shown by their l
 ENOUGH, FEW, SIDE = 3, 6, 8
 MAP_ENDS = (0.5, 99.5)  # percentiles, beyond which a map has the end colours
 BONDI = "Bondi's threshold"
-UNSURE: dict[str, Any] = {"facecolor": "#FFFFFFB0", "edgecolor": style.INK, "hatch": "xxxxxx",
-                          "linewidth": 0, "label": "type not sure"}  # fmt: skip
 # What a cell is: its most common type, or none of them.
 CELLS = {
     **{name: (mark.colour, mark.label) for name, mark in TYPE_STYLE.items()},
@@ -94,23 +91,19 @@ class Picture(ABC):
 
     def table(self) -> pd.DataFrame:
         """Return the numbers that are drawn: one row for each cell that holds runs."""
-        (cells, more), axes = self.counted, self.layout.axes.values()
-        t_r, t_rgh = map(self.layout.name, ("t_r", "t_rgh"))
+        (cells, more), axes, name = self.counted, self.layout.axes.values(), self.layout.name
         values = np.meshgrid(*(axis.values for axis in axes), indexing="ij")
         found: dict[str, Any] = {a.name: v.ravel() for a, v in zip(axes, values, strict=True)}
         found |= {"runs": cells.runs, "failed": cells.failed}
-        for name, part in cells.types.items():
-            found[f"fraction_{name}"] = share(part, cells.ok)
-            found[f"fraction_{name}_low"], found[f"fraction_{name}_high"] = wilson(part, cells.ok)
-        for name, moments in ((t_r, cells.t_r), ("ratio", cells.ratio)):
-            found |= {f"{name}_mean": moments.means(), f"{name}_std": moments.deviations(),
-                      f"{name}_sem": moments.errors()}  # fmt: skip
+        found |= {f"fraction_{kind}": share(n, cells.ok) for kind, n in cells.types.items()}
         found["fraction_bondi"] = share(cells.bondi, cells.steady)
-        found[f"{t_rgh}_mean"] = cells.t_rgh.means()
-        found |= {f"{self.layout.name(name)}_mean": mean for name, mean in more.items()}
+        for own, moments in ((name("t_r"), cells.t_r), ("ratio", cells.ratio)):
+            found |= {f"{own}_mean": moments.means(), f"{own}_std": moments.deviations(),
+                      f"{own}_sem": moments.errors()}  # fmt: skip
+        found |= {f"{name('t_rgh')}_mean": cells.t_rgh.means()}
+        found |= {f"{name(column)}_mean": mean for column, mean in more.items()}
         if cells.has_errors:
-            found |= {f"{t_r}_mean_error": cells.t_r_error.means(),
-                      "sensitive": cells.sensitive, "unsure": cells.unsure}  # fmt: skip
+            found |= {"sensitive": cells.sensitive, "unsure": cells.unsure}
         return pd.DataFrame(found)[cells.runs > 0].reset_index(drop=True)
 
     def read(self, *columns: str) -> Floats:
@@ -154,10 +147,8 @@ class Picture(ABC):
         places = [r + c for r, c in product(down, across)]
         handles = self._draw([*zip(grid.flat, places, strict=True)], log)
         for axes, (which, limits) in product(grid.flat, (("x", xlim), ("y", ylim))):
-            if limits is not None and getattr(axes, f"get_{which}scale")() == "log":
-                if limits[0] <= 0:
-                    raise ConfigError(f"--{which}lim: a logarithmic axis is positive; add --linear")
-                style.plain_ticks(axes, which, *limits)
+            if limits and limits[0] <= 0 and getattr(axes, f"get_{which}scale")() == "log":
+                raise ConfigError(f"--{which}lim: a logarithmic axis is positive; add --linear")
             getattr(axes, f"set_{which}lim")(limits)
         # A selection of one value is nowhere else in the picture.
         pinned = [a for a in layout.axes.values() if len(a.values) == 1 and -1 in a.rank]
@@ -206,36 +197,28 @@ class Fractions(Picture):
 
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
         x, cells = self.axes[0], self.counted[0]
-        marks = {name: mark for name, mark in TYPE_STYLE.items() if name in cells.types}
         bondi = self.grid(share(cells.bondi, cells.steady))
         known: dict[str, Any] = {}
         for axes, where in panels:
             here: Any = (slice(None), *where)
-            ok = self.grid(cells.ok)[here]
-            part = np.zeros_like(ok)
-            for name, mark in marks.items():
+            ok, part = self.grid(cells.ok)[here], np.zeros(len(x.values))
+            for name, mark in TYPE_STYLE.items():
+                if name not in cells.types:
+                    continue
                 below, part = share(part, ok), part + self.grid(cells.types[name])[here]
                 above = share(part, ok)
-                known[mark.label] = axes.stairs(
-                    above, x.edges, baseline=below, fill=True, label=mark.label,
-                    facecolor=mark.colour, hatch=mark.hatch, linewidth=0,
-                )  # fmt: skip
-                unsure = share(self.grid(cells.unsure_types[name])[here], ok)
-                if (unsure > 0).any():
-                    known[UNSURE["label"]] = axes.stairs(
-                        above, x.edges, baseline=above - unsure, fill=True, **UNSURE
-                    )
+                known[mark.label] = axes.stairs(above, x.edges, baseline=below, fill=True,
+                                                label=mark.label, facecolor=mark.colour,
+                                                hatch=mark.hatch, linewidth=0)  # fmt: skip
                 # Wilson's interval of the border above, itself a share of the runs.
                 low, high = wilson(part, ok)
                 real = (part > 0) & (part < ok)
-                axes.errorbar(
-                    x.values[real], above[real], [(above - low)[real], (high - above)[real]],
-                    fmt="none", ecolor="#000000", elinewidth=0.9, capsize=1.6, zorder=4,
-                )  # fmt: skip
+                bars = (above - low)[real], (high - above)[real]
+                axes.errorbar(x.values[real], above[real], bars, fmt="none", ecolor="#000000",
+                              elinewidth=0.9, capsize=1.6, zorder=4)  # fmt: skip
             if np.isfinite(bondi).any():
-                look: dict[str, Any] = {"ms": 4, "mec": "white", "mew": 0.5, "zorder": 5}
-                (known["Bondi"],) = axes.plot(x.values, 1 - bondi[here], "k^", label="Bondi",
-                                              clip_on=False, **look)  # fmt: skip
+                (known["Bondi"],) = axes.plot(x.values, 1 - bondi[here], "k^", label="Bondi", ms=4,
+                                              mec="white", zorder=5, clip_on=False)  # fmt: skip
             scale(axes, "x", x, log)
             if len(x.values) < FEW:
                 axes.set_xticks(x.values, [f"{value:.4g}" for value in x.values])
@@ -245,8 +228,7 @@ class Fractions(Picture):
         if "Bondi" in known:
             self.notes.append("Above a triangle: bodies whose steady spin is linearly stable "
                               "according to theory, |n_c1| < |n_i|.")  # fmt: skip
-        words = [*(mark.label for mark in marks.values()), UNSURE["label"], "Bondi"]
-        return [known[word] for word in words if word in known]
+        return [*known.values()]
 
 
 class Times(Picture):
@@ -273,11 +255,10 @@ class Times(Picture):
         count = len(curves[0].values) if curves else 1
         shown = np.linspace(0, count - 1, min(count, len(SERIES))).astype(int)
         looks = [(place, *look) for place, look in zip(shown, SERIES, strict=False)]
-        mean, spread, error, theory = (
+        mean, spread, theory = (
             np.expand_dims(self.grid(part), [] if curves else 1)
-            for part in (moments.means(), np.nan_to_num(moments.deviations()),
-                         np.nan_to_num(moments.errors()), cells.t_rgh.means())
-        )  # fmt: skip
+            for part in (moments.means(), np.nan_to_num(moments.deviations()), cells.t_rgh.means())
+        )
         # The two directions of spin are not joined.
         ends = [int(np.searchsorted(x.values, 0.0))] if x.name.startswith("n_i") else []
         pieces = np.split(np.arange(len(x.values)), ends)
@@ -288,13 +269,11 @@ class Times(Picture):
             low, high = middle - (np.minimum(half, 0.9 * middle) if log_y else half), middle + half
             for part in pieces:
                 at = x.values[part]
-                axes.plot(at, middle[part], color=colour, linewidth=1.1)
+                axes.plot(at, middle[part], color=colour, linewidth=1.1, ms=4,
+                          marker=marker if len(x.values) <= MOST_MARKERS else None)  # fmt: skip
                 axes.fill_between(at, low[part], high[part], color=colour, alpha=0.12, linewidth=0)
                 if not relative:
                     axes.plot(at, theory[here][part], **THEORY | {"color": colour, "zorder": 1.5})
-            if len(x.values) <= MOST_MARKERS:
-                axes.errorbar(x.values, middle, error[here], color=colour, elinewidth=1.2,
-                              fmt=marker, ms=4)  # fmt: skip
         for axes, _ in panels:
             scale(axes, "x", x, log)
             style.light_grid(axes)
@@ -312,7 +291,7 @@ class Times(Picture):
         if not relative:
             self.notes.append("Theory: the mean of Garcia and Hubbard's time over all runs.")
         if (moments.count > 1).any():
-            self.notes.append("Bands: standard deviation; bars: error of the mean.")
+            self.notes.append("Bands: standard deviation.")
         if len(shown) < count:
             self.notes.append(f"Shown are {len(shown)} of {count} values of {curves[0].name}.")
         handles = [
@@ -398,10 +377,11 @@ class Map(Picture):
                                        aspect=30 if len(panels) < 4 else 45)  # fmt: skip
         if wide:
             style.plain_ticks(bar.ax, "y", low, high)
-        entries = CELLS | {"none": (style.NO_REVERSAL, "no reversal")}
+        entries = CELLS | {
+            "none": (style.NO_REVERSAL, "no reversal" if self.parts == 2 else "no value")
+        }
         present = {name for name in CELLS if CODES[name] in code}
-        if ((code < len(TYPE_STYLE)) & np.isnan(value)).any():
-            present.add("none")
+        present |= {"none"} if ((code < len(TYPE_STYLE)) & np.isnan(value)).any() else set()
         if self.layout.where is not None:
             entries["missing"] = (style.MISSING, "not selected")
         if self.quantity is None:
@@ -415,7 +395,6 @@ class Map(Picture):
             unit, meaning = self.layout.column(self.quantity, "--quantity")
             bar.set_label(mean + label(self.quantity, unit))
             self.notes.append(f"{self.quantity}: {meaning}.")
-            entries["none"] = (style.NO_REVERSAL, "no value")
             present -= {*TYPE_STYLE}
         handles: list[Any] = [
             Patch(facecolor=colour, label=text, edgecolor=style.GREY, linewidth=0.5)
@@ -492,28 +471,23 @@ class Distribution(Picture):
 
 
 class Scatter(Picture):
-    """Times of the first reversal, run by run, in colours of an axis if it is short."""
+    """Times of the first reversal, run by run."""
 
     panel = (4.8, 3.2)
 
     def _arrange(self) -> Names:
-        self.column, layout = self.x or "t_rgh", self.layout
+        self.column = self.x or "t_rgh"
         if self.column == "t_r":
             raise ConfigError("--x t_r: it is the ordinate of a scatter; choose another column")
-        self.unit, _ = layout.column(self.column, "--x")
-        short = [n for n in layout.several if n in LAUNCH and layout.lengths[n] <= len(SERIES)]
-        return [name for name in short if name != self.x][:1], [], []
+        self.unit, _ = self.layout.column(self.column, "--x")
+        return [], [], []
 
     @cached_property
     def points(self) -> pd.DataFrame:
-        """Column, ``t_r`` and value along the axis of the runs that have both."""
-        layout = self.layout
-        cell, x, t_r = self.read(self.column, "t_r")
-        points = pd.DataFrame({layout.name(self.column): x, layout.name("t_r"): t_r})
-        places = np.unravel_index(cell.astype(int), [*layout.lengths.values()] or [1])
-        for axis, place in zip(layout.axes.values(), places, strict=False):
-            if axis.name in [own.name for own in self.axes]:
-                points[axis.name] = axis.values[place]
+        """Column and ``t_r`` of the runs that have both."""
+        _, *found = self.read(self.column, "t_r")
+        names = [self.layout.name(name) for name in (self.column, "t_r")]
+        points = pd.DataFrame(np.transpose(found), columns=names)
         return points[np.isfinite(points).all(axis=1)].reset_index(drop=True)
 
     def __len__(self) -> int:
@@ -525,26 +499,20 @@ class Scatter(Picture):
         return self.points
 
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
-        axes, handles = panels[0][0], []
-        x, t_r, *along = self.points.to_numpy().T
-        own = along[0] if along else np.zeros(len(x))
-        for value, (colour, marker) in zip(np.unique(own), SERIES, strict=False):
-            here = own == value
-            look: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "", "mew": 0}
-            axes.plot(x[here], t_r[here], ms=2.6, alpha=0.6, rasterized=True, **look)
-            handles += [style.entry(value_text(a.name, value), ms=5, **look) for a in self.axes]
+        axes, (x, t_r) = panels[0][0], self.points.to_numpy().T
+        axes.plot(x, t_r, "o", color=style.BLUE, ms=2.6, alpha=0.6, mew=0, rasterized=True)
         wide = bool(0 < WIDE * x.min() < x.max())
         style.scale_axis(axes, "x", x, wide if log is None else log, self.column)
         style.scale_axis(axes, "y", t_r, log is not False)
-        if self.column == "t_rgh":
-            # In small steps: where one axis alone is logarithmic, the line is curved.
-            theory = np.linspace(max(0, axes.get_xlim()[0]), axes.get_xlim()[1], 400)[1:]
-            axes.plot(theory, theory, **THEORY, scalex=False, scaley=len(x) == 1)
-            handles.append(style.entry("theory", **THEORY))
         axes.set(xlabel=label(self.column, self.unit), ylabel=label(self.layout.name("t_r")))
         style.light_grid(axes)
         self.notes.append(f"Times of the first reversal of {len(x):,} runs that reverse.")
-        return handles
+        if self.column != "t_rgh":
+            return []
+        # In small steps: where one axis alone is logarithmic, the line is curved.
+        theory = np.linspace(max(0, axes.get_xlim()[0]), axes.get_xlim()[1], 400)[1:]
+        axes.plot(theory, theory, **THEORY, scalex=False, scaley=len(x) == 1)
+        return [style.entry("theory", **THEORY)]
 
 
 KINDS: dict[str, type[Picture]] = {
@@ -570,8 +538,6 @@ def choose_picture(
     kind = kind or suited
     if x is not None and kind != "scatter":
         layout.named(x, f"--x {x}")
-    if kind not in KINDS:
-        raise ConfigError(f"--kind: {not_one_of(kind, fitting)}")
     if kind not in fitting:
         raise ConfigError(f"--kind {kind}: does not fit this sweep; {', '.join(fitting)} fit")
     if quantity is not None and kind not in ("map", "distribution"):
@@ -587,12 +553,10 @@ def choose_picture(
 def fitting_kinds(layout: Layout) -> list[str]:
     """Return the kinds for which enough varies, and is recorded."""
     line, plane = bool(layout.axes), len(layout.several) >= 2
-    fits = {
-        "fractions": line and not layout.bodies and layout.stored.samples > 1,
-        "times": line, "ratio": line, "map": plane,
-        "reversals": plane and "reversals" in layout.stored.config.record,
-    }  # fmt: skip
-    return [name for name in KINDS if fits.get(name, True)]
+    population = line and not layout.bodies and layout.stored.samples > 1
+    turns = plane and "reversals" in layout.stored.config.record
+    fits = population, line, line, plane, turns, True, True
+    return [name for name, fit in zip(KINDS, fits, strict=True) if fit]
 
 
 def default_kind(layout: Layout) -> str:

@@ -23,8 +23,7 @@ from rattlesweep.sweeps.summary import absent_columns, count_cases, summary_tabl
 
 # Larger vector pictures are shown as PNG, or a page of seven would pass 5 MB.
 DPI, MOST_SVG = 120, 400_000
-# Cases shown at once, and at all: each takes some 400 bytes.
-OPEN_CASES, MOST_CASES, MOST_SESSIONS = 40, 2000, 200
+MOST_SESSIONS = 200
 
 
 def render(template: str, **values: Any) -> bytes:
@@ -66,9 +65,8 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     absent = {"K_p", "K_r"}.difference(layout.axes) | absent_columns(table)
     absent |= set() if counts.has_errors else {"t_r_mean_error"}
     table = table.drop_columns([*absent & {*table.column_names}, "near_tangencies"])
-    seconds, kernel = (
-        sum(s.get(name) or 0.0 for s in sessions) for name in ("seconds", "kernel_seconds")
-    )
+    seconds, kernel = (sum(s.get(name) or 0.0 for s in sessions)
+                       for name in ("seconds", "kernel_seconds"))  # fmt: skip
     first = default_kind(layout)
     curves = ("times", "ratio") if first not in ("map", "reversals") and layout.several else ()
     return render(
@@ -86,8 +84,6 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
             [None if x is None else f"{x:,}" if isinstance(x, int) else f"{x:.5g}" for x in row]
             for row in zip(*table.to_pydict().values(), strict=True)
         ],
-        open_cases=OPEN_CASES,
-        most_cases=MOST_CASES,
         failures=[
             (word, f"{len(own):,}", f"{100 * len(own) / runs:.2g} %",
              f"case {own['case'].iloc[0]}, sample {own['sample'].iloc[0]}")

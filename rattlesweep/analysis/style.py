@@ -14,11 +14,8 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cbook import is_math_text
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
-from matplotlib.mathtext import MathTextParser
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from rattlesweep.arrays import Floats, Places
@@ -108,18 +105,10 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def add_legend(figure: Figure, handles: list[Any], heading: Sequence[str] = ()) -> None:
-    """Put heading lines and a legend above all panels, in as many columns as fit."""
-    # Half the size of the type is the width of a letter; formulas are not broken.
-    size = FontProperties(size=mpl.rcParams["legend.fontsize"]).get_size_in_points()
-    letters = int(1.8 * 72 * figure.get_figwidth() / size)
-    title = "\n".join(t if "$" in t else textwrap.fill(t, letters) for t in heading)
-    if not handles:
-        figure.suptitle(title, fontsize="medium")
-        return
-    longest = max(len(handle.get_label()) for handle in handles)
-    columns = np.clip(letters // (longest + 10), 1, min(len(handles), 6))
-    legend = figure.legend(handles=handles, loc="outside upper center", ncols=int(columns),
-                           title=title or None, columnspacing=1.4)  # fmt: skip
+    """Put heading lines and a legend above all panels."""
+    wide = figure.get_figwidth() >= 8
+    legend = figure.legend(handles=handles, loc="outside upper center", ncols=6 if wide else 3,
+                           title="\n".join(heading) or None, columnspacing=1.4)  # fmt: skip
     legend.get_title().set_multialignment("center")
 
 
@@ -199,7 +188,10 @@ def curve(axis: Any, t: Floats, values: Floats, colour: str = BLUE, **look: Any)
 def encode(figure: Figure, kind: str, dpi: float) -> bytes:
     """Return the bytes of a figure as one of `FORMATS`; equal figures give equal bytes."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format=kind, dpi=dpi, metadata=FORMATS[kind])
+    try:
+        figure.savefig(buffer, format=kind, dpi=dpi, metadata=FORMATS[kind])
+    except ValueError as error:  # a title may be no formula
+        raise ConfigError(one_line(str(error), 300)) from None
     return buffer.getvalue()
 
 
@@ -221,20 +213,6 @@ def text_table(rows: Sequence[Mapping[str, Any]], form: str = ".6g") -> str:
     return frame.where(frame.notna(), "-").to_string(
         index=False, float_format=lambda x: f"{x:{form}}"
     )
-
-
-def check_formula(text: str) -> str:
-    """Return a text that a picture can show; raise a ValueError if it cannot."""
-    try:
-        if is_math_text(text):
-            MathTextParser("path").parse(text)
-    except (ValueError, RuntimeError):
-        raise ValueError(
-            "between dollar signs is no formula; write \\$ for a dollar sign"
-        ) from None
-    if not text.isprintable():
-        raise ValueError("a control character is in it; leave it out")
-    return text
 
 
 def symbol(name: str) -> str:

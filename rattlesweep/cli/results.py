@@ -47,8 +47,7 @@ from rattlesweep.text import counted
 @option("--dpi", type=click.FloatRange(20, 600), default=150.0, help="Dots per inch of a PNG.")
 @option("--style", metavar="FILE", type=click.Path(path_type=Path),
         help="A Matplotlib style file (.mplstyle).")  # fmt: skip
-@option("--title", type=options.Kind("text", "rattlesweep.analysis.style:check_formula"),
-        help="Title of the picture, perhaps with a formula, as in '$n_i$'.")  # fmt: skip
+@option("--title", help="Title of the picture, perhaps with a formula, as in '$n_i$'.")
 @options.file("--output", *options.PICTURES, multiple=True, help="An .svg, .png or .pdf file; may "
               "be repeated. By default DIRECTORY/KIND.svg and .png.")  # fmt: skip
 @options.data
@@ -232,8 +231,8 @@ def tradeoff(
     start = time.monotonic()
     study = measure(
         loaded, None if config is None else config.resolve().parent, samples=samples,
-        scope=QUICK if quick else FULL, threads=threads or available_threads(),
-        report=Bar.of_command().stage,
+        settings=QUICK if quick else FULL, least=300 if quick else 2000,
+        threads=threads or available_threads(), report=Bar.of_command().stage,
     )  # fmt: skip
     files = save(study, directory)
     click.echo(to_json(as_data(study)) if as_json else as_text(study))
