@@ -226,7 +226,7 @@ class Layout:
         spins = self.stored.read(["n_i", "n_i_rpm"]).to_pandas().query("n_i != 0")
         factor, axes = (spins["n_i_rpm"] / spins["n_i"]).to_numpy(), dict(self.axes)
         if (n_i := axes.get("n_i")) and len(factor) and np.ptp(factor) < NEAR * factor[0]:
-            axes["n_i"] = replace(n_i, name="n_i_rpm", values=n_i.values * factor[0])
+            axes["n_i"] = replace(n_i, name="n_i_rpm", values=np.round(n_i.values * factor[0], 9))
         return replace(self, axes=axes, si=True)
 
 
@@ -304,13 +304,13 @@ def make_dataset(
     wanted = pa.schema([schema.field(name) for name in ("case", "sample", *names)])
     batches = [pa.table(rows.select(wanted.names)) for rows in layout.rows(wanted.names)]
     table = pa.concat_tables([wanted.remove_metadata().empty_table(), *batches])
-    axes = {name: axis.values for name, axis in layout.axes.items()}
+    axes: dict[str, Any] = {name: axis.values for name, axis in layout.axes.items()}
     place = layout.cells(table)
     shown = place >= 0
     if not layout.bodies:
         axes["sample"] = np.arange(layout.stored.samples)
         place = place * layout.stored.samples + table["sample"].to_numpy()
-    index = pd.MultiIndex.from_product(axes.values(), names=axes)
+    index = pd.MultiIndex.from_product([*axes.values()], names=[*axes])
     frame = table.select(names).to_pandas()[shown].set_index(index[place[shown]]).reindex(index)
     # Of a target, the axis is what was asked for, and the column what each body has.
     dataset = frame.rename(columns={name: f"{name}_body" for name in axes}).to_xarray()

@@ -78,7 +78,6 @@ class Picture(ABC):
         return self.layout.count(self.more)
 
     def __len__(self) -> int:
-        """Return the number of runs that are shown."""
         return int(self.counted[0].runs.sum())
 
     def grid(self, flat: NDArray[Any]) -> NDArray[Any]:
@@ -217,8 +216,9 @@ class Fractions(Picture):
                 axes.errorbar(x.values[real], above[real], bars, fmt="none", ecolor="#000000",
                               elinewidth=0.9, capsize=1.6, zorder=4)  # fmt: skip
             if np.isfinite(bondi).any():
-                (known["Bondi"],) = axes.plot(x.values, 1 - bondi[here], "k^", label="Bondi", ms=4,
-                                              mec="white", zorder=5, clip_on=False)  # fmt: skip
+                look: dict[str, Any] = {"ms": 4, "mec": "white", "mew": 0.5, "zorder": 5}
+                (known["Bondi"],) = axes.plot(x.values, 1 - bondi[here], "k^", label="Bondi",
+                                              clip_on=False, **look)  # fmt: skip
             scale(axes, "x", x, log)
             if len(x.values) < FEW:
                 axes.set_xticks(x.values, [f"{value:.4g}" for value in x.values])
@@ -417,13 +417,12 @@ class Distribution(Picture):
     @cached_property
     def values(self) -> Floats:
         """The quantity of all runs with status ok, NaN where they have none."""
-        if self.quantity is not None:
-            return self.read(self.quantity)[1]
-        _, t_r, t_rgh = self.read("t_r", "t_rgh")
-        return np.divide(t_r, t_rgh, np.full(len(t_r), np.nan), where=t_rgh > 0)
+        names = ("t_r", "t_rgh") if self.quantity is None else (self.quantity,)
+        _, values, *t_rgh = self.read(*names)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return values / t_rgh[0] if t_rgh else values
 
     def __len__(self) -> int:
-        """Return the number of runs, with a value or without."""
         return len(self.values)
 
     @cached_property
@@ -491,7 +490,6 @@ class Scatter(Picture):
         return points[np.isfinite(points).all(axis=1)].reset_index(drop=True)
 
     def __len__(self) -> int:
-        """Return the number of points."""
         return len(self.points)
 
     def table(self) -> pd.DataFrame:

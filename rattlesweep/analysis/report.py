@@ -32,7 +32,7 @@ def render(template: str, **values: Any) -> bytes:
         loader=PackageLoader("rattlesweep.analysis", "templates"), autoescape=True,
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    environment.filters |= {"thousands": "{:,}".format}
+    environment.filters |= {"thousands": "{:,}".format, "shell": shlex.join}
     return environment.get_template(template).render(values).encode()
 
 
@@ -57,27 +57,22 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     """Return the page of a sweep, whole or still running: HTML that needs nothing else."""
     layout = read_layout(directory)
     stored, state, sessions = layout.stored, status(directory), read_sessions(directory)
-    manifest, config = stored.manifest, stored.config
-    runs, wanted, size = (state.data[name] for name in ("runs", "wanted", "bytes"))
     rows = stored.read(["case", "sample", "status", "n_steps"]).to_pandas()
     counts = count_cases(stored)
     table = summary_table(stored.cases, counts)
     absent = {"K_p", "K_r"}.difference(layout.axes) | absent_columns(table)
     absent |= set() if counts.has_errors else {"t_r_mean_error"}
     table = table.drop_columns([*absent & {*table.column_names}, "near_tangencies"])
-    seconds, kernel = (sum(s.get(name) or 0.0 for s in sessions)
-                       for name in ("seconds", "kernel_seconds"))  # fmt: skip
     first = default_kind(layout)
     curves = ("times", "ratio") if first not in ("map", "reversals") and layout.several else ()
     return render(
         "sweep.html.j2",
-        title=title or manifest["name"],
-        complete=state.done,
-        state="complete" if state.done else f"not complete: {runs:,} of {wanted:,} runs are done",
-        runs=runs,
-        ok=state.data["status"].get("ok", 0),
+        title=title or stored.manifest["name"],
+        stored=stored,
+        done=state.done,
+        state=state.data,
         counts=counts,
-        horizon=config.horizon,
+        steps=rows["n_steps"].sum(),
         pictures=[_shown(layout, kind) for kind in dict.fromkeys((first, *curves, "distribution"))],
         case_head=table.column_names,
         cases=[
@@ -85,28 +80,16 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
             for row in zip(*table.to_pydict().values(), strict=True)
         ],
         failures=[
-            (word, f"{len(own):,}", f"{100 * len(own) / runs:.2g} %",
+            (word, f"{len(own):,}", f"{100 * len(own) / len(rows):.2g} %",
              f"case {own['case'].iloc[0]}, sample {own['sample'].iloc[0]}")
             for word, own in rows[rows["status"] != "ok"].groupby("status")
         ],
         thresholds=[
             (key, f"{value:g}", f"{stored.thresholds.thresholds[key]:g}")
-            for key, value in config.classify.thresholds.items()
+            for key, value in stored.config.classify.thresholds.items()
         ],
-        cost=[
-            ("time of all sessions", f"{seconds:,.1f} s"),
-            ("of it, integration", f"{kernel:,.1f} s"),
-            ("accepted steps", f"{rows['n_steps'].sum():,}"),
-            ("size of the runs", f"{size / 1e6:,.1f} MB, {size / max(runs, 1):.0f} bytes a run"),
-        ],
-        config=config_yaml(resolved(config)),
-        provenance=[
-            ("started", manifest.get("started")),
-            ("command", shlex.join(manifest.get("command", []))),
-            *((part, ", ".join(f"{key} {value}" for key, value in manifest[part].items()))
-              for part in ("machine", "versions")),
-            ("hash of the config", stored.hash),
-        ],
+        config=config_yaml(resolved(stored.config)),
+        seconds=sum(s.get("seconds") or 0.0 for s in sessions),
         sessions=[
             [str(s.get("started"))[:19],
              *map(s.get, ("how", "shard", "host", "threads", "runs", "seconds"))]

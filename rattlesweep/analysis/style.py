@@ -107,7 +107,7 @@ def new_figure(width: float, height: float) -> Figure:
 def add_legend(figure: Figure, handles: list[Any], heading: Sequence[str] = ()) -> None:
     """Put heading lines and a legend above all panels."""
     wide = figure.get_figwidth() >= 8
-    legend = figure.legend(handles=handles, loc="outside upper center", ncols=6 if wide else 3,
+    legend = figure.legend(handles=handles, loc="outside upper center", ncols=6 if wide else 4,
                            title="\n".join(heading) or None, columnspacing=1.4)  # fmt: skip
     legend.get_title().set_multialignment("center")
 
@@ -207,7 +207,7 @@ def save_table(rows: pd.DataFrame, path: Path) -> None:
     replace_file(path, rows.to_csv(index=False).encode() if csv else rows.to_parquet(index=False))
 
 
-def text_table(rows: Sequence[Mapping[str, Any]], form: str = ".6g") -> str:
+def text_table(rows: Sequence[Mapping[Any, Any]], form: str = ".6g") -> str:
     """Lay rows out for a terminal under their keys, without keys that none has."""
     frame = pd.DataFrame(rows).dropna(axis=1, how="all").astype(object)
     return frame.where(frame.notna(), "-").to_string(
