@@ -54,16 +54,16 @@ class Page(HTMLParser):
     def __init__(self, data: bytes) -> None:
         super().__init__()
         self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.words: dict[str, list[str]] = {"title": [], "style": [], "": []}
+        self.words: dict[str, str] = {"title": "", "style": "", "": ""}
         self.feed(data.decode())
-        self.title, self.text = (" ".join(" ".join(self.words[k]).split()) for k in ("title", ""))
+        self.title, self.text = (" ".join(self.words[k].split()) for k in ("title", ""))
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append((tag, dict(attrs)))
 
     def handle_data(self, data: str) -> None:
         last = self.tags[-1][0] if self.tags else ""
-        self.words[last if last in self.words else ""].append(data)
+        self.words[last if last in self.words else ""] += data + " "
 
 
 def test_all_of_a_sweep_is_there(sweeps, pages):

@@ -14,11 +14,8 @@ import pytest
 import sweeping
 from sweeping import content_hash, prepared, proved
 
-from rattlesweep.analysis.layout import read_layout
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import Replay
-from rattlesweep.analysis.plots import UNSURE, choose_picture
-from rattlesweep.analysis.style import styled
 from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
 from rattlesweep.integrate.model import FULL, MODELS
 from rattlesweep.integrate.status import Status
@@ -341,19 +338,6 @@ def test_counts_in_summary_and_closing_table(marked):
     means = reversing.groupby("case")["t_r_error"].mean()
     found = summary["t_r_mean_error"].drop_null().to_numpy()
     assert found == pytest.approx(means.to_numpy(), rel=1e-12)
-
-
-def test_types_that_are_not_sure_are_hatched(marked):
-    with styled():
-        figure = choose_picture(read_layout(marked), "fractions").figure()
-    hatched = [p.get_data() for axes in figure.axes for p in axes.patches
-               if p.get_hatch() == UNSURE["hatch"]]  # fmt: skip
-    pale = [high for p in hatched for high in p.values - p.baseline if high > 0]
-    rows = rows_of(marked).to_pandas().query("status == 'ok'")
-    unsure = rows[rows["type_sure"] == False].groupby(["case", "type"]).size()  # noqa: E712
-    shares = unsure / rows.groupby("case").size()
-    assert sorted(pale) == pytest.approx(sorted(shares.dropna()))
-    assert len(pale) > 0
 
 
 def test_replay_takes_the_tolerance_of_the_run(kept):
