@@ -23,10 +23,10 @@ from pathlib import Path
 import click
 import numpy as np
 
+from rattlesweep.integrate import batch as batches
 from rattlesweep.integrate import compile
 from rattlesweep.integrate.batch import RECORDS, Batch, integrate
 from rattlesweep.integrate.follow import Follower
-from rattlesweep.integrate.lanes import build
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.config.read import load_config
@@ -89,11 +89,11 @@ def in_threads(call):
 
 def without_driver(call):
     """What a call gives where threads cannot be had."""
-    kept, build._forked = build._forked, True
+    kept, batches._forked = batches._forked, True
     try:
         return call()
     finally:
-        build._forked = kept
+        batches._forked = kept
 
 
 def followed(batch, method, model):

@@ -20,10 +20,9 @@ from peer_work import processor
 
 from rattlesweep.arrays import take
 from rattlesweep.integrate.batch import Outcome, integrate
-from rattlesweep.integrate.defaults import TOL
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.status import Status
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.tableau import METHODS, TOL
 from rattlesweep.sweeps.block import prepare_runs
 from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.plan import make_plan

@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 from rattlesweep.sweeps.config.read import load_config
-from rattlesweep.sweeps.pilot import forecast
+from rattlesweep.sweeps.cost import forecast
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.run import run_sweep
 
@@ -55,7 +55,7 @@ def main() -> None:
             print(
                 f"{trial:3d}  {took:6.2f} s, forecast {f.seconds:6.2f} ({f.low:.2f} to "
                 f"{f.high:.2f}) {'holds' if holds else 'MISSES'}  {f.runs} runs, "
-                f"{100 * f.unseen:.0f} % of the pilot cut, load {os.getloadavg()[0]:.1f}  {name}",
+                f"load {os.getloadavg()[0]:.1f}  {name}",
                 flush=True,
             )
     print(f"{held} of {options.trials} intervals hold")

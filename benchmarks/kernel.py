@@ -29,15 +29,12 @@ import numpy as np
 import peer_work
 from numba import float64, njit, prange, set_num_threads, typeof
 
-from rattlesweep.integrate.batch import Batch, integrate
-from rattlesweep.integrate.lanes.build import problem_of
-from rattlesweep.integrate.lanes.intrinsics import widest_vectors
-from rattlesweep.integrate.lanes.lane import LANES, Layout
+from rattlesweep.integrate.batch import Batch, integrate, problem_of
+from rattlesweep.integrate.lanes.lane import LANES, Layout, widest_vectors
 from rattlesweep.integrate.lanes.step import OPTIONS, write_attempt
 from rattlesweep.integrate.model import FULL
-from rattlesweep.integrate.processor import vector_bits
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.physics import full, launch, steady, theory
+from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 
 DT, TOL = 0.002, 1e-9
@@ -94,7 +91,7 @@ def batch(t_end):
     modes = theory.modes(*(BODY[name] for name in ("alpha", "beta", "theta", "phi", "xi")))
     found = steady.steady_modes(constants, n_i)
     return Batch(
-        y0=launch.full_state(n_i, OMEGA, launch.direction(modes, n_i, "relevant")),
+        y0=theory.full_state(n_i, OMEGA, theory.direction(modes, n_i, "relevant")),
         constants=constants.T.copy(),
         probe=np.concatenate([found.roll_probe.real, found.roll_probe.imag], axis=1),
         t_end=t_end,
@@ -182,7 +179,7 @@ def processor():
 
 def heading():
     """Machine and versions."""
-    click.echo(f"{processor()}, {os.cpu_count()} processors, vectors of {vector_bits()} bits")
+    click.echo(f"{processor()}, {os.cpu_count()} processors")
     click.echo(
         f"Python {platform.python_version()}, NumPy {np.__version__}, Numba {numba.__version__}, "
         f"llvmlite {llvmlite.__version__}, {platform.system()} {platform.release()}"

@@ -26,17 +26,15 @@ import numpy as np
 from numba import njit
 
 from rattlesweep.arrays import take
-from rattlesweep.integrate.batch import Batch
-from rattlesweep.integrate.lanes.build import problem_of
+from rattlesweep.integrate.batch import Batch, problem_of
 from rattlesweep.integrate.lanes.lane import LANES, Layout
 from rattlesweep.integrate.lanes.step import OPTIONS, write_attempt
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.steady import steady_modes
-from rattlesweep.sweeps.arrow import build_table, write_parquet
 from rattlesweep.sweeps.block import columns_of, run_batch
-from rattlesweep.sweeps.columns import runs_schema
+from rattlesweep.sweeps.columns import build_table, runs_schema, write_parquet
 from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.config.schema import Config, Integrator
 from rattlesweep.sweeps.launches import Launches, full_batch, prepare, reduced_batch

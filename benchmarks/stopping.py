@@ -19,9 +19,10 @@ import pyarrow as pa
 from rattlesweep.arrays import Integers
 from rattlesweep.sweeps.block import compute, prepare_runs
 from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.counts import Z95, Counts, wilson
 from rattlesweep.sweeps.decide import Stopping
 from rattlesweep.sweeps.plan import Plan, make_plan
+from rattlesweep.sweeps.summary import Counts
+from rattlesweep.sweeps.types import Z95, wilson
 
 CONFIG: dict[str, Any] = {
     "bodies": {"source": "sd", "samples": 50_000},
@@ -43,8 +44,9 @@ def run(plan: Plan, case: Integers, sample: Integers, counts: Counts) -> pa.Tabl
 def stopped(config: dict[str, Any]) -> Counts:
     """Return what a sweep that stops comes to, by case."""
     plan = make_plan(parse_config(config))
-    decide, counts = Stopping(plan.config.stop, plan.shape), Counts(len(plan.cases))
-    done = np.zeros(plan.shape, dtype=bool)
+    shape = len(plan.cases), plan.samples
+    decide, counts = Stopping(plan.config.stop, shape), Counts(len(plan.cases))
+    done = np.zeros(shape, dtype=bool)
     while (todo := decide.wanted() & ~done).any():
         decide.add(run(plan, *np.nonzero(todo), counts))
         done |= todo

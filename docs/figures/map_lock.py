@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from rattlesweep.api import load
-from rattlesweep.physics import full, launch, steady, theory
+from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 
 GH = {name: getattr(Rattleback.gh(), name) for name in PARAMETERS}
@@ -47,7 +47,7 @@ def modes(body):
 def run(n_i, omega_xy0, t_end, **changes):
     """Path of a body like GH."""
     body = GH | changes
-    state = launch.full_state(n_i, omega_xy0, launch.direction(modes(body), n_i, "relevant"))
+    state = theory.full_state(n_i, omega_xy0, theory.direction(modes(body), n_i, "relevant"))
     return path(state.ravel(), np.asarray(full.constants(**body), float).ravel(), t_end)
 
 
@@ -133,7 +133,7 @@ def random_bodies(runs) -> None:
         over, linear = [], []
         for _, row in some.iloc[rng.choice(len(some), 50, False)].iterrows():
             body = {name: row[name] for name in PARAMETERS}
-            state = launch.full_state(n_i, 0.01, row["psi"]).ravel()
+            state = theory.full_state(n_i, 0.01, row["psi"]).ravel()
             seen = path(state, np.asarray(full.constants(**body), float).ravel(),
                         min(row["t_end"], 30000.0))  # fmt: skip
             strong = lines(seen[int(0.8 * len(seen)) :, 1])

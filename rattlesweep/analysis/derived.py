@@ -11,7 +11,7 @@ import numpy as np
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
-from rattlesweep.physics.launch import direction, garcia_hubbard
+from rattlesweep.physics.theory import direction, garcia_hubbard
 
 RATE, TIME = "sqrt(g/a)", "sqrt(a/g)"
 

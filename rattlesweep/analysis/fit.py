@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import os
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -16,8 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rattlesweep.analysis.onerun.course import Course
-from rattlesweep.analysis.onerun.rows import Rows
+from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.arrays import Flags, Floats
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.integrate.status import Status
@@ -25,7 +25,8 @@ from rattlesweep.physics.body import PARAMETERS as BODY
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import modes
-from rattlesweep.sweeps.single import Launch
+from rattlesweep.sweeps.config import not_one_of
+from rattlesweep.sweeps.launches import Launch
 from rattlesweep.units import quantity
 
 if TYPE_CHECKING:
@@ -154,15 +155,15 @@ def _column(name: str, units: Units | None) -> tuple[str, str, float] | None:
     if match is None or (units is None and match[1] != "angle"):
         return None
     kind, unit = KINDS.get(match[1], "time"), match[2].replace("_", "/")
-    second = 1.0 if units is None else units.time
     try:
-        return (
-            match[1],
-            unit,
-            quantity(f"1 {unit}", kind) * second ** {"angle": 0, "spin": 1}.get(kind, -1),
-        )
+        size = quantity(f"1 {unit}", kind)
     except ValueError:
         return None
+    if units is not None and kind == "time":
+        size *= units.time**-1
+    if units is not None and kind == "spin":
+        size *= units.time
+    return match[1], unit, size
 
 
 def unwrapped(t: Floats, angle: Floats) -> Floats:
@@ -188,11 +189,10 @@ class Fit:
 
     Attributes
     ----------
-    values : dict
-        Best value of each free parameter, in the units of the body: spins in ``sqrt(g/a)``, `sigma`
-        in ``M a^2 sqrt(g/a)``, `rolling` in ``a``, angles in radians but `psi_deg`.
-    intervals : dict
-        Lower and upper end of each one's 95 % interval.
+    values, intervals : dict
+        Best value of each free parameter, and both ends of its 95 % interval, in the units of the
+        body: spins in ``sqrt(g/a)``, `sigma` in ``M a^2 sqrt(g/a)``, `rolling` in ``a``, angles in
+        radians but `psi_deg`.
     body : Rattleback
         The body with the values that are its own.
     launch : dict
@@ -215,11 +215,11 @@ class Fit:
     remarks: list[str]
     _data: Data = field(repr=False)
     _expected: Floats = field(repr=False)
-    _spin: tuple[Floats, Floats] = field(repr=False)  # times, and spins of the fit then
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Draw data, fit and residuals, and write the figure to a file if `path` is given."""
         from rattlesweep.analysis import style
+        from rattlesweep.analysis.onerun.figure import shown
 
         data = self._data
         (t_unit, t_size), (unit, size) = data.units
@@ -231,7 +231,9 @@ class Fit:
             top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
             t = data.t / t_size
             if data.kind == "reversal":
-                top.plot(self._spin[0] / t_size, self._spin[1], **curve)
+                times = np.linspace(0, t[-1] * t_size, 2000)
+                run = Launch(self.body, t_end=times[-1], **self.launch)
+                top.plot(times / t_size, _follow(run, "n", times)[0], **curve)
                 top.plot(t, 0 * t, label="measured", **dots)
                 top.set_ylabel(style.label("spin $n$", "sqrt(g/a)"))
             else:
@@ -246,17 +248,13 @@ class Fit:
             for axes in (top, bottom):
                 style.light_grid(axes)
             figure.align_ylabels([top, bottom])
-            if path is not None:
-                style.save(figure, [Path(path)], 150.0)
-        # Figures made without pyplot need `_repr_png_` to show in a notebook.
-        setattr(figure, "_repr_png_", lambda: style.encode(figure, "png", 110.0))  # noqa: B010
-        return figure
+            return shown(figure, path)
 
 
 def _follow(launch: Launch, kind: str, times: Floats) -> tuple[Floats, list[float]]:
     """Return what would be measured of a run at some times, and the times of its reversals."""
     names = ["yaw", "u_x", "u_y", "u_z"] if kind in ("angle", "spin") else ["n"]
-    course = Course(launch, channels=names, rows=Rows(times=times))
+    course = Course(PreparedRun.of(launch), names, times=times)
     columns = course.columns()
     found = columns[names[0]]
     if course.status != Status.OK or not len(found):
@@ -330,9 +328,8 @@ class Problem:
 
     def limits(self) -> tuple[Floats, Floats]:
         """Return the lowest and the highest ``x``."""
-        own = {name: PARAMETERS[name] for name in self.scales}
-        return (self.scaled({name: known.low for name, known in own.items()}),
-                self.scaled({name: known.high for name, known in own.items()}))  # fmt: skip
+        low = self.scaled({name: PARAMETERS[name].low for name in self.scales})
+        return low, self.scaled({name: PARAMETERS[name].high for name in self.scales})
 
     def slopes(self, x: Floats) -> Floats:
         """Return the Jacobian of the residuals, by differences."""
@@ -350,6 +347,22 @@ class Problem:
         return least_squares(self.residuals, np.clip(x, *self.limits()), self.slopes,
                              self.limits(), "dogbox", x_scale="jac", ftol=accuracy,
                              max_nfev=steps)  # fmt: skip
+
+
+def check_free(launch: Launch, free: Iterable[str]) -> list[str]:
+    """Return the names of free parameters; raise a ConfigError if they do not fit the run."""
+    names = list(dict.fromkeys([free] if isinstance(free, str) else free))
+    for name in names or [""]:
+        if name not in PARAMETERS:
+            raise ConfigError(f"free: {not_one_of(name, PARAMETERS)}")
+    if {"skew", "xi"} <= {*names}:
+        raise ConfigError("free: skew is -xi; keep one of them")
+    if "c" in names and launch.body.c is None:
+        raise ConfigError("free: c is of an ellipsoid, and the body is a paraboloid")
+    own = [name for name in ("n_i", "omega_xy0", "psi_deg") if name in names]
+    if own and launch.omega is not None:
+        raise ConfigError(f"free: a full state has no {' or '.join(own)}")
+    return names
 
 
 def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
@@ -378,7 +391,7 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
             if part.freedom > 10 * len(free):
                 x = part.search(x, 1e-3, 10).x
         found.append(problem.search(x, 1e-8, STEPS))
-        if series and _correlation(found[-1].fun, 1) < limit:
+        if series and _correlation(found[-1].fun) < limit:
             break
     best = min(found, key=lambda one: float(one.cost))
 
@@ -387,9 +400,18 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
     width = errors * noise * float(student.ppf((1 + CONFIDENCE) / 2, problem.freedom))
     low, high = (problem.values(np.clip(best.x + side * width, *problem.limits()))
                  for side in (-1, 1))  # fmt: skip
+    remarks = []
+    if alike and (width > 0.5 * np.abs(best.x))[[name in alike for name in free]].any():
+        remarks.append(f"the data cannot tell {' and '.join(alike)} apart: a change of one makes "
+                       "up for a change of the other; fix one of them")  # fmt: skip
+    if best.status == 0:
+        remarks.append(f"the search did not settle within {STEPS} steps; give a better launch")
+    if series and _correlation(best.fun) > limit:
+        remarks.append("neighbouring residuals are correlated: the model does not describe the "
+                       "data within their noise, or they were smoothed, and the intervals are too "
+                       "narrow")  # fmt: skip
     final = problem.launched(best.x)
     names = ("n_i", "omega_xy0", "psi", "omega", "u", "sigma", "rolling")
-    dense = np.linspace(0, final.t_end or 1.0, 2000)
     unit, size = data.units[1]
     return Fit(
         values=problem.values(best.x),
@@ -399,10 +421,9 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
         noise=noise / size,
         noise_unit=unit,
         rows=int(data.known.sum()),
-        remarks=_remarks(best, width, free, alike, limit if series else math.inf),
+        remarks=remarks,
         _data=data,
         _expected=problem.expected(best.x),
-        _spin=(dense, _follow(final, "n", dense)[0]),
     )
 
 
@@ -429,9 +450,9 @@ def _first_values(launch: Launch, data: Data, free: list[str]) -> dict[str, list
     return {name: [value] if value else guesses[name] for name, value in given.items()}
 
 
-def _correlation(residual: Floats, distance: int) -> float:
-    """Return the correlation of residuals with those some rows later."""
-    return float((residual[distance:] * residual[:-distance]).sum() / (residual**2).sum())
+def _correlation(residual: Floats) -> float:
+    """Return the correlation of neighbouring residuals."""
+    return float((residual[1:] * residual[:-1]).sum() / (residual**2).sum())
 
 
 def _resolution(jacobian: Floats, names: list[str]) -> tuple[Floats, list[str]]:
@@ -443,24 +464,3 @@ def _resolution(jacobian: Floats, names: list[str]) -> tuple[Floats, list[str]]:
         errors = np.linalg.norm(directions.T / np.maximum(singular, 1e-12), axis=1) / sizes
     alike = [name for name, part in zip(names, directions[-1], strict=True) if abs(part) > 0.3]
     return errors, alike if singular[-1] < ALIKE else []
-
-
-def _remarks(
-    best: Any, width: Floats, free: list[str], alike: list[str], limit: float
-) -> list[str]:
-    """Return sentences on what the data cannot tell, and on residuals that are no noise."""
-    remarks = []
-    if alike and (width > 0.5 * np.abs(best.x))[[name in alike for name in free]].any():
-        remarks.append(f"the data cannot tell {' and '.join(alike)} apart: a change of one makes "
-                       "up for a change of the other; fix one of them")  # fmt: skip
-    if best.status == 0:
-        remarks.append(f"the search did not settle within {STEPS} steps; give a better launch")
-    near, next_but_one = (_correlation(best.fun, distance) for distance in (1, 2))
-    if near > limit:
-        remarks.append(f"neighbouring residuals have a correlation of {near:.2f}: the model does "
-                       "not describe the data within their noise, or they were smoothed, and the "
-                       "intervals are too narrow")  # fmt: skip
-    if min(near, next_but_one) < -2 * limit:
-        remarks.append("the noise changes its sign from row to row, as in differences of angles; "
-                       "give the angles, and the intervals become narrower")  # fmt: skip
-    return remarks

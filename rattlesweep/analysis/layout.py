@@ -17,20 +17,20 @@ from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError, one_line
-from rattlesweep.sweeps.cases import TARGETS
-from rattlesweep.sweeps.columns import RUNS, TIME
-from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.columns import RUNS, TIME, floats
+from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.config.schema import PARAMETERS, GridSource
-from rattlesweep.sweeps.counts import Counts, Moments, columns_for, floats
 from rattlesweep.sweeps.decide import FEWEST, nearest
 from rattlesweep.sweeps.provenance import package_version
 from rattlesweep.sweeps.stored import Stored, open_stored
+from rattlesweep.sweeps.summary import Counts, Moments, columns_for
 
 if TYPE_CHECKING:
     import xarray
 
 # A value that is asked for in decimal means the nearest one there is.
 NEAR = 1e-6
+TARGETS = ("K_p", "K_r")
 LAUNCH = ("n_i", "omega_xy0", "sigma", "rolling")
 # Methods of a column that a condition may call; others might write files.
 METHODS = ("isna", "notna", "isin", "between")
@@ -252,7 +252,7 @@ def read_layout(directory: Path) -> Layout:
     if cases[0].target_name is not None:
         given[cases[0].target_name] = [case.target for case in cases]
     launch = ["n_i", "omega_xy0"] if config.spin is not None else []
-    losses = (n for n in ("sigma", "rolling") if isinstance(getattr(config.dissipation, n), list))
+    losses = (n for n in ("sigma", "rolling") if len(config.dissipation.values(n)) > 1)
     given |= {name: [getattr(case, name) for case in cases] for name in (*launch, *losses)}
     given = {name: values for name, values in given.items() if values[0] is not None}
     grid = config.bodies.varying if isinstance(config.bodies, GridSource) else {}
@@ -313,7 +313,9 @@ def make_dataset(
     index = pd.MultiIndex.from_product([*axes.values()], names=[*axes])
     frame = table.select(names).to_pandas()[shown].set_index(index[place[shown]]).reindex(index)
     # Of a target, the axis is what was asked for, and the column what each body has.
-    dataset = frame.rename(columns={name: f"{name}_body" for name in axes}).to_xarray()
+    dataset: xarray.Dataset = frame.rename(
+        columns={name: f"{name}_body" for name in axes}
+    ).to_xarray()
     done = np.isin(np.arange(len(index)), place[shown]).reshape([*dataset.sizes.values()])
     for name, variable in dataset.items():
         column = schema.field(str(name).removesuffix("_body"))
@@ -327,15 +329,16 @@ def make_dataset(
         dataset[name] = variable.dims, values, _about(column)
     known = {column.name: _about(column) for part in RUNS.values() for column in part}
     for name in axes:
-        words = PARAMETERS[name].meaning if name in PARAMETERS else ""
+        words = PARAMETERS[name][2] if name in PARAMETERS else ""
         dataset[name].attrs = known.get(name, {"units": "degree", "long_name": words})
-    return dataset.assign_attrs({
+    dataset.attrs = {
         "title": layout.stored.config.name,
         "source": f"rattlesweep {package_version()}",
         "comment": "mass M, height of the centre of mass at rest a and gravity g are 1",
         "references": "Kondo and Nakanishi, Phys. Rev. E 95, 062207 (2017)",
         "config_hash": layout.stored.hash,
-    })  # fmt: skip
+    }
+    return dataset
 
 
 def _about(column: pa.Field) -> dict[str, str]:

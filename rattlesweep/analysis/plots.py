@@ -20,12 +20,13 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from rattlesweep.analysis import style
-from rattlesweep.analysis.layout import LAUNCH, Axis, Layout, fill
+from rattlesweep.analysis.layout import LAUNCH, TARGETS, Axis, Layout, fill
 from rattlesweep.analysis.style import SERIES, THEORY, TYPE_STYLE, label, value_text
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.cases import TARGETS
-from rattlesweep.sweeps.counts import Counts, codes, floats, share, wilson
+from rattlesweep.sweeps.columns import floats
+from rattlesweep.sweeps.summary import Counts
+from rattlesweep.sweeps.types import codes, share, wilson
 
 MOST_PANELS, MOST_BINS = 40, 150
 MOST_MARKERS = 40  # with more they hide the curve
@@ -420,7 +421,8 @@ class Distribution(Picture):
         names = ("t_r", "t_rgh") if self.quantity is None else (self.quantity,)
         _, values, *t_rgh = self.read(*names)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return values / t_rgh[0] if t_rgh else values
+            found: Floats = values / t_rgh[0] if t_rgh else values
+        return found
 
     def __len__(self) -> int:
         return len(self.values)
@@ -486,8 +488,8 @@ class Scatter(Picture):
         """Column and ``t_r`` of the runs that have both."""
         _, *found = self.read(self.column, "t_r")
         names = [self.layout.name(name) for name in (self.column, "t_r")]
-        points = pd.DataFrame(np.transpose(found), columns=names)
-        return points[np.isfinite(points).all(axis=1)].reset_index(drop=True)
+        both = np.isfinite(found).all(axis=0)
+        return pd.DataFrame({name: x[both] for name, x in zip(names, found, strict=True)})
 
     def __len__(self) -> int:
         return len(self.points)

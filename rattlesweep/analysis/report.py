@@ -18,8 +18,8 @@ from rattlesweep.analysis.style import encode, styled
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.read import resolved
 from rattlesweep.sweeps.provenance import read_sessions
-from rattlesweep.sweeps.status import status
 from rattlesweep.sweeps.summary import absent_columns, count_cases, summary_table
+from rattlesweep.sweeps.verify import status
 
 # Larger vector pictures are shown as PNG, or a page of seven would pass 5 MB.
 DPI, MOST_SVG = 120, 400_000
@@ -69,7 +69,7 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         "sweep.html.j2",
         title=title or stored.manifest["name"],
         stored=stored,
-        done=state.done,
+        done=state.data["runs"] >= state.data["wanted"],
         state=state.data,
         counts=counts,
         steps=rows["n_steps"].sum(),

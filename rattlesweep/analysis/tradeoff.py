@@ -25,7 +25,7 @@ from rattlesweep.analysis import style
 from rattlesweep.arrays import take
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import available_threads
-from rattlesweep.integrate.task import Task, side_by_side
+from rattlesweep.integrate.task import Control, Task, side_by_side
 from rattlesweep.sweeps.block import compute
 from rattlesweep.sweeps.columns import runs_schema
 from rattlesweep.sweeps.config.read import override_config, resolved
@@ -127,7 +127,7 @@ def solve(
     own = config.model_copy(update={"model": model, "integrator": integrator})
     # In a thread of its own, so that Ctrl-C is heard.
     work = Task(lambda control: compute(own, RESULTS, (runs, batch), threads, control))
-    found = work.wait()[0].to_pandas()
+    found: pd.DataFrame = work.wait()[0].to_pandas()
     return found.assign(t_r=found["t_r"].where(found["status"] == "ok"))
 
 
@@ -148,9 +148,9 @@ def measure(
     `threads` are those for the errors; `report` is called with what is about to be done.
     """
     config, runs = draw_runs(config, base, samples, least)
-    calls = [partial(_units, config, setting, runs) for setting in settings]
+    calls = [partial(_units, config, runs, setting) for setting in settings]
     report("kernels, compiled where this machine has them not yet")
-    side_by_side([lambda _, call=call: call() for call in calls], available_threads())
+    side_by_side(calls, available_threads())
     report("references")
     reference = make_reference(config, runs, threads)
     if not reference["both"].any():
@@ -194,7 +194,7 @@ def measure(
     return Study(table, facts)
 
 
-def _units(config: Config, setting: Setting, runs: Launches) -> float:
+def _units(config: Config, runs: Launches, setting: Setting, _: Control | None = None) -> float:
     """Integrate runs on one thread, and return their units of time together."""
     # Steps of one size cost the same anywhere: shorter runs tell as much.
     part = setting.value / SHORT if setting.setting == "dt" else 1.0

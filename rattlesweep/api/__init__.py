@@ -12,8 +12,7 @@ from rattlesweep.api.closed import (
     modes,
     reversal_time_gh,
 )
-from rattlesweep.api.fit import fit
-from rattlesweep.api.single import Page, Run, replay, show, simulate, trajectory
+from rattlesweep.api.single import Page, Run, fit, replay, show, simulate, trajectory
 from rattlesweep.api.sweeps import Sweep, load, sweep
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.physics.body import Rattleback

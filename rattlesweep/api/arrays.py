@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-    from rattlesweep.sweeps.bodies.protocol import Scale
+    from rattlesweep.sweeps.bodies import Scale
     from rattlesweep.sweeps.bodies.table import TableBodies
 
 Bodies: TypeAlias = (
@@ -101,14 +101,14 @@ def table_bodies(columns: Mapping[str, Floats]) -> TableBodies:
 
 def scale_of(units: Units | None) -> Scale | None:
     """Return the units of a body as a scale, None if its size is not known."""
-    from rattlesweep.sweeps.bodies.protocol import Scale
+    from rattlesweep.sweeps.bodies import Scale
 
     return None if units is None else Scale(*map(np.asarray, astuple(units)))
 
 
 def column_scale(columns: Mapping[str, Any]) -> Scale | None:
     """Return the units of bodies that the columns `SIZE` tell, None if they do not."""
-    from rattlesweep.sweeps.bodies.protocol import Scale
+    from rattlesweep.sweeps.bodies import Scale
 
     if "height_m" not in columns:
         return None

@@ -12,8 +12,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.physics.launch import direction, garcia_hubbard
-from rattlesweep.physics.theory import Modes
+from rattlesweep.physics.theory import Modes, direction, garcia_hubbard
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

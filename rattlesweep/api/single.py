@@ -1,9 +1,9 @@
-"""Single runs: outcomes, time series, pages that move; and stored runs again."""
+"""Single runs: outcomes, time series, pages that move, fits; and stored runs again."""
 
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,25 +13,32 @@ import numpy as np
 
 from rattlesweep.api import arrays as arguments
 from rattlesweep.api.arrays import Bodies, check_count, number, numbers
-from rattlesweep.arrays import Floats, take
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.progress import Bar
+from rattlesweep.text import counted
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
-    from rattlesweep.analysis.onerun.course import Course, PreparedRun, Trajectory
-    from rattlesweep.analysis.onerun.replay import Replay, StoredRun
-    from rattlesweep.analysis.onerun.rows import Rows
-    from rattlesweep.sweeps.bodies.protocol import Scale
-    from rattlesweep.sweeps.single import Launch
+    from rattlesweep.analysis.fit import Fit
+    from rattlesweep.analysis.onerun.course import Course, PreparedRun
+    from rattlesweep.analysis.onerun.replay import StoredRun
+    from rattlesweep.sweeps.bodies import Scale
+    from rattlesweep.sweeps.launches import Launch
 
     # A number, or text with an SI unit such as "60 rpm".
     Number = float | str
 
-LAUNCH = ("n_i", "omega_xy0")
+SPIN = ("n_i", "omega_xy0")
 STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
+INTEGRATOR = {"method": "method", "tol": "tol", "dt_step": "dt", "accuracy": "accuracy"}
+"""Keywords of the integrator, and the keys of the config that they are."""
+
+
+# -- what the calls return -------------------------------------------------------------------------
 
 
 class Run(SimpleNamespace):
@@ -60,6 +67,63 @@ class Run(SimpleNamespace):
         return {name: value for name, value in vars(self).items() if name != "units"}
 
 
+class Trajectory:
+    """A run as a table.
+
+    Attributes
+    ----------
+    table : pandas.DataFrame
+        One column per channel; NaN where a channel has no finite value. Of a body whose size is
+        known, the same in SI units follow, such as ``t_s`` and ``n_rpm``.
+    units : dict
+        Unit of each column.
+    reversals : ndarray
+        Times of the turns up to ``t_end``, in ``sqrt(a/g)``: the spin has gone from beyond a
+        quarter of the launch's spin to beyond a quarter on the other side, and the time is that of
+        its first zero on the way.
+    zeros : ndarray
+        Times of all zeros of the spin; the first is the ``t_r`` of a sweep.
+    t_end : float
+        Time reached.
+    status : str
+        ``ok``, or a word for what went wrong, as in the tables of runs.
+    n_steps : int
+        Accepted steps.
+    warning : str
+        Where contact would be lost, or rolling needs a coefficient of friction above 1; else empty.
+    """
+
+    def __init__(self, course: Course) -> None:
+        import pandas as pd
+
+        self._course = course
+        self.table = pd.DataFrame(course.columns())
+        self.units = {channel.name: channel.unit for channel in course.channels}
+        self.reversals, self.zeros = np.array(course.reversals), np.array(course.zeros)
+        self.t_end, self.status, self.n_steps = course.t, course.status.label, course.n_steps
+        self.warning = course.observer.warning
+
+    def __getitem__(self, columns: str | list[str]) -> Any:
+        """Return a column as a Series, or several as a DataFrame."""
+        return self.table[columns]
+
+    def __repr__(self) -> str:
+        size = f"{counted(len(self.table), 'row')}, {counted(len(self.reversals), 'reversal')}"
+        names = ", ".join(map(str, self.table))
+        return f"<Trajectory of {names}: {size} by t = {self.t_end:g}, {self.status}>"
+
+    def _repr_html_(self) -> str:
+        return f"<div>{html.escape(repr(self))}{self.table.to_html(max_rows=6)}</div>"
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Draw the columns against the time, and write the figure to a file if `path` is given."""
+        from rattlesweep.analysis.onerun.figure import draw
+
+        if "t" not in self.table or len(self._course.channels) < 2:
+            raise ConfigError("channels: t and at least one other are needed for a plot")
+        return draw({str(x): self.table[x].to_numpy() for x in self.table}, self._course, path)
+
+
 @dataclass(frozen=True)
 class Page:
     """A self-contained HTML page, which a notebook shows, and the file that it was written to."""
@@ -79,6 +143,9 @@ class Page:
         style = "width: 100%; height: 720px; border: 0"
         text = html.escape(self.content.decode())
         return f'<iframe sandbox="allow-scripts" style="{style}" srcdoc="{text}"></iframe>'
+
+
+# -- calls -----------------------------------------------------------------------------------------
 
 
 def simulate(
@@ -142,8 +209,8 @@ def simulate(
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.bodies.table import launched_from
-    from rattlesweep.sweeps.memory import integrate_plan
-    from rattlesweep.sweeps.single import Launch, is_full_state, plan_of
+    from rattlesweep.sweeps.launches import Launch, is_full_state, plan_of
+    from rattlesweep.sweeps.run import integrate_plan
 
     check_count("threads", threads)
     columns = arguments.body_columns(body)
@@ -185,6 +252,9 @@ def trajectory(
 ) -> Trajectory:  # fmt: skip
     """Integrate one launch to ``t_end``, past its reversals, and give it as a table.
 
+    The accepted steps, and so the first zero, are those of :func:`simulate`, whatever rows are
+    asked for.
+
     Parameters
     ----------
     body, **launch
@@ -200,13 +270,6 @@ def trajectory(
     from_time : float or str, optional
         Time of the first row, in ``sqrt(a/g)``; the run begins at its launch all the same.
 
-    Returns
-    -------
-    Trajectory
-        ``table`` (pandas), ``units``, ``reversals``, ``zeros`` (of the spin, all of them),
-        ``status``, ``warning``, ``plot()`` and ``show()``.  The accepted steps, and so the first
-        zero, are those of :func:`simulate`, whatever rows are asked for.
-
     Examples
     --------
     >>> import rattlesweep as rs
@@ -214,13 +277,11 @@ def trajectory(
     >>> path["n"].shape, path.reversals.round(2)
     ((4,), array([112.09]))
     """
-    from rattlesweep.analysis.onerun.course import Course, collect
+    from rattlesweep.analysis.onerun.course import Course, PreparedRun
 
     made = launch_of(body, **launch)
-    scale = arguments.scale_of(made.body.units)
-    rows = rows_of(scale, points, dt, steps, times, from_time)
-    course = Course(made, channels=channels, rows=rows)
-    return collect(course, lambda **shown: page_of(made, scale, **shown)[0])
+    rows = rows_of(arguments.scale_of(made.body.units), points, dt, steps, times, from_time)
+    return Trajectory(Course(PreparedRun.of(made), channels, **rows))
 
 
 def show(
@@ -236,21 +297,18 @@ def show(
     title, path : str, optional
         Title of the page, and an .html file to write it to.
 
-    Returns
-    -------
-    Page
-        A notebook shows it; ``save`` writes it.
-
     Examples
     --------
     >>> import rattlesweep as rs
     >>> rs.show("GH", n_i=-0.1, omega_xy0=0.01, t_end=20, path="roll.html").path.name
     'roll.html'
     """
+    from rattlesweep.analysis.onerun.course import PreparedRun
+
     made = launch_of(body, **launch)
     title = title or (f"Rattleback {body}" if isinstance(body, str) else "Rattleback")
     shown: dict[str, Any] = {"points": points, "from_time": from_time, "path": path}
-    return page_of(made, arguments.scale_of(made.body.units), title=title, **shown)[0]
+    return page_of(PreparedRun.of(made), arguments.scale_of(made.body.units), title, **shown)[0]
 
 
 def replay(
@@ -273,58 +331,98 @@ def replay(
     OutputError
         If the run is not stored yet, is damaged, or comes out otherwise than stored.
     """
-    from rattlesweep.analysis.onerun.course import Course, collect
+    from rattlesweep.analysis.onerun.course import Course
 
-    source, run, scale = _stored(directory, case=case, sample=sample)
-    wanted = rows_of(scale, **rows)
-    prepared = source.prepare(run, number("t_end", t_end, scale))
-    source.prove(run)
-    course = Course(prepared, channels=channels, rows=wanted)
-    found = collect(course, lambda **shown: page_of(prepared, scale, title=run.name, **shown)[0])
-    run.check(course)
-    return found
+    run = _stored_run(directory, case=case, sample=sample)
+    wanted = rows_of(run.scale, **rows)
+    course = Course(run.prepare(number("t_end", t_end, run.scale)), channels, **wanted)
+    run.prove()
+    return Trajectory(course)
+
+
+def fit(
+    body: Rattleback | str, data: Any, *, free: Iterable[str],
+    launch: Mapping[str, Any] | None = None, sigma: Number = 0.0, rolling: Number = 0.0,
+) -> Fit:  # fmt: skip
+    """Fit parameters of one run to a measured angle or spin, or to reversal times.
+
+    The intervals are those of the Jacobian at the best fit, for noise that is equal and independent
+    from row to row and whose size is estimated from the residuals.
+
+    Parameters
+    ----------
+    body : Rattleback or str
+        As measured otherwise.  It needs a size, as those of ``from_si`` and ``half_ellipsoid`` have
+        one, if the data are in seconds.
+    data : path, DataFrame or mapping of columns
+        ``t_s`` and ``angle_deg`` or ``spin_rpm``, or ``reversal_s`` alone; other units go likewise,
+        as in ``t_ms`` or ``angle_rad``.  The angle is that of the long axis, seen from above and
+        counterclockwise, and may jump by half turns; the spin is its central difference.  The spin
+        ``u . omega`` is called ``n_rpm``; ``t`` and ``n`` are in the units of the body.  A row
+        without a value is NaN.  The launch is the first row, or the time 0 of the reversals.
+    free : sequence of str
+        Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, skew`` (which is ``-xi``),
+        ``xi, theta, phi, alpha, beta, gamma, c``.  The search begins at what else is given of them.
+    launch : mapping, optional
+        ``n_i, omega_xy0, psi`` or ``omega, u``, as of :func:`rattlesweep.trajectory`; what is free
+        may be left out.
+    sigma, rolling : float or str
+        Dissipation.
+
+    Examples
+    --------
+    >>> import rattlesweep as rs
+    >>> truth = {"n_i": 0.1, "omega_xy0": 0.01, "sigma": 1e-3}
+    >>> data = rs.trajectory("GH", t_end=200, points=400, **truth).table
+    >>> found = rs.fit("GH", data, free=["sigma"], launch={"n_i": 0.1, "omega_xy0": 0.01})
+    >>> round(found.values["sigma"], 6)
+    0.001
+    """
+    from rattlesweep.analysis.fit import check_free, fit_run, read_data
+    from rattlesweep.sweeps.config import not_one_of
+
+    for name in (given := dict(launch or {})):
+        if name not in (known := (*SPIN, "psi", "omega", "u")):
+            raise ConfigError(f"launch: {not_one_of(name, known)}")
+    run = launch_of(body, **given, sigma=sigma, rolling=rolling)
+    names = check_free(run, free)
+    return fit_run(run, read_data(data, run.body.units), names)
+
+
+# -- what they share with the commands -------------------------------------------------------------
+
+
+def page_of(
+    run: PreparedRun, scale: Scale | None, title: str, *, points: int | None = None,
+    from_time: Number | None = None, path: str | Path | None = None,
+    watch: Callable[[float], None] | None = None,
+) -> tuple[Page, Course]:  # fmt: skip
+    """Return the page of a run, written to a file if there is a path, and its course."""
+    from rattlesweep.analysis.onerun.show import course_of, make_page, make_scene
+
+    check_count("points", points, 2)
+    course = course_of(run, points, number("from_time", from_time, scale), watch)
+    page = Page(make_page(make_scene(course), title, run.title))
+    return page if path is None else page.save(path), course
 
 
 def stored_page(
     directory: Path, which: dict[str, Any], *, title: str | None = None,
     t_end: Number | None = None, **shown: Any,
-) -> tuple[Page, Course, list[str]]:  # fmt: skip
+) -> tuple[Page, Course, str]:  # fmt: skip
     """Return the page of a run, proved to be the stored one, its course, and what was proved."""
-    source, run, scale = _stored(directory, **which)
-    prepared = source.prepare(run, number("t_end", t_end, scale))
-    source.prove(run)
-    cause = source.cause(run)
-    kind = f", type {run.type}" if run.type else ""
-    title = title or f"{source.config.name}: {run.name}{kind}"
-    page, course = page_of(prepared, scale, title=title, cause=cause, **shown)
-    run.check(course)
-    return page, course, [run.proof, *([cause] if cause else [])]
+    run = _stored_run(directory, **which)
+    prepared = run.prepare(number("t_end", t_end, run.scale))
+    run.prove()
+    return *page_of(prepared, run.scale, title or run.title, **shown), run.proof
 
 
-def _stored(directory: str | Path, **which: Any) -> tuple[Replay, StoredRun, Scale | None]:
-    from rattlesweep.analysis.onerun.replay import Replay
+def _stored_run(directory: str | Path, **which: Any) -> StoredRun:
+    from rattlesweep.analysis.onerun.replay import find_runs
 
     check_count("case", which.get("case"), 0)
     check_count("sample", which.get("sample"), 0)
-    source = Replay(Path(directory))
-    run = source.select(**which)[0]
-    return source, run, stored_scale(source, run)
-
-
-def page_of(
-    run: Launch | PreparedRun, scale: Scale | None, *, title: str = "Rattleback",
-    path: str | Path | None = None, cause: str = "", points: int | None = None,
-    from_time: Number | None = None, watch: Callable[[float], None] | None = None,
-) -> tuple[Page, Course]:  # fmt: skip
-    """Return the page of a run, written to a file if there is a path, and its course."""
-    from rattlesweep.analysis.viewer import show as viewer
-
-    check_count("points", points, 2)
-    start = number("from_time", from_time, scale)
-    course = viewer.course_of(run, points, watch, from_time=start)
-    scene = viewer.make_scene(course, cause)
-    page = Page(viewer.make_page(scene, title, viewer.describe(course)))
-    return page if path is None else page.save(path), course
+    return find_runs(Path(directory), **which)[0]
 
 
 def launch_of(
@@ -332,11 +430,11 @@ def launch_of(
     **values: Any,
 ) -> Launch:  # fmt: skip
     """Return one launch, whose numbers are single ones in the units of its body."""
-    from rattlesweep.sweeps.single import Launch
+    from rattlesweep.sweeps.launches import Launch
 
     made = arguments.one_body(body)
     scale = arguments.scale_of(made.units)
-    integrator = _integrator({name: values.pop(name) for name in [*INTEGRATOR] if name in values})
+    integrator = _integrator({name: values.pop(name) for name in INTEGRATOR if name in values})
     single: dict[str, Any] = {name: number(name, x, scale) for name, x in values.items()}
     single = {name: x for name, x in single.items() if x is not None}
     psi = psi if isinstance(psi, str) else number("psi", psi)
@@ -349,19 +447,12 @@ def launch_of(
 def rows_of(
     scale: Scale | None, points: int | None = None, dt: Any = None, steps: bool = False,
     times: Any = None, from_time: Any = None,
-) -> Rows:  # fmt: skip
-    """Return the rows of a trajectory, whose times may be in seconds."""
-    from rattlesweep.analysis.onerun.rows import Rows
-
+) -> dict[str, Any]:  # fmt: skip
+    """Return the arguments of a course that choose its rows, whose times may be in seconds."""
     check_count("points", points, 2)
     times = None if times is None else numbers("times", times, scale)
-    dt, start = number("dt", dt, scale), number("from_time", from_time, scale)
-    return Rows(points, dt, steps, times, start)
-
-
-def stored_scale(source: Replay, run: StoredRun) -> Scale | None:
-    """Return the units of the body of a stored run, None if its size is not known."""
-    return take(source.prepare(run)[1].bodies.scale, 0)  # type: ignore[arg-type]
+    dt, from_time = number("dt", dt, scale), number("from_time", from_time, scale)
+    return {"points": points, "dt": dt, "steps": steps, "times": times, "from_time": from_time}
 
 
 def _launched(
@@ -371,24 +462,20 @@ def _launched(
 
     `directed` says whether ``psi`` is given, as a word or in `arrays`.
     """
-    if any(name in arrays for name in (*LAUNCH, *STATE)):
+    if any(name in arrays for name in (*SPIN, *STATE)):
         # Directions and horizons of the table belong to its own launches.
-        own = (*LAUNCH, "psi", "t_end", *STATE)
+        own = (*SPIN, "psi", "t_end", *STATE)
         columns = {name: columns[name] for name in columns if name not in own}
     elif directed:
         if "u_x" in columns:
             raise ConfigError("psi does not go with the full states of the table; leave it out")
         columns.pop("psi", None)
     launched = columns | arrays
-    missing = [name for name in LAUNCH if name not in launched]
+    missing = [name for name in SPIN if name not in launched]
     if missing and "u_x" not in launched:
         raise ConfigError(f"{' and '.join(missing)} missing; give n_i and omega_xy0, or a table "
                           "that has them")  # fmt: skip
     return launched
-
-
-INTEGRATOR = {"method": "method", "tol": "tol", "dt_step": "dt", "accuracy": "accuracy"}
-"""Keywords of the integrator, and the keys of the config that they are."""
 
 
 def _integrator(given: Mapping[str, Any]) -> dict[str, Any]:

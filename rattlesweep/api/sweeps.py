@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.api.arrays import check_count, is_frame, kind_of, to_frame
-from rattlesweep.api.single import Page, replay, stored_page
+from rattlesweep.api.single import Page, Trajectory, replay, stored_page
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.progress import Bar
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rattlesweep.analysis.compare import Comparison
-    from rattlesweep.analysis.onerun.course import Trajectory
     from rattlesweep.sweeps.stored import Stored
     from rattlesweep.sweeps.verify import Verified
 
@@ -113,7 +112,7 @@ class Sweep:
         import pyarrow as pa
 
         from rattlesweep.analysis.layout import parse_where
-        from rattlesweep.sweeps.config.messages import not_one_of
+        from rattlesweep.sweeps.config import not_one_of
 
         stored = self._stored
         schema = stored.schema
@@ -235,7 +234,7 @@ class Sweep:
         They are keys of the config's ``classify``, such as ``sw_departure=0.1``; without any, those
         of the config are restored.
         """
-        from rattlesweep.sweeps.classify import classify_stored
+        from rattlesweep.sweeps.merge import classify_stored
 
         texts = [f"classify.{key}={value!r}" for key, value in thresholds.items()]
         return to_frame(classify_stored(self.directory, texts).summary)
@@ -317,7 +316,7 @@ def sweep(
     target = None if output is None else Path(output)
     base: Path | None = None
     if is_frame(config):
-        from rattlesweep.sweeps.frame import plan_frame
+        from rattlesweep.sweeps.plausible import plan_frame
 
         plan, target, base, doubts = plan_frame(config, target, keys)
     else:

@@ -3,7 +3,7 @@
 ``--help`` imports all of these modules, so commands import what they call inside their functions.
 """
 
-from rattlesweep.cli import fit, results, single, sweeps
+from rattlesweep.cli import results, single, sweeps
 from rattlesweep.cli.command import main
 
-__all__ = ["fit", "main", "results", "single", "sweeps"]
+__all__ = ["main", "results", "single", "sweeps"]

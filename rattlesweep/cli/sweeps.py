@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from rattlesweep.sweeps.config.schema import Config
-    from rattlesweep.sweeps.pilot import Forecast
+    from rattlesweep.sweeps.cost import Forecast
     from rattlesweep.sweeps.plan import Plan
     from rattlesweep.sweeps.run import Result
 
@@ -67,19 +67,18 @@ def init(config: Path) -> None:
 @command(
     "Sweeps",
     "rattlesweep plan configs/steady.yaml --check",
-    "rattlesweep plan configs/steady.yaml --set bodies.samples=100000 --shards 16 --budget 10s",
+    "rattlesweep plan configs/steady.yaml --set bodies.samples=100000 --budget 10s",
 )
 @options.config
 @options.output("Where the sweep would be written; nothing is written now.")
 @options.overrides
 @options.threads
-@option("--shards", type=COUNT, help="Also forecast the longest of N shards.")
 @option("--budget", type=options.TIME, default="2s", help="Time spent on the sample of runs.")
 @option("--check", is_flag=True, help="Only check the config, and integrate nothing.")
 @options.as_json
 def plan(
     config: Path, output: Path | None, overrides: tuple[str, ...], threads: int | None,
-    shards: int | None, budget: float, check: bool, as_json: bool,
+    budget: float, check: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Check a config and forecast the time and disk space of its sweep.
 
@@ -87,10 +86,10 @@ def plan(
     Integrates a sample of the runs for about two seconds and writes nothing.
     """
     loaded, made = _planned(config, overrides, output)
-    found = None if check else _forecast(made, loaded, threads, shards, budget)
+    found = None if check else _forecast(made, loaded, threads, budget)
     if as_json:
         size = {"cases": len(made.cases), "samples": made.samples, "runs": made.runs}
-        click.echo(to_json(size | ({} if found is None else found.as_data())))
+        click.echo(to_json(size | ({} if found is None else vars(found))))
         return
     cases, samples = counted(len(made.cases), "case"), counted(made.samples, "sample")
     click.echo(f"{one_line(str(config), 200)} is valid: {cases} x {samples} = "
@@ -112,11 +111,9 @@ def plan(
         help="Compute blocks of runs here, or by workers of a Dask cluster.")  # fmt: skip
 @option("--scheduler", metavar="ADDRESS", is_eager=True,
         help="Address of an existing Dask scheduler.")  # fmt: skip
-@option("--workers", type=COUNT, help="Worker processes of a Dask cluster started here.")
 @option("--shard", type=Kind("i/n", "rattlesweep.sweeps.run:Shard.parse"),
         help="Compute shard I of N only, with I from 0 to N-1.")  # fmt: skip
 @option("--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m.")
-@option("--fresh", is_flag=True, help="Delete the existing runs and start over.")
 @option("--retry-failed", is_flag=True, help="Repeat the runs whose status is not ok.")
 @option("--dry-run", is_flag=True, help="Print the forecast, as `plan` does, and stop.")
 @option("--compile-only", is_flag=True,
@@ -125,23 +122,20 @@ def plan(
 @option("-v", "--verbose", is_flag=True, help="Report where the time went.")
 def run(
     config: Path, output: Path | None, overrides: tuple[str, ...], threads: int | None, engine: str,
-    scheduler: str | None, workers: int | None, dry_run: bool, compile_only: bool, quiet: bool,
+    scheduler: str | None, dry_run: bool, compile_only: bool, quiet: bool,
     verbose: bool, **how: Any,
 ) -> int:  # fmt: skip
     """Run a sweep, or resume one that was stopped.
 
     Prints one row per case on standard output.
     """
-    for flag, value in (("--scheduler", scheduler), ("--workers", workers)):
-        if value is not None and engine == "local":
-            raise ConfigError(f"{flag}: is for --engine dask; add that, or leave this out")
-    if how["fresh"] and how["shard"] is not None:
-        raise ConfigError("--fresh: would remove the runs of other shards; start over without it")
+    if (engine == "dask") != (scheduler is not None):
+        raise ConfigError("--engine dask: goes with --scheduler ADDRESS; give both, or neither")
     import numpy as np
 
     from rattlesweep.sweeps.block import load_kernel, prepare_runs
+    from rattlesweep.sweeps.plan import examine
     from rattlesweep.sweeps.run import run_sweep
-    from rattlesweep.sweeps.stored import examine
 
     loaded, made = _planned(config, overrides, output, quiet)
     where = Path(loaded.directory)
@@ -151,15 +145,13 @@ def run(
         say("the kernels are compiled")
         return DONE
     if dry_run:
-        if not how["fresh"]:
-            examine(made, where)
-        shards = None if how["shard"] is None else how["shard"].count
-        click.echo(_forecast(made, loaded, threads, shards).words)
+        examine(made, where)
+        click.echo(_forecast(made, loaded, threads).words)
         return DONE
-    if engine == "dask":
+    if scheduler is not None:
         from rattlesweep.sweeps.dask import make_engine
 
-        how["engine"] = make_engine(scheduler, workers, threads)
+        how["engine"] = make_engine(scheduler, threads)
     with Bar.of_command(quiet) as bar:
         base = config.resolve().parent
         result = run_sweep(made, where, base=base, threads=threads, report=bar, **how)
@@ -181,8 +173,7 @@ def _close(result: Result, quiet: bool, verbose: bool) -> int:
             f"{counted(result.runs, 'run')} in {where}, {now if result.done else 'all done before'}"
         )
     if verbose:
-        say(f"{result.seconds:.2f} s in all: {result.load_seconds:.2f} s to load or compile the "
-            f"kernel, {result.kernel_seconds:.2f} s of integration")  # fmt: skip
+        say(f"{result.seconds:.2f} s in all, {result.kernel_seconds:.2f} s of integration")
     if result.stopped is not None:
         say(f"stopped: {result.stopped}; {result.kept}, and the same command resumes from there")
         return EARLY
@@ -205,7 +196,7 @@ def status(directory: Path, as_json: bool) -> int:
 
     Works at any time. Exits with 3 if some runs have a status other than ok.
     """
-    from rattlesweep.sweeps.status import status as count_rows
+    from rattlesweep.sweeps.verify import status as count_rows
 
     found = count_rows(directory)
     click.echo(to_json(found.data) if as_json else found.words)
@@ -245,7 +236,7 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
 
     Rewrites the types and the summary. Prints one row per case on standard output.
     """
-    from rattlesweep.sweeps.classify import classify_stored
+    from rattlesweep.sweeps.merge import classify_stored
 
     done = classify_stored(directory, overrides)
     print_summary(done.summary, directory)
@@ -293,8 +284,7 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
 @option("--time", "limit", type=Kind("time", "rattlesweep.sweeps.slurm:limit_of"),
         default="4:00:00", help="Time limit of a task.")  # fmt: skip
 @option("--cpus", type=COUNT, default=1, help="CPUs per task.")
-@option("--mem", "memory", type=Kind("size", "rattlesweep.sweeps.slurm:memory_of"),
-        default="2G", help="Memory per task.")  # fmt: skip
+@option("--mem", "memory", metavar="SIZE", default="2G", help="Memory per task.")
 @option("--partition", metavar="NAME", help="Partition of the cluster.")
 @options.output()
 @options.overrides
@@ -310,8 +300,8 @@ def slurm(
 
     Tasks stop shortly before the time limit and resume after a restart.
     """
+    from rattlesweep.sweeps.plan import examine
     from rattlesweep.sweeps.slurm import job_script
-    from rattlesweep.sweeps.stored import examine
 
     loaded, made = _planned(config, overrides, output)
     where = Path(loaded.directory).absolute()
@@ -356,13 +346,11 @@ def _planned(
     return loaded, made
 
 
-def _forecast(
-    made: Plan, config: Config, threads: int | None, shards: int | None, seconds: float = 2.0
-) -> Forecast:
+def _forecast(made: Plan, config: Config, threads: int | None, seconds: float = 2.0) -> Forecast:
     """Return what a sweep will take, and say if the disk has too little room for it."""
-    from rattlesweep.sweeps.pilot import forecast
+    from rattlesweep.sweeps.cost import forecast
 
-    found = forecast(made, threads, shards, seconds)
+    found = forecast(made, threads, seconds)
     place = Path(config.directory).absolute()
     while not place.exists():
         place = place.parent

@@ -1,27 +1,40 @@
-"""Batches of runs: start a kernel, listen to it, stop it."""
+"""Batches of runs: load a kernel, start its threads, listen to it, stop it."""
 
 from __future__ import annotations
 
 import os
+import threading
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
+import numba
 import numpy as np
 from numba import config
 
 from rattlesweep.arrays import put, take
-from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
-from rattlesweep.integrate.lanes import columns as C
-from rattlesweep.integrate.lanes.build import holding, kernel, parallel, workspace
-from rattlesweep.integrate.lanes.kernel import FIRST_STEP
-from rattlesweep.integrate.lanes.step import SUBSTEPS
-from rattlesweep.integrate.model import WITH_TANGENT
+from rattlesweep.integrate import SettingError
+from rattlesweep.integrate.compile import Kernel, load_kernels
+from rattlesweep.integrate.lanes import kernel as lanes
+from rattlesweep.integrate.lanes import runs as C
+from rattlesweep.integrate.lanes.lane import (
+    INNER,
+    LANES,
+    Layout,
+    Problem,
+    address_of,
+    addresses_of,
+)
+from rattlesweep.integrate.lanes.step import OPTIONS, SUBSTEPS, write_attempt
+from rattlesweep.integrate.model import WITH_TANGENT, find_model
 from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.integrate.task import Control
 from rattlesweep.physics import vectors
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Callable, Collection, Iterator
 
     from rattlesweep.arrays import Flags, Floats, Integers
     from rattlesweep.integrate.model import Model
@@ -37,6 +50,145 @@ PLATEAU_SHARE = 0.25
 # What the kernel of every model can note, and what needs a kernel of its own.
 WATCHED = ("energy", "contact", "windows", "reversals", "volume")
 RECORDS = (*WATCHED, "lyapunov")
+
+
+# -- kernels ---------------------------------------------------------------------------------------
+
+
+@cache
+def problem_of(model: Model | None, adaptive: bool, width: int = LANES) -> Problem:
+    """Return what the kernels of a model are compiled for."""
+    hooks = "start", "pass_marks", "finish", "advance"
+    tangent = "_both" if model and model.rate else ""
+    functions = {name: getattr(C, name + tangent) for name in hooks}
+    return Problem(model, adaptive, width, **functions)
+
+
+def workspace(tableau: Tableau, model: Model, threads: int, width: int = LANES) -> Floats:
+    """Return the workspace of each thread, a row of zeros on cache lines of its own."""
+    size = -(-Layout(model).rows(tableau, model) * width // 16) * 16
+    flat = np.zeros(threads * size + 8)
+    shift = (-flat.ctypes.data // 8) % 8
+    return flat[shift : shift + threads * size].reshape(threads, size)
+
+
+# Arguments of their types, for recipes: a workspace, addresses of parts, what threads share, empty.
+FLAT, TABLE, NO_PARTS = np.zeros(0), np.zeros((0, 1)), np.zeros(lanes.PARTS, dtype=np.int64)
+WHOLE = np.zeros(0, dtype=np.int64)
+RUNS = TABLE, TABLE, TABLE, TABLE, FLAT, np.zeros(1, dtype=np.bool_)
+SHARED = WHOLE, WHOLE, *RUNS, TABLE, TABLE.astype(np.int64), np.zeros((0, 1, 1)), TABLE
+
+
+def work(model_name: str, adaptive: bool) -> Kernel:
+    """Return :func:`lanes.work` for a model: what each thread does."""
+    arguments = problem_of(find_model(model_name), adaptive), 0, NO_PARTS, FLAT, *SHARED
+    options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    return Kernel(lanes.work, arguments, options)
+
+
+def attempt(tableau_name: str, model_name: str, beside: str = "") -> Kernel:
+    """Return the step of a method and a model; ``beside`` is ``volume`` or nothing."""
+    tableau, model = METHODS[tableau_name], find_model(model_name)
+    written = write_attempt(tableau, model, volume=beside == "volume")
+    return Kernel(written, (problem_of(model, tableau.adaptive), FLAT, 1.0), OPTIONS)
+
+
+def decide_closely(adaptive: bool) -> Kernel:
+    """Return :func:`lanes.decide_closely`, which is that of all models."""
+    return Kernel(lanes.decide_closely, (problem_of(None, adaptive), FLAT, 0, 1.0, False), INNER)
+
+
+def drive() -> Kernel:
+    """Return what starts the threads of all kernels."""
+    options = {"parallel": True, "nogil": True}
+    return Kernel(lanes.drive, (0, NO_PARTS, 1, TABLE, SHARED), options)
+
+
+def kernel(tableau_name: str, model_name: str, *beside: str) -> Callable[..., None]:
+    """Return a kernel: called with the number of threads, their workspaces and what they share.
+
+    With ``"volume"`` beside, its steps find the rate of phase volume.  Where not :func:`parallel`,
+    its threads work one after another.
+    """
+    adaptive = METHODS[tableau_name].adaptive
+    wanted: list[tuple[Any, ...]] = [
+        (work, model_name, adaptive),
+        (attempt, tableau_name, model_name, *beside),
+        (decide_closely, adaptive),
+    ]
+    if parallel():
+        do, *others, start = load_kernels(*wanted, (drive,))
+        return partial(start, address_of(do), addresses_of(*others))
+    do, *others = load_kernels(*wanted)
+    problem, addresses = problem_of(find_model(model_name), adaptive), addresses_of(*others)
+
+    def alone(threads: int, w: Floats, shared: tuple[Any, ...]) -> None:
+        for thread in range(threads):
+            do(problem, thread, addresses, w[thread], *shared)
+
+    return alone
+
+
+# -- threads ---------------------------------------------------------------------------------------
+
+# Whether this process was forked from one in which GNU OpenMP had started threads: it ends a
+# process that starts threads again.
+_forked = False
+# Numba's own threading layer ends a process in which two threads start a kernel.
+_workqueue = threading.Lock()
+
+
+def _after_fork() -> None:
+    global _forked, _workqueue
+    _workqueue = threading.Lock()  # whoever held it is not in this process
+    with suppress(ValueError):  # no threads were started
+        _forked = numba.threading_layer() == "omp" or _forked
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
+
+
+def parallel() -> bool:
+    """Return whether this process can start threads for its kernels, or raise SettingError."""
+    if config.DISABLE_JIT:
+        raise SettingError("NUMBA_DISABLE_JIT: kernels run compiled only")
+    if _forked:
+        return False
+    try:
+        numba.get_num_threads()
+    except ValueError as error:
+        raise SettingError(f"NUMBA_THREADING_LAYER: {str(error).splitlines()[0]}") from error
+    return True
+
+
+@contextmanager
+def holding(threads: int) -> Iterator[None]:
+    """Have threads for a kernel."""
+    if not parallel():
+        yield
+        return
+    with _workqueue if numba.threading_layer() == "workqueue" else nullcontext():
+        before = numba.get_num_threads()
+        numba.set_num_threads(threads)
+        try:
+            yield
+        finally:
+            numba.set_num_threads(before)
+
+
+def most_threads() -> int:
+    """Return the threads that Numba can start at most; ``NUMBA_NUM_THREADS`` sets it."""
+    return int(config.NUMBA_NUM_THREADS)
+
+
+def available_threads() -> int:
+    """Return the threads to use by default: one for each processor this process may run on."""
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return max(1, min(allowed or 1, most_threads()))
+
+
+# -- batches ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -95,27 +247,16 @@ class Outcome:
     n_steps: Integers
     near_tangencies: Integers
     n_rejected: Integers
+    n_turns: Integers
     y_end: Floats  # the state at t_end
     # Amplitude, least and largest spin in each window, shape (runs, windows, 3) or (0, ...).
     windows: Floats
     # Time and logarithm of the tangent's growth at the end of each window, and of the run in the
     # row behind its last; NaN in all windows that one step ended but the first; (runs, windows, 2).
     growth: Floats
-    n_turns: Integers
     # Time of each of the first reversals, largest modulus of the spin until the next; (runs, 8, 2).
     reversals: Floats
     stopped: bool  # whether a stop request ended the kernel before all runs were done
-
-
-def available_threads() -> int:
-    """Return the threads to use by default: one for each processor this process may run on."""
-    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return max(1, min(allowed or 1, most_threads()))
-
-
-def most_threads() -> int:
-    """Return the threads that Numba can start at most; ``NUMBA_NUM_THREADS`` sets it."""
-    return int(config.NUMBA_NUM_THREADS)
 
 
 def has_settled(batch: Batch, outcome: Outcome) -> Flags:
@@ -133,18 +274,10 @@ def needed(model: Model, record: Collection[str]) -> tuple[Model, tuple[str, ...
 
 
 def integrate(
-    batch: Batch,
-    tableau: Tableau,
-    model: Model,
-    *,
-    tol: float = TOL,
-    dt: float = DT,
-    max_steps: int = MAX_STEPS,
-    record: frozenset[str] = frozenset(),
-    cost: Integers | None = None,
-    threads: int | None = None,
-    control: Control | None = None,
-) -> Outcome:
+    batch: Batch, tableau: Tableau, model: Model, *, tol: float = TOL, dt: float = DT,
+    max_steps: int = MAX_STEPS, record: frozenset[str] = frozenset(),
+    cost: Integers | None = None, threads: int | None = None, control: Control | None = None,
+) -> Outcome:  # fmt: skip
     """Integrate every run to its first reversal, or to its horizon.
 
     All go to the horizon if reversals are recorded, and none further than where it has settled.  An
@@ -170,20 +303,20 @@ def integrate(
     Outcome
         Bit for bit the same for any number of threads and any composition of the batch.
     """
-    runs, control = len(batch), control or Control()
+    control = control or Control()
     count = min(threads or available_threads(), most_threads()) if parallel() else 1
     price = batch.t_end * batch.swing if cost is None else cost.astype(float)
     control.start(count, price)
     moving, beside = needed(model, record)
-    result = np.full((runs, C.FIRST_STATE + model.n_state), np.nan)
-    counts = np.zeros((runs, len(C.COUNTS)), dtype=np.int64)
+    result = np.full((len(batch), C.FIRST_STATE + model.n_state), np.nan)
+    counts = np.zeros((len(batch), len(C.COUNTS)), dtype=np.int64)
     counts[:, C.STATUS] = Status.STOPPED
     # Columns of the windows, of the reversals, of the tangent.
     seen = 3 if "windows" in record else 0
     turned = seen + (2 if "reversals" in record else 0)
     width = turned + (2 if moving is not model else 0)
-    windows = np.full((runs if width else 0, N_WINDOWS, width), np.nan)
-    if runs:
+    windows = np.full((len(batch) if width else 0, N_WINDOWS, width), np.nan)
+    if len(batch):
         # Longest first, so that no thread begins a long run when the others are done.
         order = np.argsort(-price, kind="stable")
         flags = np.array([name in record for name in WATCHED])
@@ -202,16 +335,15 @@ def integrate(
         result[coarse, C.T_R] = np.nan
     counts[:, C.STEPS] *= stride(tableau)
     # Both compare with the launch's spin.
-    for column in (C.GROWTH, C.DEPARTURE):
-        result[batch.tapped, column] = np.nan
-    found: dict[str, Any] = {name: result[:, place] for place, name in enumerate(C.RESULT)}
-    found |= {name: counts[:, place] for place, name in enumerate(C.COUNTS)}
+    result[batch.tapped, C.GROWTH] = result[batch.tapped, C.DEPARTURE] = np.nan
+    found: dict[str, Any] = dict(zip(C.RESULT, result.T, strict=False))
+    found |= dict(zip(C.COUNTS, counts.T, strict=True))
     outcome = Outcome(
         **found,
         y_end=result[:, C.FIRST_STATE :],
         windows=windows[:, :, :3] if seen else np.zeros((0, N_WINDOWS, 3)),
         growth=windows[:, :, turned:] if width > turned else np.zeros((0, N_WINDOWS, 2)),
-        reversals=windows[: runs if turned > seen else 0, : C.MOST_REVERSALS, seen:turned],
+        reversals=windows[: len(batch) if turned > seen else 0, : C.MOST_REVERSALS, seen:turned],
         stopped=bool((counts[:, C.STATUS] == Status.STOPPED).any()),
     )
     failed = np.isin(outcome.status, (Status.NONFINITE, Status.STEP_TOO_SMALL, Status.ENERGY))
@@ -237,15 +369,11 @@ def stride(tableau: Tableau) -> int:
 
 
 def run_arrays(
-    batch: Batch,
-    tableau: Tableau,
-    tol: float,
-    dt: float,
-    max_steps: int,
+    batch: Batch, tableau: Tableau, tol: float, dt: float, max_steps: int,
     cost: Floats | float = 0.0,
-) -> tuple[Floats, ...]:
+) -> tuple[Floats, ...]:  # fmt: skip
     """Return what a kernel reads of runs: states, constants, probes, ``plan`` and ``options``."""
-    angle = min(1.0, FIRST_STEP * tol ** (1 / tableau.order))
+    angle = min(1.0, lanes.FIRST_STEP * tol ** (1 / tableau.order))
     first = angle / batch.swing if tableau.adaptive else SUBSTEPS * dt
     # How far the method leaves an extremum of the spin undecided, as a share of its swing.
     coarse = np.maximum(1e-9, (dt * batch.swing) ** tableau.order)
@@ -253,9 +381,8 @@ def run_arrays(
     settled, dead = (x if len(x) else 0.0 for x in (batch.settled, batch.dead))
     own = batch.t_end, batch.swing, batch.window, batch.rate, first, cost, fuzz, batch.first_mark
     far = PLATEAU_SHARE * batch.scale
-    plan = np.column_stack(np.broadcast_arrays(*own, far, batch.tapped, settled, dead)).astype(
-        float
-    )
+    columns = np.broadcast_arrays(*own, far, batch.tapped, settled, dead)
+    plan = np.column_stack(columns).astype(float)
     options = np.array([1.0 / tol**2, stride(tableau) * dt, max_steps / stride(tableau)])
     runs = map(np.ascontiguousarray, (batch.y0, batch.constants, batch.probe))
     return *runs, plan, options

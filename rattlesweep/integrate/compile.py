@@ -186,8 +186,6 @@ def _load(recipe: Recipe, names: tuple[Any, ...]) -> Any:
     from numba import config, njit, typeof
 
     function, arguments, options, _ = recipe(*names)
-    if config.DISABLE_JIT:
-        return function
     signature, place = tuple(map(typeof, arguments)), _place(recipe, names)
     with suppress(Exception):
         # A damaged file or a full disk: the kernel is then compiled again, and kept in memory.  An
@@ -210,9 +208,7 @@ def _load(recipe: Recipe, names: tuple[Any, ...]) -> Any:
 
 def is_stored(recipe: Recipe, *names: Any) -> bool:
     """Return whether a kernel has been compiled before."""
-    from numba import config
-
-    return config.DISABLE_JIT or any(_place(recipe, names).glob("*/*.nbc"))
+    return any(_place(recipe, names).glob("*/*.nbc"))
 
 
 # -- compiling -------------------------------------------------------------------------------------

@@ -15,23 +15,35 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rattlesweep.integrate.batch import MAX_DAMPING, run_arrays, stride
+from rattlesweep.integrate.batch import (
+    FLAT,
+    MAX_DAMPING,
+    NO_PARTS,
+    RUNS,
+    TABLE,
+    WHOLE,
+    attempt,
+    decide_closely,
+    problem_of,
+    run_arrays,
+    stride,
+    workspace,
+)
 from rattlesweep.integrate.compile import Kernel, load_kernels
-from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
-from rattlesweep.integrate.lanes import build, runs
-from rattlesweep.integrate.lanes import columns as C
+from rattlesweep.integrate.lanes import runs
 from rattlesweep.integrate.lanes.events import HOLD, REVERSED
-from rattlesweep.integrate.lanes.intrinsics import (
+from rattlesweep.integrate.lanes.kernel import ATTEMPT, DECIDE, OK, commit, decide
+from rattlesweep.integrate.lanes.lane import (
     addresses_of,
     call,
     call_for_two,
     first_of,
+    lane_of,
     widest_vectors,
 )
-from rattlesweep.integrate.lanes.kernel import ATTEMPT, DECIDE, OK, commit, decide
-from rattlesweep.integrate.lanes.lane import lane_of
 from rattlesweep.integrate.model import ATTITUDES, find_model
 from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.tableau import DT, MAX_STEPS, TOL
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -133,25 +145,23 @@ OPTIONS = {"nogil": True, "error_model": "numpy"}
 
 def steps_recipe(model_name: str, adaptive: bool) -> Kernel:
     """Return :func:`record_steps` of a model."""
-    problem = build.problem_of(find_model(model_name), adaptive)
-    given = problem, build.NO_PARTS, build.FLAT, *build.RUNS
-    return Kernel(record_steps, (*given, build.TABLE, build.FLAT, build.WHOLE, build.FLAT), OPTIONS)
+    problem = problem_of(find_model(model_name), adaptive)
+    given = problem, NO_PARTS, FLAT, *RUNS
+    return Kernel(record_steps, (*given, TABLE, FLAT, WHOLE, FLAT), OPTIONS)
 
 
 def states_recipe(model_name: str) -> Kernel:
     """Return :func:`states_behind` of a model, which is that of all methods."""
-    problem = build.problem_of(find_model(model_name), True)
-    tables = build.TABLE, build.WHOLE, build.FLAT, build.FLAT, build.TABLE
-    return Kernel(states_behind, (problem, build.NO_PARTS, build.FLAT, *tables), OPTIONS)
+    problem = problem_of(find_model(model_name), True)
+    tables = TABLE, WHOLE, FLAT, FLAT, TABLE
+    return Kernel(states_behind, (problem, NO_PARTS, FLAT, *tables), OPTIONS)
 
 
 def _between(tableau: Tableau, model: Model, constants: Floats) -> Callable[..., Floats]:
     """Return the states of a model between accepted steps, by their table, rows and offsets."""
-    step, states = load_kernels(
-        (build.attempt, tableau.name, model.name), (states_recipe, model.name)
-    )
-    problem, parts = build.problem_of(model, True), addresses_of(step)
-    w = build.workspace(tableau, model, 1)[0]
+    step, states = load_kernels((attempt, tableau.name, model.name), (states_recipe, model.name))
+    problem, parts = problem_of(model, True), addresses_of(step)
+    w = workspace(tableau, model, 1)[0]
 
     def find(table: Floats, which: Integers, offset: Floats) -> Floats:
         out = np.empty((len(which), model.n_state))
@@ -171,7 +181,7 @@ class Samples:
     t: Floats  # in sqrt(a/g)
     y: Floats  # in the model's variables
     # Where they were asked for, heading in radians and contact point on the plane, see
-    # :mod:`rattlesweep.physics.attitude`.
+    # :mod:`rattlesweep.physics.full`.
     extra: Floats
 
 
@@ -223,18 +233,18 @@ class Follower:
         models = [model, ATTITUDES[model.name]] if attitude else [model]
         # All at once, so that they are compiled side by side.
         self._kernel, decision, step, *_ = load_kernels(
-            (steps_recipe, model.name, tableau.adaptive), (build.decide_closely, tableau.adaptive),
-            *((build.attempt, tableau.name, each.name) for each in models),
+            (steps_recipe, model.name, tableau.adaptive), (decide_closely, tableau.adaptive),
+            *((attempt, tableau.name, each.name) for each in models),
             *((states_recipe, each.name) for each in models),
         )  # fmt: skip
         # No windows: nothing is due at their ends.
         endless = replace(batch, window=np.full(1, 1e290), first_mark=np.full(1, 1e290))
         self._run = (
-            build.problem_of(model, tableau.adaptive),
+            problem_of(model, tableau.adaptive),
             addresses_of(step, decision),
-            build.workspace(tableau, model, 1)[0],
+            workspace(tableau, model, 1)[0],
             *run_arrays(endless, tableau, tol, dt, max_steps),
-            np.zeros(C.N_RECORD, dtype=np.bool_),
+            np.zeros(runs.N_RECORD, dtype=np.bool_),
         )
         self._counts, self._energies = np.zeros(N_COUNTS, dtype=np.int64), np.zeros(2)
         self._zeros = np.zeros(256)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.physics import attitude, full, reduced, stone, tangent, vectors, volume
+from rattlesweep.physics import full, reduced, stone, tangent, vectors
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -80,7 +80,7 @@ def _error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
 
 @full.scalar
 def _volume(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
-    return volume.smooth_volume(-p, -q, -1.0, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, 0.0)
+    return vectors.smooth_volume(-p, -q, -1.0, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, 0.0)
 
 
 FULL = Model(
@@ -155,7 +155,7 @@ VECTORS = Model(
     error=_vectors_error,
     energy=vectors.energy,
     contact=vectors.contact_force,
-    volume=volume.volume,
+    volume=vectors.volume,
     # Upright, minus u_x and u_y are the slopes.
     **_compiled(
         "vectors",
@@ -189,9 +189,10 @@ def _with_friction(plain: Model, kind: str, rhs_on: Callable[..., Any]) -> Model
         return rhs_on(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps)
 
     def contact(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-        return stone.friction_force(
-            rhs_on, surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+        dp, dq, da, db, dc, _ = rhs_on(
+            surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
         )
+        return stone.force_on(surface, p, q, a, b, c, dp, dq, da, db, dc, cxx, cxy, cyy, k)
 
     def rise_rhs(p, q, a, b, c, work, rise, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
         f = rhs_on(
@@ -209,7 +210,7 @@ def _with_friction(plain: Model, kind: str, rhs_on: Callable[..., Any]) -> Model
         amplitude=lambda *v: _amplitude(*(v[:5] + v[6:])),
         energy=lambda *v: energy_on(*(v[:5] + v[6:13])) - v[5],
         contact=contact,
-        volume=lambda p, q, *rest: volume.volume(-p, -q, -1.0, *rest),
+        volume=lambda p, q, *rest: vectors.volume(-p, -q, -1.0, *rest),
         carried_start=lambda *v: _rise(*(v[:5] + v[6:13])),
         carried_rhs=rise_rhs,
     )
@@ -266,12 +267,12 @@ def _with_tangent(plain: Model) -> Model:
 
 
 def _with_attitude(plain: Model) -> Model:
-    """Return a model with heading and contact point (:mod:`rattlesweep.physics.attitude`).
+    """Return a model with heading and contact point (:mod:`rattlesweep.physics.full`).
 
     It makes single steps from states of the plain model, in which nothing is looked at.
     """
     n, own_rhs, touch = plain.n_state, plain.rhs, plain.touch
-    behind = n + attitude.N_EXTRA
+    behind = n + full.N_EXTRA
 
     def rhs(*v: float) -> Any:
         y, constants = v[:n], v[behind:]
@@ -280,12 +281,12 @@ def _with_attitude(plain: Model) -> Model:
         m = p * b - q * a
         # Constants of the surface stand behind those of inertia.
         contact = touch(p, q, a, b, c, f[0], f[1], m, *constants[3:7])  # type: ignore[misc]
-        return f + attitude.track(p, q, a, b, c, v[n], *contact)
+        return f + full.track(p, q, a, b, c, v[n], *contact)
 
     name = f"{plain.name}_attitude"
     nothing = {word: lambda *v: 0.0 for word in ("spin", "spin_rate", "amplitude")}
     functions = _compiled(name, rhs=rhs, error=lambda *v: (0.0, 1.0), **nothing)
-    functions |= {"n_state": behind, "n_probe": 0, "n_beside": attitude.N_EXTRA, "n_carried": 0}
+    functions |= {"n_state": behind, "n_probe": 0, "n_beside": full.N_EXTRA, "n_carried": 0}
     return replace(plain, name=name, **functions)
 
 

@@ -17,6 +17,13 @@ if TYPE_CHECKING:
 
 Row = dict[int, float]
 
+TOL = 1e-9
+"""Error of a step relative to the oscillation, of adaptive methods."""
+DT = 0.002
+"""Step of methods of fixed step, in ``sqrt(a/g)``: the paper's own."""
+MAX_STEPS = 100_000_000
+"""Steps after which a run is given up."""
+
 
 @dataclass(frozen=True)
 class Tableau:

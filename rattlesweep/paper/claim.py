@@ -14,7 +14,7 @@ import numpy as np
 from ruamel.yaml import YAML
 
 from rattlesweep.paper.workspace import Made
-from rattlesweep.sweeps.counts import wilson
+from rattlesweep.sweeps.types import wilson
 
 # Checks, whose truth says whether they hold, and numbers by name.
 Measured = tuple[Sequence[object], dict[str, Any]]

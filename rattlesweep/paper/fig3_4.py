@@ -19,7 +19,7 @@ from rattlesweep.paper.frames import DASHES, frame
 from rattlesweep.paper.workspace import Tables, Workspace
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
-from rattlesweep.sweeps.bodies.sampler import draw_bodies
+from rattlesweep.sweeps.bodies.sources import bodies_at, draw_points
 from rattlesweep.sweeps.config.schema import SdRanges
 
 # Points of a cumulative distribution; bodies drawn at a time.
@@ -32,9 +32,8 @@ ENDS, BINS = {"K_p": (0.0, 7.0), "K_r": (0.0, 0.4)}, 200
 
 def drawn_bodies(first: int, last: int, seed: int = 2017) -> tuple[Floats, ...]:
     """Return ``alpha, beta, gamma, theta, phi, xi`` of the bodies of some numbers."""
-    drawn = draw_bodies(seed, np.arange(first, last), np.array(SdRanges().ends()))[0]
-    gamma, _, theta, phi, xi, alpha, beta = drawn
-    return alpha, beta, gamma, theta, phi, xi
+    b = bodies_at(draw_points(seed, np.arange(first, last)), np.array(SdRanges().ends()))
+    return b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi
 
 
 def drawn_modes(samples: int, names: Sequence[str]) -> dict[str, Floats]:

@@ -33,7 +33,7 @@ from rattlesweep.paper.frames import (
 )
 from rattlesweep.paper.workspace import Tables, Workspace, evenly
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.sweeps.counts import Z95
+from rattlesweep.sweeps.types import Z95
 
 # The run of Fig. 6(b); its length is not named in the paper.
 N_I, OMEGA_XY0, T_END = 0.5, 0.01, 150.0

@@ -22,8 +22,7 @@ from rattlesweep.paper.frames import (
 )
 from rattlesweep.paper.workspace import Tables, Workspace, evenly, records
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.sweeps.counts import wilson
-from rattlesweep.sweeps.types import is_chaotic
+from rattlesweep.sweeps.types import is_chaotic, wilson
 
 # In the order of the legend.
 SHOWN = ("R", "SW", "SS", "unclassified")

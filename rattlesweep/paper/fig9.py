@@ -17,9 +17,9 @@ from numba import vectorize
 from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import uniform_filter1d
 
-from rattlesweep.analysis.onerun.course import Trajectory
 from rattlesweep.analysis.style import BLUE, VERMILION, new_figure
 from rattlesweep.api import modes, simulate
+from rattlesweep.api.single import Trajectory
 from rattlesweep.arrays import Floats
 from rattlesweep.paper.frames import (
     ABOVE,

@@ -9,9 +9,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from rattlesweep.analysis.onerun.course import Trajectory
 from rattlesweep.analysis.style import FAINT, thin
 from rattlesweep.api import trajectory
+from rattlesweep.api.single import Trajectory
 from rattlesweep.errors import OutputError
 from rattlesweep.physics.body import Rattleback
 

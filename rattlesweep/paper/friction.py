@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from rattlesweep.analysis.style import BLUE, GREEN, VERMILION, new_figure
 from rattlesweep.paper.frames import ABOVE, frame
 from rattlesweep.paper.workspace import Tables, Workspace
-from rattlesweep.sweeps.counts import wilson
+from rattlesweep.sweeps.types import wilson
 
 N_I, OMEGA_XY0 = 0.3, 0.01
 # In units of M a^2 sqrt(g/a).  A spin alone lasts gamma/sigma: 300 to 1500 sqrt(a/g) at 0.01 to

@@ -14,7 +14,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.paper.claim import judge, read_table
 from rattlesweep.paper.report import Reproduction, write_report
 from rattlesweep.paper.workspace import FULL, Part, Workspace
-from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.files import replace_file
 
 # The claims about formulas alone go by this name where parts are chosen.

@@ -17,7 +17,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.paper.claim import Count, Measured, every, share
 from rattlesweep.paper.workspace import Made, records
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.sweeps.counts import Z95, wilson
+from rattlesweep.sweeps.types import Z95, wilson
 
 SYMBOL = 10**0.1
 # Fewest runs of a kind for a median, and twice as many for one that tells.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from rattlesweep.physics import shapes, si
+from rattlesweep.physics import si
 from rattlesweep.physics.si import Units
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from rattlesweep.arrays import Floats
 
 T = TypeVar("T", float, "Floats")
-
 PARAMETERS = ("alpha", "beta", "gamma", "theta", "phi", "xi")
 
 
@@ -103,19 +102,18 @@ class Rattleback:
         mass, height, gravity : float
             In kg, m and m/s^2; ``height`` is ``a``, of the centre of mass over the contact.
         inertia : 3 x 3 matrix or sequence
-            About the centre of mass in kg m^2: the tensor, or ``(ixx, iyy, izz, ixy, ixz, iyz)``,
-            of which the last three may be left out; ``ixy = -sum(m x y)``.  The z axis is vertical.
+            About the centre of mass in kg m^2, z vertical: the tensor, or
+            ``(ixx, iyy, izz, ixy, ixz, iyz)`` with ``ixy = -sum(m x y)``; the last three are
+            optional.
         radii : two floats
-            Principal radii of curvature at the bottom, in m, or as in ``"50, 1.5 cm"``; those of an
-            ellipsoid with horizontal semi-axes ``p, q`` are ``p^2/c, q^2/c``.
+            Principal radii of curvature at the bottom, in m, or as in ``"50, 1.5 cm"``.
         axes_angle : float
-            Angle in radians from the x axis towards the y axis to the direction along which the
-            surface bends by the first of them.
+            Angle in radians from the x towards the y axis to the direction of the first of them.
         c : float, optional
             Vertical semi-axis of an ellipsoid, in m; without it the bottom is a paraboloid.
         z_up : bool
-            Whether the z axis points up, as CAD programs have it; by default it points down, so
-            that seen from above y is clockwise from x.
+            Whether the z axis points up, as in CAD programs; else seen from above y is clockwise
+            from x.
 
         Examples
         --------
@@ -129,8 +127,7 @@ class Rattleback:
         m, a = si.size(mass, "mass", "mass"), si.size(height, "length", "height")
         lengths = si.two_lengths(radii, "radii")
         if not a < min(lengths) <= max(lengths) < math.inf:
-            raise ValueError(f"radii: {min(lengths):g} m is not above the height {a:g} m, so the "
-                             "body would tip over")  # fmt: skip
+            raise ValueError(f"radii: {min(lengths):g} m is not above the height {a:g} m")
         tensor = np.array(si.components(inertia))
         angle = si.number(axes_angle, "angle", "axes_angle")
         if z_up:  # seen from the other side
@@ -146,7 +143,7 @@ class Rattleback:
         skew: float | str = 0.0, weights: float | str | None = None,
         at: Sequence[float | str] | str | None = None, gravity: float | str = si.GRAVITY,
     ) -> Rattleback:  # fmt: skip
-        """Return a solid half ellipsoid with its flat side up (see `physics.shapes`).
+        """Return a solid half ellipsoid of uniform density with its flat side up.
 
         Each number may be a text with a unit, such as ``"12 cm"``.
 
@@ -157,14 +154,12 @@ class Rattleback:
             in m/s^2.
         skew : float
             Angle in radians by which the axes of inertia are turned against those of the surface,
-            clockwise seen from above, of a body whose base is cut at an angle; ``xi = -skew``.
+            clockwise seen from above; ``xi = -skew``.
         weights : float, optional
-            Mass in kg of each of two equal weights on the flat side, such as coins, which turn the
-            axes of inertia too.  They count as points.
+            Mass in kg of each of two equal weights on the flat side, such as coins; points.
         at : two floats, optional
             Place of one weight in m from the middle of the flat side, seen from above: to the right
-            along the length, and away across it; or as in ``"45, -9 mm"``.  The other lies
-            opposite.
+            along the length, and away across it; or ``"45, -9 mm"``.  The other lies opposite.
 
         Examples
         --------
@@ -178,24 +173,23 @@ class Rattleback:
         given = {"length": length, "width": width, "height": height}
         sizes = {name: si.size(value, "length", name) for name, value in given.items()}
         if (weights is None) != (at is None):
-            raise ValueError("weights and at belong together: the mass of each weight, and the "
-                             "place (x, y) of one from the middle of the flat side")  # fmt: skip
+            raise ValueError("weights and at belong together")
         if weights is not None and at is not None:
             x, y = si.two_lengths(at, "at")
             if not (2 * x / sizes["length"]) ** 2 + (2 * y / sizes["width"]) ** 2 <= 1:
                 raise ValueError(f"at: ({x:g} m, {y:g} m) is beyond the edge of the flat side")
             sizes |= {"weights": si.size(weights, "mass", "weights"), "x": x, "y": y}
         sizes |= {"mass": si.size(mass, "mass", "mass"), "skew": si.number(skew, "angle", "skew")}
-        found = {name: float(value) for name, value in shapes.half_ellipsoid(**sizes).items()}
+        found = {name: float(value) for name, value in si.half_ellipsoid(**sizes).items()}
         g = si.size(gravity, "acceleration", "gravity")
         return cls(units=Units(found.pop("mass"), found.pop("height"), g), **found)
 
     def replace(self, **parameters: Any) -> Rattleback:
-        """Return the body with other values of some parameters, such as ``theta=0.82``."""
+        """Return the body with other parameters, such as ``theta=0.82``."""
         return replace(self, **parameters)
 
     def mirrored(self) -> Rattleback:
-        """Return the mirror image, whose steady and unsteady direction have changed places."""
+        """Return the mirror image, whose steady and unsteady direction change places."""
         return replace(self, xi=-self.xi)
 
 
@@ -223,13 +217,12 @@ def violations(
     )
     c = np.broadcast_to(np.asarray(np.nan if c is None else c, float), alpha.shape)
     i_xx, i_yy = alpha - 1, beta - 1
-    slack = 1e-12 * (
-        alpha + gamma
-    )  # shell-dumbbell bodies have I_zz = I_xx + I_yy but for rounding
+    # Shell-dumbbell bodies have I_zz = I_xx + I_yy but for rounding.
+    slack = 1e-12 * (alpha + gamma)
     values = {"alpha": alpha, "beta": beta, "gamma": gamma, "theta": theta, "phi": phi, "xi": xi,
               "c": c, "i_xx": i_xx, "yy_zz": i_yy + gamma, "xx_yy": i_xx + i_yy}  # fmt: skip
     rules = (
-        (np.isfinite(alpha + beta + gamma + theta + phi + xi),
+        (np.isfinite(alpha + beta + gamma + theta + phi + xi) & ~np.isinf(c),
          "a parameter is not a finite number"),
         (np.maximum(alpha, gamma) <= MAX_INERTIA,
          f"a moment of inertia is out of range; at most {MAX_INERTIA:g} M a^2 is allowed"),
@@ -245,11 +238,9 @@ def violations(
          "exceeds I_yy + I_zz = {yy_zz:g}"),
         (gamma <= i_xx + i_yy + slack, "no body has this inertia: I_zz = gamma = {gamma:g} "
          "exceeds I_xx + I_yy = {xx_yy:g}"),
-        (~(c <= 0) & (c < np.inf) | np.isnan(c),
-         "c is {c:g}; the vertical semi-axis must be positive and finite"),
-        # Lying on its side, its centre of mass is at the height sqrt(c/theta).
-        (~(c <= theta), "c {c:g} is not above theta {theta:g}: the ellipsoid's horizontal "
-         "semi-axis sqrt(c/theta) must exceed 1, or the body would rather lie on its side"),
+        # On its side, the centre of mass is at the height sqrt(c/theta).
+        (~(c <= theta), "c {c:g} is not above theta {theta:g}: the ellipsoid would rather lie on "
+         "its side"),
     )  # fmt: skip
     for good, sentence in rules:
         bad = np.flatnonzero(~good)

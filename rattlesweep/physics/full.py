@@ -1,22 +1,23 @@
-"""The full dynamics (Eqs. diff-u, diff-omega, def-z, def-xy) in five variables.
+"""The full dynamics (Eqs. diff-u, diff-omega, def-z, def-xy) in five variables, and the track.
 
-The paper's state is the vertical unit vector ``u`` and the angular velocity ``omega``.  The body
-stands on its lower surface, so ``u_z < 0`` and the slope
+The body stands on its lower surface, so ``u_z < 0``, and the slope
 
     p = u_x / u_z,   q = u_y / u_z,   u = -(p, q, 1) / sqrt(1 + p^2 + q^2)
 
-describes ``u`` completely.  The state here is ``(p, q, a, b, c)`` with ``(a, b, c) = omega``:
-``|u| = 1`` for ever, and what is small near the steady spin is a small number.  For the same reason
-the surface enters as ``C = B - 1`` with ``B = R(xi) Theta^-1 R^-1(xi)``; ``B - 1`` formed late
-would lose nine digits at ``theta = 1 - 1e-9``.
+describes the vertical unit vector.  The state is ``(p, q, a, b, c)`` with ``(a, b, c) = omega``:
+what is small near the steady spin is a small number.  For the same reason the surface enters as
+``C = B - 1`` with ``B = R(xi) Theta^-1 R^-1(xi)``; ``B - 1`` formed late would lose nine digits at
+``theta = 1 - 1e-9``.  The constants of a body are the six numbers of :func:`constants`.
 
-Every function is scalar and compiled, so that the lane kernels inline it.  The constants of a body
-are the six numbers of :func:`constants`.
+The heading is the angle of the horizontal part ``h_1`` of the body's x axis from its direction at
+the start; with ``h_2 = u x h_1`` and ``u`` it spans a frame that never degenerates.  The plane's
+axes are ``h_1, h_2`` at the start, and its origin the first point of contact.
 """
 
+# mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
 
-from math import sqrt
+from math import cos, sin, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 N_STATE = 5
 N_CONSTANTS = 6
+N_EXTRA = 3  # heading and the two co-ordinates of the contact point on the plane
 
 # Fused multiply-add only.  With 'nnan' and 'ninf' LLVM folds the test for a non-finite state away;
 # 'reassoc' gains nothing here and 'arcp' 3 %, and both let the last bits depend on how often a
@@ -50,25 +52,22 @@ def constants(
         *(np.asarray(x, float) for x in (alpha, beta, gamma, theta, phi, xi))
     )
     roll, pitch = (1 - theta) / theta, (1 - phi) / phi
-    sin, cos = np.sin(xi), np.cos(xi)
-    curvature = [
-        cos**2 * roll + sin**2 * pitch,
-        -sin * cos * (theta - phi) / (theta * phi),
-        sin**2 * roll + cos**2 * pitch,
-    ]
+    s, c = np.sin(xi), np.cos(xi)
+    skew = -s * c * (theta - phi) / (theta * phi)
+    curvature = c**2 * roll + s**2 * pitch, skew, s**2 * roll + c**2 * pitch
     return np.stack([alpha - 1, beta - 1, gamma, *curvature])
 
 
 @scalar
-def slope_rate(p, q, a, b, c):  # type: ignore[no-untyped-def]
+def slope_rate(p, q, a, b, c):
     """Derivatives of ``p, q`` (Eq. diff-u, written for the slope), and what they share."""
     m = p * b - q * a
     return q * c - b - p * m, a - p * c - q * m, m
 
 
 @scalar
-def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
-    """Return how the paraboloid touches the plane and moves on (Eqs. def-xy, def-z).
+def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):
+    """Return how the paraboloid touches the plane (Eqs. def-xy, def-z).
 
     ``fx, fy, rise`` of the contact point ``r = (p + fx, q + fy, 1 - rise)``; ``wx, wy, wz`` of
     ``w = r x omega - dr/dt``, with what cancels between the two taken out by hand; and ``u_z``.
@@ -85,7 +84,7 @@ def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):  # type: ignore[no-unty
 
 
 @scalar
-def turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz):  # type: ignore[no-untyped-def]
+def turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz):
     """Return the derivatives of ``a, b, c`` (Eq. diff-omega); ``(lx, ly, lz)`` is another torque.
 
     And, for another right side ``h``, what makes of it ``D^-1 (h + r s)`` with
@@ -118,36 +117,34 @@ def turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz)
 
 
 @scalar
-def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
     """Return the time derivative of the state (Eqs. diff-u and diff-omega)."""
     dp, dq, m = slope_rate(p, q, a, b, c)
     fx, fy, rise, wx, wy, wz, uz = paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy)
-    (da, db, dc), _ = turning(
-        p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz
-    )  # fmt: skip
-    return dp, dq, da, db, dc
+    rates, _ = turning(p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz)
+    return (dp, dq) + rates  # noqa: RUF005
 
 
 @scalar
-def spin(p, q, a, b, c):  # type: ignore[no-untyped-def]
+def spin(p, q, a, b, c):
     """Spin ``n = u . omega``, in ``sqrt(g/a)``."""
     return -(p * a + q * b + c) / sqrt(1.0 + p * p + q * q)
 
 
 @scalar
-def spin_rate(p, q, da, db, dc):  # type: ignore[no-untyped-def]
+def spin_rate(p, q, da, db, dc):
     """Rate ``dn/dt = u . domega/dt``; the other term, ``(u x omega) . omega``, is zero."""
     return -(p * da + q * db + dc) / sqrt(1.0 + p * p + q * q)
 
 
 @scalar
-def oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+def oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy):
     """Twice the energy of the oscillation to second order, in ``M g a``; measures step errors."""
     return (ix + 1.0) * a * a + (iy + 1.0) * b * b + cxx * p * p + 2.0 * cxy * p * q + cyy * q * q
 
 
 @scalar
-def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
     """Energy, in ``M g a``; the potential, zero for ``u = (0, 0, -1)``, is a sum of small terms."""
     fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
     x, y = p + fx, q + fy
@@ -161,7 +158,7 @@ def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped
 
 
 @scalar
-def force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz):  # type: ignore[no-untyped-def]
+def force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz):
     """Return the contact force (Eq. em-1) at ``r``, of rate ``(xd, yd, zd)``, ``v = r x omega``.
 
     ``F . u``, negative where the plane would have to pull, and ``|F - (F . u) u|``, in ``M g``.
@@ -176,7 +173,7 @@ def force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz):  # 
 
 
 @scalar
-def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
     """Return the contact force as :func:`force`."""
     dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
     x, y = p + cxx * p + cxy * q, q + cxy * p + cyy * q
@@ -186,9 +183,29 @@ def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-
     zd = -(x * dp + y * dq)
     vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
     uz = -1.0 / sqrt(1.0 + p * p + q * q)
-    return force(
-        p * uz, q * uz, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz
-    )  # fmt: skip
+    return force(p * uz, q * uz, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz)
+
+
+@scalar
+def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):
+    """Return the rates of the heading and of the contact point on the plane.
+
+    The heading's is the vertical part of ``e x (omega x e)`` over ``1 - e_vertical^2`` with the x
+    axis ``e``; the contact point moves with ``dr/dt + v`` (Eq. no-slip), which is horizontal.
+    """
+    uy = q * uz
+    square = uy * uy + uz * uz
+    root = sqrt(square)
+    turn = (uy * b + uz * c) / square
+    x, y, z = p + fx, q + fy, 1.0 - rise
+    # dr/dt = r x omega - w
+    xd = y * c - z * b - wx
+    yd = z * a - x * c - wy
+    zd = x * b - y * a - wz
+    first = xd / root
+    second = (yd * uz - zd * uy) / root
+    cosine, sine = cos(heading), sin(heading)
+    return turn, cosine * first - sine * second, sine * first + cosine * second
 
 
 def to_vectors(state: Floats) -> tuple[Floats, Floats]:
@@ -204,3 +221,23 @@ def from_vectors(u: ArrayLike, omega: ArrayLike) -> Floats:
     if np.any(~(u[2] < 0)):
         raise ValueError("u_z must be negative: the body stands on its lower surface")
     return np.concatenate([u[:2] / u[2], omega])
+
+
+def quaternion(u: Floats, heading: Floats) -> Floats:
+    """Return the attitude as unit quaternions, shape (4, ...), the scalar first, without jumps.
+
+    They turn components in the body's frame, where the vertical is `u`, shape (3, ...), into those
+    along the plane's axes and the vertical.
+    """
+    ux, uy, uz = u
+    root = np.sqrt(uy * uy + uz * uz)
+    # Rows h_1, h_2, u of the turn at heading zero, root and h_2y = uz / root on its diagonal.
+    # Near the upright position it is half a turn about x, so that q1 is the safe pivot.
+    h2y, h2z = uz / root, -uy / root
+    pivot = 0.5 * np.sqrt(1 + root - h2y - uz)
+    w = (uy - h2z) / (4 * pivot)
+    y = -ux * uy / root / (4 * pivot)
+    z = (ux - ux * uz / root) / (4 * pivot)
+    cosine, sine = np.cos(heading / 2), np.sin(heading / 2)
+    first = cosine * w - sine * z, cosine * pivot - sine * y
+    return np.stack([*first, cosine * y + sine * pivot, cosine * z + sine * w])

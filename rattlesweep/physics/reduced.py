@@ -4,6 +4,7 @@ State ``(n, E_p, E_r)``: spin and the energies of pitch and roll, averaged over 
 constants ``(K_p, K_r, I_eff)``.
 """
 
+# mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
@@ -22,13 +23,13 @@ N_CONSTANTS = 3
 
 
 @scalar
-def rhs(n, e_p, e_r, k_p, k_r, inertia):  # type: ignore[no-untyped-def]
+def rhs(n, e_p, e_r, k_p, k_r, inertia):
     """Time derivatives of ``n, E_p, E_r``."""
     return (k_r * e_r - k_p * e_p) / inertia, k_p * n * e_p, -k_r * n * e_r
 
 
 @scalar
-def energy(n, e_p, e_r, k_p, k_r, inertia):  # type: ignore[no-untyped-def]
+def energy(n, e_p, e_r, k_p, k_r, inertia):
     """Total energy ``E_tot``, conserved, in ``M g a``."""
     return 0.5 * inertia * n * n + e_p + e_r
 

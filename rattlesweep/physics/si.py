@@ -1,4 +1,4 @@
-"""Bodies in SI units, from a CAD program or from a scale and a ruler."""
+"""Bodies in SI units: from a CAD program, from a scale and a ruler, or half an ellipsoid."""
 
 from __future__ import annotations
 
@@ -20,9 +20,8 @@ GRAVITY = 9.81
 """Gravity on Earth, in m/s^2."""
 MAX_TILT = 1e-3
 """Angle in radians by which the principal axis may be off the vertical, for rounded inputs."""
-LIMITS = {
-    "mass": (1e-9, 1e9, "kg"), "length": (1e-9, 1e6, "m"), "acceleration": (1e-6, 1e6, "m/s^2"),
-}  # fmt: skip
+LIMITS = {"mass": (1e-9, 1e9, "kg"), "length": (1e-9, 1e6, "m"),
+          "acceleration": (1e-6, 1e6, "m/s^2")}  # fmt: skip
 """Smallest and largest size of a quantity by its kind: beyond them products leave no digits."""
 
 
@@ -54,10 +53,7 @@ class Units:
 
 
 def number(value: float | str, kind: str, name: str) -> float:
-    """Return a number in SI units, given as that or as text such as ``"12 mm"``.
-
-    `kind` is one of :data:`rattlesweep.units.KINDS`; a ValueError begins with `name`.
-    """
+    """Return a number in SI units, given as that or as text of a kind of `units.KINDS`."""
     try:
         return quantity(value, kind) if isinstance(value, str) else float(value)
     except ValueError as error:
@@ -117,21 +113,48 @@ def components(inertia: Sequence[float] | Sequence[Sequence[float]]) -> tuple[fl
     if tensor.ndim == 1 and 3 <= tensor.size <= 6:
         xx, yy, zz, xy, xz, yz = np.pad(tensor, (0, 6 - tensor.size))
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    if tensor.shape != (3, 3) or not np.isfinite(tensor).all():
-        raise ValueError("inertia: a finite matrix of 3 x 3 is needed, or (ixx, iyy, izz, ixy, "
-                         "ixz, iyz), of which the last three may be left out")  # fmt: skip
-    if np.abs(tensor - tensor.T).max() > 1e-6 * np.abs(tensor).max():
-        raise ValueError("inertia: the matrix is not symmetric; ixy and iyx are one number")
+    slack = 1e-6 * np.abs(tensor).max(initial=0)
+    if tensor.shape != (3, 3) or not np.abs(tensor - tensor.T).max() <= slack < np.inf:
+        raise ValueError("inertia: a finite symmetric 3 x 3 matrix is needed, or (ixx, iyy, izz, "
+                         "ixy, ixz, iyz), of which the last three may be left out")  # fmt: skip
     moments = np.linalg.eigvalsh(tensor)
     if moments[0] <= 0 or moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
         told = ", ".join(f"{moment:g}" for moment in moments)
-        raise ValueError(f"inertia: no body has the principal moments {told} kg m^2; all must be "
-                         "positive, and none above the sum of the others")  # fmt: skip
+        raise ValueError(f"inertia: no body has the principal moments {told} kg m^2")
     xx, yy, zz = np.diag(tensor)
     # To first order the angle by which the vertical is off a principal axis.
     coupling = np.hypot(tensor[0, 2], tensor[1, 2])
     tilt = coupling / max(abs(zz - xx), abs(zz - yy), 1e-300)
     if tilt > MAX_TILT:
-        raise ValueError(f"inertia: the vertical is no principal axis: ixz and iyz turn it by "
-                         f"{tilt:.2g} rad; give the inertia in axes of which z is one")  # fmt: skip
+        raise ValueError(f"inertia: the z axis is off a principal axis by {tilt:.2g} rad")
     return float(xx), float(yy), float(zz), float(tensor[0, 1])
+
+
+def half_ellipsoid(
+    length: ArrayLike, width: ArrayLike, height: ArrayLike, mass: ArrayLike,
+    skew: ArrayLike = 0.0, *, weights: ArrayLike = 0.0, x: ArrayLike = 0.0, y: ArrayLike = 0.0,
+) -> dict[str, Floats]:  # fmt: skip
+    """Return the parameters of solid half ellipsoids that lie with their flat side up.
+
+    Arguments as for :meth:`rattlesweep.physics.body.Rattleback.half_ellipsoid`, in m, kg and
+    radians, with ``at = (x, y)``; the density is uniform.  Returned are ``alpha, beta, gamma,
+    theta, phi, xi, c``, and the units: ``mass`` in kg and ``height`` of the centre of mass in m,
+    with the weights.
+    """
+    length, width, height, mass, skew, weights, x, y = np.broadcast_arrays(
+        *(np.asarray(v, float) for v in (length, width, height, mass, skew, weights, x, y))
+    )
+    p, q = length / 2, width / 2
+    both = 2 * weights
+    total = mass + both
+    a = height * (5 / 8 * mass + both) / total
+    # About the centre of mass of all, along axes to the right and towards the observer.
+    flat = 19 / 320 * height**2 + (a - 5 / 8 * height) ** 2
+    mean = mass * ((p**2 + q**2) / 10 + flat) + both * ((x**2 + y**2) / 2 + (height - a) ** 2)
+    own, added = mass * (q**2 - p**2) / 10, both * (y**2 - x**2) / 2
+    half = own * np.cos(2 * skew) + added
+    vertical = mass * (p**2 + q**2) / 5 + both * (x**2 + y**2)
+    inertia = [mean + half, mean - half, vertical, own * np.sin(2 * skew) + both * x * y]
+    radii = np.stack([p**2 / height, q**2 / height], axis=-1)
+    found = parameters(total, np.stack(inertia, axis=-1), a, radii, np.zeros(a.shape))
+    return {**found, "c": height / a, "mass": total, "height": a}

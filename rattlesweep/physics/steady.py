@@ -2,11 +2,11 @@
 
 Around ``u = (0, 0, -1)``, ``omega = (0, 0, -n)`` the slope and the horizontal angular velocity
 ``(p, q, omega_x, omega_y)`` obey a linear system.  Its eigenvalues are the growth rates and
-frequencies at any spin; their limit for small ``n`` is the theory of Case and Jalal, and their real
-part vanishes at Bondi's threshold.  Its left eigenvectors measure the amplitude of one mode alone,
-free of the beat with the other and of its own oscillation, so that the types see a slow growth.
+frequencies; their limit for small ``n`` is the theory of Case and Jalal, and their real part
+vanishes at Bondi's threshold.  Its left eigenvectors measure the amplitude of one mode alone, free
+of the beat with the other, so that the types see a slow growth.
 
-Written for the slope alone, the system is of second order, ``P(lambda) s = 0`` with
+For the slope alone, the system is of second order, ``P(lambda) s = 0`` with
 
     P = [[beta lambda^2 + d_p lambda + k_pp,  g_p lambda + k_pq],
          [g_q lambda + k_qp,  alpha lambda^2 + d_q lambda + k_qq]],
@@ -43,27 +43,18 @@ def matrix(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Floats:
     """Return the matrix, shape (..., 4, 4), that acts on ``(p, q, omega_x, omega_y)``.
 
     Of bodies with :func:`rattlesweep.physics.full.constants`, shape (6, ...), at a spin ``n``, in
-    ``sqrt(g/a)``.  Under a torque ``-sigma omega`` the spin falls at the rate ``sigma / gamma``,
-    which the matrix knows; its eigenvalues are rates as long as that is slow.
+    ``sqrt(g/a)``.  Under a torque ``-sigma omega`` the spin falls at the rate ``sigma / gamma``;
+    the eigenvalues are rates as long as that is slow.
     """
-    ix, iy, iz, cxx, cxy, cyy, c, loss = _broadcast(constants, n, sigma)
-    zero, one = np.zeros_like(ix), np.ones_like(ix)
-    # Rows as coefficients of (p, q, a, b); Eq. diff-u first.
-    dp = np.stack([zero, c, zero, -one])
-    dq = np.stack([-c, zero, one, zero])
-    # w = r x omega - dr/dt to first order, with r_perp = (1 + C)(p, q).
-    fx = np.stack([cxx, cxy, zero, zero])
-    fy = np.stack([cxy, cyy, zero, zero])
-    wx = fy * c - (cxx * dp + cxy * dq)
-    wy = -fx * c - (cxy * dp + cyy * dq)
-    a = np.stack([zero, zero, one, zero])
-    b = np.stack([zero, zero, zero, one])
-    # Eq. diff-omega to first order: gyroscopic, contact point, gravity, the falling spin.
-    fall = -loss * c / iz
-    x = np.stack([one, zero, zero, zero]) + fx
-    y = np.stack([zero, one, zero, zero]) + fy
-    da = ((iy - iz) * c * b - c * wx - fy - loss * a + fall * x) / (ix + 1)
-    db = ((iz - ix) * c * a - c * wy + fx - loss * b + fall * y) / (iy + 1)
+    system = _System(constants, n, sigma)
+    c, zero, one = system.c, np.zeros_like(system.c), np.ones_like(system.c)
+    # Rows as coefficients of (p, q, omega_x, omega_y): Eq. diff-u, then the two of P s = 0 with
+    # omega_x = dq/dt + c p, omega_y = c q - dp/dt.
+    dp, dq = np.stack([zero, c, zero, -one]), np.stack([-c, zero, one, zero])
+    k_p = np.stack([system.k_pp, system.k_pq, zero, zero])
+    k_q = np.stack([system.k_qp, system.k_qq, zero, zero])
+    da = c * dp - (system.d_q * dq + system.g_q * dp + k_q) / system.alpha
+    db = c * dq + (system.d_p * dp + system.g_p * dq + k_p) / system.beta
     return np.moveaxis(np.stack([dp, dq, da, db]), (0, 1), (-2, -1))
 
 
@@ -100,10 +91,10 @@ def growth(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> tuple[Flo
 def transient_growth(constants: Floats, n: ArrayLike) -> Floats:
     """Return a bound of how far the energy of an oscillation rises before it decays, 1 or more.
 
-    Modes that are not orthogonal take energy from each other: of ``dx/dt = A x`` with eigenvectors
-    ``V`` and no growing mode, ``|x(t)|^2 <= cond(V)^2 |x(0)|^2`` (Trefethen and Embree, Spectra and
-    Pseudospectra, 2005, sec. 14).  The norm is that of :func:`full.oscillation`, in which each mode
-    has length 1; ``cond(V)^2`` is the ratio of the extreme eigenvalues of the modes' products.
+    Of ``dx/dt = A x`` with eigenvectors ``V`` and no growing mode,
+    ``|x(t)|^2 <= cond(V)^2 |x(0)|^2`` (Trefethen and Embree, Spectra and Pseudospectra, 2005,
+    sec. 14).  In the norm of :func:`full.oscillation`, in which each mode has length 1,
+    ``cond(V)^2`` is the ratio of the extreme eigenvalues of the modes' products.
     """
     system = _System(constants, n, 0.0)
     columns = []
@@ -126,19 +117,15 @@ def transient_growth(constants: Floats, n: ArrayLike) -> Floats:
 def settled_oscillation(constants: Floats, n_0: Floats, n_c: Floats, rate: Floats) -> Floats:
     """Return the oscillation from which on a run only decays to its steady spin; 0 where none is.
 
-    All energy is spin in the end, ``n_0``, if the oscillation decays, as is certain while
+    In the measure of :func:`full.oscillation`, for `constants` (6, runs), spins `n_0` that would
+    hold all the energy, thresholds of stability `n_c` (NaN: none), and the least `rate` that counts
+    as decay.  The decay is certain (docs/types.md) while
 
-    - both modes decay, the pitch twice as fast as the roll at least, at every spin that the
-      oscillation's energy may still lead to: down to half-way, in ``n^2``, from ``n_0`` to the
-      threshold ``n_c``;
+    - both modes decay, the pitch twice as fast as the roll at least, down to half-way, in ``n^2``,
+      from ``n_0`` to ``n_c``;
     - the energy that the oscillation may rise to, by :func:`transient_growth`, leads no farther,
-      and is not enough to lean the body by a slope of ``1/sqrt(2)`` in the direction easiest to;
-    - now that slope is 0.1 at most: the amplitude of a mode is known to its square, and what linear
-      theory leaves out is of third order.
-
-    Docs/types.md says how far on the safe side this is.  Of runs with `constants` (6, runs), spins
-    `n_0` that would hold all the energy and thresholds of stability `n_c` (NaN: none), with signs;
-    `rate` is the least that counts as decay.  In the measure of :func:`full.oscillation`.
+      and cannot lean the body by a slope of ``1/sqrt(2)`` in the direction easiest to;
+    - now that slope is 0.1 at most, as what linear theory leaves out is of third order.
     """
     settled = np.zeros(len(n_0))
     place = np.flatnonzero((n_0 * n_c > 0) & (np.abs(n_0) > np.abs(n_c)) & np.isfinite(rate))
@@ -159,15 +146,12 @@ def settled_oscillation(constants: Floats, n_0: Floats, n_c: Floats, rate: Float
     return settled
 
 
-def _broadcast(constants: Floats, n: ArrayLike, sigma: ArrayLike) -> tuple[Floats, ...]:
-    return np.broadcast_arrays(*constants, -np.asarray(n, float), np.asarray(sigma, float))
-
-
 class _System:
     """``P`` at the top of the module, its determinant and the eigenvectors; ``c = -n``."""
 
     def __init__(self, constants: Floats, n: ArrayLike, sigma: ArrayLike) -> None:
-        ix, iy, iz, cxx, cxy, cyy, c, sigma = _broadcast(constants, n, sigma)
+        given = *constants, -np.asarray(n, float), np.asarray(sigma, float)
+        ix, iy, iz, cxx, cxy, cyy, c, sigma = np.broadcast_arrays(*given)
         fall, c2 = -sigma * c / iz, c * c
         self.constants, self.c, self.sigma = (ix, iy, iz, cxx, cxy, cyy), c, sigma
         self.alpha, self.beta = ix + 1, iy + 1
@@ -184,8 +168,7 @@ class _System:
     def quartic(self) -> tuple[Floats, Floats, Floats, Floats]:
         """Return the coefficients of ``det P / (alpha beta)``, of the cube first.
 
-        Without losses the odd ones are ``c C_xy (I_x - I_y) (lambda^2 + c^2) lambda``; terms that
-        cancel in the determinant are left out here.
+        Terms that cancel in the determinant are left out here.
         """
         (ix, iy, iz, cxx, cxy, cyy), c, sigma, h = self.constants, self.c, self.sigma, self.h
         c2, skew, square = c * c, c * cxy * (ix - iy), _determinant(cxx, cxy, cyy)
@@ -224,10 +207,8 @@ class _System:
         p = _times(u, (self.beta * re + self.d_p, self.beta * im))
         q = _times(v, (self.alpha * re + self.d_q, self.alpha * im))
         p_v, q_u = c * (iy - iz - cxx), c * (iz - ix + cyy)
-        parts = [
-            [p[k] + p_v * v[k], q[k] + q_u * u[k], self.alpha * v[k], -self.beta * u[k]]
-            for k in (0, 1)
-        ]
+        parts = [[p[k] + p_v * v[k], q[k] + q_u * u[k], self.alpha * v[k], -self.beta * u[k]]
+                 for k in (0, 1)]  # fmt: skip
         length = np.sqrt(sum(x * x for part in parts for x in part))
         real, imaginary = (np.stack([x / length for x in part], axis=-1) for part in parts)
         return real, imaginary
@@ -238,9 +219,8 @@ class _System:
         p, q = _kernel(pp, pq, qp, qq)
         # omega_x = dq/dt + c p, omega_y = c q - dp/dt.
         dp, dq, c = _times((re, im), p), _times((re, im), q), self.c
-        real, imaginary = (
-            np.stack([p[k], q[k], dq[k] + c * p[k], c * q[k] - dp[k]]) for k in (0, 1)
-        )
+        parts = ([p[k], q[k], dq[k] + c * p[k], c * q[k] - dp[k]] for k in (0, 1))
+        real, imaginary = map(np.stack, parts)
         return real, imaginary
 
     def energy(self, one: Floats, other: Floats) -> Floats:
@@ -275,9 +255,8 @@ def _complex(re: Floats, im: Floats) -> Complexes:
 
 def _kernel(a: Pair, b: Pair, c: Pair, d: Pair) -> tuple[Pair, Pair]:
     """Return ``x, y`` with ``a x + b y = c x + d y = 0``, by the row that tells more."""
-    first, second = (
-        x[0] * x[0] + x[1] * x[1] + y[0] * y[0] + y[1] * y[1] for x, y in ((a, b), (c, d))
-    )
+    first, second = (x[0] * x[0] + x[1] * x[1] + y[0] * y[0] + y[1] * y[1]
+                     for x, y in ((a, b), (c, d)))  # fmt: skip
     lower = second > first
     (re, im), y = choose(lower, c, a), choose(lower, d, b)
     # Of P = 0 any vector is one.

@@ -15,6 +15,7 @@ variable, and energy minus work is conserved.
 Where ``surface`` is an argument it is :func:`flat`, :func:`ellipsoid` or :func:`carried_ellipsoid`.
 """
 
+# mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
 
 from math import sqrt
@@ -45,7 +46,7 @@ def inverse_semi_axis(c: ArrayLike | None) -> Floats:
 
 
 @scalar
-def touching(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise):  # type: ignore[no-untyped-def]
+def touching(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise):
     """How an ellipsoid of known ``e`` and ``rise = (1 - e) / k`` touches the plane."""
     gx, gy = cxx * p + cxy * q, cxy * p + cyy * q
     x0, y0 = p + gx, q + gy
@@ -61,7 +62,7 @@ def touching(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise):  # type: igno
 
 
 @scalar
-def shape_at(p, q, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+def shape_at(p, q, cxx, cxy, cyy, k):
     """``e`` and ``rise`` of an ellipsoid."""
     s = (p + (cxx * p + cxy * q)) * p + (q + (cxy * p + cyy * q)) * q
     rho = sqrt(1.0 + k * s)
@@ -70,35 +71,30 @@ def shape_at(p, q, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+def ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):
     """How the ellipsoid touches the plane; as :func:`rattlesweep.physics.full.paraboloid`."""
     e, rise = shape_at(p, q, cxx, cxy, cyy, k)
     return touching(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise)
 
 
 @scalar
-def frictionless_rhs(surface, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
-    """Return the time derivative of the state without friction."""
+def frictionless_rhs(surface, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
+    """Time derivative of the state without friction."""
     dp, dq, m = slope_rate(p, q, a, b, c)
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
-    (da, db, dc), _ = turning(
-        p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz
-    )  # fmt: skip
-    return dp, dq, da, db, dc
+    rates, _ = turning(p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz)
+    return (dp, dq) + rates  # noqa: RUF005
 
 
 @scalar
-def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
-    """Return the time derivative of an ellipsoid's state without friction."""
+def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
+    """Time derivative of an ellipsoid's state without friction."""
     return frictionless_rhs(ellipsoid, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
 
 
 @scalar
-def corrected(p, q, cxx, cxy, cyy, k, rise):  # type: ignore[no-untyped-def]
-    """Return ``e`` and ``rise`` by a step of Newton's method from a ``rise`` nearby.
-
-    ``e (3 - e^2 (1 + k s)) / 2`` is nearer ``e``; ``rise`` and ``e`` both keep their digits.
-    """
+def corrected(p, q, cxx, cxy, cyy, k, rise):
+    """Return ``e`` and ``rise`` by a step of Newton's method from a ``rise`` nearby."""
     s = (p + (cxx * p + cxy * q)) * p + (q + (cxy * p + cyy * q)) * q
     e = 1.0 - k * rise
     step = (0.5 * e) * (s * (e * e) - (rise + rise * e))
@@ -106,14 +102,14 @@ def corrected(p, q, cxx, cxy, cyy, k, rise):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def rise_rate(p, q, dp, dq, cxx, cxy, cyy, k, rise):  # type: ignore[no-untyped-def]
+def rise_rate(p, q, dp, dq, cxx, cxy, cyy, k, rise):
     """Derivative of the ``rise``."""
     e, _ = corrected(p, q, cxx, cxy, cyy, k, rise)
     return e * (e * e) * ((p + (cxx * p + cxy * q)) * dp + (q + (cxy * p + cyy * q)) * dq)
 
 
 @scalar
-def carried_ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+def carried_ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):
     """:func:`ellipsoid` without its root: ``k`` is ``1/c`` and the ``rise`` that a step carries."""
     inverse, near = k
     e, rise = corrected(p, q, cxx, cxy, cyy, inverse, near)
@@ -121,7 +117,7 @@ def carried_ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):  # type: igno
 
 
 @scalar
-def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
     """Energy of an ellipsoid; as :func:`rattlesweep.physics.full.energy`."""
     gx, gy = cxx * p + cxy * q, cxy * p + cyy * q
     tilt = p * p + q * q
@@ -137,49 +133,53 @@ def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-unty
 
 
 @scalar
-def contact_of(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz):  # type: ignore[no-untyped-def]
+def contact_of(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz):
     """Contact force at ``r = (x, y, z)``; ``dr/dt = v - w`` with ``v = r x omega``."""
     vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
-    return force(
-        ux, uy, uz, a, b, c, da, db, dc, x, y, z, vx - wx, vy - wy, vz - wz, vx, vy, vz
-    )  # fmt: skip
+    dx, dy, dz = vx - wx, vy - wy, vz - wz
+    return force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, dx, dy, dz, vx, vy, vz)
 
 
 @scalar
-def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
-    """Contact force of an ellipsoid; as :func:`rattlesweep.physics.full.contact_force`."""
-    dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
+def force_on(surface, p, q, a, b, c, dp, dq, da, db, dc, cxx, cxy, cyy, k):
+    """Contact force in a state of known derivative; as `full.contact_force`."""
     m = p * b - q * a
-    fx, fy, rise, wx, wy, wz, uz = ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
-    return contact_of(
-        p * uz, q * uz, uz, a, b, c, da, db, dc, p + fx, q + fy, 1.0 - rise, wx, wy, wz
-    )  # fmt: skip
+    fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
+    x, y, z = p + fx, q + fy, 1.0 - rise
+    return contact_of(p * uz, q * uz, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz)
 
 
 @scalar
-def flat(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
-    """The paraboloid as a surface of these templates: it has no use for ``k``."""
+def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
+    """Contact force of an ellipsoid without friction."""
+    dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
+    return force_on(ellipsoid, p, q, a, b, c, dp, dq, da, db, dc, cxx, cxy, cyy, k)
+
+
+@scalar
+def flat(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):
+    """The paraboloid as a surface of these templates."""
     return paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy)
 
 
 @scalar
-def flat_energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
-    """Energy of the paraboloid, with ``k`` of which it has no use."""
+def flat_energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
+    """Energy of the paraboloid."""
     return full.energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
 
 
 @scalar
-def viscous_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+def viscous_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
     """Return the time derivative of the state and the work under ``-sigma omega`` alone."""
     dp, dq, m = slope_rate(p, q, a, b, c)
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
     lx, ly, lz = -sigma * a, -sigma * b, -sigma * c
-    (da, db, dc), _ = turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz)
-    return dp, dq, da, db, dc, lx * a + ly * b + lz * c
+    rates, _ = turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz)
+    return (dp, dq) + rates + (lx * a + ly * b + lz * c,)  # noqa: RUF005
 
 
 @scalar
-def resistance(ux, uy, uz, a, b, c, x, y, z, normal, lever, eps, dyz, dzx, dxy, along, ivol):  # type: ignore[no-untyped-def]
+def resistance(ux, uy, uz, a, b, c, x, y, z, normal, lever, eps, dyz, dzx, dxy, along, ivol):
     """Return the change of ``domega/dt`` by rolling resistance, and its power.
 
     The normal force depends on the acceleration, and both are linear: with the matrix ``J`` of
@@ -199,32 +199,15 @@ def resistance(ux, uy, uz, a, b, c, x, y, z, normal, lever, eps, dyz, dzx, dxy, 
 
 
 @scalar
-def rolling_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+def rolling_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
     """Return the time derivative of the state and the work under both couples."""
     dp, dq, m = slope_rate(p, q, a, b, c)
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
     lx, ly, lz = -sigma * a, -sigma * b, -sigma * c
-    (da, db, dc), solved = turning(
-        p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz
-    )  # fmt: skip
+    rates, solved = turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz)
+    da, db, dc = rates
     ux, uy = p * uz, q * uz
     x, y, z = p + fx, q + fy, 1.0 - rise
     normal, _ = contact_of(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz)
     ra, rb, rc, loss = resistance(ux, uy, uz, a, b, c, x, y, z, normal, lever, eps, *solved)
     return dp, dq, da - ra, db - rb, dc - rc, lx * a + ly * b + lz * c - loss
-
-
-@scalar
-def friction_force(  # type: ignore[no-untyped-def]
-    friction_rhs, surface, p, q, a, b, c, work,
-    ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps,
-):  # fmt: skip
-    """Return the contact force with friction, whose right-hand side is ``friction_rhs``."""
-    dp, dq, da, db, dc, _ = friction_rhs(
-        surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
-    )  # fmt: skip
-    m = p * b - q * a
-    fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
-    return contact_of(
-        p * uz, q * uz, uz, a, b, c, da, db, dc, p + fx, q + fy, 1.0 - rise, wx, wy, wz
-    )  # fmt: skip

@@ -9,6 +9,7 @@ delay, and across the surface of constant energy.  What is measured is the part 
 surface and normal to the flow; it moves independently of the two others, and may decay.
 """
 
+# mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
 
 from math import sqrt
@@ -17,13 +18,13 @@ from rattlesweep.physics.full import oscillation, scalar
 
 
 @scalar
-def full_rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+def full_rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
     """Return the derivative of a tangent ``(p1, q1, a1, b1, c1)`` under ``full.rhs``.
 
-    Of ``(D - r r^T) domega = T``, with ``T1 - (D - r r^T)_1 domega`` on the right, whose product
-    with ``r`` is taken from the identity ``r . (I domega - g) = 0``, without what cancels.
+    Names as there; what ends in 1 is a derivative along the tangent.  Of
+    ``(D - r r^T) domega = T``, with ``T1 - (D - r r^T)_1 domega`` on the right, whose product with
+    ``r`` is taken from the identity ``r . (I domega - g) = 0``, without what cancels.
     """
-    # Names as in full.rhs; what ends in 1 is a derivative along the tangent.
     m = p * b - q * a
     m1 = p1 * b + p * b1 - q1 * a - q * a1
     dp1 = q1 * c + q * c1 - b1 - p1 * m - p * m1
@@ -85,7 +86,7 @@ def full_rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz,
 
 
 @scalar
-def full_gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+def full_gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
     """Gradient of :func:`rattlesweep.physics.full.energy`."""
     fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
     x, y = p + fx, q + fy
@@ -108,14 +109,14 @@ def full_gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-
 
 
 @scalar
-def full_square(p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+def full_square(p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
     """Squared norm, in ``M g a``: twice the energy with ``B = 1 + C``, which never vanishes."""
     slope = p1 * p1 + q1 * q1
     return oscillation(p1, q1, a1, b1, ix, iy, cxx, cxy, cyy) + slope + iz * c1 * c1
 
 
 @scalar
-def full_transverse(  # type: ignore[no-untyped-def]
+def full_transverse(
     p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy
 ):
     """Return the part of a tangent in the surface of constant energy and normal to the flow.
@@ -124,21 +125,14 @@ def full_transverse(  # type: ignore[no-untyped-def]
     """
     ep, eq, ea, eb, ec = full_gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
     # The norm's inverse applied to the gradient.
-    bxx = 1.0 + cxx
-    byy = 1.0 + cyy
+    bxx, byy = 1.0 + cxx, 1.0 + cyy
     det = bxx * byy - cxy * cxy
-    hp = (byy * ep - cxy * eq) / det
-    hq = (bxx * eq - cxy * ep) / det
-    ha = ea / (ix + 1.0)
-    hb = eb / (iy + 1.0)
-    hc = ec / iz
+    hp, hq = (byy * ep - cxy * eq) / det, (bxx * eq - cxy * ep) / det
+    ha, hb, hc = ea / (ix + 1.0), eb / (iy + 1.0), ec / iz
     steep = ep * hp + eq * hq + ea * ha + eb * hb + ec * hc + 1e-290
     off = (ep * p1 + eq * q1 + ea * a1 + eb * b1 + ec * c1) / steep
-    p1 -= off * hp
-    q1 -= off * hq
-    a1 -= off * ha
-    b1 -= off * hb
-    c1 -= off * hc
+    p1, q1 = p1 - off * hp, q1 - off * hq
+    a1, b1, c1 = a1 - off * ha, b1 - off * hb, c1 - off * hc
     # At a state of rest there is no flow, and nothing to take away.
     speed = full_square(dp, dq, da, db, dc, ix, iy, iz, cxx, cxy, cyy) + 1e-290
     late = (
@@ -149,52 +143,43 @@ def full_transverse(  # type: ignore[no-untyped-def]
 
 
 @scalar
-def full_seed(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+def full_seed(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
     """A tangent along no mode: as much energy in each component of slope and rate."""
     p, q = 1.0 / sqrt(1.0 + cxx), 1.0 / sqrt(1.0 + cyy)
     return p, q, 1.0 / sqrt(ix + 1.0), 1.0 / sqrt(iy + 1.0), 0.0
 
 
 @scalar
-def reduced_rate(n, e_p, e_r, dn, de_p, de_r, n1, p1, r1, k_p, k_r, inertia):  # type: ignore[no-untyped-def]
+def reduced_rate(n, e_p, e_r, dn, de_p, de_r, n1, p1, r1, k_p, k_r, inertia):
     """Return the derivative of a tangent ``(n1, p1, r1)`` under ``reduced.rhs``.
 
     ``p1, r1`` are of the amplitudes ``sqrt(2 E_p)``, ``sqrt(2 E_r)``, which may be zero.
     """
-    p = sqrt(2.0 * abs(e_p))
-    r = sqrt(2.0 * abs(e_r))
-    return (
-        (k_r * r * r1 - k_p * p * p1) / inertia,
-        0.5 * k_p * (n1 * p + n * p1),
-        -0.5 * k_r * (n1 * r + n * r1),
-    )
+    p, r = sqrt(2.0 * abs(e_p)), sqrt(2.0 * abs(e_r))
+    dn1 = (k_r * r * r1 - k_p * p * p1) / inertia
+    return dn1, 0.5 * k_p * (n1 * p + n * p1), -0.5 * k_r * (n1 * r + n * r1)
 
 
 @scalar
-def reduced_square(n1, p1, r1, k_p, k_r, inertia):  # type: ignore[no-untyped-def]
+def reduced_square(n1, p1, r1, k_p, k_r, inertia):
     """Squared norm of a tangent, in ``M g a``."""
     return inertia * n1 * n1 + p1 * p1 + r1 * r1
 
 
 @scalar
-def reduced_transverse(n, e_p, e_r, dn, de_p, de_r, n1, p1, r1, k_p, k_r, inertia):  # type: ignore[no-untyped-def]
+def reduced_transverse(n, e_p, e_r, dn, de_p, de_r, n1, p1, r1, k_p, k_r, inertia):
     """Part of a tangent in the surface of constant energy and normal to the flow."""
-    p = sqrt(2.0 * abs(e_p))
-    r = sqrt(2.0 * abs(e_r))
+    p, r = sqrt(2.0 * abs(e_p)), sqrt(2.0 * abs(e_r))
     # In this norm the gradient of the energy is the state itself, (n, p, r).
     off = (inertia * n * n1 + p * p1 + r * r1) / (inertia * n * n + p * p + r * r + 1e-290)
-    n1 -= off * n
-    p1 -= off * p
-    r1 -= off * r
-    fp = 0.5 * k_p * n * p
-    fr = -0.5 * k_r * n * r
-    late = (inertia * dn * n1 + fp * p1 + fr * r1) / (
-        inertia * dn * dn + fp * fp + fr * fr + 1e-290
-    )
+    n1, p1, r1 = n1 - off * n, p1 - off * p, r1 - off * r
+    fp, fr = 0.5 * k_p * n * p, -0.5 * k_r * n * r
+    speed = inertia * dn * dn + fp * fp + fr * fr + 1e-290
+    late = (inertia * dn * n1 + fp * p1 + fr * r1) / speed
     return n1 - late * dn, p1 - late * fp, r1 - late * fr
 
 
 @scalar
-def reduced_seed(n, e_p, e_r, k_p, k_r, inertia):  # type: ignore[no-untyped-def]
+def reduced_seed(n, e_p, e_r, k_p, k_r, inertia):
     """A tangent along no mode: as much energy in each amplitude."""
     return 0.0, 1.0, 1.0

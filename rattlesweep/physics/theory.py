@@ -7,7 +7,7 @@ Angles are in radians, frequencies in ``sqrt(g/a)``, times in ``sqrt(a/g)``.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from rattlesweep.arrays import Floats
+
+
+NO_SPIN = 1e-15
+"""A spin below this share of the angular velocity is the rounding of a zero."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class Modes:
 def hessian(
     alpha: Floats, beta: Floats, theta: Floats, phi: Floats, xi: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the elements ``H_11, H_12, H_22`` of the matrix ``H`` (Eq. lin-omg4), in ``g/a``."""
+    """Return ``H_11, H_12, H_22`` of the matrix ``H`` (Eq. lin-omg4), in ``g/a``."""
     roll, pitch = (1 - theta) / theta, (1 - phi) / phi
     sin, cos = np.sin(xi), np.cos(xi)
     h11 = (sin**2 * roll + cos**2 * pitch) / alpha
@@ -67,12 +71,6 @@ def torque_coefficients(
     return square_p, square_r, torque * square_p, torque * square_r
 
 
-def _half_turn(angle: Floats) -> Floats:
-    """Bring the direction of a line into (-pi/2, pi/2]."""
-    angle = np.where(angle > np.pi / 2, angle - np.pi, angle)
-    return np.where(angle <= -np.pi / 2, angle + np.pi, angle)
-
-
 def modes(
     alpha: ArrayLike, beta: ArrayLike, theta: ArrayLike, phi: ArrayLike, xi: ArrayLike
 ) -> Modes:
@@ -84,18 +82,13 @@ def modes(
     # Eigenvectors of H are (cos, sin) and (-sin, cos) of chi; J^-1/2 turns them into omega_perp.
     chi = np.arctan2(2 * h12, h11 - h22) / 2
     sin, cos = np.sin(chi), np.cos(chi)
-    psi_p = np.arctan2(sin * np.sqrt(alpha), cos * np.sqrt(beta))
-    psi_r = np.arctan2(cos * np.sqrt(alpha), -sin * np.sqrt(beta))
-    return Modes(
-        omega_p=np.sqrt(square_p),
-        omega_r=np.sqrt(square_r),
-        psi_p=_half_turn(psi_p),
-        psi_r=_half_turn(psi_r),
-        omega_p0=np.sqrt(pitch / alpha),
-        omega_r0=np.sqrt(roll / beta),
-        K_p=K_p,
-        K_r=K_r,
-    )
+    psi = (np.arctan2(sin * np.sqrt(alpha), cos * np.sqrt(beta)),
+           np.arctan2(cos * np.sqrt(alpha), -sin * np.sqrt(beta)))  # fmt: skip
+    # Lines have no sense: into (-pi/2, pi/2].
+    psi_p, psi_r = (np.where(x > np.pi / 2, x - np.pi, x) for x in psi)
+    psi_p, psi_r = (np.where(x <= -np.pi / 2, x + np.pi, x) for x in (psi_p, psi_r))
+    at_zero = np.sqrt(pitch / alpha), np.sqrt(roll / beta)
+    return Modes(np.sqrt(square_p), np.sqrt(square_r), psi_p, psi_r, *at_zero, K_p, K_r)
 
 
 def oscillation_speed(
@@ -116,26 +109,6 @@ def unsteady(K_p: ArrayLike, n_i: ArrayLike) -> NDArray[np.bool_]:
     return result
 
 
-def reversal_time(K: ArrayLike, n_i: ArrayLike, speed: ArrayLike) -> Floats:
-    """Return the time of reversal t_rGH (Eqs. trgh-p, trgh-m).
-
-    `K` is that of the mode that grows, `speed` is :func:`oscillation_speed`.
-    ``ln((n_0 + n)/(n_0 - n))`` is ``2 asinh(n/w)``, since ``n_0^2 - n^2 = w^2``.
-    """
-    n = np.abs(n_i)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        time: Floats = 2 * np.arcsinh(n / np.asarray(speed)) / (np.hypot(n, speed) * np.abs(K))
-    return time
-
-
-def spin_gh(t: ArrayLike, K: ArrayLike, n_i: ArrayLike, speed: ArrayLike) -> Floats:
-    """Return Garcia and Hubbard's ``n(t)`` (Eqs. gh-solution-p, gh-solution-m)."""
-    n_0 = np.hypot(n_i, speed)
-    late = np.asarray(t, float) - reversal_time(K, n_i, speed)
-    spin: Floats = -np.sign(n_i) * n_0 * np.tanh(n_0 * np.abs(K) * late / 2)
-    return spin
-
-
 def growth_rates(K_p: ArrayLike, K_r: ArrayLike, n: ArrayLike) -> tuple[Floats, Floats]:
     """Return the growth rates of pitch and roll amplitudes at a small spin (Eq. case-instab1)."""
     n = np.asarray(n, float)
@@ -149,13 +122,10 @@ def damping_rates(
 
     At a small spin they are to be taken from :func:`growth_rates`.
     """
-
-    def rate(psi: Floats) -> Floats:
-        inertia = np.asarray(alpha) * np.cos(psi) ** 2 + np.asarray(beta) * np.sin(psi) ** 2
-        found: Floats = np.asarray(sigma) / (2 * inertia)
-        return found
-
-    return rate(modes.psi_p), rate(modes.psi_r)
+    alpha, beta, sigma = np.asarray(alpha), np.asarray(beta), np.asarray(sigma)
+    pitch, roll = (sigma / (2 * (alpha * np.cos(psi) ** 2 + beta * np.sin(psi) ** 2))
+                   for psi in (modes.psi_p, modes.psi_r))  # fmt: skip
+    return pitch, roll
 
 
 def _two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
@@ -165,25 +135,27 @@ def _two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     return s, (a - (s - t)) + (b - t)
 
 
-def _split(a: Floats) -> tuple[Floats, Floats]:
-    """Return two halves of 26 bits."""
-    t = 134217729.0 * a
-    high = t - (t - a)
-    return high, a - high
-
-
 def two_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Return the product and its rounding error, exactly."""
-    p = a * b
-    ah, al = _split(a)
-    bh, bl = _split(b)
+    """Return the product and its rounding error, exactly, by halves of 26 bits."""
+    p, at, bt = a * b, 134217729.0 * a, 134217729.0 * b
+    ah, bh = at - (at - a), bt - (bt - b)
+    al, bl = a - ah, b - bh
     return p, ((ah * bh - p) + ah * bl + al * bh) + al * bl
 
 
-def _bondi_denominator(
-    alpha: Floats, beta: Floats, gamma: Floats, theta: Floats, phi: Floats
+def bondi_threshold(
+    alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike, theta: ArrayLike, phi: ArrayLike
 ) -> Floats:
-    """Return the denominator of Eq. def-nc1 in twice the precision: it passes through zero."""
+    """Return Bondi's threshold ``n_c1 < 0`` (Eq. def-nc1), NaN where there is none.
+
+    For ``n < n_c1`` the steady spin is linearly stable; mirrored bodies have ``-n_c1``.  Outside
+    the shell-dumbbell bodies a second threshold can end the stability at a larger spin;
+    :func:`rattlesweep.physics.steady.growth` is exact.
+    """
+    alpha, beta, gamma, theta, phi = np.broadcast_arrays(
+        *(np.asarray(x, float) for x in (alpha, beta, gamma, theta, phi))
+    )
+    # The denominator passes through zero: in twice the precision.
     k, k1 = _two_sum(alpha, beta)
     k, k2 = _two_sum(k, -gamma)
     k, k_low = _two_sum(k, k1 + k2)
@@ -195,23 +167,81 @@ def _bondi_denominator(
     p_low = p1 + k * d_low + k_low * d
     a, a1 = _two_sum(np.full_like(s, 2.0), -s)
     b, b1 = _two_sum(a, -p)
-    result: Floats = b + (b1 + a1 - s_low - p_low)
-    return result
-
-
-def bondi_threshold(
-    alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike, theta: ArrayLike, phi: ArrayLike
-) -> Floats:
-    """Return Bondi's threshold ``n_c1 < 0`` (Eq. def-nc1), NaN where there is none.
-
-    For ``n < n_c1`` the steady spin is linearly stable; mirrored bodies have ``-n_c1``.  Outside
-    the shell-dumbbell bodies a second threshold, where a frequency vanishes, can end the stability
-    at a larger spin; :func:`rattlesweep.physics.steady.growth` is exact.
-    """
-    alpha, beta, gamma, theta, phi = np.broadcast_arrays(
-        *(np.asarray(x, float) for x in (alpha, beta, gamma, theta, phi))
-    )
-    denominator = _bondi_denominator(alpha, beta, gamma, theta, phi)
+    denominator = b + (b1 + a1 - s_low - p_low)
     with np.errstate(divide="ignore", invalid="ignore"):
         square = -(1 - theta) * (1 - phi) / denominator
         return np.where((denominator < 0) & np.isfinite(square), -np.sqrt(np.abs(square)), np.nan)
+
+
+# -- launches --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class GarciaHubbard:
+    """Garcia and Hubbard's spin after a launch: the growing mode alone, up to one reversal."""
+
+    K: Floats  # torque coefficient of that mode
+    n_i: Floats
+    speed: Floats  # oscillation_speed
+
+    @property
+    def n_0(self) -> Floats:
+        """Spin if all energy were spin (Eq. def-n0)."""
+        return np.asarray(np.hypot(self.n_i, self.speed))
+
+    @property
+    def t_rgh(self) -> Floats:
+        """Time of reversal (Eqs. trgh-p, trgh-m); NaN without an initial spin, which has none.
+
+        ``ln((n_0 + n)/(n_0 - n))`` is ``2 asinh(n/w)``, since ``n_0^2 - n^2 = w^2``.
+        """
+        n = np.abs(self.n_i)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            time = 2 * np.arcsinh(n / self.speed) / (np.hypot(n, self.speed) * np.abs(self.K))
+        return np.where(n == 0, np.nan, time)
+
+    def spin(self, t: ArrayLike) -> Floats:
+        """Return the spin at times ``t`` (Eqs. gh-solution-p, gh-solution-m)."""
+        late = np.asarray(t, float) - np.where(self.n_i == 0, 0.0, self.t_rgh)
+        rate = self.n_0 * np.abs(self.K)
+        return np.asarray(-np.sign(self.n_i) * self.n_0 * np.tanh(rate * late / 2))
+
+
+def garcia_hubbard(
+    body: Any, modes: Modes, n_i: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike
+) -> GarciaHubbard:
+    """Return the spin after a launch of a `body`, one or many, in the direction ``psi``."""
+    speed = oscillation_speed(body.alpha, body.beta, body.gamma, omega_xy0, psi)
+    grows = np.where(unsteady(modes.K_p, n_i), modes.K_p, modes.K_r)
+    return GarciaHubbard(grows, np.asarray(n_i, float), speed)
+
+
+def direction(modes: Modes, n_i: ArrayLike, psi: str | float) -> Floats:
+    """Return the direction of the launch's horizontal angular velocity (Eq. sim-ic-3).
+
+    `psi` is ``pitch``, ``roll``, degrees, or ``relevant``: the pitch in the unsteady direction and
+    without a spin, as a tap on an end gives it, the roll in the steady one.
+    """
+    if psi == "relevant":
+        pitch = unsteady(modes.K_p, n_i) | (np.asarray(n_i) == 0)
+        return np.where(pitch, modes.psi_p, modes.psi_r)
+    found = {"pitch": modes.psi_p, "roll": modes.psi_r}.get(str(psi))
+    shape = np.broadcast(modes.psi_p, n_i).shape
+    return np.broadcast_to(np.radians(float(psi)) if found is None else found, shape)
+
+
+def full_state(n_i: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike) -> Floats:
+    """Return states in the variables of `physics.full`, shape (..., 5), upright (Eqs. sim-ic)."""
+    n_i, omega_xy0, psi = np.broadcast_arrays(n_i, omega_xy0, psi)
+    zero = np.zeros(n_i.shape)
+    # u points up and the z axis down: n = u . omega = -omega_z.
+    return np.stack([zero, zero, omega_xy0 * np.cos(psi), omega_xy0 * np.sin(psi), -n_i], axis=-1)
+
+
+def spin_and_oscillation(omega: ArrayLike, u: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """Return ``n = u . omega``, the size of ``omega - n u`` and its direction, of full states."""
+    omega, u = np.asarray(omega, float), np.asarray(u, float)
+    n = (omega * u).sum(axis=-1)
+    n = np.where(np.abs(n) <= NO_SPIN * np.linalg.norm(omega, axis=-1), 0.0, n)
+    rest = omega - n[..., None] * u
+    return n, np.linalg.norm(rest, axis=-1), np.arctan2(rest[..., 1], rest[..., 0])

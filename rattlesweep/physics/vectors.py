@@ -1,4 +1,4 @@
-"""An ellipsoid in any position, as one that has rolled onto its side.
+"""An ellipsoid in any position, as one that has rolled onto its side; and phase volume.
 
 There ``u_z = 0``, and the slopes of :mod:`rattlesweep.physics.full` end.  The state here is
 ``(v_x, v_y, v_z, a, b, c, work)``: a vector along the vertical, on whose length nothing depends,
@@ -10,8 +10,18 @@ the ellipsoid of :mod:`rattlesweep.physics.stone` touches the plane at
 
 and for ``k = 0``, where it must stand on its lower surface, the paraboloid.  Constants are those of
 an ellipsoid with friction, ``sigma = lever = 0`` being none.
+
+The flow changes phase volume, that of the sphere of directions ``u``, which only turn, times that
+of ``omega``, at the relative rate ``tr d(J^-1 T)/domega`` (Eq. diff-omega).  With ``w = W omega``
+
+    dT/domega = G + (r.w) 1 - w r^T + omega (W^T r)^T - (r.omega) W
+
+with the gyroscopic and viscous part ``G``, and by the last values ``dyz, dzx, dxy, along, ivol`` of
+:func:`rattlesweep.physics.full.turning`, here ``solved``, ``J^-1`` is
+``ivol (diag(dyz, dzx, dxy) + along s s^T)`` with ``s = (x dyz, y dzx, z dxy)``.
 """
 
+# mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
 
 from math import sqrt
@@ -27,14 +37,14 @@ N_STATE = 7
 
 
 @scalar
-def unit(vx, vy, vz):  # type: ignore[no-untyped-def]
+def unit(vx, vy, vz):
     """Unit vector along a vector."""
     length = sqrt(vx * vx + vy * vy + vz * vz)
     return vx / length, vy / length, vz / length
 
 
 @scalar
-def contact(ux, uy, uz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+def contact(ux, uy, uz, cxx, cxy, cyy, k):
     """Return the contact point ``r``, and ``rho``."""
     bx, by = ux + cxx * ux + cxy * uy, uy + cxy * ux + cyy * uy
     s = bx * ux + by * uy
@@ -45,7 +55,7 @@ def contact(ux, uy, uz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def moving(ux, uy, uz, a, b, c, x, y, z, rho, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+def moving(ux, uy, uz, a, b, c, x, y, z, rho, cxx, cxy, cyy, k):
     """Return ``w = r x omega - dr/dt``, which is linear in ``omega``."""
     du = uy * c - uz * b
     dv = uz * a - ux * c
@@ -64,7 +74,7 @@ def moving(ux, uy, uz, a, b, c, x, y, z, rho, cxx, cxy, cyy, k):  # type: ignore
 
 
 @scalar
-def free_rates(ux, uy, uz, a, b, c, x, y, z, wx, wy, wz, ix, iy, iz, sigma):  # type: ignore[no-untyped-def]
+def free_rates(ux, uy, uz, a, b, c, x, y, z, wx, wy, wz, ix, iy, iz, sigma):
     """``domega/dt`` without rolling resistance, and what solves for another torque."""
     # As of a slope of zero, with the torque of the rest of gravity, r x (u_x, u_y, 0), beside.
     return turning(
@@ -75,37 +85,34 @@ def free_rates(ux, uy, uz, a, b, c, x, y, z, wx, wy, wz, ix, iy, iz, sigma):  # 
 
 
 @scalar
-def rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+def rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
     """Time derivative of the state (Eqs. diff-u and diff-omega, with friction)."""
     ux, uy, uz = unit(vx, vy, vz)
     x, y, z, rho = contact(ux, uy, uz, cxx, cxy, cyy, k)
     wx, wy, wz = moving(ux, uy, uz, a, b, c, x, y, z, rho, cxx, cxy, cyy, k)
-    (da, db, dc), solved = free_rates(
-        ux, uy, uz, a, b, c, x, y, z, wx, wy, wz, ix, iy, iz, sigma
-    )  # fmt: skip
+    rates, solved = free_rates(ux, uy, uz, a, b, c, x, y, z, wx, wy, wz, ix, iy, iz, sigma)
+    da, db, dc = rates
     normal, _ = contact_of(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz)
     ra, rb, rc, loss = resistance(ux, uy, uz, a, b, c, x, y, z, normal, lever, eps, *solved)
     power = -sigma * (a * a + b * b + c * c) - loss
-    return (
-        vy * c - vz * b, vz * a - vx * c, vx * b - vy * a,
-        da - ra, db - rb, dc - rc, power,
-    )  # fmt: skip
+    dv = vy * c - vz * b, vz * a - vx * c, vx * b - vy * a
+    return dv + (da - ra, db - rb, dc - rc, power)  # noqa: RUF005
 
 
 @scalar
-def spin(vx, vy, vz, a, b, c, work):  # type: ignore[no-untyped-def]
+def spin(vx, vy, vz, a, b, c, work):
     """Spin ``n = u . omega``, in ``sqrt(g/a)``."""
     return (vx * a + vy * b + vz * c) / sqrt(vx * vx + vy * vy + vz * vz)
 
 
 @scalar
-def spin_rate(vx, vy, vz, a, b, c, work, dvx, dvy, dvz, da, db, dc, power):  # type: ignore[no-untyped-def]
+def spin_rate(vx, vy, vz, a, b, c, work, dvx, dvy, dvz, da, db, dc, power):
     """Return ``dn/dt = u . domega/dt``."""
     return spin(vx, vy, vz, da, db, dc, work)
 
 
 @scalar
-def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
     """Energy less the work of friction, in ``M g a``; zero upright and at rest."""
     ux, uy, uz = unit(vx, vy, vz)
     x, y, z, _ = contact(ux, uy, uz, cxx, cxy, cyy, k)
@@ -115,15 +122,109 @@ def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
 
 
 @scalar
-def contact_force(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+def contact_force(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
     """Contact force; as :func:`rattlesweep.physics.full.contact_force`."""
-    _, _, _, da, db, dc, _ = rhs(
-        vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
-    )  # fmt: skip
+    f = rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps)
     ux, uy, uz = unit(vx, vy, vz)
     x, y, z, rho = contact(ux, uy, uz, cxx, cxy, cyy, k)
     wx, wy, wz = moving(ux, uy, uz, a, b, c, x, y, z, rho, cxx, cxy, cyy, k)
-    return contact_of(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz)
+    return contact_of(ux, uy, uz, a, b, c, f[3], f[4], f[5], x, y, z, wx, wy, wz)
+
+
+# -- phase volume ---------------------------------------------------------------------------------
+
+
+@scalar
+def _dot(one, other):
+    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+
+
+@scalar
+def _across(u, v):
+    """Return the part of ``v`` in the plane."""
+    n = _dot(u, v)
+    return v[0] - n * u[0], v[1] - n * u[1], v[2] - n * u[2]
+
+
+@scalar
+def _lift(u, r, j):
+    """Return ``u.(r x j)``."""
+    (x, y, z), (a, b, c) = r, j
+    return u[0] * (y * c - z * b) + u[1] * (z * a - x * c) + u[2] * (x * b - y * a)
+
+
+@scalar
+def _inverse(r, h, solved):
+    """Return ``J^-1 h``."""
+    (x, y, z), (hx, hy, hz), (dyz, dzx, dxy, along, ivol) = r, h, solved
+    s = (x * dyz * hx + y * dzx * hy + z * dxy * hz) * along
+    return (hx + x * s) * dyz * ivol, (hy + y * s) * dzx * ivol, (hz + z * s) * dxy * ivol
+
+
+@scalar
+def _normal(u, r, rho, a, b, c, surface, inertia, sigma):
+    """Return the normal force without rolling resistance, ``w`` and ``solved``."""
+    w = moving(*u, a, b, c, *r, rho, *surface)
+    rates, solved = free_rates(*u, a, b, c, *r, *w, *inertia, sigma)
+    normal, _ = contact_of(*u, a, b, c, *rates, *r, *w)
+    return normal, w, solved
+
+
+@scalar
+def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):
+    """Return the rate without rolling resistance, in ``sqrt(g/a)``."""
+    u = unit(vx, vy, vz)
+    x, y, z, rho = contact(*u, cxx, cxy, cyy, k)
+    r, omega, surface = (x, y, z), (a, b, c), (cxx, cxy, cyy, k)
+    _, w, solved = _normal(u, r, rho, a, b, c, surface, (ix, iy, iz), sigma)
+    dyz, dzx, dxy, along, ivol = solved
+    s = sx, sy, sz = x * dyz, y * dzx, z * dxy
+    # W of s and of the diagonal part of J^-1 omega, and the diagonal of W.
+    ws = moving(*u, *s, *r, rho, *surface)
+    wd = moving(*u, dyz * a, dzx * b, dxy * c, *r, rho, *surface)
+    wxx, _, _ = moving(*u, 1.0, 0.0, 0.0, *r, rho, *surface)
+    _, wyy, _ = moving(*u, 0.0, 1.0, 0.0, *r, rho, *surface)
+    _, _, wzz = moving(*u, 0.0, 0.0, 1.0, *r, rho, *surface)
+    part = _dot(r, w) - sigma
+    rolled = _dot(r, omega)
+    diagonal = part * (dyz + dzx + dxy) - _dot(w, s) + _dot(r, wd)
+    diagonal = diagonal - rolled * (dyz * wxx + dzx * wyy + dxy * wzz)
+    rank_one = (
+        (iy - iz) * sx * (sy * c + sz * b) + (iz - ix) * sy * (sz * a + sx * c)
+        + (ix - iy) * sz * (sx * b + sy * a)
+        + part * _dot(s, s) - _dot(w, s) * _dot(r, s)
+        + _dot(s, omega) * _dot(r, ws) - rolled * _dot(s, ws)
+    )  # fmt: skip
+    return ivol * (diagonal + along * rank_one)
+
+
+@scalar
+def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+    """Return the rate, in ``sqrt(g/a)``; of ``domega/dt`` the resistance takes ``share J^-1 h``."""
+    u = unit(vx, vy, vz)
+    x, y, z, rho = contact(*u, cxx, cxy, cyy, k)
+    r, surface, inertia = (x, y, z), (cxx, cxy, cyy, k), (ix, iy, iz)
+    normal, _, solved = _normal(u, r, rho, a, b, c, surface, inertia, sigma)
+    dyz, dzx, dxy, along, ivol = solved
+    h = _across(u, (a, b, c))
+    j = ja, jb, jc = _inverse(r, h, solved)
+    root = sqrt(_dot(h, h) + eps * eps)
+    below = root + lever * _lift(u, r, j)
+    share = lever * normal / below
+    # Along j: the normal force is of second degree, so that central differences are exact.
+    ahead, _, _ = _normal(u, r, rho, a + ja, b + jb, c + jc, surface, inertia, sigma)
+    behind, _, _ = _normal(u, r, rho, a - ja, b - jb, c - jc, surface, inertia, sigma)
+    g = _across(u, j)
+    wider = _dot(h, g) / root + lever * _lift(u, r, _inverse(r, g, solved))
+    s = x * dyz, y * dzx, z * dxy
+    flat = dyz * (1.0 - u[0] * u[0]) + dzx * (1.0 - u[1] * u[1]) + dxy * (1.0 - u[2] * u[2])
+    trace = ivol * (flat + along * _dot(s, _across(u, s)))
+    lost = share * trace + (0.5 * lever * (ahead - behind) - share * wider) / below
+    smooth = smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma)
+    return smooth - (lost if share > 0.0 else 0.0)
+
+
+# -- slopes and back -------------------------------------------------------------------------------
 
 
 def from_slopes(y: Floats, constants: Floats) -> tuple[Floats, Floats]:

@@ -16,18 +16,15 @@ from rattlesweep.integrate.batch import (
     exponents,
     has_settled,
     integrate,
+    kernel,
     needed,
 )
-from rattlesweep.integrate.defaults import DT, TOL
-from rattlesweep.integrate.lanes.build import kernel
-from rattlesweep.integrate.lanes.columns import MOST_REVERSALS
+from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
 from rattlesweep.integrate.status import Status
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.tableau import DT, METHODS, TOL
 from rattlesweep.physics import steady
-from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.theory import damping_rates, unsteady
-from rattlesweep.sweeps.arrow import build_table, ragged
-from rattlesweep.sweeps.columns import RUNS
+from rattlesweep.sweeps.columns import build_table, ragged
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.error import Estimated, integrate_estimated
 from rattlesweep.sweeps.launches import Launches, ending_early, make_batch, model_of, prepare
@@ -35,8 +32,8 @@ from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.types import TYPES, classify, is_chaotic, sure_types
 
 STATUS_WORDS = [status.label for status in Status]
+# Bodies, launches and theory of some runs, and their batch; none for the closed form.
 Prepared = tuple[Launches, Batch | None]
-"""Bodies, launches and theory of some runs, and their batch; none for the closed form."""
 
 
 def load_kernel(config: Config) -> float:
@@ -73,14 +70,17 @@ def compute(
     Return their rows and 0; if `control` has stopped the kernel, the rows of the runs that had
     ended, and how many had begun but not ended.
     """
-    (launches, batch), control, lost = prepared, control or Control(), 0
-    outcome = None if batch is None else run_batch(config, batch, threads, control)
-    if batch is not None and outcome is not None and outcome.stopped:
-        ended = outcome.status != Status.STOPPED
-        lost = control.runs_begun - int((ended & (outcome.status != Status.NO_HORIZON)).sum())
-        if not ended.any():
-            return schema.remove_metadata().empty_table(), lost
-        launches, batch, outcome = take(launches, ended), take(batch, ended), take(outcome, ended)
+    (launches, batch), control, lost, outcome = prepared, control or Control(), 0, None
+    if batch is not None:
+        outcome = run_batch(config, batch, threads, control)
+        if outcome.stopped:
+            ended = outcome.status != Status.STOPPED
+            integrated = ended & (outcome.status != Status.NO_HORIZON)
+            lost = control.runs_begun - int(integrated.sum())
+            if not ended.any():
+                return schema.remove_metadata().empty_table(), lost
+            launches, batch = take(launches, ended), take(batch, ended)
+            outcome = take(outcome, ended)
     return build_table(columns_of(config, launches, batch, outcome), schema), lost
 
 
@@ -121,48 +121,38 @@ def columns_of(
     config: Config, launches: Launches, batch: Batch | None, outcome: Outcome | None
 ) -> dict[str, Any]:
     """Return the columns of runs, typed; without an outcome they are those of the closed form."""
-    b, second = launches.bodies, launches.second
-    columns = (
-        dict(launches.carried)
-        | _named(launches, "case", "sample", "n_i", "omega_xy0", "psi", "n_c1", "n_0")
-        | _named(b, *PARAMETERS, "f_sd")
-        | _named(launches.modes, "omega_p", "omega_r", "K_p", "K_r")
-        | {"t_rgh": launches.gh.t_rgh}
-        | ({} if b.c is None else {"c": b.c})
-    )
+    b = launches.bodies
+    columns = vars(b) | vars(launches.modes) | vars(launches) | {"t_rgh": launches.gh.t_rgh}
     if b.omega is not None and b.u is not None:
         columns |= {f"omega_{x}": b.omega[:, k] for k, x in enumerate("xyz")}
         columns |= {f"u_{x}": b.u[:, k] for k, x in enumerate("xyz")}
     if batch is None or outcome is None:
-        status, measured = _closed_form(launches)
+        columns |= _closed_form(launches)
     else:
-        status, measured = outcome.status, _measured(config, launches, batch, outcome)
-    columns |= measured
-    if second is not None:
-        columns["n_i_rpm"] = launches.n_i / second * 30 / np.pi
-        columns["t_r_s"] = columns["t_r"] * second
-    observed, left = (columns["amp_growth"], columns["n_departure"]), columns.get("energy_left")
-    codes = classify(status == Status.OK, columns["t_r"], *observed, config.classify, left)
-    columns |= {"type": (codes, list(TYPES)), "status": (status, STATUS_WORDS)}
+        columns |= _measured(config, launches, batch, outcome)
+    if b.scale is not None:
+        columns["n_i_rpm"] = launches.n_i / b.scale.second * 30 / np.pi
+        columns["t_r_s"] = columns["t_r"] * b.scale.second
+    ok, observed = columns["status"] == Status.OK, (columns["amp_growth"], columns["n_departure"])
+    left = columns.get("energy_left")
+    codes = classify(ok, columns["t_r"], *observed, config.classify, left)
+    columns |= {"type": (codes, TYPES), "status": (columns["status"], STATUS_WORDS)}
     if isinstance(outcome, Estimated):
         errors = outcome.amp_growth_error, outcome.n_departure_error
         sure = sure_types(codes, outcome.reversal_sure, observed, errors, config.classify)
         columns["type_sure"] = pa.array(sure, mask=codes < 0)
-    return columns
+    return columns | b.carried
 
 
-def _named(values: Any, *names: str) -> dict[str, Any]:
-    return {name: getattr(values, name) for name in names}
-
-
-def _closed_form(launches: Launches) -> tuple[Integers, dict[str, Any]]:
-    """Return status and columns of the model gh: n(t) is known, and so is its zero."""
+def _closed_form(launches: Launches) -> dict[str, Any]:
+    """Return the results of the model gh: n(t) is known, and so is its zero."""
     finite, t_rgh = np.isfinite(launches.t_end), launches.gh.t_rgh
     reverses = finite & (t_rgh <= launches.t_end)
     t_end = np.where(reverses, t_rgh, np.where(finite, launches.t_end, 0.0))
     n_end = np.where(reverses, 0.0, launches.gh.spin(t_end))
     none = np.zeros(len(t_end), dtype=np.int32)
-    return np.where(finite, Status.OK, Status.NO_HORIZON), {
+    return {
+        "status": np.where(finite, Status.OK, Status.NO_HORIZON),
         "t_end": t_end,
         "t_r": np.where(reverses, t_rgh, np.nan),
         "n_end": np.where(finite, n_end, np.nan),
@@ -176,14 +166,8 @@ def _closed_form(launches: Launches) -> tuple[Integers, dict[str, Any]]:
 
 
 def _measured(config: Config, launches: Launches, batch: Batch, outcome: Outcome) -> dict[str, Any]:
-    """Return the columns of runs that were integrated."""
-    ok = outcome.status == Status.OK
-    columns: dict[str, Any] = {}
-    asked = {"energy", "contact", "volume", "error", "tol"}.intersection(config.parts)
-    for part in ("result", "observation", *asked):
-        # Types, and whether they are sure, are not the kernel's to say.
-        names = {column.name for column in RUNS[part]} - {"type", "type_sure", "status"}
-        columns |= _named(outcome, *names)
+    """Return the results of runs that were integrated."""
+    ok, columns = outcome.status == Status.OK, dict(vars(outcome))
     if config.classify.early:
         # In the end all of its energy is spin.
         spin = np.copysign(np.sqrt(2 * outcome.energy_0 / launches.bodies.gamma), launches.n_i)
@@ -194,7 +178,6 @@ def _measured(config: Config, launches: Launches, batch: Batch, outcome: Outcome
         growth = steady.growth(batch.constants[:, :6].T, launches.n_i, sigma)
         loss = np.where(pitch, *damping_rates(b.alpha, b.beta, m, sigma))
         n_growth = np.sign(launches.n_i) * 2 * loss / np.abs(launches.gh.K)
-        columns |= {"sigma": sigma, "rolling": launches.rolling}
         columns["growth"] = np.where(kinks, np.nan, np.where(pitch, *growth))
         columns["n_growth"] = np.where(kinks, np.nan, n_growth)
         # The work is the state's last component.

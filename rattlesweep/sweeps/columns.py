@@ -1,19 +1,28 @@
-"""Every column of the two tables, in one place.
+"""Every column of the two tables in one place, and tables as Parquet files.
 
-`runs` has one row a run, `summary` one row a case. The names are fixed, since scripts written
-against today's tables must read next year's.
-
-M = a = g = 1, so times are in sqrt(a/g), spins and rates in sqrt(g/a), energies in M g a.
+`runs` has one row a run, `summary` one row a case.  The names are fixed, since scripts written
+against today's tables must read next year's.  M = a = g = 1, so times are in sqrt(a/g), spins and
+rates in sqrt(g/a), energies in M g a.  Each page of a file carries a checksum, which every reader
+here verifies.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+import os
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
-from rattlesweep.errors import ConfigError
+from rattlesweep.arrays import Floats, Integers
+from rattlesweep.errors import ConfigError, DamagedError, OutputError
+from rattlesweep.sweeps.files import reason, streamed_file
 
 TIME, RATE, ENERGY, FORCE = "sqrt(a/g)", "sqrt(g/a)", "M g a", "M g"
 DAMPING = "M a^2 sqrt(g/a)"
@@ -27,15 +36,13 @@ SERIES = pa.list_(pa.field("element", F64))
 def field(
     name: str, kind: pa.DataType, unit: str, words: str, *, nullable: bool = True
 ) -> pa.Field:
-    """Return one column of a table: name, Arrow type, unit (``"1"`` for a pure number or a word)
-    and a few words; where it is not `nullable`, every row has a value.
-    """
+    """Return a column with its unit (``"1"`` for a pure number or a word) and its meaning."""
     return pa.field(name, kind, nullable, metadata={"unit": unit, "description": words})
 
 
 required = partial(field, nullable=False)
 
-# Set as tables, a column in a line or two.
+# Columns of `runs` in their order, by what they belong to; set as a table.
 # fmt: off
 RUNS: dict[str, tuple[pa.Field, ...]] = {
     "keys": (
@@ -67,8 +74,7 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
     ),
     "result": (
         required("t_end", F64, TIME, "time reached"),
-        field("t_r", F64, TIME, "first zero of the spin; null: none by t_end, or before the body "
-              "is dead; a run that fails behind it, where reversals are recorded, keeps it"),
+        field("t_r", F64, TIME, "first zero of the spin by t_end; null: none, or the body is dead"),
         field("type", TEXT, "1", "R, SS, SW, unclassified or D; null where status is not ok"),
         required("status", TEXT, "1", "ok, or a word for what went wrong"),
         field("n_end", F64, RATE, "spin at t_end; with classify.early, where it settles"),
@@ -76,8 +82,7 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("energy_drift", F64, "1", "relative change of energy at t_end"),
     ),
     "observation": (
-        field("amp_growth", F64, "1", "largest ratio of the windowed amplitude of the relevant "
-              "oscillation to its smallest earlier value, minus 1"),
+        field("amp_growth", F64, "1", "largest growth of the amplitude between two windows"),
         field("n_departure", F64, "1", "largest fractional loss of spin at any step, 1 - n/n_i"),
         required("near_tangencies", I32, "1", "extrema of the spin too near zero to be decided"),
     ),
@@ -88,8 +93,7 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
     "dissipation": (
         required("sigma", F64, DAMPING, "torque -sigma omega"),
         required("rolling", F64, "a", "lever of the rolling resistance"),
-        field("growth", F64, RATE, "growth rate of the relevant oscillation at n_i, damping "
-              "counted; null with rolling resistance, under which it does not grow"),
+        field("growth", F64, RATE, "growth rate of the oscillation at n_i; null if rolling"),
         field("n_growth", F64, RATE, "spin at which it outgrows its damping; null if rolling"),
         field("energy_left", F64, "1", "share of the launch's energy that is left at t_end"),
     ),
@@ -117,53 +121,43 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("volume_rate", F64, RATE, "mean rate of the logarithm of phase volume over the run"),
     ),
     "error": (
-        field("t_r_error", F64, TIME, "estimate of abs(t_r - true), which it exceeds in all but "
-              "a few of a thousand runs; null: no t_r"),
+        field("t_r_error", F64, TIME, "estimate of the largest error of t_r; null: no t_r"),
         field("type_sure", FLAG, "1", "whether errors of such a size leave the type as it is"),
-        field("amp_growth_error", F64, "1", "ten times the difference of amp_growth in a looser "
-              "integration; null: unknown in one"),
+        field("amp_growth_error", F64, "1", "10 times the change in a looser run; null: unknown"),
         field("n_departure_error", F64, "1", "the same of n_departure"),
     ),
     # Where `integrator.accuracy` asks for an error.
     "tol": (field("tol", F64, "1", "tolerance at which the run was integrated"),),
     "reversals": (
-        field("n_turns", I32, "1", "turns by t_end: times that the spin went from beyond a quarter "
-              "of n_i (n_0 without spin) to beyond a quarter on the other side"),
+        field("n_turns", I32, "1", "times that the spin went from beyond n_i/4 to beyond -n_i/4"),
         field("turn_times", SERIES, TIME, "first zero in each of the first eight turns"),
-        field("spin_after_turn", SERIES, RATE, "largest size of the spin between each of these "
-              "turns and the next, at any step; between steps it may be a tenth larger"),
+        field("spin_after_turn", SERIES, RATE, "largest size of the spin until the next turn"),
     ),
     # Where both errors and reversals are recorded.
     "turns": (
         field("reversals_sure", I32, "1", "how many of the first turns are right to 1e-3"),
-        field("reversal_times_error", SERIES, TIME, "estimate of the error of each of turn_times; "
-              "null: the looser integration has no such turn"),
+        field("reversal_times_error", SERIES, TIME, "errors of turn_times; null: unknown"),
     ),
 }
-"""Columns of `runs` in their order, by what they belong to."""
-
+# Columns of `runs` launched from a full state, behind all others.
 STATE: tuple[pa.Field, ...] = tuple(
     required(f"{vector}_{x}", F64, unit, f"initial {words}, component along the body's {x}")
-    for vector, unit, words in (("omega", RATE, "angular velocity"),
-                                ("u", "1", "vertical unit vector"))
+    for vector, unit, words in (("omega", RATE, "angular velocity"), ("u", "1", "vertical vector"))
     for x in "xyz"
 )
-"""Columns of `runs` launched from a full state, behind all others."""
-
+# Columns of `runs` of bodies whose size in SI units is known.
 MEASURED: tuple[pa.Field, ...] = (
     field("t_r_s", F64, "s", "t_r in seconds"),
     required("n_i_rpm", F64, "rpm", "initial spin, positive = unsteady direction"),
 )
-"""Columns of `runs` of bodies whose size in SI units is known."""
-
+# What a config may ask for by `record` or otherwise, with the models that cannot tell: the reduced
+# dynamics has no contact force, and the closed form no path to look at.
 RECORD_PARTS: dict[str, tuple[str, ...]] = {
     "energy": ("gh",), "contact": ("reduced", "gh"), "windows": ("gh",), "lyapunov": ("gh",),
     "volume": ("reduced", "gh"), "error": ("gh",), "tol": ("gh",), "reversals": ("gh",),
     "turns": ("gh",), "surface": (), "dissipation": ("reduced", "gh"),
 }
-"""What a config may ask for by `record` or otherwise, with the models that cannot tell: the reduced
-dynamics has no contact force, and the closed form no path to look at."""
-
+# Columns of `summary` in their order; shares are of the runs with status ok.
 SUMMARY: tuple[pa.Field, ...] = (
     required("case", I32, "1", "number of the case, from 0"),
     field("K_p", F64, "1", "target of K_p, where the case has one"),
@@ -171,12 +165,11 @@ SUMMARY: tuple[pa.Field, ...] = (
     field("n_i", F64, RATE, "initial spin; null where rows differ"),
     field("omega_xy0", F64, RATE, "initial rate; null where rows differ"),
     required("runs", I64, "1", "runs stored"),
-    field("fraction_R", F64, "1", "share of type R among runs with status ok"),
-    field("fraction_SS", F64, "1", "share of type SS among runs with status ok"),
-    field("fraction_SW", F64, "1", "share of type SW among runs with status ok"),
-    field("fraction_unclassified", F64, "1", "share of unclassified among runs with status ok"),
-    field("fraction_bondi", F64, "1", "share with abs(n_c1) < abs(n_i) among runs in the steady "
-          "direction that have a theory; null in the unsteady direction"),
+    field("fraction_R", F64, "1", "share of type R"),
+    field("fraction_SS", F64, "1", "share of type SS"),
+    field("fraction_SW", F64, "1", "share of type SW"),
+    field("fraction_unclassified", F64, "1", "share of unclassified"),
+    field("fraction_bondi", F64, "1", "share past Bondi's threshold; null: unsteady direction"),
     field("t_r_mean", F64, TIME, "mean t_r of type R"),
     field("t_r_std", F64, TIME, "sample standard deviation (n - 1) of t_r of type R"),
     field("t_rgh_mean", F64, TIME, "mean t_rgh of the runs that have one"),
@@ -189,35 +182,30 @@ SUMMARY: tuple[pa.Field, ...] = (
     field("unsure", I64, "1", "runs whose type is not sure"),
     field("t_r_mean_error", F64, TIME, "mean t_r_error of type R"),
     # Without dissipation, null.
-    field("fraction_D", F64, "1", "share of type D among runs with status ok"),
+    field("fraction_D", F64, "1", "share of type D"),
     field("sigma", F64, DAMPING, "torque -sigma omega; null: no dissipation, or rows differ"),
     field("rolling", F64, "a", "lever of the rolling resistance; null likewise"),
     # Of runs that do not record contact, null.
-    field("share_friction_above_0_3", F64, "1",
-          "share of runs with status ok that need a coefficient of friction above 0.3 to roll"),
-    field("share_friction_above_0_6", F64, "1", "the same above 0.6"),
-    field("share_lift_off", F64, "1", "share of runs with status ok that would lift off"),
+    field("share_friction_above_0_3", F64, "1", "share with contact_ratio_max > 0.3"),
+    field("share_friction_above_0_6", F64, "1", "share with contact_ratio_max > 0.6"),
+    field("share_lift_off", F64, "1", "share with contact_normal_min < 0, which would lift off"),
 )
-"""Columns of `summary` in their order."""
 # fmt: on
 
-REPEATING = frozenset({"case", "n_i", "omega_xy0", "type", "status", "near_tangencies", "window_t"})
-"""Columns of which few values fill many rows, so that a dictionary makes the file smaller."""
+# Columns of which few values fill many rows, so that a dictionary makes the file smaller.
+REPEATING = {"case", "n_i", "omega_xy0", "type", "status", "near_tangencies", "window_t"}
+ROW_GROUP = 1 << 17  # rows: about 30 MB decoded, so that readers can stream a large file
 
 
 def runs_schema(
     record: Collection[str] = (), model: str = "full", extra: Iterable[pa.Field] = ()
 ) -> pa.Schema:
-    """Return the Arrow schema of `runs`, with `unit` and `description` in each field's metadata.
+    """Return the schema of `runs` with some parts of `RECORD_PARTS`, and with columns of a source.
 
-    `record` are words of `RECORD_PARTS` in any order, which are refused where the model cannot give
-    them; `extra` are columns that a sweep's own bodies and launches bring along.
+    Raise a ConfigError if the model cannot give one.
     """
-    for part in sorted(record):
-        if part not in RECORD_PARTS:
-            raise ConfigError(f"record: {part!r} is none of {', '.join(RECORD_PARTS)}")
-        if model in RECORD_PARTS[part]:
-            raise ConfigError(f"record: the model {model!r} has no {part!r} to record")
+    if wrong := [part for part in sorted(record) if model in RECORD_PARTS[part]]:
+        raise ConfigError(f"record: the model {model!r} has no {wrong[0]!r} to record")
     asked = [part for part in RUNS if part not in RECORD_PARTS or part in record]
     return pa.schema([*(column for part in asked for column in RUNS[part]), *extra])
 
@@ -225,3 +213,100 @@ def runs_schema(
 def summary_schema() -> pa.Schema:
     """Return the Arrow schema of `summary`."""
     return pa.schema(SUMMARY)
+
+
+def same_schema(one: pa.Schema, other: pa.Schema) -> bool:
+    """Return whether names, types, nulls and units are the same; descriptions may differ."""
+    units = [[(f.metadata or {}).get(b"unit", b"") for f in schema] for schema in (one, other)]
+    return one.equals(other) and units[0] == units[1]
+
+
+def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
+    """Make a table of `schema` from one entry for each of its fields.
+
+    An entry is an array, of floats one in which NaN and infinity mean null, or a tuple of (integer
+    codes, categories) in which a negative code means null.
+    """
+    arrays = [_to_arrow(columns[field.name], field.type) for field in schema]
+    table = pa.Table.from_arrays(arrays, schema=schema.remove_metadata())
+    for field in table.schema:
+        if not field.nullable and table.column(field.name).null_count:
+            raise ValueError(f"internal error: column {field.name} has rows that are not finite")
+    return table
+
+
+def ragged(values: Floats, counts: Integers) -> pa.Array:
+    """Make a column of lists: from row i, the first ``counts[i]`` entries of ``values[i]``.
+
+    A negative count makes the row null.
+    """
+    offsets = np.cumsum(np.append(0, np.maximum(counts, 0)), dtype=np.int32)
+    kept = _to_arrow(values[np.arange(values.shape[1]) < counts[:, None]], F64)
+    return pa.ListArray.from_arrays(pa.array(offsets), kept, mask=pa.array(counts < 0))
+
+
+def _to_arrow(values: Any, kind: pa.DataType) -> pa.Array:
+    if isinstance(values, tuple):
+        codes = np.asarray(values[0])
+        indices = pa.array(codes.astype(np.int32), mask=codes < 0)
+        values = pa.DictionaryArray.from_arrays(indices, pa.array(values[1], kind))
+    elif isinstance(values, pa.ChunkedArray):
+        values = values.combine_chunks()
+    elif not isinstance(values, pa.Array):
+        values = pa.array(values)
+    values = values.cast(kind)
+    if not pa.types.is_floating(kind):
+        return values
+    return pc.if_else(pc.is_finite(values), values, pa.scalar(None, kind))
+
+
+def floats(column: pa.Array) -> Floats:
+    """Return a column of numbers; null is NaN."""
+    values: Floats = column.to_numpy(zero_copy_only=False).astype(float)
+    return values
+
+
+def write_parquet(table: pa.Table, path: Path, metadata: Mapping[str, str] | None = None) -> None:
+    """Write a table, and words beside its schema; equal tables give equal files."""
+    # Chunk borders would move page borders.
+    table = table.combine_chunks().replace_schema_metadata(dict(metadata or {}) or None)
+    with streamed_file(path) as file:
+        encode(table, file)
+
+
+def encode(table: pa.Table, sink: Any) -> None:
+    """Write a table as Parquet, with page checksums, to an open file."""
+    pq.write_table(
+        table,
+        sink,
+        row_group_size=ROW_GROUP,
+        version="2.6",
+        compression="zstd",
+        use_dictionary=[name for name in table.schema.names if name in REPEATING],
+        write_page_checksum=True,
+    )
+
+
+@contextmanager
+def parquet_file(path: Path) -> Iterator[pq.ParquetFile]:
+    """Open a Parquet file whose pages are verified as they are read.
+
+    Raise a DamagedError if it is not what was written, and another OutputError if it cannot be
+    read, which says nothing about what it holds.
+    """
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            yield file
+    except MemoryError:
+        raise  # Arrow's own is an ArrowException too, and says nothing about the file
+    except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
+        # Arrow raises OSError, without a number, for pages and footers that are not as they were.
+        if isinstance(error, OSError) and error.errno is not None:
+            raise OutputError(f"cannot read {path}: {os.strerror(error.errno)}") from error
+        raise DamagedError(f"{path} is damaged: {reason(error)}") from error
+
+
+def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """Return the rows of a Parquet file, with its metadata; errors as for :func:`parquet_file`."""
+    with parquet_file(path) as file:
+        return file.read(None if columns is None else list(columns))

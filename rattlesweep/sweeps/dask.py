@@ -10,26 +10,21 @@ from __future__ import annotations
 import asyncio
 import logging
 import pickle
-import signal
 import socket
 import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from functools import lru_cache, partial
-from multiprocessing import resource_tracker
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
 from rattlesweep.arrays import Integers
 from rattlesweep.errors import ConfigError, OutputError, one_line
-from rattlesweep.integrate.batch import Control, available_threads
 from rattlesweep.integrate.task import POLL, Task
 from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
-from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.provenance import versions
 from rattlesweep.sweeps.run import Engine, Job, Keys, OutOfTime
 
@@ -40,44 +35,32 @@ AHEAD = 2  # blocks of a worker: one under way, and one that is prepared meanwhi
 # Times in seconds.
 REACH = 5.0  # within which a scheduler must be reached
 ANSWER = 20.0  # after which a scheduler, or a table on its way, is given up
-SILENCE = 30  # after which the embedded cluster replaces a worker
 LOOK_EVERY = 2.0  # between two looks at the workers
 WORKERLESS = 120.0  # for which there may be no worker
 NUMERIC = ("rattlesweep", "numpy", "numba", "llvmlite", "scipy")  # the bits depend on them
 LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
 
 
-def make_engine(
-    scheduler: str | None = None, workers: int | None = None, threads: int | None = None
-) -> Engine:
-    """Return an engine that uses the scheduler at an address, or else a cluster of so many worker
-    processes on this machine, by default as many as fill it, which lives as long as the session.
+def make_engine(scheduler: str, threads: int | None = None) -> Engine:
+    """Return an engine that uses the workers of the scheduler at an address.
 
-    A kernel has by default 1 thread in that cluster, elsewhere as many as its worker was given
-    (``dask worker --nthreads``).  A stop loses the blocks under way and frees the workers.
+    A kernel has by default as many threads as its worker was given (``dask worker --nthreads``).
+    A stop loses the blocks under way and frees the workers.
     """
     try:
-        import cryptography  # noqa: F401
         import distributed  # noqa: F401
     except ImportError as error:
         raise ConfigError(
             f"--engine dask: needs Dask ({error}); install it with `pip install '.[dask]'`"
         ) from None
-    if scheduler is not None and workers is not None:
-        raise ConfigError("--workers: the workers of --scheduler are those that it has")
     for name in LOGGERS:  # what matters is said in one sentence
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    client: Client | None = None
 
     def engine(job: Job, blocks: Iterator[Keys]) -> None:
-        nonlocal client
-        if client is None or client.status != "running":  # else this is the session's next wave
-            cluster = existing(scheduler) if scheduler else embedded(workers, threads or 1)
-            client = job.resources.enter_context(cluster)
+        with connected(scheduler) as client:
             # Workers on this machine, or on others that share its cache, then find it compiled.
-            loading = Task(lambda _: load_kernel(job.plan.config))
-            job.result.load_seconds += loading.wait(lambda _: job.tick())
-        _spread(job, blocks, client, threads or (None if scheduler else 1))
+            Task(lambda _: load_kernel(job.plan.config)).wait(lambda _: job.tick())
+            _spread(job, blocks, client, threads)
 
     return engine
 
@@ -86,7 +69,6 @@ def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | Non
     """Hand out blocks and write their rows."""
     import dask
 
-    where = client.scheduler.address
     flying: dict[Future, tuple[Keys, str]] = {}  # keys and the worker meant for them
     again: list[Keys] = []  # blocks that were lost with their worker
     workers: dict[str, int] = {}  # threads by address
@@ -100,12 +82,13 @@ def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | Non
     try:
         while True:
             if (now := time.monotonic()) >= due or client.status != "running":
-                workers, due = _workers(client, where), now + LOOK_EVERY
+                workers, due = _workers(client), now + LOOK_EVERY
                 seen = now if workers else seen
             if workers:
                 job.threads = threads or max(workers.values())
-                job.begin()
+                job.begun = job.begun or now
             elif now - seen > WORKERLESS:
+                where = client.scheduler.address
                 raise OutputError(
                     f"the scheduler at {where} has had no worker for {WORKERLESS:.0f} s; start "
                     f"some with `dask worker {where}`, and the same command resumes from there"
@@ -125,9 +108,8 @@ def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | Non
                 return
             time.sleep(POLL)
             for future in [future for future in flying if future.done()]:
-                keys = flying[future][0]
+                keys, _ = flying.pop(future)
                 table, seconds = _result(future, keys)
-                del flying[future]
                 if len(table) < len(keys[0]):
                     again.append(keys)
                 else:
@@ -138,17 +120,15 @@ def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | Non
         flying.clear()  # what nobody waits for is cancelled
 
 
-def _workers(client: Client, where: str) -> dict[str, int]:
+def _workers(client: Client) -> dict[str, int]:
     """Return the threads of each worker; raise an OutputError if the scheduler is lost."""
-    try:
+    with suppress(OSError, TimeoutError):
         if client.status == "running":
             workers: dict[str, int] = client.sync(client.nthreads, callback_timeout=ANSWER)
             return workers
-    except (OSError, TimeoutError):
-        pass
     raise OutputError(
-        f"the scheduler at {where} is lost; completed runs are kept, and with a new one the same "
-        "command resumes from there"
+        f"the scheduler at {client.scheduler.address} is lost; completed runs are kept, and with a "
+        "new one the same command resumes from there"
     )
 
 
@@ -172,48 +152,7 @@ def _result(future: Future, keys: Keys) -> tuple[pa.Table, float]:
 
 
 @contextmanager
-def embedded(workers: int | None, threads: int) -> Iterator[Client]:
-    """Start a cluster of processes on this machine, and stop it in the end."""
-    import dask
-    from distributed import Client, LocalCluster
-
-    with ExitStack() as stack:
-        # Dask puts its scratch directory on the path of every process.  The usual one may belong
-        # to another user, whose modules would be imported.
-        scratch = TemporaryDirectory(prefix="rattlesweep-dask-", ignore_cleanup_errors=True)
-        settings = {
-            "temporary-directory": stack.enter_context(scratch),
-            "distributed.scheduler.worker-ttl": f"{SILENCE}s",
-            "distributed.scheduler.http.routes": [],
-            "distributed.worker.http.routes": [],
-        }
-        stack.enter_context(dask.config.set(settings))
-        # A terminal sends Ctrl-C to the whole group.  A signal that is blocked here stays blocked
-        # in all threads and processes that come from here, and in those that replace lost workers.
-        resource_tracker.ensure_running()  # else the first child starts it, which unblocks them
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            cluster = LocalCluster(
-                n_workers=workers or max(1, available_threads() // threads),
-                # A second thread prepares the next block while the kernel runs.
-                threads_per_worker=max(2, threads),
-                host="127.0.0.1",
-                dashboard_address=None,
-                # Any port: by itself Dask warns where another cluster has taken 8787.
-                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
-                memory_limit=0,
-                # TLS: whoever reaches a port without it may run anything as this user.
-                security=True,
-                silence_logs=logging.CRITICAL,
-            )
-            client = Client(stack.enter_context(cluster), set_as_default=False)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        yield stack.enter_context(client)
-
-
-@contextmanager
-def existing(address: str) -> Iterator[Client]:
+def connected(address: str) -> Iterator[Client]:
     """Connect to a scheduler that somebody else looks after."""
     from distributed import Client
     from distributed.comm import connect
@@ -250,7 +189,7 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[p
     worker = get_worker()
     state = worker.state.tasks.get(worker.get_current_task())
 
-    def watch(_: Control | None = None) -> None:
+    def watch(_: Any = None) -> None:
         closing = worker.status in (Status.closing, Status.closed)
         if closing or state is None or state.state == "cancelled":
             raise OutOfTime  # nobody waits for the block any more
@@ -262,7 +201,7 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[p
             raise OutputError(
                 f"it would compute other bits: {words}; give all workers the driver's environment"
             )
-        plan: Plan = _unpack(order["plan"])
+        plan = _unpack(order["plan"])
         prepared = prepare_runs(plan, case, sample)
         while not _kernel.acquire(timeout=POLL):
             watch()

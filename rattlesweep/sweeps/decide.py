@@ -17,14 +17,12 @@ from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.columns import runs_schema
+from rattlesweep.sweeps.columns import floats, runs_schema
 from rattlesweep.sweeps.config.schema import Config, GridSource, Stop
-from rattlesweep.sweeps.counts import codes, floats, wilson
-from rattlesweep.sweeps.types import TYPES, R
+from rattlesweep.sweeps.types import TYPES, R, codes, wilson
 
 if TYPE_CHECKING:
-    from rattlesweep.sweeps.cases import Case
-    from rattlesweep.sweeps.stored import Stored
+    from rattlesweep.sweeps.stored import Case, Stored
 
 # Samples of each case in the first wave: with fewer the intervals are too uncertain to stop on;
 # and those of the next wave, as a share of those so far.
@@ -34,8 +32,6 @@ FIRST, MORE = 400, 0.1
 Z = 2.1700903775845606
 FEWEST = 5  # values along an axis from which on some may be left out
 FAILED = len(TYPES)
-
-Sides = tuple[int, ...]
 Array = NDArray[Any]
 
 
@@ -66,15 +62,15 @@ class _Known:
 
     def read(self, stored: Stored) -> None:
         """Take all rows of a directory."""
-        names = {"case", "sample", "type", "status"} | ({self._column} if self._column else set())
-        for rows in stored.batches(sorted(names)):
+        own = [self._column] if self._column else []
+        for rows in stored.batches(["case", "sample", "type", "status", *own]):
             self.add(rows)
 
     def add(self, rows: pa.RecordBatch | pa.Table) -> None:
         """Take rows."""
         at = tuple(rows.column(name).to_numpy() for name in ("case", "sample"))
         ok = codes(rows.column("status"), ("ok",)) == 0
-        self.code[at] = np.where(ok, codes(rows.column("type"), TYPES), FAILED)
+        self.code[at] = np.where(ok, codes(rows.column("type")), FAILED)
         if self._column:
             self.value[at] = floats(rows.column(self._column))
 
@@ -107,14 +103,9 @@ class Stopping(_Known):
                 low, high = wilson((code == number).sum(axis=1), (code < FAILED).sum(axis=1), Z)
                 known &= (high - low) / 2 <= stop.fraction
         if stop.t_r is not None:
-            reverses = code == R
-            count = reverses.sum(axis=1)
-            value = np.where(reverses, self.value[cases, :samples], 0.0)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                mean = value.sum(axis=1) / count
-                off = np.where(reverses, value - mean[:, None], 0.0)
-                error = np.sqrt((off**2).sum(axis=1) / (count - 1) / count)
-                known &= Z * error <= stop.t_r * mean
+            times = np.ma.masked_where(code != R, self.value[cases, :samples])
+            error = times.std(axis=1, ddof=1) / np.sqrt(times.count(axis=1))
+            known &= (error * Z <= stop.t_r * times.mean(axis=1)).filled(False)
         return known
 
 
@@ -136,8 +127,12 @@ class Refining(_Known):
         if losses:
             launches |= {name: losses.values(name) for name in ("sigma", "rolling")}
         self.shape = tuple(len(values) for values in (launches | bodies.varying).values())
-        self.strides = strides(self.shape, bodies.refine.levels)
-        if max(self.strides) == 1:
+        # Steps of the coarse grid: two at least along an axis, unless it has few values.
+        most = 1 << bodies.refine.levels
+        self.strides = [1 if n < FEWEST else min(most, 1 << ((n - 1) // 2).bit_length() - 1)
+                        for n in self.shape]  # fmt: skip
+        self._refined = [axis for axis, stride in enumerate(self.strides) if stride > 1]
+        if not self._refined:
             raise ConfigError(f"bodies.refine: no axis has {FEWEST} values or more to leave out")
         by, self._tol = bodies.refine.by, bodies.refine.tol
         if by not in runs_schema(config.parts, config.model).names:
@@ -170,7 +165,7 @@ class Refining(_Known):
             seen_value = None if value is None else np.where(before, value, np.nan)
             stride = self.strides
             while max(stride) > 1:
-                half = tuple(max(1, s // 2) if s == max(stride) else s for s in stride)
+                half = [max(1, s // 2) if s == max(stride) else s for s in stride]
                 self._halve(stride, half, wanted, seen, seen_value)
                 stride = half
             if (wanted == before).all():
@@ -178,24 +173,27 @@ class Refining(_Known):
         return self.runs(wanted)
 
     def _halve(
-        self, stride: Sides, half: Sides, wanted: Flags, code: Array, value: Floats | None
+        self,
+        stride: list[int],
+        half: list[int],
+        wanted: Flags,
+        code: Array,
+        value: Floats | None,
     ) -> None:
         """Mark the points of the cells of these sides that are to be halved."""
         at = [_ticks(n, s) for n, s in zip(self.shape, stride, strict=True)]
-        refined = [axis for axis, s in enumerate(self.strides) if s > 1]
-        most, least = code, np.where(code >= 0, code, np.int8(127))
-        corners = code[np.ix_(*at)] >= 0
-        for axis in refined:
-            most, least = (_over(f, v, at[axis], axis)
-                           for f, v in ((np.maximum, most), (np.minimum, least)))  # fmt: skip
+        most, least, corners = code, np.where(code >= 0, code, np.int8(127)), code[np.ix_(*at)] >= 0
+        for axis in self._refined:
+            most = _over(np.maximum, most, at[axis], axis)
+            least = _over(np.minimum, least, at[axis], axis)
             corners = _over(np.logical_and, corners, np.arange(len(at[axis])), axis)
         differs = most != least
         if value is not None:
-            differs |= self._bends(at, refined, value[np.ix_(*at)])
+            differs |= self._bends(at, value[np.ix_(*at)])
         sides: list[tuple[Integers, ...]] = []
         for axis, cell in enumerate(np.nonzero(corners & differs)):
             low = at[axis][cell]
-            if axis in refined:
+            if axis in self._refined:
                 high = at[axis][cell + 1]
                 sides.append((low, np.minimum(low + half[axis], high), high))
             else:
@@ -203,24 +201,18 @@ class Refining(_Known):
         for point in product(*sides):
             wanted[point] = True
 
-    def _bends(self, at: list[Integers], refined: list[int], value: Floats) -> Flags:
+    def _bends(self, at: list[Integers], value: Floats) -> Flags:
         """Return which cells have a corner that lies off the line through its neighbours."""
         bends = np.zeros(value.shape, dtype=bool)
-        for axis in refined:
+        for axis in self._refined:
             v, gaps = np.moveaxis(value, axis, -1), np.diff(at[axis])
             left, right, middle = gaps[:-1], gaps[1:], v[..., 1:-1]
             line = (v[..., :-2] * right + v[..., 2:] * left) / (left + right)
             off = np.abs(middle - line) > self._tol * np.maximum(np.abs(middle), np.abs(line))
             np.moveaxis(bends, axis, -1)[..., 1:-1] |= off
-        for axis in refined:
+        for axis in self._refined:
             bends = _over(np.logical_or, bends, np.arange(len(at[axis])), axis)
         return bends
-
-
-def strides(shape: Sequence[int], levels: int) -> tuple[int, ...]:
-    """Return the steps of the coarse grid along axes of so many values: two at least, or 1."""
-    return tuple(1 if n < FEWEST else min(1 << levels, 1 << ((n - 1) // 2).bit_length() - 1)
-                 for n in shape)  # fmt: skip
 
 
 def _ticks(length: int, stride: int) -> Integers:

@@ -4,7 +4,8 @@ With d = abs(t_r'/t_r - 1), where t_r' is the companion's, and s the distance of
 their reversals in the norm of the step control,
 
     t_r_error / t_r = (floor + near r) tol + slope T (d + share s / sqrt(N)) + C + G,
-    T = max(r^power, P),   P = min(1, (s / PARTED)^2),   r = tol / tol',   N = n_steps / 1000,
+    T = max((r + near r^2)^power, P),   P = min(1, (s / PARTED)^2),
+    r = tol / tol',   N = n_steps / 1000,
 
 at most 1, which it is where the companion does not reverse.  The first term is the common size of
 the error, and more where the companion is hardly looser and so tells less.  The second carries the
@@ -34,30 +35,32 @@ import numpy as np
 
 from rattlesweep.arrays import Flags, Floats, Integers, put, take
 from rattlesweep.integrate.batch import Batch, Control, Outcome, has_settled, integrate
-from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
-from rattlesweep.integrate.lanes.columns import MOST_REVERSALS
+from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
 from rattlesweep.integrate.model import REDUCED, Model
 from rattlesweep.integrate.status import Status
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.physics import full
-from rattlesweep.sweeps.config.schema import Config, Integrator
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.launches import model_of
 
 
 class Fit(NamedTuple):
-    """Constants of the estimate: 99.5 % of four mixes covered, with the least overestimate."""
+    """Constants of the estimate, and the tolerance of a companion over the run's."""
 
     floor: float = 0.5
     near: float = 10.0
-    slope: float = 8.0
+    slope: float = 12.0
     share: float = 0.0007
     power: float = 1.0
+    looser: float = 2e3
 
 
 FITS = {"dop853": Fit(), "verner98": Fit(floor=0.2), "rk4": Fit(floor=0.0, share=0.003)}
-ROLLING = Fit(floor=5.0, power=0.5)  # its kinks lower the order of all methods
-# Tolerance of a companion over the run's, the least, and the loosest: beyond, most runs part.
-LOOSER, LEAST_LOOSER, LOOSEST = 2e3, 10.0, 1e-5
+# Kinks lower the order of all methods, in some runs so much that a tighter tolerance hardly helps,
+# which only a companion that is nearly as good can tell.
+ROLLING = Fit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0)
+# A companion is at least so much looser than the run, and at most so loose: beyond, most runs part.
+LEAST_LOOSER, LOOSEST = 10.0, 1e-5
 TIGHTEST = 1e-14  # tolerance below which the error of a step is rounding
 PARTED = 0.2  # distance at which two runs have nothing to do with each other any more
 REMEMBERED = 0.1  # least share of d that is carried over if the companion had parted from its own
@@ -86,33 +89,39 @@ class Estimated(Outcome):
     companion_t_r: Floats
     apart: Floats  # distance of the two states at their reversals
     grazes: Integers  # undecided extrema of the two
-    tries: Integers  # steps tried in all, for companions and at looser tolerances too
     turn_errors: Floats  # of the times in `reversals`, shape (runs, 8) or (0, 8)
     turns_sure: Integers  # how many of these turns, from the first on, are sure
 
 
-def companion_setting(method: str, value: float) -> float:
+def fit_of(config: Config) -> Fit:
+    """Return the constants for the method and the model of a sweep."""
+    rolls = "rolling" in model_of(config).name
+    return ROLLING if rolls else FITS.get(config.integrator.method, Fit())
+
+
+def companion_setting(config: Config, value: float) -> float:
     """Return the tolerance of a companion, or twice the step of a fixed-step method."""
-    if not METHODS[method].adaptive:
+    if not METHODS[config.integrator.method].adaptive:
         return 2.0 * value
-    return max(LEAST_LOOSER * value, min(LOOSER * value, LOOSEST))
+    return max(LEAST_LOOSER * value, min(fit_of(config).looser * value, LOOSEST))
 
 
-def ladder(settings: Integrator) -> tuple[list[float], list[float]]:
+def ladder(config: Config) -> tuple[list[float], list[float]]:
     """Return the settings of companions, of the runs, and of those done again, with the expected
     cost of each in units of plain runs on the second.
     """
-    tableau = METHODS[settings.method]
+    settings, tableau = config.integrator, METHODS[config.integrator.method]
     if not tableau.adaptive:
         dt = settings.dt or DT
-        return [companion_setting(settings.method, dt), dt], [0.5, 1.0]
+        return [companion_setting(config, dt), dt], [0.5, 1.0]
     if settings.goal is None:
         tol = settings.tol or TOL
-        values = [companion_setting(settings.method, tol), tol]
+        values = [companion_setting(config, tol), tol]
     else:
         first = min(FIRST_RUNG * settings.goal, LOOSEST_RUNG)
         rungs = {max(first * RUNG**k, TIGHTEST) for k in range(RUNGS)}
-        values = [min(LOOSER * first, LOOSEST_OF_LADDER), *sorted(rungs, reverse=True)]
+        loosest = min(fit_of(config).looser * first, LOOSEST_OF_LADDER)
+        values = [loosest, *sorted(rungs, reverse=True)]
     # The tenth is lost in rejected steps: 40 to 45 % at 1e-9, 77 to 84 % at 1e-6.
     companion = 1.1 * float((values[1] / values[0]) ** (1.0 / tableau.order))
     return values, [companion, 1.0, *AGAIN[: len(values) - 2]]
@@ -129,7 +138,7 @@ def integrate_estimated(
     """
     settings, model = config.integrator, model_of(config)
     tableau, goal = METHODS[settings.method], settings.goal or np.inf
-    (values, costs), turning = ladder(settings), frozenset(config.record) & {"reversals"}
+    (values, costs), turning = ladder(config), frozenset(config.record) & {"reversals"}
     record, pair = frozenset(config.record) - turning, (values[1], values[0])
     spans = np.cumsum([0.0, *costs, *(costs[:2] if turning else [])])
     spans /= spans[-1]
@@ -150,7 +159,7 @@ def integrate_estimated(
     # Where a run ends is known by now, so none is begun late and keeps lanes waiting.
     runs = attempt(1, 1, batch, record, companions.n_steps)
     now = done = with_errors(config, batch, runs, companions, pair)
-    rows, part, tries = np.arange(len(batch)), batch, now.tries.copy()
+    rows, part = np.arange(len(batch)), batch
     for k in range(2, len(values)):
         large = now.t_r_error > goal * now.t_r
         missed = np.isnan(now.t_r) & np.isfinite(now.companion_t_r)
@@ -164,20 +173,18 @@ def integrate_estimated(
         runs = attempt(k, k, part, record, companions.n_steps)
         now = with_errors(config, part, runs, companions, (values[k], values[k - 1]), before)
         put(now, done, rows)
-        tries[rows] += runs.n_steps + runs.n_rejected
     if turning:
         none = np.full((len(batch), MOST_REVERSALS, 2), np.nan)
         done = replace(done, reversals=none, turn_errors=none[:, :, 0].copy())
         goes_on = (done.status == Status.OK) & (done.t_end < batch.t_end)
         control.settle(int((~goes_on & (done.status != Status.STOPPED)).sum()))
-        rows, part, first = np.flatnonzero(goes_on), take(batch, goes_on), take(done, goes_on)
+        part, first = take(batch, goes_on), take(done, goes_on)
         companions = attempt(2, 0, part, turning)
         runs = attempt(3, 1, part, record | turning, companions.n_steps)
         now = with_errors(config, part, runs, companions, pair)
         now = _with_turns(now, first, companions.reversals[:, :, 0], _scales(config, pair))
-        put(now, done, rows)
-        tries[rows] += now.tries
-    return replace(done, tries=tries, stopped=bool((done.status == Status.STOPPED).any()))
+        put(now, done, np.flatnonzero(goes_on))
+    return replace(done, stopped=bool((done.status == Status.STOPPED).any()))
 
 
 def with_errors(
@@ -214,11 +221,10 @@ def with_errors(
     )
     t_r_error = relative * runs.t_r
     # Of a run that has settled, amp_growth lies between what it was and 0.
-    (low, high), (low_other, high_other) = (
-        (out.amp_growth, np.where(has_settled(batch, out), 0.0, out.amp_growth))
-        for out in (runs, companions)
+    high, high_other = (
+        np.where(has_settled(batch, out), 0.0, out.amp_growth) for out in (runs, companions)
     )
-    between = np.maximum(0.0, np.maximum(low - high_other, low_other - high))
+    below, above = runs.amp_growth - high_other, companions.amp_growth - high
     departed = np.abs(runs.n_departure - companions.n_departure)
     ok, others_ok = (out.status == Status.OK for out in (runs, companions))
     neither = np.isnan(runs.t_r) & np.isnan(companions.t_r) & others_ok & (grazes == 0)
@@ -230,7 +236,7 @@ def with_errors(
     return Estimated(
         **vars(runs) | changed,
         t_r_error=t_r_error,
-        amp_growth_error=np.where(ok, DIFFER * between, np.nan),
+        amp_growth_error=np.where(ok, DIFFER * np.maximum(0.0, np.maximum(below, above)), np.nan),
         n_departure_error=np.where(ok & others_ok, DIFFER * departed, np.nan),
         reversal_sure=((relative < 1.0) & (runs.t_r + t_r_error < batch.t_end)) | neither,
         tol=tol,
@@ -238,7 +244,6 @@ def with_errors(
         companion_t_r=companions.t_r,
         apart=apart,
         grazes=grazes,
-        tries=runs.n_steps + runs.n_rejected + companions.n_steps + companions.n_rejected,
         turn_errors=np.zeros((0, MOST_REVERSALS)),
         turns_sure=np.zeros(len(batch), np.int64),
     )
@@ -246,12 +251,12 @@ def with_errors(
 
 def _scales(config: Config, settings: tuple[float, float]) -> tuple[Fit, float, float]:
     """Return the constants, the common size of the error, and what it is to the difference."""
-    tableau, kinks = METHODS[config.integrator.method], "rolling" in model_of(config).name
-    fit = ROLLING if kinks else FITS.get(tableau.name, Fit())
+    tableau, fit = METHODS[config.integrator.method], fit_of(config)
     tol, ratio = settings[0], settings[0] / settings[1]
     if not tableau.adaptive:  # errors of fixed steps do not add up at random
         tol, ratio = 0.0, ratio**tableau.order
-    return fit, (fit.floor + fit.near * ratio) * max(tol, TIGHTEST), ratio**fit.power
+    common = (fit.floor + fit.near * ratio) * max(tol, TIGHTEST)
+    return fit, common, (ratio + fit.near * ratio**2) ** fit.power
 
 
 def _with_turns(
@@ -259,21 +264,21 @@ def _with_turns(
 ) -> Estimated:
     """Return runs to the horizon with errors of their turns, and with those of their first zero."""
     _, common, ratio = scales
-    times = runs.reversals[:, :, 0]
+    times, t_r = runs.reversals[:, :, 0], first.t_r[:, None]
     difference = np.abs(other_times / times - 1.0)
     there = np.isfinite(difference)
     d = np.maximum.accumulate(np.where(there, difference, 1.0), axis=1)
-    carried = np.maximum(ratio, np.minimum(1.0, (d / TURN_PARTED) ** 2))
-    relative = common + TURN_SLOPE * carried * d
+    relative = common + TURN_SLOPE * np.maximum(ratio, np.minimum(1.0, (d / TURN_PARTED) ** 2)) * d
     # A spin that comes back after its first zero turns at a later one: which, is less sure.
-    t_r = first.t_r[:, None]
     relative[:, :1] = np.maximum(first.t_r_error[:, None] / t_r, times[:, :1] / t_r - 1.0)
     relative = np.minimum(relative, 1.0)
-    sure = np.cumprod(there & (relative < SURE), axis=1).sum(axis=1)
-    names = ("t_r_error", "reversal_sure", "apart", "companion_t_r", "grazes")
-    kept = {name: getattr(first, name) for name in names}
-    errors = np.where(there, relative * times, np.nan)
-    return replace(runs, turn_errors=errors, turns_sure=sure, **kept)
+    kept = ("t_r_error", "reversal_sure", "apart", "companion_t_r", "grazes")
+    return replace(
+        runs,
+        turn_errors=np.where(there, relative * times, np.nan),
+        turns_sure=np.cumprod(there & (relative < SURE), axis=1).sum(axis=1),
+        **{name: getattr(first, name) for name in kept},
+    )
 
 
 def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Floats:

@@ -2,32 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rattlesweep.arrays import Flags, Floats, Integers
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import N_WINDOWS, Batch
 from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
-from rattlesweep.physics import full, launch, reduced, stone, theory
+from rattlesweep.physics import full, reduced, stone, theory
+from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
-from rattlesweep.sweeps.bodies.protocol import Bodies
+from rattlesweep.sweeps.bodies import Bodies
+from rattlesweep.sweeps.bodies.sources import GridBodies
+from rattlesweep.sweeps.bodies.table import TableBodies
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import MAX_SPEED, Config, Horizon
-from rattlesweep.sweeps.plan import Plan
+from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.units import Quantity
 
-# A window has at least this many periods of the slower mode, so that it contains the largest
-# amplitude; see the evidence in docs/types.md.
-WINDOW_PERIODS = 2.0
-# Within the first window, amplitudes are compared for the first time after this many periods.
-MARK_PERIODS = 8.0
-# A mode counts as decaying if its amplitude falls by this share until the horizon.
-LEAST_DECAY = 0.01
-# The probes of the initial spin tell pitch from roll well enough up to this change of the spin.
-MOST_APART = 0.02
+WINDOW_PERIODS = 2.0  # of the slower mode in a window at least; see the evidence in docs/types.md
+MARK_PERIODS = 8.0  # after which amplitudes are compared for the first time
+LEAST_DECAY = 0.01  # fall of its amplitude until the horizon by which a mode counts as decaying
+MOST_APART = 0.02  # change of the spin up to which its first probes tell pitch from roll
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ class Launches:
     omega_xy0: Floats
     psi: Floats
     modes: theory.Modes
-    gh: launch.GarciaHubbard
+    gh: theory.GarciaHubbard
     n_0: Floats
     n_c1: Floats
     t_end: Floats
@@ -57,48 +56,30 @@ class Launches:
     dead: Floats | None = None
 
     @property
-    def second(self) -> Floats | None:
-        """``sqrt(a/g)`` in seconds, of bodies whose size is known."""
-        return None if self.bodies.scale is None else self.bodies.scale.second
-
-    @property
-    def carried(self) -> dict[str, NDArray[Any]]:
-        """Columns that the runs get from a table."""
-        return self.bodies.carried
-
-    @property
-    def tapped(self) -> Flags:
-        """Whether a run is launched without spin."""
-        return np.equal(self.n_i, 0.0)
-
-    @property
     def spin_scale(self) -> Floats:
         """Spin that later spins are compared with: that of the launch, or ``n_0`` without one."""
-        return np.where(self.tapped, self.n_0, np.abs(self.n_i))
+        return np.where(self.n_i == 0, self.n_0, np.abs(self.n_i))
 
 
 def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     """Return the launches of some runs, given by their keys in any order."""
     config, bodies = plan.config, plan.source.bodies(plan.targets[case], sample)
-    if config.launch is not None and bodies.n_i is None:
-        state = config.launch
+    if (state := config.launch) is not None and bodies.n_i is None:
         omega, u = (np.tile(x, (len(sample), 1)) for x in (state.omega, state.u))
-        n_i, omega_xy0, psi = launch.spin_and_oscillation(omega, u)
+        n_i, omega_xy0, psi = theory.spin_and_oscillation(omega, u)
         bodies = replace(bodies, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
 
     def value(name: str) -> Floats:
         """Return what rows of a table say, or the config of all bodies, or else each case."""
         own: Floats | None = getattr(bodies, name)
-        if own is not None:
-            return own
-        if name in config.in_si and getattr(plan.cases[0], name) is None:
-            return _natural(config.in_si[name][0], bodies)
-        return np.array([getattr(c, name) for c in plan.cases], float)[case]
+        if own is None and name in config.in_si and getattr(plan.cases[0], name) is None:
+            own = _natural(config.in_si[name][0], bodies)
+        return np.array([getattr(c, name) for c in plan.cases], float)[case] if own is None else own
 
     n_i, omega_xy0 = value("n_i"), value("omega_xy0")
     modes = theory.modes(bodies.alpha, bodies.beta, bodies.theta, bodies.phi, bodies.xi)
     way = config.spin.psi if config.spin else "relevant"
-    psi = launch.direction(modes, n_i, way) if bodies.psi is None else bodies.psi
+    psi = theory.direction(modes, n_i, way) if bodies.psi is None else bodies.psi
     losses = (value("sigma"), value("rolling")) if config.dissipation else None
     launches = with_theory(case, sample, bodies, n_i, omega_xy0, psi, modes, config.horizon, losses)
     if losses is None:
@@ -119,7 +100,7 @@ def with_theory(
 ) -> Launches:
     """Return launches with their columns of theory; `losses` are ``sigma`` and ``rolling``."""
     b = bodies
-    gh = launch.garcia_hubbard(b, modes, n_i, omega_xy0, psi)
+    gh = theory.garcia_hubbard(b, modes, n_i, omega_xy0, psi)
     n_0 = gh.n_0
     if b.omega is not None and b.u is not None:
         ix, iy, iz, *curvature = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
@@ -152,7 +133,7 @@ def with_theory(
 
 
 def _natural(value: Quantity, bodies: Bodies) -> Floats:
-    """Return a value with a unit in the units of each body."""
+    """Return a value in the units of each body."""
     assert bodies.scale is not None
     return bodies.scale.natural(value, value.kind)
 
@@ -162,10 +143,9 @@ def _energy(bodies: Bodies, omega: Floats, u: Floats) -> Floats:
     b = bodies
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
     # An ellipsoid with an infinite semi-axis is a paraboloid.
-    k = np.broadcast_to(stone.inverse_semi_axis(b.c), len(u))
-    rows = zip(*full.from_vectors(u.T, omega.T).tolist(), *np.array([*constants, k]).tolist(),
-               strict=True)  # fmt: skip
-    return np.array([stone.energy.py_func(*row) for row in rows], float)
+    energy = np.vectorize(stone.energy.py_func, otypes=[float])
+    state = full.from_vectors(u.T, omega.T)
+    return np.asarray(energy(*state, *constants, stone.inverse_semi_axis(b.c)))
 
 
 def model_of(config: Config) -> Model:
@@ -179,9 +159,8 @@ def model_of(config: Config) -> Model:
 
 def make_batch(launches: Launches, model: str) -> Batch | None:
     """Return the batch of a model; None for the closed form, which needs no integration."""
-    if model == "gh":
-        return None
-    return reduced_batch(launches) if model == "reduced" else full_batch(launches)
+    make = {"full": full_batch, "reduced": reduced_batch}.get(model)
+    return None if make is None else make(launches)
 
 
 def ending_early(batch: Batch, launches: Launches) -> Batch:
@@ -197,7 +176,7 @@ def full_batch(launches: Launches) -> Batch:
     """Return the batch for the full dynamics."""
     b = launches.bodies
     if b.omega is None or b.u is None:
-        y0 = launch.full_state(launches.n_i, launches.omega_xy0, launches.psi)
+        y0 = theory.full_state(launches.n_i, launches.omega_xy0, launches.psi)
     else:
         y0 = np.ascontiguousarray(full.from_vectors(b.u.T, b.omega.T).T)
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
@@ -227,7 +206,7 @@ def full_batch(launches: Launches) -> Batch:
         window=_windows(launches.t_end, slower),
         first_mark=MARK_PERIODS * 2 * np.pi / slower,
         scale=launches.spin_scale,
-        tapped=launches.tapped,
+        tapped=launches.n_i == 0,
         dead=np.zeros(0) if launches.dead is None else launches.dead,
     )
 
@@ -252,8 +231,97 @@ def reduced_batch(launches: Launches) -> Batch:
         window=_windows(launches.t_end, np.full(len(rate), np.inf)),
         first_mark=launches.t_end,
         scale=launches.spin_scale,
-        tapped=launches.tapped,
+        tapped=launches.n_i == 0,
     )
+
+
+def _windows(t_end: Floats, slower: Floats) -> Floats:
+    """Return the lengths of windows: equal parts of the horizon of at least a few periods each."""
+    # Not t_end / period: the reduced model has no oscillation, and so an infinite frequency here.
+    parts = np.clip(np.floor(t_end * slower / (WINDOW_PERIODS * 2 * np.pi)), 1, N_WINDOWS)
+    return np.where(np.isfinite(t_end), t_end / parts, 1.0)
+
+
+@dataclass(frozen=True)
+class Launch:
+    """One run as a user asks for it, in the words of a config.
+
+    The launch is `n_i` and `omega_xy0`, or the full state `omega` and `u` (None: upright), with
+    components along the body's axes.  Without `t_end` the horizon is 5 t_rGH of the spin's own
+    direction.  `e_p0` and `e_r0` are initial energies of pitch and roll in the reduced model, in
+    ``M g a``; None stands for those of the launch.
+    """
+
+    body: Rattleback
+    n_i: float | None = None
+    omega_xy0: float | None = None
+    t_end: float | None = None
+    psi: str | float | None = None
+    model: str = "full"
+    integrator: Mapping[str, Any] = field(default_factory=dict)
+    e_p0: float | None = None
+    e_r0: float | None = None
+    omega: Sequence[float] | None = None
+    u: Sequence[float] | None = None
+    sigma: float = 0.0
+    rolling: float = 0.0
+    record: Sequence[str] = ()
+
+
+def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
+    """Return whether a launch is a full state; refuse half of one, and one beside a spin."""
+    if omega is None and u is None:
+        return False
+    if given := [name for name, value in spin.items() if value is not None]:
+        told = f"{' and '.join(given)} given with a full state"
+        raise ConfigError(f"{told}; keep omega and u, or n_i, omega_xy0 and psi")
+    if omega is None:
+        raise ConfigError("omega: missing; a full state has omega and u")
+    return True
+
+
+def plan_of(run: Launch, source: TableBodies | None = None) -> Plan:
+    """Return the sweep of one body, or of the bodies, launches and dissipation of `source`."""
+    c = run.body.c
+    bodies: dict[str, Any] = {"source": "preset", "name": "GH"}
+    if source is not None:
+        bodies = {"source": "table", "path": "the table is in memory"}
+    if c is not None if source is None else source.has_semi_axes:
+        bodies |= {"surface": "ellipsoid"} | ({"c": c} if source is None else {})
+    spin = {"n_i": run.n_i, "omega_xy0": run.omega_xy0, "psi": run.psi}
+    if is_full_state(run.omega, run.u, spin):
+        state = {"omega": run.omega, "u": run.u}
+        own: dict[str, Any] = {"launch": {k: list(v) for k, v in state.items() if v is not None}}
+    elif run.t_end is None and run.n_i == 0:
+        raise ConfigError("t_end: missing; a launch without spin has no t_rGH")
+    else:
+        own = {"spin": {k: v for k, v in spin.items() if v is not None}}
+    config = parse_config({
+        "bodies": bodies,
+        **own,
+        "model": run.model,
+        "horizon": {"t_rgh": 5.0} if run.t_end is None else {"t": run.t_end},
+        "integrator": dict(run.integrator),
+        "dissipation": {"sigma": run.sigma, "rolling": run.rolling},
+        "record": list(run.record),
+    })  # fmt: skip
+    if source is not None:
+        assert config.bodies.source == "table"
+        return make_plan(config, source=source.with_surface(config.bodies))
+    # The body itself, which was checked when it was made, takes the place of the preset.
+    names = PARAMETERS if c is None else (*PARAMETERS, "c")
+    one = GridBodies({name: getattr(run.body, name) for name in names}, {})
+    return make_plan(config, source=one)
+
+
+def single_run(run: Launch) -> tuple[Config, Launches, Batch | None]:
+    """Return config, launch and batch of one run, as a sweep has them; no batch for ``gh``."""
+    plan = plan_of(run)
+    launches = prepare(plan, np.zeros(1, np.int64), np.zeros(1, np.int64))
+    batch = make_batch(launches, run.model)
+    if batch is not None and run.model == "reduced":
+        batch = with_energies(batch, run.e_p0, run.e_r0)
+    return plan.config, launches, batch
 
 
 def with_energies(batch: Batch, e_p0: float | None, e_r0: float | None) -> Batch:
@@ -266,10 +334,3 @@ def with_energies(batch: Batch, e_p0: float | None, e_r0: float | None) -> Batch
             raise ConfigError(f"{name} {value:g}: from 0 to {MAX_SPEED**2:g} M g a is allowed")
         y0[:, column] = value
     return replace(batch, y0=y0)
-
-
-def _windows(t_end: Floats, slower: Floats) -> Floats:
-    """Return the lengths of windows: equal parts of the horizon of at least a few periods each."""
-    # Not t_end / period: the reduced model has no oscillation, and so an infinite frequency here.
-    parts = np.clip(np.floor(t_end * slower / (WINDOW_PERIODS * 2 * np.pi)), 1, N_WINDOWS)
-    return np.where(np.isfinite(t_end), t_end / parts, 1.0)

@@ -1,4 +1,4 @@
-"""Merge directories of one sweep: files go into one folder, for no run stands in two of them."""
+"""What is done with stored runs without integrating: merge directories, and type runs again."""
 
 from __future__ import annotations
 
@@ -10,22 +10,31 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.decide import decision
+from rattlesweep.sweeps.columns import read_parquet
+from rattlesweep.sweeps.config.read import override_config, resolved
+from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.files import explained, streamed_file
+from rattlesweep.sweeps.plan import check_empty, check_same
 from rattlesweep.sweeps.provenance import hold
-from rattlesweep.sweeps.rows import Runs, free_path
 from rattlesweep.sweeps.stored import (
+    FOLDER,
     MANIFEST,
-    check_empty,
-    differing_keys,
+    TYPED,
+    Stored,
+    files_of,
+    free_path,
+    metadata,
     open_stored,
+    rewrite,
     write_manifest,
 )
 from rattlesweep.sweeps.summary import summarise, write_summary
+from rattlesweep.sweeps.types import with_types
+from rattlesweep.sweeps.verify import wanted_runs
 
 
 @dataclass(frozen=True)
@@ -42,7 +51,8 @@ class Merged:
 def merge(directories: Sequence[Path], output: Path) -> Merged:
     """Put the runs of several directories of one sweep, such as its shards, into another.
 
-    The output is new or empty, or of the same sweep.  The sources stay as they are.
+    No run stands in two of them.  The output is new or empty, or of the same sweep.  The sources
+    stay as they are.
     """
     if len({directory.resolve() for directory in (output, *directories)}) <= len(directories):
         raise ConfigError("a directory is given twice; give each once, and as --output another one")
@@ -53,28 +63,22 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
         check_empty(output)
     largest = max(sources, key=lambda stored: (len(stored.cases), stored.samples))
     for stored in sources:
-        both = f"{stored.directory} and {largest.directory}"
-        if stored.hash != largest.hash:
-            what = differing_keys(stored.config, largest.config)
-            raise ConfigError(f"{both} hold different sweeps ({what})")
-        if [c.key for c in stored.cases] != [c.key for c in largest.cases[: len(stored.cases)]]:
-            raise ConfigError(f"{both} number their cases differently; run the whole config in one")
+        check_same(stored, largest)
     with contextlib.ExitStack() as stack:
         for directory in directories:
             if os.access(directory, os.W_OK):  # nobody works in one that is read-only
                 stack.enter_context(hold(directory))
-        here = Runs(output)
+        folder = output / FOLDER
         with explained(f"cannot write in {output}"):
             output.mkdir(parents=True, exist_ok=True)
             stack.enter_context(hold(output))
-            here.folder.mkdir(exist_ok=True)
+            folder.mkdir(exist_ok=True)
         # A merge that was killed has left some files there.
         new = [
-            path for directory in directories for path in Runs(directory).files()
-            if not ((twin := here.folder / path.name).exists() and filecmp.cmp(path, twin, False))
+            path for directory in directories for path in files_of(directory)
+            if not ((twin := folder / path.name).exists() and filecmp.cmp(path, twin, False))
         ]  # fmt: skip
-        files = [*here.files(), *new]
-        found = here.find(largest.cases, largest.samples, largest.hash, largest.schema, files)
+        found = largest.find([*files_of(output), *new])
         if found.damaged:
             raise OutputError(f"{found.damaged[0]} is damaged; do its runs again before merging")
         if len(found.typed) > 1:
@@ -84,12 +88,9 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
             )
         write_manifest(output, largest.manifest)
         for path in new:
-            _put(path, free_path(here.folder / path.name))
-        merged, wanted = open_stored(output), np.ones_like(found.done)
-        if (decide := decision(merged.config, merged.cases, merged.samples)) is not None:
-            decide.read(merged)
-            wanted = decide.wanted()
-        missing = int((wanted & ~found.done).sum())
+            _put(path, free_path(folder / path.name))
+        merged = open_stored(output)
+        missing = int((wanted_runs(merged, found) & ~found.done).sum())
         summary = None if missing else summarise(merged)
         if summary is not None:
             write_summary(merged, summary)
@@ -104,3 +105,52 @@ def _put(path: Path, target: Path) -> None:
     except OSError:
         with open(path, "rb") as file, streamed_file(target) as copy:
             shutil.copyfileobj(file, copy)
+
+
+@dataclass(frozen=True)
+class Classified:
+    """What typing the runs of a directory again came to."""
+
+    changed: int  # runs whose type is another one now
+    files: int  # files that were written
+    own: dict[str, float]  # thresholds of the sweep's config
+    now: dict[str, float]
+    summary: pa.Table  # one row a case
+
+
+def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classified:
+    """Type the stored runs of a directory by some thresholds, and renew the summary.
+
+    `overrides` are ``classify.KEY=VALUE`` texts over the sweep's config.  Each file is rewritten in
+    one step; after a kill the same command goes on.
+    """
+    _changed(open_stored(directory), overrides)  # before anything is made there
+    with hold(directory):
+        stored = open_stored(directory)
+        thresholds, changed, files = _changed(stored, overrides), 0, 0
+        for path in stored.files():
+            if metadata(path).get(TYPED) != thresholds.as_text:
+                rows = read_parquet(path)
+                again = with_types(rows, thresholds)
+                rewrite(path, again, thresholds.as_text)
+                old, new = (pc.fill_null(t.column("type"), "") for t in (rows, again))
+                changed += pc.sum(pc.not_equal(old, new)).as_py()
+                files += 1
+        summary = summarise(stored)
+        write_summary(stored, summary)
+    own = stored.config.classify.thresholds
+    return Classified(changed, files, own, thresholds.thresholds, summary)
+
+
+def _changed(stored: Stored, overrides: Sequence[str]) -> Classify:
+    """Return other thresholds for a sweep."""
+    config, own = override_config(resolved(stored.config), list(overrides)), stored.config
+    if config.model_copy(update={"classify": own.classify}) != own:
+        raise ConfigError("--set: only keys of classify can change here; others need a new sweep")
+    # A zero of the spin after the energy has fallen below dead_energy is not stored as t_r.
+    for key in ("early", *(["dead_energy"] if config.dissipation else [])):
+        if getattr(config.classify, key) != getattr(own.classify, key):
+            raise ConfigError(
+                f"--set classify.{key}: decides more than types; it needs a new sweep"
+            )
+    return config.classify

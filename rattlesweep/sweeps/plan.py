@@ -1,4 +1,4 @@
-"""From a config to its cases and samples.
+"""From a config to its cases and samples, and to the directory that holds their runs.
 
 A case is one combination of target, ``n_i`` and ``omega_xy0``, and of the dissipation where it has
 several values; a run is one sample of a case, and its key is ``(case, sample)``.  What becomes of a
@@ -7,6 +7,7 @@ run follows from the config and its key alone.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,14 +18,27 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigError
-from rattlesweep.physics.launch import spin_and_oscillation
-from rattlesweep.sweeps.bodies.protocol import Source
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.physics.theory import spin_and_oscillation
+from rattlesweep.sweeps.bodies import Source
 from rattlesweep.sweeps.bodies.sources import make_source
 from rattlesweep.sweeps.bodies.table import LOSSES, TableBodies, check_value
-from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import STATE, runs_schema
-from rattlesweep.sweeps.config.schema import TABLE, Config, SdSource, clashes
+from rattlesweep.sweeps.config.read import differences, fixed_part, physics_hash, resolved
+from rattlesweep.sweeps.config.schema import Config, SdSource
+from rattlesweep.sweeps.files import explained
+from rattlesweep.sweeps.provenance import LOCKS, at_work, command_line, machine, now, versions
+from rattlesweep.sweeps.stored import (
+    FOLDER,
+    FORMAT,
+    MANIFEST,
+    SUMMARY,
+    Case,
+    Stored,
+    open_stored,
+    remove,
+    write_manifest,
+)
 from rattlesweep.units import Quantity
 
 MAX_RUNS = 10**9
@@ -58,11 +72,6 @@ class Plan:
         return self.source.samples
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Numbers of cases and samples."""
-        return len(self.cases), self.samples
-
-    @property
     def runs(self) -> int:
         """Number of runs, if none is left out."""
         return len(self.cases) * self.samples
@@ -71,10 +80,6 @@ class Plan:
     def targets(self) -> Floats:
         """Target of each case, NaN without one."""
         return np.array([np.nan if c.target is None else c.target for c in self.cases])
-
-    def with_cases(self, cases: Sequence[Case]) -> Plan:
-        """Return the same plan with its cases in another order."""
-        return replace(self, cases=tuple(cases))
 
 
 def make_plan(config: Config, base: Path | None = None, source: Source | None = None) -> Plan:
@@ -95,15 +100,16 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
         targets = [(aim.name, value) for value in aim.values]
     state = "u_x" in table or ("n_i" not in table and config.launch is not None)
     launches: list[tuple[float | None, float | None]] = [(None, None)]
+    t_end = None
     if "n_i" in table:
         n_i, t_end = table["n_i"], table.get("t_end")
     elif config.launch is not None:
         found = spin_and_oscillation(config.launch.omega, config.launch.u)
         launches = [(float(found[0]), float(found[1]))]
-        n_i, t_end = np.array([found[0]]), None
+        n_i = np.array([found[0]])
     elif config.spin is not None:
         launches = list(product(values["n_i"], values["omega_xy0"]))
-        n_i, t_end = np.array(config.spin.n_i), None
+        n_i = np.array(config.spin.n_i)
     else:
         told = "missing; the table has no columns n_i and omega_xy0, so the config must give them"
         raise ConfigError(f"spin: {told}")
@@ -130,42 +136,43 @@ def _natural(config: Config, source: Source) -> dict[str, Values]:
         return values
     count = source.samples if isinstance(source, TableBodies) else min(source.samples, 64)
     scale = source.bodies(np.nan, np.arange(count)).scale
+
+    def one(name: str, value: float | None, alone: bool) -> float | None:
+        if not isinstance(value, Quantity):
+            return value
+        told = f"{KEYS[name]}: {value.text}"
+        natural = np.full(1, np.nan) if scale is None else scale.natural(value, value.kind)
+        if np.isnan(natural).any():
+            wanted = "columns height_m and mass_kg, or a number in the bodies' own units"
+            raise ConfigError(f"{told} needs the size of the bodies; give {wanted}")
+        if broken := check_value(name, natural):
+            own = f"comes to {natural[broken[0]]:g} in units of the body"
+            raise ConfigError(f"{told} {own}; {broken[1]}")
+        if natural.min() == natural.max():
+            return float(natural[0])
+        if not alone:
+            own = "is another number for each body, as their sizes differ"
+            raise ConfigError(f"{told} {own}; give it alone, or numbers without units")
+        return None
+
     for name, quantities in given.items():
         listed: Sequence[float | None] = values.get(name, list(quantities))
-        found: Values = []
-        for value in listed:
-            if not isinstance(value, Quantity):
-                found.append(value)
-                continue
-            told = f"{KEYS[name]}: {value.text}"
-            natural = np.full(1, np.nan) if scale is None else scale.natural(value, value.kind)
-            if np.isnan(natural).any():
-                wanted = "columns height_m and mass_kg, or a number in the bodies' own units"
-                raise ConfigError(f"{told} needs the size of the bodies; give {wanted}")
-            if broken := check_value(name, natural):
-                own = f"comes to {natural[broken[0]]:g} in units of the body"
-                raise ConfigError(f"{told} {own}; {broken[1]}")
-            same = bool(natural.min() == natural.max())
-            if not same and len(listed) > 1:
-                own = "is another number for each body, as their sizes differ"
-                raise ConfigError(f"{told} {own}; give it alone, or numbers without units")
-            found.append(float(natural[0]) if same else None)
-        values[name] = found
+        values[name] = [one(name, value, len(listed) == 1) for value in listed]
     return values
 
 
-def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
+def _with_losses(config: Config, own: Mapping[str, list[float | str]]) -> Config:
     """Return the config with the dissipation that a table gives for its rows."""
     given = config.dissipation
     for name in LOSSES:
-        value, column = getattr(given, name), f"column {name}"
-        if value == TABLE and name not in own:
+        values, column = given.values(name), f"column {name}"
+        if None in values and name not in own:
             raise ConfigError(f"dissipation.{name}: the table has no {column}; give a number")
-        if isinstance(value, list) and name in own:
+        if len(values) > 1 and name in own:
             told = f"there are several values, and the table has a {column}"
             raise ConfigError(f"dissipation.{name}: {told}; keep one of them")
     config = config.model_copy(update={"dissipation": given.model_copy(update=dict(own))})
-    if own and (wrong := [": ".join(one) for one in clashes(config)]):
+    if own and (wrong := [": ".join(one) for one in config.clashes()]):
         raise ConfigError(f"bodies.path: with the table's columns: {one}" for one in wrong)
     return config
 
@@ -182,3 +189,115 @@ def _check_launches(config: Config, state: bool, n_i: Floats, t_end: Floats) -> 
         which = f" ({np.argmax(endless) + 1} of {len(n_i)})" if len(n_i) > 1 else ""
         told = f"missing; a launch without spin{which} has no t_rGH"
         raise ConfigError(f"horizon.t: {told}, so give horizon: {{t: TIME}} in sqrt(a/g)")
+
+
+# -- the directory of a plan -----------------------------------------------------------------------
+
+
+def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
+    """Return the sweep of a plan as a directory would hold it; nothing is written."""
+    text = f"{physics_hash(plan.config)} {getattr(plan.source, 'content_hash', '')}"
+    key = hashlib.sha256(text.encode()).hexdigest()
+    manifest = {
+        "format": FORMAT,
+        "name": plan.config.name,
+        "config": resolved(plan.config),
+        "config_hash": key,
+        "base": None if base is None else str(base),
+        "cases": [case.dump() for case in plan.cases],
+        "samples": plan.samples,
+        "columns": [
+            [f.name, str(f.type), f.nullable]
+            + [f.metadata[key].decode() for key in (b"unit", b"description")]
+            for f in plan.extra
+        ],
+        "versions": versions(),
+        "machine": machine(),
+        "command": command_line(),
+        "started": now(),
+        "written": now(),
+    }
+    return Stored(directory, manifest, plan.config, plan.cases, plan.extra, plan.samples, key)
+
+
+def examine(plan: Plan, directory: Path, base: Path | None = None) -> tuple[Stored | None, Stored]:
+    """Refuse a directory in which a plan cannot go on.
+
+    Return the sweep as it is there, None if its manifest has yet to be written, and as it is to be,
+    with the cases numbered as they are there.
+    """
+    ours = describe(plan, directory, base)
+    if not (directory / MANIFEST).exists():
+        check_empty(directory)  # or its manifest is lost
+        ours.find()
+        return None, ours
+    there = open_stored(directory)
+    check_same(there, ours)
+    more = "; a sweep can only grow"
+    held, asked = set(there.cases), set(plan.cases)
+    if lost := [case for case in there.cases if case not in asked]:
+        raise ConfigError(f"{directory}: holds runs with {lost[0]}, which the config lacks{more}")
+    if plan.samples < there.samples:
+        told = f"{there.samples} samples a case, more than the config asks for"
+        raise ConfigError(f"{directory}: holds {told}{more}")
+    new = enumerate((case for case in plan.cases if case not in held), len(held))
+    cases = (*there.cases, *(replace(case, index=k) for k, case in new))
+    return there, describe(replace(plan, cases=cases), directory, base)
+
+
+def check_same(one: Stored, other: Stored) -> None:
+    """Raise a ConfigError that says in what a stored sweep differs from another."""
+    if one.hash != other.hash:
+        parts = (fixed_part(resolved(each.config)) for each in (one, other))
+        what = "; ".join(differences(*parts)[:3]) or "the table of bodies has changed"
+        raise ConfigError(f"{one.directory}: holds another sweep ({what}); give another output")
+
+
+def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> Stored:
+    """Make a directory, which this process holds, one of a plan, and return it.
+
+    The manifest is written where there is none, and again where the sweep grows or, unless for a
+    shard, its config changes in what no run depends on.
+    """
+    with explained(f"cannot write in {directory}"):
+        (directory / FOLDER).mkdir(exist_ok=True)
+    there, ours = examine(plan, directory, base)
+    if there is not None:
+        keys = ("cases", "samples") if shard else ("cases", "samples", "config")
+        if all(ours.manifest[key] == there.manifest[key] for key in keys):
+            return there
+        # A shard that works on has the smaller sweep in mind, and would leave its summary.
+        if others := at_work(directory, shard) if shard else []:
+            raise OutputError(
+                f"{directory}: {others[0]} is at work; the sweep can grow when it has ended"
+            )
+        ours.manifest["started"] = there.manifest["started"]
+    remove(directory / SUMMARY)  # it is of the smaller sweep
+    write_manifest(directory, ours.manifest)
+    return ours
+
+
+def check_empty(directory: Path) -> None:
+    """Raise a ConfigError if a directory holds files and no sweep has worked there."""
+    if directory.is_file():
+        raise ConfigError(f"{directory}: is a file; give the path of a directory")
+    if not directory.exists() or (directory / LOCKS).is_dir():
+        return
+    with explained(f"cannot read {directory}"):
+        names = sorted(path.name for path in directory.iterdir())
+    # Bodies from memory are kept before the sweep begins.
+    if foreign := [name for name in names if not name.startswith((".", "bodies-"))]:
+        raise ConfigError(
+            f"{directory}: holds other files, such as {foreign[0]}; give an empty or new directory"
+        )
+
+
+def stored_plan(stored: Stored) -> Plan:
+    """Return the plan from which stored runs can be computed again."""
+    base = stored.manifest["base"] or "."
+    if (stored.directory / getattr(stored.config.bodies, "path", "..none")).exists():
+        base = stored.directory  # a directory may have been moved with its table
+    plan = replace(make_plan(stored.config, Path(base)), cases=stored.cases)
+    if describe(plan, stored.directory).hash != stored.hash:
+        raise ConfigError(f"{stored.directory}: the table of bodies of its runs has changed")
+    return replace(plan, config=plan.config.model_copy(update={"classify": stored.thresholds}))

@@ -1,31 +1,66 @@
-"""Refuse configs of which no run can be right, and warn of those that make little physical sense.
+"""Plans that were checked: of a config, and of a DataFrame.
 
-Theory judges a few thousand runs; nothing is compiled and nothing integrated.  Random bodies are
-drawn in NumPy, as the compiled sampler may redraw for hours, and with one seed.
+Configs of which no run can be right are refused, and of those that make little physical sense is
+warned.  Theory judges a few thousand runs; nothing is compiled and nothing integrated.  Random
+bodies are drawn in NumPy, as the compiled sampler may redraw for hours.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Floats, Integers, take
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
-from rattlesweep.sweeps.bodies.protocol import Bodies, Source
-from rattlesweep.sweeps.bodies.sampler import bodies_of
-from rattlesweep.sweeps.bodies.sources import SdBodies, drawn, ranges_of
-from rattlesweep.sweeps.config.messages import Key
+from rattlesweep.sweeps.bodies import Bodies, Source
+from rattlesweep.sweeps.bodies.sources import SdBodies, bodies_at, ranges_of
+from rattlesweep.sweeps.bodies.table import frame_bodies
+from rattlesweep.sweeps.columns import write_parquet
+from rattlesweep.sweeps.config import Key
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Config, SdSource
+from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.launches import Launches, prepare
-from rattlesweep.sweeps.plan import Plan, make_plan
+from rattlesweep.sweeps.plan import Plan, examine, make_plan
 
-RUNS, DRAWN = 4096, 65_536
-"""Runs that stand for a sweep, and bodies drawn to see which targets are within reach."""
+if TYPE_CHECKING:
+    import pandas as pd
+
+RUNS = 4096  # that stand for a sweep
+DRAWN = 65_536  # bodies drawn to see which targets are within reach
 SEED = 2017
+
+
+def plan_frame(
+    frame: pd.DataFrame, output: Path | None, keys: Mapping[str, Any]
+) -> tuple[Plan, Path, Path, list[str]]:
+    """Plan a sweep of the rows of a DataFrame and keep them in its directory.
+
+    Nothing is written there unless the whole sweep could begin.  Returns the plan, where the runs
+    go, where the table is, and the warnings of `checked_plan`.
+    """
+    if "bodies" in keys:
+        raise ConfigError("bodies: the DataFrame gives them already; leave the key out")
+    source = frame_bodies(frame)
+    # By its content: no other table is taken for it.
+    name = f"bodies-{source.content_hash[:16]}.parquet"
+    surface = {"surface": "ellipsoid"} if source.has_semi_axes else {}
+    config = parse_config({**keys, "bodies": {"source": "table", "path": name} | surface})
+    directory = output or Path(config.directory)
+    assert config.bodies.source == "table"
+    plan, warnings = checked_plan(config, source=source.with_surface(config.bodies))
+    examine(plan, directory)
+    if not (path := directory / name).exists():
+        with explained(f"cannot write in {directory}"):
+            directory.mkdir(parents=True, exist_ok=True)
+        write_parquet(pa.table(source.columns | source.carried), path)
+    return plan, directory, directory.resolve(), warnings
 
 
 def checked_plan(
@@ -45,13 +80,10 @@ def checked_plan(
 
 def check_physics(plan: Plan) -> list[str]:
     """Return the warnings about a plan; raise a ConfigError if no run of it can be right."""
-    config, source, words = plan.config, plan.config.bodies, f"the {plan.runs} runs"
+    config, words = plan.config, f"the {plan.runs} runs"
     with np.errstate(all="ignore"):
-        if isinstance(source, SdSource):
-            bodies = DrawnBodies(source)
-            if far := [config.line(*found) for found in bodies.far_targets(source)]:
-                raise ConfigError(far)
-            plan = replace(plan, source=bodies)
+        if isinstance(config.bodies, SdSource):
+            plan = replace(plan, source=DrawnBodies(config))
             words = f"{min(plan.runs, RUNS)} runs drawn from the ranges"
         elif plan.runs > RUNS:
             words = f"{RUNS} of the {plan.runs} runs"
@@ -69,43 +101,39 @@ def _doubts(config: Config, launches: Launches, words: str) -> Iterator[tuple[Ke
         return f"{'all' if mask.all() else mask.sum()} of {words}"
 
     t_end, t_rgh, horizon = launches.t_end, launches.gh.t_rgh, config.horizon
-    name, unit = "t_rgh", "t_rGH"
-    if horizon.t_rgh is None:
-        name, unit = "t_decay", "gamma/sigma"
     endless = ~np.isfinite(t_end)
-    if endless.any():
-        message = f"{name} times {unit} is not a finite time in {told(endless)}; give t as well"
-        found = ("horizon", name), message
-        if endless.all():
-            raise ConfigError([config.line(*found)])
-        yield found
-        return
     # A launch without spin has no t_rGH, which is NaN.
     early = t_end < t_rgh
-    if early.mean() >= 0.5 and horizon.t_decay is None:
+    if endless.any():
+        name, unit = ("t_rgh", "t_rGH") if horizon.t_rgh else ("t_decay", "gamma/sigma")
+        message = f"{name} times {unit} is not a finite time in {told(endless)}; give t as well"
+        if endless.all():
+            raise ConfigError([config.line(("horizon", name), message)])
+        yield ("horizon", name), message
+    elif early.mean() >= 0.5 and horizon.t_decay is None:
         own = launches.bodies.t_end is not None
-        key = ("bodies", "path") if own else ("horizon", name if horizon.t is None else "t")
+        key = ("bodies", "path") if own else ("horizon", "t" if horizon.t else "t_rgh")
         message = "the horizon comes before t_rGH, the time of reversal by theory, in "
         message += f"{told(early)}, and few will be of type R; give t_rgh above 1, or t above "
         yield key, f"{message}{np.nanmedian(t_rgh):.3g}, the median of t_rGH"
 
 
 class DrawnBodies:
-    """A source of random bodies, whatever the target."""
+    """A source of random bodies, whatever the target; refuses one that is out of reach, for which
+    each body would take millions of draws, if any.
+    """
 
     samples = RUNS
     fields = ()
 
-    def __init__(self, source: SdSource) -> None:
-        ranges = ranges_of(source)
+    def __init__(self, config: Config) -> None:
+        source = config.bodies
+        assert isinstance(source, SdSource)
+        ranges, wrong = ranges_of(source), []
         points = np.random.default_rng(SEED).random((len(ranges), DRAWN))
-        self._bodies = drawn(bodies_of(points, ranges))
-
-    def far_targets(self, source: SdSource) -> Iterator[tuple[Key, str]]:
-        """Yield targets that are out of reach: there each body takes millions of draws, if any."""
+        self._bodies = b = bodies_at(points, ranges)
         if (target := source.target) is None:
             return
-        b = self._bodies
         *_, K_p, K_r = theory.torque_coefficients(b.alpha, b.beta, b.theta, b.phi, b.xi)
         found = K_p if target.name == "K_p" else K_r
         low, high = np.nanmin(found), np.nanmax(found)
@@ -113,7 +141,9 @@ class DrawnBodies:
             if abs(value - np.clip(value, low, high)) > target.rel_tol * value:
                 message = f"{value:g} is out of reach: in {DRAWN} bodies drawn from the ranges "
                 message += f"{target.name} lies between {low:.4g} and {high:.4g}"
-                yield ("bodies", "target", target.name), message
+                wrong.append(config.line(("bodies", "target", target.name), message))
+        if wrong:
+            raise ConfigError(wrong)
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some runs."""

@@ -14,7 +14,6 @@ import platform
 import shlex
 import socket
 import sys
-import time
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -28,7 +27,6 @@ from rattlesweep.sweeps.files import explained, replace_file
 
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow")
 SESSIONS, LOCKS, WHOLE, MANIFEST_LOCK = "sessions", ".locks", "whole", "manifest"
-NOTE_EVERY = 5.0  # seconds between two notes of how far a session is
 PATIENCE = 0.5  # seconds; who only looks whether a lock is held has it for a moment
 # Answers of file systems without locks, on which each process goes on as if it were alone.
 NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EINVAL)
@@ -66,43 +64,41 @@ def command_line() -> list[str]:
     return [word.encode(errors="backslashreplace").decode() for word in words]
 
 
-class Session:
-    """The record of this process in an output directory; `shard` is such as ``shard-0-of-4``."""
+@contextlib.contextmanager
+def session(directory: Path, shard: str | None, threads: int) -> Iterator[dict[str, Any]]:
+    """Keep the record of this process in an output directory, to which the body adds facts.
 
-    def __init__(self, directory: Path, shard: str | None, threads: int) -> None:
-        begin = datetime.now(UTC)
-        self._data: dict[str, Any] = {
-            "started": begin.isoformat(),
-            "ended": None,
-            "how": "running",
-            "shard": shard,
-            "command": shlex.join(command_line()),
-            "host": socket.gethostname(),
-            "pid": os.getpid(),
-            "threads": threads,
-            "versions": versions(),
-            "machine": machine(),
-        }
-        self._path = directory / SESSIONS / f"{begin:%Y%m%dT%H%M%S.%fZ}-{os.getpid()}.json"
-        self._due = 0.0
-        self.note()
+    `shard` is such as ``shard-0-of-4``.  A body that returns says in ``how`` how it ended.
+    """
+    begin = datetime.now(UTC)
+    path = directory / SESSIONS / f"{begin:%Y%m%dT%H%M%S.%fZ}-{os.getpid()}.json"
+    record: dict[str, Any] = {
+        "started": begin.isoformat(),
+        "ended": None,
+        "how": "running",
+        "shard": shard,
+        "command": shlex.join(command_line()),
+        "host": socket.gethostname(),
+        "pid": os.getpid(),
+        "threads": threads,
+        "versions": versions(),
+        "machine": machine(),
+    }
 
-    def note(self, **facts: Any) -> None:
-        """Write down how far the session is, now and then."""
-        if time.monotonic() >= self._due:
-            self._due = time.monotonic() + NOTE_EVERY
-            self._write(facts)
-
-    def end(self, how: str, **facts: Any) -> None:
-        """Write down how the session ended: complete, stopped, interrupted or failed."""
-        self._data.pop("progress", None)
-        self._write({"ended": now(), "how": how, **facts})
-
-    def _write(self, facts: dict[str, Any]) -> None:
-        self._data |= facts
+    def write() -> None:
         with contextlib.suppress(OutputError, OSError):  # a full disk does not matter here
-            self._path.parent.mkdir(exist_ok=True)
-            replace_file(self._path, json.dumps(self._data, indent=2).encode())
+            path.parent.mkdir(exist_ok=True)
+            replace_file(path, json.dumps(record, indent=2).encode())
+
+    write()
+    try:
+        yield record
+    except BaseException as error:
+        record["how"] = "failed" if isinstance(error, Exception) else "interrupted"
+        raise
+    finally:
+        record["ended"] = now()
+        write()
 
 
 def read_sessions(directory: Path) -> list[dict[str, Any]]:
@@ -123,18 +119,20 @@ def who(session: dict[str, Any]) -> str:
 
 
 @contextlib.contextmanager
-def manifest_lock(directory: Path) -> Iterator[None]:
-    """Let one process after the other begin or grow the sweep of a directory."""
-    lock = FileLock(directory / LOCKS / MANIFEST_LOCK)
+def locked(directory: Path, name: str, patience: float = -1.0) -> Iterator[bool]:
+    """Hold a lock of a directory; yield whether it was free, at the latest after `patience` s."""
+    lock, free = FileLock(directory / LOCKS / name, patience, poll_interval=0.02), True
     with explained(f"cannot write in {directory}"):
         (directory / LOCKS).mkdir(exist_ok=True)
         try:
             lock.acquire()
+        except Timeout:
+            free = False
         except OSError as error:
             if error.errno not in NO_LOCKS:
                 raise
     try:
-        yield
+        yield free
     finally:
         lock.release()
 
@@ -147,33 +145,21 @@ def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
     others, shards ``I/N`` of the same N may work side by side.  A process takes its own lock first
     and then looks for others, so that of two that begin at once at most one goes on.
     """
-    mine, busy = shard or WHOLE, []
-    lock = FileLock(directory / LOCKS / mine)
-    with explained(f"cannot write in {directory}"):
-        (directory / LOCKS).mkdir(exist_ok=True)
-        try:
-            lock.acquire(timeout=PATIENCE, poll_interval=0.02)
-        except Timeout:
-            busy = [mine]
-        except OSError as error:
-            if error.errno not in NO_LOCKS:
-                raise
-    try:
-        beside = None if shard is None else shard.partition("-of-")[2]
-        busy += [o for o in at_work(directory, mine) if o.partition("-of-")[2] != beside]
+    mine = shard or WHOLE
+    with locked(directory, mine, PATIENCE) as free:
+        busy = [] if free else [mine]
+        count = mine.partition("-of-")[2]
+        busy += [o for o in at_work(directory, mine) if o.partition("-of-")[2] != count]
         if busy:
             what = f"{directory}" if busy[0] == WHOLE else f"{directory}: {busy[0]}"
             by = [who(s) for s in read_sessions(directory)
                   if s["how"] == "running" and (s["shard"] or WHOLE) == busy[0]]  # fmt: skip
             raise OutputError(f"{what} is in use by {by[-1] if by else 'another process'}")
         if shard is None:  # other shards may be writing
-            for folder in (directory, directory / "runs", directory / SESSIONS):
-                for path in folder.glob(".*.tmp"):
-                    with contextlib.suppress(OSError):
-                        path.unlink()
+            for path in (*directory.glob(".*.tmp"), *directory.glob("*/.*.tmp")):
+                with contextlib.suppress(OSError):
+                    path.unlink()
         yield
-    finally:
-        lock.release()
 
 
 def at_work(directory: Path, mine: str | None = None) -> list[str]:
@@ -183,10 +169,10 @@ def at_work(directory: Path, mine: str | None = None) -> list[str]:
         if path.name not in (mine, MANIFEST_LOCK):
             try:
                 # Another process that only looks has it for a moment.
-                with FileLock(path).acquire(timeout=0.1, poll_interval=0.02):
-                    continue
+                with FileLock(path, timeout=0.1, poll_interval=0.02):
+                    pass
             except Timeout:
                 held.append(path.name)
             except OSError:
-                continue  # a directory of somebody else, or no locks at all
+                pass  # a directory of somebody else, or no locks at all
     return held

@@ -12,35 +12,28 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from rattlesweep.arrays import Flags, Integers
+from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.batch import Control, available_threads
 from rattlesweep.integrate.lanes.lane import LANES
 from rattlesweep.integrate.task import Task
-from rattlesweep.sweeps.block import Prepared, compute, load_kernel, prepare_runs
+from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
+from rattlesweep.sweeps.columns import read_parquet
 from rattlesweep.sweeps.cost import case_costs
 from rattlesweep.sweeps.decide import Refining, Stopping, decides, decision
 from rattlesweep.sweeps.files import explained
-from rattlesweep.sweeps.plan import Plan
-from rattlesweep.sweeps.provenance import Session, hold, manifest_lock
-from rattlesweep.sweeps.rows import Found, free_path, keys_of
-from rattlesweep.sweeps.stored import (
-    Stored,
-    begin,
-    check_empty,
-    examine,
-    remove_summary,
-    start_over,
-)
+from rattlesweep.sweeps.plan import Plan, begin, examine
+from rattlesweep.sweeps.provenance import MANIFEST_LOCK, hold, locked, session
+from rattlesweep.sweeps.stored import SUMMARY, Found, Stored, free_path, keys_of, remove, rewrite
 from rattlesweep.sweeps.summary import summarise, write_summary
 from rattlesweep.sweeps.types import with_types
 
@@ -54,6 +47,7 @@ FIRST_SECONDS, FIRST_RATE = 0.3, 2e6  # of the first block; cost that a thread d
 MOST_ROWS = 50_000  # runs of a block: a few hundred bytes each while it is under way
 ROUNDS = 4  # runs of a block for each lane, so that all lanes are in use most of the time
 AT_ONCE = 1 << 20  # runs of which it is looked up at a time whether they are left to do
+IN_MEMORY = 100_000  # runs that are integrated at a time without a directory: 100 MB
 GATHER = 2.0  # seconds for which a stop waits for the rows of the block under way
 # Seconds for which a session in which no run has ended goes on after its time is up, so that the
 # same command again and again comes to an end, however short the time.
@@ -86,7 +80,6 @@ class Result:
     lost: int = 0  # runs that were under way when it was stopped
     seconds: float = 0.0
     kernel_seconds: float = 0.0
-    load_seconds: float = 0.0
     stopped: str | None = None  # why it ended before all was done
     remarks: list[str] = field(default_factory=list)  # what the user should know
     failed: Counter[str] = field(default_factory=Counter)  # runs on disk by status, if not ok
@@ -111,46 +104,44 @@ class Job:
     report: Callable[[Progress], None] = lambda progress: None  # called some times a second
     decide: Stopping | Refining | None = None  # says by the rows which runs are wanted
     deadline: float | None = None  # of `time.monotonic`
-    resources: ExitStack = field(default_factory=ExitStack)  # what an engine keeps between waves
+    begun: float | None = None  # set by engines once the kernel is loaded, which is no rate
 
     def __post_init__(self) -> None:
-        cases = len(self.plan.cases)
         self._start = time.monotonic()
-        self._begun: float | None = None
         self._cost = case_costs(self.plan)
-        self._wanted = self._left = np.zeros(cases)  # runs of each case
-        self._expected, self._steps = np.zeros(cases), np.zeros(cases)  # of the runs done, by case
-        self._recent: deque[tuple[float, float]] = deque(maxlen=8)  # cost and seconds of blocks
+        self._whole = self._left = self._did = 0.0  # cost wanted, left to do, and done by this job
+        self._total = 0  # runs wanted
         self._shown = 0.0  # fraction that was reported last
+        self._recent: deque[tuple[float, float]] = deque(maxlen=8)  # cost and seconds of blocks
 
     def blocks(self, wanted: Flags) -> Iterator[Keys]:
         """Cut what is left to do of these runs into blocks of about the same expected time."""
         todo = wanted & ~self.found.done
-        self._wanted, self._left = wanted.sum(axis=1), todo.sum(axis=1)
-        return self._cut(todo)
-
-    def _cut(self, todo: Flags) -> Iterator[Keys]:
-        samples, flat, waiting = todo.shape[1], todo.reshape(-1), np.zeros(0, dtype=np.int64)
-        for start in range(0, flat.size, AT_ONCE):
+        samples, flat, at = todo.shape[1], todo.reshape(-1), 0
+        self._total = int(wanted.sum())
+        self._whole, self._left = (float(runs.sum(axis=1) @ self._cost) for runs in (wanted, todo))
+        while at < flat.size:
             # Places of all runs at once would take eight times the room of `todo`.
-            waiting = np.append(waiting, start + np.flatnonzero(flat[start : start + AT_ONCE]))
-            last = start + AT_ONCE >= flat.size
-            while len(waiting) >= (1 if last else 2 * MOST_ROWS):
-                budget = FIRST_RATE * self.threads * FIRST_SECONDS
-                if self._recent:
-                    cost, seconds = np.sum(self._recent, axis=0)
-                    budget = cost / max(seconds, 1e-6) * SECONDS
-                sums = np.cumsum(self._cost[waiting[:MOST_ROWS] // samples])
-                fit, most = np.searchsorted(
-                    sums, [budget, budget * MOST_SECONDS / SECONDS], "right"
-                )
-                lanes = LANES * self.threads
-                least = min(ROUNDS * lanes, max(most, lanes)) if self._recent else ROUNDS * lanes
-                count = min(max(fit, least), len(sums))
-                if last and len(waiting) - count < count // 4:
-                    count = len(waiting)  # no small block at the end
-                yield np.divmod(waiting[:count], samples)
-                waiting = waiting[count:]
+            places = at + np.flatnonzero(flat[at : at + AT_ONCE])[:MOST_ROWS]
+            last = at + AT_ONCE >= flat.size and len(places) < MOST_ROWS
+            at += AT_ONCE
+            if len(places):
+                count = min(self._size(np.cumsum(self._cost[places // samples])), len(places))
+                if last and len(places) - count < count // 4:
+                    count = len(places)  # no small block at the end
+                at = int(places[count - 1]) + 1
+                yield np.divmod(places[:count], samples)
+
+    def _size(self, costs: Floats) -> int:
+        """Return how many runs, of these costs up to each, a block should have."""
+        lanes = LANES * self.threads
+        if not self._recent:
+            few = np.searchsorted(costs, FIRST_RATE * self.threads * FIRST_SECONDS, "right")
+            return max(int(few), ROUNDS * lanes)
+        cost, seconds = np.sum(self._recent, axis=0)
+        times = np.array([SECONDS, MOST_SECONDS]) * cost / max(seconds, 1e-6)
+        fit, most = np.searchsorted(costs, times, "right")
+        return int(max(fit, min(ROUNDS * lanes, max(most, lanes))))
 
     def worked(self, keys: Keys, seconds: float) -> None:
         """Take note of how long a block has taken."""
@@ -162,52 +153,34 @@ class Job:
         if not len(table):
             return
         with _undisturbed():
-            typed, stored = self.plan.config.classify.as_text, self.stored
-            stored.runs.append(table, stored.hash, typed, stored.cases)
+            self.stored.append(table, self.plan.config.classify.as_text)
             self.found.add(table)
             self.result.runs += len(table)
             self.result.done += len(table)
             if self.decide is not None:
                 self.decide.add(table)
-            case, _ = keys_of(table)
-            np.subtract.at(self._left, case, 1)
-            np.add.at(self._expected, case, self._cost[case])
-            np.add.at(self._steps, case, table.column("n_steps").to_numpy())
-
-    def begin(self) -> None:
-        """Say that work begins now: what came before, such as compilation, is no rate."""
-        self._begun = self._begun or time.monotonic()
+            cost = float(self._cost[keys_of(table)[0]].sum())
+            self._left, self._did = self._left - cost, self._did + cost
 
     def tick(self, keys: Keys | None = None, control: Control | None = None) -> None:
         """Report progress, with what the kernel says of the block under way; raise OutOfTime if
         the session's time is over.
         """
-        # Most runs end before their horizon, and how many do differs from case to case.
-        overall = self._steps.sum() / self._expected.sum() if self._steps.any() else 1.0
-        factors = np.full(len(self._cost), overall)
-        np.divide(self._steps, self._expected, out=factors, where=self._steps > 0)
-        cost = self._cost * factors
-        whole, left, done = self._wanted @ cost, self._left @ cost, self._expected @ factors
-        runs, ended = int((self._wanted - self._left).sum()), self.result.done
+        part, ended, now = 0.0, 0, time.monotonic()
         if keys is not None and control is not None and control.total > 0:
-            part = cost[keys[0]].sum() * min(1.0, control.done / control.total)
-            left, done = left - part, done + part
-            runs, ended = runs + control.runs_done, ended + control.runs_done
-        now, remaining, fraction = time.monotonic(), None, float(1.0 - left / whole)
-        if self._begun is not None and done > 0:
-            remaining = max(0.0, float(left * (now - self._begun) / done))
-        # Waves, and what is learned of later cases, can make what is done less.
-        self._shown = min(1.0, max(self._shown, fraction))
-        total = int(self._wanted.sum())
-        self.report(Progress(self._shown, runs, total, now - self._start, remaining))
-        waited = self._begun is not None and now >= self._begun + GRACE
-        if self.deadline is not None and now >= self.deadline and (ended or waited):
+            part = self._cost[keys[0]].sum() * min(1.0, control.done / control.total)
+            ended = control.runs_done
+        left, did, remaining = max(0.0, self._left - part), self._did + part, None
+        if self.begun is not None and did > 0:
+            remaining = float(left * (now - self.begun) / did)
+        if self._whole:  # a wave may make what is done less
+            self._shown = max(self._shown, float(1.0 - left / self._whole))
+        runs, elapsed = self.result.runs + ended, now - self._start
+        self.report(Progress(self._shown, runs, self._total, elapsed, remaining))
+        waited = self.begun is not None and now >= self.begun + GRACE
+        up = self.deadline is not None and now >= self.deadline
+        if up and (self.result.done or ended or waited):
             raise OutOfTime
-
-    def complete(self) -> None:
-        """Report that nothing is left to do."""
-        total = int(self._wanted.sum())
-        self.report(Progress(1.0, total, total, time.monotonic() - self._start, 0.0))
 
 
 Engine = Callable[[Job, Iterator[Keys]], None]
@@ -223,32 +196,25 @@ def local(job: Job, blocks: Iterator[Keys]) -> None:
     thread writes the block before, prepares the one after, reports progress and hears Ctrl-C.
     """
     plan = job.plan
-    loading = Task(lambda _: load_kernel(plan.config))
+    loading: Task[float] | None = Task(lambda _: load_kernel(plan.config))
     task: Task[tuple[pa.Table, int]] | None = None
     finished: list[pa.Table] = []
-
-    def write() -> None:
-        while finished:
-            job.write(finished.pop())
-            job.tick()
-
-    def prepare() -> tuple[Keys, Prepared] | None:
-        keys = next(blocks, None)
-        return None if keys is None else (keys, prepare_runs(plan, *keys))
-
     try:
-        ready = prepare()  # bodies are drawn while the kernel is loaded
-        job.result.load_seconds += loading.wait()
-        job.begin()
-        while ready is not None:
-            keys, prepared = ready
-            task = Task(partial(compute, plan.config, plan.schema, prepared, job.threads))
-            write()
-            ready = prepare()
-            table, _ = task.wait(partial(job.tick, keys))
-            job.worked(keys, task.seconds)
-            finished, task = [table], None
-        write()
+        for before, keys in pairwise(chain([None], blocks, [None])):
+            # While the kernel is loaded, or the block before is computed.
+            prepared = None if keys is None else prepare_runs(plan, *keys)
+            if loading is not None:
+                loading.wait()
+                job.begun, loading = job.begun or time.monotonic(), None
+            if task is not None and before is not None:
+                table, _ = task.wait(partial(job.tick, before))
+                job.worked(before, task.seconds)
+                finished, task = [table], None
+            if keys is not None and prepared is not None:
+                task = Task(partial(compute, plan.config, plan.schema, prepared, job.threads))
+            while finished:
+                job.write(finished.pop())
+                job.tick()
     except BaseException as error:
         if task is not None:
             task.stop(GATHER)
@@ -300,35 +266,23 @@ class Shard:
         """Name of the shard's lock."""
         return f"shard-{self.index}-of-{self.count}"
 
-    def runs(self, shape: tuple[int, int]) -> Flags:
-        """Return which runs are those of the shard.
-
-        Neighbours go to different shards, so that all shards cost about the same.
-        """
+    def runs(self, shape: tuple[int, ...]) -> Flags:
+        """Return which runs are the shard's: neighbours go to different ones, which cost alike."""
         case, sample = (np.arange(n) % self.count for n in shape)
         mine: Flags = (case[:, None] + sample) % self.count == self.index
         return mine
 
 
 def run_sweep(
-    plan: Plan,
-    directory: Path,
-    *,
-    base: Path | None = None,
-    threads: int | None = None,
-    report: Callable[[Progress], None] = lambda progress: None,
-    shard: Shard | None = None,
-    max_time: float | None = None,
-    fresh: bool = False,
-    retry_failed: bool = False,
-    engine: Engine = local,
-) -> Result:
+    plan: Plan, directory: Path, *, base: Path | None = None, threads: int | None = None,
+    report: Callable[[Progress], None] = lambda progress: None, shard: Shard | None = None,
+    max_time: float | None = None, retry_failed: bool = False, engine: Engine = local,
+) -> Result:  # fmt: skip
     """Do the runs that a plan asks for and that are not on disk.
 
-    Rows of the same sweep, or of a smaller one, are kept unless `fresh`; rows whose status is not
-    ``ok`` are done again if `retry_failed`.  `base` is where a table's relative path is looked up
-    besides the working directory, `max_time` is in seconds.  `report` is called some times a
-    second.  Whatever stops it, the rows of the runs that have ended are kept.
+    Rows whose status is not ``ok`` are done again if `retry_failed`.  `base` is where a table's
+    relative path is looked up besides the working directory, `max_time` is in seconds.  `report` is
+    called some times a second.  Whatever stops it, the rows of the runs that have ended are kept.
     """
     start = time.monotonic()
     threads = threads or available_threads()
@@ -336,56 +290,36 @@ def run_sweep(
         raise ConfigError("--retry-failed: takes rows of other shards too; run it without --shard")
     if shard is not None and (key := decides(plan.config)):
         raise ConfigError(f"{key}: what is run next depends on all runs, so there are no shards")
-    if fresh:
-        check_empty(directory)
-    else:
-        examine(plan, directory)  # before anything is made there
+    examine(plan, directory)  # before anything is made there
     with explained(f"cannot write in {directory}"):
         directory.mkdir(parents=True, exist_ok=True)
-    name, how = None if shard is None else shard.name, "failed"
-    result = Result(directory)
+    name, result = None if shard is None else shard.name, Result(directory)
     with contextlib.ExitStack() as held:
-        with manifest_lock(directory):
+        with locked(directory, MANIFEST_LOCK):  # shards that begin at once begin or grow it once
             held.enter_context(hold(directory, name))
-            if fresh:
-                start_over(directory)
             stored = begin(plan, directory, base, name)
-        plan = plan.with_cases(stored.cases)
-        session = Session(directory, name, threads)
-
-        def told(progress: Progress) -> None:
-            report(progress)
-            session.note(progress=vars(progress))
-
-        job: Job | None = None
+        plan = replace(plan, cases=stored.cases)
+        record = held.enter_context(session(directory, name, threads))
         try:
             found = _find(plan, stored, shard, retry_failed, result)
             decide = decision(plan.config, plan.cases, plan.samples)
             if decide is not None:
                 decide.read(stored)
             deadline = None if max_time is None else start + max_time
-            job = Job(plan, stored, found, result, threads, told, decide, deadline)
-            with job.resources:
-                _work(job, shard, engine)
+            job = Job(plan, stored, found, result, threads, report, decide, deadline)
+            _work(job, shard, engine)
             result.failed = found.status - Counter(ok=found.status["ok"])
-            how = "stopped"
             if result.stopped is None:
-                how = "complete"
                 if shard is not None:  # others have gone on meanwhile
                     result.missing = plan.runs - stored.count()
                 if not result.missing:
                     result.summary = summarise(stored)
                     write_summary(stored, result.summary)
-        except BaseException as error:
-            if not isinstance(error, Exception):
-                how = "interrupted"
-                if job is not None:
-                    error.add_note(result.kept)
-            raise
+            record["how"] = "stopped" if result.stopped else "complete"
         finally:
             result.seconds = time.monotonic() - start
             seconds, kernel = round(result.seconds, 3), round(result.kernel_seconds, 3)
-            session.end(how, runs=result.done, seconds=seconds, kernel_seconds=kernel)
+            record |= {"runs": result.done, "seconds": seconds, "kernel_seconds": kernel}
     return result
 
 
@@ -393,8 +327,7 @@ def _find(
     plan: Plan, stored: Stored, shard: Shard | None, retry_failed: bool, result: Result
 ) -> Found:
     """Read what is on disk, put damaged files aside, renew types, and take out what failed."""
-    runs, what = stored.runs, (plan.cases, plan.samples, stored.hash, plan.schema)
-    found, thresholds = runs.find(*what), plan.config.classify
+    thresholds, found = plan.config.classify, stored.find()
     for path in found.damaged:
         aside = free_path(path.with_suffix(".damaged"))
         with explained(f"cannot rename {path}"):
@@ -408,31 +341,29 @@ def _find(
         )
     retry = retry_failed and found.rows > found.status["ok"]
     if retry or stale:
-        remove_summary(stored.directory)
-    for path in runs.files() if retry else stale:
-        rows = with_types(runs.table(path), thresholds)
+        remove(stored.directory / SUMMARY)
+    for path in stored.files() if retry else stale:
+        rows = with_types(read_parquet(path), thresholds)
         kept = rows.filter(pc.equal(rows.column("status"), "ok")) if retry else rows
         result.retried += len(rows) - len(kept)
         if path in stale or len(kept) < len(rows):
-            runs.rewrite(path, kept, thresholds.as_text)
-    return runs.find(*what) if retry else found
+            rewrite(path, kept, thresholds.as_text)
+    return stored.find() if retry else found
 
 
 def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
     """Do what is left, wave by wave where the sweep decides what to run next."""
-    result, done, shape = job.result, job.found.done, job.plan.shape
+    result, done = job.result, job.found.done
     while True:
-        wanted = np.ones(shape, dtype=bool) if shard is None else shard.runs(shape)
+        wanted = np.ones_like(done) if shard is None else shard.runs(done.shape)
         if job.decide is not None:
             wanted = job.decide.wanted()
         result.runs = int((wanted & done).sum())
-        blocks = job.blocks(wanted)
         if done[wanted].all():
-            job.complete()
             return
-        remove_summary(job.stored.directory)  # it is of fewer runs
+        remove(job.stored.directory / SUMMARY)  # it is of fewer runs
         try:
-            engine(job, blocks)
+            engine(job, job.blocks(wanted))
         except OutOfTime:
             # It may be up when the last run has ended.
             if not done[wanted].all():
@@ -440,5 +371,33 @@ def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
                 if not result.done:
                     result.stopped = "the time was up before one run had ended, give more"
                 return
+        except BaseException as error:
+            if not isinstance(error, Exception):
+                error.add_note(result.kept)
+            raise
         if left := int((wanted & ~done).sum()):
             raise OutputError(f"{left} runs did not come back from the engine; run it again")
+
+
+def integrate_plan(
+    plan: Plan, threads: int | None = None, report: Callable[[float], None] = lambda fraction: None
+) -> pa.Table:
+    """Return the rows of all runs of a plan, as the files of a sweep would hold them.
+
+    `report` is called with the share that is done; what it raises stops the kernel, and so does
+    Ctrl-C.
+    """
+    load_kernel(plan.config)
+    tables = [plan.schema.remove_metadata().empty_table()]
+    for start in range(0, plan.runs, IN_MEMORY):
+        places = np.arange(start, min(start + IN_MEMORY, plan.runs))
+
+        def tick(control: Control, start: int = start, runs: int = len(places)) -> None:
+            share = control.done / control.total if control.total > 0 else 0.0
+            report((start + runs * min(1.0, share)) / plan.runs)
+
+        prepared = prepare_runs(plan, *np.divmod(places, plan.samples))
+        task = Task(partial(compute, plan.config, plan.schema, prepared, threads))
+        tables.append(task.wait(tick)[0])
+    report(1.0)
+    return pa.concat_tables(tables)

@@ -16,32 +16,19 @@ from rattlesweep.sweeps.provenance import package_version
 if TYPE_CHECKING:
     from rattlesweep.sweeps.plan import Plan
 
-MOST_SHARDS = 1001  # tasks of an array that Slurm takes unless its MaxArraySize says otherwise
-SHORTEST = 120  # seconds of a time limit
 MARGIN, MARGIN_SHARE = 300, 0.25  # seconds, or share of the limit if that is less
 
 
 def limit_of(text: str) -> int:
-    """Return the seconds of a time limit in Slurm's notation, such as ``90`` (minutes) or ``2-12``,
-    or raise a ValueError.
-    """
-    match = re.fullmatch(r"(?:(\d{1,4})-)?(\d{1,6})(?::(\d{1,3}))?(?::(\d{1,3}))?", text.strip())
+    """Return the seconds of Slurm's ``[days-]hours:minutes:seconds``, or of minutes alone."""
+    match = re.fullmatch(r"(?:(\d{1,4})-)?(\d{1,6}):(\d\d):(\d\d)|(\d{1,6})", text.strip())
     if not match:
         raise ValueError("is no time limit; write it as in 4:00:00, 90 (minutes) or 2-12:00:00")
-    days, *parts = (int(part or 0) for part in match.groups())
-    if match[1] is None and match[4] is None:
-        parts = [0, *parts]  # without days, minutes come first
-    total = 86400 * days + 3600 * parts[0] + 60 * parts[1] + parts[2]
-    if total < SHORTEST:
-        raise ValueError(f"is too short; give at least {SHORTEST // 60} minutes")
+    days, hours, minutes, seconds, alone = (int(part or 0) for part in match.groups())
+    total = 86400 * days + 3600 * hours + 60 * (minutes + alone) + seconds
+    if total < 120:
+        raise ValueError("is too short; give at least 2 minutes")
     return total
-
-
-def memory_of(text: str) -> str:
-    """Return a size of memory such as ``4G``, as Slurm has it, or raise a ValueError."""
-    if not re.fullmatch(r"[1-9]\d{0,8}[KMGT]?", text.strip().upper()):
-        raise ValueError("is no size of memory; write it as in 4G or 800M")
-    return text.strip().upper()
 
 
 def job_script(
@@ -54,16 +41,17 @@ def job_script(
     each shard has a directory of its own, ``OUTPUT-I``.  A task may requeue itself `restarts`
     times.
     """
-    name, where = plan.config.name, Path.cwd()
+    name, where, quote = plan.config.name, Path.cwd(), shlex.quote
     if any("\n" in f"{text}" for text in (name, config, output, where, *overrides)):
         raise ConfigError("a name, path or override with a line break cannot stand in a script")
-    if partition is not None and not re.fullmatch(r"[\w.,+-]+", partition):
-        raise ConfigError(f"--partition {partition}: is no name of a partition")
+    for flag, text in (("--mem", memory), ("--partition", partition or "none")):
+        if not re.fullmatch(r"[\w.,+-]+", text):
+            raise ConfigError(f"{flag} {text}: is nothing that Slurm knows")
     # A task stops by itself before its limit; Slurm warns after half of that margin.
     margin = round(min(MARGIN, MARGIN_SHARE * limit))
-    target, merged = _quoted(output), _quoted(f"{output}-merged")
+    target = quote(f"{output}")
     parts = f"{target}-{{0..{shards - 1}}}" if shards > 1 else f"{target}-0"
-    finish = f"merge {parts} --output {merged}" if own else f"verify {target}"
+    merge = f"merge {parts} --output {quote(f'{output}-merged')}"
     more = "" if partition is None else f"#SBATCH --partition={partition}\n"
     values = {
         "NAME": re.sub(r"[^\w.-]+", "-", name).strip("-.") or "sweep",
@@ -73,20 +61,16 @@ def job_script(
         "WARNING": margin // 2,
         "MORE": f"#SBATCH --mem={memory}\n{more}",
         "ABOUT": f"{plan.runs} runs in {shards} shards.",
-        "FINISH": f"rattlesweep {finish}",
+        "FINISH": f"rattlesweep {merge if own else f'verify {target}'}",
         "VERSION": package_version(),
-        "PROGRAM": _quoted(Path(sys.executable).with_name("rattlesweep")),
-        "WHERE": _quoted(where),
-        "CONFIG": _quoted(config),
+        "PROGRAM": quote(f"{Path(sys.executable).with_name('rattlesweep')}"),
+        "WHERE": quote(f"{where}"),
+        "CONFIG": quote(f"{config}"),
         "OUTPUT": f'{target}"-$index"' if own else target,
-        "SETS": "".join(f" --set {_quoted(text)}" for text in overrides),
+        "SETS": "".join(f" --set {quote(text)}" for text in overrides),
         "SHARDS": shards,
         "SECONDS": limit - margin,
         "RESTARTS": restarts,
     }
     template = files(__package__).joinpath("slurm_array.sh").read_text(encoding="utf-8")
     return re.sub(r"@(\w+)@", lambda match: str(values[match[1]]), template)
-
-
-def _quoted(text: str | Path) -> str:
-    return shlex.quote(str(text))

@@ -1,4 +1,10 @@
-"""A sweep on disk: its manifest and its rows; the way in for everything that reads one.
+"""An output directory: the manifest of a sweep, and its rows.
+
+A sweep is a set of runs with keys ``(case, sample)``.  The folder ``runs`` holds Parquet files,
+each with any set of rows, ascending by key, and no key of another file; a file is named after its
+first row.  What is left to do is what is wanted, minus the keys of these rows.  The metadata of a
+file say to which sweep it belongs, by which thresholds its rows were typed, and what the cases of
+its rows are, so that files can be copied between directories of a sweep.
 
 ``manifest.json`` says what the sweep is: config, hash, cases, columns, versions, machine.  It is
 written when a sweep begins or grows, and says nothing of what has been done.
@@ -7,36 +13,90 @@ written when a sweep begins or grows, and says nothing of what has been done.
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
+from rattlesweep.arrays import Flags, Integers
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
-from rattlesweep.sweeps.cases import Case, grown
-from rattlesweep.sweeps.columns import runs_schema
-from rattlesweep.sweeps.config.read import (
-    differences,
-    fixed_part,
-    override_config,
-    physics_hash,
-    resolved,
+from rattlesweep.sweeps.columns import (
+    parquet_file,
+    read_parquet,
+    runs_schema,
+    same_schema,
+    write_parquet,
 )
+from rattlesweep.sweeps.config.read import override_config
 from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import explained, reason, replace_file
-from rattlesweep.sweeps.provenance import LOCKS, at_work, command_line, machine, now, versions
-from rattlesweep.sweeps.rows import FOLDER, TYPED, Runs
 
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.plan import Plan
-
-MANIFEST, SUMMARY = "manifest.json", "summary.parquet"
+MANIFEST, SUMMARY, FOLDER = "manifest.json", "summary.parquet", "runs"
 FORMAT = 3
+# Keys of a file's metadata: hash of the sweep, thresholds behind the types, cases of the rows.
+SWEEP, TYPED, CASES = "rattlesweep.sweep", "rattlesweep.classify", "rattlesweep.cases"
+PIECE = 1_000_000  # rows that are put in order at a time
+VARIES = ("n_i", "omega_xy0", "sigma", "rolling")
+
+
+@dataclass(frozen=True)
+class Case:
+    """Target, launch and dissipation that the runs of a case share; None where they differ."""
+
+    index: int = field(compare=False)
+    target_name: str | None
+    target: float | None
+    n_i: float | None
+    omega_xy0: float | None
+    sigma: float | None = None
+    rolling: float | None = None
+
+    def dump(self) -> dict[str, Any]:
+        """Return the case as JSON data: its number, and what it has."""
+        data = {"case": self.index, self.target_name: self.target}
+        data |= {name: getattr(self, name) for name in VARIES}
+        return {str(name): value for name, value in data.items() if value is not None}
+
+    @classmethod
+    def load(cls, data: Mapping[str, Any]) -> Case:
+        """Return the case that :meth:`dump` has written."""
+        name = next((name for name in ("K_p", "K_r") if name in data), None)
+        found = (None if data.get(k) is None else float(data[k]) for k in (name or "", *VARIES))
+        return cls(int(data["case"]), name, *found)
+
+    def __str__(self) -> str:
+        return ", ".join(f"{name} {value:g}" for name, value in list(self.dump().items())[1:])
+
+
+@dataclass
+class Found:
+    """What the files of a directory hold."""
+
+    done: Flags  # which runs there are; shape (cases, samples)
+    status: Counter[str] = field(default_factory=Counter)  # runs by status
+    types: Counter[str] = field(default_factory=Counter)  # runs by type
+    typed: dict[str, list[Path]] = field(default_factory=dict)  # files by thresholds, as JSON
+    damaged: list[Path] = field(default_factory=list)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self.status.total()
+
+    def add(self, rows: pa.Table) -> None:
+        """Count rows."""
+        self.done[keys_of(rows)] = True
+        for name, counter in (("status", self.status), ("type", self.types)):
+            for entry in rows.column(name).drop_null().value_counts().to_pylist():
+                counter[entry["values"]] += entry["counts"]
 
 
 @dataclass(frozen=True)
@@ -52,11 +112,6 @@ class Stored:
     hash: str  # of what determines the numbers of a run with a given key
 
     @cached_property
-    def runs(self) -> Runs:
-        """The rows."""
-        return Runs(self.directory)
-
-    @cached_property
     def schema(self) -> pa.Schema:
         """Arrow schema of the runs, with `unit` and `description` in each field's metadata."""
         return runs_schema(self.config.parts, self.config.model, self.extra)
@@ -66,64 +121,76 @@ class Stored:
         """Thresholds behind the types on disk, which may be those of ``rattlesweep classify``."""
         for path in self.files():
             with contextlib.suppress(DamagedError, ValueError):
-                typed = json.loads(self.runs.metadata(path).get(TYPED, "{}"))
+                typed = json.loads(metadata(path).get(TYPED, "{}"))
                 return self.config.classify.model_copy(update=typed)
         return self.config.classify
 
-    @property
-    def typed(self) -> str:
-        """The same as JSON, as each file of rows has it."""
-        return self.thresholds.as_text
-
     def files(self) -> list[Path]:
-        """Return the files of the rows."""
-        return self.runs.files()
+        """Return the files of the rows in the order of their names."""
+        return files_of(self.directory)
+
+    def append(self, table: pa.Table, typed: str) -> None:
+        """Write rows, of which none may be on disk, as a file of their own."""
+        case, sample = keys_of(table.slice(0, 1))
+        name = f"case{case[0]:05d}-sample{sample[0]:09d}.parquet"
+        words = {SWEEP: self.hash, TYPED: typed, CASES: "\n".join(self._cases_of(table))}
+        write_parquet(table, free_path(self.directory / FOLDER / name), words)
+
+    def find(self, files: Iterable[Path] | None = None) -> Found:
+        """Read all of every file, or of these, and return what there is.
+
+        Raise an OutputError if a file is not of this sweep, or if a run is there twice.
+        """
+        found = Found(np.zeros((len(self.cases), self.samples), dtype=bool))
+        for path in self.files() if files is None else files:
+            try:
+                rows = read_parquet(path)
+            except DamagedError:
+                found.damaged.append(path)
+                continue
+            words = _words(rows.schema)
+            if wrong := self._wrong(rows, words, found.done):
+                raise OutputError(f"{path} {wrong}; move it away, or use another output")
+            found.add(rows)
+            found.typed.setdefault(words.get(TYPED, ""), []).append(path)
+        return found
+
+    def _wrong(self, rows: pa.Table, words: Mapping[str, str], done: Flags) -> str | None:
+        """Return why the rows of a file cannot be among those of the sweep."""
+        if words.get(SWEEP) != self.hash:
+            return "holds runs of another sweep"
+        if not same_schema(rows.schema, self.schema):
+            return "has the columns of another version of rattlesweep"
+        case, sample = keys_of(rows)
+        if not len(rows) or case.max() >= len(self.cases) or sample.max() >= self.samples:
+            size = f"{len(self.cases)} cases of {self.samples} samples"
+            return f"holds no runs, or others than of {size}"
+        if not set(self._cases_of(rows)) <= {*words.get(CASES, "").split("\n")}:
+            return "numbers its cases in another way"
+        if done[case, sample].any() or len(np.unique(_places(rows))) < len(rows):
+            return "holds runs that are there twice"
+        return None
+
+    def _cases_of(self, rows: pa.Table) -> list[str]:
+        """Return the cases of some rows, each as JSON."""
+        return [json.dumps(self.cases[n].dump()) for n in pc.unique(rows["case"]).to_pylist()]
 
     def count(self) -> int:
         """Return the number of rows on disk."""
-        return sum(len(self.runs.table(path, ["case"])) for path in self.files())
+        return sum(len(read_parquet(path, ["case"])) for path in self.files())
 
     def read(self, names: Sequence[str] | None = None) -> pa.Table:
         """Return all rows, or some of their columns, in the order of their keys."""
         schema = self.schema
-        if unknown := [name for name in names or () if name not in schema.names]:
-            there = ", ".join(schema.names)
-            raise ConfigError(
-                f"{self.directory}: its runs have no column {unknown[0]}; they have {there}"
-            )
         if names is not None:
             schema = pa.schema([schema.field(name) for name in names])
-        tables = [schema.remove_metadata().empty_table(), *self.runs.batches(names)]
+        tables = [schema.remove_metadata().empty_table(), *pieces(self.files(), names)]
         return pa.concat_tables(tables).cast(schema)
 
     def batches(self, names: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
         """Yield the same rows in the same order, in pieces of bounded size."""
-        for piece in self.runs.batches(names):
+        for piece in pieces(self.files(), names):
             yield from piece.to_batches()
-
-    @cached_property
-    def plan(self) -> Plan:
-        """What its runs can be computed again from, unless its table of bodies has changed."""
-        # Numba, which most readers of a sweep do without.
-        from rattlesweep.sweeps.plan import make_plan
-
-        base = self.manifest["base"] or "."
-        if (self.directory / getattr(self.config.bodies, "path", "..none")).exists():
-            base = self.directory  # a directory may have been moved with its table
-        plan = make_plan(self.config, Path(base)).with_cases(self.cases)
-        if sweep_hash(plan) != self.hash:
-            raise ConfigError(f"{self.directory}: the table of bodies of its runs has changed")
-        return plan
-
-
-def sweep_hash(plan: Plan) -> str:
-    """Return the hash of what determines a run with a given key: the physical part of the config,
-    and the table of bodies.
-    """
-    from rattlesweep.sweeps.bodies.sources import content_hash
-
-    text = f"{physics_hash(plan.config)} {content_hash(plan.source)}"
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def open_stored(directory: Path | str) -> Stored:
@@ -135,12 +202,9 @@ def open_stored(directory: Path | str) -> Stored:
         if data["format"] != FORMAT:
             raise ValueError(f"its format is {data['format']}, and this version reads {FORMAT}")
         extra = tuple(
-            pa.field(
-                part["name"], pa.type_for_alias(part["type"]), part["nullable"],
-                {"unit": part["unit"], "description": part["description"]},
-            )
-            for part in data["columns"]
-        )  # fmt: skip
+            pa.field(name, pa.type_for_alias(kind), nullable, {"unit": unit, "description": words})
+            for name, kind, nullable, unit, words in data["columns"]
+        )
         cases = tuple(Case.load(case) for case in data["cases"])
         config = override_config(data["config"], [])
         samples, key = int(data["samples"]), str(data["config_hash"])
@@ -159,113 +223,88 @@ def open_stored(directory: Path | str) -> Stored:
         ) from error
 
 
-def examine(plan: Plan, directory: Path) -> tuple[Stored | None, tuple[Case, ...]]:
-    """Refuse a directory in which a plan cannot go on.
-
-    Return the sweep that is there, None if its manifest has yet to be written, and the plan's cases
-    as they are numbered there.
-    """
-    ours = sweep_hash(plan)
-    if not (directory / MANIFEST).exists():
-        check_empty(directory)  # or its manifest is lost
-        Runs(directory).find(plan.cases, plan.samples, ours, plan.schema)
-        return None, plan.cases
-    there = open_stored(directory)
-    try:
-        if there.hash != ours:
-            what = differing_keys(there.config, plan.config)
-            raise ConfigError(f"holds another sweep ({what}); give another output, or --fresh")
-        if plan.samples < there.samples:
-            held = f"holds a sweep of {there.samples} samples a case"
-            raise ConfigError(
-                f"{held}, and the config asks for {plan.samples}; a sweep can only grow"
-            )
-        return there, grown(there.cases, plan.cases)
-    except ConfigError as error:
-        raise ConfigError(f"{directory}: {error}") from None
-
-
-def differing_keys(one: Config, other: Config) -> str:
-    """Return in which keys two sweeps differ, with both values."""
-    parts = (fixed_part(resolved(config)) for config in (one, other))
-    return "; ".join(differences(*parts)[:3]) or "the table of bodies has changed"
-
-
-def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> Stored:
-    """Make a directory, which this process holds, one of a plan, and return it.
-
-    The manifest is written where there is none, and again where the sweep grows or, unless for a
-    shard, its config changes in what no run depends on.
-    """
-    with explained(f"cannot write in {directory}"):
-        (directory / FOLDER).mkdir(exist_ok=True)
-    there, cases = examine(plan, directory)
-    data = {
-        "format": FORMAT,
-        "name": plan.config.name,
-        "config": resolved(plan.config),
-        "config_hash": sweep_hash(plan),
-        "base": None if base is None else str(base),
-        "cases": [case.dump() for case in cases],
-        "samples": plan.samples,
-        "columns": [
-            {"name": column.name, "type": str(column.type), "nullable": column.nullable}
-            | {key.decode(): text.decode() for key, text in (column.metadata or {}).items()}
-            for column in plan.extra
-        ],
-        "versions": versions(),
-        "machine": machine(),
-        "command": command_line(),
-        "started": now(),
-        "written": now(),
-    }
-    if there is not None:
-        keys = ("cases", "samples") if shard else ("cases", "samples", "config")
-        if all(data[key] == there.manifest[key] for key in keys):
-            return there
-        # A shard that works on has the smaller sweep in mind, and would leave its summary.
-        if others := at_work(directory, shard) if shard else []:
-            raise OutputError(
-                f"{directory}: {others[0]} is at work; the sweep can grow when it has ended"
-            )
-        data["started"] = there.manifest["started"]
-    remove_summary(directory)  # it is of the smaller sweep
-    write_manifest(directory, data)
-    return open_stored(directory)
-
-
 def write_manifest(directory: Path, data: dict[str, Any]) -> None:
     """Put ``manifest.json`` in place, whole."""
     text = json.dumps(data, indent=2, allow_nan=False)
     replace_file(directory / MANIFEST, text.encode() + b"\n")
 
 
-def check_empty(directory: Path) -> None:
-    """Raise a ConfigError if a directory holds files and no sweep has worked there."""
-    if directory.is_file():
-        raise ConfigError(f"{directory}: is a file; give the path of a directory")
-    if not directory.exists() or (directory / LOCKS).is_dir():
-        return
-    with explained(f"cannot read {directory}"):
-        names = sorted(path.name for path in directory.iterdir())
-    # Bodies from memory are kept before the sweep begins.
-    if foreign := [name for name in names if not name.startswith((".", "bodies-"))]:
-        raise ConfigError(
-            f"{directory}: holds other files, such as {foreign[0]}; give an empty or new directory"
-        )
+def files_of(directory: Path) -> list[Path]:
+    """Return the files of the rows of a directory, in the order of their names."""
+    folder = directory / FOLDER
+    with explained(f"cannot read {folder}"), contextlib.suppress(FileNotFoundError):
+        paths = sorted(folder.iterdir())
+        return [p for p in paths if p.suffix == ".parquet" and not p.name.startswith(".")]
+    return []
 
 
-def start_over(directory: Path) -> None:
-    """Remove a sweep, its rows first, so that a kill leaves a sweep and no foreign files."""
-    runs = Runs(directory)
-    with explained(f"cannot remove the runs of {directory}"):
-        for path in [*runs.files(), *runs.folder.glob("*.damaged")]:
-            path.unlink()
-        for name in (SUMMARY, MANIFEST):
-            (directory / name).unlink(missing_ok=True)
+def rewrite(path: Path, table: pa.Table, typed: str) -> None:
+    """Put other rows in the place of those of a file; a file without rows goes."""
+    if len(table):
+        write_parquet(table, path, metadata(path) | {TYPED: typed})
+    else:
+        remove(path)
 
 
-def remove_summary(directory: Path) -> None:
-    """Remove the summary where rows have come or gone."""
-    with explained(f"cannot remove {directory / SUMMARY}"):
-        (directory / SUMMARY).unlink(missing_ok=True)
+def metadata(path: Path) -> dict[str, str]:
+    """Return the words beside the schema of a file."""
+    with parquet_file(path) as file:
+        return _words(file.schema_arrow)
+
+
+def pieces(files: Iterable[Path], columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+    """Yield all rows in the order of their keys, however they lie in files, some at a time.
+
+    Memory goes with :data:`PIECE`, or with the largest file where that is more.
+    """
+    first = {path: _places(read_parquet(path, ["case", "sample"]))[0] for path in files}
+    paths = sorted(first, key=first.__getitem__)
+    wanted = None if columns is None else list(dict.fromkeys([*columns, "case", "sample"]))
+    held: list[pa.Table] = []
+    for path, following in zip_longest(paths, paths[1:]):
+        held.append(read_parquet(path, wanted).replace_schema_metadata(None))
+        if following is not None and sum(map(len, held)) < PIECE:
+            continue
+        table = pa.concat_tables(held)
+        place = _places(table)
+        if (np.diff(place) < 0).any():
+            order = np.argsort(place)
+            table, place = table.take(pa.array(order)), place[order]
+        # What comes before the first row of the next file is in its place now.
+        ready = len(table) if following is None else np.searchsorted(place, first[following])
+        held = [table.slice(ready)]
+        if ready:
+            piece = table.slice(0, ready)
+            yield piece if columns is None else piece.select(list(columns))
+
+
+def keys_of(rows: pa.Table) -> tuple[Integers, Integers]:
+    """Return case and sample of each row."""
+    case, sample = (rows.column(name).to_numpy().astype(np.int64) for name in ("case", "sample"))
+    return case, sample
+
+
+def free_path(path: Path) -> Path:
+    """Return this path, or the same with the first number behind it that no file has."""
+    stem, again = path.stem, 1
+    while path.exists():
+        again += 1
+        path = path.with_stem(f"{stem}-{again}")
+    return path
+
+
+def remove(path: Path) -> None:
+    """Remove a file that may be gone already."""
+    with explained(f"cannot remove {path}"):
+        path.unlink(missing_ok=True)
+
+
+def _places(rows: pa.Table) -> Integers:
+    """Return numbers in the order of the keys; samples are fewer than 2^32."""
+    case, sample = keys_of(rows)
+    return (case << 32) + sample
+
+
+def _words(schema: pa.Schema) -> dict[str, str]:
+    words = schema.metadata or {}
+    return {k.decode(errors="replace"): v.decode(errors="replace") for k, v in words.items()}

@@ -1,23 +1,163 @@
-"""One row a case: what the runs of a case have in common."""
+"""Runs counted by cell, such as a case or a pixel of a map, and the summary: one row a case.
+
+Sums grow in the order of the rows, so they do not depend on how rows lie in files.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.sweeps.arrow import build_table, read_parquet, write_parquet
-from rattlesweep.sweeps.cases import Case
-from rattlesweep.sweeps.columns import summary_schema
-from rattlesweep.sweeps.counts import FRICTION, Counts, columns_for, share
+from rattlesweep.arrays import Flags, Floats, Integers
+from rattlesweep.physics.theory import unsteady
+from rattlesweep.sweeps.columns import (
+    build_table,
+    floats,
+    read_parquet,
+    summary_schema,
+    write_parquet,
+)
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.decide import decides, nearest_rows
+from rattlesweep.sweeps.stored import Case
+from rattlesweep.sweeps.types import DEAD, TYPES, R, codes, share
 from rattlesweep.text import align
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.stored import Stored
+
+COLUMNS = ("n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status", "near_tangencies")
+# Coefficients of friction by the columns of the shares of runs that need a larger one.
+FRICTION = {"share_friction_above_0_3": 0.3, "share_friction_above_0_6": 0.6}
+SENSITIVE = 1e-6  # a run is sensitive if its t_r_error is a larger share of t_r
+
+
+def columns_for(config: Config) -> tuple[str, ...]:
+    """Return the columns of a sweep's runs that `Counts.add` reads."""
+    losses = ("energy_left", "sigma", "rolling") if config.dissipation else ()
+    errors = ("t_r_error", "type_sure") if "error" in config.record else ()
+    contact = ("contact_ratio_max", "contact_normal_min") if "contact" in config.record else ()
+    return (*COLUMNS, *errors, *losses, *contact)
+
+
+def is_sensitive(t_r_error: Any, t_r: Any) -> Any:
+    """Return whether runs are sensitive; NaN is not."""
+    return t_r_error > SENSITIVE * t_r
+
+
+class Moments:
+    """Count, mean and deviation of values by cell.
+
+    Sums are of differences from the first value of each cell, so that a mean far larger than the
+    deviation costs no digits.
+    """
+
+    def __init__(self, cells: int) -> None:
+        self.count = np.zeros(cells, np.int64)
+        self._first, self._sum, self._squares = np.zeros((3, cells))
+
+    def add(self, cell: Integers, values: Floats, weight: Integers | int = 1) -> None:
+        """Add values, each to its cell, as if each stood there so many times."""
+        new = np.flatnonzero(self.count[cell] == 0)
+        cells, place = np.unique(cell[new], return_index=True)
+        self._first[cells] = values[new[place]]
+        step = values - self._first[cell]
+        # One by one and in order: np.bincount would sum each piece apart.
+        np.add.at(self.count, cell, weight)
+        np.add.at(self._sum, cell, weight * step)
+        with np.errstate(over="ignore"):  # the deviation is then infinite, and stored as null
+            np.add.at(self._squares, cell, weight * step**2)
+
+    def means(self) -> Floats:
+        """Return the means, NaN of nothing."""
+        return self._first + share(self._sum, self.count)
+
+    def deviations(self) -> Floats:
+        """Return the sample standard deviations (divisor n - 1), NaN for fewer than two."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            squares = self._squares - share(self._sum**2, np.maximum(self.count, 1))
+            return np.sqrt(share(np.maximum(squares, 0), self.count - 1))
+
+    def errors(self) -> Floats:
+        """Return the standard errors of the means, NaN for fewer than two."""
+        return share(self.deviations(), np.sqrt(self.count))
+
+
+class Counts:
+    """Runs by cell; each array has the shape (cells,)."""
+
+    def __init__(self, cells: int) -> None:
+        def zeros(count: int) -> list[Integers]:
+            return [*np.zeros((count, cells), np.int64)]
+
+        self.runs, self.ok, self.failed, self.near_tangencies, self.sensitive = zeros(5)
+        # Runs in the steady direction that have a theory and no dissipation, and of these the ones
+        # past Bondi's threshold, abs(n_c1) < abs(n_i).
+        self.steady, self.bondi = zeros(2)
+        # Of the runs that are ok, those of each type, and of these the ones whose type is not sure;
+        # of D only with dissipation; those that need more friction or lift off.
+        self.types = dict(zip(TYPES[:DEAD], zeros(DEAD), strict=True))
+        self.unsure_types = dict(zip(TYPES[:DEAD], zeros(DEAD), strict=True))
+        self.contact = dict(zip((*FRICTION, "share_lift_off"), zeros(3), strict=True))
+        # Of type R, ratios taken run by run; t_rgh of all.
+        self.t_r, self.t_r_error, self.ratio, self.t_rgh = (Moments(cells) for _ in range(4))
+        self.has_errors = self.has_contact = False  # whether rows tell
+
+    def add(self, rows: pa.RecordBatch | pa.Table, cell: Integers, weight: Any = None) -> None:
+        """Count more runs, each in its cell and, if told, as so many; none in a negative cell."""
+        kept, names = cell >= 0, rows.schema.names
+        cell = cell[kept]
+        weight = np.ones(len(cell), np.int64) if weight is None else weight[kept]
+
+        def column(name: str) -> Floats:
+            return floats(rows.column(name))[kept]
+
+        def count(into: Integers, which: Flags) -> None:
+            np.add.at(into, cell[which], weight[which])
+
+        def average(into: Moments, values: Floats, which: Flags) -> None:
+            into.add(cell[which], values[which], weight[which])
+
+        n_i, t_r, t_rgh = column("n_i"), column("t_r"), column("t_rgh")
+        kind = codes(rows.column("type"))[kept]
+        ok = codes(rows.column("status"), ("ok",))[kept] == 0
+        steady = np.isfinite(column("omega_p")) & ~unsteady(column("K_p"), n_i)
+        if "energy_left" in names:
+            for types in (self.types, self.unsure_types):
+                types.setdefault("D", np.zeros(len(self.runs), np.int64))
+            steady &= (column("sigma") == 0) & (column("rolling") == 0)
+        count(self.runs, np.ones(len(cell), bool))
+        count(self.ok, ok)
+        count(self.failed, ~ok)
+        for name, into in self.types.items():
+            count(into, ok & (kind == TYPES.index(name)))
+        near = np.nan_to_num(column("near_tangencies")).astype(np.int64)
+        np.add.at(self.near_tangencies, cell, weight * near)
+        count(self.steady, steady)
+        count(self.bondi, steady & (np.abs(column("n_c1")) < np.abs(n_i)))
+        reverses = ok & (kind == R) & np.isfinite(t_r)
+        average(self.t_r, t_r, reverses)
+        average(self.t_rgh, t_rgh, np.isfinite(t_rgh))
+        average(self.ratio, share(t_r, t_rgh), reverses & (t_rgh > 0))
+        if "t_r_error" in names:
+            self.has_errors, error = True, column("t_r_error")
+            average(self.t_r_error, error, reverses & np.isfinite(error))
+            count(self.sensitive, reverses & is_sensitive(error, t_r))
+            for name, into in self.unsure_types.items():
+                count(into, (column("type_sure") == 0) & (kind == TYPES.index(name)))
+        if "contact_ratio_max" in names:
+            self.has_contact, ratio = True, column("contact_ratio_max")
+            for name, most in FRICTION.items():
+                count(self.contact[name], ok & (ratio > most))
+            count(self.contact["share_lift_off"], ok & (column("contact_normal_min") < 0))
+
+    @property
+    def unsure(self) -> Integers:
+        """Runs whose type is not sure."""
+        return np.asarray(sum(self.unsure_types.values()))
 
 
 def count_cases(stored: Stored) -> Counts:
@@ -49,12 +189,13 @@ def summarise(stored: Stored) -> pa.Table:
 def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     """Return the summary of cases whose runs are counted."""
     schema, ok = summary_schema(), counts.ok
-    columns: dict[str, Any] = {
-        name: pa.array([c.target if c.target_name == name else None for c in cases], pa.float64())
-        for name in ("K_p", "K_r")
-    }
+    columns: dict[str, Any] = {field.name: pa.nulls(len(cases), field.type) for field in schema}
+    for name in ("K_p", "K_r"):
+        columns[name] = np.array(
+            [c.target if c.target_name == name else None for c in cases], float
+        )
     for name in ("n_i", "omega_xy0", "sigma", "rolling"):
-        columns[name] = pa.array([getattr(case, name) for case in cases], pa.float64())
+        columns[name] = np.array([getattr(case, name) for case in cases], float)
     columns |= {f"fraction_{name}": share(part, ok) for name, part in counts.types.items()}
     columns |= {
         "case": np.arange(len(cases)),
@@ -73,8 +214,6 @@ def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
         columns |= {"sensitive": counts.sensitive, "unsure": counts.unsure}
     if counts.has_contact:
         columns |= {name: share(part, ok) for name, part in counts.contact.items()}
-    for field in schema:  # what the sweep does not record
-        columns.setdefault(field.name, pa.nulls(len(cases), field.type))
     return build_table(columns, schema)
 
 
@@ -84,18 +223,16 @@ def read_summary(stored: Stored) -> pa.Table:
     return read_parquet(path) if path.exists() else summarise(stored)
 
 
-def write_summary(stored: Stored, table: pa.Table) -> Path:
+def write_summary(stored: Stored, table: pa.Table) -> None:
     """Write ``summary.parquet``, whole or not at all."""
-    path = stored.directory / "summary.parquet"
-    write_parquet(table, path)
-    return path
+    write_parquet(table, stored.directory / "summary.parquet")
 
 
 def same_summary(one: pa.Table, other: pa.Table) -> bool:
     """Return whether two summaries say the same, but for the last digits of their means."""
-    return one.schema.names == other.schema.names and all(
-        np.allclose(a.to_numpy().astype(float), b.to_numpy().astype(float), 1e-9, 0, equal_nan=True)
-        for a, b in zip(one.columns, other.columns, strict=True)
+    names = one.schema.names
+    return names == other.schema.names and all(
+        np.allclose(floats(one[n]), floats(other[n]), 1e-9, 0, equal_nan=True) for n in names
     )
 
 

@@ -9,18 +9,22 @@ largest ratio of a window's amplitude to the smallest of an earlier one, minus 1
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import ArrayLike, NDArray
 
-from rattlesweep.arrays import Flags, Floats
+from rattlesweep.arrays import Flags, Floats, Integers
+from rattlesweep.sweeps.columns import floats
 from rattlesweep.sweeps.config.schema import Classify
 
 TYPES = ("R", "SS", "SW", "unclassified", "D")
 R, SS, SW, UNCLASSIFIED, DEAD = range(5)
+# Between the growth that no chaos is needed for and that of chaos; see docs/dynamics.md.
 LEAST_GROWTH = 10.0
-"""Between the growth that no chaos is needed for and that of chaos; see docs/dynamics.md."""
+Z95 = 1.959963984540054  # quantile of the normal distribution for two-sided 95 %
 
 
 def classify(
@@ -70,20 +74,18 @@ def sure_types(
 
 def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
     """Return stored runs with the types that their numbers give, and whether these are sure."""
-
-    def column(name: str) -> Floats:
-        values: Floats = rows.column(name).to_numpy()
-        return values
-
-    observed = column("amp_growth"), column("n_departure")
-    left = column("energy_left") if "energy_left" in rows.schema.names else None
-    codes = classify(column("status") == "ok", column("t_r"), *observed, thresholds, left)
+    names = ("t_r", "amp_growth", "n_departure", "energy_left", "amp_growth_error",
+             "n_departure_error")  # fmt: skip
+    x = {name: floats(rows.column(name)) for name in names if name in rows.schema.names}
+    observed = x["amp_growth"], x["n_departure"]
+    ok = pc.equal(rows.column("status"), "ok").to_numpy()
+    codes = classify(ok, x["t_r"], *observed, thresholds, x.get("energy_left"))
     indices = pa.array(codes, mask=codes < 0)
     changed = {"type": pa.DictionaryArray.from_arrays(indices, pa.array(TYPES)).cast(pa.string())}
     if "type_sure" in rows.schema.names:
         # Whether a reversal is certain does not depend on thresholds.
         before = pc.fill_null(rows.column("type_sure"), False).to_numpy()
-        errors = column("amp_growth_error"), column("n_departure_error")
+        errors = x["amp_growth_error"], x["n_departure_error"]
         sure = sure_types(codes, before, observed, errors, thresholds)
         changed["type_sure"] = pa.array(sure, mask=codes < 0)
     for name, values in changed.items():
@@ -100,3 +102,30 @@ def is_chaotic(lyapunov_late: ArrayLike, t_end: ArrayLike) -> Flags:
     """
     growth = np.asarray(lyapunov_late, dtype=float) * np.asarray(t_end, dtype=float) / 2
     return np.asarray(growth > LEAST_GROWTH)
+
+
+def codes(column: pa.Array, words: Sequence[str] = TYPES) -> Integers:
+    """Return the place of each entry in `words`, -1 for others and null."""
+    found = pc.fill_null(pc.index_in(column, pa.array(words)), -1)
+    values: Integers = found.to_numpy(zero_copy_only=False).astype(np.int64)
+    return values
+
+
+def share(part: ArrayLike, whole: ArrayLike) -> Floats:
+    """Return ``part / whole``, NaN where there is nothing."""
+    part, whole = np.asarray(part, float), np.asarray(whole, float)
+    result: Floats = np.divide(part, whole, out=np.full(part.shape, np.nan), where=whole > 0)
+    return result
+
+
+def wilson(part: ArrayLike, whole: ArrayLike, z: float = Z95) -> tuple[Floats, Floats]:
+    """Return the interval of a share, by default of 95 %; NaN where there is nothing.
+
+    Source: E. B. Wilson, J. Am. Stat. Assoc. 22, 209 (1927).
+    """
+    part, whole = np.asarray(part, float), np.asarray(whole, float)
+    p, weight = share(part, whole), share(np.full(part.shape, z * z), whole)
+    centre = (p + weight / 2) / (1 + weight)
+    half = np.sqrt(weight * (p * (1 - p) + weight / 4)) / (1 + weight)
+    # At 0 and 1 the ends are exact; rounding must not carry them out of the unit interval.
+    return np.where(p == 0, 0.0, centre - half), np.where(p == 1, 1.0, centre + half)

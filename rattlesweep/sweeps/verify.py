@@ -1,28 +1,101 @@
-"""Check an output directory: files, keys, types, theory, and runs that are computed again."""
+"""Look at an output directory: how far it is, and whether all in it is right."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from rattlesweep.errors import ConfigError, DamagedError
+from rattlesweep.arrays import Flags
+from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.physics import theory
-from rattlesweep.sweeps.arrow import read_parquet
-from rattlesweep.sweeps.counts import floats
+from rattlesweep.sweeps.columns import floats, read_parquet
 from rattlesweep.sweeps.decide import decision
-from rattlesweep.sweeps.stored import SUMMARY, Stored, open_stored
+from rattlesweep.sweeps.provenance import WHOLE, at_work, read_sessions, who
+from rattlesweep.sweeps.stored import SUMMARY, Found, Stored, keys_of, open_stored
 from rattlesweep.sweeps.summary import same_summary, summarise
 from rattlesweep.sweeps.types import with_types
 from rattlesweep.text import counted
 
+if TYPE_CHECKING:
+    from rattlesweep.sweeps.plan import Plan
+
 CLOSE = 1e-9  # relative difference of theory on another processor
 TOLD = 10  # problems that are printed
+ENDED = {
+    "complete": "has done all of its runs",
+    "stopped": "stopped when its time was up",
+    "interrupted": "was interrupted",
+    "running": "died without a word",
+}
+
+
+def wanted_runs(stored: Stored, found: Found) -> Flags:
+    """Return which runs are wanted, as far as the rows so far tell.  Shape (cases, samples)."""
+    decide = decision(stored.config, stored.cases, stored.samples)
+    if decide is None or found.damaged:
+        return np.ones_like(found.done)
+    decide.read(stored)
+    return decide.wanted()
+
+
+@dataclass(frozen=True)
+class Status:
+    """What is there of a sweep.
+
+    `data` has ``runs``, ``wanted``, ``files``, ``bytes``, ``status`` and ``types`` (runs by each),
+    ``at_work`` (sessions under way) and ``last`` (the session that ended last).
+    """
+
+    title: str
+    data: dict[str, Any]
+
+    @property
+    def words(self) -> str:
+        """The same for the terminal."""
+        data = self.data
+        share, size = data["runs"] / max(1, data["wanted"]), f"{data['bytes'] / 1e6:.1f} MB"
+        runs = f"{data['runs']:,} of {data['wanted']:,} runs ({100 * share:.1f} %)"
+        lines = [f"{self.title}: {runs}, {counted(data['files'], 'file')}, {size}"]
+        for what in ("status", "types"):
+            counts = ", ".join(f"{word} {count:,}" for word, count in data[what].items())
+            lines += [f"{what}: {counts}"] if counts else []
+        for session in data["at_work"]:
+            lines.append(f"at work: {session['shard'] or 'the whole sweep'}, {who(session)}")
+        if not data["at_work"] and (last := data["last"]) is not None:
+            ended = ENDED.get(last["how"], last["how"])
+            lines.append(f"nobody is at work; the last session, {who(last)}, {ended}")
+        return "\n".join(lines)
+
+
+def status(directory: Path) -> Status:
+    """Count the rows of an output directory, and look who is at work there."""
+    stored = open_stored(directory)
+    found, files = stored.find(), stored.files()
+    if found.damaged:
+        raise DamagedError(f"{found.damaged[0]} is damaged; `rattlesweep run` does its runs again")
+    wanted = wanted_runs(stored, found)
+    sessions, held = read_sessions(directory), at_work(directory)
+    # Of several of a shard that have not said their end, the last holds its lock, if any does.
+    last = {s["shard"]: s for s in sessions if s["how"] == "running"}
+    working = [session for shard, session in last.items() if (shard or WHOLE) in held]
+    data = {
+        "runs": found.rows,
+        "wanted": int(wanted.sum()),
+        "files": len(files),
+        "bytes": sum(path.stat().st_size for path in files),
+        "status": dict(found.status.most_common()),
+        "types": dict(found.types.most_common()),
+        "at_work": working,
+        "last": next((s for s in reversed(sessions) if s not in working), None),
+    }
+    return Status(f"{stored.manifest['name']} in {directory}", data)
 
 
 @dataclass
@@ -51,100 +124,122 @@ class Verified:
 
 
 def verify(
-    directory: Path,
-    recompute: int = 0,
-    seed: int = 0,
-    threads: int | None = None,
+    directory: Path, recompute: int = 0, seed: int = 0, threads: int | None = None,
     report: Callable[[float], None] = lambda share: None,
-) -> Verified:
+) -> Verified:  # fmt: skip
     """Read all of an output directory and compare it with its manifest; nothing is changed.
 
     So many runs as `recompute` says, drawn by `seed`, are integrated again and compared bit by bit.
-    `report` is called with the share that is done.
-
-    Raise a ConfigError if it is no output directory, and an OutputError if a file cannot be read
-    or the manifest is damaged.
+    `report` is called with the share that is done.  Raise a ConfigError if it is no output
+    directory, and an OutputError if a file cannot be read or the manifest is damaged.
     """
     stored = open_stored(directory)
-    found = stored.runs.find(stored.cases, stored.samples, stored.hash, stored.schema)
-    result = Verified(directory, found.rows, len(stored.files()))
+    found, thresholds = stored.find(), stored.thresholds
+    wanted, files = wanted_runs(stored, found), stored.files()
+    result = Verified(directory, found.rows, len(files), int((wanted & ~found.done).sum()))
     problems = result.problems
     for path in found.damaged:
         problems.append(f"{path} is damaged; `rattlesweep run` does its runs again")
-    decide = decision(stored.config, stored.cases, stored.samples)
-    if decide is None:
-        result.missing = found.done.size - found.rows
-    elif not found.damaged:
-        decide.read(stored)
-        result.missing = int((decide.wanted() & ~found.done).sum())
-    problems += [
-        f"{counted(len(paths), 'file')}, such as {paths[0]}, typed by other thresholds; "
-        "`rattlesweep classify` ends what was begun"
-        for text, paths in found.typed.items() if text != stored.typed
-    ]  # fmt: skip
+    for text, paths in found.typed.items():
+        if text != thresholds.as_text:
+            problems.append(
+                f"{counted(len(paths), 'file')}, such as {paths[0]}, typed by other thresholds; "
+                "`rattlesweep classify` ends what was begun"
+            )
+    try:
+        plan = None
+        if recompute:  # Numba, without which the rest can be checked
+            from rattlesweep.sweeps.plan import stored_plan
+
+            plan = stored_plan(stored)
+    except ConfigError as error:  # the table of bodies has gone or changed
+        problems.append(str(error))
     good = [path for paths in found.typed.values() for path in paths]
     count, last = min(recompute, found.rows), 0
     chosen = np.random.default_rng(seed).choice(found.rows, count, replace=False)
     for number, path in enumerate(good):
         report(number / len(good))
-        rows = stored.runs.table(path)
-        problems += _row_problems(stored, path, rows)
+        rows = read_parquet(path)
+        problems += _row_problems(path, rows, with_types(rows, thresholds))
         first, last = last, last + len(rows)
-        if len(here := np.sort(chosen[(chosen >= first) & (chosen < last)]) - first):
-            _recompute(stored, rows.take(pa.array(here)), threads, result)
-    path, anew = stored.directory / SUMMARY, "`rattlesweep run` writes it anew"
-    try:
-        if not path.exists():
-            if not result.missing and not problems:
-                problems.append(f"{path} is missing; {anew}")
-        elif not problems and not same_summary(read_parquet(path), summarise(stored)):
-            problems.append(f"{path} does not follow from the runs; {anew}")
-    except DamagedError as error:
-        problems.append(f"{error}; {anew}")
+        here = np.sort(chosen[(chosen >= first) & (chosen < last)]) - first
+        if len(here) and plan is not None:
+            again = _not_given_up(stored, rows.take(pa.array(here)))
+            for case, sample, names in differing_rows(plan, again, threads):
+                what = f"comes out differently: {', '.join(names[:4])}"
+                problems.append(f"case {case} sample {sample} {what}")
+            result.recomputed += len(again)
+    if not problems and not result.missing:
+        path = directory / SUMMARY
+        try:
+            right = same_summary(read_parquet(path), summarise(stored))
+        except OutputError:
+            right = False
+        if not right:
+            problems.append(
+                f"{path} is missing, damaged or does not follow from the runs; `rattlesweep run` "
+                "writes it anew"
+            )
     report(1.0)
     return result
 
 
-def _row_problems(stored: Stored, path: Path, rows: pa.Table) -> Iterator[str]:
-    """Yield what is wrong with the rows of a file."""
-    case, sample = (rows.column(n).to_numpy().astype(np.int64) for n in ("case", "sample"))
-
-    def told(wrong: Any, what: str) -> Iterator[str]:
-        places = np.flatnonzero(wrong)
-        if len(places):
-            such = f"such as case {case[places[0]]} sample {sample[places[0]]}"
-            yield f"{path}: {counted(len(places), 'run')}, {such}: {what}"
-
-    yield from told(np.lexsort((sample, case)) != np.arange(len(case)), "its rows are not in order")
-    again = with_types(rows, stored.thresholds)
+def _row_problems(path: Path, rows: pa.Table, again: pa.Table) -> Iterator[str]:
+    """Yield what is wrong with the rows of a file; `again` are the same rows, typed anew."""
+    case, sample = keys_of(rows)
+    wrong = {"its rows are not in order": np.lexsort((sample, case)) != np.arange(len(case))}
     for name in {"type", "type_sure"}.intersection(rows.schema.names):
-        theirs, ours = (table.column(name).to_numpy() for table in (rows, again))
-        yield from told(theirs != ours, f"{name} does not follow from its columns")
+        wrong[f"{name} does not follow from its columns"] = (
+            rows.column(name).to_numpy() != again.column(name).to_numpy()
+        )
     modes = theory.modes(*(floats(rows.column(n)) for n in ("alpha", "beta", "theta", "phi", "xi")))
     for name in ("omega_p", "omega_r", "K_p", "K_r"):
-        theirs, ours = floats(rows.column(name)), getattr(modes, name)
-        wrong = np.isfinite(ours) & ~np.isclose(theirs, ours, CLOSE, 0)
-        yield from told(wrong, f"{name} does not follow from its body")
-    late = floats(rows.column("t_r")) > floats(rows.column("t_end")) * (1 + 1e-12)
-    yield from told(late, "t_r is later than t_end")
+        ours = getattr(modes, name)
+        same = np.isclose(floats(rows.column(name)), ours, CLOSE, 0)
+        wrong[f"{name} does not follow from its body"] = np.isfinite(ours) & ~same
+    for what, which in wrong.items():
+        if which.any():
+            such = f"such as case {case[which][0]} sample {sample[which][0]}"
+            yield f"{path}: {counted(int(which.sum()), 'run')}, {such}: {what}"
 
 
-def _recompute(stored: Stored, rows: pa.Table, threads: int | None, result: Verified) -> None:
-    """Integrate some runs again."""
-    # Numba, without which the rest can be checked.
-    from rattlesweep.sweeps.memory import differing_rows
+def _not_given_up(stored: Stored, rows: pa.Table) -> pa.Table:
+    """Leave out runs that came to a smaller limit of steps: under a larger one they go on."""
+    less = pc.less(rows["n_steps"], stored.config.integrator.max_steps)
+    return rows.filter(pc.invert(pc.and_(pc.equal(rows["status"], "step_limit"), less)))
 
-    try:
-        plan = stored.plan
-    except ConfigError as error:
-        if str(error) not in result.problems:
-            result.problems.append(str(error))
+
+def differing_rows(
+    plan: Plan, rows: pa.Table, threads: int | None = None
+) -> Iterator[tuple[int, int, list[str]]]:
+    """Integrate stored runs again, and yield case, sample and columns of those that differ."""
+    from rattlesweep.integrate.task import Task
+    from rattlesweep.sweeps.block import compute, prepare_runs
+
+    case, sample = keys_of(rows)
+    prepared = prepare_runs(plan, case, sample)
+    again = Task(partial(compute, plan.config, plan.schema, prepared, threads)).wait()[0]
+    rows = rows.select(plan.schema.names)
+    if same_bits(again, rows):
         return
-    # Runs that were given up under a smaller limit go on under a larger one.
-    limit = stored.config.integrator.max_steps
-    given_up = pc.and_(pc.equal(rows["status"], "step_limit"), pc.less(rows["n_steps"], limit))
-    again = rows.filter(pc.invert(given_up))
-    for case, sample, names in differing_rows(plan, again, threads):
-        what = ", ".join(names[:4])
-        result.problems.append(f"case {case} sample {sample} comes out differently: {what}")
-    result.recomputed += len(again)
+    for k in range(len(rows)):
+        one, other = again.slice(k, 1), rows.slice(k, 1)
+        names = [n for n in rows.schema.names if not same_bits(one.select([n]), other.select([n]))]
+        if names:
+            yield int(case[k]), int(sample[k]), names
+
+
+def same_bits(one: pa.Table, other: pa.Table) -> bool:
+    """Return whether two tables hold the same values, zeros of different sign told apart."""
+    return one.schema.names == other.schema.names and all(
+        a.equals(b) and _bits(a).equals(_bits(b))
+        for a, b in zip(one.columns, other.columns, strict=True)
+    )
+
+
+def _bits(column: pa.ChunkedArray) -> pa.Array:
+    """Return floating numbers as whole ones of the same bits, and others as they are."""
+    values = column.combine_chunks()
+    if pa.types.is_list(values.type):
+        values = values.flatten()
+    return values.view(pa.int64()) if pa.types.is_float64(values.type) else values

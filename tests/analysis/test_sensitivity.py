@@ -14,7 +14,7 @@ from scipy.stats import sobol_indices
 from sweeping import invoke, sweep
 
 from rattlesweep.analysis.sensitivity import MOST_MISSING, indices, sensitivity
-from rattlesweep.sweeps.bodies.sampler import sequence_points
+from rattlesweep.sweeps.bodies.sources import sequence_points
 
 GROUP, GROUPS = 7, 256
 PARAMETERS = ("gamma", "f_sd", "theta", "phi", "minus_xi_deg")

@@ -20,8 +20,9 @@ from scipy.spatial.transform import Rotation
 from sweeping import invoke, rows, run
 
 import rattlesweep as rs
-from rattlesweep.analysis.viewer import show
-from rattlesweep.sweeps.single import Launch
+from rattlesweep.analysis.onerun import show
+from rattlesweep.analysis.onerun.course import PreparedRun
+from rattlesweep.sweeps.launches import Launch
 
 GH = rs.Rattleback.gh()
 T_END = 130.0
@@ -29,9 +30,9 @@ needs_browser = pytest.mark.skipif(find_browser() is None, reason="no Chromium i
 
 
 @cache
-def scene(t_end: float = T_END, points: int | None = None, **launch: Any) -> show.Scene:
+def scene(t_end: float = T_END, points: int | None = None, **launch: Any) -> dict[str, Any]:
     run = Launch(GH, t_end=t_end, **({"n_i": 0.1, "omega_xy0": 0.01} | launch))
-    return show.make_scene(show.course_of(run, points))
+    return show.make_scene(show.course_of(PreparedRun.of(run), points))
 
 
 @pytest.fixture(scope="module")
@@ -74,16 +75,16 @@ def lowest(matrix: Any) -> Any:
 
 def test_the_body_rolls_without_slipping():
     """The material point in contact stands still: by differences of the shown columns alone."""
-    found = scene(t_end=60.0, points=6001)
-    c, step = found.columns, found.t[1]
+    c = scene(t_end=60.0, points=6001)["columns"]
+    step = c["t"][1]
     q = np.stack([c[f"q{k}"] for k in range(4)], axis=1)
     assert np.abs(np.linalg.norm(q, axis=1) - 1).max() < 1e-14
     assert np.abs(np.diff(q, axis=0)).max() < 0.01
     matrix = turns(q)
-    touch = np.stack([c["trace_x"], c["trace_y"], np.zeros_like(found.t)], axis=1)
+    touch = np.stack([c["trace_x"], c["trace_y"], np.zeros_like(c["t"])], axis=1)
     weights = np.array([-1, 9, -45, 0, 45, -9, 1]) / (60 * step)
     rolling = []
-    for i in range(3, len(found.t) - 3, 97):
+    for i in range(3, len(c["t"]) - 3, 97):
         m, at = matrix[i - 3 : i + 4], touch[i - 3 : i + 4]
         low = np.stack([lowest(one) for one in m])
         centre = at - np.einsum("tij,tj->ti", m, low)
@@ -95,20 +96,9 @@ def test_the_body_rolls_without_slipping():
 
 def test_the_body_is_cut_off_above_every_contact():
     found = scene(t_end=400.0, n_i=0.5, omega_xy0=0.3)
-    matrix = turns(np.stack([found.columns[f"q{k}"] for k in range(4)], axis=1))
+    matrix = turns(np.stack([found["columns"][f"q{k}"] for k in range(4)], axis=1))
     highest = max(1 - lowest(m)[2] for m in matrix)
-    assert found.about["rise"] >= max(1, 1.2 * highest)
-
-
-def test_dumbbells_are_those_of_the_moments():
-    body = rs.Rattleback.shell_dumbbell(gamma=10, f_sd=0.1, theta=0.8, phi=0.05, xi=-0.05)
-    dumbbells, none = (
-        show.make_scene(show.course_of(Launch(b, 0.1, 0.01, 5.0), 50)).about["weights"]
-        for b in (body, GH)
-    )
-    moments = 0.25 * np.sum(np.array(dumbbells)[:, :2] ** 2, axis=0)
-    assert moments == pytest.approx([body.beta - 1, body.alpha - 1], rel=1e-14)
-    assert none == []
+    assert found["rise"] >= max(1, 1.2 * highest)
 
 
 def test_the_page_holds_the_columns_and_names_no_address(page):
@@ -117,16 +107,15 @@ def test_the_page_holds_the_columns_and_names_no_address(page):
     table = np.frombuffer(base64.b64decode(data["table"]), dtype="<f4")
     table = table.reshape(-1, len(data["columns"]))
     for k, name in enumerate(data["columns"]):
-        assert np.array_equal(table[:, k], found.columns[name].astype(np.float32))
+        assert np.array_equal(table[:, k], found["columns"][name].astype(np.float32))
     # The name of a language, which is no address.
     assert set(re.findall(r"https?://[^\s\"'`)]+", text)) == {"http://www.w3.org/1999/xhtml"}
     assert "default-src 'none'" in text
     assert "The MIT License" in text
     assert "@@" not in text
     # The largest page is below 5 MB.
-    many = {name: np.resize(column, show.MOST_ROWS) for name, column in found.columns.items()}
-    large = show.Scene(np.arange(show.MOST_ROWS, dtype=float), many, found.theory, found.about)
-    assert len(show.make_page(large, "a", "b")) < 5e6
+    many = {name: np.resize(column, show.MOST_ROWS) for name, column in found["columns"].items()}
+    assert len(show.make_page(found | {"columns": many}, "a", "b")) < 5e6
 
 
 def test_words_cannot_become_markup(tmp_path):
@@ -136,8 +125,7 @@ def test_words_cannot_become_markup(tmp_path):
     assert "alert('1')" not in text
     assert text.count("&lt;/title&gt;&lt;script&gt;") == 2
     assert "&amp; @@data@@" in text
-    found = scene(t_end=5.0)
-    found.about["facts"] = [("a", "</script><script>")]
+    found = scene(t_end=5.0) | {"facts": [("a", "</script><script>")]}
     assert held(show.make_page(found, "a", "b").decode())["facts"] == [["a", "</script><script>"]]
 
 
@@ -249,7 +237,9 @@ def test_it_draws_and_asks_nothing_of_anyone(still, page):
 
 @needs_browser
 def test_the_drawn_body_touches_the_plane_and_hardly_slips(still):
-    times = np.sort(np.concatenate([scene().t[7:500:61], np.linspace(3.01, 128.9, 30)]))
+    times = np.sort(
+        np.concatenate([scene()["columns"]["t"][7:500:61], np.linspace(3.01, 128.9, 30)])
+    )
     step = 1e-3
     asked = np.concatenate([times, times - step, times + step]).tolist()
     poses = still.run(

@@ -118,9 +118,9 @@ def test_values_are_spaced_where_they_can_be(law, middle):
 
     assert spaced(0.1, 0.1, 1) == [0.1]
     assert spaced(0.1, 0.2, 2) == [0.1, 0.2]
-    assert spaced(0.001, 0.1, 3) == pytest.approx([0.001, middle, 0.1], rel=1e-15)
+    assert spaced(0.001, 0.1, 3) == pytest.approx([0.001, middle, 0.1], rel=1e-14)
     for ends in ((0.1, 0.2, 1), (0.1, 0.1, 2), (0.1, 0.2), (0.1, 0.2, 2.5), (0.1, 0.2, np.inf)):
-        with pytest.raises(ConfigError, match=r"spaced|write .linspace"):
+        with pytest.raises(ConfigError, match=r"write .linspace"):
             spaced(*ends)
 
 
@@ -142,7 +142,7 @@ def test_values_with_units_stay_as_they_are_written(path):
     assert config.spin.n_i == pytest.approx([np.pi, 2 * np.pi, 3 * np.pi])
     data = resolved(config)
     assert data["spin"]["n_i"] == ["30.0 rpm", "60.0 rpm", "90.0 rpm"]
-    assert (data["horizon"]["t"], data["dissipation"]["sigma"]) == ("20 s", "1e-5 N m s")
+    assert (data["horizon"]["t"], data["dissipation"]["sigma"]) == ("20 s", ["1e-5 N m s"])
     assert data["bodies"]["mass"] == ["80 g", "90 g"]
     assert resolved(pickle.loads(pickle.dumps(config))) == data
 
@@ -157,7 +157,7 @@ def test_defaults_are_table_one_and_the_papers_own_step():
         "spin": {"n_i": [0.1], "omega_xy0": [0.01], "psi": "relevant"},
         "model": "full",
         "horizon": {"t_rgh": 5},
-        "dissipation": {"sigma": 0, "rolling": 0},
+        "dissipation": {"sigma": [0], "rolling": [0]},
         "integrator": {"method": "dop853", "tol": 1e-9, "max_steps": 100_000_000},
         "classify": {"ss_growth": 1e-3, "sw_departure": 0.05, "early": False, "dead_energy": 0.01},
         "record": [],

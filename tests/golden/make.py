@@ -12,9 +12,9 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from rattlesweep.sweeps.config.read import load_config
-from rattlesweep.sweeps.memory import integrate_plan
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.provenance import machine, versions
+from rattlesweep.sweeps.run import integrate_plan
 
 HERE = Path(__file__).parent
 

@@ -17,7 +17,7 @@ from oracle import GH
 from sweeping import prepared
 from theory_mp import growth_exact
 
-from rattlesweep.integrate.lanes.build import kernel
+from rattlesweep.integrate.batch import kernel
 from rattlesweep.physics import full, theory
 from rattlesweep.sweeps.block import columns_of, run_batch
 from rattlesweep.sweeps.config.read import parse_config

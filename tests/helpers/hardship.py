@@ -24,10 +24,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.sweeps.memory import same_bits
-from rattlesweep.sweeps.rows import Runs
-from rattlesweep.sweeps.stored import open_stored
-from rattlesweep.sweeps.verify import verify
+from rattlesweep.sweeps.stored import files_of, open_stored, pieces
+from rattlesweep.sweeps.verify import same_bits, verify
 
 TINY = """\
 name: tiny
@@ -173,7 +171,7 @@ def check_equal(directory: Path, expected: Path) -> None:
     assert (found.problems, found.missing) == ([], 0)
     left = {str(p.relative_to(directory)) for p in directory.rglob("*") if p.is_file()}
     left = {name for name in left if not name.startswith((".locks/", "sessions/2"))}
-    names = {f"runs/{path.name}" for path in Runs(directory).files()}
+    names = {f"runs/{path.name}" for path in files_of(directory)}
     assert left == {"manifest.json", "summary.parquet", *names}
 
 
@@ -183,7 +181,7 @@ def check_whole(directory: Path, *expected: Path) -> int:
     """
     if (directory / "manifest.json").exists():
         open_stored(directory)
-    if not (tables := list(Runs(directory).batches())):
+    if not (tables := list(pieces(files_of(directory)))):
         return 0
     rows = pa.concat_tables(tables)
     keys = keys_of(rows)

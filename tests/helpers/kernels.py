@@ -8,11 +8,10 @@ from numba import njit
 
 from rattlesweep import arrays
 from rattlesweep.integrate import batch
-from rattlesweep.integrate.lanes import build as built
 from rattlesweep.integrate.lanes import step as stages
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.physics import full, launch, reduced, steady, theory
+from rattlesweep.physics import full, reduced, steady, theory
 from rattlesweep.physics.body import PARAMETERS
 
 N_WINDOWS = 64
@@ -50,10 +49,10 @@ def _batch(n_i, t_end, **own):
 
 
 def full_batch(body, n_i, omega_xy0=0.01, psi="relevant", t_end=1000.0):
-    """A batch of the full model; ``psi`` in radians or a word of `launch.direction`."""
+    """A batch of the full model; ``psi`` in radians or a word of `theory.direction`."""
     body, (n_i, omega_xy0, t_end) = _columns(body, n_i, omega_xy0, t_end)
     modes = _modes(body)
-    psi = launch.direction(modes, n_i, psi) if isinstance(psi, str) else psi
+    psi = theory.direction(modes, n_i, psi) if isinstance(psi, str) else psi
     constants = full.constants(**body)
     found = steady.steady_modes(constants, n_i)
     pitch = (modes.K_p * n_i > 0)[:, None]
@@ -62,7 +61,7 @@ def full_batch(body, n_i, omega_xy0=0.01, psi="relevant", t_end=1000.0):
     return _batch(
         n_i,
         t_end,
-        y0=launch.full_state(n_i, omega_xy0, psi),
+        y0=theory.full_state(n_i, omega_xy0, psi),
         constants=constants.T,
         probe=np.concatenate([probe.real, probe.imag], axis=1),
         swing=2 * np.maximum(np.abs(found.pitch.imag), modes.omega_p),
@@ -108,7 +107,7 @@ def assert_same(a, b, skip=()):
 def mode_energies(body, n_i, omega_xy0):
     """Energies of pitch and roll in a launch along the relevant mode."""
     modes = _modes(body)
-    psi = launch.direction(modes, n_i, "relevant")
+    psi = theory.direction(modes, n_i, "relevant")
     return reduced.mode_energies(
         body["alpha"], body["beta"], modes.psi_p, modes.psi_r, omega_xy0, psi
     )
@@ -122,4 +121,4 @@ def attempt(method, model):
 
 def problem(method, model):
     """What the kernel of a method and a model is compiled for."""
-    return built.problem_of(MODELS[model], METHODS[method].adaptive)
+    return batch.problem_of(MODELS[model], METHODS[method].adaptive)

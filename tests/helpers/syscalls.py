@@ -80,7 +80,6 @@ class Calls:
         os.link = lambda path, to: (self.come("link", self.mine(to)), link(path, to))[1]
         self._open_of_os, self._close_of_os = os.open, os.close
         os.open, os.close = self._open, self._close
-        os.fdopen = self._fdopen
         builtins.open = io.open = self._open_file  # type: ignore[assignment]
         fcntl.flock = self._flock  # type: ignore[assignment]
         real, calls = pq.ParquetFile, self
@@ -112,13 +111,11 @@ class Calls:
         self._paths.pop(handle, None)
         self._close_of_os(handle)
 
-    def _fdopen(self, handle: int, *args: Any, **kwargs: Any) -> Any:
-        if handle in self._paths:
-            return io.BufferedWriter(_Raw(self, handle))
-        return _OPEN(handle, *args, **kwargs)
-
     def _open_file(self, path: Any, mode: str = "r", *args: Any, **kwargs: Any) -> Any:
         mine = None if isinstance(path, int) else self.mine(path)
+        if mine is not None and mode == "xb":
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+            return io.BufferedWriter(_Raw(self, self._open(path, flags, 0o666)))
         assert mine is None or mode == "rb", f"no test knows of files opened as {mode}"
         self.come("read", mine)
         return _OPEN(path, mode, *args, **kwargs)

@@ -15,14 +15,12 @@ from pathlib import Path
 
 import kernels
 import numba
-import numpy as np
 import oracle
 import pytest
 
 from rattlesweep.integrate import compile
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.compile import Kernel, is_stored, load_kernel
-from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 
@@ -72,7 +70,7 @@ def test_a_kernel_is_compiled_by_another_process_and_found_again(place):
 FOUND = """
 import json
 from rattlesweep.integrate import compile
-from rattlesweep.integrate.lanes.build import kernel, load_kernels
+from rattlesweep.integrate.batch import kernel, load_kernels
 heard = []
 with compile.listening(lambda name: heard.append(name) or compile.nullcontext()):
     kernel("dop853", "full")
@@ -266,6 +264,7 @@ def test_threads_and_forked_processes_integrate(layer):
 @pytest.mark.parametrize(
     ("setting", "said"),
     [("NUMBA_NUM_THREADS=0", "it must be a whole number from 1 to 4096"),
+     ("NUMBA_DISABLE_JIT=1", "kernels run compiled only"),
      ("NUMBA_THREADING_LAYER=nonsense", "layer requested 'nonsense' is unknown")],
 )  # fmt: skip
 def test_a_setting_that_cannot_be_is_one_sentence(setting, said, tmp_path):
@@ -278,27 +277,3 @@ def test_a_setting_that_cannot_be_is_one_sentence(setting, said, tmp_path):
     assert done.stderr.startswith(f"error: {setting.split('=')[0]}")
     assert said in done.stderr
     assert done.stderr.count("\n") == 1
-
-
-# -- nothing compiled ------------------------------------------------------------------------------
-
-
-def both():
-    """In a fresh process: the outcome of a run with all observations, and its trajectory."""
-    batch = kernels.full_batch(oracle.GH, [-0.1], 0.01, t_end=30.0)
-    records = frozenset(["energy", "contact", "windows", "reversals", "lyapunov"])
-    out = integrate(batch, METHODS["dop853"], FULL, threads=1, record=records)
-    follower = Follower(batch, METHODS["dop853"], FULL, attitude=True)
-    found = follower.at(np.linspace(0.0, 30.0, 7))
-    values = out.y_end, out.n_departure, out.windows, found.y, found.extra
-    numbers = np.concatenate([value[np.isfinite(value)] for value in values])
-    print(json.dumps([numbers.tolist(), out.n_steps.tolist(), follower.n_steps]))
-
-
-def test_a_run_can_be_stepped_through_in_python():
-    code = "import test_kernel_cache as t; t.both()"
-    compiled, plain = (python(code, NUMBA_DISABLE_JIT=flag) for flag in "01")
-    assert plain.returncode == 0, plain.stderr
-    (numbers, *steps), (others, *same_steps) = (json.loads(p.stdout) for p in (compiled, plain))
-    assert same_steps == steps
-    np.testing.assert_allclose(others, numbers, rtol=0, atol=1e-12)

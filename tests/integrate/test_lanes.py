@@ -77,7 +77,7 @@ def test_random_bodies_reverse_when_the_oracle_says(count, seed):
     e_p, e_r = kernels.mode_energies(body, n_i, omega)
     modes = theory.modes(*(body[x] for x in ("alpha", "beta", "theta", "phi", "xi")))
     speed = np.sqrt(2 * (e_p + e_r) / body["gamma"])
-    t_gh = theory.reversal_time(np.where(n_i > 0, modes.K_p, modes.K_r), n_i, speed)
+    t_gh = theory.GarciaHubbard(np.where(n_i > 0, modes.K_p, modes.K_r), n_i, speed).t_rgh
     # Early reversals are waited for; the others only show that none comes early.
     t_end = np.where(t_gh < 40, 1.3 * t_gh, 10.0)
     out = integrate(kernels.full_batch(body, n_i, omega, t_end=t_end), DOP853, FULL)
@@ -364,7 +364,7 @@ def test_reduced_model_with_one_mode_is_the_formula(method):
     e_p, e_r = kernels.mode_energies(body, n_i, omega)
     modes = theory.modes(*(body[x] for x in ("alpha", "beta", "theta", "phi", "xi")))
     speed = np.sqrt(2 * (e_p + e_r) / body["gamma"])
-    expected = theory.reversal_time(np.where(n_i > 0, modes.K_p, modes.K_r), n_i, speed)
+    expected = theory.GarciaHubbard(np.where(n_i > 0, modes.K_p, modes.K_r), n_i, speed).t_rgh
     runs = kernels.reduced_batch(body, n_i, e_p, e_r, t_end=2 * expected)
     out = integrate(runs, method, REDUCED, dt=0.02)
     assert_status(out, Status.OK)

@@ -13,12 +13,10 @@ from functools import cache
 
 import kernels
 import pytest
-from llvmlite import binding
 from numba import float64, typeof
 
-from rattlesweep.integrate.lanes import kernel, tangents
+from rattlesweep.integrate.lanes import kernel, runs
 from rattlesweep.integrate.model import MODELS, WITH_TANGENT
-from rattlesweep.integrate.processor import vector_bits
 from rattlesweep.integrate.tableau import METHODS
 
 pytestmark = pytest.mark.skipif(
@@ -48,8 +46,8 @@ models = pytest.mark.parametrize(
 PIECES = {
     "decide": (kernel.decide, (float64[::1], float64, float64)),
     "commit": (kernel.commit, (float64[::1],)),
-    "advance": (kernel.advance, (float64[::1],)),
-    "tangent_advance": (tangents.tangent_advance, (float64[::1],)),
+    "advance": (runs.advance, (float64[::1],)),
+    "tangent_advance": (runs.tangent_advance, (float64[::1],)),
 }
 # Processors that are looked at, and the registers that LLVM is to fill there.
 WIDEST = {"znver3": "ymm", "znver5": "zmm", "skylake-avx512": "zmm", "sapphirerapids": "zmm"}
@@ -150,9 +148,3 @@ def test_pieces_are_vectorised_on_other_processors(cpu, pieces):
         assert_vectorised(text)
         wide = [width for width in ("xmm", "ymm", "zmm") if f"%{width}" in text]
         assert wide[-1] == WIDEST[cpu], (name, model)
-
-
-def test_the_width_of_vectors_is_read_from_the_machine_code():
-    features = binding.get_host_cpu_features()
-    widest = 512 if features.get("avx512f") else 256 if features.get("avx") else 128
-    assert vector_bits() == widest

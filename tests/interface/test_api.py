@@ -154,7 +154,6 @@ def test_pages_of_launches(tmp_path):
     saved = page.save(tmp_path / "roll.html")
     assert saved.path.read_bytes() == page.content
     assert b'"start": 4.0' in page.content
-    assert rs.trajectory("GH", **LAUNCH, t_end=20).show().content
 
 
 # -- theory ------------------------------------------------------------------------------------

@@ -68,8 +68,7 @@ run c.yaml --set bodies.samples | is not KEY=VALUE
 run c.yaml --set integrator.max_steps=0 | 0 is given; it should be greater
 run c.yaml --set 'bodies={source: sd, samples: 100000000000}' | runs; at most 1e+09 are possible
 run c.yaml --output '' | --output: the directory has no name
-run c.yaml --workers 2 | --workers: is for --engine dask; add that, or leave this out
-run c.yaml --fresh --shard 0/2 | --fresh: would remove the runs of other shards
+run c.yaml --scheduler tcp://host:8786 | --engine dask: goes with --scheduler ADDRESS
 run c.yaml --shard 1 | --shard 1: is not I/N
 run c.yaml --max-time 3 | --max-time 3: is no length of time
 classify c.yaml | is not an output directory

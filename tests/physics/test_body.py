@@ -8,7 +8,7 @@ import oracle
 import pytest
 from samples import table_one
 
-from rattlesweep.physics import full, launch, reduced, theory
+from rattlesweep.physics import full, reduced, theory
 from rattlesweep.physics.body import Rattleback, shell_dumbbell, violations
 
 EPS = np.finfo(float).eps
@@ -95,7 +95,7 @@ def test_full_state_is_the_papers_launch():
     rng = np.random.default_rng(40)
     n, w = rng.uniform(-1, 1, (4, 1)), 10 ** rng.uniform(-12, 0, 5)
     psi = rng.uniform(-np.pi, np.pi, 5)
-    states = launch.full_state(n, w, psi)
+    states = theory.full_state(n, w, psi)
     assert states.shape == (4, 5, full.N_STATE)
     u, omega = full.to_vectors(np.moveaxis(states, -1, 0))
     for i in range(4):
@@ -104,5 +104,5 @@ def test_full_state_is_the_papers_launch():
             assert np.array_equal(u[:, i, j], wanted[:3])
             np.testing.assert_allclose(omega[:, i, j], wanted[3:], rtol=4 * EPS)
             assert full.spin(*states[i, j]) == n[i, 0]
-    assert launch.full_state(0.1, 0.01, 0.3).shape == (5,)
-    assert launch.full_state(1, 1, 0)[4] == -1.0
+    assert theory.full_state(0.1, 0.01, 0.3).shape == (5,)
+    assert theory.full_state(1, 1, 0)[4] == -1.0

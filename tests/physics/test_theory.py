@@ -80,7 +80,7 @@ def test_launches(case):
             # n_0^2 = n_i^2 + speed^2 is the paper's n_0, as far as 50 digits of it tell.
             assert abs(mp.hypot(n_i, wanted[-1]) / exact["n_0"] - 1) < mp.mpf(10) ** -48
     assert relative_error(speed, wanted).max() < 1e-12
-    assert case.error("t_rgh", theory.reversal_time(own, case.n, speed)).max() < 1e-12
+    assert case.error("t_rgh", theory.GarciaHubbard(own, case.n, speed).t_rgh).max() < 1e-12
     pitch, roll = theory.growth_rates(case.modes.K_p, case.modes.K_r, case.n)
     assert case.error("growth_pitch", pitch).max() < 1e-12
     assert case.error("growth_roll", roll).max() < 1e-12
@@ -149,15 +149,15 @@ def test_gh_solution_is_the_papers():
     n, speed = launches(rng, 80)
     k = log_uniform(rng, 1e-6, 1e3, 80)
     n_0 = np.hypot(n, speed)
-    time = theory.reversal_time(k, n, speed)
+    found = theory.GarciaHubbard(k, n, speed)
     for part in (0.0, 1e-3, 0.3, 0.9, 0.999, 1.001, 1.1, 2.0, 5.0):
-        t = part * time
-        got = theory.spin_gh(t, k, n, speed)
+        t = part * found.t_rgh
+        got = found.spin(t)
         wanted = [paper_spin(*row) for row in rows([t, k, n, speed])]
         error = np.array([float(abs(g - r)) for g, r in zip(got.tolist(), wanted, strict=True)])
         # A rounding error of t moves the spin by its rate.
         rate = 0.5 * k * (n_0 + abs(got)) * (n_0 - abs(got))
-        assert np.all(error < 40 * EPS * (np.abs(got) + rate * np.maximum(t, time))), part
+        assert np.all(error < 40 * EPS * (np.abs(got) + rate * np.maximum(t, found.t_rgh))), part
         assert np.all(error < 1e-12 * n_0), part
 
 

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import signal
 import socket
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +23,8 @@ from rattlesweep.sweeps import run as runner
 from rattlesweep.sweeps.config.read import load_config, parse_config
 from rattlesweep.sweeps.dask import make_engine
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.rows import Runs
 from rattlesweep.sweeps.run import Progress, Result, run_sweep
-from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.stored import Stored, open_stored
 
 ROOT = Path(__file__).parents[2]
 GATE = ROOT / "tests" / "helpers" / "gate.py"
@@ -226,7 +222,7 @@ def test_a_stop_keeps_the_blocks_that_are_done_and_frees_the_workers(
         ]
     else:
         with monkeypatch.context() as patch:
-            patch.setattr(Runs, "append", full)
+            patch.setattr(Stored, "append", full)
             with pytest.raises(OutputError, match="the disk is full"):
                 spread(output, SWEEP, engine)
     assert len(rows(output)) < 80
@@ -256,97 +252,6 @@ def test_lost_scheduler_and_one_without_workers_are_one_sentence(
         spread(output, SWEEP, make_engine(it.address), report=kill)
     assert spread(output, SWEEP).done == 70
     assert rows(output).equals(plain)
-
-
-SCRIPT = f"""
-import json, sys
-from pathlib import Path
-from rattlesweep.sweeps import run as runner
-from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.dask import make_engine
-from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.run import run_sweep
-
-if __name__ == "__main__":
-    runner.MOST_ROWS = 10
-    engine, plan = make_engine(**json.loads(sys.argv[2])), make_plan(parse_config({SWEEP!r}))
-    try:
-        run_sweep(plan, Path(sys.argv[1]), engine=engine)
-    except KeyboardInterrupt as error:
-        print(*error.__notes__, file=sys.stderr)
-        sys.exit(130)
-"""
-
-
-def workers_of(process: subprocess.Popen[str]) -> list[int]:
-    """Process ids of the workers of an embedded cluster, told from Python's own helpers."""
-    found = []
-    for path in Path(f"/proc/{process.pid}/task").glob("*/children"):
-        for child in map(int, path.read_text().split()):
-            with suppress(OSError):
-                if b"multiprocessing.spawn" in Path(f"/proc/{child}/cmdline").read_bytes():
-                    found.append(child)
-    return found
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("how", ["interrupted", "workers lost"])
-def test_an_embedded_cluster_hears_ctrl_c_and_replaces_workers(how, gate, plain, tmp_path):
-    """The driver is in a process group of its own, as a terminal has it."""
-    output = tmp_path / "out"
-    (tmp_path / "script.py").write_text(SCRIPT)
-    own = {"DASK_DISTRIBUTED__WORKER__PRELOAD": json.dumps([str(GATE)]),
-           "RATTLESWEEP_TESTS_GATE": str(gate)}  # fmt: skip
-    process = subprocess.Popen(
-        [sys.executable, tmp_path / "script.py", output, json.dumps({"workers": 2})],
-        env=os.environ | own, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True, start_new_session=True,
-    )  # fmt: skip
-    try:
-        wait_until(lambda: any(output.glob("runs/*.parquet")) or process.poll() is not None)
-        first, second = workers_of(process)
-        if how == "interrupted":
-            os.killpg(process.pid, signal.SIGINT)
-        else:
-            os.kill(first, signal.SIGKILL)
-            os.kill(second, signal.SIGSTOP)
-            (gate / "open").touch()
-        said = process.communicate(timeout=NEVER)[1]
-    finally:
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-    if how == "interrupted":
-        assert process.returncode == 130, said
-        assert re.fullmatch(r"\d+ runs are kept, 0 in flight were lost\n", said)
-        wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in (first, second)))
-        spread(output, SWEEP)
-    else:
-        assert (process.returncode, said) == (0, "")
-    assert rows(output).equals(plain)
-
-
-def test_embedded_cluster_is_closed_to_others_and_has_a_directory_of_its_own(tmp_path, monkeypatch):
-    planted = tmp_path / "dask-scratch-space"  # somebody else has prepared it
-    planted.mkdir(mode=0o777)
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    with daskengine.embedded(1, 1) as client:
-        (paths,) = client.run(lambda: sys.path).values()
-        (private,) = tmp_path.glob("rattlesweep-dask-*")
-        assert private.stat().st_mode & 0o777 == 0o700
-        below = [path for path in paths if Path(path).is_relative_to(tmp_path)]
-        assert all(Path(path).is_relative_to(private) for path in below)
-        address = client.scheduler.address
-        assert address.startswith("tls://127.0.0.1:")
-        for other in (address, address.replace("tls", "tcp")):
-            # In a process of its own: a client that failed can block the next one for ever.
-            code = f"from distributed import Client; Client({other!r}, timeout=1)"
-            call = [sys.executable, "-c", code]
-            intruder = subprocess.run(call, capture_output=True, text=True, timeout=60)
-            assert intruder.returncode == 1
-            assert "Error" in intruder.stderr
-    assert not private.exists()
-    assert not list(planted.iterdir())
 
 
 # -- what is refused ---------------------------------------------------------------------------
@@ -404,4 +309,4 @@ def test_address_where_nobody_is_is_told(tmp_path, monkeypatch):
 def test_missing_dask_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ConfigError, match=r"pip install '\.\[dask\]'"):
-        make_engine()
+        make_engine("tcp://127.0.0.1:8786")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import rattlesweep as rs
-from rattlesweep import ConfigError
-from rattlesweep.sweeps.classify import classify_stored
+from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.merge import classify_stored
 
 GH = rs.Rattleback.gh()
 SIGMA = [0.3, 3.0, 10.0, 1e6]

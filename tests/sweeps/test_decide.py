@@ -17,13 +17,12 @@ from sweeping import changed, plan_of, proved
 from test_invariance import Stop, cut
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.counts import wilson
 from rattlesweep.sweeps.decide import FIRST, Refining, Stopping, decision, nearest_rows
-from rattlesweep.sweeps.memory import integrate_plan, same_bits
-from rattlesweep.sweeps.status import status
+from rattlesweep.sweeps.run import integrate_plan
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.summary import summarise
-from rattlesweep.sweeps.verify import verify
+from rattlesweep.sweeps.types import wilson
+from rattlesweep.sweeps.verify import same_bits, status, verify
 
 GRID: dict[str, Any] = {
     "source": "grid",
@@ -69,7 +68,7 @@ def test_wanted_is_found_from_any_rows_in_any_order(name, done):
     """From none to all, wave by wave, with rows that nobody asked for, and in pieces."""
     plan, dice = plan_of(CONFIGS[name]), np.random.default_rng(4)
     rows, every = open_stored(done[name]).read(), integrate_plan(plan_of(without(CONFIGS[name])))
-    there = np.zeros(plan.shape, bool)
+    there = np.zeros((len(plan.cases), plan.samples), bool)
     there[rows["case"].to_numpy(), rows["sample"].to_numpy()] = True
     waves = {0}
     for surplus in (0.0, 0.3):

@@ -19,9 +19,9 @@ import pyarrow.parquet as pq
 import pytest
 
 import rattlesweep as rs
-from rattlesweep.sweeps.memory import same_bits
 from rattlesweep.sweeps.provenance import machine, versions
 from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.verify import same_bits
 
 HERE = Path(__file__).parents[1] / "golden"
 GOLDEN = HERE / "golden.parquet"

@@ -33,7 +33,8 @@ from hardship import (
 from sweeping import CONFIGS, PROGRAM
 from syscalls import CHANGES, MAY_FAIL
 
-from rattlesweep.sweeps.rows import Runs
+from rattlesweep.sweeps.columns import read_parquet, write_parquet
+from rattlesweep.sweeps.stored import files_of, metadata
 
 GRID = (
     "bodies: {source: grid, base: {preset: GH}, "
@@ -41,7 +42,7 @@ GRID = (
 )
 SPINS = "spin: {n_i: {linspace: [-0.4, 0.4, 6]}, omega_xy0: 0.01}"
 SD = "bodies: {source: sd, samples: 600}"
-SCENES = ("run", "classify", "retry", "fresh", "merge", "grow", "refine", "stop")
+SCENES = ("run", "classify", "retry", "merge", "grow", "refine", "stop")
 
 
 @dataclass(frozen=True)
@@ -91,8 +92,6 @@ def make_scene(name: str, folder: Path) -> Scene:
         command = ("classify", "{out}", "--set", OTHER_TYPES)
         after = did(command, Path(shutil.copytree(whole, folder / "after")))
         return Scene(whole, command, after)
-    if name == "fresh":
-        return Scene(did((*run, "--set", "seed=1"), folder / "other"), (*run, "--fresh"), whole)
     if name == "retry":
         before = Path(shutil.copytree(whole, folder / "failed"))
         fail_some(before)
@@ -104,15 +103,14 @@ def make_scene(name: str, folder: Path) -> Scene:
 
 def fail_some(directory: Path) -> None:
     """Make every third row one of a run that came to its limit of steps."""
-    runs = Runs(directory)
-    for path in runs.files():
-        table = runs.table(path)
+    for path in files_of(directory):
+        table = read_parquet(path)
         columns = table.to_pydict()
         for row, sample in enumerate(columns["sample"]):
             if sample % 3 == 1:
                 columns["status"][row] = "step_limit"
                 columns["type"][row] = columns["t_r"][row] = None
-        runs.rewrite(path, pa.table(columns, schema=table.schema))
+        write_parquet(pa.table(columns, schema=table.schema), path, metadata(path))
 
 
 def at_every_call(

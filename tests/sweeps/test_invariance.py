@@ -18,10 +18,10 @@ from sweeping import changed, plan_of
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.batch import most_threads
 from rattlesweep.sweeps import run as runner
-from rattlesweep.sweeps.memory import integrate_plan, same_bits
 from rattlesweep.sweeps.merge import merge
-from rattlesweep.sweeps.run import Job, Keys, Shard, local
+from rattlesweep.sweeps.run import Job, Keys, Shard, integrate_plan, local
 from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.verify import same_bits
 
 # Under the full model, of runs that take from 200 to 20,000 steps.
 FULL: dict[str, Any] = {

@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 import rattlesweep as rs
-from rattlesweep import ConfigError
+from rattlesweep.errors import ConfigError
 
 GH = rs.Rattleback.gh()
 ROW = {name: getattr(GH, name) for name in ("alpha", "beta", "gamma", "theta", "phi", "xi")}

@@ -12,9 +12,9 @@ from hardship import check_equal
 from refusal import assert_refused
 from sweeping import changed, invoke, tree
 
-from rattlesweep.sweeps.classify import classify_stored
-from rattlesweep.sweeps.rows import Runs
+from rattlesweep.sweeps.merge import classify_stored
 from rattlesweep.sweeps.run import Shard
+from rattlesweep.sweeps.stored import files_of
 
 CONFIG: dict[str, Any] = {
     "name": "shards",
@@ -87,7 +87,7 @@ def test_a_missing_shard_is_said_and_run_or_merge_does_the_rest(plain, thirds, t
 def test_files_that_are_copied_are_a_merge_too(plain, thirds, tmp_path):
     shutil.copytree(thirds[0], tmp_path, dirs_exist_ok=True)
     for third in thirds[1:]:
-        for path in Runs(third).files():
+        for path in files_of(third):
             shutil.copy(path, tmp_path / "runs" / f"{third.name}-{path.name}")
     assert sweep(tmp_path).done == 0
     check_equal(tmp_path, plain)
@@ -105,30 +105,30 @@ def test_shards_of_a_smaller_sweep(plain, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "word"),
+    ("changes", "code", "word"),
     [
-        ({"seed": 12}, "hold different sweeps (seed: 1"),
-        ({"classify": {"sw_departure": 0.2}}, "types of different thresholds"),
-        ({"spin": {"n_i": [0.2, -0.1], "omega_xy0": 0.1}}, "number their cases differently"),
+        ({"seed": 12}, 2, "holds another sweep (seed: 1"),
+        ({"classify": {"sw_departure": 0.2}}, 2, "types of different thresholds"),
+        ({"spin": {"n_i": [0.2, -0.1], "omega_xy0": 0.1}}, 1, "numbers its cases in another way"),
     ],
 )
-def test_only_shards_of_one_config_are_joined(changes, word, thirds, tmp_path):
+def test_only_shards_of_one_config_are_joined(changes, code, word, thirds, tmp_path):
     sweep(tmp_path / "other", (0, 12), **changes)
     result = merge(tmp_path / "other", thirds[1], to=tmp_path / "out")
-    assert_refused(result, 2, word)
-    assert not Runs(tmp_path / "out").files()
+    assert_refused(result, code, word)
+    assert not files_of(tmp_path / "out")
 
 
 def test_what_is_there_twice_or_damaged_is_not_passed_on(plain, thirds, tmp_path):
     result = merge(plain, thirds[0], to=tmp_path / "a")
     assert_refused(result, 1, "holds runs that are there twice")
     other = Path(shutil.copytree(thirds[0], tmp_path / "other"))
-    (path,) = Runs(other).files()
+    (path,) = files_of(other)
     path.write_bytes(path.read_bytes()[:-9])
     result = merge(other, *thirds[1:], to=tmp_path / "b")
     assert_refused(result, 1, f"{path} is damaged; do its runs")
     # The work of others is not at risk: the next merge with a good copy ends well.
-    shutil.copy(Runs(thirds[0]).files()[0], path)
+    shutil.copy(files_of(thirds[0])[0], path)
     assert merge(other, *thirds[1:], to=tmp_path / "b").exit_code == 0
     check_equal(tmp_path / "b", plain)
 
@@ -137,7 +137,7 @@ def test_output_must_be_new(plain, thirds, tmp_path):
     assert_refused(merge(plain, to=plain), 2, "a directory is given twice")
     sweep(tmp_path / "used", (0, 12), seed=3)
     before = tree(tmp_path / "used")
-    assert_refused(merge(plain, to=tmp_path / "used"), 2, "hold different sweeps (seed")
+    assert_refused(merge(plain, to=tmp_path / "used"), 2, "holds another sweep (seed")
     assert tree(tmp_path / "used") == before
     (tmp_path / "foreign").mkdir()
     (tmp_path / "foreign" / "a").touch()

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from sweeping import plan_of
 
-from rattlesweep.sweeps.arrow import write_parquet
-from rattlesweep.sweeps.cost import case_costs, expected_cost, sample_keys
+from rattlesweep.sweeps.columns import write_parquet
+from rattlesweep.sweeps.cost import case_costs, expected_cost, forecast, sample_keys
 from rattlesweep.sweeps.launches import prepare
-from rattlesweep.sweeps.memory import integrate_plan
-from rattlesweep.sweeps.pilot import forecast
+from rattlesweep.sweeps.run import integrate_plan
 
 CONFIG: dict[str, Any] = {
     "bodies": {"source": "sd", "samples": 1000},
@@ -32,7 +31,7 @@ def test_it_says_what_the_plan_takes(tmp_path):
     assert (found.runs, found.threads, found.decides) == (2000, 2, None)
     assert 0 <= found.low <= found.seconds <= found.high
     assert found.share == max(found.seconds / 2, found.longest) > 0
-    assert json.loads(json.dumps(found.as_data(), allow_nan=False))["runs"] == 2000
+    assert json.loads(json.dumps(vars(found), allow_nan=False))["runs"] == 2000
     text = replace(found, seconds=190.0, low=170.0, high=210.0, bytes=12_300_000).words
     assert "2,000 runs: 3:10 with 2 threads (95 %: 2:50 to 3:30), up to 12.3 MB on disk" in text
     assert "a shard takes about" in text

@@ -6,6 +6,7 @@ import os
 import random
 import shutil
 import stat
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +16,23 @@ import pyarrow.parquet as pq
 import pytest
 from sweeping import sweep
 
-from rattlesweep.errors import ConfigError, DamagedError, OutputError
+from rattlesweep.errors import DamagedError, OutputError
 from rattlesweep.sweeps import columns as units
-from rattlesweep.sweeps import rows as rows_module
-from rattlesweep.sweeps.arrow import build_table, ragged, read_parquet, write_parquet
-from rattlesweep.sweeps.cases import Case
-from rattlesweep.sweeps.columns import RECORD_PARTS, runs_schema, summary_schema
+from rattlesweep.sweeps import stored as stored_module
+from rattlesweep.sweeps.columns import (
+    RECORD_PARTS,
+    build_table,
+    ragged,
+    read_parquet,
+    runs_schema,
+    summary_schema,
+    write_parquet,
+)
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.files import replace_file, streamed_file
-from rattlesweep.sweeps.memory import same_bits
-from rattlesweep.sweeps.rows import Found, Runs
-from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.stored import Case, Stored, open_stored, pieces
+from rattlesweep.sweeps.verify import same_bits
 
-SCHEMA = runs_schema(("energy", "contact", "windows"))
 CASES = tuple(Case(k, None, None, -0.1 * (k + 1), 0.01) for k in range(5))
 CONFIG: dict[str, Any] = {
     "name": "rows",
@@ -35,6 +41,7 @@ CONFIG: dict[str, Any] = {
     "model": "gh",
     "horizon": {"t": 1000},
 }
+SCHEMA = runs_schema(("energy", "contact", "windows"))
 
 
 def random_columns(case: np.ndarray, sample: np.ndarray, seed: int = 1) -> dict[str, Any]:
@@ -67,17 +74,14 @@ def random_rows(cases: int, samples: int, seed: int = 1) -> pa.Table:
     return build_table(random_columns(case, sample, seed), SCHEMA)
 
 
-def scatter(directory: Path, table: pa.Table, parts: Any) -> Runs:
+def scatter(directory: Path, table: pa.Table, parts: Any) -> Stored:
     """Write rows into files; ``parts`` says for each row in which."""
-    runs = Runs(directory)
-    runs.folder.mkdir(parents=True)
+    config = parse_config({**CONFIG, "model": "full", "record": ["energy", "contact", "windows"]})
+    stored = Stored(directory, {}, config, CASES, (), 400, "sweep")
+    (directory / "runs").mkdir(parents=True)
     for part in np.unique(parts):
-        runs.append(table.filter(pa.array(parts == part)), "sweep", "{}", CASES)
-    return runs
-
-
-def find(runs: Runs) -> Found:
-    return runs.find(CASES, 400, "sweep", SCHEMA)
+        stored.append(table.filter(pa.array(parts == part)), "{}")
+    return stored
 
 
 # -- tables and files ------------------------------------------------------------------------------
@@ -121,11 +125,11 @@ def test_a_file_is_whole_or_not_there(tmp_path):
 
 def test_equal_tables_give_equal_files_that_anybody_may_read(tmp_path):
     table = random_rows(2, 300)
-    pieces = pa.concat_tables([table.slice(0, 100), table.slice(100)])
+    halves = pa.concat_tables([table.slice(0, 100), table.slice(100)])
     write_parquet(table, tmp_path / "one", {"key": "words"})
-    write_parquet(pieces, tmp_path / "two", {"key": "words"})
+    write_parquet(halves, tmp_path / "two", {"key": "words"})
     assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
-    assert same_bits(read_parquet(tmp_path / "one").replace_schema_metadata(None), table)
+    assert same_bits(read_parquet(tmp_path / "one"), table)
     mask = os.umask(0)
     os.umask(mask)
     assert stat.S_IMODE((tmp_path / "one").stat().st_mode) == 0o666 & ~mask
@@ -137,34 +141,35 @@ def test_equal_tables_give_equal_files_that_anybody_may_read(tmp_path):
 @pytest.mark.parametrize("piece", [50, 10**6])
 @pytest.mark.parametrize("files", [1, 7, 90])
 def test_rows_come_back_in_order_however_they_lie_in_files(files, piece, tmp_path, monkeypatch):
-    monkeypatch.setattr(rows_module, "PIECE", piece)
-    table = random_rows(5, 60)
+    monkeypatch.setattr(stored_module, "PIECE", piece)
+    table = random_rows(5, 400)
     parts = np.random.default_rng(files).integers(0, files, len(table))
-    runs = scatter(tmp_path, table, parts)
-    assert len(runs.files()) == len(np.unique(parts))
-    assert same_bits(pa.concat_tables(runs.batches()), table)
-    some = pa.concat_tables(runs.batches(["t_r", "case"]))
-    assert same_bits(some, table.select(["t_r", "case"]))
+    stored = scatter(tmp_path, table, parts)
+    assert len(stored.files()) == len(np.unique(parts))
+    assert same_bits(pa.concat_tables(pieces(stored.files())), table)
+    assert same_bits(stored.read(["t_r", "case"]), table.select(["t_r", "case"]))
 
 
 def test_pieces_are_bounded_where_files_follow_each_other(tmp_path, monkeypatch):
-    monkeypatch.setattr(rows_module, "PIECE", 100)
-    runs = scatter(tmp_path, random_rows(5, 400), np.arange(2000) // 40)
-    assert max(len(piece) for piece in runs.batches(["case"])) <= 140
+    monkeypatch.setattr(stored_module, "PIECE", 100)
+    stored = scatter(tmp_path, random_rows(5, 400), np.arange(2000) // 40)
+    assert max(len(piece) for piece in pieces(stored.files(), ["case"])) <= 140
 
 
 def test_what_is_there_is_found(tmp_path):
-    assert (Runs(tmp_path).files(), find(Runs(tmp_path)).rows) == ([], 0)
     table = random_rows(5, 400)
     there = np.random.default_rng(1).random(len(table)) < 0.3
-    found = find(scatter(tmp_path, table.filter(pa.array(there)), np.arange(there.sum()) // 100))
+    stored = scatter(tmp_path, table.filter(pa.array(there)), np.arange(there.sum()) // 100)
+    found = stored.find()
     assert np.array_equal(found.done.ravel(), there)
-    assert found.status["ok"] < found.rows == there.sum()
+    assert found.status["ok"] == found.types.total() < found.rows == there.sum()
     assert [*found.typed] == ["{}"]
+    shutil.rmtree(tmp_path / "runs")
+    assert (stored.files(), stored.find().rows) == ([], 0)
 
 
 @pytest.fixture
-def runs(tmp_path: Path) -> Runs:
+def stored(tmp_path: Path) -> Stored:
     return scatter(tmp_path / "out", random_rows(5, 400), np.arange(2000) // 700)
 
 
@@ -179,12 +184,12 @@ def runs(tmp_path: Path) -> Runs:
     ],
     ids=["empty", "foreign", "cut", "a bit of a key", "a bit of a number"],
 )
-def test_the_runs_of_a_damaged_file_are_to_do(harm, runs):
-    path = runs.files()[1]
+def test_the_runs_of_a_damaged_file_are_to_do(harm, stored):
+    path = stored.files()[1]
     harm(path)
     with pytest.raises(DamagedError, match="is damaged"):
-        list(runs.batches())
-    found = find(runs)
+        stored.read()
+    found = stored.find()
     assert found.damaged == [path]
     assert np.array_equal(np.flatnonzero(~found.done.ravel()), np.arange(700, 1400))
 
@@ -212,9 +217,8 @@ def test_no_flipped_bit_changes_a_number_or_loses_a_row(count, tmp_path):
         changed[place] ^= 1 << dice.randrange(8)
         path.write_bytes(changed)
         try:
-            args = stored.cases, stored.samples, stored.hash, stored.schema
-            if not stored.runs.find(*args).damaged:
-                assert same_bits(open_stored(tmp_path).read(), before)
+            if not stored.find().damaged:
+                assert same_bits(stored.read(), before)
                 continue
         except OutputError:
             pass
@@ -225,47 +229,33 @@ def test_no_flipped_bit_changes_a_number_or_loses_a_row(count, tmp_path):
 @pytest.mark.parametrize(
     "error", [pa.ArrowMemoryError("malloc of size 64 failed"), OSError(5, "I/O error")]
 )
-def test_out_of_memory_or_unreadable_is_not_damaged(error, runs, monkeypatch):
+def test_out_of_memory_or_unreadable_is_not_damaged(error, stored, monkeypatch):
     def fail(*args: Any, **options: Any) -> None:
         raise error
 
     monkeypatch.setattr(pq.ParquetFile, "read", fail)
     with pytest.raises((MemoryError, OutputError)) as raised:
-        find(runs)
+        stored.find()
     assert not isinstance(raised.value, DamagedError)
 
 
-def test_what_is_no_part_of_the_sweep_is_refused(runs):
-    first, *_, last = runs.files()
-    some = runs.table(first).slice(0, 2)
-    more = runs.folder / "zz.parquet"
+def test_what_is_no_part_of_the_sweep_is_refused(stored):
+    before = stored.files()
+    some = read_parquet(before[0]).slice(0, 2)
     other = tuple(Case(k, None, None, 0.5, 0.01) for k in range(5))
-
-    def refused(words: str) -> None:
-        (new,) = {*runs.files()} - {*before}
+    for own, rows, words in (
+        (stored, some, "holds runs that are there twice; move it away"),
+        (replace(stored, hash="another"), some, "holds runs of another sweep"),
+        (stored, some.drop_columns("t_r"), "has the columns of another version"),
+        (replace(stored, cases=other), some, "numbers its cases in another way"),
+    ):
+        own.append(rows, "{}")
+        (new,) = {*stored.files()} - {*before}
         with pytest.raises(OutputError, match=rf"\.parquet {words}"):
-            find(runs)
+            stored.find()
         new.unlink()
-
-    before = runs.files()
-    shutil.copy(last, more)
-    refused("holds runs that are there twice; move it away")
-    runs.append(some, "sweep", "{}", CASES)
-    refused("holds runs that are there twice")
-    runs.append(some, "another", "{}", CASES)
-    refused("holds runs of another sweep")
-    runs.append(some.drop_columns("t_r"), "sweep", "{}", CASES)
-    refused("has the columns of another version")
-    runs.append(some, "sweep", "{}", other)
-    refused("numbers its cases in another way")
-    pq.write_table(pa.table({"x": [1]}), more)
-    refused("holds runs of another sweep")
     with pytest.raises(OutputError, match=r"holds no runs, or others than of 5 cases of 300 samp"):
-        runs.find(CASES, 300, "sweep", SCHEMA)
-
-
-def test_columns_that_are_not_there(tmp_path):
-    sweep(tmp_path, CONFIG)
-    assert open_stored(tmp_path).read(["t_r"]).schema.names == ["t_r"]
-    with pytest.raises(ConfigError, match="its runs have no column t_R; they have case, sample"):
-        open_stored(tmp_path).read(["t_R"])
+        replace(stored, samples=300).find()
+    shutil.copy(before[-1], before[-1].with_name("zz.parquet"))
+    with pytest.raises(OutputError, match=r"zz\.parquet holds runs that are there twice"):
+        stored.find()

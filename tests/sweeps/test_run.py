@@ -31,8 +31,7 @@ from sweeping import (
 
 import rattlesweep as rs
 from rattlesweep import progress
-from rattlesweep.sweeps.arrow import same_schema
-from rattlesweep.sweeps.columns import runs_schema, summary_schema
+from rattlesweep.sweeps.columns import runs_schema, same_schema, summary_schema
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.run import Progress
 

@@ -14,13 +14,17 @@ import pytest
 import scipy.stats
 from test_rows import SCHEMA, random_columns
 
-from rattlesweep.sweeps import rows as rows_module
-from rattlesweep.sweeps.arrow import build_table, read_parquet, same_schema
-from rattlesweep.sweeps.cases import Case
-from rattlesweep.sweeps.columns import summary_schema
-from rattlesweep.sweeps.counts import Moments, wilson
-from rattlesweep.sweeps.rows import Runs
-from rattlesweep.sweeps.summary import closing_table, same_summary, summarise, write_summary
+from rattlesweep.sweeps import stored as stored_module
+from rattlesweep.sweeps.columns import build_table, read_parquet, same_schema, summary_schema
+from rattlesweep.sweeps.stored import Case, Stored
+from rattlesweep.sweeps.summary import (
+    Moments,
+    closing_table,
+    same_summary,
+    summarise,
+    write_summary,
+)
+from rattlesweep.sweeps.types import wilson
 
 CASES = (
     Case(0, "K_r", 0.01, -0.1, 0.01),
@@ -37,16 +41,13 @@ def fill(directory: Path, size: int, rows: int = 1000, seed: int = 1, cases: Any
 
 
 def write(directory: Path, columns: dict[str, Any], size: int = 10**9, cases: Any = CASES) -> Any:
-    table, runs = build_table(columns, SCHEMA), Runs(directory)
-    runs.folder.mkdir(parents=True)
+    table = build_table(columns, SCHEMA)
+    config: Any = SimpleNamespace(dissipation=None, record=(), stop=None, bodies=None)
+    stored = Stored(directory, {}, config, cases, (), 1, "sweep")
+    (directory / "runs").mkdir(parents=True)
     for start in range(0, len(table), size):
-        runs.append(table[start : start + size], "sweep", "{}", cases)
-    config = SimpleNamespace(dissipation=None, record=(), stop=None, bodies=None)
-
-    def batches(names: Any) -> Any:
-        return (batch for piece in runs.batches(names) for batch in piece.to_batches())
-
-    return SimpleNamespace(directory=directory, cases=cases, config=config, batches=batches)
+        stored.append(table[start : start + size], "{}")
+    return stored
 
 
 def oracle(runs: pd.DataFrame) -> dict[str, float]:
@@ -85,22 +86,23 @@ def test_against_pandas(tmp_path, seed, size, rows):
     assert summary.column("K_p").to_pylist() == [None, 0.3, None]
     assert summary.column("n_i").to_pylist() == [-0.1, -0.1, None]
     # It is written as it was made.
-    path = write_summary(stored, summary)
+    write_summary(stored, summary)
+    path = tmp_path / "summary.parquet"
     assert pd.read_parquet(path).equals(summary.to_pandas())
     assert read_parquet(path).schema.field("t_r_mean").metadata[b"unit"] == b"sqrt(a/g)"
 
 
 def test_how_rows_lie_in_files_does_not_show(tmp_path, monkeypatch):
-    monkeypatch.setattr(rows_module, "PIECE", 700)
+    monkeypatch.setattr(stored_module, "PIECE", 700)
     tables = [summarise(fill(tmp_path / str(n), n, 3000)) for n in (3000, 1024, 100)]
     # Every other row in a file of its own, as retried runs are.
     stored = fill(tmp_path / "cut", 10**9, 3000)
-    (path,) = Runs(tmp_path / "cut").files()
-    rows = Runs(tmp_path / "cut").table(path)
+    (path,) = stored.files()
+    rows = read_parquet(path)
     path.unlink()
     for part in range(7):
         chosen = np.arange(part, len(rows), 7)
-        Runs(tmp_path / "cut").append(rows.take(pa.array(chosen)), "sweep", "{}", CASES)
+        stored.append(rows.take(pa.array(chosen)), "{}")
     tables.append(summarise(stored))
     assert all(table.equals(tables[0]) for table in tables)
     for name in ("t_r_mean", "t_r_std", "t_rgh_mean", "t_r_over_t_rgh_mean", "t_r_over_t_rgh_sem"):

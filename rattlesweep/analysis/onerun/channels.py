@@ -1,4 +1,4 @@
-"""What can be asked of a trajectory: each channel with its unit, its words and its formula."""
+"""Quantities of a trajectory: each channel with its unit, its words and its formula."""
 # ruff: noqa: D102 - names and types say it
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ import numpy as np
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, reduced
-from rattlesweep.physics.attitude import quaternion
+from rattlesweep.physics.full import quaternion
 from rattlesweep.sweeps.columns import ENERGY, FORCE, RATE, TIME
-from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.config import not_one_of
 
 if TYPE_CHECKING:
     from rattlesweep.integrate.follow import Samples
@@ -134,7 +134,6 @@ class View:
 
     @property
     def work(self) -> Floats:
-        # Behind the five variables that the full model has.
         has = self.model == "full" and len(self.y) > full.N_STATE
         return self.y[full.N_STATE] if has else np.zeros(self.y.shape[1])
 
@@ -144,29 +143,28 @@ class View:
 
     @cached_property
     def modes(self) -> tuple[Floats, Floats]:
-        """Energies of pitch and roll.
+        """Energies of pitch and roll, whose modes are those without spin.
 
         With ``e`` an eigenvector of Eq. def-omgpr, ``omega`` without the spin and ``tilt`` the
         angle whose rate it is (Eq. lin-u), the energy of a mode is
-        ``((e.J^1/2 omega)^2 + omega_j^2 (e.J^1/2 tilt)^2) / 2``.  The modes are those without spin.
+        ``((e.J^1/2 omega)^2 + omega_j^2 (e.J^1/2 tilt)^2) / 2``.
         """
         if self.model == "reduced":
             return self.y[1], self.y[2]
-        p, q = self.y[:2]
         u, omega = self.vectors
-        a, b = omega[:2] - self.n * u[:2]
+        wx, wy = omega[:2] - self.n * u[:2]
         m, bodies = self.launches.modes, self.launches.bodies
 
         def energy(psi: Floats, frequency: Floats) -> Floats:
             x, y = bodies.alpha * np.cos(psi), bodies.beta * np.sin(psi)
             inertia = bodies.alpha * np.cos(psi) ** 2 + bodies.beta * np.sin(psi) ** 2
-            rate, tilt = x * a + y * b, x * q - y * p
+            rate, tilt = x * wx + y * wy, x * self.y[1] - y * self.y[0]
             value: Floats = 0.5 * (rate**2 + (frequency * tilt) ** 2) / inertia
             return value
 
         return energy(m.psi_p, m.omega_p), energy(m.psi_r, m.omega_r)
 
-    @cached_property
+    @property
     def casimir(self) -> Floats:
         m = self.launches.modes
         value = reduced.casimir(*self.modes, m.K_p, m.K_r)
@@ -200,6 +198,7 @@ class Channel:
     models: tuple[str, ...]  # that have it
     of: Callable[[View], Floats]
     needs: str = ""  # "attitude" or "reduced" where that must be integrated too
+    size: float = 1.0  # of the unit, in the units of the body
 
 
 FULL, BOTH, ALL = ("full",), ("full", "reduced"), ("full", "reduced", "gh")
@@ -254,42 +253,27 @@ CHANNELS: dict[str, Channel] = {
     )
 }  # fmt: skip
 
-
-SPINS = ("n", "n_reduced", "n_gh")
-"""Channels that are in turns a minute where a body's size is known."""
 SUFFIXES = {"s": "s", "rad/s": "rad_s", "rpm": "rpm", "m": "m", "J": "J", "N": "N"}
 
 
-def si_size(name: str, unit: str, units: Units | None) -> tuple[float, str]:
-    """Return a factor and the SI unit of a channel; 1 and its own unit where there is none."""
-    if units is None or unit not in units.sizes:
-        return 1.0, unit
-    size, si_unit = units.sizes[unit]
-    return (size * 30 / math.pi, "rpm") if name in SPINS else (size, si_unit)
+def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:
+    """Return channels of a model by name."""
+    own = [channel.name for channel in CHANNELS.values() if model in channel.models]
+    names = list(dict.fromkeys(names))
+    for name in names:
+        if name not in own:
+            raise ConfigError(f"channels of the model {model}: {not_one_of(name, own)}")
+    return tuple(CHANNELS[name] for name in names)
 
 
 def in_si(channels: Iterable[Channel], units: Units | None) -> dict[str, Channel]:
-    """Return channels of the same quantities in SI units, such as ``t_s``, by the plain names."""
+    """Return the channels that have an SI unit, such as ``t_s`` of ``t``, by their plain names."""
     found = {}
     for channel in channels:
-        size, unit = si_size(channel.name, channel.unit, units)
-        if unit != channel.unit:
-            of = partial(lambda view, of, size: size * of(view), of=channel.of, size=size)
+        if units is not None and channel.unit in units.sizes:
+            size, unit = units.sizes[channel.unit]
+            if channel.name in ("n", "n_reduced", "n_gh"):
+                size, unit = size * 30 / math.pi, "rpm"
             name = f"{channel.name}_{SUFFIXES[unit]}"
-            found[channel.name] = replace(channel, name=name, unit=unit, of=of, needs="")
+            found[channel.name] = replace(channel, name=name, unit=unit, size=size)
     return found
-
-
-def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:
-    """Return channels by name; unknown, repeated or foreign ones, or none, are a ConfigError."""
-    names = list(names)
-    own = [channel.name for channel in CHANNELS.values() if model in channel.models]
-    for name in names:
-        if name not in own:
-            other = f"{name} is not of the model {model}, which has {', '.join(own)}"
-            raise ConfigError(f"channels: {other if name in CHANNELS else not_one_of(name, own)}")
-        if names.count(name) > 1:
-            raise ConfigError(f"channels: {name} is named {names.count(name)} times; once is right")
-    if not names:
-        raise ConfigError("channels: none is named; t,n for instance")
-    return tuple(CHANNELS[name] for name in names)

@@ -1,21 +1,23 @@
-"""One run as a table of chosen channels, whole or in chunks."""
+"""One run as a table of chosen channels, chunk by chunk: in memory, as Parquet or as CSV."""
 # ruff: noqa: D102 - names and types say it
 
 from __future__ import annotations
 
-import html
+import json
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pcsv
+import pyarrow.parquet as pq
 
 from rattlesweep.analysis.onerun.channels import View, choose, contact_force, in_si, spin
-from rattlesweep.analysis.onerun.rows import Rows
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import PLATEAU_SHARE
@@ -24,26 +26,118 @@ from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.sweeps.launches import model_of, reduced_batch, with_energies
-from rattlesweep.sweeps.single import Launch, single_run
-from rattlesweep.text import counted
+from rattlesweep.sweeps import columns
+from rattlesweep.sweeps.columns import build_table
+from rattlesweep.sweeps.files import streamed_file
+from rattlesweep.sweeps.launches import Launch, model_of, reduced_batch, single_run, with_energies
+from rattlesweep.sweeps.provenance import package_version
 
 if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
+    from typing import Self
 
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.physics.si import Units
     from rattlesweep.sweeps.config.schema import Config
     from rattlesweep.sweeps.launches import Launches
 
-# A run that is ready to be integrated, as :func:`single_run` makes it of a launch and
-# :meth:`rattlesweep.analysis.onerun.replay.Replay.prepare` of a stored run.
-PreparedRun: TypeAlias = "tuple[Config, Launches, Batch | None]"
-# Rows that are in memory at once.
 CHUNK = 8192
-# Tolerance of the reduced model beside: its errors are far below its distance from the full one.
+"""Rows that are in memory at once."""
+PER_PERIOD, LEAST_ROWS, MOST_ROWS = 20, 2001, 10**8
+"""Rows in a period of the pitch, and all of them, where nothing else is asked for."""
 BESIDE_TOL = 1e-10
+"""Tolerance of the reduced model beside, whose distance from the full one is far larger."""
+
+
+@dataclass(frozen=True)
+class PreparedRun:
+    """One run that is ready to be integrated; all arrays have one entry."""
+
+    config: Config
+    launches: Launches
+    batch: Batch | None  # None in the model gh
+    units: Units | None = None  # of a body whose size is known
+    energies: tuple[float | None, float | None] = (None, None)  # with which the reduced one begins
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.t_end) and self.t_end > 0):
+            raise ConfigError(f"t_end: {self.t_end:g} is no finite, positive time; give t_end")
+
+    @classmethod
+    def of(cls, launch: Launch) -> Self:
+        return cls(*single_run(launch), launch.body.units, (launch.e_p0, launch.e_r0))
+
+    @property
+    def model(self) -> str:
+        return str(self.config.model)
+
+    @property
+    def t_end(self) -> float:
+        return float(self.launches.t_end[0])
+
+    @cached_property
+    def body(self) -> dict[str, float]:
+        bodies = self.launches.bodies
+        body = {name: float(getattr(bodies, name)[0]) for name in PARAMETERS}
+        ellipsoid = bodies.c is not None and np.isfinite(bodies.c[0])
+        return body | {"c": float(bodies.c[0])} if ellipsoid else body  # type: ignore[index]
+
+    @cached_property
+    def launch(self) -> dict[str, float]:
+        return {x: float(getattr(self.launches, x)[0]) for x in ("n_i", "omega_xy0", "psi")}
+
+    @property
+    def integrator(self) -> dict[str, Any]:
+        own = self.config.integrator
+        step = {"tol": own.tol} if METHODS[own.method].adaptive else {"dt": own.dt}
+        return {"method": own.method, **step}
+
+    @property
+    def title(self) -> str:
+        """The run in one line."""
+        names = {"alpha": "α", "beta": "β", "gamma": "γ", "theta": "θ", "phi": "φ", "c": "c"}
+        body = ", ".join(f"{names[x]} {v:.4g}" for x, v in self.body.items() if x in names)
+        launch = f"n_i {self.launch['n_i']:.4g}, ω_xy0 {self.launch['omega_xy0']:.4g}"
+        line = f"{body}, ξ {math.degrees(self.body['xi']):.4g}°; {launch}; units M = a = g = 1"
+        return line.replace("-", "−")
+
+    def even_rows(self, per_period: int, least: int, most: int, start: float | None = None) -> int:
+        """Return how many rows are so many in each period of the pitch, from a time on."""
+        shown = self.t_end - (start or 0.0)
+        pitch = float(self.launches.modes.omega_p[0]) if self.model == "full" else 0.0
+        return min(max(least, math.ceil(shown * pitch / (2 * math.pi) * per_period) + 1), most)
+
+    def row_times(
+        self, points: int | None, dt: float | None, steps: bool, times: Any, start: float | None
+    ) -> Floats | None:
+        """Return the times of the rows, of which none is before `start`; None for the steps."""
+        ways = {"points": points, "dt": dt, "steps": steps or None, "times": times}
+        given = [name for name, value in ways.items() if value is not None]
+        first, t_end = start or 0.0, self.t_end
+        if len(given) > 1:
+            raise ConfigError(f"{' and '.join(given)} are both given; keep one of them")
+        if not 0 <= first < t_end:
+            raise ConfigError(f"from_time {first:g}: rows begin from 0 to t_end = {t_end:g}")
+        if steps and self.batch is None:
+            raise ConfigError("steps: the model gh takes none; give points or dt")
+        if steps:
+            return None
+        if times is not None:
+            wanted: Floats = np.array(times, float, ndmin=1)
+            rising = wanted.ndim == 1 and wanted.size > 0 and (np.diff(wanted) > 0).all()
+            if not (rising and wanted[0] >= 0 and wanted[-1] <= t_end):
+                raise ConfigError(f"times: a list that increases from 0 at least to t_end = "
+                                  f"{t_end:g} is needed")  # fmt: skip
+            return wanted[wanted >= first]
+        if dt is not None and dt <= 0:
+            raise ConfigError(f"dt {dt:g}: the distance of two rows must be positive")
+        if dt is None:
+            count = points or self.even_rows(PER_PERIOD, LEAST_ROWS, MOST_ROWS + 1, start)
+        else:
+            count = int(min((t_end - first) / dt, MOST_ROWS)) + 2
+        if count > MOST_ROWS:
+            raise ConfigError(f"more than {MOST_ROWS:,} rows; ask for fewer")
+        rows = first + (dt or 1.0) * np.arange(count, dtype=np.float64)
+        return np.linspace(first, t_end, count) if dt is None else rows[rows <= t_end]
 
 
 @dataclass
@@ -53,30 +147,26 @@ class Observer:
     plateau: float  # modulus of the launch's spin; of a launch without spin, n_0
     zeros: list[float] = field(default_factory=list)  # of the spin so far, kept by the follower
     reversals: list[float] = field(default_factory=list)  # the first zero of each turn
-    normal_min: float = math.inf  # least normal force in M g
-    friction_max: float = 0.0  # largest ratio of the tangential force to it
-    lifts: float = math.nan  # when the first is first negative; NaN if never
-    slips: float = math.nan  # when the second is first above 1; NaN if never
+    lifts: float = math.nan  # when the normal force is first negative; NaN if never
+    slips: float = math.nan  # when rolling first needs a friction above 1; NaN if never
     # The last time beyond the share PLATEAU_SHARE of the plateau, and the sign of the spin then.
-    _last: tuple[float, float] = (0.0, 0.0)
+    last: tuple[float, float] = (0.0, 0.0)
 
     def spin(self, t: Floats, n: Floats) -> None:
         far = np.abs(n) > PLATEAU_SHARE * self.plateau
-        t = np.concatenate([[self._last[0]], t[far]])
-        side = np.concatenate([[self._last[1]], np.sign(n[far])])
+        t = np.append(self.last[0], t[far])
+        side = np.append(self.last[1], np.sign(n[far]))
         for k in np.flatnonzero(side[1:] * side[:-1] < 0):
             first = bisect_right(self.zeros, t[k])
             self.reversals += self.zeros[first : first + 1]
-        self._last = float(t[-1]), float(side[-1])
+        self.last = float(t[-1]), float(side[-1])
 
     def forces(self, t: Floats, normal: Floats, tangential: Floats) -> None:
-        ratio = np.divide(tangential, normal, out=np.zeros(len(t)), where=normal > 0)
-        if not self.lifts <= t[0] and (normal < 0).any():
+        slipping = (normal > 0) & (tangential > normal)
+        if math.isnan(self.lifts) and (normal < 0).any():
             self.lifts = float(t[np.argmax(normal < 0)])
-        if not self.slips <= t[0] and (ratio > 1).any():
-            self.slips = float(t[np.argmax(ratio > 1)])
-        self.normal_min = min(self.normal_min, float(normal.min()))
-        self.friction_max = max(self.friction_max, float(ratio.max()))
+        if math.isnan(self.slips) and slipping.any():
+            self.slips = float(t[np.argmax(slipping)])
 
     @property
     def warning(self) -> str:
@@ -84,18 +174,15 @@ class Observer:
         if math.isfinite(self.lifts):
             return (
                 f"contact would be lost at t = {self.lifts:.4g}, where the normal force becomes "
-                f"negative (least: {self.normal_min:.2g} M g); the model keeps the body on the "
-                "plane all the same"
+                "negative; the model keeps the body on the plane all the same"
             )
         if math.isfinite(self.slips):
-            return (
-                "rolling without slip needs a coefficient of friction above 1 from "
-                f"t = {self.slips:.4g} (largest: {self.friction_max:.3g})"
-            )
+            needed = "rolling without slip needs a coefficient of friction above 1"
+            return f"{needed} from t = {self.slips:.4g} on"
         return ""
 
 
-class _ClosedForm:
+class ClosedForm:
     """Garcia and Hubbard's solution in a follower's place: there is nothing to integrate."""
 
     status, n_steps, ended, energy_0 = Status.OK, 0, True, math.nan
@@ -113,80 +200,58 @@ class _ClosedForm:
 class Course:
     """A trajectory under way: iterate to get its columns chunk by chunk.
 
-    `watch` is called with the share that is done, every few thousand steps.  `zeros` and
-    `reversals` are the times of all zeros of the spin so far, and of the first zero of each turn.
+    One of `points`, `dt`, `steps` and `times` chooses the rows, none of which is before
+    `from_time`.  `watch` is called with the share that is done, every few thousand steps.  `zeros`
+    and `reversals` are the times of all zeros of the spin so far, and of the first of each turn.
     """
 
     def __init__(
         self,
-        run: Launch | PreparedRun,
-        *,
+        run: PreparedRun,
         channels: Sequence[str] = ("t", "n"),
-        rows: Rows = Rows(),  # noqa: B008 - frozen
+        *,
+        points: int | None = None,
+        dt: float | None = None,
+        steps: bool = False,
+        times: Any = None,
+        from_time: float | None = None,
         watch: Callable[[float], None] | None = None,
     ) -> None:
-        self.units: Units | None = None
-        energies: tuple[float | None, float | None] = None, None
-        if isinstance(run, Launch):
-            energies, self.units = (run.e_p0, run.e_r0), run.body.units
-        config, launches, batch = single_run(run) if isinstance(run, Launch) else run
-        # The launch and what theory says of it, as arrays over this one run.
-        self.launches, self.model = launches, str(config.model)
-        chosen = choose(channels, self.model)
-        self.si = in_si(chosen, self.units)
-        self.channels = *chosen, *self.si.values()
-        self.body = {name: float(getattr(launches.bodies, name)[0]) for name in PARAMETERS}
-        if launches.bodies.c is not None and np.isfinite(launches.bodies.c[0]):
-            self.body["c"] = float(launches.bodies.c[0])
-        self.launch = {
-            name: float(getattr(launches, name)[0]) for name in ("n_i", "omega_xy0", "psi")
-        }
-        self.t_end = t_end = float(launches.t_end[0])
-        if not (math.isfinite(t_end) and t_end > 0):
-            raise ConfigError("t_end: Garcia and Hubbard's time of reversal is no finite time; "
-                              "give t_end")  # fmt: skip
-        if rows.steps and batch is None:
-            raise ConfigError("steps: the model gh takes none; give points or dt")
-        # Periods of the pitch up to the horizon; 0 for a model without them.
-        pitch = float(launches.modes.omega_p[0]) / (2 * math.pi)
-        self.periods = t_end * pitch if self.model == "full" else 0.0
-        # Times of the rows; None for the accepted steps.
-        self.times = rows.up_to(t_end, self.periods)
-        self._start = rows.from_time or 0.0
-        needs = {channel.needs for channel in self.channels}
+        chosen = choose(channels, run.model)
+        launches = run.launches
+        needs = {channel.needs for channel in chosen}
         if "reduced" in needs and launches.bodies.omega is not None:
             raise ConfigError("channels: the reduced model begins with a spin and an oscillation, "
                               "and has no run beside one launched from a full state")  # fmt: skip
-        if self.model == "full" and energies != (None, None) and "reduced" not in needs:
+        if run.model == "full" and run.energies != (None, None) and "reduced" not in needs:
             raise ConfigError("e_p0 and e_r0 are of the reduced model; no channel asks for it")
-        own = config.integrator
-        tableau = METHODS[own.method]
-        setting: dict[str, Any] = {"tol": own.tol} if tableau.adaptive else {"dt": own.dt}
-        self.integrator: dict[str, Any] = {"method": own.method} | setting
+        self.run, self.si = run, in_si(chosen, run.units)
+        self.channels = (*chosen, *self.si.values())
+        self.times = run.row_times(points, dt, steps, times, from_time)
+        self._start = from_time or 0.0
+        self._constants = np.zeros(0) if run.batch is None else run.batch.constants[0]
         self.observer = Observer(float(launches.spin_scale[0]))
-        self.constants = np.zeros(0) if batch is None else batch.constants[0]
-        self._follower: Follower | _ClosedForm
-        if batch is None:
-            self._follower = _ClosedForm(launches)
-            # Its spin has one zero and goes through it for good.
-            self.observer.reversals += self._follower.zeros
+        self._follower: Follower | ClosedForm
+        if run.batch is None:
+            self._follower = ClosedForm(launches)
+            self.observer.reversals += self._follower.zeros  # its spin goes through zero for good
         else:
+            setting = run.integrator
             self._follower = Follower(
-                batch,
-                tableau,
-                model_of(config),
+                run.batch,
+                METHODS[setting.pop("method")],
+                model_of(run.config),
                 **setting,
-                max_steps=own.max_steps,
+                max_steps=run.config.integrator.max_steps,
                 attitude="attitude" in needs,
                 look=self._look,
-                watch=None if watch is None else lambda t: watch(min(1.0, t / t_end)),
+                watch=None if watch is None else lambda t: watch(min(1.0, t / run.t_end)),
             )
         self.zeros = self.observer.zeros = self._follower.zeros
         self.reversals = self.observer.reversals
-        self._view = partial(View, self.model, launches, self.constants, self._follower.energy_0)
         self._beside = None
         if "reduced" in needs:
-            beside = with_energies(reduced_batch(launches), *energies)
+            beside = with_energies(reduced_batch(launches), *run.energies)
             self._beside = Follower(beside, DOP853, REDUCED, tol=BESIDE_TOL)
 
     @property
@@ -203,12 +268,14 @@ class Course:
 
     def __iter__(self) -> Iterator[dict[str, Floats]]:
         """Yield columns by name, at most :data:`CHUNK` rows at a time."""
+        run, energy_0 = self.run, self._follower.energy_0
         for samples in self._samples():
             beside = None if self._beside is None else self._beside.at(samples.t)
-            view = self._view(samples, beside)
-            yield {channel.name: channel.of(view) for channel in self.channels}
+            view = View(run.model, run.launches, self._constants, energy_0, samples, beside)
+            yield {channel.name: channel.size * channel.of(view) for channel in self.channels}
 
     def columns(self) -> dict[str, Floats]:
+        """Integrate to the end, and return the columns whole."""
         chunks = list(self)
         return {
             c.name: np.concatenate([np.zeros(0), *(chunk[c.name] for chunk in chunks)])
@@ -222,7 +289,7 @@ class Course:
             found = follower.launch()
             while found.t.size or not follower.ended:
                 early = int(np.searchsorted(found.t, self._start))
-                if early < len(found.t):  # what was not asked for has no rows
+                if early < len(found.t):
                     yield Samples(found.t[early:], found.y[early:], found.extra[early:])
                 found = follower.steps()
             return
@@ -241,112 +308,53 @@ class Course:
         """Observe the accepted steps as they come, and at first the launch."""
         if not len(t):
             return
-        columns = np.ascontiguousarray(y.T)
+        state = np.ascontiguousarray(y.T)
         with np.errstate(all="ignore"):  # a run that goes wrong overflows
-            if self.model == "reduced":
-                self.observer.spin(t, columns[0])
+            if self.run.model == "reduced":
+                self.observer.spin(t, state[0])
             else:
-                self.observer.spin(t, spin(columns))
-                self.observer.forces(t, *contact_force(columns, self.constants))
+                self.observer.spin(t, spin(state))
+                self.observer.forces(t, *contact_force(state, self._constants))
 
 
-@dataclass(frozen=True)
-class Trajectory:
-    """A run as a table.
-
-    Attributes
-    ----------
-    table : pandas.DataFrame
-        One column per channel; NaN where a channel has no finite value. Of a body whose size is
-        known, the same in SI units follow, such as ``t_s`` and ``n_rpm``.
-    reversals : ndarray
-        Times of the turns up to ``t_end``, in ``sqrt(a/g)``: the spin has gone from beyond a
-        quarter of the launch's spin to beyond a quarter on the other side, and the time is that of
-        its first zero on the way.
-    zeros : ndarray
-        Times of all zeros of the spin; the first is the ``t_r`` of a sweep.
-    t_end : float
-        Time reached.
-    status : str
-        ``ok``, or a word for what went wrong, as in the tables of runs.
-    n_steps : int
-        Accepted steps.
-    units : dict
-        Unit of each column.
-    warning : str
-        Where contact would be lost, or rolling needs a coefficient of friction above 1; else empty.
-    si : dict
-        Columns in SI units by those they belong to, such as ``t_s`` by ``t``.
-    """
-
-    table: pd.DataFrame
-    reversals: Floats
-    zeros: Floats
-    t_end: float
-    status: str
-    n_steps: int
-    units: dict[str, str]
-    warning: str = ""
-    si: dict[str, str] = field(default_factory=dict)
-    page: Callable[..., Any] | None = field(default=None, repr=False, compare=False)
-
-    def show(self, **settings: Any) -> Any:
-        """Return the page on which the body rolls; settings as for :func:`rattlesweep.show`."""
-        assert self.page is not None
-        return self.page(**settings)
-
-    def __getitem__(self, columns: str | list[str]) -> Any:
-        """Return a column as a Series, or several as a DataFrame."""
-        return self.table[columns]
-
-    def __repr__(self) -> str:
-        turns = counted(len(self.reversals), "reversal")
-        names = ", ".join(map(str, self.table))
-        return (
-            f"<Trajectory of {names}: {counted(len(self.table), 'row')}, {turns} by "
-            f"t = {self.t_end:g}, {self.status}>"
-        )
-
-    def _repr_html_(self) -> str:
-        return f"<div>{html.escape(repr(self))}{self.table.to_html(max_rows=6)}</div>"
-
-    def plot(self, path: str | Path | None = None) -> Figure:
-        """Draw each column against the time, and write the figure to a file if `path` is given.
-
-        Raises
-        ------
-        ConfigError
-            If the table has no column ``t``, or no other one.
-        """
-        from rattlesweep.analysis import style
-
-        names = [str(name) for name in self.table if name not in ("t", *self.si.values())]
-        if "t" not in self.table or not names:
-            raise ConfigError("channels: t and at least one other are needed for a plot")
-        shown = {name: self.si.get(name, name) for name in ("t", *names)}
-        with style.styled():
-            figure = style.new_figure(7.2, 1.2 + 1.6 * len(names))
-            panels = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
-            for panel, name in zip(panels, names, strict=True):
-                t, values = (self.table[shown[k]].to_numpy() for k in ("t", name))
-                style.curve(panel, t, values)
-                panel.set_ylabel(style.label(name, self.units[shown[name]]))
-                style.light_grid(panel)
-            panels[-1].set_xlabel(style.label("t", self.units[shown["t"]]))
-            if path is not None:
-                style.save(figure, [Path(path)], 150.0)
-        # Figures made without pyplot need `_repr_png_` to show in a notebook.
-        setattr(figure, "_repr_png_", lambda: style.encode(figure, "png", 110.0))  # noqa: B010
-        return figure
+def save(course: Course, path: Path) -> None:
+    """Integrate and write a file, whole or not at all."""
+    with streamed_file(path) as file:
+        (write_csv if path.suffix.lower() == ".csv" else write_parquet)(course, file)
 
 
-def collect(course: Course, page: Callable[..., Any] | None = None) -> Trajectory:
-    """Integrate the whole trajectory into memory; `page` is what its `show` calls."""
-    import pandas as pd  # half a second, which commands need not wait for
+def write_parquet(course: Course, file: BinaryIO) -> None:
+    """Integrate and write row groups; at the end, where pyarrow can, the reversals and zeros."""
+    schema = _schema(course)
+    with pq.ParquetWriter(file, schema, compression="zstd", version="2.6") as writer:
+        for chunk in course:
+            writer.write_table(build_table(chunk, schema))
+        if hasattr(writer, "add_key_value_metadata"):  # younger than pyarrow 16
+            writer.add_key_value_metadata(
+                {"rattlesweep.reversals": json.dumps(course.reversals),
+                 "rattlesweep.zeros": json.dumps(course.zeros),
+                 "rattlesweep.status": course.status.label}
+            )  # fmt: skip
 
-    table = pd.DataFrame(course.columns())
-    units = {c.name: c.unit for c in course.channels}
-    zeros, reversals = np.array(course.zeros), np.array(course.reversals)
-    si = {name: channel.name for name, channel in course.si.items()}
-    return Trajectory(table, reversals, zeros, course.t, course.status.label, course.n_steps,
-                      units, course.observer.warning, si, page)  # fmt: skip
+
+def write_csv(course: Course, file: BinaryIO) -> None:
+    """Integrate and write lines: names first, digits that give the same number back."""
+    schema = _schema(course)
+    file.write((",".join(schema.names) + "\n").encode())
+    for chunk in course:
+        sink = pa.BufferOutputStream()
+        # In one piece: pyarrow (26) writes what was in memory for an empty chunk before others.
+        table = build_table(chunk, schema).combine_chunks()
+        pcsv.write_csv(table, sink, pcsv.WriteOptions(include_header=False))
+        file.write(sink.getvalue().to_pybytes())
+
+
+def _schema(course: Course) -> pa.Schema:
+    """Return the columns with unit and description; the metadata say which run it is."""
+    run = course.run
+    about = run.body | run.launch | {
+        "model": run.model, "t_end": run.t_end, "rattlesweep": package_version(),
+        "integrator": run.integrator,
+    }  # fmt: skip
+    fields = [columns.field(c.name, columns.F64, c.unit, c.description) for c in course.channels]
+    return pa.schema(fields, metadata={"rattlesweep.run": json.dumps(about)})

@@ -18,8 +18,7 @@ from typing import Any
 
 from numba import njit
 
-from rattlesweep.integrate.lanes.intrinsics import INNER
-from rattlesweep.integrate.lanes.lane import Point
+from rattlesweep.integrate.lanes.lane import INNER, Point
 from rattlesweep.physics.full import scalar
 
 # Modes of a lane.

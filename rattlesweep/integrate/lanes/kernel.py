@@ -19,19 +19,19 @@ from math import isfinite, sqrt
 
 from numba import njit, prange
 
-from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes import events, runs
 from rattlesweep.integrate.lanes.events import HOLD, REVERSED, STEP, TAKE, may_reverse
-from rattlesweep.integrate.lanes.intrinsics import (
+from rattlesweep.integrate.lanes.lane import (
     INNER,
+    Point,
     call,
     call_for_two,
     fetch_add,
+    lane_of,
     load,
     rough_root,
     widest_vectors,
 )
-from rattlesweep.integrate.lanes.lane import Point, lane_of
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.full import scalar
 
@@ -153,16 +153,6 @@ def decide(problem, w, dt, max_steps):
 
 
 @njit(**INNER)
-def advance(problem, w):
-    """Move all lanes to the end of their step."""
-    widest_vectors()
-    for l in range(problem.lanes):
-        lane = lane_of(problem, w, l)
-        lane.y = lane.y1
-        lane.f = lane.f1
-
-
-@njit(**INNER)
 def commit(problem, w):
     """Move all lanes to the end of the step tried, and set their next step.
 
@@ -214,17 +204,17 @@ def watch(problem, w, windows, record):
         lane = lane_of(problem, w, l)
         if lane.accept == 0.0:
             continue
-        if record[C.REC_ENERGY] and lane.energy0 > 0.0:
+        if record[runs.REC_ENERGY] and lane.energy0 > 0.0:
             off = abs(runs.energy_at(lane, lane.y1) - lane.energy0)
             lane.drift_max = max(lane.drift_max, off / lane.energy0)
-        if record[C.REC_CONTACT]:
+        if record[runs.REC_CONTACT]:
             runs.see_contact(lane, lane.y1)
-        if record[C.REC_WINDOWS]:
+        if record[runs.REC_WINDOWS]:
             lane.window_n_min = min(lane.window_n_min, lane.n1)
             lane.window_n_max = max(lane.window_n_max, lane.n1)
-        if record[C.REC_REVERSALS]:
+        if record[runs.REC_REVERSALS]:
             runs.see_side(lane, windows, record)
-        if record[C.REC_VOLUME]:
+        if record[runs.REC_VOLUME]:
             lane.volume += lane.h * lane.volume_rate1
 
 
@@ -236,7 +226,7 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
     ended, of those in its lanes so far, and the number that have ended.  ``parts`` has the
     addresses of what is compiled for itself, ``w`` is the thread's workspace, ``shared`` the next
     place in the queue and the flag that stops, ``order`` the queue.  The others have a row for each
-    run; see :mod:`rattlesweep.integrate.lanes.columns`.  ``result``, ``counts`` and ``windows`` are
+    run; see :mod:`rattlesweep.integrate.lanes.runs`.  ``result``, ``counts`` and ``windows`` are
     written to.
     """
     widest_vectors()
@@ -271,7 +261,7 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
                     continue
                 status, move = call_for_two(parts[DECIDE], (problem, w, l, max_steps, False))
                 t = lane.t + (lane.h - lane.t_low)
-                if move == REVERSED and record[C.REC_REVERSALS]:
+                if move == REVERSED and record[runs.REC_REVERSALS]:
                     # Go on behind the zero, in the same step.
                     runs.see_zero(lane, t)
                     behind, move = call_for_two(parts[DECIDE], (problem, w, l, max_steps, True))
@@ -283,11 +273,11 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
                     ended = True
                 if move == TAKE and not ended and t >= lane.next:
                     problem.pass_marks(lane, t, run, windows, record)
-                    ended = runs.settled(lane, plan[run, C.SETTLED])
+                    ended = runs.settled(lane, plan[run, runs.SETTLED])
                 if ended:
                     lane.steps += 1.0
                     problem.finish(lane, status, reversal, t, run, result, counts, windows, record)
-                    progress[thread, 0] += plan[run, C.COST]
+                    progress[thread, 0] += plan[run, runs.COST]
                     progress[thread, 2] += 1.0
                     place = fetch_add(shared, 0, 1)
                     if place < total:
@@ -310,7 +300,7 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
                 lane = lane_of(problem, w, l)
                 run = int(lane.run)
                 if run >= 0:
-                    under_way += min(1.0, lane.t / plan[run, C.HORIZON]) * plan[run, C.COST]
+                    under_way += min(1.0, lane.t / plan[run, runs.HORIZON]) * plan[run, runs.COST]
             progress[thread, 1] = under_way
     progress[thread, 1] = 0.0
 

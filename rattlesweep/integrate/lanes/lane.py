@@ -1,30 +1,36 @@
-"""The workspace: one flat array of rows, each of which holds one number of every lane.
+"""Lanes: many runs side by side in one workspace, and what compiled code does with them.
 
-So loops over lanes vectorise.  (Of two arrays LLVM would have to prove that they do not overlap.)
-In compiled code a lane reads as a record: ``lane.t_end``, ``lane.y1 = lane.y``.  A field is the
-lane's number in a row, or a tuple of those in some rows one after another; reading and writing it
-are LLVM's loads and stores.
+The workspace is one flat array of rows, each of which holds one number of every lane, so that loops
+over lanes vectorise.  (Of two arrays LLVM would have to prove that they do not overlap.)  In
+compiled code a lane reads as a record: ``lane.t_end``, ``lane.y1 = lane.y``.  A field is the lane's
+number in a row, or a tuple of those in some rows one after another; reading and writing it are
+LLVM's loads and stores.
 
-:func:`gather` and :func:`scatter` read, sum and write many cells at a time.  Numba takes most of
-the time of a kernel's compilation to type and lower the hundreds of indexed reads, products and
-sums that they stand for.  They write the same LLVM instructions in the same order; the flags for
-fast mathematics are those of the function that calls them.
+:func:`gather` and :func:`scatter` read, sum and write many cells at a time.  Numba would take most
+of the time of a kernel's compilation to type and lower the hundreds of indexed reads, products and
+sums that they stand for.
+
+Private interfaces of Numba are used here alone: ``numba.core.cgutils``, the context's
+``make_array``, ``make_tuple`` and ``call_conv``, ``to_fixed_tuple`` of ``numba.np.unsafe``,
+``library`` and ``fndesc`` of a compiled overload.  Tried with Numba 0.68.1.
 """
 
 # mypy: disable-error-code="no-untyped-call, no-untyped-def, misc"
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import reduce
+from functools import reduce, wraps
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
+import numpy as np
 from llvmlite import ir
-from numba import config, types
+from numba import types
 from numba.core import cgutils
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     NativeValue,
     infer_getattr,
+    intrinsic,
     lower_getattr_generic,
     lower_setattr_generic,
     models,
@@ -32,16 +38,148 @@ from numba.extending import (
     typeof_impl,
     unbox,
 )
-
-from rattlesweep.integrate.lanes.intrinsics import emitting
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
 if TYPE_CHECKING:
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
 
-# benchmarks/kernel.py --lanes has the figures behind it; of one, Python can step through a kernel.
-LANES = 1 if config.DISABLE_JIT else 32
-DOUBLE = ir.DoubleType()
+LANES = 32  # benchmarks/kernel.py --lanes has the figures behind it
+DOUBLE, WHOLE = ir.DoubleType(), ir.IntType(64)
+# Options of functions that only other compiled functions call.  What Python and C would call is not
+# made, and takes no time to compile; a call from Python ends the process.
+INNER: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+INNER |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+first_of = to_fixed_tuple  # of an array and a length: its first numbers as a tuple
+
+
+def emitting(signature_of: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorate a function that writes LLVM code as an intrinsic, typed by its arguments' types."""
+
+    def decorate(codegen: Callable[..., Any]) -> Any:
+        @wraps(signature_of)
+        def typed(*given):
+            return signature_of(*given), codegen
+
+        typed.__name__ = codegen.__name__
+        return intrinsic(typed)
+
+    return decorate
+
+
+# -- operations that Numba does not have -----------------------------------------------------------
+
+
+def _element(context, builder, signature, args):
+    array_type = signature.args[0]
+    array = context.make_array(array_type)(context, builder, args[0])
+    index = [args[1]]
+    return cgutils.get_item_pointer(context, builder, array_type, array, index, wraparound=False)
+
+
+@emitting(lambda typingctx, array, index, value: types.int64(array, types.intp, types.int64))
+def fetch_add(context, builder, signature, args):
+    """Add ``value`` to ``array[index]`` (int64) and return what was there before.
+
+    All threads take the next run from one counter, so that long and short runs even out.
+    """
+    pointer = _element(context, builder, signature, args)
+    return builder.atomic_rmw("add", pointer, args[2], "monotonic")
+
+
+@emitting(lambda typingctx, array, index: types.int64(array, types.intp))
+def load(context, builder, signature, args):
+    """Read ``array[index]`` (int64) afresh; the compiler may not keep an older value."""
+    pointer = _element(context, builder, signature, args)
+    # An or with nothing: llvmlite's atomic load has changed its arguments over the versions.
+    return builder.atomic_rmw("or", pointer, WHOLE(0), "monotonic")
+
+
+@emitting(lambda typingctx: types.void())
+def barrier(context, builder, signature, args):
+    """Keep the compiler from joining arithmetic before with arithmetic behind; costs nothing.
+
+    What is behind reads its numbers afresh from arrays, and so shares no product with what is
+    before.  A shared product is not fused with a sum, and the last bits change.
+    """
+    builder.fence("seq_cst", "singlethread")
+    return context.get_dummy_value()
+
+
+@emitting(lambda typingctx: types.void())
+def widest_vectors(context, builder, signature, args):
+    """Let LLVM vectorise the calling function with all that the processor has; costs nothing.
+
+    By itself it uses 256 of the 512 bits of AVX-512 on Intel, as rare wide instructions slow down
+    the code around them.  The step is nothing but such instructions.
+    """
+    # llvmlite knows no attribute with a value, but writes what is in the set.
+    set.add(builder.function.attributes, '"prefer-vector-width"="512"')
+    return context.get_dummy_value()
+
+
+@emitting(lambda typingctx, x: types.float64(types.float64))
+def rough_root(context, builder, signature, args):
+    """Return about ``x^(1/64)`` of a positive number, by dividing the bits of its logarithm.
+
+    Up to 6 % off, always by the same bits, rises with ``x``, and costs two instructions on integers
+    where six square roots would be a twentieth of the time of a step.
+    """
+    one = 1023 << 52  # the bits of 1.0
+    bits = builder.lshr(builder.bitcast(args[0], WHOLE), WHOLE(6))
+    return builder.bitcast(builder.add(bits, WHOLE(one - (one >> 6))), DOUBLE)
+
+
+def _on_each(operation: str) -> Any:
+    @emitting(lambda typingctx, values, x: values(values, types.float64))
+    def apply(context, builder, signature, args):
+        one_by_one = (builder.extract_value(args[0], i) for i in range(len(signature.args[0])))
+        found = [getattr(builder, operation)(value, args[1]) for value in one_by_one]
+        return context.make_tuple(builder, signature.return_type, found)
+
+    return apply
+
+
+# Products and quotients of each of a tuple and the same number.
+times, over = _on_each("fmul"), _on_each("fdiv")
+
+
+def address_of(compiled: Any) -> Any:
+    """Return where the machine code of a compiled function of one signature is.
+
+    The function must not be dropped as long as the address is used.
+    """
+    (result,) = compiled.overloads.values()
+    return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+
+
+def addresses_of(*compiled: Any) -> Any:
+    """Return the addresses of functions as an array."""
+    return np.array([address_of(each) for each in compiled])
+
+
+def _calling(result: Any) -> Any:
+    @emitting(lambda typingctx, address, arguments: result(types.intp, arguments))
+    def call(context, builder, signature, args):
+        given = signature.args[1].types
+        function_type = context.call_conv.get_function_type(result, given)
+        function = builder.inttoptr(args[0], function_type.as_pointer())
+        status, returned = context.call_conv.call_function(
+            builder, function, result, given, cgutils.unpack_tuple(builder, args[1])
+        )
+        with cgutils.if_unlikely(builder, status.is_error):
+            context.call_conv.return_status_propagate(builder, status)
+        return returned
+
+    return call
+
+
+# Call the compiled function at an address with a tuple of arguments; the second returns two whole
+# numbers.
+call, call_for_two = _calling(types.none), _calling(types.UniTuple(types.intp, 2))
+
+
+# -- the workspace ---------------------------------------------------------------------------------
 
 
 class Point(NamedTuple):
@@ -137,8 +275,8 @@ class Problem:
     """What a kernel is compiled for: equations, kind of method, number of lanes.
 
     Compiled functions take it as an argument that has a type and no value, and see its attributes,
-    which are those of the model too, as constants.  Without a model only the fields that all models
-    share are there.  Hooks are functions that differ between models with and without a tangent.
+    which are those of the model too, as constants.  Hooks are functions that differ between models
+    with and without a tangent.
     """
 
     known: ClassVar[dict[str, Problem]] = {}
@@ -233,25 +371,6 @@ class _LaneModel(models.StructModel):
         super().__init__(manager, lane, members)
 
 
-class Lane:
-    """A lane where nothing is compiled."""
-
-    def __init__(self, problem: Problem, w: Any, l: int) -> None:
-        cells = w.reshape(-1, problem.lanes)[:, l]
-        vars(self).update(problem=problem, cells=cells, fields=problem.layout.fields)
-
-    def __getattr__(self, name: str) -> Any:
-        row, kind = self.fields[name]
-        if kind is types.float64:
-            return self.cells[row]
-        values = tuple(self.cells[row : row + len(kind)])
-        return Point(*values) if isinstance(kind, types.NamedUniTuple) else values
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        row, kind = self.fields[name]
-        self.cells[row : row + (1 if kind is types.float64 else len(kind))] = value
-
-
 class _Cells:
     """Write LLVM code that reads and writes the cells of one lane."""
 
@@ -318,7 +437,7 @@ def _set(context: Any, builder: Any, signature: Any, args: Any, name: str) -> No
         cells.write(row + i, builder.extract_value(args[1], i))
 
 
-@emitting(lambda typingctx, problem, w, l: LaneType(problem)(problem, w, types.intp), Lane)
+@emitting(lambda typingctx, problem, w, l: LaneType(problem)(problem, w, types.intp))
 def lane_of(context, builder, signature, args):
     """Return lane ``l`` of a workspace ``w``."""
     made = cgutils.create_struct_proxy(signature.return_type)(context, builder)
@@ -327,11 +446,7 @@ def lane_of(context, builder, signature, args):
     return made._getvalue()
 
 
-def _clear(lane: Lane) -> None:
-    lane.cells[: lane.fields["y"][0]] = 0.0
-
-
-@emitting(lambda typingctx, lane: types.void(lane), _clear)
+@emitting(lambda typingctx, lane: types.void(lane))
 def clear(context, builder, signature, args):
     """Set all numbers to zero that are there in every model."""
     kind = signature.args[0]
@@ -357,14 +472,6 @@ class Sum(NamedTuple):
     factor: int | None = None
     share: float = 1.0
 
-    def value(self, w: Any) -> Any:
-        """Return the value from the rows of a lane, as compiled code does."""
-        products = [number * w[row] for number, row in self.terms]
-        total = sum(products[1::2], start=0.0) + sum(products[::2], start=0.0)
-        if self.factor is not None:
-            total *= self.share * w[self.factor]
-        return total if self.row is None else w[self.row] + total
-
 
 def sums(count: int, terms: dict[int, float], start: int | None = None, *scale: Any) -> list[Sum]:
     """Return sums for ``count`` components, whose rows stand one after another.
@@ -385,13 +492,7 @@ def gather(lanes: int, values: Sequence[int | Sum], behind: Sequence[int]) -> An
     wanted = [*values, *behind]
     order = sorted(range(len(wanted)), key=lambda i: (i < len(values), isinstance(wanted[i], Sum)))
 
-    def python(w: Any, l: int) -> tuple[float, ...]:
-        cells = w.reshape(-1, lanes)[:, l]
-        return tuple(cells[one] if isinstance(one, int) else one.value(cells) for one in wanted)
-
-    @emitting(
-        lambda typingctx, w, l: types.UniTuple(types.float64, len(wanted))(w, types.intp), python
-    )
+    @emitting(lambda typingctx, w, l: types.UniTuple(types.float64, len(wanted))(w, types.intp))
     def read(context, builder, signature, args):
         array = context.make_array(signature.args[0])(context, builder, args[0])
         lane = _Cells(builder, array.data, args[1], lanes)
@@ -406,10 +507,7 @@ def scatter(lanes: int, rows: Sequence[int]) -> Any:
     """Return ``write(w, l, values)``, which writes a tuple to the rows in lane ``l``."""
     values = types.UniTuple(types.float64, len(rows))
 
-    def python(w: Any, l: int, given: tuple[float, ...]) -> None:
-        w.reshape(-1, lanes)[list(rows), l] = given
-
-    @emitting(lambda typingctx, w, l, given: types.void(w, types.intp, values), python)
+    @emitting(lambda typingctx, w, l, given: types.void(w, types.intp, values))
     def write(context, builder, signature, args):
         array = context.make_array(signature.args[0])(context, builder, args[0])
         lane = _Cells(builder, array.data, args[1], lanes)

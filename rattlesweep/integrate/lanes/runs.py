@@ -1,17 +1,50 @@
-"""Single lanes where something is due: a run begins, a window closes, a run ends."""
+"""Single lanes where something is due: a run begins, a window closes, a run ends.
+
+A run may carry a tangent, which obeys a linear equation: its length is changed by a power of two
+where it has become very long or short, which rounds nothing.  Barriers keep it apart from the
+state, whose last bits are those of a run without one.
+"""
 
 # mypy: ignore-errors
 from __future__ import annotations
 
-from math import isfinite, nan, sqrt
+from math import isfinite, log, nan, sqrt
 
 from numba import njit
 
-from rattlesweep.integrate.lanes import columns as C
-from rattlesweep.integrate.lanes.intrinsics import INNER, first_of
-from rattlesweep.integrate.lanes.lane import clear
+from rattlesweep.integrate.lanes.lane import (
+    INNER,
+    barrier,
+    clear,
+    first_of,
+    lane_of,
+    over,
+    times,
+    widest_vectors,
+)
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.full import FASTMATH
+
+# Columns of what a kernel writes and reads, one row a run.
+# ``result``: what was measured, by the names of an Outcome's attributes; behind them the state at
+# the end.
+RESULT = ("t_end", "t_r", "n_end", "energy_drift", "amp_growth", "n_departure", "energy_0",
+          "energy_drift_max", "contact_ratio_max", "contact_normal_min", "volume_rate")  # fmt: skip
+T_END, T_R, GROWTH, DEPARTURE, FIRST_STATE = 0, 1, 4, 5, 11
+# ``counts``: status and counters, likewise.
+COUNTS = ("status", "n_steps", "near_tangencies", "n_rejected", "n_turns")
+STATUS, STEPS = 0, 1
+# ``plan``: horizon, fastest swing of the spin, window, bound of its rate, first step, expected
+# cost, the depth below which an extremum of the spin is undecided, first comparison of amplitudes;
+# the spin from which on it has a side, and 1 for a launch without spin; the oscillation below
+# which the run has settled; the share of the launch's energy below which it is dead.
+HORIZON, SWING, WINDOW, RATE, FIRST_STEP, COST, FUZZ, FIRST_MARK = 0, 1, 2, 3, 4, 5, 6, 7
+FAR, TAPPED, SETTLED, DEAD = 8, 9, 10, 11
+# ``options``: 1 / tol^2, fixed step, most steps.
+# ``record``: what is asked for beyond the types' needs.
+REC_ENERGY, REC_CONTACT, REC_WINDOWS, REC_REVERSALS, REC_VOLUME, N_RECORD = 0, 1, 2, 3, 4, 5
+# Reversals of a run that are written down, a row of its windows each.
+MOST_REVERSALS = 8
 
 OK, NONFINITE, ENERGY = int(Status.OK), int(Status.NONFINITE), int(Status.ENERGY)
 MAX_ENERGY_DRIFT = 0.01
@@ -20,6 +53,10 @@ TINY = 1e-290
 # else be followed into the rounding of the other.
 FLOOR = 1e-18
 UNKNOWN_RATE = 1e290  # bound of a spin's rate that makes every step due
+# The norm of a tangent stays within 2^-SHIFT .. 2^SHIFT.
+SHIFT, LOG_2 = 200, log(2.0)
+SHORTER, LONGER = 2.0**-SHIFT, 2.0**SHIFT
+SHORT, LONG = SHORTER**2, LONGER**2
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -71,7 +108,7 @@ def close_window(lane, run, windows, record):
     """Compare, and write the window down if that was asked for."""
     compare(lane)
     k = int(lane.window_no)
-    if record[C.REC_WINDOWS] and k < windows.shape[1]:
+    if record[REC_WINDOWS] and k < windows.shape[1]:
         windows[run, k, 0] = sqrt(lane.window_a_max)
         windows[run, k, 1] = lane.window_n_min
         windows[run, k, 2] = lane.window_n_max
@@ -147,7 +184,7 @@ def see_side(lane, windows, record):
     They stand in the columns of ``windows`` behind those of :func:`close_window`.
     """
     run = int(lane.run)
-    at = 3 if record[C.REC_WINDOWS] else 0
+    at = 3 if record[REC_WINDOWS] else 0
     n = lane.n1
     if abs(n) > lane.far:
         side = 1.0 if n > 0.0 else -1.0
@@ -156,14 +193,14 @@ def see_side(lane, windows, record):
             k = int(lane.reversals)
             lane.reversals += 1.0
             lane.n_after = 0.0
-            if k < C.MOST_REVERSALS:
+            if k < MOST_REVERSALS:
                 windows[run, k, at] = lane.t_pending
         lane.side = side
         lane.t_pending = -1.0
     k = int(lane.reversals) - 1
     if k >= 0 and abs(n) > lane.n_after:
         lane.n_after = abs(n)
-        if k < C.MOST_REVERSALS:
+        if k < MOST_REVERSALS:
             windows[run, k, at + 1] = abs(n)
 
 
@@ -177,32 +214,32 @@ def start(lane, run, y0, constants, probe, plan, record):
     lane.constants = first_of(constants[run], lane.problem.n_constants)
     lane.probe = first_of(probe[run], lane.problem.n_probe)
     n, rate = derive(lane)
-    lane.t_end = plan[run, C.HORIZON]
-    lane.swing = plan[run, C.SWING]
-    lane.window = lane.window_end = plan[run, C.WINDOW]
-    lane.mark = plan[run, C.FIRST_MARK]
-    lane.next = min(plan[run, C.FIRST_MARK], plan[run, C.WINDOW])
-    lane.rate_max = plan[run, C.RATE]
+    lane.t_end = plan[run, HORIZON]
+    lane.swing = plan[run, SWING]
+    lane.window = lane.window_end = plan[run, WINDOW]
+    lane.mark = plan[run, FIRST_MARK]
+    lane.next = min(plan[run, FIRST_MARK], plan[run, WINDOW])
+    lane.rate_max = plan[run, RATE]
     lane.n_launch = lane.n0 = lane.window_n_min = lane.window_n_max = n
     lane.rate0 = rate
     lane.sign = lane.side = 1.0 if n > 0.0 else -1.0
-    lane.far = plan[run, C.FAR]
+    lane.far = plan[run, FAR]
     lane.t_zero = lane.t_pending = -1.0
-    if plan[run, C.TAPPED] > 0.0:
-        lane.arm = plan[run, C.FAR]
-        lane.arm_rate = plan[run, C.RATE]
+    if plan[run, TAPPED] > 0.0:
+        lane.arm = plan[run, FAR]
+        lane.arm_rate = plan[run, RATE]
         lane.rate_max = UNKNOWN_RATE
         lane.side = 0.0
     lane.n_least = abs(n)
     lane.energy0 = energy_at(lane, lane.y)
     lane.normal_min = 1e290
-    if record[C.REC_CONTACT]:
+    if record[REC_CONTACT]:
         see_contact(lane, lane.y)
-    lane.fuzz = plan[run, C.FUZZ]
-    lane.dead = plan[run, C.DEAD]
-    if plan[run, C.FIRST_STEP] >= lane.t_end:
+    lane.fuzz = plan[run, FUZZ]
+    lane.dead = plan[run, DEAD]
+    if plan[run, FIRST_STEP] >= lane.t_end:
         lane.last = 1.0
-    lane.h = lane.h_next = min(plan[run, C.FIRST_STEP], lane.t_end)
+    lane.h = lane.h_next = min(plan[run, FIRST_STEP], lane.t_end)
 
 
 @njit(**INNER)
@@ -241,10 +278,10 @@ def finish(lane, status, reversal, t, run, result, counts, windows, record):
     reach_border(lane)
     if t - lane.window_no * lane.window > 0.9 * lane.window:
         close_window(lane, run, windows, record)
-    if record[C.REC_CONTACT]:
+    if record[REC_CONTACT]:
         see_contact(lane, lane.y1)
     t_r = t if reversal and status == OK and not is_dead(lane) else nan
-    if record[C.REC_REVERSALS]:
+    if record[REC_REVERSALS]:
         see_side(lane, windows, record)
         # What goes wrong behind the first zero leaves it as it is, but for energy that has drifted.
         if lane.t_zero > 0.0 and status != ENERGY:
@@ -253,12 +290,111 @@ def finish(lane, status, reversal, t, run, result, counts, windows, record):
     growth = sqrt(lane.growth) - 1.0 if lane.compared > 1.0 else nan
     departure = 1.0 - min(lane.n_least, lane.sign * n) / abs(lane.n_launch)
     rate = nan
-    if record[C.REC_VOLUME] and status == OK:
+    if record[REC_VOLUME] and status == OK:
         rate = (lane.volume + lane.h * lane.volume_rate1) / t
     found = t, t_r, n, drift, growth, departure
     seen = energy0, max(lane.drift_max, abs(drift)), lane.ratio_max, lane.normal_min, rate
     for i, value in enumerate(found + seen + lane.y1):
         result[run, i] = value
-    counts[run, C.STATUS] = status
+    counts[run, STATUS] = status
     for i, count in enumerate((lane.steps, lane.near, lane.rejected, lane.reversals)):
-        counts[run, C.STEPS + i] = int(count)
+        counts[run, STEPS + i] = int(count)
+
+
+@njit(**INNER)
+def advance(problem, w):
+    """Move all lanes to the end of their step."""
+    widest_vectors()
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        lane.y = lane.y1
+        lane.f = lane.f1
+
+
+# -- tangents --------------------------------------------------------------------------------------
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def seed(lane):
+    """Give a lane the model's first tangent."""
+    lane.v = lane.problem.seed(*(lane.y + lane.constants))
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def begin(lane):
+    """Make it transverse and of norm 1."""
+    v = lane.problem.transverse(*(lane.y + lane.f + lane.v + lane.constants))
+    v = over(v, sqrt(lane.problem.square(*(v + lane.constants))))
+    lane.v = v
+    # What is read afresh decides which products are fused: the last bits of all exponents so far.
+    barrier()
+    lane.g = lane.problem.rate(*(lane.y + lane.f + lane.v[:-1] + v[-1:] + lane.constants))
+    lane.shift = 0.0
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def growth(lane):
+    """Return the logarithm of the tangent's growth from the launch to the end of the step."""
+    return 0.5 * log(lane.problem.square(*(lane.v1 + lane.constants))) + LOG_2 * lane.shift
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def tangent_advance(problem, w):
+    """Move the tangents of all lanes to the end of their step."""
+    widest_vectors()
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        lane.v = lane.v1
+        lane.g = lane.g1
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        size = lane.problem.square(*(lane.v + lane.constants))
+        factor = SHORTER if size > LONG else 1.0
+        factor = LONGER if size < SHORT else factor
+        out = 1.0 * SHIFT if size > LONG else 0.0
+        out = -1.0 * SHIFT if size < SHORT else out
+        lane.v = times(lane.v, factor)
+        lane.g = times(lane.g, factor)
+        lane.shift += out
+
+
+@njit(**INNER)
+def advance_both(problem, w):
+    """Move all lanes and their tangents to the end of their step."""
+    advance(problem, w)
+    tangent_advance(problem, w)
+
+
+@njit(**INNER)
+def start_both(lane, run, y0, constants, probe, plan, record):
+    """Put a run and its tangent into a lane."""
+    start(lane, run, y0, constants, probe, plan, record)
+    barrier()
+    seed(lane)
+    begin(lane)
+    barrier()
+
+
+@njit(**INNER)
+def see_tangent(lane, t, run, windows):
+    """Write the time and the tangent's growth into the last two columns of the window's row."""
+    k = min(int(lane.window_no), windows.shape[1] - 1)
+    barrier()
+    windows[run, k, windows.shape[2] - 2] = t
+    windows[run, k, windows.shape[2] - 1] = growth(lane)
+    barrier()
+
+
+@njit(**INNER)
+def pass_marks_both(lane, t, run, windows, record):
+    """Note the tangent at the end of a window."""
+    if t >= lane.window_end:
+        see_tangent(lane, t, run, windows)
+    pass_marks(lane, t, run, windows, record)
+
+
+@njit(**INNER)
+def finish_both(lane, status, reversal, t, run, result, counts, windows, record):
+    """Write down a run that has ended, and its tangent."""
+    see_tangent(lane, t, run, windows)
+    finish(lane, status, reversal, t, run, result, counts, windows, record)

@@ -17,8 +17,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.integrate.compile import import_written
-from rattlesweep.integrate.lanes.intrinsics import INNER
-from rattlesweep.integrate.lanes.lane import LANES, Layout
+from rattlesweep.integrate.lanes.lane import INNER, LANES, Layout
 from rattlesweep.physics.full import FASTMATH
 
 if TYPE_CHECKING:
@@ -35,8 +34,9 @@ HEAD = '''"""One step of {tableau.name} for the model {model.name} on {lanes} la
 Written by rattlesweep.integrate.lanes.step; numbers of rows are those of its workspace.
 """
 
-from rattlesweep.integrate.lanes.intrinsics import barrier, widest_vectors
-from rattlesweep.integrate.lanes.lane import gather, lane_of, scatter, sums
+from rattlesweep.integrate.lanes.lane import (
+    barrier, gather, lane_of, scatter, sums, widest_vectors,
+)
 '''
 
 

@@ -1,1 +1,79 @@
-"""Where bodies come from."""
+"""Bodies of a sweep's runs: what they are, and what a source of them can do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from rattlesweep.arrays import Floats, Integers
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Units of bodies: mass ``M`` in kg (NaN: not known), length ``a`` in m, and gravity."""
+
+    mass: Floats
+    length: Floats
+    gravity: Floats
+
+    @property
+    def second(self) -> Floats:
+        """``sqrt(a/g)`` in seconds."""
+        return np.sqrt(self.length / self.gravity)
+
+    def natural(self, value: float | Floats, kind: str) -> Floats:
+        """Return SI quantities of a kind (:data:`rattlesweep.units.KINDS`) in the bodies' units."""
+        if kind == "spin":
+            return value * self.second
+        units = {"time": self.second, "length": self.length,
+                 "energy": self.mass * self.gravity * self.length,
+                 "torque per spin": self.mass * self.length**2 / self.second}  # fmt: skip
+        return np.asarray(value / units[kind])
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """Parameters of the bodies of some runs, and what a table says of these runs beside them.
+
+    What is None, and NaN in `t_end`, is for the config to say.  `f_sd` is NaN of bodies that are no
+    shell-dumbbells, `c` of paraboloids; full states `omega` and `u` have the shape (runs, 3).  The
+    runs get the columns `carried` too.
+    """
+
+    alpha: Floats
+    beta: Floats
+    gamma: Floats
+    theta: Floats
+    phi: Floats
+    xi: Floats
+    f_sd: Floats
+    c: Floats | None = None
+    n_i: Floats | None = None
+    omega_xy0: Floats | None = None
+    psi: Floats | None = None
+    t_end: Floats | None = None
+    omega: Floats | None = None
+    u: Floats | None = None
+    sigma: Floats | None = None
+    rolling: Floats | None = None
+    scale: Scale | None = None
+    carried: dict[str, NDArray[Any]] = field(default_factory=dict)
+
+
+class Source(Protocol):
+    """A source of bodies; it can be pickled, and gives the same bodies in another process."""
+
+    @property
+    def samples(self) -> int:
+        """Samples of each case."""
+
+    @property
+    def fields(self) -> tuple[pa.Field, ...]:
+        """Columns that the runs have because of the bodies."""
+
+    def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
+        """Return the bodies of samples in any order; `target` is NaN where a run has none."""

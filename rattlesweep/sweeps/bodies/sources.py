@@ -1,24 +1,41 @@
-"""Sources of bodies: drawn from ranges, a preset, a grid or a shape; for tables see `table`."""
+"""Sources of bodies: drawn from ranges, a preset, a grid or a shape; for tables see `table`.
 
+Shell-dumbbell bodies are made from points of the unit cube.  A random point is a function of
+``(seed, word, sample, draw)`` and of nothing else, so that every sample can be drawn again alone,
+in any thread and any block; the word stands for the target, and draws go on until it is met.  The
+bits are those of ``numpy.random.Philox(key=(seed, word), counter=(2 draw, sample, 0, 0))`` (Philox
+4x64-10, Salmon et al., SC'11), whose objects take too long to create for every sample.
+
+Points of a scrambled Sobol' sequence (Owen, J. Complexity 14, 466, 1998) fill the ranges more
+evenly than random ones; each is a function of the seed and its own number.
+"""
+
+# mypy: disable-error-code="no-untyped-def"
+# Numba infers the types of what it compiles.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
-from itertools import product
+from dataclasses import astuple
+from functools import lru_cache, partial
+from itertools import pairwise, product
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pyarrow as pa
+from numba import njit
+from numba.extending import register_jitable
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
-from rattlesweep.physics import si
+from rattlesweep.integrate.batch import available_threads
+from rattlesweep.integrate.compile import Kernel, load_kernel
+from rattlesweep.integrate.task import Control, side_by_side
+from rattlesweep.physics import body, si, theory
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
-from rattlesweep.physics.shapes import half_ellipsoid
-from rattlesweep.sweeps.bodies.protocol import Bodies, Scale, Source
-from rattlesweep.sweeps.bodies.sampler import bodies_of, draw_bodies, sequence_points
-from rattlesweep.sweeps.bodies.table import KEPT, TableBodies, read_bodies
+from rattlesweep.physics.si import half_ellipsoid
+from rattlesweep.sweeps.bodies import Bodies, Scale, Source
+from rattlesweep.sweeps.bodies.table import KEPT, read_bodies
 from rattlesweep.sweeps.columns import F64, MEASURED, required
 from rattlesweep.sweeps.config.schema import (
     Config,
@@ -26,14 +43,11 @@ from rattlesweep.sweeps.config.schema import (
     SdSource,
     ShapeSource,
     TableSource,
+    Target,
 )
 
 CHUNK = 4096
 """Samples that are drawn together, and kept while the other cases of their target ask for them."""
-SIZES = {"KL": (1.0, 0.01)}
-"""Mass in kg and height of the centre of mass in m of presets that have a size."""
-UNIT = np.array([[0.0, 1.0]] * 4 + [[-np.degrees(1.0), 0.0]])
-"""Ranges of which the sampler makes numbers from 0 to 1."""
 
 
 def make_source(config: Config, base: Path | None = None) -> Source:
@@ -49,20 +63,22 @@ def make_source(config: Config, base: Path | None = None) -> Source:
         return ShapeBodies(config.seed, bodies)
     if isinstance(bodies, TableSource):
         return read_bodies(bodies.path, base).with_surface(bodies)
+    units: si.Units | None = None
     preset: str | None
-    varying: dict[str, list[float]] = {}
     if isinstance(bodies, PresetSource):
-        preset, given = bodies.name, bodies.overrides.given()
+        preset, given, axes = bodies.name, bodies.overrides.given(), {}
     else:
-        preset, given, varying = bodies.base.preset, bodies.base.given(), bodies.varying
+        preset, given = bodies.base.preset, bodies.base.given()
+        axes = {name: np.array(values, float) for name, values in bodies.varying.items()}
     if preset is not None:
-        body = PRESETS[preset]()
-        given = {name: getattr(body, name) for name in (*PARAMETERS, "c")} | given
+        one = PRESETS[preset]()
+        given = {name: getattr(one, name) for name in (*PARAMETERS, "c")} | given
+        # Its runs are in seconds too where the config is.
+        units = one.units if config.in_si else None
     c = bodies.c[0] if isinstance(bodies.c, list) else bodies.c or given.get("c")
     given.pop("c", None)
     if c is not None and bodies.ellipsoidal:
         given["c"] = c
-    axes = {name: np.array(values, float) for name, values in varying.items()}
     for name, sign in (("xi_deg", 1), ("minus_xi_deg", -1)):
         if name in axes:
             axes["xi"] = sign * np.radians(axes.pop(name))
@@ -70,19 +86,78 @@ def make_source(config: Config, base: Path | None = None) -> Source:
     corners = GridBodies(given, {name: np.array([x.min(), x.max()]) for name, x in axes.items()})
     every = corners.bodies(np.nan, np.arange(corners.samples))
     _check(every, "bodies.axes" if axes else "bodies.overrides")
-    # The runs of a preset of known size are in seconds too where the config is.
-    return GridBodies(given, axes, SIZES.get(preset or "") if config.in_si else None)
+    return GridBodies(given, axes, units)
 
 
-def content_hash(source: Source) -> str:
-    """Return a hash of what determines the bodies beside the config; "" if nothing does."""
-    return source.content_hash if isinstance(source, TableBodies) else ""
+def _check(bodies: Bodies, where: str, sizes: dict[str, Floats] | None = None) -> None:
+    """Raise a ConfigError if a body cannot exist; of several, told by its parameters or `sizes`."""
+    names = PARAMETERS if bodies.c is None else (*PARAMETERS, "c")
+    columns = {name: getattr(bodies, name) for name in names}
+    for place, sentence in violations(**columns):
+        told = (f"{name} {values[place]:g}" for name, values in (sizes or columns).items())
+        which = f"at {', '.join(told)}: " if len(bodies.alpha) > 1 else ""
+        raise ConfigError(f"{where}: {which}{sentence}")
+
+
+class GridBodies:
+    """A base body with some parameters varied over the product of their axes."""
+
+    def __init__(
+        self, base: dict[str, float], axes: dict[str, Floats], units: si.Units | None = None
+    ) -> None:
+        self._base, self._axes, self._units = base, axes, units
+        self._shape = tuple(map(len, axes.values()))
+        self.samples = math.prod(self._shape)
+        self.fields: tuple[pa.Field, ...] = MEASURED if units else ()
+
+    def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
+        """Return the bodies of some runs; all cases have the same."""
+        places = np.unravel_index(sample, self._shape) if self._shape else ()
+        varying = zip(self._axes.items(), places, strict=True)
+        values: dict[str, Any] = {"f_sd": np.nan} | self._base
+        values |= {name: axis[place] for (name, axis), place in varying}
+        columns = {name: np.full(sample.shape, value) for name, value in values.items()}
+        if "alpha" not in columns:
+            columns["alpha"], columns["beta"] = shell_dumbbell(columns["gamma"], columns["f_sd"])
+        size = astuple(self._units) if self._units else ()
+        scale = Scale(*(np.full(sample.shape, x) for x in size)) if size else None
+        return Bodies(**columns, scale=scale)  # type: ignore[arg-type]
+
+
+class ShapeBodies:
+    """Bodies of a simple shape and a known size; what is a range is drawn for each sample."""
+
+    def __init__(self, seed: int, source: ShapeSource) -> None:
+        self._seed, self._ranges = seed, np.array(list(source.sizes.values()))
+        self.samples = (source.samples or 1000) if source.drawn else 1
+        size = (required(name, F64, KEPT[name], "of the body") for name in ("mass_kg", "height_m"))
+        self.fields: tuple[pa.Field, ...] = (*size, *MEASURED)
+        # The conditions of a body are monotonic in each size.
+        corners = np.array(list(product(*self._ranges))).T
+        _check(_shaped(corners), "bodies", dict(zip(source.sizes, corners, strict=True)))
+
+    def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
+        """Return the bodies of some runs; all cases have the same."""
+        low, high = self._ranges.T[:, :, None]
+        points = draw_points(self._seed, sample)[:5] if (low < high).any() else 0.0
+        return _shaped(low + (high - low) * points * np.ones(len(sample)))
+
+
+def _shaped(sizes: Floats) -> Bodies:
+    """Return half ellipsoids of some lengths, widths, heights, masses and skew angles."""
+    length, width, height, mass, skew = sizes
+    found = half_ellipsoid(length, width, height, mass, np.abs(skew))
+    mass, a = found.pop("mass"), found.pop("height")
+    scale = Scale(mass, a, np.full(mass.shape, si.GRAVITY))
+    kept = {"mass_kg": mass, "height_m": a}
+    return Bodies(**found, f_sd=np.full(mass.shape, np.nan), scale=scale, carried=kept)
+
+
+# -- shell-dumbbell bodies ---------------------------------------------------------------------
 
 
 class SdBodies:
     """Shell-dumbbell bodies drawn from ranges, by seed, value of the target and number alone."""
-
-    fields: tuple[pa.Field, ...] = ()
 
     def __init__(self, seed: int, source: SdSource) -> None:
         theta = source.ranges.theta
@@ -92,6 +167,7 @@ class SdBodies:
                 "that would rather lie on their sides; c must be above theta in all of them"
             )
         self.samples = source.samples
+        self.fields: tuple[pa.Field, ...] = ()
         self._seed, self._source, self._ranges = seed, source, ranges_of(source)
         self._chunk = lru_cache(maxsize=64)(self._draw_chunk)
 
@@ -103,30 +179,31 @@ class SdBodies:
         """Draw a few bodies of each target, and raise a ConfigError if one is out of reach."""
         target = self._source.target
         for value in target.values if target else ():
-            draw_bodies(self._seed, np.arange(min(self.samples, 16)), self._ranges, target, value)
+            draw_points(self._seed, np.arange(min(self.samples, 16)), self._ranges, target, value)
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some runs; all cases of a target share theirs."""
         if self._source.target is None and self._source.draw == "random":
-            return drawn(draw_bodies(self._seed, sample, self._ranges)[0])
+            return bodies_at(draw_points(self._seed, sample), self._ranges)
         # It is slow to draw for a target, and points of a sequence come one after another.
-        columns = np.empty((2 + len(self._ranges), len(sample)))
+        points = np.empty((6, len(sample)))
         chunk, place = np.divmod(sample, CHUNK)
         # A NaN is not equal to itself, so that none would be found again in the cache.
         target = np.nan_to_num(np.broadcast_to(target, sample.shape))
         for value in np.unique(target):
             for number in np.unique(chunk[target == value]):
                 here = (target == value) & (chunk == number)
-                columns[:, here] = self._chunk(float(value), int(number))[:, place[here]]
-        return drawn(columns)
+                points[:, here] = self._chunk(float(value), int(number))[:, place[here]]
+        return bodies_at(points, self._ranges)
 
     def _draw_chunk(self, value: float, number: int) -> Floats:
         first, stop = number * CHUNK, min((number + 1) * CHUNK, self.samples)
-        source, seed, ranges = self._source, self._seed, self._ranges
-        if source.draw != "random":
-            group = 2 + len(source.drawn) if source.draw == "saltelli" else 1
-            return bodies_of(sequence_points(len(ranges), seed, first, stop, group), ranges)
-        return draw_bodies(seed, np.arange(first, stop), ranges, source.target, value)[0]
+        source, ranges = self._source, self._ranges
+        if source.draw == "random":
+            return draw_points(self._seed, np.arange(first, stop), ranges, source.target, value)
+        group = source.group if source.draw == "saltelli" else 1
+        points = sequence_points(len(ranges), self._seed, first, stop, group)
+        return np.pad(points, ((0, 6 - len(points)), (0, 0)))
 
 
 def ranges_of(source: SdSource) -> Floats:
@@ -134,83 +211,169 @@ def ranges_of(source: SdSource) -> Floats:
     return np.array([*source.ranges.ends(), *([] if source.c is None else [source.c])])
 
 
-def drawn(columns: Floats) -> Bodies:
-    """Return bodies from the columns of :func:`rattlesweep.sweeps.bodies.sampler.draw_bodies`."""
-    gamma, f_sd, theta, phi, xi, alpha, beta, *c = columns
-    return Bodies(alpha, beta, gamma, theta, phi, xi, f_sd, c=c[0] if c else None)
+def _shell_parameters(u, ranges):
+    """Return ``gamma, f_sd, theta, phi, xi`` at a point ``u`` of the unit cube, or at many."""
+    gamma = ranges[0, 0] + (ranges[0, 1] - ranges[0, 0]) * u[0]
+    f_sd = ranges[1, 0] + (ranges[1, 1] - ranges[1, 0]) * u[1]
+    theta = ranges[2, 0] + (ranges[2, 1] - ranges[2, 0]) * u[2]
+    phi = ranges[3, 0] + (ranges[3, 1] - ranges[3, 0]) * u[3]
+    # From (low, high]: the skew angle is never zero.
+    xi = -np.radians(ranges[4, 1] - (ranges[4, 1] - ranges[4, 0]) * u[4])
+    return gamma, f_sd, theta, phi, xi
 
 
-class GridBodies:
-    """A base body with some parameters varied over the product of their axes.
+def bodies_at(points: Floats, ranges: Floats) -> Bodies:
+    """Return bodies at points of the unit cube, whose first rows are those of `ranges`."""
+    gamma, f_sd, theta, phi, xi = cast("Any", _shell_parameters)(points, ranges)
+    c = None if len(ranges) < 6 else ranges[5, 0] + (ranges[5, 1] - ranges[5, 0]) * points[5]
+    return Bodies(*shell_dumbbell(gamma, f_sd), gamma, theta, phi, xi, f_sd, c)
 
-    `size` is the mass in kg and the height of the centre of mass in m, where they are known.
+
+def sequence_points(dimensions: int, seed: int, first: int, stop: int, group: int = 1) -> Floats:
+    """Return points of the unit cube by their numbers, shape (dimensions, points).
+
+    With a `group` above 1, samples come in groups about two points (Saltelli's design): the first
+    sample is the one point, the second the other, and each of the rest is the first point with one
+    coordinate of the second.
     """
+    # scipy.stats takes longer to import than all the rest.
+    from scipy.stats import qmc
 
-    def __init__(
-        self,
-        base: dict[str, float],
-        axes: dict[str, Floats],
-        size: tuple[float, float] | None = None,
-    ) -> None:
-        self._base, self._axes, self._size = base, axes, size
-        self._shape = tuple(len(values) for values in axes.values())
-        self.samples = math.prod(self._shape)
-        self.fields: tuple[pa.Field, ...] = MEASURED if size else ()
-
-    def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
-        """Return the bodies of some runs; all cases have the same."""
-        count = len(sample)
-        values = {name: np.full(count, value) for name, value in self._base.items()}
-        places = np.unravel_index(sample, self._shape) if self._shape else ()
-        for (name, axis), place in zip(self._axes.items(), places, strict=True):
-            values[name] = axis[place]
-        f_sd = values.pop("f_sd", None)
-        if f_sd is None:
-            f_sd = np.full(count, np.nan)
-        else:
-            values["alpha"], values["beta"] = shell_dumbbell(values["gamma"], f_sd)
-        size = (*self._size, si.GRAVITY) if self._size else ()
-        scale = Scale(*(np.full(count, x) for x in size)) if size else None
-        return Bodies(f_sd=f_sd, **values, scale=scale)  # type: ignore[arg-type]
+    if group > 1:
+        number, place = np.divmod(np.arange(first, stop), group)
+        pairs = sequence_points(2 * dimensions, seed, int(number[0]), int(number[-1]) + 1)
+        one, other = np.split(pairs[:, number - number[0]], 2)
+        swapped = (place == 1) | (place == 2 + np.arange(dimensions)[:, None])
+        return np.where(swapped, other, one)
+    sobol = qmc.Sobol(dimensions, rng=np.random.default_rng((seed, 0)))
+    if first:
+        sobol.fast_forward(first)
+    # SciPy warns if the first points it is asked for are not a power of two.
+    count = stop - first
+    points: Floats = sobol.random(count if first else 1 << (count - 1).bit_length())[:count].T
+    return points
 
 
-class ShapeBodies:
-    """Bodies of a simple shape and a known size; what is a range is drawn for each sample."""
+def draw_points(
+    seed: int,
+    samples: Integers,
+    ranges: Floats | None = None,
+    target: Target | None = None,
+    value: float = np.nan,
+    threads: int | None = None,
+) -> Floats:
+    """Return a random point of the unit cube for each of some samples, shape (6, samples).
 
-    fields = (
-        *(required(name, F64, KEPT[name], "of the body") for name in ("mass_kg", "height_m")),
-        *MEASURED,
+    With a `target`, the bodies that are drawn from `ranges` meet that one of its values; raise a
+    ConfigError if a sample does not in ``target.max_draws`` draws.
+    """
+    points = np.full((6, samples.size), np.nan)
+    word, aim = 0, (0, 0.0, 0.0, 1)
+    if target is not None:
+        # The word is the value's 64 bits, with the sign bit set for K_p: a draw does not depend on
+        # the other targets of the list.
+        word = int(np.float64(-value if target.name == "K_p" else value).view(np.int64))
+        aim = (1 if target.name == "K_p" else 2, float(value), target.rel_tol, target.max_draws)
+    # The copies have the types that the sampler is compiled for.
+    within = np.array(np.zeros((5, 2)) if ranges is None else ranges, dtype=float, order="C")
+    settings = (seed, np.array(samples, dtype=np.int64), word, within, *aim, points)
+    draw = load_kernel(sampler)
+    if target is None:
+        draw(0, samples.size, Control().flag, *settings)
+        return points
+    threads = threads or available_threads()
+    edges = np.linspace(0, samples.size, threads + 1).astype(int).tolist()
+
+    def part(first: int, last: int, control: Control) -> None:
+        draw(first, last, control.flag, *settings)
+
+    # Python's threads: a pool of Numba's aborts the process if another kernel runs at that time.
+    # This thread stays free to notice Ctrl-C.
+    side_by_side([partial(part, *ends) for ends in pairwise(edges)], threads)
+    if (unmet := np.isnan(points[0])).any():
+        raise ConfigError(
+            f"bodies.target.{target.name}: {value:g} was not met to {target.rel_tol:g} in "
+            f"{target.max_draws} draws of sample {samples[np.argmax(unmet)]}; choose another "
+            "target, wider ranges, a larger rel_tol or more max_draws"
+        )
+    return points
+
+
+def sampler() -> Kernel:
+    """Return the sampler, to be compiled."""
+    flag, whole = Control().flag, np.zeros(0, dtype=np.int64)
+    like = (0, 0, flag, 0, whole, 0, np.zeros((5, 2)), 0, 0.0, 0.0, 0, np.zeros((6, 0)))
+    return Kernel(_draw, like, {"nogil": True}, (__file__,))
+
+
+# The formulas of `physics` and above, compiled for scalars: one source for both uses.
+_shell_dumbbell = njit(nogil=True)(body.shell_dumbbell)
+register_jitable(nogil=True)(theory.hessian)
+_torque_coefficients = njit(nogil=True)(theory.torque_coefficients)
+_drawn_parameters = njit(nogil=True)(_shell_parameters)
+
+_M0, _M1 = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
+_W0, _W1 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
+_LOW, _HALF, _SHIFT = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint64(11)
+_UNIT = 2.0**-53
+
+
+def _draw(
+    first, last, stop, seed, samples, word, ranges, which, target, rel_tol, max_draws, points
+):
+    """Draw points for the samples from ``first`` up to ``last``; NaN stays where none meets it.
+
+    ``which`` is 0 for no target, 1 for K_p and 2 for K_r.
+    """
+    for i in range(first, last):
+        if stop[0]:
+            return
+        for k in range(max_draws):
+            u = uniforms(seed, word, samples[i], k)
+            if which > 0:
+                gamma, f_sd, theta, phi, xi = _drawn_parameters(u, ranges)
+                alpha, beta = _shell_dumbbell(gamma, f_sd)
+                coefficients = _torque_coefficients(alpha, beta, theta, phi, xi)
+                if abs(coefficients[1 + which] - target) > rel_tol * target:
+                    continue
+            for row in range(len(points)):
+                points[row, i] = u[row]
+            break
+
+
+@njit(nogil=True)
+def uniforms(seed, word, sample, draw):
+    """Return eight numbers in [0, 1)."""
+    s, w, k = np.uint64(seed), np.uint64(word), np.uint64(sample)
+    # NumPy raises its counter before it uses it.
+    first = np.uint64(2) * np.uint64(draw) + np.uint64(1)
+    return _philox(s, w, first, k) + _philox(s, w, first + np.uint64(1), k)
+
+
+@njit(nogil=True)
+def _philox(key0, key1, c0, c1):
+    """Return four numbers in [0, 1), multiples of 2^-53, for one counter (64 bit words)."""
+    c2 = c3 = np.uint64(0)
+    for _ in range(10):
+        high0, low0 = _multiply(_M0, c0)
+        high1, low1 = _multiply(_M1, c2)
+        c0, c1, c2, c3 = high1 ^ c1 ^ key0, low1, high0 ^ c3 ^ key1, low0
+        key0 += _W0
+        key1 += _W1
+    return (
+        float(c0 >> _SHIFT) * _UNIT,
+        float(c1 >> _SHIFT) * _UNIT,
+        float(c2 >> _SHIFT) * _UNIT,
+        float(c3 >> _SHIFT) * _UNIT,
     )
 
-    def __init__(self, seed: int, source: ShapeSource) -> None:
-        self._seed, self._ranges = seed, np.array(list(source.sizes.values()))
-        self.samples = (source.samples or 1000) if source.drawn else 1
-        # The conditions of a body are monotonic in each size.
-        corners = np.array(list(product(*self._ranges))).T
-        _check(_shaped(corners), "bodies", dict(zip(source.sizes, corners, strict=True)))
 
-    def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
-        """Return the bodies of some runs; all cases have the same."""
-        low, high = self._ranges.T[:, :, None]
-        unit = draw_bodies(self._seed, sample, UNIT)[0][:5] if (low < high).any() else 0.0
-        return _shaped(low + (high - low) * unit * np.ones(len(sample)))
-
-
-def _shaped(sizes: Floats) -> Bodies:
-    """Return half ellipsoids of some lengths, widths, heights, masses and skew angles."""
-    length, width, height, mass, skew = sizes
-    found = half_ellipsoid(length, width, height, mass, np.abs(skew))
-    mass, a = found.pop("mass"), found.pop("height")
-    none, gravity = np.full(mass.shape, np.nan), np.full(mass.shape, si.GRAVITY)
-    kept = {"mass_kg": mass, "height_m": a}
-    return Bodies(**found, f_sd=none, scale=Scale(mass, a, gravity), carried=kept)
-
-
-def _check(bodies: Bodies, where: str, sizes: dict[str, Floats] | None = None) -> None:
-    """Raise a ConfigError if a body cannot exist; of several, told by its parameters or `sizes`."""
-    names = PARAMETERS if bodies.c is None else (*PARAMETERS, "c")
-    columns = {name: getattr(bodies, name) for name in names}
-    for place, sentence in violations(**columns):
-        told = (f"{name} {values[place]:g}" for name, values in (sizes or columns).items())
-        which = f"at {', '.join(told)}: " if len(bodies.alpha) > 1 else ""
-        raise ConfigError(f"{where}: {which}{sentence}")
+@njit(nogil=True)
+def _multiply(a, b):
+    """Return the high and the low word of a 64 by 64 bit product."""
+    a_high, a_low = a >> _HALF, a & _LOW
+    b_high, b_low = b >> _HALF, b & _LOW
+    low = a_low * b_low
+    middle = a_high * b_low + (low >> _HALF)
+    cross = a_low * b_high + (middle & _LOW)
+    return a_high * b_high + (middle >> _HALF) + (cross >> _HALF), a * b

@@ -11,6 +11,8 @@ from __future__ import annotations
 import hashlib
 import math
 import os
+import sys
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,7 +21,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.csv as csv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
@@ -28,9 +29,9 @@ from rattlesweep.arrays import Flags, Floats, Integers, take
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics import si
 from rattlesweep.physics.body import PARAMETERS, violations
-from rattlesweep.physics.launch import spin_and_oscillation
+from rattlesweep.physics.theory import spin_and_oscillation
 from rattlesweep.sweeps import columns as known
-from rattlesweep.sweeps.bodies.protocol import Bodies, Scale
+from rattlesweep.sweeps.bodies import Bodies, Scale
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT
 from rattlesweep.sweeps.config.schema import (
     MAX_SIGMA,
@@ -49,7 +50,6 @@ LAUNCH, LOSSES = ("n_i", "omega_xy0"), ("sigma", "rolling")
 OMEGA, U = ("omega_x", "omega_y", "omega_z"), ("u_x", "u_y", "u_z")
 COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, "t_end", "psi", "f_sd", "c", *LOSSES)
 """Columns that say what is run, without SI units."""
-SHAPE = (*PARAMETERS, "c")
 BODY = ("mass_kg", "height_m", "ixx_kg_m2", "iyy_kg_m2", "izz_kg_m2", "r1_m", "r2_m")
 """Mass, height of the centre of mass, inertia about it, radii of curvature at the bottom."""
 BODY_DEFAULTS = {"ixy_kg_m2": 0.0, "axes_angle_deg": 0.0, "gravity_m_s2": si.GRAVITY}
@@ -87,10 +87,8 @@ BOUNDS = {
     "gravity_m_s2": si.LIMITS["acceleration"],
 }
 """Smallest and largest values, and their unit, of columns that are no parameters of bodies."""
-# How far a column may differ from the same one with units, as an output table has both of spins.
-SLACK = 1e-9
-NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
-NUMERIC = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_null)
+SLACK = 1e-9  # between a column and the same one with units: an output table has both of spins
+LARGE = 3e8  # bytes of a file that takes seconds to read
 Problem = tuple[int, str]
 """Number of a row from 0, and what is wrong with it."""
 
@@ -114,10 +112,10 @@ class TableBodies:
         return len(self.columns["alpha"])
 
     @property
-    def losses(self) -> dict[str, float | str]:
+    def losses(self) -> dict[str, list[float | str]]:
         """Dissipation that the table gives: a number if all rows share it, else "table"."""
         own = {name: np.unique(self.columns[name]) for name in LOSSES if name in self.columns}
-        return {name: float(v[0]) if len(v) == 1 else TABLE for name, v in own.items()}
+        return {name: [float(v[0]) if len(v) == 1 else TABLE] for name, v in own.items()}
 
     @property
     def has_semi_axes(self) -> bool:
@@ -153,7 +151,7 @@ class TableBodies:
             columns["c"] = c if source.c is None else np.where(np.isnan(c), source.c, c)
             if np.isnan(columns["c"]).all():
                 raise ConfigError("bodies.c: missing; the table has no column c")
-            _refuse("bodies.path", violations(**{name: columns[name] for name in SHAPE}))
+            _refuse("bodies.path", _impossible(columns))
         return TableBodies(columns, self.scale, self.carried, self.fields)
 
 
@@ -164,17 +162,20 @@ def read_bodies(path: str, base: Path | None = None) -> TableBodies:
     for each of the first bad rows.
     """
     where = f"bodies.path: {one_line(path, 200)}"
-    file = path if base is None or os.path.exists(path) else str(base / path)
-    if not (os.path.isdir(file) or os.path.isfile(file)):
+    file = Path(path) if base is None or os.path.exists(path) else base / path
+    if not (file.is_dir() or file.is_file()):
         raise ConfigError(f"{where}: no such file; give the path of a CSV or Parquet table")
     try:
-        if os.path.isdir(file) or file.lower().endswith((".parquet", ".pq")):
+        size = sum(x.stat().st_size for x in (file.rglob("*") if file.is_dir() else [file]))
+        if size > LARGE:
+            print(f"reading {one_line(path, 200)}, {size / 1e9:.1f} GB", file=sys.stderr)
+        if file.is_dir() or file.suffix.lower() in (".parquet", ".pq"):
             table = pq.read_table(file, page_checksum_verification=True)
         else:
             # Types are inferred from the first block: from all of the file.
-            size = min(os.path.getsize(file) + 1, 2**31 - 1)
+            options = csv.ReadOptions(block_size=min(size + 1, 2**31 - 1))
             empty = csv.ConvertOptions(strings_can_be_null=True)
-            table = csv.read_csv(file, csv.ReadOptions(block_size=size), convert_options=empty)
+            table = csv.read_csv(file, options, convert_options=empty)
             table = table.rename_columns([name.strip() for name in table.column_names])
     except Exception as error:  # pyarrow raises many kinds
         raise _unreadable(where, error) from None
@@ -192,8 +193,7 @@ def frame_bodies(frame: pd.DataFrame) -> TableBodies:
     except (pa.ArrowException, TypeError, ValueError) as error:
         raise _unreadable("bodies", error) from None
     bodies = _bodies(table, "bodies")
-    if bodies.has_semi_axes:
-        _refuse("bodies", violations(**{name: bodies.columns[name] for name in SHAPE}))
+    _refuse("bodies", _impossible(bodies.columns))
     return bodies
 
 
@@ -206,18 +206,16 @@ def _unreadable(where: str, error: Exception) -> ConfigError:
 
 
 def _bodies(table: pa.Table, where: str) -> TableBodies:
-    names = table.column_names
-    if repeated := next((name for name in names if names.count(name) > 1), None):
-        told = f"there are {names.count(repeated)} columns {one_line(repeated)}; keep one of them"
+    if repeated := [name for name, times in Counter(table.column_names).items() if times > 1]:
+        told = f"there are several columns {one_line(repeated[0])}; keep one of them"
         raise ConfigError(f"{where}: {told}")
     if not table.num_rows:
         raise ConfigError(f"{where}: the table has no rows; give at least one body")
-    given = dict(zip(names, table.columns, strict=True))
-    columns: dict[str, Floats] = {}
+    given = dict(zip(table.column_names, table.columns, strict=True))
+    columns = {name: _numbers(given[name]) for name in INPUT if name in given}
     problems: list[Problem] = []
-    for name in (name for name in INPUT if name in given):
-        columns[name] = _numbers(given[name])
-        bad = ~np.isfinite(columns[name])
+    for name, values in columns.items():
+        bad = ~np.isfinite(values)
         if name in NULLABLE:
             bad &= ~given[name].is_null(nan_is_null=True).to_numpy()
         for row in _first(bad):
@@ -225,7 +223,7 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
             told = "empty" if cell is None else repr(str(cell)[:40])
             problems.append((row, f"{name} is {told}; a finite number is needed"))
     _refuse(where, [*problems, *_out_of_bounds(columns)])
-    scale, differing = _lose_units(columns, where)
+    scale, problems = _without_units(columns, where)
     _require(PARAMETERS, columns, where, f"{' '.join(PARAMETERS)} are wanted")
     state = columns.keys() & {*OMEGA, *U}
     if state:
@@ -233,7 +231,7 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
     elif columns.keys() & {*LAUNCH}:
         _require(LAUNCH, columns, where, "a launch has n_i and omega_xy0")
     impossible = violations(**{name: columns[name] for name in PARAMETERS})
-    _refuse(where, [*differing, *_out_of_bounds(columns), *impossible])
+    _refuse(where, [*problems, *_out_of_bounds(columns), *impossible])
     if "t_r" in columns and "t_end" in columns:
         # In an output table the t_end of a run that reversed is its result, and not its horizon.
         columns["t_end"] = np.where(np.isfinite(columns["t_r"]), np.nan, columns["t_end"])
@@ -256,59 +254,55 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
 
 def _numbers(column: pa.ChunkedArray) -> Floats:
     """Return a column as numbers, NaN where a cell is none."""
-    types = pa.types
-    if types.is_dictionary(column.type):
-        column = column.cast(column.type.value_type)
-    if types.is_string(column.type) or types.is_large_string(column.type):
-        text = pc.utf8_ltrim(pc.utf8_trim_whitespace(column), "+")
-        column = pc.if_else(pc.match_substring_regex(text, NUMBER), text, None)
-    elif not any(is_kind(column.type) for is_kind in NUMERIC):
+    import pandas as pd
+
+    if pa.types.is_temporal(column.type) or pa.types.is_boolean(column.type):
         return np.full(len(column), np.nan)
-    values: Floats = column.cast(F64, safe=False).to_numpy().astype(float, copy=False)
-    return values
+    return np.array(pd.to_numeric(column.to_pandas(), errors="coerce"), float)
 
 
 def _own(column: pa.ChunkedArray) -> tuple[pa.DataType, NDArray[Any]]:
     """Return a column that the runs keep: whole numbers, numbers (NaN for empty cells) or text."""
-    kind = column.type
-    if not any(is_kind(kind) for is_kind in NUMERIC) or pa.types.is_null(kind):
-        return TEXT, np.array(column.cast(TEXT).to_pylist(), dtype=object)
-    if pa.types.is_integer(kind) and not pa.types.is_uint64(kind) and not column.null_count:
+    kind, types = column.type, pa.types
+    if types.is_integer(kind) and kind != pa.uint64() and not column.null_count:
         return I64, np.asarray(column).astype(np.int64)
-    return F64, column.cast(F64, safe=False).to_numpy().astype(float)
+    if types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind):
+        return F64, _numbers(column)
+    return TEXT, np.array(column.cast(TEXT).to_pylist(), dtype=object)
 
 
-def _lose_units(columns: dict[str, Floats], where: str) -> tuple[Scale | None, list[Problem]]:
+def _without_units(columns: dict[str, Floats], where: str) -> tuple[Scale | None, list[Problem]]:
     """Add the columns without units that follow from those with units.
 
-    Returns the units of the bodies, where they are known, and where two columns disagree.
+    Return the units of the bodies, where they are known, and where two columns disagree.
     """
-    made: dict[str, tuple[str, Floats]] = {}
+    made: dict[str, Floats] = {}
     scale: Scale | None = None
+    full = {
+        name: np.full(len(next(iter(columns.values()))), x) for name, x in BODY_DEFAULTS.items()
+    }
+    full |= columns
     if (height := columns.get("height_m")) is not None:
-        gravity = columns.get("gravity_m_s2", np.full(len(height), si.GRAVITY))
-        scale = Scale(columns.get("mass_kg", np.full(len(height), np.nan)), height, gravity)
+        mass = columns.get("mass_kg", np.full(len(height), np.nan))
+        scale = Scale(mass, height, full["gravity_m_s2"])
     if columns.keys() & {*BODY[2:], "ixy_kg_m2", "axes_angle_deg"}:
         _require(BODY, columns, where, f"a body in SI units has {' '.join(BODY)}")
-        rows = len(columns["mass_kg"])
-        full = {name: np.full(rows, x) for name, x in BODY_DEFAULTS.items()} | columns
         tensor = np.stack([full[f"i{x}_kg_m2"] for x in ("xx", "yy", "zz", "xy")], axis=1)
         radii = np.stack([full["r1_m"], full["r2_m"]], axis=1)
         angle = np.radians(full["axes_angle_deg"])
-        found = si.parameters(full["mass_kg"], tensor, full["height_m"], radii, angle)
-        made |= {name: ("the body in SI units", values) for name, values in found.items()}
+        made = si.parameters(full["mass_kg"], tensor, full["height_m"], radii, angle)
     for name, (plain, size, kind) in WITH_UNITS.items():
         if name in columns:
             needed = {"": (), "torque per spin": ("mass_kg", "height_m")}.get(kind, ("height_m",))
             _require(needed, columns, where, f"{name} needs it")
             value = columns[name] * size
-            made[plain] = name, scale.natural(value, kind) if scale and kind else value
+            made[plain] = scale.natural(value, kind) if scale and kind else value
     problems: list[Problem] = []
-    for plain, (name, values) in made.items():
+    for plain, values in made.items():
         # The one without units counts, so that an output table gives the same runs again.
         own = columns.setdefault(plain, values)
         for k in _first(~np.isclose(values, own, rtol=SLACK, atol=0, equal_nan=True)):
-            told = f"{plain} is {own[k]:g}, and {name} comes to {values[k]:g}"
+            told = f"{plain} is {own[k]:g}, and {values[k]:g} by the columns with units"
             problems.append((k, f"{told}; keep one of the two"))
     return scale, problems
 
@@ -355,6 +349,10 @@ def _out_of_bounds(columns: dict[str, Floats]) -> Iterator[Problem]:
         broken = None if name == "omega_xy0" and "u_x" in columns else check_value(name, values)
         if broken:
             yield broken[0], f"{name} is {values[broken[0]]:g}; {broken[1]}"
+
+
+def _impossible(columns: dict[str, Floats]) -> Iterator[Problem]:
+    return violations(**{name: columns[name] for name in (*PARAMETERS, "c") if name in columns})
 
 
 def _refuse(where: str, problems: Iterable[Problem]) -> None:

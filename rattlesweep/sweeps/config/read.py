@@ -17,8 +17,8 @@ from ruamel.yaml import YAML
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.sweeps.config.messages import Key, Places, describe, nearest, not_one_of
-from rattlesweep.sweeps.config.schema import SOURCES, TAGS, Config, Dissipation
+from rattlesweep.sweeps.config import Key, Places, describe, hint, not_one_of
+from rattlesweep.sweeps.config.schema import SOURCES, Config, Dissipation
 
 MAX_VALUES = 20_000  # aliases may stand for far more values than a file has
 MAX_TOLD = 20  # problems told in full
@@ -38,12 +38,12 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
-        reason = one_line(getattr(error, "strerror", None) or str(error), 200)
+        reason = getattr(error, "strerror", None) or one_line(str(error), 200)
         raise ConfigError(f"{file}: {reason}; give the path of a config in UTF-8") from None
     data, lines, problems = read_yaml(text)
     if not isinstance(data, dict):
-        line, _, sentence = problems[0] if problems else (1, (), "")
-        sentence = sentence or f"{describe(data)} is found; write key: value lines"
+        empty: Problem = (1, (), f"{describe(data)} is found; write key: value lines")
+        line, _, sentence = (*problems, empty)[0]
         raise ConfigError(f"{file}:{line}: {sentence}")
     stem = "".join(c if c.isprintable() and c != "\\" else "_" for c in Path(path).stem)
     return _check({"name": stem} | data, overrides, Places(file, {(): 1, **lines}), problems)
@@ -64,18 +64,16 @@ def override_config(data: Mapping[str, Any], overrides: Sequence[str]) -> Config
         return value.tolist() if hasattr(value, "tolist") else str(value)
 
     try:
-        return _check(
-            json.loads(json.dumps({**data}, default=plain)), overrides, Places(None, {}), []
-        )
+        own = json.loads(json.dumps({**data}, default=plain))
     except TypeError as error:
         raise ConfigError(f"the config is not plain data ({error}); give a dict") from None
+    return _check(own, overrides, Places(), [])
 
 
 def config_json_schema() -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of a config."""
     schema = Config.model_json_schema()
-    # This keyword belongs to OpenAPI and not to JSON Schema.
-    del schema["properties"]["bodies"]["discriminator"]
+    del schema["properties"]["bodies"]["discriminator"]  # of OpenAPI, and not of JSON Schema
     draft = "https://json-schema.org/draft/2020-12/schema"
     return schema | {"$schema": draft, "title": "rattlesweep config"}
 
@@ -93,24 +91,24 @@ def fixed_part(data: Mapping[str, Any]) -> dict[str, Any]:
     and the thresholds between types. Of the dissipation its kind stays, which chooses the kernel,
     and with it `dead_energy`, which decides which zeros of the spin are reversals.
     """
-    part = _without(data, "name", "output", "stop")
+
+    def without(section: Mapping[str, Any], *names: str) -> dict[str, Any]:
+        return {key: value for key, value in section.items() if key not in names}
+
+    part = without(data, "name", "output", "stop")
     # A table is known by what it holds, wherever it lies.
-    part["bodies"] = _without(data["bodies"], "samples", "refine", "path")
+    part["bodies"] = without(data["bodies"], "samples", "refine", "path")
     if target := part["bodies"].get("target"):
         name = "K_p" if "K_p" in target else "K_r"
-        part["bodies"]["target"] = {"coefficient": name, **_without(target, name)}
+        part["bodies"]["target"] = {"coefficient": name, **without(target, name)}
     if "spin" in data:
-        part["spin"] = _without(data["spin"], "n_i", "omega_xy0")
-    part["integrator"] = _without(data["integrator"], "max_steps")
+        part["spin"] = without(data["spin"], "n_i", "omega_xy0")
+    part["integrator"] = without(data["integrator"], "max_steps")
     part["classify"] = {"early": data["classify"]["early"]}
     part["dissipation"] = {"kind": Dissipation.model_validate(data["dissipation"]).kind}
     if part["dissipation"]["kind"]:
         part["classify"]["dead_energy"] = data["classify"]["dead_energy"]
     return part
-
-
-def _without(data: Mapping[str, Any], *names: str) -> dict[str, Any]:
-    return {key: value for key, value in data.items() if key not in names}
 
 
 def physics_hash(config: Config) -> str:
@@ -187,14 +185,13 @@ def _check(
     """Return the config, or raise a ConfigError with everything that is wrong."""
     for text in overrides:
         places = _override(data, places, text)
-    config = None
     try:
         config = Config.model_validate(data)
     except ValidationError as error:
         for one in error.errors(include_url=False):
             key, sentence = _problem(one, data)
             found.append((places.origin(key), key, sentence))
-    if config is not None and not found:
+    if not found:
         config._places = places
         return config
     # In the order of the file; those of settings come last.
@@ -228,8 +225,7 @@ def _override(data: dict[str, Any], places: Places, text: str) -> Places:
 
 def _problem(error: Any, data: Any) -> tuple[Key, str]:
     """Return the key and the sentence of one of pydantic's errors."""
-    kind, value = error["type"], error["input"]
-    place = [part for part in error["loc"] if part not in TAGS]
+    kind, value, place = error["type"], error["input"], [*error["loc"]]
     if place[0] == "bodies":
         del place[1:2]  # pydantic puts the source here
     key: Key = ()
@@ -244,28 +240,28 @@ def _problem(error: Any, data: Any) -> tuple[Key, str]:
     if kind == "missing":
         return key, "the key is missing; add it"
     if kind == "extra_forbidden":
-        word, names = str(key[-1]), _names(key, data)
-        near = nearest(word, names)
-        hint = f"did you mean {describe(near)}?" if near else f"allowed are {', '.join(names)}"
-        return key, f"unknown key {describe(word)}; {hint}"
+        names = _names(key, data)
+        told = hint(key[-1], names, f"allowed are {', '.join(names)}")
+        return key, f"unknown key {describe(key[-1])}; {told}"
     if kind == "literal_error":
         return key, not_one_of(value, re.findall(r"'(\w+)'", error["ctx"]["expected"]))
     words = re.sub(r" or instance of \w+| after validation|Value error, ", "", error["msg"])
     words = words.replace("Input", "it").replace("List", "it")
-    if kind in ("clash", "value_error"):
-        return key, f"{describe(value)} {words}" if isinstance(value, str) else words
-    return key, f"{describe(value)} is given; {words}"
+    if kind == "value_error" and isinstance(value, str):
+        return key, f"{describe(value)} {words}"
+    return key, words if kind in (
+        "clash",
+        "value_error",
+    ) else f"{describe(value)} is given; {words}"
 
 
 def _names(key: Key, data: Any) -> list[str]:
     """Return the keys that are allowed at the place of one."""
     model: Any = Config
-    for depth, part in enumerate(key[:-1]):
-        if key[: depth + 1] == ("bodies",):
-            model = SOURCES[data["bodies"]["source"]]
-            continue
+    for part in key[:-1]:
         kinds = [model.model_fields[part].annotation]
         for kind in kinds:
             kinds.extend(get_args(kind))
-        model = next(kind for kind in kinds if hasattr(kind, "model_fields"))
+        models = [kind for kind in kinds if hasattr(kind, "model_fields")]
+        model = SOURCES[data["bodies"]["source"]] if part == "bodies" else models[0]
     return list(model.model_fields)

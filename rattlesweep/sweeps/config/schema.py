@@ -8,17 +8,17 @@ import math
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
+import numpy as np
 import pydantic
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainSerializer, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, WrapValidator
 from pydantic_core import PydanticCustomError
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.physics.body import MAX_INERTIA
-from rattlesweep.sweeps.config.messages import Key, Places
+from rattlesweep.sweeps.config import Key, Places, not_one_of
 from rattlesweep.units import KINDS, Quantity, split
 
 Clash = Iterator[tuple[str, str]]  # keys, empty for the section, and what is wrong with them
@@ -30,31 +30,21 @@ MIN_OSCILLATION = 1e-140  # sqrt(g/a); the square of a smaller one underflows
 MAX_COUNT = 2**62
 MAX_AXIS, MAX_CASES = 10**6, 100_000
 TABLE = "table"  # word for values that stand in the rows of a table
-THREE = Field(min_length=3, max_length=3)
-UNIQUE = Field(json_schema_extra={"uniqueItems": True})
-PATH = {"min_length": 1, "pattern": r"^[^\x00]*$"}
 
 
-class Parameter(NamedTuple):
-    """Open interval of a body parameter, and its meaning."""
-
-    low: float
-    high: float
-    meaning: str
-
-
-# In the symbols of Kondo and Nakanishi (2017); `physics.body` checks how they go together.
-PARAMETERS = {
-    "alpha": Parameter(1, MAX_INERTIA, "I_xx / (M a^2) + 1, inertia about the x axis; > beta."),
-    "beta": Parameter(1, MAX_INERTIA, "I_yy / (M a^2) + 1, inertia about the y axis; > 1."),
-    "gamma": Parameter(0, MAX_INERTIA, "I_zz / (M a^2), inertia about the spin axis; > 0."),
-    "theta": Parameter(0, 1, "Larger curvature at the bottom times a; phi < theta < 1."),
-    "phi": Parameter(0, 1, "Smaller curvature at the bottom times a; 0 < phi < theta."),
-    "xi": Parameter(-math.pi / 2, 0, "Skew from inertia to curvature axes in radians; negative."),
-    "xi_deg": Parameter(-90, 0, "Skew from inertia to curvature axes in degrees; negative."),
-    "minus_xi_deg": Parameter(0, 90, "Skew angle times -1, in degrees; between 0 and 90."),
-    "c": Parameter(0, 1e9, "Vertical semi-axis of the ellipsoid over a; above theta."),
-    "f_sd": Parameter(0, 0.5, "I_yy / I_zz of a shell-dumbbell body; below 0.5."),
+# In the symbols of Kondo and Nakanishi (2017), each with the ends of its open interval;
+# `physics.body` checks how they go together.
+PARAMETERS: dict[str, tuple[float, float, str]] = {
+    "alpha": (1, MAX_INERTIA, "I_xx / (M a^2) + 1, inertia about the x axis; > beta."),
+    "beta": (1, MAX_INERTIA, "I_yy / (M a^2) + 1, inertia about the y axis; > 1."),
+    "gamma": (0, MAX_INERTIA, "I_zz / (M a^2), inertia about the spin axis; > 0."),
+    "theta": (0, 1, "Larger curvature at the bottom times a; phi < theta < 1."),
+    "phi": (0, 1, "Smaller curvature at the bottom times a; 0 < phi < theta."),
+    "xi": (-math.pi / 2, 0, "Skew from inertia to curvature axes in radians; negative."),
+    "xi_deg": (-90, 0, "Skew from inertia to curvature axes in degrees; negative."),
+    "minus_xi_deg": (0, 90, "Skew angle times -1, in degrees; between 0 and 90."),
+    "c": (0, 1e9, "Vertical semi-axis of the ellipsoid over a; above theta."),
+    "f_sd": (0, 0.5, "I_yy / I_zz of a shell-dumbbell body; below 0.5."),
 }
 
 
@@ -64,21 +54,16 @@ def key(default: Any, words: str, **limits: Any) -> Any:
     return Field(**how, description=words, **limits)
 
 
-def parameter(name: str, kind: Callable[[Any], Any] = lambda item: item) -> Any:
-    """Return the type of a body parameter, or of a kind of lists of its values."""
-    low, high, meaning = PARAMETERS[name]
-    item = Annotated[float, Field(gt=low, lt=high)]
-    return Annotated[kind(item) | None, Field(description=meaning)]
-
-
-class Base(BaseModel):
+class Base(pydantic.BaseModel):
     """Frozen, strict and closed model."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = pydantic.ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False
+    )
     needed: ClassVar[tuple[str, ...]] = ()  # keys of which at least one is
     rival: ClassVar[tuple[str, ...]] = ()  # keys of which one at most may be given
 
-    @model_validator(mode="before")
+    @pydantic.model_validator(mode="before")
     @classmethod
     def _tidy(cls, data: Any) -> Any:
         """Leave out null, and take numbers for the texts that YAML 1.1, as of PyYAML, has: 1e-9."""
@@ -97,82 +82,59 @@ class Base(BaseModel):
         known = {k: x for k, x in data.items() if x is not None or k not in cls.model_fields}
         return {name: x if name in texts else number(x) for name, x in known.items()}
 
-    @model_validator(mode="after")
+    @pydantic.model_validator(mode="after")
     def _check(self) -> Self:
         found, given = [*self._clashes()], {name for name, x in self if x is not None}
         if self.needed and not given & {*self.needed}:
             found.append(("", f"none of {', '.join(self.needed)} is given; add one"))
         if len(given & {*self.rival}) > 1:
             found.append(("", f"{', '.join(self.rival)} exclude each other; keep one of them"))
-        if not found:
-            return self
         errors: list[Any] = [
             {"type": PydanticCustomError("clash", words), "loc": (name,) if name else ()}
             for name, words in found
         ]
-        raise pydantic.ValidationError.from_exception_data("", errors)
+        if errors:
+            raise pydantic.ValidationError.from_exception_data("", errors)
+        return self
 
     def _clashes(self) -> Clash:
         """Yield a key and a sentence for each value that does not go with the others."""
         yield from ()
 
 
-TAGS = TEXT, OTHER = "<text>", "<other>"  # of unions; they stand in the places of pydantic's errors
+Positive = Annotated[float, Field(gt=0)]
+Time = Annotated[float, Field(gt=0, le=MAX_TIME)]
+Speed = Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED)]
+THREE = Field(min_length=3, max_length=3)
+UNIQUE = Field(json_schema_extra={"uniqueItems": True})
+PATH = {"min_length": 1, "pattern": r"^[^\x00]*$"}
 
 
-def or_text(item: Any, text: Any) -> Any:
-    """Return the union of a type with one of texts."""
-    return Annotated[
-        Annotated[item, pydantic.Tag(OTHER)] | Annotated[text, pydantic.Tag(TEXT)],
-        pydantic.Discriminator(lambda value: TEXT if isinstance(value, str | Quantity) else OTHER),
-    ]
+def or_text(item: Any, text: Any, read: Callable[[str], Any]) -> Any:
+    """Return the type of an item that may be given as a text, which a function reads."""
+
+    def choose(value: Any, handler: Callable[[Any], Any]) -> Any:
+        return read(value) if isinstance(value, str) else handler(value)
+
+    plain = PlainSerializer(lambda value: getattr(value, "text", value))
+    return Annotated[item, WrapValidator(choose, item | text), plain]
 
 
-def _plain(value: Any) -> Any:
-    return value.text if isinstance(value, Quantity) else value
+def or_word(item: Any, *words: str) -> Any:
+    """Return the type of an item, or of one of some words."""
+
+    def read(text: str) -> str:
+        if text not in words:
+            raise PydanticCustomError("clash", not_one_of(text, words))
+        return text
+
+    return or_text(item, Literal[words], read)
 
 
-def measured(kind: str, item: Any) -> Any:
-    """Return the type of a number in units of the body, or of a text with a unit of a kind."""
-    example, read = Field(examples=[KINDS[kind][1]]), AfterValidator(lambda x: Quantity(x, kind))
-    return or_text(item, Annotated[str, example, read, PlainSerializer(_plain)])
-
-
-def spaced(law: str, low: float, high: float, n: float) -> list[float]:
-    """Return n values from low to high by a law: linspace, or logspace with a constant ratio."""
-    possible = 1 <= n <= MAX_AXIS and n == int(n) and (n == 1) == (low == high)
-    if not possible or (law == "logspace" and (low == 0 or not 0 < high / low < math.inf)):
-        words = f"{n:g} values cannot be spaced from {low!r} to {high!r}; n is a whole number"
-        raise ValueError(f"{words} up to {MAX_AXIS}, and 1 if the ends are equal")
-    shares = [i / (n - 1) for i in range(1, int(n) - 1)]
-    if law == "logspace":
-        inner = [low * math.pow(high / low, share) for share in shares]
-    else:
-        inner = [low + (high - low) * share for share in shares]
-    return [low, *inner, high][: int(n)]
-
-
-def _as_list(value: Any) -> Any:
-    if not isinstance(value, dict):
-        return value if isinstance(value, list) else [value]
-    words = "write {linspace: [low, high, n]} or {logspace: [low, high, n]}, ends in one unit"
-    try:
-        [(law, (*ends, n))] = value.items()
-        (low, unit), (high, other) = (split(str(end)) for end in ends)
-        count = float(n)
-    except (TypeError, ValueError):
-        raise ValueError(words) from None
-    if law not in ("linspace", "logspace") or low is None or high is None or unit != other:
-        raise ValueError(words)
-    values = spaced(law, low, high, count)
-    return [f"{value!r} {unit}" for value in values] if unit else values
-
-
-def several(item: Any) -> Any:
-    """Return the type of a list of distinct numbers, given as one, some, or spaced ones."""
-    many = Annotated[list[item], Field(min_length=1), UNIQUE]
-    given = item | many | dict[Literal["linspace", "logspace"], Annotated[list[float | str], THREE]]
-    return Annotated[many, pydantic.BeforeValidator(_as_list, given), AfterValidator(_distinct)]
+def measured(kind: str, item: Any, *words: str) -> Any:
+    """Return the type of a number in units of the body, a text with a unit, or one of `words`."""
+    texts = Annotated[str, Field(examples=[KINDS[kind][1]])]
+    return or_text(item, texts, lambda text: text if text in words else Quantity(text, kind))
 
 
 def _distinct(values: list[Any]) -> list[Any]:
@@ -181,11 +143,28 @@ def _distinct(values: list[Any]) -> list[Any]:
     return values
 
 
-def interval(item: Any) -> Any:
-    """Return the type of a range [low, high] that may be given as one number."""
-    pair = Annotated[list[item], Field(min_length=2, max_length=2)]
-    both = pydantic.BeforeValidator(lambda x: x if isinstance(x, list) else [x, x], item | pair)
-    return Annotated[pair, both, AfterValidator(_rising)]
+def _as_list(value: Any) -> Any:
+    """Return one value, several, or evenly spaced ones as a list."""
+    if not isinstance(value, dict):
+        return value if isinstance(value, list) else [value]
+    laws: dict[str, Any] = {"linspace": np.linspace, "logspace": np.geomspace}
+    values = np.array([np.nan])
+    with suppress(TypeError, ValueError, KeyError), np.errstate(all="ignore"):
+        [(law, (*ends, n))] = value.items()
+        (low, unit), (high, other) = (split(str(end)) for end in ends)
+        if unit == other and 1 <= n <= MAX_AXIS and n == int(n) and (n == 1) == (low == high):
+            values = laws[law](low, high, int(n))
+    if not np.isfinite(values).all():
+        words = "write {linspace: [low, high, n]} or {logspace: [low, high, n]}, ends in one unit"
+        raise ValueError(f"{words} and not 0 for logspace, n a whole number up to {MAX_AXIS}")
+    return [f"{x!r} {unit}" if unit else x for x in values.tolist()]
+
+
+def several(item: Any) -> Any:
+    """Return the type of a list of distinct numbers, given as one, some, or spaced ones."""
+    many = Annotated[list[item], Field(min_length=1), UNIQUE]
+    given = item | many | dict[Literal["linspace", "logspace"], Annotated[list[float | str], THREE]]
+    return Annotated[many, BeforeValidator(_as_list, given), AfterValidator(_distinct)]
 
 
 def _rising(ends: list[float]) -> list[float]:
@@ -194,26 +173,48 @@ def _rising(ends: list[float]) -> list[float]:
     return ends
 
 
-def losses(most: float, kind: str) -> Any:
-    """Return the type of one or several numbers up to a limit, or of the word table."""
-    many = several(measured(kind, Annotated[float, Field(ge=0, le=most)]))
-
-    def check(value: Any, handler: Callable[[Any], list[float]]) -> Any:
-        found = [value] if value == TABLE else handler(value)
-        return found[0] if len(found) == 1 else found
-
-    plain = PlainSerializer(lambda x: [*map(_plain, x)] if isinstance(x, list) else _plain(x))
-    return Annotated[many, pydantic.WrapValidator(check, many | Literal["table"]), plain]
+def interval(item: Any) -> Any:
+    """Return the type of a range [low, high] that may be given as one number."""
+    pair = Annotated[list[item], Field(min_length=2, max_length=2)]
+    both = BeforeValidator(lambda x: x if isinstance(x, list) else [x, x], item | pair)
+    return Annotated[pair, both, AfterValidator(_rising)]
 
 
-Positive = Annotated[float, Field(gt=0)]
-Time = Annotated[float, Field(gt=0, le=MAX_TIME)]
-Speed = Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED)]
-Skew = Annotated[float, Field(ge=0, lt=90)]
+def parameter(name: str, kind: Callable[[Any], Any] = lambda item: item) -> Any:
+    """Return the type of a body parameter, or of a kind of lists of its values."""
+    low, high, meaning = PARAMETERS[name]
+    item = Annotated[float, Field(gt=low, lt=high)]
+    return Annotated[kind(item) | None, Field(description=meaning)]
+
+
+PRESETS = "GH: the body of Garcia and Hubbard (1988); KL: that of Kane and Levinson (1982)."
+Preset = Literal["GH", "KL"]
 Surface = Literal["paraboloid", "ellipsoid"]
 Draw = Literal["random", "sobol", "saltelli"]
-Preset = Literal["GH", "KL"]
-PRESETS = "GH: the body of Garcia and Hubbard (1988); KL: that of Kane and Levinson (1982)."
+Skew = Annotated[float, Field(ge=0, lt=90)]
+
+
+class Source(Base):
+    """Bodies with a surface."""
+
+    source: str
+    surface: Surface | None = key(None, "Shape of the bottom; an ellipsoid where c is given.")
+    c: parameter("c") = None
+
+    @property
+    def ellipsoidal(self) -> bool:
+        """Whether the bodies are ellipsoids, as those with c and of the preset KL are."""
+        return self._curved() if self.surface is None else self.surface == "ellipsoid"
+
+    def _curved(self) -> bool:
+        return self.c is not None
+
+    def _clashes(self) -> Clash:
+        if self.surface == "paraboloid" and self.c is not None:
+            yield "c", "c is given, and a paraboloid has none; take surface: ellipsoid"
+        # A table may have a column c.
+        if self.surface == "ellipsoid" and not self._curved() and self.source != TABLE:
+            yield "surface", "an ellipsoid needs c, its vertical semi-axis over a; give c: 2"
 
 
 class SdRanges(Base):
@@ -224,7 +225,7 @@ class SdRanges(Base):
     theta: parameter("theta", interval) = [0.6, 0.95]
     phi: parameter("phi", interval) = [0.01, 0.1]
     # Drawn from (low, high]: zero may bound the skew angle, but is never drawn.
-    minus_xi_deg: interval(Skew) = key([0.0, 6.0], PARAMETERS["minus_xi_deg"].meaning)
+    minus_xi_deg: interval(Skew) = key([0.0, 6.0], PARAMETERS["minus_xi_deg"][2])
 
     def _clashes(self) -> Clash:
         if self.phi[1] >= self.theta[0]:
@@ -257,28 +258,7 @@ class Target(Base):
         return self.K_r or self.K_p or []
 
 
-class Surfaced(Base):
-    """Bodies with a surface."""
-
-    surface: Surface | None = key(None, "Shape of the bottom; an ellipsoid where c is given.")
-
-    @property
-    def ellipsoidal(self) -> bool:
-        """Whether the bodies are ellipsoids, as those with c and of the preset KL are."""
-        return self._curved() if self.surface is None else self.surface == "ellipsoid"
-
-    def _curved(self) -> bool:
-        return getattr(self, "c", None) is not None or getattr(self, "name", None) == "KL"
-
-    def _clashes(self) -> Clash:
-        if self.surface == "paraboloid" and getattr(self, "c", None) is not None:
-            yield "c", "c is given, and a paraboloid has none; take surface: ellipsoid"
-        # A table may have a column c.
-        if self.surface == "ellipsoid" and not (self._curved() or isinstance(self, TableSource)):
-            yield "surface", "an ellipsoid needs c, its vertical semi-axis over a; give c: 2"
-
-
-class SdSource(Surfaced):
+class SdSource(Source):
     """Shell-dumbbell bodies, drawn at random from ranges."""
 
     source: Literal["sd"] = key(..., "Draw shell-dumbbell bodies at random.")
@@ -323,21 +303,22 @@ class Overrides(Base):
         return values if skew is None else values | {"xi": math.radians(skew)}
 
 
-class PresetSource(Surfaced):
+class PresetSource(Source):
     """One body of the literature, perhaps with parameters replaced."""
 
     source: Literal["preset"] = key(..., "Use one named body.")
     name: Preset = key(..., PRESETS)
     overrides: Overrides = key(Overrides, "Parameters that replace the preset's.")
-    c: parameter("c") = None
+
+    def _curved(self) -> bool:
+        return self.name == "KL" or self.c is not None
 
 
-class TableSource(Surfaced):
+class TableSource(Source):
     """Bodies from the rows of a table, in its order."""
 
     source: Literal["table"] = key(..., "Read bodies from a table.")
     path: str = key(..., "CSV or Parquet file, or a directory of Parquet files.", **PATH)
-    c: parameter("c") = None
 
 
 class GridBase(Overrides):
@@ -373,19 +354,18 @@ class Axes(Base):
         return {name: values for name, values in self if values is not None}
 
 
-Measure = Literal["type", "t_r", "n_end", "t_end", "n_steps", "energy_drift", "n_departure",
-                  "amp_growth", "lyapunov", "contact_ratio_max", "n_turns"]  # fmt: skip
-
-
 class Refine(Base):
     """A coarse grid first, then, level by level, only what lies between runs that differ."""
 
     levels: int = key(4, "Halvings from the coarse grid to the given values.", ge=1, le=16)
-    by: Measure = key("type", "What must not differ within a cell; perhaps a column of numbers.")
+    by: Literal[
+        "type", "t_r", "n_end", "t_end", "n_steps", "energy_drift", "n_departure", "amp_growth",
+        "lyapunov", "contact_ratio_max", "n_turns",
+    ] = key("type", "What must not differ within a cell; perhaps a column of numbers.")  # fmt: skip
     tol: float = key(0.05, "How far a number may lie off its neighbours' line.", gt=0, lt=1)
 
 
-class GridSource(Surfaced):
+class GridSource(Source):
     """Every combination of some parameters' values, the others fixed."""
 
     source: Literal["grid"] = key(..., "Vary parameters over a grid.")
@@ -450,11 +430,11 @@ SOURCES = {"sd": SdSource, "preset": PresetSource, "table": TableSource, "grid":
            "shape": ShapeSource}  # fmt: skip
 Bodies = SdSource | PresetSource | TableSource | GridSource | ShapeSource
 
+
 Unsigned = Annotated[Speed, AfterValidator(lambda spin: spin + 0.0)]  # a zero has no sign
-Torques, Levers = losses(MAX_SIGMA, "torque per spin"), losses(1, "length")
 Oscillation = Annotated[float, Field(ge=MIN_OSCILLATION, le=MAX_SPEED)]
+Direction = or_word(Annotated[float, Field(ge=-360, le=360)], "relevant", "pitch", "roll")
 Spins, Pushes = (several(measured("spin", item)) for item in (Unsigned, Oscillation))
-Direction = or_text(Annotated[float, Field(ge=-360, le=360)], Literal["relevant", "pitch", "roll"])
 
 
 class Spin(Base):
@@ -499,22 +479,24 @@ class Horizon(Base):
     t_decay: Time | None = key(None, "In units of gamma/sigma, of dissipation.sigma.")
 
 
+Torque = measured("torque per spin", Annotated[float, Field(ge=0, le=MAX_SIGMA)], TABLE)
+Lever = measured("length", Annotated[float, Field(ge=0, le=1)], TABLE)
+
+
 class Dissipation(Base):
     """What takes energy from the body; lists are cases, `table` stands for a table's column."""
 
-    sigma: Torques = key(0.0, "Torque over -omega, in M a^2 sqrt(g/a) or with a unit.")
-    rolling: Levers = key(0.0, "Moment over the normal force, in a or with a unit.")
+    sigma: several(Torque) = key([0.0], "Torque over -omega, in M a^2 sqrt(g/a) or with a unit.")
+    rolling: several(Lever) = key([0.0], "Moment over the normal force, in a or with a unit.")
 
     def values(self, name: str) -> list[float | None]:
         """Return the values of one of the two in their order; None stands for a table's."""
-        value: Any = getattr(self, name)
-        return [None] if value == TABLE else value if isinstance(value, list) else [value]
+        return [None if value == TABLE else value for value in getattr(self, name)]
 
     @property
     def kind(self) -> Literal["", "viscous", "rolling"]:
         """What some run has: nothing, sigma alone, or a rolling resistance too."""
-        sigma, rolling = (self.values(name) != [0] for name in ("sigma", "rolling"))
-        return "rolling" if rolling else "viscous" if sigma else ""
+        return "rolling" if self.rolling != [0] else "viscous" if self.sigma != [0] else ""
 
     def __bool__(self) -> bool:
         return bool(self.kind)
@@ -558,7 +540,7 @@ class AccuracyGoal(Base):
     t_r: float = key(..., "Relative error of the times of reversal.", ge=1e-12, le=1e-3)
 
 
-Accuracy = or_text(AccuracyGoal, Literal["draft", "standard", "reference"])
+Accuracy = or_word(AccuracyGoal, *ACCURACIES)
 
 
 class Integrator(Base):
@@ -575,7 +557,7 @@ class Integrator(Base):
         """Relative error that t_r may have, if the config asks for one."""
         return self.accuracy.t_r if isinstance(self.accuracy, AccuracyGoal) else None
 
-    @model_validator(mode="before")
+    @pydantic.model_validator(mode="before")
     @classmethod
     def _spell_out(cls, data: Any) -> Any:
         """Write method, tol and dt out, so that configs of one meaning are equal."""
@@ -587,28 +569,28 @@ class Integrator(Base):
             del data["accuracy"]
             data["method"], data["tol"] = ACCURACIES[word]
         elif word is None and isinstance(method, str) and method in METHODS:
-            adaptive = METHODS[method].adaptive
-            data = {("tol" if adaptive else "dt"): (TOL if adaptive else DT)} | data
+            own = {"tol": TOL} if METHODS[method].adaptive else {"dt": DT}
+            data = own | data
         return data
 
     def _clashes(self) -> Clash:
-        word: Any = self.accuracy
         takes = ["accuracy", "tol"] if METHODS[self.method].adaptive else ["dt"]
         given = [name for name in ("accuracy", "tol", "dt") if getattr(self, name) is not None]
         wrong = [name for name in given if name not in takes] or given[1:]
+        word: Any = self.accuracy
         if isinstance(word, str):
             yield "accuracy", "a word is a method and its tol; leave out method, tol and dt"
         elif wrong:
             yield wrong[0], f"{self.method} takes {' or '.join(takes)} alone; leave this out"
 
 
-Record = Literal["energy", "contact", "windows", "lyapunov", "volume", "error", "reversals"]
-
-
 def _plain_word(name: str) -> str:
     if name.strip() in ("", ".", "..") or not name.isprintable() or {"/", "\\"} & {*name}:
         raise ValueError("is empty, or has a slash or a control character; write a plain word")
     return name
+
+
+Record = Literal["energy", "contact", "windows", "lyapunov", "volume", "error", "reversals"]
 
 
 Name = Annotated[str, AfterValidator(_plain_word)]
@@ -635,22 +617,18 @@ class Config(Base):
 
     _places: Places = pydantic.PrivateAttr(default_factory=Places)
 
-    @model_validator(mode="after")
+    @pydantic.model_validator(mode="after")
     def _order_record(self) -> Self:
         """Put the words of `record` in order, with those that are implied."""
         found = {*self.record, *(["error"] if self.integrator.goal else [])}
         self.__dict__["record"] = [name for name in get_args(Record) if name in found]
         return self
 
-    def _clashes(self) -> Clash:
-        return clashes(self)
-
     @property
     def parts(self) -> list[str]:
         """Parts of the columns of `runs` that not every sweep has."""
-        turns = {"error", "reversals"} <= {*self.record}
-        own = {"tol": self.integrator.goal, "turns": turns, "surface": self.bodies.ellipsoidal,
-               "dissipation": self.dissipation}  # fmt: skip
+        own = {"tol": self.integrator.goal, "turns": {"error", "reversals"} <= {*self.record},
+               "surface": self.bodies.ellipsoidal, "dissipation": self.dissipation}  # fmt: skip
         return [*self.record, *(name for name, there in own.items() if there)]
 
     @property
@@ -674,48 +652,54 @@ class Config(Base):
     @contextmanager
     def locating(self) -> Iterator[None]:
         """Put file and line before messages of a ConfigError that begin with a dotted key."""
+
+        def located(message: str) -> str:
+            name, _, sentence = message.partition(": ")
+            if not re.fullmatch(rf"({'|'.join(Config.model_fields)})(\.\w+|\[\d+\])*", name):
+                return message
+            parts = (int(part) if part.isdigit() else part for part in re.findall(r"\w+", name))
+            return self.line(tuple(parts), sentence)
+
         try:
             yield
         except ConfigError as error:
-            raise ConfigError(map(self._located, error.messages)) from None
+            raise ConfigError(map(located, error.messages)) from None
 
-    def _located(self, message: str) -> str:
-        name, _, sentence = message.partition(": ")
-        if not re.fullmatch(rf"({'|'.join(Config.model_fields)})(\.\w+|\[\d+\])*", name):
-            return message
-        parts = (int(part) if part.isdigit() else part for part in re.findall(r"\w+", name))
-        return self.line(tuple(parts), sentence)
+    def _clashes(self) -> Clash:
+        return self.clashes()
 
-
-def clashes(config: Config) -> Clash:
-    """Yield a key and a sentence for each section that does not go with the others."""
-    bodies, spin, lost, record = config.bodies, config.spin, config.dissipation, config.record
-    goal, early, full = config.integrator.goal, config.classify.early, config.model == "full"
-    special = lost or bodies.ellipsoidal
-    if config.stop and not getattr(bodies, "drawn", ()):
-        yield "stop", f"bodies of source {bodies.source} are all there are; take source: sd"
-    elif config.stop and getattr(bodies, "draw", "") == "saltelli":
-        yield "stop", "samples of draw: saltelli are not independent; take draw: sobol"
-    if spin and config.launch:
-        yield "spin", "spin and launch are both given; keep one of them"
-    elif not (spin or config.launch or bodies.source == TABLE):
-        yield "spin", "the key is missing; give n_i and omega_xy0, or a launch with omega and u"
-    lists: list[Sequence[Any]] = [lost.values(name) for name in Dissipation.model_fields]
-    lists += [spin.n_i, spin.omega_xy0] if spin else []
-    lists += [bodies.target.values] if isinstance(bodies, SdSource) and bodies.target else []
-    if (cases := math.prod(map(len, lists))) > MAX_CASES:
-        yield "spin", f"the lists make {cases} cases; at most {MAX_CASES} are possible"
-    if bodies.source != TABLE and TABLE in (lost.sigma, lost.rolling):
-        yield "dissipation", "the word table needs a table of bodies; give a number"
-    if config.horizon.t_decay and not (bodies.source == TABLE or any(lost.values("sigma"))):
-        yield "dissipation", "horizon.t_decay is in units of gamma/sigma; give sigma"
-    if lost and not full:
-        yield "dissipation", f"the model {config.model} conserves energy; take model: full"
-    if goal and (config.model == "gh" or "reversals" in record):
-        yield "integrator", "accuracy is for integrated first reversals; leave it or those out"
-    if early and (special or not full):
-        yield "classify", "early is for full paraboloids without dissipation; leave it out"
-    if special and "lyapunov" in record:
-        yield "record", "lyapunov is for paraboloids without dissipation; leave it out"
-    if early and {"lyapunov", "volume", "reversals"} & {*record}:
-        yield "record", "lyapunov, volume and reversals need whole runs; leave classify.early out"
+    def clashes(self) -> Clash:
+        """Yield a key and a sentence for each section that does not go with the others."""
+        bodies, spin, lost, record = self.bodies, self.spin, self.dissipation, {*self.record}
+        goal, early, full = self.integrator.goal, self.classify.early, self.model == "full"
+        special = lost or bodies.ellipsoidal
+        if self.stop and not getattr(bodies, "drawn", ()):
+            yield "stop", f"bodies of source {bodies.source} are all there are; take source: sd"
+        elif self.stop and getattr(bodies, "draw", "") == "saltelli":
+            yield "stop", "samples of draw: saltelli are not independent; take draw: sobol"
+        if spin and self.launch:
+            yield "spin", "spin and launch are both given; keep one of them"
+        elif not (spin or self.launch or bodies.source == TABLE):
+            yield "spin", "the key is missing; give n_i and omega_xy0, or a launch with omega and u"
+        lists: list[Sequence[Any]] = [lost.sigma, lost.rolling]
+        lists += [spin.n_i, spin.omega_xy0] if spin else []
+        lists += [bodies.target.values] if isinstance(bodies, SdSource) and bodies.target else []
+        if (cases := math.prod(map(len, lists))) > MAX_CASES:
+            yield "spin", f"the lists make {cases} cases; at most {MAX_CASES} are possible"
+        if TABLE in (*lost.sigma, *lost.rolling) and bodies.source != TABLE:
+            yield "dissipation", "the word table needs a table of bodies; give a number"
+        if self.horizon.t_decay and not (bodies.source == TABLE or any(lost.sigma)):
+            yield "dissipation", "horizon.t_decay is in units of gamma/sigma; give sigma"
+        if lost and not full:
+            yield "dissipation", f"the model {self.model} conserves energy; take model: full"
+        if goal and (self.model == "gh" or "reversals" in record):
+            yield "integrator", "accuracy is for integrated first reversals; leave it or those out"
+        if early and (special or not full):
+            yield "classify", "early is for full paraboloids without dissipation; leave it out"
+        if special and "lyapunov" in record:
+            yield "record", "lyapunov is for paraboloids without dissipation; leave it out"
+        if early and {"lyapunov", "volume", "reversals"} & record:
+            yield (
+                "record",
+                "lyapunov, volume and reversals need whole runs; leave classify.early out",
+            )

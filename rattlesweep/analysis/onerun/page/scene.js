@@ -1,6 +1,6 @@
 "use strict";
 // What is drawn: the body's true shape, the plane, shadow and trace. Lengths are in units of a.
-function makeScene(canvas, { body, rise, weights, trail, start, changed }) {
+function makeScene(canvas, { body, rise, trail, start, changed }) {
   const T = THREE;
   const nothing = () => {};
   const absent = (error) => ({ error, draw: nothing, resize: nothing, paint: nothing,
@@ -81,7 +81,6 @@ function makeScene(canvas, { body, rise, weights, trail, start, changed }) {
     clearcoatRoughness: 0.18, side: T.DoubleSide });
   const deckPaint = new T.MeshPhysicalMaterial({ roughness: 0.6, clearcoat: 0.25,
     clearcoatRoughness: 0.4, side: T.DoubleSide });
-  const metal = new T.MeshStandardMaterial({ roughness: 0.35, metalness: 0.15 });
   const lowerMesh = new T.Mesh(hull(lower, AROUND), hullPaint);
   const parts = [lowerMesh, new T.Mesh(hull(edge, AROUND), hullPaint),
     new T.Mesh(hull(upper, AROUND), deckPaint)];
@@ -116,13 +115,6 @@ function makeScene(canvas, { body, rise, weights, trail, start, changed }) {
     const from = -0.94 + (1.88 * k) / DASHES;
     parts.push(stripe(Math.PI / 2 + body.xi, broad * 1.5, from, from + 1.13 / DASHES, 0.02 * rise,
       curvaturePaint));
-  }
-  // The dumbbells of a shell-dumbbell body, half sunk into the deck.
-  for (const [x, y, radius] of weights) {
-    const ball = new T.Mesh(new T.SphereGeometry(radius, 32, 20), metal);
-    const rho = Math.hypot((c * x + s * y) / short, (-s * x + c * y) / long);
-    ball.position.set(x, y, rho < 1 ? deckAt(rho) : 0);
-    parts.push(ball);
   }
   for (const part of parts) {
     part.castShadow = true;
@@ -287,7 +279,6 @@ function makeScene(canvas, { body, rise, weights, trail, start, changed }) {
     scene.fog.color.set(colour("sky"));
     hullPaint.color.set(colour("hull"));
     deckPaint.color.set(colour("deck"));
-    metal.color.set(colour("mass"));
     inertiaPaint.color.set(colour("pitch"));
     curvaturePaint.color.set(colour("spin"));
     tint.set(colour("roll"));

@@ -87,7 +87,7 @@
     t: tStart, playing: false, speed: D.speed, follow: true, glass: false, frames: 0, busy: 0, longest: 0,
   };
   let dirty = true;
-  const scene = makeScene(get("view"), { body: b, rise: D.rise, weights: D.weights, trail: D.trail,
+  const scene = makeScene(get("view"), { body: b, rise: D.rise, trail: D.trail,
     start: tStart,
     changed: () => { dirty = true; } });
   if (scene.error) {
@@ -214,7 +214,6 @@
     get("cursor").style.transform = `translateX(${chart.x(t)}px)`;
     get("dot").style.transform = `translate(${chart.x(t)}px, ${chart.y(n)}px)`;
   }
-  get("masses").hidden = !D.weights.length;
   const count = D.reversals.length;
   const said = count === 0 ? "no reversal" : count === 1
     ? `turn at ${plain(D.reversals[0] * second)}`

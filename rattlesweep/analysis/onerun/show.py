@@ -1,0 +1,164 @@
+"""One run as a page that moves: the body rolling, its trace and its spin, in one HTML file.
+
+What the page is made of is in `page/`: `page.html`, `page.css`, `scene.js` (what is drawn),
+`player.js` (time and controls) and `three.min.js`, a bundle of three.js that `bundle.sh` makes.
+Everything is written into the page, which forbids itself the network.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import json
+import math
+import re
+from collections.abc import Callable
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from rattlesweep.analysis.onerun.course import Course, PreparedRun
+from rattlesweep.arrays import Floats
+from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.provenance import package_version
+
+# What is shown of each row, in the order in which the page holds it.
+COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r")
+CHANNELS = ("t", *COLUMNS, "contact_z", "energy")
+# Rows of a period of the pitch.  Between rows the page draws cubics, and the body slips at most at
+# 5e-5 of the contact's speed (GH, n = 0.1 and -0.1).  Long runs make do with fewer.
+PER_PERIOD, LEAST = 20, 10
+# 48 bytes a row in the page, which stays below 5 MB.
+FEWEST_ROWS, MOST_ROWS = 201, 80_000
+THEORY_POINTS = 800
+# The body is cut off above every point of contact of the run, and not below its centre of mass.
+MARGIN = 1.25
+# Share of an ellipsoid's lower half that is drawn.
+WIDEST = 0.99
+# Periods of the roll that the trace of the contact shows.
+TRAIL = 6
+# Seconds that the way to the first reversal takes at the page's first speed, and its bounds.
+SECONDS, SLOW, FAST = 30, 4.0, 25.0
+# What `page.html` is filled with, the style first.
+SOURCES = ("page.css", "three.min.js", "scene.js", "player.js")
+
+
+def course_of(
+    run: PreparedRun,
+    points: int | None = None,
+    from_time: float | None = None,
+    watch: Callable[[float], None] | None = None,
+) -> Course:
+    """Return the run with the channels and the rows that its page needs, or so many ``points``."""
+    if run.model != "full":
+        raise ConfigError(f"the model {run.model} has no body that moves; show needs the full one")
+    if points is None:
+        points = run.even_rows(PER_PERIOD, FEWEST_ROWS, MOST_ROWS, from_time)
+        if run.even_rows(LEAST, 2, MOST_ROWS + 1, from_time) > MOST_ROWS:
+            raise ConfigError(f"t_end {run.t_end:g} is too long for one page; shorten --t-end")
+    if points > MOST_ROWS:
+        raise ConfigError(f"--points {points}: at most {MOST_ROWS} go into a page")
+    return Course(run, CHANNELS, points=points, from_time=from_time, watch=watch)
+
+
+def make_scene(course: Course) -> dict[str, Any]:
+    """Integrate a course of :func:`course_of`, not yet begun, and gather what its page shows.
+
+    ``columns`` and ``theory``, Garcia and Hubbard's spin at even times over the same span, are
+    arrays, and the rest is as JSON can hold it.  ``rise`` is the height above its lowest point, in
+    units of ``a``, at which the body is cut off.
+    """
+    columns = course.columns()
+    # A run that came to no good is shown as far as it has numbers.
+    good = np.logical_and.reduce([np.isfinite(columns[name]) for name in CHANNELS])
+    rows = len(good) if good.all() else int(np.argmin(good))
+    if rows < 2:
+        raise ConfigError(f"the run ends at t = {course.t:g}: {course.status.meaning}")
+    columns = {name: columns[name][:rows] for name in CHANNELS}
+    t, launches, body = columns["t"], course.run.launches, course.run.body
+    start = float(t[0])
+    rise = max(1.0, MARGIN * float(np.max(1 - columns["contact_z"])))
+    first = course.zeros[0] if course.zeros else float(t[-1])
+    units = {"t": (1.0, "√(a/g)"), "n": (1.0, "√(g/a)")}
+    units |= {name: (si.size, si.unit) for name, si in course.si.items() if name in units}
+    return {
+        "columns": columns,
+        "theory": launches.gh.spin(np.linspace(start, t[-1], THEORY_POINTS)),
+        "body": body,
+        "start": start,
+        "step": (float(t[-1]) - start) / (rows - 1),
+        # An ellipsoid ends at its rim, c above the bottom.
+        "rise": min(rise, WIDEST * body.get("c", np.inf)),
+        "energy": float(columns["energy"][0]),
+        "reversals": [time for time in course.reversals if time >= start],
+        "trail": TRAIL * 2 * math.pi / float(launches.modes.omega_r[0]),
+        "speed": min(FAST, max(SLOW, (max(first, start) - start) / SECONDS)),
+        "units": units,
+        "facts": _facts(course),
+    }
+
+
+def _facts(course: Course) -> list[tuple[str, str]]:
+    """Return what there is to know of the run, in words."""
+    run, launches = course.run, course.run.launches
+    b, m, units = run.body, launches.modes, run.units
+    losses = [0.0 if of is None else of[0] for of in (launches.sigma, launches.rolling)]
+    facts = {
+        "α, β, γ": f"{b['alpha']:.5g}, {b['beta']:.5g}, {b['gamma']:.5g}",
+        "θ, φ": f"{b['theta']:.5g}, {b['phi']:.5g}",
+        "skew ξ": f"{math.degrees(b['xi']):.4g}°",
+        "c": f"{b['c']:.5g} (ellipsoid)" if "c" in b else "",
+        "size": f"M = {units.mass:.4g} kg, a = {1000 * units.length:.4g} mm, "
+        f"√(a/g) = {units.time:.4g} s" if units else "",
+        "dissipation": "σ {:.4g}, rolling {:.4g}".format(*losses) if any(losses) else "",
+        "n_i, ω_xy0": f"{run.launch['n_i']:g}, {run.launch['omega_xy0']:g}",
+        "launched along": f"{math.degrees(run.launch['psi']):.4g}°",
+        "K_p, K_r": f"{m.K_p[0]:.4g}, {m.K_r[0]:.4g}",
+        "ω_p, ω_r": f"{m.omega_p[0]:.4g}, {m.omega_r[0]:.4g}",
+        "t_rGH": f"{launches.gh.t_rgh[0]:.6g}" if np.isfinite(launches.gh.t_rgh[0]) else "none",
+        "turns": _listed(course.reversals, course.t),
+        "zeros of the spin": _listed(course.zeros, course.t)
+        if course.zeros != course.reversals else "",
+        "integrated by": ", ".join(map(str, run.integrator.values())),
+        "status": course.status.label,
+        "beware": course.observer.warning,
+    }  # fmt: skip
+    # Exponents keep the hyphen that programs read.
+    return [(name, re.sub(r"(?<!e)-", "−", text)) for name, text in facts.items() if text]
+
+
+def _listed(times: list[float], end: float) -> str:
+    more = f" and {len(times) - 6} more" if len(times) > 6 else ""
+    return ", ".join(f"{time:.8g}" for time in times[:6]) + more or f"none by {end:g}"
+
+
+def make_page(scene: dict[str, Any], title: str, subtitle: str) -> bytes:
+    """Return the page; what HTML would read as markup in the title and the subtitle is escaped."""
+    table = np.stack([scene["columns"][name] for name in COLUMNS], axis=1)
+    arrays = {"columns": COLUMNS, "table": _encode(table), "theory": _encode(scene["theory"])}
+    data = json.dumps(scene | arrays, ensure_ascii=False, allow_nan=False)
+    folder = files("rattlesweep.analysis.onerun") / "page"
+    page, *texts = ((folder / name).read_text(encoding="utf-8") for name in ("page.html", *SOURCES))
+    style, *scripts = (
+        f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+        for text in texts
+    )
+    parts = {
+        # No origin at all, and no script or style but these, by their hashes.
+        "policy": f"default-src 'none'; script-src {' '.join(scripts)}; style-src {style}; "
+        "img-src data:; base-uri 'none'; form-action 'none'",
+        "version": html.escape(package_version()),
+        "title": html.escape(title),
+        "subtitle": html.escape(subtitle),
+        "data": data.replace("<", "\\u003c"),  # so that nothing ends the element that holds it
+        **dict(zip(SOURCES, texts, strict=True)),
+    }
+    # In one pass, so that what is put in is not searched for places.
+    return re.sub(r"@@([\w.]+)@@", lambda found: parts[found[1]], page).encode()
+
+
+def _encode(values: Floats) -> str:
+    """Return little-endian float32 as base64."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()

@@ -1,1 +1,0 @@
-"""One run as a page on which the body rolls."""
