@@ -73,17 +73,13 @@ def compare(a: Path, b: Path) -> Comparison:
     if not errors:
         runs[["t_r_error_a", "t_r_error_b", "type_sure_a", "type_sure_b"]] = np.nan
     ok = (runs.status_a == "ok") & (runs.status_b == "ok")
-    dt_r = (runs.t_r_b - runs.t_r_a).where(ok)
+    runs["dt_r"] = dt_r = (runs.t_r_b - runs.t_r_a).where(ok)
+    runs["relative"] = dt_r.abs() / ((runs.t_r_a + runs.t_r_b) / 2)
+    # Any difference is beyond errors of 0, but no difference is not.
     error = np.hypot(runs.t_r_error_a, runs.t_r_error_b)
-    runs = runs.assign(
-        dt_r=dt_r,
-        relative=dt_r.abs() / ((runs.t_r_a + runs.t_r_b) / 2),
-        # Any difference is beyond errors of 0, but no difference is not.
-        over_errors=(dt_r.abs() / error).mask((error == 0) & (dt_r == 0), 0.0),
-        differs=ok & (runs.type_a != runs.type_b),
-        sure=runs.type_sure_a.eq(True) & runs.type_sure_b.eq(True),
-        not_ok=~ok,
-    )
+    runs["over_errors"] = (dt_r.abs() / error).mask((error == 0) & (dt_r == 0), 0.0)
+    runs["differs"], runs["not_ok"] = ok & (runs.type_a != runs.type_b), ~ok
+    runs["sure"] = runs.type_sure_a.eq(True) & runs.type_sure_b.eq(True)
     most = runs[runs.differs | (runs.relative > 0)]
     most = most.sort_values(["differs", "over_errors", "relative"], ascending=False)
     listed = most[_LISTED].head(MOST_LISTED).astype(object).replace([np.nan, np.inf], None)

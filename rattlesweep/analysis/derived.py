@@ -72,15 +72,12 @@ def derived(
     gh = garcia_hubbard(b, m, n_i, omega_xy0, psi)
     lossy = sigma > 0 or rolling > 0
     # With losses no spin stays, and under rolling resistance nothing small grows.
-    n_c1 = math.nan if lossy else float(
-        theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi)
-    )  # fmt: skip
-    known = math.nan if rolling > 0 else 1.0
+    n_c1 = float(theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi))
+    n_c1, known = math.nan if lossy else n_c1, math.nan if rolling > 0 else 1.0
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
     exact = known * np.array(steady.growth(constants, n_i, sigma))
     damping = np.array(theory.damping_rates(b.alpha, b.beta, m, sigma))
     small = known * (np.array(theory.growth_rates(m.K_p, m.K_r, n_i)) - damping)
-    outgrows = known * 2 * damping / [m.K_p, -m.K_r]
     rows: list[tuple[str, Any, str, str]] = [
         *((name, getattr(b, name), "rad" if name == "xi" else "1", "body") for name in PARAMETERS),
         *([] if b.c is None else [("c", b.c, "a", "body: vertical semi-axis of the ellipsoid")]),
@@ -104,6 +101,7 @@ def derived(
         ("growth_roll_exact", exact[1], RATE, "growth rate of the roll at n_i"),
     ]
     if lossy:
+        outgrows = known * 2 * damping / [m.K_p, -m.K_r]
         rows += [
             ("sigma", sigma, "M a^2 sqrt(g/a)", "dissipation: torque -sigma omega"),
             ("rolling", rolling, "a", "dissipation: lever of the rolling resistance"),

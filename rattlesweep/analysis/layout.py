@@ -317,8 +317,8 @@ def make_dataset(
         columns={name: f"{name}_body" for name in axes}
     ).to_xarray()
     done = np.isin(np.arange(len(index)), place[shown]).reshape([*dataset.sizes.values()])
-    for name, variable in dataset.items():
-        column = schema.field(str(name).removesuffix("_body"))
+    for key, variable in dataset.items():
+        column = schema.field(str(key).removesuffix("_body"))
         values = variable.to_numpy()
         if pa.types.is_string(column.type):
             values = variable.fillna("").to_numpy().astype(str)
@@ -326,7 +326,7 @@ def make_dataset(
             values = values.astype(float)
         if fill_refined and layout.refined:
             values = fill(values, done)
-        dataset[name] = variable.dims, values, _about(column)
+        dataset[key] = variable.dims, values, _about(column)
     known = {column.name: _about(column) for part in RUNS.values() for column in part}
     for name in axes:
         words = PARAMETERS[name][2] if name in PARAMETERS else ""

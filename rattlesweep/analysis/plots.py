@@ -31,8 +31,8 @@ from rattlesweep.sweeps.types import codes, share, wilson
 MOST_PANELS, MOST_BINS = 40, 150
 MOST_MARKERS = 40  # with more they hide the curve
 WIDE = 30.0  # values that spread over more than this ratio are shown by their logarithms
-# Axes of so many values are long enough for an abscissa; of fewer than these each has a tick; from
-# this many on along both sides, a grid is a map.
+# Axes of so many values are long enough for an abscissa, or for a side of a map; of fewer than FEW
+# each has a tick.
 ENOUGH, FEW, SIDE = 3, 6, 8
 MAP_ENDS = (0.5, 99.5)  # percentiles, beyond which a map has the end colours
 BONDI = "Bondi's threshold"
@@ -288,13 +288,11 @@ class Times(Picture):
         panels[0][0].set_ylabel(label("ratio" if relative else self.layout.name("t_r")))
 
         what = "t_r/t_rGH, taken run by run," if relative else "the time t_r of the first reversal"
-        self.notes.append(f"Mean of {what} over the runs that reverse (type R).")
-        if not relative:
-            self.notes.append("Theory: the mean of Garcia and Hubbard's time over all runs.")
-        if (moments.count > 1).any():
-            self.notes.append("Bands: standard deviation.")
-        if len(shown) < count:
-            self.notes.append(f"Shown are {len(shown)} of {count} values of {curves[0].name}.")
+        few = f"; {len(shown)} of {count} values are shown" if len(shown) < count else ""
+        self.notes.append(
+            f"Mean of {what} over the runs that reverse (type R), with its standard deviation; "
+            f"theory is Garcia and Hubbard's mean over all runs{few}."
+        )
         handles = [
             style.entry(texts(curves, [k]), color=own, marker=mark, ms=4, ls="-")
             for k, own, mark in (looks if curves else [])
@@ -374,29 +372,27 @@ class Map(Picture):
             scale(axes, "x", x, log)
             scale(axes, "y", y, log)
             axes.set(xlim=x.edges[[0, -1]], ylim=y.edges[[0, -1]])
-        bar = every[0].figure.colorbar(mesh, ax=every, pad=0.03, extend="both",
-                                       aspect=30 if len(panels) < 4 else 45)  # fmt: skip
+        if self.quantity is None:
+            name, unit = "ratio", None
+            words = "t_r is the time of the first reversal, t_rGH that of Garcia and Hubbard."
+            every[0].set_title("most common type" if several else "type", fontsize="medium")
+            every[1].set_title(mean + label("ratio"), fontsize="medium")
+        else:
+            name, (unit, words) = self.quantity, self.layout.column(self.quantity, "--quantity")
+        self.notes.append(f"{words.removesuffix('.')}.")
+        bar = every[0].figure.colorbar(mesh, ax=every, pad=0.03, extend="both", aspect=35)
+        bar.set_label(mean + label(name, unit))
         if wide:
             style.plain_ticks(bar.ax, "y", low, high)
         entries = CELLS | {
-            "none": (style.NO_REVERSAL, "no reversal" if self.parts == 2 else "no value")
+            "none": (style.NO_REVERSAL, "no reversal" if unit is None else "no value")
         }
-        present = {name for name in CELLS if CODES[name] in code}
-        present |= {"none"} if ((code < len(TYPE_STYLE)) & np.isnan(value)).any() else set()
         if self.layout.where is not None:
             entries["missing"] = (style.MISSING, "not selected")
-        if self.quantity is None:
-            every[0].set_title("most common type" if several else "type", fontsize="medium")
-            every[1].set_title(mean + label("ratio"), fontsize="medium")
-            bar.set_label(mean + label("ratio"))
-            self.notes.append(
-                "t_r is the time of the first reversal, t_rGH that of Garcia and Hubbard's theory."
-            )
-        else:
-            unit, meaning = self.layout.column(self.quantity, "--quantity")
-            bar.set_label(mean + label(self.quantity, unit))
-            self.notes.append(f"{self.quantity}: {meaning}.")
-            present -= {*TYPE_STYLE}
+        present = {name for name in CELLS if CODES[name] in code}
+        present -= set() if self.quantity is None else {*TYPE_STYLE}
+        if ((code < len(TYPE_STYLE)) & np.isnan(value)).any():
+            present.add("none")
         handles: list[Any] = [
             Patch(facecolor=colour, label=text, edgecolor=style.GREY, linewidth=0.5)
             for name, (colour, text) in entries.items() if name in present

@@ -191,7 +191,7 @@ def encode(figure: Figure, kind: str, dpi: float) -> bytes:
     try:
         figure.savefig(buffer, format=kind, dpi=dpi, metadata=FORMATS[kind])
     except ValueError as error:  # a title may be no formula
-        raise ConfigError(one_line(str(error), 300)) from None
+        raise ConfigError(f"a text in the picture: {' '.join(str(error).split())}") from None
     return buffer.getvalue()
 
 

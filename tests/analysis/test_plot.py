@@ -294,7 +294,7 @@ def test_a_refined_map_is_whole_and_so_is_the_dataset(tmp_path):
 # With exit code 2, or 1 where it is said.
 REFUSED = r"""
 plot nowhere | nowhere is not an output directory: there is no such
-plot steady --title '$\notacommand$' | ParseSyntax
+plot steady --title '$\notacommand$' | Unknown symbol
 plot steady --kind times --ylim 0,9 | add --linear
 plot one --kind map | --kind map: does not fit this sweep
 plot map --kind reversals | does not fit
