@@ -379,7 +379,8 @@ class Map(Picture):
             every[1].set_title(mean + label("ratio"), fontsize="medium")
         else:
             name, (unit, words) = self.quantity, self.layout.column(self.quantity, "--quantity")
-        self.notes.append(f"{words.removesuffix('.')}.")
+            words = f"{name}: {words}."
+        self.notes.append(words)
         bar = every[0].figure.colorbar(mesh, ax=every, pad=0.03, extend="both", aspect=35)
         bar.set_label(mean + label(name, unit))
         if wide:
