@@ -289,7 +289,7 @@ def draw(rows: pd.DataFrame) -> Figure:
     """Draw cost against error: the median as markers, and a line to the 99th percentile."""
     figure = style.new_figure(8.4, 5.6)
     axes, looks = figure.subplots(), iter(style.SERIES)
-    known = rows[rows["error_median"].between(0, math.inf, "neither")]
+    known = rows[rows["error_median"].between(0, math.inf, "neither")].sort_values("us_per_unit")
     series = known["method"].where(known["model"] == "full", known["model"])
     for k, (name, own) in enumerate(known.groupby(series, sort=False)):
         curve = bool((own["model"] == "full").all())

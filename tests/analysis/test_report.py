@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 from editing import edited
-from sweeping import invoke
 
 import rattlesweep as rs
 from rattlesweep.analysis.report import config_yaml, make_report
@@ -127,10 +126,3 @@ def test_a_sweep_that_is_not_whole(sweeps, tmp_path):
     assert page.title == "<b>&"
     assert "not complete: 350 of 450 runs are done" in page.text
     assert "may still change" in page.text
-
-
-def test_thresholds_of_the_config_and_those_behind_the_types(sweeps, tmp_path):
-    again = edited(sweeps / "steady", tmp_path / "again", lambda rows: rows)
-    assert "sw_departure 0.05 0.05" in Page(make_report(again)).text
-    assert invoke("classify", again, "--set", "classify.sw_departure=0.2").exit_code == 0
-    assert "sw_departure 0.05 0.2" in Page(make_report(again)).text

@@ -99,7 +99,6 @@ def test_incomplete_groups_are_noted_and_too_many_refused(design, tmp_path):
     [
         ({"source": "sd", "samples": 28, "draw": "saltelli"}, 1, "it takes more runs"),
         ({"source": "sd", "samples": 20}, 2, "bodies.draw: saltelli"),
-        ({"source": "preset", "name": "GH"}, 2, "bodies.source: sd"),
     ],
 )
 def test_what_has_no_indices_is_refused(tmp_path, bodies, code, words):

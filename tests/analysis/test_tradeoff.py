@@ -101,11 +101,7 @@ def test_what_cannot_be_measured_is_one_sentence(tmp_path):
 def test_the_shipped_config_is_the_default():
     shipped = load_config(ROOT / "configs" / "tradeoff.yaml")
     assert physics_hash(shipped) == physics_hash(parse_config(DEFAULT))
-    _, runs = draw_runs(shipped, None, None, 2000)
-    assert len(runs.n_i) >= 2000
-    assert {*zip(np.sign(runs.n_i), runs.omega_xy0, strict=True)} == {
-        (sign, size) for sign in (-1, 1) for size in (0.001, 0.01, 0.1)
-    }
+    assert len(draw_runs(shipped, None, None, 2000)[1].n_i) >= 2000
 
 
 def test_bodies_are_drawn_from_any_source(tmp_path):
@@ -117,9 +113,6 @@ def test_bodies_are_drawn_from_any_source(tmp_path):
     _, runs = draw_runs(config, None, 3, 9)
     np.testing.assert_allclose(runs.bodies.theta, [0.6, 0.65, 0.7] * 2, atol=2e-3)
     assert len(draw_runs(config, None, 90, 9)[1].n_i) == 100
-    sd = load_config(small(tmp_path))
-    few, more = (draw_runs(sd, None, k, 9)[1] for k in (2, 3))
-    assert few.bodies.theta[:2].tolist() == more.bodies.theta[:2].tolist()
 
 
 def test_the_error_falls_with_the_tolerance(study):
