@@ -150,7 +150,9 @@ def measure(
     config, runs = draw_runs(config, base, samples, least)
     calls = [partial(_units, config, runs, setting) for setting in settings]
     report("kernels, compiled where this machine has them not yet")
-    side_by_side(calls, available_threads())
+    # One call a kernel: two that compile the same one would be in each other's way.
+    kernels = {(s.model, s.method): call for s, call in zip(settings, calls, strict=True)}
+    side_by_side([*kernels.values()], available_threads())
     report("references")
     reference = make_reference(config, runs, threads)
     if not reference["both"].any():
