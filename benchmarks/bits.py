@@ -5,8 +5,8 @@
 Every kernel there is: sweeps, sweeps with a tangent, and trajectories with rows between their
 steps, of all methods and models.  Some processes have theirs compiled the way it
 is done, by others, and load them; some compile by themselves; some load what these have left.
-Sweeps run on one and two threads of the parallel driver, in four threads of Python's, and without
-the driver.  Each line shows the hashes of all that came out.
+Sweeps run on one and two threads, and in four threads at once.  Each line shows the hashes of all
+that came out.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from pathlib import Path
 import click
 import numpy as np
 
-from rattlesweep.integrate import batch as batches
 from rattlesweep.integrate import compile
 from rattlesweep.integrate.batch import RECORDS, Batch, integrate
 from rattlesweep.integrate.follow import Follower
@@ -87,15 +86,6 @@ def in_threads(call):
     return found
 
 
-def without_driver(call):
-    """What a call gives where threads cannot be had."""
-    kept, batches._forked = batches._forked, True
-    try:
-        return call()
-    finally:
-        batches._forked = kept
-
-
 def followed(batch, method, model):
     """Hash of one run past its reversals, and of rows between its steps."""
     one = Batch(**{name: values[-1:] for name, values in vars(batch).items()})
@@ -114,14 +104,14 @@ def hashes(job, repeats):
         return [followed(batch, method, model) for _ in range(repeats)] + in_threads(
             lambda: followed(batch, method, model)
         )
-    left_out = {"lyapunov"} if kind == "sweep" else set()
+    left_out = {"lyapunov"} if kind == "sweep" or model == "reduced" else set()
     record = {*RECORDS} - left_out - ({"volume"} if model == "reduced" else set())
 
     def call(threads=1):
         return swept(batch, method, model, record, threads)
 
     found = [call(threads) for threads in (1, 2) for _ in range(repeats)]
-    return [*found, *in_threads(call), without_driver(call)]
+    return [*found, *in_threads(call)]
 
 
 def compile_here():

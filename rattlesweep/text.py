@@ -1,15 +1,26 @@
-"""Words and tables for a terminal."""
+"""What a terminal shows: tables, counts, lengths of time, progress."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from typing import Self
+
+COMPILING = "compiling the kernel for this machine, once (about 15 s)"
+DELAY = 0.5  # seconds after which a bar appears: much is over by then
+LINE_EVERY = 60.0  # seconds between lines where standard error is no terminal
 
 
 def align(lines: Sequence[Sequence[str]], sides: str = ">") -> str:
     """Lay cells out in columns, on their sides ``<`` or ``>``, the last for all further columns."""
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    sides = sides.ljust(len(widths), sides[-1])
-    shapes = [f"{side}{width}" for side, width in zip(sides, widths, strict=False)]
+    columns = list(zip(*lines, strict=True))
+    widths = [max(map(len, column)) for column in columns]
+    shapes = list(map("{}{}".format, sides.ljust(len(columns), sides[-1]), widths))
     rows = (map(format, line, shapes) for line in lines)
     return "\n".join("  ".join(row).rstrip() for row in rows)
 
@@ -17,3 +28,75 @@ def align(lines: Sequence[Sequence[str]], sides: str = ">") -> str:
 def counted(number: int, noun: str) -> str:
     """Return such as ``1 run`` or ``6,000 runs``."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
+def clock(seconds: float) -> str:
+    """Return seconds as m:ss or h:mm:ss."""
+    hours, rest = divmod(round(seconds), 3600)
+    return f"{hours}:{rest // 60:02d}:{rest % 60:02d}" if hours else f"{rest // 60}:{rest % 60:02d}"
+
+
+class Bar:
+    """Progress on standard error: a bar, or a line a minute, for as long as a ``with`` lasts."""
+
+    def __init__(self, shown: bool, lines: bool = False) -> None:
+        self._shown, self._lines, self._compiled = shown, lines, False
+        self._start = self._last = time.monotonic()
+        self._bar: Any = None
+
+    @classmethod
+    def of_call(cls, progress: bool | None) -> Bar:
+        """Return the bar of a call from Python: by default in a notebook and in a terminal."""
+        if progress is None:
+            progress = "ipykernel" in sys.modules or sys.stderr.isatty()
+        return cls(progress)
+
+    @classmethod
+    def of_command(cls, quiet: bool = False) -> Bar:
+        """Return the bar of a command: in a terminal, and lines elsewhere."""
+        return cls(sys.stderr.isatty() and not quiet, lines=not quiet)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+    def __call__(self, progress: Any) -> None:
+        """Show how far a sweep is, a ``Progress`` of `sweeps.run`."""
+        left = "" if progress.left is None else f", {clock(progress.left)} left"
+        self._show(progress.fraction, f"{progress.runs:,} of {progress.total:,} runs", left)
+
+    def counting(self, what: str) -> Callable[[float], None]:
+        """Return a function that shows which fraction of some work is done."""
+        return lambda fraction: self._show(fraction, what)
+
+    def stage(self, text: str) -> None:
+        """Write what is done now."""
+        if self._shown or self._lines:
+            print(f"{time.monotonic() - self._start:4.0f} s  {text}", file=sys.stderr, flush=True)
+
+    @contextmanager
+    def compiling(self, kernel: str) -> Iterator[None]:
+        """Tell that a kernel is being compiled, once, however many there are."""
+        if (self._shown or self._lines) and not self._compiled:
+            print(COMPILING, file=sys.stderr, flush=True)
+        self._compiled = True
+        yield
+
+    def _show(self, fraction: float, text: str, left: str = "") -> None:
+        now = time.monotonic()
+        text = f"{text}, {clock(now - self._start)}{left}"
+        if self._shown:
+            if self._bar is None:
+                from tqdm.auto import tqdm
+
+                # tqdm's own estimate of the time left would count compilation as work.
+                form = "{percentage:3.0f}%|{bar}| {desc}"
+                self._bar = tqdm(total=100.0, bar_format=form, file=sys.stderr, delay=DELAY)
+            self._bar.set_description_str(text, refresh=False)
+            self._bar.update(100 * fraction - self._bar.n)
+        elif self._lines and now >= self._last + LINE_EVERY:
+            self._last = now
+            print(f"{100 * fraction:.1f} %, {text}", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""Quantities with units, such as "12 mm" or "2.1 kg cm^2", in SI units; pint knows the units."""
+"""Quantities as people write them: "12 mm", "2.1 kg cm^2" (pint knows the units), "3h50m"."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ KINDS = {
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _FACTOR = r"[*/·]?\s*[A-Za-zµμ°]+\s*(?:(?:\^|\*\*)?\s*(?:-?\d|[²³]))?\s*"
+_SECONDS = {"d": 86400.0, "h": 3600.0, "m": 60.0, "min": 60.0, "s": 1.0}
+_SPAN = r"(\d+(?:\.\d+)?)\s*(d|h|min|m|s)"
 
 
 class Quantity(float):
@@ -39,10 +41,7 @@ class Quantity(float):
 
 
 def quantity(text: str, kind: str) -> float:
-    """Return a text such as ``12 mm`` or ``2.1e-4 kg*m**2``, of one of :data:`KINDS`, in SI units.
-
-    A ValueError has an example.
-    """
+    """Return ``12 mm``, ``2.1e-4 kg*m**2`` in SI units, or raise a ValueError with an example."""
     return quantities(text, kind, 1)[0]
 
 
@@ -57,8 +56,8 @@ def quantities(text: str, kind: str, *counts: int) -> list[float]:
     found = []
     for value, unit in zip(values, units, strict=True):
         size, base = _base(unit or units[-1], needed)
-        if base != _base(KINDS[kind][0], "")[1]:
-            others = (_article(name) for name, (si, _) in KINDS.items() if _base(si, "")[1] == base)
+        if base != _base(KINDS[kind][0])[1]:
+            others = (_article(name) for name, (si, _) in KINDS.items() if _base(si)[1] == base)
             raise ValueError(f"is {next(others, 'another quantity')}; {needed}")
         found.append(value * size)
     return found
@@ -70,12 +69,22 @@ def split(text: str) -> tuple[float | None, str]:
     return (float(found[1]), found[2]) if found else (None, "")
 
 
+def seconds_of(text: str) -> float:
+    """Return the seconds of ``3h50m``, ``90s``, ``1.5h`` or ``2d 4h``; else raise a ValueError."""
+    if not re.fullmatch(rf"\s*(?:{_SPAN}\s*)+", text):
+        raise ValueError("is no length of time; write it with units, as in 3h50m, 90s or 2d")
+    seconds = sum(float(number) * _SECONDS[unit] for number, unit in re.findall(_SPAN, text))
+    if not 0 < seconds < 1e10:
+        raise ValueError("is out of range; give more than nothing")
+    return seconds
+
+
 def _article(noun: str) -> str:
     return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"
 
 
 @cache
-def _base(unit: str, needed: str) -> tuple[float, str]:
+def _base(unit: str, needed: str = "") -> tuple[float, str]:
     """Return the size of a unit in SI base units, and these."""
     if not re.fullmatch(f"({_FACTOR})+", unit):
         what = f"the unit {unit}, which is not a product of units" if unit else "no unit"

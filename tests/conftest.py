@@ -36,8 +36,7 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_unconfigure() -> None:
-    """Leave nothing behind that libraries would call leaked."""
-    gc.unfreeze()
+    gc.unfreeze()  # libraries would call it leaked
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -45,7 +44,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Make temporary directories in pytest's own, and let no command tell of compilation."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tempfile, "tempdir", str(tmp_path_factory.mktemp("tempfile")))
-        patch.setattr("rattlesweep.cli.command.listening", lambda listener: nullcontext())
+        patch.setattr("rattlesweep.cli.options.listening", lambda listener: nullcontext())
         yield
 
 

@@ -40,7 +40,7 @@ class Comparison:
         return as_text(self, 20)
 
     def disagree(self, allowed: float) -> bool:
-        """Tell whether a larger share is beyond both errors, or types that are sure differ."""
+        """Tell whether a larger fraction is beyond both errors, or types that are sure differ."""
         total = self.data["total"]
         return bool((total["beyond"] or 0) > allowed * total["reversing"] or total["types_sure"])
 
@@ -105,7 +105,7 @@ def _counted(runs: pd.DataFrame, errors: bool) -> dict[str, Any]:
         "beyond": int((runs["over_errors"] > 1).sum()) if errors else None,
         "types": int(runs["differs"].sum()),
         "types_sure": int((runs["differs"] & runs["sure"]).sum()) if errors else None,
-        "not_ok": int(runs["not_ok"].sum()),
+        "failed": int(runs["not_ok"].sum()),
     }  # fmt: skip
 
 

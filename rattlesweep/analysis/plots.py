@@ -36,6 +36,7 @@ WIDE = 30.0  # values that spread over more than this ratio are shown by their l
 ENOUGH, FEW, SIDE = 3, 6, 8
 MAP_ENDS = (0.5, 99.5)  # percentiles, beyond which a map has the end colours
 BONDI = "Bondi's threshold"
+BEYOND = "beyond Bondi's threshold"
 # What a cell is: its most common type, or none of them.
 CELLS = {
     **{name: (mark.colour, mark.label) for name, mark in TYPE_STYLE.items()},
@@ -218,15 +219,15 @@ class Fractions(Picture):
                               elinewidth=0.9, capsize=1.6, zorder=4)  # fmt: skip
             if np.isfinite(bondi).any():
                 look: dict[str, Any] = {"ms": 4, "mec": "white", "mew": 0.5, "zorder": 5}
-                (known["Bondi"],) = axes.plot(x.values, 1 - bondi[here], "k^", label="Bondi",
+                (known[BEYOND],) = axes.plot(x.values, 1 - bondi[here], "k^", label=BEYOND,
                                               clip_on=False, **look)  # fmt: skip
             scale(axes, "x", x, log)
             if len(x.values) < FEW:
                 axes.set_xticks(x.values, [f"{value:.4g}" for value in x.values])
             axes.set(xlim=x.edges[[0, -1]], ylim=(0, 1), yticks=[0, 0.5, 1])
-        panels[0][0].figure.supylabel("share of bodies", fontsize="medium")
+        panels[0][0].figure.supylabel("fraction of bodies", fontsize="medium")
         self.notes.append("Shares of the runs with status ok, with 95 % intervals (Wilson).")
-        if "Bondi" in known:
+        if BEYOND in known:
             self.notes.append("Above a triangle: bodies whose steady spin is linearly stable "
                               "according to theory, |n_c1| < |n_i|.")  # fmt: skip
         return [*known.values()]

@@ -2,22 +2,132 @@
 
 An argument that is wrong raises a ``ConfigError``, which is a ``ValueError``; what the disk or the
 data refuse raises an ``OutputError``.  Each says in a sentence what is wrong and what would be
-right.
+right.  What theory says of bodies in closed form is here.
 """
 
-from rattlesweep.api.closed import (
-    GrowthRates,
-    bondi_threshold,
-    growth_rates,
-    modes,
-    reversal_time_gh,
-)
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rattlesweep.api.arrays import Bodies, body_columns, broadcast, column_scale, numbers
 from rattlesweep.api.single import Page, Run, fit, replay, show, simulate, trajectory
 from rattlesweep.api.sweeps import Sweep, load, sweep
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.physics.body import Rattleback
-from rattlesweep.physics.theory import Modes
+from rattlesweep.physics import full, steady, theory
+from rattlesweep.physics.body import PARAMETERS, Rattleback
+from rattlesweep.physics.theory import Modes, direction, garcia_hubbard
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 __all__ = ["ConfigError", "GrowthRates", "Modes", "OutputError", "Page", "Rattleback", "Run",
            "Sweep", "bondi_threshold", "fit", "growth_rates", "load", "modes", "replay",
            "reversal_time_gh", "show", "simulate", "sweep", "trajectory"]  # fmt: skip
+
+
+class GrowthRates(NamedTuple):
+    """Growth rates of the amplitudes of the two modes of a steady spin, in ``sqrt(g/a)``."""
+
+    pitch: Floats | float
+    roll: Floats | float
+
+
+def modes(body: Bodies) -> Modes:
+    """Return frequencies, directions and torque coefficients (Eqs. def-omega_pr, Kp, Kr).
+
+    Parameters
+    ----------
+    body : Rattleback, str, sequence or array of these, or DataFrame
+        A table has the columns ``alpha beta gamma theta phi xi``, angles in radians.
+
+    Returns
+    -------
+    Modes
+        ``omega_p omega_r omega_p0 omega_r0`` in ``sqrt(g/a)``, ``psi_p psi_r`` in radians,
+        ``K_p K_r`` without a unit: floats of one body, arrays of the shape of several.
+
+    Examples
+    --------
+    >>> import rattlesweep as rs
+    >>> gh = rs.Rattleback.gh()
+    >>> rs.modes([gh, gh.mirrored()]).K_r.round(4)
+    array([ 0.0968, -0.0968])
+    """
+    found = _modes(_columns(body))
+    return Modes(**{name: _plain(value) for name, value in vars(found).items()})
+
+
+def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:
+    """Return Garcia and Hubbard's time of reversal (Eqs. trgh-p, trgh-m), in ``sqrt(a/g)``.
+
+    `body` is as for :func:`modes`; ``n_i``, not zero, is the initial spin, whose sign chooses the
+    direction, and ``omega_xy0`` the oscillation along the relevant mode, both in ``sqrt(g/a)``.
+    Returns a float or an array of the shape to which all broadcast.
+
+    Examples
+    --------
+    >>> import rattlesweep as rs
+    >>> rs.reversal_time_gh("GH", n_i=[0.1, -0.1], omega_xy0=[[0.01], [0.1]]).round(1)
+    array([[108.2, 833.5],
+           [ 22.8, 343.4]])
+    """
+    parts = _columns(body, n_i=n_i, omega_xy0=omega_xy0)
+    if not parts["n_i"].all():
+        raise ConfigError("n_i: a launch without spin, n_i = 0, has no time of reversal")
+    b, found = SimpleNamespace(**parts), _modes(parts)
+    psi = direction(found, b.n_i, "relevant")
+    return _plain(garcia_hubbard(b, found, b.n_i, b.omega_xy0, psi).t_rgh)
+
+
+def bondi_threshold(body: Bodies) -> Any:
+    """Return Bondi's threshold spin ``n_c1`` (Eq. def-nc1), in ``sqrt(g/a)``.
+
+    A steady spin beyond it, ``n < n_c1 < 0``, is linearly stable; of mirrored bodies (``xi > 0``)
+    all signs are the other ones.  `body` is as for :func:`modes`; the result is a float or an array
+    of the shape of the bodies, NaN where no spin is stable.
+    """
+    parts = _columns(body)
+    xi = parts.pop("xi")
+    threshold = theory.bondi_threshold(**parts)
+    return _plain(np.where(xi > 0, -threshold, threshold))
+
+
+def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRates:
+    """Return the growth rates of the amplitudes of pitch and roll while the spin is ``n``.
+
+    `body` is as for :func:`modes`, and ``n``, in ``sqrt(g/a)``, broadcasts with the bodies.  With
+    `exact` they are the eigenvalues at this spin, else their limit for a small one, ``n K_p / 2``
+    and ``-n K_r / 2`` (Eq. case-instab1).  Energies grow twice as fast.
+
+    Examples
+    --------
+    >>> import rattlesweep as rs
+    >>> rs.growth_rates("GH", [-1.6, -1.7], exact=True).roll.round(5)
+    array([ 0.00151, -0.00046])
+    """
+    parts = _columns(body, n=n)
+    spin = parts.pop("n")
+    if exact:
+        return GrowthRates(*map(_plain, steady.growth(full.constants(**parts), spin)))
+    found = _modes(parts)
+    return GrowthRates(*map(_plain, theory.growth_rates(found.K_p, found.K_r, spin)))
+
+
+def _columns(body: Bodies, **arrays: ArrayLike) -> dict[str, Floats]:
+    """Return the six parameters and some arrays, all of one shape."""
+    columns = body_columns(body)
+    scale = column_scale(columns)
+    parts = {name: columns[name] for name in PARAMETERS}
+    return broadcast(parts | {name: numbers(name, x, scale) for name, x in arrays.items()})[0]
+
+
+def _modes(parts: dict[str, Floats]) -> Modes:
+    return theory.modes(**{name: parts[name] for name in PARAMETERS if name != "gamma"})
+
+
+def _plain(values: Floats) -> Any:
+    return float(values) if np.ndim(values) == 0 else np.asarray(values)

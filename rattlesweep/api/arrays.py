@@ -38,9 +38,6 @@ SIZE = ("mass_kg", "height_m", "gravity_m_s2")
 """Columns that tell the size of bodies."""
 
 
-# -- bodies ------------------------------------------------------------------------------------
-
-
 def one_body(body: Any, name: str = "body") -> Rattleback:
     """Return a body, perhaps given by the name of a preset."""
     if isinstance(body, Rattleback):
@@ -68,19 +65,17 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
             raise ConfigError(f"bodies: cannot be read as a table: {error}") from None
         table = frame_bodies(frame)
         return table.columns | {name: table.carried[name] for name in SIZE if name in table.carried}
-    if isinstance(bodies, str) or not isinstance(bodies, Iterable):
-        flat, shape = [one_body(bodies, "bodies")], ()
-    else:
-        given = bodies if isinstance(bodies, np.ndarray) else np.fromiter(bodies, object)
-        flat = [one_body(body, f"bodies[{place}]") for place, body in enumerate(given.flat)]
-        shape = given.shape
+    several = isinstance(bodies, Iterable) and not isinstance(bodies, str)
+    given: Any = np.array(list(bodies) if several else bodies, object)  # type: ignore[arg-type]
+    labels = [f"bodies[{k}]" for k in range(given.size)] if several else ["bodies"]
+    flat = list(map(one_body, given.flat, labels))
     names = (*PARAMETERS, "c") if any(body.c is not None for body in flat) else PARAMETERS
     columns = {name: [getattr(body, name) for body in flat] for name in names}
     sizes = [astuple(body.units) for body in flat if body.units is not None]
     if flat and len(sizes) == len(flat):
         columns |= dict(zip(SIZE, map(list, zip(*sizes, strict=True)), strict=True))
     # None becomes NaN.
-    return {name: np.array(values, float).reshape(shape) for name, values in columns.items()}
+    return {name: np.array(values, float).reshape(given.shape) for name, values in columns.items()}
 
 
 def table_bodies(columns: Mapping[str, Floats]) -> TableBodies:
@@ -96,14 +91,9 @@ def table_bodies(columns: Mapping[str, Floats]) -> TableBodies:
     return TableBodies(rest, scale, size, (*fields, *MEASURED))
 
 
-# -- units -------------------------------------------------------------------------------------
-
-
 def scale_of(units: Units | None) -> Scale | None:
     """Return the units of a body as a scale, None if its size is not known."""
-    from rattlesweep.sweeps.bodies import Scale
-
-    return None if units is None else Scale(*map(np.asarray, astuple(units)))
+    return column_scale({} if units is None else dict(zip(SIZE, astuple(units), strict=True)))
 
 
 def column_scale(columns: Mapping[str, Any]) -> Scale | None:
@@ -112,15 +102,10 @@ def column_scale(columns: Mapping[str, Any]) -> Scale | None:
 
     if "height_m" not in columns:
         return None
-    length = np.asarray(columns["height_m"], float)
-    mass, gravity = (
-        np.broadcast_to(np.asarray(columns.get(name, default), float), length.shape)
-        for name, default in (("mass_kg", np.nan), ("gravity_m_s2", GRAVITY))
-    )
+    mass, length = columns.get("mass_kg", np.nan), columns["height_m"]
+    parts = np.broadcast_arrays(length, mass, columns.get("gravity_m_s2", GRAVITY))
+    length, mass, gravity = (np.asarray(part, float) for part in parts)
     return Scale(mass, length, gravity)
-
-
-# -- numbers -----------------------------------------------------------------------------------
 
 
 def numbers(name: str, value: Any, scale: Scale | None = None) -> Floats:
@@ -131,12 +116,13 @@ def numbers(name: str, value: Any, scale: Scale | None = None) -> Floats:
         array = _floats(name, value, scale)
     except (TypeError, OverflowError):
         raise ConfigError(f"{name}: {kind_of(value)} is no number or array of numbers") from None
-    degrees = name == "psi"
-    bad = ~np.isfinite(array) | (degrees & (np.abs(array) > 360))
-    broken = None if degrees else check_value(name, array.ravel())
-    if bad.any():
-        wanted = "an angle from -360 to 360 degrees is needed" if degrees else "it must be finite"
-        broken = int(np.argmax(bad)), wanted
+    if name == "psi":
+        bad, wanted = ~(np.abs(array) <= 360), "an angle from -360 to 360 degrees is needed"
+    else:
+        bad, wanted = ~np.isfinite(array), "it must be finite"
+    broken = (int(np.argmax(bad)), wanted) if bad.any() else None
+    if broken is None and name != "psi":
+        broken = check_value(name, array.ravel())
     if broken is not None:
         place = np.unravel_index(broken[0], array.shape)
         where = f"[{', '.join(map(str, place))}]" if place else ""
@@ -148,24 +134,23 @@ def _floats(name: str, value: Any, scale: Scale | None) -> Floats:
     """Return numbers and texts with units in the units of the bodies."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
         return value.astype(float)
+    given = np.array(value, dtype=object)  # not as texts, which numbers beside them may be
+    flat = given.ravel().tolist()
+    if any(isinstance(one, bool) for one in flat):
+        raise TypeError
+    is_text = np.array([isinstance(one, str) for one in flat]).reshape(given.shape)
     try:
-        given = np.array(value, dtype=object)  # not as texts, which numbers beside them may be
-        flat = given.ravel().tolist()
-        if any(isinstance(one, bool) for one in flat):
-            raise TypeError
         found = [quantity(one, KINDS[name]) if isinstance(one, str) else one for one in flat]
         array = np.array(found, float).reshape(given.shape)
     except (KeyError, ValueError) as error:
         told = f" or a quantity: it {error}" if name in KINDS else ""
         raise ConfigError(f"{name}: {kind_of(value)} is no number{told}") from None
-    texts = [isinstance(one, str) for one in flat]
-    if not any(texts):
+    if not is_text.any():
         return array
     if scale is None:
         raise ConfigError(f"{name}: {one_line(str(value))} has a unit, but the body has no size; "
                           "give it one (KL, from_si, half_ellipsoid, --mass and --height), or a "
                           "number without")  # fmt: skip
-    is_text = np.reshape(texts, given.shape)
     return np.asarray(np.where(is_text, scale.natural(array, KINDS[name]), array))
 
 
@@ -182,22 +167,20 @@ def number(name: str, value: Any, scale: Scale | None = None) -> float | None:
 def check_count(name: str, value: Any, least: int = 1) -> None:
     """Raise a ConfigError if an argument is neither None nor a whole number from `least` on."""
     if value is not None and not (isinstance(value, Integral) and int(value) >= least):
-        raise ConfigError(f"{name}: {kind_of(value)} is no count; give a whole number from {least} "
-                          "on")  # fmt: skip
+        wanted = f"give a whole number from {least} on"
+        raise ConfigError(f"{name}: {kind_of(value)} is no count; {wanted}")
 
 
 def full_states(omega: Any, u: Any, scale: Scale | None = None) -> dict[str, Floats]:
     """Return the components of full states by the names of their columns."""
-    state: dict[str, Floats] = {}
     if scale is not None:
-        parts = scale.mass, scale.length, scale.gravity
-        scale = type(scale)(*(np.asarray(part)[..., None] for part in parts))
+        scale = type(scale)(*(np.asarray(part)[..., None] for part in vars(scale).values()))
+    state: dict[str, Floats] = {}
     for name, value in (("omega", omega), ("u", (0.0, 0.0, -1.0) if u is None else u)):
         vectors = numbers(name, value, scale)
         if vectors.shape[-1:] != (3,):
-            raise ConfigError(
-                f"{name}: a vector has three components, x, y, z; its shape is {vectors.shape}"
-            )
+            wrong = f"its shape is {vectors.shape}"
+            raise ConfigError(f"{name}: a vector has three components, x, y, z; {wrong}")
         for k, x in enumerate("xyz"):
             state[f"{name}_{x}"] = numbers(f"{name}_{x}", vectors[..., k])
     return state
@@ -208,15 +191,11 @@ def broadcast(arrays: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[in
     try:
         whole = np.broadcast_arrays(*arrays.values())
     except ValueError:
-        told = {"bodies": arrays["alpha"]} | {
-            k: v for k, v in arrays.items() if k not in PARAMETERS
-        }
+        others = {name: array for name, array in arrays.items() if name not in PARAMETERS}
+        told = {"bodies": arrays["alpha"]} | others
         shapes = ", ".join(f"{name} {array.shape}" for name, array in told.items())
         raise ConfigError(f"the shapes do not go together: {shapes}") from None
     return dict(zip(arrays, whole, strict=True)), whole[0].shape
-
-
-# -- tables ------------------------------------------------------------------------------------
 
 
 def is_frame(value: Any) -> TypeGuard[pd.DataFrame]:

@@ -16,8 +16,7 @@ from rattlesweep.api.arrays import Bodies, check_count, number, numbers
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.progress import Bar
-from rattlesweep.text import counted
+from rattlesweep.text import Bar, counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,12 +9,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from rattlesweep.api.arrays import check_count, is_frame, kind_of, to_frame
-from rattlesweep.api.single import Page, Trajectory, replay, stored_page
+from rattlesweep.api.arrays import check_count, is_frame, to_frame
+from rattlesweep.api.single import Page, stored_page
 from rattlesweep.errors import ConfigError, ConfigWarning
-from rattlesweep.progress import Bar
+from rattlesweep.text import Bar
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,25 +23,11 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.stored import Stored
     from rattlesweep.sweeps.verify import Verified
 
-LOOKS = ("title", "log", "size", "xlim", "ylim")
-
 
 class Sweep:
-    """An output directory, whole or still running; tables are read when they are asked for.
-
-    Attributes
-    ----------
-    directory : Path
-
-    Raises
-    ------
-    OutputError, ConfigError
-        If it is not the output directory of a sweep.
-    """
+    """The output directory of a sweep, whole or still running; tables are read when asked for."""
 
     def __init__(self, directory: str | Path) -> None:
-        if not isinstance(directory, str | os.PathLike):
-            raise ConfigError(f"directory: {kind_of(directory)} is no path")
         self.directory = Path(directory)
         _ = self._stored  # it must be one
 
@@ -62,8 +46,7 @@ class Sweep:
     @property
     def config(self) -> dict[str, Any]:
         """The config with all defaults filled in."""
-        config: dict[str, Any] = self.manifest["config"]
-        return config
+        return dict(self.manifest["config"])
 
     @property
     def runs(self) -> pd.DataFrame:
@@ -79,28 +62,15 @@ class Sweep:
 
     def __getitem__(self, columns: str | list[str]) -> Any:
         """Return a column of the runs as a Series, or several as a DataFrame."""
-        frame = self.read(columns)
-        return frame[columns] if isinstance(columns, str) else frame
-
-    def _ipython_key_completions_(self) -> list[str]:
-        return list(self._stored.schema.names)
+        return self.read(columns)[columns]
 
     def read(
         self, columns: Sequence[str] | str | None = None, where: str | None = None
     ) -> pd.DataFrame:
-        """Read runs, or some of their columns, or those for which a condition is true.
+        """Read the runs, or some of their columns, or those for which a condition is true.
 
-        Parameters
-        ----------
-        columns : str or sequence of str, optional
-            Columns of ``runs``, in this order; by default all.
-        where : str, optional
-            A pandas query: ``'type == "SW" and K_r < 0.005'``.
-
-        Returns
-        -------
-        pandas.DataFrame
-            One row a run, in order, with ``attrs["units"]`` and ``attrs["descriptions"]``.
+        The condition is a pandas query, ``'type == "SW" and K_r < 0.005'``.  The runs are in order,
+        with ``attrs["units"]`` and ``attrs["descriptions"]``.
 
         Examples
         --------
@@ -116,8 +86,11 @@ class Sweep:
 
         stored = self._stored
         schema = stored.schema
-        names = schema.names if columns is None else columns
-        names = [names] if isinstance(names, str) else list(names)
+        names = (
+            [columns]
+            if isinstance(columns, str)
+            else list(schema.names if columns is None else columns)
+        )
         for name in names:
             if name not in schema.names:
                 raise ConfigError(f"columns: {not_one_of(str(name), schema.names)}")
@@ -135,7 +108,9 @@ class Sweep:
     ) -> xarray.Dataset:
         """Return the runs as a Dataset with one dimension for each axis of the sweep.
 
-        Needs xarray (``pip install '.[xarray]'``).
+        Needs xarray (``pip install '.[xarray]'``).  Dimensions are the target ``K_p`` or ``K_r`` if
+        there is one (the bodies' own coefficient is then ``K_r_body``), ``n_i``, ``omega_xy0``, and
+        the axes of a grid of bodies, else ``sample``.
 
         Parameters
         ----------
@@ -146,13 +121,6 @@ class Sweep:
         fill : bool
             Whether the points that ``bodies.refine`` has left out are filled from the nearest runs,
             numbers by linear interpolation between them.
-
-        Returns
-        -------
-        xarray.Dataset
-            Dimensions are the target ``K_p`` or ``K_r`` if there is one (the bodies' own
-            coefficient is then ``K_r_body``), ``n_i``, ``omega_xy0``, and the axes of a grid of
-            bodies by their names, else ``sample``.  Variables have ``units`` and ``long_name``.
         """
         from rattlesweep.analysis.layout import make_dataset, read_layout
 
@@ -169,9 +137,8 @@ class Sweep:
         Parameters
         ----------
         kind, x, quantity, where : str, optional
-            As there: ``fractions``, ``times``, ``ratio``, ``map``, ``reversals``, ``distribution``
-            or ``scatter``; what the abscissa is; which column a map or a distribution shows; a
-            condition on the runs.
+            As there: what to draw, such as ``times`` or ``map``; what the abscissa is; which column
+            a map or a distribution shows; a condition on the runs.
         select : mapping or sequence of str
             Only these values, such as ``{"n_i": [-0.3, -0.5], "theta": "0.6:0.7"}``.
         path : path, optional
@@ -183,20 +150,14 @@ class Sweep:
         from rattlesweep.analysis.plots import choose_picture
         from rattlesweep.analysis.style import FORMATS, encode, save, styled
 
-        for name in looks:
-            if name not in LOOKS:
-                raise ConfigError(f"{name}: unknown; the looks of a picture are {', '.join(LOOKS)}")
-        endings = [f".{ending}" for ending in FORMATS]
-        if path is not None and Path(path).suffix.lower() not in endings:
-            raise ConfigError(f"path {path}: the name must end in {', '.join(endings)}")
+        if path is not None and Path(path).suffix.lower()[1:] not in FORMATS:
+            raise ConfigError(f"path {path}: the name must end in .{', .'.join(FORMATS)}")
         if isinstance(select, Mapping):
-            select = [f"{name}={_values(value)}" for name, value in select.items()]
-        layout = read_layout(self.directory)
+            listed = {k: [v] if isinstance(v, str | float | int) else v for k, v in select.items()}
+            select = [f"{name}={','.join(map(str, values))}" for name, values in listed.items()]
+        chosen: dict[str, Any] = {"x": x, "quantity": quantity, "select": select, "where": where}
         with styled():
-            picture = choose_picture(
-                layout, kind, x=x, quantity=quantity, select=select, where=where
-            )
-            figure = picture.figure(**looks)
+            figure = choose_picture(read_layout(self.directory), kind, **chosen).figure(**looks)
             if path is not None:
                 save(figure, [Path(path)], 150.0)
         # Figures made without pyplot need this to show in a notebook.
@@ -207,8 +168,8 @@ class Sweep:
         """Write one self-contained HTML page about the sweep, by default DIRECTORY/report.html."""
         from rattlesweep.analysis.report import make_report
 
-        target = self.directory / "report.html" if path is None else path
-        return Page(make_report(self.directory, title)).save(target)
+        page = Page(make_report(self.directory, title))
+        return page.save(self.directory / "report.html" if path is None else path)
 
     def verify(self, recompute: int = 0, *, seed: int = 0, threads: int | None = None) -> Verified:
         """Read everything and compare it with what the manifest says; nothing is changed.
@@ -218,8 +179,6 @@ class Sweep:
         """
         from rattlesweep.sweeps.verify import verify
 
-        check_count("recompute", recompute, 0)
-        check_count("threads", threads)
         return verify(self.directory, recompute, seed, threads)
 
     def compare(self, other: Sweep | str | Path) -> Comparison:
@@ -239,21 +198,13 @@ class Sweep:
         texts = [f"classify.{key}={value!r}" for key, value in thresholds.items()]
         return to_frame(classify_stored(self.directory, texts).summary)
 
-    def replay(self, case: int, sample: int, **rows: Any) -> Trajectory:
-        """Integrate one of the runs again as a trajectory, as :func:`rattlesweep.replay` does."""
-        return replay(self.directory, case, sample, **rows)
-
-    def show(
-        self, case: int | None = None, sample: int | None = None, *, where: str | None = None,
-        **settings: Any,
-    ) -> Page:  # fmt: skip
+    def show(self, case: int | None = None, sample: int | None = None, **settings: Any) -> Page:
         """Make a page on which the body of one of the runs rolls on the plane.
 
-        The run is that of a case and a sample, or the first for which a condition is true; settings
-        are ``t_end``, ``from_time``, ``points``, ``title`` and ``path`` as for
-        :func:`rattlesweep.show`.  Raises an OutputError if the run does not come out as stored.
+        Instead of a case and a sample there may be a condition ``where``; the other settings are
+        those of :func:`rattlesweep.show`.
         """
-        run = {"case": case, "sample": sample, "where": where}
+        run = {"case": case, "sample": sample, "where": settings.pop("where", None)}
         return stored_page(self.directory, run, **settings)[0]
 
     def __repr__(self) -> str:
@@ -261,7 +212,7 @@ class Sweep:
 
     def _repr_html_(self) -> str:
         summary = self.summary.dropna(axis="columns", how="all")
-        table = summary.to_html(max_rows=10, index=False, float_format=lambda x: f"{x:.5g}")
+        table = summary.to_html(max_rows=10, index=False, float_format="{:.5g}".format)
         return f"<div>{html.escape(repr(self))}{table}</div>"
 
 
@@ -287,19 +238,15 @@ def sweep(
     threads, progress
         As for :func:`rattlesweep.simulate`.
     **keys
-        For a DataFrame, the other keys of the config: ``spin``, ``horizon``, ``record`` ...
+        For a DataFrame, the other keys of the config: ``spin``, ``horizon``, ``record``...
 
     Raises
     ------
     ConfigError
-        If the config or an argument is wrong, or the directory holds another sweep.
+        If the config or an argument is wrong, or the directory holds another sweep; what makes
+        little physical sense is a ConfigWarning.
     OutputError
         If the directory cannot be read or written.
-
-    Warns
-    -----
-    ConfigWarning
-        Of what makes little physical sense in the config.
 
     Examples
     --------
@@ -313,16 +260,14 @@ def sweep(
     from rattlesweep.sweeps.run import run_sweep
 
     check_count("threads", threads)
-    target = None if output is None else Path(output)
-    base: Path | None = None
+    target, base = None if output is None else Path(output), None
     if is_frame(config):
         from rattlesweep.sweeps.plausible import plan_frame
 
         plan, target, base, doubts = plan_frame(config, target, keys)
     else:
-        if keys:
-            raise ConfigError(f"{next(iter(keys))}: is given beside a config; write it into the "
-                              "config")  # fmt: skip
+        for key in keys:
+            raise ConfigError(f"{key}: is given beside a config; write it into the config")
         if isinstance(config, str | os.PathLike):
             loaded, base = load_config(config), Path(config).resolve().parent
         else:
@@ -334,10 +279,3 @@ def sweep(
     with Bar.of_call(progress) as bar, listening(bar.compiling):
         run_sweep(plan, target, base=base, threads=threads, report=bar)
     return Sweep(target)
-
-
-def _values(value: Any) -> str:
-    """Return values as ``--select`` has them: a text as it is, a number, or several."""
-    if isinstance(value, str):
-        return value
-    return ",".join(repr(float(each)) for each in np.atleast_1d(value))

@@ -13,11 +13,9 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.command import DONE, SOME_FAILED, command, probe, say, to_json
-from rattlesweep.cli.options import pick
+from rattlesweep.cli.options import DONE, SOME_FAILED, command, pick, probe, say, to_json
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.progress import Bar
-from rattlesweep.text import align, counted
+from rattlesweep.text import Bar, align, counted
 
 if TYPE_CHECKING:
     from rattlesweep.analysis.fit import Fit

@@ -1,10 +1,11 @@
-"""Commands that plan, run and look after sweeps."""
+"""Commands that plan, run, look after and show sweeps; and studies that are made of sweeps."""
 
 from __future__ import annotations
 
 import json
 import secrets
 import shutil
+import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,28 +14,19 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.command import (
-    DONE,
-    EARLY,
-    FAILED,
-    MOST_ROWS,
-    SOME_FAILED,
-    command,
-    say,
-    to_json,  # fmt: skip
-)
-from rattlesweep.cli.options import COUNT, Kind
-from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.progress import Bar
-from rattlesweep.text import counted
+from rattlesweep.cli.options import COUNT, DONE, Kind, command, probe, say, to_json
+from rattlesweep.errors import ConfigError
+from rattlesweep.text import Bar, counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from rattlesweep.sweeps.config.schema import Config
     from rattlesweep.sweeps.cost import Forecast
     from rattlesweep.sweeps.plan import Plan
-    from rattlesweep.sweeps.run import Result
+
+ENGINES = click.Choice(["local", "dask"])
+SHARD = Kind("i/n", "rattlesweep.sweeps.run:Shard.parse")
+LIMIT = Kind("time", "rattlesweep.sweeps.slurm:limit_of")
 
 
 @command("Sweeps", "rattlesweep init mine.yaml")
@@ -49,11 +41,10 @@ def init(config: Path) -> None:
     from rattlesweep.sweeps.config.read import parse_config, read_yaml
     from rattlesweep.sweeps.files import replace_file
 
-    shown = one_line(str(config), 200)
     if config.suffix not in (".yaml", ".yml"):
-        raise ConfigError(f"{shown}: the name of a config ends in .yaml; write {config.stem}.yaml")
+        raise ConfigError(f"{config}: the name of a config ends in .yaml")
     if config.exists():
-        raise ConfigError(f"{shown}: is there already; choose another name, or remove it first")
+        raise ConfigError(f"{config}: is there already; choose another name, or remove it first")
     text = (files("rattlesweep.sweeps.config") / "starter.yaml").read_text(encoding="utf-8")
     # In quotes, as YAML would take some names for numbers.
     text = text.replace("name: NAME", f"name: {json.dumps(config.stem)}")
@@ -61,39 +52,32 @@ def init(config: Path) -> None:
     parse_config(read_yaml(text)[0])  # the name of a file need not be one of a directory
     replace_file(config, text.encode())
     click.echo(config)
-    say(f"run it: rattlesweep plan {shown}, rattlesweep run {shown}")
 
 
 @command(
     "Sweeps",
     "rattlesweep plan configs/steady.yaml --check",
-    "rattlesweep plan configs/steady.yaml --set bodies.samples=100000 --budget 10s",
+    "rattlesweep plan configs/steady.yaml --set bodies.samples=100000",
 )
-@options.config
-@options.output("Where the sweep would be written; nothing is written now.")
-@options.overrides
+@options.sweep
 @options.threads
-@option("--budget", type=options.TIME, default="2s", help="Time spent on the sample of runs.")
 @option("--check", is_flag=True, help="Only check the config, and integrate nothing.")
 @options.as_json
-def plan(
-    config: Path, output: Path | None, overrides: tuple[str, ...], threads: int | None,
-    budget: float, check: bool, as_json: bool,
-) -> None:  # fmt: skip
+def plan(config: Path, threads: int | None, check: bool, as_json: bool, **given: Any) -> None:
     """Check a config and forecast the time and disk space of its sweep.
 
     Prints how many runs it makes, or everything that is wrong with it, each with its line.
     Integrates a sample of the runs for about two seconds and writes nothing.
     """
-    loaded, made = _planned(config, overrides, output)
-    found = None if check else _forecast(made, loaded, threads, budget)
+    made, where = _planned(config, **given)
+    found = None if check else _forecast(made, where, threads)
+    size = {"case": len(made.cases), "sample": made.samples, "run": made.runs}
     if as_json:
-        size = {"cases": len(made.cases), "samples": made.samples, "runs": made.runs}
-        click.echo(to_json(size | ({} if found is None else vars(found))))
+        figures = {} if found is None else vars(found)
+        click.echo(to_json({f"{name}s": number for name, number in size.items()} | figures))
         return
-    cases, samples = counted(len(made.cases), "case"), counted(made.samples, "sample")
-    click.echo(f"{one_line(str(config), 200)} is valid: {cases} x {samples} = "
-               f"{counted(made.runs, 'run')}")  # fmt: skip
+    cases, samples, runs = (counted(number, name) for name, number in size.items())
+    click.echo(f"{config} is valid: {cases} x {samples} = {runs}")
     if found is not None:
         click.echo(found.words)
 
@@ -103,31 +87,25 @@ def plan(
     "rattlesweep run configs/quickstart.yaml --set bodies.samples=100",
     "rattlesweep run configs/steady.yaml --shard 0/4 --output out/steady-0",
 )
-@options.config
-@options.output()
-@options.overrides
+@options.sweep
 @options.threads
-@option("--engine", type=click.Choice(["local", "dask"]), default="local",
-        help="Compute blocks of runs here, or by workers of a Dask cluster.")  # fmt: skip
-@option("--scheduler", metavar="ADDRESS", is_eager=True,
-        help="Address of an existing Dask scheduler.")  # fmt: skip
-@option("--shard", type=Kind("i/n", "rattlesweep.sweeps.run:Shard.parse"),
-        help="Compute shard I of N only, with I from 0 to N-1.")  # fmt: skip
+@option("--engine", type=ENGINES, default="local", help="Where to compute.")
+@option("--scheduler", metavar="ADDRESS", help="Address of an existing Dask scheduler.")
+@option("--shard", type=SHARD, help="Compute shard I of N only, with I from 0 to N-1.")
 @option("--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m.")
 @option("--retry-failed", is_flag=True, help="Repeat the runs whose status is not ok.")
 @option("--dry-run", is_flag=True, help="Print the forecast, as `plan` does, and stop.")
-@option("--compile-only", is_flag=True,
-        help="Compile the kernels, as for an image or on a login node, and stop.")  # fmt: skip
+@option("--compile-only", is_flag=True, help="Compile the kernels, as for an image, and stop.")
 @options.quiet
 @option("-v", "--verbose", is_flag=True, help="Report where the time went.")
 def run(
     config: Path, output: Path | None, overrides: tuple[str, ...], threads: int | None, engine: str,
-    scheduler: str | None, dry_run: bool, compile_only: bool, quiet: bool,
-    verbose: bool, **how: Any,
+    scheduler: str | None, dry_run: bool, compile_only: bool, quiet: bool, verbose: bool,
+    **how: Any,
 ) -> int:  # fmt: skip
     """Run a sweep, or resume one that was stopped.
 
-    Prints one row per case on standard output.
+    Prints one row per case.
     """
     if (engine == "dask") != (scheduler is not None):
         raise ConfigError("--engine dask: goes with --scheduler ADDRESS; give both, or neither")
@@ -137,8 +115,7 @@ def run(
     from rattlesweep.sweeps.plan import examine
     from rattlesweep.sweeps.run import run_sweep
 
-    loaded, made = _planned(config, overrides, output, quiet)
-    where = Path(loaded.directory)
+    made, where = _planned(config, overrides, output, quiet)
     if compile_only:
         load_kernel(made.config)
         prepare_runs(made, np.zeros(1, np.int64), np.zeros(1, np.int64))  # draws a body
@@ -146,7 +123,7 @@ def run(
         return DONE
     if dry_run:
         examine(made, where)
-        click.echo(_forecast(made, loaded, threads).words)
+        click.echo(_forecast(made, where, threads).words)
         return DONE
     if scheduler is not None:
         from rattlesweep.sweeps.dask import make_engine
@@ -155,36 +132,24 @@ def run(
     with Bar.of_command(quiet) as bar:
         base = config.resolve().parent
         result = run_sweep(made, where, base=base, threads=threads, report=bar, **how)
-    return _close(result, quiet, verbose)
-
-
-def _close(result: Result, quiet: bool, verbose: bool) -> int:
-    """Tell what became of a sweep and return the exit code."""
-    where = result.directory
     for remark in result.remarks:
         say(f"note: {remark}")
     if not quiet:
-        if result.summary is not None:
-            print_summary(result.summary, where)
-        done = "all of them" if result.done == result.runs else f"{result.done:,} of them"
+        _print_summary(result.summary, where)
         again = f" ({result.retried:,} again)" if result.retried else ""
-        now = f"{done} done now{again} in {result.seconds:.1f} s"
-        say(
-            f"{counted(result.runs, 'run')} in {where}, {now if result.done else 'all done before'}"
-        )
+        now = f"{result.done:,} of them done now{again} in {result.seconds:.1f} s"
+        say(f"{counted(result.runs, 'run')} in {where}, {now}")
     if verbose:
         say(f"{result.seconds:.2f} s in all, {result.kernel_seconds:.2f} s of integration")
     if result.stopped is not None:
         say(f"stopped: {result.stopped}; {result.kept}, and the same command resumes from there")
-        return EARLY
+        return options.EARLY
     if not quiet and result.missing:
         say(f"{counted(result.missing, 'run')} of other shards not in {where} yet")
-    if not quiet and result.summary is not None:
-        say(f"see them: rattlesweep plot {where}, rattlesweep report {where}")
     if result.failed:
         words = ", ".join(f"{count:,} {word}" for word, count in sorted(result.failed.items()))
         say(f"{counted(sum(result.failed.values()), 'run')} failed: {words}")
-        return SOME_FAILED
+        return options.SOME_FAILED
     return DONE
 
 
@@ -200,32 +165,27 @@ def status(directory: Path, as_json: bool) -> int:
 
     found = count_rows(directory)
     click.echo(to_json(found.data) if as_json else found.words)
-    return SOME_FAILED if set(found.data["status"]) - {"ok"} else DONE
+    return options.SOME_FAILED if set(found.data["status"]) - {"ok"} else DONE
 
 
 @command("Sweeps", "rattlesweep verify out/quickstart --recompute 100")
 @options.directory
-@option("--recompute", type=click.IntRange(0), metavar="N", default=0,
-        help="Integrate N random runs again and compare them bit for bit.")  # fmt: skip
-@option("--seed", type=click.IntRange(0),
-        help="Seed for choosing these runs; by default a new one each time.")  # fmt: skip
+@option("--recompute", type=options.NUMBER, default=0, help="Also integrate N random runs again.")
 @options.threads
 @options.as_json
-def verify(
-    directory: Path, recompute: int, seed: int | None, threads: int | None, as_json: bool
-) -> int:
-    """Verify every bit of an output directory.
+def verify(directory: Path, recompute: int, threads: int | None, as_json: bool) -> int:
+    """Check that an output directory is whole and consistent.
 
-    Prints one line per problem and exits with 1 if there is any. `rattlesweep run` repairs what it
-    finds by computing the runs of damaged files again.
+    Prints one line per problem and exits with 1 if there is any. Runs that are integrated again are
+    compared bit for bit. `rattlesweep run` repairs a directory: it computes again what is damaged.
     """
     from rattlesweep.sweeps.verify import verify as check
 
-    seed = secrets.randbelow(2**32) if seed is None else seed
     with Bar.of_command() as bar:
-        found = check(directory, recompute, seed, threads, report=bar.counting("verifying"))
+        watch, seed = bar.counting("verifying"), secrets.randbelow(2**32)
+        found = check(directory, recompute, seed, threads, report=watch)
     click.echo(to_json(asdict(found)) if as_json else found.words)
-    return FAILED if found.problems else DONE
+    return options.FAILED if found.problems else DONE
 
 
 @command("Sweeps", "rattlesweep classify out/quickstart --set classify.sw_departure=0.1")
@@ -234,17 +194,16 @@ def verify(
 def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     """Classify stored runs by other thresholds, without integrating.
 
-    Rewrites the types and the summary. Prints one row per case on standard output.
+    Rewrites the types and the summary; `rattlesweep run` restores those of the config. Prints one
+    row per case.
     """
     from rattlesweep.sweeps.merge import classify_stored
 
     done = classify_stored(directory, overrides)
-    print_summary(done.summary, directory)
+    _print_summary(done.summary, directory)
     files = counted(done.files, "file")
     say(f"{counted(done.changed, 'type')} changed; {files} and the summary written in {directory}")
     say(f"thresholds: {', '.join(f'{key} {value:g}' for key, value in done.now.items())}")
-    if done.now != done.own:
-        say("`rattlesweep run` would put back those of the config; to keep these, set them there")
 
 
 @command("Sweeps", "rattlesweep merge out/steady-0 out/steady-1 --output out/steady")
@@ -261,16 +220,15 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
 
     merged = join(list(directories), output)
     if not quiet:
-        if merged.summary is not None:
-            print_summary(merged.summary, output)
+        _print_summary(merged.summary, output)
         say(f"{counted(merged.runs, 'run')} in {counted(merged.files, 'file')} in {output}")
     if merged.missing:
         say(f"{counted(merged.missing, 'run')} missing; merge the other shards too, with the same "
             f"--output, or `rattlesweep run CONFIG --output {output}`")  # fmt: skip
-        return EARLY
+        return options.EARLY
     if merged.failed:
         say(f"{counted(merged.failed, 'run')} failed; see their column status")
-        return SOME_FAILED
+        return options.SOME_FAILED
     return DONE
 
 
@@ -279,21 +237,16 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     "rattlesweep slurm configs/steady.yaml --shards 100 --cpus 16 --time 4:00:00 > steady.sh",
     "sbatch steady.sh",
 )
-@options.config
+@options.sweep
 @option("--shards", type=COUNT, required=True, help="Number of tasks in the array.")
-@option("--time", "limit", type=Kind("time", "rattlesweep.sweeps.slurm:limit_of"),
-        default="4:00:00", help="Time limit of a task.")  # fmt: skip
+@option("--time", "limit", type=LIMIT, default="4:00:00", help="Time limit of a task.")
 @option("--cpus", type=COUNT, default=1, help="CPUs per task.")
 @option("--mem", "memory", metavar="SIZE", default="2G", help="Memory per task.")
 @option("--partition", metavar="NAME", help="Partition of the cluster.")
-@options.output()
-@options.overrides
-@option("--own-directories", "own", is_flag=True,
-        help="Give each task a directory of its own, DIR-I.")  # fmt: skip
-@option("--restarts", type=click.IntRange(0), default=20,
-        help="How often a task that runs out of time requeues itself.")  # fmt: skip
+@option("--own-directories", "own", is_flag=True, help="Give each task a directory, DIR-I.")
+@option("--restarts", type=options.NUMBER, default=20, help="Requeue a task at most so often.")
 def slurm(
-    config: Path, shards: int, output: Path | None, overrides: tuple[str, ...], own: bool,
+    config: Path, output: Path | None, overrides: tuple[str, ...], shards: int, own: bool,
     **job: Any,
 ) -> None:  # fmt: skip
     """Print the script of a Slurm job array that runs a sweep, one shard per task.
@@ -303,13 +256,13 @@ def slurm(
     from rattlesweep.sweeps.plan import examine
     from rattlesweep.sweeps.slurm import job_script
 
-    loaded, made = _planned(config, overrides, output)
-    where = Path(loaded.directory).absolute()
+    made, where = _planned(config, overrides, output)
     if not own:
         examine(made, where)
     if shards > made.runs:
         raise ConfigError(f"--shards {shards}: there are only {counted(made.runs, 'run')}")
-    script = job_script(made, config.resolve(), where, overrides, shards=shards, own=own, **job)
+    place = where.absolute()
+    script = job_script(made, config.resolve(), place, overrides, shards=shards, own=own, **job)
     click.echo(script, nl=False)
 
 
@@ -321,39 +274,229 @@ def schema() -> None:
     click.echo(to_json(config_json_schema()))
 
 
-def print_summary(summary: pa.Table, directory: Path) -> None:
-    """Print the table of a summary: all of its cases, or the first of many."""
+def _print_summary(summary: pa.Table | None, directory: Path) -> None:
+    """Print the table of a summary, if there is one: all of its cases, or the first of many."""
     from rattlesweep.sweeps.summary import closing_table
 
-    click.echo(closing_table(summary.slice(0, MOST_ROWS)))
-    if (more := len(summary) - MOST_ROWS) > 0:
+    if summary is None:
+        return
+    click.echo(closing_table(summary.slice(0, options.MOST_ROWS)))
+    if (more := len(summary) - options.MOST_ROWS) > 0:
         say(f"{counted(more, 'more case')} in {directory / 'summary.parquet'}")
 
 
 def _planned(
     path: Path, overrides: tuple[str, ...], output: Path | None, quiet: bool = False
-) -> tuple[Config, Plan]:
-    """Return the config of a sweep and its plan, and say what is doubtful about it."""
+) -> tuple[Plan, Path]:
+    """Return the plan of a sweep and its directory, and say what is doubtful about it."""
     from rattlesweep.sweeps.config.read import load_config
     from rattlesweep.sweeps.plausible import checked_plan
 
-    loaded = load_config(path, overrides)
-    if output is not None:
-        loaded = loaded.model_copy(update={"output": str(output)})
-    made, doubts = checked_plan(loaded, path.resolve().parent)
+    config = load_config(path, overrides)
+    made, doubts = checked_plan(config, path.resolve().parent)
     for doubt in () if quiet else doubts:
         say(f"warning: {doubt}")
-    return loaded, made
+    return made, output or Path(config.directory)
 
 
-def _forecast(made: Plan, config: Config, threads: int | None, seconds: float = 2.0) -> Forecast:
+def _forecast(made: Plan, where: Path, threads: int | None) -> Forecast:
     """Return what a sweep will take, and say if the disk has too little room for it."""
     from rattlesweep.sweeps.cost import forecast
 
-    found = forecast(made, threads, seconds)
-    place = Path(config.directory).absolute()
-    while not place.exists():
-        place = place.parent
+    found = forecast(made, threads)
+    place = next(p for p in (where.absolute(), *where.absolute().parents) if p.exists())
     if found.bytes > (free := shutil.disk_usage(place).free):
         say(f"warning: {place} has only {free / 1e9:.1f} GB free")
     return found
+
+
+@command(
+    "Results of a sweep",
+    "rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf",
+    "rattlesweep plot out/steady --kind scatter --x K_r --where 'type == \"R\" and t_r < 2e3'",
+    "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0",
+)
+@options.directory
+@option("--kind", type=options.KINDS, help="By default what suits the sweep; times are t_r.")
+@option("--x", metavar="NAME", help="Abscissa: what the config varies, or any column of a scatter.")
+@option("--quantity", metavar="COLUMN", help="Numeric column for a map or a distribution.")
+@option("--select", metavar="NAME=VALUES", multiple=True, help="Only these values, as in "
+        "n_i=-0.3,-0.5 or theta=0.6:0.7; may be repeated.")  # fmt: skip
+@options.where
+@option("--log/--linear", default=None, help="Logarithmic or linear axes; by default by range.")
+@option("--xlim", type=options.LIMITS, help="Limits of the abscissa.")
+@option("--ylim", type=options.LIMITS, help="Limits of the ordinate.")
+@option("--size", type=options.SIZE, help="Width and height in inches.")
+@option("--dpi", type=click.FloatRange(20, 600), default=150.0, help="Dots per inch of a PNG.")
+@option("--style", type=click.Path(path_type=Path), help="A Matplotlib style file (.mplstyle).")
+@option("--title", help="Title of the picture, perhaps with a formula, as in '$n_i$'.")
+@options.file("--output", *options.PICTURES, multiple=True,
+              help="May be repeated; by default DIRECTORY/KIND.svg and .png.")  # fmt: skip
+@options.data
+def plot(
+    directory: Path, dpi: float, style: Path | None, output: tuple[Path, ...], data: Path | None,
+    **given: Any,
+) -> None:  # fmt: skip
+    """Plot a sweep: fractions of types, reversal times, a map of a grid.
+
+    Works at any time, even while the sweep is running. A map shows the mean of a column by colours,
+    and a distribution a histogram of it. Prints the paths of what it writes.
+    """
+    from rattlesweep.analysis.layout import read_layout
+    from rattlesweep.analysis.plots import choose_picture
+    from rattlesweep.analysis.style import save, save_table, styled
+
+    looks = {name: given.pop(name) for name in ("title", "log", "size", "xlim", "ylim")}
+    with styled(style):
+        picture = choose_picture(read_layout(directory), **given)
+        paths = list(output) or [directory / f"{picture.name}{end}" for end in (".svg", ".png")]
+        save(picture.figure(**looks), paths, dpi)
+    if data is not None:
+        save_table(picture.table(), data)
+        paths.append(data)
+    click.echo("\n".join(map(str, paths)))
+    say(f"{picture.name}: {counted(len(picture), 'run')}")
+
+
+@command("Results of a sweep", "rattlesweep report out/steady --title 'Steady direction'")
+@options.directory
+@options.file("--output", ".html", ".htm", help="File to write; by default DIRECTORY/report.html.")
+@options.title
+def report(directory: Path, output: Path | None, title: str | None) -> None:
+    """Write one self-contained HTML page about a sweep.
+
+    It holds the config, cases, figures, failures, cost and provenance. Works at any time, even
+    while the sweep is running. Prints the path of the page.
+    """
+    from rattlesweep.api import load
+
+    page = load(directory).report(output, title=title)
+    click.echo(page.path)
+    say(f"{len(page.content) / 1e6:.2f} MB")
+
+
+@command("Results of a sweep", "rattlesweep compare out/here out/there --figure differences.svg")
+@options.path("a")
+@options.path("b")
+# t_r_error is to cover 99.5 % of the runs.
+@option("--allow", type=click.FloatRange(0, 1), default=0.005, help="Fraction that may be beyond.")
+@options.figure
+@options.data
+@options.as_json
+def compare(
+    a: Path, b: Path, allow: float, figure: Path | None, data: Path | None, as_json: bool
+) -> int:
+    """Compare two output directories of the same runs.
+
+    A and B may be of another tolerance, method, machine or version. Differences of t_r are relative
+    to the mean of both. "beyond" counts runs whose t_r differ by more than their errors, and
+    "types_sure" differing types that are sure in both: exits with 1 if a larger fraction of
+    the runs than --allow is beyond, or if such types differ.
+    """
+    from rattlesweep.analysis import compare as compared
+    from rattlesweep.analysis.style import save_table
+
+    probe(figure, data)
+    result = compared.compare(a, b)
+    if data is not None:
+        save_table(result.runs, data)
+    if figure is not None:
+        compared.save(result, figure)
+    click.echo(to_json(result.data) if as_json else compared.as_text(result, options.MOST_ROWS))
+    if result.disagree(allow):
+        say("the directories disagree")
+        return options.FAILED
+    return DONE
+
+
+@command("Results of a sweep", "rattlesweep sensitivity out/design --figure indices.svg")
+@options.directory
+@options.figure
+@options.as_json
+def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
+    """Estimate which parameters of the bodies t_r and the types depend on.
+
+    Prints first-order and total Sobol' indices for each case, with 95 % intervals (bootstrap). They
+    need bodies.draw: saltelli in the sweep's config. Indices of t_r need a case in which nearly all
+    runs reverse.
+    """
+    from rattlesweep.analysis import sensitivity as estimate
+
+    probe(figure)
+    found = estimate.sensitivity(directory)
+    if figure is not None:
+        estimate.save(found, figure)
+    click.echo(to_json(found) if as_json else estimate.as_text(found, options.MOST_ROWS))
+
+
+@command("Studies", "rattlesweep paper --quick", "rattlesweep paper --only fig7,fig8")
+@options.output("Output directory; by default out/paper, or out/paper-quick.")
+@option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
+@option("--only", metavar="NAMES", help="Parts to make, such as fig7,fig8, or theory.")
+@options.threads
+@options.quiet
+def paper(
+    output: Path | None, quick: bool, only: str | None, threads: int | None, quiet: bool
+) -> int:
+    """Reproduce the figures of Kondo and Nakanishi (2017) and check their claims.
+
+    Prints a verdict on each claim. Writes the data and the picture of each figure and report.html,
+    a self-contained page. After a stop the same command resumes.
+    """
+    from rattlesweep.paper.reproduce import choose, closing_table, reproduce, tally
+    from rattlesweep.paper.workspace import FULL, QUICK, Workspace
+
+    names, start = choose(only), time.monotonic()
+    directory = output or Path("out/paper-quick" if quick else "out/paper")
+    progress = False if quiet else None
+    workspace = Workspace(directory, QUICK if quick else FULL, threads=threads, progress=progress)
+    with Bar.of_command(quiet) as bar:
+        claims = reproduce(workspace, names, bar.stage)
+    if not quiet:
+        if claims:
+            click.echo(closing_table(claims))
+            say(f"{len(claims)} claims: {tally(claims)}")
+        say(f"{directory / 'report.html'}; {time.monotonic() - start:.1f} s")
+    if workspace.failed:
+        say(f"{counted(workspace.failed, 'run')} of the sweeps failed; see their column status")
+        return options.SOME_FAILED
+    return DONE
+
+
+@command("Studies", "rattlesweep tradeoff --quick", "rattlesweep tradeoff configs/tradeoff.yaml")
+@options.path("config", required=False)
+@options.output()
+@option("--samples", type=COUNT, help="Number of bodies; by default enough for 2000 runs.")
+@option("--quick", is_flag=True, help="Fewer runs, methods and measurements: faster, but rough.")
+@options.overrides
+@options.threads
+@options.as_json
+def tradeoff(
+    config: Path | None, output: Path | None, samples: int | None, quick: bool,
+    overrides: tuple[str, ...], threads: int | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Measure speed against accuracy on this machine.
+
+    Integrates the same runs by several methods, settings and models, drawn from CONFIG, by default
+    shell-dumbbell bodies in both directions. Prints a table and the cheapest settings for some
+    errors of t_r, and writes tradeoff.parquet, .svg and .png. Costs are those of one thread.
+    """
+    from rattlesweep.analysis.tradeoff import DEFAULT, FULL, QUICK, as_data, as_text, measure, save
+    from rattlesweep.integrate.batch import available_threads
+    from rattlesweep.sweeps.config.read import load_config, override_config
+    from rattlesweep.sweeps.files import probe_directory
+
+    loaded = load_config(config, overrides) if config else override_config(DEFAULT, overrides)
+    base, directory = config and config.resolve().parent, output or Path(loaded.directory)
+    probe_directory(directory)
+    start, threads = time.monotonic(), threads or available_threads()
+    how: dict[str, Any] = {
+        "samples": samples,
+        "settings": QUICK if quick else FULL,
+        "least": 300 if quick else 2000,
+        "threads": threads,
+    }
+    study = measure(loaded, base, **how, report=Bar.of_command().stage)
+    files = save(study, directory)
+    click.echo(to_json(as_data(study)) if as_json else as_text(study))
+    say(f"{', '.join(p.name for p in files)} in {directory}; {time.monotonic() - start:.1f} s")

@@ -4,55 +4,40 @@ from __future__ import annotations
 
 import os
 import threading
-from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
-import numba
 import numpy as np
 from numba import config
 
 from rattlesweep.arrays import put, take
-from rattlesweep.integrate import SettingError
 from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.integrate.lanes import runs as C
-from rattlesweep.integrate.lanes.lane import (
-    INNER,
-    LANES,
-    Layout,
-    Problem,
-    address_of,
-    addresses_of,
-)
+from rattlesweep.integrate.lanes.lane import INNER, LANES, Layout, Problem, addresses_of
 from rattlesweep.integrate.lanes.step import OPTIONS, SUBSTEPS, write_attempt
-from rattlesweep.integrate.model import WITH_TANGENT, find_model
+from rattlesweep.integrate.model import TANGENT, find_model
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.integrate.task import Control
 from rattlesweep.physics import vectors
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator
+    from collections.abc import Callable, Collection
 
     from rattlesweep.arrays import Flags, Floats, Integers
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
 
 N_WINDOWS = 64
-# Largest change of the oscillation's amplitude, as a logarithm, that a fixed step may cause.
-MAX_DAMPING = 0.1
+MAX_DAMPING = 0.1  # largest logarithmic change of the amplitude that a fixed step may cause
 # The spin has reversed once it has gone from beyond this share of the launch's spin to beyond it on
-# the other side.  Where the spin has plateaus, any share from 0.05 to 0.5 counts the same (GH at
-# n_i = 0.1 and -0.1, with theta = 0.64, 0.75 and 0.9); a spin that wanders has no sure count.
+# the other side.  Where the spin has plateaus, any share from 0.05 to 0.5 counts the same.
 PLATEAU_SHARE = 0.25
 # What the kernel of every model can note, and what needs a kernel of its own.
 WATCHED = ("energy", "contact", "windows", "reversals", "volume")
 RECORDS = (*WATCHED, "lyapunov")
-
-
-# -- kernels ---------------------------------------------------------------------------------------
 
 
 @cache
@@ -98,87 +83,33 @@ def decide_closely(adaptive: bool) -> Kernel:
     return Kernel(lanes.decide_closely, (problem_of(None, adaptive), FLAT, 0, 1.0, False), INNER)
 
 
-def drive() -> Kernel:
-    """Return what starts the threads of all kernels."""
-    options = {"parallel": True, "nogil": True}
-    return Kernel(lanes.drive, (0, NO_PARTS, 1, TABLE, SHARED), options)
-
-
 def kernel(tableau_name: str, model_name: str, *beside: str) -> Callable[..., None]:
-    """Return a kernel: called with the number of threads, their workspaces and what they share.
+    """Return a kernel: called with the workspaces of its threads and what they share.
 
-    With ``"volume"`` beside, its steps find the rate of phase volume.  Where not :func:`parallel`,
-    its threads work one after another.
+    With ``"volume"`` beside, its steps find the rate of phase volume.
     """
     adaptive = METHODS[tableau_name].adaptive
-    wanted: list[tuple[Any, ...]] = [
+    do, *others = load_kernels(
         (work, model_name, adaptive),
         (attempt, tableau_name, model_name, *beside),
         (decide_closely, adaptive),
-    ]
-    if parallel():
-        do, *others, start = load_kernels(*wanted, (drive,))
-        return partial(start, address_of(do), addresses_of(*others))
-    do, *others = load_kernels(*wanted)
+    )
     problem, addresses = problem_of(find_model(model_name), adaptive), addresses_of(*others)
 
-    def alone(threads: int, w: Floats, shared: tuple[Any, ...]) -> None:
-        for thread in range(threads):
-            do(problem, thread, addresses, w[thread], *shared)
+    def call(w: Floats, shared: tuple[Any, ...]) -> None:
+        # Threads of Python's, as compiled code releases its lock.
+        given = ((problem, k, addresses, w[k], *shared) for k in range(len(w)))
+        team = [threading.Thread(target=do, args=each, daemon=True) for each in given]
+        for thread in team:
+            thread.start()
+        for thread in team:
+            thread.join()
 
-    return alone
-
-
-# -- threads ---------------------------------------------------------------------------------------
-
-# Whether this process was forked from one in which GNU OpenMP had started threads: it ends a
-# process that starts threads again.
-_forked = False
-# Numba's own threading layer ends a process in which two threads start a kernel.
-_workqueue = threading.Lock()
-
-
-def _after_fork() -> None:
-    global _forked, _workqueue
-    _workqueue = threading.Lock()  # whoever held it is not in this process
-    with suppress(ValueError):  # no threads were started
-        _forked = numba.threading_layer() == "omp" or _forked
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_after_fork)
-
-
-def parallel() -> bool:
-    """Return whether this process can start threads for its kernels, or raise SettingError."""
-    if config.DISABLE_JIT:
-        raise SettingError("NUMBA_DISABLE_JIT: kernels run compiled only")
-    if _forked:
-        return False
-    try:
-        numba.get_num_threads()
-    except ValueError as error:
-        raise SettingError(f"NUMBA_THREADING_LAYER: {str(error).splitlines()[0]}") from error
-    return True
-
-
-@contextmanager
-def holding(threads: int) -> Iterator[None]:
-    """Have threads for a kernel."""
-    if not parallel():
-        yield
-        return
-    with _workqueue if numba.threading_layer() == "workqueue" else nullcontext():
-        before = numba.get_num_threads()
-        numba.set_num_threads(threads)
-        try:
-            yield
-        finally:
-            numba.set_num_threads(before)
+    return call
 
 
 def most_threads() -> int:
-    """Return the threads that Numba can start at most; ``NUMBA_NUM_THREADS`` sets it."""
+    """Return the most threads of a kernel; ``NUMBA_NUM_THREADS`` sets it."""
     return int(config.NUMBA_NUM_THREADS)
 
 
@@ -188,33 +119,27 @@ def available_threads() -> int:
     return max(1, min(allowed or 1, most_threads()))
 
 
-# -- batches ---------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Batch:
     """Runs to integrate; the first axis of every array is the run, units are ``a`` and ``g``."""
 
-    # Initial states, constants of the bodies, coefficients of the watched amplitude; horizons.
-    y0: Floats
+    y0: Floats  # initial states
     constants: Floats
-    probe: Floats
+    probe: Floats  # coefficients of the watched amplitude
     t_end: Floats
     # Angular frequencies: the fastest at which the spin swings, and that of the watched
-    # oscillation, 0 where there is none; bound of the spin's rate in the first steps.
+    # oscillation or 0; bound of the spin's rate in the first steps.
     swing: Floats
     relevant: Floats
     rate: Floats
     # Length of the windows in which amplitudes are compared; the first time at which they are, and
-    # again after twice, four times as long, until the first window ends.
+    # again after twice, four times as long within the first window.
     window: Floats
     first_mark: Floats
-    # Modulus of the launch's spin, or of what stands for it; whether it was launched without spin:
-    # zeros then count once it has passed PLATEAU_SHARE of scale.
-    scale: Floats
-    tapped: Flags
+    scale: Floats  # modulus of the launch's spin, or of what stands for it
+    tapped: Flags  # launched without spin: zeros count once it has passed PLATEAU_SHARE of scale
     # Oscillation (its square in Model.error) from which on it only decays: where it has come down
-    # to this, and its amplitude never grew, a run ends after a window.  0 is never.
+    # to this and never grew, a run ends after a window.  0 is never.
     settled: Floats = field(default_factory=lambda: np.zeros(0))
     # Share of the launch's energy, with friction, below which a zero of the spin is no reversal.
     dead: Floats = field(default_factory=lambda: np.zeros(0))
@@ -226,10 +151,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Results of the runs of a :class:`Batch`; arrays over runs, NaN where there is nothing.
-
-    Most are the columns of the same names in the tables.
-    """
+    """Results of the runs of a :class:`Batch`; arrays over runs, NaN where there is nothing."""
 
     t_end: Floats
     t_r: Floats
@@ -251,8 +173,8 @@ class Outcome:
     y_end: Floats  # the state at t_end
     # Amplitude, least and largest spin in each window, shape (runs, windows, 3) or (0, ...).
     windows: Floats
-    # Time and logarithm of the tangent's growth at the end of each window, and of the run in the
-    # row behind its last; NaN in all windows that one step ended but the first; (runs, windows, 2).
+    # Time and logarithm of the tangent's growth at the end of each window, and of the run; NaN in
+    # all windows that one step ended but the first; (runs, windows, 2).
     growth: Floats
     # Time of each of the first reversals, largest modulus of the spin until the next; (runs, 8, 2).
     reversals: Floats
@@ -269,8 +191,8 @@ def has_settled(batch: Batch, outcome: Outcome) -> Flags:
 
 def needed(model: Model, record: Collection[str]) -> tuple[Model, tuple[str, ...]]:
     """Return the model that records something, and what its steps find beside the state."""
-    model = WITH_TANGENT[model.name] if "lyapunov" in record else model
-    return model, ("volume",) if "volume" in record else ()
+    beside = ("volume",) if "volume" in record else ()
+    return TANGENT if "lyapunov" in record else model, beside
 
 
 def integrate(
@@ -284,27 +206,22 @@ def integrate(
     ellipsoid that rolls onto its side, where the slope has no value, is integrated anew as
     :attr:`Model.anywhere`.
 
+    The outcome is bit for bit the same for any number of threads and any composition of the batch.
+
     Parameters
     ----------
     tol, dt : float
         Largest error of one step, in the energy norm, relative to the oscillation, of adaptive
         methods; step of the others, in ``sqrt(a/g)``.
-    max_steps : int
-        Steps after which a run is given up with status STEP_LIMIT.
     record : frozenset of str
         Extra observations, of :data:`RECORDS`.
     cost : ndarray, optional
         What the runs are expected to cost, in any unit; by default their horizons tell.
     control : Control, optional
         To watch and to stop the kernel from another thread.
-
-    Returns
-    -------
-    Outcome
-        Bit for bit the same for any number of threads and any composition of the batch.
     """
     control = control or Control()
-    count = min(threads or available_threads(), most_threads()) if parallel() else 1
+    count = min(threads or available_threads(), most_threads())
     price = batch.t_end * batch.swing if cost is None else cost.astype(float)
     control.start(count, price)
     moving, beside = needed(model, record)
@@ -317,18 +234,16 @@ def integrate(
     width = turned + (2 if moving is not model else 0)
     windows = np.full((len(batch) if width else 0, N_WINDOWS, width), np.nan)
     if len(batch):
-        # Longest first, so that no thread begins a long run when the others are done.
+        # Longest first.
         order = np.argsort(-price, kind="stable")
         flags = np.array([name in record for name in WATCHED])
         call = kernel(tableau.name, moving.name, *beside)
-        with holding(count):
-            call(count, workspace(tableau, moving, count), (
-                control._shared, order, *run_arrays(batch, tableau, tol, dt, max_steps, price),
-                flags, result, counts, windows, control._progress,
-            ))  # fmt: skip
+        call(workspace(tableau, moving, count), (
+            control._shared, order, *run_arrays(batch, tableau, tol, dt, max_steps, price),
+            flags, result, counts, windows, control._progress,
+        ))  # fmt: skip
     if not tableau.adaptive:
-        # A coarse step damps an oscillation that is a small part of the energy without a trace in
-        # the energy's drift, and the run would look like a steady spin.
+        # A coarse step may damp an oscillation without a trace in the energy's drift.
         damping = tableau.damping(dt * batch.relevant) * (result[:, C.T_END] / dt)
         coarse = (counts[:, C.STATUS] == Status.OK) & ~(np.abs(damping) <= MAX_DAMPING)
         counts[coarse, C.STATUS] = Status.COARSE
@@ -392,8 +307,7 @@ def exponents(growth: Floats) -> tuple[Floats, Floats]:
     """Return finite-time Lyapunov exponents, over all of a run's time and over its second half.
 
     They come from :attr:`Outcome.growth`, in ``sqrt(g/a)``, NaN where a run left the numbers.  The
-    second is also NaN where it ended within its second window; the growth until half time is
-    interpolated between the ends of windows.
+    second is also NaN where it ended within its second window.
     """
     row = np.arange(len(growth))
     # A step that ends several windows fills the row of the first; the empty ones go last.

@@ -2,14 +2,13 @@
 
 Numba's ``cache=True`` looks at the file of the function that is called, and not at the files of
 the functions that it calls.  The cache is therefore a folder named by a hash of all sources that
-kernels are made of, and of what they are compiled with and for: after an edit nothing old is found.
-A kernel has a subfolder of its own, since Numba's index of a function is not made for two processes
-that write to it at once.  What is loaded is executed, so the folder :func:`is_private`.
+kernels are made of, and of what they are compiled with and for.  A kernel has a subfolder of its
+own, since Numba's index of a function is not made for two processes that write to it at once.  What
+is loaded is executed, so the folder :func:`is_private`.
 
 Numba holds its own lock, and mostly the interpreter's, while it compiles.  So other processes
 compile: two kernels at once, while the calling process draws bodies and hears Ctrl-C.  Those of
-``concurrent.futures`` would import the user's script again (and run it, where it has no
-``if __name__ == "__main__"``), and outlive a command that is stopped.
+``concurrent.futures`` would import the user's script again, and outlive a command that is stopped.
 """
 
 from __future__ import annotations
@@ -34,28 +33,24 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-# Numba is imported by the functions that need it: commands without a kernel take half the time.
+from rattlesweep.integrate import SettingError
+
+# Numba is imported where it is needed: commands without a kernel take half the time.
 PACKAGE = Path(__file__).resolve().parents[1]
 AT_ONCE = 2  # processes that compile: each takes 200 MB, and no group of kernels gains by more
 
 
 class Kernel(NamedTuple):
-    """A function to compile, for the types of arguments, with options of ``njit``.
-
-    ``files`` are source files outside of ``integrate`` and ``physics`` whose functions it calls.
-    """
+    """A function to compile, for the types of arguments, with options of ``njit``."""
 
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
     options: dict[str, Any]
-    files: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()  # sources outside of integrate and physics that it calls
 
 
 # A function at the top of a module, which makes a kernel from names (str or bool).
 Recipe = Callable[..., Kernel]
-
-
-# -- the folder ------------------------------------------------------------------------------------
 
 
 def _hash(files: list[Path], *words: object) -> str:
@@ -67,10 +62,7 @@ def _hash(files: list[Path], *words: object) -> str:
 
 @cache
 def source_hash() -> str:
-    """Return the hash of what kernels are made of, made with and made for.
-
-    Where the package lies is part of it, since Numba's index of a function is for one file.
-    """
+    """Return the hash of what kernels are made of, made with and made for, and of its place."""
     import llvmlite
     import numba
     from llvmlite import binding
@@ -83,23 +75,10 @@ def source_hash() -> str:
     return _hash(sorted(files), str(PACKAGE), *versions, name, features)
 
 
-def _others_may_write(found: os.stat_result) -> bool:
-    """Return whether somebody else can write; a group of the user's own is nobody else."""
-    import grp
-    import pwd
-
-    group_may = found.st_mode & stat.S_IWGRP
-    with suppress(KeyError):
-        user, group = pwd.getpwuid(found.st_uid).pw_name, grp.getgrgid(found.st_gid)
-        group_may = group_may and (user != group.gr_name or not {*group.gr_mem} <= {user})
-    return bool(group_may or found.st_mode & stat.S_IWOTH)
-
-
 def is_private(folder: Path) -> bool:
-    """Make a folder if need be, and return whether only this user, and root, can write there.
+    """Make a folder if need be, and return whether it is this user's with mode 0700.
 
-    It must be this user's with mode 0700, and nobody else may be able to replace it: the folders
-    above are this user's or root's, and not writable for others unless they are sticky.
+    Folders above must be this user's or root's, and not writable for all unless they are sticky.
     """
     if not hasattr(os, "geteuid"):  # Windows, where the user's folders are private
         folder.mkdir(parents=True, exist_ok=True)
@@ -107,7 +86,7 @@ def is_private(folder: Path) -> bool:
     for parent in reversed(folder.parents):
         parent.mkdir(mode=0o700, exist_ok=True)
         found = parent.stat()
-        shared = _others_may_write(found) and not found.st_mode & stat.S_ISVTX
+        shared = found.st_mode & stat.S_IWOTH and not found.st_mode & stat.S_ISVTX
         if shared or found.st_uid not in (0, os.geteuid()):
             return False
     folder.mkdir(mode=0o700, exist_ok=True)
@@ -160,8 +139,6 @@ def import_written(name: str, source: str) -> ModuleType:
     return module
 
 
-# -- loading ---------------------------------------------------------------------------------------
-
 _loaded: dict[tuple[Any, ...], Any] = {}
 _cache_dir = threading.Lock()
 
@@ -173,8 +150,11 @@ def load_kernel(recipe: Recipe, *names: Any) -> Any:
 
 def load_kernels(*wanted: tuple[Any, ...]) -> list[Any]:
     """Return kernels, each of a :data:`Recipe` and its names; to compile one takes seconds."""
-    missing = [(recipe, tuple(names)) for recipe, *names in wanted]
-    missing = [(recipe, names) for recipe, names in missing if (recipe, *names) not in _loaded]
+    from numba import config
+
+    if config.DISABLE_JIT:
+        raise SettingError("NUMBA_DISABLE_JIT: kernels run compiled only")
+    missing = [(each[0], each[1:]) for each in wanted if each not in _loaded]
     _compile([(recipe, names) for recipe, names in missing if not is_stored(recipe, *names)])
     for recipe, names in missing:
         _loaded.setdefault((recipe, *names), _load(recipe, names))
@@ -187,9 +167,9 @@ def _load(recipe: Recipe, names: tuple[Any, ...]) -> Any:
 
     function, arguments, options, _ = recipe(*names)
     signature, place = tuple(map(typeof, arguments)), _place(recipe, names)
+    # With a damaged file or a full disk the kernel is compiled again, and kept in memory; an error
+    # in the kernel comes up again below.
     with suppress(Exception):
-        # A damaged file or a full disk: the kernel is then compiled again, and kept in memory.  An
-        # error in the kernel comes up again below.
         with _cache_dir:
             before, config.CACHE_DIR = config.CACHE_DIR, str(place)
             try:
@@ -210,8 +190,6 @@ def is_stored(recipe: Recipe, *names: Any) -> bool:
     """Return whether a kernel has been compiled before."""
     return any(_place(recipe, names).glob("*/*.nbc"))
 
-
-# -- compiling -------------------------------------------------------------------------------------
 
 CODE = f"from {__name__} import compile_in_child; compile_in_child()"
 
@@ -253,15 +231,11 @@ def _compile(wanted: list[tuple[Recipe, tuple[Any, ...]]]) -> None:
 
 
 def compile_in_child() -> None:
-    """Compile and store kernels, in a process that does nothing else."""
+    """Compile and store kernels, in a process that does nothing else and ends with its parent."""
     from filelock import FileLock, Timeout
 
-    def end_with_parent() -> None:
-        sys.stdin.read()
-        os._exit(1)
-
     gc.disable()  # it would take an eighth of the time
-    threading.Thread(target=end_with_parent, daemon=True).start()
+    threading.Thread(target=lambda: os._exit(len(sys.stdin.read())), daemon=True).start()
     for module, name, names in json.loads(sys.argv[1]):
         recipe = getattr(import_module(module), name)
         with suppress(Timeout), FileLock(f"{_place(recipe, names)}.lock", timeout=0):

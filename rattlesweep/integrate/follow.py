@@ -1,10 +1,9 @@
 """One run followed past its reversals: its accepted steps, states at any times, all zeros.
 
-:func:`record_steps` is the sweep's kernel with one run in one lane: the same step, ``decide``,
-``commit`` and search for zeros, so that the accepted steps and the first reversal are those of a
-sweep, bit for bit.  It differs in that a reversal does not end the run, and that every accepted
-step is written down.  :func:`states_behind` gives states at any times, each by one step of the
-method from the accepted step before it, one time in each lane; no accepted step depends on them.
+:func:`record_steps` is the sweep's kernel with one run in one lane, so that the accepted steps and
+the first reversal are those of a sweep, bit for bit; but a reversal does not end the run, and every
+accepted step is written down.  :func:`states_behind` gives states at any times, each by one step of
+the method from the accepted step before it; no accepted step depends on them.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -15,20 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rattlesweep.integrate.batch import (
-    FLAT,
-    MAX_DAMPING,
-    NO_PARTS,
-    RUNS,
-    TABLE,
-    WHOLE,
-    attempt,
-    decide_closely,
-    problem_of,
-    run_arrays,
-    stride,
-    workspace,
-)
+from rattlesweep.integrate import batch as batches
 from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.lanes import runs
 from rattlesweep.integrate.lanes.events import HOLD, REVERSED
@@ -53,16 +39,12 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
 
-# Steps between two looks from Python: some milliseconds, so that Ctrl-C is heard.
-STEPS_AT_ONCE = 2048
+STEPS_AT_ONCE = 2048  # between two looks from Python: some milliseconds, so that Ctrl-C is heard
 # ``counts`` of :func:`record_steps`: whether the run has begun and ended, its status, how many
 # steps and zeros were written by the last call.
 BEGUN, ENDED, STATUS, N_STEPS, N_ZEROS, N_COUNTS = 0, 1, 2, 3, 4, 5
 # Columns of a written step: time and its low part, behind them the state and its derivative.
 T, T_LOW, STATE = 0, 1, 2
-
-
-# -- kernels ---------------------------------------------------------------------------------------
 
 
 def record_steps(problem, parts, w, y0, constants, probe, plan, options,
@@ -71,8 +53,7 @@ def record_steps(problem, parts, w, y0, constants, probe, plan, options,
 
     Arguments up to ``record`` are those of the kernel's ``work`` for one run, which the workspace
     keeps between calls.  Written to are ``steps``: where it has come to, and the ends of the
-    accepted steps; ``zeros``: times of the zeros found, but for those after the body is dead;
-    ``counts``; ``energies``: of the launch and of the last row.
+    accepted steps; ``zeros``; ``counts``; ``energies``: of the launch and of the last row.
     """
     widest_vectors()
     scale, dt, max_steps = options[0], options[1], options[2]
@@ -115,7 +96,7 @@ def record_steps(problem, parts, w, y0, constants, probe, plan, options,
 
 
 def states_behind(problem, parts, w, steps, which, offset, constants, out):
-    """Find the states ``offset`` behind the rows ``which`` of ``steps``, and write them to ``out``.
+    """Write the states ``offset`` behind the rows ``which`` of ``steps`` to ``out``.
 
     Each is one step of the method, in a lane of its own.  Components that ``steps`` does not have
     begin at zero.
@@ -145,33 +126,17 @@ OPTIONS = {"nogil": True, "error_model": "numpy"}
 
 def steps_recipe(model_name: str, adaptive: bool) -> Kernel:
     """Return :func:`record_steps` of a model."""
-    problem = problem_of(find_model(model_name), adaptive)
-    given = problem, NO_PARTS, FLAT, *RUNS
-    return Kernel(record_steps, (*given, TABLE, FLAT, WHOLE, FLAT), OPTIONS)
+    problem = batches.problem_of(find_model(model_name), adaptive)
+    given = problem, batches.NO_PARTS, batches.FLAT, *batches.RUNS
+    tables = batches.TABLE, batches.FLAT, batches.WHOLE, batches.FLAT
+    return Kernel(record_steps, (*given, *tables), OPTIONS)
 
 
 def states_recipe(model_name: str) -> Kernel:
     """Return :func:`states_behind` of a model, which is that of all methods."""
-    problem = problem_of(find_model(model_name), True)
-    tables = TABLE, WHOLE, FLAT, FLAT, TABLE
-    return Kernel(states_behind, (problem, NO_PARTS, FLAT, *tables), OPTIONS)
-
-
-def _between(tableau: Tableau, model: Model, constants: Floats) -> Callable[..., Floats]:
-    """Return the states of a model between accepted steps, by their table, rows and offsets."""
-    step, states = load_kernels((attempt, tableau.name, model.name), (states_recipe, model.name))
-    problem, parts = problem_of(model, True), addresses_of(step)
-    w = workspace(tableau, model, 1)[0]
-
-    def find(table: Floats, which: Integers, offset: Floats) -> Floats:
-        out = np.empty((len(which), model.n_state))
-        states(problem, parts, w, table, which.astype(np.int64), offset, constants, out)
-        return out
-
-    return find
-
-
-# -- one run ---------------------------------------------------------------------------------------
+    problem = batches.problem_of(find_model(model_name), True)
+    tables = batches.TABLE, batches.WHOLE, batches.FLAT, batches.FLAT, batches.TABLE
+    return Kernel(states_behind, (problem, batches.NO_PARTS, batches.FLAT, *tables), OPTIONS)
 
 
 @dataclass(frozen=True)
@@ -180,70 +145,54 @@ class Samples:
 
     t: Floats  # in sqrt(a/g)
     y: Floats  # in the model's variables
-    # Where they were asked for, heading in radians and contact point on the plane, see
-    # :mod:`rattlesweep.physics.full`.
-    extra: Floats
+    extra: Floats  # heading and contact point where they were asked for, see `physics.full`
 
 
 class Follower:
-    """Integrates one run, past its reversals, as far as its states are asked for.
+    """Integrates one run, a batch of one, past its reversals, as far as its states are asked for.
 
     Parameters
     ----------
-    batch, tableau, model, tol, dt, max_steps
-        As for :func:`rattlesweep.integrate.batch.integrate`; the batch is one run.
     attitude : bool
-        Whether to integrate heading and contact point too (not of the reduced model).  They are
-        quadratures over the accepted steps and change none of them.
+        Whether to integrate heading and contact point too (not of the reduced model), by
+        quadratures over the accepted steps, which they do not change.
     look : callable, optional
         Called with the times and the states, one row each, of the accepted steps as they come, and
         at first with the launch; every eighth of a method without error control.
     watch : callable, optional
         Called with the time reached every few thousand steps; what it raises ends the work.
-
-    Attributes
-    ----------
-    t, n_steps, status, ended
-        Time reached, accepted steps, what became of the run so far, whether it goes no further.
-    zeros : list of float
-        Times of the zeros of the spin so far, but for those after the body is dead.
-    energy_0 : float
-        Energy of the launch, in ``M g a``.
     """
 
     def __init__(
-        self,
-        batch: Batch,
-        tableau: Tableau,
-        model: Model,
-        *,
-        tol: float = TOL,
-        dt: float = DT,
-        max_steps: int = MAX_STEPS,
-        attitude: bool = False,
+        self, batch: Batch, tableau: Tableau, model: Model, *, tol: float = TOL, dt: float = DT,
+        max_steps: int = MAX_STEPS, attitude: bool = False,
         look: Callable[[Floats, Floats], None] | None = None,
         watch: Callable[[float], None] | None = None,
-    ) -> None:
-        if len(batch) != 1:
-            raise ValueError(f"{len(batch)} runs; a trajectory is of one")
-        self.t, self.zeros, self.n_steps, self.status = 0.0, list[float](), 0, Status.OK
+    ) -> None:  # fmt: skip
+        self.t, self.n_steps, self.status = 0.0, 0, Status.OK
+        # Times of the zeros of the spin so far, but for those after the body is dead.
+        self.zeros = list[float]()
         self.ended = not batch.t_end[0] > 0
-        self._batch, self._tableau, self._n, self._dt = batch, tableau, model.n_state, dt
-        self._look, self._watch = look, watch
-        models = [model, ATTITUDES[model.name]] if attitude else [model]
-        # All at once, so that they are compiled side by side.
-        self._kernel, decision, step, *_ = load_kernels(
-            (steps_recipe, model.name, tableau.adaptive), (decide_closely, tableau.adaptive),
-            *((attempt, tableau.name, each.name) for each in models),
-            *((states_recipe, each.name) for each in models),
+        self._batch, self._tableau, self._dt, self._look, self._watch = (
+            batch, tableau, dt, look, watch
         )  # fmt: skip
+        self._models = [model, ATTITUDES[model.name]] if attitude else [model]
+        # All at once, so that they are compiled side by side.
+        self._kernel, decision, *others = load_kernels(
+            (steps_recipe, model.name, tableau.adaptive),
+            (batches.decide_closely, tableau.adaptive),
+            *((batches.attempt, tableau.name, each.name) for each in self._models),
+            *((states_recipe, each.name) for each in self._models),
+        )  # fmt: skip
+        steps, self._states = others[: len(self._models)], others[len(self._models) :]
+        self._steps = [addresses_of(step) for step in steps]
         # No windows: nothing is due at their ends.
         endless = replace(batch, window=np.full(1, 1e290), first_mark=np.full(1, 1e290))
         self._run = (
-            problem_of(model, tableau.adaptive),
-            addresses_of(step, decision),
-            workspace(tableau, model, 1)[0],
-            *run_arrays(endless, tableau, tol, dt, max_steps),
+            batches.problem_of(model, tableau.adaptive),
+            addresses_of(steps[0], decision),
+            batches.workspace(tableau, model, 1)[0],
+            *batches.run_arrays(endless, tableau, tol, dt, max_steps),
             np.zeros(runs.N_RECORD, dtype=np.bool_),
         )
         self._counts, self._energies = np.zeros(N_COUNTS, dtype=np.int64), np.zeros(2)
@@ -253,11 +202,9 @@ class Follower:
         self._kernel(*self._run, self._table[:1], self._zeros, self._counts, self._energies)
         self._rows = 1
         self.energy_0 = float(self._energies[0])
+        self._extra = np.zeros((1, self._models[-1].n_beside))
         if look is not None:
             look(np.zeros(1), batch.y0)
-        between = [_between(tableau, each, batch.constants[0].copy()) for each in models]
-        self._states, self._attitude = between[0], between[1] if attitude else None
-        self._extra = np.zeros((1, models[-1].n_beside))
 
     def launch(self) -> Samples:
         """Return the state at time zero."""
@@ -275,7 +222,7 @@ class Follower:
 
         Fewer than asked for come back where the run ended earlier.
         """
-        out = np.empty((len(times), self._n))
+        out = np.empty((len(times), self._batch.y0.shape[1]))
         extra = np.empty((len(times), self._extra.shape[1]))
         done = 0
         while done < len(times):
@@ -285,11 +232,10 @@ class Follower:
                 part = times[done:upto]
                 which = np.maximum(np.searchsorted(ends, part, side="left") - 1, 0)
                 offset = (part - ends[which]) + self._table[which, T_LOW]
-                out[done:upto] = self._states(self._table, which, offset)
-                if self._attitude is not None:
+                out[done:upto] = self._between(0, which, offset)
+                if extra.size:
                     # Known in the frame of the step's start.
-                    moved = self._attitude(self._table, which, offset)[:, self._n :]
-                    start = self._extra[which]
+                    moved, start = self._moved(which, offset), self._extra[which]
                     extra[done:upto, 0] = start[:, 0] + moved[:, 0]
                     extra[done:upto, 1:] = start[:, 1:] + _turned(start[:, 0], moved[:, 1:])
                 done = upto
@@ -301,23 +247,36 @@ class Follower:
 
     def _samples(self, first: int, last: int) -> Samples:
         table = self._table[first:last]
-        y = table[:, STATE : STATE + self._n]
+        y = table[:, STATE : STATE + self._batch.y0.shape[1]]
         return Samples(table[:, T].copy(), y.copy(), self._extra[first:last].copy())
+
+    def _between(self, place: int, which: Integers, offset: Floats) -> Floats:
+        """Return the states of a model of the run between accepted steps, by rows and offsets."""
+        model, constants = self._models[place], self._batch.constants[0].copy()
+        w = batches.workspace(self._tableau, model, 1)[0]
+        out = np.empty((len(which), model.n_state))
+        given = batches.problem_of(model, True), self._steps[place], w, self._table
+        self._states[place](*given, which.astype(np.int64), offset, constants, out)
+        return out
+
+    def _moved(self, which: Integers, offset: Floats) -> Floats:
+        """Return how heading and contact point have moved since the starts of steps."""
+        return self._between(1, which, offset)[:, self._batch.y0.shape[1] :]
 
     def _go_on(self) -> None:
         """Fill the table with the next accepted steps."""
         table, counts = self._table, self._counts
         self._kernel(*self._run, table, self._zeros, counts, self._energies)
         self._rows = rows = 1 + int(counts[N_STEPS])
-        self.n_steps += int(counts[N_STEPS]) * stride(self._tableau)
+        self.n_steps += int(counts[N_STEPS]) * batches.stride(self._tableau)
         self.zeros += self._zeros[: counts[N_ZEROS]].tolist()
         self.t = float(table[rows - 1, T])
         self.ended, self.status = bool(counts[ENDED]), Status(int(counts[STATUS]))
-        if self._attitude is not None:
+        base = self._extra[-1]
+        self._extra = np.repeat(base[None], rows, axis=0)
+        if base.size:
             length = np.diff(table[:rows, T]) - np.diff(table[:rows, T_LOW])
-            moved = self._attitude(table, np.arange(rows - 1), length)[:, self._n :]
-            base = self._extra[-1]
-            self._extra = np.repeat(base[None], rows, axis=0)
+            moved = self._moved(np.arange(rows - 1), length)
             self._extra[1:, 0] = base[0] + np.cumsum(moved[:, 0])
             turned = _turned(self._extra[:-1, 0], moved[:, 1:])
             self._extra[1:, 1:] = base[1:] + np.cumsum(turned, axis=0)
@@ -336,7 +295,7 @@ class Follower:
             self.status = Status.ENERGY if np.isfinite(drift) else Status.NONFINITE
         elif not self._tableau.adaptive:
             damping = self._tableau.damping(self._dt * self._batch.relevant)[0]
-            if not abs(damping * (self.t / self._dt)) <= MAX_DAMPING:
+            if not abs(damping * (self.t / self._dt)) <= batches.MAX_DAMPING:
                 self.status = Status.COARSE
 
 

@@ -14,10 +14,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Model:
-    """Equations of motion and what is watched on the way, as compiled scalar functions.
+    """Equations of motion and what is watched, as compiled functions of single components.
 
-    Their arguments are ``y``, the state's components, ``q``, the body's constants, and others, each
-    component an argument of its own.
+    Those of the state are ``y``, the body's constants are ``q``.
     """
 
     name: str
@@ -37,8 +36,7 @@ class Model:
     anywhere: Model | None = None  # the same equations for runs that these variables cannot follow
     n_beside: int = 0  # last components of the state that the states of a run do not have
     # Functions x of the state that the stages of a step integrate, as that costs less than they do:
-    # carried_start(*y, *q), their values, with which each step begins and without which it ends, so
-    # that it is one of the method for the state alone, of the same order; carried_rhs(*y, *x, *q),
+    # carried_start(*y, *q), their values, with which each step begins; carried_rhs(*y, *x, *q),
     # derivatives of the state and, behind, of them.
     n_carried: int = 0
     carried_start: Callable[..., Any] | None = None
@@ -53,16 +51,10 @@ class Model:
 
 
 def _compiled(model: str, **functions: Callable[..., Any]) -> dict[str, Any]:
-    """Return compiled functions of a model, under names of its own.
-
-    Numba makes symbols of names, so functions of two models may not share one.
-    """
+    """Return compiled functions of a model, named after it: Numba makes symbols of names."""
     for name, function in functions.items():
         function.__name__ = function.__qualname__ = f"{name}_{model}"
     return {name: full.scalar(function) for name, function in functions.items()}
-
-
-# -- bodies without friction -----------------------------------------------------------------------
 
 
 @full.scalar
@@ -84,23 +76,15 @@ def _volume(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
 
 
 FULL = Model(
-    name="full",
-    n_state=full.N_STATE,
-    n_constants=full.N_CONSTANTS,
-    n_probe=8,
-    rhs=full.rhs,
-    spin=full.spin,
-    amplitude=_amplitude,
-    error=_error,
-    energy=full.energy,
-    contact=full.contact_force,
-    touch=full.paraboloid,
+    "full", full.N_STATE, full.N_CONSTANTS, 8,
+    rhs=full.rhs, spin=full.spin, amplitude=_amplitude, error=_error, energy=full.energy,
+    contact=full.contact_force, touch=full.paraboloid,
     **_compiled(
         "full",
         spin_rate=lambda *v: full.spin_rate(*(v[:2] + v[7:])),
         volume=lambda *v: _volume(*v, 0.0),
     ),
-)
+)  # fmt: skip
 
 # An ellipsoid's ``rise`` is integrated along, as all else in a stage waits for the root in it.
 
@@ -113,16 +97,13 @@ def _rise(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
 
 @full.scalar
 def _rise_rhs(p, q, a, b, c, rise, ix, iy, iz, cxx, cxy, cyy, k):
-    f = stone.frictionless_rhs(
-        stone.carried_ellipsoid, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, (k, rise)
-    )
+    on = stone.carried_ellipsoid
+    f = stone.frictionless_rhs(on, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, (k, rise))
     return f + (stone.rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)  # noqa: RUF005
 
 
-# -- bodies with friction, whose work is the last component of the state ---------------------------
-
-# Of an oscillation with less than this share of the spin's energy the error of the spin counts as
-# of one with so much: it is then 1e-7 of the tolerance, and no less than rounding.
+# An oscillation with less than this share of the spin's energy counts as one with so much where the
+# error of the spin is judged.
 SPIN_KNOWN = 1e-14
 
 
@@ -131,8 +112,7 @@ def _friction_error(
     ep, eq, ea, eb, ec, ework, p, q, a, b, c, work,
     ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps,
 ):  # fmt: skip
-    # The work is a quadrature beside, as accurate as what it is of.  The spin, which falls by
-    # itself, has errors of rounding: where the oscillation has died, no step is judged by them.
+    # The spin, which falls by itself, has errors of rounding: no step is judged by them alone.
     size = full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
     known = min(1.0, size / (SPIN_KNOWN * iz * c * c + 1e-290))
     return full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy) + known * iz * ec * ec, size
@@ -145,39 +125,22 @@ def _vectors_error(eu, ev, ew, ea, eb, ec, ework, u, v, w, a, *rest):
 
 
 VECTORS = Model(
-    name="vectors",
-    n_state=vectors.N_STATE,
-    n_constants=stone.N_FRICTION_CONSTANTS,
-    n_probe=FULL.n_probe,
-    rhs=vectors.rhs,
-    spin=vectors.spin,
-    spin_rate=vectors.spin_rate,
-    error=_vectors_error,
-    energy=vectors.energy,
-    contact=vectors.contact_force,
-    volume=vectors.volume,
+    "vectors", vectors.N_STATE, stone.N_FRICTION_CONSTANTS, FULL.n_probe,
+    rhs=vectors.rhs, spin=vectors.spin, spin_rate=vectors.spin_rate, error=_vectors_error,
+    energy=vectors.energy, contact=vectors.contact_force, volume=vectors.volume,
     # Upright, minus u_x and u_y are the slopes.
     **_compiled(
         "vectors",
         amplitude=lambda u, v, w, a, b, c, work, *probe: _amplitude(-u, -v, a, b, c, *probe),
     ),
-)
+)  # fmt: skip
 
 ELLIPSOID = replace(
-    FULL,
-    name="ellipsoid",
-    n_constants=stone.N_CONSTANTS,
-    rhs=stone.rhs,
-    energy=stone.energy,
-    contact=stone.contact_force,
-    touch=stone.ellipsoid,
-    volume=_volume,
-    anywhere=VECTORS,
-    n_carried=1,
-    carried_start=_rise,
-    carried_rhs=_rise_rhs,
+    FULL, name="ellipsoid", n_constants=stone.N_CONSTANTS, rhs=stone.rhs, energy=stone.energy,
+    contact=stone.contact_force, touch=stone.ellipsoid, volume=_volume, anywhere=VECTORS,
+    n_carried=1, carried_start=_rise, carried_rhs=_rise_rhs,
     **_compiled("ellipsoid", error=lambda *v: _error(*v[:-1])),
-)
+)  # fmt: skip
 
 
 def _with_friction(plain: Model, kind: str, rhs_on: Callable[..., Any]) -> Model:
@@ -226,9 +189,6 @@ FRICTION = {
 """Models with friction, by the surface's model and the kind: viscous alone, or rolling too."""
 
 
-# -- the reduced model -----------------------------------------------------------------------------
-
-
 @full.scalar
 def _reduced_error(dn, de_p, de_r, n, e_p, e_r, k_p, k_r, inertia):
     # Each energy relative to itself: the one that decays decides what happens much later.
@@ -239,13 +199,8 @@ def _reduced_error(dn, de_p, de_r, n, e_p, e_r, k_p, k_r, inertia):
 
 
 REDUCED = Model(
-    name="reduced",
-    n_state=reduced.N_STATE,
-    n_constants=reduced.N_CONSTANTS,
-    n_probe=2,
-    rhs=reduced.rhs,
-    error=_reduced_error,
-    energy=reduced.energy,
+    "reduced", reduced.N_STATE, reduced.N_CONSTANTS, 2,
+    rhs=reduced.rhs, error=_reduced_error, energy=reduced.energy,
     **_compiled(
         "reduced",
         spin=lambda n, e_p, e_r: n,
@@ -253,24 +208,11 @@ REDUCED = Model(
         amplitude=lambda n, e_p, e_r, w_p, w_r: w_p * e_p + w_r * e_r,
         contact=lambda *v: (1.0, 0.0),
     ),
-)
-
-
-# -- what is beside --------------------------------------------------------------------------------
-
-
-def _with_tangent(plain: Model) -> Model:
-    """Return a model with the largest Lyapunov exponent's tangent."""
-    names = "rate", "seed", "transverse", "square"
-    functions = {name: getattr(tangent, f"{plain.name}_{name}") for name in names}
-    return replace(plain, name=f"{plain.name}_tangent", **functions)
+)  # fmt: skip
 
 
 def _with_attitude(plain: Model) -> Model:
-    """Return a model with heading and contact point (:mod:`rattlesweep.physics.full`).
-
-    It makes single steps from states of the plain model, in which nothing is looked at.
-    """
+    """Return a model with heading and contact point, for single steps."""
     n, own_rhs, touch = plain.n_state, plain.rhs, plain.touch
     behind = n + full.N_EXTRA
 
@@ -290,14 +232,17 @@ def _with_attitude(plain: Model) -> Model:
     return replace(plain, name=name, **functions)
 
 
-WITH_TANGENT = {plain.name: _with_tangent(plain) for plain in (FULL, REDUCED)}
-"""The same equations with a tangent, by the name of the model without."""
+TANGENT = replace(
+    FULL, name="full_tangent", rate=tangent.rate, seed=tangent.seed, transverse=tangent.transverse,
+    square=tangent.square,
+)  # fmt: skip
+"""The full model with the largest Lyapunov exponent's tangent."""
 
 ATTITUDES = {plain.name: _with_attitude(plain) for plain in (FULL, ELLIPSOID, *FRICTION.values())}
 """Models with heading and contact point, by the names of those without."""
 
 PLAIN = FULL, ELLIPSOID, VECTORS, *FRICTION.values(), REDUCED
-MODELS: dict[str, Model] = {model.name: model for model in (*PLAIN, *WITH_TANGENT.values())}
+MODELS: dict[str, Model] = {model.name: model for model in (*PLAIN, TANGENT)}
 
 
 def find_model(name: str) -> Model:

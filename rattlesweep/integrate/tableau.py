@@ -1,15 +1,11 @@
-"""Explicit Runge-Kutta methods as data.
+"""Explicit Runge-Kutta methods as data, from which `lanes.step` writes the steps.
 
-The lane kernel is generated from a :class:`Tableau` by :mod:`rattlesweep.integrate.lanes.step`; its
-name is the method's in configs.  Configs and `--help` are read without NumPy, which therefore is
-not imported here.
+Configs and `--help` are read without NumPy, which therefore is not imported here.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -27,7 +23,7 @@ MAX_STEPS = 100_000_000
 
 @dataclass(frozen=True)
 class Tableau:
-    """Butcher tableau of an explicit method; a ValueError says what is wrong with its numbers."""
+    """Butcher tableau of an explicit method."""
 
     name: str
     order: int  # of the solution that is carried on
@@ -36,32 +32,16 @@ class Tableau:
     # Weights of the error estimates: none for a fixed step, one for an embedded pair, two for the
     # pair of estimates of DOP853.  Key len(a) is the derivative at the end of the step.
     errors: tuple[Row, ...]
-    reference: str
-
-    def __post_init__(self) -> None:
-        for i, row in enumerate(self.a):
-            if any(not 0 <= j < i for j in row):
-                raise ValueError(f"{self.name}: stage {i} is not explicit")
-        if abs(math.fsum(self.b.values()) - 1) > 1e-14:
-            raise ValueError(f"{self.name}: the weights must sum to 1")
-        for row in self.errors:
-            if abs(math.fsum(row.values())) > 1e-14:
-                raise ValueError(f"{self.name}: the weights of an error must sum to 0")
 
     @property
     def stages(self) -> int:
-        """Return the number of stages; the derivative at the end of the step comes on top."""
+        """Number of stages; the derivative at the end of the step comes on top."""
         return len(self.a)
 
     @property
     def adaptive(self) -> bool:
         """Return whether the method estimates its error."""
         return bool(self.errors)
-
-    @cached_property
-    def c(self) -> tuple[float, ...]:
-        """Nodes: the row sums of ``a``."""
-        return tuple(math.fsum(row.values()) for row in self.a)
 
     def damping(self, z: Floats) -> Floats:
         """Return ``-ln abs(R(i z))``: how much a step damps an oscillation of phase ``z`` a step.
@@ -83,15 +63,16 @@ class Tableau:
         return rate
 
 
+# Kutta (1901)
 RK4 = Tableau(
     name="rk4",
     order=4,
     a=({}, {0: 1 / 2}, {1: 1 / 2}, {2: 1.0}),
     b={0: 1 / 6, 1: 1 / 3, 2: 1 / 3, 3: 1 / 6},
     errors=(),
-    reference="Kutta (1901)",
 )
 
+# Dormand and Prince (1980)
 DOPRI5 = Tableau(
     name="dopri5",
     order=5,
@@ -107,11 +88,11 @@ DOPRI5 = Tableau(
     errors=(
         {0: 71 / 57600, 2: -71 / 16695, 3: 71 / 1920, 4: -17253 / 339200, 5: 22 / 525, 6: -1 / 40},
     ),
-    reference="Dormand and Prince (1980)",
 )
 
 # Coefficients, as many a line as fit.
 # fmt: off
+# Hairer, Norsett and Wanner, Solving ODEs I, 2nd ed., II.5 and dop853.f
 DOP853 = Tableau(
     name="dop853",
     order=8,
@@ -148,9 +129,9 @@ DOP853 = Tableau(
          7: -5.801203960010585, 8: -0.4226823213237919, 9: -0.1521609496625161,
          10: 0.20136540080403034, 11: 0.02265179219836082},
     ),
-    reference="Hairer, Norsett and Wanner, Solving ODEs I, 2nd ed., II.5 and dop853.f",
 )
 
+# Verner, Numer. Algorithms 53, 383 (2010): the most efficient 9(8) pair
 VERNER98 = Tableau(
     name="verner98",
     order=9,
@@ -195,7 +176,6 @@ VERNER98 = Tableau(
          12: 0.2825509643291537, 13: -0.13643174034822156, 14: -0.030570139830827976,
          15: 0.048342313738239585},
     ),
-    reference="Verner, Numer. Algorithms 53, 383 (2010): the most efficient 9(8) pair",
 )
 # fmt: on
 

@@ -1,14 +1,13 @@
 """Compiled calls in threads of their own, so that the main thread hears Ctrl-C and can stop them.
 
-Each call is given the :class:`Control` through which it is stopped: the lane kernels take it as it
-is, other loops look at ``control.flag[0]`` now and then.
+Each is given the :class:`Control` through which it is stopped: the lane kernels take it as it is,
+other loops look at ``control.flag[0]`` now and then.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent import futures
 from dataclasses import dataclass, field
@@ -22,10 +21,7 @@ from rattlesweep.arrays import Floats
 T = TypeVar("T")
 # Seconds between two looks at what is under way: every wait of the package uses it.
 POLL = 0.05
-# Seconds for which a stop waits; a kernel answers within a millisecond, a compilation does not.
-PATIENCE = 0.5
-# Begins the name of every thread that may outlive a stop: the process then ends without it.
-THREAD = "rattlesweep-kernel"
+PATIENCE = 0.5  # seconds for which a stop waits; a compilation takes longer
 
 
 @dataclass
@@ -52,8 +48,7 @@ class Control:
     def stage(self, low: float, high: float, *, begins: bool = False, ends: bool = False) -> None:
         """Say that the next kernel does the part from ``low`` to ``high`` of 1 of the whole work.
 
-        ``begins`` and ``ends`` say whether runs that it takes up have then begun, and those that it
-        ends are done.
+        ``begins`` and ``ends``: whether runs that it takes up have begun, that it ends are done.
         """
         self._begun, self._ended = self.runs_begun, self.runs_done
         self._progress, self._cost, self._runs = np.zeros((1, 8)), 0.0, 0
@@ -79,7 +74,7 @@ class Control:
 
     @property
     def stopping(self) -> bool:
-        """Return whether a stop was asked for."""
+        """Whether a stop was asked for."""
         return bool(self._shared[1])
 
     @property
@@ -105,13 +100,10 @@ class Control:
 
 
 class Task(threading.Thread, Generic[T]):
-    """One call, started at once, in a thread that does not keep the process alive.
-
-    The call is given the control, which several tasks may share.
-    """
+    """One call, started at once, in a thread that does not keep the process alive."""
 
     def __init__(self, call: Callable[[Control], T], control: Control | None = None) -> None:
-        super().__init__(daemon=True, name=THREAD)
+        super().__init__(daemon=True)
         self.control = control or Control()
         self.seconds = 0.0
         self._call = call
@@ -120,7 +112,7 @@ class Task(threading.Thread, Generic[T]):
         self.start()
 
     def run(self) -> None:
-        """Make the call; not to be called by others."""
+        """Make the call; the thread does."""
         start = time.perf_counter()
         try:
             value = self._call(self.control)
@@ -151,27 +143,20 @@ class Task(threading.Thread, Generic[T]):
 
 
 def side_by_side(calls: Sequence[Callable[[Control], T]], threads: int) -> list[T]:
-    """Return the results of calls, so many at a time, in their order.
+    """Return the results of calls, so many at a time, in their order; they share a control.
 
-    Each is given the control that all share.  A Ctrl-C, or the first error of a call, stops them
-    all and is raised here; none is begun after that.
+    A Ctrl-C, or the first error, stops them all and is raised here.
     """
-    control = Control()
-    left = deque(enumerate(calls))
-    results: dict[int, T] = {}
+    control, left, results = Control(), iter(enumerate(calls)), dict[int, T]()
     errors: list[BaseException] = []
 
     def work(control: Control) -> None:
-        while not control.stopping:
-            try:
-                place, call = left.popleft()
-            except IndexError:
-                return
-            try:
-                results[place] = call(control)
-            except BaseException as error:
-                errors.append(error)
-                control.stop()
+        try:
+            while not control.stopping and (given := next(left, None)):
+                results[given[0]] = given[1](control)
+        except BaseException as error:
+            errors.append(error)
+            control.stop()
 
     for task in [Task(work, control) for _ in range(min(threads, len(calls)))]:
         task.wait()

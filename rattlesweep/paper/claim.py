@@ -1,16 +1,17 @@
-"""A claim of the paper: its words, what is asked of the measurement, and the verdict."""
+"""Claims of the paper: what is asked of the measurements, and the verdicts."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from ruamel.yaml import YAML
 
 from rattlesweep.paper.workspace import Made
@@ -19,10 +20,7 @@ from rattlesweep.sweeps.types import wilson
 # Checks, whose truth says whether they hold, and numbers by name.
 Measured = tuple[Sequence[object], dict[str, Any]]
 
-COLUMNS = ["id", "where", "words", "measured", "value", "low", "high", "verdict", "held", "checks",
-           "headline", "evidence"]  # fmt: skip
 UNDECIDED = "too few samples to tell"
-TABLE = Path(__file__).with_name("claims.yaml")
 # Rounding error allowed in an identity between doubles.
 EXACT = 1e-9
 # Share at which a headline must hold where the paper's words leave room, for `partly`.
@@ -53,6 +51,22 @@ def every(mask: Any, possible: Any = False) -> Count:
     return Count(int(mask.sum()), mask.size, int((~mask & np.asarray(possible, bool)).sum()))
 
 
+def rises(
+    frame: pd.DataFrame, value: str, by: str, within: Sequence[str], *, sign: int = 1
+) -> Count:
+    """Count the groups ``within`` which the value rises with abs(``by``), or with sign -1 falls."""
+    columns = [value, f"{value}_low", f"{value}_high"]
+    rising, possible = [], []
+    for _, own in frame.groupby(list(within)):
+        if len(own) > 1:
+            values, *ends = (sign * own.sort_values(by, key=np.abs)[columns]).to_numpy().T
+            low, high = np.sort(ends, axis=0)
+            up = np.diff(values) > 0 if sign > 0 else np.diff(values) >= 0
+            rising.append(up.all())
+            possible.append((up | (high[1:] > low[:-1])).all())
+    return every(rising, possible)
+
+
 def share(hits: int, runs: int) -> dict[str, Any]:
     """Return a share with its 95 % interval: the numbers that decide a claim, and as ``share``."""
     low, high = map(float, wilson(hits, runs))
@@ -61,85 +75,16 @@ def share(hits: int, runs: int) -> dict[str, Any]:
     return {"value": value, "low": low, "high": high, "share": words}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Claim:
-    """A row of the table of claims.
-
-    `words` is what the paper says; `criteria` is what is asked of the measurement, first the
-    headline.  `measure` takes the tables of `parts` to the checks, one for each criterion, and to
-    numbers by name (None: too few samples), of which ``value`` decides and ``low`` to ``high`` is
-    its interval.  `measured` and `notes` are texts with numbers in braces; `lists` has, for a
-    number that is rows, what stands between them and the words of one; `leeway` is the paper's word
-    that leaves room in the headline.
-    """
-
-    id: str
-    where: str
-    words: str
-    criteria: Sequence[str]
-    measure: Callable[..., Measured | None]
-    measured: str
-    notes: str = ""
-    lists: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    leeway: str = ""
-    parts: Sequence[str] = ()
-
-    def judge(self, made: Made, *, few: bool = False) -> dict[str, Any]:
-        """Measure the claim and return a row of the table, with the columns :data:`COLUMNS`."""
-        row = {"id": self.id, "where": self.where, "words": self.words,
-               "headline": self.criteria[0], "checks": len(self.criteria)}  # fmt: skip
-        found = self.measure(made)
-        if found is None:
-            words = "not measured: too few runs of a kind"
-            return dict.fromkeys(COLUMNS) | row | {
-                "measured": words, "verdict": UNDECIDED, "held": 0, "evidence": "",
-            }  # fmt: skip
-        checks, numbers = found
-        for name, (between, words) in self.lists.items():
-            numbers[name] = between.join(words.format(**own) for own in numbers[name])
-        told = [
-            f"{words}: {'yes' if check else 'no'}"
-            + (f", {check}" if isinstance(check, Count) else "")
-            for words, check in zip(self.criteria, checks, strict=True)
-        ]
-        verdict, room = self.verdict(checks, few)
-        if room:
-            told.append(f"the headline fails, but the paper's words leave room: {self.leeway}")
-        for name in ("value", "low", "high"):
-            value = numbers.get(name)
-            row[name] = float(value) if value is not None and math.isfinite(value) else None
-        evidence = f"Checks, headline first: {'; '.join(told)}. {self.notes.format(**numbers)}"
-        return row | {
-            "measured": self.measured.format(**numbers),
-            "verdict": verdict,
-            "held": sum(map(bool, checks)),
-            "evidence": evidence.strip(),
-        }
-
-    def verdict(self, checks: Sequence[object], few: bool) -> tuple[str, bool]:
-        """Return the verdict, and whether it is due to the leeway.
-
-        The claim *agrees* if all checks hold, and *disagrees* if the headline fails; else it holds
-        *partly*, as it does where the paper's words leave room and nine in ten meet the headline.
-        With ``few`` samples, failing checks within their error leave *too few samples to tell*.
-        """
-        head = checks[0]
-        possible = [
-            bool(c) or (few and isinstance(c, Count) and c.hits + c.unsure == c.total)
-            for c in checks
-        ]
-        if all(checks):
-            return "agree", False
-        if all(possible) or (possible[0] and not head):
-            return UNDECIDED, False
-        enough = isinstance(head, Count) and head.hits >= MOST * head.total > 0
-        room = bool(self.leeway) and enough and not head
-        return "partly" if head or room else "disagree", room
+def span(values: Any) -> tuple[float, float]:
+    """Return the least and the largest."""
+    return min(values), max(values)
 
 
+@cache
 def read_table(name: str) -> dict[str, dict[str, Any]]:
     """Return the rows of ``NAME.yaml`` by their id, with the functions that they name."""
-    rows: dict[str, dict[str, Any]] = YAML(typ="safe").load(TABLE.with_name(f"{name}.yaml"))
+    path = Path(__file__).with_name(f"{name}.yaml")
+    rows: dict[str, dict[str, Any]] = YAML(typ="safe").load(path)
     for row in rows.values():
         for key in row.keys() & {"measure", "data", "draw"}:
             module, function = row[key].split(".")
@@ -147,15 +92,65 @@ def read_table(name: str) -> dict[str, dict[str, Any]]:
     return rows
 
 
-@cache
-def claims() -> dict[str, Claim]:
-    """Return the claims of ``claims.yaml`` by their id."""
-    return {name: Claim(id=name, **row) for name, row in read_table("claims").items()}
-
-
 def judge(made: Made, *, theory: bool, few: bool = False) -> list[dict[str, Any]]:
     """Return rows of the claims whose parts were made, and of those about formulas alone."""
     return [
-        claim.judge(made, few=few) for claim in claims().values()
-        if (made.keys() >= set(claim.parts) if claim.parts else theory)
-    ]  # fmt: skip
+        {"id": name} | judge_claim(claim, made, few)
+        for name, claim in read_table("claims").items()
+        if (made.keys() >= set(claim["parts"]) if "parts" in claim else theory)
+    ]
+
+
+def judge_claim(claim: Mapping[str, Any], made: Made, few: bool) -> dict[str, Any]:
+    """Measure a claim, a row of ``claims.yaml``, and return the rest of a row of the table.
+
+    Its function ``measure`` takes the tables to checks, one for each of the ``criteria``, of which
+    the first is the headline, and to numbers by name (or to None: too few samples).  Of these
+    ``value`` decides, and ``low`` to ``high`` is its interval.
+    """
+    criteria = claim["criteria"]
+    row = {"where": claim["where"], "words": claim["words"], "headline": criteria[0],
+           "checks": len(criteria), **dict.fromkeys(("value", "low", "high"))}  # fmt: skip
+    found = claim["measure"](made)
+    if found is None:
+        words = "not measured: too few runs of a kind"
+        return row | {"measured": words, "verdict": UNDECIDED, "held": 0, "evidence": ""}
+    checks, numbers = found
+    for name, (between, words) in claim.get("lists", {}).items():
+        numbers[name] = between.join(words.format(**own) for own in numbers[name])
+    told = [
+        f"{words}: {'yes' if check else 'no'}" + (f", {check}" if isinstance(check, Count) else "")
+        for words, check in zip(criteria, checks, strict=True)
+    ]
+    leeway = claim.get("leeway", "")
+    verdict = verdict_of(checks, few, leeway=bool(leeway))
+    if verdict == "partly" and not checks[0]:
+        told.append(f"the headline fails, but the paper's words leave room: {leeway}")
+    notes = claim.get("notes", "").format(**numbers)
+    values = {name: numbers.get(name) for name in ("value", "low", "high")}
+    return row | {
+        "measured": claim["measured"].format(**numbers),
+        "verdict": verdict,
+        "held": sum(map(bool, checks)),
+        "evidence": f"Checks, headline first: {'; '.join(told)}. {notes}".strip(),
+        **{k: float(v) for k, v in values.items() if v is not None and math.isfinite(v)},
+    }
+
+
+def verdict_of(checks: Sequence[object], few: bool, leeway: bool) -> str:
+    """Return the verdict on a claim.
+
+    It *agrees* if all checks hold, and *disagrees* if the headline fails; else it holds *partly*,
+    as it does where the paper's words leave room and nine in ten meet the headline.  With ``few``
+    samples, failing checks within their error leave *too few samples to tell*.
+    """
+    head = checks[0]
+    possible = [
+        bool(c) or (few and isinstance(c, Count) and c.hits + c.unsure == c.total) for c in checks
+    ]
+    if all(checks):
+        return "agree"
+    if all(possible) or (possible[0] and not head):
+        return UNDECIDED
+    most = isinstance(head, Count) and head.hits >= MOST * head.total > 0
+    return "partly" if head or (leeway and most) else "disagree"

@@ -1,13 +1,12 @@
-"""Fig. 3: frequencies of random bodies of the set SD. Fig. 4: their torque coefficients."""
+"""Random bodies of the set SD: Fig. 3, frequencies (T4), and Fig. 4, torque coefficients (T5)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import threading
 from functools import partial
 
 import numpy as np
 import pandas as pd
-from matplotlib import colormaps
 from matplotlib.figure import Figure
 from scipy.stats import ks_2samp
 
@@ -15,40 +14,37 @@ from rattlesweep.analysis.style import BLUE, GREEN, ORANGE, SKY, VERMILION, new_
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.task import Control, side_by_side
-from rattlesweep.paper.frames import DASHES, frame
-from rattlesweep.paper.workspace import Tables, Workspace
+from rattlesweep.paper.claim import Measured
+from rattlesweep.paper.workspace import Made, Tables, Workspace, records
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
 from rattlesweep.sweeps.bodies.sources import bodies_at, draw_points
 from rattlesweep.sweeps.config.schema import SdRanges
 
-# Points of a cumulative distribution; bodies drawn at a time.
+# Points of a cumulative distribution; bodies counted at a time.
 LEVELS, CHUNK = 2001, 100_000
 # The paper's lower bound of omega_p/omega_r (Methods), and its colour code of nine decades.
 BOUND, DECADES = 1.3, 9
 # The binned axes of Fig. 4(b).  Not named in the paper; no body of Table I lies outside.
 ENDS, BINS = {"K_p": (0.0, 7.0), "K_r": (0.0, 0.4)}, 200
+EDGES = {name: np.linspace(*ends, BINS + 1) for name, ends in ENDS.items()}
+# Distributions this close cannot be told apart in print; "much larger" is so many times.
+CLOSE, MUCH = 0.02, 10.0
 
 
-def drawn_bodies(first: int, last: int, seed: int = 2017) -> tuple[Floats, ...]:
+def drawn_bodies(first: int, last: int) -> tuple[Floats, ...]:
     """Return ``alpha, beta, gamma, theta, phi, xi`` of the bodies of some numbers."""
-    b = bodies_at(draw_points(seed, np.arange(first, last)), np.array(SdRanges().ends()))
+    b = bodies_at(draw_points(2017, np.arange(first, last)), np.array(SdRanges().ends()))
     return b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi
 
 
-def drawn_modes(samples: int, names: Sequence[str]) -> dict[str, Floats]:
-    """Return attributes of :class:`rattlesweep.physics.theory.Modes` of so many random bodies."""
-    kept = {name: np.empty(samples) for name in names}
-    for first in range(0, samples, CHUNK):
-        last = min(first + CHUNK, samples)
-        alpha, beta, _, theta, phi, xi = drawn_bodies(first, last)
-        found = theory.modes(alpha, beta, theta, phi, xi)
-        for name in names:
-            kept[name][first:last] = getattr(found, name)
-    return kept
+def drawn_modes(samples: int) -> theory.Modes:
+    """Return the modes of so many random bodies."""
+    alpha, beta, _, theta, phi, xi = drawn_bodies(0, samples)
+    return theory.modes(alpha, beta, theta, phi, xi)
 
 
-def cumulative(values: dict[str, Floats]) -> pd.DataFrame:
+def cumulative(**values: Floats) -> pd.DataFrame:
     """Return the values at or below which even shares, in ``probability``, lie."""
     probability = np.linspace(0, 1, LEVELS)
     columns = {n: np.quantile(v, probability, method="inverted_cdf") for n, v in values.items()}
@@ -57,26 +53,34 @@ def cumulative(values: dict[str, Floats]) -> pd.DataFrame:
 
 def frequencies(ws: Workspace) -> Tables:
     """Return the tables ``cumulative`` and ``summary`` (one row) of Fig. 3."""
-    bodies = ws.sizes.fig3_bodies
-    found = drawn_modes(bodies, ("omega_p", "omega_r", "omega_p0", "omega_r0"))
-    ratio = found["omega_p"] / found["omega_r"]
-    row = {"samples": bodies, "below": (ratio <= BOUND).sum(), "ratio_bound": ratio_bound()}
-    for mode in ("p", "r"):
-        exact, zeroth = found[f"omega_{mode}"], found[f"omega_{mode}0"]
+    found = drawn_modes(ws.sizes.fig3_bodies)
+    ratio = found.omega_p / found.omega_r
+    row = {"samples": len(ratio), "below": (ratio <= BOUND).sum(), "ratio_bound": ratio_bound()}
+    for mode in "pr":
+        exact, zeroth = getattr(found, f"omega_{mode}"), getattr(found, f"omega_{mode}0")
         row[f"distance_{mode}"] = ks_2samp(exact, zeroth, method="asymp").statistic
         off = np.quantile(np.abs(zeroth / exact - 1), (0.5, 0.99))
         row[f"off_median_{mode}"], row[f"off_p99_{mode}"] = off
-    return {"cumulative": cumulative(found | {"ratio": ratio}), "summary": pd.DataFrame([row])}
+    values = {n: getattr(found, n) for n in ("omega_p", "omega_r", "omega_p0", "omega_r0")}
+    return {"cumulative": cumulative(**values, ratio=ratio), "summary": pd.DataFrame([row])}
 
 
 def ratio_bound() -> float:
     """Return the infimum of ``omega_p / omega_r`` over the ranges of the paper's Table I."""
     ranges = SdRanges()
-    alpha, beta = shell_dumbbell(np.array(ranges.gamma[::-1]), np.array(ranges.f_sd))
-    theta, phi = np.array(ranges.theta), np.array(ranges.phi[::-1])
+    alpha, beta = shell_dumbbell(ranges.gamma[1], ranges.f_sd[0])
     xi = -np.radians(ranges.minus_xi_deg[0])
-    found = theory.modes(alpha[:, None], beta[:, None], theta, phi, xi)
-    return float(np.min(found.omega_p / found.omega_r))
+    found = theory.modes(alpha, beta, ranges.theta[0], ranges.phi[1], xi)
+    return float(found.omega_p / found.omega_r)
+
+
+def frequency_claim(made: Made) -> Measured:
+    """Measure T4: the ratio of the frequencies, and their zeroth order."""
+    row = records(made["fig3"]["summary"])[0]
+    least = float(made["fig3"]["cumulative"]["ratio"].iloc[0])
+    distance = max(row["distance_p"], row["distance_r"])
+    checks = [row["below"] == 0, row["ratio_bound"] >= BOUND, distance < CLOSE]
+    return checks, {**row, "value": least, "low": row["ratio_bound"]}
 
 
 def draw_frequencies(tables: Tables) -> Figure:
@@ -85,55 +89,49 @@ def draw_frequencies(tables: Tables) -> Figure:
     level = values["probability"]
     figure = new_figure(4.6, 3.6)
     axes = figure.add_subplot()
-    # The approximations lie almost on top, so they are dark, dashed and thin over something pale
-    # and broad.
+    # The approximations lie almost on top: dark, dashed and thin over something pale and broad.
     for mode, colour, dark in (("p", SKY, "#003F66"), ("r", ORANGE, "#7A2E00")):
         axes.plot(values[f"omega_{mode}"], level, color=colour, linewidth=3.2,
                   solid_capstyle="butt", label=rf"$\omega_{mode}$")  # fmt: skip
-        axes.plot(values[f"omega_{mode}0"], level, color=dark, linewidth=1.1, linestyle=DASHES,
+        axes.plot(values[f"omega_{mode}0"], level, color=dark, linewidth=1.1, linestyle=(0, (4, 2)),
                   label=rf"$\omega_{{{mode}0}}$")  # fmt: skip
     axes.set(xlim=(0, 1.02 * values["omega_p"].iloc[-1]), ylim=(0, 1.03),
              xlabel=r"$\omega\,/\,\tilde\omega$", ylabel="cumulative distribution")  # fmt: skip
-    axes.legend(frameon=False, loc="upper right", bbox_to_anchor=(0.99, 0.9), ncols=2,
-                handlelength=1.9, columnspacing=1.0)  # fmt: skip
+    axes.legend(loc="upper right", bbox_to_anchor=(0.99, 0.9), ncols=2)
     inset = axes.inset_axes((0.6, 0.19, 0.36, 0.42))
     inset.plot(values["ratio"], level, color=GREEN, linewidth=1.6)
     inset.axvline(BOUND, color="#444444", linewidth=0.8, linestyle=":")
-    inset.annotate(f"{BOUND:g}", (BOUND, 0.93), xytext=(3, 0), textcoords="offset points",
-                   fontsize=7.5, color="#444444", va="center")  # fmt: skip
     # The last percent of the ratios would fill half of the axis.
     inset.set(xlim=(0, np.ceil(np.interp(0.995, level, values["ratio"]))), ylim=(0, 1.05))
-    inset.set_xlabel(r"$\omega_p/\omega_r$", fontsize=9, labelpad=1)
-    for each in (axes, inset):
-        frame(each)
+    inset.set_xlabel(r"$\omega_p/\omega_r$", labelpad=1)
     inset.tick_params(labelsize=7.5)
     return figure
 
 
 def coefficients(ws: Workspace) -> Tables:
     """Return ``cumulative``, ``density`` (bins that hold bodies) and ``summary`` of Fig. 4."""
-    total = ws.sizes.fig4_density
-    found = drawn_modes(ws.sizes.fig4_bodies, ("K_p", "K_r"))
-    found["ratio"] = found["K_p"] / found["K_r"]
-    counts, least, below = count_bodies(total, ws.settings["threads"])
+    samples, total = ws.sizes.fig4_bodies, ws.sizes.fig4_density
+    found = drawn_modes(samples)
+    counts, below = count_bodies(total, ws.settings.get("threads"))
     i, j = np.nonzero(counts)
-    density = {"i": i, "j": j, "count": counts[i, j], "relative_frequency": counts[i, j] / total}
-    for name, places in (("K_p", i), ("K_r", j)):
-        density |= {f"{name}_low": edges(name)[places], f"{name}_high": edges(name)[places + 1]}
-    summary = {"samples": ws.sizes.fig4_bodies, "density_samples": total, "ratio_min": least,
-               "below": below}  # fmt: skip
+    density = {
+        "i": i, "j": j, "K_p_low": EDGES["K_p"][i], "K_p_high": EDGES["K_p"][i + 1],
+        "K_r_low": EDGES["K_r"][j], "K_r_high": EDGES["K_r"][j + 1],
+        "count": counts[i, j], "relative_frequency": counts[i, j] / total,
+    }  # fmt: skip
+    summary = {"samples": samples, "density_samples": total, "below": below}
     return {
-        "cumulative": cumulative(found),
+        "cumulative": cumulative(K_p=found.K_p, K_r=found.K_r, ratio=found.K_p / found.K_r),
         "density": pd.DataFrame(density),
         "summary": pd.DataFrame([summary]),
     }
 
 
-def count_bodies(total: int, threads: int | None = None) -> tuple[Integers, float, int]:
-    """Draw bodies and count them by their torque coefficients; none is stored."""
-    counts = np.zeros((BINS, BINS), np.int64)
+def count_bodies(total: int, threads: int | None = None) -> tuple[Integers, int]:
+    """Count bodies by ``K_p, K_r``, shape (bins, bins), and those below the bound of the ratio."""
+    counts, lock = np.zeros(BINS**2, np.int64), threading.Lock()
 
-    def part(first: int, control: Control) -> tuple[Integers, float, int]:
+    def part(first: int, control: Control) -> int:
         alpha, beta, _, theta, phi, xi = drawn_bodies(first, min(first + CHUNK, total))
         square_p, square_r, *pair = theory.torque_coefficients(alpha, beta, theta, phi, xi)
         i, j = (
@@ -141,62 +139,52 @@ def count_bodies(total: int, threads: int | None = None) -> tuple[Integers, floa
             for values, (low, high) in zip(pair, ENDS.values(), strict=True)
         )
         own = np.bincount((BINS * i + j)[(i < BINS) & (j < BINS)], minlength=BINS**2)
-        ratio = np.sqrt(square_p / square_r)
-        return own.reshape(BINS, BINS), float(ratio.min()), int((ratio < BOUND).sum())
+        with lock:
+            np.add(counts, own, out=counts)
+        return int((np.sqrt(square_p / square_r) < BOUND).sum())
 
     drawn_bodies(0, 0)  # compiles the sampler, if need be, in one thread
-    # A hundred parts at a time, as each has counts of its own.
-    least, below = np.inf, 0
-    for start in range(0, total, 100 * CHUNK):
-        calls = [partial(part, k) for k in range(start, min(start + 100 * CHUNK, total), CHUNK)]
-        for own, ratio, few in side_by_side(calls, threads or available_threads()):
-            counts += own
-            least, below = min(least, ratio), below + few
-    return counts, least, below
+    calls = [partial(part, first) for first in range(0, total, CHUNK)]
+    below = sum(side_by_side(calls, threads or available_threads()))
+    return counts.reshape(BINS, BINS), below
 
 
-def edges(name: str) -> Floats:
-    """Return the edges of the bins of ``K_p`` or ``K_r``, shape (bins + 1,)."""
-    return np.linspace(*ENDS[name], BINS + 1)
-
-
-def counts_of(tables: Tables) -> Integers:
-    """Return the bodies in all bins of Fig. 4(b), shape (bins, bins), by ``K_p, K_r``."""
-    counts, filled = np.zeros((BINS, BINS), dtype=np.int64), tables["density"]
-    counts[filled["i"], filled["j"]] = filled["count"]
-    return counts
+def coefficient_claim(made: Made) -> Measured:
+    """Measure T5: the distributions of the torque coefficients."""
+    own = made["fig4"]
+    row, data = records(own["summary"])[0], own["cumulative"]
+    level = data["probability"].to_numpy()
+    # Order statistics: the median's place is binomial.
+    half = 0.98 / np.sqrt(row["samples"])
+    low, median, high = np.interp([0.5 - half, 0.5, 0.5 + half], level, data["ratio"]).tolist()
+    decades = np.log10(own["density"]["relative_frequency"].agg(["min", "max"])).to_list()
+    checks = [median >= MUCH, data["ratio"][0] > 1, -DECADES <= decades[0] <= decades[1] <= 0]
+    return checks, {
+        "value": median, "low": low, "high": high, "samples": row["samples"],
+        "total": row["density_samples"], "least": data["ratio"][0], "decades": decades,
+        **{name: np.interp(0.5, level, data[name]) for name in ("K_p", "K_r")},
+    }  # fmt: skip
 
 
 def draw_coefficients(tables: Tables) -> Figure:
     """Draw (a) the cumulative distributions and (b) the density in the plane."""
     figure = new_figure(4.6, 7.2)
     upper, lower = figure.subplots(2, 1, height_ratios=(1, 1.25))
-    values, counts = tables["cumulative"], counts_of(tables)
-    # K_r is steep on the axis of K_p, so the inset shows the same over decades.
-    inset = upper.inset_axes((0.47, 0.18, 0.5, 0.52))
-    for axes in (upper, inset):
-        for name, colour, style in (("K_p", BLUE, "-"), ("K_r", VERMILION, (0, (5, 1.5)))):
-            axes.plot(values[name], values["probability"], color=colour, linestyle=style,
-                      linewidth=1.8, label=f"${name}$")  # fmt: skip
-        axes.set_ylim(0, 1.03)
-        frame(axes)
-    upper.set(xlim=(0, ENDS["K_p"][1]), xlabel="$K_p$,  $K_r$", ylabel="cumulative distribution")
-    upper.legend(frameon=False, loc="upper right", bbox_to_anchor=(1, 0.93), ncols=2)
-    inset.set(xscale="log", xlim=(1e-4, 10.0))
-    inset.tick_params(labelsize=7.5)
-    inset.minorticks_off()
-
-    shown = np.full(counts.shape, np.nan)
-    total = tables["summary"]["density_samples"].iloc[0]
-    np.log10(counts / total, where=counts > 0, out=shown)
-    picture = lower.pcolormesh(
-        edges("K_p"), edges("K_r"), shown.T, cmap=colormaps["viridis"],
-        vmin=-DECADES, vmax=0, rasterized=True,
-    )  # fmt: skip
-    lower.set(xlabel="$K_p$", ylabel="$K_r$")
+    values, density = tables["cumulative"], tables["density"]
+    for name, colour, style in (("K_p", BLUE, "-"), ("K_r", VERMILION, (0, (5, 1.5)))):
+        upper.plot(values[name], values["probability"], color=colour, linestyle=style,
+                   linewidth=1.8, label=f"${name}$")  # fmt: skip
+    # Over decades, as K_r is steep on the axis of K_p.
+    upper.set(xscale="log", xlim=(1e-4, 10.0), ylim=(0, 1.03), xlabel="$K_p$,  $K_r$",
+              ylabel="cumulative distribution")  # fmt: skip
+    upper.legend()
+    upper.set_title("(a)", loc="left")
+    shown = np.full((BINS, BINS), np.nan)
+    shown[density["i"], density["j"]] = np.log10(density["relative_frequency"])
+    picture = lower.pcolormesh(EDGES["K_p"], EDGES["K_r"], shown.T, cmap="viridis",
+                               vmin=-DECADES, vmax=0, rasterized=True)  # fmt: skip
     bar = figure.colorbar(picture, ax=lower, ticks=range(-DECADES, 1), pad=0.02)
     bar.set_label(r"$\log_{10} P(K_p, K_r)$")
-    frame(lower)
-    for axes, letter in ((upper, "(a)"), (lower, "(b)")):
-        axes.set_title(letter, loc="left", fontsize=11)
+    lower.set(xlabel="$K_p$", ylabel="$K_r$")
+    lower.set_title("(b)", loc="left")
     return figure

@@ -1,12 +1,12 @@
-"""Figs. 6 and 8: times of reversal in the unsteady and in the steady direction.
+"""Figs. 6 and 8: times of reversal in the unsteady and in the steady direction (U, S6 to S8).
 
-Late reversals and onsets of wobbling, of which the paper speaks at Fig. 8, are seen in windows of
-time: the runs that do not reverse (type SW) and those that reverse late are integrated once more
-with the smallest and the largest spin of each of 64 windows recorded.
+To agree with the formula means in all claims that the mean is within a tenth of a decade of the
+line (a factor of 1.26), the size of a symbol on the paper's logarithmic axes.
 
-The onset of wobbling is the middle of the first window in which the loss of spin, 1 - n/n_i,
-exceeds half of the largest loss in the run.  A reversal is a loss of 1, of which half is lost at
-nearly the same time as all of it, so that the onset and the time of reversal are alike.
+Late reversals and onsets of wobbling are seen in windows of time: the runs of type SW and those
+that reverse late are integrated once more with the extremes of the spin in 64 windows recorded.
+The onset is the middle of the first window in which the loss of spin, 1 - n/n_i, exceeds half of
+the largest loss in the run; a reversal loses half of the spin and all of it at nearly one time.
 """
 
 from __future__ import annotations
@@ -15,34 +15,25 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rattlesweep.analysis.style import BLUE, SERIES, new_figure
-from rattlesweep.api import growth_rates
+from rattlesweep.analysis.style import GREY, SERIES, add_legend, new_figure, value_text
+from rattlesweep.api import growth_rates, modes
 from rattlesweep.arrays import Floats
-from rattlesweep.paper.frames import (
-    ABOVE,
-    N_AXIS,
-    T_AXIS,
-    ZERO,
-    decade_ticks,
-    follow,
-    frame,
-    launch,
-)
-from rattlesweep.paper.workspace import Tables, Workspace, evenly
-from rattlesweep.physics.body import Rattleback
+from rattlesweep.paper.claim import Measured, every, rises, span
+from rattlesweep.paper.workspace import Made, Tables, Workspace, draw_spin, follow, records
+from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweeps.types import Z95
 
+SYMBOL = 10**0.1
+# Fewest runs of a kind for a median, and twice as many for one that tells.
+FEW = 5
 # The run of Fig. 6(b); its length is not named in the paper.
 N_I, OMEGA_XY0, T_END = 0.5, 0.01, 150.0
 # "Several times" t_rGH: a reversal later than this many is late.
 LATE_FROM = 2.0
 # The spin has left its plateau when it has lost this much of itself.
 PLATEAU = 0.1
-# Panels beside each other.
-COLUMNS = 3
 
 
 def unsteady(ws: Workspace) -> Tables:
@@ -52,57 +43,60 @@ def unsteady(ws: Workspace) -> Tables:
 
 
 def steady(ws: Workspace) -> Tables:
-    """Return the tables ``times`` of Fig. 8, ``late`` and ``onset``, one row a point each."""
+    """Return the tables ``times`` of Fig. 8 and ``windows``, one row a point each."""
     runs = ws.sweep("steady")
-    bodies = runs[["alpha", "beta", "gamma", "theta", "phi", "xi"]]
-    roll = growth_rates(bodies, runs["n_i"].to_numpy(), exact=True).roll
     back = runs["type"] == "R"
     ratio = (runs["t_r"] / runs["t_rgh"]).where(back)
     late = ratio > LATE_FROM
-    chosen = evenly(runs[(runs["type"] == "SW") | late], ws.sizes.windows)
-    seen = in_windows(ws.again(chosen, record=["windows"])).reindex(runs.index)
+    roll = growth_rates(runs[[*PARAMETERS]], runs["n_i"].to_numpy(), exact=True).roll
     growth = roll / (runs["n_i"].abs() * runs["K_r_body"] / 2)
-    share = (seen["centre"] / runs["n_i"]).where(~back)
-    runs = runs.assign(
+    chosen = runs[(runs["type"] == "SW") | late]
+    seen = in_windows(ws.again(chosen, ws.sizes.windows, "windows")).reindex(runs.index)
+    onset, centre = seen["onset"].where(~back), (seen["centre"] / runs["n_i"]).where(~back)
+    points = runs.assign(
         late=late, back=runs["t_r"].where(back), ratio=ratio, ratio_prompt=ratio.where(~late),
         growth_late=growth.where(late), growth_prompt=growth.where(back & ~late),
-        plateau=seen["kept"] / runs["t_r"].where(back), onset=seen["onset"].where(~back),
-        onset_late=~back & (seen["onset"] > LATE_FROM * runs["t_rgh"]),
-        centre=share, centre_between=share.between(0, 1, inclusive="neither"),
+        plateau=seen["kept"] / runs["t_r"].where(back), onset=onset,
+        onset_late=onset > LATE_FROM * runs["t_rgh"],
+        centre=centre, centre_between=centre.between(0, 1, inclusive="neither"),
+    ).groupby("case")  # fmt: skip
+    windows = points.agg(
+        **{name: (name, "first") for name in ("K_r", "n_i", "omega_xy0")},
+        reversed=("back", "count"), t_r_median=("back", "median"), late=("late", "sum"),
+        ratio_std=("ratio", "std"), ratio_std_prompt=("ratio_prompt", "std"),
+        growth_late=("growth_late", "median"), growth_prompt=("growth_prompt", "median"),
+        followed=("plateau", "count"), plateau=("plateau", "median"),
+        wobbling=("onset", "count"), onset_median=("onset", "median"),
+        onset_late=("onset_late", "sum"), centre_between=("centre_between", "sum"),
+        centre_median=("centre", "median"), centre_low=("centre", "min"),
+        centre_high=("centre", "max"),
     )  # fmt: skip
-    points = runs.groupby("case")
-    place = {name: (name, "first") for name in ("K_r", "n_i", "omega_xy0")}
-    return {
-        "times": times(ws.sweep("steady"), "K_r"),
-        "late": points.agg(
-            **place, reversed=("back", "count"), late=("late", "sum"), ratio_std=("ratio", "std"),
-            ratio_std_prompt=("ratio_prompt", "std"), growth_late=("growth_late", "median"),
-            growth_prompt=("growth_prompt", "median"), followed=("plateau", "count"),
-            plateau=("plateau", "median"),
-        ),
-        "onset": points.agg(
-            **place, wobbling=("onset", "count"), onset_median=("onset", "median"),
-            onset_late=("onset_late", "sum"), reversed=("back", "count"),
-            t_r_median=("back", "median"), centre_between=("centre_between", "sum"),
-            centre_median=("centre", "median"), centre_low=("centre", "min"),
-            centre_high=("centre", "max"),
-        ),
-    }  # fmt: skip
+    return {"times": times(runs, "K_r"), "windows": windows}
 
 
 def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
-    """Return one row a point: the runs that reverse, and the theory's line at the mean ``n_0``."""
+    """Return one row a point: the runs that reverse beside the theory's line at the mean ``n_0``.
+
+    ``ratio`` is mean over line, ``scatter`` deviation over mean, both with 95 % intervals.
+    """
     rows = runs.assign(back=runs["t_r"].where(runs["type"] == "R")).groupby("case").agg(
         **{name: (name, "first") for name in (target, "n_i", "omega_xy0")},
         runs=("n_0", "size"), reversed=("back", "count"), t_r_mean=("back", "mean"),
         t_r_std=("back", "std"), t_r_sem=("back", "sem"), n_0_mean=("n_0", "mean"),
     )  # fmt: skip
-    n_0 = rows["n_0_mean"]
-    return rows.assign(
-        t_r_low=rows["t_r_mean"] - Z95 * rows["t_r_sem"],
-        t_r_high=rows["t_r_mean"] + Z95 * rows["t_r_sem"],
-        t_rgh_line=2 * np.arctanh(rows["n_i"].abs() / n_0) / (n_0 * rows[target]),
-    )
+    n_0, mean, std = rows["n_0_mean"], rows["t_r_mean"], rows["t_r_std"]
+    line = 2 * np.arctanh(rows["n_i"].abs() / n_0) / (n_0 * rows[target])
+    rows["t_rgh_line"] = line
+    error = Z95 * rows.pop("t_r_sem")
+    spread = Z95 * std / np.sqrt(2 * (rows["reversed"] - 1).clip(lower=1))
+    for name, value, half in (
+        ("t_r_mean", mean, error),
+        ("t_r_std", std, spread),
+        ("ratio", mean / line, error / line),
+        ("scatter", std / mean, spread / mean),
+    ):
+        rows[name], rows[f"{name}_low"], rows[f"{name}_high"] = value, value - half, value + half
+    return rows
 
 
 def in_windows(runs: pd.DataFrame) -> pd.DataFrame:
@@ -129,64 +123,174 @@ def first_above(loss: Floats, level: float, step: float) -> float:
     return (float(above[0]) + 0.5) * step if above.size else np.nan
 
 
-def draw_unsteady(tables: Tables) -> Figure:
-    """Draw a panel for each spin, and Fig. 6(b) in the place that is left."""
-    figure, axes, marks = panels(tables["times"], "K_p", "t_{ru}", "t_{rGH+}")
-    figure.legend(marks.values(), marks, ncols=len(marks), **ABOVE)
-    frame(axes[0], "(a)", loc="left")
-    spin, axis = tables["spin"], axes[-1]
-    axis.axis("on")
-    axis.plot(spin["t"], spin["n"], color=BLUE, linewidth=0.8)
-    axis.axhline(0, **ZERO)
-    axis.set(xlabel=T_AXIS, ylabel=N_AXIS)
-    frame(axis, "(b) GH, " + launch({"n_i": spin["n"].iloc[0]}, "n_i"))
-    return figure
+def close(ratio: pd.Series) -> pd.Series:
+    """Return which are within the size of a symbol of 1."""
+    return ratio.between(1 / SYMBOL, SYMBOL)
 
 
-def draw_steady(tables: Tables) -> Figure:
-    """Draw a panel for each spin, and the legend in the place that is left."""
-    figure, axes, marks = panels(tables["times"], "K_r", "t_{rs}", "t_{rGH-}")
-    axes[-1].legend(marks.values(), marks, loc="center", frameon=False, labelspacing=0.9)
-    return figure
+def beside_formula(points: pd.DataFrame, coefficient: str) -> Measured:
+    """Measure whether means are close to the formula, and inverse to the coefficient."""
+    within = (points["ratio_low"] < SYMBOL) & (points["ratio_high"] > 1 / SYMBOL)
+    slopes = [
+        float(np.polyfit(np.log(own[coefficient]), np.log(own["t_r_mean"]), 1)[0])
+        for _, own in points.groupby(["n_i", "omega_xy0"])
+        if len(own) > 1
+    ]
+    row = records(points.sort_values("ratio", key=lambda ratio: np.abs(np.log(ratio))))[-1]
+    value, low, high = (row[name] for name in ("ratio", "ratio_low", "ratio_high"))
+    checks = [every(close(points["ratio"]), within), max(abs(s + 1) for s in slopes) < 0.1]
+    return checks, {
+        "value": value, "low": low, "high": high, "slopes": span(slopes),
+        "least": points["ratio"].min(), "largest": points["ratio"].max(),
+        "farthest": f"{value:.3f} [{low:.3f}, {high:.3f}] at {coefficient} = "
+        f"{row[coefficient]:.3g}, n_i = {row['n_i']:g}, omega_xy0 = {row['omega_xy0']:g}",
+    }  # fmt: skip
 
 
-def panels(
-    values: pd.DataFrame, coefficient: str, time: str, theory: str
-) -> tuple[Figure, list[Axes], dict[str, Any]]:
-    """Draw a panel for each spin from the table of :func:`times`."""
-    spins = sorted(values["n_i"].unique(), key=abs)
-    rows = -(-(len(spins) + 1) // COLUMNS)
-    figure = new_figure(9.2, 2.9 * rows + 0.35)
-    axes = list(figure.subplots(rows, COLUMNS, squeeze=False).ravel())
+def unsteady_formula(made: Made) -> Measured:
+    """Measure U1: at small spin and oscillation the formula holds."""
+    points = (
+        made["fig6"]["times"]
+        .dropna(subset=["ratio"])
+        .query("abs(n_i) <= 0.2 and omega_xy0 <= 0.01")
+    )
+    checks, numbers = beside_formula(points, "K_p")
+    outside = ", ".join(
+        f"K_p = {r.K_p:g} at n_i = {r.n_i:g}, omega_xy0 = {r.omega_xy0:g} ({r.ratio:.2f})"
+        for r in points[~close(points["ratio"])].itertuples()
+    )
+    return [*checks, every(points["scatter"] < 0.1, points["scatter_low"] < 0.1)], {
+        **numbers, "ten": every((points["ratio"] - 1).abs() < 0.1),
+        "scatter": span(points["scatter"]), "outside": outside or "none",
+    }  # fmt: skip
+
+
+def large_spin(made: Made) -> Measured:
+    """Measure U2: at large spin or oscillation reversals are later, and scatter more."""
+    points, series = made["fig6"]["times"].dropna(subset=["ratio"]), made["fig6"]["spin"]
+    beyond = points.query("abs(n_i) >= 0.4")
+    until = series[: int(np.argmax(series["n"] < 0))]
+    spin, own = (swing_frequency(until["t"], until[name]) for name in ("n", "omega_x"))
+    within_size, within_spin = ("n_i", "K_p"), ("omega_xy0", "K_p")
+    checks = [
+        every(points["ratio_low"] > 1, points["ratio_high"] > 1),
+        rises(points, "ratio", "omega_xy0", within_size),
+        rises(points, "ratio", "n_i", within_spin),
+        rises(points, "scatter", "omega_xy0", within_size),
+        every(beyond["ratio"] > SYMBOL, beyond["ratio_high"] > SYMBOL),
+        rises(beyond, "t_r_mean", "n_i", within_spin)
+        + rises(beyond, "t_r_std", "n_i", within_spin),
+        abs(spin / own - 1) < 0.1,
+    ]
+    return checks, beside_formula(points, "K_p")[1] | {
+        "value": points["ratio"].max(), "low": None, "high": None, "fast": span(beyond["ratio"]),
+        "spin": spin, "span": np.ptp(until["n"]), "multiple": spin / own,
+        "pitch": own / float(modes(Rattleback.gh()).omega_p),
+    }  # fmt: skip
+
+
+def swing_frequency(t: pd.Series, n: pd.Series) -> float:
+    """Return the angular frequency of the strongest line above 0.5 of evenly spaced values."""
+    power = np.abs(np.fft.rfft((n - n.mean()) * np.hanning(len(n))))
+    omega = 2 * np.pi * np.fft.rfftfreq(len(n), t.iloc[1] - t.iloc[0])
+    # The slow change of the spin itself lies below.
+    return float(omega[np.argmax(power * (omega > 0.5))])
+
+
+def steady_formula(made: Made) -> Measured:
+    """Measure S6: at small spin and oscillation the formula holds in the steady direction, too."""
+    sizes = made["fig8"]["times"].dropna(subset=["ratio"]).query("abs(n_i) <= 0.2")
+    large, curves = sizes.query("omega_xy0 > 0.01"), ("n_i", "K_r")
+    checks, numbers = beside_formula(sizes.query("omega_xy0 <= 0.01"), "K_r")
+    return [
+        *checks,
+        rises(sizes, "ratio", "omega_xy0", curves, sign=-1),
+        every(large["ratio_high"] < 1, large["ratio_low"] < 1),
+        rises(sizes, "scatter", "omega_xy0", curves),
+    ], numbers | {"large": span(large["ratio"])}
+
+
+def late_reversals(made: Made) -> Measured | None:
+    """Measure S7: at fast spins and small K_r some reverse several t_rGH late, and abruptly."""
+    beyond = made["fig8"]["windows"].query("abs(n_i) >= 0.3").dropna(subset=["ratio_std"])
+    low, high = beyond.query("K_r < 0.03"), beyond.query("K_r > 0.06")
+    # Where late reversals are more than a few.
+    many = low.query("late >= 0.03 * reversed")
+    if low.empty or high.empty or many.empty:
+        return None
+    spread, calm = low["ratio_std"].median(), high["ratio_std"].median()
+    error = Z95 * low["ratio_std"] / np.sqrt(2 * (low["reversed"] - 1).clip(lower=1))
+    ends = low.assign(end=low["ratio_std"] + error).groupby(["n_i", "omega_xy0"])
+    tops = high.groupby(["n_i", "omega_xy0"])["ratio_std"].max()
+    without = many["ratio_std_prompt"] / many["ratio_std"]
+    kept = many.query("followed > 0").dropna(subset=["plateau"])
+    rare = many["late"] < 2 * FEW
+    checks = [
+        bool(spread > 2 * calm),
+        every(ends["ratio_std"].min() > tops, ends["end"].min() > tops),
+        every(without < 0.5, rare),
+        every(many["growth_late"] < 0.5, rare),
+        every(kept["plateau"] > 0.9, kept["followed"] < 2 * FEW),
+    ]
+    return checks, {
+        "value": float(spread / calm), "spread": spread, "calm": calm,
+        "kept": kept["plateau"].median(),
+        "late": [f"{own['late'].sum():.0f} of {own['reversed'].sum():.0f}" for own in (low, high)],
+        "growth": [many[f"growth_{name}"].median() for name in ("late", "prompt")],
+    }  # fmt: skip
+
+
+def onset_of_wobbling(made: Made) -> Measured | None:
+    """Measure S8: wobbling begins about when the others reverse; None with too few of both."""
+    onset = made["fig8"]["windows"]
+    points = onset.query(f"wobbling >= {FEW} and reversed >= {FEW}")
+    if points.empty:
+        return None
+    ratio = (points["onset_median"] / points["t_r_median"]).rename("ratio")
+    few = points[["wobbling", "reversed"]].min(axis=1) < 4 * FEW
+    slow = onset.query("K_r < 0.03 and abs(n_i) >= 0.3")
+    late = slow["onset_late"].sum() / max(1, slow["wobbling"].sum())
+    return [every(ratio.between(0.5, 2), few), every([late > 0], True)], {
+        "value": ratio.median(), "low": ratio.min(), "high": ratio.max(), "points": len(ratio),
+        "fine": int(close(ratio).sum()), "late": late,
+        "sizes": records(ratio.groupby(points["omega_xy0"]).median().reset_index()),
+    }  # fmt: skip
+
+
+def draw_times(tables: Tables) -> Figure:
+    """Draw a panel for each of five spins and, if there is one, the run of Fig. 6(b) beside."""
+    values, spin = tables["times"], tables.get("spin")
+    coefficient, way, sign = ("K_r", "s", "-") if spin is None else ("K_p", "u", "+")
+    figure = new_figure(9.2, 6.15)
+    axes = list(figure.subplots(2, 3).ravel())
     means = values[["t_r_mean", "t_rgh_line"]].to_numpy()
-    ends = (np.nanmin(means) / 2.5, np.nanmax(means) * 2.5)
-    for axis, spin in zip(axes, spins, strict=False):
-        draw_points(axis, values[values["n_i"] == spin], coefficient)
-        axis.set(xscale="log", yscale="log", ylim=ends, xlabel=f"${coefficient}$")
-        axis.set_xlim(values[coefficient].min() / 1.35, values[coefficient].max() * 1.35)
-        decade_ticks(axis.xaxis)
-        frame(axis, launch({"n_i": spin}, "n_i"), grid="both")
-    for place in range(0, len(spins), COLUMNS):
-        axes[place].set_ylabel(rf"${time}$ / $\tilde t$")
-    handles, labels = axes[0].get_legend_handles_labels()
-    marks = dict(zip(labels, handles, strict=True))
-    # The theory's line comes first, as it has no bars.
-    marks[rf"${theory}$ at the mean $n_0$"] = marks.pop("theory")
-    for axis in axes[len(spins) :]:
-        axis.axis("off")
-    return figure, axes, marks
-
-
-def draw_points(axis: Axes, rows: pd.DataFrame, coefficient: str) -> None:
-    """Draw means with their deviations and the theory's line, one series an oscillation."""
-    for size, (colour, marker) in zip(sorted(rows["omega_xy0"].unique()), SERIES, strict=False):
-        own = rows[rows["omega_xy0"] == size].sort_values(coefficient)
-        x, mean, std = (own[name].to_numpy() for name in (coefficient, "t_r_mean", "t_r_std"))
-        axis.plot(x, own["t_rgh_line"], color=colour, linewidth=1.1, zorder=2)
-        # On a logarithmic axis a bar that reaches zero has no lower end.
-        axis.errorbar(
-            x, mean, yerr=[np.minimum(std, 0.999 * mean), std], color=colour, marker=marker,
-            markersize=5, markerfacecolor="white", markeredgewidth=1.2, linestyle="none",
-            elinewidth=0.9, capsize=2.2, zorder=3, label=launch({"omega_xy0": size}, "omega_xy0"),
-        )  # fmt: skip
-    axis.plot([], [], color="#555555", linewidth=1.1, label="theory")
+    for axis, n_i in zip(axes, sorted(values["n_i"].unique(), key=abs), strict=False):
+        own = values[values["n_i"] == n_i].sort_values(coefficient)
+        axis.plot([], [], color=GREY, linewidth=1.1, label=f"$t_{{rGH{sign}}}$ at the mean $n_0$")
+        for (size, rows), (colour, marker) in zip(own.groupby("omega_xy0"), SERIES, strict=False):
+            x, mean, std = rows[coefficient], rows["t_r_mean"], rows["t_r_std"]
+            axis.plot(x, rows["t_rgh_line"], color=colour, linewidth=1.1, zorder=2)
+            # On a logarithmic axis a bar that reaches zero has no lower end.
+            bars: Any = [np.minimum(std, 0.999 * mean), std]
+            axis.errorbar(
+                x, mean, yerr=bars, color=colour, marker=marker, markersize=5, linestyle="none",
+                markerfacecolor="white", markeredgewidth=1.2, elinewidth=0.9, capsize=2.2,
+                zorder=3, label=value_text("omega_xy0", size),
+            )  # fmt: skip
+        axis.set(xscale="log", yscale="log", xlabel=f"${coefficient}$",
+                 xlim=(own[coefficient].min() / 1.35, own[coefficient].max() * 1.35),
+                 ylim=(np.nanmin(means) / 2.5, np.nanmax(means) * 2.5),
+                 title=value_text("n_i", n_i))  # fmt: skip
+        # On a short logarithmic axis the labels between decades run into each other.
+        axis.tick_params(axis="x", which="minor", labelbottom=False)
+        axis.grid(visible=True)
+    for axis in axes[::3]:
+        axis.set_ylabel(rf"$t_{{r{way}}}$ / $\tilde t$")
+    add_legend(figure, axes[0].get_legend_handles_labels()[0])
+    if spin is None:
+        axes[-1].axis("off")
+    else:
+        draw_spin(axes[-1], spin)
+        axes[-1].set_title(f"(b) GH, {value_text('n_i', N_I)}")
+        axes[0].set_title("(a)", loc="left")
+    return figure

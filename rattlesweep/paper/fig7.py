@@ -1,7 +1,9 @@
-"""Fig. 7: fractions of the types R, SS and SW in the steady direction, and examples of them."""
+"""Fig. 7: types in the steady direction (S1 to S5, S9b); a supplement on friction (C1)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -9,161 +11,297 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rattlesweep.analysis.style import BLUE, TYPE_STYLE, new_figure
-from rattlesweep.paper.frames import (
-    ABOVE,
-    N_AXIS,
-    T_AXIS,
-    decade_ticks,
-    follow,
-    frame,
-    launch,
-    thinned,
-)
-from rattlesweep.paper.workspace import Tables, Workspace, evenly, records
+from rattlesweep.analysis.style import SERIES, TYPE_STYLE, add_legend, new_figure, value_text
+from rattlesweep.paper.claim import Count, Measured, every, rises, share, span
+from rattlesweep.paper.workspace import Made, Tables, Workspace, draw_spin, follow, records, thinned
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweeps.types import is_chaotic, wilson
 
+POINT = ["K_r", "n_i", "omega_xy0"]
 # In the order of the legend.
 SHOWN = ("R", "SW", "SS", "unclassified")
-BONDI = r"$|n_{c1}| < |n_i|$ (Bondi)"
-# Examples: the runs among which each is chosen, and its title.  The paper says of the chaotic run
-# only where it lies.
+# Examples: the runs among which each is chosen, by which column, and its title.
 EXAMPLES = {
-    "spin_ss": ("type == 'SS' and n_i == -0.5 and omega_xy0 == 0.1", "(b-1) SS"),
-    "spin_sw": ("type == 'SW' and n_i == -0.4 and omega_xy0 == 0.01", "(b-2) SW"),
-    "spin_chaotic": ("chaotic and K_r == 0.0041 and n_i == -0.5", "(b-3) SW, chaotic"),
-}
-# Longest time of an example, in sqrt(a/g), and stretches of its curve.
-LONGEST, BINS = 20_000.0, 1100
+    "spin_ss": ("type == 'SS' and n_i == -0.5 and omega_xy0 == 0.1", "n_end", "(b-1) SS"),
+    "spin_sw": ("type == 'SW' and n_i == -0.4 and omega_xy0 == 0.01", "n_departure", "(b-2) SW"),
+    "spin_chaotic": ("chaotic and K_r == 0.0041 and n_i == -0.5", "lyapunov_late",
+                     "(b-3) SW, chaotic"),
+}  # fmt: skip
+# "only several Type SS samples out of 8000 samples".
+SEVERAL = (1, 20)
 
 
-def data(ws: Workspace) -> Tables:
+def with_shares(rows: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
+    """Add the shares that counts have of the ``runs``, with 95 % intervals (Wilson)."""
+    for name in names:
+        share = f"fraction_{name}"
+        rows[share] = rows[name] / rows["runs"]
+        rows[f"{share}_low"], rows[f"{share}_high"] = wilson(rows[name], rows["runs"])
+    return rows
+
+
+def draw_share(axis: Axes, rows: pd.DataFrame, by: str, name: str, **look: Any) -> None:
+    """Draw a share with its interval against a column."""
+    value = rows[f"fraction_{name}"]
+    bars = [value - rows[f"fraction_{name}_low"], rows[f"fraction_{name}_high"] - value]
+    marks: Any = {"markersize": 5, "markerfacecolor": "white", "linewidth": 0.9, "zorder": 3}
+    axis.errorbar(rows[by], value, yerr=np.maximum(bars, 0), **(marks | look))
+
+
+def types(ws: Workspace) -> Tables:
     """Return the tables of the figure and of what its claims need."""
     runs = ws.sweep("steady")
-    found = chaos(ws, runs)
+    found = ws.again(runs[runs["type"] == "SW"], ws.sizes.lyapunov, "lyapunov")
+    runs = runs.join(found.reindex(columns=["lyapunov", "lyapunov_late"]))
+    runs["chaotic"] = is_chaotic(runs["lyapunov_late"], runs["t_end"])
     return {
         "fractions": fractions(runs),
-        "settled": settled(runs),
-        "chaos": found,
-        **examples(runs.assign(chaotic=False), found),
+        "settled": settled(runs[runs["type"] == "SS"]),
+        "chaos": runs.loc[found.index],
+        **examples(runs),
     }
 
 
 def fractions(runs: pd.DataFrame) -> pd.DataFrame:
-    """Count the types of every case, with 95 % intervals of their shares (Wilson)."""
+    """Count the types of every case."""
     past, steady = runs["n_c1"].abs() < runs["n_i"].abs(), runs["type"] == "SS"
-    found = runs[["K_r", "n_i", "omega_xy0"]].assign(
+    found = runs[POINT].assign(
         runs=1, bondi=past, ss_only=steady & ~past, bondi_only=past & ~steady,
         **{name: runs["type"] == name for name in SHOWN},
     )  # fmt: skip
-    rows = found.groupby(["K_r", "n_i", "omega_xy0"], sort=False).sum().reset_index()
-    for name in ("bondi", *SHOWN):
-        rows[f"fraction_{name}"] = rows[name] / rows["runs"]
-        rows[f"low_{name}"], rows[f"high_{name}"] = wilson(rows[name], rows["runs"])
-    return rows
+    return with_shares(found.groupby(POINT, sort=False).sum().reset_index(), ["bondi", *SHOWN])
 
 
 def settled(runs: pd.DataFrame) -> pd.DataFrame:
     """Return where runs of type SS end; ``gain`` is 1 if all energy is in the spin."""
     # Within 1 % of Bondi's threshold the oscillation is still there at the horizon.
-    own = runs[runs["type"] == "SS"]
-    near = own["n_c1"].abs() > 0.99 * own["n_i"].abs()
-    beyond = (own["n_end"] / own["n_i"] - 1).where(~near)
-    gain = ((own["n_end"] - own["n_i"]) / (-own["n_0"] - own["n_i"])).where(~near)
-    found = own.assign(near=near, beyond=beyond, gain=gain, faster=beyond > 0)
-    groups = found.groupby(["n_i", "omega_xy0"], sort=False)
-    return groups.agg(
-        SS=("gain", "count"), near=("near", "sum"), faster=("faster", "sum"),
-        gain_median=("gain", "median"), beyond_median=("beyond", "median"),
-        beyond_max=("beyond", "max"),
-    ).reset_index()  # fmt: skip
+    near = runs["n_c1"].abs() > 0.99 * runs["n_i"].abs()
+    beyond = runs["n_end"] / runs["n_i"] - 1
+    gain = (runs["n_end"] - runs["n_i"]) / (-runs["n_0"] - runs["n_i"])
+    return runs[POINT].assign(near=near, beyond=beyond, gain=gain)
 
 
-def chaos(ws: Workspace, runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs of type SW with Lyapunov exponents and whether they are chaotic."""
-    runs = evenly(runs[runs["type"] == "SW"], ws.sizes.lyapunov)
-    found = ws.again(runs, record=["lyapunov"]).reindex(columns=["lyapunov", "lyapunov_late"])
-    found = runs.join(found)
-    return found.assign(chaotic=is_chaotic(found["lyapunov_late"], found["t_end"]))
-
-
-def examples(runs: pd.DataFrame, wobbling: pd.DataFrame) -> Tables:
+def examples(runs: pd.DataFrame) -> Tables:
     """Return the table ``examples`` and the spin of each, thinned, where there are such runs."""
-    order = {"spin_ss": (runs, "n_end"), "spin_sw": (runs, "n_departure")}
     rows, tables = [], {}
-    for name, (condition, _) in EXAMPLES.items():
-        among, by = order.get(name, (wobbling, "lyapunov_late"))
-        chosen = among.query(condition).sort_values([by, "K_r", "sample"])
+    for name, (condition, by, _) in EXAMPLES.items():
+        chosen = runs.query(condition).sort_values([by, "K_r", "sample"])
         if chosen.empty:
             continue
         # The one in the middle, the lower one of two.
         run = chosen.iloc[-1 if name == "spin_chaotic" else (len(chosen) - 1) // 2]
-        shown = min(LONGEST, run["t_end"])
+        shown = min(20_000.0, run["t_end"])
         found = follow(Rattleback(*map(float, run[list(PARAMETERS)])), "n", n_i=run["n_i"],
                        omega_xy0=run["omega_xy0"], t_end=shown)  # fmt: skip
-        tables[name] = thinned(found.table, n=BINS)
-        kept = run.reindex(["K_r", "n_i", "omega_xy0", "sample", "t_end", "lyapunov_late"])
+        tables[name] = thinned(found.table, n=1100)
+        kept = run[[*POINT, "sample", "t_end", "lyapunov_late"]]
         rows.append({"example": name, **kept, "shown": shown})
     return tables | {"examples": pd.DataFrame(rows)}
 
 
-def draw(tables: Tables) -> Figure:
+def pooled(frame: pd.DataFrame, *names: str, by: Sequence[str] = ("n_i", "omega_xy0")) -> Any:
+    """Return how many ``hits`` some types are over all K_r, and their share; ``half`` tells K_r."""
+    middle = np.sqrt(frame["K_r"].min() * frame["K_r"].max())
+    half = (frame["K_r"] >= middle).astype(int)
+    frame = frame.assign(half=half, hits=frame[list(names)].sum(axis=1))
+    return with_shares(frame.groupby(list(by))[["hits", "runs"]].sum().reset_index(), ["hits"])
+
+
+def steady_spin(made: Made) -> Measured:
+    """Measure S1: small spins reverse; SS beyond."""
+    frame = made["fig7"]["fractions"]
+    slowest = frame[frame["n_i"] == frame["n_i"].max()]
+    beyond = frame.query("abs(n_i) >= 0.3")
+    by_spin = pooled(frame, "SS")
+    halves = pooled(beyond, "SS", by=("n_i", "omega_xy0", "half"))
+    each = pooled(beyond.query("omega_xy0 <= 0.01"), "SS")["hits"]
+    top = records(frame.nlargest(1, "fraction_SS"))[0]
+    most = share(int(slowest["R"].sum()), int(slowest["runs"].sum()))
+    checks = [
+        every([frame.query("abs(n_i) <= 0.2")["SS"].sum() == 0]) + every(each > 0, True),
+        every([most["value"] >= 0.99], most["high"] >= 0.99),
+        rises(by_spin[by_spin["hits"] > 0], "fraction_hits", "n_i", ["omega_xy0"]),
+        rises(by_spin, "fraction_hits", "omega_xy0", ["n_i"], sign=-1),
+        rises(halves, "fraction_hits", "half", ["n_i", "omega_xy0"], sign=-1),
+    ]
+    return checks, {
+        "value": top["fraction_SS"], "low": top["fraction_SS_low"], "high": top["fraction_SS_high"],
+        "K_r": top["K_r"], "n_i": top["n_i"], "slowest": slowest["n_i"].iloc[0],
+        "reversing": most["share"],
+        "by_spin": records(by_spin.groupby("n_i", as_index=False)["fraction_hits"].max()),
+    }  # fmt: skip
+
+
+def wobbling(made: Made) -> Measured:
+    """Measure S2: from which spin on there is SW, and how much."""
+    frame = made["fig7"]["fractions"]
+    slow, beyond = frame.query("abs(n_i) <= 0.3"), frame.query("abs(n_i) >= 0.4")
+    halves = [pooled(own, "SW", by=("n_i", "omega_xy0", "half")) for own in (slow, beyond)]
+    around, both = pooled(beyond, "SW"), pooled(beyond, "SW", "unclassified")["fraction_hits"]
+    by_spin = pooled(frame, "SW").groupby("n_i")["fraction_hits"]
+    checks = [
+        every([frame.query("abs(n_i) <= 0.1")["SW"].sum() > 0], True),
+        *(rises(own, "fraction_hits", "half", ["n_i", "omega_xy0"], sign=-1) for own in halves),
+        every(around["fraction_hits"].between(0.15, 0.25),
+              (around["fraction_hits_high"] >= 0.15) & (around["fraction_hits_low"] <= 0.25)),
+    ]  # fmt: skip
+    return checks, {
+        **share(int(beyond["SW"].sum()), int(beyond["runs"].sum())),
+        "single": span(beyond["fraction_SW"]), "both": span(both), "both_mean": both.mean(),
+        "mean": around["fraction_hits"].mean(),
+        "by_spin": records(by_spin.agg(["min", "max"]).reset_index()),
+    }  # fmt: skip
+
+
+def threshold(made: Made) -> Measured:
+    """Measure S3: at the smallest oscillation SS is Bondi's threshold, body by body."""
+    own = made["fig7"]["fractions"].query("omega_xy0 <= 0.001")
+    wrong, runs = int(own[["ss_only", "bondi_only"]].sum().sum()), int(own["runs"].sum())
+    numbers = {"wrong": wrong, "runs": runs, "SS": int(own["SS"].sum())}
+    return [Count(runs - wrong, runs)], share(wrong, runs) | numbers
+
+
+def large_oscillation(made: Made) -> Measured:
+    """Measure S4: at a large oscillation some bodies past the threshold are not SS."""
+    frame = made["fig7"]["fractions"]
+    size = frame["omega_xy0"].max()
+    large, least = frame.query("omega_xy0 == @size"), frame.query("omega_xy0 == omega_xy0.min()")
+    hits, runs = map(int, large.query("n_i == -0.3")[["SS", "runs"]].sum())
+    more, fewer = (pooled(own.query("abs(n_i) >= 0.4"), "SS") for own in (least, large))
+    decided, past = share(hits, runs), int(large["bondi_only"].sum())
+    checks = [
+        past > 0,
+        every([SEVERAL[0] <= 8000 * decided["value"] <= SEVERAL[1]],
+              8000 * decided["low"] <= SEVERAL[1] and 8000 * decided["high"] >= SEVERAL[0]),
+        every(fewer["fraction_hits"] < more["fraction_hits"],
+              fewer["fraction_hits_low"] < more["fraction_hits_high"]),
+    ]  # fmt: skip
+    return checks, {
+        **decided, "bondi_only": past, "bondi": int(large["bondi"].sum()), "omega_xy0": size,
+        "hits": hits, "runs": runs, "most": decided["high"] * runs,
+    }  # fmt: skip
+
+
+def wobbling_chaos(made: Made) -> Measured | None:
+    """Measure S5: which wobbling runs are chaotic; None without slow ones or without fast ones."""
+    runs = made["fig7"]["chaos"]
+    calm, fast = runs.query("abs(n_i) <= 0.4"), runs.query("n_i == -0.5")
+    if calm.empty or fast.empty:
+        return None
+    middle, least = np.sqrt(runs["K_r"].min() * runs["K_r"].max()), fast["K_r"].min()
+    below, above = fast.query("K_r < @middle"), fast.query("K_r >= @middle")
+    (hits, total), (many, small), (few, large), lowest = (
+        (int(part["chaotic"].sum()), len(part))
+        for part in (calm, below, above, fast.query("K_r == @least"))
+    )
+    overlap = wilson(many, small)[1] > wilson(few, large)[0]
+    checks = [Count(total - hits, total), every([many > 0], True),
+              every([many * large > few * small], overlap)]  # fmt: skip
+    return checks, {
+        **share(hits, total), "hits": hits, "runs": total,
+        "middle": middle, "small": f"{many} of {small}", "large": f"{few} of {large}",
+        "K_r": least, "least": f"{lowest[0]} of {lowest[1]}, {share(*lowest)['share']}",
+    }  # fmt: skip
+
+
+def settled_spins(made: Made) -> Measured | None:
+    """Measure S9b: where the spins of SS end, and about which spins SW wobbles; None of neither."""
+    settled, wobbling = made["fig7"]["settled"], made["fig8"]["windows"].query("wobbling > 0")
+    far = settled.query("not near")
+    if far.empty or wobbling.empty:
+        return None
+    faster = every(far["beyond"] > 0)
+    between = Count(int(wobbling["centre_between"].sum()), int(wobbling["wobbling"].sum()))
+    medians = far.groupby(["n_i", "omega_xy0"])[["beyond", "gain"]].median()
+    sizes = medians.groupby("omega_xy0")["beyond"].median().reset_index()
+    return [faster, every((medians["gain"] - 1).abs() < 0.1), between], {
+        "value": wobbling["centre_median"].median(), "low": wobbling["centre_low"].min(),
+        "high": wobbling["centre_high"].max(), "faster": faster, "between": between,
+        "near": len(settled) - len(far), "beyond": records(sizes), "most": far["beyond"].max(),
+        "gain": medians["gain"].median(),
+    }  # fmt: skip
+
+
+def draw_types(tables: Tables) -> Figure:
     """Draw (a), a column a spin and a row an oscillation, and (b) examples, if there are any."""
-    values, shown = tables["fractions"], records(tables["examples"])
+    values, shown = tables["fractions"].sort_values("K_r"), records(tables["examples"])
     spins, sizes = sorted(values["n_i"].unique(), key=abs), sorted(values["omega_xy0"].unique())
-    figure = new_figure(2.1 * len(spins) + 0.6, 1.75 * len(sizes) + 0.7 + 2.4 * bool(shown))
-    heights = (1.75 * len(sizes) + 0.7, 2.4) if shown else (1,)
+    heights = [1.75 * len(sizes) + 0.7, *([2.4] if shown else [])]
+    figure = new_figure(2.1 * len(spins) + 0.6, sum(heights))
     upper, *lower = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
-    if shown:
-        draw_examples(lower[0], shown, tables)
     axes = upper.subplots(len(sizes), len(spins), sharex=True, sharey=True, squeeze=False)
-    for row, size in zip(axes, sizes, strict=True):
-        for axis, spin in zip(row, spins, strict=True):
-            own = values[(values["n_i"] == spin) & (values["omega_xy0"] == size)]
-            draw_fractions(axis, own.sort_values("K_r"))
-        row[0].set_ylabel(launch({"omega_xy0": size}, "omega_xy0") + "\nfraction")
-    for axis, spin in zip(axes[0], spins, strict=True):
-        frame(axis, launch({"n_i": spin}, "n_i"))
-    frame(axes[0, 0], "(a)", loc="left")
-    for axis in axes[-1]:
-        axis.set_xlabel("$K_r$")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    marks = dict(zip(labels, handles, strict=True))
-    # Bondi's marks have no bars and would come first.
-    marks[BONDI] = marks.pop(BONDI)
-    upper.legend(marks.values(), marks, ncols=len(marks), **ABOVE)
+    for spin, size in product(spins, sizes):
+        rows = values[(values["n_i"] == spin) & (values["omega_xy0"] == size)]
+        axis = axes[sizes.index(size), spins.index(spin)]
+        axis.plot(rows["K_r"], rows["fraction_bondi"], color="black", marker="^", markersize=3.4,
+                  linestyle="none", label=r"$|n_{c1}| < |n_i|$ (Bondi)", zorder=4)  # fmt: skip
+        for name in SHOWN:
+            mark = TYPE_STYLE[name]
+            # A cross has no face.
+            look = {"markerfacecolor": mark.colour} if mark.marker == "x" else {}
+            draw_share(axis, rows, "K_r", name, color=mark.colour, marker=mark.marker,
+                       label=mark.label, **look)  # fmt: skip
+        axis.grid(visible=True, axis="y")
+        axis.set(xlabel="$K_r$", ylabel=f"{value_text('omega_xy0', size)}\nfraction")
+        axis.set_title(value_text("n_i", spin) if size == sizes[0] else "")
+        axis.label_outer()
+    # On a short logarithmic axis the labels between decades run into each other.
+    axes[0, 0].tick_params(axis="x", which="minor", labelbottom=False)
+    axes[0, 0].set(xscale="log", ylim=(-0.04, 1.04), yticks=[0, 0.5, 1])
+    axes[0, 0].set_title("(a)", loc="left")
+    upper.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
+    if shown:
+        below = lower[0].subplots(1, len(shown), squeeze=False)[0]
+        for axis, row in zip(below, shown, strict=True):
+            draw_spin(axis, tables[row["example"]], 0.7)
+            point = ", ".join(value_text(name, row[name]) for name in ("n_i", "omega_xy0", "K_r"))
+            axis.set_title(f"{EXAMPLES[row['example']][2]}\n{point}")
     return figure
 
 
-def draw_fractions(axis: Axes, rows: pd.DataFrame) -> None:
-    """Draw the fractions of the types of one spin and oscillation."""
-    x = rows["K_r"].to_numpy()
-    for name in SHOWN:
-        mark, share = TYPE_STYLE[name], rows[f"fraction_{name}"]
-        bars = np.array([share - rows[f"low_{name}"], rows[f"high_{name}"] - share])
-        axis.errorbar(
-            x, share, yerr=np.maximum(bars, 0), color=mark.colour, marker=mark.marker,
-            markersize=5, markerfacecolor=mark.colour if mark.marker == "x" else "white",
-            markeredgewidth=1.1, linewidth=0.9, elinewidth=0.8, label=mark.label, zorder=3,
-        )  # fmt: skip
-    axis.plot(x, rows["fraction_bondi"], color="black", marker="^", markersize=3.4,
-              linestyle="none", label=BONDI, zorder=4)  # fmt: skip
-    axis.set(xscale="log", ylim=(-0.04, 1.04), yticks=[0, 0.5, 1])
-    axis.set_xlim(x.min() / 1.3, x.max() * 1.3)
-    decade_ticks(axis.xaxis)
-    frame(axis, grid="y")
+def friction(ws: Workspace) -> Tables:
+    """Return the table ``shares``: one row a sigma, which bodies reverse in which direction."""
+    runs = ws.sweep("friction")
+    turns = runs.pivot_table("n_turns", ["sigma", "sample"], "n_i").dropna()
+    unsteady, steady = turns[0.3] > 0, turns[-0.3] > 0
+    found = pd.DataFrame(
+        {"runs": 1, "one_way": unsteady & ~steady, "both": unsteady & steady,
+         "neither": ~unsteady & ~steady, "steady_only": ~unsteady & steady,
+         "unsteady": unsteady, "twice": turns[0.3] > 1}
+    )  # fmt: skip
+    rows = found.groupby("sigma").sum().reset_index()
+    return {"shares": with_shares(rows, ["one_way", "both", "neither"])}
 
 
-def draw_examples(figure: Any, rows: list[dict[str, Any]], tables: Tables) -> None:
-    """Draw the spin of the examples beside each other."""
-    axes = figure.subplots(1, len(rows), squeeze=False)[0]
-    for axis, row in zip(axes, rows, strict=True):
-        spin = tables[row["example"]]
-        axis.plot(spin["t"], spin["n"], color=BLUE, linewidth=0.7)
-        axis.set_xlabel(T_AXIS)
-        axis.locator_params(axis="x", nbins=5)
-        title = EXAMPLES[row["example"]][1]
-        frame(axis, f"{title}\n{launch(row, 'n_i', 'omega_xy0', 'K_r')}")
-        axis.title.set_fontsize(9.5)
-    axes[0].set_ylabel(N_AXIS)
+def one_way(made: Made) -> Measured:
+    """Measure C1: which share of bodies reverses in one direction only, against the friction."""
+    rows = made["friction"]["shares"]
+    top = records(rows.nlargest(1, "fraction_one_way"))[0]
+    value, low, high = (top[f"fraction_one_way{end}"] for end in ("", "_low", "_high"))
+    still = rows[(rows["unsteady"] > rows["runs"] / 2) & (rows["sigma"] >= 0.008)]
+    least, most = wilson(still["one_way"], still["unsteady"])
+    checks = [
+        every([low > 0.5], high > 0.5),
+        every(rows["steady_only"] == 0),
+        every(least > 0.5, most > 0.5),
+    ]
+    return checks, {
+        "value": value, "low": low, "high": high, "rows": records(rows),
+        "runs": int(rows["runs"].max()),
+        "twice": records(rows.assign(share=rows["twice"] / rows["runs"])),
+    }  # fmt: skip
+
+
+def draw_friction(tables: Tables) -> Figure:
+    """Draw the shares of the bodies against sigma."""
+    figure = new_figure(5.4, 3.6)
+    axis = figure.add_subplot()
+    names = {"both": "in both", "one_way": "in the unsteady direction only",
+             "neither": "in neither"}  # fmt: skip
+    for (name, words), (colour, marker) in zip(names.items(), SERIES, strict=False):
+        draw_share(axis, tables["shares"], "sigma", name, color=colour, marker=marker, label=words)
+    axis.set(xscale="log", ylim=(-0.03, 1.03), ylabel="share of the bodies that reverse",
+             xlabel=r"$\sigma$ / $M a^2 \tilde\omega$")  # fmt: skip
+    axis.grid(visible=True)
+    add_legend(figure, axis.get_legend_handles_labels()[0])
+    return figure

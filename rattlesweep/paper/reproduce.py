@@ -1,33 +1,43 @@
-"""Every figure and supplement by its name, and how they are made, one after another."""
+"""Make figures and supplements one after another, judge the claims, write the report."""
 
 from __future__ import annotations
 
-import io
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from importlib.metadata import version
+from textwrap import shorten
+from typing import Any
 
+import matplotlib as mpl
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from rattlesweep.analysis.style import encode, styled
+from rattlesweep.analysis.report import config_yaml, render, source
+from rattlesweep.analysis.style import FAINT, save, save_table, styled
 from rattlesweep.errors import ConfigError
-from rattlesweep.paper.claim import judge, read_table
-from rattlesweep.paper.report import Reproduction, write_report
-from rattlesweep.paper.workspace import FULL, Part, Workspace
+from rattlesweep.paper.claim import UNDECIDED, judge, read_table
+from rattlesweep.paper.workspace import FULL, Tables, Workspace, sweep_config
 from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.files import replace_file
+from rattlesweep.sweeps.provenance import machine, now, package_version, versions
 
 # The claims about formulas alone go by this name where parts are chosen.
 THEORY = "theory"
-KINDS, DPI = ("png", "svg"), 150
-
-PARTS = {name: Part(**row) for name, row in read_table("parts").items()}
-"""Figures and supplements by name, as ``parts.yaml`` has them."""
+KINDS, DPI = ("svg", "png"), 150
+# Matplotlib's settings: frames with ticks inward, as in the paper, and titles at a fixed height (to
+# avoid what is at the top takes a sixth of the drawing's time).
+LOOK: Any = {
+    "xtick.direction": "in", "ytick.direction": "in", "xtick.top": True, "ytick.right": True,
+    "axes.titlesize": 10, "axes.titlepad": 4, "axes.titley": 1.0, "grid.color": FAINT,
+    "grid.linewidth": 0.6,
+}  # fmt: skip
+VERDICTS = ("agree", "partly", "disagree", UNDECIDED)
 
 
 def choose(names: str | None) -> list[str]:
     """Return the parts that were asked for, such as ``fig8,fig7``, in the paper's order, or all."""
-    known = [*PARTS, THEORY]
+    known = [*read_table("parts"), THEORY]
     wanted = known if names is None else [word.strip() for word in names.split(",")]
     if unknown := [word for word in wanted if word not in known]:
         raise ConfigError(f"--only: {not_one_of(unknown[0], known)}")
@@ -36,30 +46,67 @@ def choose(names: str | None) -> list[str]:
 
 def reproduce(
     workspace: Workspace, names: Sequence[str], begin: Callable[[str], None] = lambda title: None
-) -> Reproduction:
-    """Compute and draw what was asked for, judge the claims that this can settle, and report.
+) -> list[dict[str, Any]]:
+    """Compute and draw what was asked for, report, and return the claims that this can settle.
 
-    `names` are keys of :data:`PARTS`, and perhaps ``theory``; `begin` is called with the title of
+    `names` are those of ``parts.yaml``, and perhaps ``theory``; `begin` is called with the title of
     each part before it is made.  Raises a ConfigError if the directory holds other sweeps.
     """
-    done = Reproduction(workspace, {name: PARTS[name] for name in names if name != THEORY})
-    for name, part in done.parts.items():
-        begin(part.title)
+    parts = {name: part for name, part in read_table("parts").items() if name in names}
+    directory, sizes = workspace.directory, workspace.sizes
+    made: dict[str, Tables] = {}
+    seconds = {}
+    for name, part in parts.items():
+        begin(part["title"])
         start = time.perf_counter()
-        tables = done.tables[name] = part.data(workspace)
-        for table, rows in tables.items():
-            found = pa.Table.from_pandas(rows, preserve_index=False).replace_schema_metadata()
-            buffer = io.BytesIO()
-            pq.write_table(found, buffer, write_page_checksum=True)
-            replace_file(workspace.directory / f"{name}_{table}.parquet", buffer.getvalue())
-        if part.draw is not None:
-            with styled():
-                drawing = part.draw(tables)
-                for kind in KINDS:
-                    image = encode(drawing, kind, DPI)
-                    replace_file(workspace.directory / f"{name}.{kind}", image)
-        done.seconds[name] = time.perf_counter() - start
-    few = workspace.sizes.samples < FULL.samples
-    done.claims = judge(done.tables, theory=THEORY in names, few=few)
-    write_report(done)
-    return done
+        made[name] = part["data"](workspace)
+        for table, rows in made[name].items():
+            found = pa.Table.from_pandas(rows, preserve_index=False)
+            save_table(found, directory / f"{name}_{table}.parquet")
+        with styled(), mpl.rc_context(LOOK):
+            save(part["draw"](made[name]), [directory / f"{name}.{kind}" for kind in KINDS], DPI)
+        seconds[name] = f"{time.perf_counter() - start:.1f} s"
+    claims = judge(made, theory=THEORY in names, few=sizes.samples < FULL.samples)
+    save_table(pa.Table.from_pylist(claims), directory / "claims.parquet")
+    words = {"claims": claims, "tally": tally(claims), "quick": sizes != FULL}
+    page = render("claims.md.j2", version=package_version(), **words)
+    replace_file(directory / "claims.md", page)
+    figures = [
+        (name, part, list(made[name]),
+         source(*((directory / f"{name}.{kind}").read_bytes() for kind in KINDS)))
+        for name, part in parts.items()
+    ]  # fmt: skip
+    middle = {"figures": "Figures"} if figures else {}
+    sections = {"claims": "Claims", **middle, "run": "How it was made", "settings": "Settings"}
+    sweeps = [path.name for path in sorted(directory.glob("sweeps/*"))]
+    page = render(
+        "paper.html.j2",
+        title="Rattleback dynamics and its reversal time of rotation: recomputed",
+        sections=[*sections.items()],
+        finished=now(),
+        versions=versions() | {"matplotlib": version("matplotlib")},
+        machine=machine(),
+        figures=figures,
+        failed=workspace.failed,
+        parts=[*seconds.items()],
+        settings=config_yaml(asdict(sizes) | {name: sweep_config(name, sizes) for name in sweeps}),
+        **words,
+    )
+    replace_file(directory / "report.html", page)
+    return claims
+
+
+def tally(claims: Sequence[dict[str, Any]]) -> str:
+    """Return how many claims of each verdict there are."""
+    counts = Counter(claim["verdict"] for claim in claims)
+    return ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
+
+
+def closing_table(claims: Sequence[dict[str, Any]]) -> str:
+    """Return the claims as text for a terminal, with what is claimed and what was measured."""
+    lines = []
+    for claim in claims:
+        says = f"{claim['verdict']} ({claim['held']} of {claim['checks']}): {claim['words']}"
+        for key, text in ((claim["id"], says), ("", f"found: {claim['measured']}")):
+            lines.append(f"{key:<4} {shorten(text, 105, placeholder=' ...')}")
+    return "\n".join(lines)

@@ -1,17 +1,22 @@
-"""What all parts share: the output directory, its sweeps, the numbers of samples."""
+"""What all parts share: the directory and its sweeps, numbers of samples, single runs, ink."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 from ruamel.yaml import YAML
 
 from rattlesweep import api
+from rattlesweep.analysis.style import BLUE, thin
+from rattlesweep.api.single import Trajectory
+from rattlesweep.errors import OutputError
+from rattlesweep.physics.body import Rattleback
 from rattlesweep.sweeps.files import probe_directory
 
 # Tables by name, and those of all parts by part.
@@ -37,50 +42,39 @@ class Sizes:
 
 FULL = Sizes()
 QUICK = Sizes(
-    fig3_bodies=50_000,
-    fig4_density=2_000_000,
-    samples=30,
-    lyapunov=200,
-    friction=60,
+    fig3_bodies=50_000, fig4_density=2_000_000, samples=30, lyapunov=200, friction=60,
     exponents_t_end=50_000.0,
-)
+)  # fmt: skip
 
 
 class Workspace:
     """An output directory whose sweeps resume; all else takes seconds and is computed anew."""
 
-    def __init__(
-        self,
-        directory: Path,
-        sizes: Sizes = FULL,
-        threads: int | None = None,
-        progress: bool | None = None,
-    ) -> None:
+    def __init__(self, directory: Path, sizes: Sizes = FULL, **settings: Any) -> None:
+        """Make or open the directory; `settings` are ``threads`` and ``progress`` of its sweeps."""
         probe_directory(directory)
-        self.directory, self.sizes = directory, sizes
-        self.settings: dict[str, Any] = {"threads": threads, "progress": progress}
+        self.directory, self.sizes, self.settings = directory, sizes, settings
         self.failed = 0
         self._sweeps: dict[str, pd.DataFrame] = {}
 
-    def sweep(self, name: str, config: Mapping[str, Any] | None = None) -> pd.DataFrame:
+    def sweep(self, name: str) -> pd.DataFrame:
         """Run the sweep ``sweeps/NAME``, or go on with it, and return its runs that are ``ok``."""
         if name not in self._sweeps:
-            path = self.directory / "sweeps" / name
-            config = config or sweep_config(name, self.sizes)
-            found = api.sweep(config, output=path, **self.settings)
+            config, output = sweep_config(name, self.sizes), self.directory / "sweeps" / name
+            found = api.sweep(config, output=output, **self.settings)
             runs, cases = self._good(found.read()), found.summary.set_index("case")
-            for target in ("K_p", "K_r"):
-                if cases[target].notna().any():
-                    targets = runs["case"].map(cases[target])
-                    runs = runs.assign(**{f"{target}_body": runs[target], target: targets})
+            for target in map(str, cases[["K_p", "K_r"]].dropna(axis=1, how="all")):
+                targets = runs["case"].map(cases[target])
+                runs = runs.assign(**{f"{target}_body": runs[target], target: targets})
             self._sweeps[name] = runs.reset_index(drop=True)
         return self._sweeps[name]
 
-    def again(self, runs: pd.DataFrame, **how: Any) -> pd.DataFrame:
-        """Integrate runs once more with other arguments of :func:`rattlesweep.simulate`."""
+    def again(self, runs: pd.DataFrame, most: int, record: str) -> pd.DataFrame:
+        """Integrate runs once more with something recorded; of too many an even choice."""
+        runs = runs.iloc[:: max(1, -(-len(runs) // most))]
         if runs.empty:
-            return pd.DataFrame(index=runs.index)
-        found = self._good(api.simulate(runs[LAUNCH], **self.settings, **how))
+            return runs
+        found = self._good(api.simulate(runs[LAUNCH], **self.settings, record=[record]))
         return found.reindex(runs.index)
 
     def _good(self, runs: pd.DataFrame) -> pd.DataFrame:
@@ -89,26 +83,34 @@ class Workspace:
         return runs[good]
 
 
-@dataclass(frozen=True)
-class Part:
-    """A figure of the paper, or a supplement to one: words for people, its data, its picture."""
-
-    title: str
-    data: Callable[[Workspace], Tables]
-    caption: str = ""
-    draw: Callable[[Tables], Figure] | None = None
-
-
 def sweep_config(name: str, sizes: Sizes) -> dict[str, Any]:
-    """Return the config of the sweep ``steady`` or ``unsteady``, that of ``configs/``."""
+    """Return the config of the sweep ``steady``, ``unsteady`` or ``friction``."""
     config: dict[str, Any] = YAML(typ="safe").load(Path(__file__).with_name(f"{name}.yaml"))
-    config["bodies"]["samples"] = sizes.samples
+    config["bodies"]["samples"] = sizes.friction if name == "friction" else sizes.samples
     return config
 
 
-def evenly(runs: pd.DataFrame, most: int) -> pd.DataFrame:
-    """Return at most so many of the runs, evenly chosen, so that all cases keep their share."""
-    return runs.iloc[:: max(1, -(-len(runs) // most))]
+def follow(body: Rattleback, *channels: str, dt: float = 0.05, **launch: Any) -> Trajectory:
+    """Integrate one run past its reversals; raise OutputError if it fails."""
+    found = api.trajectory(body, channels=("t", *channels), dt=dt, **launch)
+    if found.status != "ok":
+        raise OutputError(f"{body}: the run ended at t = {found.t_end:g} with {found.status}")
+    return found
+
+
+def thinned(run: pd.DataFrame, *beside: str, **bins: int) -> pd.DataFrame:
+    """Return ``t`` and some columns of a run at the rows that curves through them need."""
+    places = [thin(run[name].to_numpy(), number) for name, number in bins.items()]
+    rows = run.iloc[np.unique(np.concatenate(places))]
+    return rows[["t", *beside, *bins]].reset_index(drop=True)
+
+
+def draw_spin(axis: Axes, series: pd.DataFrame, linewidth: float = 0.8, label: str = "") -> None:
+    """Draw the spin against time, and a line at zero if it reverses."""
+    axis.plot(series["t"], series["n"], color=BLUE, linewidth=linewidth, label=label)
+    if series["n"].min() < 0 < series["n"].max():
+        axis.axhline(0, color="#777777", linewidth=0.6, zorder=1)
+    axis.set(xlabel=r"$t$ / $\tilde t$", ylabel=r"$n$ / $\tilde\omega$")
 
 
 def records(frame: pd.DataFrame) -> list[dict[str, Any]]:

@@ -189,14 +189,14 @@ class Rattleback:
         return replace(self, **parameters)
 
     def mirrored(self) -> Rattleback:
-        """Return the mirror image, whose steady and unsteady direction change places."""
+        """Return the mirror image: steady and unsteady direction change places."""
         return replace(self, xi=-self.xi)
 
 
 PRESETS: dict[str, Callable[[], Rattleback]] = {"GH": Rattleback.gh, "KL": Rattleback.kl}
 """Bodies of the literature."""
 MAX_INERTIA = 1e6
-"""Moments of inertia in ``M a^2`` are at most this: the body is then 1000 times as wide as high."""
+"""Largest moment of inertia in ``M a^2``."""
 
 
 def shell_dumbbell(gamma: T, f_sd: T) -> tuple[T, T]:

@@ -10,8 +10,7 @@ what is small near the steady spin is a small number.  For the same reason the s
 ``theta = 1 - 1e-9``.  The constants of a body are the six numbers of :func:`constants`.
 
 The heading is the angle of the horizontal part ``h_1`` of the body's x axis from its direction at
-the start; with ``h_2 = u x h_1`` and ``u`` it spans a frame that never degenerates.  The plane's
-axes are ``h_1, h_2`` at the start, and its origin the first point of contact.
+the start.  The plane's axes are ``h_1`` and ``u x h_1`` at the start, its origin the first contact.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -33,8 +32,7 @@ N_CONSTANTS = 6
 N_EXTRA = 3  # heading and the two co-ordinates of the contact point on the plane
 
 # Fused multiply-add only.  With 'nnan' and 'ninf' LLVM folds the test for a non-finite state away;
-# 'reassoc' gains nothing here and 'arcp' 3 %, and both let the last bits depend on how often a
-# function went through the optimiser.
+# 'reassoc' and 'arcp' let the last bits depend on how often a function was optimised.
 FASTMATH = {"contract", "nsz"}
 # No function pointer for C: it would take time to compile.
 scalar = njit(fastmath=FASTMATH, error_model="numpy", forceinline=True, no_cfunc_wrapper=True)
@@ -90,10 +88,10 @@ def turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz)
     And, for another right side ``h``, what makes of it ``D^-1 (h + r s)`` with
     ``s = along (x dyz h_x + y dzx h_y + z dxy h_z)``: ``dyz, dzx, dxy, along, ivol``.
 
-    With ``w = r x omega - dr/dt`` the bracket of Eq. diff-omega is ``omega x w``.  The matrix on
-    its left side, ``D - r r^T``, is inverted by Sherman and Morrison's formula.  For a long ``r``
-    both parts of ``s = r.D^-1 T / (1 - r.D^-1 r)`` cancel, and are written with ``1 - r^2/d = I/d``
-    and the gyroscopic torque ``(gx, gy, gz)``.
+    The bracket of Eq. diff-omega is ``omega x w``; the matrix on its left side, ``D - r r^T``, is
+    inverted by Sherman and Morrison's formula.  For a long ``r`` both parts of
+    ``s = r.D^-1 T / (1 - r.D^-1 r)`` cancel, and are written with ``1 - r^2/d = I/d`` and the
+    gyroscopic torque ``(gx, gy, gz)``.
     """
     x, y, z = p + fx, q + fy, 1.0 - rise
     twist = fx * q - fy * p
@@ -226,8 +224,7 @@ def from_vectors(u: ArrayLike, omega: ArrayLike) -> Floats:
 def quaternion(u: Floats, heading: Floats) -> Floats:
     """Return the attitude as unit quaternions, shape (4, ...), the scalar first, without jumps.
 
-    They turn components in the body's frame, where the vertical is `u`, shape (3, ...), into those
-    along the plane's axes and the vertical.
+    From the body's frame, where the vertical is `u`, shape (3, ...), to the plane's axes.
     """
     ux, uy, uz = u
     root = np.sqrt(uy * uy + uz * uz)

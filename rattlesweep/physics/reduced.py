@@ -37,18 +37,14 @@ def energy(n, e_p, e_r, k_p, k_r, inertia):
 def casimir(e_p: ArrayLike, e_r: ArrayLike, K_p: ArrayLike, K_r: ArrayLike) -> Floats:
     """Casimir invariant ``C_I`` (Eq. casimir), conserved; minus infinity without one mode."""
     with np.errstate(divide="ignore"):
-        value: Floats = np.log(e_p) / np.asarray(K_p) + np.log(e_r) / np.asarray(K_r)
-    return value
+        return np.asarray(np.log(e_p) / np.asarray(K_p) + np.log(e_r) / np.asarray(K_r))
 
 
 def mode_energies(
     alpha: Floats, beta: Floats, psi_p: Floats, psi_r: Floats, omega_xy0: ArrayLike, psi: ArrayLike
 ) -> tuple[Floats, Floats]:
-    """Return the energies of pitch and roll in a launch at ``u = (0, 0, -1)``, in ``M g a``.
-
-    The modes are orthogonal in the metric ``diag(alpha, beta)``; a launch along one has exactly
-    nothing of the other.
-    """
+    """Return the energies of pitch and roll in a launch at ``u = (0, 0, -1)``, in ``M g a``."""
+    # The modes are orthogonal in the metric diag(alpha, beta).
 
     def along(direction: Floats, other: Floats) -> Floats:
         c, s = np.cos(direction), np.sin(direction)

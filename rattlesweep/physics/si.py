@@ -16,10 +16,8 @@ if TYPE_CHECKING:
 
     from rattlesweep.arrays import Floats
 
-GRAVITY = 9.81
-"""Gravity on Earth, in m/s^2."""
-MAX_TILT = 1e-3
-"""Angle in radians by which the principal axis may be off the vertical, for rounded inputs."""
+GRAVITY = 9.81  # on Earth, in m/s^2
+MAX_TILT = 1e-3  # angle by which the principal axis may be off the vertical, for rounded inputs
 LIMITS = {"mass": (1e-9, 1e9, "kg"), "length": (1e-9, 1e6, "m"),
           "acceleration": (1e-6, 1e6, "m/s^2")}  # fmt: skip
 """Smallest and largest size of a quantity by its kind: beyond them products leave no digits."""
@@ -43,13 +41,10 @@ class Units:
         """Size of each unit that rattlesweep writes, and the SI unit of that size."""
         m, a, g, t = self.mass, self.length, self.gravity, self.time
         return {
-            "sqrt(a/g)": (t, "s"),
-            "sqrt(g/a)": (1 / t, "rad/s"),
-            "a": (a, "m"),
-            "M g": (m * g, "N"),
-            "M g a": (m * g * a, "J"),
+            "sqrt(a/g)": (t, "s"), "sqrt(g/a)": (1 / t, "rad/s"), "a": (a, "m"),
+            "M g": (m * g, "N"), "M g a": (m * g * a, "J"),
             "M a^2 sqrt(g/a)": (m * a**2 / t, "N m s"),
-        }
+        }  # fmt: skip
 
 
 def number(value: float | str, kind: str, name: str) -> float:

@@ -8,11 +8,10 @@ centre lies ``c`` above the lowest point.  With ``B = 1 + C`` and ``s = (p, q).B
 which for ``1/c = 0`` is the paraboloid's.  The bodies' constant is ``k = 1/c``.
 
 Friction are two couples: ``-sigma omega`` (Kane and Levinson 1982, Eqs. 47-49), and the rolling
-resistance ``-lever F_n omega_t / |omega_t|`` against the part of ``omega`` in the plane, with the
-normal force ``F_n`` and ``sqrt(omega_t^2 + eps^2)`` for ``|omega_t|``.  Their work is a sixth
-variable, and energy minus work is conserved.
+resistance ``-lever F_n omega_t / sqrt(omega_t^2 + eps^2)`` with the part ``omega_t`` in the plane
+and the normal force ``F_n``.  Their work is a sixth variable; energy minus work is conserved.
 
-Where ``surface`` is an argument it is :func:`flat`, :func:`ellipsoid` or :func:`carried_ellipsoid`.
+A ``surface`` is :func:`flat`, :func:`ellipsoid` or :func:`carried_ellipsoid`.
 """
 
 # mypy: disable-error-code="no-untyped-def"

@@ -1,12 +1,10 @@
-"""Tangent dynamics: how a small difference between two runs moves.
+"""Tangent dynamics: how a small difference between two runs of `physics.full` moves.
 
-The rates are the derivatives of Eqs. diff-u and diff-omega, and of Eqs. diff-ne-1 to diff-ne-3,
-along a tangent, in forward mode by hand.
+The rate is the derivative of Eqs. diff-u and diff-omega along a tangent, in forward mode by hand.
 
 A tangent is measured in the energy of the oscillation plus that of the spin.  Two directions
-neither grow nor decay exponentially whatever the run does: along the flow, where a difference is a
-delay, and across the surface of constant energy.  What is measured is the part of a tangent in that
-surface and normal to the flow; it moves independently of the two others, and may decay.
+neither grow nor decay exponentially: along the flow, where a difference is a delay, and across the
+surface of constant energy.  What is measured is the part in that surface and normal to the flow.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -18,7 +16,7 @@ from rattlesweep.physics.full import oscillation, scalar
 
 
 @scalar
-def full_rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
+def rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
     """Return the derivative of a tangent ``(p1, q1, a1, b1, c1)`` under ``full.rhs``.
 
     Names as there; what ends in 1 is a derivative along the tangent.  Of
@@ -86,7 +84,7 @@ def full_rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz,
 
 
 @scalar
-def full_gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
+def gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
     """Gradient of :func:`rattlesweep.physics.full.energy`."""
     fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
     x, y = p + fx, q + fy
@@ -109,21 +107,16 @@ def full_gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
 
 
 @scalar
-def full_square(p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
+def square(p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
     """Squared norm, in ``M g a``: twice the energy with ``B = 1 + C``, which never vanishes."""
     slope = p1 * p1 + q1 * q1
     return oscillation(p1, q1, a1, b1, ix, iy, cxx, cxy, cyy) + slope + iz * c1 * c1
 
 
 @scalar
-def full_transverse(
-    p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy
-):
-    """Return the part of a tangent in the surface of constant energy and normal to the flow.
-
-    Normal in the norm of :func:`full_square`.
-    """
-    ep, eq, ea, eb, ec = full_gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
+def transverse(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
+    """Return the part in the surface of constant energy and, in the norm, normal to the flow."""
+    ep, eq, ea, eb, ec = gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
     # The norm's inverse applied to the gradient.
     bxx, byy = 1.0 + cxx, 1.0 + cyy
     det = bxx * byy - cxy * cxy
@@ -134,7 +127,7 @@ def full_transverse(
     p1, q1 = p1 - off * hp, q1 - off * hq
     a1, b1, c1 = a1 - off * ha, b1 - off * hb, c1 - off * hc
     # At a state of rest there is no flow, and nothing to take away.
-    speed = full_square(dp, dq, da, db, dc, ix, iy, iz, cxx, cxy, cyy) + 1e-290
+    speed = square(dp, dq, da, db, dc, ix, iy, iz, cxx, cxy, cyy) + 1e-290
     late = (
         dp * (bxx * p1 + cxy * q1) + dq * (cxy * p1 + byy * q1)
         + (ix + 1.0) * da * a1 + (iy + 1.0) * db * b1 + iz * dc * c1
@@ -143,43 +136,7 @@ def full_transverse(
 
 
 @scalar
-def full_seed(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
+def seed(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
     """A tangent along no mode: as much energy in each component of slope and rate."""
     p, q = 1.0 / sqrt(1.0 + cxx), 1.0 / sqrt(1.0 + cyy)
     return p, q, 1.0 / sqrt(ix + 1.0), 1.0 / sqrt(iy + 1.0), 0.0
-
-
-@scalar
-def reduced_rate(n, e_p, e_r, dn, de_p, de_r, n1, p1, r1, k_p, k_r, inertia):
-    """Return the derivative of a tangent ``(n1, p1, r1)`` under ``reduced.rhs``.
-
-    ``p1, r1`` are of the amplitudes ``sqrt(2 E_p)``, ``sqrt(2 E_r)``, which may be zero.
-    """
-    p, r = sqrt(2.0 * abs(e_p)), sqrt(2.0 * abs(e_r))
-    dn1 = (k_r * r * r1 - k_p * p * p1) / inertia
-    return dn1, 0.5 * k_p * (n1 * p + n * p1), -0.5 * k_r * (n1 * r + n * r1)
-
-
-@scalar
-def reduced_square(n1, p1, r1, k_p, k_r, inertia):
-    """Squared norm of a tangent, in ``M g a``."""
-    return inertia * n1 * n1 + p1 * p1 + r1 * r1
-
-
-@scalar
-def reduced_transverse(n, e_p, e_r, dn, de_p, de_r, n1, p1, r1, k_p, k_r, inertia):
-    """Part of a tangent in the surface of constant energy and normal to the flow."""
-    p, r = sqrt(2.0 * abs(e_p)), sqrt(2.0 * abs(e_r))
-    # In this norm the gradient of the energy is the state itself, (n, p, r).
-    off = (inertia * n * n1 + p * p1 + r * r1) / (inertia * n * n + p * p + r * r + 1e-290)
-    n1, p1, r1 = n1 - off * n, p1 - off * p, r1 - off * r
-    fp, fr = 0.5 * k_p * n * p, -0.5 * k_r * n * r
-    speed = inertia * dn * dn + fp * fp + fr * fr + 1e-290
-    late = (inertia * dn * n1 + fp * p1 + fr * r1) / speed
-    return n1 - late * dn, p1 - late * fp, r1 - late * fr
-
-
-@scalar
-def reduced_seed(n, e_p, e_r, k_p, k_r, inertia):
-    """A tangent along no mode: as much energy in each amplitude."""
-    return 0.0, 1.0, 1.0

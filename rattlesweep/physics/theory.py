@@ -99,14 +99,12 @@ def oscillation_speed(
     ``gamma w^2 / 2`` is the launch's oscillation energy.
     """
     inertia = np.asarray(alpha) * np.cos(psi) ** 2 + np.asarray(beta) * np.sin(psi) ** 2
-    speed: Floats = np.abs(omega_xy0) * np.sqrt(inertia / np.asarray(gamma, float))
-    return speed
+    return np.asarray(np.abs(omega_xy0) * np.sqrt(inertia / np.asarray(gamma, float)))
 
 
 def unsteady(K_p: ArrayLike, n_i: ArrayLike) -> NDArray[np.bool_]:
     """Whether the pitch grows: ``n_i > 0``, or ``n_i < 0`` for a mirrored body (``xi > 0``)."""
-    result: NDArray[np.bool_] = np.asarray(K_p) * np.asarray(n_i) > 0
-    return result
+    return np.asarray(np.asarray(K_p) * np.asarray(n_i) > 0)
 
 
 def growth_rates(K_p: ArrayLike, K_r: ArrayLike, n: ArrayLike) -> tuple[Floats, Floats]:
@@ -171,9 +169,6 @@ def bondi_threshold(
     with np.errstate(divide="ignore", invalid="ignore"):
         square = -(1 - theta) * (1 - phi) / denominator
         return np.where((denominator < 0) & np.isfinite(square), -np.sqrt(np.abs(square)), np.nan)
-
-
-# -- launches --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """An ellipsoid in any position, as one that has rolled onto its side; and phase volume.
 
-There ``u_z = 0``, and the slopes of :mod:`rattlesweep.physics.full` end.  The state here is
+There the slopes of :mod:`rattlesweep.physics.full` end.  The state here is
 ``(v_x, v_y, v_z, a, b, c, work)``: a vector along the vertical, on whose length nothing depends,
 the angular velocity and the work of friction.  With ``u = v/|v|``, ``B = 1 + C`` and ``k = 1/c``
 the ellipsoid of :mod:`rattlesweep.physics.stone` touches the plane at
@@ -8,8 +8,7 @@ the ellipsoid of :mod:`rattlesweep.physics.stone` touches the plane at
     r = (-B (u_x, u_y) / rho, 1 - (1 + u_z/rho) / k),    rho^2 = u_z^2 + k s,
     s = (u_x, u_y).B (u_x, u_y),
 
-and for ``k = 0``, where it must stand on its lower surface, the paraboloid.  Constants are those of
-an ellipsoid with friction, ``sigma = lever = 0`` being none.
+and for ``k = 0``, on its lower surface, the paraboloid.  Constants are those with friction.
 
 The flow changes phase volume, that of the sphere of directions ``u``, which only turn, times that
 of ``omega``, at the relative rate ``tr d(J^-1 T)/domega`` (Eq. diff-omega).  With ``w = W omega``
@@ -131,9 +130,6 @@ def contact_force(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma
     return contact_of(ux, uy, uz, a, b, c, f[3], f[4], f[5], x, y, z, wx, wy, wz)
 
 
-# -- phase volume ---------------------------------------------------------------------------------
-
-
 @scalar
 def _dot(one, other):
     return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
@@ -222,9 +218,6 @@ def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
     lost = share * trace + (0.5 * lever * (ahead - behind) - share * wider) / below
     smooth = smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma)
     return smooth - (lost if share > 0.0 else 0.0)
-
-
-# -- slopes and back -------------------------------------------------------------------------------
 
 
 def from_slopes(y: Floats, constants: Floats) -> tuple[Floats, Floats]:

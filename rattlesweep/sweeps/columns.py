@@ -95,7 +95,7 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         required("rolling", F64, "a", "lever of the rolling resistance"),
         field("growth", F64, RATE, "growth rate of the oscillation at n_i; null if rolling"),
         field("n_growth", F64, RATE, "spin at which it outgrows its damping; null if rolling"),
-        field("energy_left", F64, "1", "share of the launch's energy that is left at t_end"),
+        field("energy_left", F64, "1", "fraction of the launch's energy that is left at t_end"),
     ),
     # What `record` asks for, by its words; a run that failed at launch has nothing to record.
     "energy": (
@@ -153,9 +153,10 @@ MEASURED: tuple[pa.Field, ...] = (
 # What a config may ask for by `record` or otherwise, with the models that cannot tell: the reduced
 # dynamics has no contact force, and the closed form no path to look at.
 RECORD_PARTS: dict[str, tuple[str, ...]] = {
-    "energy": ("gh",), "contact": ("reduced", "gh"), "windows": ("gh",), "lyapunov": ("gh",),
-    "volume": ("reduced", "gh"), "error": ("gh",), "tol": ("gh",), "reversals": ("gh",),
-    "turns": ("gh",), "surface": (), "dissipation": ("reduced", "gh"),
+    "energy": ("gh",), "contact": ("reduced", "gh"), "windows": ("gh",),
+    "lyapunov": ("reduced", "gh"), "volume": ("reduced", "gh"), "error": ("gh",),
+    "tol": ("gh",), "reversals": ("gh",), "turns": ("gh",), "surface": (),
+    "dissipation": ("reduced", "gh"),
 }
 # Columns of `summary` in their order; shares are of the runs with status ok.
 SUMMARY: tuple[pa.Field, ...] = (
@@ -165,11 +166,11 @@ SUMMARY: tuple[pa.Field, ...] = (
     field("n_i", F64, RATE, "initial spin; null where rows differ"),
     field("omega_xy0", F64, RATE, "initial rate; null where rows differ"),
     required("runs", I64, "1", "runs stored"),
-    field("fraction_R", F64, "1", "share of type R"),
-    field("fraction_SS", F64, "1", "share of type SS"),
-    field("fraction_SW", F64, "1", "share of type SW"),
-    field("fraction_unclassified", F64, "1", "share of unclassified"),
-    field("fraction_bondi", F64, "1", "share past Bondi's threshold; null: unsteady direction"),
+    field("fraction_R", F64, "1", "fraction of type R"),
+    field("fraction_SS", F64, "1", "fraction of type SS"),
+    field("fraction_SW", F64, "1", "fraction of type SW"),
+    field("fraction_unclassified", F64, "1", "fraction of unclassified"),
+    field("fraction_bondi", F64, "1", "fraction beyond Bondi's threshold; null: unsteady spins"),
     field("t_r_mean", F64, TIME, "mean t_r of type R"),
     field("t_r_std", F64, TIME, "sample standard deviation (n - 1) of t_r of type R"),
     field("t_rgh_mean", F64, TIME, "mean t_rgh of the runs that have one"),
@@ -182,13 +183,13 @@ SUMMARY: tuple[pa.Field, ...] = (
     field("unsure", I64, "1", "runs whose type is not sure"),
     field("t_r_mean_error", F64, TIME, "mean t_r_error of type R"),
     # Without dissipation, null.
-    field("fraction_D", F64, "1", "share of type D"),
+    field("fraction_D", F64, "1", "fraction of type D"),
     field("sigma", F64, DAMPING, "torque -sigma omega; null: no dissipation, or rows differ"),
     field("rolling", F64, "a", "lever of the rolling resistance; null likewise"),
     # Of runs that do not record contact, null.
-    field("share_friction_above_0_3", F64, "1", "share with contact_ratio_max > 0.3"),
-    field("share_friction_above_0_6", F64, "1", "share with contact_ratio_max > 0.6"),
-    field("share_lift_off", F64, "1", "share with contact_normal_min < 0, which would lift off"),
+    field("share_friction_above_0_3", F64, "1", "fraction with contact_ratio_max > 0.3"),
+    field("share_friction_above_0_6", F64, "1", "fraction with contact_ratio_max > 0.6"),
+    field("share_lift_off", F64, "1", "fraction with contact_normal_min < 0, which would lift off"),
 )
 # fmt: on
 

@@ -11,7 +11,6 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Floats, Integers, take
-from rattlesweep.durations import clock
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.status import Status
 from rattlesweep.sweeps.block import columns_of, load_kernel, run_batch
@@ -20,6 +19,7 @@ from rattlesweep.sweeps.config.schema import SdSource
 from rattlesweep.sweeps.decide import decides
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.plan import Plan, make_plan
+from rattlesweep.text import clock
 
 FEW, MANY = 16, 256  # runs by which the cost of each of many cases, or of a single one, is judged
 MOST_JUDGED = 2_000  # cases that are judged one by one; of more, every so many-th

@@ -68,13 +68,13 @@ def test_the_table_and_the_data_are_what_pandas_finds(sweeps, tmp_path):
         relative = own.relative.dropna()
         assert (row["runs"], row["reversing"]) == (len(own), len(relative))
         assert (row["equal"], row["types"]) == ((relative == 0).sum(), own.differs.sum())
-        assert row["not_ok"] == len(own) - ok[own.index].sum()
+        assert row["failed"] == len(own) - ok[own.index].sum()
         assert row["beyond"] is row["types_sure"] is None
         for name, share in (("median", 0.5), ("p99", 0.99), ("worst", 1.0)):
             exact = [np.quantile(relative, share, method="inverted_cdf")] if len(relative) else []
             assert [row[name]] == (exact or [None])
     assert found["total"]["reversing"] > 30
-    assert found["total"]["not_ok"] > 0
+    assert found["total"]["failed"] > 0
     written = pd.read_csv(data)
     for name in ("case", "sample", "t_r_a", "t_r_b", "type_a", "type_b"):
         pd.testing.assert_series_equal(written[name], rows[name], check_dtype=False)

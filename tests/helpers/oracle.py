@@ -259,19 +259,7 @@ def jacobian_spin(body, n):
     return jac
 
 
-def linear_growth(body, n):
-    """The four eigenvalues about it, by decreasing imaginary part: pitch, roll, conjugates."""
-    lam = np.linalg.eigvals(jacobian_spin(body, n)).astype(complex)
-    return lam[np.lexsort((-lam.real, -lam.imag))]
-
-
 # --- Reduced three-variable dynamics ---
-
-
-def reduced_rhs(t, y, K_p, K_r, I_eff):
-    """Derivatives of (n, E_p, E_r): Eqs. diff-ne-1 to diff-ne-3."""
-    n, e_p, e_r = y
-    return np.array([(-K_p * e_p + K_r * e_r) / I_eff, K_p * n * e_p, -K_r * n * e_r])
 
 
 def reduced_C_I(y, K_p, K_r):

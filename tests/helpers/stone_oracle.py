@@ -95,30 +95,3 @@ def first_zero(found, value, samples=40_000):
 KL_SEMI_AXES, KL_HEIGHT = (0.2, 0.03, 0.02), 0.01  # m
 KL_INERTIA = np.array([[2, -0.2, 0], [-0.2, 16, 0], [0, 0, 17]]) * 1e-4  # kg m^2, mass 1 kg
 KL_GRAVITY, KL_TILT = 9.81, math.radians(0.5)
-
-
-def kane_levinson(omega_3, sigma=0.0, t_end=12.0):
-    """Kane and Levinson's own body, frame and units (m, kg, s): their six variables.
-
-    Axis 1 is long, 3 points down, and the tilts are about 1 and 2 (their Eq. 37).  Gives the first
-    zeros of the vertical component of the angular velocity and of its component 3, in s.
-    """
-    e, tilt = np.diag(np.square(KL_SEMI_AXES)), KL_TILT
-    centre = np.array([0, 0, KL_HEIGHT - KL_SEMI_AXES[2]])
-
-    def rates(t, y):
-        u, w = y[:3], y[3:]
-        du = cross(u, w)
-        s = np.sqrt(u @ e @ u)
-        r, dr = centre - e @ u / s, -e @ du / s + e @ u * (u @ e @ du) / s**3
-        left = KL_INERTIA + matrix_of(r).T @ matrix_of(r)
-        # Angular momentum about the contact, with the force of the plane eliminated.
-        push = cross(dr, w) + cross(w, cross(r, w)) + KL_GRAVITY * u
-        right = cross(r, push) - cross(w, KL_INERTIA @ w) - sigma * w
-        return np.concatenate([du, np.linalg.solve(left, right)])
-
-    down = np.array([-math.cos(tilt) * math.sin(tilt), math.sin(tilt), math.cos(tilt) ** 2])
-    found = solve_ivp(rates, (0, t_end), [*-down, 0, 0, omega_3], "DOP853", dense_output=True,
-                      rtol=1e-11, atol=1e-13)  # fmt: skip
-    spin = first_zero(found, lambda y: np.sum(y[:3] * y[3:], axis=0))
-    return spin, first_zero(found, lambda y: y[5])

@@ -114,15 +114,6 @@ def spin_matrix(alpha, beta, gamma, theta, phi, xi, n):
         return _blocks(uu, uw, wu, ww)
 
 
-def growth_exact(alpha, beta, gamma, theta, phi, xi, n):
-    """The four eigenvalues of `spin_matrix` as mpc, by decreasing imaginary part.
-
-    For small n: index 0 is the pitch, index 1 the roll, then the conjugates.
-    """
-    with mp.workdps(WORK):
-        return _eigenvalues(spin_matrix(alpha, beta, gamma, theta, phi, xi, n))
-
-
 def _eigenvalues(matrix):
     found, _ = mp.eig(matrix)
     # What rounding leaves of an imaginary part that is zero.
@@ -145,7 +136,7 @@ def _blocks(uu, uw, wu, ww):
 def steady_eigenvalues(constants, n, sigma=0.0):
     """The four eigenvalues of the steady spin for a body's `full.constants`, taken as exact.
 
-    Sorted as by :func:`growth_exact`.  With a torque ``-sigma omega``, which lets the spin fall
+    By decreasing imaginary part.  With a torque ``-sigma omega``, which lets the spin fall
     at the rate ``sigma n / gamma``.
     """
     with mp.workdps(WORK):

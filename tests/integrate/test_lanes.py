@@ -18,12 +18,12 @@ from rattlesweep.integrate.model import FULL, REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.integrate.task import Task
-from rattlesweep.physics import full, reduced, theory
+from rattlesweep.physics import full, theory
 
 GH = oracle.GH
 DOP853, RK4 = METHODS["dop853"], METHODS["rk4"]
 PSI_P = oracle.modes(GH)["psi_p"]
-# Of tests/physics/test_oracle.py and, the second, its slow part.
+# By `oracle.first_reversal`.
 T_UNSTEADY, T_STEADY = 112.093877963873, 809.857417847725
 every_method = kernels.methods("dop853", "rk4")
 both_kinds = pytest.mark.parametrize("method", [DOP853, RK4], ids=["dop853", "rk4"])
@@ -50,9 +50,6 @@ def mixed(count, seed=7, t_end=40.0):
     """Runs of different bodies and lengths, some with a reversal."""
     rng = np.random.default_rng(seed)
     return kernels.full_batch(*shell_dumbbells(count, seed), t_end=rng.uniform(2, t_end, count))
-
-
-# --- reversal times and conservation -------------------------------------------------------------
 
 
 @every_method
@@ -95,14 +92,6 @@ def test_random_bodies_reverse_when_the_oracle_says(count, seed):
     assert np.array_equal(out.t_end[np.isnan(expected)], t_end[np.isnan(expected)])
 
 
-def test_few_steps_are_rejected():
-    out = integrate(mixed(100, t_end=400.0), DOP853, FULL)
-    assert out.n_rejected.sum() < 0.05 * out.n_steps.sum()
-
-
-# --- identical bits -------------------------------------------------------------------------------
-
-
 @both_kinds
 def test_threads_order_and_company_do_not_matter(method):
     runs = mixed(75)
@@ -118,31 +107,8 @@ def test_threads_order_and_company_do_not_matter(method):
         kernels.assert_same(alone, kernels.pick(whole, [k]))
 
 
-def test_idle_lanes():
-    batch = mixed(2 * LANES + 1, t_end=10.0)
-    whole = integrate(batch, DOP853, FULL)
-    for runs in (0, 1, LANES - 1, LANES, LANES + 1):
-        which = np.arange(runs)
-        out = integrate(kernels.take(batch, which), DOP853, FULL, threads=2)
-        assert (len(out.status), out.stopped) == (runs, False)
-        kernels.assert_same(out, kernels.pick(whole, which))
-
-
-# --- the first zero -------------------------------------------------------------------------------
-
-# GH launched with 0.1 along the pitch: the spin just touches zero (tests/physics/test_oracle.py,
-# `oracle.first_reversal`).
+# GH launched with 0.1 along the pitch: the spin just touches zero (`oracle.first_reversal`).
 TOUCH, T_TOUCH, T_NEXT = 0.00663381740279008, 1.967217, 3.13791070912
-
-
-@pytest.mark.parametrize(("method", "options"), [(DOP853, {"tol": 1e-12}), (RK4, {})])
-def test_grazing_spin_just_reverses_and_just_does_not(method, options):
-    n_i = TOUCH + np.array([-1e-4, -1e-7, -1e-11, 1e-11])
-    out = integrate(kernels.full_batch(GH, n_i, 0.1, t_end=6.0), method, FULL, **options)
-    expected = np.array([1.85117222647, 1.96356847665, T_TOUCH, T_NEXT])
-    # Near the touch the time of the zero goes like the square root of the error.
-    assert np.abs(out.t_r - expected)[[0, 1, 3]].max() < 1e-8
-    assert out.t_r[2] == pytest.approx(T_TOUCH, abs=1e-5)
 
 
 @also_dopri5
@@ -161,9 +127,6 @@ def test_no_first_zero_is_missed_around_the_touch(name, tol):
     assert min(late.sum(), (~late).sum()) > 30
     # Clear cases are not counted.
     assert tol > 1e-9 or not out.near_tangencies[np.abs(n_i - TOUCH) > 1e-5].any()
-
-
-# --- horizons and statuses ------------------------------------------------------------------------
 
 
 def test_energy_off_by_more_than_a_hundredth_has_a_status():
@@ -189,17 +152,6 @@ def test_runs_end_at_the_most_steps(method):
     assert (out.t_end < 100).all()
 
 
-@also_dopri5
-@pytest.mark.parametrize("tol", [1e-15, 1e-25, 1e-60, 1e-150])
-def test_impossible_tolerances_end(name, tol):
-    runs = kernels.full_batch(GH, [0.1, -2.0, 5.0], [0.1, 1e-6, 1e-12], t_end=50.0)
-    out = integrate(runs, METHODS[name], FULL, tol=tol, max_steps=100_000)
-    allowed = {Status.OK, Status.STEP_LIMIT, Status.STEP_TOO_SMALL, Status.NONFINITE}
-    assert set(out.status) <= allowed
-    if tol < 1e-50:
-        assert Status.OK not in set(out.status)
-
-
 @both_kinds
 def test_nonfinite_states_end_at_once_and_leave_the_neighbours_alone(method):
     runs = mixed(LANES)
@@ -211,41 +163,6 @@ def test_nonfinite_states_end_at_once_and_leave_the_neighbours_alone(method):
     assert np.isnan(out.t_r[[5, 9, 11]]).all()
     rest = np.delete(np.arange(LANES), [5, 9, 11])
     kernels.assert_same(kernels.pick(out, rest), kernels.pick(alone, rest))
-
-
-# --- runs that settle -----------------------------------------------------------------------------
-
-# Its threshold of stability is at a spin of 0.24.
-STEADY = {"alpha": 10.0, "beta": 2.0, "gamma": 10.0, "theta": 0.95, "phi": 0.05, "xi": -0.1}
-
-
-@both_kinds
-def test_a_run_that_has_settled_ends_at_the_next_border(method):
-    """The roll grows in a slow steady spin, however small it is; tests/sweeps/test_early.py."""
-    runs = kernels.full_batch(STEADY, [-0.1, *[-0.7] * 3], 0.001, t_end=400.0)
-    windows = frozenset(["windows"])
-    plain = integrate(runs, method, FULL, dt=0.01, record=windows)
-    assert (plain.t_end == 400).all()
-    # The start's own size, of which far less is left, is soon passed; a thousandth later.
-    most = full.oscillation.py_func(*runs.y0[1, :4], *runs.constants[1, [0, 1, 3, 4, 5]])
-    settled = np.array([1.0, 0.0, 1e-3 * most, 100 * most])
-    early = dataclasses.replace(runs, settled=settled)
-    out = integrate(early, method, FULL, dt=0.01, record=windows)
-    assert_status(out, Status.OK)
-    kernels.assert_same(kernels.pick(out, slice(2)), kernels.pick(plain, slice(2)))
-    late, soon = out.t_end[2:]
-    window = 400.0 / kernels.N_WINDOWS
-    # After the second comparison at the earliest; the last step reaches over the border.
-    assert 2 * window <= soon < 3 * window < late < 400
-    assert late % window < window / 2
-    assert out.n_steps[3] < out.n_steps[2] < out.n_steps[1]
-    closed = np.isfinite(out.windows[:, :, 0]).sum(axis=1)
-    assert closed.tolist() == [64, 64, late // window, 2]
-    for k in (2, 3):
-        np.testing.assert_array_equal(out.windows[k, : closed[k]], plain.windows[k, : closed[k]])
-
-
-# --- what is observed -----------------------------------------------------------------------------
 
 
 def records_of(method):
@@ -310,20 +227,12 @@ def test_records_are_those_of_the_trajectory(method):
     )  # fmt: skip
 
 
-# --- a running kernel -----------------------------------------------------------------------------
-
-
-def begin(*args):
-    """A batch in a thread of its own."""
-    return Task(lambda control: integrate(*args, control=control))
-
-
 @both_kinds
 def test_stop_ends_a_long_batch_soon_and_keeps_what_was_done(method):
     # Stable in its steady direction: no reversal for ever.  The longest go first.
     t_end = np.where(np.arange(LANES + 8) < 3, 1e7, 5.0)
     runs = kernels.full_batch(GH, -1.5, 0.001, t_end=t_end)
-    job = begin(runs, method, FULL)
+    job = Task(lambda control: integrate(runs, method, FULL, control=control))
     while job.control.runs_done < LANES + 5 and job.is_alive():
         time.sleep(0.01)
     assert job.is_alive()
@@ -337,23 +246,6 @@ def test_stop_ends_a_long_batch_soon_and_keeps_what_was_done(method):
     assert np.isnan(out.t_end[:3]).all()
     assert np.isnan(out.t_r).all()
     assert (out.t_end[3:] == 5).all()
-
-
-def test_progress_rises_to_the_total():
-    runs = kernels.full_batch(GH, -1.5, 0.001, t_end=np.linspace(100, 2000, 2000))
-    job = begin(runs, DOP853, FULL)
-    seen = []
-    while job.is_alive():
-        seen.append((job.control.done, job.control.runs_done))
-        time.sleep(0.005)
-    done, ended = np.array(seen).T
-    assert job.control.done == pytest.approx(job.control.total, rel=1e-12)
-    assert job.control.runs_done == 2000
-    assert len(set(done)) > 10
-    assert min(np.diff(done).min(), np.diff(ended).min()) >= 0
-
-
-# --- the reduced model ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -370,25 +262,3 @@ def test_reduced_model_with_one_mode_is_the_formula(method):
     assert_status(out, Status.OK)
     assert out.t_r == pytest.approx(expected, rel=1e-9)
     assert np.abs(out.energy_drift).max() < 1e-9
-
-
-def test_reduced_model_with_both_modes_keeps_its_invariants():
-    body, n_i, omega = shell_dumbbells(60, seed=32)
-    e = 0.5 * body["alpha"] * omega**2
-    runs = kernels.reduced_batch(body, n_i, 0.3 * e, 0.01 * e, t_end=300.0)
-    out = integrate(runs, DOP853, REDUCED, tol=1e-12)
-    assert_status(out, Status.OK)
-    k_p, k_r, _ = runs.constants.T
-    before, after = (
-        (
-            reduced.energy.py_func(*y.T, *runs.constants.T),
-            reduced.casimir(*np.abs(y.T[1:]), k_p, k_r),
-        )
-        for y in (runs.y0, out.y_end)
-    )
-    assert out.energy_drift == pytest.approx(after[0] / before[0] - 1, abs=1e-14)
-    assert after[0] == pytest.approx(before[0], rel=1e-10)
-    # The error of an energy below 1e-140 is not controlled.
-    seen = out.y_end[:, 1:].min(axis=1) > 1e-140
-    assert seen.sum() > 50
-    assert after[1][seen] == pytest.approx(before[1][seen], rel=1e-9)

@@ -1,22 +1,16 @@
 """The largest Lyapunov exponent: tangents against 50 digits, exact rates, other integrators."""
 
-import dataclasses
-
 import kernels
 import numpy as np
 import oracle
-import pandas as pd
 import pytest
 from mpmath import mp
-from scipy.integrate import solve_ivp
 from test_full import mp_rhs
 
-import rattlesweep as rs
 from rattlesweep.integrate.batch import exponents, integrate
-from rattlesweep.integrate.model import FULL, REDUCED
-from rattlesweep.integrate.tableau import DOP853, METHODS
-from rattlesweep.physics import full, steady, tangent, theory
-from rattlesweep.sweeps.types import is_chaotic
+from rattlesweep.integrate.model import FULL
+from rattlesweep.integrate.tableau import DOP853
+from rattlesweep.physics import full, steady, tangent
 
 GH = oracle.GH
 LYAPUNOV = frozenset(["lyapunov"])
@@ -26,9 +20,6 @@ def launch(n_i, omega_xy0, **changes):
     """Constants and initial state of GH with other parameters."""
     runs = kernels.full_batch({**GH, **changes}, n_i, omega_xy0)
     return runs.constants[0], runs.y0[0]
-
-
-# --- the tangent's rate ---------------------------------------------------------------------------
 
 
 def bodies_and_states(size, seed):
@@ -60,36 +51,9 @@ def test_rate_is_the_derivative_of_the_right_hand_side():
     with mp.workdps(60):
         for constants, y, v in bodies_and_states(96, 1):
             exact = np.array(derivative(mp_rhs, y, v, *constants), dtype=float)
-            got = tangent.full_rate(*y, *full.rhs(*y, *constants), *v, *constants)
+            got = tangent.rate(*y, *full.rhs(*y, *constants), *v, *constants)
             worst = max(worst, np.abs(got - exact).max() / np.abs(exact).max())
     assert worst < 1e-13
-
-
-def test_transverse_is_in_the_energy_surface_and_normal_to_the_flow():
-    for constants, y, v in bodies_and_states(48, 4):
-        f = full.rhs(*y, *constants)
-        got = np.array(tangent.full_transverse(*y, *f, *v, *constants))
-        gradient = np.array(tangent.full_gradient(*y, *constants))
-
-        # The norm as a matrix.
-        pairs = [[tangent.full_square(*(a + b), *constants) for a in np.eye(5)] for b in np.eye(5)]
-        one = np.diag(pairs) / 4
-        metric = (np.array(pairs) - one[:, None] - one) / 2
-        speed = f @ metric @ f
-        # The scale of the parts that cancel.
-        across = np.abs(gradient) @ (np.abs(v) + np.abs(got))
-        assert abs(gradient @ got) < 1e-13 * across
-        assert abs(f @ metric @ got) < 1e-12 * (
-            np.abs(f) @ np.abs(metric) @ (np.abs(v) + np.abs(got))
-        )
-        # What is transverse stays as it is; the flow itself vanishes.
-        again = tangent.full_transverse(*y, *f, *got, *constants)
-        assert again == pytest.approx(got, rel=1e-9, abs=1e-9 * np.abs(got).max())
-        nothing = tangent.full_transverse(*y, *f, *f, *constants)
-        assert tangent.full_square(*nothing, *constants) < 1e-20 * speed
-
-
-# --- known exponents ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("n_i", [-0.3, -0.1, 0.1, 0.3])
@@ -100,57 +64,6 @@ def test_exponent_of_linear_growth_is_the_growth_rate(n_i):
     # Once the other mode is hidden, before anything is nonlinear; both swing within a period.
     late = np.isfinite(t) & (t > 10 / rate)
     assert np.polyfit(t[late], log[late], 1)[0] == pytest.approx(rate, rel=0.02)
-
-
-def test_exponent_of_a_stable_spin_is_the_slower_decay():
-    n_c1 = theory.bondi_threshold(*(GH[k] for k in ("alpha", "beta", "gamma", "theta", "phi")))
-    n_i = 1.2 * float(n_c1)
-    constants, _ = launch(n_i, 1e-3)
-    slower = max(float(x) for x in steady.growth(constants, n_i))
-    assert n_i < 0
-    assert slower < 0
-    # Half times some windows into the run; the spin hardly changes.
-    runs = kernels.full_batch(GH, n_i, 1e-3, t_end=60 / abs(slower))
-    out = integrate(runs, DOP853, FULL, record=LYAPUNOV)
-    whole, late = exponents(out.growth)
-    assert late == pytest.approx(slower, rel=0.02)
-    assert whole == pytest.approx(slower, rel=0.1)
-    assert not is_chaotic(late, out.t_end).any()
-
-
-@pytest.mark.slow  # SciPy, 36 times
-def test_growth_is_that_of_two_runs_nearby():
-    """Benettin's two trajectories, by SciPy and the paper's six variables, of a chaotic run."""
-    constants, y0 = launch(0.5, 0.3)
-    runs = kernels.full_batch(GH, 0.5, 0.3, t_end=60.0)
-    runs = dataclasses.replace(runs, window=np.array([5.0]))
-    out = integrate(runs, DOP853, FULL, tol=1e-12, record=LYAPUNOV | {"reversals"}).growth[0]
-    times, growth = out[np.isfinite(out[:, 0])].T
-    assert growth[-1] > 4
-
-    def ahead(y, t):
-        u, w = full.to_vectors(y)
-        run = solve_ivp(oracle.rhs, (0, t), np.concatenate([u, w]), "DOP853", args=(GH,),
-                        rtol=1e-10, atol=1e-13)  # fmt: skip
-        return full.from_vectors(run.y[:3, -1], run.y[3:, -1])
-
-    def transverse(y, v):
-        v = np.array(tangent.full_transverse(*y, *full.rhs(*y, *constants), *v, *constants))
-        return v, np.sqrt(tangent.full_square(*v, *constants))
-
-    y, far, total, expected = y0, 1e-5, 0.0, []
-    v, norm = transverse(y, np.array(tangent.full_seed(*y, *constants)))
-    for step in np.diff(times, prepend=0.0):
-        # Differences on both sides of the run, or their curvature would show.
-        ends = [ahead(y + s * far * v / norm, step) for s in (1, -1)]
-        y = ahead(y, step)
-        v, norm = transverse(y, (ends[0] - ends[1]) / (2 * far))
-        total += np.log(norm)
-        expected.append(total)
-    assert growth == pytest.approx(expected, abs=1e-5)
-
-
-# --- what it may not depend on --------------------------------------------------------------------
 
 
 def test_a_very_long_tangent_stays_a_number():
@@ -175,42 +88,6 @@ def test_tolerance_and_threads():
     kernels.assert_same(one, fine)
 
 
-PAIRS = [pytest.param(m, model, marks=[] if (m, model) == ("dop853", FULL) else [pytest.mark.slow])
-         for m in METHODS for model in (FULL, REDUCED)]  # fmt: skip
-
-
-@pytest.mark.parametrize(("method", "model"), PAIRS)
-def test_all_else_is_the_same_bit_for_bit(method, model):
-    rng = np.random.default_rng(6)
-    n_i = rng.uniform(0.02, 0.5, 70) * rng.choice([-1, 1], 70)
-    if model is FULL:
-        runs = kernels.full_batch(GH, n_i, rng.uniform(0.001, 0.2, 70), t_end=120.0)
-    else:
-        runs = kernels.reduced_batch(GH, n_i, *rng.uniform(1e-5, 1e-2, (2, 70)), t_end=120.0)
-    every = ["energy", "windows"] if model is REDUCED else ["energy", "contact", "windows"]
-    for record in ([], every):
-        plain, carried = (
-            integrate(runs, METHODS[method], model, dt=0.01, record=frozenset([*record, *more]))
-            for more in ([], ["lyapunov"])
-        )
-        if (method, model) == ("verner98", REDUCED):
-            # The one pair that LLVM compiles otherwise within the kernel (the generated step alone
-            # has the same bits): a few runs differ by rounding.
-            assert (carried.n_steps == plain.n_steps).all()
-            assert carried.t_end == pytest.approx(plain.t_end, rel=1e-13)
-            assert carried.y_end == pytest.approx(plain.y_end, rel=1e-12, abs=1e-14)
-        else:
-            kernels.assert_same(plain, carried, skip=["growth"])
-        assert plain.growth.shape == (0, 64, 2)
-        assert np.isfinite(plain.t_r).sum() > 5
-        whole, _ = exponents(carried.growth)
-        assert np.isfinite(whole).all()
-        assert (np.nanmax(carried.growth[:, :, 0], axis=1) == carried.t_end).all()
-
-
-# --- exponents of windows, the criterion, the config ----------------------------------------------
-
-
 def test_exponents_are_the_slopes_of_the_growth():
     growth = np.full((5, 8, 2), np.nan)
     growth[0, :, 0] = np.arange(1, 9)
@@ -222,31 +99,3 @@ def test_exponents_are_the_slopes_of_the_growth():
     whole, late = exponents(growth)
     assert whole == pytest.approx([1.5, 1, 2, np.nan, 8 / 6], nan_ok=True)
     assert late == pytest.approx([2, (5 - 1.25) / 2.5, np.nan, np.nan, 5 / 3], nan_ok=True)
-
-
-def test_chaotic_and_almost_periodic_runs_of_a_sweep(tmp_path):
-    """Runs as in the paper's example of a chaotic SW (Fig. 7b); benchmarks/README.md has all."""
-    config = {
-        "seed": 2017,
-        "bodies": {"source": "sd", "samples": 150, "target": {"K_r": [0.0041], "rel_tol": 0.1}},
-        "spin": {"n_i": [-0.5], "omega_xy0": [0.1]},
-        "record": ["lyapunov"],
-    }
-    runs = rs.sweep(config, output=tmp_path / "out").runs
-    wobbling = runs[runs.type == "SW"]
-    chaotic = is_chaotic(wobbling.lyapunov_late, wobbling.t_end)
-    assert wobbling.chaotic.tolist() == chaotic.tolist()
-    assert 0.05 < chaotic.mean() < 0.6
-    assert wobbling.lyapunov_late[chaotic].between(1e-4, 0.1).all()
-    assert not is_chaotic(runs.lyapunov_late, runs.t_end)[runs.type == "SS"].any()
-
-
-def test_a_sweep_records_it_when_asked(tmp_path):
-    config = {
-        "bodies": {"source": "preset", "name": "GH"},
-        "spin": {"n_i": [-0.1, 0.1], "omega_xy0": [0.01]},
-    }
-    runs = rs.sweep({**config, "record": ["lyapunov"]}, output=tmp_path / "asked").runs
-    plain = rs.sweep(config, output=tmp_path / "plain").runs
-    assert [c for c in runs if c not in plain] == ["lyapunov", "lyapunov_late", "chaotic"]
-    pd.testing.assert_frame_equal(runs[list(plain)], plain)

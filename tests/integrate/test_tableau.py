@@ -1,20 +1,14 @@
-"""Coefficients against order conditions and SciPy; orders measured in the lane kernel."""
+"""Coefficients against order conditions and SciPy; damping."""
 
 import math
 from functools import cache
 from itertools import combinations_with_replacement
 
-import kernels
 import numpy as np
-import oracle
 import pytest
 
-from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.model import FULL
-from rattlesweep.integrate.tableau import METHODS, Tableau
-from rattlesweep.physics import full
+from rattlesweep.integrate.tableau import METHODS
 
-# --- order conditions: Hairer, Norsett and Wanner, Solving ODEs I, II.2 --------------------------
 # A rooted tree is the sorted tuple of the trees that hang from its root; () is a lone root.
 
 
@@ -83,8 +77,6 @@ def order_of(a, b):
 def test_every_order_condition_holds_up_to_the_order_and_no_further(tableau):
     a, b = matrix(tableau)
     assert order_of(a, b) == tableau.order
-    # Rounding of a sum goes with its largest term: up to 36 in verner98.
-    assert tableau.c == pytest.approx(a.sum(axis=1)[:-1], abs=1e-15 * max(1, np.abs(a).max()))
 
 
 @pytest.mark.parametrize(("name", "orders"), [("rk4", []), ("dopri5", [4]), ("dop853", [5, 3])])
@@ -94,58 +86,10 @@ def test_embedded_solutions_have_their_orders(name, orders):
     assert [order_of(a, b - weights(row, METHODS[name])) for row in errors] == orders
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"a": ({0: 1.0},)}, "x: stage 0 is not explicit"),
-        ({"a": ({}, {1: 1.0})}, "x: stage 1 is not explicit"),
-        ({"b": {0: 0.9}}, "x: the weights must sum to 1"),
-        ({"errors": ({0: 1.0, 1: -1.0}, {0: 1e-3})}, "x: the weights of an error must sum to 0"),
-    ],
-)
-def test_a_bad_tableau_is_refused(changes, message):
-    good = {"name": "x", "order": 1, "a": ({},), "b": {0: 1.0}, "errors": (), "reference": "x"}
-    assert Tableau(**good).stages == 1
-    with pytest.raises(ValueError, match=message):
-        Tableau(**(good | changes))
-
-
-# --- measured orders ----------------------------------------------------------------------------
-
-T_END = 6.4
-LAUNCH = (0.1, 0.1, -0.29)
-
-
-@cache
-def reference():
-    """The state at T_END by SciPy from the oracle's equations."""
-    y = oracle.advance(oracle.GH, oracle.launch(oracle.GH, *LAUNCH), T_END, rtol=3e-14, atol=1e-16)
-    return full.from_vectors(y[:3], y[3:])
-
-
-def test_order_of_rk4_in_the_kernel():
-    runs = kernels.full_batch(oracle.GH, *LAUNCH, T_END)
-    outs = [integrate(runs, METHODS["rk4"], FULL, dt=dt) for dt in (0.2, 0.1, 0.05, 0.025)]
-    errors = np.array([np.abs(out.y_end[0] - reference()).max() for out in outs])
-    assert np.log2(errors[:-1] / errors[1:]) == pytest.approx(4, abs=0.3)
-
-
-def test_error_follows_the_tolerance():
-    runs = kernels.full_batch(oracle.GH, *LAUNCH, T_END)
-    outs = [integrate(runs, METHODS["dop853"], FULL, tol=tol) for tol in (1e-5, 1e-7, 1e-9, 1e-11)]
-    errors = [np.abs(out.y_end[0] - reference()).max() for out in outs]
-    assert errors == sorted(errors, reverse=True)
-    assert errors[-1] < 1e-11
-
-
 def test_damping_of_an_oscillation():
     z = np.array([0.1, 0.2, 0.4])
-    # RK4: abs(R(iz))^2 = 1 - z^6/72 + z^8/576.
     exact = -0.5 * np.log1p(-(z**6) / 72 + z**8 / 576)
     np.testing.assert_allclose(METHODS["rk4"].damping(z), exact, rtol=1e-6)
-    # Stable on the imaginary axis up to sqrt(8), where it starts to amplify.
-    edge = np.sqrt(8)
-    assert METHODS["rk4"].damping(np.array(0.999 * edge)) > 0
-    assert METHODS["rk4"].damping(np.array(1.001 * edge)) < 0
+    assert METHODS["rk4"].damping(np.array(2.83)) < 0 < METHODS["rk4"].damping(np.array(2.82))
     for tableau in METHODS.values():
         assert abs(tableau.damping(np.array(0.1))) < 0.1 ** (tableau.order + 2)

@@ -1,14 +1,10 @@
 """The machine code of the lane kernels: their loops over lanes are vectorised.
 
-For the processor at hand, and for others by cross-compiling: what is compiled here is not run.
+What is compiled here is not run.
 """
 
-import json
-import os
 import platform
 import re
-import subprocess
-import sys
 from functools import cache
 
 import kernels
@@ -16,7 +12,7 @@ import pytest
 from numba import float64, typeof
 
 from rattlesweep.integrate.lanes import kernel, runs
-from rattlesweep.integrate.model import MODELS, WITH_TANGENT
+from rattlesweep.integrate.model import MODELS, TANGENT
 from rattlesweep.integrate.tableau import METHODS
 
 pytestmark = pytest.mark.skipif(
@@ -28,9 +24,8 @@ ARITHMETIC = re.compile(
     r"^\s+v?(add|sub|mul|div|sqrt|min|max|cmp\w*|ucomi|comi|fn?m(?:add|sub)\d*)([sp])d\s", re.M
 )
 SLOW = {"div", "sqrt"}
-TANGENTS = [model.name for model in WITH_TANGENT.values()]
 # A step takes seconds to compile: a few at every time, the others when asked.
-QUICK = {("dop853", "full"), ("rk4", "reduced_tangent")}
+QUICK = {("dop853", "full"), ("rk4", "full_tangent")}
 kinds = pytest.mark.parametrize(
     ("method", "model"),
     [
@@ -49,12 +44,6 @@ PIECES = {
     "advance": (runs.advance, (float64[::1],)),
     "tangent_advance": (runs.tangent_advance, (float64[::1],)),
 }
-# Processors that are looked at, and the registers that LLVM is to fill there.
-WIDEST = {"znver3": "ymm", "znver5": "zmm", "skylake-avx512": "zmm", "sapphirerapids": "zmm"}
-CROSS = [("attempt", "full"), ("decide", "full"), ("advance", "full")]
-CROSS += [("commit", model) for model in MODELS]
-# One that has to be told to use all of its registers: the pieces that compile quickly.
-QUICK_CPU, QUICK_CROSS = "skylake-avx512", [*CROSS[1:3], ("commit", "full")]
 
 
 @cache
@@ -64,33 +53,12 @@ def assembly(function, signature):
 
 
 def piece(name, method, model):
-    """Machine code of a piece of a kernel for this processor, or for ``NUMBA_CPU_NAME``."""
+    """Machine code of a piece of a kernel."""
     problem = typeof(kernels.problem(method, model))
     if name == "attempt":
         return assembly(kernels.attempt(method, model), (problem, float64[::1], float64))
     function, arguments = PIECES[name]
     return assembly(function, (problem, *arguments))
-
-
-def child(pieces):
-    """In a process for another processor: write the machine code of pieces, (name, model)."""
-    print(json.dumps([piece(name, "dop853", model) for name, model in pieces]))
-
-
-def cross(cpu, pieces):
-    """Machine code for a processor of pieces, (name, model)."""
-    # No features but the processor's: Numba would add those of this one.
-    environment = {
-        **os.environ, "NUMBA_CPU_NAME": cpu, "NUMBA_CPU_FEATURES": "",
-        "PYTHONPATH": os.pathsep.join(sys.path),
-    }  # fmt: skip
-    done = subprocess.run(
-        [sys.executable, "-c", f"import test_vectorised as t; t.child({pieces})"],
-        env=environment, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "not a recognized processor" not in done.stderr
-    return dict(zip(pieces, json.loads(done.stdout), strict=True))
 
 
 def counts(text):
@@ -134,17 +102,5 @@ def test_decisions_are_vectorised(method, model):
 def test_lanes_move_on_vectorised(model):
     assert_vectorised(piece("commit", "dop853", model))
     assert_vectorised(piece("advance", "dop853", model))
-    if model in TANGENTS:
+    if model == TANGENT.name:
         assert_vectorised(piece("tangent_advance", "dop853", model))
-
-
-@pytest.mark.parametrize(
-    ("cpu", "pieces"),
-    [(QUICK_CPU, QUICK_CROSS), *(pytest.param(c, CROSS, marks=pytest.mark.slow) for c in WIDEST)],
-    ids=["quick", *WIDEST],
-)
-def test_pieces_are_vectorised_on_other_processors(cpu, pieces):
-    for (name, model), text in cross(cpu, pieces).items():
-        assert_vectorised(text)
-        wide = [width for width in ("xmm", "ymm", "zmm") if f"%{width}" in text]
-        assert wide[-1] == WIDEST[cpu], (name, model)

@@ -1,7 +1,5 @@
 """Ellipsoids that roll onto their side, and beyond: the variables of `physics.vectors`."""
 
-import dataclasses
-
 import kernels
 import numpy as np
 import pytest
@@ -13,7 +11,7 @@ from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import ELLIPSOID, FRICTION, VECTORS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.physics import full, vectors
+from rattlesweep.physics import full
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.block import run_batch
 
@@ -55,32 +53,6 @@ def test_equations_are_those_of_mechanics_in_any_position():
         assert normal == pytest.approx(force @ y[:3], abs=1e-10 * scale)
         across = np.linalg.norm(force - (force @ y[:3]) * y[:3])
         assert tangential == pytest.approx(across, abs=1e-10 * scale)
-
-
-@pytest.mark.parametrize(
-    "losses", [{}, {"sigma": 0.01, "rolling": 0.001}], ids=["free", "friction"]
-)
-def test_bodies_that_stay_upright_move_as_in_slopes(losses):
-    _, _, batch = rollers(6, dissipation=losses, horizon={"t": 60})
-    model = FRICTIONAL if losses else ELLIPSOID
-    record = frozenset(["contact", "reversals"])
-    y0, constants = vectors.from_slopes(batch.y0, batch.constants)
-    other = dataclasses.replace(batch, y0=y0, constants=constants)
-    one, two = (
-        integrate(runs, DOP853, model, tol=1e-12, record=record)
-        for runs, model in ((batch, model), (other, VECTORS))
-    )
-    assert (one.status == Status.OK).all()
-    slopes = vectors.to_slopes(two.y_end)[:, : model.n_state]
-    np.testing.assert_allclose(slopes, one.y_end, rtol=0, atol=1e-9)
-    for name in ("t_r", "n_end", "energy_0"):
-        got, wanted = getattr(two, name), getattr(one, name)
-        np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-9, err_msg=name)
-    # Largest at steps, which are others.
-    for name in ("contact_ratio_max", "n_departure"):
-        got, wanted = getattr(two, name), getattr(one, name)
-        np.testing.assert_allclose(got, wanted, rtol=0.01, atol=1e-6, err_msg=name)
-    assert abs(two.energy_drift).max() < 1e-10
 
 
 def test_runs_go_on_past_the_side_as_the_oracle_says():

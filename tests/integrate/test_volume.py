@@ -2,12 +2,10 @@
 
 import kernels
 import numpy as np
-import oracle
 import pytest
-import reference
 from exact import exactly
 from mpmath import mp
-from samples import GH, mapping, table_one
+from samples import GH, mapping
 from test_stone import constants_of, of_model, random_bodies
 
 import rattlesweep as rs
@@ -39,50 +37,6 @@ def test_rate_is_the_trace_of_the_derivative_over_omega(model):
             there = vectors.from_slopes(np.array([state]), np.array([q]))
             other = VECTORS.volume(*(3 * there[0][0, :3]), *there[0][0, 3:], *there[1][0])
             assert other == pytest.approx(got, rel=1e-9, abs=1e-12)
-
-
-def logarithm_of_volume(body, y0, t_end, steps):
-    """Of a small volume moved along for a time, by the derivative of the map at 30 digits."""
-    h = mp.mpf(10) ** -15
-    q = reference.constants([list(body.values())] * 11, exact=True)
-
-    def frame(u):
-        first = reference.cross(u, (mp.mpf(1), mp.mpf(0), mp.mpf(0)))
-        first = [x / mp.norm(first) for x in first]
-        return first, reference.cross(u, first)
-
-    def directions(u):
-        sphere = [[*axis, 0, 0, 0] for axis in frame(u)]
-        return sphere + [[mp.mpf(i == k) for i in range(6)] for k in (3, 4, 5)]
-
-    start = [mp.mpf(float(x)) for x in y0]
-    columns = [start] + [
-        [x + s * h * d for x, d in zip(start, axis, strict=True)]
-        for axis in directions(start[:3]) for s in (1, -1)
-    ]  # fmt: skip
-    y, step = np.array(columns, dtype=object).T, np.array([mp.mpf(t_end) / steps] * 11)
-    for _ in range(steps):
-        y = reference.step(y, step, q)
-    ends, rows = directions(list(y[:3, 0])), mp.matrix(5, 5)
-    for j in range(5):
-        moved = (y[:, 1 + 2 * j] - y[:, 2 + 2 * j]) / (2 * h)
-        for i, axis in enumerate(ends):
-            rows[i, j] = sum(a * b for a, b in zip(axis, moved, strict=True))
-    return float(mp.log(abs(mp.det(rows))))
-
-
-@pytest.mark.parametrize("count", [1, pytest.param(10, marks=pytest.mark.slow)])
-def test_mean_rate_is_that_of_the_map_of_a_small_volume(count):
-    rng, t_end = np.random.default_rng(4), 1.0
-    for row in table_one(count, 44).T:
-        body, n, w, psi = mapping(row), rng.uniform(-0.5, 0.5), rng.uniform(0.1, 0.5), 0.7
-        run = rs.simulate(
-            rs.Rattleback(**body), n_i=n, omega_xy0=w, psi=np.degrees(psi), t_end=t_end, tol=1e-12,
-            record=["volume", "reversals"],
-        )  # fmt: skip
-        with mp.workdps(30):
-            wanted = logarithm_of_volume(body, oracle.launch(body, n, w, psi), t_end, 6)
-        assert run.volume_rate * t_end == pytest.approx(wanted, rel=1e-6)
 
 
 def test_rate_near_a_steady_spin():

@@ -1,42 +1,34 @@
-"""The command line itself: help, version, completion, exit codes; `init`, `body` and `schema`."""
+"""The command line itself: help, exit codes, streams; `init`, `body`."""
 
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
-import time
 
-import jsonschema
 import pytest
 from refusal import assert_refused
-from ruamel.yaml import YAML
-from sweeping import CONFIGS, PROGRAM, begin, invoke
+from sweeping import PROGRAM, invoke
 
 import rattlesweep as rs
-from rattlesweep import cli
+from rattlesweep import cli, text
 from rattlesweep.analysis.plots import KINDS
 from rattlesweep.cli import options
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.physics.body import PRESETS
-from rattlesweep.progress import Bar
-from rattlesweep.sweeps.config.read import config_json_schema, load_config
+from rattlesweep.sweeps.config.read import load_config
 
 HEAVY = {"numpy", "numba", "scipy", "pandas", "pyarrow", "pydantic", "tqdm", "matplotlib"}
-COMMANDS = sorted(cli.main.commands)
-FULL = "/dev/full"
+COMMANDS = {"run", "classify", "body", "trajectory", "tradeoff", "paper", "plan", "status",
+            "verify", "merge", "replay", "show", "plot", "report", "slurm", "schema", "compare",
+            "sensitivity", "init", "fit"}  # fmt: skip
 
 
 def test_help_lists_every_command_with_a_whole_sentence():
-    text = invoke("--help").stdout
-    sections = text.split("--help ")[1]
-    assert sorted(re.findall(r"^  (\w+) ", sections, re.MULTILINE)) == COMMANDS
+    sections = invoke("--help").stdout.split("--help ")[1]
+    assert set(re.findall(r"^  (\w+) ", sections, re.MULTILINE)) == COMMANDS
+    assert set(cli.main.commands) == COMMANDS
     assert "..." not in sections
-    contract = {"run", "classify", "body", "trajectory", "tradeoff", "paper", "plan", "status",
-                "verify", "merge", "replay", "show", "plot", "report", "slurm", "schema", "compare",
-                "sensitivity", "init", "fit"}  # fmt: skip
-    assert set(COMMANDS) == contract
     for name in COMMANDS:
         assert re.search(rf"Examples?:\n +rattlesweep {name}\b", invoke(name, "--help").stdout)
         flags = {flag: p for p in cli.main.commands[name].params for flag in p.opts}
@@ -49,7 +41,7 @@ def test_help_and_refusals_load_nothing_heavy():
         import sys, rattlesweep as rs
         rs.__version__, dir(rs)
         from rattlesweep import cli
-        for line in ("--help", "run c.yaml -j 0", "run c.yaml -j 99999", "run c.yaml --thread"):
+        for line in ("--help", "run c.yaml -j 0", "run c.yaml --thread"):
             try:
                 cli.main(line.split())
             except SystemExit as end:
@@ -65,36 +57,24 @@ def test_choices_are_those_of_the_registries():
     assert [*options.MODELS.choices][:-1] == [m for m in MODELS if m in options.MODELS.choices]
     assert list(options.KINDS.choices) == list(KINDS)
     assert list(options.PRESETS.choices) == list(PRESETS)
-    schema = json.dumps(config_json_schema())
-    for choice in (options.MODELS, options.PRESETS):
-        assert json.dumps(list(choice.choices)) in schema
 
 
 def test_version():
-    first = f"rattlesweep, version {rs.__version__}\n"
-    assert invoke("--version").stdout == first
-    told = invoke("--version", "--verbose").stdout.splitlines()[1:]
-    assert {"numpy", "numba", "llvmlite", "cpu"} <= {line.split()[0] for line in told}
+    told = invoke("--version", "--verbose").stdout.split("\n", 1)
+    assert {"numpy", "numba", "llvmlite", "cpu"} <= json.loads(told[1]).keys()
     for program in ([PROGRAM], [sys.executable, "-m", "rattlesweep"]):
         said = subprocess.run([*program, "--version"], capture_output=True, text=True).stdout
-        assert said == first
+        assert said == f"{told[0]}\n" == f"rattlesweep, version {rs.__version__}\n"
 
-
-# -- how commands end --------------------------------------------------------------------------
 
 WRONG = """
 rnu | no such command
 run | missing argument 'CONFIG'; see `
 run c.yaml d.yaml | got unexpected extra argument (d.yaml); see
-run c.yaml --thread | no such option
 body --xi a | invalid value for '--xi': 'a' is not a valid float
-verify c -j two | 'two' is not a valid integer range
-verify c -j 99999 | --threads 99999: is more than the
+verify c -j 99999 | 99999 is not in the range
 body | --preset
-body --preset GH --f-sd 0.1 | --f-sd
 body --preset GH --phi 0.7 | phi 0.7 is not below theta 0.6429
-body --preset GH --n-i 0 | --n-i 0
-body --gamma 10 --f-sd 0.7 --theta 0.8 --phi 0.05 --xi -0.1 | f_sd is 0.7; it must lie
 init mine.txt | the name of a config ends in .yaml
 """
 
@@ -107,20 +87,16 @@ def test_a_wrong_command_line_is_one_sentence(line):
 
 def test_a_wrong_environment_is_one_sentence(monkeypatch):
     monkeypatch.setenv("NUMBA_NUM_THREADS", "many")
-    for line in ("schema", "verify c -j 1"):
-        assert_refused(invoke(*line.split()), 2, "NUMBA_NUM_THREADS=many: it must be a whole")
+    assert_refused(invoke("schema"), 2, "NUMBA_NUM_THREADS=many: it must be a whole")
 
 
-@pytest.mark.parametrize(("where", "why"), [(FULL, "No space left"), ("-", "Bad file descriptor")])
-def test_a_standard_output_that_takes_nothing_is_one_sentence(where, why):
-    if where == FULL and not os.path.exists(FULL):
-        pytest.skip("no such device")
-    to = ">&-" if where == "-" else f"> {where}"
-    command = f"{PROGRAM} body --preset GH {to}"
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no such device")
+def test_a_standard_output_that_takes_nothing_is_one_sentence():
+    command = f"{PROGRAM} body --preset GH > /dev/full"
     done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
-    last = done.stderr.splitlines()[-1]
     assert done.returncode == 1
-    assert last == f"error: cannot write to standard output: {why}" + " on device" * (where == FULL)
+    *_, last = done.stderr.splitlines()
+    assert last == "error: cannot write to standard output: No space left on device"
     assert "Traceback" not in done.stderr
 
 
@@ -138,51 +114,23 @@ def test_a_reader_that_has_gone_is_told_nothing():
     assert (done.stdout, done.stderr) in (("{\n1\n", ""), ("{\n0\n", ""))  # it may be quicker
 
 
-@pytest.mark.parametrize(
-    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "term")]
-)
-def test_a_signal_ends_a_command_and_what_is_done_is_kept(number, code, word, tmp_path):
-    out = tmp_path / "out"
-    child = begin(out, "bodies.samples=20000")
-    while not list(out.glob("runs/*.parquet")) and child.poll() is None:
-        time.sleep(0.05)
-    child.send_signal(number)
-    _, said = child.communicate(timeout=60)
-    assert child.returncode == code, said
-    assert said.splitlines()[-1].startswith(word)
-    assert said.endswith("and the same command resumes from there\n")
-
-
-# -- progress ----------------------------------------------------------------------------------
-
-
 def test_a_bar_is_shown_in_a_terminal_only(monkeypatch, capfd):
+    monkeypatch.setattr(text, "DELAY", 0)
     for terminal, quiet in ((True, False), (False, False), (True, True)):
         monkeypatch.setattr("sys.stderr.isatty", lambda terminal=terminal: terminal)
-        with Bar.of_command(quiet) as bar:
+        with text.Bar.of_command(quiet) as bar:
             bar.counting("integrating")(0.5)
         assert ("integrating" in capfd.readouterr().err) == (terminal and not quiet)
 
 
-# -- init, schema, body ------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ["mine", "true", "a: b", "ä"])
-def test_init_writes_a_config_that_runs(name, tmp_path, monkeypatch):
+def test_init_writes_a_config_that_is_valid(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     written = invoke("init", f"{name}.yaml")
     assert (written.exit_code, written.stdout) == (0, f"{name}.yaml\n")
     assert load_config(f"{name}.yaml").name == name
-    assert invoke("run", f"{name}.yaml", "--set", "bodies.samples=1").exit_code == 0
+    assert invoke("plan", f"{name}.yaml", "--check").exit_code == 0
     assert_refused(invoke("init", f"{name}.yaml"), 2, "is there already; choose another")
-
-
-def test_the_schema_takes_the_shipped_configs():
-    schema = json.loads(invoke("schema").stdout)
-    assert schema == config_json_schema()
-    for path in CONFIGS.glob("*.yaml"):
-        data = YAML(typ="safe", pure=True).load(path.read_text())
-        jsonschema.Draft202012Validator(schema).validate(data)
 
 
 def test_body_says_what_the_python_interface_says():

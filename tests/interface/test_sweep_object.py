@@ -1,4 +1,4 @@
-"""A sweep as Python has it: tables, xarray, pictures, pages and runs of one directory."""
+"""A sweep as Python has it: tables, xarray, pictures and pages of one directory."""
 
 import numpy as np
 import pandas as pd
@@ -45,7 +45,6 @@ def test_read_chooses_columns_and_runs(sd):
     pd.testing.assert_frame_equal(some, chosen[["t_r", "case"]].reset_index(drop=True))
     assert list(sd.read("theta")) == ["theta"]
     assert some.attrs["units"] == {"t_r": "sqrt(a/g)", "case": "1"}
-    assert everything.attrs["units"]["energy_0"] == "M g a"
     assert "first zero of the spin" in some.attrs["descriptions"]["t_r"]
     assert sd.summary.attrs["units"]["t_r_mean"] == "sqrt(a/g)"
 
@@ -53,7 +52,6 @@ def test_read_chooses_columns_and_runs(sd):
 def test_what_a_notebook_user_expects(sd):
     assert sd["t_r"].equals(sd.runs.t_r)
     assert list(sd[["n_i", "t_r"]]) == ["n_i", "t_r"]
-    assert "t_r" in sd._ipython_key_completions_()
     assert sd.config["horizon"] == {"t": 50}
     assert sd.verify(recompute=3).problems == []
     assert repr(sd) == f"<Sweep {sd.directory}: 20 runs>"
@@ -80,12 +78,10 @@ def test_other_thresholds_and_back(sd):
      (lambda s: s.read(where="tpye == 'R'"), "where tpye == 'R': .tpye. is not one of"),
      (lambda s: s.to_xarray(["nothing"]), 'columns: "nothing" is not one of'),
      (lambda s: s.plot("mpa"), "--kind"),
-     (lambda s: s.plot(colour="red"), "colour: unknown; the looks of a picture are title, log"),
      (lambda s: s.plot(path="a.gif"), "path a.gif: the name must end in .svg, .png, .pdf"),
-     (lambda s: s.plot(select={"n_i": [0.7]}), r"--select n_i=0.7: n_i has no value 0.7"),
-     (lambda s: s.replay(9, 0), "case 9: .* has the cases 0 to 3"),
+     (lambda s: s.plot(select={"n_i": 0.7}), r"--select n_i=0.7: n_i has no value 0.7"),
      (lambda s: s.show(), "which run"),
-     (lambda s: s.show(0, 0, t_end=-1), "t_end -1")],
+     (lambda s: rs.sweep("c.yaml", seed=1), "seed: is given beside a config")],
 )  # fmt: skip
 def test_bad_arguments_get_a_sentence_and_nothing_is_written(sd, call, words):
     before = sorted(sd.directory.rglob("*"))
@@ -101,7 +97,6 @@ def test_a_map_is_a_dataset_of_its_axes(grid):
     assert (data.n_i.attrs["units"], data.minus_xi_deg.attrs["units"]) == ("sqrt(g/a)", "degree")
     assert data.t_r.attrs["units"] == "sqrt(a/g)"
     assert data.t_r.attrs["long_name"].startswith("first zero")
-    assert "M" in data.attrs["comment"]
     assert {"theta", "n_i", "case", "sample"} & set(data.data_vars) == set()
     rows = grid.read()
     assert data.t_r.notnull().sum() == rows.t_r.notna().sum() > 0
@@ -109,9 +104,8 @@ def test_a_map_is_a_dataset_of_its_axes(grid):
         here = data.sel(n_i=row.n_i, omega_xy0=0.1, theta=row.theta).sel(
             minus_xi_deg=-np.degrees(row.xi), method="nearest"
         )
-        assert here.n_steps.item() == row.n_steps
-        assert here.type.item() == row.type
-        assert here.xi.item() == row.xi
+        for name in ("n_steps", "type", "xi"):
+            assert here[name].item() == row[name]
     assert data.n_steps.dtype == np.int64
     # What is not chosen is missing.
     part = grid.to_xarray(["t_r", "type", "n_steps"], where="type == 'R'")
@@ -136,15 +130,11 @@ def test_pictures_and_pages(sd, tmp_path):
     assert any("Some" in text and condition in text for text in shown)
     page = sd.report(tmp_path / "report.html", title="Mine & yours")
     assert page.path.read_bytes() == page.content
-    rolling = sd.show(0, 1, t_end=10, from_time=4, path=tmp_path / "roll.html", title="A run")
+    rolling = sd.show(0, 1, t_end=10, from_time=4, path=tmp_path / "roll.html")
     assert '"start": 4.0' in rolling.path.read_text()
-    path = sd.replay(0, 1, points=11, t_end=10, from_time=4)
-    assert path.table.t.tolist() == pytest.approx(np.linspace(4, 10, 11))
-    assert path.table.t.iloc[-1] == 10
 
 
-# ------------------------------------------------------------------ bodies from memory
-
+# -- bodies from memory ------------------------------------------------------------------------
 
 BODIES = pd.DataFrame([vars(GH)] * 3)[PARAMETERS].assign(theta=[0.6, 0.7, 0.8])
 KEYS = {"spin": {"n_i": [0.2], "omega_xy0": 0.1}, "horizon": {"t": 30}}
@@ -169,4 +159,4 @@ def test_a_sweep_of_a_table_in_memory(tmp_path, monkeypatch):
     moved = output.rename(tmp_path / "moved")
     monkeypatch.chdir(tmp_path)
     assert verify(moved, recompute=3).problems == []
-    assert rs.load("moved").replay(0, 1, points=2).t_end == 30
+    assert rs.replay("moved", 0, 1, points=2).t_end == 30

@@ -84,10 +84,10 @@ WRONG = """
 --channels t,omga_x: did you mean "omega_x"?
 --points 5 --steps: points and steps are both given
 --output run.xlsx: the name must end in .parquet or .csv
---figure run.jpg: the name must end in .svg, .png or .pdf
+--figure run.jpg: the name must end in .svg or .png or .pdf
 --output /proc/nowhere/run.csv: cannot write in /proc/nowhere
 --accuracy draft --tol 1e-7: integrator.accuracy
---omega 1,2: --omega 1,2: is no vector; give three numbers
+--omega 1,2: --omega 1,2: give numbers from
 --omega 0,0,1 --n-i 0.1: n_i given with a full state
 """
 

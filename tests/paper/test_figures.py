@@ -1,68 +1,51 @@
-"""Figures of single runs (5 and 9), phase volume, exponents, friction, and their claims."""
+"""Claims on formulas, random bodies (Figs. 3, 4), single runs (5, 9) and friction, small."""
 
 from __future__ import annotations
 
-import math
+from types import SimpleNamespace
 
 import numpy as np
-import oracle
-import pandas as pd
 import pytest
+import theory_mp
 
-from rattlesweep.paper import fig5, fig9, friction
-from rattlesweep.paper.claim import judge
+from rattlesweep.paper import fig3_4, fig5_9, fig7, formulas
+from rattlesweep.paper.claim import judge, judge_claim, read_table
 from rattlesweep.paper.workspace import Sizes, Workspace
-from rattlesweep.physics import full, steady
+from rattlesweep.physics import full, theory
+from rattlesweep.sweeps.config.schema import SdRanges
 
 
 @pytest.fixture(scope="module")
 def ws(tmp_path_factory):
-    sizes = Sizes(friction=20, exponents_t_end=2000.0)
+    sizes = Sizes(fig3_bodies=40_000, fig4_bodies=20_000, fig4_density=1_500_000, samples=30,
+                  friction=20, exponents_t_end=2000.0)  # fmt: skip
     return Workspace(tmp_path_factory.mktemp("paper"), sizes, threads=2)
-
-
-@pytest.fixture(scope="module")
-def five(ws):
-    return fig5.data(ws)
 
 
 @pytest.fixture(scope="module")
 def nine(ws):
     with pytest.MonkeyPatch.context() as patch:
         # Long enough for three reversals of either model at each theta.
-        patch.setattr(fig9, "T_END", 1.7e4)
-        patch.setattr(fig9, "TOL", 1e-12)
-        fig9.long_run.cache_clear()
-        yield {"fig9": fig9.data(ws), "fig9_volume": fig9.volumes(ws)}
-        fig9.long_run.cache_clear()
+        patch.setattr(fig5_9, "T_END", 1.7e4)
+        patch.setattr(fig5_9, "TOL", 1e-12)
+        return fig5_9.long_runs(ws)
 
 
 def verdicts(made):
     return {claim["id"]: claim["verdict"] for claim in judge(made, theory=False)}
 
 
-# ---------------------------------------------------------------------------------- Fig. 5
-
-
-def inertia():
-    """Return the inertia of GH about the horizontal axis of its launch."""
-    psi = oracle.relevant_psi(oracle.GH, 0.1)
-    return 13.04 * math.cos(psi) ** 2 + 1.522 * math.sin(psi) ** 2
-
-
-def test_claims_of_fig_5_follow_the_series(five):
+def test_claims_of_fig_5_follow_the_series(ws):
+    five = fig5_9.reversals(ws)
     names = ("G1", "G2", "G3")
     assert verdicts({"fig5": five}) == dict.fromkeys(names, "agree")
-    late = five | {"runs": five["runs"].assign(t_r=2 * five["runs"]["t_r"])}
-    assert verdicts({"fig5": late}) == dict.fromkeys(names, "disagree")
+    late = five | {"runs": five["runs"].assign(t_r=1.5 * five["runs"]["t_r"])}
+    assert set(verdicts({"fig5": late}).values()) == {"disagree"}
     # With x and y exchanged every statement on them is wrong but one.
     other = {"omega_x": "omega_y", "omega_y": "omega_x"}
-    shapes = five["envelopes"].assign(component=five["envelopes"]["component"].map(other))
-    row = judge({"fig5": five | {"envelopes": shapes}}, theory=False)[2]
+    turned = {name: five[name].rename(columns=other) for name in fig5_9.ENDS}
+    row = judge({"fig5": five | turned}, theory=False)[2]
     assert (row["verdict"], row["held"], row["checks"]) == ("disagree", 1, 6)
-
-
-# ---------------------------------------------------------------------------------- Fig. 9
 
 
 @pytest.mark.parametrize(
@@ -70,64 +53,141 @@ def test_claims_of_fig_5_follow_the_series(five):
     [((0, 1, 0), "agree"), ((0, 1, 1), "partly"), ((0, 0, 0), "disagree")],
 )
 def test_verdict_on_chaos_follows_the_exponents(nine, chaotic, verdict):
-    runs = pd.DataFrame({"theta": fig9.THETAS, "t_end": 1e5, "lyapunov_late": 1e-3,
-                         "growth": 50.0, "chaotic": np.array(chaotic, bool)})  # fmt: skip
-    found = {c["id"]: c for c in judge(nine | {"fig9_lyapunov": {"runs": runs}}, theory=False)}
+    runs = nine["runs"].assign(chaotic=np.array(chaotic, bool))
+    found = {c["id"]: c for c in judge({"fig9": nine | {"runs": runs}}, theory=False)}
     assert found["L1"]["verdict"] == verdict
     assert (found["L2"]["verdict"], found["L3"]["verdict"]) == ("agree", "agree")
     assert 0.18 < found["L3"]["value"] < 0.22
     assert ("narrow" in found["L1"]["evidence"]) == bool(chaotic[2])
 
 
-# ---------------------------------------------------------------------------- phase volume
-
-
-def test_the_volume_rate_is_the_derivative_of_a_small_volume():
-    """Six neighbours on the sphere and in omega, moved for a short time by the equations."""
-    rng = np.random.default_rng(5)
-    constants = full.constants(13.04, 1.522, 12.28, 0.82, 0.036, -0.03)
-    for state in np.column_stack([rng.normal(0, 0.2, (10, 2)), rng.normal(0, 0.3, (10, 3))]):
-
-        def rates(y):
-            return np.array(full.rhs(*y, *constants))
-
-        step = 1e-5
-        jacobian = np.array(
-            [(rates(state + step * e) - rates(state - step * e)) / (2 * step) for e in np.eye(5)]
-        )
-        # The area of the sphere of directions by (p, q) is (1 + p^2 + q^2)^(-3/2) dp dq.
-        p, q = state[:2]
-        dp, dq = rates(state)[:2]
-        density = -3 * (p * dp + q * dq) / (1 + p**2 + q**2)
-        wanted = np.trace(jacobian) + density
-        assert fig9.volume_rate(*state, *constants) == pytest.approx(wanted, abs=1e-6)
-    # Near a steady spin it is n (K_p - K_r), the trace of the linear system.
-    found = fig9.volume_rate(0.0, 0.0, 0.0, 0.0, 0.1, *constants)
-    assert found == pytest.approx(np.trace(steady.matrix(constants, -0.1)), rel=1e-12)
-
-
 def test_l4_follows_the_volume(nine):
-    rates = nine["fig9_volume"]["rates"]
-
     def l4(**changed):
-        return verdicts({"fig9_volume": {"rates": rates.assign(**changed)}})["L4"]
+        return verdicts({"fig9": {"runs": nine["runs"].assign(**changed)}})["L4"]
 
     assert l4() == "partly"
     assert l4(rate=-1.0, error=0.1) == "agree"
     assert l4(volume_low=0.0, volume_high=0.1) == "disagree"
     # In (a) the volume comes back, in the others it does not.
-    assert (rates["volume_late"] > -1).tolist() == [True, False, False]
+    assert (nine["runs"]["volume_late"] > -1).tolist() == [True, False, False]
 
 
-# ------------------------------------------------------------------- friction and pictures
-
-
-def test_friction_keeps_more_and_more_bodies_from_reversing(ws, monkeypatch):
-    monkeypatch.setattr(friction, "SIGMAS", (0.02, 0.3))
-    tables = friction.data(ws)
+def test_friction_keeps_more_and_more_bodies_from_reversing(ws):
+    tables = fig7.friction(ws)
     rows = tables["shares"]
     assert (rows["runs"] == 20).all()
     assert (rows[["one_way", "both", "neither", "steady_only"]].sum(axis=1) == 20).all()
     assert rows["neither"].is_monotonic_increasing
-    assert rows["one_way"].iloc[0] > 10
-    assert len(friction.draw(tables).axes) == 1
+    assert rows["one_way"].max() > 10
+    assert len(fig7.draw_friction(tables).axes) == 1
+
+
+# --- random bodies and formulas (which tests/physics/test_theory.py checks at 50 digits) ---------
+
+
+@pytest.fixture(scope="module")
+def random_bodies(ws):
+    return {"fig3": fig3_4.frequencies(ws), "fig4": fig3_4.coefficients(ws)}
+
+
+@pytest.fixture(autouse=True)
+def few(monkeypatch):
+    monkeypatch.setattr(formulas, "SAMPLES", 50)
+
+
+def claim(name):
+    return judge_claim(read_table("claims")[name], {}, few=False)
+
+
+def test_bodies_are_counted_by_their_coefficients():
+    size = 250_000
+    alpha, beta, _, th, phi, xi = fig3_4.drawn_bodies(0, size)
+    found = theory.modes(alpha, beta, th, phi, xi)
+    bins = [*fig3_4.EDGES.values()]
+    wanted = np.histogram2d(found.K_p, found.K_r, bins=bins)[0]
+    few = np.count_nonzero(found.omega_p / found.omega_r < fig3_4.BOUND)
+    for threads in (1, 3):
+        counts, below = fig3_4.count_bodies(size, threads)
+        # A coefficient on an edge may fall on either side by its last bit.
+        assert np.abs(counts - wanted).sum() <= 4
+        assert below == few
+
+
+def test_distributions_are_those_of_the_defining_matrix(random_bodies, ws):
+    data = random_bodies["fig3"]["cumulative"]
+    assert list(data["probability"].iloc[[0, -1]]) == [0, 1]
+    assert (data.diff().dropna() >= 0).all().all()
+    alpha, beta, _, th, phi, xi = fig3_4.drawn_bodies(0, ws.sizes.fig3_bodies)
+    ratio = np.sqrt(formulas.by_definition((alpha, beta, alpha, th, phi, xi))["ratio"])
+    assert data["ratio"].iloc[[0, -1]].tolist() == pytest.approx([ratio.min(), ratio.max()])
+    middle = data[data["probability"] == 0.5].iloc[0]
+    for name, values in (("ratio", ratio), ("omega_p0", np.sqrt((1 / phi - 1) / alpha)),
+                         ("omega_r0", np.sqrt((1 / th - 1) / beta))):  # fmt: skip
+        assert middle[name] == pytest.approx(np.median(values), rel=1e-3)
+
+
+def test_claims_and_what_they_need(random_bodies):
+    rows = {c["id"]: c for c in judge(random_bodies, theory=True)}
+    assert {name: row["verdict"] for name, row in rows.items()} == {
+        "T1": "agree", "T2": "partly", "T3": "agree", "T4": "partly", "T5": "agree",
+        "T6": "agree", "T7": "agree", "T8": "agree", "S9": "partly",
+    }  # fmt: skip
+    for row in rows.values():
+        assert row["evidence"].startswith(f"Checks, headline first: {row['headline']}: ")
+        assert (row["low"] or 0) <= row["value"]
+        assert row["high"] is None or row["value"] <= row["high"]
+
+
+def test_t1_is_within_the_rounding_of_table_i(monkeypatch):
+    printed = formulas.as_printed(formulas.gh_numbers())
+    assert [name for name, same in printed.items() if not same] == ["K_r"]
+    exact = theory_mp.reference(13.04, 1.522, 12.28, 0.6429, 0.036, -0.03, 0.1, 0.01)
+    assert round(float(exact["K_r"]), 4) == 0.0967
+    row = claim("T1")
+    assert row["low"] < 0.0967 < row["value"] < row["high"]
+    monkeypatch.setitem(formulas.PRINTED, "K_r", (0.0961, 4))
+    assert claim("T1")["verdict"] == "disagree"
+
+
+def test_no_body_is_below_the_least_ratio_of_the_frequencies():
+    bound = fig3_4.ratio_bound()
+    assert bound == pytest.approx(np.sqrt((0.05 * 15 + 1) / (0.95 * 15 + 1) * 9 * 1.5), rel=1e-12)
+    ends = np.array(SdRanges().ends())
+    corner = np.array([15, 0.05, 0.6, 0.1, 0.0])[:, None]
+    shares = np.random.default_rng(2).uniform(size=(5, 20_000))
+    for squeeze in (1.0, 1e-3):
+        inward = np.where(corner == ends[:, :1], 1, -1) * squeeze * np.diff(ends)
+        gamma, f_sd, th, phi, xi = corner + inward * shares
+        found = theory.modes((1 - f_sd) * gamma + 1, f_sd * gamma + 1, th, phi, -np.radians(xi))
+        least = (found.omega_p / found.omega_r).min()
+        assert least > bound
+    assert least < 1.001 * bound
+
+
+def off(module, name, **factors):
+    """Return the function, one of whose results is a little off."""
+    function = getattr(module, name)
+
+    def changed(*args, **kwargs):
+        found = function(*args, **kwargs)
+        values = dict(found if isinstance(found, dict) else vars(found))
+        values |= {key: factor * values[key] for key, factor in factors.items()}
+        return values if isinstance(found, dict) else SimpleNamespace(**values)
+
+    return module, name, changed
+
+
+@pytest.mark.parametrize(
+    ("wrong", "names"),
+    [
+        (off(theory, "modes", K_p=1 + 1e-7), ["T3", "T7"]),
+        ((theory, "bondi_threshold", lambda *a, f=theory.bondi_threshold: 1.0001 * f(*a)), ["S9"]),
+        ((full.rhs, "py_func", lambda *_: (0.0, 0.0, 1e-12, 0.0, 0.0)), ["S9"]),
+        (off(formulas, "ellipsoid", alpha=1.1), ["T6"]),
+        (off(formulas, "by_definition", K_r=1.001), ["T2"]),
+    ],
+)
+def test_wrong_theory_is_found_out(monkeypatch, wrong, names):
+    """Each claim disagrees with formulas that are a little wrong."""
+    monkeypatch.setattr(*wrong)
+    assert [claim(each)["verdict"] for each in names] == ["disagree"] * len(names)

@@ -23,9 +23,6 @@ mp_force = exactly(full.contact_force, rhs=mp_rhs)
 mp_oscillation = exactly(full.oscillation)
 
 
-# --- the paper's equations at 60 digits ---------------------------------------------------------
-
-
 def dot(a, b):
     return sum(x * y for x, y in zip(a, b, strict=True))
 
@@ -59,9 +56,6 @@ class Paper:
         return along, mp.norm([x - along * y for x, y in zip(f, self.u, strict=True)])
 
 
-# --- bodies and states --------------------------------------------------------------------------
-
-
 def states(size, seed):
     """Slopes from 1e-8 to 1, horizontal rates alike, spins up to 5."""
     rng = np.random.default_rng(seed)
@@ -90,9 +84,6 @@ EXTREMES = [
 ]
 
 
-# --- formulas, free of rounding -----------------------------------------------------------------
-
-
 @pytest.mark.parametrize("cases", [CASES[::2], EXTREMES[::3]], ids=["random", "extreme"])
 def test_formulas_are_the_papers(cases):
     """At 60 digits the compiled formulas and the paper's six variables agree to 50."""
@@ -117,38 +108,12 @@ def test_formulas_are_the_papers(cases):
             assert abs(mp_energy(*arguments) - energy) <= small * energy
 
 
-# --- doubles --------------------------------------------------------------------------------------
-
-
-def condition(function, arguments):
-    """Change of a function's results when each argument in turn grows by a rounding error."""
-    base = function(*arguments)
-    total = [mp.mpf(0)] * len(base)
-    for i, x in enumerate(arguments):
-        moved = [*arguments]
-        moved[i] = x * (1 + mp.mpf(EPS))
-        total = [t + abs(n - b) for t, n, b in zip(total, function(*moved), base, strict=True)]
-    return total
-
-
 def errors(parameters, state):
-    """Relative errors of the rates, and as multiples of what the arguments' rounding does."""
+    """Relative errors of the rates."""
     got = full.rhs(*map(float, state), *full.constants(*parameters))
     with mp.workdps(DIGITS):
-        paper = Paper(parameters, state)
-        wanted = paper.rates
-        inherent = condition(mp_rhs, [*(mp.mpf(float(x)) for x in state), *paper.constants])
-        error = [abs(mp.mpf(g) - w) for g, w in zip(got, wanted, strict=True)]
-        relative = [float(e / abs(w)) for e, w in zip(error, wanted, strict=True)]
-        multiple = [float(e / i) for e, i in zip(error, inherent, strict=True)]
-    return relative, multiple
-
-
-@pytest.mark.parametrize("cases", [CASES, EXTREMES], ids=["random", "extreme"])
-def test_every_rate_is_as_accurate_as_its_arguments(cases):
-    """Up to the reach, which is of order one unless slope and phi are both extreme."""
-    found = np.array([errors(*case)[1] for case in cases])
-    assert np.all(found < 10)
+        wanted = Paper(parameters, state).rates
+        return [float(abs(mp.mpf(g) - w) / abs(w)) for g, w in zip(got, wanted, strict=True)]
 
 
 def test_relative_accuracy_in_the_extremes():
@@ -158,8 +123,7 @@ def test_relative_accuracy_in_the_extremes():
     for slope in (1e-5, 1e-75, 1e-150):
         for n in (0.1, -0.1, 3.0):
             state = np.array([0.3 * slope, -1.1 * slope, 0.7 * slope, 0.9 * slope, -n])
-            relative, _ = errors(body, state)
-            assert max(relative) < 100 * EPS, (slope, n)
+            assert max(errors(body, state)) < 100 * EPS, (slope, n)
 
 
 def test_mirrored_bodies_move_in_mirror_images():

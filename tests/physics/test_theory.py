@@ -128,12 +128,6 @@ def test_bondi_threshold_where_its_denominator_vanishes(kind):
     assert threshold_errors(alpha, beta, gamma, theta, phi).max() < 1e-12
 
 
-# --- the paper's identities and limits ----------------------------------------------------------
-
-
-# --- Garcia and Hubbard's solution --------------------------------------------------------------
-
-
 def paper_spin(t, k, n_i, speed):
     """Eqs. gh-solution-p and gh-solution-m."""
     with mp.workdps(120):
@@ -159,18 +153,3 @@ def test_gh_solution_is_the_papers():
         rate = 0.5 * k * (n_0 + abs(got)) * (n_0 - abs(got))
         assert np.all(error < 40 * EPS * (np.abs(got) + rate * np.maximum(t, found.t_rgh))), part
         assert np.all(error < 1e-12 * n_0), part
-
-
-# --- growth at small spin (Case and Jalal) ------------------------------------------------------
-
-
-@pytest.mark.parametrize("n", [1e-30, -1e-30])
-def test_growth_rates_are_the_limit_of_the_exact_ones(case, n):
-    found = case.modes
-    pitch, roll = theory.growth_rates(found.K_p, found.K_r, n)
-    for i, row in enumerate(rows(case.bodies[:, :15])):
-        exact = theory_mp.growth_exact(*row, n)
-        assert float(exact[0].real / pitch[i]) == pytest.approx(1, abs=1e-11)
-        assert float(exact[1].real / roll[i]) == pytest.approx(1, abs=1e-11)
-        assert float(exact[0].imag) == pytest.approx(found.omega_p[i], rel=1e-11)
-        assert float(exact[1].imag) == pytest.approx(found.omega_r[i], rel=1e-11)

@@ -30,7 +30,7 @@ from sweeping import (
 )
 
 import rattlesweep as rs
-from rattlesweep import progress
+import rattlesweep.text
 from rattlesweep.sweeps.columns import runs_schema, same_schema, summary_schema
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.run import Progress
@@ -180,7 +180,7 @@ def test_runs_that_fail_are_rows_with_a_status_and_the_exit_code_says_so(tmp_pat
     again = run("quickstart.yaml", output, *sets)
     assert again.exit_code == 3
     assert again.stdout == result.stdout
-    assert "all done before" in again.stderr
+    assert ", 0 of them done now" in again.stderr
 
 
 # -- the same directory again ------------------------------------------------------------------
@@ -216,14 +216,14 @@ def test_quiet_says_nothing_and_the_table_goes_to_standard_output(tmp_path):
     loud = run("gh.yaml", tmp_path / "l", options=("-v",))
     assert re.search(r"^ *1 +- +-0.1 +0.01 +1 +1.000", loud.stdout, re.MULTILINE)
     assert len(loud.stdout.splitlines()) == 3
-    assert re.match(r"2 runs in \S+, all of them done now in .* s\n", loud.stderr)
+    assert re.match(r"2 runs in \S+, 2 of them done now in .* s\n", loud.stderr)
     assert re.search(r"of integration", loud.stderr, re.MULTILINE)
 
 
 def test_without_a_terminal_there_is_at_most_one_line_a_minute(monkeypatch, capfd):
     now = [0.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
-    with progress.Bar.of_command() as meter:
+    monkeypatch.setattr(rattlesweep.text.time, "monotonic", lambda: now[0])
+    with rattlesweep.text.Bar.of_command() as meter:
         for tick in range(6001):
             now[0] = tick / 10
             meter(Progress(tick / 6000, tick, 6000, now[0], 600 - now[0]))

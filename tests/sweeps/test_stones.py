@@ -74,7 +74,7 @@ SIGMA = {"dissipation": {"sigma": 0.1}}
 # name: (bodies over those of the preset, the rest of the config, words)
 REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
     "c below the curvature": ({"c": 0.6}, {}, "c 0.6 is not above theta 0.6429: "
-                              "the ellipsoid's horizontal semi-axis"),
+                              "the ellipsoid would rather lie"),
     "below that in a corner": (GRID | {"axes": {"theta": [0.6, 0.9]}, "c": [0.8, 2]}, {},
                                "bodies.axes: at alpha 13.04, beta 1.522, gamma 12.28, theta 0.9"),
     "no c": ({"surface": "ellipsoid"}, {},

@@ -1,13 +1,11 @@
 """First zero of the spin within a step, with no misses.
 
-The spin swings at twice the frequency of the oscillation and grazes zero before it reverses, so a
-pair of zeros often lies inside one step.  When a step that met the tolerance may hold a zero, it is
-held: the lane goes back to its start and tries shorter steps from there, each as good as the method
-itself.  The step is cut into pieces that are short against a swing.  A piece whose ends differ in
-sign has a zero; one with the spin falling at its start and rising at its end is searched for its
-minimum until a bound shows it positive or a negative value is found; the zero is then polished by
-Newton's method, kept in its bracket.  The step that is finally accepted is the same, and the search
-works for any method without dense output.
+The spin grazes zero before it reverses, so a pair of zeros often lies inside one step.  A step that
+may hold a zero is held: the lane goes back to its start and tries shorter steps from there, each as
+good as the method itself.  The step is cut into pieces that are short against a swing.  A piece
+whose ends differ in sign has a zero; one with the spin falling at its start and rising at its end
+is searched for its minimum until a bound shows it positive or a negative value is found; the zero
+is then polished by Newton's method in its bracket.  The step that is finally accepted is the same.
 """
 
 # mypy: disable-error-code="no-any-return, no-untyped-def"
@@ -26,13 +24,12 @@ STEP, SCAN, MINIMUM, ROOT, REDO = 0, 1, 2, 3, 4
 # What a move of the search decides: to go back and try ``lane.h_next``, to accept the step just
 # tried, or that it ends at the first zero.
 HOLD, TAKE, REVERSED = 0, 1, 2
-# Longest piece, in radians of the fastest swing.
-PIECE_ANGLE = 0.5
+PIECE_ANGLE = 0.5  # longest piece, in radians of the fastest swing
 # Steps are a dozen radians at most, or so much longer than a swing that nothing is to be found.
 MAX_PIECES, MAX_TRIES = 4096.0, 60
 _CLEAR, _DIP, _ZERO = 0, 1, 2
-# The end of the next piece is known already.  (No function here may call itself, not even through
-# another: the cached kernel crashes when it is loaded, seen with Numba 0.68.)
+# The end of the next piece is known already.  (No function here may call itself, even through
+# another: the cached kernel crashes when it is loaded, Numba 0.68.)
 _KNOWN = 3
 
 

@@ -4,12 +4,10 @@ A thread holds :data:`LANES` runs.  Every turn tries one step on all of them (th
 ``attempt``), decides on all of them in loops over lanes that vectorise, looks closer only at the
 lanes where something is due (a rejection, a possible zero of the spin, the end of a window or of
 the run), and refills those whose run has ended from a queue that all threads share.  The arithmetic
-of a run depends on its own numbers alone, so its results are the same bits in any lane, thread and
-batch.
+of a run depends on its own numbers alone: the same bits in any lane, thread and batch.
 
-What costs much to compile and is called seldom, or takes long where it is called, is compiled for
-itself and called by its address (:data:`PARTS`): the step, of a method and a model, is then the
-same code in sweeps and trajectories, and all the rest the same for all methods with error control.
+The step, of a method and a model, and :func:`decide_closely`, of all models, are compiled for
+themselves and called by their addresses (:data:`PARTS`), in sweeps and trajectories.
 """
 
 # mypy: ignore-errors
@@ -17,7 +15,7 @@ from __future__ import annotations
 
 from math import isfinite, sqrt
 
-from numba import njit, prange
+from numba import njit
 
 from rattlesweep.integrate.lanes import events, runs
 from rattlesweep.integrate.lanes.events import HOLD, REVERSED, STEP, TAKE, may_reverse
@@ -28,12 +26,10 @@ from rattlesweep.integrate.lanes.lane import (
     call_for_two,
     fetch_add,
     lane_of,
-    load,
     rough_root,
     widest_vectors,
 )
 from rattlesweep.integrate.status import Status
-from rattlesweep.physics.full import scalar
 
 OK, NONFINITE = int(Status.OK), int(Status.NONFINITE)
 STEP_LIMIT, STEP_TOO_SMALL = int(Status.STEP_LIMIT), int(Status.STEP_TOO_SMALL)
@@ -41,62 +37,20 @@ STEP_LIMIT, STEP_TOO_SMALL = int(Status.STEP_LIMIT), int(Status.STEP_TOO_SMALL)
 ATTEMPT, DECIDE, PARTS = 0, 1, 2
 
 
-# -- step size control: errors are squared and in units of the tolerance ---------------------------
-
-# In radians of the spin's fastest swing: the first step, for a tolerance of 1, and the least one
-# before a run is given up.
+# Step size control: errors are squared and in units of the tolerance.
+# In radians of the fastest swing: the first step, for a tolerance of 1, and the least one.
 FIRST_STEP, LEAST_STEP = 6.0, 1e-9
 SAFETY, SAFETY_REJECTED = 0.95, 0.85
 # Least ratio of two steps; the largest is 7.3, by the root of the least error.
 SHRINK, LEAST_ERROR = 0.2, 1e-30
 
 
-@scalar
-def error_root(error):
-    """Return what :func:`step_ratio` takes of an error."""
-    return rough_root(error + LEAST_ERROR)
-
-
-@scalar
-def step_ratio(root, last, held):
-    """Return the ratio of the next step to one that is accepted: a PI control of low gain.
-
-    ``root`` and ``last`` are the :func:`error_root` of the step and of the accepted one before;
-    where a step in between was rejected (``held``), the next one is not longer.
-    """
-    ratio = SAFETY * last / (root * root)
-    return 1.0 if held & (ratio > 1.0) else ratio
-
-
-@scalar
-def retry_ratio(error):
-    """Ratio of the next step to one that was rejected; an error that is no number is large."""
-    ratio = SAFETY_REJECTED / sqrt(sqrt(sqrt(sqrt(error + LEAST_ERROR))))
-    return ratio if ratio > SHRINK else SHRINK
-
-
-# -- decisions -------------------------------------------------------------------------------------
-
-
-@njit(**INNER)
-def give_up(lane, max_steps):
-    """Status of a lane whose step failed, OK to go on with a shorter one."""
-    if not lane.problem.adaptive:
-        return NONFINITE
-    if lane.steps + lane.rejected >= max_steps:
-        return STEP_LIMIT
-    if lane.h * lane.swing < LEAST_STEP:
-        return STEP_TOO_SMALL if isfinite(lane.error) else NONFINITE
-    return OK
-
-
 def decide_closely(problem, w, l, max_steps, on):
     """Decide again on the step tried on a lane ``l`` where something is due.
 
-    The problem is one without a model: this function is the same for all of them.  ``on`` says that
-    the step has been found to end at a zero, behind which the search is to go on.  Returned are the
-    status, OK to go on, and HOLD (the step is not taken), TAKE, or REVERSED (it is, and ends at a
-    zero of the spin).
+    The problem is one without a model.  ``on``: the step ends at a zero, behind which the search is
+    to go on.  Returned are the status, OK to go on, and HOLD (the step is not taken), TAKE, or
+    REVERSED (it is, and ends at a zero of the spin).
     """
     lane = lane_of(problem, w, l)
     if on:
@@ -106,8 +60,17 @@ def decide_closely(problem, w, l, max_steps, on):
     if lane.mode == STEP and lane.accept == 0.0:
         lane.rejected += 1.0
         lane.held = 1.0
-        lane.h_next = lane.h * retry_ratio(lane.error)
-        return give_up(lane, max_steps), HOLD
+        # An error that is no number is large.
+        ratio = SAFETY_REJECTED / sqrt(sqrt(sqrt(sqrt(lane.error + LEAST_ERROR))))
+        lane.h_next = lane.h * (ratio if ratio > SHRINK else SHRINK)
+        status = OK
+        if not problem.adaptive:
+            status = NONFINITE
+        elif lane.steps + lane.rejected >= max_steps:
+            status = STEP_LIMIT
+        elif lane.h * lane.swing < LEAST_STEP:
+            status = STEP_TOO_SMALL if isfinite(lane.error) else NONFINITE
+        return status, HOLD
     move = TAKE
     if lane.arm > 0.0:
         # No zero counts yet, and every step is looked at (may_reverse).
@@ -132,9 +95,11 @@ def decide(problem, w, dt, max_steps):
         h = lane.h
         accept = lane.error <= 1.0
         if problem.adaptive:
-            root = error_root(lane.error)
+            # A PI control of low gain; after a rejection the step is not longer.
+            root = rough_root(lane.error + LEAST_ERROR)
+            ratio = SAFETY * lane.root0 / (root * root)
             lane.root = root
-            lane.h_next = h * step_ratio(root, lane.root0, lane.held > 0.0)
+            lane.h_next = h * (1.0 if (lane.held > 0.0) & (ratio > 1.0) else ratio)
         else:
             lane.h_next = dt
         # No 'or': what is behind it would be read under a mask.
@@ -156,8 +121,7 @@ def decide(problem, w, dt, max_steps):
 def commit(problem, w):
     """Move all lanes to the end of the step tried, and set their next step.
 
-    Lanes that do not take it were told to :func:`runs.stay`.  Nothing is read or written under a
-    mask, which AVX2 does slowly: nothing is written back as it was, nothing read for one choice.
+    Nothing is read or written under a mask, which AVX2 does slowly.
     """
     widest_vectors()
     problem.advance(problem, w)
@@ -222,18 +186,13 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
          record, result, counts, windows, progress):  # fmt: skip
     """Do what one thread does until the queue is empty or Python says stop.
 
-    ``thread`` is its row of ``progress``, whose columns are the expected cost of its runs that have
-    ended, of those in its lanes so far, and the number that have ended.  ``parts`` has the
-    addresses of what is compiled for itself, ``w`` is the thread's workspace, ``shared`` the next
-    place in the queue and the flag that stops, ``order`` the queue.  The others have a row for each
-    run; see :mod:`rattlesweep.integrate.lanes.runs`.  ``result``, ``counts`` and ``windows`` are
-    written to.
+    ``thread`` is its row of ``progress``: expected cost of its runs that have ended, of those in
+    its lanes, and the number that have ended.  ``parts`` has addresses, ``w`` is the workspace,
+    ``shared`` the next place in the queue and the flag that stops, ``order`` the queue.
     """
     widest_vectors()
     scale, dt, max_steps = options[0], options[1], options[2]
-    watching = False
-    for asked in record:
-        watching = watching or asked
+    watching = record.any()
     total = order.size
     busy = 0
     for l in range(problem.lanes):
@@ -293,7 +252,7 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
         commit(problem, w)
         turns += 1
         if turns % 256 == 0:
-            if load(shared, 1) != 0:
+            if fetch_add(shared, 1, 0) != 0:
                 return
             under_way = 0.0
             for l in range(problem.lanes):
@@ -303,13 +262,3 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
                     under_way += min(1.0, lane.t / plan[run, runs.HORIZON]) * plan[run, runs.COST]
             progress[thread, 1] = under_way
     progress[thread, 1] = 0.0
-
-
-def drive(address, parts, threads, w, shared):
-    """Do :func:`work`, known by its address, on each thread.
-
-    This way the driver is compiled once for all problems, and none is compiled again inside of it.
-    A problem has no value, so none is handed over.
-    """
-    for thread in prange(threads):
-        call(address, (thread, parts, w[thread]) + shared)  # noqa: RUF005

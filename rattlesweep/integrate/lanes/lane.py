@@ -3,16 +3,13 @@
 The workspace is one flat array of rows, each of which holds one number of every lane, so that loops
 over lanes vectorise.  (Of two arrays LLVM would have to prove that they do not overlap.)  In
 compiled code a lane reads as a record: ``lane.t_end``, ``lane.y1 = lane.y``.  A field is the lane's
-number in a row, or a tuple of those in some rows one after another; reading and writing it are
-LLVM's loads and stores.
+number in a row, or a tuple of those in some rows one after another.
 
-:func:`gather` and :func:`scatter` read, sum and write many cells at a time.  Numba would take most
-of the time of a kernel's compilation to type and lower the hundreds of indexed reads, products and
-sums that they stand for.
+:func:`gather` and :func:`scatter` stand for hundreds of indexed reads, products and sums, which
+Numba would take most of the time of a kernel's compilation to type and lower.
 
-Private interfaces of Numba are used here alone: ``numba.core.cgutils``, the context's
-``make_array``, ``make_tuple`` and ``call_conv``, ``to_fixed_tuple`` of ``numba.np.unsafe``,
-``library`` and ``fndesc`` of a compiled overload.  Tried with Numba 0.68.1.
+Private interfaces of Numba (0.68.1) are used here alone: ``cgutils``, the context's ``make_array``,
+``make_tuple`` and ``call_conv``, ``to_fixed_tuple``, ``library`` and ``fndesc`` of an overload.
 """
 
 # mypy: disable-error-code="no-untyped-call, no-untyped-def, misc"
@@ -24,20 +21,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import extending, types
 from numba.core import cgutils
 from numba.core.typing.templates import AttributeTemplate
-from numba.extending import (
-    NativeValue,
-    infer_getattr,
-    intrinsic,
-    lower_getattr_generic,
-    lower_setattr_generic,
-    models,
-    register_model,
-    typeof_impl,
-    unbox,
-)
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 if TYPE_CHECKING:
@@ -54,7 +40,7 @@ first_of = to_fixed_tuple  # of an array and a length: its first numbers as a tu
 
 
 def emitting(signature_of: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a function that writes LLVM code as an intrinsic, typed by its arguments' types."""
+    """Decorate a function that writes LLVM code as an intrinsic, typed by its arguments."""
 
     def decorate(codegen: Callable[..., Any]) -> Any:
         @wraps(signature_of)
@@ -62,45 +48,25 @@ def emitting(signature_of: Callable[..., Any]) -> Callable[..., Any]:
             return signature_of(*given), codegen
 
         typed.__name__ = codegen.__name__
-        return intrinsic(typed)
+        return extending.intrinsic(typed)
 
     return decorate
 
 
-# -- operations that Numba does not have -----------------------------------------------------------
-
-
-def _element(context, builder, signature, args):
-    array_type = signature.args[0]
-    array = context.make_array(array_type)(context, builder, args[0])
-    index = [args[1]]
-    return cgutils.get_item_pointer(context, builder, array_type, array, index, wraparound=False)
-
-
 @emitting(lambda typingctx, array, index, value: types.int64(array, types.intp, types.int64))
 def fetch_add(context, builder, signature, args):
-    """Add ``value`` to ``array[index]`` (int64) and return what was there before.
-
-    All threads take the next run from one counter, so that long and short runs even out.
-    """
-    pointer = _element(context, builder, signature, args)
+    """Add ``value`` to ``array[index]`` (int64) and return what was there before."""
+    kind, index = signature.args[0], [args[1]]
+    array = context.make_array(kind)(context, builder, args[0])
+    pointer = cgutils.get_item_pointer(context, builder, kind, array, index, wraparound=False)
     return builder.atomic_rmw("add", pointer, args[2], "monotonic")
-
-
-@emitting(lambda typingctx, array, index: types.int64(array, types.intp))
-def load(context, builder, signature, args):
-    """Read ``array[index]`` (int64) afresh; the compiler may not keep an older value."""
-    pointer = _element(context, builder, signature, args)
-    # An or with nothing: llvmlite's atomic load has changed its arguments over the versions.
-    return builder.atomic_rmw("or", pointer, WHOLE(0), "monotonic")
 
 
 @emitting(lambda typingctx: types.void())
 def barrier(context, builder, signature, args):
-    """Keep the compiler from joining arithmetic before with arithmetic behind; costs nothing.
+    """Keep the compiler from sharing products before with arithmetic behind; costs nothing.
 
-    What is behind reads its numbers afresh from arrays, and so shares no product with what is
-    before.  A shared product is not fused with a sum, and the last bits change.
+    A shared product is not fused with a sum, and the last bits change.
     """
     builder.fence("seq_cst", "singlethread")
     return context.get_dummy_value()
@@ -110,8 +76,7 @@ def barrier(context, builder, signature, args):
 def widest_vectors(context, builder, signature, args):
     """Let LLVM vectorise the calling function with all that the processor has; costs nothing.
 
-    By itself it uses 256 of the 512 bits of AVX-512 on Intel, as rare wide instructions slow down
-    the code around them.  The step is nothing but such instructions.
+    By itself it uses 256 of the 512 bits of AVX-512 on Intel.
     """
     # llvmlite knows no attribute with a value, but writes what is in the set.
     set.add(builder.function.attributes, '"prefer-vector-width"="512"')
@@ -122,8 +87,7 @@ def widest_vectors(context, builder, signature, args):
 def rough_root(context, builder, signature, args):
     """Return about ``x^(1/64)`` of a positive number, by dividing the bits of its logarithm.
 
-    Up to 6 % off, always by the same bits, rises with ``x``, and costs two instructions on integers
-    where six square roots would be a twentieth of the time of a step.
+    Up to 6 % off, always by the same bits, rises with ``x``; two instructions on integers.
     """
     one = 1023 << 52  # the bits of 1.0
     bits = builder.lshr(builder.bitcast(args[0], WHOLE), WHOLE(6))
@@ -144,18 +108,10 @@ def _on_each(operation: str) -> Any:
 times, over = _on_each("fmul"), _on_each("fdiv")
 
 
-def address_of(compiled: Any) -> Any:
-    """Return where the machine code of a compiled function of one signature is.
-
-    The function must not be dropped as long as the address is used.
-    """
-    (result,) = compiled.overloads.values()
-    return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
-
-
 def addresses_of(*compiled: Any) -> Any:
-    """Return the addresses of functions as an array."""
-    return np.array([address_of(each) for each in compiled])
+    """Return where the machine code of compiled functions is; they must not be dropped."""
+    results = [result for function in compiled for result in function.overloads.values()]
+    return np.array([r.library.get_pointer_to_function(r.fndesc.llvm_func_name) for r in results])
 
 
 def _calling(result: Any) -> Any:
@@ -177,9 +133,6 @@ def _calling(result: Any) -> Any:
 # Call the compiled function at an address with a tuple of arguments; the second returns two whole
 # numbers.
 call, call_for_two = _calling(types.none), _calling(types.UniTuple(types.intp, 2))
-
-
-# -- the workspace ---------------------------------------------------------------------------------
 
 
 class Point(NamedTuple):
@@ -237,8 +190,7 @@ FIELDS = (
 class Layout:
     """First rows of the fields of a model's lanes, each an attribute; ``fields`` has types too.
 
-    Behind them, from ``stages`` on, are the stages but the first, which is ``f``, and those of the
-    tangent or of what is carried.  Without a model there are the fields that all models share.
+    From ``stages`` on are the stages but the first.  Without a model: what all models share.
     """
 
     def __init__(self, model: Model | None) -> None:
@@ -268,15 +220,11 @@ class Layout:
         return self.stages + stages + model.n_carried * (tableau.stages + 1)
 
 
-# -- problems --------------------------------------------------------------------------------------
-
-
 class Problem:
     """What a kernel is compiled for: equations, kind of method, number of lanes.
 
-    Compiled functions take it as an argument that has a type and no value, and see its attributes,
-    which are those of the model too, as constants.  Hooks are functions that differ between models
-    with and without a tangent.
+    Compiled functions take it as an argument without a value, and see its attributes, the model's
+    too, as constants.  Hooks differ between models with and without a tangent.
     """
 
     known: ClassVar[dict[str, Problem]] = {}
@@ -309,27 +257,27 @@ class ProblemType(types.Type):
         return getattr(Problem.known[self.problem], name)
 
 
-@register_model(ProblemType)
-class _ProblemModel(models.StructModel):
+@extending.register_model(ProblemType)
+class _ProblemModel(extending.models.StructModel):
     def __init__(self, manager: Any, problem: ProblemType) -> None:
         super().__init__(manager, problem, [])
 
 
-@typeof_impl.register(Problem)
+@extending.typeof_impl.register(Problem)
 def _typeof(problem: Problem, _: Any) -> ProblemType:
     return ProblemType(problem.name)
 
 
-@unbox(ProblemType)
-def _unbox_problem(problem: ProblemType, _: Any, c: Any) -> NativeValue:
-    return NativeValue(_empty(c.context, c.builder, problem))
+@extending.unbox(ProblemType)
+def _unbox_problem(problem: ProblemType, _: Any, c: Any) -> Any:
+    return extending.NativeValue(_empty(c.context, c.builder, problem))
 
 
 def _empty(context: Any, builder: Any, problem: ProblemType) -> Any:
     return cgutils.create_struct_proxy(problem)(context, builder)._getvalue()
 
 
-@infer_getattr
+@extending.infer_getattr
 class _Attributes(AttributeTemplate):
     key = ProblemType
 
@@ -340,16 +288,13 @@ class _Attributes(AttributeTemplate):
         return self.context.resolve_value_type(value)
 
 
-@lower_getattr_generic(ProblemType)
+@extending.lower_getattr_generic(ProblemType)
 def _get_attribute(context: Any, builder: Any, problem: ProblemType, _: Any, name: str) -> Any:
     value = problem.value_of(name)
     if callable(value):
         return context.get_dummy_value()
     kind = context.typing_context.resolve_value_type(value)
     return context.get_constant_generic(builder, kind, value)
-
-
-# -- lanes -----------------------------------------------------------------------------------------
 
 
 class LaneType(types.Type):
@@ -364,18 +309,20 @@ class LaneType(types.Type):
         return self.problem.value_of("layout").fields[name]
 
 
-@register_model(LaneType)
-class _LaneModel(models.StructModel):
+@extending.register_model(LaneType)
+class _LaneModel(extending.models.StructModel):
     def __init__(self, manager: Any, lane: LaneType) -> None:
         members = [("data", types.CPointer(types.float64)), ("place", types.intp)]
         super().__init__(manager, lane, members)
 
 
-class _Cells:
-    """Write LLVM code that reads and writes the cells of one lane."""
+class _Cells(NamedTuple):
+    """Writes LLVM code that reads and writes the cells of one lane."""
 
-    def __init__(self, builder: Any, data: Any, lane: Any, lanes: int) -> None:
-        self.builder, self.data, self.lane, self.lanes = builder, data, lane, lanes
+    builder: Any
+    data: Any
+    lane: Any
+    lanes: int
 
     def place(self, row: int) -> Any:
         index = self.builder.add(self.lane.type(row * self.lanes), self.lane)
@@ -408,7 +355,7 @@ def _cells(context: Any, builder: Any, lane: LaneType, value: Any) -> _Cells:
     return _Cells(builder, found.data, found.place, lane.problem.value_of("lanes"))
 
 
-@infer_getattr
+@extending.infer_getattr
 class _Fields(AttributeTemplate):
     key = LaneType
 
@@ -416,7 +363,7 @@ class _Fields(AttributeTemplate):
         return lane.problem if name == "problem" else lane.field(name)[1]
 
 
-@lower_getattr_generic(LaneType)
+@extending.lower_getattr_generic(LaneType)
 def _get(context: Any, builder: Any, lane: LaneType, value: Any, name: str) -> Any:
     if name == "problem":
         return _empty(context, builder, lane.problem)
@@ -426,7 +373,7 @@ def _get(context: Any, builder: Any, lane: LaneType, value: Any, name: str) -> A
     return context.make_tuple(builder, kind, [cells.read(row + i) for i in range(len(kind))])
 
 
-@lower_setattr_generic(LaneType)
+@extending.lower_setattr_generic(LaneType)
 def _set(context: Any, builder: Any, signature: Any, args: Any, name: str) -> None:
     lane = signature.args[0]
     cells, (row, kind) = _cells(context, builder, lane, args[0]), lane.field(name)
@@ -458,14 +405,8 @@ def clear(context, builder, signature, args):
     return context.get_dummy_value()
 
 
-# -- many cells ------------------------------------------------------------------------------------
-
-
 class Sum(NamedTuple):
-    """A cell and a multiple of a sum: ``w[row] + share * w[factor] * (a * w[i] + b * w[j] + ...)``.
-
-    ``terms`` has the numbers and rows; without a row or a factor it is the rest.
-    """
+    """Cells as ``w[row] + share * w[factor] * (a * w[i] + b * w[j] + ...)``; None is nothing."""
 
     row: int | None
     terms: tuple[tuple[float, int], ...]
@@ -474,11 +415,7 @@ class Sum(NamedTuple):
 
 
 def sums(count: int, terms: dict[int, float], start: int | None = None, *scale: Any) -> list[Sum]:
-    """Return sums for ``count`` components, whose rows stand one after another.
-
-    ``terms`` has the numbers by the first rows of what they multiply; ``scale`` is the row of the
-    factor and the share, or nothing.
-    """
+    """Return sums for ``count`` components; ``terms`` has the numbers by what they multiply."""
     shifted = [tuple((number, row + i) for row, number in terms.items()) for i in range(count)]
     return [Sum(None if start is None else start + i, shifted[i], *scale) for i in range(count)]
 
@@ -486,8 +423,7 @@ def sums(count: int, terms: dict[int, float], start: int | None = None, *scale: 
 def gather(lanes: int, values: Sequence[int | Sum], behind: Sequence[int]) -> Any:
     """Return ``read(w, l)``: the values in lane ``l``, and those ``behind`` them, a tuple.
 
-    What comes behind is read first, and single cells before sums: on such an order depends which of
-    two products LLVM fuses with their sum, and with it the last bits.
+    What comes behind is read first, and single cells before sums: the last bits depend on it.
     """
     wanted = [*values, *behind]
     order = sorted(range(len(wanted)), key=lambda i: (i < len(values), isinstance(wanted[i], Sum)))

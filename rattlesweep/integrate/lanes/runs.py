@@ -1,8 +1,7 @@
 """Single lanes where something is due: a run begins, a window closes, a run ends.
 
-A run may carry a tangent, which obeys a linear equation: its length is changed by a power of two
-where it has become very long or short, which rounds nothing.  Barriers keep it apart from the
-state, whose last bits are those of a run without one.
+A run may carry a tangent, whose length is changed by a power of two where it has become very long
+or short.  Barriers keep it apart from the state, whose last bits are those of a run without one.
 """
 
 # mypy: ignore-errors
@@ -25,9 +24,8 @@ from rattlesweep.integrate.lanes.lane import (
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.full import FASTMATH
 
-# Columns of what a kernel writes and reads, one row a run.
-# ``result``: what was measured, by the names of an Outcome's attributes; behind them the state at
-# the end.
+# Columns of what a kernel writes and reads, one row a run.  ``result``: what was measured, by the
+# names of an Outcome's attributes; behind them the state at the end.
 RESULT = ("t_end", "t_r", "n_end", "energy_drift", "amp_growth", "n_departure", "energy_0",
           "energy_drift_max", "contact_ratio_max", "contact_normal_min", "volume_rate")  # fmt: skip
 T_END, T_R, GROWTH, DEPARTURE, FIRST_STATE = 0, 1, 4, 5, 11
@@ -40,17 +38,14 @@ STATUS, STEPS = 0, 1
 # which the run has settled; the share of the launch's energy below which it is dead.
 HORIZON, SWING, WINDOW, RATE, FIRST_STEP, COST, FUZZ, FIRST_MARK = 0, 1, 2, 3, 4, 5, 6, 7
 FAR, TAPPED, SETTLED, DEAD = 8, 9, 10, 11
-# ``options``: 1 / tol^2, fixed step, most steps.
-# ``record``: what is asked for beyond the types' needs.
+# ``options``: 1 / tol^2, fixed step, most steps.  ``record``: what is asked for beyond the types.
 REC_ENERGY, REC_CONTACT, REC_WINDOWS, REC_REVERSALS, REC_VOLUME, N_RECORD = 0, 1, 2, 3, 4, 5
-# Reversals of a run that are written down, a row of its windows each.
-MOST_REVERSALS = 8
+MOST_REVERSALS = 8  # that are written down, a row of the run's windows each
 
 OK, NONFINITE, ENERGY = int(Status.OK), int(Status.NONFINITE), int(Status.ENERGY)
 MAX_ENERGY_DRIFT = 0.01
 TINY = 1e-290
-# Of the first squared amplitude: what has decayed by 1e-9 is gone.  A mode that dies at once would
-# else be followed into the rounding of the other.
+# Of the first squared amplitude: what has decayed by 1e-9 is gone in the rounding of the other.
 FLOOR = 1e-18
 UNKNOWN_RATE = 1e290  # bound of a spin's rate that makes every step due
 # The norm of a tangent stays within 2^-SHIFT .. 2^SHIFT.
@@ -63,19 +58,6 @@ SHORT, LONG = SHORTER**2, LONGER**2
 def energy_at(lane, y):
     """Energy of a lane's body in the state ``y``."""
     return lane.problem.energy(*(y + lane.constants))
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def contact_at(lane, y):
-    """Normal and tangential contact force in the state ``y``."""
-    return lane.problem.contact(*(y + lane.constants))
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def oscillation_at(lane, y):
-    """Square of the oscillation that step errors are compared with."""
-    _, oscillation = lane.problem.error(*(y + y + lane.constants))
-    return oscillation
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -132,12 +114,13 @@ def pass_marks(lane, t, run, windows, record):
         lane.next = min(lane.mark, lane.window_end)
 
 
-@njit(**INNER)
+@njit(fastmath=FASTMATH, **INNER)
 def settled(lane, most):
     """Return whether the amplitude never grew in two windows, and oscillation is at most `most`."""
     if most == 0.0 or lane.window_no < 2.0 or lane.growth > 1.0 or lane.t_zero >= 0.0:
         return False
-    return oscillation_at(lane, lane.y1) <= most
+    _, oscillation = lane.problem.error(*(lane.y1 + lane.y1 + lane.constants))
+    return oscillation <= most
 
 
 @njit(**INNER)
@@ -148,20 +131,18 @@ def reach_border(lane):
     lane.window_n_max = max(lane.window_n_max, lane.n1)
 
 
-@njit(**INNER)
+@njit(fastmath=FASTMATH, **INNER)
 def see_contact(lane, y):
     """Note the contact force in the state ``y``."""
-    normal, tangential = contact_at(lane, y)
+    normal, tangential = lane.problem.contact(*(y + lane.constants))
     lane.normal_min = min(lane.normal_min, normal)
     lane.ratio_max = max(lane.ratio_max, tangential / abs(normal))
 
 
 @njit(**INNER)
 def is_dead(lane):
-    """Return whether so little energy is left after the step just tried that the spin has no sign.
-
-    With friction the last component of the state is the work, which is negative.
-    """
+    """Return whether too little energy is left after the step just tried for the spin's sign."""
+    # With friction the last component of the state is the work, which is negative.
     return lane.dead > 0.0 and 1.0 + lane.y1[-1] / lane.energy0 < lane.dead
 
 
@@ -179,10 +160,7 @@ def see_zero(lane, t):
 
 @njit(**INNER)
 def see_side(lane, windows, record):
-    """Count a reversal once the spin is far on the other side, and note its largest size since.
-
-    They stand in the columns of ``windows`` behind those of :func:`close_window`.
-    """
+    """Count a reversal once the spin is far on the other side, and note its largest size since."""
     run = int(lane.run)
     at = 3 if record[REC_WINDOWS] else 0
     n = lane.n1
@@ -311,18 +289,10 @@ def advance(problem, w):
         lane.f = lane.f1
 
 
-# -- tangents --------------------------------------------------------------------------------------
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def seed(lane):
-    """Give a lane the model's first tangent."""
-    lane.v = lane.problem.seed(*(lane.y + lane.constants))
-
-
 @njit(fastmath=FASTMATH, **INNER)
 def begin(lane):
-    """Make it transverse and of norm 1."""
+    """Give a lane the model's first tangent, made transverse and of norm 1."""
+    lane.v = lane.problem.seed(*(lane.y + lane.constants))
     v = lane.problem.transverse(*(lane.y + lane.f + lane.v + lane.constants))
     v = over(v, sqrt(lane.problem.square(*(v + lane.constants))))
     lane.v = v
@@ -330,12 +300,6 @@ def begin(lane):
     barrier()
     lane.g = lane.problem.rate(*(lane.y + lane.f + lane.v[:-1] + v[-1:] + lane.constants))
     lane.shift = 0.0
-
-
-@njit(fastmath=FASTMATH, **INNER)
-def growth(lane):
-    """Return the logarithm of the tangent's growth from the launch to the end of the step."""
-    return 0.5 * log(lane.problem.square(*(lane.v1 + lane.constants))) + LOG_2 * lane.shift
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -370,18 +334,18 @@ def start_both(lane, run, y0, constants, probe, plan, record):
     """Put a run and its tangent into a lane."""
     start(lane, run, y0, constants, probe, plan, record)
     barrier()
-    seed(lane)
     begin(lane)
     barrier()
 
 
-@njit(**INNER)
+@njit(fastmath=FASTMATH, **INNER)
 def see_tangent(lane, t, run, windows):
     """Write the time and the tangent's growth into the last two columns of the window's row."""
     k = min(int(lane.window_no), windows.shape[1] - 1)
     barrier()
     windows[run, k, windows.shape[2] - 2] = t
-    windows[run, k, windows.shape[2] - 1] = growth(lane)
+    growth = 0.5 * log(lane.problem.square(*(lane.v1 + lane.constants)))
+    windows[run, k, windows.shape[2] - 1] = growth + LOG_2 * lane.shift
     barrier()
 
 

@@ -1,15 +1,12 @@
 """The vectorised step: a module generated from a tableau and a model.
 
-One call of its function ``attempt`` tries one step on every lane (:data:`SUBSTEPS` equal ones for a
-method without error control).  Every stage is one loop over lanes that loads its combination of
-earlier stages, calls the scalar right-hand side and stores ``f``.  With the coefficients and the
-rows as constants in the source, LLVM keeps the stage in registers and vectorises each loop.
+Its function ``attempt`` tries one step on every lane (:data:`SUBSTEPS` equal ones for a method
+without error control).  Every stage is one loop over lanes that loads its combination of earlier
+stages, calls the right-hand side and stores ``f``.  Coefficients and rows are constants in the
+source, so LLVM keeps the stage in registers and vectorises each loop.
 
-A tangent has loops of its own, behind those of the state, and barriers between.  Else LLVM would
-share products between the two, fuse other sums with them, and the state would come out with other
-last bits than without a tangent.
-
-The module is written into the folder of the kernels, where it can be read and stepped through.
+A tangent has loops of its own, with barriers between.  Else LLVM would share products between it
+and the state, which would come out with other last bits than without a tangent.
 """
 
 from __future__ import annotations
@@ -26,13 +23,9 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Row, Tableau
 
-# Steps of a fixed-step method between two looks at the lanes: the looks then cost little.
-SUBSTEPS = 8
+SUBSTEPS = 8  # of a fixed-step method between two looks at the lanes
 OPTIONS: dict[str, Any] = {"fastmath": FASTMATH} | INNER | {"no_cpython_wrapper": False}
-HEAD = '''"""One step of {tableau.name} for the model {model.name} on {lanes} lanes.
-
-Written by rattlesweep.integrate.lanes.step; numbers of rows are those of its workspace.
-"""
+HEAD = '''"""One step of {tableau.name} for the model {model.name}, written by lanes.step."""
 
 from rattlesweep.integrate.lanes.lane import (
     barrier, gather, lane_of, scatter, sums, widest_vectors,
@@ -41,10 +34,7 @@ from rattlesweep.integrate.lanes.lane import (
 
 
 class _Attempt:
-    """The text of ``attempt(problem, w, scale)``: one step tried on every lane.
-
-    ``w`` is the flat workspace, ``scale`` is ``1 / tol**2``.
-    """
+    """The text of ``attempt(problem, w, scale)``: one step tried; ``scale`` is ``1 / tol**2``."""
 
     def __init__(self, tableau: Tableau, model: Model, lanes: int, volume: bool) -> None:
         self.tableau, self.model, self.lanes, self.volume = tableau, model, lanes, volume
@@ -70,7 +60,7 @@ class _Attempt:
             total = " + ".join(f"f[{c}]" for c in range(model.n_state))
             error = f"lane.error = 0.0 * ({total})"
             self.loop("y = lane.y1", "f = lane.f1", *SEEN, error)
-        head = HEAD.format(tableau=tableau, model=model, lanes=lanes)
+        head = HEAD.format(tableau=tableau, model=model)
         self.source = "\n".join([head, *self.cells, "", "", *self.lines, ""])
 
     def step(self, y: int, f: int, v: int, g: int, share: float) -> None:
@@ -85,11 +75,9 @@ class _Attempt:
         if n_carried:
             given, put = self.gather(span(y, n)), self.scatter(span(start, 2 * n_carried))
             # Of the derivatives LLVM works out those behind alone.
-            self.loop(
-                f"q = {given}(w, l)",
-                "x = problem.carried_start(*q)",
-                f"{put}(w, l, x + problem.carried_rhs(*(q[:{n}] + x + q[{n}:]))[{n}:])",
-            )
+            rate = f"problem.carried_rhs(*(q[:{n}] + x + q[{n}:]))[{n}:]"
+            self.loop(f"q = {given}(w, l)", "x = problem.carried_start(*q)",
+                      f"{put}(w, l, x + {rate})")  # fmt: skip
         for i in range(1, tableau.stages):
             values = self.sums(n, tableau.a[i], stages, y, share)
             to, rhs = span(stages[i], n), "rhs"
@@ -119,13 +107,9 @@ class _Attempt:
             given = self.tangent_at(tableau.b, tangents, v, share, at.y1, at.f1)
             # Only the transverse part goes on.  If it decays, what rounding leaves of the others
             # would soon hide it.
-            self.loop(
-                f"q = {given}(w, l)",
-                "v = problem.transverse(*q)",
-                "lane.v1 = v",
-                f"lane.g1 = problem.rate(*(q[:{2 * n}] + v + q[{3 * n}:]))",
-                barriers=True,
-            )
+            rate = f"problem.rate(*(q[:{2 * n}] + v + q[{3 * n}:]))"
+            self.loop(f"q = {given}(w, l)", "v = problem.transverse(*q)", "lane.v1 = v",
+                      f"lane.g1 = {rate}", barriers=True)  # fmt: skip
 
     def errors(self) -> None:
         """Write the squared error, in units of the tolerance."""

@@ -505,10 +505,10 @@ class Dissipation(Base):
 class Classify(Base):
     """Thresholds between the types of runs that do not reverse; whether certain ones end early."""
 
-    ss_growth: float = key(1e-3, "SS if no amplitude exceeds an earlier one by this share.", gt=0)
-    sw_departure: float = key(0.05, "Else SW if n/n_i falls below 1 by this share.", gt=0, lt=1)
+    ss_growth: float = key(1e-3, "SS if amplitudes grow by less than this fraction.", gt=0)
+    sw_departure: float = key(0.05, "Else SW if n/n_i falls below 1 by this fraction.", gt=0, lt=1)
     early: bool = key(False, "Whether runs of the model full end once they are certain to be SS.")
-    dead_energy: float = key(0.01, "D, unless R, below this share of energy.", ge=1e-6, lt=1)
+    dead_energy: float = key(0.01, "D, unless R, below this fraction of energy.", ge=1e-6, lt=1)
 
     @property
     def thresholds(self) -> dict[str, float]:
@@ -525,7 +525,7 @@ class Stop(Base):
     """When there are enough samples, by 95 % intervals; where both are given, both are met."""
 
     needed = ("fraction", "t_r")
-    fraction: float | None = key(None, "Half the width for every type's share.", gt=0, lt=0.5)
+    fraction: float | None = key(None, "Half the width for every type's fraction.", gt=0, lt=0.5)
     t_r: float | None = key(None, "Half the width for the mean t_r, relative to it.", gt=0, lt=1)
 
 

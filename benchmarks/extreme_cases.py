@@ -9,13 +9,13 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import extrapolation as reference
 import numpy as np
 import pandas as pd
-import reference
+import theory_mp
 from mpmath import mp
 from oracle import GH
 from sweeping import prepared
-from theory_mp import growth_exact
 
 from rattlesweep.integrate.batch import kernel
 from rattlesweep.physics import full, theory
@@ -270,7 +270,9 @@ def linear(case, answer):
 
     The product of a left eigenvector with the state is exp(lambda t) times that at the start.
     """
-    roots = growth_exact(*(case.body[name] for name in reference.PARAMETERS), case.n_i)
+    with mp.workdps(theory_mp.WORK):
+        matrix = theory_mp.spin_matrix(*map(case.body.get, reference.PARAMETERS), case.n_i)
+        roots = theory_mp._eigenvalues(matrix)
     grows = answer.K_p * case.n_i > 0
     root = roots[0 if grows else 1]
     start = np.array([0, 0, math.cos(answer.psi), math.sin(answer.psi)]) * case.omega_xy0
