@@ -29,7 +29,6 @@ import numpy as np
 import peer_work
 from numba import float64, njit, prange, set_num_threads, typeof
 
-from rattlesweep.analysis.scalar_rk4 import rk4_step
 from rattlesweep.integrate.batch import Batch, integrate, problem_of
 from rattlesweep.integrate.lanes.lane import LANES, Layout, widest_vectors
 from rattlesweep.integrate.lanes.step import OPTIONS, write_attempt
@@ -42,6 +41,23 @@ DT, TOL = 0.002, 1e-9
 OMEGA = 0.01
 N_WINDOWS = 64
 BODY = {name: getattr(Rattleback.gh(), name) for name in PARAMETERS}
+
+
+@full.scalar
+def _moved(y, h, k):  # type: ignore[no-untyped-def]
+    """Return ``y + h k``, component by component."""
+    return (y[0] + h * k[0], y[1] + h * k[1], y[2] + h * k[2], y[3] + h * k[3], y[4] + h * k[4])
+
+
+@full.scalar
+def rk4_step(y, body, dt):  # type: ignore[no-untyped-def]
+    """Return the state after one step of the classical method; `y` and `body` are tuples."""
+    k1 = full.rhs(*(y + body))
+    k2 = full.rhs(*(_moved(y, dt / 2, k1) + body))
+    k3 = full.rhs(*(_moved(y, dt / 2, k2) + body))
+    k4 = full.rhs(*(_moved(y, dt, k3) + body))
+    slope = _moved(_moved(k1, 2.0, _moved(k2, 1.0, k3)), 1.0, k4)
+    return _moved(y, dt / 6, slope)
 
 
 @njit(fastmath=full.FASTMATH, error_model="numpy", nogil=True, parallel=True)

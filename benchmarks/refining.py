@@ -16,8 +16,8 @@ from matplotlib.colors import ListedColormap
 from scipy.ndimage import label as islands
 
 from rattlesweep.analysis import style
-from rattlesweep.analysis.plots.layout import fill
-from rattlesweep.analysis.plots.map import CELLS, CODES
+from rattlesweep.analysis.layout import fill
+from rattlesweep.analysis.plots import CELLS, CODES
 from rattlesweep.arrays import Flags
 from rattlesweep.sweeps.config.read import parse_config, resolved
 from rattlesweep.sweeps.decide import Refining

@@ -1,27 +1,19 @@
-"""Derive all quantities of one body, with units and words."""
+"""The body that options make, and everything theory says of it, with units and words."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
 from rattlesweep.physics.theory import direction, garcia_hubbard
 
-FREQUENCY, TIME = "sqrt(g/a)", "sqrt(a/g)"
-SPINS = ("n_c1", "n_i", "n_0")  # in turns a minute
-# Options that make a body, and those that may stand beside them.
-WAYS: dict[str, tuple[set[str], set[str]]] = {
-    "preset": ({"preset"}, {*PARAMETERS, "c"}),
-    "plain": ({*PARAMETERS}, {"c"}),
-    "dumbbell": ({"gamma", "f_sd", "theta", "phi", "xi"}, {"c"}),
-    "si": ({"mass", "height", "inertia", "radii"}, {"axes_angle", "z_up", "c"}),
-    "half_ellipsoid": ({"half_ellipsoid", "mass"}, {"skew", "weights", "at"}),
-}
+RATE, TIME = "sqrt(g/a)", "sqrt(a/g)"
 
 
 class Quantity(NamedTuple):
@@ -37,37 +29,32 @@ class Quantity(NamedTuple):
 def make_body(given: dict[str, Any]) -> Rattleback:
     """Return the body of the options of the command line; None stands for not given."""
     given = {name: value for name, value in given.items() if value is not None}
+    told = " ".join(sorted(f"--{name.replace('_', '-')}" for name in given)) or "no option"
     if "xi_deg" in given and "xi" not in given:
         given["xi"] = math.radians(given.pop("xi_deg"))
-    way = next((w for w, (own, more) in WAYS.items() if own <= set(given) <= own | more), "")
-    c = given.get("c")
-    if not way:
-        ways = "; ".join(map(_options, (own for own, _ in WAYS.values())))
-        raise ConfigError(
-            f"{_options(given) or 'no option'} given, which is not one whole body; give one of "
-            f"these, and what may change in it: {ways}"
-        )
-    if isinstance(c, str) and way != "si":
+    if isinstance(c := given.get("c"), str) and "mass" not in given:
         raise ConfigError("--c has a unit, but the body has no size; give a number in a")
     try:
-        if way == "preset":
+        if "preset" in given:
             return replace(PRESETS[given.pop("preset")](), **given)
-        if way == "dumbbell":
+        if "f_sd" in given:
             given.pop("c", None)
             return replace(Rattleback.shell_dumbbell(**given), c=c)
-        if way == "si":
+        if "half_ellipsoid" in given:
+            sizes = zip(("length", "width", "height"), given.pop("half_ellipsoid"), strict=True)
+            return Rattleback.half_ellipsoid(**dict(sizes), **given)
+        if "mass" in given:
             given |= {"c": c * given["height"]} if isinstance(c, float) else {}
             return Rattleback.from_si(**given)
-        if way == "half_ellipsoid":
-            sizes = zip(("length", "width", "height"), given.pop(way), strict=True)
-            return Rattleback.half_ellipsoid(**dict(sizes), **given)
         return Rattleback(**given)
+    except (TypeError, KeyError):
+        raise ConfigError(
+            f"{told} given, which is not one whole body; give --preset, or --gamma --f-sd --theta "
+            f"--phi --xi, or --{' --'.join(PARAMETERS)}, or --mass --height --inertia --radii, or "
+            "--half-ellipsoid --mass, and nothing of another of them"
+        ) from None
     except ValueError as error:
         raise ConfigError(str(error)) from None
-
-
-def _options(names: Iterable[str]) -> str:
-    return " ".join(sorted(f"--{name.replace('_', '-')}" for name in names))
 
 
 def derived(
@@ -83,56 +70,51 @@ def derived(
     b, m = body, theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
     psi = direction(m, n_i, "relevant")
     gh = garcia_hubbard(b, m, n_i, omega_xy0, psi)
+    lossy = sigma > 0 or rolling > 0
+    # With losses no spin stays, and under rolling resistance nothing small grows.
     n_c1 = float(theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi))
+    n_c1, known = math.nan if lossy else n_c1, math.nan if rolling > 0 else 1.0
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
-    exact = steady.growth(constants, n_i, sigma)
-    damping = theory.damping_rates(b.alpha, b.beta, m, sigma)
-    rates = theory.growth_rates(m.K_p, m.K_r, n_i)
-    small = [rate - loss for rate, loss in zip(rates, damping, strict=True)]
-    # Under rolling resistance nothing small grows, and with losses no spin stays.
-    known = math.nan if rolling > 0 else 1.0
-    losses: list[tuple[str, Any, str, str]] = []
-    if sigma > 0 or rolling > 0:
-        n_c1 = math.nan
-        losses = [
-            ("sigma", sigma, "M a^2 sqrt(g/a)", "dissipation: torque -sigma omega"),
-            ("rolling", rolling, "a", "dissipation: lever of the rolling resistance"),
-            ("spin_decay", sigma / b.gamma, FREQUENCY, "rate at which an upright spin falls"),
-            ("n_growth_pitch", known * 2 * damping[0] / m.K_p, FREQUENCY,
-             "spin above which the pitch grows, small spin"),
-            ("n_growth_roll", known * -2 * damping[1] / m.K_r, FREQUENCY,
-             "spin below which the roll grows, small spin"),
-        ]  # fmt: skip
-    shape = [] if b.c is None else [("c", b.c, "a", "body: vertical semi-axis of the ellipsoid")]
+    exact = known * np.array(steady.growth(constants, n_i, sigma))
+    damping = np.array(theory.damping_rates(b.alpha, b.beta, m, sigma))
+    small = known * (np.array(theory.growth_rates(m.K_p, m.K_r, n_i)) - damping)
     rows: list[tuple[str, Any, str, str]] = [
         *((name, getattr(b, name), "rad" if name == "xi" else "1", "body") for name in PARAMETERS),
-        *shape,
-        ("omega_p", m.omega_p, FREQUENCY, "frequency of the pitch (the faster mode)"),
-        ("omega_r", m.omega_r, FREQUENCY, "frequency of the roll (the slower mode)"),
-        ("omega_p0", m.omega_p0, FREQUENCY, "frequency of the pitch at zero skew angle"),
-        ("omega_r0", m.omega_r0, FREQUENCY, "frequency of the roll at zero skew angle"),
+        *([] if b.c is None else [("c", b.c, "a", "body: vertical semi-axis of the ellipsoid")]),
+        ("omega_p", m.omega_p, RATE, "frequency of the pitch (the faster mode)"),
+        ("omega_r", m.omega_r, RATE, "frequency of the roll (the slower mode)"),
+        ("omega_p0", m.omega_p0, RATE, "frequency of the pitch at zero skew angle"),
+        ("omega_r0", m.omega_r0, RATE, "frequency of the roll at zero skew angle"),
         ("psi_p", m.psi_p, "rad", "direction of the pitch from the x axis"),
         ("psi_r", m.psi_r, "rad", "direction of the roll from the x axis"),
         ("K_p", m.K_p, "1", "asymmetric torque coefficient of the pitch"),
         ("K_r", m.K_r, "1", "asymmetric torque coefficient of the roll"),
-        ("n_c1", -n_c1 if b.xi > 0 else n_c1, FREQUENCY, "Bondi's threshold of the steady spin"),
-        ("n_i", n_i, FREQUENCY, "initial spin"),
-        ("omega_xy0", omega_xy0, FREQUENCY, "initial oscillation"),
+        ("n_c1", -n_c1 if b.xi > 0 else n_c1, RATE, "Bondi's threshold of the steady spin"),
+        ("n_i", n_i, RATE, "initial spin"),
+        ("omega_xy0", omega_xy0, RATE, "initial oscillation"),
         ("psi", psi, "rad", "direction of the launch: the relevant mode"),
-        ("n_0", gh.n_0, FREQUENCY, "spin if all energy were spin"),
+        ("n_0", gh.n_0, RATE, "spin if all energy were spin"),
         ("t_rgh", gh.t_rgh, TIME, "Garcia and Hubbard's reversal time in the spin's direction"),
-        ("growth_pitch", known * small[0], FREQUENCY, "growth rate of the pitch, small spin"),
-        ("growth_roll", known * small[1], FREQUENCY, "growth rate of the roll, small spin"),
-        ("growth_pitch_exact", known * exact[0], FREQUENCY, "growth rate of the pitch at n_i"),
-        ("growth_roll_exact", known * exact[1], FREQUENCY, "growth rate of the roll at n_i"),
-        *losses,
+        ("growth_pitch", small[0], RATE, "growth rate of the pitch, small spin"),
+        ("growth_roll", small[1], RATE, "growth rate of the roll, small spin"),
+        ("growth_pitch_exact", exact[0], RATE, "growth rate of the pitch at n_i"),
+        ("growth_roll_exact", exact[1], RATE, "growth rate of the roll at n_i"),
     ]
+    if lossy:
+        outgrows = known * 2 * damping / [m.K_p, -m.K_r]
+        rows += [
+            ("sigma", sigma, "M a^2 sqrt(g/a)", "dissipation: torque -sigma omega"),
+            ("rolling", rolling, "a", "dissipation: lever of the rolling resistance"),
+            ("spin_decay", sigma / b.gamma, RATE, "rate at which an upright spin falls"),
+            ("n_growth_pitch", outgrows[0], RATE, "spin above which the pitch grows, small spin"),
+            ("n_growth_roll", outgrows[1], RATE, "spin below which the roll grows, small spin"),
+        ]
     sizes = {} if b.units is None else b.units.sizes
     found = []
     for name, number, unit, text in rows:
-        value = float(number) if math.isfinite(float(number)) else None
+        value = float(number) if math.isfinite(number) else None
         size, si_unit = sizes.get(unit, (math.nan, ""))
-        if name in SPINS:
+        if name in ("n_c1", "n_i", "n_0"):
             size, si_unit = size * 30 / math.pi, "rpm"
         in_si = (value * size, si_unit) if value is not None and unit in sizes else None
         found.append(Quantity(name, value, unit, text, in_si))

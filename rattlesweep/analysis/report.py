@@ -9,12 +9,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import pyarrow.compute as pc
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from ruamel.yaml import YAML
 
-from rattlesweep.analysis.plots.kinds import choose_picture, default_kind
-from rattlesweep.analysis.plots.layout import Layout, read_layout
+from rattlesweep.analysis.layout import Layout, read_layout
+from rattlesweep.analysis.plots import choose_picture, default_kind
 from rattlesweep.analysis.style import encode, styled
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.read import resolved
@@ -24,8 +23,7 @@ from rattlesweep.sweeps.verify import status
 
 # Larger vector pictures are shown as PNG, or a page of seven would pass 5 MB.
 DPI, MOST_SVG = 120, 400_000
-# Cases shown at once, and at all: each takes some 400 bytes.
-OPEN_CASES, MOST_CASES, MOST_SESSIONS = 40, 2000, 200
+MOST_SESSIONS = 200
 
 
 def render(template: str, **values: Any) -> bytes:
@@ -34,7 +32,7 @@ def render(template: str, **values: Any) -> bytes:
         loader=PackageLoader("rattlesweep.analysis", "templates"), autoescape=True,
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    environment.filters |= {"thousands": "{:,}".format}
+    environment.filters |= {"thousands": "{:,}".format, "shell": shlex.join}
     return environment.get_template(template).render(values).encode()
 
 
@@ -47,8 +45,7 @@ def source(svg: bytes, png: bytes) -> str:
 def config_yaml(config: Mapping[str, Any]) -> str:
     """Return the YAML of a resolved config; what holds no mapping or list stands in one line."""
     yaml: Any = YAML(typ="safe", pure=True)
-    nested = any(isinstance(value, Mapping | list) for value in config.values())
-    yaml.default_flow_style = None if nested else False
+    yaml.default_flow_style = None
     yaml.sort_base_mapping_type_on_output = False
     yaml.width = 96
     buffer = io.StringIO()
@@ -59,74 +56,50 @@ def config_yaml(config: Mapping[str, Any]) -> str:
 def make_report(directory: Path, title: str | None = None) -> bytes:
     """Return the page of a sweep, whole or still running: HTML that needs nothing else."""
     layout = read_layout(directory)
-    stored, manifest, state = layout.stored, layout.stored.manifest, status(directory)
-    runs, wanted, size = (state.data[name] for name in ("runs", "wanted", "bytes"))
-    whole = runs >= wanted
-    rows = stored.read(["case", "sample", "status", "n_steps"])
-    steps = pc.sum(rows["n_steps"], min_count=0).as_py()
-    failed = rows.filter(pc.not_equal(rows["status"], "ok")).to_pandas().groupby("status")
+    stored, state, sessions = layout.stored, status(directory), read_sessions(directory)
+    rows = stored.read(["case", "sample", "status", "n_steps"]).to_pandas()
     counts = count_cases(stored)
     table = summary_table(stored.cases, counts)
     absent = {"K_p", "K_r"}.difference(layout.axes) | absent_columns(table)
     absent |= set() if counts.has_errors else {"t_r_mean_error"}
     table = table.drop_columns([*absent & {*table.column_names}, "near_tangencies"])
-    sessions = read_sessions(directory)
-    seconds, kernel = (
-        sum(s.get(name) or 0.0 for s in sessions) for name in ("seconds", "kernel_seconds")
-    )
     first = default_kind(layout)
     curves = ("times", "ratio") if first not in ("map", "reversals") and layout.several else ()
-    kinds = (first, *curves, "distribution")
     return render(
         "sweep.html.j2",
-        title=title or manifest["name"],
-        complete=whole,
-        state="complete" if whole else f"not complete: {runs:,} of {wanted:,} runs are done",
-        runs=runs,
-        ok=state.data["status"].get("ok", 0),
+        title=title or stored.manifest["name"],
+        stored=stored,
+        done=state.data["runs"] >= state.data["wanted"],
+        state=state.data,
         counts=counts,
-        horizon=layout.stored.config.horizon,
-        pictures=[_shown(layout, kind) for kind in dict.fromkeys(kinds)],
+        steps=rows["n_steps"].sum(),
+        pictures=[_shown(layout, kind) for kind in dict.fromkeys((first, *curves, "distribution"))],
         case_head=table.column_names,
         cases=[
             [None if x is None else f"{x:,}" if isinstance(x, int) else f"{x:.5g}" for x in row]
-            for row in zip(*(column.to_pylist() for column in table.columns), strict=True)
+            for row in zip(*table.to_pydict().values(), strict=True)
         ],
-        open_cases=OPEN_CASES,
-        most_cases=MOST_CASES,
         failures=[
-            (word, f"{len(own):,}", f"{100 * len(own) / runs:.2g} %",
+            (word, f"{len(own):,}", f"{100 * len(own) / len(rows):.2g} %",
              f"case {own['case'].iloc[0]}, sample {own['sample'].iloc[0]}")
-            for word, own in failed
+            for word, own in rows[rows["status"] != "ok"].groupby("status")
         ],
         thresholds=[
             (key, f"{value:g}", f"{stored.thresholds.thresholds[key]:g}")
             for key, value in stored.config.classify.thresholds.items()
         ],
-        cost=[
-            ("time of all sessions", f"{seconds:,.1f} s"),
-            ("of it, integration", f"{kernel:,.1f} s"),
-            ("accepted steps", f"{steps:,}"),
-            ("size of the runs", f"{size / 1e6:,.1f} MB, {size / max(runs, 1):.0f} bytes a run"),
-        ],
-        config=config_yaml(resolved(layout.stored.config)),
-        provenance=[
-            ("started", manifest.get("started")),
-            ("command", shlex.join(manifest.get("command", []))),
-            *((part, ", ".join(f"{key} {value}" for key, value in manifest[part].items()))
-              for part in ("machine", "versions")),
-            ("hash of the config", stored.hash),
-        ],
+        config=config_yaml(resolved(stored.config)),
+        seconds=sum(s.get("seconds") or 0.0 for s in sessions),
         sessions=[
             [str(s.get("started"))[:19],
-             *(s.get(name) for name in ("how", "shard", "host", "threads", "runs", "seconds"))]
+             *map(s.get, ("how", "shard", "host", "threads", "runs", "seconds"))]
             for s in sessions[-MOST_SESSIONS:]
         ],
     )  # fmt: skip
 
 
 def _shown(layout: Layout, kind: str) -> Mapping[str, Any]:
-    """Return a picture for the page, or why there is none."""
+    """Return a picture for the page, or why there is none: too many panels, or no runs."""
     try:
         with styled():
             picture = choose_picture(layout, kind)
@@ -134,7 +107,6 @@ def _shown(layout: Layout, kind: str) -> Mapping[str, Any]:
             svg = encode(figure, "svg", DPI)
             png = encode(figure, "png", DPI) if len(svg) > MOST_SVG else b""
     except (ConfigError, OutputError) as error:
-        # More panels than a page can show, or no runs.
         return {"kind": kind, "error": error}
     varies = ", ".join(axis.name for axis in picture.axes) or "all runs"
     return {"kind": kind, "error": None, "source": source(svg, png), "varies": varies,

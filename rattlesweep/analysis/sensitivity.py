@@ -8,7 +8,6 @@ one run that does not reverse would cost half of the others.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -30,35 +29,17 @@ QUANTITIES = {"t_r": "$t_r$", "log10 t_r": r"$\log\,t_r$"} | {f"P({n})": f"P({n}
 FEWEST, MOST_MISSING = 64, 0.05
 REPLICATES, SEED = 300, 20170427
 DPI, MOST_CASES = 150, 6
-_SPIN = ("n_i", "omega_xy0")
 _INDICES = {"first": ("first order", style.BLUE), "total": ("total", style.ORANGE)}
 
 
-@dataclass
-class Sensitivity:
-    """Indices of a sweep.
-
-    `rows` are by ``case``, ``of`` (one of `QUANTITIES`) and ``parameter``: ``used`` and
-    ``left_out`` runs, ``first`` and ``total`` with the ends ``_low`` and ``_high`` of their 95 %
-    intervals (bootstrap). `notes` say of which quantities there are none, and why.
-    """
-
-    directory: Path
-    cases: list[dict[str, Any]]
-    rows: list[dict[str, Any]]
-    notes: list[str]
-
-    def data(self) -> dict[str, Any]:
-        """Return all of it as JSON can hold it."""
-        return {"directory": str(self.directory), "cases": self.cases, "indices": self.rows,
-                "notes": self.notes}  # fmt: skip
-
-
-def sensitivity(directory: Path) -> Sensitivity:
+def sensitivity(directory: Path) -> dict[str, Any]:
     """Compute the indices of the runs that are on disk, from whole groups of runs.
 
-    Raises a ConfigError if bodies are not drawn from ranges by ``draw: saltelli``, an OutputError
-    if no quantity is there in nearly all groups.
+    Return as JSON can hold it: ``cases``; ``indices``, rows by ``case``, ``of`` (one of
+    `QUANTITIES`) and ``parameter`` with ``used`` and ``left_out`` runs, ``first`` and ``total`` and
+    the ends ``_low`` and ``_high`` of their 95 % intervals (bootstrap); ``notes`` of which
+    quantities there are none, and why. Raises a ConfigError if bodies are not drawn from ranges by
+    ``draw: saltelli``, an OutputError if no quantity is there in nearly all groups.
     """
     stored = open_stored(directory)
     bodies = stored.config.bodies
@@ -67,33 +48,38 @@ def sensitivity(directory: Path) -> Sensitivity:
             f"{directory}: indices need bodies that differ in one parameter; run the sweep with "
             "bodies.source: sd and bodies.draw: saltelli"
         )
-    found = Sensitivity(directory, [case.dump() for case in stored.cases], [], [])
+    rows: list[dict[str, Any]] = []
+    notes: list[str] = []
     frame = stored.read(["case", "sample", "t_r", "type", "status"]).to_pandas()
-    for case, runs in frame.groupby("case"):
-        kind = runs.type.where(runs.status == "ok")
-        t_r = runs.t_r.where(kind == "R").to_numpy()
-        values = [t_r, np.log10(t_r)]
-        values += [(kind == name).where(kind.notna(), np.nan).to_numpy(float) for name in TYPES]
-        group, place = np.divmod(runs["sample"].to_numpy(), bodies.group)
-        f = np.full((len(values), bodies.group, group.max() + 1), np.nan)
-        f[:, place, group] = values
-        f = f[:, :, np.bincount(group) == bodies.group]
-        for of, y in zip(QUANTITIES, f, strict=True):
-            whole = np.isfinite(y).all(axis=0)
-            if whole.sum() < FEWEST or whole.mean() < 1 - MOST_MISSING:
-                found.notes.append(
-                    f"case {case}, {of}: no indices, as only {whole.sum():,} of {whole.size:,} "
-                    "groups have it in all runs; they would tell of those bodies, not of the ranges"
-                )
-            elif np.ptp(y[:2, whole]) > 0:
-                head = {"case": int(case), "of": of, "used": int(whole.sum()) * bodies.group,
-                        "left_out": int((~whole).sum()) * bodies.group}  # fmt: skip
-                for name, index in zip(bodies.drawn, indices(y[:, whole]), strict=True):
-                    found.rows.append(head | {"parameter": name} | index)
-    if not found.rows:
-        why = [*found.notes, "nothing varies"][0]
+    frame["group"], frame["place"] = np.divmod(frame["sample"], bodies.group)
+    frame["type"] = frame["type"].where(frame["status"] == "ok")
+    frame["t_r"] = frame["t_r"].where(frame["type"] == "R")
+    frame["log10 t_r"] = np.log10(frame["t_r"])
+    for name in TYPES:
+        frame[f"P({name})"] = (frame["type"] == name).astype(float).where(frame["type"].notna())
+    for (case, runs), of in product(frame.groupby("case"), QUANTITIES):
+        # A row a group, as far as its runs are there; whole if all of them have a value.
+        size = runs.groupby("group")["group"].transform("size")
+        groups = runs[size == bodies.group].pivot(index="group", columns="place", values=of)
+        whole = groups.dropna()
+        if len(whole) < max(FEWEST, (1 - MOST_MISSING) * len(groups)):
+            notes.append(
+                f"case {case}, {of}: no indices, as only {len(whole):,} of {len(groups):,} groups "
+                "have it in all runs; they would tell of those bodies, not of the ranges"
+            )
+        elif np.ptp(whole[[0, 1]].to_numpy()) > 0:
+            head = {
+                "case": case,
+                "of": of,
+                "used": whole.size,
+                "left_out": groups.size - whole.size,
+            }
+            for name, index in zip(bodies.drawn, indices(whole.to_numpy().T), strict=True):
+                rows.append(head | {"parameter": name} | index)
+    if not rows:
+        why = [*notes, "nothing varies"][0]
         raise OutputError(f"{directory}: no quantity has indices; {why}; it takes more runs")
-    return found
+    return {"cases": [case.dump() for case in stored.cases], "indices": rows, "notes": notes}
 
 
 def indices(f: Floats) -> list[dict[str, float]]:
@@ -110,8 +96,8 @@ def indices(f: Floats) -> list[dict[str, float]]:
 
     random, n = np.random.default_rng(SEED), f.shape[1]
     again = [estimate(f[:, random.integers(0, n, n)]) for _ in range(REPLICATES)]
-    parts = {"": estimate(f), "_low": np.nanquantile(again, 0.025, axis=0),
-             "_high": np.nanquantile(again, 0.975, axis=0)}  # fmt: skip
+    low, high = np.nanquantile(again, (0.025, 0.975), axis=0)
+    parts = {"": estimate(f), "_low": low, "_high": high}
     return [
         {f"{name}{end}": float(part[k, j]) for k, name in enumerate(_INDICES)
          for end, part in parts.items()}
@@ -119,34 +105,32 @@ def indices(f: Floats) -> list[dict[str, float]]:
     ]  # fmt: skip
 
 
-def as_text(found: Sensitivity, most_cases: int) -> str:
+def as_text(found: dict[str, Any], most_cases: int) -> str:
     """Return a table of indices with their intervals, of many cases the first."""
-    rows = [{"case": row["case"]} | {n: found.cases[row["case"]].get(n) for n in _SPIN} | row
-            for row in found.rows if row["case"] < most_cases]  # fmt: skip
-    lines = [style.text_table(rows, ".3g"), *found.notes[:most_cases]]
-    more = len(found.cases) - most_cases
-    return "\n".join(lines + ([f"{more} more cases are in --json"] if more > 0 else []))
+    cases, more = found["cases"], len(found["cases"]) - most_cases
+    rows = [cases[row["case"]] | row for row in found["indices"] if row["case"] < most_cases]
+    lines = [style.text_table(rows, ".3g"), *found["notes"][:most_cases]]
+    return "\n".join(lines + [f"{more} more cases are in --json"] * (more > 0))
 
 
-def save(found: Sensitivity, path: Path) -> None:
+def save(found: dict[str, Any], path: Path) -> None:
     """Draw a panel of bars for each case and quantity, and write the figure."""
-    frame = pd.DataFrame(found.rows)
+    frame = pd.DataFrame(found["indices"])
     names = [of for of in QUANTITIES if of in set(frame["of"])]
-    cases = [int(case) for case in frame["case"].unique()[:MOST_CASES]]
+    cases = frame["case"].unique()[:MOST_CASES]
     with style.styled():
         figure = style.new_figure(max(4.0, 1.2 + 2.0 * len(names)), 1.2 + 1.9 * len(cases))
         panels: Any = figure.subplots(len(cases), len(names), squeeze=False, sharey=True)
         for (i, case), (j, of) in product(enumerate(cases), enumerate(names)):
-            axes = panels[i, j]
-            own = frame[(frame["case"] == case) & (frame["of"] == of)]
+            axes, own = panels[i, j], frame[(frame["case"] == case) & (frame["of"] == of)]
             for k, (index, (_, colour)) in enumerate(_INDICES.items()):
                 value, low, high = (own[index + end].to_numpy() for end in ("", "_low", "_high"))
                 at, ends = np.arange(len(own)) + 0.38 * k - 0.19, [value - low, high - value]
                 axes.bar(at, value, 0.36, color=colour, yerr=np.maximum(ends, 0))
             axes.set_xticks(range(len(own)), [*map(style.symbol, own["parameter"])])
             axes.set_title(QUANTITIES[of], fontsize="medium")
-            style.light_grid(axes)
             axes.set_ylabel(f"case {case}" if j == 0 else "")
+            style.light_grid(axes)
         low, high = panels[0, 0].get_ylim()
         panels[0, 0].set_ylim(max(low, -0.2), min(high, 1.4))
         style.add_legend(figure, [Patch(color=c, label=words) for words, c in _INDICES.values()])

@@ -13,20 +13,14 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.csv as csv
-import pyarrow.parquet as parquet
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cbook import is_math_text
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
-from matplotlib.mathtext import MathTextParser
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from rattlesweep.arrays import Floats, Places
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.sweeps.columns import RUNS
+from rattlesweep.sweeps.columns import MEASURED, RUNS
 from rattlesweep.sweeps.files import replace_file
 
 # Okabe and Ito's colours, which the colour-blind can tell apart.
@@ -64,7 +58,8 @@ UNITS = {
 }  # fmt: skip
 # Symbols of names that are not spelled by letter and index.
 SYMBOLS = {
-    "phi": r"$\varphi$", "xi_deg": r"$\xi$", "minus_xi_deg": r"$-\xi$", "rolling": "$l$",
+    "phi": r"$\varphi$", "n_i_rpm": "$n_i$", "t_r_s": "$t_r$",
+    "xi_deg": r"$\xi$", "minus_xi_deg": r"$-\xi$", "rolling": "$l$",
     "t_rgh": "$t_{rGH}$", "ratio": r"$t_r/t_{rGH}$", "t": "time", "n": "spin $n$",
     "n_turns": "number of turns", "reversals_sure": "number of sure turns",
 }  # fmt: skip
@@ -110,27 +105,11 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def add_legend(figure: Figure, handles: list[Any], heading: Sequence[str] = ()) -> None:
-    """Put heading lines and a legend above all panels, in as many columns as fit.
-
-    Smaller type is taken where not even one column fits, or all of it would be too high.
-    """
-    size = FontProperties(size=mpl.rcParams["legend.fontsize"]).get_size_in_points()
-    # Half the size of the type is the width of a letter; formulas are not broken.
-    most = int(1.8 * 72 * figure.get_figwidth() / size)
-    title = "\n".join(t if "$" in t else textwrap.fill(t, most) for t in heading)
-    if title and not handles:
-        figure.suptitle(title, fontsize="medium")
-    tries = [(k, part * size) for part in (1, 0.8, 0.6) for k in range(min(len(handles), 6), 0, -1)]
-    for columns, own in tries:
-        legend = figure.legend(handles=handles, loc="outside upper center", ncols=columns,
-                               title=title or None, fontsize=own, title_fontsize=1.1 * own,
-                               columnspacing=1.4)  # fmt: skip
-        legend.get_title().set_multialignment("center")
-        box = legend.get_window_extent()
-        fits = box.width < 0.98 * figure.bbox.width and box.height < 0.35 * figure.bbox.height
-        if fits or (columns, own) == tries[-1]:
-            return
-        legend.remove()
+    """Put heading lines and a legend above all panels."""
+    wide = figure.get_figwidth() >= 8
+    legend = figure.legend(handles=handles, loc="outside upper center", ncols=6 if wide else 4,
+                           title="\n".join(heading) or None, columnspacing=1.4)  # fmt: skip
+    legend.get_title().set_multialignment("center")
 
 
 def add_caption(figure: Figure, words: str, *, grow: bool = True) -> None:
@@ -160,19 +139,17 @@ def scale_axis(axes: Any, which: str, values: Any, log: bool, name: str = "t_r")
         if np.min(values) <= 0:
             raise ConfigError(f"--log: {name} has values that are not positive; leave it out")
         getattr(axes, f"set_{which}scale")("log")
-        plain_ticks(axes, which, (float(np.min(values)), float(np.max(values))))
+        plain_ticks(axes, which, float(np.min(values)), float(np.max(values)))
 
 
-def plain_ticks(axes: Any, which: str, ends: tuple[float, float]) -> None:
+def plain_ticks(axes: Any, which: str, low: float, high: float) -> None:
     """Set ticks of a logarithmic axis in plain numbers, enough of them over half a decade too."""
-    span = ends[1] / ends[0] if ends[0] > 0 else 1.0
-    narrow = which == "x" and axes.get_position().width * axes.figure.get_figwidth() < NARROW
-    subs: tuple[float, ...] = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
-    for least, coarser in ((4, (1.0, 2.0, 5.0)), (40, (1.0, 3.0)), (300, (1.0,))):
-        if span > least / (1 + 9 * narrow):
-            subs = coarser
     axis = getattr(axes, f"{which}axis")
-    axis.set_major_locator(MaxNLocator(4) if span < 2 else LogLocator(subs=subs, numticks=20))
+    span = high / low if low > 0 else 1.0
+    subs = (1.0, 2.0, 5.0) if span < 40 else (1.0, 3.0) if span < 300 else (1.0,)
+    if which == "x" and axes.get_position().width * axes.figure.get_figwidth() < NARROW:
+        subs = (1.0,) if span > 10 else (1.0, 3.0)
+    axis.set_major_locator(MaxNLocator(4) if span < 4 else LogLocator(subs=subs, numticks=20))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
@@ -211,7 +188,10 @@ def curve(axis: Any, t: Floats, values: Floats, colour: str = BLUE, **look: Any)
 def encode(figure: Figure, kind: str, dpi: float) -> bytes:
     """Return the bytes of a figure as one of `FORMATS`; equal figures give equal bytes."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format=kind, dpi=dpi, metadata=FORMATS[kind])
+    try:
+        figure.savefig(buffer, format=kind, dpi=dpi, metadata=FORMATS[kind])
+    except ValueError as error:  # a title may be no formula
+        raise ConfigError(f"a text in the picture: {' '.join(str(error).split())}") from None
     return buffer.getvalue()
 
 
@@ -221,34 +201,18 @@ def save(figure: Figure, paths: Sequence[Path], dpi: float) -> None:
         replace_file(path, encode(figure, path.suffix.lower().removeprefix("."), dpi))
 
 
-def save_table(table: pa.Table, path: Path) -> None:
+def save_table(rows: pd.DataFrame, path: Path) -> None:
     """Write a table as CSV or Parquet, by the ending, in one step."""
-    buffer = io.BytesIO()
-    write = csv.write_csv if path.suffix.lower() == ".csv" else parquet.write_table
-    write(table, buffer)
-    replace_file(path, buffer.getvalue())
+    csv = path.suffix.lower() == ".csv"
+    replace_file(path, rows.to_csv(index=False).encode() if csv else rows.to_parquet(index=False))
 
 
-def text_table(rows: Sequence[Mapping[str, Any]], form: str = ".6g") -> str:
+def text_table(rows: Sequence[Mapping[Any, Any]], form: str = ".6g") -> str:
     """Lay rows out for a terminal under their keys, without keys that none has."""
     frame = pd.DataFrame(rows).dropna(axis=1, how="all").astype(object)
     return frame.where(frame.notna(), "-").to_string(
         index=False, float_format=lambda x: f"{x:{form}}"
     )
-
-
-def check_formula(text: str) -> str:
-    """Return a text that a picture can show; raise a ValueError if it cannot."""
-    try:
-        if is_math_text(text):
-            MathTextParser("path").parse(text)
-    except (ValueError, RuntimeError):
-        raise ValueError(
-            "between dollar signs is no formula; write \\$ for a dollar sign"
-        ) from None
-    if not text.isprintable():
-        raise ValueError("a control character is in it; leave it out")
-    return text
 
 
 def symbol(name: str) -> str:
@@ -262,7 +226,7 @@ def symbol(name: str) -> str:
 def label(name: str, unit: str | None = None) -> str:
     """Return the symbol of a quantity with its unit in brackets, by default as columns have it."""
     if unit is None:
-        known = {column.name: column for part in RUNS.values() for column in part}
+        known = {column.name: column for part in (*RUNS.values(), MEASURED) for column in part}
         degrees = "deg" if name.endswith("_deg") else "1"
         unit = known[name].metadata[b"unit"].decode() if name in known else degrees
     shown = UNITS.get(unit, unit)

@@ -81,7 +81,7 @@ class Sweep:
         """
         import pyarrow as pa
 
-        from rattlesweep.analysis.where import parse_where
+        from rattlesweep.analysis.layout import parse_where
         from rattlesweep.sweeps.config import not_one_of
 
         stored = self._stored
@@ -122,8 +122,7 @@ class Sweep:
             Whether the points that ``bodies.refine`` has left out are filled from the nearest runs,
             numbers by linear interpolation between them.
         """
-        from rattlesweep.analysis.dataset import make_dataset
-        from rattlesweep.analysis.plots.layout import read_layout
+        from rattlesweep.analysis.layout import make_dataset, read_layout
 
         layout = read_layout(self.directory).chosen(where)
         return make_dataset(layout, columns, fill_refined=fill)
@@ -147,8 +146,8 @@ class Sweep:
         **looks
             ``title``, ``log``, ``size`` in inches, ``xlim`` and ``ylim``.
         """
-        from rattlesweep.analysis.plots.kinds import choose_picture
-        from rattlesweep.analysis.plots.layout import read_layout
+        from rattlesweep.analysis.layout import read_layout
+        from rattlesweep.analysis.plots import choose_picture
         from rattlesweep.analysis.style import FORMATS, encode, save, styled
 
         if path is not None and Path(path).suffix.lower()[1:] not in FORMATS:

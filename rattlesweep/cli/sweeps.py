@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 ENGINES = click.Choice(["local", "dask"])
 SHARD = Kind("i/n", "rattlesweep.sweeps.run:Shard.parse")
 LIMIT = Kind("time", "rattlesweep.sweeps.slurm:limit_of")
-TITLE = Kind("text", "rattlesweep.analysis.style:check_formula")
 
 
 @command("Sweeps", "rattlesweep init mine.yaml")
@@ -332,7 +331,7 @@ def _forecast(made: Plan, where: Path, threads: int | None) -> Forecast:
 @option("--size", type=options.SIZE, help="Width and height in inches.")
 @option("--dpi", type=click.FloatRange(20, 600), default=150.0, help="Dots per inch of a PNG.")
 @option("--style", type=click.Path(path_type=Path), help="A Matplotlib style file (.mplstyle).")
-@option("--title", type=TITLE, help="Title of the picture, perhaps with a formula, as in '$n_i$'.")
+@option("--title", help="Title of the picture, perhaps with a formula, as in '$n_i$'.")
 @options.file("--output", *options.PICTURES, multiple=True,
               help="May be repeated; by default DIRECTORY/KIND.svg and .png.")  # fmt: skip
 @options.data
@@ -345,9 +344,9 @@ def plot(
     Works at any time, even while the sweep is running. A map shows the mean of a column by colours,
     and a distribution a histogram of it. Prints the paths of what it writes.
     """
-    from rattlesweep.analysis.plots.kinds import choose_picture
-    from rattlesweep.analysis.plots.layout import read_layout
-    from rattlesweep.analysis.style import save, styled
+    from rattlesweep.analysis.layout import read_layout
+    from rattlesweep.analysis.plots import choose_picture
+    from rattlesweep.analysis.style import save, save_table, styled
 
     looks = {name: given.pop(name) for name in ("title", "log", "size", "xlim", "ylim")}
     with styled(style):
@@ -355,10 +354,10 @@ def plot(
         paths = list(output) or [directory / f"{picture.name}{end}" for end in (".svg", ".png")]
         save(picture.figure(**looks), paths, dpi)
     if data is not None:
-        picture.write_data(data)
+        save_table(picture.table(), data)
         paths.append(data)
     click.echo("\n".join(map(str, paths)))
-    say(f"{picture.name}: {picture.words()}")
+    say(f"{picture.name}: {counted(len(picture), 'run')}")
 
 
 @command("Results of a sweep", "rattlesweep report out/steady --title 'Steady direction'")
@@ -397,14 +396,15 @@ def compare(
     the runs than --allow is beyond, or if such types differ.
     """
     from rattlesweep.analysis import compare as compared
+    from rattlesweep.analysis.style import save_table
 
     probe(figure, data)
     result = compared.compare(a, b)
     if data is not None:
-        result.write_runs(data)
+        save_table(result.runs, data)
     if figure is not None:
         compared.save(result, figure)
-    click.echo(to_json(result.data()) if as_json else compared.as_text(result, options.MOST_ROWS))
+    click.echo(to_json(result.data) if as_json else compared.as_text(result, options.MOST_ROWS))
     if result.disagree(allow):
         say("the directories disagree")
         return options.FAILED
@@ -428,7 +428,7 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     found = estimate.sensitivity(directory)
     if figure is not None:
         estimate.save(found, figure)
-    click.echo(to_json(found.data()) if as_json else estimate.as_text(found, options.MOST_ROWS))
+    click.echo(to_json(found) if as_json else estimate.as_text(found, options.MOST_ROWS))
 
 
 @command("Studies", "rattlesweep paper --quick", "rattlesweep paper --only fig7,fig8")
@@ -494,7 +494,8 @@ def tradeoff(
     start, threads = time.monotonic(), threads or available_threads()
     how: dict[str, Any] = {
         "samples": samples,
-        "scope": QUICK if quick else FULL,
+        "settings": QUICK if quick else FULL,
+        "least": 300 if quick else 2000,
         "threads": threads,
     }
     study = measure(loaded, base, **how, report=Bar.of_command().stage)

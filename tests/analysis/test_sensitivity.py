@@ -89,9 +89,9 @@ def test_incomplete_groups_are_noted_and_too_many_refused(design, tmp_path):
 
     few = sensitivity(edited(design, tmp_path / "few", without(0.5 * MOST_MISSING)))
     many = sensitivity(edited(design, tmp_path / "many", without(2 * MOST_MISSING)))
-    assert any((row["case"], row["of"]) == (1, "t_r") for row in few.rows)
-    assert {row["of"] for row in many.rows if row["case"] == 1} == {"P(R)", "P(SW)"}
-    assert any("of those bodies, not of the ranges" in note for note in many.notes)
+    assert any((row["case"], row["of"]) == (1, "t_r") for row in few["indices"])
+    assert {row["of"] for row in many["indices"] if row["case"] == 1} == {"P(R)", "P(SW)"}
+    assert any("of those bodies, not of the ranges" in note for note in many["notes"])
 
 
 @pytest.mark.parametrize(
@@ -99,7 +99,6 @@ def test_incomplete_groups_are_noted_and_too_many_refused(design, tmp_path):
     [
         ({"source": "sd", "samples": 28, "draw": "saltelli"}, 1, "it takes more runs"),
         ({"source": "sd", "samples": 20}, 2, "bodies.draw: saltelli"),
-        ({"source": "preset", "name": "GH"}, 2, "bodies.source: sd"),
     ],
 )
 def test_what_has_no_indices_is_refused(tmp_path, bodies, code, words):

@@ -12,7 +12,7 @@ from sweeping import PROGRAM, invoke
 
 import rattlesweep as rs
 from rattlesweep import cli, text
-from rattlesweep.analysis.plots.kinds import KINDS
+from rattlesweep.analysis.plots import KINDS
 from rattlesweep.cli import options
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.physics.body import PRESETS

@@ -1,0 +1,346 @@
+"""A sweep by its axes: what varies in it, which of its runs are chosen, its Dataset."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from rattlesweep.arrays import Flags, Floats, Integers
+from rattlesweep.errors import ConfigError, OutputError, one_line
+from rattlesweep.sweeps.columns import RUNS, TIME, floats
+from rattlesweep.sweeps.config import not_one_of
+from rattlesweep.sweeps.config.schema import PARAMETERS, GridSource
+from rattlesweep.sweeps.decide import FEWEST, nearest
+from rattlesweep.sweeps.provenance import package_version
+from rattlesweep.sweeps.stored import Stored, open_stored
+from rattlesweep.sweeps.summary import Counts, Moments, columns_for
+
+if TYPE_CHECKING:
+    import xarray
+
+# A value that is asked for in decimal means the nearest one there is.
+NEAR = 1e-6
+TARGETS = ("K_p", "K_r")
+LAUNCH = ("n_i", "omega_xy0", "sigma", "rolling")
+# Methods of a column that a condition may call; others might write files.
+METHODS = ("isna", "notna", "isin", "between")
+
+
+@dataclass(frozen=True)
+class Where:
+    """A condition such as ``type == "SW" and K_r < 0.005``, and the columns that it reads."""
+
+    text: str
+    columns: tuple[str, ...]
+    option: str  # that it was given by
+
+    def filter(self, rows: pa.RecordBatch) -> pa.RecordBatch:
+        """Return the rows for which it is true; raise a ConfigError if pandas cannot say."""
+        frame = pa.table(rows.select(list(self.columns))).to_pandas(
+            types_mapper={pa.bool_(): pd.BooleanDtype()}.get
+        )
+        query = " ".join(self.text.split())
+        try:
+            for method in re.findall(r"[^\d\s.]\w*\s*\.\s*([A-Za-z_]\w*)", _unquoted(query)):
+                if method not in METHODS:
+                    raise ValueError(f".{method} is none of .{', .'.join(METHODS)}")
+            with np.errstate(all="ignore"):
+                # No names but the columns.
+                found = frame.eval(query, engine="python", local_dict={}, global_dict={})
+            if not (isinstance(found, pd.Series) and pd.api.types.is_bool_dtype(found)):
+                raise ValueError("it is no condition on columns")
+        except Exception as error:  # pandas has no common class for what it raises
+            why = str([*error.args, ""][0])
+            if unknown := re.fullmatch(r"name '(\w+)' is not defined", why):
+                why = not_one_of(unknown[1], rows.schema.names)
+            raise ConfigError(
+                f"{self.option} {one_line(self.text, 200)}: {one_line(why, 400)}; write a pandas "
+                'query, as in type == "SW" and K_r < 0.005'
+            ) from None
+        return rows.filter(pa.array(found.fillna(False).to_numpy(bool)))
+
+
+def parse_where(text: str, schema: pa.Schema, option: str = "--where") -> Where:
+    """Return a condition on the columns of a schema; raise a ConfigError if the text is none."""
+    words = re.findall(r"[A-Za-z_]\w*", _unquoted(text))
+    where = Where(text, tuple(name for name in schema.names if name in words), option)
+    where.filter(pa.RecordBatch.from_pylist([], schema=schema))  # of no rows, to check the text
+    return where
+
+
+def _unquoted(text: str) -> str:
+    return re.sub(r"'[^']*'|\"[^\"]*\"", "''", text)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One thing that varies: a target, the launch, dissipation or a parameter of the body."""
+
+    name: str
+    values: Floats  # those that are shown, ascending
+    rank: Integers  # place among them of each case, or of each value of a grid's axis; -1: hidden
+
+    @property
+    def edges(self) -> Floats:
+        """Borders of cells around the values."""
+        log = self.logarithmic()
+        v = np.log(self.values) if log else self.values
+        middle = (v[1:] + v[:-1]) / 2 if len(v) > 1 else v - 0.5
+        edges = np.array([2 * v[0] - middle[0], *middle, 2 * v[-1] - middle[-1]])
+        return np.exp(edges) if log else edges if len(v) > 1 else edges[[1, 2]]
+
+    def logarithmic(self, log: bool | None = None) -> bool:
+        """Return `log`, or whether the values are more evenly spread over their logarithms."""
+        v = self.values
+        if log is not None or len(v) < 3 or v[0] <= 0 or v[-1] < 3 * v[0]:
+            return bool(log)
+        uneven, uneven_log = (np.std(s) / np.mean(s) for s in (np.diff(v), np.diff(np.log(v))))
+        return bool(uneven_log < uneven)
+
+    def only(self, wanted: str, option: str) -> Axis:
+        """Keep the values that ``VALUE,VALUE`` or ``LOW:HIGH`` says."""
+        v, between = self.values, ":" in wanted
+        try:
+            numbers = np.array([float(x) for x in wanted.split(":" if between else ",")])[:, None]
+        except ValueError:
+            told = "is not NAME=VALUES, as in n_i=-0.3,-0.5 or theta=0.6:0.7"
+            raise ConfigError(f"{option}: {told}") from None
+        # One row for each value that must be there.
+        found = np.isclose(v, numbers, rtol=NEAR, atol=NEAR**2 * float(np.abs(v).max()))
+        if between:
+            found = (v >= numbers[:1]) & (v <= numbers[-1:])
+        if not found.any(axis=1).all():
+            there = np.array2string(v, precision=6, separator=", ", threshold=9)[1:-1]
+            raise ConfigError(f"{option}: {self.name} has no value {wanted}; there are {there}")
+        kept = found.any(axis=0)
+        place = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
+        return Axis(self.name, v[kept], place[self.rank])
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The axes of a sweep, as far as they are shown, and a condition on its runs."""
+
+    stored: Stored
+    axes: dict[str, Axis]  # target, launch and dissipation, body, as far as there are any
+    bodies: list[str]  # axes of a grid; none where the samples of a case are a population
+    where: Where | None = None
+    si: bool = False  # whether times are in seconds
+
+    @cached_property
+    def lengths(self) -> dict[str, int]:
+        """Number of values of each axis."""
+        return {name: len(axis.values) for name, axis in self.axes.items()}
+
+    @property
+    def several(self) -> list[str]:
+        """Axes of several values, those of the launch first."""
+        names = sorted(self.axes, key=lambda name: name not in LAUNCH)
+        return [name for name in names if self.lengths[name] > 1]
+
+    @property
+    def refined(self) -> bool:
+        """Whether only some points of the grid are integrated and the others filled."""
+        bodies = self.stored.config.bodies
+        return isinstance(bodies, GridSource) and bodies.refine is not None
+
+    def cells(self, rows: pa.RecordBatch | pa.Table) -> Integers:
+        """Return the cell of each row along all axes, the last varying fastest; -1: hidden."""
+        case, sample = (rows.column(name).to_numpy() for name in ("case", "sample"))
+        grid = [len(self.axes[name].rank) for name in self.bodies]
+        at = dict(zip(self.bodies, np.unravel_index(sample, grid) if grid else (), strict=True))
+        places = [axis.rank[at.get(name, case)] for name, axis in self.axes.items()]
+        if not places:
+            return np.zeros(len(case), np.int64)
+        cell = np.ravel_multi_index(places, [*self.lengths.values()], mode="clip")
+        return np.where(np.min(places, axis=0) >= 0, cell, -1)
+
+    def rows(self, columns: Sequence[str]) -> Iterator[pa.RecordBatch]:
+        """Read columns of the runs for which the condition is true, file by file."""
+        size = ("n_i", "n_i_rpm", "t_r", "t_r_s") if self.si else ()
+        needed = dict.fromkeys((*columns, *size, *(self.where.columns if self.where else ())))
+        for rows in self.stored.batches(list(needed)):
+            chosen = rows if self.where is None else self.where.filter(rows)
+            yield in_seconds(chosen, self.stored.schema) if self.si else chosen
+
+    def count(self, more: tuple[str, ...] = ()) -> tuple[Counts, dict[str, Floats]]:
+        """Count the runs by cell, with the means of more columns, in one pass."""
+        size = int(np.prod([*self.lengths.values()]))
+        counts, moments = Counts(size), {name: Moments(size) for name in more}
+        for rows in self.rows(("case", "sample", *columns_for(self.stored.config), *more)):
+            cell = self.cells(rows)
+            counts.add(rows, cell)
+            for name, own in moments.items():
+                values = floats(rows.column(name))
+                kept = (cell >= 0) & np.isfinite(values)
+                own.add(cell[kept], values[kept])
+        return counts, {name: own.means() for name, own in moments.items()}
+
+    def named(self, name: str, option: str) -> Axis:
+        """Return an axis by its name; raise a ConfigError if there is none."""
+        if name not in self.axes:
+            raise ConfigError(f"{option}: {not_one_of(name, self.axes)}")
+        return self.axes[name]
+
+    def column(self, name: str, option: str) -> tuple[str, str]:
+        """Return unit and description of a numeric column; raise a ConfigError if it is none."""
+        numbers = {f.name: _about(f) for f in self.stored.schema
+                   if str(f.type) in ("double", "int32", "int64")}  # fmt: skip
+        if name not in numbers:
+            raise ConfigError(f"{option}: {not_one_of(name, numbers)}")
+        unit, words = numbers[name].values()
+        return "s" if self.si and unit == TIME else unit, words
+
+    def name(self, column: str) -> str:
+        """Return the name of a column in tables: of times in seconds it ends in ``_s``."""
+        return f"{column}_s" if self.column(column, "")[0] == "s" else column
+
+    def chosen(self, where: str | None) -> Layout:
+        """Keep the runs for which a condition is true; None: all."""
+        new = None if where is None else parse_where(where, self.stored.schema)
+        return replace(self, where=new)
+
+    def select(self, texts: Sequence[str]) -> Layout:
+        """Keep what ``NAME=VALUE,VALUE`` or ``NAME=LOW:HIGH`` texts say."""
+        axes = dict(self.axes)
+        for text in texts:
+            name, _, wanted = text.partition("=")
+            axis = self.named(name.strip(), f"--select {text}")
+            axes[axis.name] = axes[axis.name].only(wanted, f"--select {text}")
+        return replace(self, axes=axes)
+
+    def in_si(self) -> Layout:
+        """Return it with times in seconds and, if all bodies are of one size, spins in rpm."""
+        if "t_r_s" not in self.stored.schema.names:
+            return self
+        spins = self.stored.read(["n_i", "n_i_rpm"]).to_pandas().query("n_i != 0")
+        factor, axes = (spins["n_i_rpm"] / spins["n_i"]).to_numpy(), dict(self.axes)
+        if (n_i := axes.get("n_i")) and len(factor) and np.ptp(factor) < NEAR * factor[0]:
+            axes["n_i"] = replace(n_i, name="n_i_rpm", values=np.round(n_i.values * factor[0], 9))
+        return replace(self, axes=axes, si=True)
+
+
+def in_seconds(rows: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
+    """Return runs of bodies of known size with all times in seconds."""
+    n_i, rpm, t_r, t_r_s = (floats(rows.column(k)) for k in ("n_i", "n_i_rpm", "t_r", "t_r_s"))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        second = np.where(n_i == 0, t_r_s / t_r, n_i / rpm * 30 / np.pi)
+    for place, name in enumerate(rows.schema.names):
+        if _about(schema.field(name))["units"] == TIME and pa.types.is_floating(rows[name].type):
+            values = pa.array(floats(rows[name]) * second, from_pandas=True)
+            rows = rows.set_column(place, rows.schema.field(name), values)
+    return rows
+
+
+def read_layout(directory: Path) -> Layout:
+    """Read from its manifest what varies in a sweep that has runs already."""
+    stored = open_stored(directory)
+    if not stored.files():
+        raise OutputError(f"{directory} holds no runs yet")
+    config, cases = stored.config, stored.cases
+    given: dict[str, Sequence[Any]] = {}
+    if cases[0].target_name is not None:
+        given[cases[0].target_name] = [case.target for case in cases]
+    launch = ["n_i", "omega_xy0"] if config.spin is not None else []
+    losses = (n for n in ("sigma", "rolling") if len(config.dissipation.values(n)) > 1)
+    given |= {name: [getattr(case, name) for case in cases] for name in (*launch, *losses)}
+    given = {name: values for name, values in given.items() if values[0] is not None}
+    grid = config.bodies.varying if isinstance(config.bodies, GridSource) else {}
+    axes = {name: Axis(name, *np.unique(np.asarray(values, float), return_inverse=True))
+            for name, values in (given | grid).items()}  # fmt: skip
+    return Layout(stored, axes, list(grid))
+
+
+def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
+    """Return an array in which the points that were not run, not `known`, have a value too.
+
+    A point takes the value of the nearest run, in steps of the grid, or between runs with a finite
+    number the linear interpolation; where the nearest run has none (NaN) it has none either. Axes
+    of few values are not refined; planes across them are filled apart.
+    """
+    from scipy.interpolate import LinearNDInterpolator
+    from scipy.spatial import QhullError
+
+    along = [n >= FEWEST for n in values.shape]
+    filled: NDArray[Any] = values[tuple(nearest(known, along))]
+    if not np.issubdtype(values.dtype, np.floating):
+        return filled
+    others = (1 if own else n for own, n in zip(along, values.shape, strict=True))
+    for place in np.ndindex(*others):
+        here = tuple(slice(None) if own else k for own, k in zip(along, place, strict=True))
+        new, wanted = filled[here], ~known[here] & np.isfinite(filled[here])
+        source = known[here] & np.isfinite(values[here])
+        with suppress(QhullError, ValueError):  # too few runs, or all in a line
+            interpolate = LinearNDInterpolator(np.argwhere(source), values[here][source])
+            between = interpolate(np.argwhere(wanted))
+            new[wanted] = np.where(np.isfinite(between), between, new[wanted])
+    return filled
+
+
+def make_dataset(
+    layout: Layout, columns: Sequence[str] | None = None, *, fill_refined: bool = False
+) -> xarray.Dataset:
+    """Return the runs along the axes of their sweep, as ``Sweep.to_xarray`` promises.
+
+    Raises a ConfigError if there is no such column, an ImportError if xarray is not installed.
+    """
+    schema = layout.stored.schema
+    single = [column.name for column in schema if not pa.types.is_list(column.type)]
+    for name in columns or ():
+        if name not in single:
+            raise ConfigError(f"columns: {not_one_of(name, single)}")
+    coordinates = {"case", "sample", *layout.axes} - set(TARGETS)
+    names = [name for name in (single if columns is None else columns) if name not in coordinates]
+    wanted = pa.schema([schema.field(name) for name in ("case", "sample", *names)])
+    batches = [pa.table(rows.select(wanted.names)) for rows in layout.rows(wanted.names)]
+    table = pa.concat_tables([wanted.remove_metadata().empty_table(), *batches])
+    axes: dict[str, Any] = {name: axis.values for name, axis in layout.axes.items()}
+    place = layout.cells(table)
+    shown = place >= 0
+    if not layout.bodies:
+        axes["sample"] = np.arange(layout.stored.samples)
+        place = place * layout.stored.samples + table["sample"].to_numpy()
+    index = pd.MultiIndex.from_product([*axes.values()], names=[*axes])
+    frame = table.select(names).to_pandas()[shown].set_index(index[place[shown]]).reindex(index)
+    # Of a target, the axis is what was asked for, and the column what each body has.
+    dataset: xarray.Dataset = frame.rename(
+        columns={name: f"{name}_body" for name in axes}
+    ).to_xarray()
+    done = np.isin(np.arange(len(index)), place[shown]).reshape([*dataset.sizes.values()])
+    for key, variable in dataset.items():
+        column = schema.field(str(key).removesuffix("_body"))
+        values = variable.to_numpy()
+        if pa.types.is_string(column.type):
+            values = variable.fillna("").to_numpy().astype(str)
+        elif not pa.types.is_integer(column.type):
+            values = values.astype(float)
+        if fill_refined and layout.refined:
+            values = fill(values, done)
+        dataset[key] = variable.dims, values, _about(column)
+    known = {column.name: _about(column) for part in RUNS.values() for column in part}
+    for name in axes:
+        words = PARAMETERS[name][2] if name in PARAMETERS else ""
+        dataset[name].attrs = known.get(name, {"units": "degree", "long_name": words})
+    dataset.attrs = {
+        "title": layout.stored.config.name,
+        "source": f"rattlesweep {package_version()}",
+        "comment": "mass M, height of the centre of mass at rest a and gravity g are 1",
+        "references": "Kondo and Nakanishi, Phys. Rev. E 95, 062207 (2017)",
+        "config_hash": layout.stored.hash,
+    }
+    return dataset
+
+
+def _about(column: pa.Field) -> dict[str, str]:
+    metadata = column.metadata
+    return {"units": metadata[b"unit"].decode(), "long_name": metadata[b"description"].decode()}
