@@ -6,11 +6,8 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from typing import Self
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any
 
 COMPILING = "compiling the kernel for this machine, once (about 15 s)"
 DELAY = 0.5  # seconds after which a bar appears: much is over by then
@@ -19,11 +16,9 @@ LINE_EVERY = 60.0  # seconds between lines where standard error is no terminal
 
 def align(lines: Sequence[Sequence[str]], sides: str = ">") -> str:
     """Lay cells out in columns, on their sides ``<`` or ``>``, the last for all further columns."""
-    columns = list(zip(*lines, strict=True))
-    widths = [max(map(len, column)) for column in columns]
-    shapes = list(map("{}{}".format, sides.ljust(len(columns), sides[-1]), widths))
-    rows = (map(format, line, shapes) for line in lines)
-    return "\n".join("  ".join(row).rstrip() for row in rows)
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    shapes = list(map("{}{}".format, sides.ljust(len(widths), sides[-1]), widths))
+    return "\n".join("  ".join(map(format, line, shapes)).rstrip() for line in lines)
 
 
 def counted(number: int, noun: str) -> str:
@@ -37,7 +32,7 @@ def clock(seconds: float) -> str:
     return f"{hours}:{rest // 60:02d}:{rest % 60:02d}" if hours else f"{rest // 60}:{rest % 60:02d}"
 
 
-class Bar:
+class Bar(AbstractContextManager["Bar"]):
     """Progress on standard error: a bar, or a line a minute, for as long as a ``with`` lasts."""
 
     def __init__(self, shown: bool, lines: bool = False) -> None:
@@ -47,7 +42,7 @@ class Bar:
 
     @classmethod
     def of_call(cls, progress: bool | None) -> Bar:
-        """Return the bar of a call from Python: by default in a notebook and in a terminal."""
+        """Return the bar of a call, by default shown in a notebook and in a terminal."""
         if progress is None:
             progress = "ipykernel" in sys.modules or sys.stderr.isatty()
         return cls(progress)
@@ -56,9 +51,6 @@ class Bar:
     def of_command(cls, quiet: bool = False) -> Bar:
         """Return the bar of a command: in a terminal, and lines elsewhere."""
         return cls(sys.stderr.isatty() and not quiet, lines=not quiet)
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *error: object) -> None:
         if self._bar is not None:

@@ -1,8 +1,7 @@
 """The Python interface: a few calls, which import the rooms below when they are made.
 
 An argument that is wrong raises a ``ConfigError``, which is a ``ValueError``; what the disk or the
-data refuse raises an ``OutputError``.  Each says in a sentence what is wrong and what would be
-right.  What theory says of bodies in closed form is here.
+data refuse raises an ``OutputError``.  What theory says of bodies in closed form is here.
 """
 
 from __future__ import annotations
@@ -39,16 +38,10 @@ class GrowthRates(NamedTuple):
 def modes(body: Bodies) -> Modes:
     """Return frequencies, directions and torque coefficients (Eqs. def-omega_pr, Kp, Kr).
 
-    Parameters
-    ----------
-    body : Rattleback, str, sequence or array of these, or DataFrame
-        A table has the columns ``alpha beta gamma theta phi xi``, angles in radians.
-
-    Returns
-    -------
-    Modes
-        ``omega_p omega_r omega_p0 omega_r0`` in ``sqrt(g/a)``, ``psi_p psi_r`` in radians,
-        ``K_p K_r`` without a unit: floats of one body, arrays of the shape of several.
+    `body` is a body or the name of a preset, a sequence or an array of these, or a table with the
+    columns ``alpha beta gamma theta phi xi``.  The result has ``omega_p omega_r omega_p0 omega_r0``
+    in ``sqrt(g/a)``, ``psi_p psi_r`` in radians and ``K_p K_r``: floats of one body, arrays of the
+    shape of several.
 
     Examples
     --------
@@ -118,7 +111,6 @@ def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRa
 
 
 def _columns(body: Bodies, **arrays: ArrayLike) -> dict[str, Floats]:
-    """Return the six parameters and some arrays, all of one shape."""
     columns = body_columns(body)
     scale = column_scale(columns)
     parts = {name: columns[name] for name in PARAMETERS}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.api.arrays import check_count, is_frame, to_frame
-from rattlesweep.api.single import Page, stored_page
+from rattlesweep.api.single import Page, Trajectory, replay, stored_page
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.text import Bar
 
@@ -86,11 +86,8 @@ class Sweep:
 
         stored = self._stored
         schema = stored.schema
-        names = (
-            [columns]
-            if isinstance(columns, str)
-            else list(schema.names if columns is None else columns)
-        )
+        names = schema.names if columns is None else columns
+        names = [names] if isinstance(names, str) else list(names)
         for name in names:
             if name not in schema.names:
                 raise ConfigError(f"columns: {not_one_of(str(name), schema.names)}")
@@ -112,15 +109,10 @@ class Sweep:
         there is one (the bodies' own coefficient is then ``K_r_body``), ``n_i``, ``omega_xy0``, and
         the axes of a grid of bodies, else ``sample``.
 
-        Parameters
-        ----------
-        columns : sequence of str, optional
-            Columns of ``runs``; by default all that hold one value a run.
-        where : str, optional
-            A condition as for :meth:`read`; other runs are missing: NaN, or empty words.
-        fill : bool
-            Whether the points that ``bodies.refine`` has left out are filled from the nearest runs,
-            numbers by linear interpolation between them.
+        The columns are by default all that hold one value a run.  Runs for which `where` is false
+        (see :meth:`read`) are missing: NaN, or empty words.  With `fill` the points that
+        ``bodies.refine`` has left out are filled from the nearest runs, numbers by linear
+        interpolation between them.
         """
         from rattlesweep.analysis.layout import make_dataset, read_layout
 
@@ -132,19 +124,11 @@ class Sweep:
         select: Mapping[str, Any] | Sequence[str] = (), where: str | None = None,
         path: str | Path | None = None, **looks: Any,
     ) -> Figure:  # fmt: skip
-        """Draw the sweep, as ``rattlesweep plot`` does.
+        """Draw the sweep as ``rattlesweep plot`` does, perhaps to an .svg, .png or .pdf at `path`.
 
-        Parameters
-        ----------
-        kind, x, quantity, where : str, optional
-            As there: what to draw, such as ``times`` or ``map``; what the abscissa is; which column
-            a map or a distribution shows; a condition on the runs.
-        select : mapping or sequence of str
-            Only these values, such as ``{"n_i": [-0.3, -0.5], "theta": "0.6:0.7"}``.
-        path : path, optional
-            An .svg, .png or .pdf file to write it to as well.
-        **looks
-            ``title``, ``log``, ``size`` in inches, ``xlim`` and ``ylim``.
+        `kind`, such as ``times`` or ``map``, `x`, the abscissa, `quantity`, the column of a map or
+        a distribution, and `where` are as there.  `select` chooses values, as in ``{"n_i": [-0.3,
+        -0.5], "theta": "0.6:0.7"}``; looks are ``title``, ``log``, ``size``, ``xlim``, ``ylim``.
         """
         from rattlesweep.analysis.layout import read_layout
         from rattlesweep.analysis.plots import choose_picture
@@ -153,8 +137,8 @@ class Sweep:
         if path is not None and Path(path).suffix.lower()[1:] not in FORMATS:
             raise ConfigError(f"path {path}: the name must end in .{', .'.join(FORMATS)}")
         if isinstance(select, Mapping):
-            listed = {k: [v] if isinstance(v, str | float | int) else v for k, v in select.items()}
-            select = [f"{name}={','.join(map(str, values))}" for name, values in listed.items()]
+            lists = {k: [v] if isinstance(v, str | float | int) else v for k, v in select.items()}
+            select = [f"{name}={','.join(map(str, values))}" for name, values in lists.items()]
         chosen: dict[str, Any] = {"x": x, "quantity": quantity, "select": select, "where": where}
         with styled():
             figure = choose_picture(read_layout(self.directory), kind, **chosen).figure(**looks)
@@ -175,7 +159,7 @@ class Sweep:
         """Read everything and compare it with what the manifest says; nothing is changed.
 
         `recompute` runs, drawn at random by `seed`, are integrated again and compared bit by bit.
-        The result has ``problems``, a list of sentences, empty if all is well, and ``words``.
+        The result has ``problems``, a list of sentences, and ``words``.
         """
         from rattlesweep.sweeps.verify import verify
 
@@ -197,6 +181,10 @@ class Sweep:
 
         texts = [f"classify.{key}={value!r}" for key, value in thresholds.items()]
         return to_frame(classify_stored(self.directory, texts).summary)
+
+    def replay(self, case: int, sample: int, **settings: Any) -> Trajectory:
+        """Integrate one of the runs again as a trajectory, as :func:`rattlesweep.replay` does."""
+        return replay(self.directory, case, sample, **settings)
 
     def show(self, case: int | None = None, sample: int | None = None, **settings: Any) -> Page:
         """Make a page on which the body of one of the runs rolls on the plane.
@@ -225,7 +213,7 @@ def sweep(
     config: str | Path | Mapping[str, Any] | pd.DataFrame, *, output: str | Path | None = None,
     threads: int | None = None, progress: bool | None = None, **keys: Any,
 ) -> Sweep:  # fmt: skip
-    """Run a sweep, or go on with one that was stopped.
+    """Run a sweep, or go on with one that was stopped; a ConfigWarning tells what is doubtful.
 
     Parameters
     ----------
@@ -233,20 +221,10 @@ def sweep(
         A config file; what one would hold; or bodies, with the columns ``alpha beta gamma theta phi
         xi`` and perhaps ``n_i omega_xy0 psi t_end``, as in a table of bodies (angles in radians),
         or those in SI units.  Bodies are kept in the output directory beside their runs.
-    output : path, optional
-        Output directory; overrides the config's.
-    threads, progress
-        As for :func:`rattlesweep.simulate`.
+    output, threads, progress
+        Output directory, which overrides the config's; the others as for :func:`simulate`.
     **keys
         For a DataFrame, the other keys of the config: ``spin``, ``horizon``, ``record``...
-
-    Raises
-    ------
-    ConfigError
-        If the config or an argument is wrong, or the directory holds another sweep; what makes
-        little physical sense is a ConfigWarning.
-    OutputError
-        If the directory cannot be read or written.
 
     Examples
     --------
@@ -256,14 +234,12 @@ def sweep(
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.config.read import load_config, parse_config
-    from rattlesweep.sweeps.plausible import checked_plan
+    from rattlesweep.sweeps.plausible import checked_plan, plan_frame
     from rattlesweep.sweeps.run import run_sweep
 
     check_count("threads", threads)
     target, base = None if output is None else Path(output), None
     if is_frame(config):
-        from rattlesweep.sweeps.plausible import plan_frame
-
         plan, target, base, doubts = plan_frame(config, target, keys)
     else:
         for key in keys:

@@ -62,7 +62,6 @@ def body(as_json: bool, **given: Any) -> None:
 
 
 def _list_channels(context: click.Context, _: click.Parameter, names: Any) -> Any:
-    """Print every channel with its unit and meaning, if the word is ``list``."""
     if names == ("list",):
         from rattlesweep.analysis.onerun.channels import CHANNELS
 
@@ -81,6 +80,7 @@ series = options.stack(
     options.figure,
     options.quiet,
 )  # fmt: skip
+SERIES = ("channels", "output", "figure", "quiet", *options.ROWS)
 
 
 @command(
@@ -96,23 +96,16 @@ series = options.stack(
         "model, in M g a, or as in 0.5mJ.")  # fmt: skip
 @option("--e-r0", type=options.ENERGY, help="Energy of the roll, likewise.")
 @series
-def trajectory(
-    channels: tuple[str, ...] | None, output: Path | None, figure: Path | None, quiet: bool,
-    **given: Any,
-) -> int:  # fmt: skip
+def trajectory(**given: Any) -> int:
     """Integrate one launch, past its reversals, as a time series.
 
     Prints CSV unless a file or a figure is requested; the reversal times go to standard error. A
     reversal is counted once the spin has gone from beyond a quarter of its initial value (without
     one, of n_0) to beyond a quarter of it on the other side.
     """
-    from rattlesweep.api.single import rows_of
-
-    probe(output, figure)
-    chosen = pick(given, *options.ROWS)
-    run, scale = _prepared(given)
-    course = _write_course(run, channels, rows_of(scale, **chosen), output, figure)
-    return _say_outcome(course, quiet, scale)
+    probe(given["output"], given["figure"])
+    how = {name: given.pop(name) for name in SERIES}
+    return _follow(*_prepared(given), **how)
 
 
 @command(
@@ -123,27 +116,16 @@ def trajectory(
 @options.which
 @options.t_end
 @series
-def replay(
-    directory: Path, t_end: float | None, channels: tuple[str, ...] | None, output: Path | None,
-    figure: Path | None, quiet: bool, **given: Any,
-) -> int:  # fmt: skip
+def replay(directory: Path, **given: Any) -> int:
     """Integrate a stored run again as a time series, past its reversals.
 
     Exits with 1 if it does not come out as stored, bit for bit.
     """
-    from rattlesweep.analysis.onerun.replay import find_run
-    from rattlesweep.api.arrays import number
-    from rattlesweep.api.single import rows_of
+    from rattlesweep.api.single import prepare_stored
 
-    probe(output, figure)
-    run = find_run(directory, **pick(given, "case", "sample", "where"))
-    rows = rows_of(run.scale, **given)
-    prepared = run.prepare(number("t_end", t_end, run.scale))
-    run.prove()
-    course = _write_course(prepared, channels, rows, output, figure)
-    if not quiet:
-        say(run.proof)
-    return _say_outcome(course, quiet, run.scale)
+    probe(given["output"], given["figure"])
+    run, prepared = prepare_stored(directory, **pick(given, "case", "sample", "where", "t_end"))
+    return _follow(prepared, run.scale, run.proof, **given)
 
 
 @command(
@@ -169,8 +151,7 @@ def show(directory: Path | None, title: str | None, output: Path, quiet: bool, *
     from rattlesweep.api.single import page_of, stored_page
 
     probe(output)
-    which = pick(given, "case", "sample", "where")
-    rows = pick(given, "points", "from_time")
+    which, rows = pick(given, "case", "sample", "where"), pick(given, "points", "from_time")
     proof, scale = "", None
     if directory is not None:
         rows |= pick(given, "t_end")
@@ -181,51 +162,50 @@ def show(directory: Path | None, title: str | None, output: Path, quiet: bool, *
     elif which:
         raise ConfigError("--case, --sample and --where choose a run of a DIRECTORY; give it")
     else:
-        title = title or f"Rattleback {given['preset'] or ''}".rstrip()
+        title = title or (f"Rattleback {given['preset']}" if given["preset"] else None)
         run, scale = _prepared(given)
         page, course = page_of(run, scale, title, path=output, **rows)
     click.echo(output)
     if not quiet:
-        say(f"{proof}\n".lstrip() + f"{len(page.content) / 1e6:.1f} MB")
-    return _say_outcome(course, quiet, scale)
+        say(f"{len(page.content) / 1e6:.1f} MB")
+    return _say_outcome(course, quiet, scale, proof)
 
 
 def _prepared(given: dict[str, Any]) -> tuple[PreparedRun, Scale | None]:
-    """Return the run that options ask for, and the units of its body."""
     from rattlesweep.analysis.derived import make_body
-    from rattlesweep.analysis.onerun.course import PreparedRun
-    from rattlesweep.api.arrays import scale_of
-    from rattlesweep.api.single import launch_of
+    from rattlesweep.api.single import prepare_launch
 
-    made = make_body(pick(given, *options.BODY))
-    rest = pick(given, *given)
+    made, rest = make_body(pick(given, *options.BODY)), pick(given, *given)
     defaults = {} if {"omega", "u"} & rest.keys() else options.SPIN_DEFAULTS
-    return PreparedRun.of(launch_of(made, **{**defaults, **rest})), scale_of(made.units)
+    return prepare_launch(made, **{**defaults, **rest})
 
 
-def _write_course(
-    run: PreparedRun, channels: tuple[str, ...] | None, rows: dict[str, Any],
-    output: Path | None, figure: Path | None,
-) -> Course:  # fmt: skip
-    """Integrate a run, and write what is asked for (a figure has own rows), or print CSV."""
+def _follow(
+    run: PreparedRun, scale: Scale | None, proof: str = "", *, channels: tuple[str, ...] | None,
+    output: Path | None, figure: Path | None, quiet: bool, **given: Any,
+) -> int:  # fmt: skip
+    """Integrate a run, and write what is asked for, or print CSV; a figure has rows of its own."""
     from rattlesweep.analysis.onerun.course import Course, save, write_csv
+    from rattlesweep.api.single import rows_of
 
+    rows = rows_of(scale, **given)
     if output is not None or figure is None:
         course = Course(run, channels or ("t", "n"), **rows)
         write_csv(course, sys.stdout.buffer) if output is None else save(course, output)
     if figure is not None:
-        # Matplotlib is loaded for figures alone.
         from rattlesweep.analysis.onerun.figure import course_of, draw
 
         course = course_of(run, channels, rows["from_time"])
         draw(course.columns(), course, figure)
-    return course
+    return _say_outcome(course, quiet, scale, proof)
 
 
-def _say_outcome(course: Course, quiet: bool, scale: Scale | None) -> int:
+def _say_outcome(course: Course, quiet: bool, scale: Scale | None, proof: str) -> int:
     """Tell what became of a run, in seconds too where the body has a size; return the exit code."""
     ended = course.follower
     if not quiet:
+        if proof:
+            say(proof)
         text = _times(course.reversals, "reversal")
         if scale is not None and course.reversals:
             text += f" ({', '.join(f'{t * scale.second:.4g} s' for t in course.reversals[:8])})"
@@ -241,7 +221,6 @@ def _say_outcome(course: Course, quiet: bool, scale: Scale | None) -> int:
 
 
 def _times(times: list[float], word: str) -> str:
-    """Return such as ``2 reversals at 112.1, 387.5``."""
     shown = ", ".join(f"{time:.10g}" for time in times[:8]) + ", ..." * (len(times) > 8)
     return f"{counted(len(times), word)} at {shown}" if times else f"no {word}s"
 
@@ -277,21 +256,18 @@ def fit(stone: Path, data: Path, figure: Path | None, as_json: bool, quiet: bool
 
 
 def _fit_table(found: Fit) -> str:
-    """Return values and intervals, in SI units too where the body has a size."""
     from rattlesweep.analysis.fit import PARAMETERS
 
     sizes = {"rad": (180 / math.pi, "deg")}
-    if found.body.units is not None:
-        sizes |= found.body.units.sizes
-        sizes["sqrt(g/a)"] = sizes["sqrt(g/a)"][0] * 30 / math.pi, "rpm"
+    if units := found.body.units:
+        sizes |= units.sizes | {"sqrt(g/a)": (30 / math.pi / units.time, "rpm")}
     lines = [["", "value", "low", "high", "unit", "", "low", "high", "unit", ""]]
     for name, value in found.values.items():
         unit, _, _, description = PARAMETERS[name]
         size, si_unit = sizes.get(unit, (math.nan, ""))
         numbers = (value, *found.intervals[name])
         si = [f"{size * number:.5g}" if si_unit else "" for number in numbers]
-        plain = [f"{number:.6g}" for number in numbers]
-        lines.append([name, *plain, unit, *si, si_unit, description])
+        lines.append([name, *map("{:.6g}".format, numbers), unit, *si, si_unit, description])
     return align(lines, "<>>><>>><<")
 
 

@@ -73,12 +73,12 @@ def plan(config: Path, threads: int | None, check: bool, as_json: bool, **given:
     found = None if check else _forecast(made, where, threads)
     size = {"case": len(made.cases), "sample": made.samples, "run": made.runs}
     if as_json:
-        figures = {} if found is None else vars(found)
+        figures = vars(found) if found else {}
         click.echo(to_json({f"{name}s": number for name, number in size.items()} | figures))
         return
     cases, samples, runs = (counted(number, name) for name, number in size.items())
     click.echo(f"{config} is valid: {cases} x {samples} = {runs}")
-    if found is not None:
+    if found:
         click.echo(found.words)
 
 
@@ -129,9 +129,9 @@ def run(
         from rattlesweep.sweeps.dask import make_engine
 
         how["engine"] = make_engine(scheduler, threads)
+    how |= {"base": config.resolve().parent, "threads": threads}
     with Bar.of_command(quiet) as bar:
-        base = config.resolve().parent
-        result = run_sweep(made, where, base=base, threads=threads, report=bar, **how)
+        result = run_sweep(made, where, report=bar, **how)
     where = result.stored.directory
     for path in result.damaged:
         say(f"note: a file was damaged and is now {path}; its runs are done again")
@@ -183,9 +183,9 @@ def verify(directory: Path, recompute: int, threads: int | None, as_json: bool) 
     """
     from rattlesweep.sweeps.verify import verify as check
 
+    seed = secrets.randbelow(2**32)
     with Bar.of_command() as bar:
-        watch, seed = bar.counting("verifying"), secrets.randbelow(2**32)
-        found = check(directory, recompute, seed, threads, report=watch)
+        found = check(directory, recompute, seed, threads, report=bar.counting("verifying"))
     click.echo(to_json(asdict(found)) if as_json else found.words)
     return options.FAILED if found.problems else DONE
 
@@ -263,9 +263,8 @@ def slurm(
         examine(made, where)
     if shards > made.runs:
         raise ConfigError(f"--shards {shards}: there are only {counted(made.runs, 'run')}")
-    place = where.absolute()
-    script = job_script(made, config.resolve(), place, overrides, shards=shards, own=own, **job)
-    click.echo(script, nl=False)
+    place, job = where.absolute(), job | {"shards": shards, "own": own}
+    click.echo(job_script(made, config.resolve(), place, overrides, **job), nl=False)
 
 
 @command("Sweeps", "rattlesweep schema > rattlesweep.schema.json")
@@ -277,20 +276,17 @@ def schema() -> None:
 
 
 def _print_summary(summary: pa.Table | None, directory: Path) -> None:
-    """Print the table of a summary, if there is one: all of its cases, or the first of many."""
     from rattlesweep.sweeps.summary import closing_table
 
-    if summary is None:
-        return
-    click.echo(closing_table(summary.slice(0, options.MOST_ROWS)))
-    if (more := len(summary) - options.MOST_ROWS) > 0:
-        say(f"{counted(more, 'more case')} in {directory / 'summary.parquet'}")
+    if summary is not None:
+        click.echo(closing_table(summary.slice(0, options.MOST_ROWS)))
+        if (more := len(summary) - options.MOST_ROWS) > 0:
+            say(f"{counted(more, 'more case')} in {directory / 'summary.parquet'}")
 
 
 def _planned(
     path: Path, overrides: tuple[str, ...], output: Path | None, quiet: bool = False
 ) -> tuple[Plan, Path]:
-    """Return the plan of a sweep and its directory, and say what is doubtful about it."""
     from rattlesweep.sweeps.config.read import load_config
     from rattlesweep.sweeps.plausible import checked_plan
 
@@ -302,7 +298,6 @@ def _planned(
 
 
 def _forecast(made: Plan, where: Path, threads: int | None) -> Forecast:
-    """Return what a sweep will take, and say if the disk has too little room for it."""
     from rattlesweep.sweeps.cost import forecast
 
     found = forecast(made, threads)
@@ -492,13 +487,9 @@ def tradeoff(
     base, directory = config and config.resolve().parent, output or Path(loaded.directory)
     probe_directory(directory)
     start, threads = time.monotonic(), threads or available_threads()
-    how: dict[str, Any] = {
-        "samples": samples,
-        "settings": QUICK if quick else FULL,
-        "least": 300 if quick else 2000,
-        "threads": threads,
-    }
-    study = measure(loaded, base, **how, report=Bar.of_command().stage)
+    settings, least = (QUICK, 300) if quick else (FULL, 2000)
+    how: dict[str, Any] = {"samples": samples, "least": least, "threads": threads}
+    study = measure(loaded, base, settings=settings, **how, report=Bar.of_command().stage)
     files = save(study, directory)
     click.echo(to_json(as_data(study)) if as_json else as_text(study))
     say(f"{', '.join(p.name for p in files)} in {directory}; {time.monotonic() - start:.1f} s")

@@ -38,8 +38,7 @@ def test_every_name_is_there():
     contract = {"Rattleback", "modes", "reversal_time_gh", "bondi_threshold", "growth_rates",
                 "simulate", "trajectory", "sweep", "load", "replay", "show", "fit", "ConfigError",
                 "OutputError"}  # fmt: skip
-    assert contract <= set(dir(rs)) == set(rs.__all__)
-    assert all(getattr(rs, name) is not None for name in rs.__all__)
+    assert contract <= set(dir(rs)) == set(rs.__all__) == {*api.__all__, "__version__"}
 
 
 def test_simulate_one_run():
@@ -54,8 +53,6 @@ def test_simulate_one_run():
     steady = rs.simulate(GH, n_i=-0.1, omega_xy0=0.01, t_end=100.0)
     assert (steady.t_r, steady.t_end) == (None, 100.0)
     assert steady.type in ("SS", "SW", "unclassified")
-    mirror = rs.simulate(GH.mirrored(), n_i=-0.1, omega_xy0=0.01)
-    assert mirror.t_r == pytest.approx(run.t_r, rel=1e-9)
 
 
 def test_a_table_of_runs_has_the_bits_of_single_runs():
@@ -72,11 +69,8 @@ def test_a_table_of_runs_has_the_bits_of_single_runs():
     pd.testing.assert_frame_equal(rs.simulate(BODIES, **launches, threads=2), runs)
     assert (runs.attrs["units"]["t_end"], runs.attrs["units"]["xi"]) == ("sqrt(a/g)", "rad")
     assert "unsteady" in runs.attrs["descriptions"]["n_i"]
-    assert set(runs.attrs["units"]) == set(runs)
     none = rs.simulate(GH, n_i=[], omega_xy0=0.1)
     assert (list(none), len(none), none.attrs["shape"]) == (list(runs), 0, (0,))
-    exact = rs.simulate(GH, n_i=[0.1], omega_xy0=0.01, model="gh")
-    assert exact.t_r[0] == pytest.approx(rs.reversal_time_gh(GH, 0.1, 0.01), rel=1e-14)
 
 
 def test_tables_of_bodies():
@@ -111,6 +105,10 @@ def test_a_trajectory_is_used_like_a_table(tmp_path):
     figure = path.plot(tmp_path / "path.svg")
     assert len(figure.axes) == 2
     assert (tmp_path / "path.svg").read_text().startswith("<?xml")
+    assert "&lt;Trajectory of t, n, E_p: 1 reversal" in path._repr_html_()
+    looks = {"from_time": 140, "points": 30}
+    shown = path.show(title="Rattleback GH", **looks)
+    assert shown == rs.show("GH", **LAUNCH, t_end=150, **looks)
 
 
 def test_pages_of_launches(tmp_path):

@@ -60,6 +60,19 @@ run c.yaml --max-time 3 | --max-time 3: is no length of time
 classify c.yaml | is not an output directory
 status none | none is not an output directory: there is no such
 trajectory --method rk5 | is not one of
+trajectory --preset GH --output run.xlsx | the name must end in .parquet or .csv
+trajectory --preset GH --figure run.jpg | the name must end in .svg or .png or .pdf
+trajectory --preset GH --accuracy draft --tol 1e-7 | integrator.tol: dop853 takes accuracy alone
+trajectory --preset GH --omega 1,2 | --omega 1,2: give numbers from
+trajectory --preset GH --omega 0,0,1 --n-i 0.1 | n_i given with a full state
+rnu | no such command
+run | missing argument 'CONFIG'; see `
+run c.yaml d.yaml | got unexpected extra argument (d.yaml); see
+body --xi a | invalid value for '--xi': 'a' is not a valid float
+verify c -j 99999 | 99999 is not in the range
+body | --preset
+body --preset GH --phi 0.7 | phi 0.7 is not below theta 0.6429
+init mine.txt | the name of a config ends in .yaml
 """
 
 
@@ -69,6 +82,11 @@ def test_wrong_arguments(line, here):
     command, _, words = line.partition(" | ")
     refused(invoke(*shlex.split(command)), 2, words)
     assert tree(here) == before
+
+
+def test_a_file_that_cannot_be(here):
+    command = invoke("trajectory", "--preset", "GH", "--output", "/proc/nowhere/run.csv")
+    refused(command, 1, "cannot write in /proc/nowhere")
 
 
 @pytest.mark.parametrize(

@@ -115,9 +115,8 @@ def test_a_map_is_a_dataset_of_its_axes(grid):
 def test_random_bodies_are_a_dataset_of_samples(sd):
     data = sd.to_xarray(["t_r", "K_r", "theta"])
     assert dict(data.sizes) == {"K_r": 2, "n_i": 2, "omega_xy0": 1, "sample": 5}
-    rows = sd.read(where="case == 1")  # the first target and the second spin
     at = data.sel(K_r=0.1, n_i=-0.3, omega_xy0=0.1)
-    assert at.theta.values.tolist() == rows.theta.tolist()
+    assert at.theta.values.tolist() == sd.read(where="case == 1").theta.tolist()
 
 
 def test_pictures_and_pages(sd, tmp_path):
@@ -159,4 +158,4 @@ def test_a_sweep_of_a_table_in_memory(tmp_path, monkeypatch):
     moved = output.rename(tmp_path / "moved")
     monkeypatch.chdir(tmp_path)
     assert verify(moved, recompute=3).problems == []
-    assert rs.replay("moved", 0, 1, points=2).t_end == 30
+    assert rs.load("moved").replay(0, 1, points=2).t_end == 30
