@@ -1,4 +1,5 @@
 """What a terminal shows: tables, counts, lengths of time, progress."""
+# ruff: noqa: D102 - names and types say it
 
 from __future__ import annotations
 
@@ -49,7 +50,6 @@ class Bar(AbstractContextManager["Bar"]):
 
     @classmethod
     def of_command(cls, quiet: bool = False) -> Bar:
-        """Return the bar of a command: in a terminal, and lines elsewhere."""
         return cls(sys.stderr.isatty() and not quiet, lines=not quiet)
 
     def __exit__(self, *error: object) -> None:
@@ -57,16 +57,13 @@ class Bar(AbstractContextManager["Bar"]):
             self._bar.close()
 
     def __call__(self, progress: Any) -> None:
-        """Show how far a sweep is, a ``Progress`` of `sweeps.run`."""
         left = "" if progress.left is None else f", {clock(progress.left)} left"
         self._show(progress.fraction, f"{progress.runs:,} of {progress.total:,} runs", left)
 
     def counting(self, what: str) -> Callable[[float], None]:
-        """Return a function that shows which fraction of some work is done."""
         return lambda fraction: self._show(fraction, what)
 
     def stage(self, text: str) -> None:
-        """Write what is done now."""
         if self._shown or self._lines:
             print(f"{time.monotonic() - self._start:4.0f} s  {text}", file=sys.stderr, flush=True)
 
@@ -83,8 +80,7 @@ class Bar(AbstractContextManager["Bar"]):
         text = f"{text}, {clock(now - self._start)}{left}"
         if self._shown:
             if self._bar is None:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # in notebooks without ipywidgets
+                with warnings.catch_warnings(action="ignore"):  # in notebooks without ipywidgets
                     from tqdm.auto import tqdm
 
                 # tqdm's own estimate of the time left would count compilation as work.

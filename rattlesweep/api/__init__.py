@@ -45,7 +45,6 @@ def modes(body: Bodies) -> Modes:
 
     Examples
     --------
-    >>> import rattlesweep as rs
     >>> gh = rs.Rattleback.gh()
     >>> rs.modes([gh, gh.mirrored()]).K_r.round(4)
     array([ 0.0968, -0.0968])
@@ -63,7 +62,6 @@ def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:
 
     Examples
     --------
-    >>> import rattlesweep as rs
     >>> rs.reversal_time_gh("GH", n_i=[0.1, -0.1], omega_xy0=[[0.01], [0.1]]).round(1)
     array([[108.2, 833.5],
            [ 22.8, 343.4]])
@@ -95,12 +93,6 @@ def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRa
     `body` is as for :func:`modes`, and ``n``, in ``sqrt(g/a)``, broadcasts with the bodies.  With
     `exact` they are the eigenvalues at this spin, else their limit for a small one, ``n K_p / 2``
     and ``-n K_r / 2`` (Eq. case-instab1).  Energies grow twice as fast.
-
-    Examples
-    --------
-    >>> import rattlesweep as rs
-    >>> rs.growth_rates("GH", [-1.6, -1.7], exact=True).roll.round(5)
-    array([ 0.00151, -0.00046])
     """
     parts = _columns(body, n=n)
     spin = parts.pop("n")

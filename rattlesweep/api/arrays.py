@@ -19,24 +19,20 @@ from rattlesweep.units import quantity
 
 if TYPE_CHECKING:
     import pandas as pd
-    import pyarrow as pa
 
     from rattlesweep.sweeps.bodies import Scale
     from rattlesweep.sweeps.bodies.table import TableBodies
 
-Bodies: TypeAlias = (
-    "Rattleback | str | Iterable[Rattleback | str] | Mapping[str, Any] | pd.DataFrame"
-)
+Bodies: TypeAlias = "Rattleback | str | Iterable[Any] | Mapping[str, Any] | pd.DataFrame"
 """One body or the name of a preset; a sequence or an array of these; or a table of bodies."""
 
+# Kinds of the arguments that may be given in SI units.
 KINDS = {
     "n": "spin", "n_i": "spin", "omega_xy0": "spin", "omega": "spin", "t_end": "time",
     "from_time": "time", "dt": "time", "times": "time", "sigma": "torque per spin",
     "rolling": "length", "e_p0": "energy", "e_r0": "energy",
 }  # fmt: skip
-"""Arguments that may be given in SI units, and their kinds."""
-SIZE = ("mass_kg", "height_m", "gravity_m_s2")
-"""Columns that tell the size of bodies."""
+SIZE = ("mass_kg", "height_m", "gravity_m_s2")  # columns that tell the size of bodies
 
 
 def one_body(body: Any, name: str = "body") -> Rattleback:
@@ -100,16 +96,10 @@ def numbers(name: str, value: Any, scale: Scale | None = None) -> Floats:
     """Return a checked argument as an array in the units of the bodies."""
     from rattlesweep.sweeps.bodies.table import check_value
 
-    try:
-        array = _floats(name, value, scale)
-    except (TypeError, OverflowError):
-        raise ConfigError(f"{name}: {kind_of(value)} is no number or array of numbers") from None
-    bad, wanted = ~np.isfinite(array), "it must be finite"
-    if name == "psi":
-        bad, wanted = ~(np.abs(array) <= 360), "an angle from -360 to 360 degrees is needed"
-    broken = (int(np.argmax(bad)), wanted) if bad.any() else None
-    if broken is None and name != "psi":
-        broken = check_value(name, array.ravel())
+    array = _floats(name, value, scale)
+    broken = check_value("psi_deg" if name == "psi" else name, array.ravel())
+    if (bad := ~np.isfinite(array)).any():
+        broken = int(np.argmax(bad)), "it must be finite"
     if broken is not None:
         place = np.unravel_index(broken[0], array.shape)
         where = f"[{', '.join(map(str, place))}]" if place else ""
@@ -122,15 +112,17 @@ def _floats(name: str, value: Any, scale: Scale | None) -> Floats:
         return value.astype(float)
     given = np.array(value, dtype=object)  # not as texts, which numbers beside them may be
     flat = given.ravel().tolist()
-    if any(isinstance(one, bool) for one in flat):
-        raise TypeError
     is_text = np.array([isinstance(one, str) for one in flat]).reshape(given.shape)
     try:
+        if any(isinstance(one, bool) for one in flat):
+            raise TypeError
         found = [quantity(one, KINDS[name]) if isinstance(one, str) else one for one in flat]
         array = np.array(found, float).reshape(given.shape)
-    except (KeyError, ValueError) as error:
-        told = f" or a quantity: it {error}" if name in KINDS else ""
-        raise ConfigError(f"{name}: {kind_of(value)} is no number{told}") from None
+    except (KeyError, TypeError, OverflowError):
+        raise ConfigError(f"{name}: {kind_of(value)} is no number or array of numbers") from None
+    except ValueError as error:
+        told = f"{kind_of(value)} is no number or a quantity"
+        raise ConfigError(f"{name}: {told}: it {error}") from None
     if not is_text.any():
         return array
     if scale is None:
@@ -160,7 +152,7 @@ def full_states(omega: Any, u: Any, scale: Scale | None = None) -> dict[str, Flo
     if scale is not None:
         scale = type(scale)(*(np.asarray(part)[..., None] for part in vars(scale).values()))
     state: dict[str, Floats] = {}
-    for name, value in (("omega", omega), ("u", (0.0, 0.0, -1.0) if u is None else u)):
+    for name, value in {"omega": omega, "u": (0.0, 0.0, -1.0) if u is None else u}.items():
         vectors = numbers(name, value, scale)
         if vectors.shape[-1:] != (3,):
             raise ConfigError(f"{name}: a vector has three components, not shape {vectors.shape}")
@@ -186,12 +178,12 @@ def is_frame(value: Any) -> TypeGuard[pd.DataFrame]:
     return pandas is not None and isinstance(value, pandas.DataFrame)
 
 
-def units_of(schema: pa.Schema, key: bytes = b"unit") -> dict[str, str]:
+def units_of(schema: Any, key: bytes = b"unit") -> dict[str, str]:
     return {f.name: f.metadata[key].decode() for f in schema if key in (f.metadata or {})}
 
 
-def to_frame(table: pa.Table) -> pd.DataFrame:
-    """Return a table as pandas has it, with units and descriptions of its columns in ``attrs``."""
+def to_frame(table: Any) -> pd.DataFrame:
+    """Return an Arrow table as a DataFrame, with its units and descriptions in ``attrs``."""
     frame: pd.DataFrame = table.to_pandas()
     frame.attrs["units"] = units_of(table.schema)
     frame.attrs["descriptions"] = units_of(table.schema, b"description")

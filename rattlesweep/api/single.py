@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 
 SPIN = ("n_i", "omega_xy0")
 STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
-INTEGRATOR = {"method": "method", "tol": "tol", "dt_step": "dt", "accuracy": "accuracy"}
-"""Keywords of the integrator, and the keys of the config that they are."""
 
 
 class Run(SimpleNamespace):
@@ -166,7 +164,6 @@ def simulate(
 
     Examples
     --------
-    >>> import rattlesweep as rs
     >>> rs.simulate("GH", n_i=0.1, omega_xy0=0.01)
     <Run t_r=112.093878, t_end=112.093878, type=R, status=ok>
     """
@@ -191,8 +188,8 @@ def simulate(
     # Its body and its launch are replaced by those of the rows.
     way = psi if isinstance(psi, str) else "relevant"
     more = [record] if isinstance(record, str) else list(record)
-    method = _integrator(integrator)
-    launch = Launch(Rattleback.gh(), 1.0, 1.0, None, way, model, method, record=more)
+    how = _integrator(**integrator)
+    launch = Launch(Rattleback.gh(), 1.0, 1.0, None, way, model, how, record=more)
     plan = plan_of(launch, arguments.table_bodies(columns))
     with Bar.of_call(progress) as bar, listening(bar.compiling):
         table = integrate_plan(plan, threads if shape else 1, bar.counting(f"{plan.runs:,} runs"))
@@ -232,7 +229,6 @@ def trajectory(
 
     Examples
     --------
-    >>> import rattlesweep as rs
     >>> path = rs.trajectory("GH", n_i=0.1, omega_xy0=0.01, t_end=150, points=4)
     >>> path["n"].shape, path.reversals.round(2)
     ((4,), array([112.09]))
@@ -280,8 +276,8 @@ def fit(
 ) -> Fit:  # fmt: skip
     """Fit parameters of one run to a measured angle or spin, or to reversal times.
 
-    The intervals are those of the Jacobian at the best fit, for noise that is equal and independent
-    from row to row and whose size is estimated from the residuals.
+    The intervals are those of the Jacobian at the best fit, for equal and independent noise whose
+    size is estimated from the residuals.
 
     Parameters
     ----------
@@ -302,7 +298,6 @@ def fit(
 
     Examples
     --------
-    >>> import rattlesweep as rs
     >>> truth = {"n_i": 0.1, "omega_xy0": 0.01, "sigma": 1e-3}
     >>> data = rs.trajectory("GH", t_end=200, points=400, **truth).table
     >>> found = rs.fit("GH", data, free=["sigma"], launch={"n_i": 0.1, "omega_xy0": 0.01})
@@ -336,15 +331,6 @@ def page_of(
     return page if path is None else page.save(path), course
 
 
-def stored_page(
-    directory: Path, which: dict[str, Any], *, title: str | None = None,
-    t_end: Number | None = None, **shown: Any,
-) -> tuple[Page, Course, str]:  # fmt: skip
-    """Return the page of a run, proved to be the stored one, its course, and what was proved."""
-    run, prepared = prepare_stored(directory, t_end, **which)
-    return *page_of(prepared, run.scale, title or run.title, **shown), run.proof
-
-
 def prepare_stored(
     directory: str | Path, t_end: Any = None, **which: Any
 ) -> tuple[StoredRun, PreparedRun]:
@@ -376,7 +362,8 @@ def launch_of(
 
     made = arguments.one_body(body)
     scale = arguments.scale_of(made.units)
-    integrator = _integrator({name: values.pop(name) for name in INTEGRATOR if name in values})
+    keys = {"method", "tol", "dt_step", "accuracy"} & values.keys()
+    integrator = _integrator(**{name: values.pop(name) for name in keys})
     single: dict[str, Any] = {name: number(name, x, scale) for name, x in values.items()}
     single = {name: x for name, x in single.items() if x is not None}
     psi = psi if isinstance(psi, str) else number("psi", psi)
@@ -415,7 +402,8 @@ def _launched(columns: dict[str, Floats], arrays: dict[str, Floats], psi: Any) -
     return launched
 
 
-def _integrator(given: Mapping[str, Any]) -> dict[str, Any]:
-    for name in given.keys() - INTEGRATOR.keys():
-        raise TypeError(f"unexpected keyword argument {name!r}")
-    return {INTEGRATOR[name]: value for name, value in given.items() if value is not None}
+def _integrator(
+    method: Any = None, tol: Any = None, dt_step: Any = None, accuracy: Any = None
+) -> dict[str, Any]:
+    given = {"method": method, "tol": tol, "dt": dt_step, "accuracy": accuracy}
+    return {name: value for name, value in given.items() if value is not None}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.api.arrays import check_count, is_frame, to_frame
-from rattlesweep.api.single import Page, Trajectory, replay, stored_page
+from rattlesweep.api.single import Page, Trajectory, page_of, prepare_stored, replay
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.text import Bar
 
@@ -74,7 +74,6 @@ class Sweep:
 
         Examples
         --------
-        >>> import rattlesweep as rs
         >>> slow = rs.load("out/gh").read(["n_i", "t_r"], where="t_r > 200")
         >>> slow.t_r.round(2).tolist(), slow.attrs["units"]["t_r"]
         ([809.86], 'sqrt(a/g)')
@@ -95,10 +94,9 @@ class Sweep:
             return to_frame(stored.read(names))
         condition = parse_where(where, schema, "where")
         needed = list(dict.fromkeys((*names, *condition.columns)))
-        rows = [condition.filter(batch).select(names) for batch in stored.batches(needed)]
         chosen = pa.schema([schema.field(name) for name in names])
-        empty = chosen.remove_metadata().empty_table()
-        return to_frame(pa.concat_tables([empty, *map(pa.table, rows)]).cast(chosen))
+        rows = (condition.filter(batch).select(names) for batch in stored.batches(needed))
+        return to_frame(pa.Table.from_batches([batch.cast(chosen) for batch in rows], chosen))
 
     def to_xarray(
         self, columns: Sequence[str] | None = None, *, where: str | None = None, fill: bool = False
@@ -186,14 +184,17 @@ class Sweep:
         """Integrate one of the runs again as a trajectory, as :func:`rattlesweep.replay` does."""
         return replay(self.directory, case, sample, **settings)
 
-    def show(self, case: int | None = None, sample: int | None = None, **settings: Any) -> Page:
-        """Make a page on which the body of one of the runs rolls on the plane.
+    def show(
+        self, case: int | None = None, sample: int | None = None, *, where: str | None = None,
+        t_end: float | str | None = None, title: str | None = None, **settings: Any,
+    ) -> Page:  # fmt: skip
+        """Make a page on which the body of a run, perhaps the first of a condition, rolls.
 
-        Instead of a case and a sample there may be a condition ``where``; the other settings are
-        those of :func:`rattlesweep.show`.
+        The settings are those of :func:`rattlesweep.show`.
         """
-        run = {"case": case, "sample": sample, "where": settings.pop("where", None)}
-        return stored_page(self.directory, run, **settings)[0]
+        which = {"case": case, "sample": sample, "where": where}
+        found, run = prepare_stored(self.directory, t_end, **which)
+        return page_of(run, found.scale, title or found.title, **settings)[0]
 
     def __repr__(self) -> str:
         return f"<Sweep {self.directory}: {self._stored.count():,} runs>"
@@ -228,7 +229,6 @@ def sweep(
 
     Examples
     --------
-    >>> import rattlesweep as rs
     >>> rs.sweep("configs/gh.yaml")["t_r"].round(2).tolist()
     [112.09, 809.86]
     """

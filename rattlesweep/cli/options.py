@@ -251,7 +251,6 @@ launch = stack(
         ("--accuracy", ACCURACIES, "Instead of a method and its tolerance."),
     ),
 )  # fmt: skip
-ROWS = ("points", "dt", "steps", "from_time")
 rows = stack(
     group(
         ("--points", int, "Number of rows, evenly spaced up to the horizon.  "

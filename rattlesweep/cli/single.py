@@ -23,13 +23,11 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.bodies import Scale
 
 
-@command(
-    "One run",
-    "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
-    "--radii '50,1.5 cm' --n-i 60rpm",
-    "rattlesweep body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg --n-i 60rpm",
-    "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3 --json",
-)
+@command("One run", "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
+         "--radii '50,1.5 cm' --n-i 60rpm",
+         "rattlesweep body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg --n-i 60rpm",
+         "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3 "
+         "--json")  # fmt: skip
 @options.body
 @options.spin
 @options.dissipation
@@ -50,13 +48,13 @@ def body(as_json: bool, **given: Any) -> None:
     values = derived(made, **numbers)
     if as_json:
         si = {q.name: dict(zip(("value", "unit"), q.in_si, strict=True)) for q in values if q.in_si}
-        units = {} if made.units is None else {"units": asdict(made.units), "si": si}
+        units = {"units": asdict(made.units), "si": si} if made.units else {}
         click.echo(to_json({q.name: q.value for q in values} | units))
         return
     lines = []
     for q in values:
         value = "none" if q.value is None else f"{q.value:.10g}"
-        shown = ("", "") if q.in_si is None else (f"{q.in_si[0]:.5g}", q.in_si[1])
+        shown = (f"{q.in_si[0]:.5g}", q.in_si[1]) if q.in_si else ("", "")
         lines.append((q.name, value, q.unit, *(shown if made.units else ()), q.description))
     click.echo(align(lines, "<><><" if made.units else "<><"))
 
@@ -80,15 +78,13 @@ series = options.stack(
     options.figure,
     options.quiet,
 )  # fmt: skip
-SERIES = ("channels", "output", "figure", "quiet", *options.ROWS)
+SERIES = ("channels", "output", "figure", "quiet", "points", "dt", "steps", "from_time")
 
 
-@command(
-    "One run",
-    "rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
-    "--channels t,n,E_p,E_r --output run.parquet --figure run.svg",
-    "rattlesweep trajectory --preset GH --omega 0.02,0,-0.3 --u 0.01,0,-1 --t-end 500",
-)
+@command("One run", "rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
+         "--channels t,n,E_p,E_r --output run.parquet --figure run.svg",
+         "rattlesweep trajectory --preset GH --omega 0.02,0,-0.3 --u 0.01,0,-1 "
+         "--t-end 500")  # fmt: skip
 @options.body
 @options.launch
 @option("--model", type=options.MODELS, default="full", help="Equations of motion.")
@@ -108,10 +104,8 @@ def trajectory(**given: Any) -> int:
     return _follow(*_prepared(given), **how)
 
 
-@command(
-    "One run",
-    "rattlesweep replay out/quickstart --where 'type == \"SW\" and K_r < 0.005' --output sw.csv",
-)
+@command("One run", "rattlesweep replay out/quickstart --where 'type == \"SW\" and K_r < 0.005' "
+         "--output sw.csv")  # fmt: skip
 @options.directory
 @options.which
 @options.t_end
@@ -128,11 +122,8 @@ def replay(directory: Path, **given: Any) -> int:
     return _follow(prepared, run.scale, run.proof, **given)
 
 
-@command(
-    "One run",
-    "rattlesweep show --preset GH --n-i -0.1 --output spin.html",
-    "rattlesweep show out/quickstart --where 'type == \"SW\"' --output wobble.html",
-)
+@command("One run", "rattlesweep show --preset GH --n-i -0.1 --output spin.html",
+         "rattlesweep show out/quickstart --where 'type == \"SW\"' -o wobble.html")  # fmt: skip
 @options.path("directory", required=False)
 @options.which
 @options.body
@@ -148,23 +139,24 @@ def show(directory: Path | None, title: str | None, output: Path, quiet: bool, *
     The run is a launch of a body, or a stored run of DIRECTORY, as `replay` takes it. The page
     needs a browser but no network.
     """
-    from rattlesweep.api.single import page_of, stored_page
+    from rattlesweep.api.single import page_of, prepare_stored
 
     probe(output)
     which, rows = pick(given, "case", "sample", "where"), pick(given, "points", "from_time")
-    proof, scale = "", None
+    proof = ""
     if directory is not None:
-        rows |= pick(given, "t_end")
+        t_end = given.pop("t_end")
         for name in pick(given, *given):
             raise ConfigError(f"--{name.replace('_', '-')}: the sweep in {directory} says what the "
                               "run was; leave this out")  # fmt: skip
-        page, course, proof = stored_page(directory, which, title=title, path=output, **rows)
+        found, run = prepare_stored(directory, t_end, **which)
+        scale, proof, title = found.scale, found.proof, title or found.title
     elif which:
         raise ConfigError("--case, --sample and --where choose a run of a DIRECTORY; give it")
     else:
         title = title or (f"Rattleback {given['preset']}" if given["preset"] else None)
         run, scale = _prepared(given)
-        page, course = page_of(run, scale, title, path=output, **rows)
+    page, course = page_of(run, scale, title, path=output, **rows)
     click.echo(output)
     if not quiet:
         say(f"{len(page.content) / 1e6:.1f} MB")
@@ -284,8 +276,7 @@ def _read_stone(path: Path) -> dict[str, Any]:
         dissipation: dict[Literal["sigma", "rolling"], float | str] = {}
 
     try:
-        text = path.read_text(encoding="utf-8")
-        given = Stone.model_validate(YAML(typ="safe", pure=True).load(text))
+        given = Stone.model_validate(YAML(typ="safe", pure=True).load(path))
         body = _stone(given.body)
     except ValidationError as error:
         first = error.errors()[0]

@@ -19,12 +19,9 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.text import Bar, counted
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from rattlesweep.sweeps.cost import Forecast
     from rattlesweep.sweeps.plan import Plan
 
-ENGINES = click.Choice(["local", "dask"])
 SHARD = Kind("i/n", "rattlesweep.sweeps.run:Shard.parse")
 LIMIT = Kind("time", "rattlesweep.sweeps.slurm:limit_of")
 
@@ -54,11 +51,8 @@ def init(config: Path) -> None:
     click.echo(config)
 
 
-@command(
-    "Sweeps",
-    "rattlesweep plan configs/steady.yaml --check",
-    "rattlesweep plan configs/steady.yaml --set bodies.samples=100000",
-)
+@command("Sweeps", "rattlesweep plan configs/steady.yaml --check",
+         "rattlesweep plan configs/steady.yaml --set bodies.samples=100000")  # fmt: skip
 @options.sweep
 @options.threads
 @option("--check", is_flag=True, help="Only check the config, and integrate nothing.")
@@ -82,14 +76,11 @@ def plan(config: Path, threads: int | None, check: bool, as_json: bool, **given:
         click.echo(found.words)
 
 
-@command(
-    "Sweeps",
-    "rattlesweep run configs/quickstart.yaml --set bodies.samples=100",
-    "rattlesweep run configs/steady.yaml --shard 0/4 --output out/steady-0",
-)
+@command("Sweeps", "rattlesweep run configs/quickstart.yaml --set bodies.samples=100",
+         "rattlesweep run configs/steady.yaml --shard 0/4 --output out/steady-0")  # fmt: skip
 @options.sweep
 @options.threads
-@option("--engine", type=ENGINES, default="local", help="Where to compute.")
+@option("--engine", type=click.Choice(["local", "dask"]), default="local", help="Where to compute.")
 @option("--scheduler", metavar="ADDRESS", help="Address of an existing Dask scheduler.")
 @option("--shard", type=SHARD, help="Compute shard I of N only, with I from 0 to N-1.")
 @option("--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m.")
@@ -234,11 +225,9 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     return DONE
 
 
-@command(
-    "Sweeps",
-    "rattlesweep slurm configs/steady.yaml --shards 100 --cpus 16 --time 4:00:00 > steady.sh",
-    "sbatch steady.sh",
-)
+@command("Sweeps",
+         "rattlesweep slurm configs/steady.yaml --shards 100 --cpus 16 --time 4:00:00 > steady.sh",
+         "sbatch steady.sh")  # fmt: skip
 @options.sweep
 @option("--shards", type=COUNT, required=True, help="Number of tasks in the array.")
 @option("--time", "limit", type=LIMIT, default="4:00:00", help="Time limit of a task.")
@@ -275,7 +264,7 @@ def schema() -> None:
     click.echo(to_json(config_json_schema()))
 
 
-def _print_summary(summary: pa.Table | None, directory: Path) -> None:
+def _print_summary(summary: Any, directory: Path) -> None:
     from rattlesweep.sweeps.summary import closing_table
 
     if summary is not None:
@@ -307,12 +296,11 @@ def _forecast(made: Plan, where: Path, threads: int | None) -> Forecast:
     return found
 
 
-@command(
-    "Results of a sweep",
-    "rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf",
-    "rattlesweep plot out/steady --kind scatter --x K_r --where 'type == \"R\" and t_r < 2e3'",
-    "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0",
-)
+@command("Results of a sweep",
+         "rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf",
+         "rattlesweep plot out/steady --kind scatter --x K_r --where 'type == \"R\" and t_r < 2e3'",
+         "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 "
+         "--select n_i=-0.45:0")  # fmt: skip
 @options.directory
 @option("--kind", type=options.KINDS, help="By default what suits the sweep; times are t_r.")
 @option("--x", metavar="NAME", help="Abscissa: what the config varies, or any column of a scatter.")
