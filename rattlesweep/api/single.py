@@ -295,14 +295,6 @@ def fit(
     launch, sigma, rolling
         ``n_i, omega_xy0, psi`` or ``omega, u``, as a mapping, of which what is free may be left
         out; and dissipation, as for :func:`rattlesweep.trajectory`.
-
-    Examples
-    --------
-    >>> truth = {"n_i": 0.1, "omega_xy0": 0.01, "sigma": 1e-3}
-    >>> data = rs.trajectory("GH", t_end=200, points=400, **truth).table
-    >>> found = rs.fit("GH", data, free=["sigma"], launch={"n_i": 0.1, "omega_xy0": 0.01})
-    >>> round(found.values["sigma"], 6)
-    0.001
     """
     from rattlesweep.analysis.fit import check_free, fit_run, read_data
     from rattlesweep.sweeps.config import not_one_of

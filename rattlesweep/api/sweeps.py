@@ -226,11 +226,6 @@ def sweep(
         Output directory, which overrides the config's; the others as for :func:`simulate`.
     **keys
         For a DataFrame, the other keys of the config: ``spin``, ``horizon``, ``record``...
-
-    Examples
-    --------
-    >>> rs.sweep("configs/gh.yaml")["t_r"].round(2).tolist()
-    [112.09, 809.86]
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.config.read import load_config, parse_config

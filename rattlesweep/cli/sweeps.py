@@ -65,12 +65,11 @@ def plan(config: Path, threads: int | None, check: bool, as_json: bool, **given:
     """
     made, where = _planned(config, **given)
     found = None if check else _forecast(made, where, threads)
-    size = {"case": len(made.cases), "sample": made.samples, "run": made.runs}
+    size = {"cases": len(made.cases), "samples": made.samples, "runs": made.runs}
     if as_json:
-        figures = vars(found) if found else {}
-        click.echo(to_json({f"{name}s": number for name, number in size.items()} | figures))
+        click.echo(to_json(size | (vars(found) if found else {})))
         return
-    cases, samples, runs = (counted(number, name) for name, number in size.items())
+    cases, samples, runs = (counted(number, name[:-1]) for name, number in size.items())
     click.echo(f"{config} is valid: {cases} x {samples} = {runs}")
     if found:
         click.echo(found.words)
@@ -127,8 +126,7 @@ def run(
     for path in result.damaged:
         say(f"note: a file was damaged and is now {path}; its runs are done again")
     if not quiet:
-        if result.summary is not None:
-            _print_summary(result.summary, where)
+        _print_summary(result.summary, where)
         now = f"{result.done:,} of them done now in {result.seconds:.1f} s"
         say(f"{counted(result.runs, 'run')} in {where}, {now}")
     if verbose:
