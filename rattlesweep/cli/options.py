@@ -118,10 +118,6 @@ def several(metavar: str, kind: str, *counts: int) -> Kind:
     return Kind(metavar, lambda text: quantities(text, kind, *counts))
 
 
-def names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(",") if name.strip())
-
-
 def _directory(text: str) -> Path:
     if not text:
         raise ValueError("the directory has no name; give one")
@@ -138,6 +134,7 @@ PICTURES = (".svg", ".png", ".pdf")
 COUNT, NUMBER = click.IntRange(1), click.IntRange(0)
 COUNT.name = NUMBER.name = "n"
 TIME = Kind("time", seconds_of)
+NAMES = Kind("a,b,...", lambda text: tuple(x.strip() for x in text.split(",") if x.strip()))
 SIZE = Kind("w,h", partial(_numbers, "7,4.5", 1, 24))
 LIMITS = Kind("low,high", partial(_numbers, "0.01,0.1", -1e12, 1e12))
 VECTOR = Kind("x,y,z", partial(_numbers, "0,0,-1", -1e12, 1e12))

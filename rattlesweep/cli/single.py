@@ -70,9 +70,8 @@ def _list_channels(context: click.Context, _: click.Parameter, names: Any) -> An
 
 series = options.stack(
     options.rows,
-    option("--channels", type=options.Kind("a,b,...", options.names), callback=_list_channels,
-           help="Columns, and panels of the figure if given; 'list' prints all of them.  "
-                "[default: t,n]"),
+    option("--channels", type=options.NAMES, callback=_list_channels, help="Columns, and panels of "
+           "the figure if given; 'list' prints all of them.  [default: t,n]"),
     options.file("--output", ".parquet", ".csv", help="A .parquet or .csv file, instead of CSV on "
                  "standard output."),
     options.figure,
@@ -196,9 +195,7 @@ def _say_outcome(course: Course, quiet: bool, scale: Scale | None, proof: str) -
     """Tell what became of a run, in seconds too where the body has a size; return the exit code."""
     ended = course.follower
     if not quiet:
-        if proof:
-            say(proof)
-        text = _times(course.reversals, "reversal")
+        text = f"{proof}\n".lstrip() + _times(course.reversals, "reversal")
         if scale is not None and course.reversals:
             text += f" ({', '.join(f'{t * scale.second:.4g} s' for t in course.reversals[:8])})"
         if ended.zeros != course.reversals:
@@ -234,11 +231,9 @@ def fit(stone: Path, data: Path, figure: Path | None, as_json: bool, quiet: bool
 
     probe(figure)
     found = fit(data=data, **_read_stone(stone))
-    if as_json:
-        names = ("values", "intervals", "noise", "noise_unit", "rows", "remarks")
-        click.echo(to_json({name: getattr(found, name) for name in names}))
-    else:
-        click.echo(_fit_table(found))
+    names = ("values", "intervals", "noise", "noise_unit", "rows", "remarks")
+    told = {name: getattr(found, name) for name in names}
+    click.echo(to_json(told) if as_json else _fit_table(found))
     if figure is not None:
         found.plot(figure)
     if not quiet:
