@@ -65,10 +65,15 @@ class Trajectory:
     coefficient of friction above 1.
     """
 
-    def __init__(self, course: Course, scale: Scale | None) -> None:
+    def __init__(
+        self, run: PreparedRun, scale: Scale | None, channels: Sequence[str], **rows: Any
+    ) -> None:
         import pandas as pd
 
-        self._course, self._scale = course, scale
+        from rattlesweep.analysis.onerun.course import Course
+
+        self._course = course = Course(run, channels, **rows_of(scale, **rows))
+        self._scale = scale
         self.table = pd.DataFrame(course.columns())
         self.units = {channel.name: channel.unit for channel in course.channels}
         ended = course.follower
@@ -233,11 +238,8 @@ def trajectory(
     >>> path["n"].shape, path.reversals.round(2)
     ((4,), array([112.09]))
     """
-    from rattlesweep.analysis.onerun.course import Course
-
-    run, scale = prepare_launch(body, **launch)
-    rows = rows_of(scale, points, dt, steps, times, from_time)
-    return Trajectory(Course(run, channels, **rows), scale)
+    rows = {"points": points, "dt": dt, "steps": steps, "times": times, "from_time": from_time}
+    return Trajectory(*prepare_launch(body, **launch), channels, **rows)
 
 
 def show(
@@ -264,10 +266,8 @@ def replay(
     the other arguments are those of :func:`trajectory`, and the horizon by default the sweep's.
     Raises an OutputError if the run is not stored yet, is damaged, or comes out otherwise.
     """
-    from rattlesweep.analysis.onerun.course import Course
-
     run, prepared = prepare_stored(directory, t_end, case=case, sample=sample)
-    return Trajectory(Course(prepared, channels, **rows_of(run.scale, **rows)), run.scale)
+    return Trajectory(prepared, run.scale, channels, **rows)
 
 
 def fit(
