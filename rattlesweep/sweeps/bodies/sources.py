@@ -1,10 +1,9 @@
 """Sources of bodies: drawn from ranges, a preset, a grid or a shape; for tables see `table`.
 
-Shell-dumbbell bodies are made from points of the unit cube.  A random point is a function of
-``(seed, word, sample, draw)`` and of nothing else, so that every sample can be drawn again alone,
-in any thread and any block; the word stands for the target, and draws go on until it is met.  The
-bits are those of ``numpy.random.Philox(key=(seed, word), counter=(2 draw, sample, 0, 0))`` (Philox
-4x64-10, Salmon et al., SC'11), whose objects take too long to create for every sample.
+A random point of the unit cube is a function of ``(seed, word, sample, draw)`` and of nothing else,
+so that every sample can be drawn again alone; the word stands for the target, and draws go on until
+it is met.  The bits are those of ``numpy.random.Philox(key=(seed, word), counter=(2 draw, sample,
+0, 0))`` (Philox 4x64-10, Salmon et al., SC'11), whose objects take too long to create.
 
 Points of a scrambled Sobol' sequence (Owen, J. Complexity 14, 466, 1998) fill the ranges more
 evenly than random ones; each is a function of the seed and its own number.
@@ -37,14 +36,7 @@ from rattlesweep.physics.si import half_ellipsoid
 from rattlesweep.sweeps.bodies import Bodies, Scale, Source
 from rattlesweep.sweeps.bodies.table import read_bodies, run_fields
 from rattlesweep.sweeps.columns import MEASURED
-from rattlesweep.sweeps.config.schema import (
-    Config,
-    PresetSource,
-    SdSource,
-    ShapeSource,
-    TableSource,
-    Target,
-)
+from rattlesweep.sweeps.config.schema import Config, SdSource, ShapeSource, Target
 
 CHUNK = 4096
 """Samples that are drawn together, and kept while the other cases of their target ask for them."""
@@ -57,19 +49,19 @@ def make_source(config: Config, base: Path | None = None) -> Source:
     says which of the bodies cannot exist.
     """
     bodies = config.bodies
-    if isinstance(bodies, SdSource):
+    if bodies.source == "sd":
         return SdBodies(config.seed, bodies)
-    if isinstance(bodies, ShapeSource):
+    if bodies.source == "shape":
         return ShapeBodies(config.seed, bodies)
-    if isinstance(bodies, TableSource):
+    if bodies.source == "table":
         return read_bodies(bodies.path, base).with_surface(bodies)
-    units: si.Units | None = None
     preset: str | None
-    if isinstance(bodies, PresetSource):
-        preset, given, axes = bodies.name, bodies.overrides.given(), {}
+    if bodies.source == "preset":
+        preset, given, varying = bodies.name, bodies.overrides.given(), {}
     else:
-        preset, given = bodies.base.preset, bodies.base.given()
-        axes = {name: np.array(values, float) for name, values in bodies.varying.items()}
+        preset, given, varying = bodies.base.preset, bodies.base.given(), bodies.varying
+    axes = {name: np.array(values, float) for name, values in varying.items()}
+    units: si.Units | None = None
     if preset is not None:
         one = PRESETS[preset]()
         given = {name: getattr(one, name) for name in (*PARAMETERS, "c")} | given
@@ -113,9 +105,9 @@ class GridBodies:
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some runs; all cases have the same."""
         places = np.unravel_index(sample, self._shape) if self._shape else ()
-        varying = zip(self._axes.items(), places, strict=True)
         values: dict[str, Any] = {"f_sd": np.nan} | self._base
-        values |= {name: axis[place] for (name, axis), place in varying}
+        for (name, axis), place in zip(self._axes.items(), places, strict=True):
+            values[name] = axis[place]
         columns = {name: np.full(sample.shape, value) for name, value in values.items()}
         if "alpha" not in columns:
             columns["alpha"], columns["beta"] = shell_dumbbell(columns["gamma"], columns["f_sd"])
@@ -151,9 +143,6 @@ def _shaped(sizes: Floats) -> Bodies:
     scale = Scale(mass, a, np.full(mass.shape, si.GRAVITY))
     kept = {"mass_kg": mass, "height_m": a}
     return Bodies(**found, f_sd=np.full(mass.shape, np.nan), scale=scale, carried=kept)
-
-
-# -- shell-dumbbell bodies ---------------------------------------------------------------------
 
 
 class SdBodies:
@@ -201,7 +190,8 @@ class SdBodies:
 
 def ranges_of(source: SdSource) -> Floats:
     """Return the ranges that bodies are drawn from, shape (5, 2), or (6, 2) with that of ``c``."""
-    return np.array([*source.ranges.ends(), *([] if source.c is None else [source.c])])
+    given = [*dict(source.ranges).values(), source.c]
+    return np.array([ends for ends in given if ends is not None])
 
 
 def _shell_parameters(u, ranges):
@@ -243,17 +233,13 @@ def sequence_points(dimensions: int, seed: int, first: int, stop: int, group: in
         sobol.fast_forward(first)
     # SciPy warns if the first points it is asked for are not a power of two.
     count = stop - first
-    points: Floats = sobol.random(count if first else 1 << (count - 1).bit_length())[:count].T
-    return points
+    return np.array(sobol.random(count if first else 1 << (count - 1).bit_length())[:count].T)
 
 
 def draw_points(
-    seed: int,
-    samples: Integers,
-    ranges: Floats | None = None,
-    target: Target | None = None,
-    value: float = np.nan,
-) -> Floats:
+    seed: int, samples: Integers, ranges: Floats | None = None,
+    target: Target | None = None, value: float = np.nan,
+) -> Floats:  # fmt: skip
     """Return a random point of the unit cube for each of some samples, shape (6, samples).
 
     With a `target`, the bodies that are drawn from `ranges` meet that one of its values; raise a
@@ -352,12 +338,8 @@ def _philox(key0, key1, c0, c1):
         c0, c1, c2, c3 = high1 ^ c1 ^ key0, low1, high0 ^ c3 ^ key1, low0
         key0 += _W0
         key1 += _W1
-    return (
-        float(c0 >> _SHIFT) * _UNIT,
-        float(c1 >> _SHIFT) * _UNIT,
-        float(c2 >> _SHIFT) * _UNIT,
-        float(c3 >> _SHIFT) * _UNIT,
-    )
+    return (float(c0 >> _SHIFT) * _UNIT, float(c1 >> _SHIFT) * _UNIT,
+            float(c2 >> _SHIFT) * _UNIT, float(c3 >> _SHIFT) * _UNIT)  # fmt: skip
 
 
 @njit(nogil=True)

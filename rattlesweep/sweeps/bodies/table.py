@@ -32,16 +32,8 @@ from rattlesweep.physics.body import PARAMETERS, violations
 from rattlesweep.physics.theory import spin_and_oscillation
 from rattlesweep.sweeps.bodies import Bodies, Scale
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT, field
-from rattlesweep.sweeps.config.schema import (
-    MAX_SIGMA,
-    MAX_SPEED,
-    MAX_TIME,
-    MIN_OSCILLATION,
-    NO_UNIT_VECTOR,
-    TABLE,
-    TableSource,
-    normalised,
-)
+from rattlesweep.sweeps.config import schema
+from rattlesweep.sweeps.config.schema import TABLE, TableSource
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,13 +66,13 @@ RESULTS = {column.name for part in (*RUNS.values(), STATE, MEASURED) for column 
 TAKEN = {c.name for part in ("keys", "result", "observation") for c in RUNS[part]} - {*INPUT}
 """Names of results that no column of a user's own may have."""
 
-SPEEDS = (-MAX_SPEED, MAX_SPEED, "sqrt(g/a)")
+SPEEDS = (-schema.MAX_SPEED, schema.MAX_SPEED, "sqrt(g/a)")
 BOUNDS = {
     **dict.fromkeys(("n_i", *OMEGA), SPEEDS),
-    "omega_xy0": (MIN_OSCILLATION, MAX_SPEED, "sqrt(g/a)"),
-    "sigma": (0.0, MAX_SIGMA, "M a^2 sqrt(g/a)"),
+    "omega_xy0": (schema.MIN_OSCILLATION, schema.MAX_SPEED, "sqrt(g/a)"),
+    "sigma": (0.0, schema.MAX_SIGMA, "M a^2 sqrt(g/a)"),
     "rolling": (0.0, 1.0, "a"),
-    "t_end": (1e-300, MAX_TIME, "sqrt(a/g)"),
+    "t_end": (1e-300, schema.MAX_TIME, "sqrt(a/g)"),
     "psi": (-2 * np.pi, 2 * np.pi, "rad"),
     "psi_deg": (-360.0, 360.0, "degrees"),
     "mass_kg": si.LIMITS["mass"],
@@ -161,18 +153,12 @@ class TableBodies:
 def run_fields(scale: Scale | None, carried: Mapping[str, NDArray[Any]]) -> tuple[pa.Field, ...]:
     """Return the columns that runs have because of what bodies carry, and of their known size."""
     kinds = {"i": I64, "f": F64, "O": TEXT}
-    own = (
-        (name, kinds[values.dtype.kind], KEPT.get(name, "1")) for name, values in carried.items()
-    )
+    own = ((name, kinds[x.dtype.kind], KEPT.get(name, "1")) for name, x in carried.items())
     return (*(field(*one, "from the bodies") for one in own), *(MEASURED if scale else ()))
 
 
 def read_bodies(path: str, base: Path | None = None) -> TableBodies:
-    """Read bodies from a CSV or Parquet file, or a directory of Parquet, here or under `base`.
-
-    The rows of a directory of runs are in the order of cases and samples.  A ConfigError has a line
-    for each of the first bad rows.
-    """
+    """Read bodies from a CSV or Parquet file, or a directory of Parquet, here or under `base`."""
     where = f"bodies.path: {one_line(path, 200)}"
     file = Path(path) if base is None or os.path.exists(path) else base / path
     if not (file.is_dir() or file.is_file()):
@@ -214,9 +200,6 @@ def _unreadable(where: str, error: Exception) -> ConfigError:
     return ConfigError(f"{where}: cannot be read as a table ({reason})")
 
 
-# -- from columns to bodies --------------------------------------------------------------------
-
-
 def _bodies(table: pa.Table, where: str) -> TableBodies:
     if repeated := [name for name, times in Counter(table.column_names).items() if times > 1]:
         told = f"there are several columns {one_line(repeated[0])}; keep one of them"
@@ -237,13 +220,12 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
     _refuse(where, [*problems, *_out_of_bounds(columns)])
     scale = _without_units(columns, where)
     _require(PARAMETERS, columns, where, f"{' '.join(PARAMETERS)} are wanted")
-    state = columns.keys() & {*OMEGA, *U}
-    if state:
+    if state := columns.keys() & {*OMEGA, *U}:
         _require((*OMEGA, *U), columns, where, f"a full state has {' '.join((*OMEGA, *U))}")
     elif columns.keys() & {*LAUNCH}:
         _require(LAUNCH, columns, where, "a launch has n_i and omega_xy0")
-    impossible = violations(**{name: columns[name] for name in PARAMETERS})
-    _refuse(where, [*_out_of_bounds(columns), *impossible])
+    bodies = {name: columns[name] for name in PARAMETERS}
+    _refuse(where, [*_out_of_bounds(columns), *_impossible(bodies)])
     if "t_r" in columns and "t_end" in columns:
         # In an output table the t_end of a run that reversed is its result, and not its horizon.
         columns["t_end"] = np.where(np.isfinite(columns["t_r"]), np.nan, columns["t_end"])
@@ -280,12 +262,9 @@ def _own(name: str, column: pa.ChunkedArray) -> NDArray[Any]:
 
 
 def _without_units(columns: dict[str, Floats], where: str) -> Scale | None:
-    """Add the columns without units that follow from those with units, and are not given.
-
-    Return the units of the bodies, where they are known.
-    """
+    """Add the columns that follow from those with units; return the units, if they are known."""
     made: dict[str, Floats] = {}
-    scale: Scale | None = None
+    scale = None
     rows = max(map(len, columns.values()), default=0)
     full = {name: np.full(rows, x) for name, x in BODY_DEFAULTS.items()} | columns
     if "height_m" in columns:
@@ -308,20 +287,14 @@ def _without_units(columns: dict[str, Floats], where: str) -> Scale | None:
 
 
 def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
-    """Return the launches that full states come to, with ``u`` of length 1.
-
-    Raises a ConfigError that begins with `where` if a row is no state.
-    """
+    """Return the launches that full states come to; a ConfigError begins with `where`."""
     omega, u = (np.stack([columns[x] for x in names], axis=1) for names in (OMEGA, U))
-    u = normalised(u)
+    u = schema.normalised(u)
     still = "the body stands upright and at rest; give it an angular velocity"
-    rules = {NO_UNIT_VECTOR: np.isnan(u[:, 0]), still: ~omega.any(axis=1) & (u[:, 2] == -1)}
+    rules = {schema.NO_UNIT_VECTOR: np.isnan(u[:, 0]), still: ~omega.any(axis=1) & (u[:, 2] == -1)}
     _refuse(where, ((row, told) for told, bad in rules.items() for row in _first(bad)))
     n_i, omega_xy0, psi = spin_and_oscillation(omega, u)
     return {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi} | dict(zip(U, u.T, strict=True))
-
-
-# -- bad rows ----------------------------------------------------------------------------------
 
 
 def check_value(name: str, values: Floats) -> Problem | None:

@@ -30,8 +30,7 @@ def hint(text: Any, names: Iterable[str], otherwise: str) -> str:
 
 def not_one_of(value: Any, names: Iterable[str]) -> str:
     """Return the sentence for a value that is none of `names`."""
-    names = list(names)
-    told = hint(value, names, "choose one of them")
+    told = hint(value, names := list(names), "choose one of them")
     return f"{describe(value)} is not one of {', '.join(names)}; {told}"
 
 
