@@ -43,11 +43,7 @@ CHUNK = 4096
 
 
 def make_source(config: Config, base: Path | None = None) -> Source:
-    """Return the source that a config asks for; a table is read here, once.
-
-    A relative path is looked up from the working directory, and then from `base`.  A ConfigError
-    says which of the bodies cannot exist.
-    """
+    """Return the source that a config asks for; a table is read here, once."""
     bodies = config.bodies
     if bodies.source == "sd":
         return SdBodies(config.seed, bodies)
@@ -76,8 +72,8 @@ def make_source(config: Config, base: Path | None = None) -> Source:
             axes["xi"] = sign * np.radians(axes.pop(name))
     # Each rule is linear in each parameter, so a grid that breaks it breaks it in a corner.
     corners = GridBodies(given, {name: np.array([x.min(), x.max()]) for name, x in axes.items()})
-    every = corners.bodies(np.nan, np.arange(corners.samples))
-    _check(every, "bodies.axes" if axes else "bodies.overrides")
+    where = "bodies.axes" if axes else "bodies.overrides"
+    _check(corners.bodies(np.nan, np.arange(corners.samples)), where)
     return GridBodies(given, axes, units)
 
 
@@ -155,7 +151,6 @@ class SdBodies:
         self._chunk = lru_cache(maxsize=64)(self._draw_chunk)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Without what has been drawn: another process draws the same.
         return SdBodies, (self._seed, self._source)
 
     def check_targets(self) -> None:
@@ -215,9 +210,8 @@ def bodies_at(points: Floats, ranges: Floats) -> Bodies:
 def sequence_points(dimensions: int, seed: int, first: int, stop: int, group: int = 1) -> Floats:
     """Return points of the unit cube by their numbers, shape (dimensions, points).
 
-    With a `group` above 1, samples come in groups about two points (Saltelli's design): the first
-    sample is the one point, the second the other, and each of the rest is the first point with one
-    coordinate of the second.
+    Samples of a `group` (Saltelli's design) are one point, another, and for each coordinate the
+    first point with that of the second.
     """
     # scipy.stats takes longer to import than all the rest.
     from scipy.stats import qmc
@@ -240,16 +234,11 @@ def draw_points(
     seed: int, samples: Integers, ranges: Floats | None = None,
     target: Target | None = None, value: float = np.nan,
 ) -> Floats:  # fmt: skip
-    """Return a random point of the unit cube for each of some samples, shape (6, samples).
-
-    With a `target`, the bodies that are drawn from `ranges` meet that one of its values; raise a
-    ConfigError if a sample does not in ``target.max_draws`` draws.
-    """
+    """Return a random point for each of some samples, whose bodies meet a value of a target."""
     points = np.full((6, samples.size), np.nan)
     word, aim = 0, (0, 0.0, 0.0, 1)
     if target is not None:
-        # The word is the value's 64 bits, with the sign bit set for K_p: a draw does not depend on
-        # the other targets of the list.
+        # The value's 64 bits, with the sign bit set for K_p, whatever the other targets.
         word = int(np.float64(-value if target.name == "K_p" else value).view(np.int64))
         aim = (1 if target.name == "K_p" else 2, float(value), target.rel_tol, target.max_draws)
     # The copies have the types that the sampler is compiled for.
@@ -299,10 +288,7 @@ _UNIT = 2.0**-53
 def _draw(
     first, last, stop, seed, samples, word, ranges, which, target, rel_tol, max_draws, points
 ):
-    """Draw points for the samples from ``first`` up to ``last``; NaN stays where none meets it.
-
-    ``which`` is 0 for no target, 1 for K_p and 2 for K_r.
-    """
+    """Draw points, NaN where none meets it; `which` is 0 for no target, 1 for K_p, 2 for K_r."""
     for i in range(first, last):
         if stop[0]:
             return

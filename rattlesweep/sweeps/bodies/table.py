@@ -1,9 +1,7 @@
 """Bodies from the rows of a table: a CSV file, Parquet or a DataFrame.
 
-A row gives a body, by the parameters of the equations or in SI units by the columns of
-:data:`BODY`; perhaps a launch, as a spin and an oscillation or as a full state, a horizon, and its
-dissipation.  Other columns, such as the name of a stone, are carried along to the runs.  Each rule
-names the first row that breaks it.
+A row gives a body, by its parameters or in SI units by the columns of :data:`BODY`; perhaps a
+launch, a horizon, and its dissipation.  Other columns are carried along to the runs.
 """
 
 from __future__ import annotations
@@ -79,7 +77,7 @@ BOUNDS = {
     **dict.fromkeys(("height_m", "r1_m", "r2_m"), si.LIMITS["length"]),
     "gravity_m_s2": si.LIMITS["acceleration"],
 }
-"""Smallest and largest values, and their unit, of columns that are no parameters of bodies."""
+"""Smallest and largest values, and their unit."""
 LARGE = 3e8  # bytes of a file that takes seconds to read
 Problem = tuple[int, str]
 """Number of a row from 0, and what is wrong with it."""
@@ -87,12 +85,9 @@ Problem = tuple[int, str]
 
 @dataclass
 class TableBodies:
-    """Bodies from the rows of a table.
+    """Bodies from the rows of a table."""
 
-    `columns` have the names of :data:`COLUMNS`: those of the parameters, and perhaps others.
-    """
-
-    columns: dict[str, Floats]
+    columns: dict[str, Floats]  # those of the parameters, and perhaps others of `COLUMNS`
     scale: Scale | None = None
     carried: dict[str, NDArray[Any]] = default(default_factory=dict)
 
@@ -307,7 +302,6 @@ def check_value(name: str, values: Floats) -> Problem | None:
 
 
 def _first(bad: Flags) -> list[int]:
-    """Return the number of the first bad row, if there is one."""
     return [int(np.argmax(bad))] if bad.any() else []
 
 
@@ -324,7 +318,6 @@ def _impossible(columns: dict[str, Floats]) -> Iterator[Problem]:
 
 
 def _refuse(where: str, problems: Iterable[Problem]) -> None:
-    """Raise a ConfigError with a sentence for each of the first bad rows."""
     first: dict[int, str] = {}
     for row, sentence in problems:
         first.setdefault(row, sentence)

@@ -55,10 +55,7 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
 
 
 def parse_config(data: Mapping[str, Any], overrides: Sequence[str] = ()) -> Config:
-    """Check a config given as Python data, in which tuples are lists and NumPy's numbers numbers.
-
-    A ConfigError has everything that is wrong, one line each: ``key: sentence``.
-    """
+    """Check a config given as Python data; tuples are lists and NumPy's numbers numbers."""
     try:
         own = json.loads(json.dumps({**data}, default=lambda x: getattr(x, "tolist", x.__str__)()))
     except TypeError as error:
@@ -80,12 +77,9 @@ def resolved(config: Config) -> dict[str, Any]:
 
 
 def fixed_part(config: Config) -> dict[str, Any]:
-    """Return the part of a config that determines the numbers of a run with a given key.
-
-    What decides which runs there are is left out, since a sweep may grow in it; so are the limit of
-    steps, which runs that end do not notice, and the thresholds between types. Of the dissipation
-    its kind stays, and with it `dead_energy`, which decides which zeros are reversals.
-    """
+    """Return the part of a config that determines the numbers of a run with a given key."""
+    # Runs that end do not notice max_steps; with dissipation, dead_energy decides which zeros are
+    # reversals.
     types = {"ss_growth", "sw_departure", *([] if config.dissipation else ["dead_energy"])}
     # A table is known by what it holds, wherever it lies.
     bodies = {"samples": True, "refine": True, "path": True, "target": {"K_p", "K_r"}}
@@ -117,13 +111,11 @@ def differences(a: Mapping[str, Any], b: Mapping[str, Any], *, within: str = "")
 
 
 def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
-    """Return the data of a YAML text, the line of each key and list item, and its problems.
-
-    The nodes are converted here, since ruamel.yaml stops at the first repeated key.
-    """
+    """Return the data of a YAML text, the line of each key and list item, and its problems."""
     lines: dict[Key, int] = {}
     problems: list[Problem] = []
 
+    # Written out, since ruamel.yaml stops at the first repeated key.
     def convert(node: Node, key: Key) -> Any:
         if len(lines) > MAX_VALUES:
             raise ValueError(f"more than {MAX_VALUES} values")
@@ -139,8 +131,8 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
             word = name.value if isinstance(name, ScalarNode) else "?"
             line, child = name.start_mark.line + 1, (*key, word)
             if word in data:
-                first = f"first in line {lines[child]}"
-                problems.append((line, child, f"the key is repeated ({first}); keep one"))
+                told = f"the key is repeated (first in line {lines[child]}); keep one"
+                problems.append((line, child, told))
             else:
                 lines[child] = line
                 data[word] = convert(value, child)
@@ -158,7 +150,6 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
 
 
 def _check(data: Any, overrides: Sequence[str], places: Places, found: list[Problem]) -> Config:
-    """Return the config, or raise a ConfigError with everything that is wrong."""
     wrong: list[tuple[Key, str]]
     for text in overrides:
         places = _override(data, places, text)

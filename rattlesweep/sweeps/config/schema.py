@@ -87,12 +87,8 @@ PATH = {"min_length": 1, "pattern": r"^[^\x00]*$"}
 
 def or_text(item: Any, text: Any, read: Callable[[str], Any]) -> Any:
     """Return the type of an item that may be given as a text, which a function reads."""
-
-    def choose(value: Any, handler: Callable[[Any], Any]) -> Any:
-        return read(value) if isinstance(value, str) else handler(value)
-
-    plain = PlainSerializer(lambda value: getattr(value, "text", value))
-    return Annotated[item, WrapValidator(choose, item | text), plain]
+    choose = WrapValidator(lambda x, of: read(x) if isinstance(x, str) else of(x), item | text)
+    return Annotated[item, choose, PlainSerializer(lambda value: getattr(value, "text", value))]
 
 
 def or_word(item: Any, *words: str) -> Any:
@@ -195,7 +191,7 @@ class SdRanges(Base):
     f_sd: parameter("f_sd", interval) = [0.05, 0.15]
     theta: parameter("theta", interval) = [0.6, 0.95]
     phi: parameter("phi", interval) = [0.01, 0.1]
-    # Drawn from (low, high]: zero may bound the skew angle, but is never drawn.
+    # Zero may bound the skew angle, but is never drawn.
     minus_xi_deg: interval(Skew) = key([0.0, 6.0], PARAMETERS["minus_xi_deg"][2])
 
 
@@ -583,8 +579,14 @@ def clashes(config: Config) -> Iterator[tuple[str, str]]:
     early, full, table = config.classify.early, config.model == "full", bodies.source == TABLE
     special = lost or bodies.ellipsoidal
     yield from _body_clashes(bodies)
-    if config.stop and not _count(config.stop, "fraction", "t_r"):
-        yield "stop", "neither fraction nor t_r is given; add one"
+    sections = {
+        "stop": config.stop,
+        "horizon": horizon,
+        "bodies.axes": getattr(bodies, "axes", None),
+    }
+    for name, section in sections.items():
+        if section and not _count(section, *(names := type(section).model_fields)):
+            yield name, f"none of {', '.join(names)} is given; add one"
     if config.stop and not getattr(bodies, "drawn", ()):
         yield "stop", f"bodies of source {bodies.source} are all there are; take source: sd"
     if config.stop and getattr(bodies, "draw", "") == "saltelli":
@@ -599,8 +601,6 @@ def clashes(config: Config) -> Iterator[tuple[str, str]]:
     lists += [bodies.target.values] if isinstance(bodies, SdSource) and bodies.target else []
     if (cases := math.prod(map(len, lists))) > MAX_CASES:
         yield "spin", f"the lists make {cases} cases; at most {MAX_CASES} are possible"
-    if not _count(horizon, "t_rgh", "t", "t_decay"):
-        yield "horizon", "none of t_rgh, t, t_decay is given; add one"
     if horizon.t_decay and not (table or any(lost.sigma)):
         yield "dissipation", "horizon.t_decay is in units of gamma/sigma; give sigma"
     if TABLE in (*lost.sigma, *lost.rolling) and not table:
@@ -657,8 +657,6 @@ def _body_clashes(bodies: Bodies) -> Iterator[tuple[str, str]]:
         if base.given().keys() != (set() if base.preset else wanted):
             told = "give a preset alone, or gamma theta phi xi with alpha beta or with f_sd"
             yield "bodies.base", told
-        if not axes:
-            yield "bodies.axes", f"none of {', '.join(Axes.model_fields)} is given; add one"
         for name in sorted(axes & ({"f_sd"} if base.f_sd is None else {"alpha", "beta"})):
             yield "bodies.axes", f"{name} cannot vary over this base; f_sd is for alpha and beta"
         if bodies.c and ("c" in axes or (len(bodies.c) > 1 and bodies.refine)):
@@ -666,5 +664,4 @@ def _body_clashes(bodies: Bodies) -> Iterator[tuple[str, str]]:
 
 
 def _count(section: Base | None, *names: str) -> int:
-    """Return how many of some keys are given."""
     return sum(getattr(section, name, None) is not None for name in names)
