@@ -35,9 +35,8 @@ Problem = tuple[int | str | None, Key, str]
 def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Config:
     """Read a config file (YAML 1.2); without a name, it is named after the file.
 
-    `overrides` are ``KEY=VALUE`` texts with dotted keys and YAML values, such as
-    ``bodies.samples=10``; they replace values of the file, and later ones earlier ones.
-    A ConfigError has everything that is wrong, one line each: ``file:line: key: sentence``.
+    `overrides` are texts such as ``bodies.samples=10``, the last one counts.  A ConfigError
+    has everything that is wrong, one line each: ``file:line: key: sentence``.
     """
     file = one_line(os.fspath(path), 200)
     try:
@@ -47,7 +46,7 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
         raise ConfigError(f"{file}: {reason}; give the path of a config in UTF-8") from None
     data, lines, problems = read_yaml(text)
     if not isinstance(data, dict):
-        empty: Problem = (1, (), f"{describe(data)} is found; write key: value lines")
+        empty = (1, (), f"{describe(data)} is found; write key: value lines")
         line, _, sentence = (*problems, empty)[0]
         raise ConfigError(f"{file}:{line}: {sentence}")
     stem = "".join(c if c.isprintable() and c != "\\" else "_" for c in Path(path).stem)

@@ -274,19 +274,10 @@ class GridBase(Overrides):
     f_sd: parameter("f_sd") = None
 
 
-class Axes(Base):
-    """Parameters that vary: every combination is a body, and the first one varies slowest."""
-
-    alpha: parameter("alpha", several) = None
-    beta: parameter("beta", several) = None
-    gamma: parameter("gamma", several) = None
-    f_sd: parameter("f_sd", several) = None
-    theta: parameter("theta", several) = None
-    phi: parameter("phi", several) = None
-    xi: parameter("xi", several) = None
-    xi_deg: parameter("xi_deg", several) = None
-    minus_xi_deg: parameter("minus_xi_deg", several) = None
-    c: parameter("c", several) = None
+AXES = ("alpha", "beta", "gamma", "f_sd", "theta", "phi", "xi", "xi_deg", "minus_xi_deg", "c")
+VARYING: dict[str, Any] = {name: (parameter(name, several), None) for name in AXES}
+ORDER = "Parameters that vary: every combination is a body, and the first one varies slowest."
+Axes = pydantic.create_model("Axes", __base__=Base, __doc__=ORDER, **VARYING)
 
 
 class Refine(Base):
@@ -312,8 +303,8 @@ class GridSource(Surfaced):
     @property
     def varying(self) -> dict[str, list[float]]:
         """The values of each axis in their order, `c` behind the others where it is one."""
-        own = {} if self.c is None or len(self.c) == 1 else {"c": self.c}
-        return {name: values for name, values in self.axes if values is not None} | own
+        axes = vars(self.axes) | ({"c": self.c} if self.c and len(self.c) > 1 else {})
+        return {name: values for name, values in axes.items() if values is not None}
 
 
 Length, Mass = (interval(measured(kind, Positive)) for kind in ("length", "mass"))
@@ -651,7 +642,8 @@ def _body_clashes(bodies: Bodies) -> Iterator[tuple[str, str]]:
         if target and bodies.draw != "random":
             yield "bodies.target", "only random draws can meet a target; take draw: random"
     if isinstance(bodies, GridSource):
-        base, axes = bodies.base, {name for name, values in bodies.axes if values is not None}
+        base = bodies.base
+        axes = {name for name, values in vars(bodies.axes).items() if values is not None}
         wanted = {"gamma", "theta", "phi", "xi"}
         wanted |= {"alpha", "beta"} if base.f_sd is None else {"f_sd"}
         if base.given().keys() != (set() if base.preset else wanted):
