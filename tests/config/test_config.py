@@ -173,9 +173,6 @@ sd | method: dop853, tol: 1e-9 | accuracy: drft | 14: integrator.accuracy: "drft
 preset | bodies: {source: preset, name: GH, overrides: {theta: 0.82}}\n |  | 1: bodies: the key is missing; add it
 sd | model: full | seed: 3 | 12: seed: the key is repeated (first in line 2); keep one
 sd | samples: 1000 | samples: many | 5: bodies.samples: "many" is given; it should be a valid integer
-sd | classify: {} | classify: {early: yes} | 15: classify.early: "yes" is given; it should be a valid boolean
-sd | output: out/steady-kr-quick | output: 12 | 17: output: 12 is given; it should be a valid string
-sd | seed: 2017 | seed: 36893488147419103232 | 2: seed: 36893488147419103232 is given; it should be less than 9223372036854775808
 sd | t_rgh: 5 |  | 13: horizon: none of t_rgh, t, t_decay is given; add one
 sd | gamma: [5, 15] | gamma: [15, 5] | 6: bodies.ranges.gamma: the range is reversed; write [low, high]
 sd | theta: [0.6, 0.95] | theta: [0.6, 1.2] | 6: bodies.ranges.theta[1]: 1.2 is given; it should be less than 1
@@ -197,7 +194,6 @@ preset | overrides: {theta: 0.82}}\n | c: 2}\nrecord: [lyapunov]\n | 2: record: 
 shape | n_i: [60 rpm, 0.1] | n_i: 60 mm | 2: spin.n_i: "60 mm" is a length; a spin is needed, such as 60 rpm
 shape | n_i: [60 rpm, 0.1] | n_i: 60 rmp | 2: spin.n_i: "60 rmp" has the unit rmp: 'rmp' is not defined in the unit registry; a spin
 shape | n_i: [60 rpm, 0.1] | n_i: {linspace: [1 rpm, 2 Hz, 3]} | 2: spin.n_i: write {linspace: [low, high, n]} or
-shape | -3 deg | 3 | 1: bodies.skew: 3 is given; it should be less than 1.57
 shape | mass: [80 g, 90 g] | mass: 80 g | 1: bodies.samples: no key is a range, so all bodies are alike; leave
 """  # noqa: E501
 WHOLE = {
@@ -263,7 +259,6 @@ def test_errors_of_others_get_the_place_of_their_key(path):
     ("override", "words"),
     [
         ("bodies.samples", "is not KEY=VALUE; write it as in bodies.samples=10"),
-        ("bodies.sampels=1", 'bodies.sampels: unknown key "sampels"; did you mean "samples"?'),
         ("spin.n_i.x=1", "n_i is not a mapping; set it as a whole"),
         ("seed=[1", "cannot be read as YAML (expected ',' or ']', but got '<stream end>')"),
         ("horizon.t=20 kg", 'horizon.t: "20 kg" is a mass; a time is needed, such as 2.5 s'),
@@ -310,11 +305,9 @@ def test_the_hash_changes_with_the_numbers_of_a_run_alone(path):
     def hashed(*sets):
         return physics_hash(load_config(path, sets))
 
-    same = (
-        "name=x", "output=y", "classify.ss_growth=0.5", "spin.psi=relevant", "spin.n_i=[1, 2]",
-        "spin.omega_xy0=0.5", "bodies.samples=7", "bodies.target.K_r=[0.5]", "stop={t_r: 0.1}",
-        "integrator.max_steps=5",
-    )  # fmt: skip
+    same = ("name=x", "output=y", "classify.ss_growth=0.5", "stop={t_r: 0.1}", "spin.n_i=[1, 2]",
+            "spin.omega_xy0=0.5", "bodies.samples=7", "bodies.target.K_r=[0.5]",
+            "integrator.max_steps=5")  # fmt: skip
     assert {hashed(one) for one in same} == {hashed()}
     others = ("seed=1", "integrator.tol=1e-8", "record=[energy]", "model=gh", "classify.early=true",
               "bodies.target={K_p: [0.01]}", "bodies.target=null", "bodies.target.rel_tol=0.1",

@@ -95,9 +95,7 @@ def test_a_sequence_is_scipys_and_fills_every_cell_equally():
 # -- shell-dumbbell bodies ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("name", "values"), [("K_r", [0.0041, 0.03, 0.1]), ("K_p", [0.05, 0.45, 2.34])]
-)
+@pytest.mark.parametrize(("name", "values"), [("K_r", [0.0041, 0.1]), ("K_p", [0.05, 2.34])])
 def test_targets_are_met(name, values):
     made = plan(drawn(100, target={name: values, "rel_tol": 2e-3}))
     for value in values:
@@ -196,18 +194,14 @@ BAD_TABLES = {
     "missing column": ("alpha,beta,gamma,theta,phi\n1,2,3,4,5\n", "the column xi is missing"),
     "text cell": (f"{HEAD}\n{GH}\n13,1.5,12,abc,0.1,-0.1\n", "row 2: theta is 'abc'; a finite"),
     "empty cell": (f"{HEAD}\n{GH}\n13,1.5,12,,0.1,-0.1\n", "row 2: theta is empty; a finite"),
-    "too late": (f"{HEAD},t_end\n{GH},1e300\n", "row 1: t_end is 1e+300; from 1e-300 to 1e+30"),
     "n_i alone": (f"{HEAD},n_i\n{GH},0.1\n", "the column omega_xy0 is missing; a launch has n_i"),
-    "no u": (f"{HEAD},omega_x,omega_y,omega_z\n{GH},0,0,1\n", "the column u_x is missing; a full"),
     "u too long": (f"{STATE}\n{GH},0,0,1,0,0.5,-1\n",
                    "row 1: u must be a vector of length 1"),
     "at rest": (f"{STATE}\n{GH},0,0,0,0,0,-1\n",
                 "row 1: the body stands upright and at rest; give"),
-    "repeated": (f"{HEAD},theta\n{GH},0.7\n", "there are several columns theta; keep one of them"),
+    "repeated": (f"{HEAD},theta\n{GH},0.7\n", "there are several columns theta; keep one"),
     "a cell more in each row": (f"{HEAD}\n{GH},\n{GH},\n", "cannot be read as a table (CSV parse"),
     "no rows": (f"{HEAD}\n", "the table has no rows; give at least one body"),
-    "no radius": ("mass_kg,height_m,ixx_kg_m2,iyy_kg_m2,izz_kg_m2,r1_m\n1,1,2,16,17,2\n",
-                  "the column r2_m is missing; a body in SI units has mass_kg height_m"),
     "no height": (f"{HEAD},n_i_rpm\n{GH},60\n", "the column height_m is missing; n_i_rpm needs it"),
     "result": (f"{HEAD},type\n{GH},granite\n", "the column type has the name of a result; rename"),
     "degrees": (f"{HEAD},n_i,omega_xy0,psi\n{GH},1,0.1,30\n",

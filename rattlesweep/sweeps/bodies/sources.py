@@ -38,8 +38,7 @@ from rattlesweep.sweeps.bodies.table import read_bodies, run_fields
 from rattlesweep.sweeps.columns import MEASURED
 from rattlesweep.sweeps.config.schema import Config, SdSource, ShapeSource, Target
 
-CHUNK = 4096
-"""Samples that are drawn together, and kept while the other cases of their target ask for them."""
+CHUNK = 4096  # samples that are drawn together, and kept for the other cases of their target
 
 
 def make_source(config: Config, base: Path | None = None) -> Source:
@@ -185,8 +184,7 @@ class SdBodies:
 
 def ranges_of(source: SdSource) -> Floats:
     """Return the ranges that bodies are drawn from, shape (5, 2), or (6, 2) with that of ``c``."""
-    given = [*dict(source.ranges).values(), source.c]
-    return np.array([ends for ends in given if ends is not None])
+    return np.array([*dict(source.ranges).values(), *([source.c] if source.c else [])])
 
 
 def _shell_parameters(u, ranges):
@@ -248,12 +246,12 @@ def draw_points(
     if target is None:
         draw(0, samples.size, Control().flag, *settings)
         return points
-    threads = available_threads()
-    edges = np.linspace(0, samples.size, threads + 1).astype(int).tolist()
 
     def part(first: int, last: int, control: Control) -> None:
         draw(first, last, control.flag, *settings)
 
+    threads = available_threads()
+    edges = np.linspace(0, samples.size, threads + 1).astype(int).tolist()
     # Python's threads: a pool of Numba's aborts the process if another kernel runs at that time.
     # This thread stays free to notice Ctrl-C.
     side_by_side([partial(part, *ends) for ends in pairwise(edges)], threads)

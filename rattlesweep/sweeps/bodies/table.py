@@ -45,7 +45,7 @@ BODY = ("mass_kg", "height_m", "ixx_kg_m2", "iyy_kg_m2", "izz_kg_m2", "r1_m", "r
 BODY_DEFAULTS = {"mass_kg": np.nan, "ixy_kg_m2": 0.0, "axes_angle_deg": 0.0,
                  "gravity_m_s2": si.GRAVITY}  # fmt: skip
 """Mass, product of inertia, angle from the x axis to the direction of r1, and gravity."""
-WITH_UNITS = {
+WITH_UNITS = {  # what each stands for, its size in SI units, and its kind
     "xi_deg": ("xi", np.pi / 180, ""),
     "psi_deg": ("psi", np.pi / 180, ""),
     "n_i_rpm": ("n_i", np.pi / 30, "spin"),
@@ -55,17 +55,14 @@ WITH_UNITS = {
     "rolling_m": ("rolling", 1.0, "length"),
     "sigma_N_m_s": ("sigma", 1.0, "torque per spin"),
 }
-"""Columns with units: what each stands for, its size in SI units, and its kind."""
 INPUT = (*COLUMNS, "t_r", *BODY, *BODY_DEFAULTS, *WITH_UNITS)
 NULLABLE = ("t_end", "psi", "psi_deg", "f_sd", "t_r", "c", "t_end_s", "c_m")
-KEPT = {"mass_kg": "kg", "height_m": "m", "gravity_m_s2": "m/s^2"}
-"""Input columns that the runs keep, and their units."""
+KEPT = {"mass_kg": "kg", "height_m": "m", "gravity_m_s2": "m/s^2"}  # in the runs too
 RESULTS = {column.name for part in (*RUNS.values(), STATE, MEASURED) for column in part}
 TAKEN = {c.name for part in ("keys", "result", "observation") for c in RUNS[part]} - {*INPUT}
 """Names of results that no column of a user's own may have."""
-
 SPEEDS = (-schema.MAX_SPEED, schema.MAX_SPEED, "sqrt(g/a)")
-BOUNDS = {
+BOUNDS = {  # smallest and largest values, and their unit
     **dict.fromkeys(("n_i", *OMEGA), SPEEDS),
     "omega_xy0": (schema.MIN_OSCILLATION, schema.MAX_SPEED, "sqrt(g/a)"),
     "sigma": (0.0, schema.MAX_SIGMA, "M a^2 sqrt(g/a)"),
@@ -77,10 +74,8 @@ BOUNDS = {
     **dict.fromkeys(("height_m", "r1_m", "r2_m"), si.LIMITS["length"]),
     "gravity_m_s2": si.LIMITS["acceleration"],
 }
-"""Smallest and largest values, and their unit."""
 LARGE = 3e8  # bytes of a file that takes seconds to read
-Problem = tuple[int, str]
-"""Number of a row from 0, and what is wrong with it."""
+Problem = tuple[int, str]  # number of a row from 0, and what is wrong with it
 
 
 @dataclass
@@ -197,8 +192,7 @@ def _unreadable(where: str, error: Exception) -> ConfigError:
 
 def _bodies(table: pa.Table, where: str) -> TableBodies:
     if repeated := [name for name, times in Counter(table.column_names).items() if times > 1]:
-        told = f"there are several columns {one_line(repeated[0])}; keep one of them"
-        raise ConfigError(f"{where}: {told}")
+        raise ConfigError(f"{where}: there are several columns {one_line(repeated[0])}; keep one")
     if not table.num_rows:
         raise ConfigError(f"{where}: the table has no rows; give at least one body")
     given = dict(zip(table.column_names, table.columns, strict=True))
@@ -219,8 +213,8 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
         _require((*OMEGA, *U), columns, where, f"a full state has {' '.join((*OMEGA, *U))}")
     elif columns.keys() & {*LAUNCH}:
         _require(LAUNCH, columns, where, "a launch has n_i and omega_xy0")
-    bodies = {name: columns[name] for name in PARAMETERS}
-    _refuse(where, [*_out_of_bounds(columns), *_impossible(bodies)])
+    wrong = violations(**{name: columns[name] for name in PARAMETERS})
+    _refuse(where, [*_out_of_bounds(columns), *wrong])
     if "t_r" in columns and "t_end" in columns:
         # In an output table the t_end of a run that reversed is its result, and not its horizon.
         columns["t_end"] = np.where(np.isfinite(columns["t_r"]), np.nan, columns["t_end"])

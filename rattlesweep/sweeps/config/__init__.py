@@ -10,8 +10,7 @@ from typing import Any
 
 from rattlesweep.errors import one_line
 
-Key = tuple[str | int, ...]
-"""Place of a value in nested data, such as ``("bodies", "ranges", "theta", 1)``."""
+Key = tuple[str | int, ...]  # such as ("bodies", "ranges", "theta", 1)
 
 
 def describe(value: Any) -> str:

@@ -28,8 +28,7 @@ SCALARS: dict[str, Callable[[str], Any]] = {
     "int": lambda text: int(text, 0), "float": float,
 }  # fmt: skip
 
-Problem = tuple[int | str | None, Key, str]
-"""Line or ``--set`` text, key, and sentence."""
+Problem = tuple[int | str | None, Key, str]  # line or --set text, key, and sentence
 
 
 def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Config:
@@ -77,8 +76,7 @@ def resolved(config: Config) -> dict[str, Any]:
 
 def fixed_part(config: Config) -> dict[str, Any]:
     """Return the part of a config that determines the numbers of a run with a given key."""
-    # Runs that end do not notice max_steps; with dissipation, dead_energy decides which zeros are
-    # reversals.
+    # Runs that end do not notice max_steps; dead_energy decides which zeros are reversals.
     types = {"ss_growth", "sw_departure", *([] if config.dissipation else ["dead_energy"])}
     # A table is known by what it holds, wherever it lies.
     bodies = {"samples": True, "refine": True, "path": True, "target": {"K_p", "K_r"}}
