@@ -80,7 +80,7 @@ def main() -> None:
 
 def draw(stored, code: np.ndarray, done: np.ndarray, missed: np.ndarray) -> object:
     """The runs that are done on the left, the cells that are missed on the right."""
-    spin, theta = stored.config.spin, stored.config.bodies.axes.given()["theta"]
+    spin, theta = stored.config.spin, stored.config.bodies.axes.theta
     figure = style.new_figure(9.0, 7.4)
     panels = figure.subplots(len(spin.omega_xy0), 2, sharex=True, sharey=True)
     colours = [colour for colour, _ in CELLS.values()]

@@ -18,8 +18,8 @@ from rattlesweep.paper.claim import Measured
 from rattlesweep.paper.workspace import Made, Tables, Workspace, records
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
-from rattlesweep.sweeps.bodies.sources import bodies_at, draw_points
-from rattlesweep.sweeps.config.schema import SdRanges
+from rattlesweep.sweeps.bodies.sources import bodies_at, draw_points, ranges_of
+from rattlesweep.sweeps.config.schema import SdSource
 
 # Points of a cumulative distribution; bodies counted at a time.
 LEVELS, CHUNK = 2001, 100_000
@@ -34,7 +34,7 @@ CLOSE, MUCH = 0.02, 10.0
 
 def drawn_bodies(first: int, last: int) -> tuple[Floats, ...]:
     """Return ``alpha, beta, gamma, theta, phi, xi`` of the bodies of some numbers."""
-    b = bodies_at(draw_points(2017, np.arange(first, last)), np.array(SdRanges().ends()))
+    b = bodies_at(draw_points(2017, np.arange(first, last)), ranges_of(SdSource(source="sd")))
     return b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi
 
 
@@ -67,7 +67,7 @@ def frequencies(ws: Workspace) -> Tables:
 
 def ratio_bound() -> float:
     """Return the infimum of ``omega_p / omega_r`` over the ranges of the paper's Table I."""
-    ranges = SdRanges()
+    ranges = SdSource(source="sd").ranges
     alpha, beta = shell_dumbbell(ranges.gamma[1], ranges.f_sd[0])
     xi = -np.radians(ranges.minus_xi_deg[0])
     found = theory.modes(alpha, beta, ranges.theta[0], ranges.phi[1], xi)

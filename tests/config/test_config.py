@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from itertools import pairwise
 from pathlib import Path
 
 import jsonschema
@@ -10,16 +11,8 @@ import pytest
 import yaml
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.config.read import (
-    config_json_schema,
-    differences,
-    fixed_part,
-    load_config,
-    parse_config,
-    physics_hash,
-    read_yaml,
-    resolved,
-)
+from rattlesweep.sweeps.config import read
+from rattlesweep.sweeps.config.read import load_config, parse_config, physics_hash, resolved
 from rattlesweep.sweeps.config.schema import ACCURACIES
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
@@ -95,8 +88,8 @@ def test_configs_round_trip_and_fit_the_schema(name, path):
     assert pickle.loads(pickle.dumps(config)) == config == load_config(path, sets)
     # PyYAML reads YAML 1.1, in which 1e-9 is text.
     assert parse_config({"name": config.name} | yaml.safe_load(path.read_text())) == config
-    for given in (data, read_yaml(path.read_text())[0]):
-        jsonschema.Draft202012Validator(config_json_schema()).validate(given)
+    for given in (data, read.read_yaml(path.read_text())[0]):
+        jsonschema.Draft202012Validator(read.config_json_schema()).validate(given)
 
 
 def test_settings_are_yaml_1_2_and_the_last_one_wins(path):
@@ -127,32 +120,24 @@ def test_values_are_spaced_where_they_can_be(law, middle):
 
 def test_values_with_units_stay_as_they_are_written(path):
     path.write_text(GOOD["shape"])
-    config = load_config(path, ["spin.n_i={linspace: [30 rpm, 90 rpm, 3]}", "horizon.t=20   s",
-                                "dissipation.sigma=1e-5 N m s"])  # fmt: skip
+    config = load_config(path, ["spin.n_i={linspace: [30 rpm, 90 rpm, 3]}", "horizon.t=20   s"])
     assert config.spin.n_i == pytest.approx([np.pi, 2 * np.pi, 3 * np.pi])
-    data = resolved(config)
+    data = resolved(pickle.loads(pickle.dumps(config)))
     assert data["spin"]["n_i"] == ["30.0 rpm", "60.0 rpm", "90.0 rpm"]
-    assert (data["horizon"]["t"], data["dissipation"]["sigma"]) == ("20 s", ["1e-5 N m s"])
-    assert data["bodies"]["mass"] == ["80 g", "90 g"]
-    assert resolved(pickle.loads(pickle.dumps(config))) == data
+    assert (data["horizon"]["t"], data["bodies"]["mass"]) == ("20 s", ["80 g", "90 g"])
 
 
 def test_defaults_are_table_one_and_the_papers_own_step():
     ranges = {"gamma": [5, 15], "f_sd": [0.05, 0.15], "theta": [0.6, 0.95], "phi": [0.01, 0.1],
               "minus_xi_deg": [0, 6]}  # fmt: skip
     expected = {
-        "name": "sweep",
-        "seed": 0,
+        "name": "sweep", "seed": 0, "model": "full", "horizon": {"t_rgh": 5}, "record": [],
         "bodies": {"source": "sd", "samples": 1000, "ranges": ranges, "draw": "random"},
         "spin": {"n_i": [0.1], "omega_xy0": [0.01], "psi": "relevant"},
-        "model": "full",
-        "horizon": {"t_rgh": 5},
-        "dissipation": {"sigma": [0], "rolling": [0]},
+        "dissipation": {"sigma": [0], "rolling": [0]}, "output": "out/sweep",
         "integrator": {"method": "dop853", "tol": 1e-9, "max_steps": 100_000_000},
         "classify": {"ss_growth": 1e-3, "sw_departure": 0.05, "early": False, "dead_energy": 0.01},
-        "record": [],
-        "output": "out/sweep",
-    }
+    }  # fmt: skip
     # Null is as if it were not there; tuples and NumPy's numbers are as good as any.
     spin = {"n_i": (np.float64(0.1),), "omega_xy0": np.array([0.01])}
     given = SD | {"stop": None, "seed": np.int64(0), "spin": spin}
@@ -188,9 +173,6 @@ sd | method: dop853, tol: 1e-9 | accuracy: drft | 14: integrator.accuracy: "drft
 preset | bodies: {source: preset, name: GH, overrides: {theta: 0.82}}\n |  | 1: bodies: the key is missing; add it
 sd | model: full | seed: 3 | 12: seed: the key is repeated (first in line 2); keep one
 sd | samples: 1000 | samples: many | 5: bodies.samples: "many" is given; it should be a valid integer
-sd | classify: {} | classify: {early: yes} | 15: classify.early: "yes" is given; it should be a valid boolean
-sd | output: out/steady-kr-quick | output: 12 | 17: output: 12 is given; it should be a valid string
-sd | seed: 2017 | seed: 36893488147419103232 | 2: seed: 36893488147419103232 is given; it should be less than 9223372036854775808
 sd | t_rgh: 5 |  | 13: horizon: none of t_rgh, t, t_decay is given; add one
 sd | gamma: [5, 15] | gamma: [15, 5] | 6: bodies.ranges.gamma: the range is reversed; write [low, high]
 sd | theta: [0.6, 0.95] | theta: [0.6, 1.2] | 6: bodies.ranges.theta[1]: 1.2 is given; it should be less than 1
@@ -207,10 +189,11 @@ preset | + | stop: {fraction: 0.1} | 3: stop: bodies of source preset are all th
 grid | phi: [0.02 | f_sd: [0.02 | 1: bodies.axes: f_sd cannot vary over this base; f_sd is for alpha and beta
 grid | {preset: GH} | {preset: GH, phi: 0.1} | 1: bodies.base: give a preset alone, or gamma theta phi xi with alpha beta or with f_sd
 shell | xi_deg: -3 | xi_deg: -3, xi: -0.1 | 1: bodies.base: xi, xi_deg and minus_xi_deg exclude each other; keep one
+preset | overrides: {theta: 0.82} | surface: ellipsoid | 1: bodies.surface: an ellipsoid needs c, its vertical semi-axis over a; give c: 2
+preset | overrides: {theta: 0.82}}\n | c: 2}\nrecord: [lyapunov]\n | 2: record: lyapunov is for paraboloids without dissipation; leave
 shape | n_i: [60 rpm, 0.1] | n_i: 60 mm | 2: spin.n_i: "60 mm" is a length; a spin is needed, such as 60 rpm
 shape | n_i: [60 rpm, 0.1] | n_i: 60 rmp | 2: spin.n_i: "60 rmp" has the unit rmp: 'rmp' is not defined in the unit registry; a spin
 shape | n_i: [60 rpm, 0.1] | n_i: {linspace: [1 rpm, 2 Hz, 3]} | 2: spin.n_i: write {linspace: [low, high, n]} or
-shape | -3 deg | 3 | 1: bodies.skew: 3 is given; it should be less than 1.57
 shape | mass: [80 g, 90 g] | mass: 80 g | 1: bodies.samples: no key is a range, so all bodies are alike; leave
 """  # noqa: E501
 WHOLE = {
@@ -221,6 +204,10 @@ WHOLE = {
     "# nothing\n": "1: nothing is found; write key: value lines",
     "a: &a [*a]\n": "1: cannot be read as YAML (maximum recursion depth",
     "record: [" + "1, " * 30_000 + "]": "1: cannot be read as YAML (more than 20000 values);",
+    "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(f"{b}: &{b} [{9 * f'*{a}, '}]\n"
+                                            for a, b in pairwise("abcdefghi")):
+        "1: cannot be read as YAML (more than 20000 values);",
+    "{" * 49_000: "1: cannot be read as YAML (maximum recursion depth",
 }  # fmt: skip
 
 
@@ -272,7 +259,6 @@ def test_errors_of_others_get_the_place_of_their_key(path):
     ("override", "words"),
     [
         ("bodies.samples", "is not KEY=VALUE; write it as in bodies.samples=10"),
-        ("bodies.sampels=1", 'bodies.sampels: unknown key "sampels"; did you mean "samples"?'),
         ("spin.n_i.x=1", "n_i is not a mapping; set it as a whole"),
         ("seed=[1", "cannot be read as YAML (expected ',' or ']', but got '<stream end>')"),
         ("horizon.t=20 kg", 'horizon.t: "20 kg" is a mass; a time is needed, such as 2.5 s'),
@@ -300,7 +286,7 @@ def test_files_and_data_that_cannot_be_read(path):
 
 
 def test_the_schema_describes_every_key_and_refuses_what_it_can():
-    schema = config_json_schema()
+    schema = read.config_json_schema()
     jsonschema.Draft202012Validator.check_schema(schema)
     for model in (schema, *schema["$defs"].values()):
         assert model["description"]
@@ -319,11 +305,9 @@ def test_the_hash_changes_with_the_numbers_of_a_run_alone(path):
     def hashed(*sets):
         return physics_hash(load_config(path, sets))
 
-    same = (
-        "name=x", "output=y", "classify.ss_growth=0.5", "spin.psi=relevant", "spin.n_i=[1, 2]",
-        "spin.omega_xy0=0.5", "bodies.samples=7", "bodies.target.K_r=[0.5]", "stop={t_r: 0.1}",
-        "integrator.max_steps=5",
-    )  # fmt: skip
+    same = ("name=x", "output=y", "classify.ss_growth=0.5", "stop={t_r: 0.1}", "spin.n_i=[1, 2]",
+            "spin.omega_xy0=0.5", "bodies.samples=7", "bodies.target.K_r=[0.5]",
+            "integrator.max_steps=5")  # fmt: skip
     assert {hashed(one) for one in same} == {hashed()}
     others = ("seed=1", "integrator.tol=1e-8", "record=[energy]", "model=gh", "classify.early=true",
               "bodies.target={K_p: [0.01]}", "bodies.target=null", "bodies.target.rel_tol=0.1",
@@ -340,12 +324,8 @@ def test_the_hash_changes_with_the_numbers_of_a_run_alone(path):
 def test_differences_name_keys_and_both_values(path):
     one = load_config(path)
     two = load_config(path, ["bodies.samples=10", "integrator={method: rk4, dt: 0.002}"])
-    a, b = resolved(one), resolved(two)
-    assert differences(a, a) == []
-    others = [
-        'integrator.method: "dop853" against "rk4"',
-        "integrator.tol: 1e-09 against not set",
-        "integrator.dt: not set against 0.002",
-    ]
-    assert differences(a, b) == ["bodies.samples: 1000 against 10", *others]
-    assert differences(fixed_part(one), fixed_part(two)) == others
+    others = ['integrator.method: "dop853" against "rk4"', "integrator.tol: 1e-09 against not set",
+              "integrator.dt: not set against 0.002"]  # fmt: skip
+    every = ["bodies.samples: 1000 against 10", *others]
+    assert read.differences(resolved(one), resolved(two)) == every
+    assert read.differences(read.fixed_part(one), read.fixed_part(two)) == others

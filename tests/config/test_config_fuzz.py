@@ -3,7 +3,6 @@
 import random
 import re
 import tempfile
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -137,20 +136,3 @@ def test_changed_configs(directory, start, count):
             raise AssertionError(told_by) from error
     # Either alone would be no test.
     assert count / 3 < told < count * 9 / 10
-
-
-LARGE = {
-    "keys": "".join(f"k{i}: 1\n" for i in range(25_000)),
-    "spins": "bodies: {source: sd}\nspin: {n_i: %s, omega_xy0: %s}\n" % (2 * ([*range(1, 9_000)],)),
-    "braces": "{" * 49_000,
-    "aliases": "a: &a [1,1,1,1,1,1,1,1,1]\n"
-    + "".join(f"{b}: &{b} [{9 * f'*{a}, '}]\n" for a, b in pairwise("abcdefghi")),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", LARGE)
-def test_the_largest_of_files_are_refused_in_seconds(name, directory):
-    path = directory / "c.yaml"
-    path.write_text(LARGE[name])
-    assert path.stat().st_size <= 250_000
-    assert refused(path)

@@ -41,8 +41,7 @@ def far_outside(size, seed):
     """Bodies at the ends of every range, ends combined at random."""
     rng = np.random.default_rng(seed)
     f_sd = np.choose(rng.integers(0, 3, size), [
-        log_uniform(rng, 1e-9, 0.5, size),
-        0.5 - log_uniform(rng, 1e-9, 0.5, size) / 2,
+        log_uniform(rng, 1e-9, 0.5, size), 0.5 - log_uniform(rng, 1e-9, 0.5, size) / 2,
         rng.uniform(0.05, 0.45, size),
     ])  # fmt: skip
     alpha, beta, gamma = dumbbells(log_uniform(rng, 1e-2, 1e3, size), f_sd)

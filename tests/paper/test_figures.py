@@ -152,7 +152,7 @@ def test_t1_is_within_the_rounding_of_table_i(monkeypatch):
 def test_no_body_is_below_the_least_ratio_of_the_frequencies():
     bound = fig3_4.ratio_bound()
     assert bound == pytest.approx(np.sqrt((0.05 * 15 + 1) / (0.95 * 15 + 1) * 9 * 1.5), rel=1e-12)
-    ends = np.array(SdRanges().ends())
+    ends = np.array(list(dict(SdRanges()).values()))
     corner = np.array([15, 0.05, 0.6, 0.1, 0.0])[:, None]
     shares = np.random.default_rng(2).uniform(size=(5, 20_000))
     for squeeze in (1.0, 1e-3):

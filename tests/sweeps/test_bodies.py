@@ -13,7 +13,7 @@ import sweeping
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.stats import qmc
-from sweeping import prepared, rows
+from sweeping import rows
 
 import rattlesweep as rs
 from rattlesweep.errors import ConfigError
@@ -22,7 +22,6 @@ from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.bodies import sources
 from rattlesweep.sweeps.bodies.sources import CHUNK, draw_points, uniforms
 from rattlesweep.sweeps.config.schema import Target
-from rattlesweep.sweeps.launches import prepare
 
 SPIN = {"n_i": -0.1, "omega_xy0": 0.01}
 TABLE_I = {
@@ -32,37 +31,28 @@ TABLE_I = {
 RANGES = np.array(list(TABLE_I.values()), dtype=float)
 GH = "13.04,1.522,12.28,0.6429,0.036,-0.03"
 HEAD = ",".join(PARAMETERS)
-PRESET = {"source": "preset", "name": "GH"}
 GRID = {"source": "grid", "base": {"preset": "GH"}}
 
 
-def plan(bodies: dict[str, Any], spin: dict[str, Any] | None = SPIN, **others: Any) -> Any:
-    data = {"bodies": bodies, **others}
-    return sweeping.plan_of(data if spin is None else {**data, "spin": spin})
+def plan(bodies: dict[str, Any], **others: Any) -> Any:
+    return sweeping.plan_of({"bodies": bodies, "spin": SPIN, **others})
 
 
 def drawn(samples: int = 0, **bodies: Any) -> dict[str, Any]:
     return {"source": "sd", "samples": samples, **bodies}
 
 
-def columns(bodies: Any) -> np.ndarray:
-    return np.array([getattr(bodies, name) for name in PARAMETERS])
-
-
 def bodies_of(plan: Any, target: float = math.nan, samples: Any = None) -> np.ndarray:
     """Parameters of a plan's bodies, of the shape (6, samples)."""
     some = np.arange(plan.samples) if samples is None else np.asarray(samples)
-    return columns(plan.source.bodies(target, some))
+    bodies = plan.source.bodies(target, some)
+    return np.array([getattr(bodies, name) for name in PARAMETERS])
 
 
-def refusals(bodies: dict[str, Any], spin: Any = SPIN) -> list[str]:
+def refusal(bodies: dict[str, Any]) -> str:
     with pytest.raises(ConfigError) as caught:
-        plan(bodies, spin).source.check_targets()
-    return caught.value.messages
-
-
-def refusal(bodies: dict[str, Any], spin: Any = SPIN) -> str:
-    (line,) = refusals(bodies, spin)
+        plan(bodies).source.check_targets()
+    (line,) = caught.value.messages
     assert "\n" not in line
     assert len(line) < 500
     return line
@@ -105,9 +95,7 @@ def test_a_sequence_is_scipys_and_fills_every_cell_equally():
 # -- shell-dumbbell bodies ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("name", "values"), [("K_r", [0.0041, 0.03, 0.1]), ("K_p", [0.05, 0.45, 2.34])]
-)
+@pytest.mark.parametrize(("name", "values"), [("K_r", [0.0041, 0.1]), ("K_p", [0.05, 2.34])])
 def test_targets_are_met(name, values):
     made = plan(drawn(100, target={name: values, "rel_tol": 2e-3}))
     for value in values:
@@ -153,25 +141,17 @@ def test_samples_of_a_group_differ_in_one_parameter_each(semi_axis):
             assert np.array_equal(others[p, :, k], (second if p == k else first)[p])
 
 
-def test_a_body_does_not_depend_on_threads_or_neighbours(monkeypatch):
+def test_a_body_does_not_depend_on_threads(monkeypatch):
     target, drawn_by = Target(K_r=[0.05], rel_tol=0.01), set()
     for threads in (1, 2, 3):
         monkeypatch.setattr(sources, "available_threads", lambda threads=threads: threads)
         drawn_by.add(draw_points(1, np.arange(301), RANGES, target, 0.05).tobytes())
     assert len(drawn_by) == 1
-    # Whichever runs are asked for together, and in whatever order.
-    made = plan(drawn(33, target={"K_r": [0.01, 0.1], "rel_tol": 0.1}))
-    whole = prepared(made)[0]
-    order = np.random.default_rng(5).permutation(66)
-    mixed = prepare(made, *np.divmod(order, 33))
-    assert np.array_equal(columns(mixed.bodies), columns(whole.bodies)[:, order])
-    assert np.array_equal(mixed.gh.t_rgh, whole.gh.t_rgh[order])
 
 
-@pytest.mark.parametrize(("name", "value"), [("K_r", 5.0), ("K_p", 1e-9)])
-def test_an_impossible_target_is_refused(name, value):
-    line = refusal(drawn(10**6, target={name: [0.1, value], "max_draws": 20_000}))
-    assert line.startswith(f"bodies.target.{name}: {value:g} was not met to 0.001 in 20000 draws")
+def test_an_impossible_target_is_refused():
+    line = refusal(drawn(10**6, target={"K_p": [0.1, 1e-9], "max_draws": 20_000}))
+    assert line.startswith("bodies.target.K_p: 1e-09 was not met to 0.001 in 20000 draws")
 
 
 # -- presets and grids -------------------------------------------------------------------------
@@ -215,16 +195,13 @@ BAD_TABLES = {
     "text cell": (f"{HEAD}\n{GH}\n13,1.5,12,abc,0.1,-0.1\n", "row 2: theta is 'abc'; a finite"),
     "empty cell": (f"{HEAD}\n{GH}\n13,1.5,12,,0.1,-0.1\n", "row 2: theta is empty; a finite"),
     "n_i alone": (f"{HEAD},n_i\n{GH},0.1\n", "the column omega_xy0 is missing; a launch has n_i"),
-    "no u": (f"{HEAD},omega_x,omega_y,omega_z\n{GH},0,0,1\n", "the column u_x is missing; a full"),
     "u too long": (f"{STATE}\n{GH},0,0,1,0,0.5,-1\n",
                    "row 1: u must be a vector of length 1"),
     "at rest": (f"{STATE}\n{GH},0,0,0,0,0,-1\n",
                 "row 1: the body stands upright and at rest; give"),
-    "repeated": (f"{HEAD},theta\n{GH},0.7\n", "there are several columns theta; keep one of them"),
+    "repeated": (f"{HEAD},theta\n{GH},0.7\n", "there are several columns theta; keep one"),
     "a cell more in each row": (f"{HEAD}\n{GH},\n{GH},\n", "cannot be read as a table (CSV parse"),
     "no rows": (f"{HEAD}\n", "the table has no rows; give at least one body"),
-    "no radius": ("mass_kg,height_m,ixx_kg_m2,iyy_kg_m2,izz_kg_m2,r1_m\n1,1,2,16,17,2\n",
-                  "the column r2_m is missing; a body in SI units has mass_kg height_m"),
     "no height": (f"{HEAD},n_i_rpm\n{GH},60\n", "the column height_m is missing; n_i_rpm needs it"),
     "result": (f"{HEAD},type\n{GH},granite\n", "the column type has the name of a result; rename"),
     "degrees": (f"{HEAD},n_i,omega_xy0,psi\n{GH},1,0.1,30\n",
@@ -270,7 +247,6 @@ def test_an_output_table_is_a_valid_input_and_gives_the_same_results(psi, tmp_pa
         "spin": {"n_i": [-0.4, 0.1], "omega_xy0": 0.01, "psi": psi},
         "horizon": {"t_rgh": 3},
     }
-
     sweeping.sweep(tmp_path / "first", data)
     first, runs = rows(tmp_path / "first"), tmp_path / "first" / "runs"
     had = first.t_r.notna().to_numpy()

@@ -185,7 +185,7 @@ REFUSED_TABLES: dict[str, tuple[str, str, dict[str, Any], str]] = {
     "no decay": ("sigma", "0", {"horizon": {"t_decay": 1}},
                  "horizon.t_decay: t_decay times gamma/sigma is not a finite time in the only run"),
 }  # fmt: skip
-# name: (sigma or all losses, words); with test_stones.REFUSED, which are of single values
+# name: (sigma or all losses, words)
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "too many": ({"sigma": {"linspace": [0, 1, 100_001]}},
                  "the lists make 100001 cases; at most 100000 are possible"),

@@ -41,13 +41,9 @@ def sweep(path: Path, output: Path, **rest: Any) -> pd.DataFrame:
     return rs.sweep(config, output=output).runs
 
 
-@pytest.mark.parametrize("ending", ["csv", "parquet"])
-def test_bodies_and_launches_in_si_units(ending, tmp_path):
-    path = tmp_path / f"stones.{ending}"
-    if ending == "csv":
-        STONES.to_csv(path, index=False)
-    else:
-        STONES.astype({"stone": "category"}).to_parquet(path)
+def test_bodies_and_launches_in_si_units(tmp_path):
+    path = tmp_path / "stones.parquet"
+    STONES.astype({"stone": "category"}).to_parquet(path)
     runs = sweep(path, tmp_path / "out")
     for run, given in zip(runs.itertuples(), STONES.itertuples(), strict=True):
         body = rs.Rattleback.from_si(
@@ -87,8 +83,6 @@ def test_a_frame_is_swept_with_all_of_its_columns(tmp_path):
     assert runs.c.tolist() == pytest.approx([2.0, np.nan, 2.5], nan_ok=True)
     assert runs.sigma.tolist() == [0.0, 0.01, 0.02]
     assert runs["rolling"].tolist() == pytest.approx([0, 1e-6 / 0.012, 0], rel=1e-14)
-    kept = ["stone", "number", "hardness", "mass_kg", "height_m"]
-    pd.testing.assert_frame_equal(runs[kept], STONES[kept], check_dtype=False)
     (file,) = (tmp_path / "out").glob("bodies-*.parquet")
     source, again = table.frame_bodies(frame), table.read_bodies(str(file))
     assert again.content_hash == source.content_hash
@@ -103,9 +97,8 @@ def test_a_frame_is_swept_with_all_of_its_columns(tmp_path):
 def test_angles_in_degrees_and_the_unit_of_time_alone(tmp_path):
     path = tmp_path / "t.csv"
     body = ROW.replace("-0.03", "-1.72")
-    path.write_text(
-        f"{PLAIN.replace('xi', 'xi_deg')},height_m,n_i,omega_xy0,psi_deg\n{body},0.02,0.3,0.1,30\n"
-    )
+    head = PLAIN.replace("xi", "xi_deg")
+    path.write_text(f"{head},height_m,n_i,omega_xy0,psi_deg\n{body},0.02,0.3,0.1,30\n")
     runs = sweep(path, tmp_path / "out")
     second = math.sqrt(0.02 / 9.81)
     assert (runs.xi[0], runs.psi[0]) == (-math.radians(1.72), math.radians(30))

@@ -39,9 +39,8 @@ class Scale:
 class Bodies:
     """Parameters of the bodies of some runs, and what a table says of these runs beside them.
 
-    What is None, and NaN in `t_end`, is for the config to say.  `f_sd` is NaN of bodies that are no
-    shell-dumbbells, `c` of paraboloids; full states `omega` and `u` have the shape (runs, 3).  The
-    runs get the columns `carried` too.
+    What is None, and NaN in `t_end`, is for the config to say; NaN is `f_sd` of bodies that are no
+    shell-dumbbells, and `c` of paraboloids.  The runs get the columns `carried` too.
     """
 
     alpha: Floats

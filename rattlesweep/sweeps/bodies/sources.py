@@ -1,10 +1,9 @@
 """Sources of bodies: drawn from ranges, a preset, a grid or a shape; for tables see `table`.
 
-Shell-dumbbell bodies are made from points of the unit cube.  A random point is a function of
-``(seed, word, sample, draw)`` and of nothing else, so that every sample can be drawn again alone,
-in any thread and any block; the word stands for the target, and draws go on until it is met.  The
-bits are those of ``numpy.random.Philox(key=(seed, word), counter=(2 draw, sample, 0, 0))`` (Philox
-4x64-10, Salmon et al., SC'11), whose objects take too long to create for every sample.
+A random point of the unit cube is a function of ``(seed, word, sample, draw)`` and of nothing else,
+so that every sample can be drawn again alone; the word stands for the target, and draws go on until
+it is met.  The bits are those of ``numpy.random.Philox(key=(seed, word), counter=(2 draw, sample,
+0, 0))`` (Philox 4x64-10, Salmon et al., SC'11), whose objects take too long to create.
 
 Points of a scrambled Sobol' sequence (Owen, J. Complexity 14, 466, 1998) fill the ranges more
 evenly than random ones; each is a function of the seed and its own number.
@@ -37,39 +36,27 @@ from rattlesweep.physics.si import half_ellipsoid
 from rattlesweep.sweeps.bodies import Bodies, Scale, Source
 from rattlesweep.sweeps.bodies.table import read_bodies, run_fields
 from rattlesweep.sweeps.columns import MEASURED
-from rattlesweep.sweeps.config.schema import (
-    Config,
-    PresetSource,
-    SdSource,
-    ShapeSource,
-    TableSource,
-    Target,
-)
+from rattlesweep.sweeps.config.schema import Config, SdSource, ShapeSource, Target
 
-CHUNK = 4096
-"""Samples that are drawn together, and kept while the other cases of their target ask for them."""
+CHUNK = 4096  # samples that are drawn together, and kept for the other cases of their target
 
 
 def make_source(config: Config, base: Path | None = None) -> Source:
-    """Return the source that a config asks for; a table is read here, once.
-
-    A relative path is looked up from the working directory, and then from `base`.  A ConfigError
-    says which of the bodies cannot exist.
-    """
+    """Return the source that a config asks for; a table is read here, once."""
     bodies = config.bodies
-    if isinstance(bodies, SdSource):
+    if bodies.source == "sd":
         return SdBodies(config.seed, bodies)
-    if isinstance(bodies, ShapeSource):
+    if bodies.source == "shape":
         return ShapeBodies(config.seed, bodies)
-    if isinstance(bodies, TableSource):
+    if bodies.source == "table":
         return read_bodies(bodies.path, base).with_surface(bodies)
-    units: si.Units | None = None
     preset: str | None
-    if isinstance(bodies, PresetSource):
-        preset, given, axes = bodies.name, bodies.overrides.given(), {}
+    if bodies.source == "preset":
+        preset, given, varying = bodies.name, bodies.overrides.given(), {}
     else:
-        preset, given = bodies.base.preset, bodies.base.given()
-        axes = {name: np.array(values, float) for name, values in bodies.varying.items()}
+        preset, given, varying = bodies.base.preset, bodies.base.given(), bodies.varying
+    axes = {name: np.array(values, float) for name, values in varying.items()}
+    units: si.Units | None = None
     if preset is not None:
         one = PRESETS[preset]()
         given = {name: getattr(one, name) for name in (*PARAMETERS, "c")} | given
@@ -84,8 +71,8 @@ def make_source(config: Config, base: Path | None = None) -> Source:
             axes["xi"] = sign * np.radians(axes.pop(name))
     # Each rule is linear in each parameter, so a grid that breaks it breaks it in a corner.
     corners = GridBodies(given, {name: np.array([x.min(), x.max()]) for name, x in axes.items()})
-    every = corners.bodies(np.nan, np.arange(corners.samples))
-    _check(every, "bodies.axes" if axes else "bodies.overrides")
+    where = "bodies.axes" if axes else "bodies.overrides"
+    _check(corners.bodies(np.nan, np.arange(corners.samples)), where)
     return GridBodies(given, axes, units)
 
 
@@ -113,9 +100,9 @@ class GridBodies:
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some runs; all cases have the same."""
         places = np.unravel_index(sample, self._shape) if self._shape else ()
-        varying = zip(self._axes.items(), places, strict=True)
         values: dict[str, Any] = {"f_sd": np.nan} | self._base
-        values |= {name: axis[place] for (name, axis), place in varying}
+        for (name, axis), place in zip(self._axes.items(), places, strict=True):
+            values[name] = axis[place]
         columns = {name: np.full(sample.shape, value) for name, value in values.items()}
         if "alpha" not in columns:
             columns["alpha"], columns["beta"] = shell_dumbbell(columns["gamma"], columns["f_sd"])
@@ -153,9 +140,6 @@ def _shaped(sizes: Floats) -> Bodies:
     return Bodies(**found, f_sd=np.full(mass.shape, np.nan), scale=scale, carried=kept)
 
 
-# -- shell-dumbbell bodies ---------------------------------------------------------------------
-
-
 class SdBodies:
     """Shell-dumbbell bodies drawn from ranges, by seed, value of the target and number alone."""
 
@@ -166,7 +150,6 @@ class SdBodies:
         self._chunk = lru_cache(maxsize=64)(self._draw_chunk)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Without what has been drawn: another process draws the same.
         return SdBodies, (self._seed, self._source)
 
     def check_targets(self) -> None:
@@ -201,7 +184,7 @@ class SdBodies:
 
 def ranges_of(source: SdSource) -> Floats:
     """Return the ranges that bodies are drawn from, shape (5, 2), or (6, 2) with that of ``c``."""
-    return np.array([*source.ranges.ends(), *([] if source.c is None else [source.c])])
+    return np.array([*dict(source.ranges).values(), *([source.c] if source.c else [])])
 
 
 def _shell_parameters(u, ranges):
@@ -225,9 +208,8 @@ def bodies_at(points: Floats, ranges: Floats) -> Bodies:
 def sequence_points(dimensions: int, seed: int, first: int, stop: int, group: int = 1) -> Floats:
     """Return points of the unit cube by their numbers, shape (dimensions, points).
 
-    With a `group` above 1, samples come in groups about two points (Saltelli's design): the first
-    sample is the one point, the second the other, and each of the rest is the first point with one
-    coordinate of the second.
+    Samples of a `group` (Saltelli's design) are one point, another, and for each coordinate the
+    first point with that of the second.
     """
     # scipy.stats takes longer to import than all the rest.
     from scipy.stats import qmc
@@ -243,27 +225,18 @@ def sequence_points(dimensions: int, seed: int, first: int, stop: int, group: in
         sobol.fast_forward(first)
     # SciPy warns if the first points it is asked for are not a power of two.
     count = stop - first
-    points: Floats = sobol.random(count if first else 1 << (count - 1).bit_length())[:count].T
-    return points
+    return np.array(sobol.random(count if first else 1 << (count - 1).bit_length())[:count].T)
 
 
 def draw_points(
-    seed: int,
-    samples: Integers,
-    ranges: Floats | None = None,
-    target: Target | None = None,
-    value: float = np.nan,
-) -> Floats:
-    """Return a random point of the unit cube for each of some samples, shape (6, samples).
-
-    With a `target`, the bodies that are drawn from `ranges` meet that one of its values; raise a
-    ConfigError if a sample does not in ``target.max_draws`` draws.
-    """
+    seed: int, samples: Integers, ranges: Floats | None = None,
+    target: Target | None = None, value: float = np.nan,
+) -> Floats:  # fmt: skip
+    """Return a random point for each of some samples, whose bodies meet a value of a target."""
     points = np.full((6, samples.size), np.nan)
     word, aim = 0, (0, 0.0, 0.0, 1)
     if target is not None:
-        # The word is the value's 64 bits, with the sign bit set for K_p: a draw does not depend on
-        # the other targets of the list.
+        # The value's 64 bits, with the sign bit set for K_p, whatever the other targets.
         word = int(np.float64(-value if target.name == "K_p" else value).view(np.int64))
         aim = (1 if target.name == "K_p" else 2, float(value), target.rel_tol, target.max_draws)
     # The copies have the types that the sampler is compiled for.
@@ -273,12 +246,12 @@ def draw_points(
     if target is None:
         draw(0, samples.size, Control().flag, *settings)
         return points
-    threads = available_threads()
-    edges = np.linspace(0, samples.size, threads + 1).astype(int).tolist()
 
     def part(first: int, last: int, control: Control) -> None:
         draw(first, last, control.flag, *settings)
 
+    threads = available_threads()
+    edges = np.linspace(0, samples.size, threads + 1).astype(int).tolist()
     # Python's threads: a pool of Numba's aborts the process if another kernel runs at that time.
     # This thread stays free to notice Ctrl-C.
     side_by_side([partial(part, *ends) for ends in pairwise(edges)], threads)
@@ -313,10 +286,7 @@ _UNIT = 2.0**-53
 def _draw(
     first, last, stop, seed, samples, word, ranges, which, target, rel_tol, max_draws, points
 ):
-    """Draw points for the samples from ``first`` up to ``last``; NaN stays where none meets it.
-
-    ``which`` is 0 for no target, 1 for K_p and 2 for K_r.
-    """
+    """Draw points, NaN where none meets it; `which` is 0 for no target, 1 for K_p, 2 for K_r."""
     for i in range(first, last):
         if stop[0]:
             return
@@ -352,12 +322,8 @@ def _philox(key0, key1, c0, c1):
         c0, c1, c2, c3 = high1 ^ c1 ^ key0, low1, high0 ^ c3 ^ key1, low0
         key0 += _W0
         key1 += _W1
-    return (
-        float(c0 >> _SHIFT) * _UNIT,
-        float(c1 >> _SHIFT) * _UNIT,
-        float(c2 >> _SHIFT) * _UNIT,
-        float(c3 >> _SHIFT) * _UNIT,
-    )
+    return (float(c0 >> _SHIFT) * _UNIT, float(c1 >> _SHIFT) * _UNIT,
+            float(c2 >> _SHIFT) * _UNIT, float(c3 >> _SHIFT) * _UNIT)  # fmt: skip
 
 
 @njit(nogil=True)

@@ -1,9 +1,7 @@
 """Bodies from the rows of a table: a CSV file, Parquet or a DataFrame.
 
-A row gives a body, by the parameters of the equations or in SI units by the columns of
-:data:`BODY`; perhaps a launch, as a spin and an oscillation or as a full state, a horizon, and its
-dissipation.  Other columns, such as the name of a stone, are carried along to the runs.  Each rule
-names the first row that breaks it.
+A row gives a body, by its parameters or in SI units by the columns of :data:`BODY`; perhaps a
+launch, a horizon, and its dissipation.  Other columns are carried along to the runs.
 """
 
 from __future__ import annotations
@@ -32,16 +30,8 @@ from rattlesweep.physics.body import PARAMETERS, violations
 from rattlesweep.physics.theory import spin_and_oscillation
 from rattlesweep.sweeps.bodies import Bodies, Scale
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT, field
-from rattlesweep.sweeps.config.schema import (
-    MAX_SIGMA,
-    MAX_SPEED,
-    MAX_TIME,
-    MIN_OSCILLATION,
-    NO_UNIT_VECTOR,
-    TABLE,
-    TableSource,
-    normalised,
-)
+from rattlesweep.sweeps.config import schema
+from rattlesweep.sweeps.config.schema import TABLE, TableSource
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,7 +45,7 @@ BODY = ("mass_kg", "height_m", "ixx_kg_m2", "iyy_kg_m2", "izz_kg_m2", "r1_m", "r
 BODY_DEFAULTS = {"mass_kg": np.nan, "ixy_kg_m2": 0.0, "axes_angle_deg": 0.0,
                  "gravity_m_s2": si.GRAVITY}  # fmt: skip
 """Mass, product of inertia, angle from the x axis to the direction of r1, and gravity."""
-WITH_UNITS = {
+WITH_UNITS = {  # what each stands for, its size in SI units, and its kind
     "xi_deg": ("xi", np.pi / 180, ""),
     "psi_deg": ("psi", np.pi / 180, ""),
     "n_i_rpm": ("n_i", np.pi / 30, "spin"),
@@ -65,42 +55,34 @@ WITH_UNITS = {
     "rolling_m": ("rolling", 1.0, "length"),
     "sigma_N_m_s": ("sigma", 1.0, "torque per spin"),
 }
-"""Columns with units: what each stands for, its size in SI units, and its kind."""
 INPUT = (*COLUMNS, "t_r", *BODY, *BODY_DEFAULTS, *WITH_UNITS)
 NULLABLE = ("t_end", "psi", "psi_deg", "f_sd", "t_r", "c", "t_end_s", "c_m")
-KEPT = {"mass_kg": "kg", "height_m": "m", "gravity_m_s2": "m/s^2"}
-"""Input columns that the runs keep, and their units."""
+KEPT = {"mass_kg": "kg", "height_m": "m", "gravity_m_s2": "m/s^2"}  # in the runs too
 RESULTS = {column.name for part in (*RUNS.values(), STATE, MEASURED) for column in part}
 TAKEN = {c.name for part in ("keys", "result", "observation") for c in RUNS[part]} - {*INPUT}
 """Names of results that no column of a user's own may have."""
-
-SPEEDS = (-MAX_SPEED, MAX_SPEED, "sqrt(g/a)")
-BOUNDS = {
+SPEEDS = (-schema.MAX_SPEED, schema.MAX_SPEED, "sqrt(g/a)")
+BOUNDS = {  # smallest and largest values, and their unit
     **dict.fromkeys(("n_i", *OMEGA), SPEEDS),
-    "omega_xy0": (MIN_OSCILLATION, MAX_SPEED, "sqrt(g/a)"),
-    "sigma": (0.0, MAX_SIGMA, "M a^2 sqrt(g/a)"),
+    "omega_xy0": (schema.MIN_OSCILLATION, schema.MAX_SPEED, "sqrt(g/a)"),
+    "sigma": (0.0, schema.MAX_SIGMA, "M a^2 sqrt(g/a)"),
     "rolling": (0.0, 1.0, "a"),
-    "t_end": (1e-300, MAX_TIME, "sqrt(a/g)"),
+    "t_end": (1e-300, schema.MAX_TIME, "sqrt(a/g)"),
     "psi": (-2 * np.pi, 2 * np.pi, "rad"),
     "psi_deg": (-360.0, 360.0, "degrees"),
     "mass_kg": si.LIMITS["mass"],
     **dict.fromkeys(("height_m", "r1_m", "r2_m"), si.LIMITS["length"]),
     "gravity_m_s2": si.LIMITS["acceleration"],
 }
-"""Smallest and largest values, and their unit, of columns that are no parameters of bodies."""
 LARGE = 3e8  # bytes of a file that takes seconds to read
-Problem = tuple[int, str]
-"""Number of a row from 0, and what is wrong with it."""
+Problem = tuple[int, str]  # number of a row from 0, and what is wrong with it
 
 
 @dataclass
 class TableBodies:
-    """Bodies from the rows of a table.
+    """Bodies from the rows of a table."""
 
-    `columns` have the names of :data:`COLUMNS`: those of the parameters, and perhaps others.
-    """
-
-    columns: dict[str, Floats]
+    columns: dict[str, Floats]  # those of the parameters, and perhaps others of `COLUMNS`
     scale: Scale | None = None
     carried: dict[str, NDArray[Any]] = default(default_factory=dict)
 
@@ -161,18 +143,12 @@ class TableBodies:
 def run_fields(scale: Scale | None, carried: Mapping[str, NDArray[Any]]) -> tuple[pa.Field, ...]:
     """Return the columns that runs have because of what bodies carry, and of their known size."""
     kinds = {"i": I64, "f": F64, "O": TEXT}
-    own = (
-        (name, kinds[values.dtype.kind], KEPT.get(name, "1")) for name, values in carried.items()
-    )
+    own = ((name, kinds[x.dtype.kind], KEPT.get(name, "1")) for name, x in carried.items())
     return (*(field(*one, "from the bodies") for one in own), *(MEASURED if scale else ()))
 
 
 def read_bodies(path: str, base: Path | None = None) -> TableBodies:
-    """Read bodies from a CSV or Parquet file, or a directory of Parquet, here or under `base`.
-
-    The rows of a directory of runs are in the order of cases and samples.  A ConfigError has a line
-    for each of the first bad rows.
-    """
+    """Read bodies from a CSV or Parquet file, or a directory of Parquet, here or under `base`."""
     where = f"bodies.path: {one_line(path, 200)}"
     file = Path(path) if base is None or os.path.exists(path) else base / path
     if not (file.is_dir() or file.is_file()):
@@ -214,13 +190,9 @@ def _unreadable(where: str, error: Exception) -> ConfigError:
     return ConfigError(f"{where}: cannot be read as a table ({reason})")
 
 
-# -- from columns to bodies --------------------------------------------------------------------
-
-
 def _bodies(table: pa.Table, where: str) -> TableBodies:
     if repeated := [name for name, times in Counter(table.column_names).items() if times > 1]:
-        told = f"there are several columns {one_line(repeated[0])}; keep one of them"
-        raise ConfigError(f"{where}: {told}")
+        raise ConfigError(f"{where}: there are several columns {one_line(repeated[0])}; keep one")
     if not table.num_rows:
         raise ConfigError(f"{where}: the table has no rows; give at least one body")
     given = dict(zip(table.column_names, table.columns, strict=True))
@@ -237,13 +209,12 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
     _refuse(where, [*problems, *_out_of_bounds(columns)])
     scale = _without_units(columns, where)
     _require(PARAMETERS, columns, where, f"{' '.join(PARAMETERS)} are wanted")
-    state = columns.keys() & {*OMEGA, *U}
-    if state:
+    if state := columns.keys() & {*OMEGA, *U}:
         _require((*OMEGA, *U), columns, where, f"a full state has {' '.join((*OMEGA, *U))}")
     elif columns.keys() & {*LAUNCH}:
         _require(LAUNCH, columns, where, "a launch has n_i and omega_xy0")
-    impossible = violations(**{name: columns[name] for name in PARAMETERS})
-    _refuse(where, [*_out_of_bounds(columns), *impossible])
+    wrong = violations(**{name: columns[name] for name in PARAMETERS})
+    _refuse(where, [*_out_of_bounds(columns), *wrong])
     if "t_r" in columns and "t_end" in columns:
         # In an output table the t_end of a run that reversed is its result, and not its horizon.
         columns["t_end"] = np.where(np.isfinite(columns["t_r"]), np.nan, columns["t_end"])
@@ -280,12 +251,9 @@ def _own(name: str, column: pa.ChunkedArray) -> NDArray[Any]:
 
 
 def _without_units(columns: dict[str, Floats], where: str) -> Scale | None:
-    """Add the columns without units that follow from those with units, and are not given.
-
-    Return the units of the bodies, where they are known.
-    """
+    """Add the columns that follow from those with units; return the units, if they are known."""
     made: dict[str, Floats] = {}
-    scale: Scale | None = None
+    scale = None
     rows = max(map(len, columns.values()), default=0)
     full = {name: np.full(rows, x) for name, x in BODY_DEFAULTS.items()} | columns
     if "height_m" in columns:
@@ -308,20 +276,14 @@ def _without_units(columns: dict[str, Floats], where: str) -> Scale | None:
 
 
 def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
-    """Return the launches that full states come to, with ``u`` of length 1.
-
-    Raises a ConfigError that begins with `where` if a row is no state.
-    """
+    """Return the launches that full states come to; a ConfigError begins with `where`."""
     omega, u = (np.stack([columns[x] for x in names], axis=1) for names in (OMEGA, U))
-    u = normalised(u)
+    u = schema.normalised(u)
     still = "the body stands upright and at rest; give it an angular velocity"
-    rules = {NO_UNIT_VECTOR: np.isnan(u[:, 0]), still: ~omega.any(axis=1) & (u[:, 2] == -1)}
+    rules = {schema.NO_UNIT_VECTOR: np.isnan(u[:, 0]), still: ~omega.any(axis=1) & (u[:, 2] == -1)}
     _refuse(where, ((row, told) for told, bad in rules.items() for row in _first(bad)))
     n_i, omega_xy0, psi = spin_and_oscillation(omega, u)
     return {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi} | dict(zip(U, u.T, strict=True))
-
-
-# -- bad rows ----------------------------------------------------------------------------------
 
 
 def check_value(name: str, values: Floats) -> Problem | None:
@@ -334,7 +296,6 @@ def check_value(name: str, values: Floats) -> Problem | None:
 
 
 def _first(bad: Flags) -> list[int]:
-    """Return the number of the first bad row, if there is one."""
     return [int(np.argmax(bad))] if bad.any() else []
 
 
@@ -351,7 +312,6 @@ def _impossible(columns: dict[str, Floats]) -> Iterator[Problem]:
 
 
 def _refuse(where: str, problems: Iterable[Problem]) -> None:
-    """Raise a ConfigError with a sentence for each of the first bad rows."""
     first: dict[int, str] = {}
     for row, sentence in problems:
         first.setdefault(row, sentence)

@@ -10,8 +10,7 @@ from typing import Any
 
 from rattlesweep.errors import one_line
 
-Key = tuple[str | int, ...]
-"""Place of a value in nested data, such as ``("bodies", "ranges", "theta", 1)``."""
+Key = tuple[str | int, ...]  # such as ("bodies", "ranges", "theta", 1)
 
 
 def describe(value: Any) -> str:
@@ -30,8 +29,7 @@ def hint(text: Any, names: Iterable[str], otherwise: str) -> str:
 
 def not_one_of(value: Any, names: Iterable[str]) -> str:
     """Return the sentence for a value that is none of `names`."""
-    names = list(names)
-    told = hint(value, names, "choose one of them")
+    told = hint(value, names := list(names), "choose one of them")
     return f"{describe(value)} is not one of {', '.join(names)}; {told}"
 
 

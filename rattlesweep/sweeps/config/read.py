@@ -7,7 +7,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, get_args
@@ -22,17 +22,20 @@ from rattlesweep.sweeps.config.schema import SOURCES, Config, clashes
 
 MAX_VALUES = 20_000  # aliases may stand for far more values than a file has
 MAX_TOLD = 20  # problems told in full
+# What YAML knows beside these, such as dates, stays text.
+SCALARS: dict[str, Callable[[str], Any]] = {
+    "null": lambda _: None, "bool": lambda text: text.lower() == "true",
+    "int": lambda text: int(text, 0), "float": float,
+}  # fmt: skip
 
-Problem = tuple[int | str | None, Key, str]
-"""Line or ``--set`` text, key, and sentence."""
+Problem = tuple[int | str | None, Key, str]  # line or --set text, key, and sentence
 
 
 def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Config:
     """Read a config file (YAML 1.2); without a name, it is named after the file.
 
-    `overrides` are ``KEY=VALUE`` texts with dotted keys and YAML values, such as
-    ``bodies.samples=10``; they replace values of the file, and later ones earlier ones.
-    A ConfigError has everything that is wrong, one line each: ``file:line: key: sentence``.
+    `overrides` are texts such as ``bodies.samples=10``, the last one counts.  A ConfigError
+    has everything that is wrong, one line each: ``file:line: key: sentence``.
     """
     file = one_line(os.fspath(path), 200)
     try:
@@ -42,7 +45,7 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
         raise ConfigError(f"{file}: {reason}; give the path of a config in UTF-8") from None
     data, lines, problems = read_yaml(text)
     if not isinstance(data, dict):
-        empty: Problem = (1, (), f"{describe(data)} is found; write key: value lines")
+        empty = (1, (), f"{describe(data)} is found; write key: value lines")
         line, _, sentence = (*problems, empty)[0]
         raise ConfigError(f"{file}:{line}: {sentence}")
     stem = "".join(c if c.isprintable() and c != "\\" else "_" for c in Path(path).stem)
@@ -50,16 +53,9 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
 
 
 def parse_config(data: Mapping[str, Any], overrides: Sequence[str] = ()) -> Config:
-    """Check a config given as Python data, in which tuples are lists and NumPy's numbers numbers.
-
-    A ConfigError has everything that is wrong, one line each: ``key: sentence``.
-    """
-
-    def plain(value: Any) -> Any:
-        return value.tolist() if hasattr(value, "tolist") else str(value)
-
+    """Check a config given as Python data; tuples are lists and NumPy's numbers numbers."""
     try:
-        own = json.loads(json.dumps({**data}, default=plain))
+        own = json.loads(json.dumps({**data}, default=lambda x: getattr(x, "tolist", x.__str__)()))
     except TypeError as error:
         raise ConfigError(f"the config is not plain data ({error}); give a dict") from None
     return _check(own, overrides, Places(), [])
@@ -79,13 +75,8 @@ def resolved(config: Config) -> dict[str, Any]:
 
 
 def fixed_part(config: Config) -> dict[str, Any]:
-    """Return the part of a config that determines the numbers of a run with a given key.
-
-    The lists of cases, the number of samples and what decides which runs there are, are left out,
-    since a sweep may grow in them; so are the limit of steps, which runs that end do not notice,
-    and the thresholds between types. Of the dissipation its kind stays, which chooses the kernel,
-    and with it `dead_energy`, which decides which zeros of the spin are reversals.
-    """
+    """Return the part of a config that determines the numbers of a run with a given key."""
+    # Runs that end do not notice max_steps; dead_energy decides which zeros are reversals.
     types = {"ss_growth", "sw_departure", *([] if config.dissipation else ["dead_energy"])}
     # A table is known by what it holds, wherever it lies.
     bodies = {"samples": True, "refine": True, "path": True, "target": {"K_p", "K_r"}}
@@ -99,8 +90,7 @@ def fixed_part(config: Config) -> dict[str, Any]:
 
 def physics_hash(config: Config) -> str:
     """Return the SHA-256, in hex, of the :func:`fixed_part` of a config."""
-    part = fixed_part(config)
-    text = json.dumps(part, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    text = json.dumps(fixed_part(config), sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -118,13 +108,11 @@ def differences(a: Mapping[str, Any], b: Mapping[str, Any], *, within: str = "")
 
 
 def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
-    """Return the data of a YAML text, the line of each key and list item, and its problems.
-
-    The nodes are converted here, since ruamel.yaml stops at the first repeated key.
-    """
+    """Return the data of a YAML text, the line of each key and list item, and its problems."""
     lines: dict[Key, int] = {}
     problems: list[Problem] = []
 
+    # Written out, since ruamel.yaml stops at the first repeated key.
     def convert(node: Node, key: Key) -> Any:
         if len(lines) > MAX_VALUES:
             raise ValueError(f"more than {MAX_VALUES} values")
@@ -132,14 +120,16 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
             lines.update({(*key, i): item.start_mark.line + 1 for i, item in enumerate(node.value)})
             return [convert(item, (*key, i)) for i, item in enumerate(node.value)]
         if not isinstance(node, MappingNode):
-            return _scalar(str(node.tag).rpartition(":")[2], node.value)
+            with suppress(ValueError):
+                return SCALARS.get(str(node.tag).rpartition(":")[2], str)(node.value)
+            return node.value
         data: dict[str, Any] = {}
         for name, value in node.value:
             word = name.value if isinstance(name, ScalarNode) else "?"
             line, child = name.start_mark.line + 1, (*key, word)
             if word in data:
-                first = f"first in line {lines[child]}"
-                problems.append((line, child, f"the key is repeated ({first}); keep one"))
+                told = f"the key is repeated (first in line {lines[child]}); keep one"
+                problems.append((line, child, told))
             else:
                 lines[child] = line
                 data[word] = convert(value, child)
@@ -156,31 +146,17 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
         return None, {}, [(mark.line + 1 if mark else 1, (), message)]
 
 
-def _scalar(kind: str, text: str) -> Any:
-    """Return the value of a scalar; what YAML knows beside words and numbers stays text."""
-    if kind in ("null", "bool"):
-        return None if kind == "null" else text.lower() == "true"
-    with suppress(ValueError):
-        return int(text, 0) if kind == "int" else float(text) if kind == "float" else text
-    return text
-
-
-def _check(
-    data: dict[str, Any], overrides: Sequence[str], places: Places, found: list[Problem]
-) -> Config:
-    """Return the config, or raise a ConfigError with everything that is wrong."""
+def _check(data: Any, overrides: Sequence[str], places: Places, found: list[Problem]) -> Config:
+    wrong: list[tuple[Key, str]]
     for text in overrides:
         places = _override(data, places, text)
     try:
         config = Config.model_validate(data)
     except ValidationError as error:
-        for one in error.errors(include_url=False):
-            key, sentence = _problem(one, data)
-            found.append((places.origin(key), key, sentence))
+        wrong = [_problem(one, data) for one in error.errors(include_url=False)]
     else:
-        for name, sentence in clashes(config):
-            key = tuple(name.split("."))
-            found.append((places.origin(key), key, sentence))
+        wrong = [(tuple(name.split(".")), sentence) for name, sentence in clashes(config)]
+    found += [(places.origin(key), key, sentence) for key, sentence in wrong]
     if not found:
         config._places = places
         return config
@@ -229,7 +205,14 @@ def _problem(error: Any, data: Any) -> tuple[Key, str]:
     if kind == "missing":
         return key, "the key is missing; add it"
     if kind == "extra_forbidden":
-        names = _names(key, data)
+        model: Any = Config
+        for part in key[:-1]:
+            kinds = [model.model_fields[part].annotation]
+            for one in kinds:
+                kinds.extend(get_args(one))
+            models = [one for one in kinds if hasattr(one, "model_fields")]
+            model = SOURCES[data["bodies"]["source"]] if part == "bodies" else models[0]
+        names = list(model.model_fields)
         told = hint(key[-1], names, f"allowed are {', '.join(names)}")
         return key, f"unknown key {describe(key[-1])}; {told}"
     if kind == "literal_error":
@@ -240,15 +223,3 @@ def _problem(error: Any, data: Any) -> tuple[Key, str]:
         text = kind == "value_error" and isinstance(value, str)
         return key, f"{describe(value)} {words}" if text else words
     return key, f"{describe(value)} is given; {words}"
-
-
-def _names(key: Key, data: Any) -> list[str]:
-    """Return the keys that are allowed at the place of one."""
-    model: Any = Config
-    for part in key[:-1]:
-        kinds = [model.model_fields[part].annotation]
-        for kind in kinds:
-            kinds.extend(get_args(kind))
-        models = [kind for kind in kinds if hasattr(kind, "model_fields")]
-        model = SOURCES[data["bodies"]["source"]] if part == "bodies" else models[0]
-    return list(model.model_fields)

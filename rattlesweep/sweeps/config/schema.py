@@ -6,20 +6,13 @@
 import json
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 import pydantic
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    PlainSerializer,
-    WrapValidator,
-)
+from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, WrapValidator
 from pydantic_core import PydanticCustomError
 
 from rattlesweep.arrays import Floats
@@ -29,7 +22,6 @@ from rattlesweep.physics.body import MAX_INERTIA
 from rattlesweep.sweeps.config import Key, Places, not_one_of
 from rattlesweep.units import KINDS, Quantity, split
 
-U_SLACK = 1e-3  # how far the length of u may be from 1
 MAX_SPEED = 1e3  # sqrt(g/a); at this spin a tilt of 1e-6 rad takes a contact force of the weight
 MAX_SIGMA = 1e6  # M a^2 sqrt(g/a)
 MAX_TIME = 1e30  # sqrt(a/g) or t_rGH, beyond any run; sums of such numbers stay finite
@@ -37,7 +29,6 @@ MIN_OSCILLATION = 1e-140  # sqrt(g/a); the square of a smaller one underflows
 MAX_COUNT = 2**62
 MAX_AXIS, MAX_CASES = 10**6, 100_000
 TABLE = "table"  # word for values that stand in the rows of a table
-
 
 # In the symbols of Kondo and Nakanishi (2017), each with the ends of its open interval;
 # `physics.body` checks how they go together.
@@ -64,7 +55,7 @@ def key(default: Any, words: str, **limits: Any) -> Any:
 class Base(pydantic.BaseModel):
     """Frozen, strict and closed model."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = {"extra": "forbid", "frozen": True, "strict": True, "allow_inf_nan": False}
 
     @pydantic.model_validator(mode="before")
     @classmethod
@@ -96,12 +87,8 @@ PATH = {"min_length": 1, "pattern": r"^[^\x00]*$"}
 
 def or_text(item: Any, text: Any, read: Callable[[str], Any]) -> Any:
     """Return the type of an item that may be given as a text, which a function reads."""
-
-    def choose(value: Any, handler: Callable[[Any], Any]) -> Any:
-        return read(value) if isinstance(value, str) else handler(value)
-
-    plain = PlainSerializer(lambda value: getattr(value, "text", value))
-    return Annotated[item, WrapValidator(choose, item | text), plain]
+    choose = WrapValidator(lambda x, of: read(x) if isinstance(x, str) else of(x), item | text)
+    return Annotated[item, choose, PlainSerializer(lambda value: getattr(value, "text", value))]
 
 
 def or_word(item: Any, *words: str) -> Any:
@@ -186,14 +173,15 @@ class Surfaced(Base):
     c: parameter("c") = None
 
     @property
+    def curved(self) -> bool:
+        """Whether c is given, varies, or is the preset's own."""
+        axes, base = getattr(self, "axes", self), getattr(self, "base", None)
+        return bool(self.c or axes.c) or "KL" in (getattr(self, "name", ""), base and base.preset)
+
+    @property
     def ellipsoidal(self) -> bool:
         """Whether the bodies are ellipsoids, as those with c and of the preset KL are."""
         return self.curved if self.surface is None else self.surface == "ellipsoid"
-
-    @property
-    def curved(self) -> bool:
-        """Whether the config gives the bodies a vertical semi-axis."""
-        return self.c is not None or getattr(self, "name", "") == "KL"
 
 
 class SdRanges(Base):
@@ -203,12 +191,8 @@ class SdRanges(Base):
     f_sd: parameter("f_sd", interval) = [0.05, 0.15]
     theta: parameter("theta", interval) = [0.6, 0.95]
     phi: parameter("phi", interval) = [0.01, 0.1]
-    # Drawn from (low, high]: zero may bound the skew angle, but is never drawn.
+    # Zero may bound the skew angle, but is never drawn.
     minus_xi_deg: interval(Skew) = key([0.0, 6.0], PARAMETERS["minus_xi_deg"][2])
-
-    def ends(self) -> list[list[float]]:
-        """Return the ranges in the order of the fields, in which bodies are drawn."""
-        return [ends for _, ends in self]
 
 
 class Target(Base):
@@ -264,9 +248,8 @@ class Overrides(Base):
 
     def given(self) -> dict[str, float]:
         """Return the parameters that are given, with xi in radians."""
-        values = self.model_dump(exclude_none=True, exclude={"preset"})
-        skew = values.pop("xi_deg", None)
-        return values if skew is None else values | {"xi": math.radians(skew)}
+        values = self.model_dump(exclude_none=True, exclude={"preset", "xi_deg"})
+        return values if self.xi_deg is None else values | {"xi": math.radians(self.xi_deg)}
 
 
 class PresetSource(Surfaced):
@@ -291,23 +274,10 @@ class GridBase(Overrides):
     f_sd: parameter("f_sd") = None
 
 
-class Axes(Base):
-    """Parameters that vary: every combination is a body, and the first one varies slowest."""
-
-    alpha: parameter("alpha", several) = None
-    beta: parameter("beta", several) = None
-    gamma: parameter("gamma", several) = None
-    f_sd: parameter("f_sd", several) = None
-    theta: parameter("theta", several) = None
-    phi: parameter("phi", several) = None
-    xi: parameter("xi", several) = None
-    xi_deg: parameter("xi_deg", several) = None
-    minus_xi_deg: parameter("minus_xi_deg", several) = None
-    c: parameter("c", several) = None
-
-    def given(self) -> dict[str, list[float]]:
-        """Return the axes that are given."""
-        return {name: values for name, values in self if values is not None}
+AXES = ("alpha", "beta", "gamma", "f_sd", "theta", "phi", "xi", "xi_deg", "minus_xi_deg", "c")
+VARYING: dict[str, Any] = {name: (parameter(name, several), None) for name in AXES}
+ORDER = "Parameters that vary: every combination is a body, and the first one varies slowest."
+Axes = pydantic.create_model("Axes", __base__=Base, __doc__=ORDER, **VARYING)
 
 
 class Refine(Base):
@@ -331,20 +301,14 @@ class GridSource(Surfaced):
     c: parameter("c", several) = None
 
     @property
-    def curved(self) -> bool:
-        """Whether c is given, varies, or is the preset's own."""
-        return bool(self.c or self.axes.c) or self.base.preset == "KL"
-
-    @property
     def varying(self) -> dict[str, list[float]]:
         """The values of each axis in their order, `c` behind the others where it is one."""
-        own = {} if self.c is None or len(self.c) == 1 else {"c": self.c}
-        return self.axes.given() | own
+        axes = vars(self.axes) | ({"c": self.c} if self.c and len(self.c) > 1 else {})
+        return {name: values for name, values in axes.items() if values is not None}
 
 
 Length, Mass = (interval(measured(kind, Positive)) for kind in ("length", "mass"))
-Turn = Annotated[float, Field(gt=-math.pi / 2, lt=math.pi / 2)]
-Angle = interval(measured("angle", Turn))
+Angle = interval(measured("angle", Annotated[float, Field(gt=-math.pi / 2, lt=math.pi / 2)]))
 
 
 class ShapeSource(Base):
@@ -376,7 +340,6 @@ SOURCES = {"sd": SdSource, "preset": PresetSource, "table": TableSource, "grid":
            "shape": ShapeSource}  # fmt: skip
 Bodies = SdSource | PresetSource | TableSource | GridSource | ShapeSource
 
-
 Unsigned = Annotated[Speed, AfterValidator(lambda spin: spin + 0.0)]  # a zero has no sign
 Oscillation = Annotated[float, Field(ge=MIN_OSCILLATION, le=MAX_SPEED)]
 Direction = or_word(Annotated[float, Field(ge=-360, le=360)], "relevant", "pitch", "roll")
@@ -398,9 +361,9 @@ def normalised(u: Any) -> Floats:
     """Return vectors with length 1, NaN those that are longer or shorter or point downwards."""
     u = np.asarray(u, float)
     length = np.linalg.norm(u, axis=-1, keepdims=True)
-    good = (np.abs(length - 1) <= U_SLACK) & (u[..., 2:] < 0)
+    off = np.abs(length - 1)
     # A vector that is normalised to rounding keeps its bits.
-    return np.where(good, np.where(np.abs(length - 1) < 1e-15, u, u / length), np.nan)
+    return np.where((off <= 1e-3) & (u[..., 2:] < 0), u / np.where(off < 1e-15, 1, length), np.nan)
 
 
 def _unit(u: list[float]) -> list[float]:
@@ -521,14 +484,7 @@ class Integrator(Base):
         return data
 
 
-def _plain_word(name: str) -> str:
-    if name.strip() in ("", ".", "..") or not name.isprintable() or {"/", "\\"} & {*name}:
-        raise ValueError("is empty, or has a slash or a control character; write a plain word")
-    return name
-
-
 Record = Literal["energy", "contact", "windows", "lyapunov", "volume", "error", "reversals"]
-Name = Annotated[str, AfterValidator(_plain_word)]
 Model = Literal["full", "reduced", "gh"]
 Records = Annotated[list[Record], AfterValidator(_distinct), UNIQUE]
 
@@ -536,7 +492,7 @@ Records = Annotated[list[Record], AfterValidator(_distinct), UNIQUE]
 class Config(Base):
     """A sweep: which bodies, launched how, integrated with what, and written where."""
 
-    name: Name = key("sweep", "Also of its directory in out/; unless given, that of the file.")
+    name: str = key("sweep", "Also of its directory in out/; unless given, that of the file.")
     seed: int = key(0, "All draws depend on this, the case and the sample.", ge=0, lt=2**63)
     bodies: Bodies = key(..., "Where parameter sets come from.", discriminator="source")
     stop: Stop | None = key(None, "When a case has enough samples; null: at `bodies.samples`.")
@@ -551,6 +507,13 @@ class Config(Base):
     output: str | None = key(None, "Directory; null: out/<name>.", **PATH)
 
     _places: Places = pydantic.PrivateAttr(default_factory=Places)
+
+    @pydantic.field_validator("name")
+    @classmethod
+    def _plain_word(cls, name: str) -> str:
+        if name.strip() in ("", ".", "..") or not name.isprintable() or {"/", "\\"} & {*name}:
+            raise ValueError("is empty, or has a slash or a control character; write a plain word")
+        return name
 
     @pydantic.model_validator(mode="after")
     def _order_record(self) -> Self:
@@ -572,12 +535,12 @@ class Config(Base):
         given = {"n_i": self.spin.n_i, "omega_xy0": self.spin.omega_xy0} if self.spin else {}
         given |= {name: self.dissipation.values(name) for name in Dissipation.model_fields}
         given["t_end"] = [self.horizon.t]
-        found = {k: [x for x in v if isinstance(x, Quantity)] for k, v in given.items()}
-        return {name: values for name, values in found.items() if values}
+        found = ((k, [x for x in v if isinstance(x, Quantity)]) for k, v in given.items())
+        return {name: values for name, values in found if values}
 
     @property
     def directory(self) -> str:
-        """Where results go: `output`, or the default made from the name."""
+        """Where results go."""
         return self.output or f"out/{self.name}"
 
     def line(self, key: Key, message: str) -> str:
@@ -590,10 +553,9 @@ class Config(Base):
 
         def located(message: str) -> str:
             name, _, sentence = message.partition(": ")
-            if not re.fullmatch(rf"({'|'.join(Config.model_fields)})(\.\w+|\[\d+\])*", name):
-                return message
-            parts = (int(part) if part.isdigit() else part for part in re.findall(r"\w+", name))
-            return self.line(tuple(parts), sentence)
+            parts = tuple(int(x) if x.isdigit() else x for x in re.findall(r"\w+", name))
+            known = rf"({'|'.join(Config.model_fields)})(\.\w+|\[\d+\])*"
+            return self.line(parts, sentence) if re.fullmatch(known, name) else message
 
         try:
             yield
@@ -608,8 +570,14 @@ def clashes(config: Config) -> Iterator[tuple[str, str]]:
     early, full, table = config.classify.early, config.model == "full", bodies.source == TABLE
     special = lost or bodies.ellipsoidal
     yield from _body_clashes(bodies)
-    if config.stop and not _count(config.stop, "fraction", "t_r"):
-        yield "stop", "neither fraction nor t_r is given; add one"
+    sections = {
+        "stop": config.stop,
+        "horizon": horizon,
+        "bodies.axes": getattr(bodies, "axes", None),
+    }
+    for name, section in sections.items():
+        if section and not _count(section, *(names := type(section).model_fields)):
+            yield name, f"none of {', '.join(names)} is given; add one"
     if config.stop and not getattr(bodies, "drawn", ()):
         yield "stop", f"bodies of source {bodies.source} are all there are; take source: sd"
     if config.stop and getattr(bodies, "draw", "") == "saltelli":
@@ -620,13 +588,10 @@ def clashes(config: Config) -> Iterator[tuple[str, str]]:
         yield "spin", "the key is missing; give n_i and omega_xy0, or a launch with omega and u"
     if launch and not any((*launch.omega, *launch.u[:2])):
         yield "launch", "the body stands upright and at rest; give it an angular velocity"
-    lists: list[Sequence[Any]] = [lost.sigma, lost.rolling]
-    lists += [spin.n_i, spin.omega_xy0] if spin else []
+    lists = [lost.sigma, lost.rolling, *([spin.n_i, spin.omega_xy0] if spin else [])]
     lists += [bodies.target.values] if isinstance(bodies, SdSource) and bodies.target else []
     if (cases := math.prod(map(len, lists))) > MAX_CASES:
         yield "spin", f"the lists make {cases} cases; at most {MAX_CASES} are possible"
-    if not _count(horizon, "t_rgh", "t", "t_decay"):
-        yield "horizon", "none of t_rgh, t, t_decay is given; add one"
     if horizon.t_decay and not (table or any(lost.sigma)):
         yield "dissipation", "horizon.t_decay is in units of gamma/sigma; give sigma"
     if TABLE in (*lost.sigma, *lost.rolling) and not table:
@@ -677,24 +642,18 @@ def _body_clashes(bodies: Bodies) -> Iterator[tuple[str, str]]:
         if target and bodies.draw != "random":
             yield "bodies.target", "only random draws can meet a target; take draw: random"
     if isinstance(bodies, GridSource):
-        base, axes = bodies.base, bodies.axes.given()
+        base = bodies.base
+        axes = {name for name, values in vars(bodies.axes).items() if values is not None}
         wanted = {"gamma", "theta", "phi", "xi"}
         wanted |= {"alpha", "beta"} if base.f_sd is None else {"f_sd"}
         if base.given().keys() != (set() if base.preset else wanted):
-            words = "give a preset alone, or gamma theta phi xi with alpha beta or with f_sd"
-            yield "bodies.base", words
-        if not axes:
-            yield "bodies.axes", f"none of {', '.join(Axes.model_fields)} is given; add one"
-        for name in [name for name in axes if name in ("alpha", "beta", "f_sd")]:
-            if (base.f_sd is None) == (name == "f_sd"):
-                yield (
-                    "bodies.axes",
-                    f"{name} cannot vary over this base; f_sd is for alpha and beta",
-                )
+            told = "give a preset alone, or gamma theta phi xi with alpha beta or with f_sd"
+            yield "bodies.base", told
+        for name in sorted(axes & ({"f_sd"} if base.f_sd is None else {"alpha", "beta"})):
+            yield "bodies.axes", f"{name} cannot vary over this base; f_sd is for alpha and beta"
         if bodies.c and ("c" in axes or (len(bodies.c) > 1 and bodies.refine)):
             yield "bodies.c", "c is given beside axes.c or refine; write axes: {c: ...} alone"
 
 
 def _count(section: Base | None, *names: str) -> int:
-    """Return how many of some keys are given."""
     return sum(getattr(section, name, None) is not None for name in names)
