@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import combinations, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +37,9 @@ SHARES, FINE = (0.15, 0.3, 0.6, 0.8), tuple(np.arange(0.1, 1.0, 0.05))
 STEPS = 60
 # Correlation of many neighbouring residuals from which on they are no noise.
 CORRELATED = 0.12
+# Two estimates that are correlated by more are of one number; a least singular value below this is
+# an error of the differences.
+ALIKE, SINGULAR = 0.99, 1e-6
 # What can be fitted: unit, limits, meaning.
 PARAMETERS: dict[str, tuple[str, float, float, str]] = {
     "n_i": ("sqrt(g/a)", -10, 10, "initial spin"),
@@ -289,8 +292,8 @@ class Problem:
     def limits(self) -> tuple[Floats, Floats]:
         """Return the lowest and the highest ``x``."""
         known = {name: PARAMETERS[name] for name in self.scales}
-        low, high = {k: x[1] for k, x in known.items()}, {k: x[2] for k, x in known.items()}
-        return self.scaled(low), self.scaled(high)
+        return (self.scaled({name: low for name, (_, low, _, _) in known.items()}),
+                self.scaled({name: high for name, (_, _, high, _) in known.items()}))  # fmt: skip
 
     def slopes(self, x: Floats) -> Floats:
         """Return the Jacobian of the residuals, by differences."""
@@ -328,8 +331,8 @@ def check_free(launch: Launch, free: Iterable[str]) -> list[str]:
 def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
     """Fit free parameters, which the launch may lack, by least squares.
 
-    The beginning of the data is fitted first, and then more and more of them: a run that reverses
-    at another time has nothing in common with the later data, and no search would find its way.
+    First to the beginning of the data, and then to more and more of them: a run that reverses at
+    another time has nothing in common with the later data.
     """
     from scipy.stats import t as student
 
@@ -360,15 +363,24 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
     sizes = np.linalg.norm(best.jac, axis=0)
     unit_jacobian = best.jac / np.where(sizes > 0, sizes, 1.0)
     _, singular, directions = np.linalg.svd(unit_jacobian, full_matrices=False)
+    spread = directions.T / np.maximum(singular, 1e-12)
+    lengths = np.linalg.norm(spread, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        errors = np.linalg.norm(directions.T / np.maximum(singular, 1e-12), axis=1) / sizes
-    width = errors * noise * float(student.ppf(0.975, problem.freedom))
+        width = lengths / sizes * noise * float(student.ppf(0.975, problem.freedom))
     low, high = (problem.values(np.clip(best.x + side * width, *problem.limits()))
                  for side in (-1, 1))  # fmt: skip
     remarks = []
-    vague = [name for name, wide in zip(free, width > 0.5 * np.abs(best.x), strict=True) if wide]
-    if vague:
-        remarks.append(f"the data hardly tell {' and '.join(vague)}: fix what is known otherwise")
+    large = np.array([1.0 if name == "omega_xy0" else abs(x)
+                      for name, x in zip(free, best.x, strict=True)])  # fmt: skip
+    vague = ~(width <= 0.5 * large) | (np.abs(directions[-1]) > 0.1) * (singular[-1] < SINGULAR)
+    alike = np.abs(spread @ spread.T) > ALIKE * np.outer(lengths, lengths)
+    pairs = [(i, j) for i, j in combinations(range(len(free)), 2)
+             if alike[i, j] and (vague[i] or vague[j])]  # fmt: skip
+    for i, j in pairs:
+        remarks.append(f"the data cannot tell {free[i]} and {free[j]} apart: fix one of them")
+    alone = [free[i] for i in np.flatnonzero(vague) if i not in np.ravel(pairs)]
+    if alone:
+        remarks.append(f"the data hardly tell {' and '.join(alone)}: fix what is known otherwise")
     if best.status == 0:
         remarks.append(f"the search did not settle within {STEPS} steps; give a better launch")
     if series and _correlation(best.fun) > limit:
@@ -378,11 +390,9 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
     final = problem.launched(best.x)
     names = ("n_i", "omega_xy0", "psi", "omega", "u", "sigma", "rolling")
     kept = {name: v for name in names if (v := getattr(final, name)) is not None}
-    intervals = {name: (low[name], high[name]) for name in free}
-    unit, size = data.units[1]
-    rows, expected = int(data.known.sum()), problem.expected(best.x)
-    return Fit(problem.values(best.x), intervals, final.body, kept, noise / size, unit, rows,
-               remarks, data, expected)  # fmt: skip
+    intervals, (unit, size) = {name: (low[name], high[name]) for name in free}, data.units[1]
+    return Fit(problem.values(best.x), intervals, final.body, kept, noise / size, unit,
+               int(data.known.sum()), remarks, data, problem.expected(best.x))  # fmt: skip
 
 
 def _first_values(launch: Launch, data: Data, free: list[str]) -> dict[str, list[float]]:
@@ -408,6 +418,5 @@ def _first_values(launch: Launch, data: Data, free: list[str]) -> dict[str, list
     return {name: [value] if value else guesses[name] for name, value in given.items()}
 
 
-def _correlation(residual: Floats) -> float:
-    """Return the correlation of neighbouring residuals."""
+def _correlation(residual: Floats) -> float:  # of neighbours
     return float((residual[1:] * residual[:-1]).sum() / (residual**2).sum())

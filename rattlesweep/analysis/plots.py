@@ -1,7 +1,4 @@
-"""Pictures of a sweep: shares of types, times, maps, histograms, scatters, and which one suits.
-
-Each kind tells apart some axes of the sweep, counts the runs by cell along them, and draws.
-"""
+"""Pictures of a sweep: shares of types, times, maps, histograms, scatters, and which one suits."""
 
 from __future__ import annotations
 
@@ -76,7 +73,7 @@ class Picture(ABC):
 
     @cached_property
     def counted(self) -> tuple[Counts, dict[str, Floats]]:
-        """The runs by cell, and means of columns; :meth:`grid` puts an array along `axes`."""
+        """The runs by cell, and means of columns."""
         return self.layout.count(self.more)
 
     def __len__(self) -> int:
@@ -86,9 +83,9 @@ class Picture(ABC):
         """Give an array over the cells the shape of `axes`."""
         every = [axis.name for axis in self.layout.axes.values()]
         order = [every.index(axis.name) for axis in self.axes]
+        whole = flat.reshape([*self.layout.lengths.values()])
         others = [k for k in range(len(every)) if k not in order]
-        whole = flat.reshape([*self.layout.lengths.values()]).transpose(order + others)
-        return whole.reshape([len(axis.values) for axis in self.axes])
+        return whole.transpose(order + others).squeeze(tuple(range(len(order), len(every))))
 
     def table(self) -> pd.DataFrame:
         """Return the numbers that are drawn: one row for each cell that holds runs."""
@@ -129,10 +126,8 @@ class Picture(ABC):
                         for axes in (self.rows, self.columns))  # fmt: skip
         if (count := len(down) * len(across)) > MOST_PANELS:
             names = " and ".join(axis.name for axis in (*self.rows, *self.columns))
-            raise ConfigError(
-                f"there would be {count} panels, one for each {names}; choose some with --select, "
-                "as in --select n_i=-0.3,-0.5"
-            )
+            raise ConfigError(f"there would be {count} panels, one for each {names}; choose some "
+                              "with --select, as in --select n_i=-0.3,-0.5")  # fmt: skip
         across = [column for column in across for _ in range(self.parts)]
         needed = np.array(self.panel) * (len(across), len(down)) + (1.6, 1.4)
         figure = style.new_figure(*(size or np.clip(needed, (6.4, 3.4), 14)))
@@ -234,10 +229,7 @@ class Fractions(Picture):
 
 
 class Times(Picture):
-    """The mean of ``t_r``, or run by run of ``t_r/t_rGH``, over type R, and theory, dashed.
-
-    The first axis is the abscissa, the second makes curves, the others panels.
-    """
+    """The mean of ``t_r``, or run by run of ``t_r/t_rGH``, over type R, and theory, dashed."""
 
     panel = (2.6, 2.8)
 
@@ -386,9 +378,8 @@ class Map(Picture):
         bar.set_label(mean + label(name, unit))
         if wide:
             style.plain_ticks(bar.ax, "y", low, high)
-        entries = CELLS | {
-            "none": (style.NO_REVERSAL, "no reversal" if unit is None else "no value")
-        }
+        nothing = "no reversal" if unit is None else "no value"
+        entries = CELLS | {"none": (style.NO_REVERSAL, nothing)}
         if self.layout.where is not None:
             entries["missing"] = (style.MISSING, "not selected")
         present = {name for name in CELLS if CODES[name] in code}
@@ -484,17 +475,15 @@ class Scatter(Picture):
     @cached_property
     def points(self) -> pd.DataFrame:
         """Column and ``t_r`` of the runs that have both."""
-        _, *found = self.read(self.column, "t_r")
         names = [self.layout.name(name) for name in (self.column, "t_r")]
-        both = np.isfinite(found).all(axis=0)
-        return pd.DataFrame({name: x[both] for name, x in zip(names, found, strict=True)})
+        return pd.DataFrame(self.read(self.column, "t_r")[1:].T, columns=names).dropna()
 
     def __len__(self) -> int:
         return len(self.points)
 
     def table(self) -> pd.DataFrame:
         """Return the points."""
-        return self.points
+        return self.points.reset_index(drop=True)
 
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
         axes, (x, t_r) = panels[0][0], self.points.to_numpy().T
@@ -523,10 +512,7 @@ def choose_picture(
     layout: Layout, kind: str | None = None, *, x: str | None = None, quantity: str | None = None,
     select: Sequence[str] = (), where: str | None = None,
 ) -> Picture:  # fmt: skip
-    """Choose the picture that suits a sweep, or take the kind that is asked for.
-
-    Raises a ConfigError if the kind does not suit the sweep, or a name or a text cannot be read.
-    """
+    """Choose the picture that suits a sweep, or take the kind that is asked for if it does."""
     layout = layout.chosen(where).select(select).in_si()
     fitting, suited = fitting_kinds(layout), default_kind(layout)
     if kind is None and x in layout.stored.schema.names and x not in layout.axes:

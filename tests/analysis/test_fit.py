@@ -61,6 +61,14 @@ def test_reversal_times_tell_the_friction():
     found.plot()
 
 
+def test_parameters_that_only_their_ratio_is_told_of_are_both_named():
+    launch = {"n_i": 0.3, "omega_xy0": 1e-7}
+    data = rs.trajectory(BODY, **launch, sigma=4e-3, t_end=20, points=200).table[["t", "n"]]
+    data["n"] += 1e-3 * np.random.default_rng(1).standard_normal(200)
+    found = rs.fit(BODY, data, free=["sigma", "gamma"], launch=launch)
+    assert "the data cannot tell sigma and gamma apart" in found.remarks[0]
+
+
 def test_an_axis_is_followed_through_half_turns_and_gaps():
     t = np.linspace(0, 10, 400)
     angle = 9 * t - 0.9 * t**2

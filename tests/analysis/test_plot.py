@@ -76,7 +76,6 @@ def drawn(shown: Picture, **options: Any) -> Any:
 
 
 def legend_words(figure: Any) -> list[str]:
-    """What the legend says."""
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
@@ -144,8 +143,6 @@ def test_times_are_the_means_and_the_theory_is_dashed(sweeps):
     for style, name in (("-", "t_r_mean"), ("--", "t_rgh_mean")):
         first = next(line for line in axes.lines if line.get_linestyle() == style)
         assert first.get_ydata() == pytest.approx(table[name].to_numpy())
-    # The paper: at small spin and oscillation they agree.
-    assert table["t_r_mean"].to_numpy() == pytest.approx(table["t_rgh_mean"].to_numpy(), rel=0.2)
     assert axes.get_xscale() == axes.get_yscale() == "log"
 
 
@@ -296,7 +293,6 @@ plot nowhere | nowhere is not an output directory: there is no such
 plot steady --title '$\notacommand$' | Unknown symbol
 plot steady --kind times --ylim 0,9 | add --linear
 plot one --kind map | --kind map: does not fit this sweep
-plot map --kind reversals | does not fit
 plot map --quantity n_step | --quantity: "n_step" is not one of
 plot map --kind ratio --quantity n_steps | --quantity: goes with --kind map
 plot steady --x K_s | "K_s" is not one of K_r, n_i, omega_xy0

@@ -29,9 +29,9 @@ needs_browser = pytest.mark.skipif(find_browser() is None, reason="no Chromium i
 
 
 @cache
-def scene(t_end: float = T_END, points: int | None = None, **launch: Any) -> dict[str, Any]:
-    run = Launch(GH, t_end=t_end, **({"n_i": 0.1, "omega_xy0": 0.01} | launch))
-    return show.make_scene(show.course_of(PreparedRun.of(run), points))
+def scene(t_end: float = T_END) -> dict[str, Any]:
+    run = Launch(GH, n_i=0.1, omega_xy0=0.01, t_end=t_end)
+    return show.make_scene(show.course_of(PreparedRun.of(run), None))
 
 
 @pytest.fixture(scope="module")
