@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import combinations, product
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -291,9 +291,8 @@ class Problem:
 
     def limits(self) -> tuple[Floats, Floats]:
         """Return the lowest and the highest ``x``."""
-        known = {name: PARAMETERS[name] for name in self.scales}
-        return (self.scaled({name: low for name, (_, low, _, _) in known.items()}),
-                self.scaled({name: high for name, (_, _, high, _) in known.items()}))  # fmt: skip
+        low = self.scaled({name: PARAMETERS[name][1] for name in self.scales})
+        return low, self.scaled({name: PARAMETERS[name][2] for name in self.scales})
 
     def slopes(self, x: Floats) -> Floats:
         """Return the Jacobian of the residuals, by differences."""
@@ -370,16 +369,14 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
     low, high = (problem.values(np.clip(best.x + side * width, *problem.limits()))
                  for side in (-1, 1))  # fmt: skip
     remarks = []
-    large = np.array([1.0 if name == "omega_xy0" else abs(x)
-                      for name, x in zip(free, best.x, strict=True)])  # fmt: skip
+    # Of a logarithm, the absolute error is the relative one of the number.
+    large = np.where([name == "omega_xy0" for name in free], 1.0, np.abs(best.x))
     vague = ~(width <= 0.5 * large) | (np.abs(directions[-1]) > 0.1) * (singular[-1] < SINGULAR)
     alike = np.abs(spread @ spread.T) > ALIKE * np.outer(lengths, lengths)
-    pairs = [(i, j) for i, j in combinations(range(len(free)), 2)
-             if alike[i, j] and (vague[i] or vague[j])]  # fmt: skip
+    pairs = np.argwhere(np.triu(alike & (vague | vague[:, None]), 1))
     for i, j in pairs:
         remarks.append(f"the data cannot tell {free[i]} and {free[j]} apart: fix one of them")
-    alone = [free[i] for i in np.flatnonzero(vague) if i not in np.ravel(pairs)]
-    if alone:
+    if alone := [free[i] for i in np.flatnonzero(vague) if i not in pairs]:
         remarks.append(f"the data hardly tell {' and '.join(alone)}: fix what is known otherwise")
     if best.status == 0:
         remarks.append(f"the search did not settle within {STEPS} steps; give a better launch")

@@ -262,7 +262,7 @@ def read_layout(directory: Path) -> Layout:
 
 
 def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
-    """Return an array in which the points that were not run, not `known`, have a value too.
+    """Return an array in which the points that are not `known` have a value too.
 
     A point takes the value of the nearest run, in steps of the grid, or between runs with a number
     the linear interpolation. Axes of few values are not refined; planes across are filled apart.

@@ -42,8 +42,8 @@ CELLS = {
 }
 CODES = {name: code for code, name in enumerate(CELLS)}
 Names = tuple[list[str], list[str], list[str]]
+# The Axes of each panel, with the places of its values along the axes of rows and columns.
 Panels = list[tuple[Any, tuple[int, ...]]]
-"""The Axes of each panel, with the places of its values along the axes of rows and columns."""
 
 
 class Picture(ABC):
@@ -63,9 +63,9 @@ class Picture(ABC):
         self.axes = [*own, *self.rows, *self.columns]
         self.notes: list[str] = []
 
-    @abstractmethod
     def _arrange(self) -> Names:
         """Choose axes for a panel, and for rows and columns of panels."""
+        return [], [], []
 
     @abstractmethod
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
@@ -282,22 +282,18 @@ class Times(Picture):
 
         what = "t_r/t_rGH, taken run by run," if relative else "the time t_r of the first reversal"
         few = f"; {len(shown)} of {count} values are shown" if len(shown) < count else ""
-        self.notes.append(
-            f"Mean of {what} over the runs that reverse (type R), with its standard deviation; "
-            f"theory is Garcia and Hubbard's mean over all runs{few}."
-        )
-        handles = [
-            style.entry(texts(curves, [k]), color=own, marker=mark, ms=4, ls="-")
-            for k, own, mark in (looks if curves else [])
-        ]
+        self.notes.append(f"Mean of {what} over the runs that reverse (type R), with its standard "
+                          "deviation; theory is Garcia and Hubbard's mean over all runs"
+                          f"{few}.")  # fmt: skip
+        handles = [style.entry(texts(curves, [k]), color=own, marker=mark, ms=4, ls="-")
+                   for k, own, mark in (looks if curves else [])]  # fmt: skip
         return [*handles, style.entry("theory", **THEORY)]
 
 
 class Map(Picture):
     """Types and ``t_r/t_rGH`` side by side, or one column; a row for each further value.
 
-    A cell of several runs has their most common type and their mean. The cells that a refined grid
-    has left out are filled from those that were run.
+    A cell of several runs has their most common type and their mean.
     """
 
     panel = (3.7, 3.4)
@@ -314,10 +310,7 @@ class Map(Picture):
         return order[:2], order[2:], []
 
     def shown(self) -> tuple[Integers, Floats, Floats]:
-        """Return what each cell is (a place in `CELLS`), its value, how far beyond Bondi's line.
-
-        The value is ``t_r/t_rGH`` or the mean of the column; the last is NaN without theory.
-        """
+        """Return what each cell is (a place in `CELLS`), its value, how far beyond Bondi's line."""
         layout, (cells, more) = self.layout, self.counted
         counts = np.stack([cells.types.get(name, 0 * cells.runs) for name in TYPE_STYLE])
         code = np.where(cells.ok == 0, CODES["failed"], np.argmax(counts, axis=0))
@@ -401,9 +394,6 @@ class Distribution(Picture):
 
     panel = (4.8, 2.2)
 
-    def _arrange(self) -> Names:
-        return [], [], []
-
     @cached_property
     def values(self) -> Floats:
         """The quantity of all runs with status ok, NaN where they have none."""
@@ -470,7 +460,7 @@ class Scatter(Picture):
         if self.column == "t_r":
             raise ConfigError("--x t_r: it is the ordinate of a scatter; choose another column")
         self.unit, _ = self.layout.column(self.column, "--x")
-        return [], [], []
+        return super()._arrange()
 
     @cached_property
     def points(self) -> pd.DataFrame:

@@ -18,7 +18,6 @@ from rattlesweep.analysis.onerun.replay import find_run
 
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small sweep with runs that reverse and runs that do not."""
     output = tmp_path_factory.mktemp("replay") / "out"
     result = run(
         "quickstart.yaml", output, "bodies.samples=8", "record=[windows]",
@@ -48,13 +47,6 @@ def test_every_run_is_the_stored_one_bit_for_bit(sweep):
         else:
             assert bits(ended.zeros[0]) == bits(stored.t_r)
             assert ended.t > stored.t_end
-
-
-def test_a_run_can_be_followed_beyond_the_horizon(sweep):
-    found = find_run(sweep, where='type == "R"')
-    t_end, row = 2 * found.prepare().t_end, found.values
-    path = rs.replay(sweep, row["case"], row["sample"], t_end=t_end, points=2)
-    assert (len(path.table), path.t_end, path.zeros[0]) == (2, t_end, row["t_r"])
 
 
 def test_a_run_is_chosen_by_a_condition_and_goes_to_files(sweep, tmp_path):

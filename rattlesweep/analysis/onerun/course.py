@@ -139,9 +139,8 @@ class PreparedRun:
 class Course:
     """A trajectory under way: iterate to get its columns chunk by chunk.
 
-    One of `points`, `dt`, `steps` and `times` chooses the rows, none of which is before
-    `from_time`.  So far: `reversals` are the first zeros of each turn, `warnings` say what the
-    model does that no real body would, and `follower` has what else is known of the run.
+    So far, `reversals` are the first zeros of each turn, `warnings` say what the model does that no
+    real body would, and `follower` has what else is known of the run.
     """
 
     def __init__(
