@@ -80,10 +80,7 @@ class Data:
 
 
 def read_data(source: Any, units: Units | None) -> Data:
-    """Return measured data from a CSV or Parquet file, a table or a mapping of columns.
-
-    A column is called ``t`` or one of :data:`KINDS`, of which the first counts, ``_`` and its unit.
-    """
+    """Return measured data from a CSV or Parquet file, a table or a mapping of columns."""
     import pandas as pd
 
     place = "data"
@@ -144,9 +141,7 @@ def _column(name: str, units: Units | None) -> tuple[str, str, float] | None:
 
 
 def unwrapped(t: Floats, angle: Floats) -> Floats:
-    """Return the angle of an axis without its jumps by half turns, which the mean spin of the
-    twenty rows before tells.
-    """
+    """Return an axis's angle without jumps by half turns, by the mean spin of the rows before."""
     found, rows = angle.copy(), np.flatnonzero(np.isfinite(angle))
     for i in range(1, len(rows)):
         first, last, row = rows[max(0, i - 21)], rows[i - 1], rows[i]
@@ -158,20 +153,11 @@ def unwrapped(t: Floats, angle: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Fit:
-    """Parameters that fit data best.
+    """Parameters that fit data best, in the units of the body, angles in radians but `psi_deg`.
 
-    Attributes
-    ----------
-    values, intervals : dict
-        Best value of each free parameter, and both ends of its 95 % interval, in the units of the
-        body: spins in ``sqrt(g/a)``, `sigma` in ``M a^2 sqrt(g/a)``, `rolling` in ``a``, angles in
-        radians but `psi_deg`.
-    body, launch : Rattleback, dict
-        The body with these values; launch and dissipation as arguments of ``rs.trajectory``.
-    noise, rows : float, int
-        Standard deviation of a measured value, in `noise_unit`, and number of measured values.
-    remarks : list of str
-        Sentences on what the data cannot tell, or the model cannot describe; usually none.
+    `intervals` are the ends of their 95 % intervals; `launch` holds launch and dissipation as
+    arguments of ``rs.trajectory``; `noise` is the standard deviation of a measured value, in
+    `noise_unit`; `remarks` say what the data cannot tell, or the model cannot describe.
     """
 
     values: dict[str, float]
@@ -393,7 +379,7 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
 
 
 def _first_values(launch: Launch, data: Data, free: list[str]) -> dict[str, list[float]]:
-    """Return the values of each free parameter from which the search may begin."""
+    """Return where the search may begin."""
     body, few = launch.body, np.flatnonzero(data.known)[: max(10, data.known.sum() // 50)]
     spin = launch.n_i or 0.1
     if data.kind in ("spin", "n"):

@@ -47,10 +47,9 @@ Panels = list[tuple[Any, tuple[int, ...]]]
 
 
 class Picture(ABC):
-    """A picture of a sweep, of one kind.
+    """A picture of a sweep, of one kind; drawing fills `notes`, the caption.
 
-    `axes` are those that it tells apart, the abscissa first, and behind its own those of the rows
-    and columns of panels; others have a single value. Drawing fills `notes`, the caption.
+    `axes` are those of several values: the abscissa first, those of rows and columns last.
     """
 
     panel: ClassVar[tuple[float, float]]  # width and height of one, in inches
@@ -164,10 +163,9 @@ def texts(axes: Sequence[Axis], places: Sequence[int]) -> str:
 
 
 def ordered(layout: Layout, first: str | None, enough: int, prefer: str = "") -> list[str]:
-    """Return `first` and the other axes of several values; without it, the longest comes first.
+    """Return `first`, if any, and the other axes of several values, from the longest.
 
-    So many values as `enough` count as many. Of equal length come one that is preferred, then
-    targets and bodies, then the launch.
+    `enough` values are as long as more. Of equal length, the launch comes last, `prefer` first.
     """
     size = layout.lengths
     names = sorted(size, key=lambda n: (-min(size[n], enough), n != prefer, n in LAUNCH))

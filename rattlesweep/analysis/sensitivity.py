@@ -2,8 +2,7 @@
 
 First-order indices are the share of a variance that goes with one parameter alone, total ones the
 share that would be left if all others were known, by the estimators of Saltelli et al., Comput.
-Phys. Commun. 181, 259, 2010. They are SciPy's, whose function takes powers of two of groups alone:
-one run that does not reverse would cost half of the others.
+Phys. Commun. 181, 259, 2010. SciPy's function has the same, but of powers of two of groups alone.
 """
 
 from __future__ import annotations
@@ -75,10 +74,7 @@ def sensitivity(directory: Path) -> dict[str, Any]:
 
 
 def indices(f: Floats) -> list[dict[str, float]]:
-    """Return the indices of each parameter with their intervals, from drawing groups again.
-
-    `f` are values at points A, at points B, and at those of A with one parameter of B each.
-    """
+    """Return indices and intervals of values at A, at B, and at A with a parameter of B each."""
 
     def estimate(f: Floats) -> Floats:
         a, b, mixed = f[0], f[1], f[2:]

@@ -70,10 +70,8 @@ RC: dict[str, Any] = {
     "legend.frameon": False, "hatch.linewidth": 0.5, "hatch.color": "#00000066",
     "svg.fonttype": "path", "svg.hashsalt": "rattlesweep", "pdf.fonttype": 42,
 }  # fmt: skip
-FORMATS: dict[str, dict[str, Any]] = {
-    "svg": {"Date": None}, "png": {"Software": None}, "pdf": {"CreationDate": None},
-}  # fmt: skip
-"""Formats of figures, with the metadata that would change from one writing to the next."""
+# Formats of figures, with the metadata that would change from one writing to the next.
+FORMATS = {"svg": {"Date": None}, "png": {"Software": None}, "pdf": {"CreationDate": None}}
 
 # Stretches of a curve, about a pixel each; inches of an axis on which few numbers have room; with
 # more oscillations than the last a curve would be a slab of ink, and its envelope is drawn.

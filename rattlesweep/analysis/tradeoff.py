@@ -1,9 +1,8 @@
 """Speed against accuracy, measured: methods, settings and models on the same runs.
 
 The error of a reversal time is taken against two methods at a tight tolerance that agree on it. The
-cost is processor time on one thread, medians of measurements that take turns; the runs are cut at a
-common horizon for it, since the few longest would leave most lanes of a small batch empty, which a
-sweep does not. benchmarks/single_precision.py says why single precision is no setting.
+cost is processor time on one thread, medians of measurements that take turns, of runs that are cut
+at a common horizon: the few longest would leave most lanes of a small batch empty.
 """
 
 from __future__ import annotations

@@ -166,14 +166,9 @@ class Samples:
 class Follower:
     """Integrates one run, a batch of one, past its reversals, as far as its states are asked for.
 
-    Parameters
-    ----------
-    attitude : bool
-        Whether to integrate heading and contact point too (not of the reduced model), by
-        quadratures over the accepted steps, which they do not change.
-    look : callable, optional
-        Called with the times and :meth:`observe` of the accepted steps as they come, and at first
-        of the launch; every eighth of a method without error control.
+    `attitude`: heading and contact point too, by quadratures over the accepted steps.  `look` is
+    called with the times and :meth:`observe` of the accepted steps as they come, every eighth of a
+    method without error control, and at first of the launch.
     """
 
     def __init__(

@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import matplotlib.image
 import numpy as np
 import pytest
 from browser import Browser, browser, find_browser
@@ -121,15 +122,8 @@ def still(opened: Browser) -> Iterator[Browser]:
 
 
 def pixels(window: Browser) -> Any:
-    """The drawn canvas, shape (height, width, 4)."""
-    import matplotlib.image
-
-    x, y, width, height = window.run(
-        "(() => { const b = document.querySelector('#view').getBoundingClientRect();"
-        "return [b.x, b.y, b.width, b.height]; })()"
-    )
-    image = matplotlib.image.imread(io.BytesIO(window.screenshot()))
-    return image[round(y) : round(y + height), round(x) : round(x + width)]
+    """The window with the drawing at its top, shape (height, width, 4)."""
+    return matplotlib.image.imread(io.BytesIO(window.screenshot()))
 
 
 @needs_browser

@@ -1,8 +1,7 @@
 """One run as a page that moves: the body rolling, its trace and its spin, in one HTML file.
 
-What the page is made of is in `page/`: `page.html`, `page.css`, `scene.js` (what is drawn),
-`player.js` (time and controls) and `three.min.js`, a bundle of three.js that `bundle.sh` makes.
-Everything is written into the page, which forbids itself the network.
+It is made of `page/`: `scene.js` (what is drawn), `player.js` (time and controls), `three.min.js`,
+which `bundle.sh` makes. Everything is written into the page, which forbids itself the network.
 """
 
 from __future__ import annotations
