@@ -26,11 +26,10 @@ _LISTED = ["case", "sample", "type_a", "type_b", "t_r_a", "t_r_b", "relative", "
 class Comparison:
     """How two directories of the same runs differ.
 
-    `runs` has a row for each run of both, with columns of each with the suffixes ``_a`` and ``_b``,
-    ``dt_r`` (b less a), ``relative`` (to the mean of both), ``over_errors`` (to the root of the sum
-    of the squares of both errors), ``differs`` (types), ``sure`` (of both types) and ``not_ok``.
-    `data` is what JSON can hold: what else differs, counts of all and by case (``beyond``: of those
-    that differ by more than both errors; None: not known), the runs that differ most.
+    `runs` has a row for each run of both: columns of each with ``_a`` and ``_b`` behind, ``dt_r``,
+    ``relative`` to the mean of both, ``over_errors`` (to the root of the sum of their squares),
+    ``differs`` and ``sure`` of the types, and ``not_ok``.  `data` is what JSON can hold: what else
+    differs, counts of all and by case, the runs that differ most.
     """
 
     runs: pd.DataFrame
@@ -46,11 +45,7 @@ class Comparison:
 
 
 def compare(a: Path, b: Path) -> Comparison:
-    """Compare the runs that two directories both have.
-
-    Raises a ConfigError if they are not of the same runs, apart from how these were integrated and
-    what was recorded, an OutputError if one of them has no runs.
-    """
+    """Compare the runs that two directories both have, of one config but for how to integrate."""
     sides = open_stored(a), open_stored(b)
     wrong = differences(*map(_same_runs, sides))[:3]
     errors = all("t_r_error" in side.schema.names for side in sides)
@@ -130,10 +125,8 @@ def as_text(found: Comparison, most_cases: int) -> str:
     """Return all of it to be read, of many cases the first."""
     data, lines = found.data, []
     for k, name in enumerate("AB"):
-        planned, missing = data["planned"][k], data["missing"][k]
-        some = (
-            f"{missing:,} of {planned:,} runs are missing" if missing else f"all {planned:,} runs"
-        )
+        runs, missing = f"{data['planned'][k]:,} runs", data["missing"][k]
+        some = f"{missing:,} of {runs} are missing" if missing else f"all {runs}"
         lines.append(f"{name}  {data['directories'][k]}: {some}")
     lines += [f"   {words}" for words in data["differ"]]
     cases = data["cases"]

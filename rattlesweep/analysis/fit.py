@@ -37,6 +37,9 @@ SHARES, FINE = (0.15, 0.3, 0.6, 0.8), tuple(np.arange(0.1, 1.0, 0.05))
 STEPS = 60
 # Correlation of many neighbouring residuals from which on they are no noise.
 CORRELATED = 0.12
+# Two estimates that are correlated by more are of one number; a least singular value below this is
+# an error of the differences.
+ALIKE, SINGULAR = 0.99, 1e-6
 # What can be fitted: unit, limits, meaning.
 PARAMETERS: dict[str, tuple[str, float, float, str]] = {
     "n_i": ("sqrt(g/a)", -10, 10, "initial spin"),
@@ -77,10 +80,7 @@ class Data:
 
 
 def read_data(source: Any, units: Units | None) -> Data:
-    """Return measured data from a CSV or Parquet file, a table or a mapping of columns.
-
-    A column is called ``t`` or one of :data:`KINDS`, of which the first counts, ``_`` and its unit.
-    """
+    """Return measured data from a CSV or Parquet file, a table or a mapping of columns."""
     import pandas as pd
 
     place = "data"
@@ -141,9 +141,7 @@ def _column(name: str, units: Units | None) -> tuple[str, str, float] | None:
 
 
 def unwrapped(t: Floats, angle: Floats) -> Floats:
-    """Return the angle of an axis without its jumps by half turns, which the mean spin of the
-    twenty rows before tells.
-    """
+    """Return an axis's angle without jumps by half turns, by the mean spin of the rows before."""
     found, rows = angle.copy(), np.flatnonzero(np.isfinite(angle))
     for i in range(1, len(rows)):
         first, last, row = rows[max(0, i - 21)], rows[i - 1], rows[i]
@@ -155,20 +153,11 @@ def unwrapped(t: Floats, angle: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Fit:
-    """Parameters that fit data best.
+    """Parameters that fit data best, in the units of the body, angles in radians but `psi_deg`.
 
-    Attributes
-    ----------
-    values, intervals : dict
-        Best value of each free parameter, and both ends of its 95 % interval, in the units of the
-        body: spins in ``sqrt(g/a)``, `sigma` in ``M a^2 sqrt(g/a)``, `rolling` in ``a``, angles in
-        radians but `psi_deg`.
-    body, launch : Rattleback, dict
-        The body with these values; launch and dissipation as arguments of ``rs.trajectory``.
-    noise, rows : float, int
-        Standard deviation of a measured value, in `noise_unit`, and number of measured values.
-    remarks : list of str
-        Sentences on what the data cannot tell, or the model cannot describe; usually none.
+    `intervals` are the ends of their 95 % intervals; `launch` holds launch and dissipation as
+    arguments of ``rs.trajectory``; `noise` is the standard deviation of a measured value, in
+    `noise_unit`; `remarks` say what the data cannot tell, or the model cannot describe.
     """
 
     values: dict[str, float]
@@ -288,9 +277,8 @@ class Problem:
 
     def limits(self) -> tuple[Floats, Floats]:
         """Return the lowest and the highest ``x``."""
-        known = {name: PARAMETERS[name] for name in self.scales}
-        low, high = {k: x[1] for k, x in known.items()}, {k: x[2] for k, x in known.items()}
-        return self.scaled(low), self.scaled(high)
+        low = self.scaled({name: PARAMETERS[name][1] for name in self.scales})
+        return low, self.scaled({name: PARAMETERS[name][2] for name in self.scales})
 
     def slopes(self, x: Floats) -> Floats:
         """Return the Jacobian of the residuals, by differences."""
@@ -328,8 +316,8 @@ def check_free(launch: Launch, free: Iterable[str]) -> list[str]:
 def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
     """Fit free parameters, which the launch may lack, by least squares.
 
-    The beginning of the data is fitted first, and then more and more of them: a run that reverses
-    at another time has nothing in common with the later data, and no search would find its way.
+    First to the beginning of the data, and then to more and more of them: a run that reverses at
+    another time has nothing in common with the later data.
     """
     from scipy.stats import t as student
 
@@ -360,15 +348,22 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
     sizes = np.linalg.norm(best.jac, axis=0)
     unit_jacobian = best.jac / np.where(sizes > 0, sizes, 1.0)
     _, singular, directions = np.linalg.svd(unit_jacobian, full_matrices=False)
+    spread = directions.T / np.maximum(singular, 1e-12)
+    lengths = np.linalg.norm(spread, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        errors = np.linalg.norm(directions.T / np.maximum(singular, 1e-12), axis=1) / sizes
-    width = errors * noise * float(student.ppf(0.975, problem.freedom))
+        width = lengths / sizes * noise * float(student.ppf(0.975, problem.freedom))
     low, high = (problem.values(np.clip(best.x + side * width, *problem.limits()))
                  for side in (-1, 1))  # fmt: skip
     remarks = []
-    vague = [name for name, wide in zip(free, width > 0.5 * np.abs(best.x), strict=True) if wide]
-    if vague:
-        remarks.append(f"the data hardly tell {' and '.join(vague)}: fix what is known otherwise")
+    # Of a logarithm, the absolute error is the relative one of the number.
+    large = np.where([name == "omega_xy0" for name in free], 1.0, np.abs(best.x))
+    vague = ~(width <= 0.5 * large) | (np.abs(directions[-1]) > 0.1) * (singular[-1] < SINGULAR)
+    alike = np.abs(spread @ spread.T) > ALIKE * np.outer(lengths, lengths)
+    pairs = np.argwhere(np.triu(alike & (vague | vague[:, None]), 1))
+    for i, j in pairs:
+        remarks.append(f"the data cannot tell {free[i]} and {free[j]} apart: fix one of them")
+    if alone := [free[i] for i in np.flatnonzero(vague) if i not in pairs]:
+        remarks.append(f"the data hardly tell {' and '.join(alone)}: fix what is known otherwise")
     if best.status == 0:
         remarks.append(f"the search did not settle within {STEPS} steps; give a better launch")
     if series and _correlation(best.fun) > limit:
@@ -378,15 +373,13 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
     final = problem.launched(best.x)
     names = ("n_i", "omega_xy0", "psi", "omega", "u", "sigma", "rolling")
     kept = {name: v for name in names if (v := getattr(final, name)) is not None}
-    intervals = {name: (low[name], high[name]) for name in free}
-    unit, size = data.units[1]
-    rows, expected = int(data.known.sum()), problem.expected(best.x)
-    return Fit(problem.values(best.x), intervals, final.body, kept, noise / size, unit, rows,
-               remarks, data, expected)  # fmt: skip
+    intervals, (unit, size) = {name: (low[name], high[name]) for name in free}, data.units[1]
+    return Fit(problem.values(best.x), intervals, final.body, kept, noise / size, unit,
+               int(data.known.sum()), remarks, data, problem.expected(best.x))  # fmt: skip
 
 
 def _first_values(launch: Launch, data: Data, free: list[str]) -> dict[str, list[float]]:
-    """Return the values of each free parameter from which the search may begin."""
+    """Return where the search may begin."""
     body, few = launch.body, np.flatnonzero(data.known)[: max(10, data.known.sum() // 50)]
     spin = launch.n_i or 0.1
     if data.kind in ("spin", "n"):
@@ -408,6 +401,5 @@ def _first_values(launch: Launch, data: Data, free: list[str]) -> dict[str, list
     return {name: [value] if value else guesses[name] for name, value in given.items()}
 
 
-def _correlation(residual: Floats) -> float:
-    """Return the correlation of neighbouring residuals."""
+def _correlation(residual: Floats) -> float:  # of neighbours
     return float((residual[1:] * residual[:-1]).sum() / (residual**2).sum())

@@ -262,11 +262,10 @@ def read_layout(directory: Path) -> Layout:
 
 
 def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
-    """Return an array in which the points that were not run, not `known`, have a value too.
+    """Return an array in which the points that are not `known` have a value too.
 
-    A point takes the value of the nearest run, in steps of the grid, or between runs with a finite
-    number the linear interpolation; where the nearest run has none (NaN) it has none either. Axes
-    of few values are not refined; planes across them are filled apart.
+    A point takes the value of the nearest run, in steps of the grid, or between runs with a number
+    the linear interpolation. Axes of few values are not refined; planes across are filled apart.
     """
     from scipy.interpolate import LinearNDInterpolator
     from scipy.spatial import QhullError
@@ -290,10 +289,7 @@ def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
 def make_dataset(
     layout: Layout, columns: Sequence[str] | None = None, *, fill_refined: bool = False
 ) -> xarray.Dataset:
-    """Return the runs along the axes of their sweep, as ``Sweep.to_xarray`` promises.
-
-    Raises a ConfigError if there is no such column, an ImportError if xarray is not installed.
-    """
+    """Return the runs along the axes of their sweep, as ``Sweep.to_xarray`` promises."""
     schema = layout.stored.schema
     single = [column.name for column in schema if not pa.types.is_list(column.type)]
     for name in columns or ():
@@ -313,9 +309,8 @@ def make_dataset(
     index = pd.MultiIndex.from_product([*axes.values()], names=[*axes])
     frame = table.select(names).to_pandas()[shown].set_index(index[place[shown]]).reindex(index)
     # Of a target, the axis is what was asked for, and the column what each body has.
-    dataset: xarray.Dataset = frame.rename(
-        columns={name: f"{name}_body" for name in axes}
-    ).to_xarray()
+    frame = frame.rename(columns={name: f"{name}_body" for name in axes})
+    dataset: xarray.Dataset = frame.to_xarray()
     done = np.isin(np.arange(len(index)), place[shown]).reshape([*dataset.sizes.values()])
     for key, variable in dataset.items():
         column = schema.field(str(key).removesuffix("_body"))

@@ -1,7 +1,4 @@
-"""Pictures of a sweep: shares of types, times, maps, histograms, scatters, and which one suits.
-
-Each kind tells apart some axes of the sweep, counts the runs by cell along them, and draws.
-"""
+"""Pictures of a sweep: shares of types, times, maps, histograms, scatters, and which one suits."""
 
 from __future__ import annotations
 
@@ -45,15 +42,14 @@ CELLS = {
 }
 CODES = {name: code for code, name in enumerate(CELLS)}
 Names = tuple[list[str], list[str], list[str]]
+# The Axes of each panel, with the places of its values along the axes of rows and columns.
 Panels = list[tuple[Any, tuple[int, ...]]]
-"""The Axes of each panel, with the places of its values along the axes of rows and columns."""
 
 
 class Picture(ABC):
-    """A picture of a sweep, of one kind.
+    """A picture of a sweep, of one kind; drawing fills `notes`, the caption.
 
-    `axes` are those that it tells apart, the abscissa first, and behind its own those of the rows
-    and columns of panels; others have a single value. Drawing fills `notes`, the caption.
+    `axes` are those of several values: the abscissa first, those of rows and columns last.
     """
 
     panel: ClassVar[tuple[float, float]]  # width and height of one, in inches
@@ -66,9 +62,9 @@ class Picture(ABC):
         self.axes = [*own, *self.rows, *self.columns]
         self.notes: list[str] = []
 
-    @abstractmethod
     def _arrange(self) -> Names:
         """Choose axes for a panel, and for rows and columns of panels."""
+        return [], [], []
 
     @abstractmethod
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
@@ -76,7 +72,7 @@ class Picture(ABC):
 
     @cached_property
     def counted(self) -> tuple[Counts, dict[str, Floats]]:
-        """The runs by cell, and means of columns; :meth:`grid` puts an array along `axes`."""
+        """The runs by cell, and means of columns."""
         return self.layout.count(self.more)
 
     def __len__(self) -> int:
@@ -86,9 +82,9 @@ class Picture(ABC):
         """Give an array over the cells the shape of `axes`."""
         every = [axis.name for axis in self.layout.axes.values()]
         order = [every.index(axis.name) for axis in self.axes]
+        whole = flat.reshape([*self.layout.lengths.values()])
         others = [k for k in range(len(every)) if k not in order]
-        whole = flat.reshape([*self.layout.lengths.values()]).transpose(order + others)
-        return whole.reshape([len(axis.values) for axis in self.axes])
+        return whole.transpose(order + others).squeeze(tuple(range(len(order), len(every))))
 
     def table(self) -> pd.DataFrame:
         """Return the numbers that are drawn: one row for each cell that holds runs."""
@@ -129,10 +125,8 @@ class Picture(ABC):
                         for axes in (self.rows, self.columns))  # fmt: skip
         if (count := len(down) * len(across)) > MOST_PANELS:
             names = " and ".join(axis.name for axis in (*self.rows, *self.columns))
-            raise ConfigError(
-                f"there would be {count} panels, one for each {names}; choose some with --select, "
-                "as in --select n_i=-0.3,-0.5"
-            )
+            raise ConfigError(f"there would be {count} panels, one for each {names}; choose some "
+                              "with --select, as in --select n_i=-0.3,-0.5")  # fmt: skip
         across = [column for column in across for _ in range(self.parts)]
         needed = np.array(self.panel) * (len(across), len(down)) + (1.6, 1.4)
         figure = style.new_figure(*(size or np.clip(needed, (6.4, 3.4), 14)))
@@ -169,10 +163,9 @@ def texts(axes: Sequence[Axis], places: Sequence[int]) -> str:
 
 
 def ordered(layout: Layout, first: str | None, enough: int, prefer: str = "") -> list[str]:
-    """Return `first` and the other axes of several values; without it, the longest comes first.
+    """Return `first`, if any, and the other axes of several values, from the longest.
 
-    So many values as `enough` count as many. Of equal length come one that is preferred, then
-    targets and bodies, then the launch.
+    `enough` values are as long as more. Of equal length, the launch comes last, `prefer` first.
     """
     size = layout.lengths
     names = sorted(size, key=lambda n: (-min(size[n], enough), n != prefer, n in LAUNCH))
@@ -234,10 +227,7 @@ class Fractions(Picture):
 
 
 class Times(Picture):
-    """The mean of ``t_r``, or run by run of ``t_r/t_rGH``, over type R, and theory, dashed.
-
-    The first axis is the abscissa, the second makes curves, the others panels.
-    """
+    """The mean of ``t_r``, or run by run of ``t_r/t_rGH``, over type R, and theory, dashed."""
 
     panel = (2.6, 2.8)
 
@@ -290,22 +280,18 @@ class Times(Picture):
 
         what = "t_r/t_rGH, taken run by run," if relative else "the time t_r of the first reversal"
         few = f"; {len(shown)} of {count} values are shown" if len(shown) < count else ""
-        self.notes.append(
-            f"Mean of {what} over the runs that reverse (type R), with its standard deviation; "
-            f"theory is Garcia and Hubbard's mean over all runs{few}."
-        )
-        handles = [
-            style.entry(texts(curves, [k]), color=own, marker=mark, ms=4, ls="-")
-            for k, own, mark in (looks if curves else [])
-        ]
+        self.notes.append(f"Mean of {what} over the runs that reverse (type R), with its standard "
+                          "deviation; theory is Garcia and Hubbard's mean over all runs"
+                          f"{few}.")  # fmt: skip
+        handles = [style.entry(texts(curves, [k]), color=own, marker=mark, ms=4, ls="-")
+                   for k, own, mark in (looks if curves else [])]  # fmt: skip
         return [*handles, style.entry("theory", **THEORY)]
 
 
 class Map(Picture):
     """Types and ``t_r/t_rGH`` side by side, or one column; a row for each further value.
 
-    A cell of several runs has their most common type and their mean. The cells that a refined grid
-    has left out are filled from those that were run.
+    A cell of several runs has their most common type and their mean.
     """
 
     panel = (3.7, 3.4)
@@ -322,10 +308,7 @@ class Map(Picture):
         return order[:2], order[2:], []
 
     def shown(self) -> tuple[Integers, Floats, Floats]:
-        """Return what each cell is (a place in `CELLS`), its value, how far beyond Bondi's line.
-
-        The value is ``t_r/t_rGH`` or the mean of the column; the last is NaN without theory.
-        """
+        """Return what each cell is (a place in `CELLS`), its value, how far beyond Bondi's line."""
         layout, (cells, more) = self.layout, self.counted
         counts = np.stack([cells.types.get(name, 0 * cells.runs) for name in TYPE_STYLE])
         code = np.where(cells.ok == 0, CODES["failed"], np.argmax(counts, axis=0))
@@ -386,9 +369,8 @@ class Map(Picture):
         bar.set_label(mean + label(name, unit))
         if wide:
             style.plain_ticks(bar.ax, "y", low, high)
-        entries = CELLS | {
-            "none": (style.NO_REVERSAL, "no reversal" if unit is None else "no value")
-        }
+        nothing = "no reversal" if unit is None else "no value"
+        entries = CELLS | {"none": (style.NO_REVERSAL, nothing)}
         if self.layout.where is not None:
             entries["missing"] = (style.MISSING, "not selected")
         present = {name for name in CELLS if CODES[name] in code}
@@ -409,9 +391,6 @@ class Distribution(Picture):
     """A histogram of ``t_r/t_rGH`` of type R, or of a column of all runs."""
 
     panel = (4.8, 2.2)
-
-    def _arrange(self) -> Names:
-        return [], [], []
 
     @cached_property
     def values(self) -> Floats:
@@ -479,22 +458,20 @@ class Scatter(Picture):
         if self.column == "t_r":
             raise ConfigError("--x t_r: it is the ordinate of a scatter; choose another column")
         self.unit, _ = self.layout.column(self.column, "--x")
-        return [], [], []
+        return super()._arrange()
 
     @cached_property
     def points(self) -> pd.DataFrame:
         """Column and ``t_r`` of the runs that have both."""
-        _, *found = self.read(self.column, "t_r")
         names = [self.layout.name(name) for name in (self.column, "t_r")]
-        both = np.isfinite(found).all(axis=0)
-        return pd.DataFrame({name: x[both] for name, x in zip(names, found, strict=True)})
+        return pd.DataFrame(self.read(self.column, "t_r")[1:].T, columns=names).dropna()
 
     def __len__(self) -> int:
         return len(self.points)
 
     def table(self) -> pd.DataFrame:
         """Return the points."""
-        return self.points
+        return self.points.reset_index(drop=True)
 
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
         axes, (x, t_r) = panels[0][0], self.points.to_numpy().T
@@ -523,10 +500,7 @@ def choose_picture(
     layout: Layout, kind: str | None = None, *, x: str | None = None, quantity: str | None = None,
     select: Sequence[str] = (), where: str | None = None,
 ) -> Picture:  # fmt: skip
-    """Choose the picture that suits a sweep, or take the kind that is asked for.
-
-    Raises a ConfigError if the kind does not suit the sweep, or a name or a text cannot be read.
-    """
+    """Choose the picture that suits a sweep, or take the kind that is asked for if it does."""
     layout = layout.chosen(where).select(select).in_si()
     fitting, suited = fitting_kinds(layout), default_kind(layout)
     if kind is None and x in layout.stored.schema.names and x not in layout.axes:

@@ -2,8 +2,7 @@
 
 First-order indices are the share of a variance that goes with one parameter alone, total ones the
 share that would be left if all others were known, by the estimators of Saltelli et al., Comput.
-Phys. Commun. 181, 259, 2010. They are SciPy's, whose function takes powers of two of groups alone:
-one run that does not reverse would cost half of the others.
+Phys. Commun. 181, 259, 2010. SciPy's function has the same, but of powers of two of groups alone.
 """
 
 from __future__ import annotations
@@ -33,13 +32,10 @@ _INDICES = {"first": ("first order", style.BLUE), "total": ("total", style.ORANG
 
 
 def sensitivity(directory: Path) -> dict[str, Any]:
-    """Compute the indices of the runs that are on disk, from whole groups of runs.
+    """Compute the indices of the runs that are on disk, from whole groups, as JSON can hold them.
 
-    Return as JSON can hold it: ``cases``; ``indices``, rows by ``case``, ``of`` (one of
-    `QUANTITIES`) and ``parameter`` with ``used`` and ``left_out`` runs, ``first`` and ``total`` and
-    the ends ``_low`` and ``_high`` of their 95 % intervals (bootstrap); ``notes`` of which
-    quantities there are none, and why. Raises a ConfigError if bodies are not drawn from ranges by
-    ``draw: saltelli``, an OutputError if no quantity is there in nearly all groups.
+    ``indices`` are rows by ``case``, ``of`` (one of `QUANTITIES`) and ``parameter`` with 95 %
+    intervals (bootstrap); ``notes`` tell of which quantities there are none, and why.
     """
     stored = open_stored(directory)
     bodies = stored.config.bodies
@@ -48,8 +44,7 @@ def sensitivity(directory: Path) -> dict[str, Any]:
             f"{directory}: indices need bodies that differ in one parameter; run the sweep with "
             "bodies.source: sd and bodies.draw: saltelli"
         )
-    rows: list[dict[str, Any]] = []
-    notes: list[str] = []
+    rows, notes = list[dict[str, Any]](), list[str]()
     frame = stored.read(["case", "sample", "t_r", "type", "status"]).to_pandas()
     frame["group"], frame["place"] = np.divmod(frame["sample"], bodies.group)
     frame["type"] = frame["type"].where(frame["status"] == "ok")
@@ -68,12 +63,8 @@ def sensitivity(directory: Path) -> dict[str, Any]:
                 "have it in all runs; they would tell of those bodies, not of the ranges"
             )
         elif np.ptp(whole[[0, 1]].to_numpy()) > 0:
-            head = {
-                "case": case,
-                "of": of,
-                "used": whole.size,
-                "left_out": groups.size - whole.size,
-            }
+            left_out = groups.size - whole.size
+            head = {"case": case, "of": of, "used": whole.size, "left_out": left_out}
             for name, index in zip(bodies.drawn, indices(whole.to_numpy().T), strict=True):
                 rows.append(head | {"parameter": name} | index)
     if not rows:
@@ -83,10 +74,7 @@ def sensitivity(directory: Path) -> dict[str, Any]:
 
 
 def indices(f: Floats) -> list[dict[str, float]]:
-    """Return the indices of each parameter with their intervals, from drawing groups again.
-
-    `f` are values at points A, at points B, and at those of A with one parameter of B each.
-    """
+    """Return indices and intervals of values at A, at B, and at A with a parameter of B each."""
 
     def estimate(f: Floats) -> Floats:
         a, b, mixed = f[0], f[1], f[2:]

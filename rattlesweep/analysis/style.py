@@ -26,8 +26,7 @@ from rattlesweep.sweeps.files import replace_file
 # Okabe and Ito's colours, which the colour-blind can tell apart.
 BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"
 PURPLE, ORANGE, SKY, YELLOW = "#CC79A7", "#E69F00", "#56B4E9", "#F0E442"
-BLACK = "#000000"
-INK, GREY, FAINT = "#222222", "#555555", "#e4e4e4"
+BLACK, INK, GREY, FAINT = "#000000", "#222222", "#555555", "#e4e4e4"
 FAILED, MISSING, NO_REVERSAL = BLACK, "#FFFFFF", "#C4C4C4"
 
 
@@ -71,15 +70,12 @@ RC: dict[str, Any] = {
     "legend.frameon": False, "hatch.linewidth": 0.5, "hatch.color": "#00000066",
     "svg.fonttype": "path", "svg.hashsalt": "rattlesweep", "pdf.fonttype": 42,
 }  # fmt: skip
-FORMATS: dict[str, dict[str, Any]] = {
-    "svg": {"Date": None}, "png": {"Software": None}, "pdf": {"CreationDate": None},
-}  # fmt: skip
-"""Formats of figures, with the metadata that would change from one writing to the next."""
+# Formats of figures, with the metadata that would change from one writing to the next.
+FORMATS = {"svg": {"Date": None}, "png": {"Software": None}, "pdf": {"CreationDate": None}}
 
-# Stretches of a curve, about a pixel each; inches of an axis on which few numbers have room.
-# With more oscillations than this a curve would be a slab of ink, and its envelope is drawn.
-MOST_PERIODS = 60
-BINS, NARROW = 1000, 1.1
+# Stretches of a curve, about a pixel each; inches of an axis on which few numbers have room; with
+# more oscillations than the last a curve would be a slab of ink, and its envelope is drawn.
+BINS, NARROW, MOST_PERIODS = 1000, 1.1, 60
 
 
 @contextmanager
@@ -115,9 +111,8 @@ def add_legend(figure: Figure, handles: list[Any], heading: Sequence[str] = ()) 
 def add_caption(figure: Figure, words: str, *, grow: bool = True) -> None:
     """Write sentences below all panels, of a figure that grows by their height if `grow`."""
     size = 7.0
-    lines = textwrap.wrap(words, int(1.9 * 72 * figure.get_figwidth() / size))
-    figure.supxlabel("\n".join(lines).replace("$", "\\$"), fontsize=size, color=GREY,
-                     multialignment="left")  # fmt: skip
+    lines = textwrap.wrap(words.replace("$", "\\$"), int(1.9 * 72 * figure.get_figwidth() / size))
+    figure.supxlabel("\n".join(lines), fontsize=size, color=GREY, multialignment="left")
     if grow:
         figure.set_figheight(figure.get_figheight() + 0.02 * size * len(lines))
 
@@ -156,19 +151,16 @@ def plain_ticks(axes: Any, which: str, low: float, high: float) -> None:
 
 def thin(values: Floats, bins: int) -> Places:
     """Return the places of the ends, and of the least and largest value in each of some bins."""
-    count = len(values)
-    if count <= 2 * bins:
-        return np.arange(count)
-    stretches = np.array_split(np.arange(count), bins)
-    extremes = [part[[values[part].argmin(), values[part].argmax()]] for part in stretches]
-    return np.union1d(extremes, [0, count - 1])
+    places = np.arange(len(values))
+    if len(values) <= 2 * bins:
+        return places
+    extremes = [part[[values[part].argmin(), values[part].argmax()]]
+                for part in np.array_split(places, bins)]  # fmt: skip
+    return np.union1d(extremes, places[[0, -1]])
 
 
 def curve(axis: Any, t: Floats, values: Floats, colour: str = BLUE, **look: Any) -> None:
-    """Draw a curve; one of very many oscillations by its least and largest values in stretches.
-
-    Each stretch is about a pixel wide and holds an oscillation at least.
-    """
+    """Draw a curve; one of very many oscillations by its extremes in stretches of one or more."""
     look = {"color": colour, "linewidth": 0.8} | look
     periods = np.count_nonzero(np.diff(np.sign(np.diff(values)))) / 2
     if periods <= MOST_PERIODS or not np.isfinite(values).all():
@@ -210,9 +202,8 @@ def save_table(rows: pd.DataFrame, path: Path) -> None:
 def text_table(rows: Sequence[Mapping[Any, Any]], form: str = ".6g") -> str:
     """Lay rows out for a terminal under their keys, without keys that none has."""
     frame = pd.DataFrame(rows).dropna(axis=1, how="all").astype(object)
-    return frame.where(frame.notna(), "-").to_string(
-        index=False, float_format=lambda x: f"{x:{form}}"
-    )
+    frame = frame.where(frame.notna(), "-")
+    return frame.to_string(index=False, float_format=lambda x: f"{x:{form}}")
 
 
 def symbol(name: str) -> str:

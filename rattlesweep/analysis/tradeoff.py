@@ -1,16 +1,15 @@
 """Speed against accuracy, measured: methods, settings and models on the same runs.
 
 The error of a reversal time is taken against two methods at a tight tolerance that agree on it. The
-cost is processor time on one thread, medians of measurements that take turns; the runs are cut at a
-common horizon for it, since the few longest would leave most lanes of a small batch empty, which a
-sweep does not. benchmarks/single_precision.py says why single precision is no setting.
+cost is processor time on one thread, medians of measurements that take turns, of runs that are cut
+at a common horizon: the few longest would leave most lanes of a small batch empty.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -71,7 +70,7 @@ class Setting(NamedTuple):
         return full if self.model == "full" else self.model
 
 
-def _settings(method: str, name: str, values: Iterable[float]) -> list[Setting]:
+def _settings(method: str, name: str, *values: float) -> list[Setting]:
     return [Setting("full", method, name, value) for value in values]
 
 
@@ -80,13 +79,13 @@ REFERENCES = [Setting("full", method, "tol", 1e-13) for method in ("verner98", "
 PAPER = Setting("full", "rk4", "dt", 0.002)
 QUICK = [
     PAPER,
-    *_settings("dop853", "tol", (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)),
-    *_settings("verner98", "tol", (1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)),
+    *_settings("dop853", "tol", 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12),
+    *_settings("verner98", "tol", 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12),
     Setting("gh", "none"),
 ]
 FULL = [
-    *_settings("rk4", "dt", (0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.001)),
-    *_settings("dopri5", "tol", (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)),
+    *_settings("rk4", "dt", 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.001),
+    *_settings("dopri5", "tol", 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9),
     Setting("reduced", "dop853", "tol", 1e-9),
     *QUICK,
 ]
@@ -96,10 +95,7 @@ FULL = [
 def draw_runs(
     config: Config, base: Path | None, samples: int | None, least: int
 ) -> tuple[Config, Launches]:
-    """Draw `samples` runs of each case, or so many that there are `least` runs, or all.
-
-    Those without a horizon are left out.
-    """
+    """Draw `samples` runs of each case, or `least` in all, or all; but those without a horizon."""
     data: dict[str, Any] = resolved(config) | {"record": [], "model": "full"}
     config = parse_config(data, ["integrator={method: dop853}"])
     plan = make_plan(config, base)
@@ -109,8 +105,8 @@ def draw_runs(
         plan = make_plan(config, base)
     count = min(wanted, plan.samples)
     picks = np.linspace(0, plan.samples - 1, count).astype(np.int64)
-    case = np.repeat(np.arange(len(plan.cases)), len(picks))
-    runs = prepare(plan, case, np.tile(picks, len(plan.cases)))
+    case, sample = np.meshgrid(np.arange(len(plan.cases)), picks, indexing="ij")
+    runs = prepare(plan, case.ravel(), sample.ravel())
     return config, take(runs, np.isfinite(runs.t_end) & (runs.t_end > 0))
 
 
@@ -143,10 +139,7 @@ def measure(
     samples: int | None = None, least: int = 2000, threads: int = 1,
     report: Callable[[str], None] = lambda text: None,
 ) -> Study:  # fmt: skip
-    """Measure cost and error of settings on the runs of :func:`draw_runs`.
-
-    `threads` are those for the errors; `report` is called with what is about to be done.
-    """
+    """Measure settings on the runs of :func:`draw_runs`; `threads` are those for the errors."""
     config, runs = draw_runs(config, base, samples, least)
     calls = [partial(_units, config, runs, setting) for setting in settings]
     report("kernels, compiled where this machine has them not yet")
@@ -205,10 +198,10 @@ def _units(config: Config, runs: Launches, setting: Setting, _: Control | None =
 
 
 def make_reference(config: Config, runs: Launches, threads: int = 1) -> pd.DataFrame:
-    """Integrate runs with two methods at a tight tolerance.
+    """Integrate runs with both references, and return the columns of the first and three more.
 
-    Returns the columns of the first, with ``apart`` (relative difference of both times), ``both``
-    (both reverse at the same time) and ``neither`` (none does, and both end alike).
+    ``apart`` is the relative difference of both times; ``both`` tells that both reverse at the same
+    time, ``neither`` that none does, and both end alike.
     """
     one, other = (solve(config, setting, runs, threads) for setting in REFERENCES)
     apart = (one["t_r"] / other["t_r"] - 1).abs()
@@ -218,11 +211,7 @@ def make_reference(config: Config, runs: Launches, threads: int = 1) -> pd.DataF
 
 
 def errors(found: pd.DataFrame, reference: pd.DataFrame) -> dict[str, Any]:
-    """Return how well runs came out; a reversal that is missing is an infinite error.
-
-    ``missed`` are reversals of the reference that are not found, ``false`` those found where the
-    reference has none, ``type_flips`` the share of runs with another type.
-    """
+    """Return how well runs came out; a reversal that is missing is an infinite error."""
     both, neither, ok = reference["both"], reference["neither"], found["status"] == "ok"
     error = (found["t_r"] / reference["t_r"] - 1).abs().fillna(np.inf)[both]
     known = both | neither
@@ -241,14 +230,13 @@ def errors(found: pd.DataFrame, reference: pd.DataFrame) -> dict[str, Any]:
 
 def cheapest(rows: pd.DataFrame) -> list[dict[str, Any]]:
     """Return the cheapest settings at some errors, by their median and for 99 % of the runs."""
-    found = []
+    found: list[dict[str, Any]] = []
     for error in WANTED:
-        entry: dict[str, Any] = {"error": error}
+        found.append({"error": error})
         for word in ("median", "p99"):
             good = rows[rows[f"error_{word}"] <= error].nsmallest(1, "us_per_unit")
-            entry[word] = None if good.empty else good["name"].item()
-            entry[f"{word}_us_per_unit"] = None if good.empty else good["us_per_unit"].item()
-        found.append(entry)
+            best = [*zip(good["name"], good["us_per_unit"], strict=True), (None, None)][0]
+            found[-1] |= zip((word, f"{word}_us_per_unit"), best, strict=True)
     return found
 
 

@@ -121,6 +121,15 @@ def states_behind(problem, parts, w, steps, which, offset, constants, out):
                 out[first + l, c] = component
 
 
+def observe(problem, states, constants, out):
+    """Write spin, energy, normal and tangential contact force in some states to ``out``."""
+    q = first_of(constants, problem.n_constants)
+    for i in range(out.shape[1]):
+        y = first_of(states[i], problem.n_state)
+        out[0, i], out[1, i] = problem.spin(*y), problem.energy(*(y + q))
+        out[2, i], out[3, i] = problem.contact(*(y + q))
+
+
 OPTIONS = {"nogil": True, "error_model": "numpy"}
 
 
@@ -139,6 +148,12 @@ def states_recipe(model_name: str) -> Kernel:
     return Kernel(states_behind, (problem, batches.NO_PARTS, batches.FLAT, *tables), OPTIONS)
 
 
+def observe_recipe(model_name: str) -> Kernel:
+    """Return :func:`observe` of a model."""
+    problem = batches.problem_of(find_model(model_name), True)
+    return Kernel(observe, (problem, batches.TABLE, batches.FLAT, batches.TABLE), OPTIONS)
+
+
 @dataclass(frozen=True)
 class Samples:
     """States at times, a row each."""
@@ -151,35 +166,26 @@ class Samples:
 class Follower:
     """Integrates one run, a batch of one, past its reversals, as far as its states are asked for.
 
-    Parameters
-    ----------
-    attitude : bool
-        Whether to integrate heading and contact point too (not of the reduced model), by
-        quadratures over the accepted steps, which they do not change.
-    look : callable, optional
-        Called with the times and the states, one row each, of the accepted steps as they come, and
-        at first with the launch; every eighth of a method without error control.
-    watch : callable, optional
-        Called with the time reached every few thousand steps; what it raises ends the work.
+    `attitude`: heading and contact point too, by quadratures over the accepted steps.  `look` is
+    called with the times and :meth:`observe` of the accepted steps as they come, every eighth of a
+    method without error control, and at first of the launch.
     """
 
     def __init__(
         self, batch: Batch, tableau: Tableau, model: Model, *, tol: float = TOL, dt: float = DT,
         max_steps: int = MAX_STEPS, attitude: bool = False,
         look: Callable[[Floats, Floats], None] | None = None,
-        watch: Callable[[float], None] | None = None,
     ) -> None:  # fmt: skip
         self.t, self.n_steps, self.status = 0.0, 0, Status.OK
         # Times of the zeros of the spin so far, but for those after the body is dead.
         self.zeros = list[float]()
         self.ended = not batch.t_end[0] > 0
-        self._batch, self._tableau, self._dt, self._look, self._watch = (
-            batch, tableau, dt, look, watch
-        )  # fmt: skip
+        self._batch, self._tableau, self._dt, self._look = batch, tableau, dt, look
         self._models = [model, ATTITUDES[model.name]] if attitude else [model]
         # All at once, so that they are compiled side by side.
-        self._kernel, decision, *others = load_kernels(
+        self._kernel, self._observe, decision, *others = load_kernels(
             (steps_recipe, model.name, tableau.adaptive),
+            (observe_recipe, model.name),
             (batches.decide_closely, tableau.adaptive),
             *((batches.attempt, tableau.name, each.name) for each in self._models),
             *((states_recipe, each.name) for each in self._models),
@@ -204,7 +210,7 @@ class Follower:
         self.energy_0 = float(self._energies[0])
         self._extra = np.zeros((1, self._models[-1].n_beside))
         if look is not None:
-            look(np.zeros(1), batch.y0)
+            look(np.zeros(1), self.observe(batch.y0))
 
     def launch(self) -> Samples:
         """Return the state at time zero."""
@@ -217,14 +223,20 @@ class Follower:
         self._go_on()
         return self._samples(1, self._rows)
 
+    def observe(self, states: Floats) -> Floats:
+        """Return spin, energy without the work, normal and tangential force in some states."""
+        out = np.empty((4, len(states)))
+        problem = batches.problem_of(self._models[0], True)
+        self._observe(problem, states, self._batch.constants[0], out)
+        return out
+
     def at(self, times: Floats) -> Samples:
         """Return states at increasing times, none earlier than those of the last call.
 
         Fewer than asked for come back where the run ended earlier.
         """
         out = np.empty((len(times), self._batch.y0.shape[1]))
-        extra = np.empty((len(times), self._extra.shape[1]))
-        done = 0
+        extra, done = np.empty((len(times), self._extra.shape[1])), 0
         while done < len(times):
             ends = self._table[: self._rows, T]
             upto = int(np.searchsorted(times, ends[-1], side="right"))
@@ -284,9 +296,7 @@ class Follower:
             self._judge()
         if self._look is not None:
             found = self._samples(1, rows)
-            self._look(found.t, found.y)
-        if self._watch is not None:
-            self._watch(self.t)
+            self._look(found.t, self.observe(found.y))
 
     def _judge(self) -> None:
         """Give numbers that cannot be trusted the status they have in a sweep."""

@@ -40,13 +40,11 @@ def sweeps(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def joined(a: Path, b: Path) -> pd.DataFrame:
-    """Runs that both directories have."""
     one, other = (pd.read_parquet(directory / "runs") for directory in (a, b))
     return one.merge(other, on=["case", "sample"], suffixes=("_a", "_b"))
 
 
 def told(*args: Any, code: int = 0) -> dict[str, Any]:
-    """What the command says as JSON."""
     done = invoke("compare", *args, "--json")
     assert done.exit_code == code, done.stderr
     return json.loads(done.stdout)  # type: ignore[no-any-return]

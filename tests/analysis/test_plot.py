@@ -55,7 +55,6 @@ SWEEPS: dict[str, dict[str, Any]] = {
 
 @pytest.fixture(scope="module")
 def sweeps(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A directory of small sweeps of every shape."""
     root = tmp_path_factory.mktemp("sweeps")
     for name, config in SWEEPS.items():
         rs.sweep({"name": name, "seed": 5, **config}, output=root / name, threads=1)
@@ -63,12 +62,10 @@ def sweeps(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def picture(directory: Path, kind: str | None = None, **choice: Any) -> Picture:
-    """A picture of all runs."""
     return choose_picture(read_layout(directory), kind, **choice)
 
 
 def drawn(shown: Picture, **options: Any) -> Any:
-    """A picture's figure, laid out."""
     with styled():
         figure = shown.figure(**options)
         figure.canvas.draw()
@@ -76,7 +73,6 @@ def drawn(shown: Picture, **options: Any) -> Any:
 
 
 def legend_words(figure: Any) -> list[str]:
-    """What the legend says."""
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
@@ -100,8 +96,7 @@ def test_counts_and_moments_against_pandas(sweeps):
             assert found == pytest.approx(moments, rel=1e-10, nan_ok=True)
         assert row["t_rgh_mean"] == pytest.approx(cell["t_rgh"].mean(), rel=1e-12)
     # Bondi's threshold is one of the steady direction.
-    unsteady = picture(sweeps / "unsteady").table()
-    assert unsteady["fraction_bondi"].isna().all()
+    assert picture(sweeps / "unsteady").table()["fraction_bondi"].isna().all()
 
 
 def test_the_right_picture_by_default(sweeps):
@@ -112,12 +107,9 @@ def test_the_right_picture_by_default(sweeps):
 @pytest.mark.parametrize("x", ["K_r", "n_i", "omega_xy0"])
 @pytest.mark.parametrize("kind", ["fractions", "times", "ratio", "map"])
 def test_nothing_that_varies_is_mixed(sweeps, kind, x):
-    for select in ([], ["n_i=-0.5"]):
-        left = {"K_r", "n_i", "omega_xy0"} - {text.split("=")[0] for text in select}
-        if x in left:
-            axes = [axis.name for axis in picture(sweeps / "steady", kind, x=x, select=select).axes]
-            assert axes[0] == x
-            assert left <= set(axes)
+    axes = [axis.name for axis in picture(sweeps / "steady", kind, x=x).axes]
+    assert axes[0] == x
+    assert {*axes} == {"K_r", "n_i", "omega_xy0"}
 
 
 def test_areas_are_the_shares(sweeps):
@@ -128,10 +120,8 @@ def test_areas_are_the_shares(sweeps):
     areas = {area.get_label(): area for area in axes.patches if area.get_label()}
     for name, (colour, _, hatch, text) in PLAIN.items():
         top = below + table[f"fraction_{name}"].to_numpy()
-        drawn_as = areas[text].get_data()
-        assert (drawn_as.baseline.tolist(), drawn_as.values.tolist()) == (
-            pytest.approx(below), pytest.approx(top)
-        )  # fmt: skip
+        assert areas[text].get_data().baseline == pytest.approx(below)
+        assert areas[text].get_data().values == pytest.approx(top)
         assert to_rgb(areas[text].get_facecolor()) == to_rgb(colour)
         assert (areas[text].get_hatch() or "") == hatch
         below = top
@@ -144,8 +134,6 @@ def test_times_are_the_means_and_the_theory_is_dashed(sweeps):
     for style, name in (("-", "t_r_mean"), ("--", "t_rgh_mean")):
         first = next(line for line in axes.lines if line.get_linestyle() == style)
         assert first.get_ydata() == pytest.approx(table[name].to_numpy())
-    # The paper: at small spin and oscillation they agree.
-    assert table["t_r_mean"].to_numpy() == pytest.approx(table["t_rgh_mean"].to_numpy(), rel=0.2)
     assert axes.get_xscale() == axes.get_yscale() == "log"
 
 
@@ -296,7 +284,6 @@ plot nowhere | nowhere is not an output directory: there is no such
 plot steady --title '$\notacommand$' | Unknown symbol
 plot steady --kind times --ylim 0,9 | add --linear
 plot one --kind map | --kind map: does not fit this sweep
-plot map --kind reversals | does not fit
 plot map --quantity n_step | --quantity: "n_step" is not one of
 plot map --kind ratio --quantity n_steps | --quantity: goes with --kind map
 plot steady --x K_s | "K_s" is not one of K_r, n_i, omega_xy0

@@ -12,16 +12,12 @@ from refusal import assert_refused
 from sweeping import invoke, rows, run
 
 import rattlesweep as rs
-from rattlesweep.analysis.onerun import channels
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import find_run
-from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL
-from rattlesweep.physics import full, stone
 
 
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small sweep with runs that reverse and runs that do not."""
     output = tmp_path_factory.mktemp("replay") / "out"
     result = run(
         "quickstart.yaml", output, "bodies.samples=8", "record=[windows]",
@@ -47,18 +43,10 @@ def test_every_run_is_the_stored_one_bit_for_bit(sweep):
         if np.isnan(stored.t_r):
             assert (ended.zeros, ended.n_steps) == ([], stored.n_steps)
             assert bits(ended.t) == bits(stored.t_end)
-            # The channel is formed by NumPy, without fused multiply-add.
-            assert last["n"][-1] == pytest.approx(stored.n_end, rel=1e-15)
+            assert bits(last["n"][-1]) == bits(stored.n_end)
         else:
             assert bits(ended.zeros[0]) == bits(stored.t_r)
             assert ended.t > stored.t_end
-
-
-def test_a_run_can_be_followed_beyond_the_horizon(sweep):
-    found = find_run(sweep, where='type == "R"')
-    t_end, row = 2 * found.prepare().t_end, found.values
-    path = rs.replay(sweep, row["case"], row["sample"], t_end=t_end, points=2)
-    assert (len(path.table), path.t_end, path.zeros[0]) == (2, t_end, row["t_r"])
 
 
 def test_a_run_is_chosen_by_a_condition_and_goes_to_files(sweep, tmp_path):
@@ -90,24 +78,6 @@ def test_a_stored_number_that_is_not_what_comes_out_is_told(sweep, tmp_path):
     for directory, why in ((output, words), (gone, "is not stored yet")):
         with pytest.raises(rs.OutputError, match=why):
             rs.replay(directory, case, sample)
-
-
-@pytest.mark.parametrize("model", [FULL, ELLIPSOID, *FRICTION.values()], ids=lambda m: m.name)
-def test_channels_are_what_the_equations_say(model):
-    """The formulas for arrays, in vectors, against the scalar functions of the kernels."""
-    y = np.random.default_rng(1).uniform(-0.3, 0.3, (model.n_state, 9))
-    body = full.constants(13.04, 1.522, 12.28, 0.6429, 0.036, -0.03)
-    constants = np.append(body, [1 / 3, 0.02, 0.03, 1e-4])[: model.n_constants]
-    constants[6:7] *= model.touch is stone.ellipsoid
-    constants[8:9] *= "rolling" in model.name
-    functions = (model.spin, ()), (model.energy, constants), (model.contact, constants)
-    n, kept, force = (
-        np.array([function(*state, *more) for state in y.T]) for function, more in functions
-    )
-    work = y[5] if len(y) > 5 else 0
-    np.testing.assert_allclose(channels.spin(y), n, rtol=1e-13, atol=1e-15)
-    np.testing.assert_allclose(channels.energy(y, constants), kept + work, rtol=1e-13)
-    np.testing.assert_allclose(channels.contact_force(y, constants), force.T, rtol=1e-10)
 
 
 def test_rows_may_begin_late(sweep):

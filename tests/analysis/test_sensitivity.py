@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -78,17 +79,16 @@ def test_the_command_prints_and_draws_what_theory_depends_on(design, tmp_path):
 def test_incomplete_groups_are_noted_and_too_many_refused(design, tmp_path):
     """A run that does not reverse takes its group away, and a tenth of the groups is too much."""
 
-    def without(share: float) -> Any:
-        def change(rows: Any) -> Any:
-            sample = np.asarray(rows["sample"])
-            lost = (sample // GROUP < share * GROUPS) & (sample % GROUP == 3)
-            types = np.where(lost, "SW", rows["type"].to_numpy(zero_copy_only=False))
-            return replaced(rows, "type", types.tolist())
+    def without(share: float, rows: Any) -> Any:
+        sample = np.asarray(rows["sample"])
+        lost = (sample // GROUP < share * GROUPS) & (sample % GROUP == 3)
+        types = np.where(lost, "SW", rows["type"].to_numpy(zero_copy_only=False))
+        return replaced(rows, "type", types.tolist())
 
-        return change
-
-    few = sensitivity(edited(design, tmp_path / "few", without(0.5 * MOST_MISSING)))
-    many = sensitivity(edited(design, tmp_path / "many", without(2 * MOST_MISSING)))
+    few, many = (
+        sensitivity(edited(design, tmp_path / str(share), partial(without, share * MOST_MISSING)))
+        for share in (0.5, 2)
+    )
     assert any((row["case"], row["of"]) == (1, "t_r") for row in few["indices"])
     assert {row["of"] for row in many["indices"] if row["case"] == 1} == {"P(R)", "P(SW)"}
     assert any("of those bodies, not of the ranges" in note for note in many["notes"])

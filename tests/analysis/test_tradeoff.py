@@ -6,7 +6,6 @@ import math
 from itertools import pairwise
 
 import matplotlib as mpl
-import numpy as np
 import oracle
 import pandas as pd
 import pytest
@@ -80,10 +79,7 @@ def test_the_command_writes_a_table_and_equal_figures(tmp_path):
     assert "12 runs" in result.stdout
     table = pd.read_parquet(tmp_path / "two" / "tradeoff.parquet")
     assert table.name.tolist() == [setting.name for setting in FEW]
-    assert (table.us_per_unit > 0).all()
-    for name in table.name:
-        assert name in result.stdout
-    assert "cheapest setting" in result.stdout
+    assert all(name in result.stdout for name in table.name)
     assert (tmp_path / "two" / "tradeoff.png").read_bytes().startswith(b"\x89PNG")
     assert b"<svg" in (tmp_path / "two" / "tradeoff.svg").read_bytes()
 
@@ -103,17 +99,6 @@ def test_the_shipped_config_is_the_default():
     shipped = load_config(ROOT / "configs" / "tradeoff.yaml")
     assert physics_hash(shipped) == physics_hash(parse_config(DEFAULT))
     assert len(draw_runs(shipped, None, None, 2000)[1].n_i) >= 2000
-
-
-def test_bodies_are_drawn_from_any_source(tmp_path):
-    grid = (
-        "bodies: {source: grid, base: {preset: GH}, axes: {theta: {linspace: [0.6, 0.7, 50]}}}\n"
-        "spin: {n_i: [0.1, 0.2], omega_xy0: 0.01}\n"
-    )
-    config = load_config(small(tmp_path, grid))
-    _, runs = draw_runs(config, None, 3, 9)
-    np.testing.assert_allclose(runs.bodies.theta, [0.6, 0.65, 0.7] * 2, atol=2e-3)
-    assert len(draw_runs(config, None, 90, 9)[1].n_i) == 100
 
 
 def test_the_error_falls_with_the_tolerance(study):

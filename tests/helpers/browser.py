@@ -27,7 +27,6 @@ PATIENCE = 120.0
 
 
 def find_browser() -> str | None:
-    """Chromium or one of its kin, if it is installed."""
     return next(filter(None, map(shutil.which, NAMES)), None)
 
 
@@ -46,7 +45,6 @@ class Browser:
             self.call(f"{domain}.enable")
 
     def call(self, method: str, **params: Any) -> Any:
-        """One command, and its answer."""
         self._number += 1
         message = {"id": self._number, "method": method, "params": params, **self._session}
         os.write(self._to, json.dumps(message).encode() + b"\0")
@@ -74,7 +72,6 @@ class Browser:
             self.console.append(json.dumps(params))
 
     def run(self, expression: str) -> Any:
-        """Value of an expression in the page; promises are waited for."""
         answer = self.call(
             "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
         )
@@ -83,7 +80,6 @@ class Browser:
         return answer["result"].get("value")
 
     def until(self, expression: str) -> None:
-        """Wait until an expression is true."""
         end = time.monotonic() + PATIENCE
         while not self.run(expression):
             if time.monotonic() > end:
@@ -96,8 +92,6 @@ class Browser:
 
     def open(self, path: Path) -> None:
         """Load a file into a small window of an owner who wants no motion, and wait for it."""
-        self.console.clear()
-        self.requests.clear()
         self.call("Emulation.setDeviceMetricsOverride", width=340, height=460,
                   deviceScaleFactor=1, mobile=False)  # fmt: skip
         features = [{"name": "prefers-reduced-motion", "value": "reduce"}]
@@ -108,32 +102,25 @@ class Browser:
         self.frame()
 
     def key(self, key: str) -> None:
-        """Press and release a key."""
-        codes = {" ": 32, "Home": 36, "End": 35, "ArrowLeft": 37, "ArrowRight": 39}
-        more = {"key": key, "code": "Space" if key == " " else key}
-        more["windowsVirtualKeyCode"] = codes.get(key, ord(key[0].upper()))
-        text = {"text": key} if len(key) == 1 else {}
-        self.call("Input.dispatchKeyEvent", type="keyDown", **more, **text)
-        self.call("Input.dispatchKeyEvent", type="keyUp", **more)
+        """Press and release " " or "End"."""
+        code, number, text = ("Space", 32, {"text": key}) if key == " " else (key, 35, {})
+        for kind, more in (("keyDown", text), ("keyUp", {})):
+            self.call("Input.dispatchKeyEvent", type=kind, key=key, code=code,
+                      windowsVirtualKeyCode=number, **more)  # fmt: skip
 
-    def centre(self, selector: str) -> tuple[float, float]:
-        """Middle of an element, which is brought into the window."""
+    def click(self, selector: str) -> None:
+        """Press and release in the middle of an element, which is brought into the window."""
         x, y = self.run(
             f"(() => {{ const e = document.querySelector({json.dumps(selector)});"
             "e.scrollIntoView({ block: 'nearest', behavior: 'instant' });"
             "const b = e.getBoundingClientRect();"
             "return [b.x + b.width / 2, b.y + b.height / 2]; })()"
         )
-        return x, y
-
-    def mouse(self, place: tuple[float, float]) -> None:
-        """Press and release at a place."""
         for kind, buttons in (("mousePressed", 1), ("mouseReleased", 0)):
-            self.call("Input.dispatchMouseEvent", type=kind, x=place[0], y=place[1],
-                      button="left", buttons=buttons, clickCount=1)  # fmt: skip
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left",
+                      buttons=buttons, clickCount=1)  # fmt: skip
 
     def screenshot(self) -> bytes:
-        """The window as PNG."""
         return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
 
 

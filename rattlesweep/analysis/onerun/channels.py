@@ -19,89 +19,28 @@ from rattlesweep.sweeps.columns import ENERGY, FORCE, RATE, TIME
 from rattlesweep.sweeps.config import not_one_of
 
 if TYPE_CHECKING:
-    from rattlesweep.integrate.follow import Samples
+    from rattlesweep.integrate.follow import Follower, Samples
     from rattlesweep.physics.si import Units
     from rattlesweep.sweeps.launches import Launches
 
 
-def _touch(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
-    """Return the contact point (Eqs. def-xy, def-z) and its rate, shape (3, ...) each."""
-    p, q, a, b, c = y[: full.N_STATE]
-    cxx, cxy, cyy, k = np.append(constants, 0.0)[3:7]  # no k: a paraboloid
-    dp, dq, _ = full.slope_rate.py_func(p, q, a, b, c)
-    x, y0 = p + cxx * p + cxy * q, q + cxy * p + cyy * q
-    s, rho_rate = x * p + y0 * q, k * (x * dp + y0 * dq)
-    rho = np.sqrt(1 + k * s)
-    rho_rate = rho_rate / rho
-    at = np.array([x / rho, y0 / rho, 1 - s / (rho + rho**2)])
-    dx = (dp + cxx * dp + cxy * dq - at[0] * rho_rate) / rho
-    dy = (dq + cxy * dp + cyy * dq - at[1] * rho_rate) / rho
-    return at, np.array([dx, dy, -p * dx - q * dy])  # in the plane
-
-
-def spin(y: Floats) -> Floats:
-    """Return the spin of states of the full model, shape (5 or more, ...)."""
-    u, omega = full.to_vectors(y[: full.N_STATE])
-    return np.asarray((u * omega).sum(axis=0))
-
-
-def energy(y: Floats, constants: Floats) -> Floats:
-    """Return the energy of states of the full model; the potential is a sum of small terms."""
+def contact_point(y: Floats, constants: Floats) -> Floats:
+    """Return where the body touches the plane (Eqs. def-xy, def-z), shape (3, ...)."""
     p, q = y[:2]
-    cxx, cxy, cyy, k = np.append(constants, 0.0)[3:7]
-    at, omega = _touch(y, constants)[0], y[2 : full.N_STATE]
-    v = np.cross(at, omega, axis=0)
-    tilt, bent = p * p + q * q, cxx * p * p + 2 * cxy * p * q + cyy * q * q
-    root = np.sqrt(1 + tilt)
-    half = (tilt + bent) / (1 + np.sqrt(1 + k * (tilt + bent)))
-    potential = (bent + (tilt / (1 + root)) ** 2 - k * half**2) / root
-    twice: Floats = np.tensordot(constants[:3], omega**2, 1) + (v**2).sum(axis=0) + potential
-    return 0.5 * twice
-
-
-def contact_force(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
-    """Return the normal and the tangential contact force (Eq. em-1) of states of the full model.
-
-    The angular acceleration solves Eq. diff-omega, with ``v = r x omega`` and a couple ``L``,
-    ``(I + r^2 - r r^T) domega/dt = r x (dr/dt x omega + omega x v + u) - omega x I omega - L``.
-    ``L`` is ``sigma omega`` and the rolling resistance, which is linear in the force itself.
-    """
-    u, omega = full.to_vectors(y[: full.N_STATE])
-    r, rate = _touch(y, constants)
-    inertia = constants[:3, None]
-    sigma, lever, eps = constants[7:10] if len(constants) > 7 else (0.0, 0.0, 0.0)
-
-    cross, square = partial(np.cross, axis=0), (r**2).sum(axis=0)
-    d = inertia + square
-
-    def solve(torque: Floats) -> Any:  # Sherman and Morrison's formula
-        along = (r * torque / d).sum(axis=0) / (inertia * r**2 / d).sum(axis=0)
-        return (torque + square * along * r) / d
-
-    v = cross(r, omega)
-    known = cross(rate, omega) + cross(omega, v)  # of the acceleration dv/dt
-    h = omega - (u * omega).sum(axis=0) * u
-    torque = cross(r, known + u) - cross(omega, inertia * omega) - sigma * omega
-    turning = solve(torque)
-    if lever:
-        slowed = solve(h)
-        up = 1 + (u * (known + cross(r, turning))).sum(axis=0)
-        change = (u * cross(r, slowed)).sum(axis=0)
-        resisting = lever * up / (np.sqrt((h**2).sum(axis=0) + eps**2) + lever * change)
-        turning = turning - np.maximum(resisting, 0) * slowed
-    acceleration = known + cross(r, turning)
-    lift = (u * acceleration).sum(axis=0)
-    return 1 + lift, np.sqrt(((acceleration - lift * u) ** 2).sum(axis=0))
+    cxx, cxy, cyy, k = np.append(constants, 0.0)[3:7]  # no k: a paraboloid
+    x, y0 = p + cxx * p + cxy * q, q + cxy * p + cyy * q
+    s = x * p + y0 * q
+    rho = np.sqrt(1 + k * s)
+    return np.array([x / rho, y0 / rho, 1 - s / (rho + rho**2)])
 
 
 @dataclass(frozen=True)
 class View:
     """Quantities of a run at the same times, computed when they are first asked for."""
 
-    model: str
     launches: Launches
     constants: Floats
-    energy_0: float
+    follower: Follower
     samples: Samples
     beside: Any  # samples of the reduced model, or None
 
@@ -110,19 +49,12 @@ class View:
         return np.ascontiguousarray(self.samples.y.T)
 
     @cached_property
-    def n(self) -> Floats:
-        return spin(self.y) if self.model == "full" else self.y[0]
-
-    @cached_property
-    def energy(self) -> Floats:
-        if self.model == "full":
-            return energy(self.y, self.constants)
-        return np.asarray(0.5 * self.constants[2] * self.y[0] ** 2 + self.y[1] + self.y[2])
+    def seen(self) -> Floats:
+        return self.follower.observe(self.samples.y)
 
     @property
     def work(self) -> Floats:
-        has = self.model == "full" and len(self.y) > full.N_STATE
-        return self.y[full.N_STATE] if has else np.zeros(self.y.shape[1])
+        return self.y[full.N_STATE] if len(self.y) > full.N_STATE else np.zeros(self.y.shape[1])
 
     @cached_property
     def vectors(self) -> tuple[Floats, Floats]:
@@ -136,10 +68,10 @@ class View:
         angle whose rate it is (Eq. lin-u), the energy of a mode is
         ``((e.J^1/2 omega)^2 + omega_j^2 (e.J^1/2 tilt)^2) / 2``.
         """
-        if self.model == "reduced":
+        if len(self.y) < full.N_STATE:  # the reduced model
             return self.y[1], self.y[2]
         u, omega = self.vectors
-        wx, wy = omega[:2] - self.n * u[:2]
+        wx, wy = omega[:2] - self.seen[0] * u[:2]
         m, bodies = self.launches.modes, self.launches.bodies
 
         def energy(psi: Floats, frequency: Floats) -> Any:
@@ -155,10 +87,6 @@ class View:
         m = self.launches.modes
         value = reduced.casimir(*self.modes, m.K_p, m.K_r)
         return np.where(np.isfinite(value), value, np.nan)
-
-    @cached_property
-    def force(self) -> tuple[Floats, Floats]:
-        return contact_force(self.y, self.constants)
 
 
 @dataclass(frozen=True)
@@ -190,14 +118,14 @@ CHANNELS: dict[str, Channel] = {
     channel.name: channel
     for channel in (
         Channel("t", TIME, "time", BOTH, lambda v: v.samples.t),
-        Channel("n", RATE, "spin u . omega", BOTH, lambda v: v.n),
+        Channel("n", RATE, "spin u . omega", BOTH, lambda v: v.seen[0]),
         *_components("u_x u_y u_z", "1", "vertical unit vector, body's {}",
                      lambda v: v.vectors[0]),
         *_components("omega_x omega_y omega_z", RATE, "angular velocity, body's {}",
                      lambda v: v.vectors[1]),
-        Channel("energy", ENERGY, "energy", BOTH, lambda v: v.energy),
+        Channel("energy", ENERGY, "energy", BOTH, lambda v: v.seen[1] + v.work),
         Channel("energy_drift", "1", "energy less the work over the launch's energy, minus 1", BOTH,
-                lambda v: (v.energy - v.work) / v.energy_0 - 1),
+                lambda v: v.seen[1] / v.follower.energy_0 - 1),
         Channel("work", ENERGY, "work of the dissipation, negative", FULL, lambda v: v.work),
         Channel("E_p", ENERGY, "energy of the pitch, not averaged over its period", BOTH,
                 lambda v: v.modes[0]),
@@ -207,11 +135,11 @@ CHANNELS: dict[str, Channel] = {
                 lambda v: v.casimir),
         *_components("contact_x contact_y contact_z", "a",
                      "contact point from the centre of mass, body's {}",
-                     lambda v: _touch(v.y, v.constants)[0]),
+                     lambda v: contact_point(v.y, v.constants)),
         *_components("trace_x trace_y", "a", "contact point on the plane, from the first one",
                      lambda v: v.samples.extra.T[1:], "attitude"),
-        Channel("F_normal", FORCE, "contact force along the vertical", FULL, lambda v: v.force[0]),
-        Channel("F_tangential", FORCE, "contact force in the plane", FULL, lambda v: v.force[1]),
+        Channel("F_normal", FORCE, "contact force along the vertical", FULL, lambda v: v.seen[2]),
+        Channel("F_tangential", FORCE, "contact force in the plane", FULL, lambda v: v.seen[3]),
         Channel("yaw", "rad", "heading of the body's x axis from the start, turns counted", FULL,
                 lambda v: v.samples.extra[:, 0], "attitude"),
         *_components("q0 q1 q2 q3", "1",

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
-from rattlesweep.analysis.onerun.channels import View, choose, contact_force, in_si, spin
+from rattlesweep.analysis.onerun.channels import View, choose, in_si
 from rattlesweep.arrays import Floats, take
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import PLATEAU_SHARE
@@ -139,9 +139,8 @@ class PreparedRun:
 class Course:
     """A trajectory under way: iterate to get its columns chunk by chunk.
 
-    One of `points`, `dt`, `steps` and `times` chooses the rows, none of which is before
-    `from_time`.  So far: `reversals` are the first zeros of each turn, `warnings` say what the
-    model does that no real body would, and `follower` has what else is known of the run.
+    So far, `reversals` are the first zeros of each turn, `warnings` say what the model does that no
+    real body would, and `follower` has what else is known of the run.
     """
 
     def __init__(
@@ -178,10 +177,9 @@ class Course:
 
     def __iter__(self) -> Iterator[dict[str, Floats]]:
         """Yield columns by name, at most :data:`CHUNK` rows at a time."""
-        run, energy_0 = self.run, self.follower.energy_0
         for samples in self._samples():
             beside = None if self._beside is None else self._beside.at(samples.t)
-            view = View(run.model, run.launches, self._constants, energy_0, samples, beside)
+            view = View(self.run.launches, self._constants, self.follower, samples, beside)
             yield {channel.name: channel.size * channel.of(view) for channel in self.channels}
 
     def columns(self) -> dict[str, Floats]:
@@ -211,30 +209,24 @@ class Course:
         while not follower.ended:
             follower.steps()
 
-    def _look(self, t: Floats, y: Floats) -> None:
+    def _look(self, t: Floats, seen: Floats) -> None:
         """Observe the accepted steps as they come, and at first the launch."""
-        state = np.ascontiguousarray(y.T)
+        n, _, normal, tangential = seen
         with np.errstate(all="ignore"):  # a run that goes wrong overflows
-            n = spin(state) if self.run.model == "full" else state[0]
             far = np.abs(n) > PLATEAU_SHARE * self.run.launches.spin_scale[0]
-            times, side = (
-                np.append(self._last[0], t[far]),
-                np.append(self._last[1], np.sign(n[far])),
-            )
-            for k in np.flatnonzero(side[1:] * side[:-1] < 0):
-                first = bisect_right(self.follower.zeros, times[k])
-                self.reversals += self.follower.zeros[first : first + 1]
-            self._last = float(times[-1]), float(side[-1])
-            if self.run.model == "full":
-                normal, tangential = contact_force(state, self._constants)
-                slips = (normal > 0) & (tangential > normal)
-                for broken, words in ((normal < 0, LIFTS), (slips, SLIPS)):
-                    if broken.any() and words not in self.warnings:
-                        self.warnings[words] = words.format(t[np.argmax(broken)])
+            slips = (normal > 0) & (tangential > normal)
+        times = np.append(self._last[0], t[far])
+        side = np.append(self._last[1], np.sign(n[far]))
+        for k in np.flatnonzero(side[1:] * side[:-1] < 0):
+            first = bisect_right(self.follower.zeros, times[k])
+            self.reversals += self.follower.zeros[first : first + 1]
+        self._last = float(times[-1]), float(side[-1])
+        for broken, words in ((normal < 0, LIFTS), (slips, SLIPS)):
+            if broken.any() and words not in self.warnings:
+                self.warnings[words] = words.format(t[np.argmax(broken)])
 
     @property
     def warning(self) -> str:
-        """One sentence on what no real body would do; empty if nothing."""
         return self.warnings.get(LIFTS) or self.warnings.get(SLIPS, "")
 
 
@@ -253,7 +245,7 @@ def write_parquet(course: Course, file: BinaryIO) -> None:
 
 
 def write_csv(course: Course, file: BinaryIO) -> None:
-    """Integrate and write lines: names first, digits that give the same number back."""
+    """Integrate and write lines, names first."""
     schema = _schema(course)
     file.write((",".join(schema.names) + "\n").encode())
     for chunk in course:

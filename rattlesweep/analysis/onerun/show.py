@@ -1,8 +1,7 @@
 """One run as a page that moves: the body rolling, its trace and its spin, in one HTML file.
 
-What the page is made of is in `page/`: `page.html`, `page.css`, `scene.js` (what is drawn),
-`player.js` (time and controls) and `three.min.js`, a bundle of three.js that `bundle.sh` makes.
-Everything is written into the page, which forbids itself the network.
+It is made of `page/`: `scene.js` (what is drawn), `player.js` (time and controls), `three.min.js`,
+which `bundle.sh` makes. Everything is written into the page, which forbids itself the network.
 """
 
 from __future__ import annotations
@@ -23,7 +22,6 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.provenance import package_version
 
-# What is shown of each row, in the order in which the page holds it.
 COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r")
 CHANNELS = ("t", *COLUMNS, "contact_z", "energy")
 # Rows of a period of the pitch.  Between rows the page draws cubics, and the body slips at most at
@@ -37,13 +35,10 @@ WIDEST = 0.99  # share of an ellipsoid's lower half that is drawn
 TRAIL = 6  # periods of the roll that the trace of the contact shows
 # Seconds that the way to the first reversal takes at the page's first speed, and its bounds.
 SECONDS, SLOW, FAST = 30, 4.0, 25.0
-# What `page.html` is filled with, the style first.
 SOURCES = ("page.css", "three.min.js", "scene.js", "player.js")
 
 
-def course_of(
-    run: PreparedRun, points: int | None = None, from_time: float | None = None
-) -> Course:
+def course_of(run: PreparedRun, points: int | None, from_time: float | None = None) -> Course:
     """Return the run with the channels and the rows that its page needs, or so many ``points``."""
     if run.model != "full":
         raise ConfigError(f"the model {run.model} has no body that moves; show needs the full one")
@@ -55,11 +50,10 @@ def course_of(
 
 
 def make_scene(course: Course) -> dict[str, Any]:
-    """Integrate a course of :func:`course_of`, not yet begun, and gather what its page shows.
+    """Integrate a course of :func:`course_of`, and gather what its page shows.
 
     ``columns`` and ``theory``, Garcia and Hubbard's spin at even times over the same span, are
-    arrays, and the rest is as JSON can hold it.  ``rise`` is the height above its lowest point, in
-    units of ``a``, at which the body is cut off.
+    arrays; ``rise`` is the height above its lowest point at which the body is cut off.
     """
     columns = course.columns()
     # A run that came to no good is shown as far as it has numbers.
@@ -146,5 +140,4 @@ def make_page(scene: dict[str, Any], title: str, subtitle: str) -> bytes:
 
 
 def _encode(values: Floats) -> str:
-    """Return little-endian float32 as base64."""
-    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()
+    return base64.b64encode(values.astype("<f4").tobytes()).decode()
