@@ -32,9 +32,7 @@ FLAG, TEXT = pa.bool_(), pa.string()
 SERIES = pa.list_(pa.field("element", F64))
 
 
-def field(
-    name: str, kind: pa.DataType, unit: str, words: str, *, nullable: bool = True
-) -> pa.Field:
+def field(name: str, kind: pa.DataType, unit: str, words: str, nullable: bool = True) -> pa.Field:
     """Return a column with its unit (``"1"`` for a pure number or a word) and its meaning."""
     return pa.field(name, kind, nullable, metadata={"unit": unit, "description": words})
 
@@ -152,10 +150,9 @@ MEASURED: tuple[pa.Field, ...] = (
 # What a config may ask for by `record` or otherwise, with the models that cannot tell: the reduced
 # dynamics has no contact force, and the closed form no path to look at.
 RECORD_PARTS: dict[str, tuple[str, ...]] = {
-    "energy": ("gh",), "contact": ("reduced", "gh"), "windows": ("gh",),
-    "lyapunov": ("reduced", "gh"), "volume": ("reduced", "gh"), "error": ("gh",),
-    "tol": ("gh",), "reversals": ("gh",), "turns": ("gh",), "surface": (),
-    "dissipation": ("reduced", "gh"),
+    **dict.fromkeys(("energy", "windows", "error", "tol", "reversals", "turns"), ("gh",)),
+    **dict.fromkeys(("contact", "lyapunov", "volume", "dissipation"), ("reduced", "gh")),
+    "surface": (),
 }
 # Columns of `summary` in their order; shares are of the runs with status ok.
 SUMMARY: tuple[pa.Field, ...] = (
@@ -200,10 +197,7 @@ ROW_GROUP = 1 << 17  # rows: about 30 MB decoded, so that readers can stream a l
 def runs_schema(
     record: Collection[str] = (), model: str = "full", extra: Iterable[pa.Field] = ()
 ) -> pa.Schema:
-    """Return the schema of `runs` with some parts of `RECORD_PARTS`, and with columns of a source.
-
-    Raise a ConfigError if the model cannot give one.
-    """
+    """Return the schema of `runs` with some parts of `RECORD_PARTS`, and a source's columns."""
     if wrong := [part for part in sorted(record) if model in RECORD_PARTS[part]]:
         raise ConfigError(f"record: the model {model!r} has no {wrong[0]!r} to record")
     asked = [part for part in RUNS if part not in RECORD_PARTS or part in record]
@@ -224,8 +218,7 @@ def same_schema(one: pa.Schema, other: pa.Schema) -> bool:
 def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
     """Make a table of `schema` from one entry for each of its fields.
 
-    An entry is an array, of floats one in which NaN and infinity mean null, or a tuple of (integer
-    codes, categories) in which a negative code means null.
+    An array, where NaN and infinity mean null, or (codes, words), where a negative code does.
     """
     arrays = [_to_arrow(columns[field.name], field.type) for field in schema]
     table = pa.Table.from_arrays(arrays, schema=schema.remove_metadata())
@@ -236,10 +229,7 @@ def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
 
 
 def ragged(values: Floats, counts: Integers) -> pa.Array:
-    """Make a column of lists: from row i, the first ``counts[i]`` entries of ``values[i]``.
-
-    A negative count makes the row null.
-    """
+    """Make a column of the first ``counts[i]`` entries of ``values[i]``; a negative one is null."""
     offsets = np.cumsum(np.append(0, np.maximum(counts, 0)), dtype=np.int32)
     kept = _to_arrow(values[np.arange(values.shape[1]) < counts[:, None]], F64)
     return pa.ListArray.from_arrays(pa.array(offsets), kept, mask=pa.array(counts < 0))
@@ -272,23 +262,18 @@ def write_parquet(table: pa.Table, path: Path, metadata: Mapping[str, str] | Non
 
 def encode(table: pa.Table, sink: Any) -> None:
     """Write a table as Parquet, with page checksums, to an open file."""
+    repeating = [name for name in table.schema.names if name in REPEATING]
     pq.write_table(
-        table,
-        sink,
-        row_group_size=ROW_GROUP,
-        version="2.6",
-        compression="zstd",
-        use_dictionary=[name for name in table.schema.names if name in REPEATING],
-        write_page_checksum=True,
-    )
+        table, sink, row_group_size=ROW_GROUP, version="2.6", compression="zstd",
+        use_dictionary=repeating, write_page_checksum=True,
+    )  # fmt: skip
 
 
 @contextmanager
 def parquet_file(path: Path) -> Iterator[pq.ParquetFile]:
     """Open a Parquet file whose pages are verified as they are read.
 
-    Raise a DamagedError if it is not what was written, and another OutputError if it cannot be
-    read, which says nothing about what it holds.
+    Raise a DamagedError if it is not what was written, another OutputError if it cannot be read.
     """
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:

@@ -7,12 +7,11 @@ their reversals in the norm of the step control,
     T = max((r + near r^2)^power, P),   P = min(1, (s / PARTED)^2),
     r = tol / tol',   N = n_steps / 1000,
 
-at most 1, which it is where the companion does not reverse.  The first term is the common size of
-the error, and more where the companion is hardly looser and so tells less.  The second carries the
-difference over to the tighter tolerance: in proportion as long as the two have stayed together (s
-small), and in full once they have parted.  d alone is small by chance too often; s, which has
-several components, is not.  C is P^2 in the unsteady direction, where runs that part are chaotic.
-G is one swing of the spin if an extremum of it touches zero within the tolerance.
+at most 1, which it is where the companion does not reverse.  The second term carries the difference
+over to the tighter tolerance: in proportion as long as the two have stayed together (s small), and
+in full once they have parted.  d alone is small by chance too often; s, which has several
+components, is not.  C is P^2 in the unsteady direction, where runs that part are chaotic, and G one
+swing of the spin if an extremum of it touches zero within the tolerance.
 
 With `accuracy: {t_r: ...}`, runs whose estimate is larger are integrated again, a hundred times
 tighter, with the run before as their companion; and once more.  A companion that had parted from
@@ -132,9 +131,7 @@ def integrate_estimated(
 ) -> Estimated:
     """Integrate runs with their companions, and those whose error is too large again, tighter.
 
-    The companions come first: whenever the runs are stopped, those that have ended have their
-    errors.  A run that is done again keeps nothing of what it was but a companion, so what becomes
-    of it depends on its own numbers alone.
+    The companions come first: whenever the runs are stopped, those that have ended have errors.
     """
     settings, model = config.integrator, model_of(config)
     tableau, goal = METHODS[settings.method], settings.goal or np.inf
@@ -143,21 +140,19 @@ def integrate_estimated(
     spans = np.cumsum([0.0, *costs, *(costs[:2] if turning else [])])
     spans /= spans[-1]
 
-    def attempt(
-        stage: int, rung: int, part: Batch, record: frozenset[str], cost: Integers | None = None
-    ) -> Outcome:
+    def attempt(stage: int, rung: int, part: Batch, **asked: Any) -> Outcome:
         # A run that ends is done if nothing follows.
         last = stage == 1 and len(spans) == 3
         control.stage(*spans[stage : stage + 2], begins=stage == 1, ends=last)
-        asked: dict[str, Any] = {"tol" if tableau.adaptive else "dt": values[rung]}
+        asked["tol" if tableau.adaptive else "dt"] = values[rung]
         # A run that is done again under another limit must get the same error.
-        asked["max_steps"] = settings.max_steps if rung else max(settings.max_steps, MAX_STEPS)
-        asked |= {"record": record, "cost": cost, "threads": threads, "control": control}
+        most = settings.max_steps if rung else max(settings.max_steps, MAX_STEPS)
+        asked |= {"threads": threads, "control": control, "max_steps": most}
         return integrate(part, tableau, model, **asked)
 
-    companions = attempt(0, 0, batch, frozenset())
+    companions = attempt(0, 0, batch)
     # Where a run ends is known by now, so none is begun late and keeps lanes waiting.
-    runs = attempt(1, 1, batch, record, companions.n_steps)
+    runs = attempt(1, 1, batch, record=record, cost=companions.n_steps)
     now = done = with_errors(config, batch, runs, companions, pair)
     rows, part = np.arange(len(batch)), batch
     for k in range(2, len(values)):
@@ -170,7 +165,7 @@ def integrate_estimated(
         control.settle(int((~again & (now.status != Status.STOPPED)).sum()))
         rows, before = rows[again], now.apart[again]
         part, companions = take(part, again), take(runs, again)
-        runs = attempt(k, k, part, record, companions.n_steps)
+        runs = attempt(k, k, part, record=record, cost=companions.n_steps)
         now = with_errors(config, part, runs, companions, (values[k], values[k - 1]), before)
         put(now, done, rows)
     if turning:
@@ -179,8 +174,8 @@ def integrate_estimated(
         goes_on = (done.status == Status.OK) & (done.t_end < batch.t_end)
         control.settle(int((~goes_on & (done.status != Status.STOPPED)).sum()))
         part, first = take(batch, goes_on), take(done, goes_on)
-        companions = attempt(2, 0, part, turning)
-        runs = attempt(3, 1, part, record | turning, companions.n_steps)
+        companions = attempt(2, 0, part, record=turning)
+        runs = attempt(3, 1, part, record=record | turning, cost=companions.n_steps)
         now = with_errors(config, part, runs, companions, pair)
         now = _with_turns(now, first, companions.reversals[:, :, 0], _scales(config, pair))
         put(now, done, np.flatnonzero(goes_on))
@@ -188,13 +183,9 @@ def integrate_estimated(
 
 
 def with_errors(
-    config: Config,
-    batch: Batch,
-    runs: Outcome,
-    companions: Outcome,
-    settings: tuple[float, float],
-    before: Floats | float = 0.0,
-) -> Estimated:
+    config: Config, batch: Batch, runs: Outcome, companions: Outcome,
+    settings: tuple[float, float], before: Floats | float = 0.0,
+) -> Estimated:  # fmt: skip
     """Add to the outcome of runs the errors that their companions tell.
 
     `settings` are the tolerance or step of the runs and that of the companions, `before` how far
@@ -212,21 +203,17 @@ def with_errors(
     place, sign = (0, 1) if model.name == REDUCED.name else (4, -1)
     unsteady = sign * batch.constants[:, place] * batch.y0[:, place] >= 0
     grazes = runs.near_tangencies + companions.near_tangencies
-    relative = np.minimum(
-        common
-        + fit.slope * carried * (d + fit.share * apart / root)
-        + np.where(unsteady, parted**2, 0.0)
-        + np.where(grazes > 0, 2 * np.pi / batch.swing / runs.t_r, 0.0),
-        1.0,
-    )
+    relative = common + fit.slope * carried * (d + fit.share * apart / root)
+    relative = relative + np.where(unsteady, parted**2, 0.0)
+    relative = relative + np.where(grazes > 0, 2 * np.pi / batch.swing / runs.t_r, 0.0)
+    relative = np.minimum(relative, 1.0)
     t_r_error = relative * runs.t_r
     # Of a run that has settled, amp_growth lies between what it was and 0.
-    high, high_other = (
-        np.where(has_settled(batch, out), 0.0, out.amp_growth) for out in (runs, companions)
-    )
+    pair = runs, companions
+    high, high_other = (np.where(has_settled(batch, x), 0.0, x.amp_growth) for x in pair)
     below, above = runs.amp_growth - high_other, companions.amp_growth - high
     departed = np.abs(runs.n_departure - companions.n_departure)
-    ok, others_ok = (out.status == Status.OK for out in (runs, companions))
+    ok, others_ok = (x.status == Status.OK for x in pair)
     neither = np.isnan(runs.t_r) & np.isnan(companions.t_r) & others_ok & (grazes == 0)
     # Where a stop has kept a companion from its end, the run has not been either.
     cut = companions.status == Status.STOPPED
@@ -250,7 +237,6 @@ def with_errors(
 
 
 def _scales(config: Config, settings: tuple[float, float]) -> tuple[Fit, float, float]:
-    """Return the constants, the common size of the error, and what it is to the difference."""
     tableau, fit = METHODS[config.integrator.method], fit_of(config)
     tol, ratio = settings[0], settings[0] / settings[1]
     if not tableau.adaptive:  # errors of fixed steps do not add up at random
@@ -262,7 +248,6 @@ def _scales(config: Config, settings: tuple[float, float]) -> tuple[Fit, float, 
 def _with_turns(
     runs: Estimated, first: Estimated, other_times: Floats, scales: tuple[Fit, float, float]
 ) -> Estimated:
-    """Return runs to the horizon with errors of their turns, and with those of their first zero."""
     _, common, ratio = scales
     times, t_r = runs.reversals[:, :, 0], first.t_r[:, None]
     difference = np.abs(other_times / times - 1.0)
@@ -282,10 +267,7 @@ def _with_turns(
 
 
 def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Floats:
-    """Return the distance of states in the norm of the step control, relative to that of ``y``.
-
-    Arrays have the shapes (runs, n_state), twice, and (runs, n_constants).
-    """
+    """Return the distance of states in the norm of the step control, relative to that of ``y``."""
     change, here, q = (y - other).T, y.T, constants.T
     if model.name == REDUCED.name:
         norm: Any = model.error

@@ -101,10 +101,11 @@ DYING = {
     "spin": {"n_i": 0.1, "omega_xy0": 0.01},
     "dissipation": {"sigma": [0.3, 3.0, 10.0]},
     "horizon": {"t": 2000},
+    "record": ["reversals", "error"],
 }
 
 
-@pytest.mark.parametrize("sigma", [0.3, 3.0, 10.0, 1e6])
+@pytest.mark.parametrize("sigma", [0.3, 1e6])
 def test_a_single_dying_body(sigma):
     """The spin of each passes through zero, at sizes of 1e-26 to 0."""
     launch = {"n_i": 0.1, "omega_xy0": 0.01, "sigma": sigma, "t_end": 2000}
@@ -115,10 +116,11 @@ def test_a_single_dying_body(sigma):
 
 
 def test_a_dying_sweep_and_its_threshold(tmp_path):
-    plain = rs.sweep(DYING, output=tmp_path)
-    assert plain.runs.type.tolist() == ["D"] * 3
-    assert plain.runs.t_r.isna().all()
-    assert (plain.runs.energy_left.abs() < 0.01).all()
+    runs = rs.sweep(DYING, output=tmp_path).runs
+    assert runs.type.tolist() == ["D"] * 3
+    assert runs.n_turns.tolist() == [0] * 3
+    assert runs[["t_r", "t_r_error"]].isna().all(axis=None)
+    assert (runs.energy_left.abs() < 0.01).all()
     assert len(rs.replay(tmp_path, 1, 0, points=2).zeros) == 0
     with pytest.raises(ConfigError, match="needs a new sweep"):
         classify_stored(tmp_path, ["classify.dead_energy=0.5"])
@@ -126,16 +128,9 @@ def test_a_dying_sweep_and_its_threshold(tmp_path):
         rs.sweep(DYING | {"classify": {"dead_energy": 0.5}}, output=tmp_path)
 
 
-def test_recorded_reversals_and_errors(tmp_path):
-    runs = rs.sweep(DYING | {"record": ["reversals", "error"]}, output=tmp_path).runs
-    assert runs.type.tolist() == ["D"] * 3
-    assert runs.n_turns.tolist() == [0] * 3
-    assert runs[["t_r", "t_r_error"]].isna().all(axis=None)
-
-
 def test_a_larger_share_kills_earlier(tmp_path):
     """The same zero is a reversal while the body lives."""
-    one = DYING | {"dissipation": {"sigma": 0.01}}
+    one = DYING | {"dissipation": {"sigma": 0.01}, "record": []}
     alive = rs.sweep(one, output=tmp_path / "alive").runs.iloc[0]
     assert alive.type == "R"
     share = min(0.99, 1.001 * alive.energy_left)
