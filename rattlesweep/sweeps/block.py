@@ -24,8 +24,7 @@ from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.types import TYPES, classify, is_chaotic, sure_types
 
 STATUS_WORDS = [status.label for status in Status]
-# Bodies, launches and theory of some runs, and their batch; none for the closed form.
-Prepared = tuple[Launches, Batch | None]
+Prepared = tuple[Launches, Batch | None]  # no batch for the closed form
 
 
 def load_kernel(config: Config) -> float:
@@ -63,8 +62,7 @@ def compute(
         outcome = run_batch(config, batch, threads, control)
         if outcome.stopped:
             ended = outcome.status != Status.STOPPED
-            integrated = ended & (outcome.status != Status.NO_HORIZON)
-            lost = control.runs_begun - int(integrated.sum())
+            lost = control.runs_begun - int((ended & (outcome.status != Status.NO_HORIZON)).sum())
             if not ended.any():
                 return schema.remove_metadata().empty_table(), lost
             launches, batch = take(launches, ended), take(batch, ended)
@@ -102,7 +100,7 @@ def run_batch(
 def columns_of(
     config: Config, launches: Launches, batch: Batch | None, outcome: Outcome | None
 ) -> dict[str, Any]:
-    """Return the columns of runs, typed; without an outcome they are those of the closed form."""
+    """Return the columns of runs, typed; without an outcome those of the closed form."""
     b = launches.bodies
     columns = vars(b) | vars(launches.modes) | vars(launches) | {"t_rgh": launches.gh.t_rgh}
     for vector, values in (("omega", b.omega), ("u", b.u)):

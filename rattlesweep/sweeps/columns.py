@@ -1,9 +1,8 @@
 """Every column of the two tables in one place, and tables as Parquet files.
 
 `runs` has one row a run, `summary` one row a case.  The names are fixed, since scripts written
-against today's tables must read next year's.  M = a = g = 1, so times are in sqrt(a/g), spins and
-rates in sqrt(g/a), energies in M g a.  Each page of a file carries a checksum, which every reader
-here verifies.
+against today's tables must read next year's.  Each page of a file carries a checksum, which every
+reader here verifies.
 """
 
 from __future__ import annotations
@@ -147,8 +146,7 @@ MEASURED: tuple[pa.Field, ...] = (
     field("t_r_s", F64, "s", "t_r in seconds"),
     required("n_i_rpm", F64, "rpm", "initial spin, positive = unsteady direction"),
 )
-# What a config may ask for by `record` or otherwise, with the models that cannot tell: the reduced
-# dynamics has no contact force, and the closed form no path to look at.
+# What a config may ask for by `record` or otherwise, with the models that cannot tell.
 RECORD_PARTS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("energy", "windows", "error", "tol", "reversals", "turns"), ("gh",)),
     **dict.fromkeys(("contact", "lyapunov", "volume", "dissipation"), ("reduced", "gh")),
@@ -189,7 +187,7 @@ SUMMARY: tuple[pa.Field, ...] = (
 )
 # fmt: on
 
-# Columns of which few values fill many rows, so that a dictionary makes the file smaller.
+# Columns whose few values are smaller in a dictionary.
 REPEATING = {"case", "n_i", "omega_xy0", "type", "status", "near_tangencies", "window_t"}
 ROW_GROUP = 1 << 17  # rows: about 30 MB decoded, so that readers can stream a large file
 
@@ -248,8 +246,7 @@ def _to_arrow(values: Any, kind: pa.DataType) -> pa.Array:
 
 def floats(column: pa.Array) -> Floats:
     """Return a column of numbers; null is NaN."""
-    values: Floats = column.to_numpy(zero_copy_only=False).astype(float)
-    return values
+    return np.asarray(column.to_numpy(zero_copy_only=False).astype(float))
 
 
 def write_parquet(table: pa.Table, path: Path, metadata: Mapping[str, str] | None = None) -> None:

@@ -24,11 +24,9 @@ from rattlesweep.sweeps.types import TYPES, R, codes, wilson
 if TYPE_CHECKING:
     from rattlesweep.sweeps.stored import Case, Stored
 
-# Samples of each case in the first wave: with fewer the intervals are too uncertain to stop on;
-# and those of the next wave, as a share of those so far.
+# Samples of each case in the first wave, and those of the next one as a share of those so far.
 FIRST, MORE = 400, 0.1
-# Quantile of the normal distribution for 97 %: a sweep that stops as soon as an interval of 95 % is
-# narrow enough stops too early now and then (`benchmarks/stopping.py`).
+# Quantile of the normal distribution for 97 %: at 95 % a sweep stops too early now and then.
 Z = 2.1700903775845606
 FEWEST = 5  # values along an axis from which on some may be left out
 FAILED = len(TYPES)
@@ -117,8 +115,7 @@ class Refining(_Known):
 
     def __init__(self, config: Config, cases: Sequence[Case], samples: int) -> None:
         bodies, spin, losses = config.bodies, config.spin, config.dissipation
-        assert isinstance(bodies, GridSource)
-        assert bodies.refine is not None
+        assert isinstance(bodies, GridSource) and bodies.refine is not None  # noqa: PT018
         launches: dict[str, Sequence[float | None]] = {}
         if spin is not None:
             launches |= {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0}

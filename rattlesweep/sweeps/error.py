@@ -44,20 +44,19 @@ from rattlesweep.sweeps.launches import model_of
 
 
 class Fit(NamedTuple):
-    """Constants of the estimate, and the tolerance of a companion over the run's."""
+    """Constants of the estimate."""
 
     floor: float = 0.5
     near: float = 10.0
     slope: float = 12.0
     share: float = 0.0007
     power: float = 1.0
-    looser: float = 2e3
+    looser: float = 2e3  # tolerance of a companion over the run's
 
 
 FITS = {"dop853": Fit(), "verner98": Fit(floor=0.2), "rk4": Fit(floor=0.0, share=0.003)}
 ELLIPSOID = Fit(slope=20.0, share=0.002)  # its large swings are harder to integrate
-# Kinks lower the order of all methods, in some runs so much that a tighter tolerance hardly helps,
-# which only a companion that is nearly as good can tell.
+# Kinks lower the order of all methods: only a companion that is nearly as good can tell how much.
 ROLLING = Fit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0)
 # A companion is at least so much looser than the run, and at most so loose: beyond, most runs part.
 LEAST_LOOSER, LOOSEST = 10.0, 1e-5
@@ -69,8 +68,8 @@ REMEMBERED = 0.1  # least share of d that is carried over if the companion had p
 TURN_PARTED, TURN_SLOPE, SURE = 5e-3, 50.0, 1e-3
 # Tolerances for an error that is asked for: the first in its units, the ratio, how many.
 FIRST_RUNG, RUNG, RUNGS = 0.3, 1e-2, 3
-# The loosest of these, and of their companions, where runs part early and so tell best.  At 1e-5 a
-# run and its companion agree by chance too often: 6 of 4,886 were off by more than 1e-4.
+# The loosest of these, and of their companions, where runs part early and so tell best.  At 1e-5
+# the two agree by chance too often: 6 of 4,886 were off by more than 1e-4.
 LOOSEST_RUNG, LOOSEST_OF_LADDER = 1e-6, 1e-4
 AGAIN = (0.4, 0.1)  # cost of doing runs again, in units of doing all once at the first tolerance
 DIFFER = 10.0  # errors of what a type depends on, in units of the difference from the companion
@@ -188,8 +187,8 @@ def with_errors(
 ) -> Estimated:  # fmt: skip
     """Add to the outcome of runs the errors that their companions tell.
 
-    `settings` are the tolerance or step of the runs and that of the companions, `before` how far
-    the companions had parted from their own (`Estimated.apart`), if they had any.
+    `settings` are the tolerances or steps of the two, `before` how far the companions had parted
+    from their own, if they had any.
     """
     model = model_of(config)
     fit, common, ratio = _scales(config, settings)
@@ -221,19 +220,13 @@ def with_errors(
     adaptive = METHODS[config.integrator.method].adaptive
     tol, looser = (np.full(len(batch), x if adaptive else np.nan) for x in settings)
     return Estimated(
-        **vars(runs) | changed,
-        t_r_error=t_r_error,
+        **vars(runs) | changed, t_r_error=t_r_error,
         amp_growth_error=np.where(ok, DIFFER * np.maximum(0.0, np.maximum(below, above)), np.nan),
         n_departure_error=np.where(ok & others_ok, DIFFER * departed, np.nan),
         reversal_sure=((relative < 1.0) & (runs.t_r + t_r_error < batch.t_end)) | neither,
-        tol=tol,
-        companion_tol=looser,
-        companion_t_r=companions.t_r,
-        apart=apart,
-        grazes=grazes,
-        turn_errors=np.zeros((0, MOST_REVERSALS)),
-        turns_sure=np.zeros(len(batch), np.int64),
-    )
+        tol=tol, companion_tol=looser, companion_t_r=companions.t_r, apart=apart, grazes=grazes,
+        turn_errors=np.zeros((0, MOST_REVERSALS)), turns_sure=np.zeros(len(batch), np.int64),
+    )  # fmt: skip
 
 
 def _scales(config: Config, settings: tuple[float, float]) -> tuple[Fit, float, float]:
@@ -257,13 +250,11 @@ def _with_turns(
     # A spin that comes back after its first zero turns at a later one: which, is less sure.
     relative[:, :1] = np.maximum(first.t_r_error[:, None] / t_r, times[:, :1] / t_r - 1.0)
     relative = np.minimum(relative, 1.0)
-    kept = ("t_r_error", "reversal_sure", "apart", "companion_t_r", "grazes")
-    return replace(
-        runs,
-        turn_errors=np.where(there, relative * times, np.nan),
-        turns_sure=np.cumprod(there & (relative < SURE), axis=1).sum(axis=1),
-        **{name: getattr(first, name) for name in kept},
-    )
+    names = ("t_r_error", "reversal_sure", "apart", "companion_t_r", "grazes")
+    kept = {name: getattr(first, name) for name in names}
+    sure = np.cumprod(there & (relative < SURE), axis=1).sum(axis=1)
+    errors = np.where(there, relative * times, np.nan)
+    return replace(runs, turn_errors=errors, turns_sure=sure, **kept)
 
 
 def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Floats:

@@ -178,8 +178,7 @@ def reduced_batch(launches: Launches) -> Batch:
     b, m = launches.bodies, launches.modes
     directions = m.psi_p, m.psi_r, launches.omega_xy0, launches.psi
     e_p, e_r = reduced.mode_energies(b.alpha, b.beta, *directions)
-    pitch = theory.unsteady(m.K_p, launches.n_i)
-    n_0 = launches.gh.n_0
+    pitch, n_0 = theory.unsteady(m.K_p, launches.n_i), launches.gh.n_0
     rate = np.maximum(np.abs(m.K_p), np.abs(m.K_r)) * n_0
     return Batch(
         y0=np.stack([launches.n_i, e_p, e_r], axis=1),
@@ -225,9 +224,9 @@ def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
     """Return whether a launch is a full state; refuse half of one, and one beside a spin."""
     if omega is None and u is None:
         return False
-    if given := [name for name, value in spin.items() if value is not None]:
-        told = f"{' and '.join(given)} given with a full state"
-        raise ConfigError(f"{told}; keep omega and u, or n_i, omega_xy0 and psi")
+    if given := " and ".join(name for name, value in spin.items() if value is not None):
+        keep = "keep omega and u, or n_i, omega_xy0 and psi"
+        raise ConfigError(f"{given} given with a full state; {keep}")
     if omega is None:
         raise ConfigError("omega: missing; a full state has omega and u")
     return True
@@ -268,8 +267,8 @@ def plan_of(run: Launch, source: TableBodies | None = None) -> Plan:
 
 def single_run(run: Launch) -> tuple[Config, Launches, Batch | None]:
     """Return config, launch and batch of one run, as a sweep has them; no batch for ``gh``."""
-    plan = plan_of(run)
-    launches = prepare(plan, np.zeros(1, np.int64), np.zeros(1, np.int64))
+    plan, first = plan_of(run), np.zeros(1, np.int64)
+    launches = prepare(plan, first, first)
     batch = make_batch(launches, run.model)
     if batch is not None and run.model == "reduced":
         batch = with_energies(batch, run.e_p0, run.e_r0)

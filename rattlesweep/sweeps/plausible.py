@@ -115,8 +115,7 @@ class DrawnBodies:
     Whatever the target, which must be within their reach.
     """
 
-    samples = RUNS
-    fields = ()
+    samples, fields = RUNS, ()
 
     def __init__(self, config: Config, source: SdSource) -> None:
         ranges, target = ranges_of(source), source.target

@@ -96,7 +96,7 @@ class Counts:
         self.has_errors = self.has_contact = False  # whether rows tell
 
     def add(self, rows: pa.RecordBatch | pa.Table, cell: Integers, weight: Any = None) -> None:
-        """Count more runs, each in its cell and, if told, as so many; none in a negative cell."""
+        """Count more runs, each in its cell, as so many; none in a negative cell."""
         kept, names = cell >= 0, rows.schema.names
         cell = cell[kept]
         weight = np.ones(len(cell), np.int64) if weight is None else weight[kept]

@@ -2,9 +2,7 @@
 
 R: the spin reached zero by the horizon.  D: too little energy is left for anything more.  Otherwise
 SS: the amplitude of the relevant oscillation decayed monotonically.  Otherwise SW: the spin left
-its plateau.  These follow from stored numbers, so that runs can be typed again: ``amp_growth``, the
-largest ratio of a window's amplitude to the smallest of an earlier one, minus 1, and
-``n_departure``, the largest fractional loss of spin.
+its plateau.  These follow from stored numbers, so that runs can be typed again.
 """
 
 from __future__ import annotations

@@ -119,8 +119,7 @@ def tapped_oracle(omega_xy0: float, psi: float, t_end: float) -> tuple[float, fl
 @pytest.mark.parametrize("psi", ["pitch", 45.0])
 def test_a_tapped_body_reverses_once_it_has_spun(psi):
     body = rs.Rattleback(**BODY)
-    modes = rs.modes(body)
-    angle = {"pitch": modes.psi_p}.get(psi, math.radians(45.0))
+    angle = {"pitch": rs.modes(body).psi_p}.get(psi, math.radians(45.0))
     tap = {"n_i": 0, "omega_xy0": 0.4, "psi": psi, "t_end": T_TAP[psi]}
     run, path = rs.simulate(body, **tap), rs.trajectory(body, **tap, dt=0.05)
     begin, t_r = tapped_oracle(0.4, angle, T_TAP[psi])
@@ -129,8 +128,7 @@ def test_a_tapped_body_reverses_once_it_has_spun(psi):
     assert run.amp_growth is run.n_departure is None
     assert path.zeros[0] == run.t_r
     # It wobbles about zero before it spins, which is no reversal.
-    table = path.table
-    early = table[(table.t > 0) & (table.t < begin)].n
+    early = path.table.n[path.table.t.between(0, begin, inclusive="neither")]
     assert (np.diff(np.sign(early)) != 0).any() or psi != 45.0
 
 

@@ -124,10 +124,9 @@ def test_bondi_share(n_c1, n_i, omega_p, expected, tmp_path):
 
 
 def test_cases_not_yet_run(tmp_path):
-    columns = random_columns(np.ones(3, int), np.arange(3))
-    summary = summarise(write(tmp_path, columns))
-    assert summary.column("runs").to_pylist() == [0, 3, 0]
-    assert summary.column("fraction_R").null_count == 2
+    summary = summarise(write(tmp_path, random_columns(np.ones(3, int), np.arange(3))))
+    assert summary["runs"].to_pylist() == [0, 3, 0]
+    assert summary["fraction_R"].null_count == 2
     assert "NaN" not in closing_table(summary)
 
 
@@ -151,25 +150,21 @@ def test_wilson_against_scipy():
         assert (low[k], high[k]) == pytest.approx(tuple(expected), abs=1e-12)
     assert np.isnan([low[5], high[5]]).all()
     assert (low[0], high[1]) == (0, 1)
-    assert [float(end) for end in wilson(1, 7)] == [low[2], high[2]]
-
-
-CONTACT = {
-    "bodies": {"source": "sd", "samples": 12},
-    "spin": {"n_i": [0.2, 1.0], "omega_xy0": [0.01, 0.5]},
-    "horizon": {"t": 60},
-}
-SHARES = ["share_friction_above_0_3", "share_friction_above_0_6", "share_lift_off"]
 
 
 def test_shares_are_those_of_the_rows(tmp_path):
-    sweep = rs.sweep(CONTACT | {"record": ["contact"]}, output=tmp_path)
-    runs = sweep.runs[sweep.runs.status == "ok"]
-    ratio, normal = (runs[f"contact_{name}"] for name in ("ratio_max", "normal_min"))
-    shares = sweep.summary.set_index("case")[SHARES]
-    for name, true in zip(SHARES, (ratio > 0.3, ratio > 0.6, normal < 0), strict=True):
-        assert shares[name].tolist() == pytest.approx(true.groupby(runs.case).mean().tolist())
-        assert shares[name].nunique() > 1
+    config = {
+        "bodies": {"source": "sd", "samples": 12}, "record": ["contact"],
+        "spin": {"n_i": [0.2, 1.0], "omega_xy0": [0.01, 0.5]}, "horizon": {"t": 60},
+    }  # fmt: skip
+    sweep = rs.sweep(config, output=tmp_path)
+    runs, summary = sweep.runs[sweep.runs.status == "ok"], sweep.summary.set_index("case")
+    ratio, normal = runs.contact_ratio_max, runs.contact_normal_min
+    for name, true in (("friction_above_0_3", ratio > 0.3), ("friction_above_0_6", ratio > 0.6),
+                       ("lift_off", normal < 0)):  # fmt: skip
+        share = summary[f"share_{name}"]
+        assert share.tolist() == pytest.approx(true.groupby(runs.case).mean().tolist())
+        assert share.nunique() > 1
     head = closing_table(summarise(open_stored(tmp_path))).splitlines()[0]
     assert all(words in head for words in ("friction > 0.3", "friction > 0.6", "lift-off"))
     assert not list(verify(tmp_path).problems)
