@@ -23,7 +23,6 @@ from rattlesweep.sweeps.launches import Launches, ending_early, make_batch, mode
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.types import TYPES, classify, is_chaotic, sure_types
 
-STATUS_WORDS = [status.label for status in Status]
 Prepared = tuple[Launches, Batch | None]  # no batch for the closed form
 
 
@@ -116,7 +115,7 @@ def columns_of(
     ok, observed = columns["status"] == Status.OK, (columns["amp_growth"], columns["n_departure"])
     left = columns.get("energy_left")
     codes = classify(ok, columns["t_r"], *observed, config.classify, left)
-    columns |= {"type": (codes, TYPES), "status": (columns["status"], STATUS_WORDS)}
+    columns |= {"type": (codes, TYPES), "status": (columns["status"], [s.label for s in Status])}
     if isinstance(outcome, Estimated):
         errors = outcome.amp_growth_error, outcome.n_departure_error
         sure = sure_types(codes, outcome.reversal_sure, observed, errors, config.classify)

@@ -24,9 +24,7 @@ from rattlesweep.sweeps.files import reason, streamed_file
 
 TIME, RATE, ENERGY, FORCE = "sqrt(a/g)", "sqrt(g/a)", "M g a", "M g"
 DAMPING = "M a^2 sqrt(g/a)"
-
-F64, I32, I64 = pa.float64(), pa.int32(), pa.int64()
-FLAG, TEXT = pa.bool_(), pa.string()
+F64, I32, I64, FLAG, TEXT = pa.float64(), pa.int32(), pa.int64(), pa.bool_(), pa.string()
 # "element" is what Parquet calls it: a schema then comes back as it was written.
 SERIES = pa.list_(pa.field("element", F64))
 
@@ -82,7 +80,6 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("n_departure", F64, "1", "largest fractional loss of spin at any step, 1 - n/n_i"),
         required("near_tangencies", I32, "1", "extrema of the spin too near zero to be decided"),
     ),
-    # What the config asks for elsewhere.
     "surface": (
         field("c", F64, "a", "vertical semi-axis of the ellipsoid below; null: a paraboloid"),
     ),
@@ -122,7 +119,6 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("amp_growth_error", F64, "1", "10 times the change in a looser run; null: unknown"),
         field("n_departure_error", F64, "1", "the same of n_departure"),
     ),
-    # Where `integrator.accuracy` asks for an error.
     "tol": (field("tol", F64, "1", "tolerance at which the run was integrated"),),
     "reversals": (
         field("n_turns", I32, "1", "times that the spin went from beyond n_i/4 to beyond -n_i/4"),

@@ -20,9 +20,7 @@ distance of those two.
 
 Where reversals are recorded too, runs that end at their first are integrated to the horizon as
 well.  The error of a later turn follows from the largest d of it and the turns before, with
-P = min(1, (d / TURN_PARTED)^2) and s = 0.
-
-The constants are those of ``benchmarks/errors.py``; docs/accuracy.md says which runs part.
+P = min(1, (d / TURN_PARTED)^2) and s = 0.  The constants are those of ``benchmarks/errors.py``.
 """
 
 from __future__ import annotations
@@ -63,8 +61,8 @@ LEAST_LOOSER, LOOSEST = 10.0, 1e-5
 TIGHTEST = 1e-14  # tolerance below which the error of a step is rounding
 PARTED = 0.2  # distance at which two runs have nothing to do with each other any more
 REMEMBERED = 0.1  # least share of d that is carried over if the companion had parted from its own
-# Relative difference of turns at which two runs have parted, the slope instead of a fit's, and the
-# relative error below which a turn is sure, if those before it are.
+# Difference of turns at which two runs have parted, the slope instead of a fit's, and the relative
+# error below which a turn is sure, if those before it are.
 TURN_PARTED, TURN_SLOPE, SURE = 5e-3, 50.0, 1e-3
 # Tolerances for an error that is asked for: the first in its units, the ratio, how many.
 FIRST_RUNG, RUNG, RUNGS = 0.3, 1e-2, 3

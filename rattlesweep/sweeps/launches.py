@@ -142,9 +142,8 @@ def ending_early(batch: Batch, launches: Launches) -> Batch:
 def full_batch(launches: Launches) -> Batch:
     """Return the batch for the full dynamics."""
     b = launches.bodies
-    if b.omega is None or b.u is None:
-        y0 = theory.full_state(launches.n_i, launches.omega_xy0, launches.psi)
-    else:
+    y0 = theory.full_state(launches.n_i, launches.omega_xy0, launches.psi)
+    if b.omega is not None and b.u is not None:
         y0 = np.ascontiguousarray(full.from_vectors(b.u.T, b.omega.T).T)
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
     sigma, rolling = launches.sigma, launches.rolling
@@ -191,7 +190,7 @@ def reduced_batch(launches: Launches) -> Batch:
 
 
 def _windows(t_end: Floats, slower: Floats) -> Floats:
-    # Not t_end / period: the reduced model has no oscillation, and so an infinite frequency here.
+    # Equal parts of the horizon; the reduced model has an infinite frequency here.
     parts = np.clip(np.floor(t_end * slower / (WINDOW_PERIODS * 2 * np.pi)), 1, N_WINDOWS)
     return np.where(np.isfinite(t_end), t_end / parts, 1.0)
 
@@ -261,8 +260,7 @@ def plan_of(run: Launch, source: TableBodies | None = None) -> Plan:
         return make_plan(config, source=source.with_surface(config.bodies))
     # The body itself, which was checked when it was made, takes the place of the preset.
     names = PARAMETERS if c is None else (*PARAMETERS, "c")
-    one = GridBodies({name: getattr(run.body, name) for name in names}, {})
-    return make_plan(config, source=one)
+    return make_plan(config, source=GridBodies({x: getattr(run.body, x) for x in names}, {}))
 
 
 def single_run(run: Launch) -> tuple[Config, Launches, Batch | None]:

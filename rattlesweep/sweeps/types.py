@@ -93,8 +93,7 @@ def is_chaotic(lyapunov_late: ArrayLike, t_end: ArrayLike) -> Flags:
 def codes(column: pa.Array, words: Sequence[str] = TYPES) -> Integers:
     """Return the place of each entry in `words`, -1 for others and null."""
     found = pc.fill_null(pc.index_in(column, pa.array(words)), -1)
-    values: Integers = found.to_numpy(zero_copy_only=False).astype(np.int64)
-    return values
+    return np.asarray(found.to_numpy(zero_copy_only=False).astype(np.int64))
 
 
 def share(part: ArrayLike, whole: ArrayLike) -> Floats:
