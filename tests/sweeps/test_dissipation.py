@@ -104,7 +104,7 @@ def test_a_single_dying_body(sigma):
     launch = {"n_i": 0.1, "omega_xy0": 0.01, "sigma": sigma, "t_end": 2000}
     run = rs.simulate("GH", **launch)
     assert (run.type, run.t_r, run.status) == ("D", None, "ok")
-    if sigma < 1:  # a stiffer one takes hours to its horizon
+    if sigma < 1:  # a trajectory of the other takes 1e8 steps
         path = rs.trajectory("GH", **launch, points=2)
         assert (path.status, len(path.zeros), len(path.reversals)) == ("ok", 0, 0)
 
