@@ -93,9 +93,7 @@ class Rattleback:
         height: float | str, radii: Sequence[float | str] | str, axes_angle: float | str = 0.0,
         c: float | str | None = None, gravity: float | str = si.GRAVITY, z_up: bool = False,
     ) -> Rattleback:  # fmt: skip
-        """Return a body by its mass, its lengths and its inertia in SI units.
-
-        Each number may be a text with a unit, such as ``"85 g"``.
+        """Return a body in SI units; each number may be a text with a unit, such as ``"85 g"``.
 
         Parameters
         ----------
@@ -143,9 +141,7 @@ class Rattleback:
         skew: float | str = 0.0, weights: float | str | None = None,
         at: Sequence[float | str] | str | None = None, gravity: float | str = si.GRAVITY,
     ) -> Rattleback:  # fmt: skip
-        """Return a solid half ellipsoid of uniform density with its flat side up.
-
-        Each number may be a text with a unit, such as ``"12 cm"``.
+        """Return a half ellipsoid of uniform density, flat side up; numbers may be ``"12 cm"``.
 
         Parameters
         ----------
@@ -165,8 +161,7 @@ class Rattleback:
         --------
         >>> import rattlesweep as rs
         >>> stone = rs.Rattleback.half_ellipsoid(
-        ...     length="12 cm", width="3 cm", height="12 mm", mass="60 g", skew="3 deg"
-        ... )
+        ...     length="12 cm", width="3 cm", height="12 mm", mass="60 g", skew="3 deg")
         >>> round(stone.alpha, 2), round(stone.theta, 2), round(stone.xi, 4)
         (13.95, 0.4, -0.0524)
         """
@@ -194,9 +189,7 @@ class Rattleback:
 
 
 PRESETS: dict[str, Callable[[], Rattleback]] = {"GH": Rattleback.gh, "KL": Rattleback.kl}
-"""Bodies of the literature."""
-MAX_INERTIA = 1e6
-"""Largest moment of inertia in ``M a^2``."""
+MAX_INERTIA = 1e6  # in M a^2
 
 
 def shell_dumbbell(gamma: T, f_sd: T) -> tuple[T, T]:

@@ -42,10 +42,7 @@ def constants(
     alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike,
     theta: ArrayLike, phi: ArrayLike, xi: ArrayLike,
 ) -> Floats:  # fmt: skip
-    """Return ``I_xx, I_yy, I_zz, C_xx, C_xy, C_yy`` of bodies (Eqs. def-abg, def-z).
-
-    In units of ``M a^2`` and ``1/a``, of shape (6, ...); the parameters broadcast.
-    """
+    """Return ``I_xx, I_yy, I_zz, C_xx, C_xy, C_yy`` of bodies, (6, ...) (Eqs. def-abg, def-z)."""
     alpha, beta, gamma, theta, phi, xi = np.broadcast_arrays(
         *(np.asarray(x, float) for x in (alpha, beta, gamma, theta, phi, xi))
     )
@@ -189,7 +186,7 @@ def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):
     """Return the rates of the heading and of the contact point on the plane.
 
     The heading's is the vertical part of ``e x (omega x e)`` over ``1 - e_vertical^2`` with the x
-    axis ``e``; the contact point moves with ``dr/dt + v`` (Eq. no-slip), which is horizontal.
+    axis ``e``; the contact point's is ``dr/dt + v`` (Eq. no-slip).
     """
     uy = q * uz
     square = uy * uy + uz * uz

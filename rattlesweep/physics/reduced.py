@@ -44,9 +44,9 @@ def mode_energies(
     alpha: Floats, beta: Floats, psi_p: Floats, psi_r: Floats, omega_xy0: ArrayLike, psi: ArrayLike
 ) -> tuple[Floats, Floats]:
     """Return the energies of pitch and roll in a launch at ``u = (0, 0, -1)``, in ``M g a``."""
-    # The modes are orthogonal in the metric diag(alpha, beta).
 
     def along(direction: Floats, other: Floats) -> Floats:
+        # The modes are orthogonal in the metric diag(alpha, beta).
         c, s = np.cos(direction), np.sin(direction)
         product = alpha * c * np.cos(psi) + beta * s * np.sin(psi)
         norm = alpha * c * c + beta * s * s

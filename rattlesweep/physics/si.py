@@ -81,8 +81,8 @@ def parameters(
 ) -> dict[str, Floats]:
     """Return ``alpha, beta, gamma, theta, phi, xi`` of bodies.
 
-    `inertia` are ``I_xx, I_yy, I_zz, I_xy``, shape (..., 4), `radii` those of curvature, (..., 2),
-    and `axes_angle` goes from the x axis to the direction along which the first of them bends.
+    `inertia` are ``I_xx, I_yy, I_zz, I_xy``, shape (..., 4), and `axes_angle` goes from the x axis
+    to the direction along which the first of the radii of curvature, (..., 2), bends.
     """
     mass, height, radii = (np.asarray(x, float) for x in (mass, height, radii))
     xx, yy, zz, xy = np.moveaxis(np.asarray(inertia, float), -1, 0)
@@ -93,13 +93,10 @@ def parameters(
     xi = np.remainder(np.asarray(axes_angle, float) + turned - larger, np.pi)
     unit = mass * height**2
     return {
-        "alpha": (mean + half) / unit + 1,
-        "beta": (mean - half) / unit + 1,
-        "gamma": zz / unit,
-        "theta": height / radii.min(axis=-1),
-        "phi": height / radii.max(axis=-1),
+        "alpha": (mean + half) / unit + 1, "beta": (mean - half) / unit + 1, "gamma": zz / unit,
+        "theta": height / radii.min(axis=-1), "phi": height / radii.max(axis=-1),
         "xi": np.where(xi > np.pi / 2, xi - np.pi, xi),
-    }
+    }  # fmt: skip
 
 
 def components(inertia: Sequence[float] | Sequence[Sequence[float]]) -> tuple[float, ...]:
@@ -129,12 +126,10 @@ def half_ellipsoid(
     length: ArrayLike, width: ArrayLike, height: ArrayLike, mass: ArrayLike,
     skew: ArrayLike = 0.0, *, weights: ArrayLike = 0.0, x: ArrayLike = 0.0, y: ArrayLike = 0.0,
 ) -> dict[str, Floats]:  # fmt: skip
-    """Return the parameters of solid half ellipsoids that lie with their flat side up.
+    """Return the parameters and ``c`` of solid half ellipsoids with their flat side up.
 
-    Arguments as for :meth:`rattlesweep.physics.body.Rattleback.half_ellipsoid`, in m, kg and
-    radians, with ``at = (x, y)``; the density is uniform.  Returned are ``alpha, beta, gamma,
-    theta, phi, xi, c``, and the units: ``mass`` in kg and ``height`` of the centre of mass in m,
-    with the weights.
+    Arguments as for :meth:`rattlesweep.physics.body.Rattleback.half_ellipsoid`, with
+    ``at = (x, y)``.  Also ``mass`` and ``height`` of the centre of mass, with the weights.
     """
     length, width, height, mass, skew, weights, x, y = np.broadcast_arrays(
         *(np.asarray(v, float) for v in (length, width, height, mass, skew, weights, x, y))

@@ -2,9 +2,7 @@
 
 Around ``u = (0, 0, -1)``, ``omega = (0, 0, -n)`` the slope and the horizontal angular velocity
 ``(p, q, omega_x, omega_y)`` obey a linear system.  Its eigenvalues are the growth rates and
-frequencies; their limit for small ``n`` is the theory of Case and Jalal, and their real part
-vanishes at Bondi's threshold.  Its left eigenvectors measure the amplitude of one mode alone, free
-of the beat with the other, so that the types see a slow growth.
+frequencies; its left eigenvectors measure the amplitude of one mode alone, free of the beat.
 
 For the slope alone, the system is of second order, ``P(lambda) s = 0`` with
 
@@ -14,9 +12,8 @@ For the slope alone, the system is of second order, ``P(lambda) s = 0`` with
 and ``det P`` is a product of two real quadratics, one of each mode, whose linear coefficients are
 minus twice the growth rates: these are found as the small numbers that they are.
 
-All is addition, multiplication, division and square root of real numbers, which IEEE 754 rounds in
-one way only.  NumPy's product of complex numbers is fused on some processors, and LAPACK's last
-bits differ with its build.
+All is done by operations on real numbers, which IEEE 754 rounds in one way only: NumPy's product of
+complex numbers is fused on some processors, and LAPACK's last bits differ with its build.
 """
 
 from __future__ import annotations
@@ -52,9 +49,8 @@ JACOBI_SWEEPS = 6
 def matrix(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Floats:
     """Return the matrix, shape (..., 4, 4), that acts on ``(p, q, omega_x, omega_y)``.
 
-    Of bodies with :func:`rattlesweep.physics.full.constants`, shape (6, ...), at a spin ``n``, in
-    ``sqrt(g/a)``.  Under a torque ``-sigma omega`` the spin falls at the rate ``sigma / gamma``;
-    the eigenvalues are rates as long as that is slow.
+    Of bodies with :func:`rattlesweep.physics.full.constants` at a spin ``n``.  Under a torque
+    ``-sigma omega`` the spin falls; the eigenvalues are rates as long as that is slow.
     """
     system = _System(constants, n, sigma)
     c, zero, one = system.c, np.zeros_like(system.c), np.ones_like(system.c)
@@ -72,7 +68,7 @@ def matrix(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Floats:
 class SteadyModes:
     """Eigenvalues (growth rate plus i times frequency), and left eigenvectors (..., 4) of length 1.
 
-    The modulus of a probe's product with ``(p, q, omega_x, omega_y)`` is the amplitude of a mode.
+    The modulus of a probe's product with the state is the amplitude of a mode.
     """
 
     pitch: Complexes
@@ -101,10 +97,9 @@ def growth(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> tuple[Flo
 def transient_growth(constants: Floats, n: ArrayLike) -> Floats:
     """Return a bound of how far the energy of an oscillation rises before it decays, 1 or more.
 
-    Of ``dx/dt = A x`` with eigenvectors ``V`` and no growing mode,
-    ``|x(t)|^2 <= cond(V)^2 |x(0)|^2`` (Trefethen and Embree, Spectra and Pseudospectra, 2005,
-    sec. 14).  In the norm of :func:`full.oscillation`, in which each mode has length 1,
-    ``cond(V)^2`` is the ratio of the extreme eigenvalues of the modes' products.
+    Of ``dx/dt = A x`` with eigenvectors ``V`` and no growing mode it is ``cond(V)^2`` (Trefethen
+    and Embree, Spectra and Pseudospectra, 2005, sec. 14): in the norm of :func:`full.oscillation`
+    the ratio of the extreme eigenvalues of the modes' products, each of length 1.
     """
     system = _System(constants, n, 0.0)
     columns = []
@@ -176,10 +171,7 @@ class _System:
         self.k_qp = (1 + c2) * cxy + sigma * c - fall * (1 + cxx)
 
     def quartic(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return the coefficients of ``det P / (alpha beta)``, of the cube first.
-
-        Terms that cancel in the determinant are left out here.
-        """
+        """Return the coefficients of ``det P / (alpha beta)``, without terms that cancel."""
         (ix, iy, iz, cxx, cxy, cyy), c, sigma, h = self.constants, self.c, self.sigma, self.h
         c2, skew, square = c * c, c * cxy * (ix - iy), _determinant(cxx, cxy, cyy)
         # The falling spin adds to a torque -sigma c what the contact point makes of it.
@@ -242,7 +234,6 @@ class _System:
 
 
 def _leading(system: _System) -> tuple[Pair, Pair]:
-    """Return the eigenvalues of pitch and roll; see :func:`steady_modes`."""
     (one, low_1), (two, low_2) = (roots(*pair) for pair in quadratics(*system.quartic()))
     swap = (two[1] > one[1]) | ((two[1] == one[1]) & (two[0] > one[0]))
     (re, im), (re_2, im_2) = choose(swap, two, one), choose(swap, one, two)
@@ -252,7 +243,6 @@ def _leading(system: _System) -> tuple[Pair, Pair]:
 
 
 def _times(one: Pair, other: Pair) -> Pair:
-    """Return the product of two complex numbers."""
     return one[0] * other[0] - one[1] * other[1], one[0] * other[1] + one[1] * other[0]
 
 
@@ -284,9 +274,8 @@ def quadratics(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Pairs:
     """Factor ``z^4 + a3 z^3 + a2 z^2 + a1 z + a0`` into two real quadratics ``z^2 + b z + c``.
 
     Returns ``(b1, c1), (b2, c2)``, with ``|c1| >= |c2|``.  The sum ``s`` of the two constant terms
-    is a root of Ferrari's resolvent cubic, the largest one if the four roots are two complex pairs.
-    Newton's method finds it; two of its steps for all four coefficients then remove what rounding
-    has left in the small ones.
+    is a root of Ferrari's resolvent cubic, which Newton's method finds; two of its steps for all
+    four coefficients then remove what rounding has left in the small ones.
     """
     s = _resolvent_root(a3, a2, a1, a0)
     # Squared differences of the quadratics' coefficients, and the product of the differences.
@@ -313,7 +302,6 @@ def quadratics(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Pairs:
 
 
 def _resolvent_root(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Floats:
-    """Return the largest root of the resolvent cubic, or the only one."""
     linear, constant = a1 * a3, a1 * a1 + a3 * a3 * a0
 
     def cubic(s: Floats) -> Floats:
@@ -371,7 +359,6 @@ def choose(where: Flags, one: Pair, other: Pair) -> Pair:
 
 
 def _rests(found: Pairs, quartic: Coefficients) -> Coefficients:
-    """Return what the product of two quadratics lacks of a quartic, coefficient by coefficient."""
     (b1, c1), (b2, c2) = found
     a3, a2, a1, a0 = quartic
     return a3 - b1 - b2, a2 - c1 - c2 - b1 * b2, a1 - b1 * c2 - b2 * c1, a0 - c1 * c2

@@ -34,8 +34,7 @@ N_CONSTANTS = 7
 N_FRICTION_STATE = 6
 N_FRICTION_CONSTANTS = 10
 
-SMOOTHING = 1e-4
-"""Angular velocity below which rolling resistance becomes viscous, in ``sqrt(g/a)``."""
+SMOOTHING = 1e-4  # angular velocity below which rolling resistance becomes viscous
 
 
 def inverse_semi_axis(c: ArrayLike | None) -> Floats:
@@ -181,8 +180,7 @@ def viscous_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigm
 def resistance(ux, uy, uz, a, b, c, x, y, z, normal, lever, eps, dyz, dzx, dxy, along, ivol):
     """Return the change of ``domega/dt`` by rolling resistance, and its power.
 
-    The normal force depends on the acceleration, and both are linear: with the matrix ``J`` of
-    Eq. diff-omega and the direction ``h`` the change is ``-lever F_n J^-1 h``.
+    With the matrix ``J`` of Eq. diff-omega and the direction ``h``: ``-lever F_n J^-1 h``.
     """
     n = ux * a + uy * b + uz * c
     hx, hy, hz = a - n * ux, b - n * uy, c - n * uz

@@ -1,7 +1,5 @@
 """Tangent dynamics: how a small difference between two runs of `physics.full` moves.
 
-The rate is the derivative of Eqs. diff-u and diff-omega along a tangent, in forward mode by hand.
-
 A tangent is measured in the energy of the oscillation plus that of the spin.  Two directions
 neither grow nor decay exponentially: along the flow, where a difference is a delay, and across the
 surface of constant energy.  What is measured is the part in that surface and normal to the flow.
@@ -19,9 +17,9 @@ from rattlesweep.physics.full import oscillation, scalar
 def rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
     """Return the derivative of a tangent ``(p1, q1, a1, b1, c1)`` under ``full.rhs``.
 
-    Names as there; what ends in 1 is a derivative along the tangent.  Of
-    ``(D - r r^T) domega = T``, with ``T1 - (D - r r^T)_1 domega`` on the right, whose product with
-    ``r`` is taken from the identity ``r . (I domega - g) = 0``, without what cancels.
+    What ends in 1 is a derivative along the tangent.  Of ``(D - r r^T) domega = T``, with
+    ``T1 - (D - r r^T)_1 domega`` on the right, whose product with ``r`` is taken from the identity
+    ``r . (I domega - g) = 0``, without what cancels.
     """
     m = p * b - q * a
     m1 = p1 * b + p * b1 - q1 * a - q * a1

@@ -16,27 +16,20 @@ if TYPE_CHECKING:
 
     from rattlesweep.arrays import Floats
 
-
-NO_SPIN = 1e-15
-"""A spin below this share of the angular velocity is the rounding of a zero."""
+NO_SPIN = 1e-15  # a spin below this share of the angular velocity is the rounding of a zero
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Small oscillations without spin: the faster mode (pitch) and the slower one (roll).
+    """Small oscillations without spin: the faster mode (pitch) and the slower one (roll)."""
 
-    Frequencies (Eq. def-omega_pr); directions of the angular velocities from the x axis, in
-    (-pi/2, pi/2]; frequencies at zero skew angle (Eqs. def:omega_p0, def:omega_r0); asymmetric
-    torque coefficients (Eqs. Kp, Kr), dimensionless.
-    """
-
-    omega_p: Floats
+    omega_p: Floats  # frequencies (Eq. def-omega_pr)
     omega_r: Floats
-    psi_p: Floats
+    psi_p: Floats  # directions of the angular velocities from the x axis, in (-pi/2, pi/2]
     psi_r: Floats
-    omega_p0: Floats
+    omega_p0: Floats  # frequencies at zero skew angle (Eqs. def:omega_p0, def:omega_r0)
     omega_r0: Floats
-    K_p: Floats
+    K_p: Floats  # asymmetric torque coefficients (Eqs. Kp, Kr)
     K_r: Floats
 
 
@@ -116,10 +109,7 @@ def growth_rates(K_p: ArrayLike, K_r: ArrayLike, n: ArrayLike) -> tuple[Floats, 
 def damping_rates(
     alpha: ArrayLike, beta: ArrayLike, modes: Modes, sigma: ArrayLike
 ) -> tuple[Floats, Floats]:
-    """Return the rates at which a torque ``-sigma omega`` damps pitch and roll, without spin.
-
-    At a small spin they are to be taken from :func:`growth_rates`.
-    """
+    """Return the rates at which a torque ``-sigma omega`` damps pitch and roll, without spin."""
     alpha, beta, sigma = np.asarray(alpha), np.asarray(beta), np.asarray(sigma)
     pitch, roll = (sigma / (2 * (alpha * np.cos(psi) ** 2 + beta * np.sin(psi) ** 2))
                    for psi in (modes.psi_p, modes.psi_r))  # fmt: skip
@@ -127,7 +117,6 @@ def damping_rates(
 
 
 def _two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Return the sum and its rounding error, exactly."""
     s = a + b
     t = s - a
     return s, (a - (s - t)) + (b - t)
@@ -146,9 +135,8 @@ def bondi_threshold(
 ) -> Floats:
     """Return Bondi's threshold ``n_c1 < 0`` (Eq. def-nc1), NaN where there is none.
 
-    For ``n < n_c1`` the steady spin is linearly stable; mirrored bodies have ``-n_c1``.  Outside
-    the shell-dumbbell bodies a second threshold can end the stability at a larger spin;
-    :func:`rattlesweep.physics.steady.growth` is exact.
+    For ``n < n_c1`` the steady spin is linearly stable; mirrored bodies have ``-n_c1``.  A second
+    threshold can end that at a larger spin; :func:`rattlesweep.physics.steady.growth` is exact.
     """
     alpha, beta, gamma, theta, phi = np.broadcast_arrays(
         *(np.asarray(x, float) for x in (alpha, beta, gamma, theta, phi))
@@ -214,8 +202,8 @@ def garcia_hubbard(
 def direction(modes: Modes, n_i: ArrayLike, psi: str | float) -> Floats:
     """Return the direction of the launch's horizontal angular velocity (Eq. sim-ic-3).
 
-    `psi` is ``pitch``, ``roll``, degrees, or ``relevant``: the pitch in the unsteady direction and
-    without a spin, as a tap on an end gives it, the roll in the steady one.
+    `psi` is ``pitch``, ``roll``, degrees, or ``relevant``: the roll in the steady direction, else
+    the pitch, as a tap on an end gives it.
     """
     if psi == "relevant":
         pitch = unsteady(modes.K_p, n_i) | (np.asarray(n_i) == 0)

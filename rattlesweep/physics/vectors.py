@@ -10,8 +10,8 @@ the ellipsoid of :mod:`rattlesweep.physics.stone` touches the plane at
 
 and for ``k = 0``, on its lower surface, the paraboloid.  Constants are those with friction.
 
-The flow changes phase volume, that of the sphere of directions ``u``, which only turn, times that
-of ``omega``, at the relative rate ``tr d(J^-1 T)/domega`` (Eq. diff-omega).  With ``w = W omega``
+The flow changes phase volume, that of the directions ``u``, which only turn, times that of
+``omega``, at the relative rate ``tr d(J^-1 T)/domega`` (Eq. diff-omega).  With ``w = W omega``
 
     dT/domega = G + (r.w) 1 - w r^T + omega (W^T r)^T - (r.omega) W
 
@@ -137,21 +137,18 @@ def _dot(one, other):
 
 @scalar
 def _across(u, v):
-    """Return the part of ``v`` in the plane."""
     n = _dot(u, v)
     return v[0] - n * u[0], v[1] - n * u[1], v[2] - n * u[2]
 
 
 @scalar
 def _lift(u, r, j):
-    """Return ``u.(r x j)``."""
     (x, y, z), (a, b, c) = r, j
     return u[0] * (y * c - z * b) + u[1] * (z * a - x * c) + u[2] * (x * b - y * a)
 
 
 @scalar
 def _inverse(r, h, solved):
-    """Return ``J^-1 h``."""
     (x, y, z), (hx, hy, hz), (dyz, dzx, dxy, along, ivol) = r, h, solved
     s = (x * dyz * hx + y * dzx * hy + z * dxy * hz) * along
     return (hx + x * s) * dyz * ivol, (hy + y * s) * dzx * ivol, (hz + z * s) * dxy * ivol
@@ -159,7 +156,6 @@ def _inverse(r, h, solved):
 
 @scalar
 def _normal(u, r, rho, a, b, c, surface, inertia, sigma):
-    """Return the normal force without rolling resistance, ``w`` and ``solved``."""
     w = moving(*u, a, b, c, *r, rho, *surface)
     rates, solved = free_rates(*u, a, b, c, *r, *w, *inertia, sigma)
     normal, _ = contact_of(*u, a, b, c, *rates, *r, *w)

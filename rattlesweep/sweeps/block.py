@@ -9,16 +9,8 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Integers, take
-from rattlesweep.integrate.batch import (
-    Batch,
-    Control,
-    Outcome,
-    exponents,
-    has_settled,
-    integrate,
-    kernel,
-    needed,
-)
+from rattlesweep.integrate import batch as integration
+from rattlesweep.integrate.batch import Batch, Control, Outcome
 from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, METHODS, TOL
@@ -31,9 +23,7 @@ from rattlesweep.sweeps.launches import Launches, ending_early, make_batch, mode
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.types import TYPES, classify, is_chaotic, sure_types
 
-STATUS_WORDS = [status.label for status in Status]
-# Bodies, launches and theory of some runs, and their batch; none for the closed form.
-Prepared = tuple[Launches, Batch | None]
+Prepared = tuple[Launches, Batch | None]  # no batch for the closed form
 
 
 def load_kernel(config: Config) -> float:
@@ -41,11 +31,11 @@ def load_kernel(config: Config) -> float:
     begin = time.perf_counter()
     if config.model != "gh":
         model = model_of(config)
-        carried, beside = needed(model, config.record)
-        kernel(config.integrator.method, carried.name, *beside)
+        carried, beside = integration.needed(model, config.record)
+        integration.kernel(config.integrator.method, carried.name, *beside)
         if "error" in config.record:
             # Companions take the plain one, whatever is recorded.
-            kernel(config.integrator.method, model.name)
+            integration.kernel(config.integrator.method, model.name)
     return time.perf_counter() - begin
 
 
@@ -59,24 +49,19 @@ def prepare_runs(plan: Plan, case: Integers, sample: Integers) -> Prepared:
 
 
 def compute(
-    config: Config,
-    schema: pa.Schema,
-    prepared: Prepared,
-    threads: int | None = None,
-    control: Control | None = None,
-) -> tuple[pa.Table, int]:
+    config: Config, schema: pa.Schema, prepared: Prepared,
+    threads: int | None = None, control: Control | None = None,
+) -> tuple[pa.Table, int]:  # fmt: skip
     """Integrate and type the runs of :func:`prepare_runs`.
 
-    Return their rows and 0; if `control` has stopped the kernel, the rows of the runs that had
-    ended, and how many had begun but not ended.
+    Return the rows of all that have ended, and how many were stopped before their end.
     """
     (launches, batch), control, lost, outcome = prepared, control or Control(), 0, None
     if batch is not None:
         outcome = run_batch(config, batch, threads, control)
         if outcome.stopped:
             ended = outcome.status != Status.STOPPED
-            integrated = ended & (outcome.status != Status.NO_HORIZON)
-            lost = control.runs_begun - int(integrated.sum())
+            lost = control.runs_begun - int((ended & (outcome.status != Status.NO_HORIZON)).sum())
             if not ended.any():
                 return schema.remove_metadata().empty_table(), lost
             launches, batch = take(launches, ended), take(batch, ended)
@@ -94,17 +79,11 @@ def run_batch(
     if "error" in config.record:
         outcome: Outcome = integrate_estimated(config, part, threads, control)
     else:
-        outcome = integrate(
-            part,
-            METHODS[settings.method],
-            model_of(config),
-            tol=settings.tol or TOL,
-            dt=settings.dt or DT,
-            max_steps=settings.max_steps,
-            record=frozenset(config.record),
-            threads=threads,
-            control=control,
-        )
+        outcome = integration.integrate(
+            part, METHODS[settings.method], model_of(config), tol=settings.tol or TOL,
+            dt=settings.dt or DT, max_steps=settings.max_steps, record=frozenset(config.record),
+            threads=threads, control=control,
+        )  # fmt: skip
     if good.all():
         return outcome
     wide = dict(vars(outcome))
@@ -120,12 +99,12 @@ def run_batch(
 def columns_of(
     config: Config, launches: Launches, batch: Batch | None, outcome: Outcome | None
 ) -> dict[str, Any]:
-    """Return the columns of runs, typed; without an outcome they are those of the closed form."""
+    """Return the columns of runs, typed; without an outcome those of the closed form."""
     b = launches.bodies
     columns = vars(b) | vars(launches.modes) | vars(launches) | {"t_rgh": launches.gh.t_rgh}
-    if b.omega is not None and b.u is not None:
-        columns |= {f"omega_{x}": b.omega[:, k] for k, x in enumerate("xyz")}
-        columns |= {f"u_{x}": b.u[:, k] for k, x in enumerate("xyz")}
+    for vector, values in (("omega", b.omega), ("u", b.u)):
+        if values is not None:
+            columns |= {f"{vector}_{x}": values[:, k] for k, x in enumerate("xyz")}
     if batch is None or outcome is None:
         columns |= _closed_form(launches)
     else:
@@ -136,7 +115,7 @@ def columns_of(
     ok, observed = columns["status"] == Status.OK, (columns["amp_growth"], columns["n_departure"])
     left = columns.get("energy_left")
     codes = classify(ok, columns["t_r"], *observed, config.classify, left)
-    columns |= {"type": (codes, TYPES), "status": (columns["status"], STATUS_WORDS)}
+    columns |= {"type": (codes, TYPES), "status": (columns["status"], [s.label for s in Status])}
     if isinstance(outcome, Estimated):
         errors = outcome.amp_growth_error, outcome.n_departure_error
         sure = sure_types(codes, outcome.reversal_sure, observed, errors, config.classify)
@@ -145,33 +124,27 @@ def columns_of(
 
 
 def _closed_form(launches: Launches) -> dict[str, Any]:
-    """Return the results of the model gh: n(t) is known, and so is its zero."""
     finite, t_rgh = np.isfinite(launches.t_end), launches.gh.t_rgh
     reverses = finite & (t_rgh <= launches.t_end)
     t_end = np.where(reverses, t_rgh, np.where(finite, launches.t_end, 0.0))
     n_end = np.where(reverses, 0.0, launches.gh.spin(t_end))
     none = np.zeros(len(t_end), dtype=np.int32)
+    # The growth is unknown, which rules out SS: here the relevant oscillation only grows.
     return {
+        "t_end": t_end, "n_steps": none, "near_tangencies": none,
         "status": np.where(finite, Status.OK, Status.NO_HORIZON),
-        "t_end": t_end,
-        "t_r": np.where(reverses, t_rgh, np.nan),
-        "n_end": np.where(finite, n_end, np.nan),
-        "n_steps": none,
-        "energy_drift": np.where(finite, 0.0, np.nan),
-        # Unknown here, which rules out SS: in this model the relevant oscillation only grows.
-        "amp_growth": np.full(len(t_end), np.nan),
+        "t_r": np.where(reverses, t_rgh, np.nan), "n_end": np.where(finite, n_end, np.nan),
+        "energy_drift": np.where(finite, 0.0, np.nan), "amp_growth": np.full(len(t_end), np.nan),
         "n_departure": np.where(finite, 1 - n_end / launches.n_i, np.nan),
-        "near_tangencies": none,
-    }
+    }  # fmt: skip
 
 
 def _measured(config: Config, launches: Launches, batch: Batch, outcome: Outcome) -> dict[str, Any]:
-    """Return the results of runs that were integrated."""
     ok, columns = outcome.status == Status.OK, dict(vars(outcome))
     if config.classify.early:
         # In the end all of its energy is spin.
         spin = np.copysign(np.sqrt(2 * outcome.energy_0 / launches.bodies.gamma), launches.n_i)
-        columns["n_end"] = np.where(has_settled(batch, outcome), spin, columns["n_end"])
+        columns["n_end"] = np.where(integration.has_settled(batch, outcome), spin, columns["n_end"])
     if launches.sigma is not None and launches.rolling is not None:
         b, m, sigma = launches.bodies, launches.modes, launches.sigma
         pitch, kinks = unsteady(m.K_p, launches.n_i), launches.rolling > 0
@@ -183,7 +156,7 @@ def _measured(config: Config, launches: Launches, batch: Batch, outcome: Outcome
         # The work is the state's last component.
         columns["energy_left"] = 1 + outcome.y_end[:, -1] / outcome.energy_0
     if "lyapunov" in config.record:
-        columns["lyapunov"], late = exponents(outcome.growth)
+        columns["lyapunov"], late = integration.exponents(outcome.growth)
         chaotic = pa.array(is_chaotic(late, outcome.t_end), mask=~np.isfinite(late))
         columns |= {"lyapunov_late": late, "chaotic": chaotic}
     if "reversals" in config.record:

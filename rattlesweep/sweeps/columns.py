@@ -1,9 +1,8 @@
 """Every column of the two tables in one place, and tables as Parquet files.
 
 `runs` has one row a run, `summary` one row a case.  The names are fixed, since scripts written
-against today's tables must read next year's.  M = a = g = 1, so times are in sqrt(a/g), spins and
-rates in sqrt(g/a), energies in M g a.  Each page of a file carries a checksum, which every reader
-here verifies.
+against today's tables must read next year's.  Each page of a file carries a checksum, which every
+reader here verifies.
 """
 
 from __future__ import annotations
@@ -25,16 +24,12 @@ from rattlesweep.sweeps.files import reason, streamed_file
 
 TIME, RATE, ENERGY, FORCE = "sqrt(a/g)", "sqrt(g/a)", "M g a", "M g"
 DAMPING = "M a^2 sqrt(g/a)"
-
-F64, I32, I64 = pa.float64(), pa.int32(), pa.int64()
-FLAG, TEXT = pa.bool_(), pa.string()
+F64, I32, I64, FLAG, TEXT = pa.float64(), pa.int32(), pa.int64(), pa.bool_(), pa.string()
 # "element" is what Parquet calls it: a schema then comes back as it was written.
 SERIES = pa.list_(pa.field("element", F64))
 
 
-def field(
-    name: str, kind: pa.DataType, unit: str, words: str, *, nullable: bool = True
-) -> pa.Field:
+def field(name: str, kind: pa.DataType, unit: str, words: str, nullable: bool = True) -> pa.Field:
     """Return a column with its unit (``"1"`` for a pure number or a word) and its meaning."""
     return pa.field(name, kind, nullable, metadata={"unit": unit, "description": words})
 
@@ -85,7 +80,6 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("n_departure", F64, "1", "largest fractional loss of spin at any step, 1 - n/n_i"),
         required("near_tangencies", I32, "1", "extrema of the spin too near zero to be decided"),
     ),
-    # What the config asks for elsewhere.
     "surface": (
         field("c", F64, "a", "vertical semi-axis of the ellipsoid below; null: a paraboloid"),
     ),
@@ -125,7 +119,6 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("amp_growth_error", F64, "1", "10 times the change in a looser run; null: unknown"),
         field("n_departure_error", F64, "1", "the same of n_departure"),
     ),
-    # Where `integrator.accuracy` asks for an error.
     "tol": (field("tol", F64, "1", "tolerance at which the run was integrated"),),
     "reversals": (
         field("n_turns", I32, "1", "times that the spin went from beyond n_i/4 to beyond -n_i/4"),
@@ -149,13 +142,11 @@ MEASURED: tuple[pa.Field, ...] = (
     field("t_r_s", F64, "s", "t_r in seconds"),
     required("n_i_rpm", F64, "rpm", "initial spin, positive = unsteady direction"),
 )
-# What a config may ask for by `record` or otherwise, with the models that cannot tell: the reduced
-# dynamics has no contact force, and the closed form no path to look at.
+# What a config may ask for by `record` or otherwise, with the models that cannot tell.
 RECORD_PARTS: dict[str, tuple[str, ...]] = {
-    "energy": ("gh",), "contact": ("reduced", "gh"), "windows": ("gh",),
-    "lyapunov": ("reduced", "gh"), "volume": ("reduced", "gh"), "error": ("gh",),
-    "tol": ("gh",), "reversals": ("gh",), "turns": ("gh",), "surface": (),
-    "dissipation": ("reduced", "gh"),
+    **dict.fromkeys(("energy", "windows", "error", "tol", "reversals", "turns"), ("gh",)),
+    **dict.fromkeys(("contact", "lyapunov", "volume", "dissipation"), ("reduced", "gh")),
+    "surface": (),
 }
 # Columns of `summary` in their order; shares are of the runs with status ok.
 SUMMARY: tuple[pa.Field, ...] = (
@@ -192,7 +183,7 @@ SUMMARY: tuple[pa.Field, ...] = (
 )
 # fmt: on
 
-# Columns of which few values fill many rows, so that a dictionary makes the file smaller.
+# Columns whose few values are smaller in a dictionary.
 REPEATING = {"case", "n_i", "omega_xy0", "type", "status", "near_tangencies", "window_t"}
 ROW_GROUP = 1 << 17  # rows: about 30 MB decoded, so that readers can stream a large file
 
@@ -200,10 +191,7 @@ ROW_GROUP = 1 << 17  # rows: about 30 MB decoded, so that readers can stream a l
 def runs_schema(
     record: Collection[str] = (), model: str = "full", extra: Iterable[pa.Field] = ()
 ) -> pa.Schema:
-    """Return the schema of `runs` with some parts of `RECORD_PARTS`, and with columns of a source.
-
-    Raise a ConfigError if the model cannot give one.
-    """
+    """Return the schema of `runs` with some parts of `RECORD_PARTS`, and a source's columns."""
     if wrong := [part for part in sorted(record) if model in RECORD_PARTS[part]]:
         raise ConfigError(f"record: the model {model!r} has no {wrong[0]!r} to record")
     asked = [part for part in RUNS if part not in RECORD_PARTS or part in record]
@@ -224,8 +212,7 @@ def same_schema(one: pa.Schema, other: pa.Schema) -> bool:
 def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
     """Make a table of `schema` from one entry for each of its fields.
 
-    An entry is an array, of floats one in which NaN and infinity mean null, or a tuple of (integer
-    codes, categories) in which a negative code means null.
+    An array, where NaN and infinity mean null, or (codes, words), where a negative code does.
     """
     arrays = [_to_arrow(columns[field.name], field.type) for field in schema]
     table = pa.Table.from_arrays(arrays, schema=schema.remove_metadata())
@@ -236,10 +223,7 @@ def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
 
 
 def ragged(values: Floats, counts: Integers) -> pa.Array:
-    """Make a column of lists: from row i, the first ``counts[i]`` entries of ``values[i]``.
-
-    A negative count makes the row null.
-    """
+    """Make a column of the first ``counts[i]`` entries of ``values[i]``; a negative one is null."""
     offsets = np.cumsum(np.append(0, np.maximum(counts, 0)), dtype=np.int32)
     kept = _to_arrow(values[np.arange(values.shape[1]) < counts[:, None]], F64)
     return pa.ListArray.from_arrays(pa.array(offsets), kept, mask=pa.array(counts < 0))
@@ -258,8 +242,7 @@ def _to_arrow(values: Any, kind: pa.DataType) -> pa.Array:
 
 def floats(column: pa.Array) -> Floats:
     """Return a column of numbers; null is NaN."""
-    values: Floats = column.to_numpy(zero_copy_only=False).astype(float)
-    return values
+    return np.asarray(column.to_numpy(zero_copy_only=False).astype(float))
 
 
 def write_parquet(table: pa.Table, path: Path, metadata: Mapping[str, str] | None = None) -> None:
@@ -272,23 +255,18 @@ def write_parquet(table: pa.Table, path: Path, metadata: Mapping[str, str] | Non
 
 def encode(table: pa.Table, sink: Any) -> None:
     """Write a table as Parquet, with page checksums, to an open file."""
+    repeating = [name for name in table.schema.names if name in REPEATING]
     pq.write_table(
-        table,
-        sink,
-        row_group_size=ROW_GROUP,
-        version="2.6",
-        compression="zstd",
-        use_dictionary=[name for name in table.schema.names if name in REPEATING],
-        write_page_checksum=True,
-    )
+        table, sink, row_group_size=ROW_GROUP, version="2.6", compression="zstd",
+        use_dictionary=repeating, write_page_checksum=True,
+    )  # fmt: skip
 
 
 @contextmanager
 def parquet_file(path: Path) -> Iterator[pq.ParquetFile]:
     """Open a Parquet file whose pages are verified as they are read.
 
-    Raise a DamagedError if it is not what was written, and another OutputError if it cannot be
-    read, which says nothing about what it holds.
+    Raise a DamagedError if it is not what was written, another OutputError if it cannot be read.
     """
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:

@@ -1,7 +1,7 @@
 """Sweeps that leave runs out: `stop` and `bodies.refine`.
 
-Both decide in waves, each from the rows of the waves before it, so that what is wanted is a
-function of the config and of the rows: the same whoever asks, in whatever order the runs were done.
+Both decide in waves, each from the rows of the waves before it, so that what is wanted is the same
+whoever asks, in whatever order the runs were done.
 """
 
 from __future__ import annotations
@@ -24,11 +24,9 @@ from rattlesweep.sweeps.types import TYPES, R, codes, wilson
 if TYPE_CHECKING:
     from rattlesweep.sweeps.stored import Case, Stored
 
-# Samples of each case in the first wave: with fewer the intervals are too uncertain to stop on;
-# and those of the next wave, as a share of those so far.
+# Samples of each case in the first wave, and those of the next one as a share of those so far.
 FIRST, MORE = 400, 0.1
-# Quantile of the normal distribution for 97 %: a sweep that stops as soon as an interval of 95 % is
-# narrow enough stops too early now and then (`benchmarks/stopping.py`).
+# Quantile of the normal distribution for 97 %: at 95 % a sweep stops too early now and then.
 Z = 2.1700903775845606
 FEWEST = 5  # values along an axis from which on some may be left out
 FAILED = len(TYPES)
@@ -51,12 +49,10 @@ def decision(config: Config, cases: Sequence[Case], samples: int) -> Stopping | 
 
 
 class _Known:
-    """What is known of the runs: `code`, the place of the type in :data:`TYPES`, :data:`FAILED` or
-    -1 for no run, and `value`, the column that is asked for; arrays of the shape (cases, samples).
-    """
+    """What is known of the runs, in arrays of the shape (cases, samples)."""
 
     def __init__(self, shape: tuple[int, int], column: str | None) -> None:
-        self.code = np.full(shape, -1, np.int8)
+        self.code = np.full(shape, -1, np.int8)  # place in TYPES, FAILED, or -1 for no run
         self.value = np.full(shape if column else (0, 0), np.nan)
         self._column = column
 
@@ -112,15 +108,14 @@ class Stopping(_Known):
 class Refining(_Known):
     """A grid of every 2^levels-th value, halved where the runs in and around a cell differ.
 
-    A cell is halved if the runs known of it, its border included, are not of one type, or if the
-    column that is asked for bends there: what is found on the border of a cell halves its
-    neighbour, so that boundaries are followed to their ends.  Axes of few values are done whole.
+    A cell is halved if the runs known of it are not of one type, or if the column that is asked for
+    bends there.  What is found on its border halves its neighbour, so that boundaries are followed
+    to their ends.  Axes of few values are done whole.
     """
 
     def __init__(self, config: Config, cases: Sequence[Case], samples: int) -> None:
         bodies, spin, losses = config.bodies, config.spin, config.dissipation
-        assert isinstance(bodies, GridSource)
-        assert bodies.refine is not None
+        assert isinstance(bodies, GridSource) and bodies.refine is not None  # noqa: PT018
         launches: dict[str, Sequence[float | None]] = {}
         if spin is not None:
             launches |= {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0}
@@ -144,8 +139,7 @@ class Refining(_Known):
 
     def grid(self, values: Array) -> Array:
         """Return values by (case, sample) as an array along the axes."""
-        grid: Array = values[self._order].reshape(self.shape)
-        return grid
+        return np.asarray(values[self._order].reshape(self.shape))
 
     def runs(self, grid: Array) -> Array:
         """Return values along the axes by (case, sample)."""
@@ -166,21 +160,17 @@ class Refining(_Known):
             stride = self.strides
             while max(stride) > 1:
                 half = [max(1, s // 2) if s == max(stride) else s for s in stride]
-                self._halve(stride, half, wanted, seen, seen_value)
+                for point in self._halved(stride, half, seen, seen_value):
+                    wanted[point] = True
                 stride = half
             if (wanted == before).all():
                 break
         return self.runs(wanted)
 
-    def _halve(
-        self,
-        stride: list[int],
-        half: list[int],
-        wanted: Flags,
-        code: Array,
-        value: Floats | None,
-    ) -> None:
-        """Mark the points of the cells of these sides that are to be halved."""
+    def _halved(
+        self, stride: list[int], half: list[int], code: Array, value: Floats | None
+    ) -> Iterator[tuple[Integers, ...]]:
+        """Return the points of the cells of these sides that are to be halved."""
         at = [_ticks(n, s) for n, s in zip(self.shape, stride, strict=True)]
         most, least, corners = code, np.where(code >= 0, code, np.int8(127)), code[np.ix_(*at)] >= 0
         for axis in self._refined:
@@ -193,13 +183,11 @@ class Refining(_Known):
         sides: list[tuple[Integers, ...]] = []
         for axis, cell in enumerate(np.nonzero(corners & differs)):
             low = at[axis][cell]
+            sides.append((low,))
             if axis in self._refined:
                 high = at[axis][cell + 1]
-                sides.append((low, np.minimum(low + half[axis], high), high))
-            else:
-                sides.append((low,))
-        for point in product(*sides):
-            wanted[point] = True
+                sides[-1] = low, np.minimum(low + half[axis], high), high
+        return product(*sides)
 
     def _bends(self, at: list[Integers], value: Floats) -> Flags:
         """Return which cells have a corner that lies off the line through its neighbours."""
@@ -223,15 +211,13 @@ def _ticks(length: int, stride: int) -> Integers:
 def _over(function: np.ufunc, values: Array, at: Integers, axis: int) -> Array:
     """Reduce the values of each cell along an axis, both ends included."""
     inner = function.reduceat(values, at[:-1], axis=axis)
-    reduced: Array = function(inner, np.take(values, at[1:], axis=axis))
-    return reduced
+    return np.asarray(function(inner, np.take(values, at[1:], axis=axis)))
 
 
 def nearest(known: Flags, refined: Sequence[bool]) -> Integers:
     """Return the indices of the nearest known point of each point of a grid, shape (axes, ...).
 
-    Planes across axes that are not `refined` are apart: the points of one without any known point
-    have their own indices.
+    Planes across axes that are not `refined` are apart; in one without any, all have their own.
     """
     from scipy.ndimage import distance_transform_edt
 
@@ -242,10 +228,7 @@ def nearest(known: Flags, refined: Sequence[bool]) -> Integers:
 
 
 def nearest_rows(stored: Stored) -> Iterator[tuple[int, Integers]]:
-    """Yield each case of a refined sweep, with the row of the run nearest to each of its samples.
-
-    Rows are counted in the order of their keys; -1 where there is no run yet.
-    """
+    """Yield each case of a refined sweep, with the nearest row to each sample, -1 for none yet."""
     refining = Refining(stored.config, stored.cases, stored.samples)
     refining.read(stored)
     there = refining.code >= 0

@@ -7,12 +7,11 @@ their reversals in the norm of the step control,
     T = max((r + near r^2)^power, P),   P = min(1, (s / PARTED)^2),
     r = tol / tol',   N = n_steps / 1000,
 
-at most 1, which it is where the companion does not reverse.  The first term is the common size of
-the error, and more where the companion is hardly looser and so tells less.  The second carries the
-difference over to the tighter tolerance: in proportion as long as the two have stayed together (s
-small), and in full once they have parted.  d alone is small by chance too often; s, which has
-several components, is not.  C is P^2 in the unsteady direction, where runs that part are chaotic.
-G is one swing of the spin if an extremum of it touches zero within the tolerance.
+at most 1, which it is where the companion does not reverse.  The second term carries the difference
+over to the tighter tolerance: in proportion as long as the two have stayed together (s small), and
+in full once they have parted.  d alone is small by chance too often; s, which has several
+components, is not.  C is P^2 in the unsteady direction, where runs that part are chaotic, and G one
+swing of the spin if an extremum of it touches zero within the tolerance.
 
 With `accuracy: {t_r: ...}`, runs whose estimate is larger are integrated again, a hundred times
 tighter, with the run before as their companion; and once more.  A companion that had parted from
@@ -21,9 +20,7 @@ distance of those two.
 
 Where reversals are recorded too, runs that end at their first are integrated to the horizon as
 well.  The error of a later turn follows from the largest d of it and the turns before, with
-P = min(1, (d / TURN_PARTED)^2) and s = 0.
-
-The constants are those of ``benchmarks/errors.py``; docs/accuracy.md says which runs part.
+P = min(1, (d / TURN_PARTED)^2) and s = 0.  The constants are those of ``benchmarks/errors.py``.
 """
 
 from __future__ import annotations
@@ -45,33 +42,32 @@ from rattlesweep.sweeps.launches import model_of
 
 
 class Fit(NamedTuple):
-    """Constants of the estimate, and the tolerance of a companion over the run's."""
+    """Constants of the estimate."""
 
     floor: float = 0.5
     near: float = 10.0
     slope: float = 12.0
     share: float = 0.0007
     power: float = 1.0
-    looser: float = 2e3
+    looser: float = 2e3  # tolerance of a companion over the run's
 
 
 FITS = {"dop853": Fit(), "verner98": Fit(floor=0.2), "rk4": Fit(floor=0.0, share=0.003)}
 ELLIPSOID = Fit(slope=20.0, share=0.002)  # its large swings are harder to integrate
-# Kinks lower the order of all methods, in some runs so much that a tighter tolerance hardly helps,
-# which only a companion that is nearly as good can tell.
+# Kinks lower the order of all methods: only a companion that is nearly as good can tell how much.
 ROLLING = Fit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0)
 # A companion is at least so much looser than the run, and at most so loose: beyond, most runs part.
 LEAST_LOOSER, LOOSEST = 10.0, 1e-5
 TIGHTEST = 1e-14  # tolerance below which the error of a step is rounding
 PARTED = 0.2  # distance at which two runs have nothing to do with each other any more
 REMEMBERED = 0.1  # least share of d that is carried over if the companion had parted from its own
-# Relative difference of turns at which two runs have parted, the slope instead of a fit's, and the
-# relative error below which a turn is sure, if those before it are.
+# Difference of turns at which two runs have parted, the slope instead of a fit's, and the relative
+# error below which a turn is sure, if those before it are.
 TURN_PARTED, TURN_SLOPE, SURE = 5e-3, 50.0, 1e-3
 # Tolerances for an error that is asked for: the first in its units, the ratio, how many.
 FIRST_RUNG, RUNG, RUNGS = 0.3, 1e-2, 3
-# The loosest of these, and of their companions, where runs part early and so tell best.  At 1e-5 a
-# run and its companion agree by chance too often: 6 of 4,886 were off by more than 1e-4.
+# The loosest of these, and of their companions, where runs part early and so tell best.  At 1e-5
+# the two agree by chance too often: 6 of 4,886 were off by more than 1e-4.
 LOOSEST_RUNG, LOOSEST_OF_LADDER = 1e-6, 1e-4
 AGAIN = (0.4, 0.1)  # cost of doing runs again, in units of doing all once at the first tolerance
 DIFFER = 10.0  # errors of what a type depends on, in units of the difference from the companion
@@ -132,9 +128,7 @@ def integrate_estimated(
 ) -> Estimated:
     """Integrate runs with their companions, and those whose error is too large again, tighter.
 
-    The companions come first: whenever the runs are stopped, those that have ended have their
-    errors.  A run that is done again keeps nothing of what it was but a companion, so what becomes
-    of it depends on its own numbers alone.
+    The companions come first: whenever the runs are stopped, those that have ended have errors.
     """
     settings, model = config.integrator, model_of(config)
     tableau, goal = METHODS[settings.method], settings.goal or np.inf
@@ -143,21 +137,19 @@ def integrate_estimated(
     spans = np.cumsum([0.0, *costs, *(costs[:2] if turning else [])])
     spans /= spans[-1]
 
-    def attempt(
-        stage: int, rung: int, part: Batch, record: frozenset[str], cost: Integers | None = None
-    ) -> Outcome:
+    def attempt(stage: int, rung: int, part: Batch, **asked: Any) -> Outcome:
         # A run that ends is done if nothing follows.
         last = stage == 1 and len(spans) == 3
         control.stage(*spans[stage : stage + 2], begins=stage == 1, ends=last)
-        asked: dict[str, Any] = {"tol" if tableau.adaptive else "dt": values[rung]}
+        asked["tol" if tableau.adaptive else "dt"] = values[rung]
         # A run that is done again under another limit must get the same error.
-        asked["max_steps"] = settings.max_steps if rung else max(settings.max_steps, MAX_STEPS)
-        asked |= {"record": record, "cost": cost, "threads": threads, "control": control}
+        most = settings.max_steps if rung else max(settings.max_steps, MAX_STEPS)
+        asked |= {"threads": threads, "control": control, "max_steps": most}
         return integrate(part, tableau, model, **asked)
 
-    companions = attempt(0, 0, batch, frozenset())
+    companions = attempt(0, 0, batch)
     # Where a run ends is known by now, so none is begun late and keeps lanes waiting.
-    runs = attempt(1, 1, batch, record, companions.n_steps)
+    runs = attempt(1, 1, batch, record=record, cost=companions.n_steps)
     now = done = with_errors(config, batch, runs, companions, pair)
     rows, part = np.arange(len(batch)), batch
     for k in range(2, len(values)):
@@ -170,7 +162,7 @@ def integrate_estimated(
         control.settle(int((~again & (now.status != Status.STOPPED)).sum()))
         rows, before = rows[again], now.apart[again]
         part, companions = take(part, again), take(runs, again)
-        runs = attempt(k, k, part, record, companions.n_steps)
+        runs = attempt(k, k, part, record=record, cost=companions.n_steps)
         now = with_errors(config, part, runs, companions, (values[k], values[k - 1]), before)
         put(now, done, rows)
     if turning:
@@ -179,8 +171,8 @@ def integrate_estimated(
         goes_on = (done.status == Status.OK) & (done.t_end < batch.t_end)
         control.settle(int((~goes_on & (done.status != Status.STOPPED)).sum()))
         part, first = take(batch, goes_on), take(done, goes_on)
-        companions = attempt(2, 0, part, turning)
-        runs = attempt(3, 1, part, record | turning, companions.n_steps)
+        companions = attempt(2, 0, part, record=turning)
+        runs = attempt(3, 1, part, record=record | turning, cost=companions.n_steps)
         now = with_errors(config, part, runs, companions, pair)
         now = _with_turns(now, first, companions.reversals[:, :, 0], _scales(config, pair))
         put(now, done, np.flatnonzero(goes_on))
@@ -188,17 +180,13 @@ def integrate_estimated(
 
 
 def with_errors(
-    config: Config,
-    batch: Batch,
-    runs: Outcome,
-    companions: Outcome,
-    settings: tuple[float, float],
-    before: Floats | float = 0.0,
-) -> Estimated:
+    config: Config, batch: Batch, runs: Outcome, companions: Outcome,
+    settings: tuple[float, float], before: Floats | float = 0.0,
+) -> Estimated:  # fmt: skip
     """Add to the outcome of runs the errors that their companions tell.
 
-    `settings` are the tolerance or step of the runs and that of the companions, `before` how far
-    the companions had parted from their own (`Estimated.apart`), if they had any.
+    `settings` are the tolerances or steps of the two, `before` how far the companions had parted
+    from their own, if they had any.
     """
     model = model_of(config)
     fit, common, ratio = _scales(config, settings)
@@ -212,21 +200,17 @@ def with_errors(
     place, sign = (0, 1) if model.name == REDUCED.name else (4, -1)
     unsteady = sign * batch.constants[:, place] * batch.y0[:, place] >= 0
     grazes = runs.near_tangencies + companions.near_tangencies
-    relative = np.minimum(
-        common
-        + fit.slope * carried * (d + fit.share * apart / root)
-        + np.where(unsteady, parted**2, 0.0)
-        + np.where(grazes > 0, 2 * np.pi / batch.swing / runs.t_r, 0.0),
-        1.0,
-    )
+    relative = common + fit.slope * carried * (d + fit.share * apart / root)
+    relative = relative + np.where(unsteady, parted**2, 0.0)
+    relative = relative + np.where(grazes > 0, 2 * np.pi / batch.swing / runs.t_r, 0.0)
+    relative = np.minimum(relative, 1.0)
     t_r_error = relative * runs.t_r
     # Of a run that has settled, amp_growth lies between what it was and 0.
-    high, high_other = (
-        np.where(has_settled(batch, out), 0.0, out.amp_growth) for out in (runs, companions)
-    )
+    pair = runs, companions
+    high, high_other = (np.where(has_settled(batch, x), 0.0, x.amp_growth) for x in pair)
     below, above = runs.amp_growth - high_other, companions.amp_growth - high
     departed = np.abs(runs.n_departure - companions.n_departure)
-    ok, others_ok = (out.status == Status.OK for out in (runs, companions))
+    ok, others_ok = (x.status == Status.OK for x in pair)
     neither = np.isnan(runs.t_r) & np.isnan(companions.t_r) & others_ok & (grazes == 0)
     # Where a stop has kept a companion from its end, the run has not been either.
     cut = companions.status == Status.STOPPED
@@ -234,23 +218,16 @@ def with_errors(
     adaptive = METHODS[config.integrator.method].adaptive
     tol, looser = (np.full(len(batch), x if adaptive else np.nan) for x in settings)
     return Estimated(
-        **vars(runs) | changed,
-        t_r_error=t_r_error,
+        **vars(runs) | changed, t_r_error=t_r_error,
         amp_growth_error=np.where(ok, DIFFER * np.maximum(0.0, np.maximum(below, above)), np.nan),
         n_departure_error=np.where(ok & others_ok, DIFFER * departed, np.nan),
         reversal_sure=((relative < 1.0) & (runs.t_r + t_r_error < batch.t_end)) | neither,
-        tol=tol,
-        companion_tol=looser,
-        companion_t_r=companions.t_r,
-        apart=apart,
-        grazes=grazes,
-        turn_errors=np.zeros((0, MOST_REVERSALS)),
-        turns_sure=np.zeros(len(batch), np.int64),
-    )
+        tol=tol, companion_tol=looser, companion_t_r=companions.t_r, apart=apart, grazes=grazes,
+        turn_errors=np.zeros((0, MOST_REVERSALS)), turns_sure=np.zeros(len(batch), np.int64),
+    )  # fmt: skip
 
 
 def _scales(config: Config, settings: tuple[float, float]) -> tuple[Fit, float, float]:
-    """Return the constants, the common size of the error, and what it is to the difference."""
     tableau, fit = METHODS[config.integrator.method], fit_of(config)
     tol, ratio = settings[0], settings[0] / settings[1]
     if not tableau.adaptive:  # errors of fixed steps do not add up at random
@@ -262,7 +239,6 @@ def _scales(config: Config, settings: tuple[float, float]) -> tuple[Fit, float, 
 def _with_turns(
     runs: Estimated, first: Estimated, other_times: Floats, scales: tuple[Fit, float, float]
 ) -> Estimated:
-    """Return runs to the horizon with errors of their turns, and with those of their first zero."""
     _, common, ratio = scales
     times, t_r = runs.reversals[:, :, 0], first.t_r[:, None]
     difference = np.abs(other_times / times - 1.0)
@@ -272,20 +248,15 @@ def _with_turns(
     # A spin that comes back after its first zero turns at a later one: which, is less sure.
     relative[:, :1] = np.maximum(first.t_r_error[:, None] / t_r, times[:, :1] / t_r - 1.0)
     relative = np.minimum(relative, 1.0)
-    kept = ("t_r_error", "reversal_sure", "apart", "companion_t_r", "grazes")
-    return replace(
-        runs,
-        turn_errors=np.where(there, relative * times, np.nan),
-        turns_sure=np.cumprod(there & (relative < SURE), axis=1).sum(axis=1),
-        **{name: getattr(first, name) for name in kept},
-    )
+    names = ("t_r_error", "reversal_sure", "apart", "companion_t_r", "grazes")
+    kept = {name: getattr(first, name) for name in names}
+    sure = np.cumprod(there & (relative < SURE), axis=1).sum(axis=1)
+    errors = np.where(there, relative * times, np.nan)
+    return replace(runs, turn_errors=errors, turns_sure=sure, **kept)
 
 
 def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Floats:
-    """Return the distance of states in the norm of the step control, relative to that of ``y``.
-
-    Arrays have the shapes (runs, n_state), twice, and (runs, n_constants).
-    """
+    """Return the distance of states in the norm of the step control, relative to that of ``y``."""
     change, here, q = (y - other).T, y.T, constants.T
     if model.name == REDUCED.name:
         norm: Any = model.error

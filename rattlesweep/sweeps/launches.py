@@ -31,14 +31,7 @@ MOST_APART = 0.02  # change of the spin up to which its first probes tell pitch 
 
 @dataclass(frozen=True)
 class Launches:
-    """Runs that are ready to be integrated; all arrays have one entry a run.
-
-    A launch has the spin `n_i` and an oscillation of size `omega_xy0` in the direction `psi`.
-    `modes` are those without spin, `gh` is Garcia and Hubbard's spin, `n_0` the spin that would
-    hold all the energy, `n_c1` Bondi's threshold (NaN: none), `t_end` the horizon (not finite:
-    none), `dead` the share of the launch's energy below which a body is dead.  `sigma`, `rolling`
-    and `dead` are None in a sweep without dissipation.
-    """
+    """Runs that are ready to be integrated; all arrays have one entry a run."""
 
     case: Integers
     sample: Integers
@@ -48,12 +41,12 @@ class Launches:
     psi: Floats
     modes: theory.Modes
     gh: theory.GarciaHubbard
-    n_0: Floats
-    n_c1: Floats
-    t_end: Floats
-    sigma: Floats | None = None
+    n_0: Floats  # spin that would hold all the energy
+    n_c1: Floats  # NaN: none
+    t_end: Floats  # not finite: none
+    sigma: Floats | None = None  # without dissipation None, as the next two
     rolling: Floats | None = None
-    dead: Floats | None = None
+    dead: Floats | None = None  # share of the launch's energy below which a body is dead
 
     @property
     def spin_scale(self) -> Floats:
@@ -70,12 +63,11 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
         b = replace(b, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
 
     def natural(value: Quantity) -> Floats:
-        """Return a value in the units of each body."""
         assert b.scale is not None
         return b.scale.natural(value, value.kind)
 
     def value(name: str) -> Floats:
-        """Return what rows of a table say, or the config of all bodies, or else each case."""
+        # What rows of a table say, or the config of all bodies, or else each case.
         own: Floats | None = getattr(b, name)
         if own is None and name in config.in_si and getattr(plan.cases[0], name) is None:
             own = natural(config.in_si[name][0])
@@ -93,7 +85,11 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
         p, q, x, y, _ = full.from_vectors(b.u.T, (b.omega - n_i[:, None] * b.u).T)
         speed = np.sqrt(full.oscillation.py_func(p, q, x, y, ix, iy, *curvature) / iz)
         gh = replace(gh, speed=speed)
-        n_0 = np.sqrt(2 * _energy(b, b.omega, b.u) / b.gamma)
+        energy = np.vectorize(stone.energy.py_func, otypes=[float])
+        start = full.from_vectors(b.u.T, b.omega.T)
+        # An ellipsoid with an infinite semi-axis is a paraboloid.
+        total = energy(*start, ix, iy, iz, *curvature, stone.inverse_semi_axis(b.c))
+        n_0 = np.sqrt(2 * total / b.gamma)
     n_c1 = theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi)
     n_c1 = np.where(b.xi > 0, -n_c1, n_c1)  # mirrored bodies spin steadily with n > 0
     sigma = rolling = dead = None
@@ -106,9 +102,8 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     if horizon.t_rgh is not None:
         # A launch without t_rGH, which is NaN, has the others.
         t_end = np.fmin(t_end, horizon.t_rgh * gh.t_rgh)
-    if horizon.t is not None:
-        in_si = isinstance(horizon.t, Quantity)
-        t_end = np.minimum(t_end, natural(horizon.t) if in_si else horizon.t)
+    if (t := horizon.t) is not None:
+        t_end = np.minimum(t_end, natural(t) if isinstance(t, Quantity) else t)
     if horizon.t_decay is not None and sigma is not None:
         with np.errstate(divide="ignore"):
             t_end = np.minimum(t_end, horizon.t_decay * b.gamma / sigma)
@@ -117,16 +112,6 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     return Launches(
         case, sample, b, n_i, omega_xy0, psi, modes, gh, n_0, n_c1, t_end, sigma, rolling, dead
     )
-
-
-def _energy(bodies: Bodies, omega: Floats, u: Floats) -> Floats:
-    """Return the energies of full states, above that of a body upright and at rest."""
-    b = bodies
-    constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
-    # An ellipsoid with an infinite semi-axis is a paraboloid.
-    energy = np.vectorize(stone.energy.py_func, otypes=[float])
-    state = full.from_vectors(u.T, omega.T)
-    return np.asarray(energy(*state, *constants, stone.inverse_semi_axis(b.c)))
 
 
 def model_of(config: Config) -> Model:
@@ -140,8 +125,9 @@ def model_of(config: Config) -> Model:
 
 def make_batch(launches: Launches, model: str) -> Batch | None:
     """Return the batch of a model; None for the closed form, which needs no integration."""
-    make = {"full": full_batch, "reduced": reduced_batch}.get(model)
-    return None if make is None else make(launches)
+    if model == "gh":
+        return None
+    return full_batch(launches) if model == "full" else reduced_batch(launches)
 
 
 def ending_early(batch: Batch, launches: Launches) -> Batch:
@@ -156,9 +142,8 @@ def ending_early(batch: Batch, launches: Launches) -> Batch:
 def full_batch(launches: Launches) -> Batch:
     """Return the batch for the full dynamics."""
     b = launches.bodies
-    if b.omega is None or b.u is None:
-        y0 = theory.full_state(launches.n_i, launches.omega_xy0, launches.psi)
-    else:
+    y0 = theory.full_state(launches.n_i, launches.omega_xy0, launches.psi)
+    if b.omega is not None and b.u is not None:
         y0 = np.ascontiguousarray(full.from_vectors(b.u.T, b.omega.T).T)
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
     sigma, rolling = launches.sigma, launches.rolling
@@ -177,48 +162,35 @@ def full_batch(launches: Launches) -> Batch:
         y0 = np.concatenate([y0, np.zeros((len(y0), 1))], axis=1)
     oscillation = b.gamma * (launches.gh.n_0**2 - launches.n_i**2)
     return Batch(
-        y0=y0,
-        constants=np.stack([*constants, *more], axis=1),
+        y0=y0, constants=np.stack([*constants, *more], axis=1),
         probe=np.concatenate([probe.real, probe.imag], axis=1),
-        t_end=launches.t_end,
-        swing=2 * fastest,
+        t_end=launches.t_end, swing=2 * fastest, rate=2 * fastest * oscillation / b.gamma,
         relevant=np.abs(np.where(pitch, modes.pitch.imag, modes.roll.imag)),
-        rate=2 * fastest * oscillation / b.gamma,
-        window=_windows(launches.t_end, slower),
-        first_mark=MARK_PERIODS * 2 * np.pi / slower,
-        scale=launches.spin_scale,
-        tapped=launches.n_i == 0,
+        window=_windows(launches.t_end, slower), first_mark=MARK_PERIODS * 2 * np.pi / slower,
+        scale=launches.spin_scale, tapped=launches.n_i == 0,
         dead=np.zeros(0) if launches.dead is None else launches.dead,
-    )
+    )  # fmt: skip
 
 
 def reduced_batch(launches: Launches) -> Batch:
     """Return the batch for the reduced dynamics; ``I_eff = I_zz`` as in Eq. def-n0."""
     b, m = launches.bodies, launches.modes
-    e_p, e_r = reduced.mode_energies(
-        b.alpha, b.beta, m.psi_p, m.psi_r, launches.omega_xy0, launches.psi
-    )
-    pitch = theory.unsteady(m.K_p, launches.n_i)
-    n_0 = launches.gh.n_0
+    directions = m.psi_p, m.psi_r, launches.omega_xy0, launches.psi
+    e_p, e_r = reduced.mode_energies(b.alpha, b.beta, *directions)
+    pitch, n_0 = theory.unsteady(m.K_p, launches.n_i), launches.gh.n_0
     rate = np.maximum(np.abs(m.K_p), np.abs(m.K_r)) * n_0
     return Batch(
         y0=np.stack([launches.n_i, e_p, e_r], axis=1),
         constants=np.stack([m.K_p, m.K_r, b.gamma], axis=1),
         probe=np.stack([pitch, ~pitch], axis=1).astype(float),
-        t_end=launches.t_end,
-        swing=rate,
-        relevant=np.zeros(len(rate)),
-        rate=rate * n_0,
-        window=_windows(launches.t_end, np.full(len(rate), np.inf)),
-        first_mark=launches.t_end,
-        scale=launches.spin_scale,
-        tapped=launches.n_i == 0,
-    )
+        t_end=launches.t_end, swing=rate, relevant=np.zeros(len(rate)), rate=rate * n_0,
+        window=_windows(launches.t_end, np.full(len(rate), np.inf)), first_mark=launches.t_end,
+        scale=launches.spin_scale, tapped=launches.n_i == 0,
+    )  # fmt: skip
 
 
 def _windows(t_end: Floats, slower: Floats) -> Floats:
-    """Return the lengths of windows: equal parts of the horizon of at least a few periods each."""
-    # Not t_end / period: the reduced model has no oscillation, and so an infinite frequency here.
+    # Equal parts of the horizon; the reduced model has an infinite frequency here.
     parts = np.clip(np.floor(t_end * slower / (WINDOW_PERIODS * 2 * np.pi)), 1, N_WINDOWS)
     return np.where(np.isfinite(t_end), t_end / parts, 1.0)
 
@@ -227,8 +199,8 @@ def _windows(t_end: Floats, slower: Floats) -> Floats:
 class Launch:
     """One run as a user asks for it, in the words of a config.
 
-    Without `t_end` the horizon is 5 t_rGH of the spin's own direction.  `e_p0` and `e_r0` are
-    initial energies of pitch and roll in the reduced model, in ``M g a``, instead of the launch's.
+    Without `t_end` the horizon is 5 t_rGH.  `e_p0` and `e_r0` are initial energies of pitch and
+    roll in the reduced model, in ``M g a``, instead of the launch's.
     """
 
     body: Rattleback
@@ -251,9 +223,9 @@ def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
     """Return whether a launch is a full state; refuse half of one, and one beside a spin."""
     if omega is None and u is None:
         return False
-    if given := [name for name, value in spin.items() if value is not None]:
-        told = f"{' and '.join(given)} given with a full state"
-        raise ConfigError(f"{told}; keep omega and u, or n_i, omega_xy0 and psi")
+    if given := " and ".join(name for name, value in spin.items() if value is not None):
+        keep = "keep omega and u, or n_i, omega_xy0 and psi"
+        raise ConfigError(f"{given} given with a full state; {keep}")
     if omega is None:
         raise ConfigError("omega: missing; a full state has omega and u")
     return True
@@ -262,22 +234,21 @@ def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
 def plan_of(run: Launch, source: TableBodies | None = None) -> Plan:
     """Return the sweep of one body, or of the bodies, launches and dissipation of `source`."""
     c = run.body.c
-    bodies: dict[str, Any] = {"source": "preset", "name": "GH"}
     if source is not None:
-        bodies = {"source": "table", "path": "the table is in memory"}
+        bodies: dict[str, Any] = {"source": "table", "path": "the table is in memory"}
         bodies |= {"surface": "ellipsoid"} if source.has_semi_axes else {}
-    elif c is not None:
-        bodies |= {"surface": "ellipsoid", "c": c}
+    else:
+        bodies = {"source": "preset", "name": "GH"}
+        bodies |= {} if c is None else {"surface": "ellipsoid", "c": c}
     how = "spin"
     given: dict[str, Any] = {"n_i": run.n_i, "omega_xy0": run.omega_xy0, "psi": run.psi}
     if is_full_state(run.omega, run.u, given):
-        state = {"omega": run.omega, "u": run.u}
-        how, given = "launch", {k: None if v is None else list(v) for k, v in state.items()}
+        how, given = "launch", {"omega": run.omega, "u": run.u}
     elif run.t_end is None and run.n_i == 0:
         raise ConfigError("t_end: missing; a launch without spin has no t_rGH")
     config = parse_config({
         "bodies": bodies,
-        how: {name: value for name, value in given.items() if value is not None},
+        how: {k: list(v) if how == "launch" else v for k, v in given.items() if v is not None},
         "model": run.model,
         "horizon": {"t_rgh": 5.0} if run.t_end is None else {"t": run.t_end},
         "integrator": dict(run.integrator),
@@ -289,14 +260,13 @@ def plan_of(run: Launch, source: TableBodies | None = None) -> Plan:
         return make_plan(config, source=source.with_surface(config.bodies))
     # The body itself, which was checked when it was made, takes the place of the preset.
     names = PARAMETERS if c is None else (*PARAMETERS, "c")
-    one = GridBodies({name: getattr(run.body, name) for name in names}, {})
-    return make_plan(config, source=one)
+    return make_plan(config, source=GridBodies({x: getattr(run.body, x) for x in names}, {}))
 
 
 def single_run(run: Launch) -> tuple[Config, Launches, Batch | None]:
     """Return config, launch and batch of one run, as a sweep has them; no batch for ``gh``."""
-    plan = plan_of(run)
-    launches = prepare(plan, np.zeros(1, np.int64), np.zeros(1, np.int64))
+    plan, first = plan_of(run), np.zeros(1, np.int64)
+    launches = prepare(plan, first, first)
     batch = make_batch(launches, run.model)
     if batch is not None and run.model == "reduced":
         batch = with_energies(batch, run.e_p0, run.e_r0)
@@ -307,9 +277,8 @@ def with_energies(batch: Batch, e_p0: float | None, e_r0: float | None) -> Batch
     """Return a batch of the reduced model with other initial energies, where they are given."""
     y0 = batch.y0.copy()
     for column, name, value in ((1, "e_p0", e_p0), (2, "e_r0", e_r0)):
-        if value is None:
-            continue
-        if not 0 <= value <= MAX_SPEED**2:
-            raise ConfigError(f"{name} {value:g}: from 0 to {MAX_SPEED**2:g} M g a is allowed")
-        y0[:, column] = value
+        if value is not None:
+            if not 0 <= value <= MAX_SPEED**2:
+                raise ConfigError(f"{name} {value:g}: from 0 to {MAX_SPEED**2:g} M g a is allowed")
+            y0[:, column] = value
     return replace(batch, y0=y0)

@@ -1,7 +1,4 @@
-"""Plans that were checked: theory judges a few thousand runs, and nothing is integrated.
-
-Random bodies are drawn in NumPy, as the compiled sampler may redraw for hours.
-"""
+"""Plans that were checked: theory judges a few thousand runs, and nothing is integrated."""
 
 from __future__ import annotations
 
@@ -38,10 +35,9 @@ SEED = 2017
 def plan_frame(
     frame: pd.DataFrame, output: Path | None, keys: Mapping[str, Any]
 ) -> tuple[Plan, Path, Path, list[str]]:
-    """Plan a sweep of the rows of a DataFrame and keep them in its directory.
+    """Plan a sweep of the rows of a DataFrame, and keep them in its directory if it could begin.
 
-    Nothing is written there unless the whole sweep could begin.  Return the plan, where the runs
-    go, where the table is, and the warnings of `checked_plan`.
+    Return the plan, where the runs go, where the table is, and the warnings of `checked_plan`.
     """
     if "bodies" in keys:
         raise ConfigError("bodies: the DataFrame gives them already; leave the key out")
@@ -64,9 +60,9 @@ def plan_frame(
 def checked_plan(
     config: Config, base: Path | None = None, source: Source | None = None
 ) -> tuple[Plan, list[str]]:
-    """Return the plan of a config (:func:`rattlesweep.sweeps.plan.make_plan`) and its warnings.
+    """Return the plan of a config and its warnings, each as place, key and sentence.
 
-    Raise a ConfigError if no run can be right; like a warning, each line is place, key, sentence.
+    Raise a ConfigError if no run can be right.
     """
     with config.locating():
         plan = make_plan(config, base, source)
@@ -94,9 +90,8 @@ def _doubts(config: Config, launches: Launches, words: str) -> Iterator[tuple[Ke
     """Yield what makes little sense of some runs, by keys; raise if none has a horizon."""
 
     def told(mask: Flags) -> str:
-        return (
-            f"{'all' if mask.all() else mask.sum()} of {words}" if len(mask) > 1 else "the only run"
-        )
+        many = f"{'all' if mask.all() else mask.sum()} of {words}"
+        return many if len(mask) > 1 else "the only run"
 
     t_end, t_rgh, horizon = launches.t_end, launches.gh.t_rgh, config.horizon
     endless, early = ~np.isfinite(t_end), t_end < t_rgh  # without spin there is no t_rGH but NaN
@@ -109,18 +104,18 @@ def _doubts(config: Config, launches: Launches, words: str) -> Iterator[tuple[Ke
     elif early.mean() >= 0.5 and horizon.t_decay is None:
         own = launches.bodies.t_end is not None
         key = ("bodies", "path") if own else ("horizon", "t" if horizon.t else "t_rgh")
-        message = (
-            f"the horizon comes before t_rGH, the time of reversal by theory, in {told(early)}"
-        )
-        message += ", and few will be of type R; give t_rgh above 1, or t above "
+        message = "the horizon comes before t_rGH, the time of reversal by theory, in "
+        message += f"{told(early)}, and few will be of type R; give t_rgh above 1, or t above "
         yield key, f"{message}{np.nanmedian(t_rgh):.3g}, the median of t_rGH"
 
 
 class DrawnBodies:
-    """A source of random bodies, whatever the target, which must be within their reach."""
+    """Random bodies, drawn in NumPy, as the compiled sampler may redraw for hours.
 
-    samples = RUNS
-    fields = ()
+    Whatever the target, which must be within their reach.
+    """
+
+    samples, fields = RUNS, ()
 
     def __init__(self, config: Config, source: SdSource) -> None:
         ranges, target = ranges_of(source), source.target

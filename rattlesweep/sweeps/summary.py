@@ -13,13 +13,8 @@ import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.physics.theory import unsteady
-from rattlesweep.sweeps.columns import (
-    build_table,
-    floats,
-    read_parquet,
-    summary_schema,
-    write_parquet,
-)
+from rattlesweep.sweeps import columns as tables
+from rattlesweep.sweeps.columns import floats
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.decide import decides, nearest_rows
 from rattlesweep.sweeps.stored import Case
@@ -43,16 +38,10 @@ def columns_for(config: Config) -> tuple[str, ...]:
     return (*COLUMNS, *errors, *losses, *contact)
 
 
-def is_sensitive(t_r_error: Any, t_r: Any) -> Any:
-    """Return whether runs are sensitive; NaN is not."""
-    return t_r_error > SENSITIVE * t_r
-
-
 class Moments:
     """Count, mean and deviation of values by cell.
 
-    Sums are of differences from the first value of each cell, so that a mean far larger than the
-    deviation costs no digits.
+    By differences from the first value of each, so that a mean far larger costs no digits.
     """
 
     def __init__(self, cells: int) -> None:
@@ -97,8 +86,8 @@ class Counts:
         # Runs in the steady direction that have a theory and no dissipation, and of these the ones
         # past Bondi's threshold, abs(n_c1) < abs(n_i).
         self.steady, self.bondi = zeros(2)
-        # Of the runs that are ok, those of each type, and of these the ones whose type is not sure;
-        # of D only with dissipation; those that need more friction or lift off.
+        # Of the runs that are ok, those of each type, of D only with dissipation; those whose type
+        # is not sure; those that need more friction or lift off.
         self.types = dict(zip(TYPES[:DEAD], zeros(DEAD), strict=True))
         self.unsure_types = dict(zip(TYPES[:DEAD], zeros(DEAD), strict=True))
         self.contact = dict(zip((*FRICTION, "share_lift_off"), zeros(3), strict=True))
@@ -107,7 +96,7 @@ class Counts:
         self.has_errors = self.has_contact = False  # whether rows tell
 
     def add(self, rows: pa.RecordBatch | pa.Table, cell: Integers, weight: Any = None) -> None:
-        """Count more runs, each in its cell and, if told, as so many; none in a negative cell."""
+        """Count more runs, each in its cell, as so many; none in a negative cell."""
         kept, names = cell >= 0, rows.schema.names
         cell = cell[kept]
         weight = np.ones(len(cell), np.int64) if weight is None else weight[kept]
@@ -145,7 +134,7 @@ class Counts:
         if "t_r_error" in names:
             self.has_errors, error = True, column("t_r_error")
             average(self.t_r_error, error, reverses & np.isfinite(error))
-            count(self.sensitive, reverses & is_sensitive(error, t_r))
+            count(self.sensitive, reverses & (error > SENSITIVE * t_r))
             for name, into in self.unsure_types.items():
                 count(into, (column("type_sure") == 0) & (kind == TYPES.index(name)))
         if "contact_ratio_max" in names:
@@ -164,8 +153,7 @@ def count_cases(stored: Stored) -> Counts:
     """Return the runs of a sweep on disk, counted by case.
 
     In a refined sweep each run counts for all points of the finest grid that it is the nearest one
-    to, in the case of the point: plain shares would be those of the boundaries.  ``runs`` and
-    ``failed`` count what was done.
+    to: plain shares would be those of the boundaries.  ``runs`` and ``failed`` count what was done.
     """
     cases, names = len(stored.cases), ("case", *columns_for(stored.config))
     counts = Counts(cases)
@@ -182,50 +170,44 @@ def count_cases(stored: Stored) -> Counts:
 
 
 def summarise(stored: Stored) -> pa.Table:
-    """Return one row a case, of :func:`summary_schema`; of nothing stored, with 0 runs."""
+    """Return one row a case; of nothing stored, with 0 runs."""
     return summary_table(stored.cases, count_cases(stored))
 
 
 def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     """Return the summary of cases whose runs are counted."""
-    schema, ok = summary_schema(), counts.ok
+    schema, ok = tables.summary_schema(), counts.ok
     columns: dict[str, Any] = {field.name: pa.nulls(len(cases), field.type) for field in schema}
     for name in ("K_p", "K_r"):
-        columns[name] = np.array(
-            [c.target if c.target_name == name else None for c in cases], float
-        )
+        targets = [case.target if case.target_name == name else None for case in cases]
+        columns[name] = np.array(targets, float)
     for name in ("n_i", "omega_xy0", "sigma", "rolling"):
         columns[name] = np.array([getattr(case, name) for case in cases], float)
     columns |= {f"fraction_{name}": share(part, ok) for name, part in counts.types.items()}
+    columns |= {name: getattr(counts, name) for name in ("runs", "failed", "near_tangencies")}
     columns |= {
         "case": np.arange(len(cases)),
-        "runs": counts.runs,
         "fraction_bondi": share(counts.bondi, counts.steady),
-        "t_r_mean": counts.t_r.means(),
-        "t_r_std": counts.t_r.deviations(),
-        "t_rgh_mean": counts.t_rgh.means(),
-        "t_r_over_t_rgh_mean": counts.ratio.means(),
-        "t_r_over_t_rgh_sem": counts.ratio.errors(),
-        "failed": counts.failed,
-        "near_tangencies": counts.near_tangencies,
-        "t_r_mean_error": counts.t_r_error.means(),
-    }
+        "t_r_mean": counts.t_r.means(), "t_r_std": counts.t_r.deviations(),
+        "t_rgh_mean": counts.t_rgh.means(), "t_r_mean_error": counts.t_r_error.means(),
+        "t_r_over_t_rgh_mean": counts.ratio.means(), "t_r_over_t_rgh_sem": counts.ratio.errors(),
+    }  # fmt: skip
     if counts.has_errors:
         columns |= {"sensitive": counts.sensitive, "unsure": counts.unsure}
     if counts.has_contact:
         columns |= {name: share(part, ok) for name, part in counts.contact.items()}
-    return build_table(columns, schema)
+    return tables.build_table(columns, schema)
 
 
 def read_summary(stored: Stored) -> pa.Table:
     """Return one row a case: ``summary.parquet``, or what the rows so far come to."""
     path = stored.directory / "summary.parquet"
-    return read_parquet(path) if path.exists() else summarise(stored)
+    return tables.read_parquet(path) if path.exists() else summarise(stored)
 
 
 def write_summary(stored: Stored, table: pa.Table) -> None:
     """Write ``summary.parquet``, whole or not at all."""
-    write_parquet(table, stored.directory / "summary.parquet")
+    tables.write_parquet(table, stored.directory / "summary.parquet")
 
 
 def same_summary(one: pa.Table, other: pa.Table) -> bool:

@@ -2,9 +2,7 @@
 
 R: the spin reached zero by the horizon.  D: too little energy is left for anything more.  Otherwise
 SS: the amplitude of the relevant oscillation decayed monotonically.  Otherwise SW: the spin left
-its plateau.  These follow from stored numbers, so that runs can be typed again: ``amp_growth``, the
-largest ratio of a window's amplitude to the smallest of an earlier one, minus 1, and
-``n_departure``, the largest fractional loss of spin.
+its plateau.  These follow from stored numbers, so that runs can be typed again.
 """
 
 from __future__ import annotations
@@ -28,13 +26,9 @@ Z95 = 1.959963984540054  # quantile of the normal distribution for two-sided 95 
 
 
 def classify(
-    ok: Flags,
-    t_r: Floats,
-    amp_growth: Floats,
-    n_departure: Floats,
-    thresholds: Classify,
+    ok: Flags, t_r: Floats, amp_growth: Floats, n_departure: Floats, thresholds: Classify,
     energy_left: Floats | None = None,
-) -> NDArray[np.int8]:
+) -> NDArray[np.int8]:  # fmt: skip
     """Return the places of types in :data:`TYPES`; -1 where a run is not ok.
 
     The arguments are columns, NaN for null: a run too short for two windows has no ``amp_growth``.
@@ -46,16 +40,12 @@ def classify(
 
 
 def sure_types(
-    codes: NDArray[np.int8],
-    reversal_sure: Flags,
-    observed: tuple[Floats, Floats],
-    errors: tuple[Floats, Floats],
-    thresholds: Classify,
-) -> Flags:
-    """Return whether types survive errors of this size.
+    codes: NDArray[np.int8], reversal_sure: Flags, observed: tuple[Floats, Floats],
+    errors: tuple[Floats, Floats], thresholds: Classify,
+) -> Flags:  # fmt: skip
+    """Return whether types survive `errors` of the `observed` ``amp_growth`` and ``n_departure``.
 
-    `observed` are ``amp_growth`` and ``n_departure``, `errors` those of their columns; of a run of
-    type R or D only `reversal_sure` counts.
+    Of a run of type R or D only `reversal_sure` counts.
     """
     (growth, departure), (growth_error, departure_error) = observed, errors
     beyond = np.abs(growth - thresholds.ss_growth)
@@ -74,9 +64,9 @@ def sure_types(
 
 def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
     """Return stored runs with the types that their numbers give, and whether these are sure."""
-    names = ("t_r", "amp_growth", "n_departure", "energy_left", "amp_growth_error",
-             "n_departure_error")  # fmt: skip
-    x = {name: floats(rows.column(name)) for name in names if name in rows.schema.names}
+    names = {"t_r", "amp_growth", "n_departure", "energy_left"}
+    names |= {"amp_growth_error", "n_departure_error"}
+    x = {name: floats(rows.column(name)) for name in names & set(rows.schema.names)}
     observed = x["amp_growth"], x["n_departure"]
     ok = pc.equal(rows.column("status"), "ok").to_numpy()
     codes = classify(ok, x["t_r"], *observed, thresholds, x.get("energy_left"))
@@ -95,10 +85,7 @@ def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
 
 
 def is_chaotic(lyapunov_late: ArrayLike, t_end: ArrayLike) -> Flags:
-    """Return whether differences grow by more than e^10 in the second half of a run.
-
-    The instability by which wobbling sets in multiplies them by some hundreds at most.
-    """
+    """Return whether differences grow by more than e^10 in the second half of a run."""
     growth = np.asarray(lyapunov_late, dtype=float) * np.asarray(t_end, dtype=float) / 2
     return np.asarray(growth > LEAST_GROWTH)
 
@@ -106,8 +93,7 @@ def is_chaotic(lyapunov_late: ArrayLike, t_end: ArrayLike) -> Flags:
 def codes(column: pa.Array, words: Sequence[str] = TYPES) -> Integers:
     """Return the place of each entry in `words`, -1 for others and null."""
     found = pc.fill_null(pc.index_in(column, pa.array(words)), -1)
-    values: Integers = found.to_numpy(zero_copy_only=False).astype(np.int64)
-    return values
+    return np.asarray(found.to_numpy(zero_copy_only=False).astype(np.int64))
 
 
 def share(part: ArrayLike, whole: ArrayLike) -> Floats:
@@ -118,10 +104,7 @@ def share(part: ArrayLike, whole: ArrayLike) -> Floats:
 
 
 def wilson(part: ArrayLike, whole: ArrayLike, z: float = Z95) -> tuple[Floats, Floats]:
-    """Return the interval of a share, by default of 95 %; NaN where there is nothing.
-
-    Source: E. B. Wilson, J. Am. Stat. Assoc. 22, 209 (1927).
-    """
+    """Return the interval of a share (Wilson, J. Am. Stat. Assoc. 22, 209), NaN of nothing."""
     part, whole = np.asarray(part, float), np.asarray(whole, float)
     p, weight = share(part, whole), share(np.full(part.shape, z * z), whole)
     centre = (p + weight / 2) / (1 + weight)

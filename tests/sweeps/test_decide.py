@@ -66,7 +66,9 @@ def done(tmp_path_factory) -> dict[str, Path]:
 def test_wanted_is_found_from_any_rows_in_any_order(name, done):
     """From none to all, wave by wave, with rows that nobody asked for, and in pieces."""
     plan, dice = plan_of(CONFIGS[name]), np.random.default_rng(4)
-    rows, every = open_stored(done[name]).read(), integrate_plan(plan_of(without(CONFIGS[name])))
+    bodies = {k: v for k, v in CONFIGS[name]["bodies"].items() if k != "refine"}
+    whole = {k: v for k, v in CONFIGS[name].items() if k != "stop"} | {"bodies": bodies}
+    rows, every = open_stored(done[name]).read(), integrate_plan(plan_of(whole))
     there = np.zeros((len(plan.cases), plan.samples), bool)
     there[rows["case"].to_numpy(), rows["sample"].to_numpy()] = True
     waves = {0}
@@ -86,12 +88,6 @@ def test_wanted_is_found_from_any_rows_in_any_order(name, done):
             known.add(every.take(pa.array(case[some] * plan.samples + sample[some])))
         assert np.array_equal(wanted, there)
     assert len(waves) > 3
-
-
-def without(config: dict[str, Any]) -> dict[str, Any]:
-    """The config that leaves nothing out."""
-    bodies = {k: v for k, v in config["bodies"].items() if k != "refine"}
-    return {k: v for k, v in config.items() if k != "stop"} | {"bodies": bodies}
 
 
 def fresh(plan: Any) -> Stopping | Refining:
@@ -122,18 +118,6 @@ def test_stopped_again_and_again_in_any_order_with_harm(name, done, tmp_path):
     check_equal(tmp_path, done[name])
 
 
-def filled(directory: Path, names: list[str]) -> pa.Table:
-    """All points of the grid, those that were left out with the columns of the nearest run."""
-    stored = open_stored(directory)
-    rows = stored.read(names)
-    return pa.concat_tables(
-        rows.take(pa.array(nearest))
-        .append_column("at_case", pa.array(np.full(len(nearest), case)))
-        .append_column("at_sample", pa.array(np.arange(len(nearest))))
-        for case, nearest in nearest_rows(stored)
-    )
-
-
 def test_a_fraction_of_the_runs_gives_the_same_map(full, done):
     output = done["refine by type"]
     proved(output, recompute=20)
@@ -141,9 +125,11 @@ def test_a_fraction_of_the_runs_gives_the_same_map(full, done):
     at = some["case"].to_numpy().astype(int) * 61 + some["sample"].to_numpy()
     assert same_bits(some, full.take(pa.array(at)))
     assert len(some) < POINTS / 4
-    shown, types = filled(output, ["type"]), full["type"].to_numpy()
+    # All points of the grid, those that were left out with the type of the nearest run.
+    nearest = np.concatenate([rows for _, rows in nearest_rows(open_stored(output))])
+    shown, types = some["type"].to_numpy()[nearest], full["type"].to_numpy()
     assert len(set(types)) == 3
-    assert np.mean(shown["type"].to_numpy() != types) < 0.002
+    assert np.mean(shown != types) < 0.002
 
 
 def test_the_summary_is_that_of_the_grid_and_not_of_its_boundaries(full, done):

@@ -47,11 +47,6 @@ def table(folder: Path, *lines: str, **source: Any) -> dict[str, Any]:
     return GH | {"bodies": {"source": "table", "path": str(path)} | source}
 
 
-def written(folder: Path, config: Any) -> Path:
-    (folder / "c.yaml").write_text(json.dumps(config))
-    return folder / "c.yaml"
-
-
 def test_a_horizon_in_units_of_the_decay():
     def ends(sigma: list[float], **horizon: float) -> Any:
         plan = plan_of(GH, dissipation={"sigma": sigma}, horizon=horizon)
@@ -87,11 +82,9 @@ def test_columns_are_those_of_each_run(swept, tmp_path):
     assert (runs[sigma == 0.2].type == "D").any()
     # A run is what it is alone: the same kernel gives the same bits.
     own = CONFIG | {"dissipation": {"sigma": 0.2, "rolling": 1e-3}}
-    one = rs.sweep(own, output=tmp_path).runs
+    one = rs.sweep(own, output=tmp_path).runs.drop(columns="case")
     same = runs[(sigma == 0.2) & (rolling == 1e-3)].reset_index(drop=True)
-    pd.testing.assert_frame_equal(
-        one.drop(columns="case"), same.drop(columns="case"), check_exact=True
-    )
+    pd.testing.assert_frame_equal(one, same[list(one)], check_exact=True)
 
 
 # -- bodies whose energy is gone do not reverse: by every door, type D and no t_r --------------
@@ -101,26 +94,27 @@ DYING = {
     "spin": {"n_i": 0.1, "omega_xy0": 0.01},
     "dissipation": {"sigma": [0.3, 3.0, 10.0]},
     "horizon": {"t": 2000},
+    "record": ["reversals", "error"],
 }
 
 
-@pytest.mark.parametrize("sigma", [0.3, 3.0, 10.0, 1e6])
+@pytest.mark.parametrize("sigma", [0.3, 1e6])
 def test_a_single_dying_body(sigma):
     """The spin of each passes through zero, at sizes of 1e-26 to 0."""
     launch = {"n_i": 0.1, "omega_xy0": 0.01, "sigma": sigma, "t_end": 2000}
     run = rs.simulate("GH", **launch)
     assert (run.type, run.t_r, run.status) == ("D", None, "ok")
-    if sigma > 10:
-        return  # a trajectory of it takes 1e8 steps
-    path = rs.trajectory("GH", **launch, points=2)
-    assert (path.status, len(path.zeros), len(path.reversals)) == ("ok", 0, 0)
+    if sigma < 1:  # a trajectory of the other takes 1e8 steps
+        path = rs.trajectory("GH", **launch, points=2)
+        assert (path.status, len(path.zeros), len(path.reversals)) == ("ok", 0, 0)
 
 
 def test_a_dying_sweep_and_its_threshold(tmp_path):
-    plain = rs.sweep(DYING, output=tmp_path)
-    assert plain.runs.type.tolist() == ["D"] * 3
-    assert plain.runs.t_r.isna().all()
-    assert (plain.runs.energy_left.abs() < 0.01).all()
+    runs = rs.sweep(DYING, output=tmp_path).runs
+    assert runs.type.tolist() == ["D"] * 3
+    assert runs.n_turns.tolist() == [0] * 3
+    assert runs[["t_r", "t_r_error"]].isna().all(axis=None)
+    assert (runs.energy_left.abs() < 0.01).all()
     assert len(rs.replay(tmp_path, 1, 0, points=2).zeros) == 0
     with pytest.raises(ConfigError, match="needs a new sweep"):
         classify_stored(tmp_path, ["classify.dead_energy=0.5"])
@@ -128,25 +122,15 @@ def test_a_dying_sweep_and_its_threshold(tmp_path):
         rs.sweep(DYING | {"classify": {"dead_energy": 0.5}}, output=tmp_path)
 
 
-def test_recorded_reversals_and_errors(tmp_path):
-    runs = rs.sweep(DYING | {"record": ["reversals", "error"]}, output=tmp_path).runs
-    assert runs.type.tolist() == ["D"] * 3
-    assert runs.n_turns.tolist() == [0] * 3
-    assert runs[["t_r", "t_r_error"]].isna().all(axis=None)
-
-
 def test_a_larger_share_kills_earlier(tmp_path):
     """The same zero is a reversal while the body lives."""
-    one = DYING | {"dissipation": {"sigma": 0.01}}
+    one = DYING | {"dissipation": {"sigma": 0.01}, "record": []}
     alive = rs.sweep(one, output=tmp_path / "alive").runs.iloc[0]
     assert alive.type == "R"
     share = min(0.99, 1.001 * alive.energy_left)
     dead = rs.sweep(one | {"classify": {"dead_energy": share}}, output=tmp_path / "dead").runs
     assert (dead.type[0], dead.t_end[0]) == ("D", alive.t_end)
     assert np.isnan(dead.t_r[0])
-
-
-# -- tables ------------------------------------------------------------------------------------
 
 
 def test_the_runs_of_a_sweep_are_a_table_that_says_it_row_by_row(tmp_path, swept):
@@ -201,5 +185,7 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(name, tmp_path):
     else:
         column, cell, rest, words = REFUSED_TABLES[name]
         config = table(tmp_path, f"{HEAD},{column}", f"{ROW},{cell}") | rest
-    assert_refused(invoke("run", written(tmp_path, config), "--output", tmp_path / "out"), 2, words)
+    (tmp_path / "c.yaml").write_text(json.dumps(config))
+    done = invoke("run", tmp_path / "c.yaml", "--output", tmp_path / "out")
+    assert_refused(done, 2, words)
     assert not (tmp_path / "out").exists()

@@ -49,8 +49,7 @@ def test_no_type_changes_and_steady_runs_take_a_fraction_of_their_steps(both):
     # It would have settled at the spin that its energy leaves it.
     early, full = early[some], full[some]
     assert (early.status == "ok").all()
-    assert (early.amp_growth <= 0).all()
-    assert (full.amp_growth <= 0).all()
+    assert (np.maximum(early.amp_growth, full.amp_growth) <= 0).all()
     np.testing.assert_allclose(early.n_end, -early.n_0, rtol=1e-14)
     np.testing.assert_allclose(early.n_end, full.n_end, rtol=1e-3)
     np.testing.assert_allclose(early.n_departure, full.n_departure, atol=1e-12)
@@ -71,19 +70,17 @@ def test_the_same_content_however_it_is_run(both, tmp_path):
     assert content_hash(both / "early") != content_hash(both / "full")
 
 
-def test_from_python_and_for_the_mirror_image(tmp_path):
+def test_for_the_mirror_image(tmp_path):
     """Which is stable in the other direction."""
-    b = rs.Rattleback.gh()
-    spin, early = {"n_i": [-0.5], "omega_xy0": 0.001}, {"classify": {"early": True}}
-    body = [b.alpha, b.beta, b.gamma, 0.95, b.phi]
-    found = []
-    for name, sign, settings in (("full", 1, {}), ("early", 1, early), ("mirrored", -1, early)):
-        table = pd.DataFrame([[*body, sign * b.xi]], columns=list(PARAMETERS))
-        config = {"spin": spin | {"n_i": -0.5 * sign}, "horizon": {"t": 2000.0}, **settings}
-        found.append(rs.sweep(table, output=tmp_path / name, **config).runs.iloc[0])
-    assert [run.type for run in found] == ["SS"] * 3
-    full, early, mirrored = found
-    assert full.t_end == 2000
+    b, found = rs.Rattleback.gh(), []
+    for sign in (1, -1):
+        body = [b.alpha, b.beta, b.gamma, 0.95, b.phi, sign * b.xi]
+        table = pd.DataFrame([body], columns=list(PARAMETERS))
+        spin = {"n_i": -0.5 * sign, "omega_xy0": 0.001}
+        config = {"spin": spin, "horizon": {"t": 2000.0}, "classify": {"early": True}}
+        found.append(rs.sweep(table, output=tmp_path / str(sign), **config).runs.iloc[0])
+    assert [run.type for run in found] == ["SS"] * 2
+    early, mirrored = found
     assert early.t_end < 1000
     assert mirrored.t_end == pytest.approx(early.t_end, rel=1e-2)
     assert mirrored.n_end == pytest.approx(-early.n_end, rel=1e-12)

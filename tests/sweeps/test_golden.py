@@ -37,11 +37,6 @@ THEORY = ("alpha", "beta", "gamma", "theta", "phi", "xi", "f_sd", "n_i", "omega_
           "omega_p", "omega_r", "K_p", "K_r", "n_c1", "n_0", "t_rgh", "energy_0")  # fmt: skip
 
 
-def ordinary(rows: pd.DataFrame) -> pd.Series:
-    """Which runs are not sensitive."""
-    return ~(rows.t_r_error > 1e-6 * rows.t_r)
-
-
 def assert_close(now: pd.DataFrame, then: pd.DataFrame) -> None:
     """Compare all numbers, and those of sensitive runs (docs/accuracy.md) within their errors."""
     assert list(now.columns) == list(then.columns)
@@ -49,7 +44,7 @@ def assert_close(now: pd.DataFrame, then: pd.DataFrame) -> None:
         assert now[name].equals(then[name]), name
     for name in THEORY:
         np.testing.assert_allclose(now[name], then[name], rtol=1e-12, err_msg=name)
-    kept = ordinary(then)
+    kept = ~(then.t_r_error > 1e-6 * then.t_r)
     assert kept.sum() > 0.9 * len(then)
     apart, errors = (now.t_r - then.t_r).abs(), now.t_r_error + then.t_r_error
     assert (apart[~kept] <= errors[~kept]).all()
@@ -68,10 +63,8 @@ def test_the_golden_sweep_comes_out_again(tmp_path):
         assert same_bits(now, golden)
     then = golden.to_pandas()
     assert_close(now.to_pandas(), then)
-    # It holds something of everything.
     assert set(then.type) == {"R", "SS", "SW", "unclassified"}
     assert then.n_i.min() < 0 < then.n_i.max()
-    assert then.n_steps.max() > 20 * then.n_steps.min()
 
 
 @pytest.mark.slow

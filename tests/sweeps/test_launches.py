@@ -13,7 +13,7 @@ import pytest
 from refusal import assert_refused
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-from sweeping import invoke
+from sweeping import invoke, proved
 
 import rattlesweep as rs
 from rattlesweep.integrate.batch import PLATEAU_SHARE
@@ -32,12 +32,11 @@ def sweep(output: Path, **config: Any) -> pd.DataFrame:
 
 def test_an_upright_state_is_the_launch_with_its_spin(tmp_path):
     """The same bits, but for what theory says of the direction and the energy, to rounding."""
-    n, w, psi = -0.3, 0.1, 50.0
-    one = sweep(
-        tmp_path / "spin", spin={"n_i": n, "omega_xy0": w, "psi": psi}, horizon={"t_rgh": 3}
-    )
+    n, w, psi, horizon = -0.3, 0.1, 50.0, {"t_rgh": 3}
+    spin = {"n_i": n, "omega_xy0": w, "psi": psi}
+    one = sweep(tmp_path / "spin", spin=spin, horizon=horizon)
     omega = [w * math.cos(math.radians(psi)), w * math.sin(math.radians(psi)), -n]
-    other = sweep(tmp_path / "state", launch={"omega": omega}, horizon={"t_rgh": 3})
+    other = sweep(tmp_path / "state", launch={"omega": omega}, horizon=horizon)
     near = ["omega_xy0", "psi", "n_0", "t_rgh", "t_end", "amp_growth", "n_i"]
     assert set(one.type) == {"R"}
     same = [name for name in one.columns if name not in near]
@@ -96,11 +95,9 @@ def test_a_sweep_of_states_can_be_had_again(tilted, tmp_path):
     source = {"source": "table", "path": str(directory / "runs")}
     again = rs.sweep({"bodies": source, "horizon": {"t": T_END}}, output=tmp_path / "again").runs
     pd.testing.assert_frame_equal(again, runs, check_exact=True)
-    for command in (
-        ("verify", directory, "--recompute", 7),
-        ("replay", directory, "--where", "u_x > -1 and omega_z < 1", "--points", 2),
-    ):
-        assert invoke(*command).exit_code == 0, command
+    proved(directory, recompute=7)
+    replay = "replay", directory, "--where", "u_x > -1 and omega_z < 1", "--points", 2
+    assert invoke(*replay).exit_code == 0
 
 
 def tapped_oracle(omega_xy0: float, psi: float, t_end: float) -> tuple[float, float]:
@@ -122,8 +119,7 @@ def tapped_oracle(omega_xy0: float, psi: float, t_end: float) -> tuple[float, fl
 @pytest.mark.parametrize("psi", ["pitch", 45.0])
 def test_a_tapped_body_reverses_once_it_has_spun(psi):
     body = rs.Rattleback(**BODY)
-    modes = rs.modes(body)
-    angle = {"pitch": modes.psi_p}.get(psi, math.radians(45.0))
+    angle = {"pitch": rs.modes(body).psi_p}.get(psi, math.radians(45.0))
     tap = {"n_i": 0, "omega_xy0": 0.4, "psi": psi, "t_end": T_TAP[psi]}
     run, path = rs.simulate(body, **tap), rs.trajectory(body, **tap, dt=0.05)
     begin, t_r = tapped_oracle(0.4, angle, T_TAP[psi])
@@ -132,8 +128,7 @@ def test_a_tapped_body_reverses_once_it_has_spun(psi):
     assert run.amp_growth is run.n_departure is None
     assert path.zeros[0] == run.t_r
     # It wobbles about zero before it spins, which is no reversal.
-    table = path.table
-    early = table[(table.t > 0) & (table.t < begin)].n
+    early = path.table.n[path.table.t.between(0, begin, inclusive="neither")]
     assert (np.diff(np.sign(early)) != 0).any() or psi != 45.0
 
 
