@@ -1,8 +1,7 @@
 """The engine of many machines: the workers of a Dask cluster compute blocks.
 
-The driver, which is this process, hands out blocks, a few more than there are workers, and writes
-the tables that come back, so that workers need no disk in common with it.  The blocks of a worker
-that is lost are done by another: a block depends on its keys alone.
+The driver, which is this process, hands out blocks and writes the tables that come back, so that
+workers need no disk in common with it.  The blocks of a worker that is lost are done by another.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import pickle
+import signal
 import socket
 import threading
 import time
@@ -17,12 +17,14 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache, partial
+from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
 from rattlesweep.arrays import Integers
 from rattlesweep.errors import ConfigError, OutputError, one_line
+from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.task import POLL, Task
 from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
 from rattlesweep.sweeps.provenance import versions
@@ -41,14 +43,16 @@ NUMERIC = ("rattlesweep", "numpy", "numba", "llvmlite", "scipy")  # the bits dep
 LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
 
 
-def make_engine(scheduler: str, threads: int | None = None) -> Engine:
-    """Return an engine that uses the workers of the scheduler at an address.
+def make_engine(scheduler: str | None, threads: int | None = None) -> Engine:
+    """Return an engine that uses the workers of a scheduler, or of its own on this machine.
 
     A kernel has by default as many threads as its worker was given (``dask worker --nthreads``).
     A stop loses the blocks under way and frees the workers.
     """
     try:
-        import distributed  # noqa: F401
+        from distributed import Security
+
+        security = Security.temporary() if scheduler is None else None
     except ImportError as error:
         raise ConfigError(
             f"--engine dask: needs Dask ({error}); install it with `pip install '.[dask]'`"
@@ -57,7 +61,7 @@ def make_engine(scheduler: str, threads: int | None = None) -> Engine:
         logging.getLogger(name).setLevel(logging.CRITICAL)
 
     def engine(job: Job, blocks: Iterator[Keys]) -> None:
-        with connected(scheduler) as client:
+        with connected(scheduler) if scheduler else embedded(security, threads or 2) as client:
             # Workers on this machine, or on others that share its cache, then find it compiled.
             Task(lambda _: load_kernel(job.plan.config)).wait(lambda _: job.tick())
             _spread(job, blocks, client, threads)
@@ -66,14 +70,12 @@ def make_engine(scheduler: str, threads: int | None = None) -> Engine:
 
 
 def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | None) -> None:
-    """Hand out blocks and write their rows."""
     import dask
 
     flying: dict[Future, tuple[Keys, str]] = {}  # keys and the worker meant for them
     again: list[Keys] = []  # blocks that were lost with their worker
     workers: dict[str, int] = {}  # threads by address
     due, seen = 0.0, time.monotonic()
-    # The plan is in bytes, so that the scheduler need not make sense of it.
     order = {"versions": versions(), "threads": threads, "plan": pickle.dumps(job.plan)}
     # A task of its own: a worker fetches the result once, and Dask makes it again if all workers
     # that have it are lost, as it would not with scattered data.
@@ -83,9 +85,8 @@ def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | Non
         while True:
             if (now := time.monotonic()) >= due or client.status != "running":
                 workers, due = _workers(client), now + LOOK_EVERY
-                seen = now if workers else seen
             if workers:
-                job.threads = threads or max(workers.values())
+                job.threads, seen = threads or max(workers.values()), now
                 job.begun = job.begun or now
             elif now - seen > WORKERLESS:
                 where = client.scheduler.address
@@ -121,7 +122,6 @@ def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | Non
 
 
 def _workers(client: Client) -> dict[str, int]:
-    """Return the threads of each worker; raise an OutputError if the scheduler is lost."""
     with suppress(OSError, TimeoutError):
         if client.status == "running":
             workers: dict[str, int] = client.sync(client.nthreads, callback_timeout=ANSWER)
@@ -133,12 +133,11 @@ def _workers(client: Client) -> dict[str, int]:
 
 
 def _result(future: Future, keys: Keys) -> tuple[pa.Table, float]:
-    """Return what came of a block; no rows if it was lost together with its worker."""
     from distributed import CancelledError
 
     try:
         answer: tuple[pa.Table, float] = future.result(timeout=ANSWER)
-    except (CancelledError, TimeoutError, OSError):
+    except (CancelledError, TimeoutError, OSError):  # it was lost together with its worker
         return pa.table({}), 0.0
     except (ConfigError, OutputError):
         raise
@@ -149,6 +148,31 @@ def _result(future: Future, keys: Keys) -> tuple[pa.Table, float]:
             f"({words}); the logs of the workers may say why"
         ) from error
     return answer
+
+
+@contextmanager
+def embedded(security: Any, threads: int) -> Iterator[Client]:
+    """Start workers of so many threads on this machine, with ports that only this process uses."""
+    import dask
+    from distributed import Client, LocalCluster
+
+    workers = max(1, available_threads() // threads)
+    routes: list[str] = []  # no pages over HTTP
+    closed = {f"distributed.{part}.http.routes": routes for part in ("scheduler", "worker")}
+    # What is started while Ctrl-C is blocked does not hear it: a terminal sends it to all of them.
+    resource_tracker.ensure_running()  # else the first child starts it, which unblocks it
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    with dask.config.set(closed):
+        try:
+            cluster = LocalCluster(
+                n_workers=workers, threads_per_worker=max(2, threads), host="127.0.0.1",
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}, dashboard_address=None,
+                memory_limit=0, security=security, silence_logs=logging.CRITICAL,
+            )  # fmt: skip
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        with cluster, Client(cluster, set_as_default=False) as client:
+            yield client
 
 
 @contextmanager

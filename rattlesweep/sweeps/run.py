@@ -41,18 +41,14 @@ from rattlesweep.sweeps.types import with_types
 Keys = tuple[Integers, Integers]  # cases and samples of some runs
 
 SECONDS = 3.0  # that a block should take, and so what a kill or a lost worker costs
-# That it may take where runs are so long that it would otherwise leave lanes without work.  Fewer
-# runs than lanes are no faster: a block then takes as long as its longest run.
-MOST_SECONDS = 30.0
+MOST_SECONDS = 30.0  # that it may take where it would otherwise leave lanes without work
 FIRST_SECONDS, FIRST_RATE = 0.3, 2e6  # of the first block; cost that a thread does in a second
 MOST_ROWS = 50_000  # runs of a block: a few hundred bytes each while it is under way
 ROUNDS = 4  # runs of a block for each lane, so that all lanes are in use most of the time
 AT_ONCE = 1 << 20  # runs of which it is looked up at a time whether they are left to do
 IN_MEMORY = 100_000  # runs that are integrated at a time without a directory: 100 MB
 GATHER = 2.0  # seconds for which a stop waits for the rows of the block under way
-# Seconds for which a session in which no run has ended goes on after its time is up, so that the
-# same command again and again comes to an end, however short the time.
-GRACE = 5.0
+GRACE = 5.0  # seconds after its time is up for which a session goes on until a first run has ended
 
 
 @dataclass(frozen=True)
@@ -92,11 +88,9 @@ class Job:
     missing: int = 0  # runs of other shards that are not on disk
 
     def __post_init__(self) -> None:
-        self._start = time.monotonic()
-        self._cost = case_costs(self.plan)
+        self._start, self._cost = time.monotonic(), case_costs(self.plan)
         self._whole = self._left = self._did = 0.0  # cost wanted, left to do, and done by this job
-        self._total = 0  # runs wanted
-        self._shown = 0.0  # fraction that was reported last
+        self._total, self._shown = 0, 0.0  # runs wanted; fraction that was reported last
         self._recent: deque[tuple[float, float]] = deque(maxlen=8)  # cost and seconds of blocks
 
     @property
@@ -122,8 +116,7 @@ class Job:
                 at = int(places[count - 1]) + 1
                 yield np.divmod(places[:count], samples)
 
-    def _size(self, costs: Floats) -> int:
-        """Return how many runs, of these costs up to each, a block should have."""
+    def _size(self, costs: Floats) -> int:  # of a block of runs of these costs up to each
         lanes = LANES * self.threads
         if not self._recent:
             few = np.searchsorted(costs, FIRST_RATE * self.threads * FIRST_SECONDS, "right")
@@ -145,17 +138,14 @@ class Job:
         with _undisturbed():
             self.stored.append(table, self.plan.config.classify.as_text)
             self.found.add(table)
-            self.runs += len(table)
-            self.done += len(table)
             if self.decide is not None:
                 self.decide.add(table)
+            self.runs, self.done = self.runs + len(table), self.done + len(table)
             cost = float(self._cost[keys_of(table)[0]].sum())
             self._left, self._did = self._left - cost, self._did + cost
 
     def tick(self, keys: Keys | None = None, control: Control | None = None) -> None:
-        """Report progress, with what the kernel says of the block under way; raise OutOfTime if
-        the session's time is over.
-        """
+        """Report progress, also of the block under way; raise OutOfTime if the time is over."""
         part, ended, now = 0.0, 0, time.monotonic()
         if keys is not None and control is not None and control.total > 0:
             part = self._cost[keys[0]].sum() * min(1.0, control.done / control.total)
@@ -168,8 +158,7 @@ class Job:
         runs, elapsed = self.runs + ended, now - self._start
         self.report(Progress(self._shown, runs, self._total, elapsed, remaining))
         waited = self.begun is not None and now >= self.begun + GRACE
-        up = self.deadline is not None and now >= self.deadline
-        if up and (self.done or ended or waited):
+        if self.deadline is not None and now >= self.deadline and (self.done or ended or waited):
             raise OutOfTime
 
 
@@ -182,37 +171,32 @@ again."""
 def local(job: Job, blocks: Iterator[Keys]) -> None:
     """Compute blocks on this machine, one after the other.
 
-    The kernel runs in a thread of its own, without the interpreter's lock.  Meanwhile the main
-    thread writes the block before, prepares the one after, reports progress and hears Ctrl-C.
+    The kernel runs in a thread of its own.  Meanwhile the main thread writes the block before,
+    prepares the one after, reports progress and hears Ctrl-C.
     """
     plan = job.plan
-    loading: Task[float] | None = Task(lambda _: load_kernel(plan.config))
-    task: Task[tuple[pa.Table, int]] | None = None
-    finished: list[pa.Table] = []
+    loading = Task(lambda _: load_kernel(plan.config))
+    tasks: list[Task[tuple[pa.Table, int]]] = []  # the one whose rows are to be written comes first
     try:
         for before, keys in pairwise(chain([None], blocks, [None])):
             # While the kernel is loaded, or the block before is computed.
             prepared = None if keys is None else prepare_runs(plan, *keys)
-            if loading is not None:
-                loading.wait()
-                job.begun, loading = job.begun or time.monotonic(), None
-            if task is not None and before is not None:
-                table, _ = task.wait(partial(job.tick, before))
-                job.worked(before, task.seconds)
-                finished, task = [table], None
-            if keys is not None and prepared is not None:
-                task = Task(partial(compute, plan.config, plan.schema, prepared, job.threads))
-            while finished:
-                job.write(finished.pop())
+            loading.wait()
+            job.begun = job.begun or time.monotonic()
+            if before is not None:
+                tasks[0].wait(partial(job.tick, before))
+                job.worked(before, tasks[0].seconds)
+            if prepared is not None:
+                tasks += [Task(partial(compute, plan.config, plan.schema, prepared, job.threads))]
+            if before is not None:
+                job.write(tasks.pop(0).value()[0])
                 job.tick()
     except BaseException as error:
-        if task is not None:
+        for task in tasks:
             task.stop(GATHER)
         if isinstance(error, Exception):
             raise
-        while finished:
-            job.write(finished.pop())
-        if task is not None:
+        for task in tasks:
             with contextlib.suppress(TimeoutError):
                 job.write(task.value()[0])
         raise
@@ -243,7 +227,7 @@ class Shard:
 
     @classmethod
     def parse(cls, text: str) -> Shard:
-        """Read ``I/N``; raise a ValueError that says what is wrong with it."""
+        """Read ``I/N``; a ValueError says what is wrong with it."""
         match = re.fullmatch(r"\s*(\d{1,6})\s*/\s*(\d{1,6})\s*", text)
         if not match or int(match[1]) >= int(match[2]):
             raise ValueError("is not I/N; write it as in --shard 0/4, with I from 0 to N-1")
@@ -264,11 +248,10 @@ def run_sweep(
     """Do the runs that a plan asks for and that are not on disk.
 
     Rows whose status is not ``ok`` are done again if `retry_failed`.  `base` is where a table's
-    relative path is looked up besides the working directory, `max_time` is in seconds.  `report` is
-    called some times a second.  Whatever stops it, the rows of the runs that have ended are kept.
+    relative path is looked up besides the working directory, `max_time` is in seconds.  Whatever
+    stops it, the rows of the runs that have ended are kept.
     """
-    start = time.monotonic()
-    threads = threads or available_threads()
+    start, threads = time.monotonic(), threads or available_threads()
     if shard is not None and retry_failed:
         raise ConfigError("--retry-failed: takes rows of other shards too; run it without --shard")
     if shard is not None and (key := decides(plan.config)):
@@ -300,15 +283,14 @@ def run_sweep(
             record["how"] = "stopped" if job.stopped else "complete"
         finally:
             job.seconds = time.monotonic() - start
-            seconds, kernel = round(job.seconds, 3), round(job.kernel_seconds, 3)
-            record |= {"runs": job.done, "seconds": seconds, "kernel_seconds": kernel}
+            record |= {"runs": job.done, "seconds": round(job.seconds, 3)}
+            record["kernel_seconds"] = round(job.kernel_seconds, 3)
     return job
 
 
 def _find(
     stored: Stored, thresholds: Classify, shard: Shard | None, retry: bool
 ) -> tuple[Found, list[Path]]:
-    """Read what is on disk, put damaged files aside, renew types, and take out what failed."""
     found, damaged = stored.find(), []
     for path in found.damaged:
         damaged.append(free_path(path.with_suffix(".damaged")))
@@ -332,9 +314,8 @@ def _find(
 
 
 def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
-    """Do what is left, wave by wave where the sweep decides what to run next."""
     done = job.found.done
-    while True:
+    while True:  # once, or for each wave where the sweep decides what to run next
         wanted = np.ones_like(done) if shard is None else shard.runs(done.shape)
         if job.decide is not None:
             wanted = job.decide.wanted()
@@ -345,11 +326,9 @@ def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
         try:
             engine(job, job.blocks(wanted))
         except OutOfTime:
-            # It may be up when the last run has ended.
-            if not done[wanted].all():
-                job.stopped = "the time is up"
-                if not job.done:
-                    job.stopped = "the time was up before one run had ended, give more"
+            if not done[wanted].all():  # it may be up when the last run has ended
+                few = "the time was up before one run had ended, give more"
+                job.stopped = "the time is up" if job.done else few
                 return
         except BaseException as error:
             if not isinstance(error, Exception):
@@ -364,8 +343,7 @@ def integrate_plan(
 ) -> pa.Table:
     """Return the rows of all runs of a plan, as the files of a sweep would hold them.
 
-    `report` is called with the share that is done; what it raises stops the kernel, and so does
-    Ctrl-C.
+    `report` is called with the share that is done; what it raises stops the kernel.
     """
     load_kernel(plan.config)
     tables = [plan.schema.remove_metadata().empty_table()]

@@ -174,6 +174,11 @@ def test_workers_need_no_disk_in_common_and_a_killed_one_costs_nothing(
     assert here.equals(there)
 
 
+def test_without_a_scheduler_workers_of_its_own_do_it(plain, tmp_path):
+    assert sweep(tmp_path, SWEEP, engine=make_engine(None, threads=1)).done == 80
+    assert rows_of(tmp_path).equals(plain)
+
+
 @pytest.mark.parametrize("how", ["time", "interrupt", "full disk"])
 def test_a_stop_keeps_the_blocks_that_are_done_and_frees_the_workers(
     how, cluster, plain, tmp_path, monkeypatch
