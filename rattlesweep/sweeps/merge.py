@@ -7,8 +7,9 @@ import filecmp
 import os
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -36,8 +37,7 @@ from rattlesweep.sweeps.types import with_types
 from rattlesweep.sweeps.verify import wanted_runs
 
 
-@dataclass(frozen=True)
-class Merged:
+class Merged(NamedTuple):
     """What there is in the new directory."""
 
     runs: int
@@ -81,13 +81,16 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
         if found.damaged:
             raise OutputError(f"{found.damaged[0]} is damaged; do its runs again before merging")
         if len(found.typed) > 1:
-            several = " and ".join(str(paths[0]) for paths in found.typed.values())
-            raise ConfigError(
-                f"{several} have types of different thresholds; run `rattlesweep classify`"
-            )
+            told = "have types of different thresholds; run `rattlesweep classify`"
+            raise ConfigError(f"{' and '.join(str(p[0]) for p in found.typed.values())} {told}")
         write_manifest(output, largest.manifest)
         for path in new:
-            _put(path, free_path(folder / path.name))
+            target = free_path(folder / path.name)
+            try:
+                os.link(path, target)  # files are never changed in place
+            except OSError:
+                with open(path, "rb") as file, streamed_file(target) as copy:
+                    shutil.copyfileobj(file, copy)
         missing = int((wanted_runs(merged, found) & ~found.done).sum())
         summary = None if missing else summarise(merged)
         if summary is not None:
@@ -96,31 +99,20 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
     return Merged(found.rows, len(merged.files()), missing, failed, summary)
 
 
-def _put(path: Path, target: Path) -> None:
-    """Link a file, or copy it whole where that cannot be done; files are never changed in place."""
-    try:
-        os.link(path, target)
-    except OSError:
-        with open(path, "rb") as file, streamed_file(target) as copy:
-            shutil.copyfileobj(file, copy)
-
-
-@dataclass(frozen=True)
-class Classified:
+class Classified(NamedTuple):
     """What typing the runs of a directory again came to."""
 
     changed: int  # runs whose type is another one now
     files: int  # files that were written
-    own: dict[str, float]  # thresholds of the sweep's config
-    now: dict[str, float]
+    now: dict[str, float]  # thresholds
     summary: pa.Table  # one row a case
 
 
 def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classified:
     """Type the stored runs of a directory by some thresholds, and renew the summary.
 
-    `overrides` are ``classify.KEY=VALUE`` texts over the sweep's config.  Each file is rewritten in
-    one step; after a kill the same command goes on.
+    `overrides` are ``classify.KEY=VALUE`` texts over the sweep's config.  After a kill the same
+    command goes on.
     """
     _changed(open_stored(directory), overrides)  # before anything is made there
     with hold(directory):
@@ -136,19 +128,16 @@ def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classifie
                 files += 1
         summary = summarise(stored)
         write_summary(stored, summary)
-    own = stored.config.classify.thresholds
-    return Classified(changed, files, own, thresholds.thresholds, summary)
+    return Classified(changed, files, thresholds.thresholds, summary)
 
 
 def _changed(stored: Stored, overrides: Sequence[str]) -> Classify:
-    """Return other thresholds for a sweep."""
     config, own = parse_config(resolved(stored.config), list(overrides)), stored.config
     if config.model_copy(update={"classify": own.classify}) != own:
         raise ConfigError("--set: only keys of classify can change here; others need a new sweep")
     # A zero of the spin after the energy has fallen below dead_energy is not stored as t_r.
     for key in ("early", *(["dead_energy"] if config.dissipation else [])):
         if getattr(config.classify, key) != getattr(own.classify, key):
-            raise ConfigError(
-                f"--set classify.{key}: decides more than types; it needs a new sweep"
-            )
+            told = "decides more than types; it needs a new sweep"
+            raise ConfigError(f"--set classify.{key}: {told}")
     return config.classify
