@@ -133,7 +133,7 @@ def run(
         base = config.resolve().parent
         result = run_sweep(made, where, base=base, threads=threads, report=bar, **how)
     where = result.stored.directory
-    for path in result.damaged:
+    for path in result.found.damaged:
         say(f"note: a file was damaged and is now {path}; its runs are done again")
     if not quiet:
         if result.summary is not None:

@@ -99,11 +99,7 @@ class Forecast:
 
 
 def forecast(plan: Plan, threads: int | None = None, seconds: float = 2.0) -> Forecast:
-    """Integrate some runs of a plan for about so many seconds, and say what all of them take.
-
-    Runs differ a thousandfold in length, and so are drawn in proportion to their expected cost: the
-    mean of steps over expected cost is then the sweep's.
-    """
+    """Integrate some runs of a plan for about so many seconds, and say what all of them take."""
     here, config = available_threads(), plan.config
     threads = threads or here
     load_kernel(config)
@@ -117,6 +113,7 @@ def forecast(plan: Plan, threads: int | None = None, seconds: float = 2.0) -> Fo
     rng = np.random.default_rng(SEED)
 
     def measure(count: int, most: int) -> tuple[Any, ...]:
+        # In proportion to expected cost: the mean of steps over expected cost is then the sweep's.
         drawn, times = np.unique(rng.choice(len(cost), count, p=shares), return_counts=True)
         part, settings = take(launches, drawn), config.integrator
         batch, outcome, start = make_batch(part, config.model), None, time.perf_counter()

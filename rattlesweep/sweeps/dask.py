@@ -44,19 +44,14 @@ LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application"
 
 
 def make_engine(scheduler: str | None, threads: int | None = None) -> Engine:
-    """Return an engine that uses the workers of a scheduler, or of its own on this machine.
-
-    A kernel has by default as many threads as its worker was given (``dask worker --nthreads``).
-    A stop loses the blocks under way and frees the workers.
-    """
+    """Return an engine that uses the workers of a scheduler, or of its own on this machine."""
     try:
         from distributed import Security
 
         security = Security.temporary() if scheduler is None else None
     except ImportError as error:
-        raise ConfigError(
-            f"--engine dask: needs Dask ({error}); install it with `pip install '.[dask]'`"
-        ) from None
+        told = f"needs Dask ({error}); install it with `pip install '.[dask]'`"
+        raise ConfigError(f"--engine dask: {told}") from None
     for name in LOGGERS:  # what matters is said in one sentence
         logging.getLogger(name).setLevel(logging.CRITICAL)
 
@@ -77,8 +72,7 @@ def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | Non
     workers: dict[str, int] = {}  # threads by address
     due, seen = 0.0, time.monotonic()
     order = {"versions": versions(), "threads": threads, "plan": pickle.dumps(job.plan)}
-    # A task of its own: a worker fetches the result once, and Dask makes it again if all workers
-    # that have it are lost, as it would not with scattered data.
+    # Dask makes the result of a task again if all workers that have it are lost.
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
         shared = client.submit(dict, order, pure=False)
     try:
@@ -90,15 +84,13 @@ def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | Non
                 job.begun = job.begun or now
             elif now - seen > WORKERLESS:
                 where = client.scheduler.address
-                raise OutputError(
-                    f"the scheduler at {where} has had no worker for {WORKERLESS:.0f} s; start "
-                    f"some with `dask worker {where}`, and the same command resumes from there"
-                )
+                told = f"the scheduler at {where} has had no worker for {WORKERLESS:.0f} s"
+                then = f"start some with `dask worker {where}`, and the same command resumes"
+                raise OutputError(f"{told}; {then} from there")
             while len(flying) < AHEAD * len(workers):
                 if (keys := again.pop() if again else next(blocks, None)) is None:
                     break
-                # Left to itself, Dask gives a worker as many blocks as it has threads, of which
-                # all but one would wait for the kernel.
+                # Dask would give a worker as many blocks as it has threads.
                 load = Counter(address for _, address in flying.values())
                 address = min(workers, key=load.__getitem__)
                 future = client.submit(
@@ -222,9 +214,8 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[p
         ours, theirs = versions(), order["versions"]
         if other := [name for name in NUMERIC if ours[name] != theirs[name]]:
             words = "; ".join(f"{name} {ours[name]} there, {theirs[name]} here" for name in other)
-            raise OutputError(
-                f"it would compute other bits: {words}; give all workers the driver's environment"
-            )
+            then = "give all workers the driver's environment"
+            raise OutputError(f"it would compute other bits: {words}; {then}")
         plan = _unpack(order["plan"])
         prepared = prepare_runs(plan, case, sample)
         while not _kernel.acquire(timeout=POLL):

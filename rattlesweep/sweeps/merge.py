@@ -21,17 +21,7 @@ from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.files import explained, streamed_file
 from rattlesweep.sweeps.plan import check_empty, check_same
 from rattlesweep.sweeps.provenance import hold
-from rattlesweep.sweeps.stored import (
-    FOLDER,
-    MANIFEST,
-    TYPED,
-    Stored,
-    free_path,
-    metadata,
-    open_stored,
-    rewrite,
-    write_manifest,
-)
+from rattlesweep.sweeps.stored import MANIFEST, Stored, free_path, open_stored, rewrite, typed_by
 from rattlesweep.sweeps.summary import summarise, write_summary
 from rattlesweep.sweeps.types import with_types
 from rattlesweep.sweeps.verify import wanted_runs
@@ -66,26 +56,25 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
         for directory in directories:
             if os.access(directory, os.W_OK):  # nobody works in one that is read-only
                 stack.enter_context(hold(directory))
-        folder = output / FOLDER
+        merged = replace(largest, directory=output)
         with explained(f"cannot write in {output}"):
             output.mkdir(parents=True, exist_ok=True)
             stack.enter_context(hold(output))
-            folder.mkdir(exist_ok=True)
+            merged.folder.mkdir(exist_ok=True)
         # A merge that was killed has left some files there.
         new = [
             path for source in sources[: len(directories)] for path in source.files()
-            if not ((twin := folder / path.name).exists() and filecmp.cmp(path, twin, False))
+            if not ((twin := merged.folder / path.name).exists() and filecmp.cmp(path, twin, False))
         ]  # fmt: skip
-        merged = replace(largest, directory=output)
         found = merged.find([*merged.files(), *new])
         if found.damaged:
             raise OutputError(f"{found.damaged[0]} is damaged; do its runs again before merging")
         if len(found.typed) > 1:
             told = "have types of different thresholds; run `rattlesweep classify`"
             raise ConfigError(f"{' and '.join(str(p[0]) for p in found.typed.values())} {told}")
-        write_manifest(output, largest.manifest)
+        merged.write_manifest()
         for path in new:
-            target = free_path(folder / path.name)
+            target = free_path(merged.folder / path.name)
             try:
                 os.link(path, target)  # files are never changed in place
             except OSError:
@@ -109,17 +98,13 @@ class Classified(NamedTuple):
 
 
 def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classified:
-    """Type the stored runs of a directory by some thresholds, and renew the summary.
-
-    `overrides` are ``classify.KEY=VALUE`` texts over the sweep's config.  After a kill the same
-    command goes on.
-    """
+    """Type the stored runs anew, by ``classify.KEY=VALUE`` over the config, and the summary."""
     _changed(open_stored(directory), overrides)  # before anything is made there
     with hold(directory):
         stored = open_stored(directory)
         thresholds, changed, files = _changed(stored, overrides), 0, 0
         for path in stored.files():
-            if metadata(path).get(TYPED) != thresholds.as_text:
+            if typed_by(path) != thresholds.as_text:
                 rows = read_parquet(path)
                 again = with_types(rows, thresholds)
                 rewrite(path, again, thresholds.as_text)

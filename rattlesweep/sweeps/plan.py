@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -27,17 +28,7 @@ from rattlesweep.sweeps.config.read import differences, fixed_part, physics_hash
 from rattlesweep.sweeps.config.schema import Config, SdSource, clashes
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.provenance import LOCKS, at_work, command_line, machine, now, versions
-from rattlesweep.sweeps.stored import (
-    FOLDER,
-    FORMAT,
-    MANIFEST,
-    SUMMARY,
-    Case,
-    Stored,
-    open_stored,
-    remove,
-    write_manifest,
-)
+from rattlesweep.sweeps.stored import FOLDER, FORMAT, MANIFEST, Case, Stored, open_stored
 from rattlesweep.units import Quantity
 
 MAX_RUNS = 10**9  # of a sweep; what is done of them is held as one byte each
@@ -50,15 +41,12 @@ Values = list[float | None]
 
 @dataclass(frozen=True)
 class Plan:
-    """Runs that a config asks for: its bodies, its cases, and columns beside the usual ones.
-
-    The cases are numbered from 0; a directory may hold them in another order than the config.
-    """
+    """Runs that a config asks for."""
 
     config: Config
     source: Source
-    cases: tuple[Case, ...]
-    extra: tuple[pa.Field, ...] = ()
+    cases: tuple[Case, ...]  # in a directory perhaps in another order than in the config
+    extra: tuple[pa.Field, ...] = ()  # columns beside the usual ones
 
     @cached_property
     def schema(self) -> pa.Schema:
@@ -82,10 +70,9 @@ class Plan:
 
 
 def make_plan(config: Config, base: Path | None = None, source: Source | None = None) -> Plan:
-    """Return the plan of a config; a ConfigError says if its parts do not go together.
+    """Return the plan of a config; `source` takes the place of the config's own bodies.
 
-    A relative path of a table is looked up from the working directory and then from `base`;
-    `source` takes the place of the config's own bodies.
+    A relative path of a table is looked up from the working directory and then from `base`.
     """
     source = source or make_source(config, base)
     table = source.columns if isinstance(source, TableBodies) else {}
@@ -184,14 +171,11 @@ def _check_launches(config: Config, state: bool, n_i: Floats, t_end: Floats) -> 
         raise ConfigError(f"horizon.t: {told}, so give horizon: {{t: TIME}} in sqrt(a/g)")
 
 
-# -- the directory of a plan -----------------------------------------------------------------------
-
-
 def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
     """Return the sweep of a plan as a directory would hold it; nothing is written."""
     text = f"{physics_hash(plan.config)} {getattr(plan.source, 'content_hash', '')}"
     key = hashlib.sha256(text.encode()).hexdigest()
-    manifest = {
+    manifest: dict[str, Any] = {
         "format": FORMAT,
         "name": plan.config.name,
         "config": resolved(plan.config),
@@ -203,20 +187,14 @@ def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
             [f.name, str(f.type), f.nullable, *(f.metadata[k].decode() for k in WORDS)]
             for f in plan.extra
         ],
-        "versions": versions(),
-        "machine": machine(),
-        "command": command_line(),
-        "started": now(),
-        "written": now(),
     }
+    manifest |= {"versions": versions(), "machine": machine(), "command": command_line()}
+    manifest |= {"started": now(), "written": now()}
     return Stored(directory, manifest, plan.config, plan.cases, plan.extra, plan.samples, key)
 
 
 def examine(plan: Plan, directory: Path, base: Path | None = None) -> tuple[Stored | None, Stored]:
-    """Refuse a directory in which a plan cannot go on.
-
-    Return the sweep as it is there, None without a manifest, and as it is to be.
-    """
+    """Return the sweep as it is in a directory, None without a manifest, and as it is to be."""
     ours = describe(plan, directory, base)
     if not (directory / MANIFEST).exists():
         check_empty(directory)  # or its manifest is lost
@@ -245,10 +223,7 @@ def check_same(one: Stored, other: Stored) -> None:
 
 
 def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> Stored:
-    """Make a directory, which this process holds, one of a plan, and return it.
-
-    The manifest is written again where the sweep grows or, unless for a shard, its config changes.
-    """
+    """Make a directory, which this process holds, one of a plan, and return it."""
     with explained(f"cannot write in {directory}"):
         (directory / FOLDER).mkdir(exist_ok=True)
     there, ours = examine(plan, directory, base)
@@ -261,8 +236,8 @@ def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> 
             told = "is at work; the sweep can grow when it has ended"
             raise OutputError(f"{directory}: {others[0]} {told}")
         ours.manifest["started"] = there.manifest["started"]
-    remove(directory / SUMMARY)  # it is of the smaller sweep
-    write_manifest(directory, ours.manifest)
+    ours.drop_summary()
+    ours.write_manifest()
     return ours
 
 

@@ -1,7 +1,5 @@
-"""Where numbers come from: program, machine, and the sessions that work in a directory.
-
-``sessions/*.json`` say who worked there, when, and how it ended; no number depends on them.  Locks,
-which die with their process, keep to one writer for each shard.
+"""Where numbers come from: program and machine; sessions in a directory, and locks that keep to
+one writer for each shard and die with their process.
 """
 
 from __future__ import annotations
@@ -124,10 +122,7 @@ def locked(directory: Path, name: str, patience: float = -1.0) -> Iterator[bool]
 
 @contextlib.contextmanager
 def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
-    """Hold a directory, or a shard such as ``shard-0-of-4``, and tidy up after dead processes.
-
-    Raise an OutputError if another process works there, but for another shard of as many.
-    """
+    """Hold a directory, or a shard such as ``shard-0-of-4``; others of as many may be held."""
     # Its own lock first, and then a look for others: of two that begin at once at most one goes on.
     mine = shard or WHOLE
     with locked(directory, mine, PATIENCE) as free:

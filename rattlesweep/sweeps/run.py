@@ -1,18 +1,16 @@
-"""Run a sweep: what is wanted, minus what is on disk, goes through an engine into files.
-
-An engine, such as :func:`local`, takes blocks of keys and writes the rows that come of them.
-"""
+"""Run a sweep: what is wanted, minus what is on disk, goes through an engine into files."""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 import signal
 import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, pairwise
 from pathlib import Path
@@ -34,7 +32,7 @@ from rattlesweep.sweeps.decide import Refining, Stopping, decides, decision
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.plan import Plan, begin, examine
 from rattlesweep.sweeps.provenance import MANIFEST_LOCK, hold, locked, session
-from rattlesweep.sweeps.stored import SUMMARY, Found, Stored, free_path, keys_of, remove, rewrite
+from rattlesweep.sweeps.stored import Found, Stored, free_path, keys_of, rewrite
 from rattlesweep.sweeps.summary import summarise, write_summary
 from rattlesweep.sweeps.types import with_types
 
@@ -76,14 +74,13 @@ class Job:
     threads: int
     report: Callable[[Progress], None] = lambda progress: None  # called some times a second
     decide: Stopping | Refining | None = None  # says by the rows which runs are wanted
-    deadline: float | None = None  # of `time.monotonic`
+    deadline: float = math.inf  # of `time.monotonic`
     begun: float | None = None  # set by engines once the kernel is loaded, which is no rate
     runs: int = 0  # rows on disk of those that are wanted
     done: int = 0  # runs integrated in this session
     kernel_seconds: float = 0.0
     seconds: float = 0.0
     stopped: str | None = None  # why it ended before all was done
-    damaged: list[Path] = field(default_factory=list)  # files that were, where they are now
     summary: pa.Table | None = None  # one row a case; None unless the whole sweep is done
     missing: int = 0  # runs of other shards that are not on disk
 
@@ -150,15 +147,14 @@ class Job:
         if keys is not None and control is not None and control.total > 0:
             part = self._cost[keys[0]].sum() * min(1.0, control.done / control.total)
             ended = control.runs_done
-        left, did, remaining = max(0.0, self._left - part), self._did + part, None
-        if self.begun is not None and did > 0:
-            remaining = float(left * (now - self.begun) / did)
+        left, did = max(0.0, self._left - part), self._did + part
+        spent = 0.0 if self.begun is None else now - self.begun
+        remaining = float(left * spent / did) if spent and did > 0 else None
         if self._whole:  # a wave may make what is done less
             self._shown = max(self._shown, float(1.0 - left / self._whole))
-        runs, elapsed = self.runs + ended, now - self._start
-        self.report(Progress(self._shown, runs, self._total, elapsed, remaining))
-        waited = self.begun is not None and now >= self.begun + GRACE
-        if self.deadline is not None and now >= self.deadline and (self.done or ended or waited):
+        elapsed, waited = now - self._start, spent >= GRACE
+        self.report(Progress(self._shown, self.runs + ended, self._total, elapsed, remaining))
+        if now >= self.deadline and (self.done or ended or waited):
             raise OutOfTime
 
 
@@ -169,11 +165,7 @@ again."""
 
 
 def local(job: Job, blocks: Iterator[Keys]) -> None:
-    """Compute blocks on this machine, one after the other.
-
-    The kernel runs in a thread of its own.  Meanwhile the main thread writes the block before,
-    prepares the one after, reports progress and hears Ctrl-C.
-    """
+    """Compute blocks on this machine; meanwhile, write the one before and prepare the next."""
     plan = job.plan
     loading = Task(lambda _: load_kernel(plan.config))
     tasks: list[Task[tuple[pa.Table, int]]] = []  # the one whose rows are to be written comes first
@@ -245,11 +237,10 @@ def run_sweep(
     report: Callable[[Progress], None] = lambda progress: None, shard: Shard | None = None,
     max_time: float | None = None, retry_failed: bool = False, engine: Engine = local,
 ) -> Job:  # fmt: skip
-    """Do the runs that a plan asks for and that are not on disk.
+    """Do the runs that a plan asks for and that are not on disk; a stop keeps what has ended.
 
-    Rows whose status is not ``ok`` are done again if `retry_failed`.  `base` is where a table's
-    relative path is looked up besides the working directory, `max_time` is in seconds.  Whatever
-    stops it, the rows of the runs that have ended are kept.
+    `base` is where a table's relative path is looked up besides the working directory, `max_time`
+    is in seconds.
     """
     start, threads = time.monotonic(), threads or available_threads()
     if shard is not None and retry_failed:
@@ -266,12 +257,12 @@ def run_sweep(
             stored = begin(plan, directory, base, name)
         plan = replace(plan, cases=stored.cases)
         record = held.enter_context(session(directory, name, threads))
-        found, damaged = _find(stored, plan.config.classify, shard, retry_failed)
+        found = _find(stored, plan.config.classify, shard, retry_failed)
         decide = decision(plan.config, plan.cases, plan.samples)
         if decide is not None:
             decide.read(stored)
-        deadline = None if max_time is None else start + max_time
-        job = Job(plan, stored, found, threads, report, decide, deadline, damaged=damaged)
+        deadline = start + (math.inf if max_time is None else max_time)
+        job = Job(plan, stored, found, threads, report, decide, deadline)
         try:
             _work(job, shard, engine)
             if job.stopped is None:
@@ -288,29 +279,24 @@ def run_sweep(
     return job
 
 
-def _find(
-    stored: Stored, thresholds: Classify, shard: Shard | None, retry: bool
-) -> tuple[Found, list[Path]]:
-    found, damaged = stored.find(), []
-    for path in found.damaged:
-        damaged.append(free_path(path.with_suffix(".damaged")))
-        with explained(f"cannot rename {path}"):
-            path.rename(damaged[-1])
+def _find(stored: Stored, thresholds: Classify, shard: Shard | None, retry: bool) -> Found:
+    found = stored.find()
+    with explained(f"cannot rename a file in {stored.folder}"):
+        found.damaged = [p.rename(free_path(p.with_suffix(".damaged"))) for p in found.damaged]
     stale = {p for text in found.typed.keys() - {thresholds.as_text} for p in found.typed[text]}
     if stale and shard is not None:
-        raise ConfigError(
-            f"{stored.directory}: its runs are typed by other thresholds than those of the config; "
-            "run `rattlesweep classify` there before its shards go on"
-        )
+        told = "its runs are typed by other thresholds than those of the config"
+        then = "run `rattlesweep classify` there before its shards go on"
+        raise ConfigError(f"{stored.directory}: {told}; {then}")
     retry = retry and found.rows > found.status["ok"]
     if retry or stale:
-        remove(stored.directory / SUMMARY)
+        stored.drop_summary()
     for path in stored.files() if retry else stale:
         rows = with_types(read_parquet(path), thresholds)
         kept = rows.filter(pc.equal(rows.column("status"), "ok")) if retry else rows
         if path in stale or len(kept) < len(rows):
             rewrite(path, kept, thresholds.as_text)
-    return stored.find() if retry else found, damaged
+    return replace(stored.find(), damaged=found.damaged) if retry else found
 
 
 def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
@@ -322,7 +308,7 @@ def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
         job.runs = int((wanted & done).sum())
         if done[wanted].all():
             return
-        remove(job.stored.directory / SUMMARY)  # it is of fewer runs
+        job.stored.drop_summary()
         try:
             engine(job, job.blocks(wanted))
         except OutOfTime:
@@ -341,10 +327,7 @@ def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
 def integrate_plan(
     plan: Plan, threads: int | None = None, report: Callable[[float], None] = lambda fraction: None
 ) -> pa.Table:
-    """Return the rows of all runs of a plan, as the files of a sweep would hold them.
-
-    `report` is called with the share that is done; what it raises stops the kernel.
-    """
+    """Return the rows of all runs of a plan; `report` is called with the share that is done."""
     load_kernel(plan.config)
     tables = [plan.schema.remove_metadata().empty_table()]
     for start in range(0, plan.runs, IN_MEMORY):

@@ -76,7 +76,7 @@ class Found:
     status: Counter[str] = field(default_factory=Counter)  # runs by status
     types: Counter[str] = field(default_factory=Counter)  # runs by type
     typed: dict[str, list[Path]] = field(default_factory=dict)  # files by thresholds, as JSON
-    damaged: list[Path] = field(default_factory=list)
+    damaged: list[Path] = field(default_factory=list)  # where they are now
 
     @property
     def rows(self) -> int:
@@ -113,15 +113,29 @@ class Stored:
         """Thresholds behind the types on disk, which may be those of ``rattlesweep classify``."""
         for path in self.files():
             with contextlib.suppress(DamagedError, ValueError):
-                typed = json.loads(metadata(path).get(TYPED, "{}"))
-                return self.config.classify.model_copy(update=typed)
+                return self.config.classify.model_copy(update=json.loads(typed_by(path) or "{}"))
         return self.config.classify
+
+    @property
+    def folder(self) -> Path:
+        """Where the files of rows are."""
+        return self.directory / FOLDER
+
+    def write_manifest(self) -> None:
+        """Put ``manifest.json`` in place, whole."""
+        text = json.dumps(self.manifest, indent=2, allow_nan=False) + "\n"
+        replace_file(self.directory / MANIFEST, text.encode())
+
+    def drop_summary(self) -> None:
+        """Remove the summary where there is one, as it is of other runs."""
+        path = self.directory / SUMMARY
+        with explained(f"cannot remove {path}"):
+            path.unlink(missing_ok=True)
 
     def files(self) -> list[Path]:
         """Return the files of the rows in the order of their names."""
-        folder = self.directory / FOLDER
-        with explained(f"cannot read {folder}"), contextlib.suppress(FileNotFoundError):
-            paths = sorted(folder.iterdir())
+        with explained(f"cannot read {self.folder}"), contextlib.suppress(FileNotFoundError):
+            paths = sorted(self.folder.iterdir())
             return [p for p in paths if p.suffix == ".parquet" and not p.name.startswith(".")]
         return []
 
@@ -130,13 +144,10 @@ class Stored:
         case, sample = keys_of(table.slice(0, 1))
         name = f"case{case[0]:05d}-sample{sample[0]:09d}.parquet"
         words = {SWEEP: self.hash, TYPED: typed, CASES: "\n".join(self._cases_of(table))}
-        write_parquet(table, free_path(self.directory / FOLDER / name), words)
+        write_parquet(table, free_path(self.folder / name), words)
 
     def find(self, files: Iterable[Path] | None = None) -> Found:
-        """Read all of every file, or of these, and return what there is.
-
-        Raise an OutputError if a file is not of this sweep, or if a run is there twice.
-        """
+        """Read all of every file, or of these; an OutputError tells of runs that do not belong."""
         found = Found(np.zeros((len(self.cases), self.samples), dtype=bool))
         for path in self.files() if files is None else files:
             try:
@@ -229,18 +240,18 @@ def open_stored(directory: Path | str) -> Stored:
         ) from error
 
 
-def write_manifest(directory: Path, data: dict[str, Any]) -> None:
-    """Put ``manifest.json`` in place, whole."""
-    text = json.dumps(data, indent=2, allow_nan=False) + "\n"
-    replace_file(directory / MANIFEST, text.encode())
-
-
 def rewrite(path: Path, table: pa.Table, typed: str) -> None:
     """Put other rows in the place of those of a file; a file without rows goes."""
     if len(table):
         write_parquet(table, path, metadata(path) | {TYPED: typed})
     else:
-        remove(path)
+        with explained(f"cannot remove {path}"):
+            path.unlink()
+
+
+def typed_by(path: Path) -> str:
+    """Return the thresholds, as JSON, by which the rows of a file were typed."""
+    return metadata(path).get(TYPED, "")
 
 
 def metadata(path: Path) -> dict[str, str]:
@@ -255,15 +266,9 @@ def keys_of(rows: pa.Table) -> tuple[Integers, Integers]:
 
 
 def free_path(path: Path) -> Path:
-    """Return this path, or the same with the first number behind it that no file has."""
+    """Return this path, or the first with a number behind it, that no file has."""
     numbered = (path.with_stem(f"{path.stem}-{again}") for again in count(2))
     return next(free for free in chain([path], numbered) if not free.exists())
-
-
-def remove(path: Path) -> None:
-    """Remove a file that may be gone already."""
-    with explained(f"cannot remove {path}"):
-        path.unlink(missing_ok=True)
 
 
 def _places(rows: pa.Table) -> Integers:

@@ -117,7 +117,6 @@ def verify(
     """Read all of an output directory and compare it with its manifest; nothing is changed.
 
     So many runs as `recompute` says, drawn by `seed`, are integrated again and compared bit by bit.
-    `report` is called with the share that is done.
     """
     stored = open_stored(directory)
     found, thresholds = stored.find(), stored.thresholds

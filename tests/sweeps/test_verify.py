@@ -39,7 +39,6 @@ def sweep(output: Path, config: dict[str, Any] = CONFIG, **options: Any) -> Any:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory) -> Path:
-    """A sweep of several files."""
     output = tmp_path_factory.mktemp("whole") / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runner, "MOST_ROWS", 20)
