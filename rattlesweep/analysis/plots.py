@@ -226,7 +226,7 @@ class Fractions(Picture):
                 axes.set_xticks(x.values, [f"{value:.4g}" for value in x.values])
             axes.set(xlim=x.edges[[0, -1]], ylim=(0, 1), yticks=[0, 0.5, 1])
         panels[0][0].figure.supylabel("fraction of bodies", fontsize="medium")
-        self.notes.append("Shares of the runs with status ok, with 95 % intervals (Wilson).")
+        self.notes.append("Fractions of the runs with status ok, with 95 % intervals (Wilson).")
         if BEYOND in known:
             self.notes.append("Above a triangle: bodies whose steady spin is linearly stable "
                               "according to theory, |n_c1| < |n_i|.")  # fmt: skip

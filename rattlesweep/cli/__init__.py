@@ -26,6 +26,13 @@ __all__ = ["main", "single", "sweeps"]
 class Program(click.Group):
     """The group of all commands."""
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command; a Ctrl-C must not reach click, which would print an empty line."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stop:
+            raise click.Abort from stop
+
     def main(self, *args: Any, **settings: Any) -> NoReturn:
         """Read the command line, call the command and end the process with its exit code."""
         # A stream that was closed before would be replaced by the next file that is opened.

@@ -11,7 +11,7 @@ from textwrap import shorten
 from typing import Any
 
 import matplotlib as mpl
-import pyarrow as pa
+import pandas as pd
 
 from rattlesweep.analysis.report import config_yaml, render, source
 from rattlesweep.analysis.style import FAINT, save, save_table, styled
@@ -61,13 +61,12 @@ def reproduce(
         start = time.perf_counter()
         made[name] = part["data"](workspace)
         for table, rows in made[name].items():
-            found = pa.Table.from_pandas(rows, preserve_index=False)
-            save_table(found, directory / f"{name}_{table}.parquet")
+            save_table(rows, directory / f"{name}_{table}.parquet")
         with styled(), mpl.rc_context(LOOK):
             save(part["draw"](made[name]), [directory / f"{name}.{kind}" for kind in KINDS], DPI)
         seconds[name] = f"{time.perf_counter() - start:.1f} s"
     claims = judge(made, theory=THEORY in names, few=sizes.samples < FULL.samples)
-    save_table(pa.Table.from_pylist(claims), directory / "claims.parquet")
+    save_table(pd.DataFrame(claims), directory / "claims.parquet")
     words = {"claims": claims, "tally": tally(claims), "quick": sizes != FULL}
     page = render("claims.md.j2", version=package_version(), **words)
     replace_file(directory / "claims.md", page)

@@ -315,8 +315,7 @@ show --preset GH --case 1 --output a.html | choose a run of a DIRECTORY
 show one --case 0 --sample 0 --theta 0.7 --output a.html | the sweep in one says what the run was
 replay one --case 9 --sample 0 | has the cases 0 to 0
 replay one --case 0 | which run?
-replay one --case 0 --sample 0 --where K_r<1 | keep one way
-replay steady --where K_r<1 --first 2 | 2 runs do not go into one table
+replay one --case 0 --sample 0 --where K_r<1 | which run?
 replay one --case 0 --sample 0 --channels t,omga_x | did you mean "omega_x"?
 replay one --case 0 --sample 0 --output a.xlsx | .parquet or .csv
 """
