@@ -1,4 +1,5 @@
 """What a terminal shows: tables, counts, lengths of time, progress."""
+# ruff: noqa: D102 - names and types say it
 
 from __future__ import annotations
 
@@ -6,11 +7,8 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from typing import Self
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any
 
 COMPILING = "compiling the kernel for this machine, once (about 15 s)"
 DELAY = 0.5  # seconds after which a bar appears: much is over by then
@@ -19,11 +17,9 @@ LINE_EVERY = 60.0  # seconds between lines where standard error is no terminal
 
 def align(lines: Sequence[Sequence[str]], sides: str = ">") -> str:
     """Lay cells out in columns, on their sides ``<`` or ``>``, the last for all further columns."""
-    columns = list(zip(*lines, strict=True))
-    widths = [max(map(len, column)) for column in columns]
-    shapes = list(map("{}{}".format, sides.ljust(len(columns), sides[-1]), widths))
-    rows = (map(format, line, shapes) for line in lines)
-    return "\n".join("  ".join(row).rstrip() for row in rows)
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    shapes = list(map("{}{}".format, sides.ljust(len(widths), sides[-1]), widths))
+    return "\n".join("  ".join(map(format, line, shapes)).rstrip() for line in lines)
 
 
 def counted(number: int, noun: str) -> str:
@@ -37,7 +33,7 @@ def clock(seconds: float) -> str:
     return f"{hours}:{rest // 60:02d}:{rest % 60:02d}" if hours else f"{rest // 60}:{rest % 60:02d}"
 
 
-class Bar:
+class Bar(AbstractContextManager["Bar"]):
     """Progress on standard error: a bar, or a line a minute, for as long as a ``with`` lasts."""
 
     def __init__(self, shown: bool, lines: bool = False) -> None:
@@ -47,34 +43,27 @@ class Bar:
 
     @classmethod
     def of_call(cls, progress: bool | None) -> Bar:
-        """Return the bar of a call from Python: by default in a notebook and in a terminal."""
+        """Return the bar of a call, by default shown in a notebook and in a terminal."""
         if progress is None:
             progress = "ipykernel" in sys.modules or sys.stderr.isatty()
         return cls(progress)
 
     @classmethod
     def of_command(cls, quiet: bool = False) -> Bar:
-        """Return the bar of a command: in a terminal, and lines elsewhere."""
         return cls(sys.stderr.isatty() and not quiet, lines=not quiet)
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *error: object) -> None:
         if self._bar is not None:
             self._bar.close()
 
     def __call__(self, progress: Any) -> None:
-        """Show how far a sweep is, a ``Progress`` of `sweeps.run`."""
         left = "" if progress.left is None else f", {clock(progress.left)} left"
         self._show(progress.fraction, f"{progress.runs:,} of {progress.total:,} runs", left)
 
     def counting(self, what: str) -> Callable[[float], None]:
-        """Return a function that shows which fraction of some work is done."""
         return lambda fraction: self._show(fraction, what)
 
     def stage(self, text: str) -> None:
-        """Write what is done now."""
         if self._shown or self._lines:
             print(f"{time.monotonic() - self._start:4.0f} s  {text}", file=sys.stderr, flush=True)
 
@@ -91,8 +80,7 @@ class Bar:
         text = f"{text}, {clock(now - self._start)}{left}"
         if self._shown:
             if self._bar is None:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # in notebooks without ipywidgets
+                with warnings.catch_warnings(action="ignore"):  # in notebooks without ipywidgets
                     from tqdm.auto import tqdm
 
                 # tqdm's own estimate of the time left would count compilation as work.

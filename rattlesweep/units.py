@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from functools import cache
 
+# Kinds of quantities: the SI unit, and an example.
 KINDS = {
     "mass": ("kg", "85 g"),
     "length": ("m", "12 mm"),
@@ -16,7 +17,6 @@ KINDS = {
     "torque per spin": ("N m s", "1e-4 N m s"),
     "energy": ("J", "0.5 mJ"),
 }
-"""Kinds of quantities: the SI unit, and an example."""
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _FACTOR = r"[*/·]?\s*[A-Za-zµμ°]+\s*(?:(?:\^|\*\*)?\s*(?:-?\d|[²³]))?\s*"
@@ -30,8 +30,7 @@ class Quantity(float):
     text: str
     kind: str
 
-    def __new__(cls, text: str, kind: str) -> Quantity:
-        """Read a text; raise a ValueError if it is no quantity of this kind."""
+    def __new__(cls, text: str, kind: str) -> Quantity:  # noqa: D102
         self = super().__new__(cls, quantity(text, kind))
         self.text, self.kind = " ".join(text.split()), kind
         return self

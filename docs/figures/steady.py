@@ -17,7 +17,7 @@ PARTS = {
     "R": ("#0072B2", "R: reverses"),
     "SW": ("#E69F00", "SW: wobbles"),
     "unclassified": ("#BBBBBB", "unclassified"),
-    "SS": ("#009E73", "SS: spins on"),
+    "SS": ("#009E73", "SS: steady spinning"),
 }
 
 

@@ -1,8 +1,7 @@
 """The Python interface: a few calls, which import the rooms below when they are made.
 
 An argument that is wrong raises a ``ConfigError``, which is a ``ValueError``; what the disk or the
-data refuse raises an ``OutputError``.  Each says in a sentence what is wrong and what would be
-right.  What theory says of bodies in closed form is here.
+data refuse raises an ``OutputError``.  What theory says of bodies in closed form is here.
 """
 
 from __future__ import annotations
@@ -39,20 +38,13 @@ class GrowthRates(NamedTuple):
 def modes(body: Bodies) -> Modes:
     """Return frequencies, directions and torque coefficients (Eqs. def-omega_pr, Kp, Kr).
 
-    Parameters
-    ----------
-    body : Rattleback, str, sequence or array of these, or DataFrame
-        A table has the columns ``alpha beta gamma theta phi xi``, angles in radians.
-
-    Returns
-    -------
-    Modes
-        ``omega_p omega_r omega_p0 omega_r0`` in ``sqrt(g/a)``, ``psi_p psi_r`` in radians,
-        ``K_p K_r`` without a unit: floats of one body, arrays of the shape of several.
+    `body` is a body or the name of a preset, a sequence or an array of these, or a table with the
+    columns ``alpha beta gamma theta phi xi``.  The result has ``omega_p omega_r omega_p0 omega_r0``
+    in ``sqrt(g/a)``, ``psi_p psi_r`` in radians and ``K_p K_r``: floats of one body, arrays of the
+    shape of several.
 
     Examples
     --------
-    >>> import rattlesweep as rs
     >>> gh = rs.Rattleback.gh()
     >>> rs.modes([gh, gh.mirrored()]).K_r.round(4)
     array([ 0.0968, -0.0968])
@@ -70,7 +62,6 @@ def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:
 
     Examples
     --------
-    >>> import rattlesweep as rs
     >>> rs.reversal_time_gh("GH", n_i=[0.1, -0.1], omega_xy0=[[0.01], [0.1]]).round(1)
     array([[108.2, 833.5],
            [ 22.8, 343.4]])
@@ -102,12 +93,6 @@ def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRa
     `body` is as for :func:`modes`, and ``n``, in ``sqrt(g/a)``, broadcasts with the bodies.  With
     `exact` they are the eigenvalues at this spin, else their limit for a small one, ``n K_p / 2``
     and ``-n K_r / 2`` (Eq. case-instab1).  Energies grow twice as fast.
-
-    Examples
-    --------
-    >>> import rattlesweep as rs
-    >>> rs.growth_rates("GH", [-1.6, -1.7], exact=True).roll.round(5)
-    array([ 0.00151, -0.00046])
     """
     parts = _columns(body, n=n)
     spin = parts.pop("n")
@@ -118,7 +103,6 @@ def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRa
 
 
 def _columns(body: Bodies, **arrays: ArrayLike) -> dict[str, Floats]:
-    """Return the six parameters and some arrays, all of one shape."""
     columns = body_columns(body)
     scale = column_scale(columns)
     parts = {name: columns[name] for name in PARAMETERS}

@@ -1,4 +1,5 @@
 """Arguments of the Python interface: bodies and numbers, one or many, with units or without."""
+# ruff: noqa: D103 - names and types say it
 
 from __future__ import annotations
 
@@ -18,28 +19,23 @@ from rattlesweep.units import quantity
 
 if TYPE_CHECKING:
     import pandas as pd
-    import pyarrow as pa
 
     from rattlesweep.sweeps.bodies import Scale
     from rattlesweep.sweeps.bodies.table import TableBodies
 
-Bodies: TypeAlias = (
-    "Rattleback | str | Iterable[Rattleback | str] | Mapping[str, Any] | pd.DataFrame"
-)
+Bodies: TypeAlias = "Rattleback | str | Iterable[Any] | Mapping[str, Any] | pd.DataFrame"
 """One body or the name of a preset; a sequence or an array of these; or a table of bodies."""
 
+# Kinds of the arguments that may be given in SI units.
 KINDS = {
     "n": "spin", "n_i": "spin", "omega_xy0": "spin", "omega": "spin", "t_end": "time",
     "from_time": "time", "dt": "time", "times": "time", "sigma": "torque per spin",
     "rolling": "length", "e_p0": "energy", "e_r0": "energy",
 }  # fmt: skip
-"""Arguments that may be given in SI units, and their kinds."""
-SIZE = ("mass_kg", "height_m", "gravity_m_s2")
-"""Columns that tell the size of bodies."""
+SIZE = ("mass_kg", "height_m", "gravity_m_s2")  # columns that tell the size of bodies
 
 
 def one_body(body: Any, name: str = "body") -> Rattleback:
-    """Return a body, perhaps given by the name of a preset."""
     if isinstance(body, Rattleback):
         return body
     if isinstance(body, str) and body in PRESETS:
@@ -49,11 +45,7 @@ def one_body(body: Any, name: str = "body") -> Rattleback:
 
 
 def body_columns(bodies: Bodies) -> dict[str, Floats]:
-    """Return the parameters of bodies, arrays of one shape, and what else a table of them says.
-
-    The shape is ``()`` for one body, that of an array of bodies, and ``(rows,)`` for a sequence or
-    a table.  If the size of all of them is known, it is in the columns `SIZE`.
-    """
+    """Return parameters of bodies, arrays of one shape, with `SIZE` if known and a table's rest."""
     if isinstance(bodies, Mapping) or is_frame(bodies):
         import pandas as pd
 
@@ -79,48 +71,35 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
 
 
 def table_bodies(columns: Mapping[str, Floats]) -> TableBodies:
-    """Return the bodies of columns, with seconds in their runs if their size is known."""
     from rattlesweep.sweeps.bodies.table import TableBodies
 
     size = {name: columns[name] for name in SIZE if name in columns}
     rest = {name: values for name, values in columns.items() if name not in size}
-    if (scale := column_scale(columns)) is None:
-        return TableBodies(rest)
-    return TableBodies(rest, scale, size)
+    scale = column_scale(columns)
+    return TableBodies(rest, scale, size if scale else {})
 
 
 def scale_of(units: Units | None) -> Scale | None:
-    """Return the units of a body as a scale, None if its size is not known."""
     return column_scale({} if units is None else dict(zip(SIZE, astuple(units), strict=True)))
 
 
 def column_scale(columns: Mapping[str, Any]) -> Scale | None:
-    """Return the units of bodies that the columns `SIZE` tell, None if they do not."""
     from rattlesweep.sweeps.bodies import Scale
 
     if "height_m" not in columns:
         return None
-    mass, length = columns.get("mass_kg", np.nan), columns["height_m"]
-    parts = np.broadcast_arrays(length, mass, columns.get("gravity_m_s2", GRAVITY))
-    length, mass, gravity = (np.asarray(part, float) for part in parts)
-    return Scale(mass, length, gravity)
+    size = columns.get("mass_kg", np.nan), columns["height_m"], columns.get(SIZE[2], GRAVITY)
+    return Scale(*(np.asarray(part, float) for part in np.broadcast_arrays(*size)))
 
 
 def numbers(name: str, value: Any, scale: Scale | None = None) -> Floats:
-    """Return an argument as an array in the units of the bodies, or raise a ConfigError."""
+    """Return a checked argument as an array in the units of the bodies."""
     from rattlesweep.sweeps.bodies.table import check_value
 
-    try:
-        array = _floats(name, value, scale)
-    except (TypeError, OverflowError):
-        raise ConfigError(f"{name}: {kind_of(value)} is no number or array of numbers") from None
-    if name == "psi":
-        bad, wanted = ~(np.abs(array) <= 360), "an angle from -360 to 360 degrees is needed"
-    else:
-        bad, wanted = ~np.isfinite(array), "it must be finite"
-    broken = (int(np.argmax(bad)), wanted) if bad.any() else None
-    if broken is None and name != "psi":
-        broken = check_value(name, array.ravel())
+    array = _floats(name, value, scale)
+    broken = check_value("psi_deg" if name == "psi" else name, array.ravel())
+    if (bad := ~np.isfinite(array)).any():
+        broken = int(np.argmax(bad)), "it must be finite"
     if broken is not None:
         place = np.unravel_index(broken[0], array.shape)
         where = f"[{', '.join(map(str, place))}]" if place else ""
@@ -129,20 +108,21 @@ def numbers(name: str, value: Any, scale: Scale | None = None) -> Floats:
 
 
 def _floats(name: str, value: Any, scale: Scale | None) -> Floats:
-    """Return numbers and texts with units in the units of the bodies."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
         return value.astype(float)
     given = np.array(value, dtype=object)  # not as texts, which numbers beside them may be
     flat = given.ravel().tolist()
-    if any(isinstance(one, bool) for one in flat):
-        raise TypeError
     is_text = np.array([isinstance(one, str) for one in flat]).reshape(given.shape)
     try:
+        if any(isinstance(one, bool) for one in flat):
+            raise TypeError
         found = [quantity(one, KINDS[name]) if isinstance(one, str) else one for one in flat]
         array = np.array(found, float).reshape(given.shape)
-    except (KeyError, ValueError) as error:
-        told = f" or a quantity: it {error}" if name in KINDS else ""
-        raise ConfigError(f"{name}: {kind_of(value)} is no number{told}") from None
+    except (KeyError, TypeError, OverflowError):
+        raise ConfigError(f"{name}: {kind_of(value)} is no number or array of numbers") from None
+    except ValueError as error:
+        told = f"{kind_of(value)} is no number or a quantity"
+        raise ConfigError(f"{name}: {told}: it {error}") from None
     if not is_text.any():
         return array
     if scale is None:
@@ -153,7 +133,6 @@ def _floats(name: str, value: Any, scale: Scale | None) -> Floats:
 
 
 def number(name: str, value: Any, scale: Scale | None = None) -> float | None:
-    """Return an argument that is one number, or None; refuse anything else."""
     if value is None:
         return None
     array = numbers(name, value, scale)
@@ -163,22 +142,20 @@ def number(name: str, value: Any, scale: Scale | None = None) -> float | None:
 
 
 def check_count(name: str, value: Any, least: int = 1) -> None:
-    """Raise a ConfigError if an argument is neither None nor a whole number from `least` on."""
     if value is not None and not (isinstance(value, Integral) and int(value) >= least):
-        wanted = f"give a whole number from {least} on"
-        raise ConfigError(f"{name}: {kind_of(value)} is no count; {wanted}")
+        raise ConfigError(
+            f"{name}: {kind_of(value)} is no count; give a whole number from {least} on"
+        )
 
 
 def full_states(omega: Any, u: Any, scale: Scale | None = None) -> dict[str, Floats]:
-    """Return the components of full states by the names of their columns."""
     if scale is not None:
         scale = type(scale)(*(np.asarray(part)[..., None] for part in vars(scale).values()))
     state: dict[str, Floats] = {}
-    for name, value in (("omega", omega), ("u", (0.0, 0.0, -1.0) if u is None else u)):
+    for name, value in {"omega": omega, "u": (0.0, 0.0, -1.0) if u is None else u}.items():
         vectors = numbers(name, value, scale)
         if vectors.shape[-1:] != (3,):
-            wrong = f"its shape is {vectors.shape}"
-            raise ConfigError(f"{name}: a vector has three components, x, y, z; {wrong}")
+            raise ConfigError(f"{name}: a vector has three components, not shape {vectors.shape}")
         for k, x in enumerate("xyz"):
             state[f"{name}_{x}"] = numbers(f"{name}_{x}", vectors[..., k])
     return state
@@ -189,9 +166,8 @@ def broadcast(arrays: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[in
     try:
         whole = np.broadcast_arrays(*arrays.values())
     except ValueError:
-        others = {name: array for name, array in arrays.items() if name not in PARAMETERS}
-        told = {"bodies": arrays["alpha"]} | others
-        shapes = ", ".join(f"{name} {array.shape}" for name, array in told.items())
+        told = {"bodies" if name == "alpha" else name: x.shape for name, x in arrays.items()}
+        shapes = ", ".join(f"{name} {told[name]}" for name in told if name not in PARAMETERS)
         raise ConfigError(f"the shapes do not go together: {shapes}") from None
     return dict(zip(arrays, whole, strict=True)), whole[0].shape
 
@@ -202,13 +178,12 @@ def is_frame(value: Any) -> TypeGuard[pd.DataFrame]:
     return pandas is not None and isinstance(value, pandas.DataFrame)
 
 
-def units_of(schema: pa.Schema, key: bytes = b"unit") -> dict[str, str]:
-    """Return the units of the columns of a table, or their descriptions."""
+def units_of(schema: Any, key: bytes = b"unit") -> dict[str, str]:
     return {f.name: f.metadata[key].decode() for f in schema if key in (f.metadata or {})}
 
 
-def to_frame(table: pa.Table) -> pd.DataFrame:
-    """Return a table as pandas has it, with units and descriptions of its columns in ``attrs``."""
+def to_frame(table: Any) -> pd.DataFrame:
+    """Return an Arrow table as a DataFrame, with its units and descriptions in ``attrs``."""
     frame: pd.DataFrame = table.to_pandas()
     frame.attrs["units"] = units_of(table.schema)
     frame.attrs["descriptions"] = units_of(table.schema, b"description")
@@ -216,5 +191,4 @@ def to_frame(table: pa.Table) -> pd.DataFrame:
 
 
 def kind_of(value: Any) -> str:
-    """Return a value and its type for a sentence."""
     return f"{one_line(repr(value), 40)} ({type(value).__name__})"

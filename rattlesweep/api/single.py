@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 
 SPIN = ("n_i", "omega_xy0")
 STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
-INTEGRATOR = {"method": "method", "tol": "tol", "dt_step": "dt", "accuracy": "accuracy"}
-"""Keywords of the integrator, and the keys of the config that they are."""
 
 
 class Run(SimpleNamespace):
@@ -57,25 +55,25 @@ class Run(SimpleNamespace):
 class Trajectory:
     """A run as a table.
 
-    Attributes
-    ----------
-    table, units : pandas.DataFrame, dict
-        One column per channel, and its unit; NaN where a channel has no finite value. Of a body
-        whose size is known, the same in SI units follow, such as ``t_s`` and ``n_rpm``.
-    zeros, reversals : ndarray
-        Times of all zeros of the spin, in ``sqrt(a/g)``, of which the first is the ``t_r`` of a
-        sweep; and of the first zero of each turn, on which the spin goes from beyond a quarter of
-        the launch's spin to beyond a quarter on the other side.
-    t_end, n_steps, status : float, int, str
-        Time reached, accepted steps, and ``ok`` or a word for what went wrong.
-    warning : str
-        Where contact would be lost, or rolling needs a coefficient of friction above 1; else empty.
+    `table` is a DataFrame with one column per channel, NaN where that has no finite value, whose
+    `units` are a dict; of a body whose size is known, the same in SI units follow, such as ``t_s``
+    and ``n_rpm``.  `zeros` are the times of all zeros of the spin, in ``sqrt(a/g)``, of which the
+    first is the ``t_r`` of a sweep, and `reversals` those of the first zero of each turn, on which
+    the spin goes from beyond a quarter of the launch's spin to beyond a quarter on the other side.
+    `t_end` is the time reached, `n_steps` counts the accepted steps, `status` is ``ok`` or a word
+    for what went wrong, and `warning` says where contact would be lost, or rolling needs a
+    coefficient of friction above 1.
     """
 
-    def __init__(self, course: Course) -> None:
+    def __init__(
+        self, run: PreparedRun, scale: Scale | None, channels: Sequence[str], **rows: Any
+    ) -> None:
         import pandas as pd
 
-        self._course = course
+        from rattlesweep.analysis.onerun.course import Course
+
+        self._course = course = Course(run, channels, **rows_of(scale, **rows))
+        self._scale = scale
         self.table = pd.DataFrame(course.columns())
         self.units = {channel.name: channel.unit for channel in course.channels}
         ended = course.follower
@@ -90,6 +88,13 @@ class Trajectory:
     def __repr__(self) -> str:
         turns = counted(len(self.reversals), "reversal")
         return f"<Trajectory of {', '.join(self.units)}: {turns} by t = {self.t_end:g}>"
+
+    def _repr_html_(self) -> str:
+        return f"<div>{html.escape(repr(self))}{self.table.to_html(max_rows=6)}</div>"
+
+    def show(self, *, title: str | None = None, **shown: Any) -> Page:
+        """Make the page of this run, with `from_time`, `points` and `path` of :func:`show`."""
+        return page_of(self._course.run, self._scale, title, **shown)[0]
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Draw the columns against the time, and write the figure to a file if `path` is given."""
@@ -115,7 +120,7 @@ class Page:
         return Page(self.content, Path(path))
 
     def _repr_html_(self) -> str:
-        # A frame of its own, whose scripts see nothing of the notebook.
+        # The scripts of this frame see nothing of the notebook.
         look = 'sandbox="allow-scripts" style="width: 100%; height: 720px; border: 0"'
         return f'<iframe {look} srcdoc="{html.escape(self.content.decode())}"></iframe>'
 
@@ -133,6 +138,11 @@ def simulate(
     a sweep cost.  Spins, times and losses of bodies whose size is known may be texts with a unit,
     alone or in arrays: ``"60 rpm"``, ``"20 s"``, ``"1e-5 N m s"``.
 
+    One run is a :class:`Run`, and several a DataFrame, one row a run in C order of
+    ``attrs["shape"]``, with the columns of a sweep's ``runs`` but ``case`` and ``sample``,
+    ``attrs["units"]``, and the index of a DataFrame of bodies of which each row is one run.  Of
+    bodies whose size is known there are ``t_r_s`` and ``n_i_rpm``.
+
     Parameters
     ----------
     body : Rattleback, str, sequence or array of these, or DataFrame
@@ -144,33 +154,21 @@ def simulate(
     omega, u : array_like, shape (..., 3)
         A full state instead: angular velocity, in ``sqrt(g/a)``, and vertical unit vector (by
         default ``(0, 0, -1)``, upright), along the body's axes.
-    t_end : array_like, optional
-        Horizon, in ``sqrt(a/g)``; by default 5 t_rGH of the spin's own direction.
-    psi : str or array_like, optional
-        ``relevant`` (the default), ``pitch``, ``roll`` or degrees.
-    model : str
-        ``full``, ``reduced`` or ``gh``.
+    t_end, psi : array_like, optional
+        Horizon, in ``sqrt(a/g)``, by default 5 t_rGH of the spin's own direction; ``relevant`` (the
+        default), ``pitch``, ``roll`` or degrees.
+    model, record : str or sequence of str
+        ``full``, ``reduced`` or ``gh``; further columns, such as ``["error", "energy"]``.
     sigma, rolling : array_like, optional
         Torque ``-sigma omega``, in ``M a^2 sqrt(g/a)``; lever of a rolling resistance, in ``a``.
-    record : str or sequence of str
-        Further columns, as of the config's ``record``, such as ``["error", "energy"]``.
     threads, progress : int, bool
         Threads of the kernel, on which no result depends, by default all; whether to show a bar, by
         default in a terminal and in a notebook.
     **integrator
-        ``method`` with its ``tol`` or ``dt_step``, or an ``accuracy`` such as ``"draft"`` or
-        ``{"t_r": 1e-6}``.
-
-    Returns
-    -------
-    Run or pandas.DataFrame
-        One row a run, in C order of ``attrs["shape"]``, with the columns of a sweep's ``runs`` but
-        ``case`` and ``sample``, ``attrs["units"]``, and the index of a DataFrame of bodies of which
-        each row is one run.  Of bodies whose size is known there are ``t_r_s`` and ``n_i_rpm``.
+        ``method`` with ``tol`` or ``dt_step``, or an ``accuracy``: ``"draft"``, ``{"t_r": 1e-6}``.
 
     Examples
     --------
-    >>> import rattlesweep as rs
     >>> rs.simulate("GH", n_i=0.1, omega_xy0=0.01)
     <Run t_r=112.093878, t_end=112.093878, type=R, status=ok>
     """
@@ -184,21 +182,19 @@ def simulate(
     scale = arguments.column_scale(columns)
     many = {"n_i": n_i, "omega_xy0": omega_xy0, "t_end": t_end, "sigma": sigma, "rolling": rolling}
     arrays = {name: numbers(name, x, scale) for name, x in many.items() if x is not None}
-    state: dict[str, Floats] = {}
-    if is_full_state(omega, u, {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi}):
-        state = arguments.full_states(omega, u, scale)
+    if full := is_full_state(omega, u, {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi}):
+        arrays |= arguments.full_states(omega, u, scale)
     if psi is not None and not isinstance(psi, str):
         arrays["psi"] = np.radians(numbers("psi", psi))
-    columns, shape = arguments.broadcast(_launched(columns, state | arrays, psi is not None))
+    columns, shape = arguments.broadcast(_launched(columns, arrays, psi))
     columns = {name: column.ravel() for name, column in columns.items()}
-    if state:
+    if full:
         columns |= launched_from(columns, "launch")
     # Its body and its launch are replaced by those of the rows.
-    launch = Launch(
-        Rattleback.gh(), n_i=1.0, omega_xy0=1.0, psi=psi if isinstance(psi, str) else "relevant",
-        model=model, integrator=_integrator(integrator),
-        record=[record] if isinstance(record, str) else list(record),
-    )  # fmt: skip
+    way = psi if isinstance(psi, str) else "relevant"
+    more = [record] if isinstance(record, str) else list(record)
+    how = _integrator(**integrator)
+    launch = Launch(Rattleback.gh(), 1.0, 1.0, None, way, model, how, record=more)
     plan = plan_of(launch, arguments.table_bodies(columns))
     with Bar.of_call(progress) as bar, listening(bar.compiling):
         table = integrate_plan(plan, threads if shape else 1, bar.counting(f"{plan.runs:,} runs"))
@@ -225,9 +221,8 @@ def trajectory(
     Parameters
     ----------
     body, **launch
-        As for :func:`simulate`, of one body: ``n_i, omega_xy0, omega, u, t_end, psi, model, sigma,
-        rolling`` and those of the integrator.  Also ``e_p0`` and ``e_r0``, the energies of pitch
-        and roll with which the reduced model begins, in ``M g a``; by default the launch's.
+        As for :func:`simulate`, of one body; also ``e_p0`` and ``e_r0``, the energies of pitch and
+        roll with which the reduced model begins, in ``M g a``, by default the launch's.
     channels : sequence of str
         Columns of the table; ``rattlesweep trajectory --channels list`` prints all of them.
     points, dt, steps, times
@@ -239,16 +234,12 @@ def trajectory(
 
     Examples
     --------
-    >>> import rattlesweep as rs
     >>> path = rs.trajectory("GH", n_i=0.1, omega_xy0=0.01, t_end=150, points=4)
     >>> path["n"].shape, path.reversals.round(2)
     ((4,), array([112.09]))
     """
-    from rattlesweep.analysis.onerun.course import Course, PreparedRun
-
-    made = launch_of(body, **launch)
-    rows = rows_of(arguments.scale_of(made.body.units), points, dt, steps, times, from_time)
-    return Trajectory(Course(PreparedRun.of(made), channels, **rows))
+    rows = {"points": points, "dt": dt, "steps": steps, "times": times, "from_time": from_time}
+    return Trajectory(*prepare_launch(body, **launch), channels, **rows)
 
 
 def show(
@@ -260,12 +251,9 @@ def show(
     The arguments are those of :func:`trajectory`, with by default 20 rows a period of the pitch;
     `title` is that of the page, and `path` an .html file to write it to.
     """
-    from rattlesweep.analysis.onerun.course import PreparedRun
-
-    made = launch_of(body, **launch)
-    title = title or (f"Rattleback {body}" if isinstance(body, str) else "Rattleback")
-    shown: dict[str, Any] = {"points": points, "from_time": from_time, "path": path}
-    return page_of(PreparedRun.of(made), arguments.scale_of(made.body.units), title, **shown)[0]
+    run, scale = prepare_launch(body, **launch)
+    title = title or (f"Rattleback {body}" if isinstance(body, str) else None)
+    return page_of(run, scale, title, points=points, from_time=from_time, path=path)[0]
 
 
 def replay(
@@ -278,13 +266,8 @@ def replay(
     the other arguments are those of :func:`trajectory`, and the horizon by default the sweep's.
     Raises an OutputError if the run is not stored yet, is damaged, or comes out otherwise.
     """
-    from rattlesweep.analysis.onerun.course import Course
-
-    run = _stored_run(directory, case=case, sample=sample)
-    wanted = rows_of(run.scale, **rows)
-    course = Course(run.prepare(number("t_end", t_end, run.scale)), channels, **wanted)
-    run.prove()
-    return Trajectory(course)
+    run, prepared = prepare_stored(directory, t_end, case=case, sample=sample)
+    return Trajectory(prepared, run.scale, channels, **rows)
 
 
 def fit(
@@ -293,13 +276,13 @@ def fit(
 ) -> Fit:  # fmt: skip
     """Fit parameters of one run to a measured angle or spin, or to reversal times.
 
-    The intervals are those of the Jacobian at the best fit, for noise that is equal and independent
-    from row to row and whose size is estimated from the residuals.
+    The intervals are those of the Jacobian at the best fit, for equal and independent noise whose
+    size is estimated from the residuals.
 
     Parameters
     ----------
     body : Rattleback or str
-        As measured otherwise.  It needs a size if the data are in seconds.
+        As measured otherwise; with a size if the data are in seconds.
     data : path, DataFrame or mapping of columns
         ``t_s`` and ``angle_deg``, ``spin_rpm`` or ``n_rpm``, or ``reversal_s`` alone; other units
         go likewise, as in ``t_ms``.  The angle is that of the long axis, seen from above and
@@ -309,27 +292,16 @@ def fit(
     free : sequence of str
         Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, skew`` (which is ``-xi``),
         ``xi, theta, phi, alpha, beta, gamma, c``.  The search begins at what else is given of them.
-    launch : mapping, optional
-        ``n_i, omega_xy0, psi`` or ``omega, u``, as of :func:`rattlesweep.trajectory`; what is free
-        may be left out.
-    sigma, rolling : float or str
-        Dissipation.
-
-    Examples
-    --------
-    >>> import rattlesweep as rs
-    >>> truth = {"n_i": 0.1, "omega_xy0": 0.01, "sigma": 1e-3}
-    >>> data = rs.trajectory("GH", t_end=200, points=400, **truth).table
-    >>> found = rs.fit("GH", data, free=["sigma"], launch={"n_i": 0.1, "omega_xy0": 0.01})
-    >>> round(found.values["sigma"], 6)
-    0.001
+    launch, sigma, rolling
+        ``n_i, omega_xy0, psi`` or ``omega, u``, as a mapping, of which what is free may be left
+        out; and dissipation, as for :func:`rattlesweep.trajectory`.
     """
     from rattlesweep.analysis.fit import check_free, fit_run, read_data
     from rattlesweep.sweeps.config import not_one_of
 
-    for name in (given := dict(launch or {})):
-        if name not in (known := (*SPIN, "psi", "omega", "u")):
-            raise ConfigError(f"launch: {not_one_of(name, known)}")
+    known, given = (*SPIN, "psi", "omega", "u"), dict(launch or {})
+    for name in given.keys() - known:
+        raise ConfigError(f"launch: {not_one_of(name, known)}")
     run = launch_of(body, **given, sigma=sigma, rolling=rolling)
     names = check_free(run, free)
     return fit_run(run, read_data(data, run.body.units), names)
@@ -339,7 +311,7 @@ def fit(
 
 
 def page_of(
-    run: PreparedRun, scale: Scale | None, title: str, *, points: int | None = None,
+    run: PreparedRun, scale: Scale | None, title: str | None, *, points: int | None = None,
     from_time: Number | None = None, path: str | Path | None = None,
 ) -> tuple[Page, Course]:  # fmt: skip
     """Return the page of a run, written to a file if there is a path, and its course."""
@@ -347,27 +319,30 @@ def page_of(
 
     check_count("points", points, 2)
     course = course_of(run, points, number("from_time", from_time, scale))
-    page = Page(make_page(make_scene(course), title, run.title))
+    page = Page(make_page(make_scene(course), title or "Rattleback", run.title))
     return page if path is None else page.save(path), course
 
 
-def stored_page(
-    directory: Path, which: dict[str, Any], *, title: str | None = None,
-    t_end: Number | None = None, **shown: Any,
-) -> tuple[Page, Course, str]:  # fmt: skip
-    """Return the page of a run, proved to be the stored one, its course, and what was proved."""
-    run = _stored_run(directory, **which)
-    prepared = run.prepare(number("t_end", t_end, run.scale))
-    run.prove()
-    return *page_of(prepared, run.scale, title or run.title, **shown), run.proof
-
-
-def _stored_run(directory: str | Path, **which: Any) -> StoredRun:
+def prepare_stored(
+    directory: str | Path, t_end: Any = None, **which: Any
+) -> tuple[StoredRun, PreparedRun]:
+    """Return a stored run that comes out as stored, and the same to another horizon."""
     from rattlesweep.analysis.onerun.replay import find_run
 
     check_count("case", which.get("case"), 0)
     check_count("sample", which.get("sample"), 0)
-    return find_run(Path(directory), **which)
+    run = find_run(Path(directory), **which)
+    prepared = run.prepare(number("t_end", t_end, run.scale))
+    run.prove()
+    return run, prepared
+
+
+def prepare_launch(body: Any, **launch: Any) -> tuple[PreparedRun, Scale | None]:
+    """Return one launch, ready to be integrated, and the units of its body."""
+    from rattlesweep.analysis.onerun.course import PreparedRun
+
+    made = launch_of(body, **launch)
+    return PreparedRun.of(made), arguments.scale_of(made.body.units)
 
 
 def launch_of(
@@ -379,7 +354,8 @@ def launch_of(
 
     made = arguments.one_body(body)
     scale = arguments.scale_of(made.units)
-    integrator = _integrator({name: values.pop(name) for name in INTEGRATOR if name in values})
+    keys = {"method", "tol", "dt_step", "accuracy"} & values.keys()
+    integrator = _integrator(**{name: values.pop(name) for name in keys})
     single: dict[str, Any] = {name: number(name, x, scale) for name, x in values.items()}
     single = {name: x for name, x in single.items() if x is not None}
     psi = psi if isinstance(psi, str) else number("psi", psi)
@@ -400,18 +376,13 @@ def rows_of(
     return {"points": points, "dt": dt, "steps": steps, "times": times, "from_time": from_time}
 
 
-def _launched(
-    columns: dict[str, Floats], arrays: dict[str, Floats], directed: bool
-) -> dict[str, Floats]:
-    """Return bodies with the launches that are given, or those of their own table.
-
-    `directed` says whether ``psi`` is given, as a word or in `arrays`.
-    """
+def _launched(columns: dict[str, Floats], arrays: dict[str, Floats], psi: Any) -> dict[str, Floats]:
+    """Add the launches that are given to the columns of bodies, or keep those of their table."""
     if any(name in arrays for name in (*SPIN, *STATE)):
         # Directions and horizons of the table belong to its own launches.
         own = (*SPIN, "psi", "t_end", *STATE)
         columns = {name: columns[name] for name in columns if name not in own}
-    elif directed:
+    elif psi is not None:
         if "u_x" in columns:
             raise ConfigError("psi does not go with the full states of the table; leave it out")
         columns.pop("psi", None)
@@ -423,8 +394,8 @@ def _launched(
     return launched
 
 
-def _integrator(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the config's `integrator`, which refuses what its method does not take."""
-    for name in given.keys() - INTEGRATOR.keys():
-        raise TypeError(f"unexpected keyword argument {name!r}")
-    return {INTEGRATOR[name]: value for name, value in given.items() if value is not None}
+def _integrator(
+    method: Any = None, tol: Any = None, dt_step: Any = None, accuracy: Any = None
+) -> dict[str, Any]:
+    given = {"method": method, "tol": tol, "dt": dt_step, "accuracy": accuracy}
+    return {name: value for name, value in given.items() if value is not None}

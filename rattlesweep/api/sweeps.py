@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.api.arrays import check_count, is_frame, to_frame
-from rattlesweep.api.single import Page, stored_page
+from rattlesweep.api.single import Page, Trajectory, page_of, prepare_stored, replay
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.text import Bar
 
@@ -74,7 +74,6 @@ class Sweep:
 
         Examples
         --------
-        >>> import rattlesweep as rs
         >>> slow = rs.load("out/gh").read(["n_i", "t_r"], where="t_r > 200")
         >>> slow.t_r.round(2).tolist(), slow.attrs["units"]["t_r"]
         ([809.86], 'sqrt(a/g)')
@@ -86,11 +85,8 @@ class Sweep:
 
         stored = self._stored
         schema = stored.schema
-        names = (
-            [columns]
-            if isinstance(columns, str)
-            else list(schema.names if columns is None else columns)
-        )
+        names = schema.names if columns is None else columns
+        names = [names] if isinstance(names, str) else list(names)
         for name in names:
             if name not in schema.names:
                 raise ConfigError(f"columns: {not_one_of(str(name), schema.names)}")
@@ -98,10 +94,9 @@ class Sweep:
             return to_frame(stored.read(names))
         condition = parse_where(where, schema, "where")
         needed = list(dict.fromkeys((*names, *condition.columns)))
-        rows = [condition.filter(batch).select(names) for batch in stored.batches(needed)]
         chosen = pa.schema([schema.field(name) for name in names])
-        empty = chosen.remove_metadata().empty_table()
-        return to_frame(pa.concat_tables([empty, *map(pa.table, rows)]).cast(chosen))
+        rows = (condition.filter(batch).select(names) for batch in stored.batches(needed))
+        return to_frame(pa.Table.from_batches([batch.cast(chosen) for batch in rows], chosen))
 
     def to_xarray(
         self, columns: Sequence[str] | None = None, *, where: str | None = None, fill: bool = False
@@ -112,15 +107,10 @@ class Sweep:
         there is one (the bodies' own coefficient is then ``K_r_body``), ``n_i``, ``omega_xy0``, and
         the axes of a grid of bodies, else ``sample``.
 
-        Parameters
-        ----------
-        columns : sequence of str, optional
-            Columns of ``runs``; by default all that hold one value a run.
-        where : str, optional
-            A condition as for :meth:`read`; other runs are missing: NaN, or empty words.
-        fill : bool
-            Whether the points that ``bodies.refine`` has left out are filled from the nearest runs,
-            numbers by linear interpolation between them.
+        The columns are by default all that hold one value a run.  Runs for which `where` is false
+        (see :meth:`read`) are missing: NaN, or empty words.  With `fill` the points that
+        ``bodies.refine`` has left out are filled from the nearest runs, numbers by linear
+        interpolation between them.
         """
         from rattlesweep.analysis.layout import make_dataset, read_layout
 
@@ -132,19 +122,11 @@ class Sweep:
         select: Mapping[str, Any] | Sequence[str] = (), where: str | None = None,
         path: str | Path | None = None, **looks: Any,
     ) -> Figure:  # fmt: skip
-        """Draw the sweep, as ``rattlesweep plot`` does.
+        """Draw the sweep as ``rattlesweep plot`` does, perhaps to an .svg, .png or .pdf at `path`.
 
-        Parameters
-        ----------
-        kind, x, quantity, where : str, optional
-            As there: what to draw, such as ``times`` or ``map``; what the abscissa is; which column
-            a map or a distribution shows; a condition on the runs.
-        select : mapping or sequence of str
-            Only these values, such as ``{"n_i": [-0.3, -0.5], "theta": "0.6:0.7"}``.
-        path : path, optional
-            An .svg, .png or .pdf file to write it to as well.
-        **looks
-            ``title``, ``log``, ``size`` in inches, ``xlim`` and ``ylim``.
+        `kind`, such as ``times`` or ``map``, `x`, the abscissa, `quantity`, the column of a map or
+        a distribution, and `where` are as there.  `select` chooses values, as in ``{"n_i": [-0.3,
+        -0.5], "theta": "0.6:0.7"}``; looks are ``title``, ``log``, ``size``, ``xlim``, ``ylim``.
         """
         from rattlesweep.analysis.layout import read_layout
         from rattlesweep.analysis.plots import choose_picture
@@ -153,8 +135,8 @@ class Sweep:
         if path is not None and Path(path).suffix.lower()[1:] not in FORMATS:
             raise ConfigError(f"path {path}: the name must end in .{', .'.join(FORMATS)}")
         if isinstance(select, Mapping):
-            listed = {k: [v] if isinstance(v, str | float | int) else v for k, v in select.items()}
-            select = [f"{name}={','.join(map(str, values))}" for name, values in listed.items()]
+            lists = {k: [v] if isinstance(v, str | float | int) else v for k, v in select.items()}
+            select = [f"{name}={','.join(map(str, values))}" for name, values in lists.items()]
         chosen: dict[str, Any] = {"x": x, "quantity": quantity, "select": select, "where": where}
         with styled():
             figure = choose_picture(read_layout(self.directory), kind, **chosen).figure(**looks)
@@ -175,7 +157,7 @@ class Sweep:
         """Read everything and compare it with what the manifest says; nothing is changed.
 
         `recompute` runs, drawn at random by `seed`, are integrated again and compared bit by bit.
-        The result has ``problems``, a list of sentences, empty if all is well, and ``words``.
+        The result has ``problems``, a list of sentences, and ``words``.
         """
         from rattlesweep.sweeps.verify import verify
 
@@ -198,14 +180,21 @@ class Sweep:
         texts = [f"classify.{key}={value!r}" for key, value in thresholds.items()]
         return to_frame(classify_stored(self.directory, texts).summary)
 
-    def show(self, case: int | None = None, sample: int | None = None, **settings: Any) -> Page:
-        """Make a page on which the body of one of the runs rolls on the plane.
+    def replay(self, case: int, sample: int, **settings: Any) -> Trajectory:
+        """Integrate one of the runs again as a trajectory, as :func:`rattlesweep.replay` does."""
+        return replay(self.directory, case, sample, **settings)
 
-        Instead of a case and a sample there may be a condition ``where``; the other settings are
-        those of :func:`rattlesweep.show`.
+    def show(
+        self, case: int | None = None, sample: int | None = None, *, where: str | None = None,
+        t_end: float | str | None = None, title: str | None = None, **settings: Any,
+    ) -> Page:  # fmt: skip
+        """Make a page on which the body of a run, perhaps the first of a condition, rolls.
+
+        The settings are those of :func:`rattlesweep.show`.
         """
-        run = {"case": case, "sample": sample, "where": settings.pop("where", None)}
-        return stored_page(self.directory, run, **settings)[0]
+        which = {"case": case, "sample": sample, "where": where}
+        found, run = prepare_stored(self.directory, t_end, **which)
+        return page_of(run, found.scale, title or found.title, **settings)[0]
 
     def __repr__(self) -> str:
         return f"<Sweep {self.directory}: {self._stored.count():,} runs>"
@@ -225,7 +214,7 @@ def sweep(
     config: str | Path | Mapping[str, Any] | pd.DataFrame, *, output: str | Path | None = None,
     threads: int | None = None, progress: bool | None = None, **keys: Any,
 ) -> Sweep:  # fmt: skip
-    """Run a sweep, or go on with one that was stopped.
+    """Run a sweep, or go on with one that was stopped; a ConfigWarning tells what is doubtful.
 
     Parameters
     ----------
@@ -233,37 +222,19 @@ def sweep(
         A config file; what one would hold; or bodies, with the columns ``alpha beta gamma theta phi
         xi`` and perhaps ``n_i omega_xy0 psi t_end``, as in a table of bodies (angles in radians),
         or those in SI units.  Bodies are kept in the output directory beside their runs.
-    output : path, optional
-        Output directory; overrides the config's.
-    threads, progress
-        As for :func:`rattlesweep.simulate`.
+    output, threads, progress
+        Output directory, which overrides the config's; the others as for :func:`simulate`.
     **keys
         For a DataFrame, the other keys of the config: ``spin``, ``horizon``, ``record``...
-
-    Raises
-    ------
-    ConfigError
-        If the config or an argument is wrong, or the directory holds another sweep; what makes
-        little physical sense is a ConfigWarning.
-    OutputError
-        If the directory cannot be read or written.
-
-    Examples
-    --------
-    >>> import rattlesweep as rs
-    >>> rs.sweep("configs/gh.yaml")["t_r"].round(2).tolist()
-    [112.09, 809.86]
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.config.read import load_config, parse_config
-    from rattlesweep.sweeps.plausible import checked_plan
+    from rattlesweep.sweeps.plausible import checked_plan, plan_frame
     from rattlesweep.sweeps.run import run_sweep
 
     check_count("threads", threads)
     target, base = None if output is None else Path(output), None
     if is_frame(config):
-        from rattlesweep.sweeps.plausible import plan_frame
-
         plan, target, base, doubts = plan_frame(config, target, keys)
     else:
         for key in keys:

@@ -34,7 +34,7 @@ class Program(click.Group):
             raise click.Abort from stop
 
     def main(self, *args: Any, **settings: Any) -> NoReturn:
-        """Read the command line, call the command and end the process with its exit code."""
+        """Call a command, and end the process with its exit code."""
         # A stream that was closed before would be replaced by the next file that is opened.
         sys.stdout = sys.stdout or os.fdopen(os.open(os.devnull, os.O_RDONLY), "w")
         sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
@@ -95,12 +95,10 @@ def _leave(code: int) -> NoReturn:
     raise SystemExit(code)
 
 
-@click.group(
-    cls=Program,
-    commands=COMMANDS,
-    invoke_without_command=True,
-    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
-)
+SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}
+
+
+@click.group(cls=Program, commands=COMMANDS, invoke_without_command=True, context_settings=SETTINGS)
 @option("--verbose", is_flag=True, help="With --version: of libraries and the processor, too.")
 @option("--version", is_flag=True, help="Show the version and exit.")
 @click.pass_context

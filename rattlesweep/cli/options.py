@@ -1,4 +1,5 @@
 """What commands share: how they are made and end, their options, the kinds of their values."""
+# ruff: noqa: D102, D103 - names and types say it
 
 from __future__ import annotations
 
@@ -21,7 +22,6 @@ from rattlesweep.text import Bar
 from rattlesweep.units import quantities, quantity, seconds_of
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
-
 DONE, FAILED, WRONG, SOME_FAILED, EARLY = 0, 1, 2, 3, 75  # exit codes
 MOST_ROWS = 20  # of a table that is printed
 
@@ -32,7 +32,6 @@ class Command(click.Command):
     section = ""
 
     def invoke(self, ctx: click.Context) -> None:
-        """Check the environment, call the function and end with its exit code."""
         check_settings()
         with listening(Bar.of_command(bool(ctx.params.get("quiet"))).compiling):
             code = super().invoke(ctx)
@@ -44,9 +43,9 @@ COMMANDS: list[Command] = []
 
 def command(section: str, *examples: str) -> Callable[[Callable[..., Any]], Command]:
     """Make a function a command, listed in a section, whose help ends with some examples."""
+    head = "Examples" if len(examples) > 1 else "Example"
 
     def make(function: Callable[..., Any]) -> Command:
-        head = "Examples" if len(examples) > 1 else "Example"
         made = click.command(cls=Command, epilog="\n  ".join([f"\b\n{head}:", *examples]))(function)
         made.section = section
         COMMANDS.append(made)
@@ -61,7 +60,6 @@ def say(text: str) -> None:
 
 
 def to_json(data: Any) -> str:
-    """Return data as JSON that every reader takes."""
     return json.dumps(data, indent=2, allow_nan=False, default=str)
 
 
@@ -82,16 +80,12 @@ def pick(given: dict[str, Any], *names: str) -> dict[str, Any]:
 
 
 class Kind(click.ParamType):  # type: ignore[type-arg]
-    """Values that a function reads from text, and refuses by a ValueError.
-
-    The function may be given by its place, ``module:function``, if its module takes long to import.
-    """
+    """Values that a function, or the one at ``module:function``, reads or refuses (ValueError)."""
 
     def __init__(self, name: str, read: Callable[[str], Any] | str) -> None:
         self.name, self._read = name, read
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: Any) -> Any:
-        """Read what was typed."""
         if not isinstance(value, str):
             return value
         read = pkgutil.resolve_name(self._read) if isinstance(self._read, str) else self._read
@@ -112,7 +106,7 @@ def _numbers(example: str, low: float, high: float, text: str) -> tuple[float, .
 
 
 def _measured(kind: str, text: str) -> float | str:
-    """Read a number in the body's units, or check one with an SI unit; without a kind, a word."""
+    """Read a number, or check a text with an SI unit; without a kind, a word."""
     with suppress(ValueError):
         return float(text)
     if kind:
@@ -121,13 +115,7 @@ def _measured(kind: str, text: str) -> float | str:
 
 
 def several(metavar: str, kind: str, *counts: int) -> Kind:
-    """Return the kind of so many quantities with one unit."""
     return Kind(metavar, lambda text: quantities(text, kind, *counts))
-
-
-def names(text: str) -> tuple[str, ...]:
-    """Return what stands between commas."""
-    return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def _directory(text: str) -> Path:
@@ -146,12 +134,12 @@ PICTURES = (".svg", ".png", ".pdf")
 COUNT, NUMBER = click.IntRange(1), click.IntRange(0)
 COUNT.name = NUMBER.name = "n"
 TIME = Kind("time", seconds_of)
+NAMES = Kind("a,b,...", lambda text: tuple(x.strip() for x in text.split(",") if x.strip()))
 SIZE = Kind("w,h", partial(_numbers, "7,4.5", 1, 24))
 LIMITS = Kind("low,high", partial(_numbers, "0.01,0.1", -1e12, 1e12))
 VECTOR = Kind("x,y,z", partial(_numbers, "0,0,-1", -1e12, 1e12))
-SPIN, DURATION, LENGTH, ENERGY = (
-    Kind(kind, partial(_measured, kind)) for kind in ("spin", "time", "length", "energy")
-)
+_MEASURED = ("spin", "time", "length", "energy")
+SPIN, DURATION, LENGTH, ENERGY = (Kind(kind, partial(_measured, kind)) for kind in _MEASURED)
 DAMPING = Kind("sigma", partial(_measured, "torque per spin"))
 MASS, HEIGHT, ANGLE = (Kind(k, partial(quantity, kind=k)) for k in ("mass", "length", "angle"))
 # The modules that hold these words too take long to import; a test compares.
@@ -162,7 +150,6 @@ KINDS = Choice(["fractions", "times", "ratio", "map", "reversals", "distribution
 
 
 def stack(*decorators: Decorator) -> Decorator:
-    """Return one decorator for several options, in this order."""
     return lambda function: reduce(lambda made, each: each(made), reversed(decorators), function)
 
 
@@ -173,18 +160,15 @@ def group(*rows: tuple[str, Any, str]) -> Decorator:
 
 
 def output(help: str = "Output directory; overrides the config's.", **settings: Any) -> Decorator:
-    """Return the option of the directory to write."""
     return option("-o", "--output", type=Kind("dir", _directory), help=help, **settings)
 
 
 def file(name: str, *endings: str, help: str, **settings: Any) -> Decorator:
-    """Return the option of a file to write, whose ending tells the format."""
     names = ("-o", name) if name == "--output" else (name,)
     return option(*names, type=Kind("file", partial(_file, endings)), help=help, **settings)
 
 
 def path(name: str, **settings: Any) -> Decorator:
-    """Return an argument that is a path."""
     return argument(name, type=click.Path(path_type=Path), **settings)
 
 
@@ -204,14 +188,10 @@ t_end = group(("--t-end", DURATION, "Horizon, in sqrt(a/g) or as in 20s; by defa
 from_time = group(("--from-time", DURATION, "Time of the first row, in sqrt(a/g) or as in 2s."))
 where = option("--where", metavar="CONDITION", help="Only runs for which a pandas query on their "
                "columns is true, as in 'type == \"SW\" and K_r < 0.005'.")  # fmt: skip
-which = stack(
-    group(("--case", int, "Case of the run."), ("--sample", int, "Sample of the run.")), where
-)
+_RUN = (("--case", int, "Case of the run."), ("--sample", int, "Sample of the run."))
+which = stack(group(*_RUN), where)
 
-BODY = ("preset", "alpha", "beta", "gamma", "f_sd", "theta", "phi", "xi", "xi_deg", "c", "mass",
-        "height", "inertia", "radii", "axes_angle", "z_up", "half_ellipsoid", "skew", "weights",
-        "at")  # fmt: skip
-body = group(
+_BODY: tuple[tuple[str, Any, str], ...] = (
     ("--preset", PRESETS, "The body of Garcia and Hubbard, or of Kane and Levinson."),
     ("--alpha", float, "I_xx + 1, in M a^2."),
     ("--beta", float, "I_yy + 1, in M a^2."),
@@ -238,6 +218,8 @@ body = group(
     ("--at", several("x,y", "length", 2), "Place of one weight from the middle, along and "
      "across, as in 45,-9mm; the other lies opposite."),
 )  # fmt: skip
+BODY = [name[2:].replace("-", "_") for name, *_ in _BODY]
+body = group(*_BODY)
 dissipation = group(
     ("--sigma", DAMPING, "Dissipation: sigma of a torque -sigma omega, in M a^2 sqrt(g/a), or as "
      "in '1e-4 N m s'."),
@@ -266,7 +248,6 @@ launch = stack(
         ("--accuracy", ACCURACIES, "Instead of a method and its tolerance."),
     ),
 )  # fmt: skip
-ROWS = ("points", "dt", "steps", "from_time")
 rows = stack(
     group(
         ("--points", int, "Number of rows, evenly spaced up to the horizon.  "

@@ -23,13 +23,11 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.bodies import Scale
 
 
-@command(
-    "One run",
-    "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
-    "--radii '50,1.5 cm' --n-i 60rpm",
-    "rattlesweep body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg --n-i 60rpm",
-    "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3 --json",
-)
+@command("One run", "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
+         "--radii '50,1.5 cm' --n-i 60rpm",
+         "rattlesweep body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg --n-i 60rpm",
+         "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3 "
+         "--json")  # fmt: skip
 @options.body
 @options.spin
 @options.dissipation
@@ -50,19 +48,18 @@ def body(as_json: bool, **given: Any) -> None:
     values = derived(made, **numbers)
     if as_json:
         si = {q.name: dict(zip(("value", "unit"), q.in_si, strict=True)) for q in values if q.in_si}
-        units = {} if made.units is None else {"units": asdict(made.units), "si": si}
+        units = {"units": asdict(made.units), "si": si} if made.units else {}
         click.echo(to_json({q.name: q.value for q in values} | units))
         return
     lines = []
     for q in values:
         value = "none" if q.value is None else f"{q.value:.10g}"
-        shown = ("", "") if q.in_si is None else (f"{q.in_si[0]:.5g}", q.in_si[1])
+        shown = (f"{q.in_si[0]:.5g}", q.in_si[1]) if q.in_si else ("", "")
         lines.append((q.name, value, q.unit, *(shown if made.units else ()), q.description))
     click.echo(align(lines, "<><><" if made.units else "<><"))
 
 
 def _list_channels(context: click.Context, _: click.Parameter, names: Any) -> Any:
-    """Print every channel with its unit and meaning, if the word is ``list``."""
     if names == ("list",):
         from rattlesweep.analysis.onerun.channels import CHANNELS
 
@@ -73,22 +70,20 @@ def _list_channels(context: click.Context, _: click.Parameter, names: Any) -> An
 
 series = options.stack(
     options.rows,
-    option("--channels", type=options.Kind("a,b,...", options.names), callback=_list_channels,
-           help="Columns, and panels of the figure if given; 'list' prints all of them.  "
-                "[default: t,n]"),
+    option("--channels", type=options.NAMES, callback=_list_channels, help="Columns, and panels of "
+           "the figure if given; 'list' prints all of them.  [default: t,n]"),
     options.file("--output", ".parquet", ".csv", help="A .parquet or .csv file, instead of CSV on "
                  "standard output."),
     options.figure,
     options.quiet,
 )  # fmt: skip
+SERIES = ("channels", "output", "figure", "quiet", "points", "dt", "steps", "from_time")
 
 
-@command(
-    "One run",
-    "rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
-    "--channels t,n,E_p,E_r --output run.parquet --figure run.svg",
-    "rattlesweep trajectory --preset GH --omega 0.02,0,-0.3 --u 0.01,0,-1 --t-end 500",
-)
+@command("One run", "rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
+         "--channels t,n,E_p,E_r --output run.parquet --figure run.svg",
+         "rattlesweep trajectory --preset GH --omega 0.02,0,-0.3 --u 0.01,0,-1 "
+         "--t-end 500")  # fmt: skip
 @options.body
 @options.launch
 @option("--model", type=options.MODELS, default="full", help="Equations of motion.")
@@ -96,61 +91,38 @@ series = options.stack(
         "model, in M g a, or as in 0.5mJ.")  # fmt: skip
 @option("--e-r0", type=options.ENERGY, help="Energy of the roll, likewise.")
 @series
-def trajectory(
-    channels: tuple[str, ...] | None, output: Path | None, figure: Path | None, quiet: bool,
-    **given: Any,
-) -> int:  # fmt: skip
+def trajectory(**given: Any) -> int:
     """Integrate one launch, past its reversals, as a time series.
 
     Prints CSV unless a file or a figure is requested; the reversal times go to standard error. A
     reversal is counted once the spin has gone from beyond a quarter of its initial value (without
     one, of n_0) to beyond a quarter of it on the other side.
     """
-    from rattlesweep.api.single import rows_of
-
-    probe(output, figure)
-    chosen = pick(given, *options.ROWS)
-    run, scale = _prepared(given)
-    course = _write_course(run, channels, rows_of(scale, **chosen), output, figure)
-    return _say_outcome(course, quiet, scale)
+    probe(given["output"], given["figure"])
+    how = {name: given.pop(name) for name in SERIES}
+    return _follow(*_prepared(given), **how)
 
 
-@command(
-    "One run",
-    "rattlesweep replay out/quickstart --where 'type == \"SW\" and K_r < 0.005' --output sw.csv",
-)
+@command("One run", "rattlesweep replay out/quickstart --where 'type == \"SW\" and K_r < 0.005' "
+         "--output sw.csv")  # fmt: skip
 @options.directory
 @options.which
 @options.t_end
 @series
-def replay(
-    directory: Path, t_end: float | None, channels: tuple[str, ...] | None, output: Path | None,
-    figure: Path | None, quiet: bool, **given: Any,
-) -> int:  # fmt: skip
+def replay(directory: Path, **given: Any) -> int:
     """Integrate a stored run again as a time series, past its reversals.
 
     Exits with 1 if it does not come out as stored, bit for bit.
     """
-    from rattlesweep.analysis.onerun.replay import find_run
-    from rattlesweep.api.arrays import number
-    from rattlesweep.api.single import rows_of
+    from rattlesweep.api.single import prepare_stored
 
-    probe(output, figure)
-    run = find_run(directory, **pick(given, "case", "sample", "where"))
-    rows = rows_of(run.scale, **given)
-    prepared = run.prepare(number("t_end", t_end, run.scale))
-    run.prove()
-    course = _write_course(prepared, channels, rows, output, figure)
-    if not quiet:
-        say(run.proof)
-    return _say_outcome(course, quiet, run.scale)
+    probe(given["output"], given["figure"])
+    run, prepared = prepare_stored(directory, **pick(given, "case", "sample", "where", "t_end"))
+    return _follow(prepared, run.scale, run.proof, **given)
 
 
-@command(
-    "One run",
-    "rattlesweep show --preset GH --n-i -0.1 --output spin.html",
-    "rattlesweep show out/quickstart --where 'type == \"SW\"' --output wobble.html",
-)
+@command("One run", "rattlesweep show --preset GH --n-i -0.1 --output spin.html",
+         "rattlesweep show out/quickstart --where 'type == \"SW\"' -o wobble.html")  # fmt: skip
 @options.path("directory", required=False)
 @options.which
 @options.body
@@ -166,67 +138,64 @@ def show(directory: Path | None, title: str | None, output: Path, quiet: bool, *
     The run is a launch of a body, or a stored run of DIRECTORY, as `replay` takes it. The page
     needs a browser but no network.
     """
-    from rattlesweep.api.single import page_of, stored_page
+    from rattlesweep.api.single import page_of, prepare_stored
 
     probe(output)
-    which = pick(given, "case", "sample", "where")
-    rows = pick(given, "points", "from_time")
-    proof, scale = "", None
+    which, rows = pick(given, "case", "sample", "where"), pick(given, "points", "from_time")
+    proof = ""
     if directory is not None:
-        rows |= pick(given, "t_end")
+        t_end = given.pop("t_end")
         for name in pick(given, *given):
             raise ConfigError(f"--{name.replace('_', '-')}: the sweep in {directory} says what the "
                               "run was; leave this out")  # fmt: skip
-        page, course, proof = stored_page(directory, which, title=title, path=output, **rows)
+        found, run = prepare_stored(directory, t_end, **which)
+        scale, proof, title = found.scale, found.proof, title or found.title
     elif which:
         raise ConfigError("--case, --sample and --where choose a run of a DIRECTORY; give it")
     else:
-        title = title or f"Rattleback {given['preset'] or ''}".rstrip()
+        title = title or (f"Rattleback {given['preset']}" if given["preset"] else None)
         run, scale = _prepared(given)
-        page, course = page_of(run, scale, title, path=output, **rows)
+    page, course = page_of(run, scale, title, path=output, **rows)
     click.echo(output)
     if not quiet:
-        say(f"{proof}\n".lstrip() + f"{len(page.content) / 1e6:.1f} MB")
-    return _say_outcome(course, quiet, scale)
+        say(f"{len(page.content) / 1e6:.1f} MB")
+    return _say_outcome(course, quiet, scale, proof)
 
 
 def _prepared(given: dict[str, Any]) -> tuple[PreparedRun, Scale | None]:
-    """Return the run that options ask for, and the units of its body."""
     from rattlesweep.analysis.derived import make_body
-    from rattlesweep.analysis.onerun.course import PreparedRun
-    from rattlesweep.api.arrays import scale_of
-    from rattlesweep.api.single import launch_of
+    from rattlesweep.api.single import prepare_launch
 
-    made = make_body(pick(given, *options.BODY))
-    rest = pick(given, *given)
+    made, rest = make_body(pick(given, *options.BODY)), pick(given, *given)
     defaults = {} if {"omega", "u"} & rest.keys() else options.SPIN_DEFAULTS
-    return PreparedRun.of(launch_of(made, **{**defaults, **rest})), scale_of(made.units)
+    return prepare_launch(made, **{**defaults, **rest})
 
 
-def _write_course(
-    run: PreparedRun, channels: tuple[str, ...] | None, rows: dict[str, Any],
-    output: Path | None, figure: Path | None,
-) -> Course:  # fmt: skip
-    """Integrate a run, and write what is asked for (a figure has own rows), or print CSV."""
+def _follow(
+    run: PreparedRun, scale: Scale | None, proof: str = "", *, channels: tuple[str, ...] | None,
+    output: Path | None, figure: Path | None, quiet: bool, **given: Any,
+) -> int:  # fmt: skip
+    """Integrate a run, and write what is asked for, or print CSV; a figure has rows of its own."""
     from rattlesweep.analysis.onerun.course import Course, save, write_csv
+    from rattlesweep.api.single import rows_of
 
+    rows = rows_of(scale, **given)
     if output is not None or figure is None:
         course = Course(run, channels or ("t", "n"), **rows)
         write_csv(course, sys.stdout.buffer) if output is None else save(course, output)
     if figure is not None:
-        # Matplotlib is loaded for figures alone.
         from rattlesweep.analysis.onerun.figure import course_of, draw
 
         course = course_of(run, channels, rows["from_time"])
         draw(course.columns(), course, figure)
-    return course
+    return _say_outcome(course, quiet, scale, proof)
 
 
-def _say_outcome(course: Course, quiet: bool, scale: Scale | None) -> int:
+def _say_outcome(course: Course, quiet: bool, scale: Scale | None, proof: str) -> int:
     """Tell what became of a run, in seconds too where the body has a size; return the exit code."""
     ended = course.follower
     if not quiet:
-        text = _times(course.reversals, "reversal")
+        text = f"{proof}\n".lstrip() + _times(course.reversals, "reversal")
         if scale is not None and course.reversals:
             text += f" ({', '.join(f'{t * scale.second:.4g} s' for t in course.reversals[:8])})"
         if ended.zeros != course.reversals:
@@ -241,7 +210,6 @@ def _say_outcome(course: Course, quiet: bool, scale: Scale | None) -> int:
 
 
 def _times(times: list[float], word: str) -> str:
-    """Return such as ``2 reversals at 112.1, 387.5``."""
     shown = ", ".join(f"{time:.10g}" for time in times[:8]) + ", ..." * (len(times) > 8)
     return f"{counted(len(times), word)} at {shown}" if times else f"no {word}s"
 
@@ -263,11 +231,9 @@ def fit(stone: Path, data: Path, figure: Path | None, as_json: bool, quiet: bool
 
     probe(figure)
     found = fit(data=data, **_read_stone(stone))
-    if as_json:
-        names = ("values", "intervals", "noise", "noise_unit", "rows", "remarks")
-        click.echo(to_json({name: getattr(found, name) for name in names}))
-    else:
-        click.echo(_fit_table(found))
+    names = ("values", "intervals", "noise", "noise_unit", "rows", "remarks")
+    told = {name: getattr(found, name) for name in names}
+    click.echo(to_json(told) if as_json else _fit_table(found))
     if figure is not None:
         found.plot(figure)
     if not quiet:
@@ -277,21 +243,18 @@ def fit(stone: Path, data: Path, figure: Path | None, as_json: bool, quiet: bool
 
 
 def _fit_table(found: Fit) -> str:
-    """Return values and intervals, in SI units too where the body has a size."""
     from rattlesweep.analysis.fit import PARAMETERS
 
     sizes = {"rad": (180 / math.pi, "deg")}
-    if found.body.units is not None:
-        sizes |= found.body.units.sizes
-        sizes["sqrt(g/a)"] = sizes["sqrt(g/a)"][0] * 30 / math.pi, "rpm"
+    if units := found.body.units:
+        sizes |= units.sizes | {"sqrt(g/a)": (30 / math.pi / units.time, "rpm")}
     lines = [["", "value", "low", "high", "unit", "", "low", "high", "unit", ""]]
     for name, value in found.values.items():
         unit, _, _, description = PARAMETERS[name]
         size, si_unit = sizes.get(unit, (math.nan, ""))
         numbers = (value, *found.intervals[name])
         si = [f"{size * number:.5g}" if si_unit else "" for number in numbers]
-        plain = [f"{number:.6g}" for number in numbers]
-        lines.append([name, *plain, unit, *si, si_unit, description])
+        lines.append([name, *map("{:.6g}".format, numbers), unit, *si, si_unit, description])
     return align(lines, "<>>><>>><<")
 
 
@@ -308,8 +271,7 @@ def _read_stone(path: Path) -> dict[str, Any]:
         dissipation: dict[Literal["sigma", "rolling"], float | str] = {}
 
     try:
-        text = path.read_text(encoding="utf-8")
-        given = Stone.model_validate(YAML(typ="safe", pure=True).load(text))
+        given = Stone.model_validate(YAML(typ="safe", pure=True).load(path))
         body = _stone(given.body)
     except ValidationError as error:
         first = error.errors()[0]

@@ -19,12 +19,9 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.text import Bar, counted
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from rattlesweep.sweeps.cost import Forecast
     from rattlesweep.sweeps.plan import Plan
 
-ENGINES = click.Choice(["local", "dask"])
 SHARD = Kind("i/n", "rattlesweep.sweeps.run:Shard.parse")
 LIMIT = Kind("time", "rattlesweep.sweeps.slurm:limit_of")
 
@@ -54,11 +51,8 @@ def init(config: Path) -> None:
     click.echo(config)
 
 
-@command(
-    "Sweeps",
-    "rattlesweep plan configs/steady.yaml --check",
-    "rattlesweep plan configs/steady.yaml --set bodies.samples=100000",
-)
+@command("Sweeps", "rattlesweep plan configs/steady.yaml --check",
+         "rattlesweep plan configs/steady.yaml --set bodies.samples=100000")  # fmt: skip
 @options.sweep
 @options.threads
 @option("--check", is_flag=True, help="Only check the config, and integrate nothing.")
@@ -71,25 +65,21 @@ def plan(config: Path, threads: int | None, check: bool, as_json: bool, **given:
     """
     made, where = _planned(config, **given)
     found = None if check else _forecast(made, where, threads)
-    size = {"case": len(made.cases), "sample": made.samples, "run": made.runs}
+    size = {"cases": len(made.cases), "samples": made.samples, "runs": made.runs}
     if as_json:
-        figures = {} if found is None else vars(found)
-        click.echo(to_json({f"{name}s": number for name, number in size.items()} | figures))
+        click.echo(to_json(size | (vars(found) if found else {})))
         return
-    cases, samples, runs = (counted(number, name) for name, number in size.items())
+    cases, samples, runs = (counted(number, name[:-1]) for name, number in size.items())
     click.echo(f"{config} is valid: {cases} x {samples} = {runs}")
-    if found is not None:
+    if found:
         click.echo(found.words)
 
 
-@command(
-    "Sweeps",
-    "rattlesweep run configs/quickstart.yaml --set bodies.samples=100",
-    "rattlesweep run configs/steady.yaml --shard 0/4 --output out/steady-0",
-)
+@command("Sweeps", "rattlesweep run configs/quickstart.yaml --set bodies.samples=100",
+         "rattlesweep run configs/steady.yaml --shard 0/4 --output out/steady-0")  # fmt: skip
 @options.sweep
 @options.threads
-@option("--engine", type=ENGINES, default="local", help="Where to compute.")
+@option("--engine", type=click.Choice(["local", "dask"]), default="local", help="Where to compute.")
 @option("--scheduler", metavar="ADDRESS", help="Dask scheduler; without it, one of its own.")
 @option("--shard", type=SHARD, help="Compute shard I of N only, with I from 0 to N-1.")
 @option("--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m.")
@@ -129,15 +119,14 @@ def run(
         from rattlesweep.sweeps.dask import make_engine
 
         how["engine"] = make_engine(scheduler, threads)
+    how |= {"base": config.resolve().parent, "threads": threads}
     with Bar.of_command(quiet) as bar:
-        base = config.resolve().parent
-        result = run_sweep(made, where, base=base, threads=threads, report=bar, **how)
+        result = run_sweep(made, where, report=bar, **how)
     where = result.stored.directory
     for path in result.found.damaged:
         say(f"note: a file was damaged and is now {path}; its runs are done again")
     if not quiet:
-        if result.summary is not None:
-            _print_summary(result.summary, where)
+        _print_summary(result.summary, where)
         now = f"{result.done:,} of them done now in {result.seconds:.1f} s"
         say(f"{counted(result.runs, 'run')} in {where}, {now}")
     if verbose:
@@ -183,9 +172,9 @@ def verify(directory: Path, recompute: int, threads: int | None, as_json: bool) 
     """
     from rattlesweep.sweeps.verify import verify as check
 
+    seed = secrets.randbelow(2**32)
     with Bar.of_command() as bar:
-        watch, seed = bar.counting("verifying"), secrets.randbelow(2**32)
-        found = check(directory, recompute, seed, threads, report=watch)
+        found = check(directory, recompute, seed, threads, report=bar.counting("verifying"))
     click.echo(to_json(asdict(found)) if as_json else found.words)
     return options.FAILED if found.problems else DONE
 
@@ -234,11 +223,9 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     return DONE
 
 
-@command(
-    "Sweeps",
-    "rattlesweep slurm configs/steady.yaml --shards 100 --cpus 16 --time 4:00:00 > steady.sh",
-    "sbatch steady.sh",
-)
+@command("Sweeps",
+         "rattlesweep slurm configs/steady.yaml --shards 100 --cpus 16 --time 4:00:00 > steady.sh",
+         "sbatch steady.sh")  # fmt: skip
 @options.sweep
 @option("--shards", type=COUNT, required=True, help="Number of tasks in the array.")
 @option("--time", "limit", type=LIMIT, default="4:00:00", help="Time limit of a task.")
@@ -263,9 +250,8 @@ def slurm(
         examine(made, where)
     if shards > made.runs:
         raise ConfigError(f"--shards {shards}: there are only {counted(made.runs, 'run')}")
-    place = where.absolute()
-    script = job_script(made, config.resolve(), place, overrides, shards=shards, own=own, **job)
-    click.echo(script, nl=False)
+    place, job = where.absolute(), job | {"shards": shards, "own": own}
+    click.echo(job_script(made, config.resolve(), place, overrides, **job), nl=False)
 
 
 @command("Sweeps", "rattlesweep schema > rattlesweep.schema.json")
@@ -276,21 +262,18 @@ def schema() -> None:
     click.echo(to_json(config_json_schema()))
 
 
-def _print_summary(summary: pa.Table | None, directory: Path) -> None:
-    """Print the table of a summary, if there is one: all of its cases, or the first of many."""
+def _print_summary(summary: Any, directory: Path) -> None:
     from rattlesweep.sweeps.summary import closing_table
 
-    if summary is None:
-        return
-    click.echo(closing_table(summary.slice(0, options.MOST_ROWS)))
-    if (more := len(summary) - options.MOST_ROWS) > 0:
-        say(f"{counted(more, 'more case')} in {directory / 'summary.parquet'}")
+    if summary is not None:
+        click.echo(closing_table(summary.slice(0, options.MOST_ROWS)))
+        if (more := len(summary) - options.MOST_ROWS) > 0:
+            say(f"{counted(more, 'more case')} in {directory / 'summary.parquet'}")
 
 
 def _planned(
     path: Path, overrides: tuple[str, ...], output: Path | None, quiet: bool = False
 ) -> tuple[Plan, Path]:
-    """Return the plan of a sweep and its directory, and say what is doubtful about it."""
     from rattlesweep.sweeps.config.read import load_config
     from rattlesweep.sweeps.plausible import checked_plan
 
@@ -302,7 +285,6 @@ def _planned(
 
 
 def _forecast(made: Plan, where: Path, threads: int | None) -> Forecast:
-    """Return what a sweep will take, and say if the disk has too little room for it."""
     from rattlesweep.sweeps.cost import forecast
 
     found = forecast(made, threads)
@@ -312,12 +294,11 @@ def _forecast(made: Plan, where: Path, threads: int | None) -> Forecast:
     return found
 
 
-@command(
-    "Results of a sweep",
-    "rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf",
-    "rattlesweep plot out/steady --kind scatter --x K_r --where 'type == \"R\" and t_r < 2e3'",
-    "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0",
-)
+@command("Results of a sweep",
+         "rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf",
+         "rattlesweep plot out/steady --kind scatter --x K_r --where 'type == \"R\" and t_r < 2e3'",
+         "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 "
+         "--select n_i=-0.45:0")  # fmt: skip
 @options.directory
 @option("--kind", type=options.KINDS, help="By default what suits the sweep; times are t_r.")
 @option("--x", metavar="NAME", help="Abscissa: what the config varies, or any column of a scatter.")
@@ -492,13 +473,9 @@ def tradeoff(
     base, directory = config and config.resolve().parent, output or Path(loaded.directory)
     probe_directory(directory)
     start, threads = time.monotonic(), threads or available_threads()
-    how: dict[str, Any] = {
-        "samples": samples,
-        "settings": QUICK if quick else FULL,
-        "least": 300 if quick else 2000,
-        "threads": threads,
-    }
-    study = measure(loaded, base, **how, report=Bar.of_command().stage)
+    settings, least = (QUICK, 300) if quick else (FULL, 2000)
+    how: dict[str, Any] = {"samples": samples, "least": least, "threads": threads}
+    study = measure(loaded, base, settings=settings, **how, report=Bar.of_command().stage)
     files = save(study, directory)
     click.echo(to_json(as_data(study)) if as_json else as_text(study))
     say(f"{', '.join(p.name for p in files)} in {directory}; {time.monotonic() - start:.1f} s")

@@ -30,7 +30,7 @@ def test_the_examples_in_the_package_are_true(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rs.sweep("configs/gh.yaml", threads=1)
     for module in (rs, bodies_module, api, single, sweeps):
-        failed, tried = doctest.testmod(module)
+        failed, tried = doctest.testmod(module, extraglobs={"rs": rs})
         assert failed == 0 < tried
 
 
@@ -38,8 +38,7 @@ def test_every_name_is_there():
     contract = {"Rattleback", "modes", "reversal_time_gh", "bondi_threshold", "growth_rates",
                 "simulate", "trajectory", "sweep", "load", "replay", "show", "fit", "ConfigError",
                 "OutputError"}  # fmt: skip
-    assert contract <= set(dir(rs)) == set(rs.__all__)
-    assert all(getattr(rs, name) is not None for name in rs.__all__)
+    assert contract <= set(dir(rs)) == set(rs.__all__) == {*api.__all__, "__version__"}
 
 
 def test_simulate_one_run():
@@ -54,8 +53,6 @@ def test_simulate_one_run():
     steady = rs.simulate(GH, n_i=-0.1, omega_xy0=0.01, t_end=100.0)
     assert (steady.t_r, steady.t_end) == (None, 100.0)
     assert steady.type in ("SS", "SW", "unclassified")
-    mirror = rs.simulate(GH.mirrored(), n_i=-0.1, omega_xy0=0.01)
-    assert mirror.t_r == pytest.approx(run.t_r, rel=1e-9)
 
 
 def test_a_table_of_runs_has_the_bits_of_single_runs():
@@ -72,23 +69,18 @@ def test_a_table_of_runs_has_the_bits_of_single_runs():
     pd.testing.assert_frame_equal(rs.simulate(BODIES, **launches, threads=2), runs)
     assert (runs.attrs["units"]["t_end"], runs.attrs["units"]["xi"]) == ("sqrt(a/g)", "rad")
     assert "unsteady" in runs.attrs["descriptions"]["n_i"]
-    assert set(runs.attrs["units"]) == set(runs)
     none = rs.simulate(GH, n_i=[], omega_xy0=0.1)
     assert (list(none), len(none), none.attrs["shape"]) == (list(runs), 0, (0,))
-    exact = rs.simulate(GH, n_i=[0.1], omega_xy0=0.01, model="gh")
-    assert exact.t_r[0] == pytest.approx(rs.reversal_time_gh(GH, 0.1, 0.01), rel=1e-14)
 
 
 def test_tables_of_bodies():
     runs = rs.simulate(FRAME, n_i=0.2, omega_xy0=0.1, t_end=30)
     assert list(runs.index) == ["gh", "mirror", "sd"]
-    plain = runs.reset_index(drop=True)
     for bodies in (BODIES, FRAME.to_dict("list")):
         same = rs.simulate(bodies, n_i=0.2, omega_xy0=0.1, t_end=30)
-        pd.testing.assert_frame_equal(same, plain)
+        pd.testing.assert_frame_equal(same, runs.reset_index(drop=True))
     # Runs are a table of bodies with their launches; horizons of those that reversed are unknown.
     again, still = rs.simulate(runs), runs.t_r.isna()
-    assert still.any()
     pd.testing.assert_frame_equal(again[still], runs[still])
     assert np.array_equal(again.t_r[~still], runs.t_r[~still])
     # Other launches are not along the old directions, nor do they end with the old runs.
@@ -111,6 +103,10 @@ def test_a_trajectory_is_used_like_a_table(tmp_path):
     figure = path.plot(tmp_path / "path.svg")
     assert len(figure.axes) == 2
     assert (tmp_path / "path.svg").read_text().startswith("<?xml")
+    assert "&lt;Trajectory of t, n, E_p: 1 reversal" in path._repr_html_()
+    looks = {"from_time": 140, "points": 30}
+    shown = path.show(title="Rattleback GH", **looks)
+    assert shown == rs.show("GH", **LAUNCH, t_end=150, **looks)
 
 
 def test_pages_of_launches(tmp_path):
@@ -148,28 +144,24 @@ BAD: list[tuple[Any, str]] = [
 ]
 
 
-def run_of(**wrong: Any) -> Any:
-    arguments: dict[str, Any] = {"body": GH, "n_i": 0.1, "omega_xy0": 0.1, "t_end": 1.0, **wrong}
-    return lambda: rs.simulate(arguments.pop("body"), **arguments)
-
-
-BAD_RUNS = [
-    (run_of(n_i=[0.1, 0], t_end=None), "without spin .* has no t_rGH"),
-    (run_of(omega=(0, 0, 1)), "n_i and omega_xy0 given with a full state"),
-    (run_of(n_i="60 rpm"), "n_i: 60 rpm has a unit, but the body has no size"),
-    (run_of(n_i=True), r"n_i: True \(bool\) is no number"),
-    (run_of(n_i=[0.1, 0.2], omega_xy0=[0.1] * 3), r"bodies \(\), n_i \(2,\), omega_xy0 \(3,\)"),
-    (run_of(omega_xy0=None), "omega_xy0 missing; give n_i and omega_xy0"),
-    (run_of(psi="yaw"), '"yaw" is not one of relevant, pitch, roll'),
-    (run_of(method="rk4", tol=1e-9), "integrator.tol: rk4 takes"),
-    (run_of(body=[GH, "HG"]), r"bodies\[1\]: 'HG' \(str\) is no body"),
-    (run_of(body=FRAME.drop(columns="phi")), "bodies: the column phi is missing"),
-    (run_of(body=FRAME.assign(theta=[0.7, 2, 0.7])), "bodies: row 2: theta is 2"),
+BAD_RUNS: list[tuple[dict[str, Any], str]] = [
+    ({"n_i": [0.1, 0], "t_end": None}, "without spin .* has no t_rGH"),
+    ({"omega": (0, 0, 1)}, "n_i and omega_xy0 given with a full state"),
+    ({"n_i": "60 rpm"}, "n_i: 60 rpm has a unit, but the body has no size"),
+    ({"n_i": True}, r"n_i: True \(bool\) is no number"),
+    ({"n_i": [1, 2], "omega_xy0": [1] * 3}, r"bodies \(\), n_i \(2,\), omega_xy0 \(3,\)"),
+    ({"omega_xy0": None}, "omega_xy0 missing; give n_i and omega_xy0"),
+    ({"psi": "yaw"}, '"yaw" is not one of relevant, pitch, roll'),
+    ({"method": "rk4", "tol": 1e-9}, "integrator.tol: rk4 takes"),
+    ({"body": [GH, "HG"]}, r"bodies\[1\]: 'HG' \(str\) is no body"),
+    ({"body": FRAME.drop(columns="phi")}, "bodies: the column phi is missing"),
+    ({"body": FRAME.assign(theta=[0.7, 2, 0.7])}, "bodies: row 2: theta is 2"),
 ]
 
 
-@pytest.mark.parametrize(("call", "words"), BAD + BAD_RUNS, ids=lambda case: str(case)[:20])
-def test_bad_arguments_get_a_sentence(call, words):
+@pytest.mark.parametrize(("wrong", "words"), BAD + BAD_RUNS, ids=lambda case: str(case)[:20])
+def test_bad_arguments_get_a_sentence(wrong, words):
+    good = {"body": GH, "n_i": 0.1, "omega_xy0": 0.1, "t_end": 1.0}
     with pytest.raises(ValueError, match=words) as told:
-        call()
+        wrong() if callable(wrong) else rs.simulate(**{**good, **wrong})
     assert "\n" not in str(told.value)

@@ -67,24 +67,6 @@ def test_version():
         assert said == f"{told[0]}\n" == f"rattlesweep, version {rs.__version__}\n"
 
 
-WRONG = """
-rnu | no such command
-run | missing argument 'CONFIG'; see `
-run c.yaml d.yaml | got unexpected extra argument (d.yaml); see
-body --xi a | invalid value for '--xi': 'a' is not a valid float
-verify c -j 99999 | 99999 is not in the range
-body | --preset
-body --preset GH --phi 0.7 | phi 0.7 is not below theta 0.6429
-init mine.txt | the name of a config ends in .yaml
-"""
-
-
-@pytest.mark.parametrize("line", WRONG.strip().splitlines())
-def test_a_wrong_command_line_is_one_sentence(line):
-    typed, words = line.split(" | ")
-    assert_refused(invoke(*typed.split()), 2, words)
-
-
 def test_a_wrong_environment_is_one_sentence(monkeypatch):
     monkeypatch.setenv("NUMBA_NUM_THREADS", "many")
     assert_refused(invoke("schema"), 2, "NUMBA_NUM_THREADS=many: it must be a whole")
@@ -94,10 +76,8 @@ def test_a_wrong_environment_is_one_sentence(monkeypatch):
 def test_a_standard_output_that_takes_nothing_is_one_sentence():
     command = f"{PROGRAM} body --preset GH > /dev/full"
     done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    *_, last = done.stderr.splitlines()
-    assert last == "error: cannot write to standard output: No space left on device"
-    assert "Traceback" not in done.stderr
+    told = "error: cannot write to standard output: No space left on device\n"
+    assert (done.returncode, done.stderr) == (1, told)
 
 
 def test_a_command_that_prints_nothing_needs_no_standard_output(tmp_path):
@@ -137,5 +117,3 @@ def test_body_says_what_the_python_interface_says():
     found = json.loads(invoke("body", "--preset", "GH", "--n-i", "-0.1", "--json").stdout)
     assert vars(rs.modes("GH")).items() <= found.items()
     assert found["t_rgh"] == rs.reversal_time_gh("GH", -0.1, 0.01)
-    table = invoke("body", "--preset", "GH", "--n-i", "-0.1").stdout.splitlines()
-    assert [line.split()[0] for line in table] == list(found)

@@ -1,7 +1,6 @@
 """The tables of a sweep open in pandas, DuckDB and Polars, alike."""
 
 import duckdb
-import numpy as np
 import pandas as pd
 import polars as pl
 import pyarrow as pa
@@ -20,21 +19,11 @@ def test_three_readers_see_the_same_rows(tmp_path):
     whole = pd.read_parquet(output / "runs").sort_values(["case", "sample"], ignore_index=True)
     assert {"R", "SS"} <= set(whole.type.dropna())
     assert {"ok", "step_limit"} == set(whole.status)
-    question = (
-        "SELECT \"case\", count(*) FILTER (WHERE type = 'R') / count(type) AS r, avg(t_r) AS t "
-        f'FROM \'{glob}\' GROUP BY "case" ORDER BY "case"'
-    )
     with duckdb.connect() as connection:
         query = f"SELECT * FROM read_parquet('{glob}') ORDER BY \"case\", sample"
         duck = connection.sql(query).to_arrow_table()
-        case, fraction, mean = np.array(connection.sql(question).fetchall(), dtype=float).T
     polars = pl.read_parquet(glob).sort("case", "sample").to_arrow()
     assert len(whole) == 120
     assert list(whole) == duck.column_names == polars.column_names
     values = pa.Table.from_pandas(whole, schema=pq.read_schema(next(output.glob("runs/*"))))
     assert values.to_pylist() == duck.to_pylist() == polars.to_pylist()
-    # Counts as a user would ask for them agree with the summary.
-    summary = pd.read_parquet(output / "summary.parquet")
-    assert case.tolist() == summary["case"].tolist()
-    np.testing.assert_allclose(fraction, summary.fraction_R, rtol=1e-15)
-    np.testing.assert_allclose(mean, summary.t_r_mean, rtol=1e-13)

@@ -40,10 +40,9 @@ def test_every_example_is_valid(make):
     """Each example of a section is a part of a config; it is tried with the rest that it needs."""
     for path, examples in make.EXAMPLES.items():
         for part in map(YAML(typ="safe").load, examples):
-            rest = {"bodies": {"source": "sd"}, "spin": {"n_i": 0.1, "omega_xy0": 0.01}}
-            if "launch" in part:
-                rest = {"bodies": {"source": "sd"}, "horizon": {"t": 10}}
-            parse_config({**rest, **part})
+            spin = {"spin": {"n_i": 0.1, "omega_xy0": 0.01}}
+            rest = {"horizon": {"t": 10}} if "launch" in part else spin
+            parse_config({"bodies": {"source": "sd"}, **rest, **part})
             assert path.split(",")[0].split(".")[0] in part
 
 
