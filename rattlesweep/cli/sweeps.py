@@ -80,7 +80,7 @@ def plan(config: Path, threads: int | None, check: bool, as_json: bool, **given:
 @options.sweep
 @options.threads
 @option("--engine", type=click.Choice(["local", "dask"]), default="local", help="Where to compute.")
-@option("--scheduler", metavar="ADDRESS", help="Address of an existing Dask scheduler.")
+@option("--scheduler", metavar="ADDRESS", help="Dask scheduler; without it, one of its own.")
 @option("--shard", type=SHARD, help="Compute shard I of N only, with I from 0 to N-1.")
 @option("--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m.")
 @option("--retry-failed", is_flag=True, help="Repeat the runs whose status is not ok.")
@@ -97,8 +97,8 @@ def run(
 
     Prints one row per case.
     """
-    if (engine == "dask") != (scheduler is not None):
-        raise ConfigError("--engine dask: goes with --scheduler ADDRESS; give both, or neither")
+    if scheduler is not None and engine != "dask":
+        raise ConfigError("--engine dask: goes with --scheduler ADDRESS; give it too")
     import numpy as np
 
     from rattlesweep.sweeps.block import load_kernel, prepare_runs
@@ -115,7 +115,7 @@ def run(
         examine(made, where)
         click.echo(_forecast(made, where, threads).words)
         return DONE
-    if scheduler is not None:
+    if engine == "dask":
         from rattlesweep.sweeps.dask import make_engine
 
         how["engine"] = make_engine(scheduler, threads)
@@ -123,7 +123,7 @@ def run(
     with Bar.of_command(quiet) as bar:
         result = run_sweep(made, where, report=bar, **how)
     where = result.stored.directory
-    for path in result.damaged:
+    for path in result.found.damaged:
         say(f"note: a file was damaged and is now {path}; its runs are done again")
     if not quiet:
         _print_summary(result.summary, where)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from rattlesweep.arrays import Floats, Integers, take
 from rattlesweep.integrate.batch import available_threads
@@ -19,27 +18,25 @@ from rattlesweep.sweeps.config.schema import SdSource
 from rattlesweep.sweeps.decide import decides
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.plan import Plan, make_plan
-from rattlesweep.text import clock
+from rattlesweep.text import clock, counted
 
 FEW, MANY = 16, 256  # runs by which the cost of each of many cases, or of a single one, is judged
 MOST_JUDGED = 2_000  # cases that are judged one by one; of more, every so many-th
 SEED = 20170427
 KNOWN = 20_000  # runs whose expected cost a forecast works out
-# Runs of a first look, which tells the size of the pilot, and the steps of each at most; a run of
-# the pilot takes at most its budget over FIRST, and longer ones are cut.
+# Runs of a first look, which tells the size of the pilot, and the steps of each at most.
 FIRST, FIRST_STEPS = 128, 20_000
 LEAST, MOST = 256, 8_192  # runs of the pilot
 
 
 def expected_cost(launches: Launches, model: str) -> Floats:
     """Return the expected cost of runs: radians up to the horizon, 0 where there is none."""
-    # Steps of the full dynamics go with the oscillations, of the reduced dynamics with the spin's.
     if model == "gh":
         return np.ones(len(launches.t_end))
-    slow = model == "reduced"
-    rate = launches.gh.n_0 * np.abs(launches.modes.K_p) if slow else launches.modes.omega_p
-    cost = launches.t_end * rate
-    return np.where(np.isfinite(cost), cost, 0.0)
+    rate = launches.modes.omega_p
+    if model == "reduced":  # its steps go with the spin, and not with the oscillations
+        rate = launches.gh.n_0 * np.abs(launches.modes.K_p)
+    return np.nan_to_num(launches.t_end * rate, posinf=0.0, neginf=0.0)
 
 
 def sample_keys(plan: Plan, per_case: int, cases: Integers) -> tuple[Plan, Integers, Integers]:
@@ -63,16 +60,15 @@ def some_cases(count: int, most: int) -> Integers:
 
 
 def case_costs(plan: Plan) -> Floats:
-    """Return the expected cost of one run of each case, above 0, from a few samples of it."""
+    """Return the expected cost of one run of each case, above 0."""
     count = len(plan.cases)
     if plan.config.model == "gh":
         return np.ones(count)
     judged = some_cases(count, MOST_JUDGED)
     keys = sample_keys(plan, FEW if count > 1 else MANY, judged)
-    cost = expected_cost(prepare(*keys), plan.config.model)
-    mean = cost.reshape(len(judged), -1).mean(axis=1)
+    cost = expected_cost(prepare(*keys), plan.config.model).reshape(len(judged), -1)
     # Cases between judged ones are neighbours in the order of the config.
-    costs: Floats = np.interp(np.arange(count), judged, mean)
+    costs: Floats = np.interp(np.arange(count), judged, cost.mean(axis=1))
     costs[costs <= 0] = 1e-3 * costs.max() or 1.0
     return costs
 
@@ -92,27 +88,21 @@ class Forecast:
     @property
     def words(self) -> str:
         """The same for the terminal."""
-        most, plural = "at most " if self.decides else "", "s" if self.threads > 1 else ""
-        lines = [
-            f"{self.runs:,} runs: {most}{_time(self.seconds)} with {self.threads} thread{plural} "
-            f"(95 %: {_time(self.low)} to {_time(self.high)}), up to {_size(self.bytes)} on disk"
-        ]
-        if self.decides:
-            lines.append(f"{self.decides} leaves runs out; how many cannot be told before")
-        return "\n".join(lines)
+        most, threads = "at most " if self.decides else "", counted(self.threads, "thread")
+        power = min(4, int(np.log10(max(self.bytes, 1)) // 3))
+        size = f"{self.bytes / 1000**power:.3g} {('B', 'kB', 'MB', 'GB', 'TB')[power]}"
+        left = f"\n{self.decides} leaves runs out; how many cannot be told before"
+        return (
+            f"{self.runs:,} runs: {most}{_time(self.seconds)} with {threads} (95 %: "
+            f"{_time(self.low)} to {_time(self.high)}), up to {size} on disk"
+        ) + (left if self.decides else "")
 
 
 def forecast(plan: Plan, threads: int | None = None, seconds: float = 2.0) -> Forecast:
-    """Integrate some runs of a plan for about so many seconds, and say what all of them take.
-
-    Runs differ a thousandfold in length, and most end before their horizon.  Runs are therefore
-    drawn in proportion to their expected cost: the mean of steps over expected cost is then the
-    sweep's.
-    """
+    """Integrate some runs of a plan for about so many seconds, and say what all of them take."""
     here, config = available_threads(), plan.config
     threads = threads or here
     load_kernel(config)
-    # Launches that stand for all.
     cases = some_cases(len(plan.cases), KNOWN // 4)
     each = max(4, KNOWN // len(cases))
     if getattr(config.bodies, "target", None):
@@ -123,7 +113,7 @@ def forecast(plan: Plan, threads: int | None = None, seconds: float = 2.0) -> Fo
     rng = np.random.default_rng(SEED)
 
     def measure(count: int, most: int) -> tuple[Any, ...]:
-        """Integrate runs, each drawn so often, of so many steps at most."""
+        # In proportion to expected cost: the mean of steps over expected cost is then the sweep's.
         drawn, times = np.unique(rng.choice(len(cost), count, p=shares), return_counts=True)
         part, settings = take(launches, drawn), config.integrator
         batch, outcome, start = make_batch(part, config.model), None, time.perf_counter()
@@ -148,23 +138,14 @@ def forecast(plan: Plan, threads: int | None = None, seconds: float = 2.0) -> Fo
     low, high = all_runs * max(0.0, mean - error), float(all_runs * (weight @ upper + error))
     middle = all_runs * float(weight @ (ratio + upper)) / 2
     half = len(table) // 2
-    size, first = _encoded(table), _encoded(table.slice(0, half))
+    for part in (sinks := {len(table): io.BytesIO(), half: io.BytesIO()}):
+        encode(table.slice(0, part), sinks[part])
+    size, first = (sink.tell() for sink in sinks.values())
     size += int((plan.runs - len(table)) * (size - first) / (len(table) - half))
     return Forecast(plan.runs, threads, middle, low, high, size, decides(config))
-
-
-def _encoded(table: pa.Table) -> int:
-    sink = io.BytesIO()
-    encode(table, sink)
-    return sink.tell()
 
 
 def _time(seconds: float) -> str:
     if seconds >= 100:
         return clock(seconds)
     return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
-
-
-def _size(size: float) -> str:
-    power = min(4, int(np.log10(max(size, 1)) // 3))
-    return f"{size / 1000**power:.3g} {('B', 'kB', 'MB', 'GB', 'TB')[power]}"

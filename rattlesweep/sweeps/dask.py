@@ -1,8 +1,7 @@
 """The engine of many machines: the workers of a Dask cluster compute blocks.
 
-The driver, which is this process, hands out blocks, a few more than there are workers, and writes
-the tables that come back, so that workers need no disk in common with it.  The blocks of a worker
-that is lost are done by another: a block depends on its keys alone.
+The driver, which is this process, hands out blocks and writes the tables that come back, so that
+workers need no disk in common with it.  The blocks of a worker that is lost are done by another.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import pickle
+import signal
 import socket
 import threading
 import time
@@ -17,12 +17,14 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache, partial
+from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
 from rattlesweep.arrays import Integers
 from rattlesweep.errors import ConfigError, OutputError, one_line
+from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.task import POLL, Task
 from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
 from rattlesweep.sweeps.provenance import versions
@@ -41,23 +43,20 @@ NUMERIC = ("rattlesweep", "numpy", "numba", "llvmlite", "scipy")  # the bits dep
 LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
 
 
-def make_engine(scheduler: str, threads: int | None = None) -> Engine:
-    """Return an engine that uses the workers of the scheduler at an address.
-
-    A kernel has by default as many threads as its worker was given (``dask worker --nthreads``).
-    A stop loses the blocks under way and frees the workers.
-    """
+def make_engine(scheduler: str | None, threads: int | None = None) -> Engine:
+    """Return an engine that uses the workers of a scheduler, or of its own on this machine."""
     try:
-        import distributed  # noqa: F401
+        from distributed import Security
+
+        security = Security.temporary() if scheduler is None else None
     except ImportError as error:
-        raise ConfigError(
-            f"--engine dask: needs Dask ({error}); install it with `pip install '.[dask]'`"
-        ) from None
+        told = f"needs Dask ({error}); install it with `pip install '.[dask]'`"
+        raise ConfigError(f"--engine dask: {told}") from None
     for name in LOGGERS:  # what matters is said in one sentence
         logging.getLogger(name).setLevel(logging.CRITICAL)
 
     def engine(job: Job, blocks: Iterator[Keys]) -> None:
-        with connected(scheduler) as client:
+        with connected(scheduler) if scheduler else embedded(security, threads or 2) as client:
             # Workers on this machine, or on others that share its cache, then find it compiled.
             Task(lambda _: load_kernel(job.plan.config)).wait(lambda _: job.tick())
             _spread(job, blocks, client, threads)
@@ -66,38 +65,32 @@ def make_engine(scheduler: str, threads: int | None = None) -> Engine:
 
 
 def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | None) -> None:
-    """Hand out blocks and write their rows."""
     import dask
 
     flying: dict[Future, tuple[Keys, str]] = {}  # keys and the worker meant for them
     again: list[Keys] = []  # blocks that were lost with their worker
     workers: dict[str, int] = {}  # threads by address
     due, seen = 0.0, time.monotonic()
-    # The plan is in bytes, so that the scheduler need not make sense of it.
     order = {"versions": versions(), "threads": threads, "plan": pickle.dumps(job.plan)}
-    # A task of its own: a worker fetches the result once, and Dask makes it again if all workers
-    # that have it are lost, as it would not with scattered data.
+    # Dask makes the result of a task again if all workers that have it are lost.
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
         shared = client.submit(dict, order, pure=False)
     try:
         while True:
             if (now := time.monotonic()) >= due or client.status != "running":
                 workers, due = _workers(client), now + LOOK_EVERY
-                seen = now if workers else seen
             if workers:
-                job.threads = threads or max(workers.values())
+                job.threads, seen = threads or max(workers.values()), now
                 job.begun = job.begun or now
             elif now - seen > WORKERLESS:
                 where = client.scheduler.address
-                raise OutputError(
-                    f"the scheduler at {where} has had no worker for {WORKERLESS:.0f} s; start "
-                    f"some with `dask worker {where}`, and the same command resumes from there"
-                )
+                told = f"the scheduler at {where} has had no worker for {WORKERLESS:.0f} s"
+                then = f"start some with `dask worker {where}`, and the same command resumes"
+                raise OutputError(f"{told}; {then} from there")
             while len(flying) < AHEAD * len(workers):
                 if (keys := again.pop() if again else next(blocks, None)) is None:
                     break
-                # Left to itself, Dask gives a worker as many blocks as it has threads, of which
-                # all but one would wait for the kernel.
+                # Dask would give a worker as many blocks as it has threads.
                 load = Counter(address for _, address in flying.values())
                 address = min(workers, key=load.__getitem__)
                 future = client.submit(
@@ -121,7 +114,6 @@ def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | Non
 
 
 def _workers(client: Client) -> dict[str, int]:
-    """Return the threads of each worker; raise an OutputError if the scheduler is lost."""
     with suppress(OSError, TimeoutError):
         if client.status == "running":
             workers: dict[str, int] = client.sync(client.nthreads, callback_timeout=ANSWER)
@@ -133,12 +125,11 @@ def _workers(client: Client) -> dict[str, int]:
 
 
 def _result(future: Future, keys: Keys) -> tuple[pa.Table, float]:
-    """Return what came of a block; no rows if it was lost together with its worker."""
     from distributed import CancelledError
 
     try:
         answer: tuple[pa.Table, float] = future.result(timeout=ANSWER)
-    except (CancelledError, TimeoutError, OSError):
+    except (CancelledError, TimeoutError, OSError):  # it was lost together with its worker
         return pa.table({}), 0.0
     except (ConfigError, OutputError):
         raise
@@ -149,6 +140,31 @@ def _result(future: Future, keys: Keys) -> tuple[pa.Table, float]:
             f"({words}); the logs of the workers may say why"
         ) from error
     return answer
+
+
+@contextmanager
+def embedded(security: Any, threads: int) -> Iterator[Client]:
+    """Start workers of so many threads on this machine, with ports that only this process uses."""
+    import dask
+    from distributed import Client, LocalCluster
+
+    workers = max(1, available_threads() // threads)
+    routes: list[str] = []  # no pages over HTTP
+    closed = {f"distributed.{part}.http.routes": routes for part in ("scheduler", "worker")}
+    # What is started while Ctrl-C is blocked does not hear it: a terminal sends it to all of them.
+    resource_tracker.ensure_running()  # else the first child starts it, which unblocks it
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    with dask.config.set(closed):
+        try:
+            cluster = LocalCluster(
+                n_workers=workers, threads_per_worker=max(2, threads), host="127.0.0.1",
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}, dashboard_address=None,
+                memory_limit=0, security=security, silence_logs=logging.CRITICAL,
+            )  # fmt: skip
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        with cluster, Client(cluster, set_as_default=False) as client:
+            yield client
 
 
 @contextmanager
@@ -198,9 +214,8 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[p
         ours, theirs = versions(), order["versions"]
         if other := [name for name in NUMERIC if ours[name] != theirs[name]]:
             words = "; ".join(f"{name} {ours[name]} there, {theirs[name]} here" for name in other)
-            raise OutputError(
-                f"it would compute other bits: {words}; give all workers the driver's environment"
-            )
+            then = "give all workers the driver's environment"
+            raise OutputError(f"it would compute other bits: {words}; {then}")
         plan = _unpack(order["plan"])
         prepared = prepare_runs(plan, case, sample)
         while not _kernel.acquire(timeout=POLL):

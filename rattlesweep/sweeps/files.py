@@ -36,11 +36,8 @@ def replace_file(path: Path, data: bytes) -> None:
 
 @contextlib.contextmanager
 def streamed_file(path: Path) -> Iterator[BinaryIO]:
-    """Open a file that takes its place at `path`, whole and on the disk, when the body has ended.
-
-    What is there stays there until then.  If the body raises, nothing is left of the new file.
-    """
-    # No pattern such as `*.parquet` matches it, and readers of a whole directory skip hidden files.
+    """Open a file that takes its place at `path`, whole and on the disk, unless the body fails."""
+    # Readers of a whole directory skip hidden files.
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     with explained(f"cannot write {path}"):
         try:
@@ -54,8 +51,7 @@ def streamed_file(path: Path) -> Iterator[BinaryIO]:
                 os.fsync(folder)
             os.close(folder)
         finally:
-            # After the rename there is nothing left; after anything else, Ctrl-C too, there may be.
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError):  # after the rename there is nothing left
                 temporary.unlink()
 
 

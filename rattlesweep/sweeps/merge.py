@@ -7,8 +7,9 @@ import filecmp
 import os
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -20,24 +21,13 @@ from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.files import explained, streamed_file
 from rattlesweep.sweeps.plan import check_empty, check_same
 from rattlesweep.sweeps.provenance import hold
-from rattlesweep.sweeps.stored import (
-    FOLDER,
-    MANIFEST,
-    TYPED,
-    Stored,
-    free_path,
-    metadata,
-    open_stored,
-    rewrite,
-    write_manifest,
-)
+from rattlesweep.sweeps.stored import MANIFEST, Stored, free_path, open_stored, rewrite, typed_by
 from rattlesweep.sweeps.summary import summarise, write_summary
 from rattlesweep.sweeps.types import with_types
 from rattlesweep.sweeps.verify import wanted_runs
 
 
-@dataclass(frozen=True)
-class Merged:
+class Merged(NamedTuple):
     """What there is in the new directory."""
 
     runs: int
@@ -66,28 +56,30 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
         for directory in directories:
             if os.access(directory, os.W_OK):  # nobody works in one that is read-only
                 stack.enter_context(hold(directory))
-        folder = output / FOLDER
+        merged = replace(largest, directory=output)
         with explained(f"cannot write in {output}"):
             output.mkdir(parents=True, exist_ok=True)
             stack.enter_context(hold(output))
-            folder.mkdir(exist_ok=True)
+            merged.folder.mkdir(exist_ok=True)
         # A merge that was killed has left some files there.
         new = [
             path for source in sources[: len(directories)] for path in source.files()
-            if not ((twin := folder / path.name).exists() and filecmp.cmp(path, twin, False))
+            if not ((twin := merged.folder / path.name).exists() and filecmp.cmp(path, twin, False))
         ]  # fmt: skip
-        merged = replace(largest, directory=output)
         found = merged.find([*merged.files(), *new])
         if found.damaged:
             raise OutputError(f"{found.damaged[0]} is damaged; do its runs again before merging")
         if len(found.typed) > 1:
-            several = " and ".join(str(paths[0]) for paths in found.typed.values())
-            raise ConfigError(
-                f"{several} have types of different thresholds; run `rattlesweep classify`"
-            )
-        write_manifest(output, largest.manifest)
+            told = "have types of different thresholds; run `rattlesweep classify`"
+            raise ConfigError(f"{' and '.join(str(p[0]) for p in found.typed.values())} {told}")
+        merged.write_manifest()
         for path in new:
-            _put(path, free_path(folder / path.name))
+            target = free_path(merged.folder / path.name)
+            try:
+                os.link(path, target)  # files are never changed in place
+            except OSError:
+                with open(path, "rb") as file, streamed_file(target) as copy:
+                    shutil.copyfileobj(file, copy)
         missing = int((wanted_runs(merged, found) & ~found.done).sum())
         summary = None if missing else summarise(merged)
         if summary is not None:
@@ -96,38 +88,23 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
     return Merged(found.rows, len(merged.files()), missing, failed, summary)
 
 
-def _put(path: Path, target: Path) -> None:
-    """Link a file, or copy it whole where that cannot be done; files are never changed in place."""
-    try:
-        os.link(path, target)
-    except OSError:
-        with open(path, "rb") as file, streamed_file(target) as copy:
-            shutil.copyfileobj(file, copy)
-
-
-@dataclass(frozen=True)
-class Classified:
+class Classified(NamedTuple):
     """What typing the runs of a directory again came to."""
 
     changed: int  # runs whose type is another one now
     files: int  # files that were written
-    own: dict[str, float]  # thresholds of the sweep's config
-    now: dict[str, float]
+    now: dict[str, float]  # thresholds
     summary: pa.Table  # one row a case
 
 
 def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classified:
-    """Type the stored runs of a directory by some thresholds, and renew the summary.
-
-    `overrides` are ``classify.KEY=VALUE`` texts over the sweep's config.  Each file is rewritten in
-    one step; after a kill the same command goes on.
-    """
+    """Type the stored runs anew, by ``classify.KEY=VALUE`` over the config, and the summary."""
     _changed(open_stored(directory), overrides)  # before anything is made there
     with hold(directory):
         stored = open_stored(directory)
         thresholds, changed, files = _changed(stored, overrides), 0, 0
         for path in stored.files():
-            if metadata(path).get(TYPED) != thresholds.as_text:
+            if typed_by(path) != thresholds.as_text:
                 rows = read_parquet(path)
                 again = with_types(rows, thresholds)
                 rewrite(path, again, thresholds.as_text)
@@ -136,19 +113,16 @@ def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classifie
                 files += 1
         summary = summarise(stored)
         write_summary(stored, summary)
-    own = stored.config.classify.thresholds
-    return Classified(changed, files, own, thresholds.thresholds, summary)
+    return Classified(changed, files, thresholds.thresholds, summary)
 
 
 def _changed(stored: Stored, overrides: Sequence[str]) -> Classify:
-    """Return other thresholds for a sweep."""
     config, own = parse_config(resolved(stored.config), list(overrides)), stored.config
     if config.model_copy(update={"classify": own.classify}) != own:
         raise ConfigError("--set: only keys of classify can change here; others need a new sweep")
     # A zero of the spin after the energy has fallen below dead_energy is not stored as t_r.
     for key in ("early", *(["dead_energy"] if config.dissipation else [])):
         if getattr(config.classify, key) != getattr(own.classify, key):
-            raise ConfigError(
-                f"--set classify.{key}: decides more than types; it needs a new sweep"
-            )
+            told = "decides more than types; it needs a new sweep"
+            raise ConfigError(f"--set classify.{key}: {told}")
     return config.classify

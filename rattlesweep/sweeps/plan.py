@@ -1,8 +1,7 @@
 """From a config to its cases and samples, and to the directory that holds their runs.
 
-A case is one combination of target, ``n_i`` and ``omega_xy0``, and of the dissipation where it has
-several values; a run is one sample of a case, and its key is ``(case, sample)``.  What becomes of a
-run follows from the config and its key alone.
+A case is one combination of target, ``n_i``, ``omega_xy0`` and dissipation; a run is one sample of
+a case, with the key ``(case, sample)``.  What becomes of it follows from config and key alone.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -28,37 +28,25 @@ from rattlesweep.sweeps.config.read import differences, fixed_part, physics_hash
 from rattlesweep.sweeps.config.schema import Config, SdSource, clashes
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.provenance import LOCKS, at_work, command_line, machine, now, versions
-from rattlesweep.sweeps.stored import (
-    FOLDER,
-    FORMAT,
-    MANIFEST,
-    SUMMARY,
-    Case,
-    Stored,
-    open_stored,
-    remove,
-    write_manifest,
-)
+from rattlesweep.sweeps.stored import FOLDER, FORMAT, MANIFEST, Case, Stored, open_stored
 from rattlesweep.units import Quantity
 
 MAX_RUNS = 10**9  # of a sweep; what is done of them is held as one byte each
 # Keys of the config that may have SI units, by the columns that they stand for.
 KEYS = {"n_i": "spin.n_i", "omega_xy0": "spin.omega_xy0", "t_end": "horizon.t",
         "sigma": "dissipation.sigma", "rolling": "dissipation.rolling"}  # fmt: skip
+WORDS = (b"unit", b"description")  # of a column
 Values = list[float | None]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Runs that a config asks for: its bodies, its cases, and columns beside the usual ones.
-
-    The cases are numbered from 0; a directory may hold them in another order than the config.
-    """
+    """Runs that a config asks for."""
 
     config: Config
     source: Source
-    cases: tuple[Case, ...]
-    extra: tuple[pa.Field, ...] = ()
+    cases: tuple[Case, ...]  # in a directory perhaps in another order than in the config
+    extra: tuple[pa.Field, ...] = ()  # columns beside the usual ones
 
     @cached_property
     def schema(self) -> pa.Schema:
@@ -82,10 +70,9 @@ class Plan:
 
 
 def make_plan(config: Config, base: Path | None = None, source: Source | None = None) -> Plan:
-    """Return the plan of a config; a ConfigError says if its parts do not go together.
+    """Return the plan of a config; `source` takes the place of the config's own bodies.
 
-    A relative path of a table is looked up from the working directory and then from `base`;
-    `source` takes the place of the config's own bodies.
+    A relative path of a table is looked up from the working directory and then from `base`.
     """
     source = source or make_source(config, base)
     table = source.columns if isinstance(source, TableBodies) else {}
@@ -94,30 +81,28 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
     runs_schema(config.parts, config.model)  # refuses what the model cannot record
     values = _natural(config, source)
     targets: list[tuple[str | None, float | None]] = [(None, None)]
-    if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
-        aim = config.bodies.target
+    if isinstance(config.bodies, SdSource) and (aim := config.bodies.target) is not None:
         targets = [(aim.name, value) for value in aim.values]
     state = "u_x" in table or ("n_i" not in table and config.launch is not None)
-    launches: list[tuple[float | None, float | None]] = [(None, None)]
-    t_end = None
+    nothing: list[tuple[float | None, float | None]] = [(None, None)]
+    launches, losses = nothing, nothing
+    t_end = np.array([np.nan])
     if "n_i" in table:
-        n_i, t_end = table["n_i"], table.get("t_end")
+        n_i, t_end = table["n_i"], table.get("t_end", t_end)
     elif config.launch is not None:
-        found = spin_and_oscillation(config.launch.omega, config.launch.u)
-        launches = [(float(found[0]), float(found[1]))]
-        n_i = np.array([found[0]])
+        spin, swing, *_ = spin_and_oscillation(config.launch.omega, config.launch.u)
+        launches, n_i = [(float(spin), float(swing))], np.array([spin])
     elif config.spin is not None:
         launches = list(product(values["n_i"], values["omega_xy0"]))
         n_i = np.array(config.spin.n_i)
     else:
         told = "missing; the table has no columns n_i and omega_xy0, so the config must give them"
         raise ConfigError(f"spin: {told}")
-    _check_launches(config, state, n_i, np.full(n_i.shape, np.nan) if t_end is None else t_end)
-    losses: list[tuple[float | None, float | None]] = [(None, None)]
+    _check_launches(config, state, n_i, t_end)
     if config.dissipation:
         losses = list(product(values["sigma"], values["rolling"]))
-    combinations = enumerate(product(targets, launches, losses))
-    cases = tuple(Case(number, *a, *b, *c) for number, (a, b, c) in combinations)
+    made = enumerate(product(targets, launches, losses))
+    cases = tuple(Case(number, *a, *b, *c) for number, (a, b, c) in made)
     plan = Plan(config, source, cases, (STATE if state else ()) + source.fields)
     if plan.runs > MAX_RUNS:
         told = f"{len(cases)} cases of {plan.samples} samples are {plan.runs:.3g} runs"
@@ -142,17 +127,15 @@ def _natural(config: Config, source: Source) -> dict[str, Values]:
         told = f"{KEYS[name]}: {value.text}"
         natural = np.full(1, np.nan) if scale is None else scale.natural(value, value.kind)
         if np.isnan(natural).any():
-            wanted = "columns height_m and mass_kg, or a number in the bodies' own units"
-            raise ConfigError(f"{told} needs the size of the bodies; give {wanted}")
+            wanted = "give columns height_m and mass_kg, or a number in the bodies' own units"
+            raise ConfigError(f"{told} needs the size of the bodies; {wanted}")
         if broken := check_value(name, natural):
             own = f"comes to {natural[broken[0]]:g} in units of the body"
             raise ConfigError(f"{told} {own}; {broken[1]}")
-        if natural.min() == natural.max():
-            return float(natural[0])
-        if not alone:
-            own = "is another number for each body, as their sizes differ"
-            raise ConfigError(f"{told} {own}; give it alone, or numbers without units")
-        return None
+        if natural.min() == natural.max() or alone:
+            return float(natural[0]) if natural.min() == natural.max() else None
+        own = "is another number for each body, as their sizes differ"
+        raise ConfigError(f"{told} {own}; give it alone, or numbers without units")
 
     for name, quantities in given.items():
         listed: Sequence[float | None] = values.get(name, list(quantities))
@@ -161,7 +144,6 @@ def _natural(config: Config, source: Source) -> dict[str, Values]:
 
 
 def _with_losses(config: Config, own: Mapping[str, list[float | str]]) -> Config:
-    """Return the config with the dissipation that a table gives for its rows."""
     given = config.dissipation
     for name in LOSSES:
         values, column = given.values(name), f"column {name}"
@@ -177,9 +159,8 @@ def _with_losses(config: Config, own: Mapping[str, list[float | str]]) -> Config
 
 
 def _check_launches(config: Config, state: bool, n_i: Floats, t_end: Floats) -> None:
-    """Refuse launches that no model takes or that have no horizon; NaN is none of their own."""
     model, horizon = config.model, config.horizon
-    endless = (n_i == 0) & ~np.isfinite(t_end)
+    endless = (n_i == 0) & ~np.isfinite(t_end)  # NaN: no horizon of their own
     if model != "full" and state:
         raise ConfigError(f"model: {model} begins with a spin; full states are for the model full")
     if model == "gh" and (n_i == 0).any():
@@ -190,14 +171,11 @@ def _check_launches(config: Config, state: bool, n_i: Floats, t_end: Floats) -> 
         raise ConfigError(f"horizon.t: {told}, so give horizon: {{t: TIME}} in sqrt(a/g)")
 
 
-# -- the directory of a plan -----------------------------------------------------------------------
-
-
 def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
     """Return the sweep of a plan as a directory would hold it; nothing is written."""
     text = f"{physics_hash(plan.config)} {getattr(plan.source, 'content_hash', '')}"
     key = hashlib.sha256(text.encode()).hexdigest()
-    manifest = {
+    manifest: dict[str, Any] = {
         "format": FORMAT,
         "name": plan.config.name,
         "config": resolved(plan.config),
@@ -206,25 +184,17 @@ def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
         "cases": [case.dump() for case in plan.cases],
         "samples": plan.samples,
         "columns": [
-            [f.name, str(f.type), f.nullable]
-            + [f.metadata[key].decode() for key in (b"unit", b"description")]
+            [f.name, str(f.type), f.nullable, *(f.metadata[k].decode() for k in WORDS)]
             for f in plan.extra
         ],
-        "versions": versions(),
-        "machine": machine(),
-        "command": command_line(),
-        "started": now(),
-        "written": now(),
     }
+    manifest |= {"versions": versions(), "machine": machine(), "command": command_line()}
+    manifest |= {"started": now(), "written": now()}
     return Stored(directory, manifest, plan.config, plan.cases, plan.extra, plan.samples, key)
 
 
 def examine(plan: Plan, directory: Path, base: Path | None = None) -> tuple[Stored | None, Stored]:
-    """Refuse a directory in which a plan cannot go on.
-
-    Return the sweep as it is there, None if its manifest has yet to be written, and as it is to be,
-    with the cases numbered as they are there.
-    """
+    """Return the sweep as it is in a directory, None without a manifest, and as it is to be."""
     ours = describe(plan, directory, base)
     if not (directory / MANIFEST).exists():
         check_empty(directory)  # or its manifest is lost
@@ -232,13 +202,13 @@ def examine(plan: Plan, directory: Path, base: Path | None = None) -> tuple[Stor
         return None, ours
     there = open_stored(directory)
     check_same(there, ours)
-    more = "; a sweep can only grow"
-    held, asked = set(there.cases), set(plan.cases)
+    held, asked, told = set(there.cases), set(plan.cases), ""
     if lost := [case for case in there.cases if case not in asked]:
-        raise ConfigError(f"{directory}: holds runs with {lost[0]}, which the config lacks{more}")
-    if plan.samples < there.samples:
+        told = f"runs with {lost[0]}, which the config lacks"
+    elif plan.samples < there.samples:
         told = f"{there.samples} samples a case, more than the config asks for"
-        raise ConfigError(f"{directory}: holds {told}{more}")
+    if told:
+        raise ConfigError(f"{directory}: holds {told}; a sweep can only grow")
     new = enumerate((case for case in plan.cases if case not in held), len(held))
     cases = (*there.cases, *(replace(case, index=k) for k, case in new))
     return there, describe(replace(plan, cases=cases), directory, base)
@@ -253,11 +223,7 @@ def check_same(one: Stored, other: Stored) -> None:
 
 
 def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> Stored:
-    """Make a directory, which this process holds, one of a plan, and return it.
-
-    The manifest is written where there is none, and again where the sweep grows or, unless for a
-    shard, its config changes in what no run depends on.
-    """
+    """Make a directory, which this process holds, one of a plan, and return it."""
     with explained(f"cannot write in {directory}"):
         (directory / FOLDER).mkdir(exist_ok=True)
     there, ours = examine(plan, directory, base)
@@ -267,12 +233,11 @@ def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> 
             return there
         # A shard that works on has the smaller sweep in mind, and would leave its summary.
         if others := at_work(directory, shard) if shard else []:
-            raise OutputError(
-                f"{directory}: {others[0]} is at work; the sweep can grow when it has ended"
-            )
+            told = "is at work; the sweep can grow when it has ended"
+            raise OutputError(f"{directory}: {others[0]} {told}")
         ours.manifest["started"] = there.manifest["started"]
-    remove(directory / SUMMARY)  # it is of the smaller sweep
-    write_manifest(directory, ours.manifest)
+    ours.drop_summary()
+    ours.write_manifest()
     return ours
 
 
@@ -286,9 +251,8 @@ def check_empty(directory: Path) -> None:
         names = sorted(path.name for path in directory.iterdir())
     # Bodies from memory are kept before the sweep begins.
     if foreign := [name for name in names if not name.startswith((".", "bodies-"))]:
-        raise ConfigError(
-            f"{directory}: holds other files, such as {foreign[0]}; give an empty or new directory"
-        )
+        told = f"holds other files, such as {foreign[0]}; give an empty or new directory"
+        raise ConfigError(f"{directory}: {told}")
 
 
 def stored_plan(stored: Stored) -> Plan:

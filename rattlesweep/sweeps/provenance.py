@@ -1,7 +1,5 @@
-"""Where numbers come from: program, machine, and the sessions that work in a directory.
-
-``sessions/*.json`` say who worked there, when, and how it ended; no number depends on them.  Locks,
-which die with their process, keep to one writer for each shard.
+"""Where numbers come from: program and machine; sessions in a directory, and locks that keep to
+one writer for each shard and die with their process.
 """
 
 from __future__ import annotations
@@ -59,27 +57,18 @@ def now() -> str:
 
 def command_line() -> list[str]:
     """Return the words of the command that this process is."""
-    words = [Path(sys.argv[0]).name, *sys.argv[1:]]
-    # A path need not be UTF-8, and JSON must.
+    words = [Path(sys.argv[0]).name, *sys.argv[1:]]  # which need not be UTF-8, and JSON must
     return [word.encode(errors="backslashreplace").decode() for word in words]
 
 
 @contextlib.contextmanager
 def session(directory: Path, shard: str | None, threads: int) -> Iterator[dict[str, Any]]:
     """Keep the record of this process; a body that returns says in ``how`` how it ended."""
-    begin = datetime.now(UTC)
-    path = directory / SESSIONS / f"{begin:%Y%m%dT%H%M%S.%fZ}-{os.getpid()}.json"
-    record: dict[str, Any] = {
-        "started": begin.isoformat(),
-        "ended": None,
-        "how": "running",
-        "shard": shard,
-        "command": shlex.join(command_line()),
-        "host": socket.gethostname(),
-        "pid": os.getpid(),
-        "threads": threads,
-        "machine": machine(),
-    }
+    begin, pid, command = datetime.now(UTC), os.getpid(), shlex.join(command_line())
+    path = directory / SESSIONS / f"{begin:%Y%m%dT%H%M%S.%fZ}-{pid}.json"
+    record: dict[str, Any] = {"started": begin.isoformat(), "ended": None, "how": "running"}
+    record |= {"shard": shard, "command": command, "host": socket.gethostname(), "pid": pid}
+    record |= {"threads": threads, "machine": machine()}
 
     def write() -> None:
         with contextlib.suppress(OutputError, OSError):  # a full disk does not matter here
@@ -108,15 +97,13 @@ def read_sessions(directory: Path) -> list[dict[str, Any]]:
 
 def who(session: dict[str, Any]) -> str:
     """Return the command and process of a session, in words."""
-    return (
-        f"`{session.get('command')}` (process {session.get('pid')} on {session.get('host')}, "
-        f"since {str(session.get('started'))[:19]} UTC)"
-    )
+    command, pid, host, since = map(session.get, ("command", "pid", "host", "started"))
+    return f"`{command}` (process {pid} on {host}, since {str(since)[:19]} UTC)"
 
 
 @contextlib.contextmanager
 def locked(directory: Path, name: str, patience: float = -1.0) -> Iterator[bool]:
-    """Hold a lock of a directory; yield whether it was free, at the latest after `patience` s."""
+    """Hold a lock of a directory; yield whether it was free within `patience` seconds."""
     lock, free = FileLock(directory / LOCKS / name, patience, poll_interval=0.02), True
     with explained(f"cannot write in {directory}"):
         (directory / LOCKS).mkdir(exist_ok=True)
@@ -135,10 +122,7 @@ def locked(directory: Path, name: str, patience: float = -1.0) -> Iterator[bool]
 
 @contextlib.contextmanager
 def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
-    """Hold a directory, or a shard such as ``shard-0-of-4``, and tidy up after dead processes.
-
-    Raise an OutputError if another process works there, but for another shard of as many.
-    """
+    """Hold a directory, or a shard such as ``shard-0-of-4``; others of as many may be held."""
     # Its own lock first, and then a look for others: of two that begin at once at most one goes on.
     mine = shard or WHOLE
     with locked(directory, mine, PATIENCE) as free:
@@ -150,10 +134,10 @@ def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
             by = [who(s) for s in read_sessions(directory)
                   if s["how"] == "running" and (s["shard"] or WHOLE) == busy[0]]  # fmt: skip
             raise OutputError(f"{what} is in use by {by[-1] if by else 'another process'}")
-        if shard is None:  # other shards may be writing
-            for path in (*directory.glob(".*.tmp"), *directory.glob("*/.*.tmp")):
-                with contextlib.suppress(OSError):
-                    path.unlink()
+        left = [*directory.glob(".*.tmp"), *directory.glob("*/.*.tmp")]
+        for path in left if shard is None else []:  # other shards may be writing
+            with contextlib.suppress(OSError):
+                path.unlink()
         yield
 
 
@@ -161,13 +145,11 @@ def at_work(directory: Path, mine: str | None = None) -> list[str]:
     """Return the locks that other processes hold, but that on the manifest."""
     held = []
     for path in sorted((directory / LOCKS).glob("*")):
+        # Who only looks has it for a moment; errors come of somebody else's directory, or no locks.
         if path.name not in (mine, MANIFEST_LOCK):
-            try:
-                # Another process that only looks has it for a moment.
-                with FileLock(path, timeout=0.1, poll_interval=0.02):
-                    pass
-            except Timeout:
-                held.append(path.name)
-            except OSError:
-                pass  # a directory of somebody else, or no locks at all
+            with contextlib.suppress(OSError):
+                try:
+                    FileLock(path).acquire(timeout=0.1, poll_interval=0.02).lock.release()
+                except Timeout:
+                    held.append(path.name)
     return held

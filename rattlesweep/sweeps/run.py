@@ -1,18 +1,16 @@
-"""Run a sweep: what is wanted, minus what is on disk, goes through an engine into files.
-
-An engine, such as :func:`local`, takes blocks of keys and writes the rows that come of them.
-"""
+"""Run a sweep: what is wanted, minus what is on disk, goes through an engine into files."""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 import signal
 import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, pairwise
 from pathlib import Path
@@ -34,25 +32,21 @@ from rattlesweep.sweeps.decide import Refining, Stopping, decides, decision
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.plan import Plan, begin, examine
 from rattlesweep.sweeps.provenance import MANIFEST_LOCK, hold, locked, session
-from rattlesweep.sweeps.stored import SUMMARY, Found, Stored, free_path, keys_of, remove, rewrite
+from rattlesweep.sweeps.stored import Found, Stored, free_path, keys_of, rewrite
 from rattlesweep.sweeps.summary import summarise, write_summary
 from rattlesweep.sweeps.types import with_types
 
 Keys = tuple[Integers, Integers]  # cases and samples of some runs
 
 SECONDS = 3.0  # that a block should take, and so what a kill or a lost worker costs
-# That it may take where runs are so long that it would otherwise leave lanes without work.  Fewer
-# runs than lanes are no faster: a block then takes as long as its longest run.
-MOST_SECONDS = 30.0
+MOST_SECONDS = 30.0  # that it may take where it would otherwise leave lanes without work
 FIRST_SECONDS, FIRST_RATE = 0.3, 2e6  # of the first block; cost that a thread does in a second
 MOST_ROWS = 50_000  # runs of a block: a few hundred bytes each while it is under way
 ROUNDS = 4  # runs of a block for each lane, so that all lanes are in use most of the time
 AT_ONCE = 1 << 20  # runs of which it is looked up at a time whether they are left to do
 IN_MEMORY = 100_000  # runs that are integrated at a time without a directory: 100 MB
 GATHER = 2.0  # seconds for which a stop waits for the rows of the block under way
-# Seconds for which a session in which no run has ended goes on after its time is up, so that the
-# same command again and again comes to an end, however short the time.
-GRACE = 5.0
+GRACE = 5.0  # seconds after its time is up for which a session goes on until a first run has ended
 
 
 @dataclass(frozen=True)
@@ -80,23 +74,20 @@ class Job:
     threads: int
     report: Callable[[Progress], None] = lambda progress: None  # called some times a second
     decide: Stopping | Refining | None = None  # says by the rows which runs are wanted
-    deadline: float | None = None  # of `time.monotonic`
+    deadline: float = math.inf  # of `time.monotonic`
     begun: float | None = None  # set by engines once the kernel is loaded, which is no rate
     runs: int = 0  # rows on disk of those that are wanted
     done: int = 0  # runs integrated in this session
     kernel_seconds: float = 0.0
     seconds: float = 0.0
     stopped: str | None = None  # why it ended before all was done
-    damaged: list[Path] = field(default_factory=list)  # files that were, where they are now
     summary: pa.Table | None = None  # one row a case; None unless the whole sweep is done
     missing: int = 0  # runs of other shards that are not on disk
 
     def __post_init__(self) -> None:
-        self._start = time.monotonic()
-        self._cost = case_costs(self.plan)
+        self._start, self._cost = time.monotonic(), case_costs(self.plan)
         self._whole = self._left = self._did = 0.0  # cost wanted, left to do, and done by this job
-        self._total = 0  # runs wanted
-        self._shown = 0.0  # fraction that was reported last
+        self._total, self._shown = 0, 0.0  # runs wanted; fraction that was reported last
         self._recent: deque[tuple[float, float]] = deque(maxlen=8)  # cost and seconds of blocks
 
     @property
@@ -122,8 +113,7 @@ class Job:
                 at = int(places[count - 1]) + 1
                 yield np.divmod(places[:count], samples)
 
-    def _size(self, costs: Floats) -> int:
-        """Return how many runs, of these costs up to each, a block should have."""
+    def _size(self, costs: Floats) -> int:  # of a block of runs of these costs up to each
         lanes = LANES * self.threads
         if not self._recent:
             few = np.searchsorted(costs, FIRST_RATE * self.threads * FIRST_SECONDS, "right")
@@ -145,31 +135,26 @@ class Job:
         with _undisturbed():
             self.stored.append(table, self.plan.config.classify.as_text)
             self.found.add(table)
-            self.runs += len(table)
-            self.done += len(table)
             if self.decide is not None:
                 self.decide.add(table)
+            self.runs, self.done = self.runs + len(table), self.done + len(table)
             cost = float(self._cost[keys_of(table)[0]].sum())
             self._left, self._did = self._left - cost, self._did + cost
 
     def tick(self, keys: Keys | None = None, control: Control | None = None) -> None:
-        """Report progress, with what the kernel says of the block under way; raise OutOfTime if
-        the session's time is over.
-        """
+        """Report progress, also of the block under way; raise OutOfTime if the time is over."""
         part, ended, now = 0.0, 0, time.monotonic()
         if keys is not None and control is not None and control.total > 0:
             part = self._cost[keys[0]].sum() * min(1.0, control.done / control.total)
             ended = control.runs_done
-        left, did, remaining = max(0.0, self._left - part), self._did + part, None
-        if self.begun is not None and did > 0:
-            remaining = float(left * (now - self.begun) / did)
+        left, did = max(0.0, self._left - part), self._did + part
+        spent = 0.0 if self.begun is None else now - self.begun
+        remaining = float(left * spent / did) if spent and did > 0 else None
         if self._whole:  # a wave may make what is done less
             self._shown = max(self._shown, float(1.0 - left / self._whole))
-        runs, elapsed = self.runs + ended, now - self._start
-        self.report(Progress(self._shown, runs, self._total, elapsed, remaining))
-        waited = self.begun is not None and now >= self.begun + GRACE
-        up = self.deadline is not None and now >= self.deadline
-        if up and (self.done or ended or waited):
+        elapsed, waited = now - self._start, spent >= GRACE
+        self.report(Progress(self._shown, self.runs + ended, self._total, elapsed, remaining))
+        if now >= self.deadline and (self.done or ended or waited):
             raise OutOfTime
 
 
@@ -180,39 +165,30 @@ again."""
 
 
 def local(job: Job, blocks: Iterator[Keys]) -> None:
-    """Compute blocks on this machine, one after the other.
-
-    The kernel runs in a thread of its own, without the interpreter's lock.  Meanwhile the main
-    thread writes the block before, prepares the one after, reports progress and hears Ctrl-C.
-    """
+    """Compute blocks on this machine; meanwhile, write the one before and prepare the next."""
     plan = job.plan
-    loading: Task[float] | None = Task(lambda _: load_kernel(plan.config))
-    task: Task[tuple[pa.Table, int]] | None = None
-    finished: list[pa.Table] = []
+    loading = Task(lambda _: load_kernel(plan.config))
+    tasks: list[Task[tuple[pa.Table, int]]] = []  # the one whose rows are to be written comes first
     try:
         for before, keys in pairwise(chain([None], blocks, [None])):
             # While the kernel is loaded, or the block before is computed.
             prepared = None if keys is None else prepare_runs(plan, *keys)
-            if loading is not None:
-                loading.wait()
-                job.begun, loading = job.begun or time.monotonic(), None
-            if task is not None and before is not None:
-                table, _ = task.wait(partial(job.tick, before))
-                job.worked(before, task.seconds)
-                finished, task = [table], None
-            if keys is not None and prepared is not None:
-                task = Task(partial(compute, plan.config, plan.schema, prepared, job.threads))
-            while finished:
-                job.write(finished.pop())
+            loading.wait()
+            job.begun = job.begun or time.monotonic()
+            if before is not None:
+                tasks[0].wait(partial(job.tick, before))
+                job.worked(before, tasks[0].seconds)
+            if prepared is not None:
+                tasks += [Task(partial(compute, plan.config, plan.schema, prepared, job.threads))]
+            if before is not None:
+                job.write(tasks.pop(0).value()[0])
                 job.tick()
     except BaseException as error:
-        if task is not None:
+        for task in tasks:
             task.stop(GATHER)
         if isinstance(error, Exception):
             raise
-        while finished:
-            job.write(finished.pop())
-        if task is not None:
+        for task in tasks:
             with contextlib.suppress(TimeoutError):
                 job.write(task.value()[0])
         raise
@@ -243,7 +219,7 @@ class Shard:
 
     @classmethod
     def parse(cls, text: str) -> Shard:
-        """Read ``I/N``; raise a ValueError that says what is wrong with it."""
+        """Read ``I/N``; a ValueError says what is wrong with it."""
         match = re.fullmatch(r"\s*(\d{1,6})\s*/\s*(\d{1,6})\s*", text)
         if not match or int(match[1]) >= int(match[2]):
             raise ValueError("is not I/N; write it as in --shard 0/4, with I from 0 to N-1")
@@ -261,14 +237,12 @@ def run_sweep(
     report: Callable[[Progress], None] = lambda progress: None, shard: Shard | None = None,
     max_time: float | None = None, retry_failed: bool = False, engine: Engine = local,
 ) -> Job:  # fmt: skip
-    """Do the runs that a plan asks for and that are not on disk.
+    """Do the runs that a plan asks for and that are not on disk; a stop keeps what has ended.
 
-    Rows whose status is not ``ok`` are done again if `retry_failed`.  `base` is where a table's
-    relative path is looked up besides the working directory, `max_time` is in seconds.  `report` is
-    called some times a second.  Whatever stops it, the rows of the runs that have ended are kept.
+    `base` is where a table's relative path is looked up besides the working directory, `max_time`
+    is in seconds.
     """
-    start = time.monotonic()
-    threads = threads or available_threads()
+    start, threads = time.monotonic(), threads or available_threads()
     if shard is not None and retry_failed:
         raise ConfigError("--retry-failed: takes rows of other shards too; run it without --shard")
     if shard is not None and (key := decides(plan.config)):
@@ -283,12 +257,12 @@ def run_sweep(
             stored = begin(plan, directory, base, name)
         plan = replace(plan, cases=stored.cases)
         record = held.enter_context(session(directory, name, threads))
-        found, damaged = _find(stored, plan.config.classify, shard, retry_failed)
+        found = _find(stored, plan.config.classify, shard, retry_failed)
         decide = decision(plan.config, plan.cases, plan.samples)
         if decide is not None:
             decide.read(stored)
-        deadline = None if max_time is None else start + max_time
-        job = Job(plan, stored, found, threads, report, decide, deadline, damaged=damaged)
+        deadline = start + (math.inf if max_time is None else max_time)
+        job = Job(plan, stored, found, threads, report, decide, deadline)
         try:
             _work(job, shard, engine)
             if job.stopped is None:
@@ -300,56 +274,47 @@ def run_sweep(
             record["how"] = "stopped" if job.stopped else "complete"
         finally:
             job.seconds = time.monotonic() - start
-            seconds, kernel = round(job.seconds, 3), round(job.kernel_seconds, 3)
-            record |= {"runs": job.done, "seconds": seconds, "kernel_seconds": kernel}
+            record |= {"runs": job.done, "seconds": round(job.seconds, 3)}
+            record["kernel_seconds"] = round(job.kernel_seconds, 3)
     return job
 
 
-def _find(
-    stored: Stored, thresholds: Classify, shard: Shard | None, retry: bool
-) -> tuple[Found, list[Path]]:
-    """Read what is on disk, put damaged files aside, renew types, and take out what failed."""
-    found, damaged = stored.find(), []
-    for path in found.damaged:
-        damaged.append(free_path(path.with_suffix(".damaged")))
-        with explained(f"cannot rename {path}"):
-            path.rename(damaged[-1])
+def _find(stored: Stored, thresholds: Classify, shard: Shard | None, retry: bool) -> Found:
+    found = stored.find()
+    with explained(f"cannot rename a file in {stored.folder}"):
+        found.damaged = [p.rename(free_path(p.with_suffix(".damaged"))) for p in found.damaged]
     stale = {p for text in found.typed.keys() - {thresholds.as_text} for p in found.typed[text]}
     if stale and shard is not None:
-        raise ConfigError(
-            f"{stored.directory}: its runs are typed by other thresholds than those of the config; "
-            "run `rattlesweep classify` there before its shards go on"
-        )
+        told = "its runs are typed by other thresholds than those of the config"
+        then = "run `rattlesweep classify` there before its shards go on"
+        raise ConfigError(f"{stored.directory}: {told}; {then}")
     retry = retry and found.rows > found.status["ok"]
     if retry or stale:
-        remove(stored.directory / SUMMARY)
+        stored.drop_summary()
     for path in stored.files() if retry else stale:
         rows = with_types(read_parquet(path), thresholds)
         kept = rows.filter(pc.equal(rows.column("status"), "ok")) if retry else rows
         if path in stale or len(kept) < len(rows):
             rewrite(path, kept, thresholds.as_text)
-    return stored.find() if retry else found, damaged
+    return replace(stored.find(), damaged=found.damaged) if retry else found
 
 
 def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
-    """Do what is left, wave by wave where the sweep decides what to run next."""
     done = job.found.done
-    while True:
+    while True:  # once, or for each wave where the sweep decides what to run next
         wanted = np.ones_like(done) if shard is None else shard.runs(done.shape)
         if job.decide is not None:
             wanted = job.decide.wanted()
         job.runs = int((wanted & done).sum())
         if done[wanted].all():
             return
-        remove(job.stored.directory / SUMMARY)  # it is of fewer runs
+        job.stored.drop_summary()
         try:
             engine(job, job.blocks(wanted))
         except OutOfTime:
-            # It may be up when the last run has ended.
-            if not done[wanted].all():
-                job.stopped = "the time is up"
-                if not job.done:
-                    job.stopped = "the time was up before one run had ended, give more"
+            if not done[wanted].all():  # it may be up when the last run has ended
+                few = "the time was up before one run had ended, give more"
+                job.stopped = "the time is up" if job.done else few
                 return
         except BaseException as error:
             if not isinstance(error, Exception):
@@ -362,11 +327,7 @@ def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
 def integrate_plan(
     plan: Plan, threads: int | None = None, report: Callable[[float], None] = lambda fraction: None
 ) -> pa.Table:
-    """Return the rows of all runs of a plan, as the files of a sweep would hold them.
-
-    `report` is called with the share that is done; what it raises stops the kernel, and so does
-    Ctrl-C.
-    """
+    """Return the rows of all runs of a plan; `report` is called with the share that is done."""
     load_kernel(plan.config)
     tables = [plan.schema.remove_metadata().empty_table()]
     for start in range(0, plan.runs, IN_MEMORY):

@@ -38,8 +38,7 @@ def job_script(
     """Return the script of a job array, for the program of this environment in this directory.
 
     Paths are absolute, `overrides` are the values of ``--set``, `limit` is in seconds.  With `own`,
-    each shard has a directory of its own, ``OUTPUT-I``.  A task may requeue itself `restarts`
-    times.
+    each shard has a directory of its own, ``OUTPUT-I``.
     """
     name, where, quote = plan.config.name, Path.cwd(), shlex.quote
     if any("\n" in f"{text}" for text in (name, config, output, where, *overrides)):
@@ -49,9 +48,8 @@ def job_script(
             raise ConfigError(f"{flag} {text}: is nothing that Slurm knows")
     # A task stops by itself before its limit; Slurm warns after half of that margin.
     margin = round(min(MARGIN, MARGIN_SHARE * limit))
-    target = quote(f"{output}")
-    parts = f"{target}-{{0..{shards - 1}}}" if shards > 1 else f"{target}-0"
-    merge = f"merge {parts} --output {quote(f'{output}-merged')}"
+    target, parts = quote(f"{output}"), f"{{0..{shards - 1}}}" if shards > 1 else "0"
+    merge = f"merge {target}-{parts} --output {quote(f'{output}-merged')}"
     more = "" if partition is None else f"#SBATCH --partition={partition}\n"
     values = {
         "NAME": re.sub(r"[^\w.-]+", "-", name).strip("-.") or "sweep",

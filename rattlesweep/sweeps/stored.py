@@ -1,12 +1,10 @@
 """An output directory: the manifest of a sweep, and its rows.
 
 A sweep is a set of runs with keys ``(case, sample)``.  The folder ``runs`` holds Parquet files,
-each with any set of rows, ascending by key, and no key of another file; a file is named after its
-first row.  The metadata of a file say to which sweep it belongs, by which thresholds its rows were
-typed, and what the cases of its rows are, so that files can be copied between directories.
-
-``manifest.json`` says what the sweep is, and nothing of what has been done.  It is written when a
-sweep begins or grows.
+each with any set of rows, ascending by key, and no key of another file.  The metadata of a file say
+to which sweep it belongs, by which thresholds its rows were typed, and what its cases are, so that
+files can be copied between directories.  ``manifest.json`` says what the sweep is, and nothing of
+what has been done.  It is written when a sweep begins or grows.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import zip_longest
+from itertools import chain, count, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +76,7 @@ class Found:
     status: Counter[str] = field(default_factory=Counter)  # runs by status
     types: Counter[str] = field(default_factory=Counter)  # runs by type
     typed: dict[str, list[Path]] = field(default_factory=dict)  # files by thresholds, as JSON
-    damaged: list[Path] = field(default_factory=list)
+    damaged: list[Path] = field(default_factory=list)  # where they are now
 
     @property
     def rows(self) -> int:
@@ -115,15 +113,29 @@ class Stored:
         """Thresholds behind the types on disk, which may be those of ``rattlesweep classify``."""
         for path in self.files():
             with contextlib.suppress(DamagedError, ValueError):
-                typed = json.loads(metadata(path).get(TYPED, "{}"))
-                return self.config.classify.model_copy(update=typed)
+                return self.config.classify.model_copy(update=json.loads(typed_by(path) or "{}"))
         return self.config.classify
 
+    @property
+    def folder(self) -> Path:
+        """Where the files of rows are."""
+        return self.directory / FOLDER
+
+    def write_manifest(self) -> None:
+        """Put ``manifest.json`` in place, whole."""
+        text = json.dumps(self.manifest, indent=2, allow_nan=False) + "\n"
+        replace_file(self.directory / MANIFEST, text.encode())
+
+    def drop_summary(self) -> None:
+        """Remove the summary where there is one, as it is of other runs."""
+        path = self.directory / SUMMARY
+        with explained(f"cannot remove {path}"):
+            path.unlink(missing_ok=True)
+
     def files(self) -> list[Path]:
-        """Return the files of the rows in the order of their names; none without a folder."""
-        folder = self.directory / FOLDER
-        with explained(f"cannot read {folder}"), contextlib.suppress(FileNotFoundError):
-            paths = sorted(folder.iterdir())
+        """Return the files of the rows in the order of their names."""
+        with explained(f"cannot read {self.folder}"), contextlib.suppress(FileNotFoundError):
+            paths = sorted(self.folder.iterdir())
             return [p for p in paths if p.suffix == ".parquet" and not p.name.startswith(".")]
         return []
 
@@ -132,13 +144,10 @@ class Stored:
         case, sample = keys_of(table.slice(0, 1))
         name = f"case{case[0]:05d}-sample{sample[0]:09d}.parquet"
         words = {SWEEP: self.hash, TYPED: typed, CASES: "\n".join(self._cases_of(table))}
-        write_parquet(table, free_path(self.directory / FOLDER / name), words)
+        write_parquet(table, free_path(self.folder / name), words)
 
     def find(self, files: Iterable[Path] | None = None) -> Found:
-        """Read all of every file, or of these, and return what there is.
-
-        Raise an OutputError if a file is not of this sweep, or if a run is there twice.
-        """
+        """Read all of every file, or of these; an OutputError tells of runs that do not belong."""
         found = Found(np.zeros((len(self.cases), self.samples), dtype=bool))
         for path in self.files() if files is None else files:
             try:
@@ -154,15 +163,14 @@ class Stored:
         return found
 
     def _wrong(self, rows: pa.Table, words: Mapping[str, str], done: Flags) -> str | None:
-        """Return why the rows of a file cannot be among those of the sweep."""
         if words.get(SWEEP) != self.hash:
             return "holds runs of another sweep"
         if not same_schema(rows.schema, self.schema):
             return "has the columns of another version of rattlesweep"
         case, sample = keys_of(rows)
-        if not len(rows) or case.max() >= len(self.cases) or sample.max() >= self.samples:
-            size = f"{len(self.cases)} cases of {self.samples} samples"
-            return f"holds no runs, or others than of {size}"
+        cases, samples = done.shape
+        if not len(rows) or case.max() >= cases or sample.max() >= samples:
+            return f"holds no runs, or others than of {cases} cases of {samples} samples"
         if not set(self._cases_of(rows)) <= {*words.get(CASES, "").split("\n")}:
             return "numbers its cases in another way"
         if done[case, sample].any() or len(np.unique(_places(rows))) < len(rows):
@@ -170,7 +178,6 @@ class Stored:
         return None
 
     def _cases_of(self, rows: pa.Table) -> list[str]:
-        """Return the cases of some rows, each as JSON."""
         return [json.dumps(self.cases[n].dump()) for n in pc.unique(rows["case"]).to_pylist()]
 
     def count(self) -> int:
@@ -179,17 +186,12 @@ class Stored:
 
     def read(self, names: Sequence[str] | None = None) -> pa.Table:
         """Return all rows, or some of their columns, in the order of their keys."""
-        schema = self.schema
-        if names is not None:
-            schema = pa.schema([schema.field(name) for name in names])
-        own = schema.remove_metadata()
-        return pa.Table.from_batches(self.batches(names), own).cast(schema)
+        chosen = self.schema.names if names is None else names
+        schema = pa.schema([self.schema.field(name) for name in chosen])
+        return pa.Table.from_batches(self.batches(chosen), schema.remove_metadata()).cast(schema)
 
     def batches(self, names: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
-        """Yield the same rows in the same order, however they lie in files, some at a time.
-
-        Memory goes with :data:`PIECE`, or with the largest file where that is more.
-        """
+        """Yield the same rows in the same order, about `PIECE` or a file of them at a time."""
         names = self.schema.names if names is None else list(names)
         first = {path: _places(read_parquet(path, KEY))[0] for path in self.files()}
         paths = sorted(first, key=first.__getitem__)
@@ -203,7 +205,7 @@ class Stored:
             place = _places(table)
             if (np.diff(place) < 0).any():
                 order = np.argsort(place)
-                table, place = table.take(pa.array(order)), place[order]
+                table, place = table.take(order), place[order]
             # What comes before the first row of the next file is in its place now.
             ready = len(table) if following is None else np.searchsorted(place, first[following])
             held = [table.slice(ready)]
@@ -212,8 +214,7 @@ class Stored:
 
 def open_stored(directory: Path | str) -> Stored:
     """Open an output directory; raise a ConfigError if it is none."""
-    directory = Path(directory)
-    path = directory / MANIFEST
+    path = (directory := Path(directory)) / MANIFEST
     try:
         data = json.loads(path.read_bytes())
         if data["format"] != FORMAT:
@@ -222,11 +223,10 @@ def open_stored(directory: Path | str) -> Stored:
             pa.field(name, pa.type_for_alias(kind), nullable, {"unit": unit, "description": words})
             for name, kind, nullable, unit, words in data["columns"]
         )
-        cases = tuple(Case.load(case) for case in data["cases"])
-        config = parse_config(data["config"])
-        samples, key = int(data["samples"]), str(data["config_hash"])
+        cases, samples = tuple(map(Case.load, data["cases"])), int(data["samples"])
         if [case.index for case in cases] != list(range(len(cases))) or samples < 1:
             raise ValueError("its cases are not numbered")
+        config, key = parse_config(data["config"]), str(data["config_hash"])
         return Stored(directory, data, config, cases, extra, samples, key)
     except (FileNotFoundError, NotADirectoryError):
         what = "has no manifest.json" if directory.is_dir() else "there is no such directory"
@@ -240,18 +240,18 @@ def open_stored(directory: Path | str) -> Stored:
         ) from error
 
 
-def write_manifest(directory: Path, data: dict[str, Any]) -> None:
-    """Put ``manifest.json`` in place, whole."""
-    text = json.dumps(data, indent=2, allow_nan=False)
-    replace_file(directory / MANIFEST, text.encode() + b"\n")
-
-
 def rewrite(path: Path, table: pa.Table, typed: str) -> None:
     """Put other rows in the place of those of a file; a file without rows goes."""
     if len(table):
         write_parquet(table, path, metadata(path) | {TYPED: typed})
     else:
-        remove(path)
+        with explained(f"cannot remove {path}"):
+            path.unlink()
+
+
+def typed_by(path: Path) -> str:
+    """Return the thresholds, as JSON, by which the rows of a file were typed."""
+    return metadata(path).get(TYPED, "")
 
 
 def metadata(path: Path) -> dict[str, str]:
@@ -266,24 +266,14 @@ def keys_of(rows: pa.Table) -> tuple[Integers, Integers]:
 
 
 def free_path(path: Path) -> Path:
-    """Return this path, or the same with the first number behind it that no file has."""
-    stem, again = path.stem, 1
-    while path.exists():
-        again += 1
-        path = path.with_stem(f"{stem}-{again}")
-    return path
-
-
-def remove(path: Path) -> None:
-    """Remove a file that may be gone already."""
-    with explained(f"cannot remove {path}"):
-        path.unlink(missing_ok=True)
+    """Return this path, or the first with a number behind it, that no file has."""
+    numbered = (path.with_stem(f"{path.stem}-{again}") for again in count(2))
+    return next(free for free in chain([path], numbered) if not free.exists())
 
 
 def _places(rows: pa.Table) -> Integers:
-    """Return numbers in the order of the keys; samples are fewer than 2^32."""
     case, sample = keys_of(rows)
-    return (case << 32) + sample
+    return (case << 32) + sample  # in the order of the keys: samples are fewer than 2^32
 
 
 def _words(schema: pa.Schema) -> dict[str, str]:

@@ -51,9 +51,8 @@ class Status:
         share, size = data["runs"] / max(1, data["wanted"]), f"{data['bytes'] / 1e6:.1f} MB"
         runs = f"{data['runs']:,} of {data['wanted']:,} runs ({100 * share:.1f} %)"
         lines = [f"{self.title}: {runs}, {counted(data['files'], 'file')}, {size}"]
-        for what in ("status", "types"):
-            counts = ", ".join(f"{word} {count:,}" for word, count in data[what].items())
-            lines += [f"{what}: {counts}"] if counts else []
+        for what in [key for key in ("status", "types") if data[key]]:
+            lines.append(f"{what}: {', '.join(f'{word} {n:,}' for word, n in data[what].items())}")
         for session in data["at_work"]:
             lines.append(f"at work: {session['shard'] or 'the whole sweep'}, {who(session)}")
         if not data["at_work"] and (last := data["last"]) is not None:
@@ -118,30 +117,25 @@ def verify(
     """Read all of an output directory and compare it with its manifest; nothing is changed.
 
     So many runs as `recompute` says, drawn by `seed`, are integrated again and compared bit by bit.
-    `report` is called with the share that is done.  Raise a ConfigError if it is no output
-    directory, and an OutputError if a file cannot be read or the manifest is damaged.
     """
     stored = open_stored(directory)
     found, thresholds = stored.find(), stored.thresholds
     wanted, files = wanted_runs(stored, found), stored.files()
     result = Verified(directory, found.rows, len(files), int((wanted & ~found.done).sum()))
     problems = result.problems
-    for path in found.damaged:
-        problems.append(f"{path} is damaged; `rattlesweep run` does its runs again")
+    problems += [f"{p} is damaged; `rattlesweep run` does its runs again" for p in found.damaged]
     for text, paths in found.typed.items():
         if text != thresholds.as_text:
-            problems.append(
-                f"{counted(len(paths), 'file')}, such as {paths[0]}, typed by other thresholds; "
-                "`rattlesweep classify` ends what was begun"
-            )
-    try:
-        plan = None
-        if recompute:  # Numba, without which the rest can be checked
-            from rattlesweep.sweeps.plan import stored_plan
+            told = "typed by other thresholds; `rattlesweep classify` ends what was begun"
+            problems.append(f"{counted(len(paths), 'file')}, such as {paths[0]}, {told}")
+    plan = None
+    if recompute:  # Numba, without which the rest can be checked
+        from rattlesweep.sweeps.plan import stored_plan
 
+        try:
             plan = stored_plan(stored)
-    except ConfigError as error:  # the table of bodies has gone or changed
-        problems.append(str(error))
+        except ConfigError as error:  # the table of bodies has gone or changed
+            problems.append(str(error))
     good = [path for paths in found.typed.values() for path in paths]
     count, last = min(recompute, found.rows), 0
     chosen = np.random.default_rng(seed).choice(found.rows, count, replace=False)
@@ -152,7 +146,10 @@ def verify(
         first, last = last, last + len(rows)
         here = np.sort(chosen[(chosen >= first) & (chosen < last)]) - first
         if len(here) and plan is not None:
-            again = _not_given_up(stored, rows.take(pa.array(here)))
+            again = rows.take(here)
+            # Runs that came to a smaller limit of steps would go on under a larger one.
+            less = pc.less(again["n_steps"], stored.config.integrator.max_steps)
+            again = again.filter(pc.invert(pc.and_(pc.equal(again["status"], "step_limit"), less)))
             for case, sample, names in differing_rows(plan, again, threads):
                 what = f"comes out differently: {', '.join(names[:4])}"
                 problems.append(f"case {case} sample {sample} {what}")
@@ -164,32 +161,22 @@ def verify(
         except OutputError:
             right = False
         if not right:
-            problems.append(
-                f"{path} is missing, damaged or does not follow from the runs; `rattlesweep run` "
-                "writes it anew"
-            )
+            told = "is missing, damaged or does not follow from the runs"
+            problems.append(f"{path} {told}; `rattlesweep run` writes it anew")
     report(1.0)
     return result
 
 
 def _row_problems(path: Path, rows: pa.Table, again: pa.Table) -> Iterator[str]:
-    """Yield what is wrong with the rows of a file; `again` are the same rows, typed anew."""
     case, sample = keys_of(rows)
     wrong = {"its rows are not in order": np.lexsort((sample, case)) != np.arange(len(case))}
     for name in {"type", "type_sure"}.intersection(rows.schema.names):
-        wrong[f"{name} does not follow from its columns"] = (
-            rows.column(name).to_numpy() != again.column(name).to_numpy()
-        )
+        differ = rows.column(name).to_numpy() != again.column(name).to_numpy()
+        wrong[f"{name} does not follow from its columns"] = differ
     for what, which in wrong.items():
         if which.any():
             such = f"such as case {case[which][0]} sample {sample[which][0]}"
             yield f"{path}: {counted(int(which.sum()), 'run')}, {such}: {what}"
-
-
-def _not_given_up(stored: Stored, rows: pa.Table) -> pa.Table:
-    """Leave out runs that came to a smaller limit of steps: under a larger one they go on."""
-    less = pc.less(rows["n_steps"], stored.config.integrator.max_steps)
-    return rows.filter(pc.invert(pc.and_(pc.equal(rows["status"], "step_limit"), less)))
 
 
 def differing_rows(
@@ -221,7 +208,6 @@ def same_bits(one: pa.Table, other: pa.Table) -> bool:
 
 
 def _bits(column: pa.ChunkedArray) -> pa.Array:
-    """Return floating numbers as whole ones of the same bits, and others as they are."""
     values = column.combine_chunks()
     if pa.types.is_list(values.type):
         values = values.flatten()

@@ -6,6 +6,7 @@ taken away.  Whatever lies below ``RATTLESWEEP_TESTS_CLOSED`` cannot be opened.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import time
@@ -22,11 +23,10 @@ _closed = os.environ.get("RATTLESWEEP_TESTS_CLOSED")
 def _passes() -> bool:
     if (_place / "open").exists():
         return True
-    try:
+    with contextlib.suppress(FileNotFoundError):
         (_place / "ticket").unlink()
-    except FileNotFoundError:
-        return False
-    return True
+        return True
+    return False
 
 
 def _held(*args: Any) -> Any:

@@ -1,7 +1,5 @@
-"""Small sweeps that come to harm, and what must be left of them.
-
-Each command runs in a process of its own, forked from one that has everything loaded, so that it
-takes some 50 ms: hundreds of kills and faults are a matter of seconds.
+"""Small sweeps that come to harm, each in a process forked from one with everything loaded, which
+takes some 50 ms, and what must be left of them.
 """
 
 from __future__ import annotations
@@ -19,7 +17,6 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 from nursery import TINY, become
 
@@ -37,9 +34,6 @@ def tiny(folder: Path) -> Path:
     return path
 
 
-# -- processes that are quick to start ---------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Ended:
     """How a process ended: exit code, or less than 0 for the signal that killed it."""
@@ -47,6 +41,13 @@ class Ended:
     code: int
     out: str
     err: str
+
+    @property
+    def sentence(self) -> bool:
+        """Whether it says in one line that is a sentence why it failed, and no more."""
+        lines = [x for x in self.err.splitlines() if not x.startswith(("note: ", "warning: "))]
+        told = len(lines) == 1 and lines[0].startswith("error: ")
+        return told and "internal error" not in self.err
 
 
 @cache
@@ -63,8 +64,7 @@ class Child:
     """A `rattlesweep` command in a process of its own.
 
     `how`: ``calls``, arguments of `syscalls.Calls`; ``hold``, how many blocks are done before a
-    SIGUSR1; ``grace``, seconds that a first run is waited for when the time is up; ``rows``, runs
-    of a block.
+    SIGUSR1; ``rows``, runs of a block.
     """
 
     def __init__(self, *args: Any, **how: Any) -> None:
@@ -80,11 +80,9 @@ class Child:
         os.kill(self.pid, number)
 
     def ended(self) -> bool:
-        """Whether it has ended."""
         return not self._process.is_alive()
 
     def wait(self, seconds: float = 120) -> Ended:
-        """Wait for the end."""
         self._process.join(seconds)
         assert self._process.exitcode is not None, f"no end within {seconds} s"
         # Killed at once, it has not made them.
@@ -94,20 +92,14 @@ class Child:
 
 
 def command(*args: Any, **how: Any) -> Ended:
-    """Run a command in a process of its own and wait for its end."""
     return Child(*args, **how).wait()
 
 
-# -- what must be left --------------------------------------------------------------------------
-
-
 def files_of(directory: Path) -> list[Path]:
-    """The files of rows."""
     return sorted(directory.glob("runs/[!.]*.parquet"))
 
 
 def rows_of(directory: Path) -> pa.Table:
-    """All rows in the order of their keys."""
     return open_stored(directory).read()
 
 
@@ -131,35 +123,15 @@ def check_whole(directory: Path, *expected: Path) -> int:
     if not (directory / "manifest.json").exists():
         assert not files_of(directory)
         return 0
-    rows = rows_of(directory)
-    keys = keys_of(rows)
-    assert len(set(keys)) == len(keys)
-    if not keys:
-        return 0
-    good = np.zeros(len(rows), bool)
-    for table in map(rows_of, expected):
-        place = {key: k for k, key in enumerate(keys_of(table))}
-        if place.keys() >= {*keys} and same_bits(rows, table.take([place[key] for key in keys])):
-            return len(keys)
-        for k, key in enumerate(keys):
-            good[k] |= key in place and same_bits(rows.slice(k, 1), table.slice(place[key], 1))
-    assert good.all(), [key for key, fine in zip(keys, good, strict=True) if not fine]
-    return len(keys)
-
-
-def keys_of(rows: pa.Table) -> list[tuple[int, int]]:
-    """Case and sample of each row."""
-    return list(zip(rows["case"].to_pylist(), rows["sample"].to_pylist(), strict=True))
-
-
-def one_sentence(err: str) -> bool:
-    """Whether a command that failed says so in one line that is a sentence, and no more."""
-    lines = [line for line in err.splitlines() if not line.startswith(("note: ", "warning: "))]
-    return len(lines) == 1 and lines[0].startswith("error: ") and "internal error" not in err
+    rows = rows_of(directory).to_pylist()
+    assert len({(row["case"], row["sample"]) for row in rows}) == len(rows)
+    # Different bits are written differently.
+    known = {repr(row) for table in map(rows_of, expected) for row in table.to_pylist()}
+    assert [row for row in rows if repr(row) not in known] == []
+    return len(rows)
 
 
 def wait_until(what: Callable[[], Any], seconds: float = 120) -> None:
-    """Wait for something to become true."""
     end = time.monotonic() + seconds
     while not what():
         assert time.monotonic() < end, f"not within {seconds} s"

@@ -53,7 +53,6 @@ if "RATTLESWEEP_TESTS_NURSERY" in os.environ:
 
 
 def become(args: list[str], out: Path, how: dict[str, Any]) -> None:
-    """Be the process of a command, to its end."""
     code = 1
     try:
         for handle in (1, 2):
@@ -62,7 +61,7 @@ def become(args: list[str], out: Path, how: dict[str, Any]) -> None:
         # A kill of the process takes nothing from the system's memory: whether that is on the disk
         # is a question of power cuts, and costs most of the time.
         os.fsync = os.fstat  # type: ignore[assignment]
-        runner.MOST_ROWS, runner.GRACE = how.get("rows", ROWS), how.get("grace", runner.GRACE)
+        runner.MOST_ROWS = how.get("rows", ROWS)
         if "hold" in how:
             _hold(how["hold"])
         if "calls" in how:

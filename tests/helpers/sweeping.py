@@ -30,9 +30,6 @@ CONFIGS = ROOT / "configs"
 PROGRAM = Path(sys.executable).with_name("rattlesweep")
 
 
-# -- commands ----------------------------------------------------------------------------------
-
-
 def invoke(*args: Any) -> Any:
     """One command in this process; whatever it raises is not the way it may end."""
     result = CliRunner().invoke(cli.main, [str(a) for a in args])
@@ -48,22 +45,15 @@ def run(config: str | Path, output: Path, *sets: str, options: tuple[Any, ...] =
     return invoke("run", CONFIGS / config, "--output", output, *chosen, *options)
 
 
-def start(*args: Any, **kwargs: Any) -> subprocess.Popen[str]:
-    """The program in a process of its own, without a terminal."""
-    kwargs = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL,
-              "text": True, **kwargs}  # fmt: skip
-    return subprocess.Popen([PROGRAM, *map(str, args)], **kwargs)
-
-
 def begin(output: Path, *sets: str, **kwargs: Any) -> subprocess.Popen[str]:
     """A sweep of 6000 runs, some seconds long, in a process of its own."""
     chosen = ("bodies.samples=1500", "bodies.target={K_r: [0.02, 0.1], rel_tol: 0.1}",
               "spin.n_i=[-0.3, -0.5]", *sets)  # fmt: skip
     args = [part for text in chosen for part in ("--set", text)]
-    return start("run", CONFIGS / "quickstart.yaml", "--output", output, *args, **kwargs)
-
-
-# -- sweeps ------------------------------------------------------------------------------------
+    return subprocess.Popen(
+        [PROGRAM, "run", CONFIGS / "quickstart.yaml", "--output", output, *args], text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, **kwargs,
+    )  # fmt: skip
 
 
 def changed(config: dict[str, Any], **parts: Any) -> dict[str, Any]:
@@ -82,7 +72,6 @@ def plan_of(config: str | Path | dict[str, Any], *sets: str, **changes: Any) -> 
 
 
 def prepared(plan: Plan) -> tuple[Launches, Batch]:
-    """Return launches and batch of all runs of a plan."""
     launches, batch = prepare_runs(plan, *np.divmod(np.arange(plan.runs), plan.samples))
     assert batch is not None
     return launches, batch
@@ -91,9 +80,6 @@ def prepared(plan: Plan) -> tuple[Launches, Batch]:
 def sweep(output: Path, config: str | Path | dict[str, Any], *sets: str, **options: Any) -> Any:
     """Run such a plan without the command; `options` are those of `run_sweep`."""
     return run_sweep(plan_of(config, *sets), output, **options)
-
-
-# -- what is left ------------------------------------------------------------------------------
 
 
 def rows(output: Path) -> pd.DataFrame:

@@ -1,8 +1,7 @@
 """The calls with which a sweep touches its directory: each counted, and one of them the last.
 
-For a process of its own, which is never mended again. Files are written through a raw layer that
-takes half of what it is given first, as the system may: so half-written files are among the states
-that a kill or a fault finds.
+Files are written through a raw layer that takes half of what it is given first, as the system may:
+so half-written files are among the states that a kill or a fault finds.
 """
 
 from __future__ import annotations
@@ -31,8 +30,6 @@ MAY_FAIL = {
 
 @dataclass
 class Calls:
-    """Counts calls below a directory."""
-
     root: str
     kinds: tuple[str, ...]  # calls that are counted
     at: int | None = None  # the call at which harm is done, counted from 0
@@ -44,7 +41,6 @@ class Calls:
     _count: int = 0
 
     def come(self, kind: str, path: str | None) -> None:
-        """A call is about to be made."""
         if path is None:
             return
         if self.log is not None:
@@ -69,7 +65,6 @@ class Calls:
         return text if text == self.root or text.startswith(self.root + os.sep) else None
 
     def install(self) -> None:
-        """Take the place of the system's calls."""
         for name, kind in (
             ("replace", "rename"), ("rename", "rename"), ("unlink", "unlink"),
             ("remove", "unlink"), ("mkdir", "mkdir"), ("rmdir", "rmdir"),
@@ -130,8 +125,6 @@ _OPEN, _FLOCK = builtins.open, fcntl.flock
 
 
 class _Raw(io.RawIOBase):
-    """A file that takes half of what it is given first."""
-
     def __init__(self, calls: Calls, handle: int) -> None:
         self._calls, self._handle, self._begun = calls, handle, False
 

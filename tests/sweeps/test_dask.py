@@ -39,10 +39,8 @@ REFINED = SWEEP | {
     "bodies": {"source": "grid", "base": {"preset": "GH"}, "axes": AXES, "refine": {"levels": 3}},
     "spin": {"n_i": {"linspace": [-0.5, -0.1, 9]}, "omega_xy0": 0.01},
 }
-# Spins that are followed for hours.
 ENDLESS = SWEEP | {"horizon": {"t": 1e10}, "spin": {"n_i": -0.9, "omega_xy0": 1e-3}}
-NEVER = 300
-"""Seconds after which what a test waits for will not come, however busy the machine is."""
+NEVER = 300  # seconds, after which what a test waits for will not come
 
 
 @pytest.fixture(autouse=True)
@@ -52,7 +50,6 @@ def small_blocks(monkeypatch):
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory) -> pa.Table:
-    """Rows of the sweep by the local engine."""
     directory = tmp_path_factory.mktemp("plain") / "out"
     sweep(directory, SWEEP, threads=1)
     return rows_of(directory)
@@ -174,6 +171,11 @@ def test_workers_need_no_disk_in_common_and_a_killed_one_costs_nothing(
     assert here.equals(there)
 
 
+def test_without_a_scheduler_workers_of_its_own_do_it(plain, tmp_path):
+    assert sweep(tmp_path, SWEEP, engine=make_engine(None, threads=1)).done == 80
+    assert rows_of(tmp_path).equals(plain)
+
+
 @pytest.mark.parametrize("how", ["time", "interrupt", "full disk"])
 def test_a_stop_keeps_the_blocks_that_are_done_and_frees_the_workers(
     how, cluster, plain, tmp_path, monkeypatch
@@ -226,9 +228,6 @@ def test_lost_scheduler_and_one_without_workers_are_one_sentence(
     assert rows_of(output).equals(plain)
 
 
-# -- what is refused ---------------------------------------------------------------------------
-
-
 def test_worker_of_another_version_is_refused(cluster, tmp_path, monkeypatch):
     ours = daskengine.versions()
     answers = iter([ours | {"numba": "0.1"}])  # the driver's; workers are threads of this process
@@ -239,25 +238,20 @@ def test_worker_of_another_version_is_refused(cluster, tmp_path, monkeypatch):
     assert not list(tmp_path.glob("runs/*"))
 
 
-def test_blocks_that_cannot_be_done_are_one_sentence(cluster, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("compute", r"^the worker at tcp://127\S+ on \S+: MemoryError: no room$"),
+        ("do_block", r"^the block that begins with case 0, sample \d+ cannot be done"),
+    ],
+)
+def test_blocks_that_cannot_be_done_are_one_sentence(name, words, cluster, tmp_path, monkeypatch):
     def fails(*args: Any) -> None:
         raise MemoryError("no room")
 
-    def is_missing(*args: Any) -> None:
-        raise ModuleNotFoundError("No module named 'rattlesweep'")
-
-    engine = make_engine(cluster)
-    for name, function, words in (
-        ("compute", fails, r"^the worker at tcp://127\S+ on \S+: MemoryError: no room$"),
-        ("do_block", is_missing, r"^the block that begins with case 0, sample \d+ cannot be done"),
-    ):
-        with monkeypatch.context() as patch:
-            patch.setattr(daskengine, name, function)
-            with pytest.raises(OutputError, match=words):
-                sweep(tmp_path, SWEEP, engine=engine)
-    config = SWEEP | {"bodies": SWEEP["bodies"] | {"target": {"K_r": 5.0, "max_draws": 10}}}
-    with pytest.raises(ConfigError, match=r"bodies.target.K_r: 5 was not met"):
-        sweep(tmp_path / "aimed", config, engine=engine)
+    monkeypatch.setattr(daskengine, name, fails)
+    with pytest.raises(OutputError, match=words):
+        sweep(tmp_path, SWEEP, engine=make_engine(cluster))
 
 
 def test_address_where_nobody_is_is_told(tmp_path, monkeypatch):

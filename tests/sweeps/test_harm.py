@@ -1,7 +1,5 @@
-"""Kills and faults at each call with which a command touches its directory.
-
-After each: what readers see is whole, the same command again ends with the same rows and summary,
-and nothing is left of the process that died.
+"""Kills and faults at each call with which a command touches its directory: what readers see is
+whole, and the same command again ends with the same rows and summary, and nothing else is left.
 """
 
 from __future__ import annotations
@@ -17,16 +15,7 @@ from typing import Any
 
 import pyarrow as pa
 import pytest
-from hardship import (
-    OTHER_TYPES,
-    Ended,
-    check_equal,
-    check_whole,
-    command,
-    files_of,
-    one_sentence,
-    tiny,
-)
+from hardship import OTHER_TYPES, Ended, check_equal, check_whole, command, files_of, tiny
 from syscalls import CHANGES, MAY_FAIL
 
 from rattlesweep.sweeps.columns import read_parquet, write_parquet
@@ -51,13 +40,11 @@ class Scene:
     rows: int = 12
 
     def begin(self, output: Path) -> None:
-        """Put the directory there."""
         shutil.rmtree(output, ignore_errors=True)
         if self.before is not None:
             shutil.copytree(self.before, output)
 
     def run(self, output: Path, **how: Any) -> Ended:
-        """Give the command to what is there."""
         args = [str(part).replace("{out}", str(output)) for part in self.args]
         return command(*args, rows=self.rows, **how)
 
@@ -133,10 +120,7 @@ def at_every_call(
         check_equal(output, scene.after)
 
 
-SLOW = pytest.mark.slow
-
-
-@pytest.mark.parametrize("stride", [60, pytest.param(1, marks=SLOW)])
+@pytest.mark.parametrize("stride", [60, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", SCENES)
 def test_killed_at_every_call(name, stride, tmp_path):
     at_every_call(name, tmp_path, CHANGES, lambda done: done.code == -9, stride)
@@ -144,10 +128,10 @@ def test_killed_at_every_call(name, stride, tmp_path):
 
 def fails(done: Ended) -> bool:
     """A fault ends in a sentence, or in nothing where it does not matter: a session's record."""
-    return done.code == 0 or (done.code == 1 and one_sentence(done.err))
+    return done.code == 0 or (done.code == 1 and done.sentence)
 
 
-@pytest.mark.parametrize("stride", [90, pytest.param(1, marks=SLOW)])
+@pytest.mark.parametrize("stride", [90, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO], ids=errno.errorcode.get)
 @pytest.mark.parametrize("name", SCENES)
 def test_faults_at_every_call(name, number, stride, tmp_path):
@@ -158,7 +142,7 @@ def test_faults_at_every_call(name, number, stride, tmp_path):
     )
 
 
-@pytest.mark.parametrize("stride", [60, pytest.param(1, marks=SLOW)])
+@pytest.mark.parametrize("stride", [60, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("number", "code", "word"),
     [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],

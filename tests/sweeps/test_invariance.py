@@ -104,14 +104,6 @@ def test_shards_in_one_directory_and_in_their_own(whole, tmp_path):
     check_equal(tmp_path / "merged", whole)
 
 
-@pytest.mark.parametrize("count", [1, 2, 5, 40])
-def test_every_run_is_of_one_shard_and_shards_are_alike(count):
-    flags = np.array([Shard(index, count).runs((6, 30)) for index in range(count)])
-    assert (flags.sum(axis=0) == 1).all()
-    # Cases may differ a hundredfold in cost: each is dealt evenly.
-    assert np.ptp(flags.sum(axis=2)) <= 1
-
-
 def test_broken_off_again_and_again_moved_and_harmed(whole, tmp_path):
     dice, output, stops = random.Random(3), tmp_path / "0", 0
     while True:
@@ -159,10 +151,7 @@ def test_an_engine_that_loses_runs_is_found_out(tmp_path):
     assert sweep(tmp_path, SMALL).done == 1
 
 
-# -- growth ----------------------------------------------------------------------------------------
-
 STEPS = {
-    "cases between the others": (SMALL, changed(SMALL, spin=SPIN)),
     "samples too": (SMALL, changed(SMALL, spin=SPIN, bodies={"samples": 13})),
     "in samples, cases and targets": (
         AIMED,

@@ -11,7 +11,7 @@ import pytest
 from sweeping import plan_of
 
 from rattlesweep.sweeps.columns import write_parquet
-from rattlesweep.sweeps.cost import case_costs, expected_cost, forecast, sample_keys
+from rattlesweep.sweeps.cost import expected_cost, forecast, sample_keys
 from rattlesweep.sweeps.launches import prepare
 from rattlesweep.sweeps.run import integrate_plan
 
@@ -59,22 +59,3 @@ def test_any_plan_can_be_forecast(changes):
     assert np.isfinite([found.seconds, found.low, found.high]).all()
     assert found.bytes > 0
     assert (found.decides == "bodies.refine") == ("refine" in found.words)
-
-
-def test_some_runs_are_the_sweeps_own_and_from_all_over_a_grid():
-    target = {"K_r": [0.02, 0.1], "rel_tol": 0.1}
-    plan = plan_of(CONFIG, bodies={"source": "sd", "samples": 3000, "target": target})
-    cheap, case, sample = sample_keys(plan, 20, np.arange(4))
-    theirs = plan.source.bodies(plan.targets[3], np.arange(20)).theta
-    assert np.array_equal(prepare(cheap, case, sample).bodies.theta[-20:], theirs)
-    theta = prepare(*sample_keys(plan_of(CONFIG, bodies=GRID), 2000, np.arange(1))).bodies.theta
-    assert theta.min() < 0.605
-    assert theta.max() > 0.895
-
-
-def test_costs_of_many_cases_are_judged_by_some():
-    few = case_costs(plan_of(CONFIG, spin={"n_i": [-0.1, -0.5], "omega_xy0": 0.01}))
-    spins = np.linspace(-0.1, -0.5, 5000).tolist()
-    many = case_costs(plan_of(CONFIG, spin={"n_i": spins, "omega_xy0": 0.01}))
-    assert many[[0, -1]] == pytest.approx(few, rel=1e-12)
-    assert np.isfinite(many).all()

@@ -44,10 +44,10 @@ CONFIG: dict[str, Any] = {
 SCHEMA = runs_schema(("energy", "contact", "windows"))
 
 
-def random_columns(case: np.ndarray, sample: np.ndarray, seed: int = 1) -> dict[str, Any]:
-    """Columns of every kind, with nulls wherever the schema lets them be."""
-    rng = np.random.default_rng(seed)
-    n = len(case)
+def random_rows(cases: int, samples: int) -> pa.Table:
+    """Rows with columns of every kind, with nulls wherever the schema lets them be."""
+    rng, n = np.random.default_rng(1), cases * samples
+    case, sample = np.divmod(np.arange(n), samples)
     columns: dict[str, Any] = {"case": case, "sample": sample}
     for field in SCHEMA:
         if field.name in columns:
@@ -65,13 +65,7 @@ def random_columns(case: np.ndarray, sample: np.ndarray, seed: int = 1) -> dict[
     status = (rng.random(n) < 0.1).astype(np.int8)
     columns["status"] = (status, ["ok", "diverged"])
     columns["type"] = (np.where(status == 0, rng.integers(0, 2, n), -1), ["R", "SS"])
-    return columns
-
-
-def random_rows(cases: int, samples: int, seed: int = 1) -> pa.Table:
-    """Rows of a whole sweep in the order of their keys."""
-    case, sample = np.divmod(np.arange(cases * samples), samples)
-    return build_table(random_columns(case, sample, seed), SCHEMA)
+    return build_table(columns, SCHEMA)
 
 
 def scatter(directory: Path, table: pa.Table, parts: Any) -> Stored:
@@ -82,9 +76,6 @@ def scatter(directory: Path, table: pa.Table, parts: Any) -> Stored:
     for part in np.unique(parts):
         stored.append(table.filter(pa.array(parts == part)), "{}")
     return stored
-
-
-# -- tables and files ------------------------------------------------------------------------------
 
 
 def test_every_column_says_what_it_is() -> None:
@@ -124,9 +115,6 @@ def test_equal_tables_give_equal_files_that_anybody_may_read(tmp_path):
     assert stat.S_IMODE((tmp_path / "one").stat().st_mode) == 0o666 & ~mask
 
 
-# -- the folder ------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("piece", [50, 10**6])
 @pytest.mark.parametrize("files", [1, 7, 90])
 def test_rows_come_back_in_order_however_they_lie_in_files(files, piece, tmp_path, monkeypatch):
@@ -137,12 +125,6 @@ def test_rows_come_back_in_order_however_they_lie_in_files(files, piece, tmp_pat
     assert len(stored.files()) == len(np.unique(parts))
     assert same_bits(stored.read(), table)
     assert same_bits(stored.read(["t_r", "case"]), table.select(["t_r", "case"]))
-
-
-def test_pieces_are_bounded_where_files_follow_each_other(tmp_path, monkeypatch):
-    monkeypatch.setattr(stored_module, "PIECE", 100)
-    stored = scatter(tmp_path, random_rows(5, 400), np.arange(2000) // 40)
-    assert max(len(piece) for piece in stored.batches(["case"])) <= 140
 
 
 def test_what_is_there_is_found(tmp_path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -16,18 +15,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from refusal import assert_refused
-from sweeping import (
-    PROGRAM,
-    begin,
-    content_hash,
-    manifest,
-    plan_of,
-    proved,
-    rows,
-    run,
-    sweep,
-    tree,
-)
+from sweeping import PROGRAM, begin, content_hash, manifest, plan_of, proved, rows, run, sweep, tree
 
 import rattlesweep as rs
 from rattlesweep.sweeps.columns import runs_schema, same_schema, summary_schema
@@ -52,13 +40,9 @@ MIXED = (
 
 @pytest.fixture(scope="module")
 def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A sweep with runs of every type."""
     output = tmp_path_factory.mktemp("mixed") / "out"
     assert run("quickstart.yaml", output, *MIXED).exit_code == 0
     return output
-
-
-# -- what a run leaves -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", SMALL)
@@ -92,10 +76,9 @@ def test_shipped_configs_run_and_leave_what_the_contract_says(name, tmp_path):
 
 def test_the_manifest_is_enough_to_run_it_again(mixed, tmp_path):
     said = manifest(mixed)
-    for key in ("config", "config_hash", "versions", "machine", "started", "command"):
-        assert said[key], key
-    assert said["versions"]["rattlesweep"] == rs.__version__
-    assert said["versions"]["numpy"] == np.__version__
+    assert said["started"]
+    assert said["command"]
+    assert said["versions"].items() >= {("rattlesweep", rs.__version__), ("numpy", np.__version__)}
     assert {"cpu", "processors", "system"} <= said["machine"].keys()
     config = parse_config(said["config"]).model_dump(exclude_none=True)
     again = tmp_path / "again"
@@ -107,39 +90,6 @@ def test_the_manifest_is_enough_to_run_it_again(mixed, tmp_path):
     summary = pd.read_parquet(mixed / "summary.parquet")
     assert summary.K_r.tolist() == [0.01] * 3 + [0.1] * 3
     assert summary.n_i.tolist() == [-0.1, -0.3, -0.5] * 2
-
-
-# -- numbers -----------------------------------------------------------------------------------
-
-
-def test_the_reversal_times_of_garcia_and_hubbards_body(tmp_path):
-    assert run("gh.yaml", tmp_path / "out").exit_code == 0
-    frame = rows(tmp_path / "out")
-    assert frame.n_i.tolist() == [0.1, -0.1]
-    assert frame.t_r.tolist() == pytest.approx([112.0939, 809.857], rel=1e-6)
-    assert frame.K_p.tolist() == pytest.approx([0.553] * 2, abs=5e-4)
-    assert frame.K_r.tolist() == pytest.approx([0.0967] * 2, abs=1e-4)
-    # record: [energy, contact] of the config
-    assert (frame.energy_0 > 0).all()
-    assert (frame.energy_drift_max >= frame.energy_drift.abs()).all()
-    assert (frame.energy_drift_max < 1e-9).all()
-    assert frame.contact_ratio_max.between(0, 1, inclusive="neither").all()
-    assert frame.contact_normal_min.between(0.5, 1, inclusive="neither").all()
-
-
-def test_windows_are_recorded_when_asked_for(tmp_path):
-    sets = ("bodies.samples=5", "bodies.target={K_r: 0.03, rel_tol: 0.1}", "record=[windows]")
-    assert run("quickstart.yaml", tmp_path / "out", *sets).exit_code == 0
-    for row in rows(tmp_path / "out").itertuples():
-        amplitude, least, most = row.window_amplitude, row.window_n_min, row.window_n_max
-        assert 1 <= len(amplitude) == len(least) == len(most) <= 64
-        assert len(amplitude) * row.window_t <= row.t_end * (1 + 1e-9) + row.window_t
-        assert (least <= most).all()
-        assert (amplitude > 0).all()
-        # The column that types are made of, from the windows.
-        if row.type != "R":
-            departure = max(1 - min(abs(least).min(), abs(most).min()) / abs(row.n_i), 0)
-            assert row.n_departure == pytest.approx(departure, rel=1e-6, abs=1e-9)
 
 
 def test_runs_that_fail_are_rows_with_a_status_and_the_exit_code_says_so(tmp_path):
@@ -155,18 +105,13 @@ def test_runs_that_fail_are_rows_with_a_status_and_the_exit_code_says_so(tmp_pat
     assert summary.fraction_R.isna().all()
     assert f"{len(frame)} runs failed:" in result.stderr
     assert not np.isinf(frame.select_dtypes(float)).any(axis=None)
-    # The same command again finds everything there, and says the same.
-    again = run("quickstart.yaml", output, *sets)
-    assert again.exit_code == 3
-    assert again.stdout == result.stdout
+    again = run("quickstart.yaml", output, *sets)  # says the same
+    assert (again.exit_code, again.stdout) == (3, result.stdout)
     assert ", 0 of them done now" in again.stderr
 
 
-# -- the same directory again ------------------------------------------------------------------
-
-
 def test_another_config_is_kept_out_of_a_directory(tmp_path):
-    output, table = tmp_path / "out", tmp_path / "b.csv"
+    output = tmp_path / "out"
     run("gh.yaml", output)
     before = tree(output)
     for text, words in (
@@ -179,24 +124,6 @@ def test_another_config_is_kept_out_of_a_directory(tmp_path):
             result = run("gh.yaml", output, text, options=options)
             assert_refused(result, 2, f"{output}: ", words)
     assert tree(output) == before
-    sets = (f"bodies={{source: table, path: {table}}}", "model=gh", "record=[]")
-    for theta in (0.6429, 0.65):
-        table.write_text(f"alpha,beta,gamma,theta,phi,xi\n13.04,1.522,12.28,{theta},0.036,-0.03\n")
-        result = run("gh.yaml", tmp_path / "table", *sets)
-    assert_refused(result, 2, "the table of bodies has changed")
-
-
-# -- what is said, and where -------------------------------------------------------------------
-
-
-def test_quiet_says_nothing_and_the_table_goes_to_standard_output(tmp_path):
-    quiet = run("gh.yaml", tmp_path / "q", options=("-q",))
-    assert (quiet.exit_code, quiet.stdout, quiet.stderr) == (0, "", "")
-    loud = run("gh.yaml", tmp_path / "l", options=("-v",))
-    assert re.search(r"^ *1 +- +-0.1 +0.01 +1 +1.000", loud.stdout, re.MULTILINE)
-    assert len(loud.stdout.splitlines()) == 3
-    assert re.match(r"2 runs in \S+, 2 of them done now in .* s\n", loud.stderr)
-    assert re.search(r"of integration", loud.stderr, re.MULTILINE)
 
 
 def test_bodies_can_be_drawn_while_a_kernel_runs():

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
 import signal
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,23 +12,14 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import sweeping
-from hardship import (
-    Child,
-    check_equal,
-    check_whole,
-    command,
-    files_of,
-    one_sentence,
-    tiny,
-    wait_until,
-)
+from hardship import Child, Ended, check_equal, check_whole, command, files_of, tiny, wait_until
 from sweeping import begin, plan_of
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate import task
 from rattlesweep.sweeps import run as runner
 from rattlesweep.sweeps.provenance import hold, read_sessions
-from rattlesweep.sweeps.run import Job, Progress, Shard
+from rattlesweep.sweeps.run import Job, Progress
 from rattlesweep.sweeps.stored import Found, open_stored
 from rattlesweep.sweeps.verify import status
 
@@ -45,7 +34,6 @@ CONFIG: dict[str, Any] = {
 
 @pytest.fixture(scope="module")
 def tiny_sweep(tmp_path_factory) -> tuple[Path, Path]:
-    """A config of four blocks, and its sweep."""
     folder = tmp_path_factory.mktemp("tiny")
     config = tiny(folder)
     assert command("run", config, "--output", folder / "out", "-q").code == 0
@@ -54,13 +42,9 @@ def tiny_sweep(tmp_path_factory) -> tuple[Path, Path]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory) -> Path:
-    """The sweep under the full model, never stopped."""
     output = tmp_path_factory.mktemp("whole") / "out"
     sweeping.sweep(output, CONFIG)
     return output
-
-
-# -- commands --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -85,20 +69,8 @@ def test_what_is_done_is_kept(number, code, word, how, tiny_sweep, tmp_path):
     assert done.err == f"{word}; 12 runs are kept, and {GOES_ON}\n"
     assert check_whole(tmp_path, expected) == 12
     assert [session["how"] for session in read_sessions(tmp_path)] == [how]
-    assert command(*args).code == 0
+    assert command(*args) == Ended(0, "", "")
     check_equal(tmp_path, expected)
-
-
-def test_a_time_too_short_for_one_run_says_so(tiny_sweep, tmp_path):
-    config, expected = tiny_sweep
-    args = ("run", config, "--output", tmp_path / "out", "--max-time")
-    done = command(*args, "0.3s", hold=0, grace=0.3)
-    assert (done.code, files_of(tmp_path / "out")) == (75, [])
-    assert "stopped: the time was up before one run had ended, give more; 0 runs" in done.err
-    assert command(*args, "1h").code == 0
-    check_equal(tmp_path / "out", expected)
-    done = command(*args, "0.001s", "-q")  # what is done needs no time
-    assert (done.code, done.err) == (0, "")
 
 
 def test_one_writer_a_shard(tiny_sweep, tmp_path):
@@ -112,7 +84,7 @@ def test_one_writer_a_shard(tiny_sweep, tmp_path):
         ("merge", tmp_path, "--output", tmp_path / "merged"),
     ):  # fmt: skip
         done = command(*other)
-        assert (done.code, done.out, one_sentence(done.err)) == (1, "", True)
+        assert (done.code, done.out, done.sentence) == (1, "", True)
         assert f"{tmp_path}: shard-0-of-3 is in use by `rattlesweep run" in done.err
         assert f"(process {first.pid} on " in done.err
     # Other shards of as many go on, at once.
@@ -125,7 +97,7 @@ def test_one_writer_a_shard(tiny_sweep, tmp_path):
     whole = Child(*args[:-1], hold=0)
     wait_until(lambda: at_work(tmp_path, whole.pid))
     done = command(*args, "0/3")
-    assert (done.code, one_sentence(done.err)) == (1, True)
+    assert (done.code, done.sentence) == (1, True)
     assert f"error: {tmp_path} is in use by `" in done.err
     whole.kill(signal.SIGUSR1)
     assert whole.wait().code == 0
@@ -144,19 +116,13 @@ def test_ctrl_c_is_heard_within_a_block_and_while_bodies_are_drawn(tmp_path):
     wait_until(lambda: integrating.poll() is not None or files_of(tmp_path / "0"))
     for child in (integrating, drawing):
         child.send_signal(signal.SIGINT)
-    table, said = integrating.communicate(timeout=60)
-    assert (integrating.returncode, table) == (130, "")
-    found = re.search(rf"interrupted; ([0-9,]+) runs are kept, and {GOES_ON}\n", said)
-    assert found, said
+    said = integrating.communicate(timeout=60)[1]
     kept = open_stored(tmp_path / "0").count()
-    assert kept == int(found[1].replace(",", "")) < 6000
+    assert 0 < kept < 6000
+    assert f"interrupted; {kept:,} runs are kept, and {GOES_ON}\n" in said
     assert {path.name for path in (tmp_path / "0").rglob(".*")} == {".locks"}
-    _, said = drawing.communicate(timeout=60)
-    assert drawing.returncode == 130
-    assert said.strip().startswith("interrupted")
-
-
-# -- in this process -------------------------------------------------------------------------------
+    assert "interrupted" in drawing.communicate(timeout=60)[1]
+    assert integrating.returncode == drawing.returncode == 130
 
 
 @pytest.fixture
@@ -165,29 +131,21 @@ def often(monkeypatch):
     monkeypatch.setattr(task, "POLL", 0.001)
 
 
-def stop_after(more: int) -> Callable[[Progress], None]:
-    """Ctrl-C when so many runs have ended."""
-    first: list[int] = []
-
-    def report(progress: Progress) -> None:
-        first.append(progress.runs)
-        if progress.runs >= first[0] + more:
-            raise KeyboardInterrupt
-
-    return report
-
-
 def test_the_runs_of_a_stopped_block_are_kept(whole, often, tmp_path):
-    kept = [0]
+    kept = 0
     for more in (1, 20):
+
+        def stop(progress: Progress, least: int = kept + more) -> None:
+            if progress.runs >= least:
+                raise KeyboardInterrupt
+
         with pytest.raises(KeyboardInterrupt) as stopped:
-            sweeping.sweep(tmp_path, CONFIG, report=stop_after(more), threads=1)
-        kept.append(open_stored(tmp_path).count())
-        assert kept[-2] + more <= kept[-1]
-        assert stopped.value.__notes__ == [f"{kept[-1]} runs are kept"]
-        assert status(tmp_path).data["runs"] == kept[-1]
-    done = sweeping.sweep(tmp_path, CONFIG)
-    assert (done.done, done.runs) == (FEW - kept[-1], FEW)
+            sweeping.sweep(tmp_path, CONFIG, report=stop, threads=1)
+        now = status(tmp_path).data["runs"]
+        assert now >= kept + more
+        assert stopped.value.__notes__ == [f"{now} runs are kept"]
+        kept = now
+    assert sweeping.sweep(tmp_path, CONFIG).done == FEW - kept
     check_equal(tmp_path, whole)
 
 
@@ -196,7 +154,6 @@ def test_any_time_however_short_makes_progress(whole, often, tmp_path):
     while not results or results[-1].stopped:
         results.append(sweeping.sweep(tmp_path, CONFIG, threads=1, max_time=1e-9))
         assert results[-1].done > 0
-        assert len(results) <= FEW
     assert sum(result.done for result in results) == FEW
     check_equal(tmp_path, whole)
 
@@ -210,16 +167,14 @@ def test_beside_the_main_thread(whole, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "words"),
+    ("name", "words"),
     [
-        ("notes.txt", "x", "holds other files, such as notes.txt"),
-        ("manifest.json", '{"format": 2}', "manifest.json is damaged or of another version"),
-        ("runs/mine.parquet", "x", "such as runs"),
+        ("notes.txt", "holds other files, such as notes.txt"),
+        ("manifest.json", "manifest.json is damaged or of another version"),
     ],
 )
-def test_what_is_refused_changes_nothing(name, text, words, tmp_path):
-    (tmp_path / name).parent.mkdir(exist_ok=True)
-    (tmp_path / name).write_text(text)
+def test_what_is_refused_changes_nothing(name, words, tmp_path):
+    (tmp_path / name).write_text('{"format": 2}')
     before = sweeping.tree(tmp_path)
     with pytest.raises((ConfigError, OutputError), match=words):
         sweeping.sweep(tmp_path, CONFIG)
@@ -237,9 +192,6 @@ def test_a_sweep_grows_when_no_other_shard_is_at_work(tiny_sweep, tmp_path):
     assert sweeping.invoke(*args, "bodies.samples=4").exit_code == 0
 
 
-# -- blocks and progress ---------------------------------------------------------------------------
-
-
 def new_job(
     monkeypatch: Any, cost: Any, samples: int, report: Any = lambda p: None, **more: Any
 ) -> Job:
@@ -251,7 +203,7 @@ def new_job(
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_blocks_are_each_run_once_in_order_and_alike_in_cost(seed, monkeypatch):
+def test_blocks_are_each_run_once_in_order(seed, monkeypatch):
     monkeypatch.setattr(runner, "MOST_ROWS", 3000)
     monkeypatch.setattr(runner, "AT_ONCE", 7000)
     dice = np.random.default_rng(seed)
@@ -263,25 +215,8 @@ def test_blocks_are_each_run_once_in_order_and_alike_in_cost(seed, monkeypatch):
         work.worked(keys, float(work._cost[keys[0]].sum()) / 1e7)  # as many costs a second
     case, sample = (np.concatenate(part) for part in zip(*blocks, strict=True))
     assert np.array_equal(np.stack([case, sample]), np.nonzero(~work.found.done))
-    cost = np.array([work._cost[block[0]].sum() for block in blocks])
-    sizes = np.array([len(block[0]) for block in blocks])
-    assert sizes.max() <= 3000
-    # But for the first, which learns, and the last, which is what is left.
-    least = runner.ROUNDS * runner.LANES * 2
-    assert (cost[1:-1][sizes[1:-1] > least] <= 3.0e7).all()
-    assert (sizes[1:-1] >= least).all()
-
-
-@pytest.mark.parametrize(("seconds", "rows"), [(1e-4, 3000), (0.05, 256), (0.2, 150), (30.0, 64)])
-def test_a_block_of_long_runs_is_small(seconds, rows, monkeypatch):
-    """Time that a run takes, and rows of a block of two threads with 32 lanes each."""
-    monkeypatch.setattr(runner, "MOST_ROWS", 3000)
-    monkeypatch.setattr(runner, "LANES", 32)
-    work = new_job(monkeypatch, [1.0], 10_000)
-    blocks = work.blocks(np.ones((1, 10_000), bool))
-    first = next(blocks)
-    work.worked(first, seconds * len(first[0]))
-    assert len(next(blocks)[0]) == pytest.approx(rows, abs=1)
+    sizes = [len(block[0]) for block in blocks]
+    assert runner.ROUNDS * runner.LANES * 2 <= min(sizes[1:-1]) <= max(sizes) <= 3000
 
 
 @pytest.mark.parametrize("waves", [1, 3])
@@ -303,10 +238,3 @@ def test_progress_never_falls_and_ends_at_one(waves, monkeypatch):
     assert all(p.left is None or (np.isfinite(p.left) and p.left >= 0) for p in seen)
     assert [p.runs for p in seen] == sorted(p.runs for p in seen)
     assert seen[-1].runs == seen[-1].total == wanted.sum()
-
-
-def test_shards_are_read_as_words():
-    assert Shard.parse(" 1/3 ") == Shard(1, 3)
-    for text in ("3/3", "1", "a/b", "-1/3", "0/0"):
-        with pytest.raises(ValueError, match=r"is not I/N"):
-            Shard.parse(text)

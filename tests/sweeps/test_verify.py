@@ -39,7 +39,6 @@ def sweep(output: Path, config: dict[str, Any] = CONFIG, **options: Any) -> Any:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory) -> Path:
-    """A sweep of several files."""
     output = tmp_path_factory.mktemp("whole") / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runner, "MOST_ROWS", 20)
@@ -64,12 +63,9 @@ def change(output: Path, column: str, function: Any) -> Path:
 
 
 def test_what_is_whole_has_no_problems(whole):
-    before, told = sweeping.tree(whole), []
-    found = verify(whole, recompute=25, seed=3, report=told.append)
-    assert (found.problems, found.runs, found.missing) == ([], RUNS, 0)
-    assert (found.files, found.recomputed) == (len(files_of(whole)), 25)
-    assert told == sorted(told)
-    assert told[-1] == 1.0
+    before = sweeping.tree(whole)
+    found = verify(whole, recompute=25, seed=3)
+    assert (found.problems, found.runs, found.missing, found.recomputed) == ([], RUNS, 0, 25)
     assert found.words.splitlines()[-1] == "no problem found"
     assert verify(whole, recompute=10**6).recomputed == RUNS
     assert sweeping.tree(whole) == before
@@ -134,10 +130,8 @@ def test_the_body_table_that_is_gone_or_has_changed(tmp_path):
     assert "has changed" in verify(tmp_path / "out", recompute=2).problems[0]
     with pytest.raises(ConfigError, match="the table of bodies has changed"):
         sweep(tmp_path / "out", config)
-    # Without its bodies all the rest can be read.
-    table.unlink()
+    table.unlink()  # all the rest can be read
     assert verify(tmp_path / "out").problems == []
-    assert len(rows_of(tmp_path / "out")) == 2
 
 
 @pytest.mark.parametrize("key", ["samples", "columns", None])
@@ -157,15 +151,11 @@ def test_a_manifest_that_is_damaged_is_made_again(key, output, whole):
 
 def test_rows_are_counted_and_the_last_session_is_told(output):
     now = status(output)
-    assert now.data["runs"] == now.data["wanted"] == RUNS
-    assert sum(now.data["types"].values()) == now.data["status"]["ok"] == RUNS
+    assert now.data["runs"] == now.data["wanted"] == now.data["status"]["ok"] == RUNS
     assert now.data["bytes"] == sum(p.stat().st_size for p in files_of(output))
-    assert json.loads(json.dumps(now.data)) == now.data
     assert "60 of 60 runs (100.0 %)" in now.words
     assert "nobody is at work; the last session, `" in now.words
     assert now.words.endswith("ended: complete")
-    files_of(output)[0].unlink()
-    assert status(output).data["runs"] < RUNS
     shutil.rmtree(output / "sessions")
     assert "session" not in status(output).words
     files_of(output)[0].write_bytes(b"")
@@ -179,7 +169,7 @@ def test_types_follow_their_thresholds_and_come_back(output, whole):
     after = rows_of(output)
     assert found.changed == pc.sum(pc.not_equal(before["type"], after["type"])).as_py() > 0
     assert found.files == len(files_of(whole))
-    assert (found.own["sw_departure"], found.now["sw_departure"]) == (0.05, 1e-6)
+    assert found.now["sw_departure"] == 1e-6
     names = [name for name in before.schema.names if name not in ("type", "type_sure")]
     assert same_bits(after.select(names), before.select(names))
     assert verify(output, recompute=RUNS).problems == []
