@@ -1,7 +1,5 @@
 """How far two directories of the same runs differ: one join, a table, and a figure."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The body that options make, and everything theory says of it, with units and words."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Pictures of a sweep: shares of types, times, maps, histograms, scatters, and which one suits."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import cached_property

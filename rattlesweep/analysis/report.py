@@ -1,7 +1,5 @@
 """Pages that need nothing but themselves, made of `templates/`, and the one of a sweep."""
 
-from __future__ import annotations
-
 import base64
 import io
 import shlex

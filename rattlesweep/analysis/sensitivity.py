@@ -5,8 +5,6 @@ share that would be left if all others were known, by the estimators of Saltelli
 Phys. Commun. 181, 259, 2010. SciPy's function has the same, but of powers of two of groups alone.
 """
 
-from __future__ import annotations
-
 from itertools import product
 from pathlib import Path
 from typing import Any

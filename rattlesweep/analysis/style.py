@@ -1,7 +1,5 @@
 """How every picture looks: colours and shapes that all can tell apart, symbols, units, files."""
 
-from __future__ import annotations
-
 import io
 import re
 import textwrap

@@ -5,8 +5,6 @@ cost is processor time on one thread, medians of measurements that take turns, o
 at a common horizon: the few longest would leave most lanes of a small batch empty.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Sequence

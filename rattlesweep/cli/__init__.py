@@ -4,12 +4,9 @@ A command loads, calls and prints.  ``--help`` imports the modules of all comman
 what they call inside their functions.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys
-import threading
 from typing import Any, NoReturn
 
 import click
@@ -82,16 +79,13 @@ def _terminate(number: int, frame: Any) -> NoReturn:
 
 
 def _leave(code: int) -> NoReturn:
-    """End the process; at once where a kernel still compiles and would hold up the exit."""
+    """End the process."""
     try:
         sys.stdout.flush()
     except OSError:
         # Python would try once more to write what could not be written, and fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.stderr.flush()
-    # By name: an embedding program, such as a test runner, may have other threads.
-    if any(thread.name.startswith("rattlesweep-") for thread in threading.enumerate()):
-        os._exit(code)
     raise SystemExit(code)
 
 

@@ -1,8 +1,6 @@
 """What commands share: how they are made and end, their options, the kinds of their values."""
 # ruff: noqa: D102, D103 - names and types say it
 
-from __future__ import annotations
-
 import json
 import pkgutil
 from collections.abc import Callable

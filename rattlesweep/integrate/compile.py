@@ -11,8 +11,6 @@ compile: two kernels at once, while the calling process draws bodies and hears C
 ``concurrent.futures`` would import the user's script again, and outlive a command that is stopped.
 """
 
-from __future__ import annotations
-
 import atexit
 import gc
 import hashlib

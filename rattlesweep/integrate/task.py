@@ -4,8 +4,6 @@ Each is given the :class:`Control` through which it is stopped: the lane kernels
 other loops look at ``control.flag[0]`` now and then.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Sequence

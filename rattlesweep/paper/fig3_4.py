@@ -1,7 +1,5 @@
 """Random bodies of the set SD: Fig. 3, frequencies (T4), and Fig. 4, torque coefficients (T5)."""
 
-from __future__ import annotations
-
 import threading
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Single runs of GH: Fig. 5, first reversals (G1 to G3); Fig. 9, three long runs (L1 to L4)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any

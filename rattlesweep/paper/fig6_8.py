@@ -9,8 +9,6 @@ The onset is the middle of the first window in which the loss of spin, 1 - n/n_i
 the largest loss in the run; a reversal loses half of the spin and all of it at nearly one time.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Fig. 7: types in the steady direction (S1 to S5, S9b); a supplement on friction (C1)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import product
 from typing import Any

@@ -5,8 +5,6 @@ torque coefficients from their definition by eigenvectors, growth rates from the
 dynamics.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 from typing import Any

@@ -1,7 +1,5 @@
 """Make figures and supplements one after another, judge the claims, write the report."""
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """What all parts share: the directory and its sweeps, numbers of samples, single runs, ink."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -6,8 +6,6 @@ surface of constant energy.  What is measured is the part in that surface and no
 """
 
 # mypy: disable-error-code="no-untyped-def"
-from __future__ import annotations
-
 from math import sqrt
 
 from rattlesweep.physics.full import oscillation, scalar

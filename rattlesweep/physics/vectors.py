@@ -21,8 +21,6 @@ with the gyroscopic and viscous part ``G``, and by the last values ``dyz, dzx, d
 """
 
 # mypy: disable-error-code="no-untyped-def"
-from __future__ import annotations
-
 from math import sqrt
 
 import numpy as np

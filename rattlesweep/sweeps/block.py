@@ -1,7 +1,5 @@
 """A block: from the keys of its runs to their rows."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -5,8 +5,6 @@ against today's tables must read next year's.  Each page of a file carries a che
 reader here verifies.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """What runs cost: expected from theory, for blocks and progress, and measured, for forecasts."""
 
-from __future__ import annotations
-
 import io
 import time
 from dataclasses import dataclass, replace

@@ -23,8 +23,6 @@ well.  The error of a later turn follows from the largest d of it and the turns 
 P = min(1, (d / TURN_PARTED)^2) and s = 0.  The constants are those of ``benchmarks/errors.py``.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 

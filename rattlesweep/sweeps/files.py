@@ -1,7 +1,5 @@
 """Files that are there whole or not at all, and errors of the system in words."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import secrets

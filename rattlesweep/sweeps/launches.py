@@ -1,7 +1,5 @@
 """Runs before their integration: bodies, launches, theory, horizons, and the kernel's batch."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """What is done with stored runs without integrating: merge directories, and type runs again."""
 
-from __future__ import annotations
-
 import contextlib
 import filecmp
 import os

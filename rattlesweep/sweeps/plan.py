@@ -4,8 +4,6 @@ A case is one combination of target, ``n_i``, ``omega_xy0`` and dissipation; a r
 a case, with the key ``(case, sample)``.  What becomes of it follows from config and key alone.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

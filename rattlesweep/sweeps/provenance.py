@@ -2,8 +2,6 @@
 one writer for each shard and die with their process.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json

@@ -130,7 +130,8 @@ class Counts:
         reverses = ok & (kind == R) & np.isfinite(t_r)
         average(self.t_r, t_r, reverses)
         average(self.t_rgh, t_rgh, np.isfinite(t_rgh))
-        average(self.ratio, share(t_r, t_rgh), reverses & (t_rgh > 0))
+        ratio = share(t_r, t_rgh)
+        average(self.ratio, ratio, reverses & np.isfinite(ratio))
         if "t_r_error" in names:
             self.has_errors, error = True, column("t_r_error")
             average(self.t_r_error, error, reverses & np.isfinite(error))

@@ -5,8 +5,6 @@ SS: the amplitude of the relevant oscillation decayed monotonically.  Otherwise 
 its plateau.  These follow from stored numbers, so that runs can be typed again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -99,7 +97,8 @@ def codes(column: pa.Array, words: Sequence[str] = TYPES) -> Integers:
 def share(part: ArrayLike, whole: ArrayLike) -> Floats:
     """Return ``part / whole``, NaN where there is nothing."""
     part, whole = np.asarray(part, float), np.asarray(whole, float)
-    result: Floats = np.divide(part, whole, out=np.full(part.shape, np.nan), where=whole > 0)
+    with np.errstate(over="ignore"):
+        result: Floats = np.divide(part, whole, out=np.full(part.shape, np.nan), where=whole > 0)
     return result
 
 

@@ -44,10 +44,10 @@ CONFIG: dict[str, Any] = {
 SCHEMA = runs_schema(("energy", "contact", "windows"))
 
 
-def random_rows(cases: int, samples: int) -> pa.Table:
-    """Rows with columns of every kind, with nulls wherever the schema lets them be."""
-    rng, n = np.random.default_rng(1), cases * samples
-    case, sample = np.divmod(np.arange(n), samples)
+def random_columns(case: np.ndarray, sample: np.ndarray, seed: int = 1) -> dict[str, Any]:
+    """Columns of every kind, with nulls wherever the schema lets them be."""
+    rng = np.random.default_rng(seed)
+    n = len(case)
     columns: dict[str, Any] = {"case": case, "sample": sample}
     for field in SCHEMA:
         if field.name in columns:
@@ -65,7 +65,13 @@ def random_rows(cases: int, samples: int) -> pa.Table:
     status = (rng.random(n) < 0.1).astype(np.int8)
     columns["status"] = (status, ["ok", "diverged"])
     columns["type"] = (np.where(status == 0, rng.integers(0, 2, n), -1), ["R", "SS"])
-    return build_table(columns, SCHEMA)
+    return columns
+
+
+def random_rows(cases: int, samples: int) -> pa.Table:
+    """Rows of a whole sweep in the order of their keys."""
+    case, sample = np.divmod(np.arange(cases * samples), samples)
+    return build_table(random_columns(case, sample), SCHEMA)
 
 
 def scatter(directory: Path, table: pa.Table, parts: Any) -> Stored:

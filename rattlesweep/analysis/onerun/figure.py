@@ -1,7 +1,5 @@
 """Draw one run: its spin with the theory, its oscillations as curves or as their envelopes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 """Stored runs again: found, proved equal to what is stored, and ready to be followed."""
 # ruff: noqa: D102 - names and types say it
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path

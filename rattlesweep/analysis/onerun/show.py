@@ -4,8 +4,6 @@ It is made of `page/`: `scene.js` (what is drawn), `player.js` (time and control
 which `bundle.sh` makes. Everything is written into the page, which forbids itself the network.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html

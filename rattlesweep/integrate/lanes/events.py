@@ -9,8 +9,6 @@ is then polished by Newton's method in its bracket.  The step that is finally ac
 """
 
 # mypy: disable-error-code="no-any-return, no-untyped-def"
-from __future__ import annotations
-
 from math import ceil
 from typing import Any
 

@@ -11,8 +11,6 @@ themselves and called by their addresses (:data:`PARTS`), in sweeps and trajecto
 """
 
 # mypy: ignore-errors
-from __future__ import annotations
-
 from math import isfinite, sqrt
 
 from numba import njit, prange

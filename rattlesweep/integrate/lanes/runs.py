@@ -5,8 +5,6 @@ or short.  Barriers keep it apart from the state, whose last bits are those of a
 """
 
 # mypy: ignore-errors
-from __future__ import annotations
-
 from math import isfinite, log, nan, sqrt
 
 from numba import njit

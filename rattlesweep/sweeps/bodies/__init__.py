@@ -1,7 +1,5 @@
 """Bodies of a sweep's runs: what they are, and what a source of them can do."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 

@@ -11,8 +11,6 @@ evenly than random ones; each is a function of the seed and its own number.
 
 # mypy: disable-error-code="no-untyped-def"
 # Numba infers the types of what it compiles.
-from __future__ import annotations
-
 import math
 from dataclasses import astuple
 from functools import lru_cache, partial

@@ -1,7 +1,5 @@
 """What a sweep is: configs, read and checked; and words of messages about them."""
 
-from __future__ import annotations
-
 import difflib
 import json
 from collections.abc import Iterable, Mapping

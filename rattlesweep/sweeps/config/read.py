@@ -1,7 +1,5 @@
 """Configs: read them, check them, compare them."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
