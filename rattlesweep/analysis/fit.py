@@ -314,11 +314,7 @@ def check_free(launch: Launch, free: Iterable[str]) -> list[str]:
 
 
 def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
-    """Fit free parameters, which the launch may lack, by least squares.
-
-    First to the beginning of the data, and then to more and more of them: a run that reverses at
-    another time has nothing in common with the later data.
-    """
+    """Fit parameters by least squares, to the beginning of the data and then to more and more."""
     from scipy.stats import t as student
 
     series = data.kind != "reversal"

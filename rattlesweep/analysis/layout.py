@@ -262,11 +262,7 @@ def read_layout(directory: Path) -> Layout:
 
 
 def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
-    """Return an array in which the points that are not `known` have a value too.
-
-    A point takes the value of the nearest run, in steps of the grid, or between runs with a number
-    the linear interpolation. Axes of few values are not refined; planes across are filled apart.
-    """
+    """Fill points not `known`: the nearest run's text, or numbers linearly between runs."""
     from scipy.interpolate import LinearNDInterpolator
     from scipy.spatial import QhullError
 

@@ -45,10 +45,7 @@ Panels = list[tuple[Any, tuple[int, ...]]]
 
 
 class Picture(ABC):
-    """A picture of a sweep, of one kind; drawing fills `notes`, the caption.
-
-    `axes` are those of several values: the abscissa first, those of rows and columns last.
-    """
+    """A picture of a sweep, over `axes` of several values; drawing fills `notes`, the caption."""
 
     panel: ClassVar[tuple[float, float]]  # width and height of one, in inches
     parts = 1  # panels side by side for each combination of values
@@ -161,10 +158,7 @@ def texts(axes: Sequence[Axis], places: Sequence[int]) -> str:
 
 
 def ordered(layout: Layout, first: str | None, enough: int, prefer: str = "") -> list[str]:
-    """Return `first`, if any, and the other axes of several values, from the longest.
-
-    `enough` values are as long as more. Of equal length, the launch comes last, `prefer` first.
-    """
+    """Return `first`, if any, and the other axes of several values, from the longest."""
     size = layout.lengths
     names = sorted(size, key=lambda n: (-min(size[n], enough), n != prefer, n in LAUNCH))
     first = first or names[0]
@@ -287,10 +281,7 @@ class Times(Picture):
 
 
 class Map(Picture):
-    """Types and ``t_r/t_rGH`` side by side, or one column; a row for each further value.
-
-    A cell of several runs has their most common type and their mean.
-    """
+    """Types and ``t_r/t_rGH`` side by side, or one column; the mean over each cell's runs."""
 
     panel = (3.7, 3.4)
 

@@ -196,11 +196,7 @@ def _units(config: Config, runs: Launches, setting: Setting, _: Control | None =
 
 
 def make_reference(config: Config, runs: Launches, threads: int = 1) -> pd.DataFrame:
-    """Integrate runs with both references, and return the columns of the first and three more.
-
-    ``apart`` is the relative difference of both times; ``both`` tells that both reverse at the same
-    time, ``neither`` that none does, and both end alike.
-    """
+    """Integrate by both references: columns of one, ``apart``, ``both`` or ``neither`` reverse."""
     one, other = (solve(config, setting, runs, threads) for setting in REFERENCES)
     apart = (one["t_r"] / other["t_r"] - 1).abs()
     none = one["t_r"].isna() & other["t_r"].isna() & (one["type"] == other["type"])

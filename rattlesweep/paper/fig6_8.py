@@ -73,10 +73,7 @@ def steady(ws: Workspace) -> Tables:
 
 
 def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
-    """Return one row a point: the runs that reverse beside the theory's line at the mean ``n_0``.
-
-    ``ratio`` is mean over line, ``scatter`` deviation over mean, both with 95 % intervals.
-    """
+    """Return, by point, the runs that reverse beside the theory's line at the mean ``n_0``."""
     rows = runs.assign(back=runs["t_r"].where(runs["type"] == "R")).groupby("case").agg(
         **{name: (name, "first") for name in (target, "n_i", "omega_xy0")},
         runs=("n_0", "size"), reversed=("back", "count"), t_r_mean=("back", "mean"),

@@ -148,10 +148,7 @@ def limits(_: Made) -> Measured:
 
 
 def ellipsoid(centre: float, b2: Floats, c2: Floats) -> dict[str, Floats]:
-    """Return parameters of the ellipsoid x^2/c^2 + y^2/b^2 + z^2 = 1 or of its lower half.
-
-    Mean squares are a fifth less the square of ``centre``, the depth of the centre of mass.
-    """
+    """Return parameters of an ellipsoid of semi-axes c, b and 1, or of its lower half."""
     height, vertical = 1 - centre, 1 / 5 - centre**2
     return {
         "alpha": (b2 / 5 + vertical) / height**2 + 1,
@@ -180,10 +177,7 @@ def ellipsoids(_: Made) -> Measured:
 
 
 def growth_slopes(body: tuple[Floats, ...]) -> tuple[Floats, Floats]:
-    """Return derivatives at ``n = 0`` of the growth rates of pitch and roll: ``w M'(0) v / (w v)``.
-
-    ``w, v`` are eigenvectors of the full dynamics' linear system ``M``, of second degree in ``n``.
-    """
+    """Return ``w M'(0) v / (w v)``: how the growth of pitch and roll rises with the spin."""
     constants = full.constants(*body)
     change = (steady.matrix(constants, 1.0) - steady.matrix(constants, -1.0)) / 2
     values, right = np.linalg.eig(steady.matrix(constants, 0.0))

@@ -45,11 +45,7 @@ def choose(names: str | None) -> list[str]:
 def reproduce(
     workspace: Workspace, names: Sequence[str], begin: Callable[[str], None] = lambda title: None
 ) -> list[dict[str, Any]]:
-    """Compute and draw what was asked for, report, and return the claims that this can settle.
-
-    `names` are those of ``parts.yaml``, and perhaps ``theory``; `begin` is called with the title of
-    each part before it is made.  Raises a ConfigError if the directory holds other sweeps.
-    """
+    """Compute and draw the parts in `names`, report, and return the claims that they settle."""
     parts = {name: part for name, part in read_table("parts").items() if name in names}
     directory, sizes = workspace.directory, workspace.sizes
     made: dict[str, Tables] = {}

@@ -50,10 +50,7 @@ def compute(
     config: Config, schema: pa.Schema, prepared: Prepared,
     threads: int | None = None, control: Control | None = None,
 ) -> tuple[pa.Table, int]:  # fmt: skip
-    """Integrate and type the runs of :func:`prepare_runs`.
-
-    Return the rows of all that have ended, and how many were stopped before their end.
-    """
+    """Integrate and type prepared runs; return rows of those that ended, and how many did not."""
     (launches, batch), control, lost, outcome = prepared, control or Control(), 0, None
     if batch is not None:
         outcome = run_batch(config, batch, threads, control)

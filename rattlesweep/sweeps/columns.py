@@ -208,10 +208,7 @@ def same_schema(one: pa.Schema, other: pa.Schema) -> bool:
 
 
 def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
-    """Make a table of `schema` from one entry for each of its fields.
-
-    An array, where NaN and infinity mean null, or (codes, words), where a negative code does.
-    """
+    """Make a table from arrays (NaN is null), or codes and words (a negative code is null)."""
     arrays = [_to_arrow(columns[field.name], field.type) for field in schema]
     table = pa.Table.from_arrays(arrays, schema=schema.remove_metadata())
     for field in table.schema:
@@ -262,10 +259,7 @@ def encode(table: pa.Table, sink: Any) -> None:
 
 @contextmanager
 def parquet_file(path: Path) -> Iterator[pq.ParquetFile]:
-    """Open a Parquet file whose pages are verified as they are read.
-
-    Raise a DamagedError if it is not what was written, another OutputError if it cannot be read.
-    """
+    """Open a Parquet file whose pages are verified as they are read; raise a DamagedError."""
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             yield file

@@ -106,12 +106,7 @@ class Stopping(_Known):
 
 
 class Refining(_Known):
-    """A grid of every 2^levels-th value, halved where the runs in and around a cell differ.
-
-    A cell is halved if the runs known of it are not of one type, or if the column that is asked for
-    bends there.  What is found on its border halves its neighbour, so that boundaries are followed
-    to their ends.  Axes of few values are done whole.
-    """
+    """A grid of every 2^levels-th value, halved where the runs in or around a cell differ."""
 
     def __init__(self, config: Config, cases: Sequence[Case], samples: int) -> None:
         bodies, spin, losses = config.bodies, config.spin, config.dissipation
@@ -215,10 +210,7 @@ def _over(function: np.ufunc, values: Array, at: Integers, axis: int) -> Array:
 
 
 def nearest(known: Flags, refined: Sequence[bool]) -> Integers:
-    """Return the indices of the nearest known point of each point of a grid, shape (axes, ...).
-
-    Planes across axes that are not `refined` are apart; in one without any, all have their own.
-    """
+    """Return the nearest known point of each point of a grid; other planes are apart."""
     from scipy.ndimage import distance_transform_edt
 
     apart = np.where(refined, 1.0, 1e6)

@@ -124,10 +124,7 @@ def ladder(config: Config) -> tuple[list[float], list[float]]:
 def integrate_estimated(
     config: Config, batch: Batch, threads: int | None, control: Control
 ) -> Estimated:
-    """Integrate runs with their companions, and those whose error is too large again, tighter.
-
-    The companions come first: whenever the runs are stopped, those that have ended have errors.
-    """
+    """Integrate companions, then runs, then those whose error is too large again, tighter."""
     settings, model = config.integrator, model_of(config)
     tableau, goal = METHODS[settings.method], settings.goal or np.inf
     (values, costs), turning = ladder(config), frozenset(config.record) & {"reversals"}
@@ -181,11 +178,7 @@ def with_errors(
     config: Config, batch: Batch, runs: Outcome, companions: Outcome,
     settings: tuple[float, float], before: Floats | float = 0.0,
 ) -> Estimated:  # fmt: skip
-    """Add to the outcome of runs the errors that their companions tell.
-
-    `settings` are the tolerances or steps of the two, `before` how far the companions had parted
-    from their own, if they had any.
-    """
+    """Add the errors that companions tell; `before` is how far those had parted from theirs."""
     model = model_of(config)
     fit, common, ratio = _scales(config, settings)
     both = np.isfinite(runs.t_r) & np.isfinite(companions.t_r)

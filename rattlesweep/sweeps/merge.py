@@ -36,10 +36,7 @@ class Merged(NamedTuple):
 
 
 def merge(directories: Sequence[Path], output: Path) -> Merged:
-    """Put the runs of several directories of one sweep, such as its shards, into another.
-
-    The output is new or empty, or of the same sweep.  The sources stay as they are.
-    """
+    """Put the runs of directories of one sweep into another, which is new or of the same sweep."""
     if len({directory.resolve() for directory in (output, *directories)}) <= len(directories):
         raise ConfigError("a directory is given twice; give each once, and as --output another one")
     sources = [open_stored(directory) for directory in directories]

@@ -68,10 +68,7 @@ class Plan:
 
 
 def make_plan(config: Config, base: Path | None = None, source: Source | None = None) -> Plan:
-    """Return the plan of a config; `source` takes the place of the config's own bodies.
-
-    A relative path of a table is looked up from the working directory and then from `base`.
-    """
+    """Return the plan of a config; tables are looked up here and from `base`."""
     source = source or make_source(config, base)
     table = source.columns if isinstance(source, TableBodies) else {}
     if isinstance(source, TableBodies):

@@ -35,10 +35,7 @@ SEED = 2017
 def plan_frame(
     frame: pd.DataFrame, output: Path | None, keys: Mapping[str, Any]
 ) -> tuple[Plan, Path, Path, list[str]]:
-    """Plan a sweep of the rows of a DataFrame, and keep them in its directory if it could begin.
-
-    Return the plan, where the runs go, where the table is, and the warnings of `checked_plan`.
-    """
+    """Plan a sweep of a DataFrame's rows and keep them in its directory if it could begin."""
     if "bodies" in keys:
         raise ConfigError("bodies: the DataFrame gives them already; leave the key out")
     source = frame_bodies(frame)
@@ -60,10 +57,7 @@ def plan_frame(
 def checked_plan(
     config: Config, base: Path | None = None, source: Source | None = None
 ) -> tuple[Plan, list[str]]:
-    """Return the plan of a config and its warnings, each as place, key and sentence.
-
-    Raise a ConfigError if no run can be right.
-    """
+    """Return the plan of a config and its warnings; raise a ConfigError if no run can be right."""
     with config.locating():
         plan = make_plan(config, base, source)
         warnings = check_physics(plan)
@@ -110,10 +104,7 @@ def _doubts(config: Config, launches: Launches, words: str) -> Iterator[tuple[Ke
 
 
 class DrawnBodies:
-    """Random bodies, drawn in NumPy, as the compiled sampler may redraw for hours.
-
-    Whatever the target, which must be within their reach.
-    """
+    """Random bodies, drawn in NumPy; the compiled sampler may redraw for hours."""
 
     samples, fields = RUNS, ()
 

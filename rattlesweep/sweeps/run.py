@@ -237,11 +237,7 @@ def run_sweep(
     report: Callable[[Progress], None] = lambda progress: None, shard: Shard | None = None,
     max_time: float | None = None, retry_failed: bool = False, engine: Engine = local,
 ) -> Job:  # fmt: skip
-    """Do the runs that a plan asks for and that are not on disk; a stop keeps what has ended.
-
-    `base` is where a table's relative path is looked up besides the working directory, `max_time`
-    is in seconds.
-    """
+    """Do the runs of a plan that are not on disk; a stop, or `max_time`, keeps what has ended."""
     start, threads = time.monotonic(), threads or available_threads()
     if shard is not None and retry_failed:
         raise ConfigError("--retry-failed: takes rows of other shards too; run it without --shard")

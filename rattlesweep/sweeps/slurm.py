@@ -35,11 +35,7 @@ def job_script(
     plan: Plan, config: Path, output: Path, overrides: Sequence[str], *, shards: int, own: bool,
     limit: int, cpus: int, memory: str, partition: str | None, restarts: int,
 ) -> str:  # fmt: skip
-    """Return the script of a job array, for the program of this environment in this directory.
-
-    Paths are absolute, `overrides` are the values of ``--set``, `limit` is in seconds.  With `own`,
-    each shard has a directory of its own, ``OUTPUT-I``.
-    """
+    """Return the script of a job array; with `own`, each shard writes to ``OUTPUT-I``."""
     name, where, quote = plan.config.name, Path.cwd(), shlex.quote
     if any("\n" in f"{text}" for text in (name, config, output, where, *overrides)):
         raise ConfigError("a name, path or override with a line break cannot stand in a script")

@@ -39,10 +39,7 @@ def columns_for(config: Config) -> tuple[str, ...]:
 
 
 class Moments:
-    """Count, mean and deviation of values by cell.
-
-    By differences from the first value of each, so that a mean far larger costs no digits.
-    """
+    """Count, mean and deviation by cell, from differences, so that a large mean costs no digits."""
 
     def __init__(self, cells: int) -> None:
         self.count = np.zeros(cells, np.int64)
@@ -151,11 +148,7 @@ class Counts:
 
 
 def count_cases(stored: Stored) -> Counts:
-    """Return the runs of a sweep on disk, counted by case.
-
-    In a refined sweep each run counts for all points of the finest grid that it is the nearest one
-    to: plain shares would be those of the boundaries.  ``runs`` and ``failed`` count what was done.
-    """
+    """Count runs by case; in a refined sweep, for all points that each is the nearest to."""
     cases, names = len(stored.cases), ("case", *columns_for(stored.config))
     counts = Counts(cases)
     for rows in stored.batches(names):

@@ -27,10 +27,7 @@ def classify(
     ok: Flags, t_r: Floats, amp_growth: Floats, n_departure: Floats, thresholds: Classify,
     energy_left: Floats | None = None,
 ) -> NDArray[np.int8]:  # fmt: skip
-    """Return the places of types in :data:`TYPES`; -1 where a run is not ok.
-
-    The arguments are columns, NaN for null: a run too short for two windows has no ``amp_growth``.
-    """
+    """Return the places of types in :data:`TYPES`, -1 where a run is not ok; NaN is null."""
     dead = np.zeros(ok.shape, bool) if energy_left is None else energy_left < thresholds.dead_energy
     steady, leaves = amp_growth <= thresholds.ss_growth, n_departure > thresholds.sw_departure
     questions = [~ok, np.isfinite(t_r), dead, steady, leaves]
@@ -41,10 +38,7 @@ def sure_types(
     codes: NDArray[np.int8], reversal_sure: Flags, observed: tuple[Floats, Floats],
     errors: tuple[Floats, Floats], thresholds: Classify,
 ) -> Flags:  # fmt: skip
-    """Return whether types survive `errors` of the `observed` ``amp_growth`` and ``n_departure``.
-
-    Of a run of type R or D only `reversal_sure` counts.
-    """
+    """Return whether types survive `errors`; of R and D only `reversal_sure` counts."""
     (growth, departure), (growth_error, departure_error) = observed, errors
     beyond = np.abs(growth - thresholds.ss_growth)
     # One that has grown tenfold has grown, by however much; but so must its companion have.

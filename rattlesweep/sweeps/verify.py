@@ -114,10 +114,7 @@ def verify(
     directory: Path, recompute: int = 0, seed: int = 0, threads: int | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Verified:  # fmt: skip
-    """Read all of an output directory and compare it with its manifest; nothing is changed.
-
-    So many runs as `recompute` says, drawn by `seed`, are integrated again and compared bit by bit.
-    """
+    """Compare all of an output directory with its manifest; integrate `recompute` runs again."""
     stored = open_stored(directory)
     found, thresholds = stored.find(), stored.thresholds
     wanted, files = wanted_runs(stored, found), stored.files()

@@ -137,11 +137,7 @@ class PreparedRun:
 
 
 class Course:
-    """A trajectory under way: iterate to get its columns chunk by chunk.
-
-    So far, `reversals` are the first zeros of each turn, `warnings` say what the model does that no
-    real body would, and `follower` has what else is known of the run.
-    """
+    """A trajectory under way: iterate to get its columns chunk by chunk."""
 
     def __init__(
         self, run: PreparedRun, channels: Sequence[str] = ("t", "n"), *, points: int | None = None,

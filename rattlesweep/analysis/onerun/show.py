@@ -48,11 +48,7 @@ def course_of(run: PreparedRun, points: int | None, from_time: float | None = No
 
 
 def make_scene(course: Course) -> dict[str, Any]:
-    """Integrate a course of :func:`course_of`, and gather what its page shows.
-
-    ``columns`` and ``theory``, Garcia and Hubbard's spin at even times over the same span, are
-    arrays; ``rise`` is the height above its lowest point at which the body is cut off.
-    """
+    """Integrate a course of :func:`course_of`, and gather what its page shows."""
     columns = course.columns()
     # A run that came to no good is shown as far as it has numbers.
     good = np.logical_and.reduce([np.isfinite(columns[name]) for name in CHANNELS])

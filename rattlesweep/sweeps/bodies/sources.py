@@ -204,11 +204,7 @@ def bodies_at(points: Floats, ranges: Floats) -> Bodies:
 
 
 def sequence_points(dimensions: int, seed: int, first: int, stop: int, group: int = 1) -> Floats:
-    """Return points of the unit cube by their numbers, shape (dimensions, points).
-
-    Samples of a `group` (Saltelli's design) are one point, another, and for each coordinate the
-    first point with that of the second.
-    """
+    """Return points of the unit cube by number, `group` of them for one of Saltelli's."""
     # scipy.stats takes longer to import than all the rest.
     from scipy.stats import qmc
 
