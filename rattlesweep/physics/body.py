@@ -220,7 +220,7 @@ def violations(
         (np.maximum(alpha, gamma) <= MAX_INERTIA,
          f"a moment of inertia is out of range; at most {MAX_INERTIA:g} M a^2 is allowed"),
         ((phi > 0) & (theta < 1),
-         "theta is {theta:g} and phi {phi:g}; 0 < phi < theta < 1 is needed, or the body tips over"),
+         "theta is {theta:g} and phi {phi:g}; 0 < phi < theta < 1 is needed, or it tips over"),
         (phi < theta, "phi {phi:g} is not below theta {theta:g}; 0 < phi < theta < 1 is needed"),
         (beta > 1, "beta is {beta:g}; alpha > beta > 1 is needed"),
         (alpha > beta, "alpha {alpha:g} is not above beta {beta:g}; alpha > beta > 1 is needed"),
