@@ -318,6 +318,8 @@ class Map(Picture):
         bondi, several = False, bool(self.counted[0].runs.max() > 1)
         every, mean = [axes for axes, _ in panels], "mean " if several else ""
         code, value, beyond = self.shown()
+        turns = self.quantity == "n_turns"
+        value = np.where(turns & (value == 0), np.nan, value)  # 0 has a colour of its own
         known = value[np.isfinite(value)] if np.isfinite(value).any() else np.array([0.0, 2.0])
         low, high = (float(end) for end in np.percentile(known, MAP_ENDS))
         wide = low > 0 and high > (WIDE if self.quantity else 4) * low
@@ -358,7 +360,7 @@ class Map(Picture):
         bar.set_label(mean + label(name, unit))
         if wide:
             style.plain_ticks(bar.ax, "y", low, high)
-        nothing = "no reversal" if unit is None else "no value"
+        nothing = "no turns" if turns else "no reversal" if unit is None else "no value"
         entries = CELLS | {"none": (style.NO_REVERSAL, nothing)}
         if self.layout.where is not None:
             entries["missing"] = (style.MISSING, "not selected")
