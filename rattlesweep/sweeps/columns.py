@@ -275,4 +275,7 @@ def parquet_file(path: Path) -> Iterator[pq.ParquetFile]:
 def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     """Return the rows of a Parquet file, with its metadata; errors as for :func:`parquet_file`."""
     with parquet_file(path) as file:
-        return file.read(None if columns is None else list(columns))
+        rows = file.read(None if columns is None else list(columns))
+        if len(rows) != file.metadata.num_rows:
+            raise pa.ArrowInvalid("its footer contradicts itself")
+        return rows
