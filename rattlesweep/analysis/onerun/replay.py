@@ -16,8 +16,8 @@ from rattlesweep.arrays import take
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.bodies import Scale
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
-from rattlesweep.sweeps.plan import stored_plan
-from rattlesweep.sweeps.stored import Stored, open_stored
+from rattlesweep.sweeps.plan import Plan, stored_plan
+from rattlesweep.sweeps.stored import Stored, keys_of, open_stored
 from rattlesweep.sweeps.verify import differing_rows
 
 
@@ -54,26 +54,26 @@ class StoredRun:
 
     def prove(self) -> None:
         """Integrate it as the sweep did; raise an OutputError if its row comes out otherwise."""
-        for _, _, names in differing_rows(stored_plan(self.stored), self.row, threads=1):
+        for _, _, names in differing_rows(self._planned[0], self.row, threads=1):
             raise OutputError(
                 f"{self.name} comes out otherwise than stored, in {', '.join(names[:6])}"
                 f"{' and others' if len(names) > 6 else ''}; see rattlesweep verify"
             )
 
     @cached_property
-    def _launches(self) -> Launches:
-        keys = (self.row[name].to_numpy().astype(np.int64) for name in ("case", "sample"))
-        return prepare(stored_plan(self.stored), *keys)
+    def _planned(self) -> tuple[Plan, Launches]:
+        plan = stored_plan(self.stored)
+        return plan, prepare(plan, *keys_of(self.row))
 
     @property
     def scale(self) -> Scale | None:
         """Units of its body, None if its size is not known."""
-        scale = self._launches.bodies.scale
+        scale = self._planned[1].bodies.scale
         return take(scale, 0)  # type: ignore[arg-type]
 
     def prepare(self, t_end: float | None = None) -> PreparedRun:
         """Return the run to ``t_end`` or the sweep's horizon, with the tolerance that it had."""
-        launches, config = self._launches, self.stored.config
+        launches, config = self._planned[1], self.stored.config
         if t_end is not None:
             launches = replace(launches, t_end=np.array([t_end]))
         if self.values.get("tol") is not None:
