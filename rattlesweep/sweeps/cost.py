@@ -13,7 +13,7 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.sweeps.block import columns_of, load_kernel, run_batch
 from rattlesweep.sweeps.columns import build_table, encode
 from rattlesweep.sweeps.config.schema import SdSource
-from rattlesweep.sweeps.decide import decides
+from rattlesweep.sweeps.decide import deciding_key
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.text import clock, counted
@@ -140,7 +140,7 @@ def forecast(plan: Plan, threads: int | None = None, seconds: float = 2.0) -> Fo
         encode(table.slice(0, part), sinks[part])
     size, first = (sink.tell() for sink in sinks.values())
     size += int((plan.runs - len(table)) * (size - first) / (len(table) - half))
-    return Forecast(plan.runs, threads, middle, low, high, size, decides(config))
+    return Forecast(plan.runs, threads, middle, low, high, size, deciding_key(config))
 
 
 def _time(seconds: float) -> str:

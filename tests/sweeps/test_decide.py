@@ -16,7 +16,7 @@ from sweeping import changed, plan_of, proved
 from test_invariance import Stop, cut
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.decide import FIRST, Refining, Stopping, decision, nearest_rows
+from rattlesweep.sweeps.decide import FIRST_WAVE, Refining, Stopping, decision, nearest_rows
 from rattlesweep.sweeps.run import integrate_plan
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.summary import summarise
@@ -167,7 +167,7 @@ def test_every_case_is_known_well_enough_and_no_case_long_before(done):
     proved(whole, recompute=30)
     summary, runs = pd.read_parquet(whole / "summary.parquet"), pd.read_parquet(whole / "runs")
     assert len(set(summary.runs)) > 1
-    assert (summary.runs >= FIRST).all()
+    assert (summary.runs >= FIRST_WAVE).all()
     for case, own in runs.groupby("case"):
         # The samples of a case are the first ones, whatever the others have.
         assert own["sample"].sort_values().tolist() == list(range(len(own)))
@@ -175,7 +175,7 @@ def test_every_case_is_known_well_enough_and_no_case_long_before(done):
             low, high = wilson((own.type == kind).sum(), len(own))
             assert (high - low) / 2 <= 0.03, (case, kind)
         fewer = own[own["sample"] < len(own) / 1.5]
-        if len(fewer) >= FIRST:
+        if len(fewer) >= FIRST_WAVE:
             parts = [wilson((fewer.type == kind).sum(), len(fewer)) for kind in ("R", "SW")]
             assert max(high - low for low, high in parts) / 2 > 0.03
 
@@ -185,6 +185,6 @@ def test_mean_times_known_well_enough_or_all_samples(tmp_path):
     sweeping.sweep(tmp_path / "known", known)
     for _, own in pd.read_parquet(tmp_path / "known" / "runs").groupby("case"):
         assert 1.96 * own.t_r.sem() / own.t_r.mean() <= 0.05
-        assert FIRST <= len(own) < 6000
+        assert FIRST_WAVE <= len(own) < 6000
     never = changed(ENOUGH, bodies={"samples": 1000}, stop={"t_r": 1e-4})
     assert sweeping.sweep(tmp_path / "all", never).runs == 3000

@@ -145,7 +145,7 @@ def test_an_engine_that_loses_runs_is_found_out(tmp_path):
         case, sample = next(blocks)
         local(work, iter([(case[1:], sample[1:])]))
 
-    with pytest.raises(OutputError, match="1 runs did not come back"):
+    with pytest.raises(OutputError, match="returned no rows for 1 run;"):
         sweep(tmp_path, SMALL, engine=losing)
     assert not (tmp_path / "summary.parquet").exists()
     assert sweep(tmp_path, SMALL).done == 1

@@ -84,7 +84,7 @@ def test_a_missing_shard_is_said_and_run_or_merge_does_the_rest(plain, thirds, t
     [
         ({"seed": 12}, 2, "holds another sweep (seed: 1"),
         ({"classify": {"sw_departure": 0.2}}, 2, "types of different thresholds"),
-        ({"spin": {"n_i": [0.2, -0.1], "omega_xy0": 0.1}}, 1, "numbers its cases in another way"),
+        ({"spin": {"n_i": [0.2, -0.1], "omega_xy0": 0.1}}, 1, "numbers its cases differently"),
     ],
 )
 def test_only_shards_of_one_config_are_joined(changes, code, word, thirds, tmp_path):
@@ -96,7 +96,7 @@ def test_only_shards_of_one_config_are_joined(changes, code, word, thirds, tmp_p
 
 def test_what_is_there_twice_or_damaged_is_not_passed_on(plain, thirds, tmp_path):
     result = merge(plain, thirds[0], to=tmp_path / "a")
-    assert_refused(result, 1, "holds runs that are there twice")
+    assert_refused(result, 1, "holds runs that are stored twice")
     other = Path(shutil.copytree(thirds[0], tmp_path / "other"))
     (path,) = files_of(other)
     path.write_bytes(path.read_bytes()[:-9])

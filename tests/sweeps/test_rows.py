@@ -124,7 +124,7 @@ def test_equal_tables_give_equal_files_that_anybody_may_read(tmp_path):
 @pytest.mark.parametrize("piece", [50, 10**6])
 @pytest.mark.parametrize("files", [1, 7, 90])
 def test_rows_come_back_in_order_however_they_lie_in_files(files, piece, tmp_path, monkeypatch):
-    monkeypatch.setattr(stored_module, "PIECE", piece)
+    monkeypatch.setattr(stored_module, "BATCH_ROWS", piece)
     table = random_rows(5, 400)
     parts = np.random.default_rng(files).integers(0, files, len(table))
     stored = scatter(tmp_path, table, parts)
@@ -221,18 +221,18 @@ def test_what_is_no_part_of_the_sweep_is_refused(stored):
     some = read_parquet(before[0]).slice(0, 2)
     other = tuple(Case(k, None, None, 0.5, 0.01) for k in range(5))
     for own, rows, words in (
-        (stored, some, "holds runs that are there twice; move it away"),
+        (stored, some, "holds runs that are stored twice; move it away"),
         (replace(stored, hash="another"), some, "holds runs of another sweep"),
         (stored, some.drop_columns("t_r"), "has the columns of another version"),
-        (replace(stored, cases=other), some, "numbers its cases in another way"),
+        (replace(stored, cases=other), some, "numbers its cases differently"),
     ):
         own.append(rows, "{}")
         (new,) = {*stored.files()} - {*before}
         with pytest.raises(OutputError, match=rf"\.parquet {words}"):
             stored.find()
         new.unlink()
-    with pytest.raises(OutputError, match=r"holds no runs, or others than of 5 cases of 300 samp"):
+    with pytest.raises(OutputError, match=r"holds runs beyond 5 cases of 300 samples"):
         replace(stored, samples=300).find()
     shutil.copy(before[-1], before[-1].with_name("zz.parquet"))
-    with pytest.raises(OutputError, match=r"zz\.parquet holds runs that are there twice"):
+    with pytest.raises(OutputError, match=r"zz\.parquet holds runs that are stored twice"):
         stored.find()

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 from hardship import wait_until
 
+import rattlesweep as rs
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.provenance import package_version
 from rattlesweep.sweeps.slurm import job_script, limit_of
 
 PROGRAM, SHELLCHECK = (Path(sys.executable).with_name(n) for n in ("rattlesweep", "shellcheck"))
@@ -61,7 +61,7 @@ class Cluster:
 
     def stub(self, text: str, body: str) -> str:
         """Return the script with another program in place of rattlesweep, whose output is seen."""
-        told = f'[[ $1 == --version ]] && {{ echo "rattlesweep {package_version()}"; exit; }}\n'
+        told = f'[[ $1 == --version ]] && {{ echo "rattlesweep {rs.__version__}"; exit; }}\n'
         path = self.put("rattlesweep", told + body)
         assert str(PROGRAM) in text
         return text.replace(str(PROGRAM), str(path)).replace("--quiet >/dev/null", "--quiet")
@@ -111,7 +111,7 @@ def test_script_asks_for_what_it_was_told_and_is_clean(home, cluster):
     command = [SHELLCHECK, "-o", "all", "-e", "SC2250,SC2310,SC2312", cluster.put("script", text)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     assert done.stdout + done.stderr == ""
-    with pytest.raises(ConfigError, match="a b: is nothing that Slurm knows"):
+    with pytest.raises(ConfigError, match="a b: has characters that Slurm does not accept"):
         script(home, partition="a b")
     with pytest.raises(ConfigError, match="with a line break cannot stand in a script"):
         script(home, "spin.n_i=0.1\n")

@@ -204,19 +204,19 @@ def new_job(
 
 @pytest.mark.parametrize("seed", range(3))
 def test_blocks_are_each_run_once_in_order(seed, monkeypatch):
-    monkeypatch.setattr(runner, "MOST_ROWS", 3000)
-    monkeypatch.setattr(runner, "AT_ONCE", 7000)
+    monkeypatch.setattr(runner, "MAX_BLOCK_RUNS", 3000)
+    monkeypatch.setattr(runner, "SCAN", 7000)
     dice = np.random.default_rng(seed)
     work = new_job(monkeypatch, 10 ** dice.uniform(2, 5, 40), 500)
     work.found.done[:] = dice.random((40, 500)) < 0.4
     blocks = []
     for keys in work.blocks(np.ones((40, 500), bool)):
         blocks.append(keys)
-        work.worked(keys, float(work._cost[keys[0]].sum()) / 1e7)  # as many costs a second
+        work.time_block(keys, float(work._cost[keys[0]].sum()) / 1e7)  # as many costs a second
     case, sample = (np.concatenate(part) for part in zip(*blocks, strict=True))
     assert np.array_equal(np.stack([case, sample]), np.nonzero(~work.found.done))
     sizes = [len(block[0]) for block in blocks]
-    assert runner.ROUNDS * runner.LANES * 2 <= min(sizes[1:-1]) <= max(sizes) <= 3000
+    assert runner.RUNS_PER_LANE * runner.LANES * 2 <= min(sizes[1:-1]) <= max(sizes) <= 3000
 
 
 @pytest.mark.parametrize("waves", [1, 3])

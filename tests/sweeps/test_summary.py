@@ -79,14 +79,14 @@ def test_against_pandas(tmp_path, seed, size, rows):
     assert summary.column("case").to_pylist() == [0, 1, 2]
     assert summary.column("K_r").to_pylist() == [0.01, None, None]
     assert summary.column("n_i").to_pylist() == [-0.1, -0.1, None]
-    write_summary(stored, summary)
+    assert write_summary(stored).equals(summary)
     path = tmp_path / "summary.parquet"
     assert pd.read_parquet(path).equals(summary.to_pandas())
     assert read_parquet(path).schema.field("t_r_mean").metadata[b"unit"] == b"sqrt(a/g)"
 
 
 def test_how_rows_lie_in_files_does_not_show(tmp_path, monkeypatch):
-    monkeypatch.setattr(stored_module, "PIECE", 700)
+    monkeypatch.setattr(stored_module, "BATCH_ROWS", 700)
     tables = [summarise(fill(tmp_path / str(n), n, 3000)) for n in (3000, 1024, 100)]
     # Every other row in a file of its own, as retried runs are.
     stored = fill(tmp_path / "cut", 10**9, 3000)
