@@ -170,10 +170,10 @@ def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | Non
 
 
 def _workers(client: Client) -> dict[str, int]:
+    """Return the threads of the workers by address."""
     with suppress(OSError, TimeoutError):
         if client.status == "running":
-            workers: dict[str, int] = client.sync(client.nthreads, callback_timeout=ANSWER_TIMEOUT)
-            return workers
+            return dict(client.sync(client.nthreads, callback_timeout=ANSWER_TIMEOUT))
     raise OutputError(
         f"the scheduler at {client.scheduler.address} is lost; completed runs are kept, and with a "
         "new one the same command resumes from there"
@@ -228,7 +228,7 @@ def _result(future: Future, keys: Keys) -> tuple[pa.Table, float]:
     from distributed import CancelledError
 
     try:
-        answer: tuple[pa.Table, float] = future.result(timeout=ANSWER_TIMEOUT)
+        table, seconds = future.result(timeout=ANSWER_TIMEOUT)
     except (CancelledError, TimeoutError, OSError):
         return pa.table({}), 0.0
     except (ConfigError, OutputError):
@@ -239,4 +239,4 @@ def _result(future: Future, keys: Keys) -> tuple[pa.Table, float]:
             f"the block that begins with case {keys[0][0]}, sample {keys[1][0]} cannot be done "
             f"({words}); the logs of the workers may say why"
         ) from error
-    return answer
+    return table, seconds

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -19,10 +19,8 @@ from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.columns import floats, runs_schema
 from rattlesweep.sweeps.config.schema import Config, GridSource, Stop
+from rattlesweep.sweeps.stored import Case, Found, Stored
 from rattlesweep.sweeps.types import TYPES, R, codes, wilson
-
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.stored import Case, Found, Stored
 
 FIRST_WAVE = 400  # samples of each case in the first wave of `stop`
 NEXT_WAVE = 0.1  # size of each later wave as a share of the samples so far

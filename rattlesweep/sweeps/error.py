@@ -1,7 +1,7 @@
 """Errors of reversal times, from companions: the same runs at a looser tolerance.
 
-Let t_r' be the reversal time of the companion, d = abs(t_r'/t_r - 1), and s the distance of the two
-states at their reversals in the norm of the step control.  Then
+With d = abs(t_r'/t_r - 1), where t_r' is the reversal time of the companion, and s the distance of
+the two states at their reversals in the norm of the step control,
 
     t_r_error / t_r = (floor + near r) tol + slope T (d + share s / sqrt(N)) + C + G,
     T = max((r + near r^2)^power, P),   P = min(1, (s / PARTED)^2),

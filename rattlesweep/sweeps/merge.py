@@ -40,14 +40,13 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
     if len({directory.resolve() for directory in (output, *directories)}) <= len(directories):
         raise ConfigError("a directory is given twice; give each once, and another as --output")
     sources = [open_stored(directory) for directory in directories]
-    stored = [*sources]
     if (output / MANIFEST).exists():
-        stored.append(open_stored(output))
+        sources.append(open_stored(output))
     else:
         check_empty(output)
-    largest = max(stored, key=lambda one: (len(one.cases), one.samples))
-    for one in stored:
-        check_same(one, largest)
+    largest = max(sources, key=lambda stored: (len(stored.cases), stored.samples))
+    for stored in sources:
+        check_same(stored, largest)
     with contextlib.ExitStack() as stack:
         for directory in directories:
             if os.access(directory, os.W_OK):  # a read-only directory has no writers
@@ -57,9 +56,11 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
             output.mkdir(parents=True, exist_ok=True)
             stack.enter_context(hold(output))
             merged.folder.mkdir(exist_ok=True)
-        # A merge that was killed has left some of the files there.
-        new = [path for source in sources for path in source.files()
-               if not _same_file(path, merged.folder / path.name)]  # fmt: skip
+        new = []
+        for path in [path for stored in sources for path in stored.files()]:
+            twin = merged.folder / path.name  # left by a merge that was killed, or the file itself
+            if not (twin.exists() and (twin.samefile(path) or filecmp.cmp(path, twin, False))):
+                new.append(path)
         found = merged.find([*merged.files(), *new])
         if found.damaged:
             raise OutputError(f"{found.damaged[0]} is damaged; do its runs again before merging")
@@ -69,24 +70,16 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
             raise ConfigError(f"{differing} {told}")
         merged.write_manifest()
         for path in new:
-            _link(path, free_path(merged.folder / path.name))
+            target = free_path(merged.folder / path.name)
+            try:
+                os.link(path, target)  # links are safe as files are never changed in place
+            except OSError:
+                with open(path, "rb") as file, streamed_file(target) as copy:
+                    shutil.copyfileobj(file, copy)
         missing = int((wanted_runs(merged, found) & ~found.done).sum())
         summary = None if missing else write_summary(merged)
     failed = found.rows - found.status["ok"]
     return Merged(found.rows, len(merged.files()), missing, failed, summary)
-
-
-def _same_file(path: Path, other: Path) -> bool:
-    return other.exists() and filecmp.cmp(path, other, shallow=False)
-
-
-def _link(path: Path, target: Path) -> None:
-    """Link or copy a file; links are safe as files are never changed in place."""
-    try:
-        os.link(path, target)
-    except OSError:
-        with open(path, "rb") as file, streamed_file(target) as copy:
-            shutil.copyfileobj(file, copy)
 
 
 class Classified(NamedTuple):

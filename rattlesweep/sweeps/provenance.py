@@ -57,33 +57,22 @@ def command_line() -> list[str]:
 
 @contextlib.contextmanager
 def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
-    """Hold the lock of a directory, or of a shard such as ``shard-0-of-4``.
-
-    An OutputError is raised if another process works there, except on another of as many shards.
-    """
+    """Hold a directory or a shard, such as ``shard-0-of-4``, or raise an OutputError."""
     mine = shard or WHOLE
     # First take the lock, then look for others: of two that begin at once at most one goes on.
     with locked(directory, mine, PATIENCE) as free:
         busy = [] if free else [mine]
-        busy += [other for other in at_work(directory, mine) if _shards(other) != _shards(mine)]
+        count = mine.partition("-of-")[2]  # shards of the same number may work at once
+        busy += [lock for lock in at_work(directory, mine) if lock.partition("-of-")[2] != count]
         if busy:
             what = f"{directory}" if busy[0] == WHOLE else f"{directory}: {busy[0]}"
-            users = [
-                who(record)
-                for record in read_sessions(directory)
-                if record["how"] == "running" and (record["shard"] or WHOLE) == busy[0]
-            ]
-            raise OutputError(f"{what} is in use by {users[-1] if users else 'another process'}")
+            user = unfinished(read_sessions(directory)).get(busy[0])
+            raise OutputError(f"{what} is in use by {who(user) if user else 'another process'}")
         if shard is None:  # otherwise other shards may be writing
             for path in [*directory.glob(".*.tmp"), *directory.glob("*/.*.tmp")]:
                 with contextlib.suppress(OSError):
                     path.unlink()
         yield
-
-
-def _shards(lock: str) -> str:
-    """Return the number of shards in the name of a lock; none for the whole sweep."""
-    return lock.partition("-of-")[2]
 
 
 @contextlib.contextmanager
@@ -154,6 +143,11 @@ def read_sessions(directory: Path) -> list[dict[str, Any]]:
         with contextlib.suppress(OSError, ValueError, TypeError):
             found.append({"how": None, "shard": None} | json.loads(path.read_bytes()))
     return found
+
+
+def unfinished(sessions: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return, by their locks, the last sessions that run or were killed."""
+    return {each["shard"] or WHOLE: each for each in sessions if each["how"] == "running"}
 
 
 def who(session: dict[str, Any]) -> str:

@@ -1,8 +1,5 @@
-"""Run a sweep: compute the wanted runs that are not on disk, and write their rows.
-
-Read from top to bottom, the module follows a sweep: :func:`run_sweep` reads what is on disk, an
-engine such as :func:`local` computes the rest block by block, and :class:`Job` cuts the blocks,
-writes their rows and reports progress.
+"""Run a sweep: :func:`run_sweep` reads what is on disk, an engine such as :func:`local` computes
+the missing runs block by block, and :class:`Job` cuts the blocks, writes rows and reports progress.
 """
 
 from __future__ import annotations
@@ -40,7 +37,6 @@ from rattlesweep.sweeps.provenance import MANIFEST_LOCK, hold, locked, session
 from rattlesweep.sweeps.stored import Found, Stored, free_path, keys_of, rewrite
 from rattlesweep.sweeps.summary import write_summary
 from rattlesweep.sweeps.types import with_types
-from rattlesweep.text import counted
 
 Keys = tuple[Integers, Integers]  # cases and samples of some runs
 Engine = Callable[["Job", Iterator[Keys]], None]
@@ -88,8 +84,7 @@ class Shard:
     def runs(self, shape: tuple[int, ...]) -> Flags:
         """Return the runs of the shard; neighbours cost alike and go to different shards."""
         case, sample = (np.arange(n) % self.count for n in shape)
-        mine: Flags = (case[:, None] + sample) % self.count == self.index
-        return mine
+        return np.asarray((case[:, None] + sample) % self.count == self.index)
 
 
 class OutOfTime(BaseException):
@@ -101,10 +96,7 @@ def run_sweep(
     report: Callable[[Progress], None] = lambda progress: None, shard: Shard | None = None,
     max_time: float | None = None, retry_failed: bool = False, engine: Engine | None = None,
 ) -> Job:  # fmt: skip
-    """Compute the runs of a plan that are not on disk; by default with the engine :func:`local`.
-
-    A stop keeps the rows of the runs that have ended, as does the end of `max_time` seconds.
-    """
+    """Compute the runs of a plan that are not on disk; a stop or `max_time` keeps ended runs."""
     start, threads = time.monotonic(), threads or available_threads()
     if shard is not None and retry_failed:
         raise ConfigError("--retry-failed: also repeats runs of other shards; leave out --shard")
@@ -142,11 +134,7 @@ def run_sweep(
 
 
 def _mend(stored: Stored, thresholds: Classify, shard: Shard | None, retry_failed: bool) -> Found:
-    """Return what is on disk, after mending it.
-
-    Damaged files are renamed, and rows that were typed by other thresholds are typed again.  With
-    `retry_failed`, rows of failed runs are removed.
-    """
+    """Rename damaged files, type stale rows again, drop failed runs to retry; return the rest."""
     found, typed = stored.find(), thresholds.as_text
     with explained(f"cannot rename a file in {stored.folder}"):
         found.damaged = [p.rename(free_path(p.with_suffix(".damaged"))) for p in found.damaged]
@@ -190,15 +178,11 @@ def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> None:
                 error.add_note(f"{job.runs:,} runs are kept")
             raise
         if left := int((wanted & ~done).sum()):
-            told = f"the engine returned no rows for {counted(left, 'run')}"
-            raise OutputError(f"{told}; run it again")
+            raise OutputError(f"the engine left out {left} of the runs; run it again")
 
 
 def local(job: Job, blocks: Iterator[Keys]) -> None:
-    """Compute blocks on this machine.
-
-    While one block is computed, the rows of the block before are written and the next is prepared.
-    """
+    """Compute blocks on this machine; meanwhile, write the block before and prepare the next."""
     plan = job.plan
     loading = Task(lambda _: load_kernel(plan.config))
     tasks: list[Task[pa.Table]] = []  # blocks not yet written, at most two, in order
@@ -223,7 +207,8 @@ def local(job: Job, blocks: Iterator[Keys]) -> None:
             raise
         for task in tasks:
             with contextlib.suppress(TimeoutError):
-                job.write(task.value())
+                if len(rows := task.value()):
+                    job.write(rows)
         raise
 
 
@@ -270,15 +255,14 @@ class Job:
             # The indices of all runs at once would take eight times the memory of `todo`.
             stop = start + SCAN
             index = start + np.flatnonzero(flat[start:stop])[:MAX_BLOCK_RUNS]
-            if not len(index):
-                start = stop
-                continue
-            count = min(self._block_size(self._cost[index // samples]), len(index))
-            is_end = stop >= flat.size and len(index) < MAX_BLOCK_RUNS
-            if is_end and len(index) - count < count // 4:
-                count = len(index)  # no small block at the end
-            start = int(index[count - 1]) + 1
-            yield np.divmod(index[:count], samples)
+            start = stop
+            if len(index):
+                count = min(self._block_size(self._cost[index // samples]), len(index))
+                is_end = stop >= flat.size and len(index) < MAX_BLOCK_RUNS
+                if is_end and len(index) - count < count // 4:
+                    count = len(index)  # no small block at the end
+                start = int(index[count - 1]) + 1
+                yield np.divmod(index[:count], samples)
 
     def _block_size(self, cost: Floats) -> int:
         """Return how many of the next runs, which have these costs, make a block."""
@@ -301,8 +285,6 @@ class Job:
 
     def write(self, table: pa.Table) -> None:
         """Write rows to disk, and count them."""
-        if not len(table):
-            return
         with _signals_deferred():
             self.stored.append(table, self.plan.config.classify.as_text)
             self.found.add(table)

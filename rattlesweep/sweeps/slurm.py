@@ -1,7 +1,5 @@
 """The script of a Slurm job array that runs a sweep, one shard per task."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import sys
@@ -9,15 +7,11 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.plan import Plan
 
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.plan import Plan
-
-# A task stops so many seconds before its time limit, or this share of the limit if that is less.
-MARGIN, MARGIN_SHARE = 300, 0.25
+MARGIN, MARGIN_SHARE = 300, 0.25  # seconds before the limit, or share of it if that is less
 
 
 def limit_of(text: str) -> int:

@@ -145,10 +145,7 @@ class Counts:
 
 
 class Moments:
-    """Number, mean and deviation of values by cell.
-
-    Sums are of differences from the first value, so that a large mean costs no digits.
-    """
+    """Number, mean and deviation by cell, by differences, so that a large mean costs no digits."""
 
     def __init__(self, cells: int) -> None:
         self.count = np.zeros(cells, np.int64)
@@ -204,14 +201,6 @@ def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     if counts.has_contact:
         columns |= {name: share(part, ok) for name, part in counts.contact.items()}
     return tables.build_table(columns, schema)
-
-
-def same_summary(one: pa.Table, other: pa.Table) -> bool:
-    """Return whether two summaries agree up to the last digits of their means."""
-    if one.schema.names != other.schema.names:
-        return False
-    pairs = zip(*(map(tables.floats, table.columns) for table in (one, other)), strict=True)
-    return all(np.allclose(a, b, 1e-9, 0, equal_nan=True) for a, b in pairs)
 
 
 # Columns of the summary that are printed, with their headings and formats.

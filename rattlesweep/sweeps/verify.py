@@ -13,11 +13,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
+from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.columns import read_parquet
 from rattlesweep.sweeps.decide import wanted_runs
-from rattlesweep.sweeps.provenance import WHOLE, at_work, read_sessions, who
+from rattlesweep.sweeps.provenance import at_work, read_sessions, unfinished, who
 from rattlesweep.sweeps.stored import SUMMARY, keys_of, open_stored
-from rattlesweep.sweeps.summary import same_summary, summarise
+from rattlesweep.sweeps.summary import summarise
 from rattlesweep.sweeps.types import with_types
 from rattlesweep.text import counted
 
@@ -60,9 +61,7 @@ def status(directory: Path) -> Status:
         raise DamagedError(DAMAGED.format(found.damaged[0]))
     wanted = wanted_runs(stored, found)
     sessions, held = read_sessions(directory), at_work(directory)
-    # Sessions that were killed still say "running"; the last one of a shard may hold its lock.
-    last = {s["shard"]: s for s in sessions if s["how"] == "running"}
-    working = [session for shard, session in last.items() if (shard or WHOLE) in held]
+    working = [session for lock, session in unfinished(sessions).items() if lock in held]
     data = {
         "runs": found.rows,
         "wanted": int(wanted.sum()),
@@ -105,10 +104,7 @@ def verify(
     directory: Path, recompute: int = 0, seed: int = 0, threads: int | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Verified:  # fmt: skip
-    """Compare the files of an output directory with its manifest, and some runs with new ones.
-
-    `recompute` runs are drawn at random, integrated again, and compared bit for bit.
-    """
+    """Compare the files of a directory with its manifest; integrate `recompute` runs again."""
     stored = open_stored(directory)
     found, thresholds = stored.find(), stored.thresholds
     wanted, files = wanted_runs(stored, found), stored.files()
@@ -148,7 +144,7 @@ def verify(
     if not problems and not result.missing:
         path = directory / SUMMARY
         try:
-            is_right = same_summary(read_parquet(path), summarise(stored))
+            is_right = read_parquet(path).equals(summarise(stored))
         except OutputError:
             is_right = False
         if not is_right:
@@ -175,7 +171,6 @@ def differing_rows(
     plan: Plan, rows: pa.Table, threads: int | None = None
 ) -> Iterator[tuple[int, int, list[str]]]:
     """Integrate stored runs again; yield case, sample and columns of the rows that differ."""
-    from rattlesweep.integrate.task import Task
     from rattlesweep.sweeps.block import compute, prepare_runs
 
     case, sample = keys_of(rows)

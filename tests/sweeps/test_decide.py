@@ -1,4 +1,4 @@
-"""`bodies.refine` and `stop`: what is wanted follows from the rows, whoever asks and whenever."""
+"""`bodies.refine` and `stop`: the wanted runs follow from the rows alone."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def full() -> pa.Table:
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory) -> dict[str, Path]:
-    """Each of the sweeps, never stopped."""
+    """Each of the sweeps, without interruptions."""
     folder = tmp_path_factory.mktemp("done")
     for name, config in CONFIGS.items():
         sweeping.sweep(folder / name, config)
@@ -64,7 +64,7 @@ def done(tmp_path_factory) -> dict[str, Path]:
 
 @pytest.mark.parametrize("name", CONFIGS)
 def test_wanted_is_found_from_any_rows_in_any_order(name, done):
-    """From none to all, wave by wave, with rows that nobody asked for, and in pieces."""
+    """From no rows to all, in parts of waves, and with rows that are not wanted."""
     plan, dice = plan_of(CONFIGS[name]), np.random.default_rng(4)
     bodies = {k: v for k, v in CONFIGS[name]["bodies"].items() if k != "refine"}
     whole = {k: v for k, v in CONFIGS[name].items() if k != "stop"} | {"bodies": bodies}
@@ -125,7 +125,7 @@ def test_a_fraction_of_the_runs_gives_the_same_map(full, done):
     at = some["case"].to_numpy().astype(int) * 61 + some["sample"].to_numpy()
     assert same_bits(some, full.take(pa.array(at)))
     assert len(some) < POINTS / 4
-    # All points of the grid, those that were left out with the type of the nearest run.
+    # Points of the grid that were left out get the type of the nearest run.
     nearest = np.concatenate([rows for _, rows in nearest_rows(open_stored(output))])
     shown, types = some["type"].to_numpy()[nearest], full["type"].to_numpy()
     assert len(set(types)) == 3
@@ -138,9 +138,9 @@ def test_the_summary_is_that_of_the_grid_and_not_of_its_boundaries(full, done):
     share = (grid.type == "R").groupby(grid.case).mean()
     assert (summary.fraction_R - share).abs().max() < 0.02
     assert abs(summary.fraction_R.mean() - share.mean()) < 0.002
-    # The plain share of the runs is another one.
+    # The unweighted share of the runs differs.
     assert abs((some.type == "R").mean() - share.mean()) > 0.2
-    # What was done is counted as it is.
+    # The number of runs is not weighted.
     runs = some.groupby("case").size().reindex(summary.case, fill_value=0)
     assert summary.runs.tolist() == runs.tolist()
 

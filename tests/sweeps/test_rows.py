@@ -1,4 +1,4 @@
-"""Tables and files of rows: what is written is whole, and what is read is what was written."""
+"""Tables and files of rows: files are whole, and what is read is what was written."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ SCHEMA = runs_schema(("energy", "contact", "windows"))
 
 
 def random_columns(case: np.ndarray, sample: np.ndarray, seed: int = 1) -> dict[str, Any]:
-    """Columns of every kind, with nulls wherever the schema lets them be."""
+    """Columns of every kind, with nulls wherever the schema allows them."""
     rng = np.random.default_rng(seed)
     n = len(case)
     columns: dict[str, Any] = {"case": case, "sample": sample}
@@ -75,7 +75,7 @@ def random_rows(cases: int, samples: int) -> pa.Table:
 
 
 def scatter(directory: Path, table: pa.Table, parts: Any) -> Stored:
-    """Write rows into files; ``parts`` says for each row in which."""
+    """Write rows to files; ``parts`` has the number of the file of each row."""
     config = parse_config({**CONFIG, "model": "full", "record": ["energy", "contact", "windows"]})
     stored = Stored(directory, {}, config, CASES, (), 400, "sweep")
     (directory / "runs").mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""`verify`, `status` and `classify` of directories to which something has happened."""
+"""`verify`, `status` and `classify` of whole, damaged and half-changed directories."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def output(whole, tmp_path) -> Path:
 
 
 def change(output: Path, column: str, function: Any) -> Path:
-    """Write a file once more with another column, as only a mistake could; return its path."""
+    """Replace a column of a file, with valid checksums; return its path."""
     path = files_of(output)[1]
     table = read_parquet(path)
     place = table.schema.get_field_index(column)
@@ -183,7 +183,7 @@ def test_types_follow_their_thresholds_and_come_back(output, whole):
 
 @pytest.mark.parametrize("then", ["run", "classify", "run by others"])
 def test_a_killed_classify(then, output, whole):
-    """Only the first file is typed by others, as a kill leaves it."""
+    """Only the first file has types of other thresholds, as after a kill."""
     left = [*files_of(output)[1:], output / "manifest.json", output / "summary.parquet"]
     files = {path: path.read_bytes() for path in left}
     classify_stored(output, [OTHER])
