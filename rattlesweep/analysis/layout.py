@@ -20,7 +20,7 @@ from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError, one_line
 from rattlesweep.sweeps.columns import RUNS, TIME, floats
 from rattlesweep.sweeps.config import not_one_of
-from rattlesweep.sweeps.config.schema import PARAMETERS, GridSource
+from rattlesweep.sweeps.config.schema import BODY_KEYS, GridSource
 from rattlesweep.sweeps.decide import FEWEST, nearest
 from rattlesweep.sweeps.stored import Stored, open_stored
 from rattlesweep.sweeps.summary import Counts, Moments, columns_for
@@ -320,7 +320,7 @@ def make_dataset(
         dataset[key] = variable.dims, values, _about(column)
     known = {column.name: _about(column) for part in RUNS.values() for column in part}
     for name in axes:
-        words = PARAMETERS[name][2] if name in PARAMETERS else ""
+        words = BODY_KEYS[name][2] if name in BODY_KEYS else ""
         dataset[name].attrs = known.get(name, {"units": "degree", "long_name": words})
     dataset.attrs = {
         "title": layout.stored.config.name,

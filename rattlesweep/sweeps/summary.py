@@ -180,7 +180,7 @@ class Moments:
 
 def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     """Return the summary of cases whose runs are counted."""
-    schema, ok = tables.summary_schema(), counts.ok
+    schema, ok = tables.SUMMARY, counts.ok
     columns: dict[str, Any] = {field.name: pa.nulls(len(cases), field.type) for field in schema}
     for name in ("K_p", "K_r"):
         targets = [case.target if case.target_name == name else None for case in cases]

@@ -21,11 +21,11 @@ from rattlesweep.sweeps import columns as units
 from rattlesweep.sweeps import stored as stored_module
 from rattlesweep.sweeps.columns import (
     RECORD_PARTS,
+    SUMMARY,
     build_table,
     ragged,
     read_parquet,
     runs_schema,
-    summary_schema,
     write_parquet,
 )
 from rattlesweep.sweeps.config.read import parse_config
@@ -86,7 +86,7 @@ def scatter(directory: Path, table: pa.Table, parts: Any) -> Stored:
 
 def test_every_column_says_what_it_is() -> None:
     rates = (units.TIME, units.RATE, units.ENERGY, units.FORCE)
-    for column in (*runs_schema(RECORD_PARTS), *summary_schema()):
+    for column in (*runs_schema(RECORD_PARTS), *SUMMARY):
         unit = column.metadata[b"unit"].decode()
         assert unit in {"1", "rad", "a", "M a^2 sqrt(g/a)", *rates}, column.name
         assert len(column.metadata[b"description"]) > 5, column.name
