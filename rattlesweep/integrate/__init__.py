@@ -6,7 +6,7 @@ MOST_THREADS = 4096
 
 
 class SettingError(ValueError):
-    """A setting of Numba in the environment asks for what cannot be (exit code 2)."""
+    """An environment variable of Numba has an impossible value (exit code 2)."""
 
 
 def processors() -> int:
@@ -16,7 +16,7 @@ def processors() -> int:
 
 
 def check_settings() -> None:
-    """Raise SettingError for a number of threads at which importing Numba fails."""
+    """Raise SettingError if NUMBA_NUM_THREADS has a value with which importing Numba fails."""
     text = os.environ.get("NUMBA_NUM_THREADS", "1")
     if not (text.strip().isdecimal() and 1 <= int(text) <= MOST_THREADS):
         raise SettingError(
