@@ -321,10 +321,7 @@ def columns_page() -> str:
     extras = {
         name: value
         for name, value in vars(columns).items()
-        if isinstance(value, tuple)
-        and value
-        and isinstance(value[0], pa.Field)
-        and name != "SUMMARY"
+        if isinstance(value, tuple) and value and isinstance(value[0], pa.Field)
     }
     for name, fields in (*always.items(), *extras.items()):
         words = PARTS.get(name, f"`{name.lower()}`: sweeps that ask for it")

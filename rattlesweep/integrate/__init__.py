@@ -9,6 +9,12 @@ class SettingError(ValueError):
     """An environment variable of Numba has an impossible value (exit code 2)."""
 
 
+def processors() -> int:
+    """Return the number of processors that this process may run on."""
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return allowed or 1
+
+
 def check_settings() -> None:
     """Raise SettingError if NUMBA_NUM_THREADS has a value with which importing Numba fails."""
     text = os.environ.get("NUMBA_NUM_THREADS", "1")

@@ -13,7 +13,7 @@ import numpy as np
 from numba import config
 
 from rattlesweep.arrays import Flags, Floats, Integers, put, take
-from rattlesweep.integrate import SettingError
+from rattlesweep.integrate import SettingError, processors
 from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.integrate.lanes import runs
@@ -161,8 +161,7 @@ def most_threads() -> int:
 
 def available_threads() -> int:
     """Return the default number of threads: one for each processor this process may run on."""
-    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return max(1, min(allowed or 1, most_threads()))
+    return min(processors(), most_threads())
 
 
 @dataclass(frozen=True)

@@ -216,7 +216,7 @@ def reversal_times(_: Made) -> Measured:
     n_i, n_0 = 0.1, 0.11
 
     def times(xi: Any) -> Floats:
-        """Return t_rGH+ and t_rGH- (Eqs. (56) [trgh-p] and (58) [trgh-m]), shape (2, samples)."""
+        """Return t_rGH+ and t_rGH- (Eqs. 56 and 58), shape (2, samples)."""
         found = theory.modes(alpha, beta, theta_, phi, xi)
         time = np.log((n_0 + n_i) / (n_0 - n_i)) / n_0
         return np.stack([time / found.K_p, time / found.K_r])
