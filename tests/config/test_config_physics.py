@@ -26,7 +26,7 @@ preset | theta: 0.82 | gamma: 14 | refused | no body has this inertia: I_zz = ga
 grid | phi: [0.02, 0.036] | alpha: [13, 20] | refused | 1: bodies.axes: at alpha 20, beta 1.522, gamma 12.28, theta 0.6, phi 0.036,
 table | bodies.csv | nowhere.csv | refused | 1: bodies.path: nowhere.csv: no such file
 table | + |  | refused | 1: spin: missing; the table has no columns n_i and omega_xy0
-preset | overrides: {theta: 0.82} | c: 0.6 | refused | c 0.6 is not above theta 0.6429: the ellipsoid would rather lie
+preset | overrides: {theta: 0.82} | c: 0.6 | refused | c 0.6 is not above theta 0.6429: the ellipsoid would tip onto
 shell | + | model: reduced | refused | 5: record: the model 'reduced' cannot record
 shell | [contact, energy]\n | [error]\nmodel: gh\n | refused | 5: record: the model 'gh' cannot record 'error'
 """  # noqa: E501

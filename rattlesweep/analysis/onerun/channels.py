@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def contact_point(y: Floats, constants: Floats) -> Floats:
-    """Return where the body touches the plane (Eqs. def-xy, def-z), shape (3, ...)."""
+    """Return where the body touches the plane (Eqs. 4 and 8), shape (3, ...)."""
     p, q = y[:2]
     cxx, cxy, cyy, k = np.append(constants, 0.0)[3:7]  # no k: a paraboloid
     x, y0 = p + cxx * p + cxy * q, q + cxy * p + cyy * q
@@ -64,8 +64,8 @@ class View:
     def modes(self) -> tuple[Floats, Floats]:
         """Energies of pitch and roll, whose modes are those without spin.
 
-        With ``e`` an eigenvector of Eq. def-omgpr, ``omega`` without the spin and ``tilt`` the
-        angle whose rate it is (Eq. lin-u), the energy of a mode is
+        With ``e`` an eigenvector of Eq. 23, ``omega`` without the spin and ``tilt`` the
+        angle whose rate it is (Eq. 16), the energy of a mode is
         ``((e.J^1/2 omega)^2 + omega_j^2 (e.J^1/2 tilt)^2) / 2``.
         """
         if len(self.y) < full.N_STATE:  # the reduced model

@@ -26,7 +26,7 @@ from numba.extending import register_jitable
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import available_threads
-from rattlesweep.integrate.compile import Kernel, load_kernel
+from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.physics import body, si, theory
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
@@ -241,7 +241,7 @@ def draw_points(
     # These arrays have the types that the sampler is compiled for.
     within = np.array(np.zeros((5, 2)) if ranges is None else ranges, dtype=float, order="C")
     settings = (seed, np.array(samples, dtype=np.int64), word, within, *aim, points)
-    draw = load_kernel(sampler)
+    draw = load_kernels((sampler,))[0]
     if target is None:
         draw(0, samples.size, Control().flag, *settings)
         return points
