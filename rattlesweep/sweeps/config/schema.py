@@ -1,7 +1,4 @@
-"""Schema of a config as frozen pydantic models, and the rules between keys.
-
-Units are M = a = g = 1, so times are in sqrt(a/g) and spins in sqrt(g/a).
-"""
+"""Schema of a config as frozen pydantic models, in units M = a = g = 1; rules between keys."""
 
 # mypy: disable-error-code="valid-type"
 # Types that functions return are types to pydantic, but not to mypy.
