@@ -91,7 +91,7 @@ def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRa
 
     `body` is as for :func:`modes`, and ``n``, in ``sqrt(g/a)``, broadcasts with the bodies.  The
     rates are eigenvalues if `exact`, else their limits for a small spin, ``n K_p / 2`` and
-    ``-n K_r / 2`` (Eq. case-instab1).  Energies grow twice as fast.
+    ``-n K_r / 2`` (Eq. 74).  Energies grow twice as fast.
     """
     parts = _columns(body, n=n)
     spin = parts.pop("n")

@@ -171,7 +171,7 @@ def full_batch(launches: Launches) -> Batch:
 
 
 def reduced_batch(launches: Launches) -> Batch:
-    """Return the batch of the reduced dynamics, with ``I_eff = I_zz`` as in Eq. def-n0."""
+    """Return the batch of the reduced dynamics, with ``I_eff = I_zz`` as in Eq. 72."""
     b, m = launches.bodies, launches.modes
     directions = m.psi_p, m.psi_r, launches.omega_xy0, launches.psi
     e_p, e_r = reduced.mode_energies(b.alpha, b.beta, *directions)

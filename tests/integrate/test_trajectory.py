@@ -171,7 +171,7 @@ BAD = [
     ({"points": 5, "dt": 0.1}, "more than one is given"),
     ({"dt": math.nan}, "must be finite"),
     ({"dt": 1e-9}, "more than 100,000,000 rows"),
-    ({"times": [0, 2, 1]}, "a list that increases"),
+    ({"times": [0, 2, 1]}, "must be a list of increasing"),
     ({"model": "gh"}, "gh has no trajectory"),
     ({"e_r0": -1.0, "model": "reduced"}, "from 0 to"),
 ]
