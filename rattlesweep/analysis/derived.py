@@ -47,9 +47,9 @@ def make_body(given: dict[str, Any]) -> Rattleback:
         return Rattleback(**given)
     except (TypeError, KeyError):
         raise ConfigError(
-            f"{told} given, which is not one whole body; give --preset, or --gamma --f-sd --theta "
+            f"{told} given, which do not make one body; give --preset, or --gamma --f-sd --theta "
             f"--phi --xi, or --{' --'.join(PARAMETERS)}, or --mass --height --inertia --radii, or "
-            "--half-ellipsoid --mass, and nothing of another of them"
+            "--half-ellipsoid --mass, and no option of the others"
         ) from None
     except ValueError as error:
         raise ConfigError(str(error)) from None
