@@ -36,7 +36,7 @@ class GrowthRates(NamedTuple):
 
 
 def modes(body: Bodies) -> Modes:
-    """Return frequencies, directions and torque coefficients (Eqs. def-omega_pr, Kp, Kr).
+    """Return frequencies, directions and torque coefficients (Eqs. 24, 39 and 40).
 
     `body` is a body or the name of a preset, a sequence or an array of these, or a table with the
     columns ``alpha beta gamma theta phi xi``.  The result has ``omega_p omega_r omega_p0 omega_r0``
@@ -54,7 +54,7 @@ def modes(body: Bodies) -> Modes:
 
 
 def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:
-    """Return Garcia and Hubbard's time of reversal (Eqs. trgh-p, trgh-m), in ``sqrt(a/g)``.
+    """Return Garcia and Hubbard's time of reversal (Eqs. 56 and 58), in ``sqrt(a/g)``.
 
     `body` is as for :func:`modes`.  The sign of the initial spin ``n_i``, which must not be zero,
     chooses the direction; ``omega_xy0`` is the initial oscillation along the relevant mode, both in
@@ -75,7 +75,7 @@ def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:
 
 
 def bondi_threshold(body: Bodies) -> Any:
-    """Return Bondi's threshold spin ``n_c1`` (Eq. def-nc1), in ``sqrt(g/a)``.
+    """Return Bondi's threshold spin ``n_c1`` (Eq. 73), in ``sqrt(g/a)``.
 
     A steady spin beyond it, ``n < n_c1 < 0``, is linearly stable.  For mirrored bodies (``xi > 0``)
     all signs change.  `body` is as for :func:`modes`; the result is NaN where no spin is stable.
@@ -91,7 +91,7 @@ def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRa
 
     `body` is as for :func:`modes`, and ``n``, in ``sqrt(g/a)``, broadcasts with the bodies.  The
     rates are eigenvalues if `exact`, else their limits for a small spin, ``n K_p / 2`` and
-    ``-n K_r / 2`` (Eq. case-instab1).  Energies grow twice as fast.
+    ``-n K_r / 2`` (Eq. 74).  Energies grow twice as fast.
     """
     parts = _columns(body, n=n)
     spin = parts.pop("n")

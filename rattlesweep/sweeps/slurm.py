@@ -1,26 +1,21 @@
-"""A Slurm job array that does a sweep, one shard per task."""
-
-from __future__ import annotations
+"""The script of a Slurm job array that runs a sweep, one shard per task."""
 
 import re
 import shlex
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.provenance import package_version
+from rattlesweep.sweeps.plan import Plan
 
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.plan import Plan
-
-MARGIN, MARGIN_SHARE = 300, 0.25  # seconds, or share of the limit if that is less
+MARGIN, MARGIN_SHARE = 300, 0.25  # seconds before the limit, or share of it if that is less
 
 
 def limit_of(text: str) -> int:
-    """Return the seconds of Slurm's ``[days-]hours:minutes:seconds``, or of minutes alone."""
+    """Read a limit as Slurm does, ``[days-]hours:minutes:seconds`` or minutes, in seconds."""
     match = re.fullmatch(r"(?:(\d{1,4})-)?(\d{1,6}):(\d\d):(\d\d)|(\d{1,6})", text.strip())
     if not match:
         raise ValueError("is no time limit; write it as in 4:00:00, 90 (minutes) or 2-12:00:00")
@@ -43,7 +38,7 @@ def job_script(
         raise ConfigError(f"--mem {memory}: is not a size of memory; write it as in 4G")
     if partition is not None and not re.fullmatch(r"[\w.,+-]+", partition):
         raise ConfigError(f"--partition {partition}: is not the name of a partition")
-    # A task stops by itself before its limit; Slurm warns after half of that margin.
+    # Slurm sends its warning halfway between the task's own stop and the limit.
     margin = round(min(MARGIN, MARGIN_SHARE * limit))
     target, parts = quote(f"{output}"), f"{{0..{shards - 1}}}" if shards > 1 else "0"
     merge = f"merge {target}-{parts} --output {quote(f'{output}-merged')}"
@@ -57,7 +52,7 @@ def job_script(
         "MORE": f"#SBATCH --mem={memory}\n{more}",
         "ABOUT": f"{plan.runs} runs in {shards} shards.",
         "FINISH": f"rattlesweep {merge if own else f'verify {target}'}",
-        "VERSION": package_version(),
+        "VERSION": version("rattlesweep"),
         "PROGRAM": quote(f"{Path(sys.executable).with_name('rattlesweep')}"),
         "WHERE": quote(f"{where}"),
         "CONFIG": quote(f"{config}"),
