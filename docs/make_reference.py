@@ -305,10 +305,7 @@ def columns_page() -> str:
     extras = {
         name: value
         for name, value in vars(columns).items()
-        if isinstance(value, tuple)
-        and value
-        and isinstance(value[0], pa.Field)
-        and name != "SUMMARY"
+        if isinstance(value, tuple) and value and isinstance(value[0], pa.Field)
     }
     tables: dict[str, tuple[pa.Field, ...]] = {}
     for name, fields in (*always.items(), *extras.items()):

@@ -32,7 +32,7 @@ SCENES = ("run", "classify", "retry", "merge", "grow", "refine", "stop")
 
 @dataclass(frozen=True)
 class Scene:
-    """A command, ``{out}`` in it for the directory, which is a copy of `before` each time."""
+    """A command, with ``{out}`` for its directory, which starts as a copy of `before`."""
 
     before: Path | None
     args: tuple[Any, ...]
@@ -50,7 +50,7 @@ class Scene:
 
 
 def make_scene(name: str, folder: Path) -> Scene:
-    """One of `SCENES`, on a sweep of two blocks: more pass through the same calls."""
+    """One of `SCENES`, on a sweep of two blocks; more would repeat the same calls."""
     config, rows = tiny(folder), 12
     if name in ("refine", "stop"):
         changes = {"bodies": GRID, "spin": SPINS} if name == "refine" else {"bodies": SD}
@@ -84,7 +84,7 @@ def make_scene(name: str, folder: Path) -> Scene:
 
 
 def fail_some(directory: Path) -> None:
-    """Make every third row one of a run that came to its limit of steps."""
+    """Make every third row that of a run which reached its limit of steps."""
     for path in files_of(directory):
         table = read_parquet(path)
         columns = table.to_pydict()
@@ -92,14 +92,14 @@ def fail_some(directory: Path) -> None:
             if sample % 3 == 1:
                 columns["status"][row] = "step_limit"
                 columns["type"][row] = columns["t_r"][row] = None
-        write_parquet(pa.table(columns, schema=table.schema), path, metadata(path))
+        write_parquet(pa.table(columns, schema=table.schema), path, metadata(table))
 
 
 def at_every_call(
     name: str, folder: Path, kinds: tuple[str, ...], judge: Callable[[Ended], bool], stride: int,
     **harm: Any,
 ) -> None:  # fmt: skip
-    """Do harm at one call of a command after the other, look, and give it again."""
+    """Harm a command at each of its calls in turn, check what is left, and run it again."""
     scene, output, log = make_scene(name, folder), folder / "out", folder / "log"
     scene.begin(output)
     done = scene.run(output, calls={"root": output, "kinds": kinds, "log": log})
@@ -127,7 +127,7 @@ def test_killed_at_every_call(name, stride, tmp_path):
 
 
 def fails(done: Ended) -> bool:
-    """A fault ends in a sentence, or in nothing where it does not matter: a session's record."""
+    """A fault ends in one sentence, or does not matter, as in the record of a session."""
     return done.code == 0 or (done.code == 1 and done.sentence)
 
 
@@ -135,7 +135,7 @@ def fails(done: Ended) -> bool:
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO], ids=errno.errorcode.get)
 @pytest.mark.parametrize("name", SCENES)
 def test_faults_at_every_call(name, number, stride, tmp_path):
-    # A full disk stays full; a disk that fails once may do so anywhere.
+    # A full disk stays full; an input/output error may happen once, anywhere.
     kinds = MAY_FAIL[number]
     at_every_call(
         name, tmp_path, kinds, fails, stride, number=number, for_good=number == errno.ENOSPC
@@ -158,7 +158,7 @@ def test_stopped_at_every_call(name, number, code, word, stride, tmp_path):
 
 
 def test_the_counter_kills_and_lets_live(tmp_path):
-    """The tests above would pass if nothing were ever killed or failed: so prove the tool."""
+    """The tests above would pass if nothing were ever killed, so test the tool itself."""
     scene, output = make_scene("run", tmp_path), tmp_path / "out"
     log, calls = tmp_path / "log", {"root": output, "kinds": CHANGES}
     scene.run(output, calls=calls | {"log": log})
@@ -168,7 +168,7 @@ def test_the_counter_kills_and_lets_live(tmp_path):
     assert scene.run(output, calls=calls | {"at": at + 1}).code == -9
     (left,) = output.glob("runs/.*.tmp")
     assert 1000 < left.stat().st_size < 20_000  # half-written
-    # Files are forced to the disk before they take their place, and the folder after.
+    # Files are synced to disk before they are renamed, and the folder afterwards.
     for place, line in enumerate(lines):
         kind, path = line.split()
         if kind == "rename":
