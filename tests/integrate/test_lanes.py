@@ -22,7 +22,6 @@ from rattlesweep.physics import full, theory
 
 GH = oracle.GH
 DOP853, RK4 = METHODS["dop853"], METHODS["rk4"]
-PSI_P = oracle.modes(GH)["psi_p"]
 # By `oracle.first_reversal`.
 T_UNSTEADY, T_STEADY = 112.093877963873, 809.857417847725
 every_method = kernels.methods("dop853", "rk4")

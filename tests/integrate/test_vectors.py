@@ -8,7 +8,7 @@ from sweeping import plan_of, prepared
 from test_stone import constants_of, random_bodies
 
 from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.model import ELLIPSOID, FRICTION, VECTORS
+from rattlesweep.integrate.model import ELLIPSOID, VECTORS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full
@@ -16,7 +16,6 @@ from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.block import run_batch
 
 DOP853 = METHODS["dop853"]
-FRICTIONAL = FRICTION["ellipsoid", "rolling"]
 
 
 def rollers(samples, **others):

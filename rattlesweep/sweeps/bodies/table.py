@@ -152,7 +152,7 @@ def read_bodies(path: str, base: Path | None = None) -> TableBodies:
     """
     where = f"bodies.path: {one_line(path, 200)}"
     file = Path(path) if base is None or os.path.exists(path) else base / path
-    if not (file.is_dir() or file.is_file()):
+    if not (os.path.isdir(file) or os.path.isfile(file)):
         raise ConfigError(f"{where}: no such file; give the path of a CSV or Parquet table")
     try:
         if file.is_dir() or file.suffix.lower() in (".parquet", ".pq"):
