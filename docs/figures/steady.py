@@ -10,15 +10,10 @@ from pathlib import Path
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 
+from rattlesweep.analysis.style import TYPE_STYLE
 from rattlesweep.api import load
 
-# Okabe and Ito's colours, told apart by the colour-blind.
-PARTS = {
-    "R": ("#0072B2", "R: reverses"),
-    "SW": ("#E69F00", "SW: wobbles"),
-    "unclassified": ("#BBBBBB", "unclassified"),
-    "SS": ("#009E73", "SS: steady spinning"),
-}
+PARTS = {name: TYPE_STYLE[name] for name in ("R", "SW", "unclassified", "SS")}
 
 
 def main(directory: str, target: str) -> None:
@@ -38,8 +33,8 @@ def main(directory: str, target: str) -> None:
             axis.stackplot(
                 case["K_r"],
                 [case[f"fraction_{name}"] for name in PARTS],
-                colors=[colour for colour, _ in PARTS.values()],
-                labels=[label for _, label in PARTS.values()],
+                colors=[mark.colour for mark in PARTS.values()],
+                labels=[mark.label for mark in PARTS.values()],
             )
             axis.plot(
                 case["K_r"], 1 - case["fraction_bondi"], "k^", ms=3.5, label="Bondi's threshold"

@@ -1,4 +1,4 @@
-"""How far two directories of the same runs differ: one join, a table, and a figure."""
+"""The differences between two directories of the same runs: numbers, text and a figure."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,8 +13,8 @@ from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.config.read import differences, fixed_part, resolved
 from rattlesweep.sweeps.stored import Stored, open_stored
 
-DPI, MOST_LISTED = 150, 10
-# What makes runs the same; another machine may draw it with other last digits.
+MOST_LISTED = 10
+# Columns that identify a run; their last digits may differ between machines.
 _RUN = [*PARAMETERS, "n_i", "omega_xy0"]
 _LISTED = ["case", "sample", "type_a", "type_b", "t_r_a", "t_r_b", "relative", "over_errors",
            "type_sure_a", "type_sure_b"]  # fmt: skip
@@ -22,12 +22,13 @@ _LISTED = ["case", "sample", "type_a", "type_b", "t_r_a", "t_r_b", "relative", "
 
 @dataclass
 class Comparison:
-    """How two directories of the same runs differ.
+    """The differences between two directories of the same runs.
 
-    `runs` has a row for each run of both: columns of each with ``_a`` and ``_b`` behind, ``dt_r``,
-    ``relative`` to the mean of both, ``over_errors`` (to the root of the sum of their squares),
-    ``differs`` and ``sure`` of the types, and ``not_ok``.  `data` is what JSON can hold: what else
-    differs, counts of all and by case, the runs that differ most.
+    `runs` has a row for each run that is in both: the columns of each directory with the suffixes
+    ``_a`` and ``_b``; ``dt_r``, the difference of the times; ``relative``, its size over their
+    mean; ``over_errors``, its size over both errors added in quadrature; ``differs`` and ``sure``
+    of the types; ``not_ok``.  `data` can be written as JSON: differing settings, counts in all and
+    by case, the runs that differ most.
     """
 
     runs: pd.DataFrame
@@ -37,13 +38,13 @@ class Comparison:
         return as_text(self, 20)
 
     def disagree(self, allowed: float) -> bool:
-        """Tell whether a larger fraction is beyond both errors, or types that are sure differ."""
+        """Return whether too many runs differ beyond their errors, or sure types differ."""
         total = self.data["total"]
         return bool((total["beyond"] or 0) > allowed * total["reversing"] or total["types_sure"])
 
 
 def compare(a: Path, b: Path) -> Comparison:
-    """Compare the runs that two directories both have, of one config but for how to integrate."""
+    """Compare the runs of two directories whose configs differ only in how to integrate."""
     sides = open_stored(a), open_stored(b)
     wrong = differences(*map(_same_runs, sides))[:3]
     errors = all("t_r_error" in side.schema.names for side in sides)
@@ -68,7 +69,7 @@ def compare(a: Path, b: Path) -> Comparison:
     ok = (runs.status_a == "ok") & (runs.status_b == "ok")
     runs["dt_r"] = dt_r = (runs.t_r_b - runs.t_r_a).where(ok)
     runs["relative"] = dt_r.abs() / ((runs.t_r_a + runs.t_r_b) / 2)
-    # Any difference is beyond errors of 0, but no difference is not.
+    # With errors of 0, any difference is beyond them, but equal times are not.
     error = np.hypot(runs.t_r_error_a, runs.t_r_error_b)
     runs["over_errors"] = (dt_r.abs() / error).mask((error == 0) & (dt_r == 0), 0.0)
     runs["differs"], runs["not_ok"] = ok & (runs.type_a != runs.type_b), ~ok
@@ -103,16 +104,16 @@ def _counted(runs: pd.DataFrame, errors: bool) -> dict[str, Any]:
 
 
 def _same_runs(side: Stored) -> dict[str, Any]:
-    """Return what determines which runs there are, however they are integrated."""
+    """Return the part of the config that determines the runs, however they are integrated."""
     how = ("integrator", "record", "classify")
     data = {k: v for k, v in fixed_part(side.config).items() if k not in how}
-    # A table may have moved; what it says is compared row by row.
+    # A table may have moved; its content is compared row by row.
     data["bodies"] = {k: v for k, v in data["bodies"].items() if k != "path"}
     return data | {"cases": [str(case) for case in side.cases], "samples": side.samples}
 
 
 def _settings(side: Stored) -> dict[str, Any]:
-    """Return what else can make a difference."""
+    """Return the settings that may explain differences."""
     config, manifest = resolved(side.config), side.manifest
     return {"integrator": config["integrator"], "record": config["record"],
             "classify": side.thresholds.model_dump(mode="json"),
@@ -120,7 +121,7 @@ def _settings(side: Stored) -> dict[str, Any]:
 
 
 def as_text(found: Comparison, most_cases: int) -> str:
-    """Return all of it to be read, of many cases the first."""
+    """Return the comparison as text, with at most so many cases."""
     data, lines = found.data, []
     for k, name in enumerate("AB"):
         runs, missing = f"{data['planned'][k]:,} runs", data["missing"][k]
@@ -130,14 +131,14 @@ def as_text(found: Comparison, most_cases: int) -> str:
     cases = data["cases"]
     lines += ["", style.text_table([*cases[:most_cases], {"case": "all"} | data["total"]])]
     lines += [f"{len(cases) - most_cases} more cases are in --json"] * (len(cases) > most_cases)
-    lines += ["no errors stored in both; add record: [error]"] * (data["total"]["beyond"] is None)
+    lines += ["no errors are stored; add record: [error]"] * (data["total"]["beyond"] is None)
     if data["differing"]:
         lines += ["\nruns that differ most:", style.text_table(data["differing"])]
     return "\n".join(lines)
 
 
 def save(found: Comparison, path: Path) -> None:
-    """Draw a histogram of the differences of t_r, over their errors if known, and write it."""
+    """Write a histogram of the differences of t_r, relative to their errors if these are known."""
     total, runs = found.data["total"], found.runs
     errors = total["beyond"] is not None
     values, below = (runs.over_errors, "both errors") if errors else (runs.relative, "$t_r$")
@@ -152,6 +153,6 @@ def save(found: Comparison, path: Path) -> None:
         axes.set(xlabel=rf"$|\Delta t_r|$ / {below}", ylabel="number of runs")
         style.light_grid(axes)
         words = (f"{' against '.join(found.data['directories'])}: {total['reversing']:,} runs "
-                 f"reverse in both, {total['equal']:,} of them equally.")  # fmt: skip
+                 f"reverse in both, {total['equal']:,} of them at equal times.")  # fmt: skip
         style.add_caption(figure, words)
-        style.save(figure, [path], DPI)
+        style.save(figure, [path])

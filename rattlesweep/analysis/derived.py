@@ -1,4 +1,4 @@
-"""The body that options make, and everything theory says of it, with units and words."""
+"""A body from command-line options, and the quantities that theory derives from it."""
 
 import math
 from dataclasses import replace
@@ -15,17 +15,17 @@ RATE, TIME = "sqrt(g/a)", "sqrt(a/g)"
 
 
 class Quantity(NamedTuple):
-    """A number with its unit and what it is; None where there is none."""
+    """A derived number, or None where theory has none, with its unit and description."""
 
     name: str
     value: float | None
     unit: str
     description: str
-    in_si: tuple[float, str] | None  # with an SI unit, of a body that was given in such
+    in_si: tuple[float, str] | None  # value and SI unit, if the size of the body is known
 
 
 def make_body(given: dict[str, Any]) -> Rattleback:
-    """Return the body of the options of the command line; None stands for not given."""
+    """Return the body that command-line options describe; None means not given."""
     given = {name: value for name, value in given.items() if value is not None}
     told = " ".join(sorted(f"--{name.replace('_', '-')}" for name in given)) or "no option"
     if "xi_deg" in given and "xi" not in given:
@@ -47,9 +47,9 @@ def make_body(given: dict[str, Any]) -> Rattleback:
         return Rattleback(**given)
     except (TypeError, KeyError):
         raise ConfigError(
-            f"{told} given, which is not one whole body; give --preset, or --gamma --f-sd --theta "
-            f"--phi --xi, or --{' --'.join(PARAMETERS)}, or --mass --height --inertia --radii, or "
-            "--half-ellipsoid --mass, and nothing of another of them"
+            f"{told} given, which does not describe one body; give --preset, or --gamma --f-sd "
+            f"--theta --phi --xi, or --{' --'.join(PARAMETERS)}, or --mass --height --inertia "
+            "--radii, or --half-ellipsoid --mass, and do not mix them"
         ) from None
     except ValueError as error:
         raise ConfigError(str(error)) from None
@@ -58,7 +58,7 @@ def make_body(given: dict[str, Any]) -> Rattleback:
 def derived(
     body: Rattleback, n_i: float, omega_xy0: float, sigma: float = 0.0, rolling: float = 0.0
 ) -> list[Quantity]:
-    """Return everything theory says of a body and a launch along the relevant mode."""
+    """Return all that theory says about a body and its launch along the relevant mode."""
     good = 0 < abs(n_i) < math.inf and 0 < omega_xy0 < math.inf
     if not (good and 0 <= sigma < math.inf and 0 <= rolling < math.inf):
         raise ConfigError(
@@ -69,7 +69,7 @@ def derived(
     psi = direction(m, n_i, "relevant")
     gh = garcia_hubbard(b, m, n_i, omega_xy0, psi)
     lossy = sigma > 0 or rolling > 0
-    # With losses no spin stays, and under rolling resistance nothing small grows.
+    # With losses no spin is steady; with rolling resistance no small oscillation grows.
     n_c1 = float(theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi))
     n_c1, known = math.nan if lossy else n_c1, math.nan if rolling > 0 else 1.0
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)

@@ -29,18 +29,15 @@ from rattlesweep.units import quantity
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Step of the central differences, as a share of a parameter's scale.
-STEP = 3e-6
-# Parts of the data, from their beginning, that are fitted before all of them; the fine ones where
-# the coarse ones lead astray.
+STEP = 3e-6  # of the central differences, relative to the scale of a parameter
+# Fractions of the data, from their beginning, that are fitted before the whole; the fine ones are
+# tried if the coarse ones end in a wrong minimum.
 SHARES, FINE = (0.15, 0.3, 0.6, 0.8), tuple(np.arange(0.1, 1.0, 0.05))
-STEPS = 60
-# Correlation of many neighbouring residuals from which on they are no noise.
-CORRELATED = 0.12
-# Two estimates that are correlated by more are of one number; a least singular value below this is
-# an error of the differences.
-ALIKE, SINGULAR = 0.99, 1e-6
-# What can be fitted: unit, limits, meaning.
+STEPS = 60  # of the search, at most
+CORRELATED = 0.12  # correlation of neighbouring residuals above which they are not noise
+ALIKE = 0.99  # correlation of two estimates above which the data cannot separate them
+SINGULAR = 1e-6  # smallest singular value that is not an error of the differences
+# The parameters that can be fitted: unit, limits, description.
 PARAMETERS: dict[str, tuple[str, float, float, str]] = {
     "n_i": ("sqrt(g/a)", -10, 10, "initial spin"),
     "omega_xy0": ("sqrt(g/a)", 1e-9, 10, "initial oscillation"),
@@ -57,25 +54,25 @@ PARAMETERS: dict[str, tuple[str, float, float, str]] = {
     "c": ("a", 0, 1e6, "vertical semi-axis of the ellipsoid"),
 }
 
-# Angle of the long axis, its rate, the spin ``u . omega``, and times of reversals.
+# Measured columns: angle of the long axis, its rate, the spin ``u . omega``, reversal times.
 KINDS = {"angle": "angle", "spin": "spin", "n": "spin", "reversal": "time"}
-# Columns in the units of the body, as ``rattlesweep trajectory`` writes them.
+# Columns without a unit in their names, as ``rattlesweep trajectory`` writes them.
 BARE = {"t": "sqrt(a/g)", "n": "sqrt(g/a)"}
 WANTED = "t_s and one of angle_deg, spin_rpm, n_rpm, or reversal_s alone"
 
 
 @dataclass(frozen=True)
 class Data:
-    """What was measured, in the units of the body; NaN where there is no value."""
+    """Measured data in the units of the body, NaN where a value is missing."""
 
     kind: str
-    t: Floats  # since the first row; of reversals since the launch
+    t: Floats  # since the first row; reversals: since the launch
     value: Floats
-    units: tuple[tuple[str, float], tuple[str, float]]  # of t and value as given, and their sizes
+    units: tuple[tuple[str, float], tuple[str, float]]  # of t and value, as given, and their sizes
 
     @property
     def known(self) -> Flags:
-        """Rows that have a value."""
+        """The rows that have a value."""
         return np.isfinite(self.value)
 
 
@@ -126,7 +123,7 @@ def read_data(source: Any, units: Units | None) -> Data:
 
 
 def _column(name: str, units: Units | None) -> tuple[str, str, float] | None:
-    """Return what a column is, its unit, and the size of that in the units of the body."""
+    """Return the quantity of a column, its unit, and the unit's size in those of the body."""
     if name in BARE:
         return name, BARE[name], 1.0
     match = re.fullmatch(rf"(t|{'|'.join(KINDS)})_(.+)", name)
@@ -141,7 +138,7 @@ def _column(name: str, units: Units | None) -> tuple[str, str, float] | None:
 
 
 def unwrapped(t: Floats, angle: Floats) -> Floats:
-    """Return an axis's angle without jumps by half turns, by the mean spin of the rows before."""
+    """Remove jumps by half turns from the angle of an axis, extrapolating the previous rows."""
     found, rows = angle.copy(), np.flatnonzero(np.isfinite(angle))
     for i in range(1, len(rows)):
         first, last, row = rows[max(0, i - 21)], rows[i - 1], rows[i]
@@ -153,11 +150,11 @@ def unwrapped(t: Floats, angle: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Fit:
-    """Parameters that fit data best, in the units of the body, angles in radians but `psi_deg`.
+    """The result of a fit: best parameters in the units of the body, angles in radians.
 
-    `intervals` are the ends of their 95 % intervals; `launch` holds launch and dissipation as
-    arguments of ``rs.trajectory``; `noise` is the standard deviation of a measured value, in
-    `noise_unit`; `remarks` say what the data cannot tell, or the model cannot describe.
+    Only `psi_deg` is in degrees.  `intervals` are 95 % intervals; `launch` holds launch and
+    dissipation as arguments of ``rs.trajectory``; `noise` is the standard deviation of a measured
+    value, in `noise_unit`; `remarks` name what the data cannot determine or the model not describe.
     """
 
     values: dict[str, float]
@@ -201,7 +198,7 @@ class Fit:
 
 
 def _follow(launch: Launch, kind: str, times: Floats) -> tuple[Floats, list[float]]:
-    """Return what would be measured of a run at some times, and the times of its reversals."""
+    """Return the quantity `kind` of a run at some times, and the times of its reversals."""
     names = ["yaw", "u_x", "u_y", "u_z"] if kind in ("angle", "spin") else ["n"]
     course = Course(PreparedRun.of(launch), names, times=times)
     columns = course.columns()
@@ -209,18 +206,18 @@ def _follow(launch: Launch, kind: str, times: Floats) -> tuple[Floats, list[floa
     if course.follower.status != Status.OK or not len(found):
         raise ValueError(f"the run failed: {course.follower.status.meaning}")
     if len(names) > 1:
-        # The long axis against the x axis, of which "yaw" is the direction.
+        # Add the angle from the x axis, whose direction is "yaw", to the long axis.
         x, y = -math.sin(launch.body.xi), math.cos(launch.body.xi)
         u_x, u_y, u_z = (columns[name] for name in names[1:])
         found = found + np.unwrap(np.arctan2(y * u_z, x - (x * u_x + y * u_y) * u_x))
-    # A body that has come to rest stays where it is.
+    # A body that has come to rest keeps its last value.
     found = np.pad(found, (0, len(times) - len(found)), mode="edge")
     return np.gradient(found, times) if kind == "spin" else found, course.reversals
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Residuals as a function of ``x``: the free parameters, each in a scale of its own."""
+    """Residuals as a function of ``x``, the free parameters divided by their scales."""
 
     launch: Launch
     data: Data
@@ -228,7 +225,7 @@ class Problem:
 
     @property
     def freedom(self) -> int:
-        """Number of data beyond the parameters and, of angles, the unknown first direction."""
+        """Number of values less the parameters and, for angles, the unknown first direction."""
         return int(self.data.known.sum()) - len(self.scales) - (self.data.kind == "angle")
 
     def until(self, share: float) -> Problem:
@@ -238,18 +235,18 @@ class Problem:
         return replace(self, data=part, launch=replace(self.launch, t_end=float(part.t[-1]) or 1.0))
 
     def scaled(self, values: dict[str, float]) -> Floats:
-        """Return ``x``, in which the oscillation, which may be of any size, is a logarithm."""
+        """Return ``x``; the oscillation enters by its logarithm, as its magnitude is unknown."""
         return np.array([math.log(values[name]) if name == "omega_xy0" else values[name] / scale
                          for name, scale in self.scales.items()])  # fmt: skip
 
     def values(self, x: Floats) -> dict[str, float]:
-        """Return the parameters of ``x``."""
+        """Return the parameters at ``x``."""
         places = zip(self.scales.items(), x.tolist(), strict=True)
         return {name: math.exp(place) if name == "omega_xy0" else place * scale
                 for (name, scale), place in places}  # fmt: skip
 
     def launched(self, x: Floats) -> Launch:
-        """Return the run with these parameters; a ValueError says that there is none."""
+        """Return the run with the parameters at ``x``; raise a ValueError if there is none."""
         changes: dict[str, Any] = self.values(x)
         if "skew" in changes:
             changes["xi"] = -changes.pop("skew")
@@ -259,7 +256,7 @@ class Problem:
         return replace(self.launch, body=self.launch.body.replace(**own), **changes)
 
     def expected(self, x: Floats) -> Floats:
-        """Return what would be measured without noise; angles from the best first direction."""
+        """Return the values without noise; angles start from the best first direction."""
         data, launch = self.data, self.launched(x)
         if data.kind == "reversal":
             found = _follow(launch, "n", np.zeros(1))[1][: len(data.t)]
@@ -268,7 +265,7 @@ class Problem:
         return run + np.nanmean(data.value - run) if data.kind == "angle" else run
 
     def residuals(self, x: Floats) -> Floats:
-        """Return residuals, large ones where there is no such run."""
+        """Return the residuals, large ones if no such run exists."""
         value, known = self.data.value, self.data.known
         try:
             return (value - self.expected(x))[known]
@@ -281,7 +278,7 @@ class Problem:
         return low, self.scaled({name: PARAMETERS[name][2] for name in self.scales})
 
     def slopes(self, x: Floats) -> Floats:
-        """Return the Jacobian of the residuals, by differences."""
+        """Return the Jacobian of the residuals by central differences."""
         limits, columns = self.limits(), []
         for step in np.diag(np.full(len(x), STEP)):
             low, high = np.clip(x - step, *limits), np.clip(x + step, *limits)
@@ -289,10 +286,10 @@ class Problem:
         return np.stack(columns, axis=1)
 
     def search(self, x: Floats, accuracy: float, steps: int) -> Any:
-        """Return the least squares nearest ``x``, as SciPy has them."""
+        """Minimise the sum of squares from ``x`` on, and return SciPy's result."""
         from scipy.optimize import least_squares
 
-        # The steps of "trf" creep where two parameters are hard to tell apart.
+        # The method "trf" is slow where two parameters are strongly correlated.
         return least_squares(self.residuals, np.clip(x, *self.limits()), self.slopes,
                              self.limits(), "dogbox", x_scale="jac", ftol=accuracy,
                              max_nfev=steps)  # fmt: skip
@@ -307,14 +304,14 @@ def check_free(launch: Launch, free: Iterable[str]) -> list[str]:
     if {"skew", "xi"} <= {*names}:
         raise ConfigError("free: skew is -xi; keep one of them")
     if "c" in names and launch.body.c is None:
-        raise ConfigError("free: c is of an ellipsoid, and the body is a paraboloid")
+        raise ConfigError("free: only an ellipsoid has c, and the body is a paraboloid")
     if launch.omega is not None and {"n_i", "omega_xy0", "psi_deg"} & {*names}:
         raise ConfigError("free: a full state has no n_i, omega_xy0 and psi_deg")
     return names
 
 
 def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
-    """Fit parameters by least squares, to the beginning of the data and then to more and more."""
+    """Fit parameters by least squares, first to the beginning of the data, then to all of them."""
     from scipy.stats import t as student
 
     series = data.kind != "reversal"
@@ -323,10 +320,10 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
     scales = {name: max(map(abs, values)) for name, values in firsts.items()}
     problem = Problem(launch, data, scales)
     if problem.freedom < 1:
-        raise ConfigError(f"{data.known.sum()} measured values cannot tell {len(free)} parameters "
-                          "and the noise; give more rows or free fewer")  # fmt: skip
+        raise ConfigError(f"{data.known.sum()} measured values cannot determine {len(free)} "
+                          "parameters and the noise; give more rows or free fewer")  # fmt: skip
     starts = [problem.scaled(dict(zip(firsts, x, strict=True))) for x in product(*firsts.values())]
-    problem.expected(starts[0])  # says what is wrong with the body or the launch
+    problem.expected(starts[0])  # raises if body or launch are invalid
     begun = problem.until(SHARES[0]) if series else problem
     starts.sort(key=lambda x: float((begun.residuals(x) ** 2).sum()))
     limit, found = max(CORRELATED, 4 / math.sqrt(data.known.sum())), []
@@ -351,7 +348,7 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
     low, high = (problem.values(np.clip(best.x + side * width, *problem.limits()))
                  for side in (-1, 1))  # fmt: skip
     remarks = []
-    # Of a logarithm, the absolute error is the relative one of the number.
+    # The absolute error of a logarithm is the relative error of its number.
     large = np.where([name == "omega_xy0" for name in free], 1.0, np.abs(best.x))
     vague = ~(width <= 0.5 * large) | (np.abs(directions[-1]) > 0.1) * (singular[-1] < SINGULAR)
     alike = np.abs(spread @ spread.T) > ALIKE * np.outer(lengths, lengths)
@@ -375,7 +372,7 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
 
 
 def _first_values(launch: Launch, data: Data, free: list[str]) -> dict[str, list[float]]:
-    """Return where the search may begin."""
+    """Return values of each free parameter from which the search may begin."""
     body, few = launch.body, np.flatnonzero(data.known)[: max(10, data.known.sum() // 50)]
     spin = launch.n_i or 0.1
     if data.kind in ("spin", "n"):
@@ -397,5 +394,6 @@ def _first_values(launch: Launch, data: Data, free: list[str]) -> dict[str, list
     return {name: [value] if value else guesses[name] for name, value in given.items()}
 
 
-def _correlation(residual: Floats) -> float:  # of neighbours
+def _correlation(residual: Floats) -> float:
+    """Return the correlation of neighbouring residuals."""
     return float((residual[1:] * residual[:-1]).sum() / (residual**2).sum())

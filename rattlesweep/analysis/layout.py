@@ -1,4 +1,4 @@
-"""A sweep by its axes: what varies in it, which of its runs are chosen, its Dataset."""
+"""The axes along which a sweep varies, selections of its runs, and its xarray Dataset."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,20 +20,18 @@ from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError, one_line
 from rattlesweep.sweeps.columns import RUNS, TIME, floats
 from rattlesweep.sweeps.config import not_one_of
-from rattlesweep.sweeps.config.schema import PARAMETERS, GridSource
+from rattlesweep.sweeps.config.schema import BODY_KEYS, GridSource
 from rattlesweep.sweeps.decide import FEWEST, nearest
-from rattlesweep.sweeps.provenance import package_version
 from rattlesweep.sweeps.stored import Stored, open_stored
 from rattlesweep.sweeps.summary import Counts, Moments, columns_for
 
 if TYPE_CHECKING:
     import xarray
 
-# A value that is asked for in decimal means the nearest one there is.
-NEAR = 1e-6
+NEAR = 1e-6  # relative difference up to which a value typed in decimals means a stored one
 TARGETS = ("K_p", "K_r")
 LAUNCH = ("n_i", "omega_xy0", "sigma", "rolling")
-# Methods of a column that a condition may call; others might write files.
+# Methods of columns that a condition may call; others might write files.
 METHODS = ("isna", "notna", "isin", "between")
 
 
@@ -42,10 +41,10 @@ class Where:
 
     text: str
     columns: tuple[str, ...]
-    option: str  # that it was given by
+    option: str  # by which the user gave it
 
     def filter(self, rows: pa.RecordBatch) -> pa.RecordBatch:
-        """Return the rows for which it is true; raise a ConfigError if pandas cannot say."""
+        """Return the rows that meet the condition; raise a ConfigError if pandas refuses it."""
         frame = pa.table(rows.select(list(self.columns))).to_pandas(
             types_mapper={pa.bool_(): pd.BooleanDtype()}.get
         )
@@ -55,11 +54,11 @@ class Where:
                 if method not in METHODS:
                     raise ValueError(f".{method} is none of .{', .'.join(METHODS)}")
             with np.errstate(all="ignore"):
-                # No names but the columns.
+                # Column names are the only names.
                 found = frame.eval(query, engine="python", local_dict={}, global_dict={})
             if not (isinstance(found, pd.Series) and pd.api.types.is_bool_dtype(found)):
                 raise ValueError("it is no condition on columns")
-        except Exception as error:  # pandas has no common class for what it raises
+        except Exception as error:  # pandas raises exceptions of many classes
             why = str([*error.args, ""][0])
             if unknown := re.fullmatch(r"name '(\w+)' is not defined", why):
                 why = not_one_of(unknown[1], rows.schema.names)
@@ -71,10 +70,10 @@ class Where:
 
 
 def parse_where(text: str, schema: pa.Schema, option: str = "--where") -> Where:
-    """Return a condition on the columns of a schema; raise a ConfigError if the text is none."""
+    """Return a condition on the columns of a schema; raise a ConfigError if it is invalid."""
     words = re.findall(r"[A-Za-z_]\w*", _unquoted(text))
     where = Where(text, tuple(name for name in schema.names if name in words), option)
-    where.filter(pa.RecordBatch.from_pylist([], schema=schema))  # of no rows, to check the text
+    where.filter(pa.RecordBatch.from_pylist([], schema=schema))  # on no rows, to check the text
     return where
 
 
@@ -84,15 +83,15 @@ def _unquoted(text: str) -> str:
 
 @dataclass(frozen=True)
 class Axis:
-    """One thing that varies: a target, the launch, dissipation or a parameter of the body."""
+    """A quantity that varies: a target, a launch, a dissipation or a parameter of the body."""
 
     name: str
-    values: Floats  # those that are shown, ascending
-    rank: Integers  # place among them of each case, or of each value of a grid's axis; -1: hidden
+    values: Floats  # the selected ones, ascending
+    rank: Integers  # index among them of each case or of each value of a grid; -1: not selected
 
     @property
     def edges(self) -> Floats:
-        """Borders of cells around the values."""
+        """Edges of cells around the values."""
         log = self.logarithmic()
         v = np.log(self.values) if log else self.values
         middle = (v[1:] + v[:-1]) / 2 if len(v) > 1 else v - 0.5
@@ -100,7 +99,7 @@ class Axis:
         return np.exp(edges) if log else edges if len(v) > 1 else edges[[1, 2]]
 
     def logarithmic(self, log: bool | None = None) -> bool:
-        """Return `log`, or whether the values are more evenly spread over their logarithms."""
+        """Return `log`; with None, whether the logarithms of the values are spaced more evenly."""
         v = self.values
         if log is not None or len(v) < 3 or v[0] <= 0 or v[-1] < 3 * v[0]:
             return bool(log)
@@ -108,14 +107,14 @@ class Axis:
         return bool(uneven_log < uneven)
 
     def only(self, wanted: str, option: str) -> Axis:
-        """Keep the values that ``VALUE,VALUE`` or ``LOW:HIGH`` says."""
+        """Return the axis with the values that ``VALUE,VALUE`` or ``LOW:HIGH`` selects."""
         v, between = self.values, ":" in wanted
         try:
             numbers = np.array([float(x) for x in wanted.split(":" if between else ",")])[:, None]
         except ValueError:
-            told = "is not NAME=VALUES, as in n_i=-0.3,-0.5 or theta=0.6:0.7"
-            raise ConfigError(f"{option}: {told}") from None
-        # One row for each value that must be there.
+            form = "is not NAME=VALUES, as in n_i=-0.3,-0.5 or theta=0.6:0.7"
+            raise ConfigError(f"{option}: {form}") from None
+        # One row for each requested value, which must exist.
         found = np.isclose(v, numbers, rtol=NEAR, atol=NEAR**2 * float(np.abs(v).max()))
         if between:
             found = (v >= numbers[:1]) & (v <= numbers[-1:])
@@ -129,11 +128,11 @@ class Axis:
 
 @dataclass(frozen=True)
 class Layout:
-    """The axes of a sweep, as far as they are shown, and a condition on its runs."""
+    """The axes of a sweep, a selection of their values, and a condition on its runs."""
 
     stored: Stored
-    axes: dict[str, Axis]  # target, launch and dissipation, body, as far as there are any
-    bodies: list[str]  # axes of a grid; none where the samples of a case are a population
+    axes: dict[str, Axis]  # by name, in the order target, launch, dissipation, body
+    bodies: list[str]  # axes of a grid of bodies; empty if the samples of a case are a population
     where: Where | None = None
     si: bool = False  # whether times are in seconds
 
@@ -144,18 +143,18 @@ class Layout:
 
     @property
     def several(self) -> list[str]:
-        """Axes of several values, those of the launch first."""
+        """Names of the axes with several values, those of the launch first."""
         names = sorted(self.axes, key=lambda name: name not in LAUNCH)
         return [name for name in names if self.lengths[name] > 1]
 
     @property
     def refined(self) -> bool:
-        """Whether only some points of the grid are integrated and the others filled."""
+        """Whether only some points of the grid are integrated, and the others filled in."""
         bodies = self.stored.config.bodies
         return isinstance(bodies, GridSource) and bodies.refine is not None
 
     def cells(self, rows: pa.RecordBatch | pa.Table) -> Integers:
-        """Return the cell of each row along all axes, the last varying fastest; -1: hidden."""
+        """Return the flat index of the cell of each row, in C order; -1 if it is not selected."""
         case, sample = (rows.column(name).to_numpy() for name in ("case", "sample"))
         grid = [len(self.axes[name].rank) for name in self.bodies]
         at = dict(zip(self.bodies, np.unravel_index(sample, grid) if grid else (), strict=True))
@@ -166,7 +165,7 @@ class Layout:
         return np.where(np.min(places, axis=0) >= 0, cell, -1)
 
     def rows(self, columns: Sequence[str]) -> Iterator[pa.RecordBatch]:
-        """Read columns of the runs for which the condition is true, file by file."""
+        """Yield columns of the runs that meet the condition, file by file."""
         size = ("n_i", "n_i_rpm", "t_r", "t_r_s") if self.si else ()
         needed = dict.fromkeys((*columns, *size, *(self.where.columns if self.where else ())))
         for rows in self.stored.batches(list(needed)):
@@ -193,7 +192,7 @@ class Layout:
         return self.axes[name]
 
     def column(self, name: str, option: str) -> tuple[str, str]:
-        """Return unit and description of a numeric column; raise a ConfigError if it is none."""
+        """Return unit and description of a numeric column; raise a ConfigError for others."""
         numbers = {f.name: _about(f) for f in self.stored.schema
                    if str(f.type) in ("double", "int32", "int64")}  # fmt: skip
         if name not in numbers:
@@ -202,16 +201,16 @@ class Layout:
         return "s" if self.si and unit == TIME else unit, words
 
     def name(self, column: str) -> str:
-        """Return the name of a column in tables: of times in seconds it ends in ``_s``."""
+        """Return the name of a column in tables; it ends in ``_s`` if times are in seconds."""
         return f"{column}_s" if self.column(column, "")[0] == "s" else column
 
     def chosen(self, where: str | None) -> Layout:
-        """Keep the runs for which a condition is true; None: all."""
+        """Return the layout of the runs that meet a condition; None selects all."""
         new = None if where is None else parse_where(where, self.stored.schema)
         return replace(self, where=new)
 
     def select(self, texts: Sequence[str]) -> Layout:
-        """Keep what ``NAME=VALUE,VALUE`` or ``NAME=LOW:HIGH`` texts say."""
+        """Return the layout of values selected as ``NAME=VALUE,VALUE`` or ``NAME=LOW:HIGH``."""
         axes = dict(self.axes)
         for text in texts:
             name, _, wanted = text.partition("=")
@@ -220,7 +219,7 @@ class Layout:
         return replace(self, axes=axes)
 
     def in_si(self) -> Layout:
-        """Return it with times in seconds and, if all bodies are of one size, spins in rpm."""
+        """Return the layout with times in seconds and, if bodies have one size, spins in rpm."""
         if "t_r_s" not in self.stored.schema.names:
             return self
         spins = self.stored.read(["n_i", "n_i_rpm"]).to_pandas().query("n_i != 0")
@@ -231,7 +230,7 @@ class Layout:
 
 
 def in_seconds(rows: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
-    """Return runs of bodies of known size with all times in seconds."""
+    """Return runs of bodies of known size with their times converted to seconds."""
     n_i, rpm, t_r, t_r_s = (floats(rows.column(k)) for k in ("n_i", "n_i_rpm", "t_r", "t_r_s"))
     with np.errstate(divide="ignore", invalid="ignore"):
         second = np.where(n_i == 0, t_r_s / t_r, n_i / rpm * 30 / np.pi)
@@ -243,7 +242,7 @@ def in_seconds(rows: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
 
 
 def read_layout(directory: Path) -> Layout:
-    """Read from its manifest what varies in a sweep that has runs already."""
+    """Read the axes of a sweep from its manifest; raise an OutputError if it has no runs."""
     stored = open_stored(directory)
     if not stored.files():
         raise OutputError(f"{directory} holds no runs yet")
@@ -262,7 +261,7 @@ def read_layout(directory: Path) -> Layout:
 
 
 def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
-    """Fill points not `known`: the nearest run's text, or numbers linearly between runs."""
+    """Fill the points that are not `known`: numbers linearly, others from the nearest run."""
     from scipy.interpolate import LinearNDInterpolator
     from scipy.spatial import QhullError
 
@@ -275,7 +274,7 @@ def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
         here = tuple(slice(None) if own else k for own, k in zip(along, place, strict=True))
         new, wanted = filled[here], ~known[here] & np.isfinite(filled[here])
         source = known[here] & np.isfinite(values[here])
-        with suppress(QhullError, ValueError):  # too few runs, or all in a line
+        with suppress(QhullError, ValueError):  # too few runs, or all on a line
             interpolate = LinearNDInterpolator(np.argwhere(source), values[here][source])
             between = interpolate(np.argwhere(wanted))
             new[wanted] = np.where(np.isfinite(between), between, new[wanted])
@@ -304,7 +303,7 @@ def make_dataset(
         place = place * layout.stored.samples + table["sample"].to_numpy()
     index = pd.MultiIndex.from_product([*axes.values()], names=[*axes])
     frame = table.select(names).to_pandas()[shown].set_index(index[place[shown]]).reindex(index)
-    # Of a target, the axis is what was asked for, and the column what each body has.
+    # The axis of a target holds the requested values, the column those of the bodies.
     frame = frame.rename(columns={name: f"{name}_body" for name in axes})
     dataset: xarray.Dataset = frame.to_xarray()
     done = np.isin(np.arange(len(index)), place[shown]).reshape([*dataset.sizes.values()])
@@ -320,12 +319,12 @@ def make_dataset(
         dataset[key] = variable.dims, values, _about(column)
     known = {column.name: _about(column) for part in RUNS.values() for column in part}
     for name in axes:
-        words = PARAMETERS[name][2] if name in PARAMETERS else ""
+        words = BODY_KEYS[name][2] if name in BODY_KEYS else ""
         dataset[name].attrs = known.get(name, {"units": "degree", "long_name": words})
     dataset.attrs = {
         "title": layout.stored.config.name,
-        "source": f"rattlesweep {package_version()}",
-        "comment": "mass M, height of the centre of mass at rest a and gravity g are 1",
+        "source": f"rattlesweep {version('rattlesweep')}",
+        "comment": "units: mass M, height a of the centre of mass at rest, and gravity g are 1",
         "references": "Kondo and Nakanishi, Phys. Rev. E 95, 062207 (2017)",
         "config_hash": layout.stored.hash,
     }

@@ -1,4 +1,4 @@
-"""Pictures of a sweep: shares of types, times, maps, histograms, scatters, and which one suits."""
+"""Pictures of a sweep: fractions of types, times, maps, histograms, scatter plots."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -24,15 +24,14 @@ from rattlesweep.sweeps.summary import Counts
 from rattlesweep.sweeps.types import codes, share, wilson
 
 MOST_PANELS, MOST_BINS = 40, 150
-MOST_MARKERS = 40  # with more they hide the curve
-WIDE = 30.0  # values that spread over more than this ratio are shown by their logarithms
-# Axes of so many values are long enough for an abscissa, or for a side of a map; of fewer than FEW
-# each has a tick.
-ENOUGH, FEW, SIDE = 3, 6, 8
-MAP_ENDS = (0.5, 99.5)  # percentiles, beyond which a map has the end colours
+MOST_MARKERS = 40  # more markers would hide the curve
+WIDE = 30.0  # values whose largest ratio exceeds this are shown on a logarithmic scale
+ENOUGH, SIDE = 3, 8  # values that make an axis long enough for an abscissa, for a side of a map
+FEW = 6  # with fewer values than this, each value of an abscissa has a tick
+MAP_ENDS = (0.5, 99.5)  # percentiles at which the colour scale of a map ends
 BONDI = "Bondi's threshold"
 BEYOND = "beyond Bondi's threshold"
-# What a cell is: its most common type, or none of them.
+# The states of a cell of a map, with colour and label: its most common type, or why it has none.
 CELLS = {
     **{name: (mark.colour, mark.label) for name, mark in TYPE_STYLE.items()},
     "failed": (style.FAILED, "failed"),
@@ -40,16 +39,17 @@ CELLS = {
 }
 CODES = {name: code for code, name in enumerate(CELLS)}
 Names = tuple[list[str], list[str], list[str]]
-# The Axes of each panel, with the places of its values along the axes of rows and columns.
+# The Axes of each panel, with the indices of its values on the axes of rows and columns.
 Panels = list[tuple[Any, tuple[int, ...]]]
 
 
 class Picture(ABC):
-    """A picture of a sweep, over `axes` of several values; drawing fills `notes`, the caption."""
+    """A picture of a sweep over `axes`; drawing it fills `notes`, the sentences of the caption."""
 
-    panel: ClassVar[tuple[float, float]]  # width and height of one, in inches
+    panel: ClassVar[tuple[float, float]]  # width and height of a panel in inches
     parts = 1  # panels side by side for each combination of values
-    more: tuple[str, ...] = ()  # columns of which each cell has a mean
+    ylabel: str  # of all panels, set by drawing
+    more: tuple[str, ...] = ()  # columns that are averaged in each cell
 
     def __init__(self, layout: Layout, name: str, x: str | None, quantity: str | None) -> None:
         self.layout, self.name, self.x, self.quantity = layout, name, x, quantity
@@ -58,23 +58,23 @@ class Picture(ABC):
         self.notes: list[str] = []
 
     def _arrange(self) -> Names:
-        """Choose axes for a panel, and for rows and columns of panels."""
+        """Return the axes inside a panel, those of the rows and those of the columns of panels."""
         return [], [], []
 
     @abstractmethod
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
-        """Draw it and return the entries of its legend; `log` None: as suits the values."""
+        """Draw the panels and return the legend entries; `log` None means as suits the values."""
 
     @cached_property
     def counted(self) -> tuple[Counts, dict[str, Floats]]:
-        """The runs by cell, and means of columns."""
+        """The runs counted by cell, and the means of the columns `more`."""
         return self.layout.count(self.more)
 
     def __len__(self) -> int:
         return int(self.counted[0].runs.sum())
 
     def grid(self, flat: NDArray[Any]) -> NDArray[Any]:
-        """Give an array over the cells the shape of `axes`."""
+        """Reshape an array over the cells to the shape of `axes`."""
         every = [axis.name for axis in self.layout.axes.values()]
         order = [every.index(axis.name) for axis in self.axes]
         whole = flat.reshape([*self.layout.lengths.values()])
@@ -82,7 +82,7 @@ class Picture(ABC):
         return whole.transpose(order + others).squeeze(tuple(range(len(order), len(every))))
 
     def table(self) -> pd.DataFrame:
-        """Return the numbers that are drawn: one row for each cell that holds runs."""
+        """Return the numbers of the picture, one row for each cell that holds runs."""
         (cells, more), axes, name = self.counted, self.layout.axes.values(), self.layout.name
         values = np.meshgrid(*(axis.values for axis in axes), indexing="ij")
         found: dict[str, Any] = {a.name: v.ravel() for a, v in zip(axes, values, strict=True)}
@@ -99,7 +99,7 @@ class Picture(ABC):
         return pd.DataFrame(found)[cells.runs > 0].reset_index(drop=True)
 
     def read(self, *columns: str) -> Floats:
-        """Return the cell and columns of the runs with status ok, of shape (1 + columns, runs)."""
+        """Return cells and columns of the runs with status ok, shape (1 + columns, runs)."""
         parts = [np.empty((1 + len(columns), 0))]
         for rows in self.layout.rows(("case", "sample", "status", *columns)):
             cells = self.layout.cells(rows)
@@ -112,7 +112,7 @@ class Picture(ABC):
         size: tuple[float, float] | None = None, xlim: tuple[float, float] | None = None,
         ylim: tuple[float, float] | None = None,
     ) -> Figure:  # fmt: skip
-        """Draw it; None: as suits the values."""
+        """Return the figure; None stands for what suits the values."""
         layout = self.layout
         if not len(self):
             raise OutputError(f"{layout.stored.directory} holds no run of those selected")
@@ -128,21 +128,23 @@ class Picture(ABC):
         grid = figure.subplots(len(down), len(across), sharex=True, sharey=True, squeeze=False)
         for axes, column in zip(grid[0], across, strict=True):
             axes.set_title(texts(self.columns, column), fontsize="medium")
+        fontsize = "medium" if figure.get_figheight() > 1.6 * len(down) else "x-small"
         for axes, row in zip(grid[:, -1], down, strict=True):
             axes.annotate(texts(self.rows, row), (1.02, 0.5), xycoords="axes fraction",
-                          rotation=270, va="center", ha="left")  # fmt: skip
+                          rotation=270, va="center", ha="left", fontsize=fontsize)  # fmt: skip
         for axes, axis in product(grid[-1], self.axes[:1]):
             axes.set_xlabel(label(axis.name))
-        self.notes = []
+        self.notes.clear()
         places = [r + c for r, c in product(down, across)]
         handles = self._draw([*zip(grid.flat, places, strict=True)], log)
+        figure.supylabel(self.ylabel, fontsize="medium")
         for axes, (which, limits) in product(grid.flat, (("x", xlim), ("y", ylim))):
             if limits and limits[0] <= 0 and getattr(axes, f"get_{which}scale")() == "log":
                 raise ConfigError(f"--{which}lim: a logarithmic axis is positive; add --linear")
             getattr(axes, f"set_{which}lim")(limits)
-        # A selection of one value is nowhere else in the picture.
+        # A value selected alone appears nowhere else in the picture.
         pinned = [a for a in layout.axes.values() if len(a.values) == 1 and -1 in a.rank]
-        # A dollar in a condition begins no formula.
+        # A dollar sign in a condition does not begin a formula.
         condition = layout.where.text.replace("$", "\\$") if layout.where else ""
         heading = title, texts(pinned, [0] * len(pinned)), condition
         style.add_legend(figure, handles, [*filter(None, heading)])
@@ -152,13 +154,13 @@ class Picture(ABC):
 
 
 def texts(axes: Sequence[Axis], places: Sequence[int]) -> str:
-    """Return which values some axes have, such as ``n_i = -0.1, K_r = 0.02``."""
+    """Return the values at some places of axes as text: ``n_i = -0.1, K_r = 0.02``."""
     shown = zip(axes, places, strict=True)
     return ", ".join(value_text(axis.name, axis.values[k]) for axis, k in shown)
 
 
 def ordered(layout: Layout, first: str | None, enough: int, prefer: str = "") -> list[str]:
-    """Return `first`, if any, and the other axes of several values, from the longest."""
+    """Return the axes of several values, `first` before all others, then by length."""
     size = layout.lengths
     names = sorted(size, key=lambda n: (-min(size[n], enough), n != prefer, n in LAUNCH))
     first = first or names[0]
@@ -166,12 +168,12 @@ def ordered(layout: Layout, first: str | None, enough: int, prefer: str = "") ->
 
 
 def scale(axes: Any, which: str, axis: Axis, log: bool | None) -> None:
-    """Make an axis logarithmic if asked for or, with None, if its values are."""
+    """Make an axis logarithmic if `log`, or with None if its values are spaced so."""
     style.scale_axis(axes, which, axis.values, axis.logarithmic(log), axis.name)
 
 
 class Fractions(Picture):
-    """Shares of the types against the first axis, in rows and columns of panels for the others."""
+    """Fractions of the types against the first axis, in panels by the others."""
 
     panel = (1.7, 1.6)
 
@@ -196,7 +198,7 @@ class Fractions(Picture):
                 known[mark.label] = axes.stairs(above, x.edges, baseline=below, fill=True,
                                                 label=mark.label, facecolor=mark.colour,
                                                 hatch=mark.hatch, linewidth=0)  # fmt: skip
-                # Wilson's interval of the border above, itself a share of the runs.
+                # Wilson's interval of the upper border, which is a fraction of the runs, too.
                 low, high = wilson(part, ok)
                 real = (part > 0) & (part < ok)
                 bars = (above - low)[real], (high - above)[real]
@@ -208,18 +210,21 @@ class Fractions(Picture):
                                               clip_on=False, **look)  # fmt: skip
             scale(axes, "x", x, log)
             if len(x.values) < FEW:
-                axes.set_xticks(x.values, [f"{value:.4g}" for value in x.values])
+                shown = [f"{value:.4g}" for value in x.values]
+                width = 72 * axes.figure.get_figwidth() / axes.get_gridspec().ncols
+                crowded = 7 * len("  ".join(shown)) > width
+                axes.set_xticks(x.values, shown, rotation=90 if crowded else 0)
             axes.set(xlim=x.edges[[0, -1]], ylim=(0, 1), yticks=[0, 0.5, 1])
-        panels[0][0].figure.supylabel("fraction of bodies", fontsize="medium")
+        self.ylabel = "fraction of bodies"
         self.notes.append("Fractions of the runs with status ok, with 95 % intervals (Wilson).")
         if BEYOND in known:
-            self.notes.append("Above a triangle: bodies whose steady spin is linearly stable "
-                              "according to theory, |n_c1| < |n_i|.")  # fmt: skip
+            self.notes.append("The fraction above a triangle is that of the bodies whose steady "
+                              "spin theory finds stable: |n_c1| < |n_i|.")  # fmt: skip
         return [*known.values()]
 
 
 class Times(Picture):
-    """The mean of ``t_r``, or run by run of ``t_r/t_rGH``, over type R, and theory, dashed."""
+    """The mean of ``t_r``, or of ``t_r/t_rGH``, over the runs of type R, and theory dashed."""
 
     panel = (2.6, 2.8)
 
@@ -233,9 +238,9 @@ class Times(Picture):
         x, *curves = self.axes[: len(self.axes) - len(self.columns)]
         cells, relative = self.counted[0], self.name == "ratio"
         moments = cells.ratio if relative else cells.t_r
-        # Ratios are on a linear axis that begins at 0.
+        # The axis of ratios is linear and begins at 0.
         log_y = bool(log) if relative else log is not False
-        # As many curves as the eye tells apart.
+        # No more curves than there are colours.
         count = len(curves[0].values) if curves else 1
         shown = np.linspace(0, count - 1, min(count, len(SERIES))).astype(int)
         looks = [(place, *look) for place, look in zip(shown, SERIES, strict=False)]
@@ -243,13 +248,13 @@ class Times(Picture):
             np.expand_dims(self.grid(part), [] if curves else 1)
             for part in (moments.means(), np.nan_to_num(moments.deviations()), cells.t_rgh.means())
         )
-        # The two directions of spin are not joined.
+        # Do not join the curves of the two directions of spin.
         ends = [int(np.searchsorted(x.values, 0.0))] if x.name.startswith("n_i") else []
         pieces = np.split(np.arange(len(x.values)), ends)
         for (axes, where), (place, colour, marker) in product(panels, looks):
             here: Any = (slice(None), place, *where)
             middle, half = mean[here], spread[here]
-            # On a logarithmic axis a band that reaches zero has no end; it stops at a tenth.
+            # A logarithmic axis has no zero: there the band ends at a tenth of the mean.
             low, high = middle - (np.minimum(half, 0.9 * middle) if log_y else half), middle + half
             for part in pieces:
                 at = x.values[part]
@@ -268,20 +273,21 @@ class Times(Picture):
                 style.plain_ticks(axes, "y", *axes.get_ylim())
             elif relative:
                 axes.set_ylim(0, 1.08 * float(np.nanmax(mean + spread, initial=1.0)))
-        panels[0][0].set_ylabel(label("ratio" if relative else self.layout.name("t_r")))
-
-        what = "t_r/t_rGH, taken run by run," if relative else "the time t_r of the first reversal"
-        few = f"; {len(shown)} of {count} values are shown" if len(shown) < count else ""
-        self.notes.append(f"Mean of {what} over the runs that reverse (type R), with its standard "
-                          "deviation; theory is Garcia and Hubbard's mean over all runs"
-                          f"{few}.")  # fmt: skip
+        self.ylabel = label("ratio" if relative else self.layout.name("t_r"))
+        what = "t_r/t_rGH" if relative else "the time t_r of the first reversal"
+        self.notes += [
+            f"Mean of {what} over the runs that reverse (type R); bands: its standard deviation.",
+            "Theory: Garcia and Hubbard's t_rGH" + ("." if relative else ", mean over all runs."),
+        ]
+        if len(shown) < count:
+            self.notes.append(f"{len(shown)} of {count} values are shown.")
         handles = [style.entry(texts(curves, [k]), color=own, marker=mark, ms=4, ls="-")
                    for k, own, mark in (looks if curves else [])]  # fmt: skip
         return [*handles, style.entry("theory", **THEORY)]
 
 
 class Map(Picture):
-    """Types and ``t_r/t_rGH`` side by side, or one column; the mean over each cell's runs."""
+    """Types and ``t_r/t_rGH`` side by side, or one column, as means over the runs of a cell."""
 
     panel = (3.7, 3.4)
 
@@ -290,14 +296,14 @@ class Map(Picture):
         if layout.lengths[order[0]] < 2:
             raise ConfigError(f"--kind map: only one value of {order[0]} is left; it needs two")
         self.parts = 2 if self.quantity is None else 1
-        # Of one body a cell, and of spins that stay beyond it.
+        # Bondi's line needs one body in a cell, and a steady spin that lasts.
         self.theory = bool(layout.bodies) and not layout.stored.config.dissipation
         names = [self.quantity, *(("n_c1", "n_i") if self.theory else ())]
         self.more = tuple(dict.fromkeys(filter(None, names)))
         return order[:2], order[2:], []
 
     def shown(self) -> tuple[Integers, Floats, Floats]:
-        """Return what each cell is (a place in `CELLS`), its value, how far beyond Bondi's line."""
+        """Return of each cell the state in `CELLS`, the value, and ``n_c1 - n_i``."""
         layout, (cells, more) = self.layout, self.counted
         counts = np.stack([cells.types.get(name, 0 * cells.runs) for name in TYPE_STYLE])
         code = np.where(cells.ok == 0, CODES["failed"], np.argmax(counts, axis=0))
@@ -307,7 +313,7 @@ class Map(Picture):
         if self.theory:
             beyond = self.grid(more["n_c1"] - more["n_i"])
         if layout.refined:
-            # Runs that a condition does not choose are missing, and no gap.
+            # Fill where no run was integrated, not where a condition excludes the run.
             runs = cells.runs if layout.where is None else layout.chosen(None).count()[0].runs
             done = self.grid(runs) > 0
             code, value, beyond = (fill(array, done) for array in (code, value, beyond))
@@ -317,9 +323,10 @@ class Map(Picture):
         x, y, *_ = self.axes
         bondi, several = False, bool(self.counted[0].runs.max() > 1)
         every, mean = [axes for axes, _ in panels], "mean " if several else ""
+        self.ylabel = label(y.name)
         code, value, beyond = self.shown()
         turns = self.quantity == "n_turns"
-        value = np.where(turns & (value == 0), np.nan, value)  # 0 has a colour of its own
+        value = np.where(turns & (value == 0), np.nan, value)  # drawn in the colour of no turns
         known = value[np.isfinite(value)] if np.isfinite(value).any() else np.array([0.0, 2.0])
         low, high = (float(end) for end in np.percentile(known, MAP_ENDS))
         wide = low > 0 and high > (WIDE if self.quantity else 4) * low
@@ -329,18 +336,16 @@ class Map(Picture):
             here: Any = (..., *where)
             of_types = self.quantity is None and k % 2 == 0
             colours = [colour for colour, _ in CELLS.values()]
-            if not of_types:  # where there is a type and no value
+            if not of_types:  # cells that have a type but no value
                 colours[: len(TYPE_STYLE)] = [style.NO_REVERSAL] * len(TYPE_STYLE)
             axes.pcolormesh(x.edges, y.edges, code[here].T, rasterized=True, vmin=-0.5,
                             vmax=len(CELLS) - 0.5, cmap=ListedColormap(colours))  # fmt: skip
             if not of_types:
                 mesh = axes.pcolormesh(x.edges, y.edges, np.ma.masked_invalid(value[here].T),
                                        rasterized=True, norm=norm)  # fmt: skip
-            if k % self.parts == 0:
-                axes.set_ylabel(label(y.name))
             if np.nanmin(beyond[here], initial=0) < 0 < np.nanmax(beyond[here], initial=0):
                 bondi = True
-                # A dark line with a light rim is seen on every colour.
+                # A dark line with a light rim is visible on every colour.
                 for colour, width in (("#FFFFFF", 2.8), ("#000000", 1.3)):
                     axes.contour(x.values, y.values, beyond[here].T, [0], colors=colour,
                                  linewidths=width, linestyles="solid")  # fmt: skip
@@ -356,7 +361,10 @@ class Map(Picture):
             name, (unit, words) = self.quantity, self.layout.column(self.quantity, "--quantity")
             words = f"{name}: {words}."
         self.notes.append(words)
-        bar = every[0].figure.colorbar(mesh, ax=every, pad=0.03, extend="both", aspect=35)
+        extend = {(True, True): "both", (True, False): "min", (False, True): "max"}
+        ends = bool(known.min() < low), bool(known.max() > high)
+        bar = every[0].figure.colorbar(mesh, ax=every, pad=0.03, aspect=35,
+                                       extend=extend.get(ends, "neither"))  # fmt: skip
         bar.set_label(mean + label(name, unit))
         if wide:
             style.plain_ticks(bar.ax, "y", low, high)
@@ -385,7 +393,7 @@ class Distribution(Picture):
 
     @cached_property
     def values(self) -> Floats:
-        """The quantity of all runs with status ok, NaN where they have none."""
+        """The quantity of each run with status ok, NaN where it has no value."""
         names = ("t_r", "t_rgh") if self.quantity is None else (self.quantity,)
         _, values, *t_rgh = self.read(*names)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -397,14 +405,14 @@ class Distribution(Picture):
 
     @cached_property
     def bins(self) -> tuple[Floats, bool]:
-        """Borders of bins that hold every value, and whether they are even in the logarithm."""
+        """Edges of bins that hold every value, and whether they are evenly spaced logarithms."""
         values = self.values[np.isfinite(self.values)]
         low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
         if (values == values.round()).all() and high - low < MOST_BINS:
             return np.arange(low, high + 2) - 0.5, False
         log = bool(low > 0 and (self.quantity is None or high > WIDE * low))
         v = np.log(values) if log else values
-        # Freedman and Diaconis, within reason.
+        # The rule of Freedman and Diaconis, within limits.
         width = 2 * np.ptp(np.percentile(v, (25, 75))) / np.cbrt(len(v))
         count = int(np.clip(np.ptp(v) / max(width, 1e-300), 8, MOST_BINS))
         edges = (np.geomspace if log else np.linspace)(low, high, count + 1)
@@ -426,12 +434,13 @@ class Distribution(Picture):
             low, high = min(low, 0.95), max(high, 1.05)
             axes.axvline(1, **THEORY)
             axes.set_xlabel(label("ratio"))
-            meaning = "t_r/t_rGH of the runs that reverse, 1 at the dashed line"
+            meaning = "t_r/t_rGH of those that reverse; dashed: theory"
         else:
             unit, meaning = self.layout.column(self.quantity, "--quantity")
             axes.set_xlabel(label(self.quantity, unit))
         style.scale_axis(axes, "x", (low, high), log_x)
-        axes.set(ylabel="number of runs", xlim=(low, high), yscale="log" if log else "linear")
+        self.ylabel = "number of runs"
+        axes.set(xlim=(low, high), yscale="log" if log else "linear")
         if not log:
             axes.yaxis.set_major_locator(MaxNLocator(integer=True))
         style.light_grid(axes)
@@ -440,7 +449,7 @@ class Distribution(Picture):
 
 
 class Scatter(Picture):
-    """Times of the first reversal, run by run."""
+    """The time of the first reversal against another column, one point a run."""
 
     panel = (4.8, 3.2)
 
@@ -453,7 +462,7 @@ class Scatter(Picture):
 
     @cached_property
     def points(self) -> pd.DataFrame:
-        """Column and ``t_r`` of the runs that have both."""
+        """The column and ``t_r`` of the runs that have both."""
         names = [self.layout.name(name) for name in (self.column, "t_r")]
         return pd.DataFrame(self.read(self.column, "t_r")[1:].T, columns=names).dropna()
 
@@ -467,17 +476,18 @@ class Scatter(Picture):
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
         axes, (x, t_r) = panels[0][0], self.points.to_numpy().T
         axes.plot(x, t_r, "o", color=style.BLUE, ms=2.6, alpha=0.6, mew=0, rasterized=True)
-        wide = bool(0 < WIDE * x.min() < x.max())
+        against_theory = self.column == "t_rgh"
+        wide = against_theory or bool(0 < WIDE * x.min() < x.max())
         style.scale_axis(axes, "x", x, wide if log is None else log, self.column)
         style.scale_axis(axes, "y", t_r, log is not False)
-        axes.set(xlabel=label(self.column, self.unit), ylabel=label(self.layout.name("t_r")))
+        axes.set_xlabel(label(self.column, self.unit))
         style.light_grid(axes)
+        self.ylabel = label(self.layout.name("t_r"))
         self.notes.append(f"Times of the first reversal of {len(x):,} runs that reverse.")
-        if self.column != "t_rgh":
+        if not against_theory:
             return []
-        # In small steps: where one axis alone is logarithmic, the line is curved.
-        theory = np.linspace(max(0, axes.get_xlim()[0]), axes.get_xlim()[1], 400)[1:]
-        axes.plot(theory, theory, **THEORY, scalex=False, scaley=len(x) == 1)
+        ends = axes.get_xlim()
+        axes.plot(ends, ends, **THEORY, scalex=False, scaley=len(x) == 1)
         return [style.entry("theory", **THEORY)]
 
 
@@ -491,7 +501,7 @@ def choose_picture(
     layout: Layout, kind: str | None = None, *, x: str | None = None, quantity: str | None = None,
     select: Sequence[str] = (), where: str | None = None,
 ) -> Picture:  # fmt: skip
-    """Choose the picture that suits a sweep, or take the kind that is asked for if it does."""
+    """Return the picture of a kind, by default the one that suits the sweep."""
     layout = layout.chosen(where).select(select).in_si()
     fitting, suited = fitting_kinds(layout), default_kind(layout)
     if kind is None and x in layout.stored.schema.names and x not in layout.axes:
@@ -505,7 +515,7 @@ def choose_picture(
         raise ConfigError(f"--kind {kind}: does not fit this sweep; {', '.join(fitting)} fit")
     if quantity is not None and kind not in ("map", "distribution"):
         raise ConfigError(f"--quantity: goes with --kind map or distribution, not {kind}")
-    if kind == "reversals":  # where runs tell how many of them are sure, only these
+    if kind == "reversals":  # only confirmed turns, where the runs have error estimates
         sure = "reversals_sure" in layout.stored.schema.names
         quantity = "reversals_sure" if sure else "n_turns"
     if quantity is not None:
@@ -514,7 +524,7 @@ def choose_picture(
 
 
 def fitting_kinds(layout: Layout) -> list[str]:
-    """Return the kinds for which enough varies, and is recorded."""
+    """Return the kinds for which enough parameters vary and the columns are recorded."""
     line, plane = bool(layout.axes), len(layout.several) >= 2
     population = line and not layout.bodies and layout.stored.samples > 1
     turns = plane and "reversals" in layout.stored.config.record
@@ -523,7 +533,7 @@ def fitting_kinds(layout: Layout) -> list[str]:
 
 
 def default_kind(layout: Layout) -> str:
-    """Return the kind that suits a sweep: a map for two long axes, shares for many bodies."""
+    """Return the kind that suits a sweep, such as a map for two long axes."""
     fitting, spin = fitting_kinds(layout), layout.stored.config.spin
     population = "fractions" in fitting
     if sum(count >= SIDE for count in layout.lengths.values()) >= 2 and not population:

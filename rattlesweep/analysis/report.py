@@ -1,4 +1,4 @@
-"""Pages that need nothing but themselves, made of `templates/`, and the one of a sweep."""
+"""Self-contained HTML pages made from `templates/`, and the report of a sweep."""
 
 import base64
 import io
@@ -19,13 +19,13 @@ from rattlesweep.sweeps.provenance import read_sessions
 from rattlesweep.sweeps.summary import absent_columns, count_cases, summary_table
 from rattlesweep.sweeps.verify import status
 
-# Larger vector pictures are shown as PNG, or a page of seven would pass 5 MB.
-DPI, MOST_SVG = 120, 400_000
+DPI = 120
+MOST_SVG = 400_000  # bytes; larger pictures become PNG, or a page of seven would exceed 5 MB
 MOST_SESSIONS = 200
 
 
 def render(template: str, **values: Any) -> bytes:
-    """Return a page; `values` are the names that its template uses, `title` among them."""
+    """Return a page; `values` holds the names that its template uses, among them `title`."""
     environment = Environment(
         loader=PackageLoader("rattlesweep.analysis", "templates"), autoescape=True,
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
@@ -35,13 +35,13 @@ def render(template: str, **values: Any) -> bytes:
 
 
 def source(svg: bytes, png: bytes) -> str:
-    """Return a picture as the address of an image; the smaller kind if the vectors are many."""
+    """Return a picture as a data URL: the SVG, or the PNG if the SVG is too large."""
     kind, data = ("svg+xml", svg) if len(svg) <= MOST_SVG else ("png", png)
     return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def config_yaml(config: Mapping[str, Any]) -> str:
-    """Return the YAML of a resolved config; what holds no mapping or list stands in one line."""
+    """Return a resolved config as YAML, with its innermost mappings and lists in one line."""
     yaml: Any = YAML(typ="safe", pure=True)
     yaml.default_flow_style = None
     yaml.sort_base_mapping_type_on_output = False
@@ -52,7 +52,7 @@ def config_yaml(config: Mapping[str, Any]) -> str:
 
 
 def make_report(directory: Path, title: str | None = None) -> bytes:
-    """Return the page of a sweep, whole or still running: HTML that needs nothing else."""
+    """Return the report of a sweep, finished or still running, as a self-contained page."""
     layout = read_layout(directory)
     stored, state, sessions = layout.stored, status(directory), read_sessions(directory)
     rows = stored.read(["case", "sample", "status", "n_steps"]).to_pandas()
@@ -97,7 +97,7 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
 
 
 def _shown(layout: Layout, kind: str) -> Mapping[str, Any]:
-    """Return a picture for the page, or why there is none: too many panels, or no runs."""
+    """Return a picture for the page, or the error if it has too many panels or no runs."""
     try:
         with styled():
             picture = choose_picture(layout, kind)

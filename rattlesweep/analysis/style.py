@@ -1,6 +1,7 @@
-"""How every picture looks: colours and shapes that all can tell apart, symbols, units, files."""
+"""The look of every picture: colours, marks, symbols, units, legends, and the files written."""
 
 import io
+import math
 import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,15 +22,15 @@ from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.columns import MEASURED, RUNS
 from rattlesweep.sweeps.files import replace_file
 
-# Okabe and Ito's colours, which the colour-blind can tell apart.
+# The palette of Okabe and Ito, which colour-blind readers can tell apart.
 BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"
-PURPLE, ORANGE, SKY, YELLOW = "#CC79A7", "#E69F00", "#56B4E9", "#F0E442"
-BLACK, INK, GREY, FAINT = "#000000", "#222222", "#555555", "#e4e4e4"
-FAILED, MISSING, NO_REVERSAL = BLACK, "#FFFFFF", "#C4C4C4"
+PURPLE, ORANGE, SKY = "#CC79A7", "#E69F00", "#56B4E9"
+BLACK, INK, GREY, SILVER, FAINT = "#000000", "#222222", "#555555", "#A6A6A6", "#e4e4e4"
+FAILED, MISSING, NO_REVERSAL = BLACK, "#FFFFFF", "#F3D9D2"
 
 
 class Mark(NamedTuple):
-    """How a type of run is drawn: it has a shape and a hatch besides its colour."""
+    """The look of a type of run, which a marker and a hatch identify without colour."""
 
     colour: str
     marker: str
@@ -40,7 +41,7 @@ class Mark(NamedTuple):
 TYPE_STYLE = {
     "R": Mark(BLUE, "o", "", "R: reverses"),
     "SW": Mark(ORANGE, "s", "////", "SW: wobbles"),
-    "unclassified": Mark(YELLOW, "x", "....", "unclassified"),
+    "unclassified": Mark(SILVER, "x", "....", "unclassified"),
     "SS": Mark(GREEN, "^", "\\\\\\\\", "SS: steady spinning"),
     "D": Mark(PURPLE, "v", "xxxx", "D: dies"),
 }
@@ -48,17 +49,17 @@ SERIES = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (PURPLE, "D"), (ORANGE, "
           (BLACK, "X"), ("#8A8A8A", "*"))  # fmt: skip
 THEORY: dict[str, Any] = {"color": INK, "linestyle": (0, (4, 2)), "linewidth": 1.1}
 
-# Units as formulas.
+# Units of columns as formulas.
 UNITS = {
     "1": "", "sqrt(a/g)": r"$\sqrt{a/g}$", "sqrt(g/a)": r"$\sqrt{g/a}$", "deg": "degrees",
     "a": "$a$", "M g a": "$M g a$", "M g": "$M g$", "M a^2 sqrt(g/a)": r"$M a^2 \sqrt{g/a}$",
 }  # fmt: skip
-# Symbols of names that are not spelled by letter and index.
+# Symbols of columns whose names are not a letter and an index.
 SYMBOLS = {
     "phi": r"$\varphi$", "n_i_rpm": "$n_i$", "t_r_s": "$t_r$",
     "xi_deg": r"$\xi$", "minus_xi_deg": r"$-\xi$", "rolling": "$l$",
     "t_rgh": "$t_{rGH}$", "ratio": r"$t_r/t_{rGH}$", "t": "time", "n": "spin $n$",
-    "n_turns": "number of turns", "reversals_sure": "number of sure turns",
+    "n_turns": "number of turns", "reversals_sure": "number of confirmed turns",
 }  # fmt: skip
 LETTERS = r"(alpha|beta|gamma|theta|xi|sigma|omega|[A-Za-z])(?:_(\w{1,3}))?"
 
@@ -68,17 +69,17 @@ RC: dict[str, Any] = {
     "legend.frameon": False, "hatch.linewidth": 0.5, "hatch.color": "#00000066",
     "svg.fonttype": "path", "svg.hashsalt": "rattlesweep", "pdf.fonttype": 42,
 }  # fmt: skip
-# Formats of figures, with the metadata that would change from one writing to the next.
+# File formats, without the metadata that would make two equal figures differ.
 FORMATS = {"svg": {"Date": None}, "png": {"Software": None}, "pdf": {"CreationDate": None}}
 
-# Stretches of a curve, about a pixel each; inches of an axis on which few numbers have room; with
-# more oscillations than the last a curve would be a slab of ink, and its envelope is drawn.
-BINS, NARROW, MOST_PERIODS = 1000, 1.1, 60
+DPI = 150.0
+BINS = 1000  # stretches of a curve, each about a pixel wide
+MOST_PERIODS = 60  # a curve of more oscillations would be a slab of ink: its envelope is drawn
 
 
 @contextmanager
 def styled(style: Path | None = None) -> Iterator[None]:
-    """Use Matplotlib's settings for our pictures, with those of a style file on top."""
+    """Draw with the settings of all pictures, overridden by those of a style file."""
     settings = mpl.RcParams(RC)
     try:
         if style is not None:
@@ -92,42 +93,47 @@ def styled(style: Path | None = None) -> Iterator[None]:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return a figure of a size in inches, made without pyplot: no window, no global state."""
+    """Return a figure of a size in inches; without pyplot there is no window or global state."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
-def add_legend(figure: Figure, handles: list[Any], heading: Sequence[str] = ()) -> None:
-    """Put heading lines and a legend above all panels."""
-    wide = figure.get_figwidth() >= 8
-    legend = figure.legend(handles=handles, loc="outside upper center", ncols=6 if wide else 4,
-                           title="\n".join(heading) or None, columnspacing=1.4)  # fmt: skip
+def add_legend(figure: Any, handles: list[Any], heading: Sequence[str] = ()) -> None:
+    """Put heading lines and a legend above all panels, in as few rows as the width allows."""
+    count = max(1, len(handles))
+    for rows in range(1, count + 1):
+        legend = figure.legend(handles=handles, loc="outside upper center", columnspacing=1.4,
+                               ncols=math.ceil(count / rows))  # fmt: skip
+        if rows == count or legend.get_window_extent().width <= figure.bbox.width:
+            break
+        legend.remove()
+    legend.set_title("\n".join(heading) or None)
     legend.get_title().set_multialignment("center")
 
 
 def add_caption(figure: Figure, words: str, *, grow: bool = True) -> None:
-    """Write sentences below all panels, of a figure that grows by their height if `grow`."""
+    """Write sentences below all panels; with `grow`, enlarge the figure by their height."""
     size = 7.0
-    lines = textwrap.wrap(words.replace("$", "\\$"), int(1.9 * 72 * figure.get_figwidth() / size))
+    lines = textwrap.wrap(words.replace("$", "\\$"), int(1.75 * 72 * figure.get_figwidth() / size))
     figure.supxlabel("\n".join(lines), fontsize=size, color=GREY, multialignment="left")
     if grow:
         figure.set_figheight(figure.get_figheight() + 0.02 * size * len(lines))
 
 
 def light_grid(axes: Any) -> None:
-    """Draw faint lines behind the data, and no frame above and on the right."""
+    """Draw a faint grid behind the data, and no frame on the top and the right."""
     axes.grid(visible=True, color=FAINT, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
 
 
 def entry(words: str, **look: Any) -> Line2D:
-    """Make an entry of a legend."""
+    """Return a legend entry."""
     return Line2D([], [], label=words, **{"linestyle": "", **look})
 
 
 def scale_axis(axes: Any, which: str, values: Any, log: bool, name: str = "t_r") -> None:
-    """Make an axis for values of some name logarithmic if `log`."""
+    """Make an axis logarithmic if `log`; `name` is that of its values in the error message."""
     if log:
         if np.min(values) <= 0:
             raise ConfigError(f"--log: {name} has values that are not positive; leave it out")
@@ -135,20 +141,32 @@ def scale_axis(axes: Any, which: str, values: Any, log: bool, name: str = "t_r")
         plain_ticks(axes, which, float(np.min(values)), float(np.max(values)))
 
 
+class PlainTicks(LogLocator):
+    """Ticks at 1, 2, 5 or 1, 3 or 1 times the powers of ten, as many as there is room for."""
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        """Return the ticks between two ends."""
+        axis: Any = self.axis
+        for subs in ((1.0, 2.0, 5.0), (1.0, 3.0)):
+            self.set_params(subs=subs)
+            ticks = np.asarray(super().tick_values(vmin, vmax))
+            shown = np.count_nonzero((ticks >= vmin) & (ticks <= vmax))
+            if 2 <= shown <= axis.get_tick_space():
+                return ticks
+        self.set_params(subs=(1.0,))
+        return super().tick_values(vmin, vmax)
+
+
 def plain_ticks(axes: Any, which: str, low: float, high: float) -> None:
-    """Set ticks of a logarithmic axis in plain numbers, enough of them over half a decade too."""
+    """Label a logarithmic axis from `low` to `high` with plain numbers instead of powers."""
     axis = getattr(axes, f"{which}axis")
-    span = high / low if low > 0 else 1.0
-    subs = (1.0, 2.0, 5.0) if span < 40 else (1.0, 3.0) if span < 300 else (1.0,)
-    if which == "x" and axes.get_position().width * axes.figure.get_figwidth() < NARROW:
-        subs = (1.0,) if span > 10 else (1.0, 3.0)
-    axis.set_major_locator(MaxNLocator(4) if span < 4 else LogLocator(subs=subs, numticks=20))
+    axis.set_major_locator(PlainTicks() if high > 4 * low else MaxNLocator(4))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
 def thin(values: Floats, bins: int) -> Places:
-    """Return the places of the ends, and of the least and largest value in each of some bins."""
+    """Return the indices of both ends and of the extremes in each of `bins` stretches."""
     places = np.arange(len(values))
     if len(values) <= 2 * bins:
         return places
@@ -158,7 +176,7 @@ def thin(values: Floats, bins: int) -> Places:
 
 
 def curve(axis: Any, t: Floats, values: Floats, colour: str = BLUE, **look: Any) -> None:
-    """Draw a curve; one of very many oscillations by its extremes in stretches of one or more."""
+    """Draw a curve, or the envelope of one with very many oscillations."""
     look = {"color": colour, "linewidth": 0.8} | look
     periods = np.count_nonzero(np.diff(np.sign(np.diff(values)))) / 2
     if periods <= MOST_PERIODS or not np.isfinite(values).all():
@@ -175,37 +193,40 @@ def curve(axis: Any, t: Floats, values: Floats, colour: str = BLUE, **look: Any)
         look.pop("label", None)
 
 
-def encode(figure: Figure, kind: str, dpi: float) -> bytes:
-    """Return the bytes of a figure as one of `FORMATS`; equal figures give equal bytes."""
+def encode(figure: Figure, kind: str, dpi: float = DPI) -> bytes:
+    """Return the bytes of a figure in one of `FORMATS`; equal figures give equal bytes."""
     buffer = io.BytesIO()
     try:
         figure.savefig(buffer, format=kind, dpi=dpi, metadata=FORMATS[kind])
-    except ValueError as error:  # a title may be no formula
+    except ValueError as error:  # an invalid formula in a title
         raise ConfigError(f"a text in the picture: {' '.join(str(error).split())}") from None
     return buffer.getvalue()
 
 
-def save(figure: Figure, paths: Sequence[Path], dpi: float) -> None:
-    """Write a figure to some files, each in one step, in the formats of their endings."""
+def save(figure: Figure, paths: Sequence[Path], dpi: float = DPI) -> None:
+    """Write a figure to files atomically, in the formats of their endings."""
     for path in paths:
-        replace_file(path, encode(figure, path.suffix.lower().removeprefix("."), dpi))
+        kind = path.suffix.lower().removeprefix(".")
+        if kind not in FORMATS:
+            raise ConfigError(f"path {path}: the name must end in .{', .'.join(FORMATS)}")
+        replace_file(path, encode(figure, kind, dpi))
 
 
 def save_table(rows: pd.DataFrame, path: Path) -> None:
-    """Write a table as CSV or Parquet, by the ending, in one step."""
+    """Write a table atomically, as CSV or Parquet by the ending."""
     csv = path.suffix.lower() == ".csv"
     replace_file(path, rows.to_csv(index=False).encode() if csv else rows.to_parquet(index=False))
 
 
 def text_table(rows: Sequence[Mapping[Any, Any]], form: str = ".6g") -> str:
-    """Lay rows out for a terminal under their keys, without keys that none has."""
+    """Return rows as a table of text, without the columns that are empty."""
     frame = pd.DataFrame(rows).dropna(axis=1, how="all").astype(object)
     frame = frame.where(frame.notna(), "-")
     return frame.to_string(index=False, float_format=lambda x: f"{x:{form}}")
 
 
 def symbol(name: str) -> str:
-    """Return the symbol of a quantity: of a name such as ``omega_p`` a letter with its index."""
+    """Return the symbol of a quantity; ``omega_p`` is a letter with an index."""
     if name in SYMBOLS or not (found := re.fullmatch(LETTERS, name)):
         return SYMBOLS.get(name, name)
     letter = f"\\{found[1]}" if len(found[1]) > 1 else found[1]
@@ -213,7 +234,7 @@ def symbol(name: str) -> str:
 
 
 def label(name: str, unit: str | None = None) -> str:
-    """Return the symbol of a quantity with its unit in brackets, by default as columns have it."""
+    """Return the symbol of a quantity and its unit in brackets, by default that of its column."""
     if unit is None:
         known = {column.name: column for part in (*RUNS.values(), MEASURED) for column in part}
         degrees = "deg" if name.endswith("_deg") else "1"

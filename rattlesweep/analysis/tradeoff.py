@@ -1,8 +1,8 @@
-"""Speed against accuracy, measured: methods, settings and models on the same runs.
+"""Measure the cost and the accuracy of methods, settings and models on the same runs.
 
-The error of a reversal time is taken against two methods at a tight tolerance that agree on it. The
-cost is processor time on one thread, medians of measurements that take turns, of runs that are cut
-at a common horizon: the few longest would leave most lanes of a small batch empty.
+The error of a reversal time refers to two methods at a tight tolerance that agree on it. The cost
+is the median processor time of several rounds on one thread. For it, runs end at a common horizon:
+the few longest would otherwise leave most lanes of a small batch empty.
 """
 
 import math
@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,7 +31,7 @@ from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.sweeps.files import probe_directory
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.provenance import machine, package_version
+from rattlesweep.sweeps.provenance import machine
 
 DEFAULT: dict[str, Any] = {
     "name": "tradeoff", "seed": 2017, "bodies": {"source": "sd"},
@@ -38,23 +39,22 @@ DEFAULT: dict[str, Any] = {
              "omega_xy0": [0.001, 0.01, 0.1]},
     "horizon": {"t_rgh": 5, "t": 1e5},
 }  # fmt: skip
-"""The config of the command without one; also in ``configs/tradeoff.yaml``."""
-# The references agree on a time to AGREE, and on the last spin of a run without one to AGREE_N: a
-# tumbling body amplifies rounding, and whether it reverses one day is not for double precision.
-AGREE, AGREE_N = 1e-8, 1e-6
+"""The config that the command uses by default; also in ``configs/tradeoff.yaml``."""
+AGREE = 1e-8  # relative difference up to which the references agree on a reversal time
+# The same for the last spin of a run without a reversal.  A tumbling body amplifies rounding
+# errors, and double precision cannot decide whether it will reverse one day.
+AGREE_N = 1e-6
 WANTED = (1e-3, 1e-6, 1e-9, 1e-12)  # errors of t_r for which the cheapest setting is named
 ROUNDS = 3  # measurements of each cost
-HORIZON = 1000.0  # where runs are cut for the cost, in sqrt(a/g)
-# Where fixed steps are shorter than the first, the cost comes from shorter runs; where they are
-# shorter than the second, the errors come from fewer runs.
-SHORT, FEWER = 0.2, 0.02
-DPI = 150
+HORIZON = 1000.0  # end of the runs whose cost is measured, in sqrt(a/g)
+SHORT = 0.2  # the cost of fixed steps below this is measured on shorter runs
+FEWER = 0.02  # the errors of fixed steps below this are measured on fewer runs
 COLUMNS = ("t_end", "t_r", "type", "status", "n_end", "energy_drift")
 RESULTS = pa.schema([runs_schema().field(name) for name in COLUMNS])
 
 
 class Setting(NamedTuple):
-    """A model, a method and its ``tol`` or ``dt``."""
+    """A model and a method with its ``tol`` or ``dt``."""
 
     model: str
     method: str
@@ -63,7 +63,7 @@ class Setting(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Method and setting, or the model where that says all."""
+        """The method and its setting; the model if it is not the full one."""
         full = f"{self.method} {self.setting} {self.value:g}"
         return full if self.model == "full" else self.model
 
@@ -72,7 +72,7 @@ def _settings(method: str, name: str, *values: float) -> list[Setting]:
     return [Setting("full", method, name, value) for value in values]
 
 
-# Two methods that must agree.
+# Two methods that must agree on a reversal time.
 REFERENCES = [Setting("full", method, "tol", 1e-13) for method in ("verner98", "dop853")]
 PAPER = Setting("full", "rk4", "dt", 0.002)
 QUICK = [
@@ -87,13 +87,13 @@ FULL = [
     Setting("reduced", "dop853", "tol", 1e-9),
     *QUICK,
 ]
-"""Settings to measure, all of them or for a quick look."""
+"""The settings to measure: all of them, or those of ``--quick``."""
 
 
 def draw_runs(
     config: Config, base: Path | None, samples: int | None, least: int
 ) -> tuple[Config, Launches]:
-    """Draw `samples` runs of each case, or `least` in all, or all; but those without a horizon."""
+    """Draw `samples` runs of each case, or at least `least` in all; skip those without an end."""
     data: dict[str, Any] = resolved(config) | {"record": [], "model": "full"}
     config = parse_config(data, ["integrator={method: dop853}"])
     plan = make_plan(config, base)
@@ -111,7 +111,7 @@ def draw_runs(
 def solve(
     config: Config, setting: Setting, runs: Launches, threads: int = 1, horizon: float = math.inf
 ) -> pd.DataFrame:
-    """Return the columns `RESULTS` of runs cut at a horizon; ``t_r`` is NaN without a reversal."""
+    """Integrate runs up to `horizon` at most; return `RESULTS`, ``t_r`` NaN without a reversal."""
     model, method, name, value = setting
     batch = make_batch(runs, model)
     if batch is not None:
@@ -119,14 +119,14 @@ def solve(
     given = {} if batch is None else {"method": method, name: value}
     integrator = type(config.integrator).model_validate(given)
     own = config.model_copy(update={"model": model, "integrator": integrator})
-    # In a thread of its own, so that Ctrl-C is heard.
+    # Only the main thread receives Ctrl-C, so the work is done by another.
     work = Task(lambda control: compute(own, RESULTS, (runs, batch), threads, control))
-    found: pd.DataFrame = work.wait()[0].to_pandas()
+    found: pd.DataFrame = work.wait().to_pandas()
     return found.assign(t_r=found["t_r"].where(found["status"] == "ok"))
 
 
 class Study(NamedTuple):
-    """What was measured: one row a setting, and what the rows rest on."""
+    """The measurements: one row for each setting, and the facts about runs and machine."""
 
     rows: pd.DataFrame
     facts: dict[str, Any]
@@ -137,19 +137,19 @@ def measure(
     samples: int | None = None, least: int = 2000, threads: int = 1,
     report: Callable[[str], None] = lambda text: None,
 ) -> Study:  # fmt: skip
-    """Measure settings on the runs of :func:`draw_runs`; `threads` are those for the errors."""
+    """Measure settings on the runs of :func:`draw_runs`; `threads` applies to the errors only."""
     config, runs = draw_runs(config, base, samples, least)
     calls = [partial(_units, config, runs, setting) for setting in settings]
-    report("kernels, compiled where this machine has them not yet")
-    # One call a kernel: two that compile the same one would be in each other's way.
+    report("kernels, compiled if they are not in the cache")
+    # One call for each kernel, so that no two compile the same one.
     kernels = {(s.model, s.method): call for s, call in zip(settings, calls, strict=True)}
     side_by_side([*kernels.values()], available_threads())
     report("references")
     reference = make_reference(config, runs, threads)
     if not reference["both"].any():
         raise ConfigError(
-            "no run of this config reverses by its horizon, so there is no error of t_r to "
-            "measure; choose other spins or a longer horizon"
+            "no run of this config reverses by its horizon, so the error of t_r cannot be "
+            "measured; choose other spins or a longer horizon"
         )
     spent = np.zeros((ROUNDS, len(calls)))
     for r, k in np.ndindex(spent.shape):
@@ -174,7 +174,7 @@ def measure(
     table, here = pd.DataFrame(rows), machine()
     facts = {
         "config": config.name,
-        "rattlesweep": package_version(),
+        "rattlesweep": version("rattlesweep"),
         "machine": f"{here['cpu']}, {here['processors']} processors, {here['system']}",
         "runs": len(reference),
         "reversing_in_both": len(apart),
@@ -188,15 +188,15 @@ def measure(
 
 
 def _units(config: Config, runs: Launches, setting: Setting, _: Control | None = None) -> float:
-    """Integrate runs on one thread, and return their units of time together."""
-    # Steps of one size cost the same anywhere: shorter runs tell as much.
+    """Integrate runs on one thread, and return the sum of their durations."""
+    # Equal steps cost the same at any time, so shorter runs measure as well.
     part = setting.value / SHORT if setting.setting == "dt" else 1.0
     found = solve(config, setting, runs, horizon=part * HORIZON)
     return float(found["t_end"].clip(upper=HORIZON).sum())
 
 
 def make_reference(config: Config, runs: Launches, threads: int = 1) -> pd.DataFrame:
-    """Integrate by both references: columns of one, ``apart``, ``both`` or ``neither`` reverse."""
+    """Return the columns of one reference, and where ``both`` or ``neither`` reference reverses."""
     one, other = (solve(config, setting, runs, threads) for setting in REFERENCES)
     apart = (one["t_r"] / other["t_r"] - 1).abs()
     none = one["t_r"].isna() & other["t_r"].isna() & (one["type"] == other["type"])
@@ -205,12 +205,12 @@ def make_reference(config: Config, runs: Launches, threads: int = 1) -> pd.DataF
 
 
 def errors(found: pd.DataFrame, reference: pd.DataFrame) -> dict[str, Any]:
-    """Return how well runs came out; a reversal that is missing is an infinite error."""
+    """Return the errors of runs as numbers; a missed reversal is an infinite error."""
     both, neither, ok = reference["both"], reference["neither"], found["status"] == "ok"
     error = (found["t_r"] / reference["t_r"] - 1).abs().fillna(np.inf)[both]
     known = both | neither
     return {
-        # No interpolation: half of infinity is no error.
+        # Do not interpolate: one end may be infinite.
         "error_median": error.quantile(0.5, interpolation="higher"),
         "error_p99": error.quantile(0.99, interpolation="higher"),
         "share_above_1e_6": (error > 1e-6).mean(),
@@ -223,7 +223,7 @@ def errors(found: pd.DataFrame, reference: pd.DataFrame) -> dict[str, Any]:
 
 
 def cheapest(rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the cheapest settings at some errors, by their median and for 99 % of the runs."""
+    """Return the cheapest setting for each error in `WANTED`, of the median and of 99 %."""
     found: list[dict[str, Any]] = []
     for error in WANTED:
         found.append({"error": error})
@@ -235,7 +235,7 @@ def cheapest(rows: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def as_text(study: Study) -> str:
-    """Return everything that was measured, to be read."""
+    """Return the measurements as text."""
     shown = study.rows.drop(columns=["model", "method", "setting", "value", "reversing"])
     return "\n".join([
         "{machine}, rattlesweep {rattlesweep}\n{runs} runs, {reversing_in_both} with a reversal in "
@@ -249,28 +249,28 @@ def as_text(study: Study) -> str:
 
 
 def as_data(study: Study) -> dict[str, Any]:
-    """Return the same as JSON can hold it."""
+    """Return the measurements as JSON can hold them."""
     rows = study.rows.astype(object).replace([np.nan, np.inf], None)
     return {"facts": study.facts, "rows": rows.to_dict("records")}
 
 
 def save(study: Study, directory: Path) -> list[Path]:
-    """Write ``tradeoff.parquet``, ``.svg`` and ``.png``, each in one step; return their paths."""
+    """Write ``tradeoff.parquet``, ``.svg`` and ``.png`` atomically; return their paths."""
     probe_directory(directory)
     table, *pictures = (directory / f"tradeoff.{kind}" for kind in ("parquet", "svg", "png"))
     style.save_table(study.rows, table)
     with style.styled():
         figure = draw(study.rows)
         style.add_caption(figure, (
-            "Markers are medians of the runs, lines lead to 99 % of them: {runs} runs of {config}, "
-            "{compared} with a sure reversal; {machine}, rattlesweep {rattlesweep}."
+            "Markers: median error; lines: up to the error that 99 % of the runs keep. {runs} runs "
+            "of {config}, {compared} with a sure reversal; {machine}, rattlesweep {rattlesweep}."
         ).format(**study.facts))  # fmt: skip
-        style.save(figure, pictures, DPI)
+        style.save(figure, pictures)
     return [table, *pictures]
 
 
 def draw(rows: pd.DataFrame) -> Figure:
-    """Draw cost against error: the median as markers, and a line to the 99th percentile."""
+    """Draw the cost against the median error, with a line to its 99th percentile."""
     figure = style.new_figure(8.4, 5.6)
     axes, looks = figure.subplots(), iter(style.SERIES)
     known = rows[rows["error_median"].between(0, math.inf, "neither")].sort_values("us_per_unit")
@@ -282,10 +282,11 @@ def draw(rows: pd.DataFrame) -> Figure:
                   label=name if curve else None)  # fmt: skip
         far = own["error_p99"].replace(np.inf, np.nan)
         axes.hlines(own["us_per_unit"], own["error_median"], far, color=colour, alpha=0.35)
-        # Of neighbours one has its labels above, the other below.
+        # Labels alternate between above and below, to stay clear of the neighbouring curve.
         place, side = ((5, 5), "left") if k % 2 else ((-5, -12), "right")
         for row in own.itertuples():
-            words = f"{'' if row.setting == 'tol' else 'dt '}{row.value:g}" if curve else name
+            value = f"{row.value:g}".replace("e-0", "e-")
+            words = f"{'' if row.setting == 'tol' else 'dt '}{value}" if curve else name
             axes.annotate(words, (row.error_median, row.us_per_unit), place, color=colour, ha=side,
                           textcoords="offset points", fontsize=7.5)  # fmt: skip
     axes.set(xscale="log", yscale="log", ylabel="cost of a run (µs per unit of time)",

@@ -18,7 +18,7 @@ from rattlesweep.paper.claim import UNDECIDED, judge, read_table
 from rattlesweep.paper.workspace import FULL, Tables, Workspace, sweep_config
 from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.files import replace_file
-from rattlesweep.sweeps.provenance import machine, now, package_version, versions
+from rattlesweep.sweeps.provenance import machine, now, versions
 
 # The claims about formulas alone go by this name where parts are chosen.
 THEORY = "theory"
@@ -62,7 +62,7 @@ def reproduce(
     claims = judge(made, theory=THEORY in names, few=sizes.samples < FULL.samples)
     save_table(pd.DataFrame(claims), directory / "claims.parquet")
     words = {"claims": claims, "tally": tally(claims), "quick": sizes != FULL}
-    page = render("claims.md.j2", version=package_version(), **words)
+    page = render("claims.md.j2", version=version("rattlesweep"), **words)
     replace_file(directory / "claims.md", page)
     figures = [
         (name, part, list(made[name]),

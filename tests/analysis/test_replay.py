@@ -72,7 +72,7 @@ def test_a_stored_number_that_is_not_what_comes_out_is_told(sweep, tmp_path):
         return replaced(table, "t_r", [np.nextafter(t, np.inf) if k == key else t for k, t in t_r])
 
     output = edited(sweep, tmp_path / "out", change)
-    words = f"{one.name} comes out otherwise than stored, in t_r;"
+    words = f"{one.name} differs from its stored row in t_r;"
     assert_refused(invoke("replay", output, "--case", case, "--sample", sample), 1, words)
     gone = edited(sweep, tmp_path / "gone", lambda table: table[:0])
     for directory, why in ((output, words), (gone, "is not stored yet")):

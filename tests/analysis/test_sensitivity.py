@@ -77,7 +77,7 @@ def test_the_command_prints_and_draws_what_theory_depends_on(design, tmp_path):
 
 
 def test_incomplete_groups_are_noted_and_too_many_refused(design, tmp_path):
-    """A run that does not reverse takes its group away, and a tenth of the groups is too much."""
+    """A run that does not reverse takes its group away; more than a tenth is too much."""
 
     def without(share: float, rows: Any) -> Any:
         sample = np.asarray(rows["sample"])
@@ -91,13 +91,13 @@ def test_incomplete_groups_are_noted_and_too_many_refused(design, tmp_path):
     )
     assert any((row["case"], row["of"]) == (1, "t_r") for row in few["indices"])
     assert {row["of"] for row in many["indices"] if row["case"] == 1} == {"P(R)", "P(SW)"}
-    assert any("of those bodies, not of the ranges" in note for note in many["notes"])
+    assert any("do not represent the ranges" in note for note in many["notes"])
 
 
 @pytest.mark.parametrize(
     ("bodies", "code", "words"),
     [
-        ({"source": "sd", "samples": 28, "draw": "saltelli"}, 1, "it takes more runs"),
+        ({"source": "sd", "samples": 28, "draw": "saltelli"}, 1, "more runs are needed"),
         ({"source": "sd", "samples": 20}, 2, "bodies.draw: saltelli"),
     ],
 )

@@ -59,7 +59,7 @@ def become(args: list[str], out: Path, how: dict[str, Any]) -> None:
             os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), handle)
         # fsync matters after a power cut, not after a kill, and would take most of the time.
         os.fsync = os.fstat  # type: ignore[assignment]
-        runner.MOST_ROWS = how.get("rows", ROWS)
+        runner.MAX_BLOCK_RUNS = how.get("rows", ROWS)
         if "hold" in how:
             _hold(how["hold"])
         if "calls" in how:
@@ -85,7 +85,7 @@ def _hold(blocks: int) -> None:
     def held(config: Any, schema: Any, prepared: Any, threads: int, control: Any) -> Any:
         while len(passed) >= blocks and not released:
             if control.stopping:
-                return schema.remove_metadata().empty_table(), 0
+                return schema.remove_metadata().empty_table()
             time.sleep(0.005)
         passed.append(None)
         return honest(config, schema, prepared, threads, control)

@@ -1,4 +1,4 @@
-"""At small oscillations type SS is where the spin exceeds Bondi's threshold, run by run."""
+"""For small oscillations, a run is of type SS exactly if its spin exceeds Bondi's threshold."""
 
 import pytest
 
@@ -25,7 +25,7 @@ def test_every_run_of_small_oscillations_agrees_with_the_threshold(bodies, runs,
     assert len(found) == runs
     assert (found.status == "ok").all()
     assert (found.type == "SS").sum() > runs / 60
-    threshold = found.n_c1.abs() < found.n_i.abs()  # a null threshold is below nothing
+    threshold = found.n_c1.abs() < found.n_i.abs()  # false if there is no threshold
     differ = found[(found.type == "SS") != threshold]
     assert differ.empty, differ[["case", "sample", "n_i", "n_c1", "type"]].to_string()
     if "target" in bodies:

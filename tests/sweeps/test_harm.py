@@ -94,7 +94,7 @@ def fail_some(directory: Path) -> None:
             if sample % 3 == 1:
                 columns["status"][row] = "step_limit"
                 columns["type"][row] = columns["t_r"][row] = None
-        write_parquet(pa.table(columns, schema=table.schema), path, metadata(path))
+        write_parquet(pa.table(columns, schema=table.schema), path, metadata(table))
 
 
 def at_every_call(

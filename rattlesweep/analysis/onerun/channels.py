@@ -1,5 +1,5 @@
-"""Quantities of a trajectory: each channel with its unit, its words and its formula."""
-# ruff: noqa: D102 - names and types say it
+"""The channels of a trajectory: quantities with unit, description and formula."""
+# ruff: noqa: D102 - the names are enough
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 
 def contact_point(y: Floats, constants: Floats) -> Floats:
-    """Return where the body touches the plane (Eqs. def-xy, def-z), shape (3, ...)."""
+    """Return the point of contact with the plane (Eqs. 4 and 8), shape (3, ...)."""
     p, q = y[:2]
-    cxx, cxy, cyy, k = np.append(constants, 0.0)[3:7]  # no k: a paraboloid
+    cxx, cxy, cyy, k = np.append(constants, 0.0)[3:7]  # a paraboloid has k = 0
     x, y0 = p + cxx * p + cxy * q, q + cxy * p + cyy * q
     s = x * p + y0 * q
     rho = np.sqrt(1 + k * s)
@@ -36,13 +36,13 @@ def contact_point(y: Floats, constants: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class View:
-    """Quantities of a run at the same times, computed when they are first asked for."""
+    """Quantities of a run at the same times, each computed on first use."""
 
     launches: Launches
     constants: Floats
     follower: Follower
     samples: Samples
-    beside: Any  # samples of the reduced model, or None
+    beside: Any  # samples of the reduced model at the same times, or None
 
     @cached_property
     def y(self) -> Floats:
@@ -62,10 +62,10 @@ class View:
 
     @cached_property
     def modes(self) -> tuple[Floats, Floats]:
-        """Energies of pitch and roll, whose modes are those without spin.
+        """The energies of pitch and roll, the modes of the body without spin.
 
-        With ``e`` an eigenvector of Eq. def-omgpr, ``omega`` without the spin and ``tilt`` the
-        angle whose rate it is (Eq. lin-u), the energy of a mode is
+        Let ``e`` be an eigenvector of Eq. 23, ``omega`` the angular velocity less the spin,
+        and ``tilt`` the angle whose rate it is (Eq. 16).  Then the energy of a mode is
         ``((e.J^1/2 omega)^2 + omega_j^2 (e.J^1/2 tilt)^2) / 2``.
         """
         if len(self.y) < full.N_STATE:  # the reduced model
@@ -96,9 +96,9 @@ class Channel:
     name: str
     unit: str
     description: str
-    models: tuple[str, ...]  # that have it
+    models: tuple[str, ...]  # the models that have it
     of: Callable[[View], Floats]
-    needs: str = ""  # "attitude" or "reduced" where that must be integrated too
+    needs: str = ""  # "attitude" or "reduced" if these must be integrated, too
     size: float = 1.0  # of the unit, in the units of the body
 
 
@@ -108,7 +108,7 @@ FULL, BOTH = ("full",), ("full", "reduced")
 def _components(
     names: str, unit: str, words: str, of: Callable[[View], Any], needs: str = ""
 ) -> Iterator[Channel]:
-    """Make channels of the components of a quantity; ``{}`` is their last letter."""
+    """Yield the components of a vector; ``{}`` in `words` becomes their last letter."""
     for k, name in enumerate(names.split()):
         part = partial(lambda view, k: of(view)[k], k=k)
         yield Channel(name, unit, words.format(name[-1]), FULL, part, needs)
@@ -154,7 +154,7 @@ CHANNELS: dict[str, Channel] = {
 
 
 def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:
-    """Return channels of a model by name."""
+    """Return the channels of a model by their names; raise a ConfigError for others."""
     own = [channel.name for channel in CHANNELS.values() if model in channel.models]
     names = list(dict.fromkeys(names))
     if unknown := [name for name in names if name not in own]:
@@ -163,7 +163,7 @@ def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:
 
 
 def in_si(channels: Iterable[Channel], units: Units | None) -> dict[str, Channel]:
-    """Return the channels that have an SI unit, such as ``t_s`` of ``t``, by their plain names."""
+    """Return by their plain names the channels that exist in SI units, such as ``t_s`` of ``t``."""
     found = {}
     for channel in channels:
         if units is not None and channel.unit in units.sizes:

@@ -1,5 +1,5 @@
-"""One run as a table of chosen channels, chunk by chunk: in memory, as Parquet or as CSV."""
-# ruff: noqa: D102 - names and types say it
+"""One run as a table of channels, computed chunk by chunk: in memory, as Parquet or CSV."""
+# ruff: noqa: D102 - the names are enough
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -29,7 +30,6 @@ from rattlesweep.sweeps import columns
 from rattlesweep.sweeps.columns import build_table
 from rattlesweep.sweeps.files import streamed_file
 from rattlesweep.sweeps.launches import Launch, model_of, reduced_batch, single_run, with_energies
-from rattlesweep.sweeps.provenance import package_version
 
 if TYPE_CHECKING:
     from rattlesweep.integrate.batch import Batch
@@ -37,10 +37,10 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.config.schema import Config
     from rattlesweep.sweeps.launches import Launches
 
-CHUNK = 8192  # rows that are in memory at once
-# Rows in a period of the pitch, and all of them, where nothing else is asked for.
-PER_PERIOD, LEAST_ROWS, MOST_ROWS = 20, 2001, 10**8
-BESIDE_TOL = 1e-10  # of the reduced model beside, whose distance from the full one is far larger
+CHUNK = 8192  # rows in memory at once
+PER_PERIOD, LEAST_ROWS = 20, 2001  # default rows in a period of the pitch, and in all
+MOST_ROWS = 10**8
+BESIDE_TOL = 1e-10  # of the reduced model, which differs from the full one by far more
 LIFTS = ("contact would be lost at t = {:.4g}, where the normal force becomes negative; the model "
          "keeps the body on the plane all the same")  # fmt: skip
 SLIPS = "rolling without slip needs a coefficient of friction above 1 from t = {:.4g} on"
@@ -48,13 +48,13 @@ SLIPS = "rolling without slip needs a coefficient of friction above 1 from t = {
 
 @dataclass(frozen=True)
 class PreparedRun:
-    """One run that is ready to be integrated; all arrays have one entry."""
+    """A run that is ready to be integrated; all arrays have one entry."""
 
     config: Config
     launches: Launches
     batch: Batch | None
-    units: Units | None = None  # of a body whose size is known
-    energies: tuple[float | None, float | None] = (None, None)  # with which the reduced one begins
+    units: Units | None = None  # if the size of the body is known
+    energies: tuple[float | None, float | None] = (None, None)  # E_p, E_r of the reduced model
 
     def __post_init__(self) -> None:
         if self.batch is None:
@@ -101,7 +101,7 @@ class PreparedRun:
         return line.replace("-", "−")
 
     def even_rows(self, per_period: int, least: int, most: int, start: float | None = None) -> int:
-        """Return how many rows are so many in each period of the pitch, from a time on."""
+        """Return the number of rows that gives `per_period` in each period of the pitch."""
         shown = self.t_end - (start or 0.0)
         pitch = float(self.launches.modes.omega_p[0]) if self.model == "full" else 0.0
         return min(max(least, math.ceil(shown * pitch / (2 * math.pi) * per_period) + 1), most)
@@ -109,20 +109,20 @@ class PreparedRun:
     def row_times(
         self, points: int | None, dt: float | None, steps: bool, times: Any, start: float | None
     ) -> Floats | None:
-        """Return the times of the rows, of which none is before `start`; None for the steps."""
+        """Return the times of the rows from `start` on; None for those of the steps."""
         first, t_end = start or 0.0, self.t_end
         if sum(way is not None for way in (points, dt, steps or None, times)) > 1:
             raise ConfigError("points, dt, steps, times: more than one is given; keep one")
         if not 0 <= first < t_end:
-            raise ConfigError(f"from_time {first:g}: rows begin from 0 to t_end = {t_end:g}")
+            raise ConfigError(f"from_time {first:g}: must be from 0 to t_end = {t_end:g}")
         if steps:
             return None
         if times is not None:
             wanted: Floats = np.array(times, float, ndmin=1)
             rising = wanted.ndim == 1 and wanted.size > 0 and (np.diff(wanted) > 0).all()
             if not (rising and wanted[0] >= 0 and wanted[-1] <= t_end):
-                raise ConfigError(f"times: a list that increases from 0 at least to t_end = "
-                                  f"{t_end:g} is needed")  # fmt: skip
+                raise ConfigError("times: must be a list of increasing numbers from 0 to t_end = "
+                                  f"{t_end:g}")  # fmt: skip
             return wanted[wanted >= first]
         if dt is not None and dt <= 0:
             raise ConfigError(f"dt {dt:g}: the distance of two rows must be positive")
@@ -137,7 +137,7 @@ class PreparedRun:
 
 
 class Course:
-    """A trajectory under way: iterate to get its columns chunk by chunk."""
+    """A trajectory that is integrated while iterating over the chunks of its columns."""
 
     def __init__(
         self, run: PreparedRun, channels: Sequence[str] = ("t", "n"), *, points: int | None = None,
@@ -148,16 +148,16 @@ class Course:
         needs = {channel.needs for channel in chosen}
         if "reduced" in needs and run.launches.bodies.omega is not None:
             raise ConfigError("channels: the reduced model begins with a spin and an oscillation, "
-                              "and has no run beside one launched from a full state")  # fmt: skip
+                              "not with a full state")  # fmt: skip
         if run.model == "full" and run.energies != (None, None) and "reduced" not in needs:
-            raise ConfigError("e_p0 and e_r0 are of the reduced model; no channel asks for it")
+            raise ConfigError("e_p0 and e_r0 belong to the reduced model; no channel needs it")
         self.run, self.si = run, in_si(chosen, run.units)
         self.channels = (*chosen, *self.si.values())
         self.times = run.row_times(points, dt, steps, times, from_time)
         self._start = from_time or 0.0
         self.reversals: list[float] = []
         self.warnings: dict[str, str] = {}
-        # When the spin was last beyond PLATEAU_SHARE of the launch's, and its sign then.
+        # Time and sign of the last spin beyond PLATEAU_SHARE of the launch's.
         self._last = 0.0, 0.0
         assert run.batch is not None
         self._constants, setting = run.batch.constants[0], run.integrator
@@ -179,7 +179,7 @@ class Course:
             yield {channel.name: channel.size * channel.of(view) for channel in self.channels}
 
     def columns(self) -> dict[str, Floats]:
-        """Integrate to the end, and return the columns whole."""
+        """Integrate to the end, and return the whole columns."""
         none = {channel.name: np.zeros(0) for channel in self.channels}
         chunks = [none, *self]
         return {name: np.concatenate([chunk[name] for chunk in chunks]) for name in none}
@@ -201,14 +201,14 @@ class Course:
                 yield found
             if found.t.size < part.size:
                 return
-        # What lies behind the last row belongs to the run: its reversals and its status.
+        # The rest of the run matters, too: its reversals and its status.
         while not follower.ended:
             follower.steps()
 
     def _look(self, t: Floats, seen: Floats) -> None:
-        """Observe the accepted steps as they come, and at first the launch."""
+        """Collect reversals and warnings from the accepted steps, and first from the launch."""
         n, _, normal, tangential = seen
-        with np.errstate(all="ignore"):  # a run that goes wrong overflows
+        with np.errstate(all="ignore"):  # a failing run may overflow
             far = np.abs(n) > PLATEAU_SHARE * self.run.launches.spin_scale[0]
             slips = (normal > 0) & (tangential > normal)
         times = np.append(self._last[0], t[far])
@@ -227,13 +227,13 @@ class Course:
 
 
 def save(course: Course, path: Path) -> None:
-    """Integrate and write a file, whole or not at all."""
+    """Integrate a run and write its file atomically."""
     with streamed_file(path) as file:
         (write_csv if path.suffix.lower() == ".csv" else write_parquet)(course, file)
 
 
 def write_parquet(course: Course, file: BinaryIO) -> None:
-    """Integrate and write row groups."""
+    """Integrate a run and write its chunks as row groups."""
     schema = _schema(course)
     with pq.ParquetWriter(file, schema, compression="zstd", version="2.6") as writer:
         for chunk in course:
@@ -241,22 +241,22 @@ def write_parquet(course: Course, file: BinaryIO) -> None:
 
 
 def write_csv(course: Course, file: BinaryIO) -> None:
-    """Integrate and write lines, names first."""
+    """Integrate a run and write its chunks as lines, after the names."""
     schema = _schema(course)
     file.write((",".join(schema.names) + "\n").encode())
     for chunk in course:
         sink = pa.BufferOutputStream()
-        # In one piece: pyarrow (26) writes what was in memory for an empty chunk before others.
+        # pyarrow 26 writes stray memory for an empty chunk that comes before others.
         table = build_table(chunk, schema).combine_chunks()
         pcsv.write_csv(table, sink, pcsv.WriteOptions(include_header=False))
         file.write(sink.getvalue().to_pybytes())
 
 
 def _schema(course: Course) -> pa.Schema:
-    """Return the columns with unit and description; the metadata say which run it is."""
+    """Return the schema of a run, whose metadata describe body, launch and integrator."""
     run = course.run
     about = run.body | run.launch | {
-        "model": run.model, "t_end": run.t_end, "rattlesweep": package_version(),
+        "model": run.model, "t_end": run.t_end, "rattlesweep": version("rattlesweep"),
         "integrator": run.integrator,
     }  # fmt: skip
     fields = [columns.field(c.name, columns.F64, c.unit, c.description) for c in course.channels]

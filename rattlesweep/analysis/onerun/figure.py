@@ -1,4 +1,4 @@
-"""Draw one run: its spin with the theory, its oscillations as curves or as their envelopes."""
+"""Figures of one run: the spin with the theory, and other channels below."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,10 +12,8 @@ from rattlesweep.analysis.style import GREY, INK, VERMILION, curve
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 
-# Every period of the pitch is seen, as far as the points are not too many.
-PER_PERIOD, LEAST, MOST = 24, 2001, 400_001
-# Of more turns than this only the first is marked.
-MARKS = 12
+PER_PERIOD, LEAST, MOST = 24, 2001, 400_001  # points in a period of the pitch, and in all
+MARKS = 12  # turns to mark; if there are more, only the first is marked
 MODELS = {"full": "full dynamics", "reduced": "reduced model"}
 BESIDE = {
     "n_gh": ("Garcia and Hubbard", INK, "--"),
@@ -25,7 +23,7 @@ SHOWN = {"full": ("n", "omega_x", "omega_y"), "reduced": ("n", "E_p", "E_r")}
 
 
 def course_of(run: PreparedRun, shown: Sequence[str] | None, start: float | None) -> Course:
-    """Return the run with the columns to be drawn, and the theory that is drawn over its spin."""
+    """Return a run with the channels to be drawn, and the theory beside its spin."""
     names = ["t", *(SHOWN[run.model] if shown is None else shown)]
     if "n" in names:
         names.append("n_gh")
@@ -35,17 +33,17 @@ def course_of(run: PreparedRun, shown: Sequence[str] | None, start: float | None
     return Course(run, names, points=points, from_time=start)
 
 
-def shown(figure: Figure, path: str | Path | None = None, dpi: float = 150.0) -> Figure:
-    """Return a figure as notebooks can show it, written to a file if there is a path."""
+def shown(figure: Figure, path: str | Path | None = None) -> Figure:
+    """Make notebooks show a figure, write it to `path` if given, and return it."""
     if path is not None:
-        style.save(figure, [Path(path)], dpi)
+        style.save(figure, [Path(path)])
     # Figures made without pyplot need `_repr_png_` to show in a notebook.
     setattr(figure, "_repr_png_", lambda: style.encode(figure, "png", 110.0))  # noqa: B010
     return figure
 
 
 def draw(columns: Mapping[str, Floats], course: Course, path: str | Path | None = None) -> Figure:
-    """Draw the columns of a course at its end, in SI units if it has some; write it to a file."""
+    """Return a figure of the columns of a finished course, in SI units if its size is known."""
     data = {name: columns[course.si[name].name if name in course.si else name]
             for name in columns if name in CHANNELS}  # fmt: skip
     units = {name: course.si.get(name, CHANNELS[name]).unit for name in data}
@@ -74,9 +72,10 @@ def draw(columns: Mapping[str, Floats], course: Course, path: str | Path | None 
                 axis.axhline(0, color=GREY, linewidth=0.7, zorder=1)
         if turns:
             words = "turn" if len(turns) == 1 else f"{len(turns)} turns, the first"
-            axes[0].plot([], [], color=GREY, linestyle=":", label=f"{words} at {turns[0]:.6g}")
+            words += f" at {turns[0]:.6g}" + (" s" if "t" in course.si else "")
+            axes[0].plot([], [], color=GREY, linestyle=":", label=words)
         axes[0].legend(loc="upper right", ncols=2, fontsize=8, frameon=True, edgecolor="none")
         axes[-1].set(xlim=(t[0], t[-1]), xlabel=style.label("t", units["t"]))
         figure.align_ylabels(axes)
         figure.suptitle(course.run.title, fontsize=9)
-        return shown(figure, path, 160.0)
+        return shown(figure, path)

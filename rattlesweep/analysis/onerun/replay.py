@@ -1,5 +1,5 @@
-"""Stored runs again: found, proved equal to what is stored, and ready to be followed."""
-# ruff: noqa: D102 - names and types say it
+"""Find a stored run, prove that it is reproduced, and prepare it for a trajectory."""
+# ruff: noqa: D102 - the names are enough
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,10 +23,10 @@ from rattlesweep.sweeps.verify import differing_rows
 
 @dataclass(frozen=True)
 class StoredRun:
-    """A run of an output directory, whole or still running."""
+    """A run that an output directory stores."""
 
     stored: Stored
-    row: pa.Table  # of one row, with all columns
+    row: pa.Table  # one row with all columns
 
     @cached_property
     def values(self) -> dict[str, Any]:
@@ -44,7 +44,7 @@ class StoredRun:
 
     @property
     def proof(self) -> str:
-        """What :meth:`prove` has shown, in one line."""
+        """The result of :meth:`prove` in one line."""
         row = self.values
         if row["status"] != "ok":
             return f"{self.name}: status {row['status']} as stored, bit for bit"
@@ -53,10 +53,10 @@ class StoredRun:
         return f"{self.name}: {t_r} and type {row['type']} as stored, bit for bit"
 
     def prove(self) -> None:
-        """Integrate it as the sweep did; raise an OutputError if its row comes out otherwise."""
+        """Integrate the run as the sweep did; raise an OutputError if its row differs."""
         for _, _, names in differing_rows(self._planned[0], self.row, threads=1):
             raise OutputError(
-                f"{self.name} comes out otherwise than stored, in {', '.join(names[:6])}"
+                f"{self.name} differs from its stored row in {', '.join(names[:6])}"
                 f"{' and others' if len(names) > 6 else ''}; see rattlesweep verify"
             )
 
@@ -67,12 +67,12 @@ class StoredRun:
 
     @property
     def scale(self) -> Scale | None:
-        """Units of its body, None if its size is not known."""
+        """The units of its body, None if its size is not known."""
         scale = self._planned[1].bodies.scale
         return take(scale, 0)  # type: ignore[arg-type]
 
     def prepare(self, t_end: float | None = None) -> PreparedRun:
-        """Return the run to ``t_end`` or the sweep's horizon, with the tolerance that it had."""
+        """Return the run up to ``t_end`` or the sweep's horizon, with its own tolerance."""
         launches, config = self._planned[1], self.stored.config
         if t_end is not None:
             launches = replace(launches, t_end=np.array([t_end]))
@@ -86,7 +86,7 @@ class StoredRun:
 def find_run(
     directory: Path, case: int | None = None, sample: int | None = None, where: str | None = None
 ) -> StoredRun:
-    """Return the run of a case and a sample, or the first for which a condition is true."""
+    """Return the run of a case and a sample, or the first that meets a condition."""
     stored = open_stored(directory)
     if [case is None, sample is None] != 2 * [where is not None]:
         raise ConfigError("which run? give --case and --sample, or --where")

@@ -1,7 +1,7 @@
-"""One run as a page that moves: the body rolling, its trace and its spin, in one HTML file.
+"""One run as an animated page: the rolling body, its trace and its spin, in one HTML file.
 
-It is made of `page/`: `scene.js` (what is drawn), `player.js` (time and controls), `three.min.js`,
-which `bundle.sh` makes. Everything is written into the page, which forbids itself the network.
+The page is made from `page/`: `scene.js` (the drawing), `player.js` (time and controls) and
+`three.min.js`, which `bundle.sh` makes. It contains all it needs and forbids network access.
 """
 
 import base64
@@ -10,6 +10,7 @@ import html
 import json
 import math
 import re
+from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
 
@@ -18,28 +19,26 @@ import numpy as np
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.provenance import package_version
 
 COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r")
 CHANNELS = ("t", *COLUMNS, "contact_z", "energy")
-# Rows of a period of the pitch.  Between rows the page draws cubics, and the body slips at most at
-# 5e-5 of the contact's speed (GH, n = 0.1 and -0.1).  Long runs make do with fewer.
+# Rows in a period of the pitch, and the fewest for long runs.  The page interpolates by cubics,
+# and the body slips by at most 5e-5 of the contact's speed (GH, n = 0.1 and -0.1).
 PER_PERIOD, LEAST = 20, 10
-# 48 bytes a row in the page, which stays below 5 MB.
-FEWEST_ROWS, MOST_ROWS = 201, 80_000
+FEWEST_ROWS, MOST_ROWS = 201, 80_000  # a row takes 48 bytes of the page, which stays below 5 MB
 THEORY_POINTS = 800
-MARGIN = 1.25  # the body is cut off above all points of contact, and its centre of mass
-WIDEST = 0.99  # share of an ellipsoid's lower half that is drawn
+MARGIN = 1.25  # the body is drawn up to above all contact points and its centre of mass
+WIDEST = 0.99  # fraction of the height of an ellipsoid's lower half that is drawn
 TRAIL = 6  # periods of the roll that the trace of the contact shows
-# Seconds that the way to the first reversal takes at the page's first speed, and its bounds.
+# Seconds until the first reversal at the page's initial speed, and bounds of this speed.
 SECONDS, SLOW, FAST = 30, 4.0, 25.0
 SOURCES = ("page.css", "three.min.js", "scene.js", "player.js")
 
 
 def course_of(run: PreparedRun, points: int | None, from_time: float | None = None) -> Course:
-    """Return the run with the channels and the rows that its page needs, or so many ``points``."""
+    """Return a run with the channels and rows that its page needs, or with so many ``points``."""
     if run.model != "full":
-        raise ConfigError(f"the model {run.model} has no body that moves; show needs the full one")
+        raise ConfigError(f"the model {run.model} has no moving body; show needs the full one")
     if points is None:
         points = run.even_rows(PER_PERIOD, FEWEST_ROWS, MOST_ROWS, from_time)
         if run.even_rows(LEAST, 2, MOST_ROWS + 1, from_time) > MOST_ROWS:
@@ -48,9 +47,9 @@ def course_of(run: PreparedRun, points: int | None, from_time: float | None = No
 
 
 def make_scene(course: Course) -> dict[str, Any]:
-    """Integrate a course of :func:`course_of`, and gather what its page shows."""
+    """Integrate a course of :func:`course_of`, and return the content of its page."""
     columns = course.columns()
-    # A run that came to no good is shown as far as it has numbers.
+    # A failed run is shown as far as its numbers are finite.
     good = np.logical_and.reduce([np.isfinite(columns[name]) for name in CHANNELS])
     rows = len(good) if good.all() else int(np.argmin(good))
     ended = course.follower
@@ -81,7 +80,7 @@ def make_scene(course: Course) -> dict[str, Any]:
 
 
 def _facts(course: Course) -> list[tuple[str, str]]:
-    """Return what there is to know of the run beside its title, in words."""
+    """Return the facts about a run that the page lists, by name."""
     run, launches, ended = course.run, course.run.launches, course.follower
     m, units = launches.modes, run.units
     losses = [0.0 if of is None else of[0] for of in (launches.sigma, launches.rolling)]
@@ -99,7 +98,7 @@ def _facts(course: Course) -> list[tuple[str, str]]:
         "status": ended.status.label,
         "beware": course.warning,
     }  # fmt: skip
-    # Exponents keep the hyphen that programs read.
+    # Exponents keep their hyphen, so that they can be copied into programs.
     return [(name, re.sub(r"(?<!e)-", "−", text)) for name, text in facts.items() if text]
 
 
@@ -109,7 +108,7 @@ def _listed(times: list[float], end: float) -> str:
 
 
 def make_page(scene: dict[str, Any], title: str, subtitle: str) -> bytes:
-    """Return the page; what HTML would read as markup in the title and the subtitle is escaped."""
+    """Return the page of a scene, with title and subtitle escaped for HTML."""
     table = np.stack([scene["columns"][name] for name in COLUMNS], axis=1)
     arrays = {"columns": COLUMNS, "table": _encode(table), "theory": _encode(scene["theory"])}
     data = json.dumps(scene | arrays, ensure_ascii=False, allow_nan=False)
@@ -120,16 +119,16 @@ def make_page(scene: dict[str, Any], title: str, subtitle: str) -> bytes:
         for text in texts
     )
     parts = {
-        # No origin at all, and no script or style but these, by their hashes.
+        # Forbid all origins, and all scripts and styles but these, identified by their hashes.
         "policy": f"default-src 'none'; script-src {' '.join(scripts)}; style-src {style}; "
         "img-src data:; base-uri 'none'; form-action 'none'",
-        "version": html.escape(package_version()),
+        "version": html.escape(version("rattlesweep")),
         "title": html.escape(title),
         "subtitle": html.escape(subtitle),
-        "data": data.replace("<", "\\u003c"),  # so that nothing ends the element that holds it
+        "data": data.replace("<", "\\u003c"),  # so that the text cannot close its element
         **dict(zip(SOURCES, texts, strict=True)),
     }
-    # In one pass, so that what is put in is not searched for places.
+    # One pass, so that inserted text is not searched for placeholders.
     return re.sub(r"@@([\w.]+)@@", lambda found: parts[found[1]], page).encode()
 
 
