@@ -204,11 +204,11 @@ WHOLE = {
     EXAMPLE + "---\na: 1\n": "18: cannot be read as YAML (but found another document);",
     "# nothing\n": "1: the file holds nothing; write key: value lines",
     "a: &a [*a]\n": "1: cannot be read as YAML (maximum recursion depth",
-    "record: [" + "1, " * 30_000 + "]": "1: cannot be read as YAML (more than 20000 values);",
+    "record: [" + "1, " * 20_001 + "]": "1: cannot be read as YAML (more than 20000 values);",
     "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(f"{b}: &{b} [{9 * f'*{a}, '}]\n"
                                             for a, b in pairwise("abcdefghi")):
         "1: cannot be read as YAML (more than 20000 values);",
-    "{" * 49_000: "1: cannot be read as YAML (maximum recursion depth",
+    "{" * 9_000: "1: cannot be read as YAML (maximum recursion depth",
 }  # fmt: skip
 
 
