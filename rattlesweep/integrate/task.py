@@ -26,31 +26,29 @@ class Control:
     """Link to a running kernel, or to several in turn: reports progress and can stop it."""
 
     total: float = 0.0  # expected cost of the batch, in the units of `done`
-    # The kernel's: next place in the queue and stop flag; progress; cost and number of its runs.
+    # The kernel's: next place in the queue and stop flag; progress; cost of its runs.
     _shared: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, dtype=np.int64))
     _progress: Floats = field(default_factory=lambda: np.zeros((1, 8)))
     _cost: float = 0.0
-    _runs: int = 0
-    # Largest share done so far; runs that earlier kernels began and ended; the part of the work
-    # that this kernel does, and whether the runs that it begins and ends count.
+    # Largest share done so far; runs that earlier kernels ended; the part of the work that this
+    # kernel does, and whether the runs that it ends count.
     _most: float = 0.0
-    _begun: int = 0
     _ended: int = 0
     _span: tuple[float, float] = (0.0, 1.0)
-    _counts: tuple[bool, bool] = (True, True)
+    _counts: bool = True
 
     def stop(self) -> None:
         """Ask the kernel to stop, which it does within 256 tried steps."""
         self._shared[1] = 1
 
-    def stage(self, low: float, high: float, *, begins: bool = False, ends: bool = False) -> None:
+    def stage(self, low: float, high: float, *, ends: bool = False) -> None:
         """Announce a kernel that does the part of the work between the shares ``low`` and ``high``.
 
-        ``begins`` and ``ends`` say whether runs count as begun or done by this kernel.
+        ``ends`` says whether its runs count as done when they end.
         """
-        self._begun, self._ended = self.runs_begun, self.runs_done
-        self._progress, self._cost, self._runs = np.zeros((1, 8)), 0.0, 0
-        self._span, self._counts = (low, high), (begins, ends)
+        self._ended = self.runs_done
+        self._progress, self._cost = np.zeros((1, 8)), 0.0
+        self._span, self._counts = (low, high), ends
 
     def repeat(self) -> None:
         """Announce a kernel that repeats runs which the last one has counted."""
@@ -63,7 +61,7 @@ class Control:
     def start(self, threads: int, cost: Floats) -> None:
         """Announce the start of a kernel with a number of threads and the expected cost of runs."""
         self.total = self._cost = float(cost.sum())
-        self._runs, self._progress, self._shared[0] = len(cost), np.zeros((threads, 8)), 0
+        self._progress, self._shared[0] = np.zeros((threads, 8)), 0
 
     @property
     def flag(self) -> NDArray[np.int64]:
@@ -88,13 +86,7 @@ class Control:
     @property
     def runs_done(self) -> int:
         """Return the number of runs that have ended."""
-        return self._ended + int(self._progress[:, 2].sum()) * self._counts[1]
-
-    @property
-    def runs_begun(self) -> int:
-        """Return the number of runs begun; after a stop, those that have not ended are lost."""
-        # Lanes that find the queue empty also increment the next place.
-        return self._begun + min(int(self._shared[0]), self._runs) * self._counts[0]
+        return self._ended + int(self._progress[:, 2].sum()) * self._counts
 
 
 class Task(threading.Thread, Generic[T]):

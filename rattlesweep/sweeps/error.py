@@ -102,7 +102,7 @@ def integrate_estimated(
 
     def attempt(stage: int, rung: int, part: Batch, **asked: Any) -> Outcome:
         is_last = stage == 1 and len(spans) == 3  # runs that end are then done
-        control.stage(*spans[stage : stage + 2], begins=stage == 1, ends=is_last)
+        control.stage(*spans[stage : stage + 2], ends=is_last)
         asked["tol" if tableau.adaptive else "dt"] = values[rung]
         # A companion's limit of steps must not change the error of its run.
         most = settings.max_steps if rung else max(settings.max_steps, MAX_STEPS)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -60,6 +61,7 @@ KEPT = {"mass_kg": "kg", "height_m": "m", "gravity_m_s2": "m/s^2"}  # also copie
 RESULTS = {column.name for part in (*RUNS.values(), STATE, MEASURED) for column in part}
 TAKEN = {c.name for part in ("keys", "result", "observation") for c in RUNS[part]} - {*INPUT}
 """Names of results, which columns of the user's own must not have."""
+LARGE = 3e8  # bytes of a file that takes seconds to read
 SPEEDS = (-schema.MAX_SPEED, schema.MAX_SPEED, "sqrt(g/a)")
 BOUNDS = {  # smallest and largest value, and their unit
     **dict.fromkeys(("n_i", *OMEGA), SPEEDS),
@@ -152,11 +154,14 @@ def read_bodies(path: str, base: Path | None = None) -> TableBodies:
     if not (os.path.isdir(file) or os.path.isfile(file)):
         raise ConfigError(f"{where}: no such file; give the path of a CSV or Parquet table")
     try:
+        size = sum(x.stat().st_size for x in (file.rglob("*") if file.is_dir() else [file]))
+        if size > LARGE:
+            print(f"reading {one_line(path, 200)}, {size / 1e9:.1f} GB", file=sys.stderr)
         if file.is_dir() or file.suffix.lower() in (".parquet", ".pq"):
             table = pq.read_table(file, page_checksum_verification=True)
         else:
             # Types are inferred from the first block, so one block takes the whole file.
-            options = csv.ReadOptions(block_size=min(file.stat().st_size + 1, 2**31 - 1))
+            options = csv.ReadOptions(block_size=min(size + 1, 2**31 - 1))
             convert = csv.ConvertOptions(strings_can_be_null=True)
             table = csv.read_csv(file, options, convert_options=convert)
             table = table.rename_columns([name.strip() for name in table.column_names])
