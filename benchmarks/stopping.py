@@ -35,7 +35,7 @@ STOPS = ({"fraction": 0.02}, {"t_r": 0.03})
 
 def run(plan: Plan, case: Integers, sample: Integers, counts: Counts) -> pa.Table:
     """Do some runs, and count them."""
-    table = compute(plan.config, plan.schema, prepare_runs(plan, case, sample))[0]
+    table = compute(plan.config, plan.schema, prepare_runs(plan, case, sample))
     for rows in table.to_batches():
         counts.add(rows, rows.column("case").to_numpy().astype(np.int64))
     return table

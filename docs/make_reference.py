@@ -28,14 +28,14 @@ PARAMETERS = ("overrides", "base", "axes")
 
 CONFIG_HEAD = """# The config, key by key
 
-A config is a YAML 1.2 file. `rattlesweep init` writes one to begin with, and `rattlesweep plan CONFIG --check` checks one: each mistake is
-reported as `file:line: key: sentence`. `--set KEY=VALUE` overrides a key by its dotted name, such as `--set bodies.samples=100`.
-`rattlesweep schema` prints the JSON Schema for editors. In Python a config is a mapping with the same keys.
+This page lists every key of a config, which is a YAML 1.2 file, or in Python a mapping with the same keys. `rattlesweep init` writes a config to start from, and `rattlesweep plan CONFIG --check` reports each mistake
+as `file:line: key: sentence`. `--set KEY=VALUE` overrides a key by its dotted name, such as `--set bodies.samples=100`.
+`rattlesweep schema` prints the JSON Schema for editors.
 
 The body's mass `M`, the height `a` of its centre of mass at rest and gravity `g` are 1. Times are in `sqrt(a/g)`, spins and rates in
-`sqrt(g/a)`. Where a key takes several numbers, give one number, a list, `{linspace: [low, high, n]}` or `{logspace: [low, high, n]}`; both ends
-are values. Where the bodies have a size (`source: shape`, the preset KL, a table with `height_m`), spins, times and losses may have units, as in
-`n_i: 60 rpm`, `t: 20 s` or `sigma: 1e-5 N m s`. If the sizes differ between bodies, such a key has one value.
+`sqrt(g/a)`. "Or several" in a table means one number, a list, `{linspace: [low, high, n]}` or `{logspace: [low, high, n]}`; both ends
+are included. If the bodies have a size (`source: shape`, the preset KL, a table with `height_m`), spins, times and dissipation may have units, as in
+`n_i: 60 rpm`, `t: 20 s` or `sigma: 1e-5 N m s`. If the sizes differ between bodies, a key with a unit takes one value.
 
 ```yaml
 name: steady-kr-quick
@@ -65,46 +65,40 @@ EXAMPLES = {
     ],
     "stop": ["stop: {fraction: 0.01}"],
     "launch": ["launch: {omega: [0, 0.01, -0.1], u: [0.01, 0, -1]}"],
-    "spin": [
-        "spin: {n_i: [-0.1, -0.3], omega_xy0: {logspace: [0.001, 0.1, 3]}, psi: pitch}",
-        "spin: {n_i: {linspace: [30 rpm, 90 rpm, 7]}, omega_xy0: 5 rpm}",
-    ],
-    "horizon": ["horizon: {t_rgh: 5, t: 1.0e+5}", "horizon: {t: 20 s}"],
-    "dissipation": [
-        "dissipation: {sigma: [0.001, 0.003], rolling: 0.001}",
-        "dissipation: {sigma: 1e-5 N m s}",
-    ],
+    "spin": ["spin: {n_i: [-0.1, -0.3], omega_xy0: {logspace: [0.001, 0.1, 3]}, psi: pitch}"],
+    "horizon": ["horizon: {t_rgh: 5, t: 1.0e+5}"],
+    "dissipation": ["dissipation: {sigma: [0.001, 0.003], rolling: 0.001}"],
     "integrator": ["integrator: {method: verner98, tol: 1.0e-11}", "integrator: {accuracy: draft}"],
     "integrator.accuracy": ["integrator: {accuracy: {t_r: 1.0e-6}}"],
     "classify": ["classify: {sw_departure: 0.1}"],
 }
 
 SHARED = {
-    "bodies": "The source of the bodies: draw them at random, take one of the literature, read a table, vary parameters over a grid, or make a shape.",
-    "bodies.overrides, bodies.base, bodies.axes": "Parameters of a body. `overrides` replace those of a preset. `base` is the body of a "
-    "grid: a preset, six parameters, or a shell-dumbbell body. `axes` vary over several values; the first axis varies slowest.",
+    "bodies": "Where the bodies come from.",
+    "bodies.overrides, bodies.base, bodies.axes": "`overrides` replaces parameters of a preset. `base` is the body of a "
+    "grid: a preset, six parameters, or a shell-dumbbell body. Each key of `axes` takes several values; the first axis varies slowest.",
 }
 
 TABLES = """## A table as a source
 
 `bodies: {source: table, path: bodies.csv}` reads a CSV file with a header, a Parquet file, or a directory of Parquet files. A relative path is
 looked up in the working directory and then beside the config. Each row is one body, in the columns `alpha beta gamma theta phi xi` (radians).
-These columns may be added; each replaces a part of the config for its row:
+These optional columns replace a part of the config, row by row:
 
 | columns | replace | unit |
 |---|---|---|
 | `n_i` and `omega_xy0` | `spin` | `sqrt(g/a)` |
-| `psi`, or `psi_deg` | `spin.psi` | radians, degrees |
+| `psi` or `psi_deg` | `spin.psi` | radians, degrees |
 | `omega_x omega_y omega_z u_x u_y u_z` | `spin`, by a full state | `sqrt(g/a)`; 1 |
-| `t_end`; empty: the config's | `horizon` | `sqrt(a/g)` |
-| `c`; empty: the config's | `bodies.c` | `a` |
-| `sigma`, `rolling`, in all rows | those of `dissipation` | `M a^2 sqrt(g/a)`, `a` |
+| `t_end`, may be empty | `horizon` | `sqrt(a/g)` |
+| `c`, may be empty | `bodies.c` | `a` |
+| `sigma`, `rolling`, in all rows | `dissipation` | `M a^2 sqrt(g/a)`, `a` |
 | `xi_deg` | `xi` | degrees |
 
-A body in SI units has the columns `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m` and, where they apply, `ixy_kg_m2 axes_angle_deg
-gravity_m_s2 c_m`. Launches are then `n_i_rpm omega_xy0_rpm`, the horizon is `t_end_s`, dissipation is `sigma_N_m_s` and `rolling_m`, and the runs have
-the columns `t_r_s` and `n_i_rpm` as well. Columns of any other name, such as the name of a stone,
-are copied to the runs; the name of a result is refused.
+A body in SI units has the columns `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m` and optionally `ixy_kg_m2 axes_angle_deg
+gravity_m_s2 c_m`. Its launch is `n_i_rpm omega_xy0_rpm`, its horizon `t_end_s`, its dissipation `sigma_N_m_s` and `rolling_m`. The runs then also have
+the columns `t_r_s` and `n_i_rpm`. Columns with other names, such as the name of a stone,
+are copied to the runs; a name of a result is an error.
 
 ```csv
 alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0,t_end
@@ -113,26 +107,26 @@ alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0,t_end
 ```
 
 The runs of a sweep are such a table: `path: out/quickstart/runs` repeats its launches and horizons, for example with another model or tolerance.
-A run that has reversed ends at its `t_end`, which is its reversal time. In Python, `rs.sweep(frame, output="out/mine", spin=...)` takes a
-DataFrame with these columns.
+For a run that has reversed, `t_end` is its reversal time. `rs.sweep(frame, ...)` takes a DataFrame with these columns.
 """
 
 COLUMNS_HEAD = """# Columns of the tables
 
-`runs/*.parquet` has one row for each run and `summary.parquet` one row for each case. The metadata of each column hold its unit and its meaning, and so do
-the `attrs` of the DataFrames of the Python interface. `M`, `a` and `g` are 1. A `?` marks columns that may be null; NaN and infinity never occur.
+This page lists the columns of `runs/*.parquet`, with one row for each run, and of `summary.parquet`, with one row for each case. Units and meanings are also in the metadata of the files and in
+the `attrs` of DataFrames. `M`, `a` and `g` are 1. A `?` marks columns that may be null. NaN and infinity never occur.
 """
 
 PARTS = {
     "keys": "Keys",
-    "body": "Body",
-    "launch": "Launch",
+    "body": "Body and launch",
+    "launch": "Body and launch",
     "theory": "Theory",
     "result": "Result",
-    "observation": "Numbers behind the types",
+    "observation": "Result",
     "STATE": "Launches from a full state",
     "MEASURED": "Bodies in SI units",
 }
+"""Headings of the parts; parts with the same heading share a table."""
 
 ELSEWHERE = {
     "tol": "`integrator: {accuracy: {t_r: ...}}`",
@@ -142,17 +136,9 @@ ELSEWHERE = {
 }
 """Parts that another key than `record` asks for."""
 
-TYPES_TABLE = """## Types
+TYPES_LINK = """## Types
 
-| word | meaning |
-|---|---|
-| `R` | reversed: the spin reached zero by the horizon |
-| `SS` | steady spinning: the relevant oscillation decayed monotonically |
-| `SW` | the spin visibly left its plateau and wobbles |
-| `unclassified` | the oscillation grew, yet the spin had not visibly changed by the horizon |
-| `D` | dead: with dissipation, no reversal, and hardly any energy left |
-
-[Types of runs](types.md) defines "monotonically" and "visibly".
+[Types of runs](types.md) defines the words of the column `type`.
 """
 
 
@@ -321,14 +307,14 @@ def columns_page() -> str:
     extras = {
         name: value
         for name, value in vars(columns).items()
-        if isinstance(value, tuple)
-        and value
-        and isinstance(value[0], pa.Field)
-        and name != "SUMMARY"
+        if isinstance(value, tuple) and value and isinstance(value[0], pa.Field)
     }
+    tables: dict[str, tuple[pa.Field, ...]] = {}
     for name, fields in (*always.items(), *extras.items()):
-        words = PARTS.get(name, f"`{name.lower()}`: sweeps that ask for it")
-        parts.append(f"### {words}\n\n{fields_table(fields)}\n")
+        heading = PARTS.get(name, f"`{name.lower()}`: sweeps that ask for it")
+        tables[heading] = (*tables.get(heading, ()), *fields)
+    for heading, fields in tables.items():
+        parts.append(f"### {heading}\n\n{fields_table(fields)}\n")
     for name, fields in asked.items():
         models = columns.RECORD_PARTS[name]
         note = f"Not with `model: {'` or `'.join(models)}`.\n\n" if models else ""
@@ -336,7 +322,7 @@ def columns_page() -> str:
         parts.append(f"### {words}\n\n{note}{fields_table(fields)}\n")
     parts.append(f"## `summary`\n\n{fields_table(columns.SUMMARY)}\n")
     words = [(f"`{status.label}`", status.meaning) for status in Status]
-    parts.append(TYPES_TABLE)
+    parts.append(TYPES_LINK)
     parts.append(f"## Status words\n\n{table([('word', 'meaning'), *words])}")
     return "\n".join(parts)
 

@@ -1,4 +1,4 @@
-"""Pages of the site that are no files of docs/: pages of the root and of benchmarks/, and `--help`.
+"""Add pages of the root and of benchmarks/, and the text of `--help`, to the site.
 
 A hook of MkDocs (see mkdocs.yml).
 """
@@ -23,11 +23,12 @@ COPIED = {
     "benchmarks/extremes.md": "extremes.md",
     "benchmarks/claims.md": "claims.md",
     "benchmarks/fit.md": "fit_coverage.md",
+    "benchmarks/literature.md": "other_runs.md",
 }
 
 
 def on_files(files: Any, *, config: Any) -> Any:
-    """Add pages that are no files of docs/."""
+    """Add the pages that are not in docs/."""
     for source, name in COPIED.items():
         path = ROOT / source
         links = path.read_text(encoding="utf-8")
@@ -37,12 +38,17 @@ def on_files(files: Any, *, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, **rest: Any) -> str:
-    """Let links to files beside docs/ lead to their pages."""
+    """Point links to files outside docs/ at their pages."""
     return relinked(markdown, ROOT / "docs")
 
 
+def on_page_content(html: str, *, page: Any, **rest: Any) -> str:
+    """Leave out equation labels, which refer to the LaTeX source of the paper."""
+    return re.sub(r"\s*\(Eqs?\. [^)]*\)", "", html) if page.file.src_uri == "api.md" else html
+
+
 def relinked(markdown: str, folder: Path) -> str:
-    """Return a page of a folder with its links to other pages as links within the site."""
+    """Return the Markdown of a file in `folder` with links that lead to pages of the site."""
 
     def place(match: re.Match[str]) -> str:
         target = (folder / match[1]).resolve()
@@ -55,7 +61,7 @@ def relinked(markdown: str, folder: Path) -> str:
 
 
 def commands() -> str:
-    """Return one page of all that `--help` prints."""
+    """Return a page with the output of `--help` of every command."""
     parts = ["# Commands", "`rattlesweep COMMAND --help` prints the same."]
     with click.Context(main, info_name="rattlesweep") as context:
         parts.append(f"```text\n{main.get_help(context)}\n```")

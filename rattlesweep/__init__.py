@@ -1,4 +1,4 @@
-"""Parameter sweeps of rattlebacks: theory, lane kernels, types, Parquet tables.
+"""Parameter sweeps of rattlebacks: reversal times, types of motion, theory, Parquet tables.
 
 >>> import rattlesweep as rs
 >>> gh = rs.Rattleback.gh()
@@ -20,7 +20,7 @@ __all__ = ["ConfigError", "GrowthRates", "Modes", "OutputError", "Page", "Rattle
 
 
 def __getattr__(name: str) -> Any:
-    # At first use: Numba alone takes half a second to import, and --help needs none of it.
+    # Imported at first use: Numba alone takes half a second, and --help does not need it.
     if name == "__version__":
         from importlib.metadata import version
 

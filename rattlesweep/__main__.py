@@ -1,4 +1,4 @@
-"""`python -m rattlesweep`: the command line."""
+"""Entry point of `python -m rattlesweep`."""
 
 from rattlesweep.cli import main
 

@@ -1,4 +1,4 @@
-"""Arrays over runs: their types, and dataclasses of them, of which rows are taken and put back."""
+"""Types of arrays over runs, and rows of dataclasses that hold such arrays."""
 
 from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar, cast
@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 def take(values: T, rows: NDArray[Any]) -> T:
-    """Return some rows of a dataclass of arrays over runs; what was not recorded stays so."""
+    """Return some rows of an array, or of each array in a dict or dataclass; empty ones stay so."""
     found: Any = values
     if isinstance(values, np.ndarray):
         found = values[rows] if len(values) else values
@@ -28,8 +28,8 @@ def take(values: T, rows: NDArray[Any]) -> T:
 
 
 def put(values: T, into: T, rows: NDArray[Any]) -> None:
-    """Write rows of one dataclass of arrays into those places of another of its kind."""
+    """Write the arrays of a dataclass into some rows of another dataclass of its type."""
     for part in fields(values):  # type: ignore[arg-type]
-        here = getattr(into, part.name)
-        if isinstance(here, np.ndarray) and len(here):
-            here[rows] = getattr(values, part.name)
+        target = getattr(into, part.name)
+        if isinstance(target, np.ndarray) and len(target):
+            target[rows] = getattr(values, part.name)

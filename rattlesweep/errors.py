@@ -1,21 +1,21 @@
-"""The two ways a sweep can fail that are the user's to mend, and what only looks like one."""
+"""Errors and warnings that users can act on, and text made safe for a terminal."""
 
 from collections.abc import Iterable
 
 
 def printable(text: str) -> str:
-    """Return text as any terminal can show it: escapes and the like spelled out."""
+    """Return text with its control characters escaped, so that any terminal can show it."""
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
 
 
 def one_line(text: str, limit: int = 60) -> str:
-    """Return text as one printable line, cut if it is long."""
+    """Return text as one printable line, shortened to a limit."""
     text = text if len(text) <= limit else text[: limit - 3] + "..."
     return printable(text).replace("\n", "\\n")
 
 
 class ConfigError(ValueError):
-    """A command or a config is wrong (exit code 2): one line for each thing that is."""
+    """A command, a config or an argument is wrong (exit code 2); one message for each mistake."""
 
     def __init__(self, messages: str | Iterable[str]) -> None:
         lines = [messages] if isinstance(messages, str) else messages
@@ -27,12 +27,12 @@ class ConfigError(ValueError):
 
 
 class ConfigWarning(UserWarning):
-    """What a config asks for makes little physical sense."""
+    """A config is valid, but makes little physical sense."""
 
 
 class OutputError(RuntimeError):
-    """Results cannot be read or written where they should be (exit code 1)."""
+    """Results cannot be read or written (exit code 1)."""
 
 
 class DamagedError(OutputError):
-    """A file is not what was written: cut short, changed, or none of this program."""
+    """A file is cut short, changed, or not written by this program."""

@@ -1,5 +1,5 @@
-"""What a terminal shows: tables, counts, lengths of time, progress."""
-# ruff: noqa: D102 - names and types say it
+"""Output for terminals: tables, counts, durations, progress."""
+# ruff: noqa: D102 - the names say what the methods of a bar do
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
 COMPILING = "compiling the kernel for this machine, once (about 15 s)"
-DELAY = 0.5  # seconds after which a bar appears: much is over by then
-LINE_EVERY = 60.0  # seconds between lines where standard error is no terminal
+DELAY = 0.5  # seconds after which a bar appears, so that short work shows none
+LINE_EVERY = 60.0  # seconds between lines of progress where standard error is not a terminal
 
 
 def align(lines: Sequence[Sequence[str]], sides: str = ">") -> str:
-    """Lay cells out in columns, on their sides ``<`` or ``>``, the last for all further columns."""
+    """Return rows of cells as aligned columns; the last of `sides`, ``<`` or ``>``, is repeated."""
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     shapes = list(map("{}{}".format, sides.ljust(len(widths), sides[-1]), widths))
     return "\n".join("  ".join(map(format, line, shapes)).rstrip() for line in lines)
 
 
 def counted(number: int, noun: str) -> str:
-    """Return such as ``1 run`` or ``6,000 runs``."""
+    """Return a number with a noun, such as ``1 run`` or ``6,000 runs``."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
@@ -34,7 +34,7 @@ def clock(seconds: float) -> str:
 
 
 class Bar(AbstractContextManager["Bar"]):
-    """Progress on standard error: a bar, or a line a minute, for as long as a ``with`` lasts."""
+    """Progress on standard error, as a bar or as a line per minute; a context manager."""
 
     def __init__(self, shown: bool, lines: bool = False) -> None:
         self._shown, self._lines, self._compiled = shown, lines, False
@@ -43,7 +43,7 @@ class Bar(AbstractContextManager["Bar"]):
 
     @classmethod
     def of_call(cls, progress: bool | None) -> Bar:
-        """Return the bar of a call, by default shown in a notebook and in a terminal."""
+        """Return the bar of a Python call, by default shown in notebooks and terminals."""
         if progress is None:
             progress = "ipykernel" in sys.modules or sys.stderr.isatty()
         return cls(progress)
@@ -69,7 +69,7 @@ class Bar(AbstractContextManager["Bar"]):
 
     @contextmanager
     def compiling(self, kernel: str) -> Iterator[None]:
-        """Tell that a kernel is being compiled, once, however many there are."""
+        """Say once that kernels are being compiled."""
         if (self._shown or self._lines) and not self._compiled:
             print(COMPILING, file=sys.stderr, flush=True)
         self._compiled = True
@@ -80,10 +80,10 @@ class Bar(AbstractContextManager["Bar"]):
         text = f"{text}, {clock(now - self._start)}{left}"
         if self._shown:
             if self._bar is None:
-                with warnings.catch_warnings(action="ignore"):  # in notebooks without ipywidgets
+                with warnings.catch_warnings(action="ignore"):  # tqdm warns without ipywidgets
                     from tqdm.auto import tqdm
 
-                # tqdm's own estimate of the time left would count compilation as work.
+                # tqdm's own estimate of the time left would include compilation.
                 form = "{percentage:3.0f}%|{bar}| {desc}"
                 self._bar = tqdm(total=100.0, bar_format=form, file=sys.stderr, delay=DELAY)
             self._bar.set_description_str(text, refresh=False)

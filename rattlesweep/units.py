@@ -1,4 +1,4 @@
-"""Quantities as people write them: "12 mm", "2.1 kg cm^2" (pint knows the units), "3h50m"."""
+"""Quantities with units as text: "12 mm", "2.1 kg cm^2" (by pint), and durations: "3h50m"."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SPAN = r"(\d+(?:\.\d+)?)\s*(d|h|min|m|s)"
 
 
 class Quantity(float):
-    """A number in SI units that remembers the text it was given as, such as ``60 rpm``."""
+    """A number in SI units that keeps the text it was read from, such as ``60 rpm``."""
 
     text: str
     kind: str
@@ -40,12 +40,12 @@ class Quantity(float):
 
 
 def quantity(text: str, kind: str) -> float:
-    """Return ``12 mm``, ``2.1e-4 kg*m**2`` in SI units, or raise a ValueError with an example."""
+    """Return a text such as ``12 mm`` in SI units, or raise a ValueError with an example."""
     return quantities(text, kind, 1)[0]
 
 
 def quantities(text: str, kind: str, *counts: int) -> list[float]:
-    """Return as many numbers as one of `counts`, such as ``2,16,17 kg cm^2`` or ``12cm,3cm``."""
+    """Return the numbers of a list such as ``2,16,17 kg cm^2``, of one of the lengths `counts`."""
     needed = f"{_article(kind)} is needed, such as {KINDS[kind][1]}"
     values, units = zip(*map(split, text.split(",")), strict=True)
     if None in values:
@@ -63,7 +63,7 @@ def quantities(text: str, kind: str, *counts: int) -> list[float]:
 
 
 def split(text: str) -> tuple[float | None, str]:
-    """Return the number at the beginning of a text, None if there is none, and what is behind."""
+    """Return the number that a text begins with, None if there is none, and the rest."""
     found = re.fullmatch(rf"\s*({_NUMBER})\s*(.*?)\s*", text)
     return (float(found[1]), found[2]) if found else (None, "")
 
@@ -71,10 +71,10 @@ def split(text: str) -> tuple[float | None, str]:
 def seconds_of(text: str) -> float:
     """Return the seconds of ``3h50m``, ``90s``, ``1.5h`` or ``2d 4h``; else raise a ValueError."""
     if not re.fullmatch(rf"\s*(?:{_SPAN}\s*)+", text):
-        raise ValueError("is no length of time; write it with units, as in 3h50m, 90s or 2d")
+        raise ValueError("is not a duration; write it with units, as in 3h50m, 90s or 2d")
     seconds = sum(float(number) * _SECONDS[unit] for number, unit in re.findall(_SPAN, text))
     if not 0 < seconds < 1e10:
-        raise ValueError("is out of range; give more than nothing")
+        raise ValueError("is out of range; give a time above zero and below 1e10 s")
     return seconds
 
 
@@ -84,13 +84,13 @@ def _article(noun: str) -> str:
 
 @cache
 def _base(unit: str, needed: str = "") -> tuple[float, str]:
-    """Return the size of a unit in SI base units, and these."""
+    """Return the size of a unit in SI base units, and these units."""
     if not re.fullmatch(f"({_FACTOR})+", unit):
         what = f"the unit {unit}, which is not a product of units" if unit else "no unit"
         raise ValueError(f"has {what}; {needed}")
-    import pint  # takes as long to import as all the rest of the command line
+    import pint  # as slow to import as the rest of the command line together
 
-    # "mm2" is "mm^2" to people, and the name of a unit to pint.
+    # "mm2" means "mm^2", but pint reads it as the name of a unit.
     spelled = re.sub(r"(?<=[A-Za-zµμ°])\s*(?=-?\d)", "^", unit.replace("°", "deg"))
     try:
         base = pint.application_registry.Quantity(1.0, spelled).to_base_units()

@@ -1,4 +1,4 @@
-"""What holds for the whole of a test run."""
+"""Settings and fixtures of the whole test run."""
 
 from __future__ import annotations
 
@@ -10,38 +10,38 @@ from contextlib import nullcontext
 
 import pytest
 
-# The files that take longest begin first, so that no worker is left alone with one at the end.
+# The longest files start first, so that both workers finish at about the same time.
 LONGEST = ("test_run", "test_dask", "test_paper_run", "test_show", "test_harm", "test_transcripts",
            "test_stop_resume", "test_decide", "test_tutorial", "test_sensitivity", "test_plot",
            "test_invariance", "test_report", "test_merge", "test_compare")  # fmt: skip
 
-# What is imported stays: to look for garbage in it again and again is a twelfth of the time.
+# Imported modules are never garbage, and collecting them again and again took 8 % of the time.
 gc.disable()
 
-# A shell that starts the tests in the background has them, and all they start, ignore Ctrl-C.
+# Shells make background jobs ignore Ctrl-C, and their children inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the tests of `LONGEST` before the others."""
+    """Move the tests in `LONGEST` to the front."""
     places = {name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: places.get(item.path.stem, len(LONGEST)))
 
 
 def pytest_collection_finish() -> None:
-    """Look for garbage in what the tests make, from here on."""
+    """Collect garbage from here on, but only among the objects that tests create."""
     gc.collect()
     gc.freeze()
     gc.enable()
 
 
 def pytest_unconfigure() -> None:
-    gc.unfreeze()  # libraries would call it leaked
+    gc.unfreeze()  # otherwise some libraries report leaks
 
 
 @pytest.fixture(scope="session", autouse=True)
 def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Make temporary directories in pytest's own, and let no command tell of compilation."""
+    """Keep temporary files in pytest's own directory, and hide messages about compilation."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tempfile, "tempdir", str(tmp_path_factory.mktemp("tempfile")))
         patch.setattr("rattlesweep.cli.options.listening", lambda listener: nullcontext())
@@ -50,7 +50,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def signal_handlers() -> Iterator[None]:
-    """Give back the handlers of signals: a command that ends in this process leaves its own."""
+    """Restore the signal handlers, which commands replace when they run in this process."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     yield
     for number, handler in before.items():

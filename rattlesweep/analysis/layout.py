@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,9 +20,8 @@ from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError, one_line
 from rattlesweep.sweeps.columns import RUNS, TIME, floats
 from rattlesweep.sweeps.config import not_one_of
-from rattlesweep.sweeps.config.schema import PARAMETERS, GridSource
+from rattlesweep.sweeps.config.schema import BODY_KEYS, GridSource
 from rattlesweep.sweeps.decide import FEWEST, nearest
-from rattlesweep.sweeps.provenance import package_version
 from rattlesweep.sweeps.stored import Stored, open_stored
 from rattlesweep.sweeps.summary import Counts, Moments, columns_for
 
@@ -319,11 +319,11 @@ def make_dataset(
         dataset[key] = variable.dims, values, _about(column)
     known = {column.name: _about(column) for part in RUNS.values() for column in part}
     for name in axes:
-        words = PARAMETERS[name][2] if name in PARAMETERS else ""
+        words = BODY_KEYS[name][2] if name in BODY_KEYS else ""
         dataset[name].attrs = known.get(name, {"units": "degree", "long_name": words})
     dataset.attrs = {
         "title": layout.stored.config.name,
-        "source": f"rattlesweep {package_version()}",
+        "source": f"rattlesweep {version('rattlesweep')}",
         "comment": "units: mass M, height a of the centre of mass at rest, and gravity g are 1",
         "references": "Kondo and Nakanishi, Phys. Rev. E 95, 062207 (2017)",
         "config_hash": layout.stored.hash,

@@ -206,7 +206,10 @@ def encode(figure: Figure, kind: str, dpi: float = DPI) -> bytes:
 def save(figure: Figure, paths: Sequence[Path], dpi: float = DPI) -> None:
     """Write a figure to files atomically, in the formats of their endings."""
     for path in paths:
-        replace_file(path, encode(figure, path.suffix.lower().removeprefix("."), dpi))
+        kind = path.suffix.lower().removeprefix(".")
+        if kind not in FORMATS:
+            raise ConfigError(f"path {path}: the name must end in .{', .'.join(FORMATS)}")
+        replace_file(path, encode(figure, kind, dpi))
 
 
 def save_table(rows: pd.DataFrame, path: Path) -> None:

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,7 +31,7 @@ from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.sweeps.files import probe_directory
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.provenance import machine, package_version
+from rattlesweep.sweeps.provenance import machine
 
 DEFAULT: dict[str, Any] = {
     "name": "tradeoff", "seed": 2017, "bodies": {"source": "sd"},
@@ -120,7 +121,7 @@ def solve(
     own = config.model_copy(update={"model": model, "integrator": integrator})
     # Only the main thread receives Ctrl-C, so the work is done by another.
     work = Task(lambda control: compute(own, RESULTS, (runs, batch), threads, control))
-    found: pd.DataFrame = work.wait()[0].to_pandas()
+    found: pd.DataFrame = work.wait().to_pandas()
     return found.assign(t_r=found["t_r"].where(found["status"] == "ok"))
 
 
@@ -173,7 +174,7 @@ def measure(
     table, here = pd.DataFrame(rows), machine()
     facts = {
         "config": config.name,
-        "rattlesweep": package_version(),
+        "rattlesweep": version("rattlesweep"),
         "machine": f"{here['cpu']}, {here['processors']} processors, {here['system']}",
         "runs": len(reference),
         "reversing_in_both": len(apart),

@@ -1,7 +1,7 @@
-"""The Python interface: a few calls, which import the rooms below when they are made.
+"""The Python interface; theory in closed form is in this module.
 
-An argument that is wrong raises a ``ConfigError``, which is a ``ValueError``; what the disk or the
-data refuse raises an ``OutputError``.  What theory says of bodies in closed form is here.
+A wrong argument raises a ``ConfigError``, which is a ``ValueError``; files that cannot be read or
+written raise an ``OutputError``.  Calls import what they need when they are made.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ class GrowthRates(NamedTuple):
 
 
 def modes(body: Bodies) -> Modes:
-    """Return frequencies, directions and torque coefficients (Eqs. def-omega_pr, Kp, Kr).
+    """Return frequencies, directions and torque coefficients (Eqs. 24, 39 and 40).
 
     `body` is a body or the name of a preset, a sequence or an array of these, or a table with the
     columns ``alpha beta gamma theta phi xi``.  The result has ``omega_p omega_r omega_p0 omega_r0``
-    in ``sqrt(g/a)``, ``psi_p psi_r`` in radians and ``K_p K_r``: floats of one body, arrays of the
-    shape of several.
+    in ``sqrt(g/a)``, ``psi_p psi_r`` in radians and ``K_p K_r``, each a float for one body and an
+    array for several.
 
     Examples
     --------
@@ -54,11 +54,11 @@ def modes(body: Bodies) -> Modes:
 
 
 def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:
-    """Return Garcia and Hubbard's time of reversal (Eqs. trgh-p, trgh-m), in ``sqrt(a/g)``.
+    """Return Garcia and Hubbard's time of reversal (Eqs. 56 and 58), in ``sqrt(a/g)``.
 
-    `body` is as for :func:`modes`; ``n_i``, not zero, is the initial spin, whose sign chooses the
-    direction, and ``omega_xy0`` the oscillation along the relevant mode, both in ``sqrt(g/a)``.
-    Returns a float or an array of the shape to which all broadcast.
+    `body` is as for :func:`modes`.  The sign of the initial spin ``n_i``, which must not be zero,
+    chooses the direction; ``omega_xy0`` is the initial oscillation along the relevant mode, both in
+    ``sqrt(g/a)``.  All arguments broadcast.
 
     Examples
     --------
@@ -68,18 +68,17 @@ def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:
     """
     parts = _columns(body, n_i=n_i, omega_xy0=omega_xy0)
     if not parts["n_i"].all():
-        raise ConfigError("n_i: a launch without spin, n_i = 0, has no time of reversal")
-    b, found = SimpleNamespace(**parts), _modes(parts)
-    psi = direction(found, b.n_i, "relevant")
-    return _plain(garcia_hubbard(b, found, b.n_i, b.omega_xy0, psi).t_rgh)
+        raise ConfigError("n_i: a launch without spin, n_i = 0, has no reversal time")
+    bodies, found = SimpleNamespace(**parts), _modes(parts)
+    n_i, psi = parts["n_i"], direction(found, parts["n_i"], "relevant")
+    return _plain(garcia_hubbard(bodies, found, n_i, parts["omega_xy0"], psi).t_rgh)
 
 
 def bondi_threshold(body: Bodies) -> Any:
-    """Return Bondi's threshold spin ``n_c1`` (Eq. def-nc1), in ``sqrt(g/a)``.
+    """Return Bondi's threshold spin ``n_c1`` (Eq. 73), in ``sqrt(g/a)``.
 
-    A steady spin beyond it, ``n < n_c1 < 0``, is linearly stable; of mirrored bodies (``xi > 0``)
-    all signs are the other ones.  `body` is as for :func:`modes`; the result is a float or an array
-    of the shape of the bodies, NaN where no spin is stable.
+    A steady spin beyond it, ``n < n_c1 < 0``, is linearly stable.  For mirrored bodies (``xi > 0``)
+    all signs change.  `body` is as for :func:`modes`; the result is NaN where no spin is stable.
     """
     parts = _columns(body)
     xi = parts.pop("xi")
@@ -88,11 +87,11 @@ def bondi_threshold(body: Bodies) -> Any:
 
 
 def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRates:
-    """Return the growth rates of the amplitudes of pitch and roll while the spin is ``n``.
+    """Return the growth rates of the amplitudes of pitch and roll at a spin ``n``.
 
-    `body` is as for :func:`modes`, and ``n``, in ``sqrt(g/a)``, broadcasts with the bodies.  With
-    `exact` they are the eigenvalues at this spin, else their limit for a small one, ``n K_p / 2``
-    and ``-n K_r / 2`` (Eq. case-instab1).  Energies grow twice as fast.
+    `body` is as for :func:`modes`, and ``n``, in ``sqrt(g/a)``, broadcasts with the bodies.  The
+    rates are eigenvalues if `exact`, else their limits for a small spin, ``n K_p / 2`` and
+    ``-n K_r / 2`` (Eq. 74).  Energies grow twice as fast.
     """
     parts = _columns(body, n=n)
     spin = parts.pop("n")

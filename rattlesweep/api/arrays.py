@@ -1,10 +1,10 @@
-"""Arguments of the Python interface: bodies and numbers, one or many, with units or without."""
+"""Arguments of the Python interface: bodies and numbers, one or many, with or without units."""
 # ruff: noqa: D103 - names and types say it
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import astuple
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.bodies.table import TableBodies
 
 Bodies: TypeAlias = "Rattleback | str | Iterable[Any] | Mapping[str, Any] | pd.DataFrame"
-"""One body or the name of a preset; a sequence or an array of these; or a table of bodies."""
+"""A body or the name of a preset, a sequence or an array of these, or a table of bodies."""
 
-# Kinds of the arguments that may be given in SI units.
+# The arguments that may be given in SI units, and their kinds.
 KINDS = {
     "n": "spin", "n_i": "spin", "omega_xy0": "spin", "omega": "spin", "t_end": "time",
     "from_time": "time", "dt": "time", "times": "time", "sigma": "torque per spin",
     "rolling": "length", "e_p0": "energy", "e_r0": "energy",
 }  # fmt: skip
-SIZE = ("mass_kg", "height_m", "gravity_m_s2")  # columns that tell the size of bodies
+SIZE = ("mass_kg", "height_m", "gravity_m_s2")  # columns that hold the size of bodies
 
 
 def one_body(body: Any, name: str = "body") -> Rattleback:
@@ -41,22 +41,17 @@ def one_body(body: Any, name: str = "body") -> Rattleback:
     if isinstance(body, str) and body in PRESETS:
         return PRESETS[body]()
     known = " or ".join(PRESETS)
-    raise ConfigError(f"{name}: {kind_of(body)} is no body; give a Rattleback or a name, {known}")
+    raise ConfigError(f"{name}: {kind_of(body)} is not a body; give a Rattleback, or {known}")
 
 
 def body_columns(bodies: Bodies) -> dict[str, Floats]:
-    """Return parameters of bodies, arrays of one shape, with `SIZE` if known and a table's rest."""
+    """Return the parameters of bodies as arrays of one shape.
+
+    The columns of `SIZE` are there if the size of all bodies is known.  A table keeps its other
+    columns.
+    """
     if isinstance(bodies, Mapping) or is_frame(bodies):
-        import pandas as pd
-
-        from rattlesweep.sweeps.bodies.table import frame_bodies
-
-        try:
-            frame = pd.DataFrame(bodies)
-        except ValueError as error:
-            raise ConfigError(f"bodies: cannot be read as a table: {error}") from None
-        table = frame_bodies(frame)
-        return table.columns | {name: table.carried[name] for name in SIZE if name in table.carried}
+        return _table_columns(bodies)
     several = isinstance(bodies, Iterable) and not isinstance(bodies, str)
     given: Any = np.array(list(bodies) if several else bodies, object)  # type: ignore[arg-type]
     labels = [f"bodies[{k}]" for k in range(given.size)] if several else ["bodies"]
@@ -66,8 +61,21 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
     sizes = [astuple(body.units) for body in flat if body.units is not None]
     if flat and len(sizes) == len(flat):
         columns |= dict(zip(SIZE, map(list, zip(*sizes, strict=True)), strict=True))
-    # None becomes NaN.
+    # The c of a paraboloid, None, becomes NaN.
     return {name: np.array(values, float).reshape(given.shape) for name, values in columns.items()}
+
+
+def _table_columns(bodies: Mapping[str, Any] | pd.DataFrame) -> dict[str, Floats]:
+    import pandas as pd
+
+    from rattlesweep.sweeps.bodies.table import frame_bodies
+
+    try:
+        frame = pd.DataFrame(bodies)
+    except ValueError as error:
+        raise ConfigError(f"bodies: cannot be read as a table: {error}") from None
+    table = frame_bodies(frame)
+    return table.columns | {name: table.carried[name] for name in SIZE if name in table.carried}
 
 
 def table_bodies(columns: Mapping[str, Floats]) -> TableBodies:
@@ -93,7 +101,7 @@ def column_scale(columns: Mapping[str, Any]) -> Scale | None:
 
 
 def numbers(name: str, value: Any, scale: Scale | None = None) -> Floats:
-    """Return a checked argument as an array in the units of the bodies."""
+    """Return an argument as an array in the units of the bodies, or refuse it."""
     from rattlesweep.sweeps.bodies.table import check_value
 
     array = _floats(name, value, scale)
@@ -101,34 +109,35 @@ def numbers(name: str, value: Any, scale: Scale | None = None) -> Floats:
     if (bad := ~np.isfinite(array)).any():
         broken = int(np.argmax(bad)), "it must be finite"
     if broken is not None:
-        place = np.unravel_index(broken[0], array.shape)
+        index, sentence = broken
+        place = np.unravel_index(index, array.shape)
         where = f"[{', '.join(map(str, place))}]" if place else ""
-        raise ConfigError(f"{name}{where} {array[place]:g}: {broken[1]}")
+        raise ConfigError(f"{name}{where} {array[place]:g}: {sentence}")
     return array
 
 
 def _floats(name: str, value: Any, scale: Scale | None) -> Floats:
     if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
         return value.astype(float)
-    given = np.array(value, dtype=object)  # not as texts, which numbers beside them may be
+    given = np.array(value, dtype=object)  # other types would turn numbers beside texts into texts
     flat = given.ravel().tolist()
-    is_text = np.array([isinstance(one, str) for one in flat]).reshape(given.shape)
     try:
         if any(isinstance(one, bool) for one in flat):
             raise TypeError
-        found = [quantity(one, KINDS[name]) if isinstance(one, str) else one for one in flat]
-        array = np.array(found, float).reshape(given.shape)
+        found = [quantity(one, KINDS[name]) if isinstance(one, str) else float(one) for one in flat]
     except (KeyError, TypeError, OverflowError):
-        raise ConfigError(f"{name}: {kind_of(value)} is no number or array of numbers") from None
+        told = f"{kind_of(value)} is not a number or an array of numbers"
+        raise ConfigError(f"{name}: {told}") from None
     except ValueError as error:
-        told = f"{kind_of(value)} is no number or a quantity"
-        raise ConfigError(f"{name}: {told}: it {error}") from None
+        raise ConfigError(f"{name}: {kind_of(value)} {error}") from None
+    array = np.array(found, float).reshape(given.shape)
+    is_text = np.array([isinstance(one, str) for one in flat]).reshape(given.shape)
     if not is_text.any():
         return array
     if scale is None:
         raise ConfigError(f"{name}: {one_line(str(value))} has a unit, but the body has no size; "
-                          "give it one (KL, from_si, half_ellipsoid, --mass and --height), or a "
-                          "number without")  # fmt: skip
+                          "give a number, or a body with a size (KL, from_si, half_ellipsoid, "
+                          "--mass and --height)")  # fmt: skip
     return np.asarray(np.where(is_text, scale.natural(array, KINDS[name]), array))
 
 
@@ -137,15 +146,29 @@ def number(name: str, value: Any, scale: Scale | None = None) -> float | None:
         return None
     array = numbers(name, value, scale)
     if array.shape:
-        raise ConfigError(f"{name}: one number is needed, and not an array of shape {array.shape}")
+        raise ConfigError(f"{name}: one number is needed, not an array of shape {array.shape}")
     return float(array)
 
 
 def check_count(name: str, value: Any, least: int = 1) -> None:
     if value is not None and not (isinstance(value, Integral) and int(value) >= least):
-        raise ConfigError(
-            f"{name}: {kind_of(value)} is no count; give a whole number from {least} on"
-        )
+        raise ConfigError(f"{name}: {kind_of(value)} is given; it must be a whole number from "
+                          f"{least} on")  # fmt: skip
+
+
+def check_names(what: str, given: Iterable[str], known: Collection[str]) -> None:
+    from rattlesweep.sweeps.config import not_one_of
+
+    for name in given:
+        if name not in known:
+            raise ConfigError(f"{what}: {not_one_of(name, known)}")
+
+
+def names_of(what: str, value: str | Iterable[str]) -> list[str]:
+    """Return one name or several as a list."""
+    if not isinstance(value, Iterable):
+        raise ConfigError(f"{what}: {kind_of(value)} is not a name or a list of names")
+    return [value] if isinstance(value, str) else list(value)
 
 
 def full_states(omega: Any, u: Any, scale: Scale | None = None) -> dict[str, Floats]:
@@ -162,18 +185,18 @@ def full_states(omega: Any, u: Any, scale: Scale | None = None) -> dict[str, Flo
 
 
 def broadcast(arrays: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[int, ...]]:
-    """Bring columns of bodies and arrays to one shape by NumPy's rules; return them and it."""
+    """Broadcast arrays by NumPy's rules, and return them and their shape."""
     try:
         whole = np.broadcast_arrays(*arrays.values())
     except ValueError:
         told = {"bodies" if name == "alpha" else name: x.shape for name, x in arrays.items()}
         shapes = ", ".join(f"{name} {told[name]}" for name in told if name not in PARAMETERS)
-        raise ConfigError(f"the shapes do not go together: {shapes}") from None
+        raise ConfigError(f"the shapes do not broadcast: {shapes}") from None
     return dict(zip(arrays, whole, strict=True)), whole[0].shape
 
 
 def is_frame(value: Any) -> TypeGuard[pd.DataFrame]:
-    """Tell whether something is a DataFrame, without importing pandas, which takes long."""
+    """Return whether a value is a DataFrame, without importing pandas, which is slow."""
     pandas = sys.modules.get("pandas")
     return pandas is not None and isinstance(value, pandas.DataFrame)
 

@@ -1,4 +1,4 @@
-"""Single runs: outcomes, time series, pages that move, fits; and stored runs again."""
+"""Single runs: their outcomes, time series, animated pages and fits, and replays of stored runs."""
 
 from __future__ import annotations
 
@@ -33,10 +33,12 @@ if TYPE_CHECKING:
 
 SPIN = ("n_i", "omega_xy0")
 STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
+INTEGRATOR = ("method", "tol", "dt_step", "accuracy")
+LAUNCH = (*SPIN, "omega", "u", "t_end", "psi", "model", "sigma", "rolling", *INTEGRATOR)
 
 
 class Run(SimpleNamespace):
-    """Outcome of one run: each column of a sweep's ``runs`` is an attribute; `units` has units."""
+    """Outcome of one run, with an attribute for each column of a sweep's ``runs``, and `units`."""
 
     def __getitem__(self, name: str) -> Any:
         return getattr(self, name)
@@ -53,16 +55,23 @@ class Run(SimpleNamespace):
 
 
 class Trajectory:
-    """A run as a table.
+    """A run as a time series.
 
-    `table` is a DataFrame with one column per channel, NaN where that has no finite value, whose
-    `units` are a dict; of a body whose size is known, the same in SI units follow, such as ``t_s``
-    and ``n_rpm``.  `zeros` are the times of all zeros of the spin, in ``sqrt(a/g)``, of which the
-    first is the ``t_r`` of a sweep, and `reversals` those of the first zero of each turn, on which
-    the spin goes from beyond a quarter of the launch's spin to beyond a quarter on the other side.
-    `t_end` is the time reached, `n_steps` counts the accepted steps, `status` is ``ok`` or a word
-    for what went wrong, and `warning` says where contact would be lost, or rolling needs a
-    coefficient of friction above 1.
+    Attributes
+    ----------
+    table : DataFrame
+        One column per channel, NaN where a channel has no finite value.  If the size of the body is
+        known, columns in SI units follow, such as ``t_s`` and ``n_rpm``.
+    units : dict
+        Unit of each channel.
+    zeros, reversals : array
+        Times of all zeros of the spin, the first of which is the ``t_r`` of a sweep, and of the
+        first zero of each reversal.  A reversal takes the spin from beyond a quarter of its initial
+        value to beyond a quarter on the other side.
+    t_end, n_steps, status
+        Time reached, number of accepted steps, and ``ok`` or a word for what went wrong.
+    warning : str
+        Where the contact would be lost, or need a coefficient of friction above 1.
     """
 
     def __init__(
@@ -72,7 +81,8 @@ class Trajectory:
 
         from rattlesweep.analysis.onerun.course import Course
 
-        self._course = course = Course(run, channels, **rows_of(scale, **rows))
+        names = arguments.names_of("channels", channels)
+        self._course = course = Course(run, names, **rows_of(scale, **rows))
         self._scale = scale
         self.table = pd.DataFrame(course.columns())
         self.units = {channel.name: channel.unit for channel in course.channels}
@@ -93,7 +103,7 @@ class Trajectory:
         return f"<div>{html.escape(repr(self))}{self.table.to_html(max_rows=6)}</div>"
 
     def show(self, *, title: str | None = None, **shown: Any) -> Page:
-        """Make the page of this run, with `from_time`, `points` and `path` of :func:`show`."""
+        """Make a page of this run; `from_time`, `points` and `path` are those of :func:`show`."""
         return page_of(self._course.run, self._scale, title, **shown)[0]
 
     def plot(self, path: str | Path | None = None) -> Figure:
@@ -101,26 +111,28 @@ class Trajectory:
         from rattlesweep.analysis.onerun.figure import draw
 
         if "t" not in self.table or len(self._course.channels) < 2:
-            raise ConfigError("channels: t and at least one other are needed for a plot")
+            raise ConfigError("channels: a plot needs t and at least one other")
         return draw({str(x): self.table[x].to_numpy() for x in self.table}, self._course, path)
 
 
 @dataclass(frozen=True)
 class Page:
-    """A self-contained HTML page, which a notebook shows, and the file that it was written to."""
+    """A self-contained HTML page, which notebooks show, and the file it was written to."""
 
     content: bytes = field(repr=False)
     path: Path | None = None
 
     def save(self, path: str | Path) -> Page:
-        """Write the page to a file, and return it with its path."""
+        """Write the page to an .html file, and return it with its path."""
         from rattlesweep.sweeps.files import replace_file
 
+        if Path(path).suffix.lower() not in (".html", ".htm"):
+            raise ConfigError(f"path {path}: the name must end in .html or .htm")
         replace_file(Path(path), self.content)
         return Page(self.content, Path(path))
 
     def _repr_html_(self) -> str:
-        # The scripts of this frame see nothing of the notebook.
+        # Scripts in this frame have no access to the notebook.
         look = 'sandbox="allow-scripts" style="width: 100%; height: 720px; border: 0"'
         return f'<iframe {look} srcdoc="{html.escape(self.content.decode())}"></iframe>'
 
@@ -134,36 +146,38 @@ def simulate(
 ) -> Any:  # fmt: skip
     """Integrate bodies from their launches to their first reversals or to ``t_end``.
 
-    If anything is an array, all are broadcast by NumPy's rules; many runs cost what as many rows of
-    a sweep cost.  Spins, times and losses of bodies whose size is known may be texts with a unit,
-    alone or in arrays: ``"60 rpm"``, ``"20 s"``, ``"1e-5 N m s"``.
+    Arrays are broadcast by NumPy's rules; a run costs as much as a row of a sweep.  If the size of
+    the bodies is known, spins, times and losses may be texts with a unit, alone or in arrays:
+    ``"60 rpm"``, ``"20 s"``, ``"1e-5 N m s"``.
 
-    One run is a :class:`Run`, and several a DataFrame, one row a run in C order of
-    ``attrs["shape"]``, with the columns of a sweep's ``runs`` but ``case`` and ``sample``,
-    ``attrs["units"]``, and the index of a DataFrame of bodies of which each row is one run.  Of
-    bodies whose size is known there are ``t_r_s`` and ``n_i_rpm``.
+    Returns a :class:`Run`, or a DataFrame if any argument is an array.  Its rows are the runs in C
+    order of ``attrs["shape"]``, and its columns those of a sweep's ``runs`` without ``case`` and
+    ``sample``, with their ``attrs["units"]``.  It has the index of a DataFrame of bodies if each
+    row of that is one run.  Bodies whose size is known add ``t_r_s`` and ``n_i_rpm``.
 
     Parameters
     ----------
     body : Rattleback, str, sequence or array of these, or DataFrame
         A text is the name of a preset, ``"GH"`` or ``"KL"``.  A table, such as the runs of a sweep,
-        has the columns ``alpha beta gamma theta phi xi``, and perhaps ``n_i omega_xy0 psi t_end``,
-        the launches of its rows unless `n_i` and `omega_xy0` are given; angles are in radians.
+        has the columns ``alpha beta gamma theta phi xi``, and optionally ``n_i omega_xy0 psi
+        t_end``, which count unless `n_i` and `omega_xy0` are given; angles are in radians.
     n_i, omega_xy0 : array_like
         Initial spin and oscillation, in ``sqrt(g/a)``; ``n_i=0`` is a tap, by default on the pitch.
     omega, u : array_like, shape (..., 3)
-        A full state instead: angular velocity, in ``sqrt(g/a)``, and vertical unit vector (by
-        default ``(0, 0, -1)``, upright), along the body's axes.
-    t_end, psi : array_like, optional
-        Horizon, in ``sqrt(a/g)``, by default 5 t_rGH of the spin's own direction; ``relevant`` (the
-        default), ``pitch``, ``roll`` or degrees.
+        A full state instead, along the body's axes: angular velocity, in ``sqrt(g/a)``, and
+        vertical unit vector, by default ``(0, 0, -1)`` (upright).
+    t_end : array_like, optional
+        Horizon, in ``sqrt(a/g)``; by default 5 t_rGH of the spin's own direction.
+    psi : str or array_like, optional
+        Direction of the oscillation: ``relevant`` (default), ``pitch``, ``roll``, or degrees.
     model, record : str or sequence of str
-        ``full``, ``reduced`` or ``gh``; further columns, such as ``["error", "energy"]``.
+        ``full``, ``reduced`` or ``gh``; extra columns, such as ``["error", "energy"]``.
     sigma, rolling : array_like, optional
         Torque ``-sigma omega``, in ``M a^2 sqrt(g/a)``; lever of a rolling resistance, in ``a``.
-    threads, progress : int, bool
-        Threads of the kernel, on which no result depends, by default all; whether to show a bar, by
-        default in a terminal and in a notebook.
+    threads : int, optional
+        Threads of the kernel, by default all; results do not depend on it.
+    progress : bool, optional
+        Whether to show a bar, by default in a terminal and in a notebook.
     **integrator
         ``method`` with ``tol`` or ``dt_step``, or an ``accuracy``: ``"draft"``, ``{"t_r": 1e-6}``.
 
@@ -177,6 +191,7 @@ def simulate(
     from rattlesweep.sweeps.launches import Launch, is_full_state, plan_of
     from rattlesweep.sweeps.run import integrate_plan
 
+    arguments.check_names("arguments", integrator, (*LAUNCH, "record", "threads", "progress"))
     check_count("threads", threads)
     columns = arguments.body_columns(body)
     scale = arguments.column_scale(columns)
@@ -190,12 +205,13 @@ def simulate(
     columns = {name: column.ravel() for name, column in columns.items()}
     if full:
         columns |= launched_from(columns, "launch")
-    # Its body and its launch are replaced by those of the rows.
-    way = psi if isinstance(psi, str) else "relevant"
-    more = [record] if isinstance(record, str) else list(record)
-    how = _integrator(**integrator)
-    launch = Launch(Rattleback.gh(), 1.0, 1.0, None, way, model, how, record=more)
-    plan = plan_of(launch, arguments.table_bodies(columns))
+    # The rows bring their own bodies, spins and oscillations, which replace these.
+    settings = Launch(
+        Rattleback.gh(), n_i=1.0, omega_xy0=1.0, psi=psi if isinstance(psi, str) else "relevant",
+        model=model, integrator=_integrator(integrator),
+        record=arguments.names_of("record", record),
+    )  # fmt: skip
+    plan = plan_of(settings, arguments.table_bodies(columns))
     with Bar.of_call(progress) as bar, listening(bar.compiling):
         table = integrate_plan(plan, threads if shape else 1, bar.counting(f"{plan.runs:,} runs"))
     table = table.cast(plan.schema).drop_columns(["case", "sample"])
@@ -213,24 +229,24 @@ def trajectory(
     dt: Number | None = None, steps: bool = False, times: Any = None,
     from_time: Number | None = None, **launch: Any,
 ) -> Trajectory:  # fmt: skip
-    """Integrate one launch to ``t_end``, past its reversals, and give it as a table.
+    """Integrate one launch to ``t_end``, past its reversals, and return it as a time series.
 
-    The accepted steps, and so the first zero, are those of :func:`simulate`, whatever rows are
-    asked for.
+    The accepted steps, and so the first zero, are those of :func:`simulate`, whichever rows are
+    requested.
 
     Parameters
     ----------
     body, **launch
-        As for :func:`simulate`, of one body; also ``e_p0`` and ``e_r0``, the energies of pitch and
-        roll with which the reduced model begins, in ``M g a``, by default the launch's.
+        As for :func:`simulate`, of one body; also ``e_p0`` and ``e_r0``, the initial energies of
+        pitch and roll in the reduced model, in ``M g a``, by default those of the launch.
     channels : sequence of str
         Columns of the table; ``rattlesweep trajectory --channels list`` prints all of them.
     points, dt, steps, times
-        One way to choose the rows: so many evenly from 0 to ``t_end`` (by default 2001, or 20 a
-        period of the pitch if that is more), one every ``dt``, one per accepted step, or any
+        One way to choose the rows: a number of rows, evenly spaced from 0 to ``t_end`` (by default
+        2001, or 20 per pitch period if that is more), one every ``dt``, one per accepted step, or
         increasing times; in ``sqrt(a/g)``.
     from_time : float or str, optional
-        Time of the first row, in ``sqrt(a/g)``; the run begins at its launch all the same.
+        Time of the first row, in ``sqrt(a/g)``.  The integration begins at the launch anyway.
 
     Examples
     --------
@@ -248,8 +264,8 @@ def show(
 ) -> Page:  # fmt: skip
     """Make a page on which a body rolls on the plane, with its trace and its spin.
 
-    The arguments are those of :func:`trajectory`, with by default 20 rows a period of the pitch;
-    `title` is that of the page, and `path` an .html file to write it to.
+    The arguments are those of :func:`trajectory`, with 20 rows per pitch period by default.
+    `title` is the title of the page, and `path` an .html file to write it to.
     """
     run, scale = prepare_launch(body, **launch)
     title = title or (f"Rattleback {body}" if isinstance(body, str) else None)
@@ -260,11 +276,11 @@ def replay(
     directory: str | Path, case: int, sample: int, *, t_end: Number | None = None,
     channels: Sequence[str] = ("t", "n"), **rows: Any,
 ) -> Trajectory:  # fmt: skip
-    """Integrate a stored run again as a trajectory, proved to be the stored one bit for bit.
+    """Integrate a stored run again as a trajectory, after a check that it is the stored one.
 
-    `case` and `sample` are those of the ``runs`` in an output directory, whole or still running;
-    the other arguments are those of :func:`trajectory`, and the horizon by default the sweep's.
-    Raises an OutputError if the run is not stored yet, is damaged, or comes out otherwise.
+    `case` and `sample` are columns of the ``runs`` in an output directory, complete or running.
+    The other arguments are those of :func:`trajectory`; `t_end` is by default the sweep's.  Raises
+    an OutputError if the run is not stored yet, is damaged, or differs in any bit.
     """
     run, prepared = prepare_stored(directory, t_end, case=case, sample=sample)
     return Trajectory(prepared, run.scale, channels, **rows)
@@ -276,45 +292,44 @@ def fit(
 ) -> Fit:  # fmt: skip
     """Fit parameters of one run to a measured angle or spin, or to reversal times.
 
-    The intervals are those of the Jacobian at the best fit, for equal and independent noise whose
-    size is estimated from the residuals.
+    The 95 % intervals come from the Jacobian at the best fit.  They assume equal and independent
+    noise, whose size is estimated from the residuals.
 
     Parameters
     ----------
     body : Rattleback or str
-        As measured otherwise; with a size if the data are in seconds.
+        What is known of the body; with a size if the data are in seconds.
     data : path, DataFrame or mapping of columns
         ``t_s`` and ``angle_deg``, ``spin_rpm`` or ``n_rpm``, or ``reversal_s`` alone; other units
-        go likewise, as in ``t_ms``.  The angle is that of the long axis, seen from above and
-        counterclockwise, and may jump by half turns; the spin is its central difference, and n is
-        ``u . omega``.  ``t`` and ``n`` are in the units of the body.  A row without a value is NaN.
-        The launch is the first row, or the time 0 of the reversals.
+        are possible, as in ``t_ms``, and ``t`` and ``n`` are in the units of the body.  The angle
+        is that of the long axis, counterclockwise seen from above, and may jump by half turns; the
+        spin is its central difference, and n is ``u . omega``.  A missing value is NaN.  The launch
+        is at the first row, or at time 0 of the reversals.
     free : sequence of str
         Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, skew`` (which is ``-xi``),
-        ``xi, theta, phi, alpha, beta, gamma, c``.  The search begins at what else is given of them.
-    launch, sigma, rolling
-        ``n_i, omega_xy0, psi`` or ``omega, u``, as a mapping, of which what is free may be left
-        out; and dissipation, as for :func:`rattlesweep.trajectory`.
+        ``xi, theta, phi, alpha, beta, gamma, c``.  The search begins at their given values.
+    launch : mapping
+        ``n_i, omega_xy0, psi`` or ``omega, u``; parameters that are free may be left out.
+    sigma, rolling
+        Dissipation, as for :func:`rattlesweep.simulate`.
     """
     from rattlesweep.analysis.fit import check_free, fit_run, read_data
-    from rattlesweep.sweeps.config import not_one_of
 
-    known, given = (*SPIN, "psi", "omega", "u"), dict(launch or {})
-    for name in given.keys() - known:
-        raise ConfigError(f"launch: {not_one_of(name, known)}")
+    given = dict(launch or {})
+    arguments.check_names("launch", given, (*SPIN, "psi", "omega", "u"))
     run = launch_of(body, **given, sigma=sigma, rolling=rolling)
     names = check_free(run, free)
     return fit_run(run, read_data(data, run.body.units), names)
 
 
-# -- what they share with the commands -------------------------------------------------------------
+# -- shared with the commands ----------------------------------------------------------------------
 
 
 def page_of(
     run: PreparedRun, scale: Scale | None, title: str | None, *, points: int | None = None,
     from_time: Number | None = None, path: str | Path | None = None,
 ) -> tuple[Page, Course]:  # fmt: skip
-    """Return the page of a run, written to a file if there is a path, and its course."""
+    """Return the page of a run and its course, and write the page if there is a path."""
     from rattlesweep.analysis.onerun.show import course_of, make_page, make_scene
 
     check_count("points", points, 2)
@@ -326,7 +341,7 @@ def page_of(
 def prepare_stored(
     directory: str | Path, t_end: Any = None, **which: Any
 ) -> tuple[StoredRun, PreparedRun]:
-    """Return a stored run that comes out as stored, and the same to another horizon."""
+    """Return a stored run, proved to come out as stored, and the same run to another horizon."""
     from rattlesweep.analysis.onerun.replay import find_run
 
     check_count("case", which.get("case"), 0)
@@ -338,7 +353,7 @@ def prepare_stored(
 
 
 def prepare_launch(body: Any, **launch: Any) -> tuple[PreparedRun, Scale | None]:
-    """Return one launch, ready to be integrated, and the units of its body."""
+    """Return one launch, ready to be integrated, and the scale of its body."""
     from rattlesweep.analysis.onerun.course import PreparedRun
 
     made = launch_of(body, **launch)
@@ -349,15 +364,15 @@ def launch_of(
     body: Any, *, psi: Any = None, omega: Any = None, u: Any = None, model: str = "full",
     **values: Any,
 ) -> Launch:  # fmt: skip
-    """Return one launch, whose numbers are single ones in the units of its body."""
+    """Return one launch with its numbers in the units of its body."""
     from rattlesweep.sweeps.launches import Launch
 
     made = arguments.one_body(body)
     scale = arguments.scale_of(made.units)
-    keys = {"method", "tol", "dt_step", "accuracy"} & values.keys()
-    integrator = _integrator(**{name: values.pop(name) for name in keys})
-    single: dict[str, Any] = {name: number(name, x, scale) for name, x in values.items()}
-    single = {name: x for name, x in single.items() if x is not None}
+    arguments.check_names("arguments", values, (*LAUNCH, "e_p0", "e_r0"))
+    given = {name: value for name, value in values.items() if value is not None}
+    integrator = _integrator({name: given.pop(name) for name in INTEGRATOR if name in given})
+    single: dict[str, Any] = {name: number(name, value, scale) for name, value in given.items()}
     psi = psi if isinstance(psi, str) else number("psi", psi)
     if omega is not None:
         state = arguments.full_states(omega, u, scale)
@@ -369,7 +384,7 @@ def rows_of(
     scale: Scale | None, points: int | None = None, dt: Any = None, steps: bool = False,
     times: Any = None, from_time: Any = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the arguments of a course that choose its rows, whose times may be in seconds."""
+    """Return the arguments of a course that choose its rows, with times in ``sqrt(a/g)``."""
     check_count("points", points, 2)
     times = None if times is None else numbers("times", times, scale)
     dt, from_time = number("dt", dt, scale), number("from_time", from_time, scale)
@@ -377,9 +392,9 @@ def rows_of(
 
 
 def _launched(columns: dict[str, Floats], arrays: dict[str, Floats], psi: Any) -> dict[str, Floats]:
-    """Add the launches that are given to the columns of bodies, or keep those of their table."""
+    """Return the columns of bodies with the given launches, or else those of their table."""
     if any(name in arrays for name in (*SPIN, *STATE)):
-        # Directions and horizons of the table belong to its own launches.
+        # The directions and horizons of a table belong to its own launches.
         own = (*SPIN, "psi", "t_end", *STATE)
         columns = {name: columns[name] for name in columns if name not in own}
     elif psi is not None:
@@ -394,8 +409,7 @@ def _launched(columns: dict[str, Floats], arrays: dict[str, Floats], psi: Any) -
     return launched
 
 
-def _integrator(
-    method: Any = None, tol: Any = None, dt_step: Any = None, accuracy: Any = None
-) -> dict[str, Any]:
-    given = {"method": method, "tol": tol, "dt": dt_step, "accuracy": accuracy}
-    return {name: value for name, value in given.items() if value is not None}
+def _integrator(given: dict[str, Any]) -> dict[str, Any]:
+    """Return settings as keys of the config."""
+    named = {"dt" if name == "dt_step" else name: value for name, value in given.items()}
+    return {name: value for name, value in named.items() if value is not None}

@@ -1,4 +1,4 @@
-"""Sweeps: run them, open those that were run, and have their tables, pictures, pages and runs."""
+"""Sweeps: run them, open them, and get their tables, figures, pages and single runs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.api.arrays import check_count, is_frame, to_frame
+from rattlesweep.api.arrays import check_count, check_names, is_frame, names_of, to_frame
 from rattlesweep.api.single import Page, Trajectory, page_of, prepare_stored, replay
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.text import Bar
@@ -25,22 +25,22 @@ if TYPE_CHECKING:
 
 
 class Sweep:
-    """The output directory of a sweep, whole or still running; tables are read when asked for."""
+    """The output directory of a sweep, complete or running; its tables are read when needed."""
 
     def __init__(self, directory: str | Path) -> None:
         self.directory = Path(directory)
-        _ = self._stored  # it must be one
+        _ = self._stored  # raises an error if it is not an output directory
 
     @property
     def _stored(self) -> Stored:
-        # Anew each time, as a sweep may grow or get other types meanwhile.
+        # Opened anew each time, as a sweep may grow or get other types meanwhile.
         from rattlesweep.sweeps.stored import open_stored
 
         return open_stored(self.directory)
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """``manifest.json``: config, hash, cases, versions, machine."""
+        """The content of ``manifest.json``: config, hash, cases, versions, machine."""
         return self._stored.manifest
 
     @property
@@ -50,12 +50,12 @@ class Sweep:
 
     @property
     def runs(self) -> pd.DataFrame:
-        """One row a run: all columns of ``runs/*.parquet``."""
+        """One row for each run, with all columns of ``runs/*.parquet``."""
         return self.read()
 
     @property
     def summary(self) -> pd.DataFrame:
-        """One row a case, with units in ``attrs``; of a running sweep, of the runs so far."""
+        """One row for each case, over the runs so far, with units in ``attrs``."""
         from rattlesweep.sweeps.summary import read_summary
 
         return to_frame(read_summary(self._stored))
@@ -67,10 +67,10 @@ class Sweep:
     def read(
         self, columns: Sequence[str] | str | None = None, where: str | None = None
     ) -> pd.DataFrame:
-        """Read the runs, or some of their columns, or those for which a condition is true.
+        """Read the runs, optionally only some columns, or only runs that meet a condition.
 
-        The condition is a pandas query, ``'type == "SW" and K_r < 0.005'``.  The runs are in order,
-        with ``attrs["units"]`` and ``attrs["descriptions"]``.
+        The condition is a pandas query such as ``'type == "SW" and K_r < 0.005'``.  The runs are in
+        order of case and sample, with ``attrs["units"]`` and ``attrs["descriptions"]``.
 
         Examples
         --------
@@ -81,15 +81,11 @@ class Sweep:
         import pyarrow as pa
 
         from rattlesweep.analysis.layout import parse_where
-        from rattlesweep.sweeps.config import not_one_of
 
         stored = self._stored
         schema = stored.schema
-        names = schema.names if columns is None else columns
-        names = [names] if isinstance(names, str) else list(names)
-        for name in names:
-            if name not in schema.names:
-                raise ConfigError(f"columns: {not_one_of(str(name), schema.names)}")
+        names = schema.names if columns is None else names_of("columns", columns)
+        check_names("columns", names, schema.names)
         if where is None:
             return to_frame(stored.read(names))
         condition = parse_where(where, schema, "where")
@@ -99,41 +95,42 @@ class Sweep:
         return to_frame(pa.Table.from_batches([batch.cast(chosen) for batch in rows], chosen))
 
     def to_xarray(
-        self, columns: Sequence[str] | None = None, *, where: str | None = None, fill: bool = False
-    ) -> xarray.Dataset:
+        self, columns: Sequence[str] | str | None = None, *, where: str | None = None,
+        fill: bool = False,
+    ) -> xarray.Dataset:  # fmt: skip
         """Return the runs as a Dataset with one dimension for each axis of the sweep.
 
-        Needs xarray (``pip install '.[xarray]'``).  Dimensions are the target ``K_p`` or ``K_r`` if
-        there is one (the bodies' own coefficient is then ``K_r_body``), ``n_i``, ``omega_xy0``, and
-        the axes of a grid of bodies, else ``sample``.
+        Needs xarray (``pip install '.[xarray]'``).  The dimensions are the target ``K_p`` or
+        ``K_r`` if there is one (the bodies' own coefficient is then ``K_r_body``), ``n_i``,
+        ``omega_xy0``, and the axes of a grid of bodies, or else ``sample``.
 
-        The columns are by default all that hold one value a run.  Runs for which `where` is false
-        (see :meth:`read`) are missing: NaN, or empty words.  With `fill` the points that
-        ``bodies.refine`` has left out are filled from the nearest runs, numbers by linear
-        interpolation between them.
+        By default all columns with one value per run are there.  Runs for which `where` is false
+        (see :meth:`read`) are missing: NaN, or an empty text.  With `fill`, points that
+        ``bodies.refine`` has left out get the values of the nearest runs; numbers are interpolated
+        linearly.
         """
         from rattlesweep.analysis.layout import make_dataset, read_layout
 
         layout = read_layout(self.directory).chosen(where)
-        return make_dataset(layout, columns, fill_refined=fill)
+        names = None if columns is None else names_of("columns", columns)
+        return make_dataset(layout, names, fill_refined=fill)
 
     def plot(
         self, kind: str | None = None, *, x: str | None = None, quantity: str | None = None,
         select: Mapping[str, Any] | Sequence[str] = (), where: str | None = None,
         path: str | Path | None = None, **looks: Any,
     ) -> Figure:  # fmt: skip
-        """Draw the sweep as ``rattlesweep plot`` does, perhaps to an .svg, .png or .pdf at `path`.
+        """Draw the sweep as ``rattlesweep plot`` does; `path` is an .svg, .png or .pdf to write.
 
-        `kind`, such as ``times`` or ``map``, `x`, the abscissa, `quantity`, the column of a map or
-        a distribution, and `where` are as there.  `select` chooses values, as in ``{"n_i": [-0.3,
-        -0.5], "theta": "0.6:0.7"}``; looks are ``title``, ``log``, ``size``, ``xlim``, ``ylim``.
+        `kind` (such as ``times`` or ``map``), `x` (the abscissa), `quantity` (the column of a map
+        or a distribution) and `where` are those of the command.  `select` chooses values, as in
+        ``{"n_i": [-0.3, -0.5], "theta": "0.6:0.7"}``; looks are ``title``, ``log``, ``size``,
+        ``xlim``, ``ylim``.
         """
         from rattlesweep.analysis.layout import read_layout
         from rattlesweep.analysis.plots import choose_picture
-        from rattlesweep.analysis.style import FORMATS, encode, save, styled
+        from rattlesweep.analysis.style import encode, save, styled
 
-        if path is not None and Path(path).suffix.lower()[1:] not in FORMATS:
-            raise ConfigError(f"path {path}: the name must end in .{', .'.join(FORMATS)}")
         if isinstance(select, Mapping):
             lists = {k: [v] if isinstance(v, str | float | int) else v for k, v in select.items()}
             select = [f"{name}={','.join(map(str, values))}" for name, values in lists.items()]
@@ -154,17 +151,20 @@ class Sweep:
         return page.save(self.directory / "report.html" if path is None else path)
 
     def verify(self, recompute: int = 0, *, seed: int = 0, threads: int | None = None) -> Verified:
-        """Read everything and compare it with what the manifest says; nothing is changed.
+        """Read all runs and compare them with the manifest, without changing anything.
 
         `recompute` runs, drawn at random by `seed`, are integrated again and compared bit by bit.
         The result has ``problems``, a list of sentences, and ``words``.
         """
         from rattlesweep.sweeps.verify import verify
 
+        for name, count in {"recompute": recompute, "seed": seed}.items():
+            check_count(name, count, 0)
+        check_count("threads", threads)
         return verify(self.directory, recompute, seed, threads)
 
     def compare(self, other: Sweep | str | Path) -> Comparison:
-        """Compare the runs with the same runs of another sweep, as ``rattlesweep compare`` does."""
+        """Compare the runs with those of another sweep, as ``rattlesweep compare`` does."""
         from rattlesweep.analysis.compare import compare
 
         return compare(self.directory, other.directory if isinstance(other, Sweep) else Path(other))
@@ -172,8 +172,8 @@ class Sweep:
     def classify(self, **thresholds: float) -> pd.DataFrame:
         """Classify the stored runs by other thresholds, and return the new summary.
 
-        They are keys of the config's ``classify``, such as ``sw_departure=0.1``; without any, those
-        of the config are restored.
+        Thresholds are keys of the config's ``classify``, such as ``sw_departure=0.1``.  Without
+        any, those of the config are restored.
         """
         from rattlesweep.sweeps.merge import classify_stored
 
@@ -188,8 +188,9 @@ class Sweep:
         self, case: int | None = None, sample: int | None = None, *, where: str | None = None,
         t_end: float | str | None = None, title: str | None = None, **settings: Any,
     ) -> Page:  # fmt: skip
-        """Make a page on which the body of a run, perhaps the first of a condition, rolls.
+        """Make a page on which the body of a run rolls.
 
+        The run is given by `case` and `sample`, or is the first that meets the condition `where`.
         The settings are those of :func:`rattlesweep.show`.
         """
         which = {"case": case, "sample": sample, "where": where}
@@ -206,7 +207,7 @@ class Sweep:
 
 
 def load(directory: str | Path) -> Sweep:
-    """Open the output directory of a sweep, whole or still running."""
+    """Open the output directory of a sweep, complete or running."""
     return Sweep(directory)
 
 
@@ -214,18 +215,20 @@ def sweep(
     config: str | Path | Mapping[str, Any] | pd.DataFrame, *, output: str | Path | None = None,
     threads: int | None = None, progress: bool | None = None, **keys: Any,
 ) -> Sweep:  # fmt: skip
-    """Run a sweep, or go on with one that was stopped; a ConfigWarning tells what is doubtful.
+    """Run a sweep, or resume one that was stopped; a ConfigWarning tells what is doubtful.
 
     Parameters
     ----------
     config : path, mapping or DataFrame
-        A config file; what one would hold; or bodies, with the columns ``alpha beta gamma theta phi
-        xi`` and perhaps ``n_i omega_xy0 psi t_end``, as in a table of bodies (angles in radians),
-        or those in SI units.  Bodies are kept in the output directory beside their runs.
-    output, threads, progress
-        Output directory, which overrides the config's; the others as for :func:`simulate`.
+        A config file, its content, or a table of bodies.  The table has the columns ``alpha beta
+        gamma theta phi xi`` and optionally ``n_i omega_xy0 psi t_end`` (angles in radians), or
+        those in SI units; it is kept in the output directory.
+    output : path, optional
+        Output directory; overrides the config's.
+    threads, progress
+        As for :func:`simulate`.
     **keys
-        For a DataFrame, the other keys of the config: ``spin``, ``horizon``, ``record``...
+        For a DataFrame, the other keys of the config, such as ``spin``, ``horizon``, ``record``.
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.config.read import load_config, parse_config
@@ -238,7 +241,7 @@ def sweep(
         plan, target, base, doubts = plan_frame(config, target, keys)
     else:
         for key in keys:
-            raise ConfigError(f"{key}: is given beside a config; write it into the config")
+            raise ConfigError(f"{key}: keys go with a DataFrame only; write it into the config")
         if isinstance(config, str | os.PathLike):
             loaded, base = load_config(config), Path(config).resolve().parent
         else:

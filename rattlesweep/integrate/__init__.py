@@ -6,11 +6,17 @@ MOST_THREADS = 4096
 
 
 class SettingError(ValueError):
-    """A setting of Numba in the environment asks for what cannot be (exit code 2)."""
+    """An environment variable of Numba has an impossible value (exit code 2)."""
+
+
+def processors() -> int:
+    """Return the number of processors that this process may run on."""
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return allowed or 1
 
 
 def check_settings() -> None:
-    """Raise SettingError for a number of threads at which importing Numba fails."""
+    """Raise SettingError if NUMBA_NUM_THREADS has a value with which importing Numba fails."""
     text = os.environ.get("NUMBA_NUM_THREADS", "1")
     if not (text.strip().isdecimal() and 1 <= int(text) <= MOST_THREADS):
         raise SettingError(

@@ -1,14 +1,15 @@
-"""Compile kernels once a machine, in processes of their own, and load them from the user's cache.
+"""Compile kernels in other processes, and load them from the user's cache.
 
-Numba's ``cache=True`` looks at the file of the function that is called, and not at the files of
-the functions that it calls.  The cache is therefore a folder named by a hash of all sources that
-kernels are made of, and of what they are compiled with and for.  A kernel has a subfolder of its
-own, since Numba's index of a function is not made for two processes that write to it at once.  What
-is loaded is executed, so the folder :func:`is_private`.
+Numba's ``cache=True`` notices changes in the file of the cached function, but not in the files of
+the functions that it calls.  The cache is therefore a folder named by a hash of all sources of
+kernels, of the versions that compile them and of the processor.  Each kernel has its own subfolder,
+since two processes must not write to one index of Numba at once.  What is loaded is executed, so
+only a folder that :func:`is_private` is used.
 
-Numba holds its own lock, and mostly the interpreter's, while it compiles.  So other processes
-compile: two kernels at once, while the calling process draws bodies and hears Ctrl-C.  Those of
-``concurrent.futures`` would import the user's script again, and outlive a command that is stopped.
+Numba holds its own lock, and most of the time the interpreter's, while it compiles.  So other
+processes compile, two kernels at once, while the calling process draws bodies and receives Ctrl-C.
+The processes of ``concurrent.futures`` would import the user's script again, and outlive a command
+that is stopped.
 """
 
 import atexit
@@ -31,21 +32,21 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-# Numba is imported where it is needed: commands without a kernel take half the time.
+# Functions import Numba where they need it: commands without a kernel take half the time.
 PACKAGE = Path(__file__).resolve().parents[1]
-AT_ONCE = 2  # processes that compile: each takes 200 MB, and no group of kernels gains by more
+PROCESSES = 2  # that compile at once; each takes 200 MB, and more would not be faster
 
 
 class Kernel(NamedTuple):
-    """A function to compile, for the types of arguments, with options of ``njit``."""
+    """A function to compile for the types of ``arguments``, with ``options`` of ``njit``."""
 
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
     options: dict[str, Any]
-    files: tuple[str, ...] = ()  # sources outside of integrate and physics that it calls
+    files: tuple[str, ...] = ()  # sources that it uses outside of integrate and physics
 
 
-# A function at the top of a module, which makes a kernel from names (str or bool).
+# A module-level function that returns a kernel for some names, each a string or a bool.
 Recipe = Callable[..., Kernel]
 
 
@@ -58,7 +59,7 @@ def _hash(files: list[Path], *words: object) -> str:
 
 @cache
 def source_hash() -> str:
-    """Return the hash of what kernels are made of, made with and made for, and of its place."""
+    """Return a hash of the kernels' sources, their folder, all versions and the processor."""
     import llvmlite
     import numba
     from llvmlite import binding
@@ -72,9 +73,10 @@ def source_hash() -> str:
 
 
 def is_private(folder: Path) -> bool:
-    """Make a folder if need be, and return whether it is this user's with mode 0700.
+    """Create a folder if it is missing, and return whether only this user can change its files.
 
-    Folders above must be this user's or root's, and not writable for all unless they are sticky.
+    The folder must be this user's with mode 0700.  Its parents must belong to this user or to root,
+    and must not be writable by all unless they are sticky.
     """
     if not hasattr(os, "geteuid"):  # Windows, where the user's folders are private
         folder.mkdir(parents=True, exist_ok=True)
@@ -93,10 +95,10 @@ def is_private(folder: Path) -> bool:
 
 @cache
 def cache_folder() -> Path:
-    """Return the folder of this version's kernels.
+    """Return the folder of the kernels of these sources.
 
-    It lies in ``$NUMBA_CACHE_DIR`` if that is set, else in the user's cache directory, else, where
-    neither :func:`is_private`, in a temporary folder, which is removed when this process ends.
+    It lies in ``$NUMBA_CACHE_DIR`` or in the user's cache directory, whichever :func:`is_private`
+    first, or else in a temporary folder that is removed when this process ends.
     """
     from platformdirs import user_cache_dir
 
@@ -113,7 +115,6 @@ def cache_folder() -> Path:
 
 
 def _place(recipe: Recipe, names: tuple[Any, ...]) -> Path:
-    """Return the subfolder of a kernel."""
     files = [_hash([Path(file)])[:8] for file in recipe(*names).files]
     return cache_folder() / "-".join([recipe.__name__, *map(str, names), *files])
 
@@ -129,7 +130,7 @@ def import_written(name: str, source: str) -> ModuleType:
         written.replace(path)
     spec = spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None  # noqa: PT018
-    # Numba looks the module of a stored function up by its name.
+    # Numba finds the module of a stored function by name.
     sys.modules[name] = module = module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -139,13 +140,8 @@ _loaded: dict[tuple[Any, ...], Any] = {}
 _cache_dir = threading.Lock()
 
 
-def load_kernel(recipe: Recipe, *names: Any) -> Any:
-    """Return a compiled kernel: :func:`load_kernels` for one."""
-    return load_kernels((recipe, *names))[0]
-
-
 def load_kernels(*wanted: tuple[Any, ...]) -> list[Any]:
-    """Return kernels, each of a :data:`Recipe` and its names; to compile one takes seconds."""
+    """Return compiled kernels, each given by a :data:`Recipe` and its names; one takes seconds."""
     missing = [(each[0], each[1:]) for each in wanted if each not in _loaded]
     _compile([(recipe, names) for recipe, names in missing if not is_stored(recipe, *names)])
     for recipe, names in missing:
@@ -154,15 +150,14 @@ def load_kernels(*wanted: tuple[Any, ...]) -> list[Any]:
 
 
 def _load(recipe: Recipe, names: tuple[Any, ...]) -> Any:
-    """Load a kernel, or compile it here if no other process could."""
+    """Load a kernel, or compile it in this process if no other could."""
     from numba import config, njit, typeof
 
     function, arguments, options, _ = recipe(*names)
     if config.DISABLE_JIT:
         return function
     signature, place = tuple(map(typeof, arguments)), _place(recipe, names)
-    # With a damaged file or a full disk the kernel is compiled again, and kept in memory; an error
-    # in the kernel comes up again below.
+    # After an error, such as a damaged file or a full disk, the kernel is compiled below in memory.
     with suppress(Exception):
         with _cache_dir:
             before, config.CACHE_DIR = config.CACHE_DIR, str(place)
@@ -170,7 +165,7 @@ def _load(recipe: Recipe, names: tuple[Any, ...]) -> Any:
                 compiled = njit(cache=True, **options)(function)
             finally:
                 config.CACHE_DIR = before
-        # Numba looks elsewhere when it cannot write here.
+        # Numba uses another folder if it cannot write to this one.
         if place in Path(compiled.stats.cache_path).parents:
             compiled.compile(signature)
             return compiled
@@ -193,8 +188,8 @@ CODE = f"from {__name__} import compile_in_child; compile_in_child()"
 def _compile(wanted: list[tuple[Recipe, tuple[Any, ...]]]) -> None:
     """Have other processes compile kernels, and wait for them.
 
-    Each kernel has a lock, which dies with the process that compiles it, so that none compiles what
-    another one is compiling.
+    Each kernel has a lock, which is released when its process dies, so that no kernel is compiled
+    by two processes at once.
     """
     from filelock import FileLock
 
@@ -204,20 +199,20 @@ def _compile(wanted: list[tuple[Recipe, tuple[Any, ...]]]) -> None:
     path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
     own = {"PYTHONPATH": path, "PYTHONHASHSEED": "0", "NUMBA_CACHE_DIR": str(cache_folder().parent)}
     nowhere = subprocess.DEVNULL
-    # -P: a package of this name in the working directory is another one.
+    # -P: do not import a package of the same name from the working directory.
     call = [sys.executable, "-P", "-c", CODE, json.dumps(orders)]
     children: list[subprocess.Popen[bytes]] = []
     listener = _listeners[-1] if _listeners else nullcontext
     with listener("-".join(map(str, wanted[0][1]))):
         try:
-            for _ in range(min(AT_ONCE, len(wanted))):
+            for _ in range(min(PROCESSES, len(wanted))):
                 child = subprocess.Popen(call, env=os.environ | own, stdin=subprocess.PIPE,
                                          stdout=nowhere, stderr=nowhere)  # fmt: skip
                 children.append(child)
             for child in children:
                 child.wait()
             for recipe, names in wanted:
-                # Another command may be compiling it.
+                # Wait in case another command is compiling this kernel.
                 with suppress(OSError), FileLock(f"{_place(recipe, names)}.lock"):
                     pass
         finally:
@@ -227,28 +222,28 @@ def _compile(wanted: list[tuple[Recipe, tuple[Any, ...]]]) -> None:
 
 
 def compile_in_child() -> None:
-    """Compile and store kernels, in a process that does nothing else and ends with its parent."""
+    """Compile and store kernels in a process that does nothing else and ends with its parent."""
     from filelock import FileLock, Timeout
 
-    gc.disable()  # it would take an eighth of the time
+    gc.disable()  # garbage collection would take an eighth of the time
+    # Standard input ends when the parent does.
     threading.Thread(target=lambda: os._exit(len(sys.stdin.read())), daemon=True).start()
     for module, name, names in json.loads(sys.argv[1]):
         recipe = getattr(import_module(module), name)
         with suppress(Timeout), FileLock(f"{_place(recipe, names)}.lock", timeout=0):
             if not is_stored(recipe, *names):
                 _load(recipe, tuple(names))
-    # Python would take a while to let go of all that LLVM has made.
-    os._exit(0)
+    os._exit(0)  # skips freeing the memory of LLVM, which takes a while
 
 
-# Given a kernel's name; what it makes lasts as long as the compilation.
+# Takes the name of a kernel, and returns a context that lasts as long as its compilation.
 Listener = Callable[[str], AbstractContextManager[object]]
 _listeners: list[Listener] = []
 
 
 @contextmanager
 def listening(listener: Listener | None) -> Iterator[None]:
-    """Tell a listener of the compilations inside ``with``, in all threads; None: tell nobody."""
+    """Report compilations inside ``with``, in all threads, to a listener; to nobody if None."""
     _listeners.append(listener or nullcontext)
     try:
         yield

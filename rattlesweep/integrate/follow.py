@@ -1,20 +1,20 @@
 """One run followed past its reversals: its accepted steps, states at any times, all zeros.
 
-:func:`record_steps` is the sweep's kernel with one run in one lane, so that the accepted steps and
-the first reversal are those of a sweep, bit for bit; but a reversal does not end the run, and every
-accepted step is written down.  :func:`states_behind` gives states at any times, each by one step of
-the method from the accepted step before it; no accepted step depends on them.
+:func:`record_steps` runs the sweep's kernel with one run in one lane, so that accepted steps and
+the first reversal have the same bits as in a sweep; but it stores every accepted step, and does not
+end the run at a reversal.  :func:`states_after` computes states at any times, each by one step of
+the method from the accepted step before it, so that no accepted step depends on them.
 """
 
 # mypy: disable-error-code="no-untyped-def"
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.integrate import batch as batches
+from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.lanes import runs
 from rattlesweep.integrate.lanes.events import HOLD, REVERSED
@@ -22,38 +22,30 @@ from rattlesweep.integrate.lanes.kernel import ATTEMPT, DECIDE, OK, commit, deci
 from rattlesweep.integrate.lanes.lane import (
     addresses_of,
     call,
-    call_for_two,
+    call_for_pair,
     first_of,
     lane_of,
     widest_vectors,
 )
-from rattlesweep.integrate.model import ATTITUDES, find_model
+from rattlesweep.integrate.model import ATTITUDES, Model, find_model
 from rattlesweep.integrate.status import Status
-from rattlesweep.integrate.tableau import DT, MAX_STEPS, TOL
+from rattlesweep.integrate.tableau import DT, MAX_STEPS, TOL, Tableau
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from rattlesweep.arrays import Floats, Integers
-    from rattlesweep.integrate.batch import Batch
-    from rattlesweep.integrate.model import Model
-    from rattlesweep.integrate.tableau import Tableau
-
-STEPS_AT_ONCE = 2048  # between two looks from Python: some milliseconds, so that Ctrl-C is heard
-# ``counts`` of :func:`record_steps`: whether the run has begun and ended, its status, how many
-# steps and zeros were written by the last call.
+STEPS_PER_CALL = 2048  # a few milliseconds, after which Python can act on Ctrl-C
+# ``counts`` of :func:`record_steps`: whether the run has begun and ended, its status, and the
+# numbers of steps and zeros that the last call stored.
 BEGUN, ENDED, STATUS, N_STEPS, N_ZEROS, N_COUNTS = 0, 1, 2, 3, 4, 5
-# Columns of a written step: time and its low part, behind them the state and its derivative.
+# Columns of a stored step: time, its low part, then the state and its derivative.
 T, T_LOW, STATE = 0, 1, 2
 
 
 def record_steps(problem, parts, w, y0, constants, probe, plan, options,
                  record, steps, zeros, counts, energies):  # fmt: skip
-    """Go on with the run until the tables are full or it ends.
+    """Continue the run until the tables are full or it ends.
 
-    Arguments up to ``record`` are those of the kernel's ``work`` for one run, which the workspace
-    keeps between calls.  Written to are ``steps``: where it has come to, and the ends of the
-    accepted steps; ``zeros``; ``counts``; ``energies``: of the launch and of the last row.
+    The arguments up to ``record`` are those of the kernel's ``work`` for one run, which stays in
+    the workspace between calls.  The others are outputs: ``steps``, where the run is and then the
+    ends of accepted steps; ``zeros``; ``counts``; ``energies`` at launch and in the last row.
     """
     widest_vectors()
     scale, dt, max_steps = options[0], options[1], options[2]
@@ -77,17 +69,17 @@ def record_steps(problem, parts, w, y0, constants, probe, plan, options,
             break
         call(parts[ATTEMPT], (problem, w, scale))
         if decide(problem, w, dt, max_steps) > 0:
-            status, move = call_for_two(parts[DECIDE], (problem, w, 0, max_steps, False))
+            status, move = call_for_pair(parts[DECIDE], (problem, w, 0, max_steps, False))
             if move == REVERSED:
                 if not runs.is_dead(lane):
                     zeros[found] = lane.t + (lane.h - lane.t_low)
                     found += 1
-                behind, move = call_for_two(parts[DECIDE], (problem, w, 0, max_steps, True))
-                status = behind if move == HOLD else status
+                later, move = call_for_pair(parts[DECIDE], (problem, w, 0, max_steps, True))
+                status = later if move == HOLD else status
             ended = status != OK or (move != HOLD and lane.last > 0.0)
         accepted = lane.accept > 0.0
         if not accepted:
-            runs.stay(lane)
+            runs.hold_back(lane)
         last = lane.last > 0.0
         commit(problem, w)
     counts[ENDED], counts[STATUS] = 1 if ended else 0, status
@@ -95,11 +87,10 @@ def record_steps(problem, parts, w, y0, constants, probe, plan, options,
     energies[0], energies[1] = lane.energy0, runs.energy_at(lane, lane.y)
 
 
-def states_behind(problem, parts, w, steps, which, offset, constants, out):
-    """Write the states ``offset`` behind the rows ``which`` of ``steps`` to ``out``.
+def states_after(problem, parts, w, steps, which, offset, constants, out):
+    """Write the states a time ``offset`` after the rows ``which`` of ``steps`` to ``out``.
 
-    Each is one step of the method, in a lane of its own.  Components that ``steps`` does not have
-    begin at zero.
+    Each is one step of the method in its own lane.  Components missing in ``steps`` start at zero.
     """
     widest_vectors()
     for l in range(problem.lanes):
@@ -122,7 +113,7 @@ def states_behind(problem, parts, w, steps, which, offset, constants, out):
 
 
 def observe(problem, states, constants, out):
-    """Write spin, energy, normal and tangential contact force in some states to ``out``."""
+    """Write spin, energy, normal and tangential contact force in ``states`` to ``out``."""
     q = first_of(constants, problem.n_constants)
     for i in range(out.shape[1]):
         y = first_of(states[i], problem.n_state)
@@ -142,10 +133,10 @@ def steps_recipe(model_name: str, adaptive: bool) -> Kernel:
 
 
 def states_recipe(model_name: str) -> Kernel:
-    """Return :func:`states_behind` of a model, which is that of all methods."""
+    """Return :func:`states_after` of a model, which serves all methods."""
     problem = batches.problem_of(find_model(model_name), True)
     tables = batches.TABLE, batches.WHOLE, batches.FLAT, batches.FLAT, batches.TABLE
-    return Kernel(states_behind, (problem, batches.NO_PARTS, batches.FLAT, *tables), OPTIONS)
+    return Kernel(states_after, (problem, batches.NO_PARTS, batches.FLAT, *tables), OPTIONS)
 
 
 def observe_recipe(model_name: str) -> Kernel:
@@ -156,19 +147,19 @@ def observe_recipe(model_name: str) -> Kernel:
 
 @dataclass(frozen=True)
 class Samples:
-    """States at times, a row each."""
+    """States at some times, a row each."""
 
     t: Floats  # in sqrt(a/g)
     y: Floats  # in the model's variables
-    extra: Floats  # heading and contact point where they were asked for, see `physics.full`
+    extra: Floats  # heading and contact point (see `physics.full`), or no columns
 
 
 class Follower:
-    """Integrates one run, a batch of one, past its reversals, as far as its states are asked for.
+    """Integrates a batch of one run past its reversals, as far as its states are requested.
 
-    `attitude`: heading and contact point too, by quadratures over the accepted steps.  `look` is
-    called with the times and :meth:`observe` of the accepted steps as they come, every eighth of a
-    method without error control, and at first of the launch.
+    With `attitude`, heading and contact point are integrated over the accepted steps.  `look` is
+    called with the times and :meth:`observe` of the launch and then of the accepted steps; of a
+    method with a fixed step every eighth step counts as accepted.
     """
 
     def __init__(
@@ -177,12 +168,12 @@ class Follower:
         look: Callable[[Floats, Floats], None] | None = None,
     ) -> None:  # fmt: skip
         self.t, self.n_steps, self.status = 0.0, 0, Status.OK
-        # Times of the zeros of the spin so far, but for those after the body is dead.
+        # Times of the zeros of the spin so far, until the body is dead.
         self.zeros = list[float]()
         self.ended = not batch.t_end[0] > 0
         self._batch, self._tableau, self._dt, self._look = batch, tableau, dt, look
         self._models = [model, ATTITUDES[model.name]] if attitude else [model]
-        # All at once, so that they are compiled side by side.
+        # Loaded together, so that they are compiled in parallel.
         self._kernel, self._observe, decision, *others = load_kernels(
             (steps_recipe, model.name, tableau.adaptive),
             (observe_recipe, model.name),
@@ -192,7 +183,7 @@ class Follower:
         )  # fmt: skip
         steps, self._states = others[: len(self._models)], others[len(self._models) :]
         self._steps = [addresses_of(step) for step in steps]
-        # No windows: nothing is due at their ends.
+        # Without windows nothing is due at their ends.
         endless = replace(batch, window=np.full(1, 1e290), first_mark=np.full(1, 1e290))
         self._run = (
             batches.problem_of(model, tableau.adaptive),
@@ -203,12 +194,12 @@ class Follower:
         )
         self._counts, self._energies = np.zeros(N_COUNTS, dtype=np.int64), np.zeros(2)
         self._zeros = np.zeros(256)
-        # Row 0 is where the last call ended: at first the launch, without any step.
-        self._table = np.zeros((1 + STEPS_AT_ONCE, STATE + 2 * model.n_state))
+        # Row 0 is where the last call ended.  The first call only stores the launch there.
+        self._table = np.zeros((1 + STEPS_PER_CALL, STATE + 2 * model.n_state))
         self._kernel(*self._run, self._table[:1], self._zeros, self._counts, self._energies)
         self._rows = 1
         self.energy_0 = float(self._energies[0])
-        self._extra = np.zeros((1, self._models[-1].n_beside))
+        self._extra = np.zeros((1, self._models[-1].n_extra))
         if look is not None:
             look(np.zeros(1), self.observe(batch.y0))
 
@@ -217,23 +208,23 @@ class Follower:
         return Samples(np.zeros(1), self._batch.y0.copy(), np.zeros((1, self._extra.shape[1])))
 
     def steps(self) -> Samples:
-        """Go on, and return the ends of the next accepted steps: none when the run has ended."""
+        """Continue, and return the ends of the next accepted steps, none once the run has ended."""
         if self.ended:
             return self._samples(0, 0)
-        self._go_on()
+        self._continue()
         return self._samples(1, self._rows)
 
     def observe(self, states: Floats) -> Floats:
-        """Return spin, energy without the work, normal and tangential force in some states."""
+        """Return spin, energy minus work, normal and tangential force, shape (4, rows)."""
         out = np.empty((4, len(states)))
         problem = batches.problem_of(self._models[0], True)
         self._observe(problem, states, self._batch.constants[0], out)
         return out
 
     def at(self, times: Floats) -> Samples:
-        """Return states at increasing times, none earlier than those of the last call.
+        """Return the states at increasing times, none before those of the last call.
 
-        Fewer than asked for come back where the run ended earlier.
+        Times after the end of the run are left out.
         """
         out = np.empty((len(times), self._batch.y0.shape[1]))
         extra, done = np.empty((len(times), self._extra.shape[1])), 0
@@ -246,15 +237,15 @@ class Follower:
                 offset = (part - ends[which]) + self._table[which, T_LOW]
                 out[done:upto] = self._between(0, which, offset)
                 if extra.size:
-                    # Known in the frame of the step's start.
-                    moved, start = self._moved(which, offset), self._extra[which]
+                    # The moves are in the frame of the heading at the start of the step.
+                    moved, start = self._moves(which, offset), self._extra[which]
                     extra[done:upto, 0] = start[:, 0] + moved[:, 0]
-                    extra[done:upto, 1:] = start[:, 1:] + _turned(start[:, 0], moved[:, 1:])
+                    extra[done:upto, 1:] = start[:, 1:] + _rotated(start[:, 0], moved[:, 1:])
                 done = upto
             elif self.ended:
                 break
             else:
-                self._go_on()
+                self._continue()
         return Samples(times[:done], out[:done], extra[:done])
 
     def _samples(self, first: int, last: int) -> Samples:
@@ -263,7 +254,6 @@ class Follower:
         return Samples(table[:, T].copy(), y.copy(), self._extra[first:last].copy())
 
     def _between(self, place: int, which: Integers, offset: Floats) -> Floats:
-        """Return the states of a model of the run between accepted steps, by rows and offsets."""
         model, constants = self._models[place], self._batch.constants[0].copy()
         w = batches.workspace(self._tableau, model, 1)[0]
         out = np.empty((len(which), model.n_state))
@@ -271,12 +261,10 @@ class Follower:
         self._states[place](*given, which.astype(np.int64), offset, constants, out)
         return out
 
-    def _moved(self, which: Integers, offset: Floats) -> Floats:
-        """Return how heading and contact point have moved since the starts of steps."""
+    def _moves(self, which: Integers, offset: Floats) -> Floats:
         return self._between(1, which, offset)[:, self._batch.y0.shape[1] :]
 
-    def _go_on(self) -> None:
-        """Fill the table with the next accepted steps."""
+    def _continue(self) -> None:
         table, counts = self._table, self._counts
         self._kernel(*self._run, table, self._zeros, counts, self._energies)
         self._rows = rows = 1 + int(counts[N_STEPS])
@@ -288,18 +276,18 @@ class Follower:
         self._extra = np.repeat(base[None], rows, axis=0)
         if base.size:
             length = np.diff(table[:rows, T]) - np.diff(table[:rows, T_LOW])
-            moved = self._moved(np.arange(rows - 1), length)
+            moved = self._moves(np.arange(rows - 1), length)
             self._extra[1:, 0] = base[0] + np.cumsum(moved[:, 0])
-            turned = _turned(self._extra[:-1, 0], moved[:, 1:])
+            turned = _rotated(self._extra[:-1, 0], moved[:, 1:])
             self._extra[1:, 1:] = base[1:] + np.cumsum(turned, axis=0)
         if self.ended and self.status == Status.OK:
-            self._judge()
+            self._check_accuracy()
         if self._look is not None:
             found = self._samples(1, rows)
             self._look(found.t, self.observe(found.y))
 
-    def _judge(self) -> None:
-        """Give numbers that cannot be trusted the status they have in a sweep."""
+    def _check_accuracy(self) -> None:
+        """Set the status that a sweep gives to numbers that cannot be trusted."""
         drift = (float(self._energies[1]) - self.energy_0) / self.energy_0
         if not abs(drift) <= runs.MAX_ENERGY_DRIFT:
             self.status = Status.ENERGY if np.isfinite(drift) else Status.NONFINITE
@@ -309,8 +297,8 @@ class Follower:
                 self.status = Status.COARSE
 
 
-def _turned(heading: Floats, move: Floats) -> Floats:
-    """Return moves in the plane, turned by headings."""
+def _rotated(heading: Floats, move: Floats) -> Floats:
+    """Return moves in the plane, rotated by headings."""
     cosine, sine = np.cos(heading), np.sin(heading)
     x, y = move[:, 0], move[:, 1]
     return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)

@@ -1,6 +1,6 @@
-"""Explicit Runge-Kutta methods as data, from which `lanes.step` writes the steps.
+"""Explicit Runge-Kutta methods as data, from which `lanes.step` generates the steps.
 
-Configs and `--help` are read without NumPy, which therefore is not imported here.
+NumPy is not imported here, since `--help` and configs need the names of the methods without it.
 """
 
 from __future__ import annotations
@@ -14,28 +14,28 @@ if TYPE_CHECKING:
 Row = dict[int, float]
 
 TOL = 1e-9
-"""Error of a step relative to the oscillation, of adaptive methods."""
+"""Default error of a step of adaptive methods, relative to the oscillation."""
 DT = 0.002
-"""Step of methods of fixed step, in ``sqrt(a/g)``: the paper's own."""
+"""Default step of methods with a fixed step, in ``sqrt(a/g)``: the paper's."""
 MAX_STEPS = 100_000_000
-"""Steps after which a run is given up."""
+"""Default number of steps after which a run is given up."""
 
 
 @dataclass(frozen=True)
 class Tableau:
-    """Butcher tableau of an explicit method."""
+    """Butcher tableau of an explicit method; rows hold the non-zero coefficients by index."""
 
     name: str
-    order: int  # of the solution that is carried on
-    a: tuple[Row, ...]  # row i holds the non-zero a_ij of stage i; row 0 is empty
-    b: Row  # non-zero weights of the solution
-    # Weights of the error estimates: none for a fixed step, one for an embedded pair, two for the
-    # pair of estimates of DOP853.  Key len(a) is the derivative at the end of the step.
+    order: int  # of the solution that is propagated
+    a: tuple[Row, ...]  # a_ij of each stage i; row 0 is empty
+    b: Row  # weights of the solution
+    # Weights of the error estimates: no row for a fixed step, one for an embedded pair, two for
+    # DOP853.  The index len(a) is that of the derivative at the end of the step.
     errors: tuple[Row, ...]
 
     @property
     def stages(self) -> int:
-        """Number of stages; the derivative at the end of the step comes on top."""
+        """Return the number of stages, without the derivative at the end of the step."""
         return len(self.a)
 
     @property
@@ -44,9 +44,9 @@ class Tableau:
         return bool(self.errors)
 
     def damping(self, z: Floats) -> Floats:
-        """Return ``-ln abs(R(i z))``: how much a step damps an oscillation of phase ``z`` a step.
+        """Return ``-ln |R(i z)|``, the damping in a step of an oscillation of ``z`` radians a step.
 
-        ``R`` is the stability function.  Negative where the step amplifies.
+        ``R`` is the stability function.  The damping is negative where steps amplify.
         """
         import numpy as np
 
@@ -63,7 +63,7 @@ class Tableau:
         return rate
 
 
-# Kutta (1901)
+# Kutta, Z. Math. Phys. 46, 435 (1901)
 RK4 = Tableau(
     name="rk4",
     order=4,
@@ -72,7 +72,7 @@ RK4 = Tableau(
     errors=(),
 )
 
-# Dormand and Prince (1980)
+# Dormand and Prince, J. Comput. Appl. Math. 6, 19 (1980)
 DOPRI5 = Tableau(
     name="dopri5",
     order=5,
@@ -90,9 +90,8 @@ DOPRI5 = Tableau(
     ),
 )
 
-# Coefficients, as many a line as fit.
 # fmt: off
-# Hairer, Norsett and Wanner, Solving ODEs I, 2nd ed., II.5 and dop853.f
+# Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., II.5; dop853.f
 DOP853 = Tableau(
     name="dop853",
     order=8,

@@ -1,7 +1,7 @@
-"""Compiled calls in threads of their own, so that the main thread hears Ctrl-C and can stop them.
+"""Compiled calls in their own threads, so that the main thread receives Ctrl-C and can stop them.
 
-Each is given the :class:`Control` through which it is stopped: the lane kernels take it as it is,
-other loops look at ``control.flag[0]`` now and then.
+Each call is given the :class:`Control` through which it is stopped.  Lane kernels take it as it is;
+other compiled loops check ``control.flag[0]`` regularly.
 """
 
 import threading
@@ -17,22 +17,22 @@ from numpy.typing import NDArray
 from rattlesweep.arrays import Floats
 
 T = TypeVar("T")
-# Seconds between two looks at what is under way: every wait of the package uses it.
-POLL = 0.05
+POLL = 0.05  # seconds between two checks of a running call, in every wait of the package
 PATIENCE = 0.5  # seconds for which a stop waits; a compilation takes longer
 
 
 @dataclass
 class Control:
-    """Link to a running kernel, or several in turn: hears how far it is and tells it to stop."""
+    """Link to a running kernel, or to several in turn: reports progress and can stop it."""
 
     total: float = 0.0  # expected cost of the batch, in the units of `done`
-    # Next place in the kernel's queue, stop flag; what it reports; cost and number of its runs.
+    # The kernel's: next place in the queue and stop flag; progress; cost and number of its runs.
     _shared: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, dtype=np.int64))
     _progress: Floats = field(default_factory=lambda: np.zeros((1, 8)))
     _cost: float = 0.0
     _runs: int = 0
-    # Most that was done so far; runs of the kernels before; what this one counts for.
+    # Largest share done so far; runs that earlier kernels began and ended; the part of the work
+    # that this kernel does, and whether the runs that it begins and ends count.
     _most: float = 0.0
     _begun: int = 0
     _ended: int = 0
@@ -40,45 +40,45 @@ class Control:
     _counts: tuple[bool, bool] = (True, True)
 
     def stop(self) -> None:
-        """Ask the kernel to end; it does so within a few hundred steps."""
+        """Ask the kernel to stop, which it does within 256 tried steps."""
         self._shared[1] = 1
 
     def stage(self, low: float, high: float, *, begins: bool = False, ends: bool = False) -> None:
-        """Say that the next kernel does the part from ``low`` to ``high`` of 1 of the whole work.
+        """Announce a kernel that does the part of the work between the shares ``low`` and ``high``.
 
-        ``begins`` and ``ends``: whether runs that it takes up have begun, that it ends are done.
+        ``begins`` and ``ends`` say whether runs count as begun or done by this kernel.
         """
         self._begun, self._ended = self.runs_begun, self.runs_done
         self._progress, self._cost, self._runs = np.zeros((1, 8)), 0.0, 0
         self._span, self._counts = (low, high), (begins, ends)
 
-    def stay(self) -> None:
-        """Say that the next kernel does again some runs that the last one has counted."""
+    def repeat(self) -> None:
+        """Announce a kernel that repeats runs which the last one has counted."""
         self.stage(self._span[1], self._span[1])
 
     def settle(self, runs: int) -> None:
-        """Count runs as done that no further kernel takes up."""
+        """Count runs as done that no further kernel integrates."""
         self._ended += runs
 
     def start(self, threads: int, cost: Floats) -> None:
-        """Say that a kernel starts, with so many threads and runs of this expected cost."""
+        """Announce the start of a kernel with a number of threads and the expected cost of runs."""
         self.total = self._cost = float(cost.sum())
         self._runs, self._progress, self._shared[0] = len(cost), np.zeros((threads, 8)), 0
 
     @property
     def flag(self) -> NDArray[np.int64]:
-        """One element, not 0 once a stop was asked for: for compiled loops."""
+        """Return an array of one element, for compiled loops: not 0 once a stop was requested."""
         return self._shared[1:]
 
     @property
     def stopping(self) -> bool:
-        """Whether a stop was asked for."""
+        """Return whether a stop was requested."""
         return bool(self._shared[1])
 
     @property
     def done(self) -> float:
-        """Cost of what is done so far; it never falls."""
-        # A run that has just ended counts twice until its thread looks at its lanes again.
+        """Return the cost of the work done so far, which never falls."""
+        # A run that has just ended counts twice until its thread next reports on its lanes.
         now = min(self._cost, float(self._progress[:, :2].sum()))
         low, high = self._span
         share = low + (high - low) * (now / self._cost if self._cost else 0.0)
@@ -87,30 +87,30 @@ class Control:
 
     @property
     def runs_done(self) -> int:
-        """Runs that have ended."""
+        """Return the number of runs that have ended."""
         return self._ended + int(self._progress[:, 2].sum()) * self._counts[1]
 
     @property
     def runs_begun(self) -> int:
-        """Runs that a lane has taken up; once the kernel is stopped, those not done are lost."""
-        # Every lane that finds the queue empty counts on.
+        """Return the number of runs begun; after a stop, those that have not ended are lost."""
+        # Lanes that find the queue empty also increment the next place.
         return self._begun + min(int(self._shared[0]), self._runs) * self._counts[0]
 
 
 class Task(threading.Thread, Generic[T]):
-    """One call, started at once, in a thread that does not keep the process alive."""
+    """One call in a daemon thread, which starts at once."""
 
     def __init__(self, call: Callable[[Control], T], control: Control | None = None) -> None:
         super().__init__(daemon=True)
         self.control = control or Control()
         self.seconds = 0.0
         self._call = call
-        # After a Ctrl-C in `join`, Python 3.11 takes a thread that runs for one that has ended.
+        # After Ctrl-C in `join`, Python 3.11 reports a running thread as ended; a future is safe.
         self._future: futures.Future[T] = futures.Future()
         self.start()
 
     def run(self) -> None:
-        """Make the call; the thread does."""
+        """Make the call, in the thread."""
         start = time.perf_counter()
         try:
             value = self._call(self.control)
@@ -121,16 +121,16 @@ class Task(threading.Thread, Generic[T]):
             self._future.set_result(value)
 
     def stop(self, patience: float = PATIENCE) -> None:
-        """Ask for an end, and wait for it a little."""
+        """Ask the call to stop, and wait up to `patience` seconds until it does."""
         self.control.stop()
         futures.wait([self._future], patience)
 
     def value(self) -> T:
-        """Return what the call came to, or raise what it raised; TimeoutError before it ends."""
+        """Return the result of the call or raise its error; raise TimeoutError before it ends."""
         return self._future.result(timeout=0)
 
     def wait(self, tick: Callable[[Control], None] = lambda control: None) -> T:
-        """Wait for the value; `tick` is called a few times a second and may raise to stop it."""
+        """Wait for the result; `tick` is called every `POLL` seconds and may raise to stop it."""
         try:
             while not futures.wait([self._future], POLL).done:
                 tick(self.control)
@@ -141,9 +141,9 @@ class Task(threading.Thread, Generic[T]):
 
 
 def side_by_side(calls: Sequence[Callable[[Control], T]], threads: int) -> list[T]:
-    """Return the results of calls, so many at a time, in their order; they share a control.
+    """Make calls in a number of threads, and return their results in the order of the calls.
 
-    A Ctrl-C, or the first error, stops them all and is raised here.
+    All share one control.  Ctrl-C or the first error stops all of them and is raised here.
     """
     control, left, results = Control(), iter(enumerate(calls)), dict[int, T]()
     errors: list[BaseException] = []

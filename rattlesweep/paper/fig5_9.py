@@ -188,7 +188,7 @@ def long_runs(ws: Workspace) -> Tables:
 
 
 def averaged_casimir(table: pd.DataFrame, body: Rattleback, period: float) -> pd.Series:
-    """Return C_I (Eq. (51) [casimir]) of the energies averaged over a period of the roll."""
+    """Return C_I (Eq. 51) of the energies averaged over a period of the roll."""
     width, found = round(period / table["t"][1]), modes(body)
     pitch, roll = (uniform_filter1d(table[name].to_numpy(), width) for name in ("E_p", "E_r"))
     values = pd.Series(reduced.casimir(pitch, roll, float(found.K_p), float(found.K_r)))

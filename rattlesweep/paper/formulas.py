@@ -80,7 +80,7 @@ def garcia_hubbard(_: Made) -> Measured:
 
 
 def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
-    """Return torque coefficients from eigenvectors, by Eqs. (33) [kp-1] and (35) [kr-1]."""
+    """Return torque coefficients from eigenvectors, by Eqs. 33 and 35."""
     alpha, beta, _, theta, phi, xi = body
     cos, sin = np.cos(xi + np.pi / 2), np.sin(xi + np.pi / 2)
     rotation = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
@@ -91,7 +91,7 @@ def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
     )
     squares, kets = np.linalg.eigh((hat + np.swapaxes(hat, -1, -2)) / 2)
     epsilon = np.array([[0.0, 1.0], [-1.0, 0.0]])
-    # J^-1/2 epsilon J^1/2 H, and the same with J^-1/2 twice, as Eq. (38) [k-diff] prints it.
+    # J^-1/2 epsilon J^1/2 H, and the same with J^-1/2 twice, as Eq. 38 prints it.
     operator = (epsilon * root[..., None, :] / root[..., :, None]) @ hat
     printed = (epsilon / (root[..., None, :] * root[..., :, None])) @ hat
     brackets = np.einsum("...ij,...ik,...kj->...j", kets, operator, kets)
@@ -197,7 +197,7 @@ def slow_spin(_: Made) -> Measured:
         # Near zero K_r the slope is what is left of larger terms: measured against K_p.
         rest = np.abs([pitch - found.K_p / 2, roll + found.K_r / 2])
         off = [*np.max(rest / (found.K_p * magnified), axis=1).tolist(), *off]
-    # Eq. (75) [toki-prs] with n = S, E_p = (I/2) P^2, E_r = (I/2) R^2, t = (2/K_r) tau.
+    # Eq. 75 with n = S, E_p = (I/2) P^2, E_r = (I/2) R^2, t = (2/K_r) tau.
     p, r, s = np.random.default_rng(2017).normal(size=(3, SAMPLES))
     rates = reduced.rhs.py_func(s, gamma / 2 * p**2, gamma / 2 * r**2, found.K_p, found.K_r, gamma)
     spin, pitch, roll = (2 / found.K_r * np.asarray(rate) for rate in rates)
@@ -216,7 +216,7 @@ def reversal_times(_: Made) -> Measured:
     n_i, n_0 = 0.1, 0.11
 
     def times(xi: Any) -> Floats:
-        """Return t_rGH+ and t_rGH- (Eqs. (56) [trgh-p] and (58) [trgh-m]), shape (2, samples)."""
+        """Return t_rGH+ and t_rGH- (Eqs. 56 and 58), shape (2, samples)."""
         found = theory.modes(alpha, beta, theta_, phi, xi)
         time = np.log((n_0 + n_i) / (n_0 - n_i)) / n_0
         return np.stack([time / found.K_p, time / found.K_r])

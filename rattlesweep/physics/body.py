@@ -1,32 +1,27 @@
-"""Bodies: six parameters, the shell-dumbbell map, presets, the mirror image."""
+"""Rattlebacks: their parameters, where these come from, and what they must satisfy."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from numbers import Real
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from rattlesweep.arrays import Floats
 from rattlesweep.physics import si
 from rattlesweep.physics.si import Units
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import ArrayLike
-
-    from rattlesweep.arrays import Floats
-
-T = TypeVar("T", float, "Floats")
+T = TypeVar("T", float, Floats)
 PARAMETERS = ("alpha", "beta", "gamma", "theta", "phi", "xi")
 
 
 @dataclass(frozen=True)
 class Rattleback:
-    """A rattleback (Eqs. def-abg, def-z); units M = a = g = 1.
+    """A rattleback in the units M = a = g = 1 (Eqs. 4-6 and 14).
 
     Parameters
     ----------
@@ -35,16 +30,17 @@ class Rattleback:
     theta, phi : float
         Principal curvatures at the bottom, in ``1/a``; ``0 < phi < theta < 1``.
     xi : float
-        Skew angle in radians, in (-pi/2, 0); positive for the mirror image.
+        Skew angle in radians, in (-pi/2, 0); in (0, pi/2) for a mirror image.
     c : float, optional
-        Vertical semi-axis of the ellipsoid below, in ``a``, above ``theta``; None for a paraboloid.
+        Vertical semi-axis of an ellipsoidal surface, in ``a``, larger than ``theta``.  Without it
+        the surface is a paraboloid.
     units : Units, optional
-        SI units of a body that was given in them; it is equal to one without.
+        SI size of the units, for bodies given in SI units.  Comparison ignores it.
 
     Raises
     ------
     ValueError
-        If a parameter is out of its range, or if no body has such an inertia.
+        If a parameter is not a number or out of range, or if no mass distribution has this inertia.
     """
 
     alpha: float
@@ -66,23 +62,25 @@ class Rattleback:
 
     @classmethod
     def gh(cls) -> Rattleback:
-        """Return the body of Garcia and Hubbard (1988), Table I."""
+        """Return the body of Garcia and Hubbard (1988), GH in Table I of the paper."""
         return cls(13.04, 1.522, 12.28, 0.6429, 0.0360, -math.radians(1.72))
 
     @classmethod
     def kl(cls) -> Rattleback:
         """Return the ellipsoid of Kane and Levinson (1982): semi-axes 20, 3, 2 cm; 1 kg."""
+        # Inertia in M a^2 along the axes of the surface, and its product.
         along, across, product = 2.0, 16.0, -0.2
         mean, half = (across + along) / 2, math.hypot((across - along) / 2, product)
+        alpha, beta, gamma = mean + half + 1, mean - half + 1, 17.0
         xi = 0.5 * math.atan2(2 * product, across - along)
-        alpha, beta, size = mean + half + 1, mean - half + 1, Units(mass=1.0, length=0.01)
-        return cls(alpha, beta, 17.0, 2 / 3**2, 2 / 20**2, xi, c=2.0, units=size)
+        units = Units(mass=1.0, length=0.01)
+        return cls(alpha, beta, gamma, 2 / 3**2, 2 / 20**2, xi, c=2.0, units=units)
 
     @classmethod
     def shell_dumbbell(
         cls, *, gamma: float, f_sd: float, theta: float, phi: float, xi: float
     ) -> Rattleback:
-        """Return a light shell with two dumbbells; ``f_sd = I_yy / I_zz`` in (0, 0.5)."""
+        """Return a shell-dumbbell body (Eqs. 62-67); ValueError unless ``0 < f_sd < 0.5``."""
         if not 0 < f_sd < 0.5:
             raise ValueError(f"f_sd is {f_sd:g}; it must lie between 0 and 0.5")
         return cls(*shell_dumbbell(gamma, f_sd), gamma, theta, phi, xi)
@@ -93,25 +91,34 @@ class Rattleback:
         height: float | str, radii: Sequence[float | str] | str, axes_angle: float | str = 0.0,
         c: float | str | None = None, gravity: float | str = si.GRAVITY, z_up: bool = False,
     ) -> Rattleback:  # fmt: skip
-        """Return a body in SI units; each number may be a text with a unit, such as ``"85 g"``.
+        """Return a body given in SI units.
+
+        Every quantity except the inertia may be a number in SI units or a text such as ``"85 g"``.
 
         Parameters
         ----------
-        mass, height, gravity : float
-            In kg, m and m/s^2; ``height`` is ``a``, of the centre of mass over the contact.
-        inertia : 3 x 3 matrix or sequence
-            About the centre of mass in kg m^2, z vertical: the tensor, or
-            ``(ixx, iyy, izz, ixy, ixz, iyz)`` with ``ixy = -sum(m x y)``; the last three are
-            optional.
-        radii : two floats
-            Principal radii of curvature at the bottom, in m, or as in ``"50, 1.5 cm"``.
-        axes_angle : float
-            Angle in radians from the x towards the y axis to the direction of the first of them.
-        c : float, optional
-            Vertical semi-axis of an ellipsoid, in m; without it the bottom is a paraboloid.
+        mass, height, gravity : float or str
+            In kg, m and m/s^2; ``height`` is ``a``, from the contact up to the centre of mass.
+        inertia : sequence of float
+            Inertia tensor about the centre of mass in kg m^2, with z vertical: a 3 x 3 matrix, or
+            ``(ixx, iyy, izz, ixy, ixz, iyz)`` with ``ixy = -sum(m x y)``, of which the last three
+            may be left out.
+        radii : two floats or str
+            Principal radii of curvature at the bottom, in m, or a text such as ``"50, 1.5 cm"``.
+        axes_angle : float or str
+            Angle in radians, from the x axis towards the y axis, of the direction in which the
+            surface has the first radius.
+        c : float or str, optional
+            Vertical semi-axis of an ellipsoid, in m.  Without it the surface is a paraboloid.
         z_up : bool
-            Whether the z axis points up, as in CAD programs; else seen from above y is clockwise
-            from x.
+            Whether the z axis points up, as in CAD programs.  It points down otherwise, so that
+            the y axis is clockwise from the x axis when seen from above.
+
+        Raises
+        ------
+        ValueError
+            If a value is not of the kind needed or is out of range, the z axis is not a principal
+            axis, or no body has such parameters.
 
         Examples
         --------
@@ -131,9 +138,9 @@ class Rattleback:
         if z_up:  # seen from the other side
             tensor[3], angle = -tensor[3], -angle
         values = {k: float(v) for k, v in si.parameters(m, tensor, a, lengths, angle).items()}
-        axis = None if c is None else si.number(c, "length", "c") / a
+        semi_axis = None if c is None else si.number(c, "length", "c") / a
         units = Units(m, a, si.size(gravity, "acceleration", "gravity"))
-        return cls(**values, c=axis, units=units)
+        return cls(**values, c=semi_axis, units=units)
 
     @classmethod
     def half_ellipsoid(
@@ -141,21 +148,32 @@ class Rattleback:
         skew: float | str = 0.0, weights: float | str | None = None,
         at: Sequence[float | str] | str | None = None, gravity: float | str = si.GRAVITY,
     ) -> Rattleback:  # fmt: skip
-        """Return a half ellipsoid of uniform density, flat side up; numbers may be ``"12 cm"``.
+        """Return a half ellipsoid of uniform density with its flat side up.
+
+        Every quantity may be a number in SI units or a text such as ``"12 cm"``.
 
         Parameters
         ----------
-        length, width, height, mass, gravity : float
-            Of the flat side, and from the lowest point up to it, in m; in kg, without the weights;
-            in m/s^2.
-        skew : float
+        length, width : float or str
+            Axes of the flat side, in m.
+        height : float or str
+            Height of the flat side above the lowest point, in m.
+        mass, gravity : float or str
+            Mass in kg without the weights, and gravity in m/s^2.
+        skew : float or str
             Angle in radians by which the axes of inertia are turned against those of the surface,
-            clockwise seen from above; ``xi = -skew``.
-        weights : float, optional
-            Mass in kg of each of two equal weights on the flat side, such as coins; points.
-        at : two floats, optional
-            Place of one weight in m from the middle of the flat side, seen from above: to the right
-            along the length, and away across it; or ``"45, -9 mm"``.  The other lies opposite.
+            clockwise when seen from above.  Without weights ``xi = -skew``.
+        weights : float or str, optional
+            Mass in kg of each of two equal point weights on the flat side.
+        at : two floats or str, optional
+            Position of one weight on the flat side, in m or as ``"45, -9 mm"``: from the centre to
+            the right along the length, then away from the viewer.  The other weight lies opposite.
+
+        Raises
+        ------
+        ValueError
+            If a value is not of the kind needed or is out of range, a weight lies off the flat
+            side, or no body has such parameters.
 
         Examples
         --------
@@ -180,11 +198,11 @@ class Rattleback:
         return cls(units=Units(found.pop("mass"), found.pop("height"), g), **found)
 
     def replace(self, **parameters: Any) -> Rattleback:
-        """Return the body with other parameters, such as ``theta=0.82``."""
+        """Return the body with some parameters changed, such as ``theta=0.82``."""
         return replace(self, **parameters)
 
     def mirrored(self) -> Rattleback:
-        """Return the mirror image: steady and unsteady direction change places."""
+        """Return the mirror image, whose steady and unsteady directions are exchanged."""
         return replace(self, xi=-self.xi)
 
 
@@ -193,7 +211,7 @@ MAX_INERTIA = 1e6  # in M a^2
 
 
 def shell_dumbbell(gamma: T, f_sd: T) -> tuple[T, T]:
-    """Return ``alpha`` and ``beta`` of shell-dumbbell bodies."""
+    """Return ``alpha`` and ``beta`` of shell-dumbbell bodies (Eq. 67)."""
     return (1 - f_sd) * gamma + 1, f_sd * gamma + 1
 
 
@@ -201,16 +219,16 @@ def violations(
     alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike,
     theta: ArrayLike, phi: ArrayLike, xi: ArrayLike, c: ArrayLike | None = None,
 ) -> Iterator[tuple[int, str]]:  # fmt: skip
-    """Yield what is wrong with bodies: the first offender of each rule, as (place, sentence).
+    """Yield the index of the first body that breaks a rule, and a message, for each broken rule.
 
-    ``c`` is NaN, or None for all of them, where the surface is a paraboloid.
+    Arguments are numbers or arrays over bodies; ``c`` is NaN, or None for all, for a paraboloid.
     """
     alpha, beta, gamma, theta, phi, xi = (
         np.atleast_1d(np.asarray(x, float)) for x in (alpha, beta, gamma, theta, phi, xi)
     )
     c = np.broadcast_to(np.asarray(np.nan if c is None else c, float), alpha.shape)
     i_xx, i_yy = alpha - 1, beta - 1
-    # Shell-dumbbell bodies have I_zz = I_xx + I_yy but for rounding.
+    # Shell-dumbbell bodies have I_zz = I_xx + I_yy, and half of them exceed it by rounding.
     slack = 1e-12 * (alpha + gamma)
     values = {"alpha": alpha, "beta": beta, "gamma": gamma, "theta": theta, "phi": phi, "xi": xi,
               "c": c, "i_xx": i_xx, "yy_zz": i_yy + gamma, "xx_yy": i_xx + i_yy}  # fmt: skip
@@ -231,12 +249,12 @@ def violations(
          "exceeds I_yy + I_zz = {yy_zz:g}"),
         (gamma <= i_xx + i_yy + slack, "no body has this inertia: I_zz = gamma = {gamma:g} "
          "exceeds I_xx + I_yy = {xx_yy:g}"),
-        # On its side, the centre of mass is at the height sqrt(c/theta).
-        (~(c <= theta), "c {c:g} is not above theta {theta:g}: the ellipsoid would rather lie on "
-         "its side"),
+        # Lying on its side, the ellipsoid has its centre of mass at the height sqrt(c/theta).
+        (~(c <= theta), "c {c:g} is not above theta {theta:g}: the ellipsoid would tip onto its "
+         "side"),
     )  # fmt: skip
-    for good, sentence in rules:
+    for good, message in rules:
         bad = np.flatnonzero(~good)
         if bad.size:
-            place = int(bad[0])
-            yield place, sentence.format(**{name: x[place] for name, x in values.items()})
+            first = int(bad[0])
+            yield first, message.format(**{name: x[first] for name, x in values.items()})

@@ -1,40 +1,39 @@
-"""The full dynamics (Eqs. diff-u, diff-omega, def-z, def-xy) in five variables, and the track.
+"""The full dynamics (Eqs. 4, 8, 10 and 11) in five variables, and the track on the plane.
 
-The body stands on its lower surface, so ``u_z < 0``, and the slope
+Equation numbers in this package are those of Kondo and Nakanishi, Phys. Rev. E 95, 062207 (2017),
+and the units are M = a = g = 1.
+
+The body stands on its lower surface, so that ``u_z < 0``, and the slope
 
     p = u_x / u_z,   q = u_y / u_z,   u = -(p, q, 1) / sqrt(1 + p^2 + q^2)
 
-describes the vertical unit vector.  The state is ``(p, q, a, b, c)`` with ``(a, b, c) = omega``:
-what is small near the steady spin is a small number.  For the same reason the surface enters as
-``C = B - 1`` with ``B = R(xi) Theta^-1 R^-1(xi)``; ``B - 1`` formed late would lose nine digits at
-``theta = 1 - 1e-9``.  The constants of a body are the six numbers of :func:`constants`.
+describes the vertical unit vector.  The state is ``(p, q, a, b, c)`` with ``(a, b, c) = omega``, so
+that quantities that are small near the steady spin are stored as small numbers.  For the same
+reason the surface enters as ``C = B - 1`` with ``B = R(xi) Theta^-1 R^-1(xi)``: subtracting 1 from
+``B`` would lose nine digits at ``theta = 1 - 1e-9``.
 
 The heading is the angle of the horizontal part ``h_1`` of the body's x axis from its direction at
-the start.  The plane's axes are ``h_1`` and ``u x h_1`` at the start, its origin the first contact.
+the start.  ``h_1`` and ``u x h_1`` at the start are the axes of the plane, with the origin at the
+contact point.
 """
 
 # mypy: disable-error-code="no-untyped-def"
-from __future__ import annotations
-
 from math import cos, sin, sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
+from numpy.typing import ArrayLike
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from rattlesweep.arrays import Floats
+from rattlesweep.arrays import Floats
 
 N_STATE = 5
 N_CONSTANTS = 6
 N_EXTRA = 3  # heading and the two co-ordinates of the contact point on the plane
 
-# Fused multiply-add only.  With 'nnan' and 'ninf' LLVM folds the test for a non-finite state away;
-# 'reassoc' and 'arcp' let the last bits depend on how often a function was optimised.
+# With 'nnan' and 'ninf' LLVM would remove tests for non-finite states; with 'reassoc' and 'arcp'
+# the last bits would depend on how often a function is optimised.
 FASTMATH = {"contract", "nsz"}
-# No function pointer for C: it would take time to compile.
+# Nothing calls these functions from C, and wrappers for it take time to compile.
 scalar = njit(fastmath=FASTMATH, error_model="numpy", forceinline=True, no_cfunc_wrapper=True)
 
 
@@ -42,7 +41,7 @@ def constants(
     alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike,
     theta: ArrayLike, phi: ArrayLike, xi: ArrayLike,
 ) -> Floats:  # fmt: skip
-    """Return ``I_xx, I_yy, I_zz, C_xx, C_xy, C_yy`` of bodies, (6, ...) (Eqs. def-abg, def-z)."""
+    """Return ``I_xx, I_yy, I_zz, C_xx, C_xy, C_yy`` of bodies, shape (6, ...) (Eqs. 6 and 14)."""
     alpha, beta, gamma, theta, phi, xi = np.broadcast_arrays(
         *(np.asarray(x, float) for x in (alpha, beta, gamma, theta, phi, xi))
     )
@@ -55,17 +54,17 @@ def constants(
 
 @scalar
 def slope_rate(p, q, a, b, c):
-    """Derivatives of ``p, q`` (Eq. diff-u, written for the slope), and what they share."""
+    """Return the derivatives of ``p, q`` (Eq. 10 for the slope) and ``m = p b - q a``."""
     m = p * b - q * a
     return q * c - b - p * m, a - p * c - q * m, m
 
 
 @scalar
 def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):
-    """Return how the paraboloid touches the plane (Eqs. def-xy, def-z).
+    """Return the contact of the paraboloid (Eqs. 4 and 8): ``fx, fy, rise, wx, wy, wz, u_z``.
 
-    ``fx, fy, rise`` of the contact point ``r = (p + fx, q + fy, 1 - rise)``; ``wx, wy, wz`` of
-    ``w = r x omega - dr/dt``, with what cancels between the two taken out by hand; and ``u_z``.
+    The contact point is ``r = (p + fx, q + fy, 1 - rise)``, and ``w = r x omega - dr/dt``, from
+    which the terms that cancel between the two are removed by hand.
     """
     fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
     x, y = p + fx, q + fy
@@ -79,21 +78,21 @@ def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):
 
 
 @scalar
-def turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz):
-    """Return the derivatives of ``a, b, c`` (Eq. diff-omega); ``(lx, ly, lz)`` is another torque.
+def acceleration(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz):
+    """Return ``domega/dt`` (Eq. 11 with a further torque ``(lx, ly, lz)``), and the inverse used.
 
-    And, for another right side ``h``, what makes of it ``D^-1 (h + r s)`` with
-    ``s = along (x dyz h_x + y dzx h_y + z dxy h_z)``: ``dyz, dzx, dxy, along, ivol``.
+    The bracket of Eq. 11 is ``omega x w``.  The matrix on its left side is ``J = D - r r^T`` with
+    ``D = I + r^2``; by the formula of Sherman and Morrison ``J^-1 T = D^-1 (T + r s)`` with
+    ``s = r.D^-1 T / (1 - r.D^-1 r)``.  For a long ``r`` numerator and denominator of ``s`` cancel,
+    so they are written with ``1 - r^2/d = I/d`` and the gyroscopic torque ``(gx, gy, gz)``.
 
-    The bracket of Eq. diff-omega is ``omega x w``; the matrix on its left side, ``D - r r^T``, is
-    inverted by Sherman and Morrison's formula.  For a long ``r`` both parts of
-    ``s = r.D^-1 T / (1 - r.D^-1 r)`` cancel, and are written with ``1 - r^2/d = I/d`` and the
-    gyroscopic torque ``(gx, gy, gz)``.
+    The second value ``(dyz, dzx, dxy, along, ivol)`` solves for another torque ``h``:
+    ``s = along (x dyz h_x + y dzx h_y + z dxy h_z)`` and ``D^-1 = ivol diag(dyz, dzx, dxy)``.
     """
     x, y, z = p + fx, q + fy, 1.0 - rise
     twist = fx * q - fy * p
     kx, ky, kz = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
-    # Torque about the contact point: inertia, motion of the contact point, gravity.
+    # Torque about the contact point: gyroscopic, by the motion of the contact point, by gravity.
     gx, gy, gz = (iy - iz) * b * c + lx, (iz - ix) * c * a + ly, (ix - iy) * a * b + lz
     tx = gx + (y * kz - z * ky) + uz * (fy + q * rise)
     ty = gy + (z * kx - x * kz) - uz * (fx + p * rise)
@@ -113,34 +112,34 @@ def turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz)
 
 @scalar
 def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return the time derivative of the state (Eqs. diff-u and diff-omega)."""
+    """Return the time derivative of the state (Eqs. 10 and 11)."""
     dp, dq, m = slope_rate(p, q, a, b, c)
     fx, fy, rise, wx, wy, wz, uz = paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy)
-    rates, _ = turning(p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz)
+    rates, _ = acceleration(p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz)
     return (dp, dq) + rates  # noqa: RUF005
 
 
 @scalar
 def spin(p, q, a, b, c):
-    """Spin ``n = u . omega``, in ``sqrt(g/a)``."""
+    """Return the spin ``n = u . omega`` (Eq. 46), in ``sqrt(g/a)``."""
     return -(p * a + q * b + c) / sqrt(1.0 + p * p + q * q)
 
 
 @scalar
 def spin_rate(p, q, da, db, dc):
-    """Rate ``dn/dt = u . domega/dt``; the other term, ``(u x omega) . omega``, is zero."""
+    """Return ``dn/dt = u . domega/dt``; the other term, ``(u x omega) . omega``, is zero."""
     return -(p * da + q * db + dc) / sqrt(1.0 + p * p + q * q)
 
 
 @scalar
 def oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy):
-    """Twice the energy of the oscillation to second order, in ``M g a``; measures step errors."""
+    """Return twice the energy of the oscillation to second order, in ``M g a``."""
     return (ix + 1.0) * a * a + (iy + 1.0) * b * b + cxx * p * p + 2.0 * cxy * p * q + cyy * q * q
 
 
 @scalar
 def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Energy, in ``M g a``; the potential, zero for ``u = (0, 0, -1)``, is a sum of small terms."""
+    """Return the energy in ``M g a``, zero upright at rest, where the potential loses no digits."""
     fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
     x, y = p + fx, q + fy
     z = 1.0 - 0.5 * (x * p + y * q)
@@ -154,11 +153,12 @@ def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
 
 @scalar
 def force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz):
-    """Return the contact force (Eq. em-1) at ``r``, of rate ``(xd, yd, zd)``, ``v = r x omega``.
+    """Return ``F . u`` and ``|F - (F . u) u|`` of the contact force (Eq. 1), in ``M g``.
 
-    ``F . u``, negative where the plane would have to pull, and ``|F - (F . u) u|``, in ``M g``.
+    The contact point ``r = (x, y, z)`` has the derivative ``(xd, yd, zd)``, and ``v = r x omega``.
+    ``F . u`` is negative where the plane would have to pull.
     """
-    # dv/dt in space: derivative in the body frame plus omega x v (Eqs. no-slip, em-1).
+    # dv/dt in space: the derivative in the body frame plus omega x v (Eqs. 3 and 9).
     gx = (yd * c - zd * b) + (y * dc - z * db) + (b * vz - c * vy)
     gy = (zd * a - xd * c) + (z * da - x * dc) + (c * vx - a * vz)
     gz = (xd * b - yd * a) + (x * db - y * da) + (a * vy - b * vx)
@@ -169,7 +169,7 @@ def force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz):
 
 @scalar
 def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return the contact force as :func:`force`."""
+    """Return the normal and the tangential contact force; see :func:`force`."""
     dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
     x, y = p + cxx * p + cxy * q, q + cxy * p + cyy * q
     z = 1.0 - 0.5 * (x * p + y * q)
@@ -183,10 +183,10 @@ def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
 
 @scalar
 def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):
-    """Return the rates of the heading and of the contact point on the plane.
+    """Return the rates of the heading and of the contact point's co-ordinates on the plane.
 
-    The heading's is the vertical part of ``e x (omega x e)`` over ``1 - e_vertical^2`` with the x
-    axis ``e``; the contact point's is ``dr/dt + v`` (Eq. no-slip).
+    With the x axis ``e`` the heading changes by the vertical part of ``e x (omega x e)`` over
+    ``1 - (e . u)^2``; the contact point moves by ``dr/dt + v`` with ``v`` of Eq. 3.
     """
     uy = q * uz
     square = uy * uy + uz * uz
@@ -204,14 +204,14 @@ def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):
 
 
 def to_vectors(state: Floats) -> tuple[Floats, Floats]:
-    """Return ``u`` and ``omega`` (in ``sqrt(g/a)``), both (3, ...), of states of shape (5, ...)."""
+    """Return ``u`` and ``omega``, both of shape (3, ...), of states of shape (5, ...)."""
     p, q = state[0], state[1]
     slope = np.stack([p, q, np.ones_like(p)])
     return -slope / np.sqrt(1 + p * p + q * q), np.array(state[2:])
 
 
 def from_vectors(u: ArrayLike, omega: ArrayLike) -> Floats:
-    """Return the states (5, ...) of ``u`` and ``omega``, both (3, ...), where ``u_z < 0``."""
+    """Return states (5, ...) of ``u`` and ``omega``, (3, ...); raise ValueError if u_z >= 0."""
     u, omega = np.asarray(u, float), np.asarray(omega, float)
     if np.any(~(u[2] < 0)):
         raise ValueError("u_z must be negative: the body stands on its lower surface")
@@ -219,14 +219,14 @@ def from_vectors(u: ArrayLike, omega: ArrayLike) -> Floats:
 
 
 def quaternion(u: Floats, heading: Floats) -> Floats:
-    """Return the attitude as unit quaternions, shape (4, ...), the scalar first, without jumps.
+    """Return unit quaternions (4, ...), scalar first, from the body's frame to the plane's axes.
 
-    From the body's frame, where the vertical is `u`, shape (3, ...), to the plane's axes.
+    `u` has the shape (3, ...), `heading` (...).  The result is continuous in time.
     """
     ux, uy, uz = u
     root = np.sqrt(uy * uy + uz * uz)
-    # Rows h_1, h_2, u of the turn at heading zero, root and h_2y = uz / root on its diagonal.
-    # Near the upright position it is half a turn about x, so that q1 is the safe pivot.
+    # The rotation at heading zero has the rows h_1, h_2 and u, with root and h_2y = uz / root on
+    # its diagonal.  Near the upright position it is half a turn about x, so q1 is the safe pivot.
     h2y, h2z = uz / root, -uy / root
     pivot = 0.5 * np.sqrt(1 + root - h2y - uz)
     w = (uy - h2z) / (4 * pivot)

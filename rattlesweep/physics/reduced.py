@@ -1,22 +1,15 @@
-"""The reduced dynamics in three variables (Eqs. diff-ne-1 to diff-ne-3).
+"""The reduced dynamics in three variables (Eqs. 47-49).
 
-State ``(n, E_p, E_r)``: spin and the energies of pitch and roll, averaged over the oscillations;
-constants ``(K_p, K_r, I_eff)``.
+The state is ``(n, E_p, E_r)``, the spin and the energies of pitch and roll averaged over the
+oscillations; the constants are ``(K_p, K_r, I_eff)``.
 """
 
 # mypy: disable-error-code="no-untyped-def"
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike
 
+from rattlesweep.arrays import Floats
 from rattlesweep.physics.full import scalar
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from rattlesweep.arrays import Floats
 
 N_STATE = 3
 N_CONSTANTS = 3
@@ -24,18 +17,18 @@ N_CONSTANTS = 3
 
 @scalar
 def rhs(n, e_p, e_r, k_p, k_r, inertia):
-    """Time derivatives of ``n, E_p, E_r``."""
+    """Return the time derivatives of ``n, E_p, E_r``."""
     return (k_r * e_r - k_p * e_p) / inertia, k_p * n * e_p, -k_r * n * e_r
 
 
 @scalar
 def energy(n, e_p, e_r, k_p, k_r, inertia):
-    """Total energy ``E_tot``, conserved, in ``M g a``."""
+    """Return the conserved energy ``E_tot`` (Eq. 50), in ``M g a``."""
     return 0.5 * inertia * n * n + e_p + e_r
 
 
 def casimir(e_p: ArrayLike, e_r: ArrayLike, K_p: ArrayLike, K_r: ArrayLike) -> Floats:
-    """Casimir invariant ``C_I`` (Eq. casimir), conserved; minus infinity without one mode."""
+    """Return the conserved Casimir invariant ``C_I`` (Eq. 51), infinite if an energy is zero."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(e_p) / np.asarray(K_p) + np.log(e_r) / np.asarray(K_r))
 
@@ -43,10 +36,10 @@ def casimir(e_p: ArrayLike, e_r: ArrayLike, K_p: ArrayLike, K_r: ArrayLike) -> F
 def mode_energies(
     alpha: Floats, beta: Floats, psi_p: Floats, psi_r: Floats, omega_xy0: ArrayLike, psi: ArrayLike
 ) -> tuple[Floats, Floats]:
-    """Return the energies of pitch and roll in a launch at ``u = (0, 0, -1)``, in ``M g a``."""
+    """Return the energies of pitch and roll at launch (Eqs. 68 and 69), in ``M g a``."""
 
     def along(direction: Floats, other: Floats) -> Floats:
-        # The modes are orthogonal in the metric diag(alpha, beta).
+        # The modes are orthogonal in the metric J = diag(alpha, beta) (Eq. 18).
         c, s = np.cos(direction), np.sin(direction)
         product = alpha * c * np.cos(psi) + beta * s * np.sin(psi)
         norm = alpha * c * c + beta * s * s

@@ -1,31 +1,25 @@
-"""Bodies in SI units: from a CAD program, from a scale and a ruler, or half an ellipsoid."""
-
-from __future__ import annotations
+"""Bodies in SI units: from a measured inertia tensor, or as a half ellipsoid."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from rattlesweep.arrays import Floats
 from rattlesweep.units import quantities, quantity
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from rattlesweep.arrays import Floats
-
 GRAVITY = 9.81  # on Earth, in m/s^2
-MAX_TILT = 1e-3  # angle by which the principal axis may be off the vertical, for rounded inputs
+MAX_TILT = 1e-3  # angle between the z axis and a principal axis, in radians, for rounded inputs
 LIMITS = {"mass": (1e-9, 1e9, "kg"), "length": (1e-9, 1e6, "m"),
           "acceleration": (1e-6, 1e6, "m/s^2")}  # fmt: skip
-"""Smallest and largest size of a quantity by its kind: beyond them products leave no digits."""
+"""Smallest and largest accepted value of each kind, so that products stay within doubles."""
 
 
 @dataclass(frozen=True)
 class Units:
-    """The units of a body: ``M`` in kg, ``a`` in m (height of the centre of mass), gravity."""
+    """Units of a body: ``M`` in kg, ``a`` (height of the centre of mass) in m, ``g`` in m/s^2."""
 
     mass: float
     length: float
@@ -33,12 +27,12 @@ class Units:
 
     @property
     def time(self) -> float:
-        """``sqrt(a/g)``, in s."""
+        """Return ``sqrt(a/g)`` in s."""
         return math.sqrt(self.length / self.gravity)
 
     @property
     def sizes(self) -> dict[str, tuple[float, str]]:
-        """Size of each unit that rattlesweep writes, and the SI unit of that size."""
+        """Return the size of each unit that rattlesweep writes, and the SI unit of that size."""
         m, a, g, t = self.mass, self.length, self.gravity, self.time
         return {
             "sqrt(a/g)": (t, "s"), "sqrt(g/a)": (1 / t, "rad/s"), "a": (a, "m"),
@@ -48,7 +42,7 @@ class Units:
 
 
 def number(value: float | str, kind: str, name: str) -> float:
-    """Return a number in SI units, given as that or as text of a kind of `units.KINDS`."""
+    """Return a number in SI units, given as such or as a text of a kind in `units.KINDS`."""
     try:
         return quantity(value, kind) if isinstance(value, str) else float(value)
     except ValueError as error:
@@ -56,7 +50,7 @@ def number(value: float | str, kind: str, name: str) -> float:
 
 
 def size(value: float | str, kind: str, name: str) -> float:
-    """Return a :func:`number` that is positive and within the `LIMITS` of its kind."""
+    """Return a :func:`number`; raise ValueError if it is outside the `LIMITS` of its kind."""
     found = number(value, kind, name)
     low, high, unit = LIMITS[kind]
     if not low <= found <= high:
@@ -65,32 +59,32 @@ def size(value: float | str, kind: str, name: str) -> float:
 
 
 def two_lengths(value: str | Sequence[float | str], name: str) -> list[float]:
-    """Return two lengths in m, given as numbers, texts, or a text such as ``"45, -9 mm"``."""
+    """Return two lengths in m, given as numbers, as texts, or as one text ``"45, -9 mm"``."""
     try:
         if isinstance(value, str):
             return quantities(value, "length", 2)
     except ValueError as error:
         raise ValueError(f"{name}: {value!r} {error}") from None
     if len(value) != 2:
-        raise ValueError(f"{name}: two lengths are needed, and not {len(value)}")
+        raise ValueError(f"{name}: two lengths are needed, not {len(value)}")
     return [number(each, "length", name) for each in value]
 
 
 def parameters(
     mass: ArrayLike, inertia: ArrayLike, height: ArrayLike, radii: ArrayLike, axes_angle: ArrayLike
 ) -> dict[str, Floats]:
-    """Return ``alpha, beta, gamma, theta, phi, xi`` of bodies.
+    """Return ``alpha, beta, gamma, theta, phi, xi`` of bodies, shape (...).
 
-    `inertia` are ``I_xx, I_yy, I_zz, I_xy``, shape (..., 4), and `axes_angle` goes from the x axis
-    to the direction along which the first of the radii of curvature, (..., 2), bends.
+    In SI units: `inertia` holds ``I_xx, I_yy, I_zz, I_xy``, shape (..., 4), `radii` the radii of
+    curvature, shape (..., 2); `axes_angle` leads from the x axis to the direction of the first.
     """
     mass, height, radii = (np.asarray(x, float) for x in (mass, height, radii))
     xx, yy, zz, xy = np.moveaxis(np.asarray(inertia, float), -1, 0)
     mean, half = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
-    larger = np.arctan2(2 * xy, xx - yy) / 2
-    # If the second radius is the smaller one, its direction is a right angle further.
+    axis_of_alpha = np.arctan2(2 * xy, xx - yy) / 2
+    # theta belongs to the smaller radius; the second one is a right angle further.
     turned = np.where(radii[..., 0] <= radii[..., 1], 0.0, np.pi / 2)
-    xi = np.remainder(np.asarray(axes_angle, float) + turned - larger, np.pi)
+    xi = np.remainder(np.asarray(axes_angle, float) + turned - axis_of_alpha, np.pi)
     unit = mass * height**2
     return {
         "alpha": (mean + half) / unit + 1, "beta": (mean - half) / unit + 1, "gamma": zz / unit,
@@ -111,10 +105,10 @@ def components(inertia: Sequence[float] | Sequence[Sequence[float]]) -> tuple[fl
                          "ixy, ixz, iyz), of which the last three may be left out")  # fmt: skip
     moments = np.linalg.eigvalsh(tensor)
     if moments[0] <= 0 or moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
-        told = ", ".join(f"{moment:g}" for moment in moments)
-        raise ValueError(f"inertia: no body has the principal moments {told} kg m^2")
+        listed = ", ".join(f"{moment:g}" for moment in moments)
+        raise ValueError(f"inertia: no body has the principal moments {listed} kg m^2")
     xx, yy, zz = np.diag(tensor)
-    # To first order the angle by which the vertical is off a principal axis.
+    # To first order, the angle between the z axis and a principal axis.
     coupling = np.hypot(tensor[0, 2], tensor[1, 2])
     tilt = coupling / max(abs(zz - xx), abs(zz - yy), 1e-300)
     if tilt > MAX_TILT:
@@ -126,10 +120,10 @@ def half_ellipsoid(
     length: ArrayLike, width: ArrayLike, height: ArrayLike, mass: ArrayLike,
     skew: ArrayLike = 0.0, *, weights: ArrayLike = 0.0, x: ArrayLike = 0.0, y: ArrayLike = 0.0,
 ) -> dict[str, Floats]:  # fmt: skip
-    """Return the parameters and ``c`` of solid half ellipsoids with their flat side up.
+    """Return the parameters, ``c``, total ``mass`` and ``height`` ``a`` of solid half ellipsoids.
 
-    Arguments as for :meth:`rattlesweep.physics.body.Rattleback.half_ellipsoid`, with
-    ``at = (x, y)``.  Also ``mass`` and ``height`` of the centre of mass, with the weights.
+    Arguments are those of :meth:`rattlesweep.physics.body.Rattleback.half_ellipsoid` in SI units,
+    with ``at = (x, y)``.
     """
     length, width, height, mass, skew, weights, x, y = np.broadcast_arrays(
         *(np.asarray(v, float) for v in (length, width, height, mass, skew, weights, x, y))
@@ -138,7 +132,7 @@ def half_ellipsoid(
     both = 2 * weights
     total = mass + both
     a = height * (5 / 8 * mass + both) / total
-    # About the centre of mass of all, along axes to the right and towards the observer.
+    # About the common centre of mass, along axes to the right and towards the viewer.
     flat = 19 / 320 * height**2 + (a - 5 / 8 * height) ** 2
     mean = mass * ((p**2 + q**2) / 10 + flat) + both * ((x**2 + y**2) / 2 + (height - a) ** 2)
     own, added = mass * (q**2 - p**2) / 10, both * (y**2 - x**2) / 2

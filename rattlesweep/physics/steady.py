@@ -2,46 +2,41 @@
 
 Around ``u = (0, 0, -1)``, ``omega = (0, 0, -n)`` the slope and the horizontal angular velocity
 ``(p, q, omega_x, omega_y)`` obey a linear system.  Its eigenvalues are the growth rates and
-frequencies; its left eigenvectors measure the amplitude of one mode alone, free of the beat.
+frequencies of the two modes; its left eigenvectors measure the amplitude of one mode alone.
 
-For the slope alone, the system is of second order, ``P(lambda) s = 0`` with
+For the slope alone the system is of second order, ``P(lambda) s = 0`` with
 
     P = [[beta lambda^2 + d_p lambda + k_pp,  g_p lambda + k_pq],
          [g_q lambda + k_qp,  alpha lambda^2 + d_q lambda + k_qq]],
 
-and ``det P`` is a product of two real quadratics, one of each mode, whose linear coefficients are
-minus twice the growth rates: these are found as the small numbers that they are.
+and ``det P`` is a product of two real quadratics, one for each mode.  Their linear coefficients are
+minus twice the growth rates, so that small growth rates are found as small numbers.
 
-All is done by operations on real numbers, which IEEE 754 rounds in one way only: NumPy's product of
-complex numbers is fused on some processors, and LAPACK's last bits differ with its build.
+All arithmetic is on real numbers and rounds in one way only, as IEEE 754 prescribes.  Products of
+complex numbers in NumPy are fused on some processors, and the last bits of LAPACK differ with its
+build.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from rattlesweep.arrays import Flags, Floats
 from rattlesweep.physics.theory import two_product
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+Complexes = NDArray[np.complex128]
+# Real and imaginary parts, or the coefficients b, c of a quadratic z^2 + b z + c.
+Pair = tuple[Floats, Floats]
+Pairs = tuple[Pair, Pair]
+Coefficients = tuple[Floats, Floats, Floats, Floats]
 
-    from rattlesweep.arrays import Flags, Floats
-
-    Complexes = NDArray[np.complex128]
-    # Real and imaginary parts, or the coefficients of a quadratic.
-    Pair = tuple[Floats, Floats]
-    Pairs = tuple[Pair, Pair]
-    Coefficients = tuple[Floats, Floats, Floats, Floats]
-
-# Of the way, in n^2, from the steady spin to its threshold: spins at which both modes must decay.
-POSSIBLE = (0.0, 0.25, 0.5)
-MOST_SLOPE = 0.1
+# Spins at which both modes must decay: shares of the way, in n^2, from n_0 to the threshold.
+SHARES = (0.0, 0.25, 0.5)
+MAX_SLOPE = 0.1
 EPS = np.finfo(float).eps
-# Newton's method comes to a simple root in about 7 steps and to a double root in about 30.
-MOST_STEPS = 100
+# Newton's method finds a simple root in about 7 steps and a double root in about 30.
+MAX_NEWTON_STEPS = 100
 POLISHING_STEPS = 2
 JACOBI_SWEEPS = 6
 
@@ -49,12 +44,12 @@ JACOBI_SWEEPS = 6
 def matrix(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Floats:
     """Return the matrix, shape (..., 4, 4), that acts on ``(p, q, omega_x, omega_y)``.
 
-    Of bodies with :func:`rattlesweep.physics.full.constants` at a spin ``n``.  Under a torque
-    ``-sigma omega`` the spin falls; the eigenvalues are rates as long as that is slow.
+    Bodies are given by :func:`rattlesweep.physics.full.constants`, shape (6, ...).  Under a torque
+    ``-sigma omega`` the spin falls, and eigenvalues are rates only while it falls slowly.
     """
     system = _System(constants, n, sigma)
     c, zero, one = system.c, np.zeros_like(system.c), np.ones_like(system.c)
-    # Rows as coefficients of (p, q, omega_x, omega_y): Eq. diff-u, then the two of P s = 0 with
+    # Rows of coefficients of (p, q, omega_x, omega_y): the linear Eq. 10, then P s = 0 with
     # omega_x = dq/dt + c p, omega_y = c q - dp/dt.
     dp, dq = np.stack([zero, c, zero, -one]), np.stack([-c, zero, one, zero])
     k_p = np.stack([system.k_pp, system.k_pq, zero, zero])
@@ -66,9 +61,10 @@ def matrix(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Floats:
 
 @dataclass(frozen=True)
 class SteadyModes:
-    """Eigenvalues (growth rate plus i times frequency), and left eigenvectors (..., 4) of length 1.
+    """Eigenvalues (growth rate plus i times frequency) and left eigenvectors of the two modes.
 
-    The modulus of a probe's product with the state is the amplitude of a mode.
+    A probe is a left eigenvector of length 1, shape (..., 4).  The modulus of its product with
+    ``(p, q, omega_x, omega_y)`` measures the amplitude of its mode.
     """
 
     pitch: Complexes
@@ -78,35 +74,39 @@ class SteadyModes:
 
 
 def steady_modes(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> SteadyModes:
-    """Return the modes, the pitch being the faster one; arguments as for `matrix`.
+    """Return the modes at a spin; arguments as for :func:`matrix`.
 
-    Of each conjugate pair the one with positive frequency, or else the one that grows faster.
+    The pitch is the mode of higher frequency.  Of a conjugate pair the eigenvalue with positive
+    frequency is returned; of two real eigenvalues the larger one.
     """
     system = _System(constants, n, sigma)
     pitch, roll = _leading(system)
-    pitch_probe, roll_probe = system.left(*pitch), system.left(*roll)
+    pitch_probe, roll_probe = system.left_vector(*pitch), system.left_vector(*roll)
     return SteadyModes(*(_complex(*x) for x in (pitch, roll, pitch_probe, roll_probe)))
 
 
 def growth(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> tuple[Floats, Floats]:
-    """Return growth rates of the pitch and the roll amplitude at any spin, in ``sqrt(g/a)``."""
+    """Return the growth rates of the pitch and roll amplitudes at any spin, in ``sqrt(g/a)``.
+
+    Without torque they tend to Eq. 74 for small spins.
+    """
     (pitch, _), (roll, _) = _leading(_System(constants, n, sigma))
     return pitch[()], roll[()]
 
 
 def transient_growth(constants: Floats, n: ArrayLike) -> Floats:
-    """Return a bound of how far the energy of an oscillation rises before it decays, 1 or more.
+    """Return a bound, 1 or more, on the factor by which a decaying oscillation's energy may rise.
 
-    Of ``dx/dt = A x`` with eigenvectors ``V`` and no growing mode it is ``cond(V)^2`` (Trefethen
-    and Embree, Spectra and Pseudospectra, 2005, sec. 14): in the norm of :func:`full.oscillation`
-    the ratio of the extreme eigenvalues of the modes' products, each of length 1.
+    For ``dx/dt = A x`` with eigenvectors ``V`` of length 1 and no growing mode, the bound is
+    ``cond(V)^2`` (Trefethen and Embree, Spectra and Pseudospectra, 2005, sec. 14) in the norm of
+    :func:`full.oscillation`: the ratio of the extreme eigenvalues of ``V^* V``.
     """
     system = _System(constants, n, 0.0)
     columns = []
     for pair in quadratics(*system.quartic()):
         upper, lower = roots(*pair)
-        (one, imaginary), (other, _) = system.right(*upper), system.right(*lower)
-        # A unitary matrix turns a conjugate pair into its real and imaginary part, times sqrt(2).
+        (one, imaginary), (other, _) = system.right_vector(*upper), system.right_vector(*lower)
+        # A unitary matrix turns a conjugate pair into its real and imaginary parts times sqrt(2).
         oscillates = upper[1] > 0
         other = np.where(oscillates, imaginary, other)
         squares = [system.energy(x, x) for x in (one, other)]
@@ -120,39 +120,42 @@ def transient_growth(constants: Floats, n: ArrayLike) -> Floats:
 
 
 def settled_oscillation(constants: Floats, n_0: Floats, n_c: Floats, rate: Floats) -> Floats:
-    """Return the oscillation from which on a run only decays to its steady spin; 0 where none is.
+    """Return the oscillation below which a run is certain to decay to its steady spin.
 
-    In the measure of :func:`full.oscillation`, for `constants` (6, runs), spins `n_0` that would
-    hold all the energy, thresholds of stability `n_c` (NaN: none), and the least `rate` that counts
-    as decay.  The decay is certain (docs/types.md) while
+    It is measured by :func:`full.oscillation`, and 0 where no decay is certain.  `constants` have
+    the shape (6, runs), the others (runs,): `n_0` is the spin that would hold all the energy, `n_c`
+    the threshold of stability or NaN, `rate` the least rate that counts as decay.
 
-    - both modes decay, the pitch twice as fast as the roll at least, down to half-way, in ``n^2``,
-      from ``n_0`` to ``n_c``;
-    - the energy that the oscillation may rise to, by :func:`transient_growth`, leads no farther,
-      and cannot lean the body by a slope of ``1/sqrt(2)`` in the direction easiest to;
-    - now that slope is 0.1 at most, as what linear theory leaves out is of third order.
+    The decay is certain (docs/types.md) if
+
+    - both modes decay, the pitch at least twice as fast as the roll, at all spins down to half-way,
+      in ``n^2``, from `n_0` to `n_c`;
+    - the largest energy that the oscillation can reach, by :func:`transient_growth`, takes the spin
+      no further than half-way, and cannot tilt the body to a slope of ``1/sqrt(2)`` in its softest
+      direction;
+    - the present slope is at most 0.1, since linear theory leaves out terms of third order.
     """
     settled = np.zeros(len(n_0))
-    place = np.flatnonzero((n_0 * n_c > 0) & (np.abs(n_0) > np.abs(n_c)) & np.isfinite(rate))
-    constants, n_0, n_c, rate = constants[:, place], n_0[place], n_c[place], rate[place]
+    rows = np.flatnonzero((n_0 * n_c > 0) & (np.abs(n_0) > np.abs(n_c)) & np.isfinite(rate))
+    constants, n_0, n_c, rate = constants[:, rows], n_0[rows], n_c[rows], rate[rows]
     square = n_0**2 - n_c**2
-    certain = np.ones(len(place), dtype=bool)
-    for share in POSSIBLE:
+    certain = np.ones(len(rows), dtype=bool)
+    for share in SHARES:
         pitch, roll = growth(constants, np.copysign(np.sqrt(n_0**2 - share * square), n_0))
         certain &= (pitch < 2 * roll) & (roll < -rate)
-    constants, square, place = constants[:, certain], square[certain], place[certain]
+    constants, square, rows = constants[:, certain], square[certain], rows[certain]
     _, _, _, cxx, cxy, cyy = constants
-    # The smaller eigenvalue of C, without cancellation: twice the determinant over the larger.
+    # The smaller eigenvalue of C, without cancellation: the determinant over the larger one.
     apart = np.sqrt((cxx - cyy) * (cxx - cyy) + 4 * cxy * cxy)
-    lean = 2 * _determinant(cxx, cxy, cyy) / (cxx + cyy + apart)
-    later = POSSIBLE[-1] * np.minimum(constants[2] * square, lean)
+    softest = 2 * _determinant(cxx, cxy, cyy) / (cxx + cyy + apart)
+    largest = SHARES[-1] * np.minimum(constants[2] * square, softest)
     rise = transient_growth(constants, n_0[certain])
-    settled[place] = np.minimum(later / rise, MOST_SLOPE**2 * lean)
+    settled[rows] = np.minimum(largest / rise, MAX_SLOPE**2 * softest)
     return settled
 
 
 class _System:
-    """``P`` at the top of the module, its determinant and the eigenvectors; ``c = -n``."""
+    """The matrix ``P`` of the module's docstring; ``c = -n``."""
 
     def __init__(self, constants: Floats, n: ArrayLike, sigma: ArrayLike) -> None:
         given = *constants, -np.asarray(n, float), np.asarray(sigma, float)
@@ -163,7 +166,7 @@ class _System:
         self.h = ix + iy + 1 - iz
         self.d_p, self.d_q = sigma + c * cxy, sigma - c * cxy
         self.g_p, self.g_q = c * (cyy - self.h), c * (self.h - cxx)
-        # Without losses these two are k_pp and k_qq.
+        # k_pp and k_qq without losses.
         self.kept_p = (1 + c2) * cxx + (iz - ix) * c2
         self.kept_q = (1 + c2) * cyy + (iz - iy) * c2
         self.k_pp, self.k_qq = self.kept_p + fall * cxy, self.kept_q - fall * cxy
@@ -171,10 +174,10 @@ class _System:
         self.k_qp = (1 + c2) * cxy + sigma * c - fall * (1 + cxx)
 
     def quartic(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return the coefficients of ``det P / (alpha beta)``, without terms that cancel."""
+        """Return the coefficients a3 to a0 of ``det P / (alpha beta)``, free of cancellation."""
         (ix, iy, iz, cxx, cxy, cyy), c, sigma, h = self.constants, self.c, self.sigma, self.h
         c2, skew, square = c * c, c * cxy * (ix - iy), _determinant(cxx, cxy, cyy)
-        # The falling spin adds to a torque -sigma c what the contact point makes of it.
+        # Factors by which the falling spin adds to the torque, through the contact point.
         x, y = 1 + (1 + cxx) / iz, 1 + (1 + cyy) / iz
         a3 = skew + sigma * (self.alpha + self.beta)
         a2 = self.beta * self.k_qq + self.alpha * self.k_pp
@@ -191,7 +194,7 @@ class _System:
         return a3 / both, a2 / both, a1 / both, a0 / both
 
     def elements(self, re: Floats, im: Floats) -> tuple[Pair, Pair, Pair, Pair]:
-        """Return ``P_pp, P_pq, P_qp, P_qq`` at an eigenvalue."""
+        """Return ``P_pp, P_pq, P_qp, P_qq`` at an eigenvalue ``re + i im``."""
         square, twice = re * re - im * im, 2 * re * im
         return (
             (self.beta * square + self.d_p * re + self.k_pp, self.beta * twice + self.d_p * im),
@@ -200,14 +203,14 @@ class _System:
             (self.alpha * square + self.d_q * re + self.k_qq, self.alpha * twice + self.d_q * im),
         )
 
-    def left(self, re: Floats, im: Floats) -> Pair:
+    def left_vector(self, re: Floats, im: Floats) -> Pair:
         """Return a left eigenvector of length 1, shape (..., 4)."""
         (ix, iy, iz, cxx, _, cyy), c = self.constants, self.c
         pp, pq, qp, qq = self.elements(re, im)
-        u, v = _kernel(pp, qp, pq, qq)
-        # The equations of omega_y and omega_x are the two of the slope, divided by -beta and alpha.
-        p = _times(u, (self.beta * re + self.d_p, self.beta * im))
-        q = _times(v, (self.alpha * re + self.d_q, self.alpha * im))
+        u, v = _null_vector(pp, qp, pq, qq)
+        # The rows of P s = 0 are -beta and alpha times the equations of omega_y and omega_x.
+        p = _product(u, (self.beta * re + self.d_p, self.beta * im))
+        q = _product(v, (self.alpha * re + self.d_q, self.alpha * im))
         p_v, q_u = c * (iy - iz - cxx), c * (iz - ix + cyy)
         parts = [[p[k] + p_v * v[k], q[k] + q_u * u[k], self.alpha * v[k], -self.beta * u[k]]
                  for k in (0, 1)]  # fmt: skip
@@ -215,18 +218,18 @@ class _System:
         real, imaginary = (np.stack([x / length for x in part], axis=-1) for part in parts)
         return real, imaginary
 
-    def right(self, re: Floats, im: Floats) -> Pair:
+    def right_vector(self, re: Floats, im: Floats) -> Pair:
         """Return a right eigenvector, shape (4, ...), of any length."""
         pp, pq, qp, qq = self.elements(re, im)
-        p, q = _kernel(pp, pq, qp, qq)
+        p, q = _null_vector(pp, pq, qp, qq)
         # omega_x = dq/dt + c p, omega_y = c q - dp/dt.
-        dp, dq, c = _times((re, im), p), _times((re, im), q), self.c
+        dp, dq, c = _product((re, im), p), _product((re, im), q), self.c
         parts = ([p[k], q[k], dq[k] + c * p[k], c * q[k] - dp[k]] for k in (0, 1))
         real, imaginary = map(np.stack, parts)
         return real, imaginary
 
     def energy(self, one: Floats, other: Floats) -> Floats:
-        """Return the product that belongs to the norm of :func:`full.oscillation`."""
+        """Return the inner product whose square is :func:`full.oscillation`."""
         _, _, _, cxx, cxy, cyy = self.constants
         (p, q, a, b), (p_1, q_1, a_1, b_1) = one, other
         tilt = p * (cxx * p_1 + cxy * q_1) + q * (cxy * p_1 + cyy * q_1)
@@ -237,12 +240,12 @@ def _leading(system: _System) -> tuple[Pair, Pair]:
     (one, low_1), (two, low_2) = (roots(*pair) for pair in quadratics(*system.quartic()))
     swap = (two[1] > one[1]) | ((two[1] == one[1]) & (two[0] > one[0]))
     (re, im), (re_2, im_2) = choose(swap, two, one), choose(swap, one, two)
-    # Where nothing oscillates, both may be of the same quadratic.
+    # Where nothing oscillates, the two largest roots may belong to the same quadratic.
     low = np.where(swap, low_2[0], low_1[0])
     return (re, im), (np.where((im == 0) & (low > re_2), low, re_2), im_2)
 
 
-def _times(one: Pair, other: Pair) -> Pair:
+def _product(one: Pair, other: Pair) -> Pair:
     return one[0] * other[0] - one[1] * other[1], one[0] * other[1] + one[1] * other[0]
 
 
@@ -252,19 +255,19 @@ def _complex(re: Floats, im: Floats) -> Complexes:
     return result[()]
 
 
-def _kernel(a: Pair, b: Pair, c: Pair, d: Pair) -> tuple[Pair, Pair]:
-    """Return ``x, y`` with ``a x + b y = c x + d y = 0``, by the row that tells more."""
+def _null_vector(a: Pair, b: Pair, c: Pair, d: Pair) -> tuple[Pair, Pair]:
+    """Return ``x, y`` with ``a x + b y = c x + d y = 0``, from the larger row."""
     first, second = (x[0] * x[0] + x[1] * x[1] + y[0] * y[0] + y[1] * y[1]
                      for x, y in ((a, b), (c, d)))  # fmt: skip
     lower = second > first
     (re, im), y = choose(lower, c, a), choose(lower, d, b)
-    # Of P = 0 any vector is one.
+    # Any vector solves P = 0.
     y = np.where((first == 0) & (second == 0), 1.0, y[0]), y[1]
     return y, (-re, -im)
 
 
 def _determinant(cxx: Floats, cxy: Floats, cyy: Floats) -> Floats:
-    """Return ``C_xx C_yy - C_xy^2`` to rounding: it is small where a surface is nearly flat."""
+    """Return ``C_xx C_yy - C_xy^2`` to rounding, even where the two products nearly cancel."""
     one, one_low = two_product(cxx, cyy)
     other, other_low = two_product(cxy, cxy)
     return (one - other) + (one_low - other_low)
@@ -273,13 +276,13 @@ def _determinant(cxx: Floats, cxy: Floats, cyy: Floats) -> Floats:
 def quadratics(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Pairs:
     """Factor ``z^4 + a3 z^3 + a2 z^2 + a1 z + a0`` into two real quadratics ``z^2 + b z + c``.
 
-    Returns ``(b1, c1), (b2, c2)``, with ``|c1| >= |c2|``.  The sum ``s`` of the two constant terms
-    is a root of Ferrari's resolvent cubic, which Newton's method finds; two of its steps for all
-    four coefficients then remove what rounding has left in the small ones.
+    The result is ``(b1, c1), (b2, c2)`` with ``|c1| >= |c2|``.  Newton's method finds the sum ``s``
+    of the constant terms as a root of Ferrari's resolvent cubic.  Two of its steps for all four
+    coefficients then remove the rounding errors of the small ones.
     """
     s = _resolvent_root(a3, a2, a1, a0)
-    # Squared differences of the quadratics' coefficients, and the product of the differences.
-    # The one that stands out farther from its rounding is found by a root, the other by division.
+    # Squared differences of b and of c, and the product of the differences.  The square that is
+    # larger relative to its rounding error gives one difference; division gives the other.
     apart_b, size_b = a3 * a3 - 4 * (a2 - s), a3 * a3 + 4 * (np.abs(a2) + np.abs(s))
     apart_c, size_c = s * s - 4 * a0, s * s + 4 * np.abs(a0)
     product = a3 * s - 2 * a1
@@ -289,7 +292,7 @@ def quadratics(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Pairs:
     root = np.sqrt(apart)
     other = np.where(apart > 0, product, 0.0) / np.where(apart > 0, root, 1.0)
     difference_b, difference_c = np.where(by_c, other, root), np.where(by_c, root, other)
-    # The first quadratic is the one with the larger constant term.
+    # The first quadratic has the larger constant term.
     turn = np.where(s * difference_c < 0, -1.0, 1.0)
     difference_b, difference_c = turn * difference_b, turn * difference_c
     b1, b2 = (a3 + difference_b) / 2, (a3 - difference_b) / 2
@@ -309,19 +312,19 @@ def _resolvent_root(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Floats:
 
     bend = a2 * a2 - 3 * (linear - 4 * a0)
     radius = np.maximum(np.sqrt(np.abs(bend)), (np.abs(a2) + np.sqrt(np.abs(a0))) / 10)
-    # Where the cubic is positive both at its inflection and at its minimum, its only root is
-    # below; elsewhere the largest is above the minimum.  From beyond the root, as beyond
-    # a2/3 + 2/3 radius if all three are real, the steps all go one way.
+    # Where the cubic is positive both at its inflection and at its minimum, its only root lies
+    # below; otherwise the largest root lies above the minimum.  Steps from beyond the root, such as
+    # from a2/3 + 2/3 radius if all three roots are real, all go the same way.
     least = (a2 + np.sqrt(np.maximum(bend, 0.0))) / 3
     size = (np.abs(least) + np.abs(a2)) * (least * least + 4 * np.abs(a0))
     noise = 8 * EPS * (size + np.abs(linear * least) + np.abs(a1 * a1) + np.abs(a3 * a3 * a0))
     side = np.where((cubic(a2 / 3) > 0) & (cubic(least) > noise), -1.0, 1.0)
     s: Floats = (a2 + 2 * side * radius) / 3
-    for step in range(MOST_STEPS):
+    for step in range(MAX_NEWTON_STEPS):
         slope = (3 * s - 2 * a2) * s + (linear - 4 * a0)
         there = s - cubic(s) / np.where(slope != 0, slope, 1.0)
         there = np.where(side > 0, np.maximum(there, least), there)
-        # Only the first step may be outwards; a run whose steps have ended stays where it is.
+        # Only the first step may go outwards; an iteration that has ended stays where it is.
         there = np.where((side * there < side * s) | (step == 0), there, s)
         if np.array_equal(there, s):
             break
@@ -332,42 +335,42 @@ def _resolvent_root(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Floats:
 def _polish(found: Pairs, quartic: Coefficients) -> Pairs:
     """Take a step of Newton's method for the coefficients of both quadratics (Bairstow)."""
     (b1, c1), (b2, c2) = found
-    r3, r2, r1, r0 = rests = _rests(found, quartic)
+    r3, r2, r1, r0 = residuals = _residuals(found, quartic)
     b, c, rest = b1 - b2, c1 - c2, r2 - b1 * r3
     e0, e1 = r0 - c1 * rest, r1 - c1 * r3 - b1 * rest
-    # Where the two have a root in common, it is zero, and they stay as they are.
+    # The resultant is zero where the quadratics have a common root; they then stay as they are.
     resultant = c * c - b1 * b * c + c1 * b * b
     inverse = np.where(resultant != 0, 1.0, 0.0) / np.where(resultant != 0, resultant, 1.0)
     db1 = (b * e0 - c * e1) * inverse
     dc1 = ((b1 * b - c) * e0 - c1 * b * e1) * inverse
     step = (b1 + db1, c1 + dc1), (b2 + (r3 - db1), c2 + (rest - dc1 + b * db1))
-    # Nor may a step lead away, as one out of rounding does where they almost have.
+    # Near a common root a step may consist of rounding errors: one that leads away is not taken.
     scale = np.sqrt(np.abs(c1) + b1 * b1 + b2 * b2)
 
-    def size(rests: Coefficients) -> Floats:
-        r3, r2, r1, r0 = (np.abs(r) for r in rests)
+    def size(residuals: Coefficients) -> Floats:
+        r3, r2, r1, r0 = (np.abs(r) for r in residuals)
         return np.asarray(((r3 * scale + r2) * scale + r1) * scale + r0)
 
     noise = 16 * EPS * np.square(scale * scale)
-    good = size(_rests(step, quartic)) <= size(rests) + noise
+    good = size(_residuals(step, quartic)) <= size(residuals) + noise
     return choose(good, step[0], found[0]), choose(good, step[1], found[1])
 
 
 def choose(where: Flags, one: Pair, other: Pair) -> Pair:
-    """Return one pair where a condition is true, else the other."""
+    """Return ``one`` where a condition is true and ``other`` elsewhere."""
     return np.where(where, one[0], other[0]), np.where(where, one[1], other[1])
 
 
-def _rests(found: Pairs, quartic: Coefficients) -> Coefficients:
+def _residuals(found: Pairs, quartic: Coefficients) -> Coefficients:
     (b1, c1), (b2, c2) = found
     a3, a2, a1, a0 = quartic
     return a3 - b1 - b2, a2 - c1 - c2 - b1 * b2, a1 - b1 * c2 - b2 * c1, a0 - c1 * c2
 
 
 def roots(b: Floats, c: Floats) -> Pairs:
-    """Return real and imaginary parts of the roots of ``z^2 + b z + c``, the upper one first.
+    """Return real and imaginary parts of the two roots of ``z^2 + b z + c``.
 
-    That is the one with positive imaginary part, or the larger one of two real roots.
+    The first has the positive imaginary part, or is the larger of two real roots.
     """
     half = -b / 2
     inside = half * half - c
@@ -381,9 +384,9 @@ def roots(b: Floats, c: Floats) -> Pairs:
 
 
 def symmetric_eigenvalues(matrix: list[list[Floats]]) -> list[Floats]:
-    """Return the eigenvalues of symmetric matrices, given by rows, in no order.
+    """Return the eigenvalues of symmetric matrices, given by rows, in no particular order.
 
-    By Jacobi's rotations (Golub and Van Loan, Matrix Computations, 4th ed., sec. 8.5.2).
+    The method is that of Jacobi (Golub and Van Loan, Matrix Computations, 4th ed., sec. 8.5).
     """
     a = [list(row) for row in matrix]
     places = range(len(a))

@@ -1,40 +1,35 @@
-"""Tangent dynamics: how a small difference between two runs of `physics.full` moves.
+"""Tangent dynamics: the evolution of a small difference between two runs of `physics.full`.
 
-A tangent is measured in the energy of the oscillation plus that of the spin.  Two directions
-neither grow nor decay exponentially: along the flow, where a difference is a delay, and across the
-surface of constant energy.  What is measured is the part in that surface and normal to the flow.
+The norm of a tangent is an energy (:func:`square`).  In two directions a difference neither grows
+nor decays exponentially: along the flow, where it is a delay, and across the surface of constant
+energy.  So only the transverse part is measured, which lies in that surface and normal to the flow.
 """
 
 # mypy: disable-error-code="no-untyped-def"
 from math import sqrt
 
-from rattlesweep.physics.full import oscillation, scalar
+from rattlesweep.physics.full import oscillation, paraboloid, scalar
 
 
 @scalar
 def rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
     """Return the derivative of a tangent ``(p1, q1, a1, b1, c1)`` under ``full.rhs``.
 
-    What ends in 1 is a derivative along the tangent.  Of ``(D - r r^T) domega = T``, with
-    ``T1 - (D - r r^T)_1 domega`` on the right, whose product with ``r`` is taken from the identity
-    ``r . (I domega - g) = 0``, without what cancels.
+    Names that end in 1 are derivatives along the tangent.  Differentiating ``J domega = T`` with
+    ``J = D - r r^T`` gives ``J domega1 = T1 - J1 domega``.  The product of the right side with
+    ``r`` is taken from the identity ``r . (I domega - g) = 0``, in which nothing cancels.
     """
     m = p * b - q * a
     m1 = p1 * b + p * b1 - q1 * a - q * a1
     dp1 = q1 * c + q * c1 - b1 - p1 * m - p * m1
     dq1 = a1 - p1 * c - p * c1 - q1 * m - q * m1
-    fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
+    fx, fy, rise, wx, wy, wz, uz = paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy)
     fx1, fy1 = cxx * p1 + cxy * q1, cxy * p1 + cyy * q1
-    x, y = p + fx, q + fy
+    x, y, z = p + fx, q + fy, 1.0 - rise
     x1, y1 = p1 + fx1, q1 + fy1
-    rise = 0.5 * (x * p + y * q)
     rise1 = x * p1 + y * q1
-    z = 1.0 - rise
     twist = fx * q - fy * p
     twist1 = fx1 * q + fx * q1 - fy1 * p - fy * p1
-    wx = fy * c + rise * b + p * m - (cxx * dp + cxy * dq)
-    wy = q * m - rise * a - fx * c - (cxy * dp + cyy * dq)
-    wz = c * twist - 2.0 * m * rise
     wx1 = fy1 * c + fy * c1 + rise1 * b + rise * b1 + p1 * m + p * m1 - (cxx * dp1 + cxy * dq1)
     wy1 = q1 * m + q * m1 - rise1 * a - rise * a1 - fx1 * c - fx * c1 - (cxy * dp1 + cyy * dq1)
     wz1 = c1 * twist + c * twist1 - 2.0 * (m1 * rise + m * rise1)
@@ -42,7 +37,6 @@ def rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx,
     kx1 = b1 * wz + b * wz1 - c1 * wy - c * wy1
     ky1 = c1 * wx + c * wx1 - a1 * wz - a * wz1
     kz1 = a1 * wy + a * wy1 - b1 * wx - b * wx1
-    uz = -1.0 / sqrt(1.0 + p * p + q * q)
     uz1 = -uz * uz * uz * (p * p1 + q * q1)
     gx, gy, gz = (iy - iz) * b * c, (iz - ix) * c * a, (ix - iy) * a * b
     gx1 = (iy - iz) * (b1 * c + b * c1)
@@ -81,17 +75,17 @@ def rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx,
 
 @scalar
 def gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Gradient of :func:`rattlesweep.physics.full.energy`."""
+    """Return the gradient of :func:`rattlesweep.physics.full.energy` over the state."""
     fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
     x, y = p + fx, q + fy
     z = 1.0 - 0.5 * (x * p + y * q)
     vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
-    # By the contact point ...
+    # Derivative of the kinetic energy by the contact point, and below that of the height
+    # (1 + (x p + y q)/2) / sqrt(1 + p^2 + q^2) by the slope.
     rx, ry, rz = b * vz - c * vy, c * vx - a * vz, a * vy - b * vx
     tilt = p * p + q * q
     square = 1.0 + tilt
     root = sqrt(square)
-    # ... and of the height, (1 + (x p + y q)/2) / sqrt(1 + p^2 + q^2).
     flat = 0.5 * (tilt - fx * p - fy * q) / square
     return (
         rx * (1.0 + cxx) + ry * cxy - rz * x + (fx + p * flat) / root,
@@ -104,16 +98,16 @@ def gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
 
 @scalar
 def square(p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
-    """Squared norm, in ``M g a``: twice the energy with ``B = 1 + C``, which never vanishes."""
+    """Return the squared norm, in ``M g a``: twice the energy with ``B = 1 + C``, far from zero."""
     slope = p1 * p1 + q1 * q1
     return oscillation(p1, q1, a1, b1, ix, iy, cxx, cxy, cyy) + slope + iz * c1 * c1
 
 
 @scalar
 def transverse(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
-    """Return the part in the surface of constant energy and, in the norm, normal to the flow."""
+    """Return the part of a tangent in the surface of constant energy and normal to the flow."""
     ep, eq, ea, eb, ec = gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
-    # The norm's inverse applied to the gradient.
+    # The inverse of the norm's matrix applied to the gradient.
     bxx, byy = 1.0 + cxx, 1.0 + cyy
     det = bxx * byy - cxy * cxy
     hp, hq = (byy * ep - cxy * eq) / det, (bxx * eq - cxy * ep) / det
@@ -122,7 +116,7 @@ def transverse(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz
     off = (ep * p1 + eq * q1 + ea * a1 + eb * b1 + ec * c1) / steep
     p1, q1 = p1 - off * hp, q1 - off * hq
     a1, b1, c1 = a1 - off * ha, b1 - off * hb, c1 - off * hc
-    # At a state of rest there is no flow, and nothing to take away.
+    # At rest there is no flow, and nothing is removed.
     speed = square(dp, dq, da, db, dc, ix, iy, iz, cxx, cxy, cyy) + 1e-290
     late = (
         dp * (bxx * p1 + cxy * q1) + dq * (cxy * p1 + byy * q1)
@@ -133,6 +127,6 @@ def transverse(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz
 
 @scalar
 def seed(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """A tangent along no mode: as much energy in each component of slope and rate."""
+    """Return a tangent along no mode: equal energies in the components of slope and rate."""
     p, q = 1.0 / sqrt(1.0 + cxx), 1.0 / sqrt(1.0 + cyy)
     return p, q, 1.0 / sqrt(ix + 1.0), 1.0 / sqrt(iy + 1.0), 0.0

@@ -1,42 +1,50 @@
-"""Theory of Garcia and Hubbard in the form of Kondo and Nakanishi (2017), vectorised.
+"""The theory of Garcia and Hubbard as given by Kondo and Nakanishi (2017), vectorised.
 
-Every formula is rewritten so that nothing cancels, where the paper's own forms lose all digits.
-Angles are in radians, frequencies in ``sqrt(g/a)``, times in ``sqrt(a/g)``.
+Formulas are rewritten so that nothing cancels where the paper's own forms would lose all digits.
+Angles are in radians, frequencies in ``sqrt(g/a)``, times in ``sqrt(a/g)``.  Arguments broadcast.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+from rattlesweep.arrays import Flags, Floats
 
-    from rattlesweep.arrays import Floats
-
-NO_SPIN = 1e-15  # a spin below this share of the angular velocity is the rounding of a zero
+NO_SPIN = 1e-15  # a spin below this share of the angular velocity is a zero with rounding errors
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Small oscillations without spin: the faster mode (pitch) and the slower one (roll)."""
+    """Small oscillations without spin: the faster mode (pitch) and the slower one (roll).
 
-    omega_p: Floats  # frequencies (Eq. def-omega_pr)
+    Attributes
+    ----------
+    omega_p, omega_r : ndarray
+        Frequencies (Eq. 24).
+    psi_p, psi_r : ndarray
+        Angles of the angular velocities from the x axis, in (-pi/2, pi/2].
+    omega_p0, omega_r0 : ndarray
+        Frequencies of pitch and roll at zero skew angle (Eqs. 28 and 29).
+    K_p, K_r : ndarray
+        Asymmetric torque coefficients (Eqs. 39 and 40).
+    """
+
+    omega_p: Floats
     omega_r: Floats
-    psi_p: Floats  # directions of the angular velocities from the x axis, in (-pi/2, pi/2]
+    psi_p: Floats
     psi_r: Floats
-    omega_p0: Floats  # frequencies at zero skew angle (Eqs. def:omega_p0, def:omega_r0)
+    omega_p0: Floats
     omega_r0: Floats
-    K_p: Floats  # asymmetric torque coefficients (Eqs. Kp, Kr)
+    K_p: Floats
     K_r: Floats
 
 
 def hessian(
     alpha: Floats, beta: Floats, theta: Floats, phi: Floats, xi: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return ``H_11, H_12, H_22`` of the matrix ``H`` (Eq. lin-omg4), in ``g/a``."""
+    """Return ``H_11, H_12, H_22`` of the matrix ``H`` (Eq. 22), in ``g/a``."""
     roll, pitch = (1 - theta) / theta, (1 - phi) / phi
     sin, cos = np.sin(xi), np.cos(xi)
     h11 = (sin**2 * roll + cos**2 * pitch) / alpha
@@ -48,9 +56,9 @@ def hessian(
 def torque_coefficients(
     alpha: Floats, beta: Floats, theta: Floats, phi: Floats, xi: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return ``omega_p^2, omega_r^2, K_p, K_r`` (Eqs. def-omega_pr, Kp, Kr).
+    """Return ``omega_p^2, omega_r^2, K_p, K_r`` (Eqs. 24, 39 and 40).
 
-    Arithmetic and ufuncs only, so that samplers can compile it for scalars.
+    Only arithmetic and ufuncs are used, so that samplers can compile it for scalars.
     """
     roll, pitch = (1 - theta) / theta, (1 - phi) / phi
     h11, h12, h22 = hessian(alpha, beta, theta, phi, xi)
@@ -58,7 +66,7 @@ def torque_coefficients(
     square_p = (h11 + h22 + split) / 2
     # det H = omega_p^2 omega_r^2 does not depend on xi.
     square_r = roll * pitch / (alpha * beta) / square_p
-    # Eq. k-diff over omega_p^2 - omega_r^2.
+    # Eq. 38 over omega_p^2 - omega_r^2.
     torque = -0.5 * np.sin(2 * xi) * ((alpha - beta) / (alpha * beta))
     torque = torque * ((theta - phi) / (theta * phi)) / split
     return square_p, square_r, torque * square_p, torque * square_r
@@ -67,17 +75,17 @@ def torque_coefficients(
 def modes(
     alpha: ArrayLike, beta: ArrayLike, theta: ArrayLike, phi: ArrayLike, xi: ArrayLike
 ) -> Modes:
-    """Return the two modes of bodies; ``K_p, K_r > 0`` for ``xi < 0``."""
+    """Return the two modes of bodies; ``K_p`` and ``K_r`` are positive for ``xi < 0``."""
     alpha, beta, theta, phi, xi = (np.asarray(x, float) for x in (alpha, beta, theta, phi, xi))
     roll, pitch = (1 - theta) / theta, (1 - phi) / phi
     h11, h12, h22 = hessian(alpha, beta, theta, phi, xi)
     square_p, square_r, K_p, K_r = torque_coefficients(alpha, beta, theta, phi, xi)
-    # Eigenvectors of H are (cos, sin) and (-sin, cos) of chi; J^-1/2 turns them into omega_perp.
+    # The eigenvectors of H are (cos, sin) and (-sin, cos) of chi; omega_perp is J^-1/2 times them.
     chi = np.arctan2(2 * h12, h11 - h22) / 2
     sin, cos = np.sin(chi), np.cos(chi)
     psi = (np.arctan2(sin * np.sqrt(alpha), cos * np.sqrt(beta)),
            np.arctan2(cos * np.sqrt(alpha), -sin * np.sqrt(beta)))  # fmt: skip
-    # Lines have no sense: into (-pi/2, pi/2].
+    # psi and psi + pi are the same direction.
     psi_p, psi_r = (np.where(x > np.pi / 2, x - np.pi, x) for x in psi)
     psi_p, psi_r = (np.where(x <= -np.pi / 2, x + np.pi, x) for x in (psi_p, psi_r))
     at_zero = np.sqrt(pitch / alpha), np.sqrt(roll / beta)
@@ -87,21 +95,21 @@ def modes(
 def oscillation_speed(
     alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike
 ) -> Floats:
-    """Return the speed ``w``, in ``sqrt(g/a)``, with ``n_0^2 = n_i^2 + w^2`` (Eq. def-n0).
+    """Return ``w``, in ``sqrt(g/a)``, such that ``n_0^2 = n_i^2 + w^2`` (Eq. 72).
 
-    ``gamma w^2 / 2`` is the launch's oscillation energy.
+    ``gamma w^2 / 2`` is the energy of the oscillation at launch.
     """
     inertia = np.asarray(alpha) * np.cos(psi) ** 2 + np.asarray(beta) * np.sin(psi) ** 2
     return np.asarray(np.abs(omega_xy0) * np.sqrt(inertia / np.asarray(gamma, float)))
 
 
-def unsteady(K_p: ArrayLike, n_i: ArrayLike) -> NDArray[np.bool_]:
-    """Whether the pitch grows: ``n_i > 0``, or ``n_i < 0`` for a mirrored body (``xi > 0``)."""
+def unsteady(K_p: ArrayLike, n_i: ArrayLike) -> Flags:
+    """Return whether the pitch grows: for ``n_i > 0``, or for ``n_i < 0`` if ``xi > 0``."""
     return np.asarray(np.asarray(K_p) * np.asarray(n_i) > 0)
 
 
 def growth_rates(K_p: ArrayLike, K_r: ArrayLike, n: ArrayLike) -> tuple[Floats, Floats]:
-    """Return the growth rates of pitch and roll amplitudes at a small spin (Eq. case-instab1)."""
+    """Return the growth rates of the pitch and roll amplitudes at a small spin (Eq. 74)."""
     n = np.asarray(n, float)
     return n * np.asarray(K_p) / 2, -n * np.asarray(K_r) / 2
 
@@ -109,7 +117,7 @@ def growth_rates(K_p: ArrayLike, K_r: ArrayLike, n: ArrayLike) -> tuple[Floats, 
 def damping_rates(
     alpha: ArrayLike, beta: ArrayLike, modes: Modes, sigma: ArrayLike
 ) -> tuple[Floats, Floats]:
-    """Return the rates at which a torque ``-sigma omega`` damps pitch and roll, without spin."""
+    """Return the rates at which a torque ``-sigma omega`` damps the amplitudes without spin."""
     alpha, beta, sigma = np.asarray(alpha), np.asarray(beta), np.asarray(sigma)
     pitch, roll = (sigma / (2 * (alpha * np.cos(psi) ** 2 + beta * np.sin(psi) ** 2))
                    for psi in (modes.psi_p, modes.psi_r))  # fmt: skip
@@ -123,7 +131,7 @@ def _two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
 
 
 def two_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Return the product and its rounding error, exactly, by halves of 26 bits."""
+    """Return the product and its exact rounding error (Dekker 1971)."""
     p, at, bt = a * b, 134217729.0 * a, 134217729.0 * b
     ah, bh = at - (at - a), bt - (bt - b)
     al, bl = a - ah, b - bh
@@ -133,15 +141,15 @@ def two_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
 def bondi_threshold(
     alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike, theta: ArrayLike, phi: ArrayLike
 ) -> Floats:
-    """Return Bondi's threshold ``n_c1 < 0`` (Eq. def-nc1), NaN where there is none.
+    """Return Bondi's threshold ``n_c1 < 0`` (Eq. 73), NaN where there is none.
 
-    For ``n < n_c1`` the steady spin is linearly stable; mirrored bodies have ``-n_c1``.  A second
-    threshold can end that at a larger spin; :func:`rattlesweep.physics.steady.growth` is exact.
+    The steady spin is stable for ``n < n_c1``, or ``n > -n_c1`` if ``xi > 0``, up to a second
+    threshold, if there is one; :func:`rattlesweep.physics.steady.growth` is exact.
     """
     alpha, beta, gamma, theta, phi = np.broadcast_arrays(
         *(np.asarray(x, float) for x in (alpha, beta, gamma, theta, phi))
     )
-    # The denominator passes through zero: in twice the precision.
+    # The denominator passes through zero, so it is computed in twice the precision.
     k, k1 = _two_sum(alpha, beta)
     k, k2 = _two_sum(k, -gamma)
     k, k_low = _two_sum(k, k1 + k2)
@@ -161,22 +169,22 @@ def bondi_threshold(
 
 @dataclass(frozen=True)
 class GarciaHubbard:
-    """Garcia and Hubbard's spin after a launch: the growing mode alone, up to one reversal."""
+    """Garcia and Hubbard's spin after a launch, driven by the growing mode alone."""
 
-    K: Floats  # torque coefficient of that mode
-    n_i: Floats
+    K: Floats  # asymmetric torque coefficient of the growing mode
+    n_i: Floats  # spin at launch
     speed: Floats  # oscillation_speed
 
     @property
     def n_0(self) -> Floats:
-        """Spin if all energy were spin (Eq. def-n0)."""
+        """Return the spin that would hold all the energy (Eq. 72)."""
         return np.asarray(np.hypot(self.n_i, self.speed))
 
     @property
     def t_rgh(self) -> Floats:
-        """Time of reversal (Eqs. trgh-p, trgh-m); NaN without an initial spin, which has none.
+        """Return the time for reversal (Eqs. 56 and 58); NaN without an initial spin.
 
-        ``ln((n_0 + n)/(n_0 - n))`` is ``2 asinh(n/w)``, since ``n_0^2 - n^2 = w^2``.
+        ``ln((n_0 + n)/(n_0 - n))`` is written as ``2 asinh(n/w)``, since ``n_0^2 - n^2 = w^2``.
         """
         n = np.abs(self.n_i)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -184,7 +192,7 @@ class GarciaHubbard:
         return np.where(n == 0, np.nan, time)
 
     def spin(self, t: ArrayLike) -> Floats:
-        """Return the spin at times ``t`` (Eqs. gh-solution-p, gh-solution-m)."""
+        """Return the spin at times ``t`` (Eqs. 55 and 57, as a hyperbolic tangent)."""
         late = np.asarray(t, float) - np.where(self.n_i == 0, 0.0, self.t_rgh)
         rate = self.n_0 * np.abs(self.K)
         return np.asarray(-np.sign(self.n_i) * self.n_0 * np.tanh(rate * late / 2))
@@ -193,17 +201,17 @@ class GarciaHubbard:
 def garcia_hubbard(
     body: Any, modes: Modes, n_i: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike
 ) -> GarciaHubbard:
-    """Return the spin after a launch of a `body`, one or many, in the direction ``psi``."""
+    """Return the solution for a launch of one body, or of arrays of bodies, along ``psi``."""
     speed = oscillation_speed(body.alpha, body.beta, body.gamma, omega_xy0, psi)
     grows = np.where(unsteady(modes.K_p, n_i), modes.K_p, modes.K_r)
     return GarciaHubbard(grows, np.asarray(n_i, float), speed)
 
 
 def direction(modes: Modes, n_i: ArrayLike, psi: str | float) -> Floats:
-    """Return the direction of the launch's horizontal angular velocity (Eq. sim-ic-3).
+    """Return the direction of the horizontal angular velocity at launch, in radians (Eq. 70).
 
-    `psi` is ``pitch``, ``roll``, degrees, or ``relevant``: the roll in the steady direction, else
-    the pitch, as a tap on an end gives it.
+    `psi` is ``pitch``, ``roll``, a number of degrees, or ``relevant``: the roll for spins in the
+    steady direction, otherwise the pitch, which is also what a tap on an end excites.
     """
     if psi == "relevant":
         pitch = unsteady(modes.K_p, n_i) | (np.asarray(n_i) == 0)
@@ -214,7 +222,7 @@ def direction(modes: Modes, n_i: ArrayLike, psi: str | float) -> Floats:
 
 
 def full_state(n_i: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike) -> Floats:
-    """Return states in the variables of `physics.full`, shape (..., 5), upright (Eqs. sim-ic)."""
+    """Return upright states of :mod:`rattlesweep.physics.full`, shape (..., 5) (Eqs. 68, 69)."""
     n_i, omega_xy0, psi = np.broadcast_arrays(n_i, omega_xy0, psi)
     zero = np.zeros(n_i.shape)
     # u points up and the z axis down: n = u . omega = -omega_z.
@@ -222,7 +230,10 @@ def full_state(n_i: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike) -> Floats:
 
 
 def spin_and_oscillation(omega: ArrayLike, u: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    """Return ``n = u . omega``, the size of ``omega - n u`` and its direction, of full states."""
+    """Return ``n = u . omega``, and modulus and direction of ``omega - n u``, each of shape (...).
+
+    `omega` and `u` have the shape (..., 3).  The direction is an angle from the x axis, in radians.
+    """
     omega, u = np.asarray(omega, float), np.asarray(u, float)
     n = (omega * u).sum(axis=-1)
     n = np.where(np.abs(n) <= NO_SPIN * np.linalg.norm(omega, axis=-1), 0.0, n)

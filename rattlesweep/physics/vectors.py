@@ -1,23 +1,24 @@
-"""An ellipsoid in any position, as one that has rolled onto its side; and phase volume.
+"""Ellipsoids in any position, and the rate at which the flow changes phase volume.
 
-There the slopes of :mod:`rattlesweep.physics.full` end.  The state here is
-``(v_x, v_y, v_z, a, b, c, work)``: a vector along the vertical, on whose length nothing depends,
-the angular velocity and the work of friction.  With ``u = v/|v|``, ``B = 1 + C`` and ``k = 1/c``
-the ellipsoid of :mod:`rattlesweep.physics.stone` touches the plane at
+An ellipsoid that rolls onto its side leaves the slopes of :mod:`rattlesweep.physics.full`.  Here
+the state is ``(v_x, v_y, v_z, a, b, c, work)``: a vector along the vertical, of any length, the
+angular velocity and the work of friction.  With ``u = v/|v|``, ``B = 1 + C`` and ``k = 1/c`` the
+ellipsoid of :mod:`rattlesweep.physics.stone` touches the plane at
 
     r = (-B (u_x, u_y) / rho, 1 - (1 + u_z/rho) / k),    rho^2 = u_z^2 + k s,
     s = (u_x, u_y).B (u_x, u_y),
 
-and for ``k = 0``, on its lower surface, the paraboloid.  Constants are those with friction.
+and for ``k = 0`` and ``u_z < 0`` so does the paraboloid.  The constants are those with friction.
 
-The flow changes phase volume, that of the directions ``u``, which only turn, times that of
-``omega``, at the relative rate ``tr d(J^-1 T)/domega`` (Eq. diff-omega).  With ``w = W omega``
+Phase volume is the product of the volumes of ``u``, which only turns, and of ``omega``.  It changes
+at the relative rate ``tr d(J^-1 T)/domega`` with ``J`` and ``T``, the right side of Eq. 11, as in
+:func:`rattlesweep.physics.full.acceleration`.  With ``w = W omega`` and the gyroscopic and viscous
+part ``G``,
 
-    dT/domega = G + (r.w) 1 - w r^T + omega (W^T r)^T - (r.omega) W
+    dT/domega = G + (r.w) 1 - w r^T + omega (W^T r)^T - (r.omega) W,
+    J^-1 = ivol (diag(dyz, dzx, dxy) + along s s^T),    s = (x dyz, y dzx, z dxy).
 
-with the gyroscopic and viscous part ``G``, and by the last values ``dyz, dzx, dxy, along, ivol`` of
-:func:`rattlesweep.physics.full.turning`, here ``solved``, ``J^-1`` is
-``ivol (diag(dyz, dzx, dxy) + along s s^T)`` with ``s = (x dyz, y dzx, z dxy)``.
+``solved`` stands for ``(dyz, dzx, dxy, along, ivol)``.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -27,26 +28,26 @@ import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.physics import full, stone
-from rattlesweep.physics.full import scalar, turning
-from rattlesweep.physics.stone import contact_of, resistance
+from rattlesweep.physics.full import acceleration, scalar
+from rattlesweep.physics.stone import force_at, resistance
 
 N_STATE = 7
 
 
 @scalar
 def unit(vx, vy, vz):
-    """Unit vector along a vector."""
+    """Return the unit vector along a vector."""
     length = sqrt(vx * vx + vy * vy + vz * vz)
     return vx / length, vy / length, vz / length
 
 
 @scalar
 def contact(ux, uy, uz, cxx, cxy, cyy, k):
-    """Return the contact point ``r``, and ``rho``."""
+    """Return the contact point ``r`` and ``rho``."""
     bx, by = ux + cxx * ux + cxy * uy, uy + cxy * ux + cyy * uy
     s = bx * ux + by * uy
     rho = sqrt(uz * uz + k * s)
-    # The first form does not cancel, and needs no k; upside down it is the other that does not.
+    # Nothing cancels in the first form if u_z < 0, also for k = 0, nor in the second otherwise.
     rise = s / (rho * (rho - uz)) if uz < 0.0 else (1.0 + uz / rho) / k
     return -bx / rho, -by / rho, 1.0 - rise, rho
 
@@ -58,10 +59,10 @@ def moving(ux, uy, uz, a, b, c, x, y, z, rho, cxx, cxy, cyy, k):
     dv = uz * a - ux * c
     dw = ux * b - uy * a
     bx, by = du + cxx * du + cxy * dv, dv + cxy * du + cyy * dv
-    # Half the rate of s; the rate of rho, over rho.
+    # Half the derivative of s, and the logarithmic derivative of rho.
     g = ux * bx + uy * by
     fall = (uz * dw + k * g) / (rho * rho)
-    # Minus the rate of the third component of r: k is taken out of it.
+    # Minus the derivative of the third component of r, without dividing by k.
     sink = (uz * g + (x * ux + y * uy) * rho * dw) / (rho * rho * rho)
     return (
         y * c - z * b + bx / rho + x * fall,
@@ -72,9 +73,9 @@ def moving(ux, uy, uz, a, b, c, x, y, z, rho, cxx, cxy, cyy, k):
 
 @scalar
 def free_rates(ux, uy, uz, a, b, c, x, y, z, wx, wy, wz, ix, iy, iz, sigma):
-    """``domega/dt`` without rolling resistance, and what solves for another torque."""
-    # As of a slope of zero, with the torque of the rest of gravity, r x (u_x, u_y, 0), beside.
-    return turning(
+    """Return ``domega/dt`` without rolling resistance, and ``solved``."""
+    # At slope zero gravity acts along z only; the torque r x (u_x, u_y, 0) of the rest is added.
+    return acceleration(
         0.0, 0.0, a, b, c, ix, iy, iz,
         -sigma * a - z * uy, -sigma * b + z * ux, -sigma * c + x * uy - y * ux,
         x, y, 1.0 - z, wx, wy, wz, uz,
@@ -83,13 +84,13 @@ def free_rates(ux, uy, uz, a, b, c, x, y, z, wx, wy, wz, ix, iy, iz, sigma):
 
 @scalar
 def rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-    """Time derivative of the state (Eqs. diff-u and diff-omega, with friction)."""
+    """Return the time derivative of the state (Eqs. 10 and 11, with friction)."""
     ux, uy, uz = unit(vx, vy, vz)
     x, y, z, rho = contact(ux, uy, uz, cxx, cxy, cyy, k)
     wx, wy, wz = moving(ux, uy, uz, a, b, c, x, y, z, rho, cxx, cxy, cyy, k)
     rates, solved = free_rates(ux, uy, uz, a, b, c, x, y, z, wx, wy, wz, ix, iy, iz, sigma)
     da, db, dc = rates
-    normal, _ = contact_of(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz)
+    normal, _ = force_at(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz)
     ra, rb, rc, loss = resistance(ux, uy, uz, a, b, c, x, y, z, normal, lever, eps, *solved)
     power = -sigma * (a * a + b * b + c * c) - loss
     dv = vy * c - vz * b, vz * a - vx * c, vx * b - vy * a
@@ -98,19 +99,13 @@ def rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, e
 
 @scalar
 def spin(vx, vy, vz, a, b, c, work):
-    """Spin ``n = u . omega``, in ``sqrt(g/a)``."""
+    """Return the spin ``n = u . omega`` (Eq. 46), in ``sqrt(g/a)``."""
     return (vx * a + vy * b + vz * c) / sqrt(vx * vx + vy * vy + vz * vz)
 
 
 @scalar
-def spin_rate(vx, vy, vz, a, b, c, work, dvx, dvy, dvz, da, db, dc, power):
-    """Return ``dn/dt = u . domega/dt``."""
-    return spin(vx, vy, vz, da, db, dc, work)
-
-
-@scalar
 def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-    """Energy less the work of friction, in ``M g a``; zero upright and at rest."""
+    """Return the energy minus the work of friction, in ``M g a``; zero at rest upright."""
     ux, uy, uz = unit(vx, vy, vz)
     x, y, z, _ = contact(ux, uy, uz, cxx, cxy, cyy, k)
     vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
@@ -120,12 +115,12 @@ def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
 
 @scalar
 def contact_force(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-    """Contact force; as :func:`rattlesweep.physics.full.contact_force`."""
+    """Return the contact force; see :func:`rattlesweep.physics.full.contact_force`."""
     f = rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps)
     ux, uy, uz = unit(vx, vy, vz)
     x, y, z, rho = contact(ux, uy, uz, cxx, cxy, cyy, k)
     wx, wy, wz = moving(ux, uy, uz, a, b, c, x, y, z, rho, cxx, cxy, cyy, k)
-    return contact_of(ux, uy, uz, a, b, c, f[3], f[4], f[5], x, y, z, wx, wy, wz)
+    return force_at(ux, uy, uz, a, b, c, f[3], f[4], f[5], x, y, z, wx, wy, wz)
 
 
 @scalar
@@ -156,20 +151,20 @@ def _inverse(r, h, solved):
 def _normal(u, r, rho, a, b, c, surface, inertia, sigma):
     w = moving(*u, a, b, c, *r, rho, *surface)
     rates, solved = free_rates(*u, a, b, c, *r, *w, *inertia, sigma)
-    normal, _ = contact_of(*u, a, b, c, *rates, *r, *w)
+    normal, _ = force_at(*u, a, b, c, *rates, *r, *w)
     return normal, w, solved
 
 
 @scalar
 def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):
-    """Return the rate without rolling resistance, in ``sqrt(g/a)``."""
+    """Return the rate of phase volume without rolling resistance, in ``sqrt(g/a)``."""
     u = unit(vx, vy, vz)
     x, y, z, rho = contact(*u, cxx, cxy, cyy, k)
     r, omega, surface = (x, y, z), (a, b, c), (cxx, cxy, cyy, k)
     _, w, solved = _normal(u, r, rho, a, b, c, surface, (ix, iy, iz), sigma)
     dyz, dzx, dxy, along, ivol = solved
     s = sx, sy, sz = x * dyz, y * dzx, z * dxy
-    # W of s and of the diagonal part of J^-1 omega, and the diagonal of W.
+    # W times s, W times diag(dyz, dzx, dxy) omega, and the diagonal of W.
     ws = moving(*u, *s, *r, rho, *surface)
     wd = moving(*u, dyz * a, dzx * b, dxy * c, *r, rho, *surface)
     wxx, _, _ = moving(*u, 1.0, 0.0, 0.0, *r, rho, *surface)
@@ -190,7 +185,10 @@ def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):
 
 @scalar
 def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-    """Return the rate, in ``sqrt(g/a)``; of ``domega/dt`` the resistance takes ``share J^-1 h``."""
+    """Return the rate of phase volume, in ``sqrt(g/a)``.
+
+    Rolling resistance takes ``share J^-1 h`` from ``domega/dt``; see `stone.resistance`.
+    """
     u = unit(vx, vy, vz)
     x, y, z, rho = contact(*u, cxx, cxy, cyy, k)
     r, surface, inertia = (x, y, z), (cxx, cxy, cyy, k), (ix, iy, iz)
@@ -201,7 +199,7 @@ def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
     root = sqrt(_dot(h, h) + eps * eps)
     below = root + lever * _lift(u, r, j)
     share = lever * normal / below
-    # Along j: the normal force is of second degree, so that central differences are exact.
+    # The normal force is quadratic in omega, so its central difference along j is exact.
     ahead, _, _ = _normal(u, r, rho, a + ja, b + jb, c + jc, surface, inertia, sigma)
     behind, _, _ = _normal(u, r, rho, a - ja, b - jb, c - jc, surface, inertia, sigma)
     g = _across(u, j)
@@ -215,7 +213,7 @@ def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
 
 
 def from_slopes(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
-    """Return states (runs, 7) and constants (runs, 10) of those in slopes, with friction or not."""
+    """Return states (runs, 7) and constants (runs, 10) of runs in slopes, with friction or not."""
     u, omega = full.to_vectors(y[:, : full.N_STATE].T)
     work, loss = y[:, full.N_STATE :], constants[:, stone.N_CONSTANTS :]
     if not work.size:
@@ -225,5 +223,5 @@ def from_slopes(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
 
 
 def to_slopes(y: Floats) -> Floats:
-    """Return slopes, angular velocity and work of states, shape (runs, 6)."""
+    """Return slopes, angular velocity and work, shape (runs, 6), of states (runs, 7)."""
     return np.hstack([y[:, :2] / y[:, 2:3], y[:, 3:]])

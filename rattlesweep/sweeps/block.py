@@ -1,6 +1,5 @@
-"""A block: from the keys of its runs to their rows."""
+"""Compute a block: from the keys of its runs to their rows."""
 
-import time
 from typing import Any
 
 import numpy as np
@@ -24,21 +23,19 @@ from rattlesweep.sweeps.types import TYPES, classify, is_chaotic, sure_types
 Prepared = tuple[Launches, Batch | None]  # no batch for the closed form
 
 
-def load_kernel(config: Config) -> float:
-    """Load the kernels that the runs take, and return how many seconds it took."""
-    begin = time.perf_counter()
-    if config.model != "gh":
-        model = model_of(config)
-        carried, beside = integration.needed(model, config.record)
-        integration.kernel(config.integrator.method, carried.name, *beside)
-        if "error" in config.record:
-            # Companions take the plain one, whatever is recorded.
-            integration.kernel(config.integrator.method, model.name)
-    return time.perf_counter() - begin
+def load_kernel(config: Config) -> None:
+    """Load the kernels that the runs of a config need."""
+    if config.model == "gh":
+        return
+    model = model_of(config)
+    carried, beside = integration.needed(model, config.record)
+    integration.kernel(config.integrator.method, carried.name, *beside)
+    if "error" in config.record:  # companions record nothing
+        integration.kernel(config.integrator.method, model.name)
 
 
 def prepare_runs(plan: Plan, case: Integers, sample: Integers) -> Prepared:
-    """Return what can be had before the kernel is free: bodies, theory, initial states."""
+    """Return the bodies, theory and initial states of runs; this needs no kernel."""
     launches = prepare(plan, case, sample)
     batch = make_batch(launches, plan.config.model)
     if batch is not None and plan.config.classify.early:
@@ -49,27 +46,26 @@ def prepare_runs(plan: Plan, case: Integers, sample: Integers) -> Prepared:
 def compute(
     config: Config, schema: pa.Schema, prepared: Prepared,
     threads: int | None = None, control: Control | None = None,
-) -> tuple[pa.Table, int]:  # fmt: skip
-    """Integrate and type prepared runs; return rows of those that ended, and how many did not."""
-    (launches, batch), control, lost, outcome = prepared, control or Control(), 0, None
+) -> pa.Table:  # fmt: skip
+    """Integrate and type prepared runs; return the rows of those that ended before a stop."""
+    (launches, batch), outcome = prepared, None
     if batch is not None:
         outcome = run_batch(config, batch, threads, control)
         if outcome.stopped:
             ended = outcome.status != Status.STOPPED
-            lost = control.runs_begun - int((ended & (outcome.status != Status.NO_HORIZON)).sum())
             if not ended.any():
-                return schema.remove_metadata().empty_table(), lost
+                return schema.remove_metadata().empty_table()
             launches, batch = take(launches, ended), take(batch, ended)
             outcome = take(outcome, ended)
-    return build_table(columns_of(config, launches, batch, outcome), schema), lost
+    return build_table(columns_of(config, launches, batch, outcome), schema)
 
 
 def run_batch(
     config: Config, batch: Batch, threads: int | None = None, control: Control | None = None
 ) -> Outcome:
     """Integrate the runs that have a horizon; the others get the status ``no_horizon``."""
-    good = np.isfinite(batch.t_end) & (batch.t_end > 0)
-    part = batch if good.all() else take(batch, good)
+    has_horizon = np.isfinite(batch.t_end) & (batch.t_end > 0)
+    part = batch if has_horizon.all() else take(batch, has_horizon)
     control, settings = control or Control(), config.integrator
     if "error" in config.record:
         outcome: Outcome = integrate_estimated(config, part, threads, control)
@@ -79,22 +75,22 @@ def run_batch(
             dt=settings.dt or DT, max_steps=settings.max_steps, record=frozenset(config.record),
             threads=threads, control=control,
         )  # fmt: skip
-    if good.all():
+    if has_horizon.all():
         return outcome
     wide = dict(vars(outcome))
     for name, values in vars(outcome).items():
-        if name != "stopped" and len(values) == len(part):  # others are not recorded
+        if name != "stopped" and len(values) == len(part):  # what is not recorded is empty
             fill = np.nan if values.dtype.kind == "f" else 0
-            wide[name] = np.full((len(good), *values.shape[1:]), fill, dtype=values.dtype)
-            wide[name][good] = values
-    wide["status"][~good], wide["t_end"][~good] = Status.NO_HORIZON, 0.0
+            wide[name] = np.full((len(batch), *values.shape[1:]), fill, dtype=values.dtype)
+            wide[name][has_horizon] = values
+    wide["status"][~has_horizon], wide["t_end"][~has_horizon] = Status.NO_HORIZON, 0.0
     return type(outcome)(**wide)
 
 
 def columns_of(
     config: Config, launches: Launches, batch: Batch | None, outcome: Outcome | None
 ) -> dict[str, Any]:
-    """Return the columns of runs, typed; without an outcome those of the closed form."""
+    """Return the columns of runs with their types; without an outcome, by the closed form."""
     b = launches.bodies
     columns = vars(b) | vars(launches.modes) | vars(launches) | {"t_rgh": launches.gh.t_rgh}
     for vector, values in (("omega", b.omega), ("u", b.u)):
@@ -124,7 +120,7 @@ def _closed_form(launches: Launches) -> dict[str, Any]:
     t_end = np.where(reverses, t_rgh, np.where(finite, launches.t_end, 0.0))
     n_end = np.where(reverses, 0.0, launches.gh.spin(t_end))
     none = np.zeros(len(t_end), dtype=np.int32)
-    # The growth is unknown, which rules out SS: here the relevant oscillation only grows.
+    # An unknown growth rules out SS: in the closed form the relevant oscillation only grows.
     return {
         "t_end": t_end, "n_steps": none, "near_tangencies": none,
         "status": np.where(finite, Status.OK, Status.NO_HORIZON),
@@ -137,7 +133,7 @@ def _closed_form(launches: Launches) -> dict[str, Any]:
 def _measured(config: Config, launches: Launches, batch: Batch, outcome: Outcome) -> dict[str, Any]:
     ok, columns = outcome.status == Status.OK, dict(vars(outcome))
     if config.classify.early:
-        # In the end all of its energy is spin.
+        # A run that settles turns all of its energy into spin.
         spin = np.copysign(np.sqrt(2 * outcome.energy_0 / launches.bodies.gamma), launches.n_i)
         columns["n_end"] = np.where(integration.has_settled(batch, outcome), spin, columns["n_end"])
     if launches.sigma is not None and launches.rolling is not None:
@@ -148,7 +144,7 @@ def _measured(config: Config, launches: Launches, batch: Batch, outcome: Outcome
         n_growth = np.sign(launches.n_i) * 2 * loss / np.abs(launches.gh.K)
         columns["growth"] = np.where(kinks, np.nan, np.where(pitch, *growth))
         columns["n_growth"] = np.where(kinks, np.nan, n_growth)
-        # The work is the state's last component.
+        # The last component of the state is the work of the dissipation.
         columns["energy_left"] = 1 + outcome.y_end[:, -1] / outcome.energy_0
     if "lyapunov" in config.record:
         columns["lyapunov"], late = integration.exponents(outcome.growth)

@@ -1,7 +1,7 @@
 """The engine of many machines: the workers of a Dask cluster compute blocks.
 
-The driver, which is this process, hands out blocks and writes the tables that come back, so that
-workers need no disk in common with it.  The blocks of a worker that is lost are done by another.
+The driver, which is this process, sends out blocks and writes the tables that come back, so that
+workers need no disk in common with it.  When a worker is lost, others compute its blocks.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ from rattlesweep.sweeps.run import Engine, Job, Keys, OutOfTime
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-AHEAD = 2  # blocks of a worker: one under way, and one that is prepared meanwhile
+BLOCKS_PER_WORKER = 2  # at a time: one is computed while the next is prepared
 # Times in seconds.
-REACH = 5.0  # within which a scheduler must be reached
-ANSWER = 20.0  # after which a scheduler, or a table on its way, is given up
-LOOK_EVERY = 2.0  # between two looks at the workers
-WORKERLESS = 120.0  # for which there may be no worker
+CONNECT_TIMEOUT = 5.0  # for the first contact with a scheduler
+ANSWER_TIMEOUT = 20.0  # for a scheduler's answer, or a table on its way
+REFRESH = 2.0  # between two requests for the list of workers
+WORKER_TIMEOUT = 120.0  # for which there may be no worker
 NUMERIC = ("rattlesweep", "numpy", "numba", "llvmlite", "scipy")  # the bits depend on them
 LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
 
 
 def make_engine(scheduler: str | None, threads: int | None = None) -> Engine:
-    """Return an engine that uses the workers of a scheduler, or of its own on this machine."""
+    """Return an engine that uses the workers of a scheduler, or starts some on this machine."""
     try:
         from distributed import Security
 
@@ -52,45 +52,101 @@ def make_engine(scheduler: str | None, threads: int | None = None) -> Engine:
     except ImportError as error:
         told = f"needs Dask ({error}); install it with `pip install '.[dask]'`"
         raise ConfigError(f"--engine dask: {told}") from None
-    for name in LOGGERS:  # what matters is said in one sentence
+    for name in LOGGERS:  # errors that matter are raised here, in one sentence
         logging.getLogger(name).setLevel(logging.CRITICAL)
 
     def engine(job: Job, blocks: Iterator[Keys]) -> None:
         with connected(scheduler) if scheduler else embedded(security, threads or 2) as client:
-            # Workers on this machine, or on others that share its cache, then find it compiled.
+            # Workers that share this machine's cache then find the kernels compiled.
             Task(lambda _: load_kernel(job.plan.config)).wait(lambda _: job.tick())
             _spread(job, blocks, client, threads)
 
     return engine
 
 
+@contextmanager
+def connected(address: str) -> Iterator[Client]:
+    """Connect to a scheduler that is already running."""
+    from distributed import Client
+    from distributed.comm import connect
+    from distributed.security import Security
+
+    async def shake_hands() -> None:
+        arguments = Security().get_connection_args("client")
+        async with asyncio.timeout(CONNECT_TIMEOUT):
+            comm = await connect(address, timeout=CONNECT_TIMEOUT, **arguments)
+            await comm.close()
+
+    try:
+        asyncio.run(shake_hands())  # Dask's client hangs if another program listens there
+        client = Client(address, timeout=ANSWER_TIMEOUT, set_as_default=False)
+    except Exception as error:  # the other side may send anything
+        raise OutputError(
+            f"--scheduler {address}: no Dask scheduler answers there ({type(error).__name__}); "
+            "give an address such as tcp://host:8786"
+        ) from error
+    try:
+        yield client
+    finally:
+        with suppress(OSError, TimeoutError):
+            client.close(timeout=5)
+
+
+@contextmanager
+def embedded(security: Any, threads: int) -> Iterator[Client]:
+    """Start workers of so many threads on this machine, closed to other users by TLS."""
+    import dask
+    from distributed import Client, LocalCluster
+
+    workers = max(1, available_threads() // threads)
+    routes: list[str] = []  # no pages over HTTP
+    closed = {f"distributed.{part}.http.routes": routes for part in ("scheduler", "worker")}
+    # A terminal sends Ctrl-C to all processes.  Children that start while it is blocked ignore it.
+    resource_tracker.ensure_running()  # otherwise the first child starts it, which unblocks it
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    with dask.config.set(closed):
+        try:
+            cluster = LocalCluster(
+                n_workers=workers, threads_per_worker=max(2, threads), host="127.0.0.1",
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}, dashboard_address=None,
+                memory_limit=0, security=security, silence_logs=logging.CRITICAL,
+            )  # fmt: skip
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        with cluster, Client(cluster, set_as_default=False) as client:
+            yield client
+
+
 def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | None) -> None:
+    """Send out blocks and write the rows that come back, until all are done."""
     import dask
 
-    flying: dict[Future, tuple[Keys, str]] = {}  # keys and the worker meant for them
+    flying: dict[Future, tuple[Keys, str]] = {}  # blocks sent out, with the worker meant for each
     again: list[Keys] = []  # blocks that were lost with their worker
     workers: dict[str, int] = {}  # threads by address
-    due, seen = 0.0, time.monotonic()
+    refresh, seen = 0.0, time.monotonic()  # time of the next list of workers, and of the last one
     order = {"versions": versions(), "threads": threads, "plan": pickle.dumps(job.plan)}
-    # Dask makes the result of a task again if all workers that have it are lost.
+    # If all workers that have the result of this task are lost, Dask computes it again.
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
         shared = client.submit(dict, order, pure=False)
     try:
         while True:
-            if (now := time.monotonic()) >= due or client.status != "running":
-                workers, due = _workers(client), now + LOOK_EVERY
+            if (now := time.monotonic()) >= refresh or client.status != "running":
+                workers, refresh = _workers(client), now + REFRESH
             if workers:
                 job.threads, seen = threads or max(workers.values()), now
                 job.begun = job.begun or now
-            elif now - seen > WORKERLESS:
+            elif now - seen > WORKER_TIMEOUT:
                 where = client.scheduler.address
-                told = f"the scheduler at {where} has had no worker for {WORKERLESS:.0f} s"
-                then = f"start some with `dask worker {where}`, and the same command resumes"
-                raise OutputError(f"{told}; {then} from there")
-            while len(flying) < AHEAD * len(workers):
-                if (keys := again.pop() if again else next(blocks, None)) is None:
+                raise OutputError(
+                    f"the scheduler at {where} has had no worker for {WORKER_TIMEOUT:.0f} s; start "
+                    f"some with `dask worker {where}`, and the same command resumes from there"
+                )
+            while len(flying) < BLOCKS_PER_WORKER * len(workers):
+                keys = again.pop() if again else next(blocks, None)
+                if keys is None:
                     break
-                # Dask would give a worker as many blocks as it has threads.
+                # Dask itself would send a worker as many blocks as it has threads.
                 load = Counter(address for _, address in flying.values())
                 address = min(workers, key=load.__getitem__)
                 future = client.submit(
@@ -106,92 +162,22 @@ def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | Non
                 if len(table) < len(keys[0]):
                     again.append(keys)
                 else:
-                    job.worked(keys, seconds)
+                    job.time_block(keys, seconds)
                     job.write(table)
             job.tick()
     finally:
-        flying.clear()  # what nobody waits for is cancelled
+        flying.clear()  # Dask cancels tasks without a reference to their future
 
 
 def _workers(client: Client) -> dict[str, int]:
+    """Return the threads of the workers by address."""
     with suppress(OSError, TimeoutError):
         if client.status == "running":
-            workers: dict[str, int] = client.sync(client.nthreads, callback_timeout=ANSWER)
-            return workers
+            return dict(client.sync(client.nthreads, callback_timeout=ANSWER_TIMEOUT))
     raise OutputError(
         f"the scheduler at {client.scheduler.address} is lost; completed runs are kept, and with a "
         "new one the same command resumes from there"
     )
-
-
-def _result(future: Future, keys: Keys) -> tuple[pa.Table, float]:
-    from distributed import CancelledError
-
-    try:
-        answer: tuple[pa.Table, float] = future.result(timeout=ANSWER)
-    except (CancelledError, TimeoutError, OSError):  # it was lost together with its worker
-        return pa.table({}), 0.0
-    except (ConfigError, OutputError):
-        raise
-    except Exception as error:  # workers that are lost again and again, or another environment
-        words = one_line(f"{type(error).__name__}: {error}", 200)
-        raise OutputError(
-            f"the block that begins with case {keys[0][0]}, sample {keys[1][0]} cannot be done "
-            f"({words}); the logs of the workers may say why"
-        ) from error
-    return answer
-
-
-@contextmanager
-def embedded(security: Any, threads: int) -> Iterator[Client]:
-    """Start workers of so many threads on this machine, with ports that only this process uses."""
-    import dask
-    from distributed import Client, LocalCluster
-
-    workers = max(1, available_threads() // threads)
-    routes: list[str] = []  # no pages over HTTP
-    closed = {f"distributed.{part}.http.routes": routes for part in ("scheduler", "worker")}
-    # What is started while Ctrl-C is blocked does not hear it: a terminal sends it to all of them.
-    resource_tracker.ensure_running()  # else the first child starts it, which unblocks it
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    with dask.config.set(closed):
-        try:
-            cluster = LocalCluster(
-                n_workers=workers, threads_per_worker=max(2, threads), host="127.0.0.1",
-                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}, dashboard_address=None,
-                memory_limit=0, security=security, silence_logs=logging.CRITICAL,
-            )  # fmt: skip
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        with cluster, Client(cluster, set_as_default=False) as client:
-            yield client
-
-
-@contextmanager
-def connected(address: str) -> Iterator[Client]:
-    """Connect to a scheduler that somebody else looks after."""
-    from distributed import Client
-    from distributed.comm import connect
-    from distributed.security import Security
-
-    async def shake_hands() -> None:
-        arguments = Security().get_connection_args("client")
-        comm = await asyncio.wait_for(connect(address, timeout=REACH, **arguments), REACH)
-        await comm.close()
-
-    try:
-        asyncio.run(shake_hands())  # Dask's client hangs where something else listens
-        client = Client(address, timeout=ANSWER, set_as_default=False)
-    except Exception as error:  # what answers may be anything, and say anything
-        raise OutputError(
-            f"--scheduler {address}: no Dask scheduler answers there ({type(error).__name__}); "
-            "give an address such as tcp://host:8786"
-        ) from error
-    try:
-        yield client
-    finally:
-        with suppress(OSError, TimeoutError):
-            client.close(timeout=5)
 
 
 _kernel = threading.Lock()  # one kernel at a time in a process
@@ -213,9 +199,9 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[p
     try:
         ours, theirs = versions(), order["versions"]
         if other := [name for name in NUMERIC if ours[name] != theirs[name]]:
-            words = "; ".join(f"{name} {ours[name]} there, {theirs[name]} here" for name in other)
-            then = "give all workers the driver's environment"
-            raise OutputError(f"it would compute other bits: {words}; {then}")
+            differ = "; ".join(f"{name} {ours[name]} there, {theirs[name]} here" for name in other)
+            told = f"its results would differ in their last bits: {differ}"
+            raise OutputError(f"{told}; give all workers the driver's environment")
         plan = _unpack(order["plan"])
         prepared = prepare_runs(plan, case, sample)
         while not _kernel.acquire(timeout=POLL):
@@ -224,7 +210,7 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[p
             load_kernel(plan.config)  # not while another thread uses a kernel
             threads = order["threads"] or worker.state.nthreads
             task = Task(partial(compute, plan.config, plan.schema, prepared, threads))
-            return task.wait(watch)[0], task.seconds
+            return task.wait(watch), task.seconds
         finally:
             _kernel.release()
     except OutOfTime:
@@ -234,4 +220,23 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[p
     except Exception as error:
         words = str(error) if isinstance(error, OutputError) else f"{type(error).__name__}: {error}"
         me = f"the worker at {worker.address} on {socket.gethostname()}"
-        raise OutputError(f"{me}: {one_line(words, 500)}") from None  # a cause may not be pickled
+        raise OutputError(f"{me}: {one_line(words, 500)}") from None  # a cause may not be picklable
+
+
+def _result(future: Future, keys: Keys) -> tuple[pa.Table, float]:
+    """Return what :func:`do_block` returned; no rows if it was lost with its worker."""
+    from distributed import CancelledError
+
+    try:
+        table, seconds = future.result(timeout=ANSWER_TIMEOUT)
+    except (CancelledError, TimeoutError, OSError):
+        return pa.table({}), 0.0
+    except (ConfigError, OutputError):
+        raise
+    except Exception as error:  # workers are lost again and again, or have another environment
+        words = one_line(f"{type(error).__name__}: {error}", 200)
+        raise OutputError(
+            f"the block that begins with case {keys[0][0]}, sample {keys[1][0]} cannot be done "
+            f"({words}); the logs of the workers may say why"
+        ) from error
+    return table, seconds

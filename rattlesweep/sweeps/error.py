@@ -1,26 +1,26 @@
-"""The error of every reversal time, from a companion: the same run, integrated more loosely.
+"""Errors of reversal times, from companions: the same runs at a looser tolerance.
 
-With d = abs(t_r'/t_r - 1), where t_r' is the companion's, and s the distance of the two states at
-their reversals in the norm of the step control,
+With d = abs(t_r'/t_r - 1), where t_r' is the reversal time of the companion, and s the distance of
+the two states at their reversals in the norm of the step control,
 
     t_r_error / t_r = (floor + near r) tol + slope T (d + share s / sqrt(N)) + C + G,
     T = max((r + near r^2)^power, P),   P = min(1, (s / PARTED)^2),
     r = tol / tol',   N = n_steps / 1000,
 
-at most 1, which it is where the companion does not reverse.  The second term carries the difference
-over to the tighter tolerance: in proportion as long as the two have stayed together (s small), and
-in full once they have parted.  d alone is small by chance too often; s, which has several
-components, is not.  C is P^2 in the unsteady direction, where runs that part are chaotic, and G one
-swing of the spin if an extremum of it touches zero within the tolerance.
+The estimate is at most 1, and is 1 if the companion does not reverse.  The second term scales the
+difference down to the tighter tolerance as long as the two runs stay together (small s), and takes
+all of it once they have parted.  Too often d alone is small by chance; s, which has several
+components, is not.  C is P^2 in the unsteady direction, where runs that part are chaotic, and 0 in
+the other.  G is one swing of the spin if an extremum of the spin touches zero within the tolerance.
 
-With `accuracy: {t_r: ...}`, runs whose estimate is larger are integrated again, a hundred times
-tighter, with the run before as their companion; and once more.  A companion that had parted from
-its own may be near the run by chance, so T is then a tenth of (s' / PARTED)^2 at least, with s' the
-distance of those two.
+With `accuracy: {t_r: ...}`, runs with a larger estimate are integrated again, a hundred times
+tighter, with the previous run as their companion; and then once more.  A companion that has parted
+from its own companion may be near the run by chance.  So T is at least a tenth of (s' / PARTED)^2,
+where s' is the distance of these two.
 
-Where reversals are recorded too, runs that end at their first are integrated to the horizon as
-well.  The error of a later turn follows from the largest d of it and the turns before, with
-P = min(1, (d / TURN_PARTED)^2) and s = 0.  The constants are those of ``benchmarks/errors.py``.
+If reversals are recorded too, runs that end at their first reversal are also integrated to the
+horizon.  The error of a later turn follows from the largest d up to this turn, with
+P = min(1, (d / TURN_PARTED)^2) and s = 0.  ``benchmarks/errors.py`` fits the constants.
 """
 
 from dataclasses import dataclass, replace
@@ -47,84 +47,51 @@ class Fit(NamedTuple):
     slope: float = 12.0
     share: float = 0.0007
     power: float = 1.0
-    looser: float = 2e3  # tolerance of a companion over the run's
+    looser: float = 2e3  # ratio of the companion's tolerance to the run's
 
 
 FITS = {"dop853": Fit(), "verner98": Fit(floor=0.2), "rk4": Fit(floor=0.0, share=0.003)}
 ELLIPSOID = Fit(slope=20.0, share=0.002)  # its large swings are harder to integrate
-# Kinks lower the order of all methods: only a companion that is nearly as good can tell how much.
+# Kinks lower the order of all methods, so a companion must be nearly as accurate as the run.
 ROLLING = Fit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0)
-# A companion is at least so much looser than the run, and at most so loose: beyond, most runs part.
-LEAST_LOOSER, LOOSEST = 10.0, 1e-5
-TIGHTEST = 1e-14  # tolerance below which the error of a step is rounding
-PARTED = 0.2  # distance at which two runs have nothing to do with each other any more
-REMEMBERED = 0.1  # least share of d that is carried over if the companion had parted from its own
-# Difference of turns at which two runs have parted, the slope instead of a fit's, and the relative
-# error below which a turn is sure, if those before it are.
-TURN_PARTED, TURN_SLOPE, SURE = 5e-3, 50.0, 1e-3
-# Tolerances for an error that is asked for: the first in its units, the ratio, how many.
+LEAST_LOOSER = 10.0  # smallest ratio of the companion's tolerance to the run's
+LOOSEST = 1e-5  # largest tolerance of a companion; at larger ones most runs part
+TIGHTEST = 1e-14  # tolerance below which rounding dominates the error of a step
+PARTED = 0.2  # distance at which two runs have become independent
+REMEMBERED = 0.1  # least share of d that counts if the companion had parted from its own companion
+TURN_PARTED = 5e-3  # relative difference of turns at which two runs have parted
+TURN_SLOPE = 50.0  # slope of the errors of turns
+SURE = 1e-3  # relative error below which a turn is sure, if those before it are
+# Tolerances for a given error: the first in units of it, the ratio of the next ones, their number.
 FIRST_RUNG, RUNG, RUNGS = 0.3, 1e-2, 3
-# The loosest of these, and of their companions, where runs part early and so tell best.  At 1e-5
-# the two agree by chance too often: 6 of 4,886 were off by more than 1e-4.
+# The loosest of these tolerances, and of their companions, where runs part early and so tell best.
+# With companions at 1e-5, runs agree by chance: 6 of 4,886 were off by more than 1e-4.
 LOOSEST_RUNG, LOOSEST_OF_LADDER = 1e-6, 1e-4
-AGAIN = (0.4, 0.1)  # cost of doing runs again, in units of doing all once at the first tolerance
-DIFFER = 10.0  # errors of what a type depends on, in units of the difference from the companion
+AGAIN = (0.4, 0.1)  # cost of each repetition, relative to that of all runs at the first tolerance
+DIFFER = 10.0  # error of amp_growth and n_departure over their difference from the companion
 
 
 @dataclass(frozen=True)
 class Estimated(Outcome):
-    """What became of runs, with errors from their companions; NaN where there are none."""
+    """Outcome of runs, with errors from their companions; NaN where there are none."""
 
     t_r_error: Floats
     amp_growth_error: Floats
     n_departure_error: Floats
-    reversal_sure: Flags  # that it reverses by its horizon, or that it does not
-    tol: Floats  # NaN with a fixed step, as the next
+    reversal_sure: Flags  # whether it is sure that a run reverses by its horizon, or does not
+    tol: Floats  # NaN with a fixed step, like companion_tol
     companion_tol: Floats
     companion_t_r: Floats
     apart: Floats  # distance of the two states at their reversals
-    grazes: Integers  # undecided extrema of the two
-    turn_errors: Floats  # of the times in `reversals`, shape (runs, 8) or (0, 8)
-    turns_sure: Integers  # how many of these turns, from the first on, are sure
-
-
-def fit_of(config: Config) -> Fit:
-    """Return the constants for the method and the model of a sweep."""
-    if config.dissipation.kind == "rolling":
-        return ROLLING
-    return ELLIPSOID if config.bodies.ellipsoidal else FITS.get(config.integrator.method, Fit())
-
-
-def companion_setting(config: Config, value: float) -> float:
-    """Return the tolerance of a companion, or twice the step of a fixed-step method."""
-    if not METHODS[config.integrator.method].adaptive:
-        return 2.0 * value
-    return max(LEAST_LOOSER * value, min(fit_of(config).looser * value, LOOSEST))
-
-
-def ladder(config: Config) -> tuple[list[float], list[float]]:
-    """Return the settings of companions, of the runs, and of those done again, with their costs."""
-    settings, tableau = config.integrator, METHODS[config.integrator.method]
-    if not tableau.adaptive:
-        dt = settings.dt or DT
-        return [companion_setting(config, dt), dt], [0.5, 1.0]
-    if settings.goal is None:
-        tol = settings.tol or TOL
-        values = [companion_setting(config, tol), tol]
-    else:
-        first = min(FIRST_RUNG * settings.goal, LOOSEST_RUNG)
-        rungs = {max(first * RUNG**k, TIGHTEST) for k in range(RUNGS)}
-        loosest = min(fit_of(config).looser * first, LOOSEST_OF_LADDER)
-        values = [loosest, *sorted(rungs, reverse=True)]
-    # The tenth is lost in rejected steps: 40 to 45 % at 1e-9, 77 to 84 % at 1e-6.
-    companion = 1.1 * float((values[1] / values[0]) ** (1.0 / tableau.order))
-    return values, [companion, 1.0, *AGAIN[: len(values) - 2]]
+    grazes: Integers  # undecided extrema of the spin in both
+    turn_errors: Floats  # errors of the times in `reversals`, shape (runs, 8) or (0, 8)
+    turns_sure: Integers  # number of turns, from the first on, that are sure
 
 
 def integrate_estimated(
     config: Config, batch: Batch, threads: int | None, control: Control
 ) -> Estimated:
-    """Integrate companions, then runs, then those whose error is too large again, tighter."""
+    """Integrate companions and runs, then again, at tighter tolerances, runs of large error."""
     settings, model = config.integrator, model_of(config)
     tableau, goal = METHODS[settings.method], settings.goal or np.inf
     (values, costs), turning = ladder(config), frozenset(config.record) & {"reversals"}
@@ -133,25 +100,24 @@ def integrate_estimated(
     spans /= spans[-1]
 
     def attempt(stage: int, rung: int, part: Batch, **asked: Any) -> Outcome:
-        # A run that ends is done if nothing follows.
-        last = stage == 1 and len(spans) == 3
-        control.stage(*spans[stage : stage + 2], begins=stage == 1, ends=last)
+        is_last = stage == 1 and len(spans) == 3  # runs that end are then done
+        control.stage(*spans[stage : stage + 2], begins=stage == 1, ends=is_last)
         asked["tol" if tableau.adaptive else "dt"] = values[rung]
-        # A run that is done again under another limit must get the same error.
+        # A companion's limit of steps must not change the error of its run.
         most = settings.max_steps if rung else max(settings.max_steps, MAX_STEPS)
         asked |= {"threads": threads, "control": control, "max_steps": most}
         return integrate(part, tableau, model, **asked)
 
     companions = attempt(0, 0, batch)
-    # Where a run ends is known by now, so none is begun late and keeps lanes waiting.
+    # Companions tell the cost of each run, so the longest begin first and no lane waits.
     runs = attempt(1, 1, batch, record=record, cost=companions.n_steps)
     now = done = with_errors(config, batch, runs, companions, pair)
     rows, part = np.arange(len(batch)), batch
     for k in range(2, len(values)):
-        large = now.t_r_error > goal * now.t_r
+        inaccurate = now.t_r_error > goal * now.t_r
         missed = np.isnan(now.t_r) & np.isfinite(now.companion_t_r)
-        lost = ~np.isin(now.status, (Status.OK, Status.STEP_LIMIT, Status.STOPPED))
-        again = ((large | missed) & (now.status == Status.OK)) | lost
+        failed = ~np.isin(now.status, (Status.OK, Status.STEP_LIMIT, Status.STOPPED))
+        again = ((inaccurate | missed) & (now.status == Status.OK)) | failed
         if not again.any():
             break
         control.settle(int((~again & (now.status != Status.STOPPED)).sum()))
@@ -174,11 +140,37 @@ def integrate_estimated(
     return replace(done, stopped=bool((done.status == Status.STOPPED).any()))
 
 
+def ladder(config: Config) -> tuple[list[float], list[float]]:
+    """Return tolerances (or steps) of companions, runs and repeated runs, and their costs."""
+    settings, tableau = config.integrator, METHODS[config.integrator.method]
+    if not tableau.adaptive:
+        dt = settings.dt or DT
+        return [companion_setting(config, dt), dt], [0.5, 1.0]
+    if settings.goal is None:
+        tol = settings.tol or TOL
+        values = [companion_setting(config, tol), tol]
+    else:
+        first = min(FIRST_RUNG * settings.goal, LOOSEST_RUNG)
+        rungs = {max(first * RUNG**k, TIGHTEST) for k in range(RUNGS)}
+        loosest = min(fit_of(config).looser * first, LOOSEST_OF_LADDER)
+        values = [loosest, *sorted(rungs, reverse=True)]
+    # 1.1 for rejected steps; measured costs are 40 to 45 % at 1e-9, and 77 to 84 % at 1e-6.
+    companion = 1.1 * float((values[1] / values[0]) ** (1.0 / tableau.order))
+    return values, [companion, 1.0, *AGAIN[: len(values) - 2]]
+
+
+def companion_setting(config: Config, value: float) -> float:
+    """Return the tolerance of a companion; for methods of fixed steps, twice the step."""
+    if not METHODS[config.integrator.method].adaptive:
+        return 2.0 * value
+    return max(LEAST_LOOSER * value, min(fit_of(config).looser * value, LOOSEST))
+
+
 def with_errors(
     config: Config, batch: Batch, runs: Outcome, companions: Outcome,
     settings: tuple[float, float], before: Floats | float = 0.0,
 ) -> Estimated:  # fmt: skip
-    """Add the errors that companions tell; `before` is how far those had parted from theirs."""
+    """Add errors to runs; `before` is the distance of the companions from their own companions."""
     model = model_of(config)
     fit, common, ratio = _scales(config, settings)
     both = np.isfinite(runs.t_r) & np.isfinite(companions.t_r)
@@ -196,14 +188,14 @@ def with_errors(
     relative = relative + np.where(grazes > 0, 2 * np.pi / batch.swing / runs.t_r, 0.0)
     relative = np.minimum(relative, 1.0)
     t_r_error = relative * runs.t_r
-    # Of a run that has settled, amp_growth lies between what it was and 0.
+    # The final amp_growth of a run that has settled lies between its value so far and 0.
     pair = runs, companions
     high, high_other = (np.where(has_settled(batch, x), 0.0, x.amp_growth) for x in pair)
     below, above = runs.amp_growth - high_other, companions.amp_growth - high
     departed = np.abs(runs.n_departure - companions.n_departure)
     ok, others_ok = (x.status == Status.OK for x in pair)
     neither = np.isnan(runs.t_r) & np.isnan(companions.t_r) & others_ok & (grazes == 0)
-    # Where a stop has kept a companion from its end, the run has not been either.
+    # If a stop ended the companion, its run has no error and counts as stopped.
     cut = companions.status == Status.STOPPED
     changed = {"status": np.where(cut, Status.STOPPED, runs.status)}
     adaptive = METHODS[config.integrator.method].adaptive
@@ -218,25 +210,31 @@ def with_errors(
     )  # fmt: skip
 
 
-def _scales(config: Config, settings: tuple[float, float]) -> tuple[Fit, float, float]:
-    tableau, fit = METHODS[config.integrator.method], fit_of(config)
-    tol, ratio = settings[0], settings[0] / settings[1]
-    if not tableau.adaptive:  # errors of fixed steps do not add up at random
-        tol, ratio = 0.0, ratio**tableau.order
-    common = (fit.floor + fit.near * ratio) * max(tol, TIGHTEST)
-    return fit, common, (ratio + fit.near * ratio**2) ** fit.power
+def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Floats:
+    """Return the distance of states in the norm of the step control, relative to that of `y`."""
+    change, here, q = (y - other).T, y.T, constants.T
+    if model.name == REDUCED.name:
+        norm: Any = model.error
+        moved, size = norm.py_func(*change, *here, *q)
+    else:
+        # The spin is zero in both states at a reversal.
+        ix, iy, _, cxx, cxy, cyy = q[:6]
+        square = full.oscillation.py_func
+        moved, size = (square(*v[:4], ix, iy, cxx, cxy, cyy) for v in (change, here))
+    return np.asarray(np.sqrt(moved / size))
 
 
 def _with_turns(
     runs: Estimated, first: Estimated, other_times: Floats, scales: tuple[Fit, float, float]
 ) -> Estimated:
+    """Add errors of turns to runs to the horizon; `first` are the runs to the first reversal."""
     _, common, ratio = scales
     times, t_r = runs.reversals[:, :, 0], first.t_r[:, None]
     difference = np.abs(other_times / times - 1.0)
     there = np.isfinite(difference)
     d = np.maximum.accumulate(np.where(there, difference, 1.0), axis=1)
     relative = common + TURN_SLOPE * np.maximum(ratio, np.minimum(1.0, (d / TURN_PARTED) ** 2)) * d
-    # A spin that comes back after its first zero turns at a later one: which, is less sure.
+    # If the spin returns after its first zero, it turns at a later zero, which is less certain.
     relative[:, :1] = np.maximum(first.t_r_error[:, None] / t_r, times[:, :1] / t_r - 1.0)
     relative = np.minimum(relative, 1.0)
     names = ("t_r_error", "reversal_sure", "apart", "companion_t_r", "grazes")
@@ -246,15 +244,18 @@ def _with_turns(
     return replace(runs, turn_errors=errors, turns_sure=sure, **kept)
 
 
-def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Floats:
-    """Return the distance of states in the norm of the step control, relative to that of ``y``."""
-    change, here, q = (y - other).T, y.T, constants.T
-    if model.name == REDUCED.name:
-        norm: Any = model.error
-        moved, size = norm.py_func(*change, *here, *q)
-    else:
-        # At a reversal the spin itself is zero in both.
-        ix, iy, _, cxx, cxy, cyy = q[:6]
-        square = full.oscillation.py_func
-        moved, size = (square(*v[:4], ix, iy, cxx, cxy, cyy) for v in (change, here))
-    return np.asarray(np.sqrt(moved / size))
+def _scales(config: Config, settings: tuple[float, float]) -> tuple[Fit, float, float]:
+    """Return the fit, the first term of the estimate, and (r + near r^2)^power."""
+    tableau, fit = METHODS[config.integrator.method], fit_of(config)
+    tol, ratio = settings[0], settings[0] / settings[1]
+    if not tableau.adaptive:  # the errors of fixed steps are systematic
+        tol, ratio = 0.0, ratio**tableau.order
+    common = (fit.floor + fit.near * ratio) * max(tol, TIGHTEST)
+    return fit, common, (ratio + fit.near * ratio**2) ** fit.power
+
+
+def fit_of(config: Config) -> Fit:
+    """Return the constants for the method and the model of a sweep."""
+    if config.dissipation.kind == "rolling":
+        return ROLLING
+    return ELLIPSOID if config.bodies.ellipsoidal else FITS.get(config.integrator.method, Fit())

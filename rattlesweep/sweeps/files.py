@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, and errors of the system in words."""
+"""Files that appear whole or not at all, and errors of the system in words."""
 
 import contextlib
 import os
@@ -11,30 +11,22 @@ from typing import BinaryIO
 from rattlesweep.errors import OutputError
 
 
-def reason(error: BaseException) -> str:
-    """Return in one line what went wrong."""
-    words = getattr(error, "strerror", None) or str(error).strip().split("\n")[0]
-    return words or type(error).__name__
-
-
-@contextlib.contextmanager
-def explained(failure: str) -> Iterator[None]:
-    """Turn an OSError into an OutputError: `failure`, such as "cannot read X", and why."""
-    try:
-        yield
-    except OSError as error:
-        raise OutputError(f"{failure}: {reason(error)}") from error
+def probe_directory(path: Path) -> None:
+    """Create a directory if need be; raise an OutputError if no file can be written there."""
+    with explained(f"cannot write in {path}"):
+        path.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path).close()
 
 
 def replace_file(path: Path, data: bytes) -> None:
-    """Put `data` at `path` in one step; see :func:`streamed_file`."""
+    """Write `data` to `path` in one step; see :func:`streamed_file`."""
     with streamed_file(path) as file:
         file.write(data)
 
 
 @contextlib.contextmanager
 def streamed_file(path: Path) -> Iterator[BinaryIO]:
-    """Open a file that takes its place at `path`, whole and on the disk, unless the body fails."""
+    """Open a file that appears at `path`, whole and on disk, once the body has succeeded."""
     # Readers of a whole directory skip hidden files.
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     with explained(f"cannot write {path}"):
@@ -49,12 +41,20 @@ def streamed_file(path: Path) -> Iterator[BinaryIO]:
                 os.fsync(folder)
             os.close(folder)
         finally:
-            with contextlib.suppress(OSError):  # after the rename there is nothing left
+            with contextlib.suppress(OSError):  # it is gone if the rename succeeded
                 temporary.unlink()
 
 
-def probe_directory(path: Path) -> None:
-    """Create `path` where need be, and raise an OutputError if files cannot be written in it."""
-    with explained(f"cannot write in {path}"):
-        path.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=path).close()
+@contextlib.contextmanager
+def explained(failure: str) -> Iterator[None]:
+    """Turn an OSError into an OutputError: `failure`, such as "cannot read X", and the reason."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{failure}: {reason(error)}") from error
+
+
+def reason(error: BaseException) -> str:
+    """Return in one line what went wrong."""
+    words = getattr(error, "strerror", None) or str(error).strip().split("\n")[0]
+    return words or type(error).__name__

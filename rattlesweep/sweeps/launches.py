@@ -14,22 +14,21 @@ from rattlesweep.physics import full, reduced, stone, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
 from rattlesweep.sweeps.bodies import Bodies
-from rattlesweep.sweeps.bodies.sources import GridBodies
 from rattlesweep.sweeps.bodies.table import TableBodies
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import MAX_SPEED, Config
 from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.units import Quantity
 
-WINDOW_PERIODS = 2.0  # of the slower mode in a window at least; see the evidence in docs/types.md
-MARK_PERIODS = 8.0  # after which amplitudes are compared for the first time
-LEAST_DECAY = 0.01  # fall of its amplitude until the horizon by which a mode counts as decaying
-MOST_APART = 0.02  # change of the spin up to which its first probes tell pitch from roll
+WINDOW_PERIODS = 2.0  # periods of the slower mode that a window has at least; see docs/types.md
+MARK_PERIODS = 8.0  # periods after which amplitudes are compared for the first time
+LEAST_DECAY = 0.01  # relative fall of an amplitude by the horizon, at which a mode is decaying
+MOST_APART = 0.02  # relative change of the spin up to which the probes at launch separate the modes
 
 
 @dataclass(frozen=True)
 class Launches:
-    """Runs that are ready to be integrated; all arrays have one entry a run."""
+    """Runs that are ready to be integrated, as arrays with one entry per run."""
 
     case: Integers
     sample: Integers
@@ -39,21 +38,22 @@ class Launches:
     psi: Floats
     modes: theory.Modes
     gh: theory.GarciaHubbard
-    n_0: Floats  # spin that would hold all the energy
-    n_c1: Floats  # NaN: none
-    t_end: Floats  # not finite: none
-    sigma: Floats | None = None  # without dissipation None, as the next two
+    n_0: Floats  # spin if all energy were spin
+    n_c1: Floats  # Bondi's threshold; NaN if there is none
+    t_end: Floats  # horizon; not finite if there is none
+    # The last three are None without dissipation.
+    sigma: Floats | None = None
     rolling: Floats | None = None
-    dead: Floats | None = None  # share of the launch's energy below which a body is dead
+    dead: Floats | None = None  # fraction of the initial energy below which a body is dead
 
     @property
     def spin_scale(self) -> Floats:
-        """Spin that later spins are compared with: that of the launch, or ``n_0`` without one."""
+        """Spin that later spins are compared with: ``|n_i|``, or ``n_0`` if that is zero."""
         return np.where(self.n_i == 0, self.n_0, np.abs(self.n_i))
 
 
 def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
-    """Return the launches of some runs, given by their keys in any order."""
+    """Return the launches of runs with some keys, in any order."""
     config, b = plan.config, plan.source.bodies(plan.targets[case], sample)
     if (state := config.launch) is not None and b.n_i is None:
         omega, u = (np.tile(x, (len(sample), 1)) for x in (state.omega, state.u))
@@ -65,7 +65,7 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
         return b.scale.natural(value, value.kind)
 
     def value(name: str) -> Floats:
-        # What rows of a table say, or the config of all bodies, or else each case.
+        """Return the values of a table, of a config in SI units for each body, or of the cases."""
         own: Floats | None = getattr(b, name)
         if own is None and name in config.in_si and getattr(plan.cases[0], name) is None:
             own = natural(config.in_si[name][0])
@@ -73,32 +73,32 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
 
     n_i, omega_xy0 = value("n_i"), value("omega_xy0")
     modes = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
-    way = config.spin.psi if config.spin else "relevant"
-    psi = theory.direction(modes, n_i, way) if b.psi is None else b.psi
+    direction = config.spin.psi if config.spin else "relevant"
+    psi = theory.direction(modes, n_i, direction) if b.psi is None else b.psi
     gh = theory.garcia_hubbard(b, modes, n_i, omega_xy0, psi)
     n_0 = gh.n_0
     if b.omega is not None and b.u is not None:
         ix, iy, iz, *curvature = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
-        # The oscillation has the energy of the tilt too, here to second order.
+        # The energy of the oscillation includes that of the tilt, here to second order.
         p, q, x, y, _ = full.from_vectors(b.u.T, (b.omega - n_i[:, None] * b.u).T)
         speed = np.sqrt(full.oscillation.py_func(p, q, x, y, ix, iy, *curvature) / iz)
         gh = replace(gh, speed=speed)
         energy = np.vectorize(stone.energy.py_func, otypes=[float])
         start = full.from_vectors(b.u.T, b.omega.T)
-        # An ellipsoid with an infinite semi-axis is a paraboloid.
+        # A paraboloid is an ellipsoid with an infinite semi-axis.
         total = energy(*start, ix, iy, iz, *curvature, stone.inverse_semi_axis(b.c))
         n_0 = np.sqrt(2 * total / b.gamma)
     n_c1 = theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi)
-    n_c1 = np.where(b.xi > 0, -n_c1, n_c1)  # mirrored bodies spin steadily with n > 0
+    n_c1 = np.where(b.xi > 0, -n_c1, n_c1)  # the steady direction of mirrored bodies is n > 0
     sigma = rolling = dead = None
     if config.dissipation:
         sigma, rolling = value("sigma"), value("rolling")
         dead = np.full(len(sample), config.classify.dead_energy)
-        # No spin stays above a threshold while it decays.
+        # A decaying spin does not stay above a threshold.
         n_c1 = np.where((sigma > 0) | (rolling > 0), np.nan, n_c1)
     t_end, horizon = np.full(len(n_i), np.inf), config.horizon
     if horizon.t_rgh is not None:
-        # A launch without t_rGH, which is NaN, has the others.
+        # fmin ignores NaN, the t_rGH of launches that have none.
         t_end = np.fmin(t_end, horizon.t_rgh * gh.t_rgh)
     if (t := horizon.t) is not None:
         t_end = np.minimum(t_end, natural(t) if isinstance(t, Quantity) else t)
@@ -113,7 +113,7 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
 
 
 def model_of(config: Config) -> Model:
-    """Return the equations that a sweep integrates; the closed form has none."""
+    """Return the equations that a sweep integrates; not for the model gh, which has none."""
     if config.model != "full":
         return MODELS[config.model]
     surface = ELLIPSOID if config.bodies.ellipsoidal else FULL
@@ -122,14 +122,14 @@ def model_of(config: Config) -> Model:
 
 
 def make_batch(launches: Launches, model: str) -> Batch | None:
-    """Return the batch of a model; None for the closed form, which needs no integration."""
+    """Return the batch of a model; None for gh, a closed formula."""
     if model == "gh":
         return None
     return full_batch(launches) if model == "full" else reduced_batch(launches)
 
 
 def ending_early(batch: Batch, launches: Launches) -> Batch:
-    """Return a batch of the full dynamics whose runs end once they are certain to be of type SS."""
+    """Return a full batch whose runs end once they are certain to be of type SS."""
     n_0 = np.copysign(launches.n_0, launches.n_i)
     rate = LEAST_DECAY / launches.t_end
     settled = settled_oscillation(batch.constants.T, n_0, launches.n_c1, rate)
@@ -138,7 +138,7 @@ def ending_early(batch: Batch, launches: Launches) -> Batch:
 
 
 def full_batch(launches: Launches) -> Batch:
-    """Return the batch for the full dynamics."""
+    """Return the batch of the full dynamics."""
     b = launches.bodies
     y0 = theory.full_state(launches.n_i, launches.omega_xy0, launches.psi)
     if b.omega is not None and b.u is not None:
@@ -148,15 +148,15 @@ def full_batch(launches: Launches) -> Batch:
     modes = steady_modes(constants, launches.n_i, 0.0 if sigma is None else sigma)
     pitch = theory.unsteady(launches.modes.K_p, launches.n_i)
     probe = np.where(pitch[:, None], modes.pitch_probe, modes.roll_probe)
-    # The spin swings at twice the oscillation's frequency.
+    # The spin oscillates at twice the frequency of the oscillation.
     fastest = np.maximum(np.abs(modes.pitch.imag), launches.modes.omega_p)
     slower = np.where(modes.roll.imag > 0, modes.roll.imag, launches.modes.omega_r)
-    more = []
+    more = []  # constants of ellipsoids and of dissipation
     if b.c is not None or sigma is not None:
         more = [np.broadcast_to(stone.inverse_semi_axis(b.c), len(y0))]
     if sigma is not None and rolling is not None:
         more += [sigma, rolling, np.full(len(y0), stone.SMOOTHING)]
-        # The last component of the state is the work, none yet.
+        # The last component of the state is the work of dissipation.
         y0 = np.concatenate([y0, np.zeros((len(y0), 1))], axis=1)
     oscillation = b.gamma * (launches.gh.n_0**2 - launches.n_i**2)
     return Batch(
@@ -171,7 +171,7 @@ def full_batch(launches: Launches) -> Batch:
 
 
 def reduced_batch(launches: Launches) -> Batch:
-    """Return the batch for the reduced dynamics; ``I_eff = I_zz`` as in Eq. def-n0."""
+    """Return the batch of the reduced dynamics, with ``I_eff = I_zz`` as in Eq. 72."""
     b, m = launches.bodies, launches.modes
     directions = m.psi_p, m.psi_r, launches.omega_xy0, launches.psi
     e_p, e_r = reduced.mode_energies(b.alpha, b.beta, *directions)
@@ -188,17 +188,17 @@ def reduced_batch(launches: Launches) -> Batch:
 
 
 def _windows(t_end: Floats, slower: Floats) -> Floats:
-    # Equal parts of the horizon; the reduced model has an infinite frequency here.
+    """Return the lengths of windows; an infinite frequency gives as many as possible."""
     parts = np.clip(np.floor(t_end * slower / (WINDOW_PERIODS * 2 * np.pi)), 1, N_WINDOWS)
     return np.where(np.isfinite(t_end), t_end / parts, 1.0)
 
 
 @dataclass(frozen=True)
 class Launch:
-    """One run as a user asks for it, in the words of a config.
+    """One run, with the keys of a config.
 
-    Without `t_end` the horizon is 5 t_rGH.  `e_p0` and `e_r0` are initial energies of pitch and
-    roll in the reduced model, in ``M g a``, instead of the launch's.
+    The default horizon is 5 t_rGH.  In the reduced model `e_p0` and `e_r0` replace the initial
+    energies of pitch and roll, in ``M g a``.
     """
 
     body: Rattleback
@@ -218,51 +218,44 @@ class Launch:
 
 
 def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
-    """Return whether a launch is a full state; refuse half of one, and one beside a spin."""
+    """Return whether a launch is a full state; raise if it also has a spin, or lacks omega."""
     if omega is None and u is None:
         return False
     if given := " and ".join(name for name, value in spin.items() if value is not None):
-        keep = "keep omega and u, or n_i, omega_xy0 and psi"
-        raise ConfigError(f"{given} given with a full state; {keep}")
+        advice = "keep omega and u, or n_i, omega_xy0 and psi"
+        raise ConfigError(f"{given} given with a full state; {advice}")
     if omega is None:
         raise ConfigError("omega: missing; a full state has omega and u")
     return True
 
 
 def plan_of(run: Launch, source: TableBodies | None = None) -> Plan:
-    """Return the sweep of one body, or of the bodies, launches and dissipation of `source`."""
-    c = run.body.c
-    if source is not None:
-        bodies: dict[str, Any] = {"source": "table", "path": "the table is in memory"}
-        bodies |= {"surface": "ellipsoid"} if source.has_semi_axes else {}
-    else:
-        bodies = {"source": "preset", "name": "GH"}
-        bodies |= {} if c is None else {"surface": "ellipsoid", "c": c}
-    how = "spin"
+    """Return the plan of one run, or of the bodies, launches and dissipation of a table."""
+    if source is None:
+        names = PARAMETERS if run.body.c is None else (*PARAMETERS, "c")
+        source = TableBodies({name: np.array([getattr(run.body, name)]) for name in names})
+    section = "spin"
     given: dict[str, Any] = {"n_i": run.n_i, "omega_xy0": run.omega_xy0, "psi": run.psi}
     if is_full_state(run.omega, run.u, given):
-        how, given = "launch", {"omega": run.omega, "u": run.u}
+        section, given = "launch", {"omega": run.omega, "u": run.u}
     elif run.t_end is None and run.n_i == 0:
         raise ConfigError("t_end: missing; a launch without spin has no t_rGH")
+    surface = {"surface": "ellipsoid"} if source.has_semi_axes else {}
     config = parse_config({
-        "bodies": bodies,
-        how: {k: list(v) if how == "launch" else v for k, v in given.items() if v is not None},
+        "bodies": {"source": "table", "path": "the table is in memory"} | surface,
+        section: given,
         "model": run.model,
         "horizon": {"t_rgh": 5.0} if run.t_end is None else {"t": run.t_end},
         "integrator": dict(run.integrator),
         "dissipation": {"sigma": run.sigma, "rolling": run.rolling},
         "record": list(run.record),
     })  # fmt: skip
-    if source is not None:
-        assert config.bodies.source == "table"
-        return make_plan(config, source=source.with_surface(config.bodies))
-    # The body itself, which was checked when it was made, takes the place of the preset.
-    names = PARAMETERS if c is None else (*PARAMETERS, "c")
-    return make_plan(config, source=GridBodies({x: getattr(run.body, x) for x in names}, {}))
+    assert config.bodies.source == "table"
+    return make_plan(config, source=source.with_surface(config.bodies))
 
 
 def single_run(run: Launch) -> tuple[Config, Launches, Batch | None]:
-    """Return config, launch and batch of one run, as a sweep has them; no batch for ``gh``."""
+    """Return the config, launch and batch of one run; the model ``gh`` has no batch."""
     plan, first = plan_of(run), np.zeros(1, np.int64)
     launches = prepare(plan, first, first)
     batch = make_batch(launches, run.model)
@@ -272,7 +265,7 @@ def single_run(run: Launch) -> tuple[Config, Launches, Batch | None]:
 
 
 def with_energies(batch: Batch, e_p0: float | None, e_r0: float | None) -> Batch:
-    """Return a batch of the reduced model with other initial energies, where they are given."""
+    """Return a batch of the reduced model with the initial energies that are given."""
     y0 = batch.y0.copy()
     for column, name, value in ((1, "e_p0", e_p0), (2, "e_r0", e_r0)):
         if value is not None:

@@ -1,7 +1,7 @@
 """From a config to its cases and samples, and to the directory that holds their runs.
 
-A case is one combination of target, ``n_i``, ``omega_xy0`` and dissipation; a run is one sample of
-a case, with the key ``(case, sample)``.  What becomes of it follows from config and key alone.
+A case is one combination of target, ``n_i``, ``omega_xy0`` and dissipation.  A run is one sample of
+a case and has the key ``(case, sample)``; its row follows from config and key alone.
 """
 
 import hashlib
@@ -29,22 +29,20 @@ from rattlesweep.sweeps.provenance import LOCKS, at_work, command_line, machine,
 from rattlesweep.sweeps.stored import FOLDER, FORMAT, MANIFEST, Case, Stored, open_stored
 from rattlesweep.units import Quantity
 
-MAX_RUNS = 10**9  # of a sweep; what is done of them is held as one byte each
-# Keys of the config that may have SI units, by the columns that they stand for.
+MAX_RUNS = 10**9  # in a sweep, which holds one byte for each of them
+# Keys of the config that may have SI units, by the columns that they set.
 KEYS = {"n_i": "spin.n_i", "omega_xy0": "spin.omega_xy0", "t_end": "horizon.t",
         "sigma": "dissipation.sigma", "rolling": "dissipation.rolling"}  # fmt: skip
-WORDS = (b"unit", b"description")  # of a column
-Values = list[float | None]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Runs that a config asks for."""
+    """The runs of a config."""
 
     config: Config
     source: Source
-    cases: tuple[Case, ...]  # in a directory perhaps in another order than in the config
-    extra: tuple[pa.Field, ...] = ()  # columns beside the usual ones
+    cases: tuple[Case, ...]  # in a directory that has grown, not in the order of the config
+    extra: tuple[pa.Field, ...] = ()  # columns that bodies and launches add to the usual ones
 
     @cached_property
     def schema(self) -> pa.Schema:
@@ -64,26 +62,25 @@ class Plan:
     @cached_property
     def targets(self) -> Floats:
         """Target of each case, NaN without one."""
-        return np.array([np.nan if c.target is None else c.target for c in self.cases])
+        return np.array([case.target for case in self.cases], float)
 
 
 def make_plan(config: Config, base: Path | None = None, source: Source | None = None) -> Plan:
-    """Return the plan of a config; tables are looked up here and from `base`."""
+    """Return the plan of a config; its tables are searched for here and in `base`."""
     source = source or make_source(config, base)
-    table = source.columns if isinstance(source, TableBodies) else {}
+    table: Mapping[str, Floats] = {}
     if isinstance(source, TableBodies):
-        config = _with_losses(config, source.losses)
+        table, config = source.columns, _with_losses(config, source.losses)
     runs_schema(config.parts, config.model)  # refuses what the model cannot record
     values = _natural(config, source)
     targets: list[tuple[str | None, float | None]] = [(None, None)]
     if isinstance(config.bodies, SdSource) and (aim := config.bodies.target) is not None:
         targets = [(aim.name, value) for value in aim.values]
-    state = "u_x" in table or ("n_i" not in table and config.launch is not None)
-    nothing: list[tuple[float | None, float | None]] = [(None, None)]
-    launches, losses = nothing, nothing
-    t_end = np.array([np.nan])
+    none: list[tuple[float | None, float | None]] = [(None, None)]
+    launches = losses = none
+    own_end = np.array([np.nan])
     if "n_i" in table:
-        n_i, t_end = table["n_i"], table.get("t_end", t_end)
+        n_i, own_end = table["n_i"], table.get("t_end", own_end)
     elif config.launch is not None:
         spin, swing, *_ = spin_and_oscillation(config.launch.omega, config.launch.u)
         launches, n_i = [(float(spin), float(swing))], np.array([spin])
@@ -93,52 +90,21 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
     else:
         told = "missing; the table has no columns n_i and omega_xy0, so the config must give them"
         raise ConfigError(f"spin: {told}")
-    _check_launches(config, state, n_i, t_end)
+    is_state = "u_x" in table or ("n_i" not in table and config.launch is not None)
+    _check_launches(config, is_state, n_i, own_end)
     if config.dissipation:
         losses = list(product(values["sigma"], values["rolling"]))
     made = enumerate(product(targets, launches, losses))
     cases = tuple(Case(number, *a, *b, *c) for number, (a, b, c) in made)
-    plan = Plan(config, source, cases, (STATE if state else ()) + source.fields)
+    plan = Plan(config, source, cases, (STATE if is_state else ()) + source.fields)
     if plan.runs > MAX_RUNS:
         told = f"{len(cases)} cases of {plan.samples} samples are {plan.runs:.3g} runs"
         raise ConfigError(f"bodies: {told}; at most {MAX_RUNS:.0e} are possible in one sweep")
     return plan
 
 
-def _natural(config: Config, source: Source) -> dict[str, Values]:
-    """Return spins and losses in units of the bodies; None for one that differs between them."""
-    spin, lost = config.spin, config.dissipation
-    values: dict[str, Values] = {name: lost.values(name) for name in LOSSES}
-    if spin is not None:
-        values |= {"n_i": list(spin.n_i), "omega_xy0": list(spin.omega_xy0)}
-    if not (given := config.in_si):
-        return values
-    count = source.samples if isinstance(source, TableBodies) else min(source.samples, 64)
-    scale = source.bodies(np.nan, np.arange(count)).scale
-
-    def one(name: str, value: float | None, alone: bool) -> float | None:
-        if not isinstance(value, Quantity):
-            return value
-        told = f"{KEYS[name]}: {value.text}"
-        natural = np.full(1, np.nan) if scale is None else scale.natural(value, value.kind)
-        if np.isnan(natural).any():
-            wanted = "give columns height_m and mass_kg, or a number in the bodies' own units"
-            raise ConfigError(f"{told} needs the size of the bodies; {wanted}")
-        if broken := check_value(name, natural):
-            own = f"comes to {natural[broken[0]]:g} in units of the body"
-            raise ConfigError(f"{told} {own}; {broken[1]}")
-        if natural.min() == natural.max() or alone:
-            return float(natural[0]) if natural.min() == natural.max() else None
-        own = "is another number for each body, as their sizes differ"
-        raise ConfigError(f"{told} {own}; give it alone, or numbers without units")
-
-    for name, quantities in given.items():
-        listed: Sequence[float | None] = values.get(name, list(quantities))
-        values[name] = [one(name, value, len(listed) == 1) for value in listed]
-    return values
-
-
 def _with_losses(config: Config, own: Mapping[str, list[float | str]]) -> Config:
+    """Return the config with the dissipation of a table's columns."""
     given = config.dissipation
     for name in LOSSES:
         values, column = given.values(name), f"column {name}"
@@ -153,17 +119,104 @@ def _with_losses(config: Config, own: Mapping[str, list[float | str]]) -> Config
     return config
 
 
-def _check_launches(config: Config, state: bool, n_i: Floats, t_end: Floats) -> None:
+def _natural(config: Config, source: Source) -> dict[str, list[float | None]]:
+    """Return spins and losses in units of the bodies; None for one that differs between them."""
+    spin, losses = config.spin, config.dissipation
+    values: dict[str, list[float | None]] = {name: losses.values(name) for name in LOSSES}
+    if spin is not None:
+        values |= {"n_i": list(spin.n_i), "omega_xy0": list(spin.omega_xy0)}
+    if not (given := config.in_si):
+        return values
+    count = source.samples if isinstance(source, TableBodies) else min(source.samples, 64)
+    scale = source.bodies(np.nan, np.arange(count)).scale
+
+    def convert(name: str, value: float | None, is_single: bool) -> float | None:
+        if not isinstance(value, Quantity):
+            return value
+        told = f"{KEYS[name]}: {value.text}"
+        natural = np.full(1, np.nan) if scale is None else scale.natural(value, value.kind)
+        if np.isnan(natural).any():
+            wanted = "give columns height_m and mass_kg, or a number in the bodies' own units"
+            raise ConfigError(f"{told} needs the size of the bodies; {wanted}")
+        if broken := check_value(name, natural):
+            own = f"is {natural[broken[0]]:g} in units of the body"
+            raise ConfigError(f"{told} {own}; {broken[1]}")
+        if natural.min() == natural.max():
+            return float(natural[0])
+        if is_single:
+            return None
+        own = "depends on the size of the body, and the sizes differ"
+        raise ConfigError(f"{told} {own}; give this value alone, or numbers without units")
+
+    for name, quantities in given.items():
+        listed: Sequence[float | None] = values.get(name, list(quantities))
+        values[name] = [convert(name, value, len(listed) == 1) for value in listed]
+    return values
+
+
+def _check_launches(config: Config, is_state: bool, n_i: Floats, own_end: Floats) -> None:
+    """Refuse launches that the model cannot have, or that have no horizon of any kind."""
     model, horizon = config.model, config.horizon
-    endless = (n_i == 0) & ~np.isfinite(t_end)  # NaN: no horizon of their own
-    if model != "full" and state:
+    if model != "full" and is_state:
         raise ConfigError(f"model: {model} begins with a spin; full states are for the model full")
     if model == "gh" and (n_i == 0).any():
-        raise ConfigError("model: gh begins with a spin, and n_i is 0; take full or reduced")
+        raise ConfigError("model: gh begins with a spin, and n_i is 0; use full or reduced")
+    endless = (n_i == 0) & ~np.isfinite(own_end)
     if horizon.t is None and horizon.t_decay is None and endless.any():
         which = f" ({np.argmax(endless) + 1} of {len(n_i)})" if len(n_i) > 1 else ""
         told = f"missing; a launch without spin{which} has no t_rGH"
         raise ConfigError(f"horizon.t: {told}, so give horizon: {{t: TIME}} in sqrt(a/g)")
+
+
+def stored_plan(stored: Stored) -> Plan:
+    """Return the plan from which stored runs can be computed again."""
+    base = stored.manifest["base"] or "."
+    if (stored.directory / getattr(stored.config.bodies, "path", "..none")).exists():
+        base = stored.directory  # a directory may have been moved with its table
+    plan = replace(make_plan(stored.config, Path(base)), cases=stored.cases)
+    if describe(plan, stored.directory).hash != stored.hash:
+        raise ConfigError(f"{stored.directory}: the table of bodies of its runs has changed")
+    return replace(plan, config=plan.config.model_copy(update={"classify": stored.thresholds}))
+
+
+def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> Stored:
+    """Begin or grow the sweep of a plan in a directory that this process holds."""
+    with explained(f"cannot write in {directory}"):
+        (directory / FOLDER).mkdir(exist_ok=True)
+    there, ours = examine(plan, directory, base)
+    if there is not None:
+        keys = ("cases", "samples") if shard else ("cases", "samples", "config")
+        if all(ours.manifest[key] == there.manifest[key] for key in keys):
+            return there
+        # Shards that are at work know only the smaller sweep, whose summary they would write.
+        if shard and (others := at_work(directory, shard)):
+            told = "is at work; the sweep can grow when it has ended"
+            raise OutputError(f"{directory}: {others[0]} {told}")
+        ours.manifest["started"] = there.manifest["started"]
+    ours.drop_summary()
+    ours.write_manifest()
+    return ours
+
+
+def examine(plan: Plan, directory: Path, base: Path | None = None) -> tuple[Stored | None, Stored]:
+    """Return the sweep that is in a directory, None without one, and what it must grow into."""
+    ours = describe(plan, directory, base)
+    if not (directory / MANIFEST).exists():
+        check_empty(directory)
+        ours.find()  # there are rows if a manifest was lost
+        return None, ours
+    there = open_stored(directory)
+    check_same(there, ours)
+    wanted, held, told = set(plan.cases), set(there.cases), ""
+    if lost := [case for case in there.cases if case not in wanted]:
+        told = f"runs with {lost[0]}, which the config lacks"
+    elif plan.samples < there.samples:
+        told = f"{there.samples} samples a case, more than the config asks for"
+    if told:
+        raise ConfigError(f"{directory}: holds {told}; a sweep can only grow")
+    new = enumerate((case for case in plan.cases if case not in held), len(held))
+    cases = (*there.cases, *(replace(case, index=number) for number, case in new))
+    return there, describe(replace(plan, cases=cases), directory, base)
 
 
 def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
@@ -179,34 +232,14 @@ def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
         "cases": [case.dump() for case in plan.cases],
         "samples": plan.samples,
         "columns": [
-            [f.name, str(f.type), f.nullable, *(f.metadata[k].decode() for k in WORDS)]
+            [f.name, str(f.type), f.nullable,
+             *(f.metadata[word].decode() for word in (b"unit", b"description"))]
             for f in plan.extra
         ],
-    }
-    manifest |= {"versions": versions(), "machine": machine(), "command": command_line()}
-    manifest |= {"started": now(), "written": now()}
+        "versions": versions(), "machine": machine(), "command": command_line(),
+        "started": now(), "written": now(),
+    }  # fmt: skip
     return Stored(directory, manifest, plan.config, plan.cases, plan.extra, plan.samples, key)
-
-
-def examine(plan: Plan, directory: Path, base: Path | None = None) -> tuple[Stored | None, Stored]:
-    """Return the sweep as it is in a directory, None without a manifest, and as it is to be."""
-    ours = describe(plan, directory, base)
-    if not (directory / MANIFEST).exists():
-        check_empty(directory)  # or its manifest is lost
-        ours.find()
-        return None, ours
-    there = open_stored(directory)
-    check_same(there, ours)
-    held, asked, told = set(there.cases), set(plan.cases), ""
-    if lost := [case for case in there.cases if case not in asked]:
-        told = f"runs with {lost[0]}, which the config lacks"
-    elif plan.samples < there.samples:
-        told = f"{there.samples} samples a case, more than the config asks for"
-    if told:
-        raise ConfigError(f"{directory}: holds {told}; a sweep can only grow")
-    new = enumerate((case for case in plan.cases if case not in held), len(held))
-    cases = (*there.cases, *(replace(case, index=k) for k, case in new))
-    return there, describe(replace(plan, cases=cases), directory, base)
 
 
 def check_same(one: Stored, other: Stored) -> None:
@@ -217,45 +250,15 @@ def check_same(one: Stored, other: Stored) -> None:
         raise ConfigError(f"{one.directory}: holds another sweep ({what}); give another output")
 
 
-def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> Stored:
-    """Make a directory, which this process holds, one of a plan, and return it."""
-    with explained(f"cannot write in {directory}"):
-        (directory / FOLDER).mkdir(exist_ok=True)
-    there, ours = examine(plan, directory, base)
-    if there is not None:
-        keys = ("cases", "samples") if shard else ("cases", "samples", "config")
-        if all(ours.manifest[key] == there.manifest[key] for key in keys):
-            return there
-        # A shard that works on has the smaller sweep in mind, and would leave its summary.
-        if others := at_work(directory, shard) if shard else []:
-            told = "is at work; the sweep can grow when it has ended"
-            raise OutputError(f"{directory}: {others[0]} {told}")
-        ours.manifest["started"] = there.manifest["started"]
-    ours.drop_summary()
-    ours.write_manifest()
-    return ours
-
-
 def check_empty(directory: Path) -> None:
-    """Raise a ConfigError if a directory holds files and no sweep has worked there."""
+    """Raise a ConfigError if a directory holds files, unless a sweep has worked there."""
     if directory.is_file():
         raise ConfigError(f"{directory}: is a file; give the path of a directory")
     if not directory.exists() or (directory / LOCKS).is_dir():
         return
     with explained(f"cannot read {directory}"):
         names = sorted(path.name for path in directory.iterdir())
-    # Bodies from memory are kept before the sweep begins.
+    # Bodies of a DataFrame are written there before the sweep begins.
     if foreign := [name for name in names if not name.startswith((".", "bodies-"))]:
         told = f"holds other files, such as {foreign[0]}; give an empty or new directory"
         raise ConfigError(f"{directory}: {told}")
-
-
-def stored_plan(stored: Stored) -> Plan:
-    """Return the plan from which stored runs can be computed again."""
-    base = stored.manifest["base"] or "."
-    if (stored.directory / getattr(stored.config.bodies, "path", "..none")).exists():
-        base = stored.directory  # a directory may have been moved with its table
-    plan = replace(make_plan(stored.config, Path(base)), cases=stored.cases)
-    if describe(plan, stored.directory).hash != stored.hash:
-        raise ConfigError(f"{stored.directory}: the table of bodies of its runs has changed")
-    return replace(plan, config=plan.config.model_copy(update={"classify": stored.thresholds}))

@@ -1,4 +1,4 @@
-"""Plans that were checked: theory judges a few thousand runs, and nothing is integrated."""
+"""Checked plans: theory judges a sample of the runs before anything is integrated."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from rattlesweep.sweeps.bodies import Bodies, Source
 from rattlesweep.sweeps.bodies.sources import SdBodies, bodies_at, ranges_of
 from rattlesweep.sweeps.bodies.table import frame_bodies
 from rattlesweep.sweeps.columns import write_parquet
-from rattlesweep.sweeps.config import Key
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.sweeps.files import explained
@@ -27,19 +26,19 @@ from rattlesweep.sweeps.plan import Plan, examine, make_plan
 if TYPE_CHECKING:
     import pandas as pd
 
-RUNS = 4096  # that stand for a sweep
-DRAWN = 65_536  # bodies drawn to see which targets are within reach
+MOST_RUNS = 4096  # runs that are judged
+BODIES_DRAWN = 65_536  # bodies drawn to find the range of a target's coefficient
 SEED = 2017
 
 
 def plan_frame(
     frame: pd.DataFrame, output: Path | None, keys: Mapping[str, Any]
 ) -> tuple[Plan, Path, Path, list[str]]:
-    """Plan a sweep of a DataFrame's rows and keep them in its directory if it could begin."""
+    """Plan a sweep of a DataFrame, and store its rows in the output directory."""
     if "bodies" in keys:
-        raise ConfigError("bodies: the DataFrame gives them already; leave the key out")
+        raise ConfigError("bodies: the DataFrame has the bodies; leave the key out")
     source = frame_bodies(frame)
-    # By its content: no other table is taken for it.
+    # Named by its content, so that it is never confused with another table.
     name = f"bodies-{source.content_hash[:16]}.parquet"
     surface = {"surface": "ellipsoid"} if source.has_semi_axes else {}
     config = parse_config({**keys, "bodies": {"source": "table", "path": name} | surface})
@@ -57,7 +56,7 @@ def plan_frame(
 def checked_plan(
     config: Config, base: Path | None = None, source: Source | None = None
 ) -> tuple[Plan, list[str]]:
-    """Return the plan of a config and its warnings; raise a ConfigError if no run can be right."""
+    """Return the plan of a config and warnings; raise a ConfigError if no run makes sense."""
     with config.locating():
         plan = make_plan(config, base, source)
         warnings = check_physics(plan)
@@ -67,50 +66,53 @@ def checked_plan(
 
 
 def check_physics(plan: Plan) -> list[str]:
-    """Return the warnings about a plan; raise a ConfigError if no run of it can be right."""
-    config, words = plan.config, f"the {plan.runs} runs"
-    with np.errstate(all="ignore"):
+    """Return warnings about a plan; raise a ConfigError if no run of it makes sense."""
+    config, which = plan.config, f"the {plan.runs} runs"
+    with config.locating(), np.errstate(all="ignore"):
         if isinstance(config.bodies, SdSource):
-            plan = replace(plan, source=DrawnBodies(config, config.bodies))
-            words = f"{min(plan.runs, RUNS)} runs drawn from the ranges"
-        elif plan.runs > RUNS:
-            words = f"{RUNS} of the {plan.runs} runs"
-        runs = np.linspace(0, plan.runs - 1, min(plan.runs, RUNS)).astype(np.int64)
+            plan = replace(plan, source=DrawnBodies(config.bodies))
+            which = f"{min(plan.runs, MOST_RUNS)} runs drawn from the ranges"
+        elif plan.runs > MOST_RUNS:
+            which = f"{MOST_RUNS} of the {plan.runs} runs"
+        runs = np.linspace(0, plan.runs - 1, min(plan.runs, MOST_RUNS)).astype(np.int64)
         launches = prepare(plan, *np.divmod(runs, plan.samples))
-        return [config.line(*found) for found in _doubts(config, launches, words)]
+        return [config.located(warning) for warning in _doubts(config, launches, which)]
 
 
-def _doubts(config: Config, launches: Launches, words: str) -> Iterator[tuple[Key, str]]:
-    """Yield what makes little sense of some runs, by keys; raise if none has a horizon."""
+def _doubts(config: Config, launches: Launches, which: str) -> Iterator[str]:
+    """Yield warnings about horizons; raise a ConfigError if no run has one."""
 
     def told(mask: Flags) -> str:
-        many = f"{'all' if mask.all() else mask.sum()} of {words}"
-        return many if len(mask) > 1 else "the only run"
+        share = f"{'all' if mask.all() else mask.sum()} of {which}"
+        return share if len(mask) > 1 else "the only run"
 
     t_end, t_rgh, horizon = launches.t_end, launches.gh.t_rgh, config.horizon
-    endless, early = ~np.isfinite(t_end), t_end < t_rgh  # without spin there is no t_rGH but NaN
+    endless = ~np.isfinite(t_end)
+    early = t_end < t_rgh  # false without spin, where t_rGH is NaN
     if endless.any():
         name, unit = ("t_rgh", "t_rGH") if horizon.t_rgh else ("t_decay", "gamma/sigma")
-        message = f"{name} times {unit} is not a finite time in {told(endless)}; give t as well"
+        problem = f"{name} times {unit} is not a finite time in {told(endless)}; give t as well"
         if endless.all():
-            raise ConfigError([config.line(("horizon", name), message)])
-        yield ("horizon", name), message
+            raise ConfigError(f"horizon.{name}: {problem}")
+        yield f"horizon.{name}: {problem}"
     elif early.mean() >= 0.5 and horizon.t_decay is None:
-        own = launches.bodies.t_end is not None
-        key = ("bodies", "path") if own else ("horizon", "t" if horizon.t else "t_rgh")
-        message = "the horizon comes before t_rGH, the time of reversal by theory, in "
-        message += f"{told(early)}, and few will be of type R; give t_rgh above 1, or t above "
-        yield key, f"{message}{np.nanmedian(t_rgh):.3g}, the median of t_rGH"
+        key = "horizon.t" if horizon.t else "horizon.t_rgh"
+        key = key if launches.bodies.t_end is None else "bodies.path"
+        yield (
+            f"{key}: the horizon comes before t_rGH, the reversal time of theory, in "
+            f"{told(early)}, so few will be of type R; give t_rgh above 1, or t above "
+            f"{np.nanmedian(t_rgh):.3g}, the median of t_rGH"
+        )
 
 
 class DrawnBodies:
-    """Random bodies, drawn in NumPy; the compiled sampler may redraw for hours."""
+    """Random bodies drawn by NumPy, without targets, for which the sampler may take hours."""
 
-    samples, fields = RUNS, ()
+    samples, fields = MOST_RUNS, ()
 
-    def __init__(self, config: Config, source: SdSource) -> None:
+    def __init__(self, source: SdSource) -> None:
         ranges, target = ranges_of(source), source.target
-        points = np.random.default_rng(SEED).random((len(ranges), DRAWN))
+        points = np.random.default_rng(SEED).random((len(ranges), BODIES_DRAWN))
         self._bodies = b = bodies_at(points, ranges)
         if target is None:
             return
@@ -119,9 +121,11 @@ class DrawnBodies:
         low, high = np.nanmin(found), np.nanmax(found)
         for value in target.values:
             if abs(value - np.clip(value, low, high)) > target.rel_tol * value:
-                message = f"{value:g} is out of reach: in {DRAWN} bodies drawn from the ranges "
-                message += f"{target.name} lies between {low:.4g} and {high:.4g}"
-                raise ConfigError(config.line(("bodies", "target", target.name), message))
+                where = f"{BODIES_DRAWN} bodies drawn from the ranges"
+                raise ConfigError(
+                    f"bodies.target.{target.name}: {value:g} is out of reach: in {where} "
+                    f"{target.name} lies between {low:.4g} and {high:.4g}"
+                )
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some runs."""

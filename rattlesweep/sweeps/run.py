@@ -1,4 +1,6 @@
-"""Run a sweep: what is wanted, minus what is on disk, goes through an engine into files."""
+"""Run a sweep: :func:`run_sweep` reads what is on disk, an engine such as :func:`local` computes
+the missing runs block by block, and :class:`Job` cuts the blocks, writes rows and reports progress.
+"""
 
 from __future__ import annotations
 
@@ -28,186 +30,40 @@ from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
 from rattlesweep.sweeps.columns import read_parquet
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.cost import case_costs
-from rattlesweep.sweeps.decide import Refining, Stopping, decides, decision
+from rattlesweep.sweeps.decide import Refining, Stopping, deciding_key, decision
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.plan import Plan, begin, examine
 from rattlesweep.sweeps.provenance import MANIFEST_LOCK, hold, locked, session
 from rattlesweep.sweeps.stored import Found, Stored, free_path, keys_of, rewrite
-from rattlesweep.sweeps.summary import summarise, write_summary
+from rattlesweep.sweeps.summary import write_summary
 from rattlesweep.sweeps.types import with_types
 
 Keys = tuple[Integers, Integers]  # cases and samples of some runs
+Engine = Callable[["Job", Iterator[Keys]], None]
+"""Computes blocks of runs, and writes their rows by :meth:`Job.write`, in any order and grouping.
+When it is stopped, by Ctrl-C or :class:`OutOfTime`, it writes the rows that it has and raises the
+exception again."""
 
-SECONDS = 3.0  # that a block should take, and so what a kill or a lost worker costs
-MOST_SECONDS = 30.0  # that it may take where it would otherwise leave lanes without work
-FIRST_SECONDS, FIRST_RATE = 0.3, 2e6  # of the first block; cost that a thread does in a second
-MOST_ROWS = 50_000  # runs of a block: a few hundred bytes each while it is under way
-ROUNDS = 4  # runs of a block for each lane, so that all lanes are in use most of the time
-AT_ONCE = 1 << 20  # runs of which it is looked up at a time whether they are left to do
-IN_MEMORY = 100_000  # runs that are integrated at a time without a directory: 100 MB
-GATHER = 2.0  # seconds for which a stop waits for the rows of the block under way
-GRACE = 5.0  # seconds after its time is up for which a session goes on until a first run has ended
+BLOCK_SECONDS = 3.0  # target duration of a block, and so what a kill or a lost worker costs
+MAX_BLOCK_SECONDS = 30.0  # duration allowed where a shorter block would leave lanes idle
+FIRST_BLOCK_SECONDS = 0.3
+FIRST_RATE = 2e6  # expected cost that a thread does in a second, until blocks have been timed
+MAX_BLOCK_RUNS = 50_000  # a run takes a few hundred bytes while its block is computed
+RUNS_PER_LANE = 4  # in a block, so that all lanes are busy most of the time
+SCAN = 1 << 20  # runs scanned at a time for work left to do
+RUNS_IN_MEMORY = 100_000  # runs integrated at a time without a directory: about 100 MB
+STOP_PATIENCE = 2.0  # seconds for which a stop waits for the rows of the current block
+GRACE = 5.0  # seconds past the deadline that a session may take to end its first run
 
 
 @dataclass(frozen=True)
 class Progress:
     """How far a sweep is."""
 
-    fraction: float  # of the expected cost, rows found on disk included
+    fraction: float  # of the expected cost, including rows that were on disk before
     runs: int  # done
     total: int  # wanted
-    elapsed: float  # seconds since the start
-    left: float | None  # seconds, estimated; None as long as there is nothing to judge by
-
-
-class OutOfTime(BaseException):
-    """The time that a session has been given is over."""
-
-
-@dataclass
-class Job:
-    """The work of a session, and what it has come to."""
-
-    plan: Plan
-    stored: Stored  # where the rows go
-    found: Found  # what is there
-    threads: int
-    report: Callable[[Progress], None] = lambda progress: None  # called some times a second
-    decide: Stopping | Refining | None = None  # says by the rows which runs are wanted
-    deadline: float = math.inf  # of `time.monotonic`
-    begun: float | None = None  # set by engines once the kernel is loaded, which is no rate
-    runs: int = 0  # rows on disk of those that are wanted
-    done: int = 0  # runs integrated in this session
-    kernel_seconds: float = 0.0
-    seconds: float = 0.0
-    stopped: str | None = None  # why it ended before all was done
-    summary: pa.Table | None = None  # one row a case; None unless the whole sweep is done
-    missing: int = 0  # runs of other shards that are not on disk
-
-    def __post_init__(self) -> None:
-        self._start, self._cost = time.monotonic(), case_costs(self.plan)
-        self._whole = self._left = self._did = 0.0  # cost wanted, left to do, and done by this job
-        self._total, self._shown = 0, 0.0  # runs wanted; fraction that was reported last
-        self._recent: deque[tuple[float, float]] = deque(maxlen=8)  # cost and seconds of blocks
-
-    @property
-    def failed(self) -> Counter[str]:
-        """Runs on disk by status, if not ok."""
-        return self.found.status - Counter(ok=self.found.status["ok"])
-
-    def blocks(self, wanted: Flags) -> Iterator[Keys]:
-        """Cut what is left to do of these runs into blocks of about the same expected time."""
-        todo = wanted & ~self.found.done
-        samples, flat, at = todo.shape[1], todo.reshape(-1), 0
-        self._total = int(wanted.sum())
-        self._whole, self._left = (float(runs.sum(axis=1) @ self._cost) for runs in (wanted, todo))
-        while at < flat.size:
-            # Places of all runs at once would take eight times the room of `todo`.
-            places = at + np.flatnonzero(flat[at : at + AT_ONCE])[:MOST_ROWS]
-            last = at + AT_ONCE >= flat.size and len(places) < MOST_ROWS
-            at += AT_ONCE
-            if len(places):
-                count = min(self._size(np.cumsum(self._cost[places // samples])), len(places))
-                if last and len(places) - count < count // 4:
-                    count = len(places)  # no small block at the end
-                at = int(places[count - 1]) + 1
-                yield np.divmod(places[:count], samples)
-
-    def _size(self, costs: Floats) -> int:  # of a block of runs of these costs up to each
-        lanes = LANES * self.threads
-        if not self._recent:
-            few = np.searchsorted(costs, FIRST_RATE * self.threads * FIRST_SECONDS, "right")
-            return max(int(few), ROUNDS * lanes)
-        cost, seconds = np.sum(self._recent, axis=0)
-        times = np.array([SECONDS, MOST_SECONDS]) * cost / max(seconds, 1e-6)
-        fit, most = np.searchsorted(costs, times, "right")
-        return int(max(fit, min(ROUNDS * lanes, max(most, lanes))))
-
-    def worked(self, keys: Keys, seconds: float) -> None:
-        """Take note of how long a block has taken."""
-        self.kernel_seconds += seconds
-        self._recent.append((float(self._cost[keys[0]].sum()), seconds))
-
-    def write(self, table: pa.Table) -> None:
-        """Write rows to the disk, and count them."""
-        if not len(table):
-            return
-        with _undisturbed():
-            self.stored.append(table, self.plan.config.classify.as_text)
-            self.found.add(table)
-            if self.decide is not None:
-                self.decide.add(table)
-            self.runs, self.done = self.runs + len(table), self.done + len(table)
-            cost = float(self._cost[keys_of(table)[0]].sum())
-            self._left, self._did = self._left - cost, self._did + cost
-
-    def tick(self, keys: Keys | None = None, control: Control | None = None) -> None:
-        """Report progress, also of the block under way; raise OutOfTime if the time is over."""
-        part, ended, now = 0.0, 0, time.monotonic()
-        if keys is not None and control is not None and control.total > 0:
-            part = self._cost[keys[0]].sum() * min(1.0, control.done / control.total)
-            ended = control.runs_done
-        left, did = max(0.0, self._left - part), self._did + part
-        spent = 0.0 if self.begun is None else now - self.begun
-        remaining = float(left * spent / did) if spent and did > 0 else None
-        if self._whole:  # a wave may make what is done less
-            self._shown = max(self._shown, float(1.0 - left / self._whole))
-        elapsed, waited = now - self._start, spent >= GRACE
-        self.report(Progress(self._shown, self.runs + ended, self._total, elapsed, remaining))
-        if now >= self.deadline and (self.done or ended or waited):
-            raise OutOfTime
-
-
-Engine = Callable[[Job, Iterator[Keys]], None]
-"""Given blocks of keys, writes their rows by :meth:`Job.write`, in any order and cut in any way.
-When it is stopped, by Ctrl-C or :class:`OutOfTime`, it writes the rows that it has and raises that
-again."""
-
-
-def local(job: Job, blocks: Iterator[Keys]) -> None:
-    """Compute blocks on this machine; meanwhile, write the one before and prepare the next."""
-    plan = job.plan
-    loading = Task(lambda _: load_kernel(plan.config))
-    tasks: list[Task[tuple[pa.Table, int]]] = []  # the one whose rows are to be written comes first
-    try:
-        for before, keys in pairwise(chain([None], blocks, [None])):
-            # While the kernel is loaded, or the block before is computed.
-            prepared = None if keys is None else prepare_runs(plan, *keys)
-            loading.wait()
-            job.begun = job.begun or time.monotonic()
-            if before is not None:
-                tasks[0].wait(partial(job.tick, before))
-                job.worked(before, tasks[0].seconds)
-            if prepared is not None:
-                tasks += [Task(partial(compute, plan.config, plan.schema, prepared, job.threads))]
-            if before is not None:
-                job.write(tasks.pop(0).value()[0])
-                job.tick()
-    except BaseException as error:
-        for task in tasks:
-            task.stop(GATHER)
-        if isinstance(error, Exception):
-            raise
-        for task in tasks:
-            with contextlib.suppress(TimeoutError):
-                job.write(task.value()[0])
-        raise
-
-
-@contextlib.contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM wait until the body has ended."""
-    main = threading.current_thread() is threading.main_thread()  # others hear no signals
-    numbers = (signal.SIGINT, signal.SIGTERM) if main else ()
-    heard: list[int] = []
-    before = {n: signal.signal(n, lambda number, _: heard.append(number)) for n in numbers}
-    try:
-        yield
-    finally:
-        for n, handler in before.items():
-            signal.signal(n, signal.SIG_DFL if handler is None else handler)
-        for number in heard:
-            signal.raise_signal(number)
+    left: float | None  # estimate in seconds; None before there is anything to base it on
 
 
 @dataclass(frozen=True)
@@ -219,54 +75,56 @@ class Shard:
 
     @classmethod
     def parse(cls, text: str) -> Shard:
-        """Read ``I/N``; a ValueError says what is wrong with it."""
+        """Read ``I/N``, or raise a ValueError."""
         match = re.fullmatch(r"\s*(\d{1,6})\s*/\s*(\d{1,6})\s*", text)
         if not match or int(match[1]) >= int(match[2]):
             raise ValueError("is not I/N; write it as in --shard 0/4, with I from 0 to N-1")
         return cls(int(match[1]), int(match[2]))
 
     def runs(self, shape: tuple[int, ...]) -> Flags:
-        """Return which runs are the shard's: neighbours go to different ones, which cost alike."""
+        """Return the runs of the shard; neighbours cost alike and go to different shards."""
         case, sample = (np.arange(n) % self.count for n in shape)
-        mine: Flags = (case[:, None] + sample) % self.count == self.index
-        return mine
+        return np.asarray((case[:, None] + sample) % self.count == self.index)
+
+
+class OutOfTime(BaseException):
+    """The time limit of a session has passed."""
 
 
 def run_sweep(
     plan: Plan, directory: Path, *, base: Path | None = None, threads: int | None = None,
     report: Callable[[Progress], None] = lambda progress: None, shard: Shard | None = None,
-    max_time: float | None = None, retry_failed: bool = False, engine: Engine = local,
+    max_time: float | None = None, retry_failed: bool = False, engine: Engine | None = None,
 ) -> Job:  # fmt: skip
-    """Do the runs of a plan that are not on disk; a stop, or `max_time`, keeps what has ended."""
+    """Compute the runs of a plan that are not on disk; a stop or `max_time` keeps ended runs."""
     start, threads = time.monotonic(), threads or available_threads()
     if shard is not None and retry_failed:
-        raise ConfigError("--retry-failed: takes rows of other shards too; run it without --shard")
-    if shard is not None and (key := decides(plan.config)):
+        raise ConfigError("--retry-failed: also repeats runs of other shards; leave out --shard")
+    if shard is not None and (key := deciding_key(plan.config)):
         raise ConfigError(f"{key}: what is run next depends on all runs, so there are no shards")
-    examine(plan, directory)  # before anything is made there
+    examine(plan, directory)  # refuse before anything is created there
     with explained(f"cannot write in {directory}"):
         directory.mkdir(parents=True, exist_ok=True)
     name = None if shard is None else f"shard-{shard.index}-of-{shard.count}"
     with contextlib.ExitStack() as held:
-        with locked(directory, MANIFEST_LOCK):  # shards that begin at once begin or grow it once
+        with locked(directory, MANIFEST_LOCK):  # one of several shards that start writes it
             held.enter_context(hold(directory, name))
             stored = begin(plan, directory, base, name)
         plan = replace(plan, cases=stored.cases)
         record = held.enter_context(session(directory, name, threads))
-        found = _find(stored, plan.config.classify, shard, retry_failed)
+        found = _mend(stored, plan.config.classify, shard, retry_failed)
         decide = decision(plan.config, plan.cases, plan.samples)
         if decide is not None:
             decide.read(stored)
         deadline = start + (math.inf if max_time is None else max_time)
         job = Job(plan, stored, found, threads, report, decide, deadline)
         try:
-            _work(job, shard, engine)
+            _compute_missing(job, shard, engine or local)
             if job.stopped is None:
-                if shard is not None:  # others have gone on meanwhile
+                if shard is not None:  # other shards may have ended meanwhile
                     job.missing = plan.runs - stored.count()
                 if not job.missing:
-                    job.summary = summarise(stored)
-                    write_summary(stored, job.summary)
+                    job.summary = write_summary(stored)
             record["how"] = "stopped" if job.stopped else "complete"
         finally:
             job.seconds = time.monotonic() - start
@@ -275,29 +133,32 @@ def run_sweep(
     return job
 
 
-def _find(stored: Stored, thresholds: Classify, shard: Shard | None, retry: bool) -> Found:
-    found = stored.find()
+def _mend(stored: Stored, thresholds: Classify, shard: Shard | None, retry_failed: bool) -> Found:
+    """Rename damaged files, type stale rows again, drop failed runs to retry; return the rest."""
+    found, typed = stored.find(), thresholds.as_text
     with explained(f"cannot rename a file in {stored.folder}"):
         found.damaged = [p.rename(free_path(p.with_suffix(".damaged"))) for p in found.damaged]
-    stale = {p for text in found.typed.keys() - {thresholds.as_text} for p in found.typed[text]}
+    stale = {path for text, paths in found.typed.items() if text != typed for path in paths}
     if stale and shard is not None:
-        told = "its runs are typed by other thresholds than those of the config"
-        then = "run `rattlesweep classify` there before its shards go on"
-        raise ConfigError(f"{stored.directory}: {told}; {then}")
-    retry = retry and found.rows > found.status["ok"]
+        raise ConfigError(
+            f"{stored.directory}: its runs are typed by other thresholds than the config's; run "
+            "`rattlesweep classify` there before its shards go on"
+        )
+    retry = retry_failed and found.rows > found.status["ok"]
     if retry or stale:
         stored.drop_summary()
-    for path in stored.files() if retry else stale:
+    for path in stored.files() if retry else sorted(stale):
         rows = with_types(read_parquet(path), thresholds)
         kept = rows.filter(pc.equal(rows.column("status"), "ok")) if retry else rows
         if path in stale or len(kept) < len(rows):
-            rewrite(path, kept, thresholds.as_text)
+            rewrite(path, kept, typed)
     return replace(stored.find(), damaged=found.damaged) if retry else found
 
 
-def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
+def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> None:
+    """Compute the wanted runs until all are on disk or the time is up."""
     done = job.found.done
-    while True:  # once, or for each wave where the sweep decides what to run next
+    while True:  # once, or once for each wave of `stop` and `bodies.refine`
         wanted = np.ones_like(done) if shard is None else shard.runs(done.shape)
         if job.decide is not None:
             wanted = job.decide.wanted()
@@ -308,33 +169,181 @@ def _work(job: Job, shard: Shard | None, engine: Engine) -> None:
         try:
             engine(job, job.blocks(wanted))
         except OutOfTime:
-            if not done[wanted].all():  # it may be up when the last run has ended
-                few = "the time was up before one run had ended, give more"
-                job.stopped = "the time is up" if job.done else few
+            if not done[wanted].all():  # the last run may end just as the time is up
+                early = "the time was up before any run had ended; allow more"
+                job.stopped = "the time is up" if job.done else early
                 return
         except BaseException as error:
             if not isinstance(error, Exception):
                 error.add_note(f"{job.runs:,} runs are kept")
             raise
         if left := int((wanted & ~done).sum()):
-            raise OutputError(f"{left} runs did not come back from the engine; run it again")
+            raise OutputError(f"the engine left out {left} of the runs; run it again")
+
+
+def local(job: Job, blocks: Iterator[Keys]) -> None:
+    """Compute blocks on this machine; meanwhile, write the block before and prepare the next."""
+    plan = job.plan
+    loading = Task(lambda _: load_kernel(plan.config))
+    tasks: list[Task[pa.Table]] = []  # blocks not yet written, at most two, in order
+    try:
+        for before, keys in pairwise(chain([None], blocks, [None])):
+            # Meanwhile the kernel is loaded, or the block before is computed.
+            prepared = None if keys is None else prepare_runs(plan, *keys)
+            loading.wait()
+            job.begun = job.begun or time.monotonic()
+            if before is not None:
+                tasks[0].wait(partial(job.tick, before))
+                job.time_block(before, tasks[0].seconds)
+            if prepared is not None:
+                tasks += [Task(partial(compute, plan.config, plan.schema, prepared, job.threads))]
+            if before is not None:
+                job.write(tasks.pop(0).value())
+                job.tick()
+    except BaseException as error:
+        for task in tasks:
+            task.stop(STOP_PATIENCE)
+        if isinstance(error, Exception):
+            raise
+        for task in tasks:
+            with contextlib.suppress(TimeoutError):
+                if len(rows := task.value()):
+                    job.write(rows)
+        raise
+
+
+@dataclass
+class Job:
+    """The work of a session: its inputs, and what has been done so far."""
+
+    plan: Plan
+    stored: Stored  # where rows are written
+    found: Found  # what is on disk
+    threads: int
+    report: Callable[[Progress], None] = lambda progress: None  # called a few times a second
+    decide: Stopping | Refining | None = None  # derives from the rows which runs are wanted
+    deadline: float = math.inf  # of `time.monotonic`
+    begun: float | None = None  # when the kernel was loaded: the rate leaves out compile time
+    runs: int = 0  # wanted runs that are on disk
+    done: int = 0  # runs computed in this session
+    kernel_seconds: float = 0.0
+    seconds: float = 0.0
+    stopped: str | None = None  # why the session ended early
+    summary: pa.Table | None = None  # one row a case; None unless the whole sweep is done
+    missing: int = 0  # runs of other shards that are not on disk
+
+    def __post_init__(self) -> None:
+        self._cost = case_costs(self.plan)  # expected, of one run of each case
+        self._total = 0  # runs wanted
+        self._cost_wanted = self._cost_left = self._cost_done = 0.0  # done: in this session
+        self._fraction = 0.0  # reported last
+        self._recent: deque[tuple[float, float]] = deque(maxlen=8)  # cost and seconds of blocks
+
+    @property
+    def failed(self) -> Counter[str]:
+        """Number of runs on disk by status, without those that are ok."""
+        return self.found.status - Counter(ok=self.found.status["ok"])
+
+    def blocks(self, wanted: Flags) -> Iterator[Keys]:
+        """Yield the wanted runs that are not on disk in blocks of about the same duration."""
+        todo = wanted & ~self.found.done
+        self._total = int(wanted.sum())
+        self._cost_wanted = float(wanted.sum(axis=1) @ self._cost)
+        self._cost_left = float(todo.sum(axis=1) @ self._cost)
+        samples, flat, start = todo.shape[1], todo.reshape(-1), 0
+        while start < flat.size:
+            # The indices of all runs at once would take eight times the memory of `todo`.
+            stop = start + SCAN
+            index = start + np.flatnonzero(flat[start:stop])[:MAX_BLOCK_RUNS]
+            start = stop
+            if len(index):
+                count = min(self._block_size(self._cost[index // samples]), len(index))
+                is_end = stop >= flat.size and len(index) < MAX_BLOCK_RUNS
+                if is_end and len(index) - count < count // 4:
+                    count = len(index)  # no small block at the end
+                start = int(index[count - 1]) + 1
+                yield np.divmod(index[:count], samples)
+
+    def _block_size(self, cost: Floats) -> int:
+        """Return how many of the next runs, which have these costs, make a block."""
+        lanes = LANES * self.threads
+        busy = RUNS_PER_LANE * lanes
+        total = np.cumsum(cost)
+        if not self._recent:
+            budget = FIRST_BLOCK_SECONDS * FIRST_RATE * self.threads
+            return max(int(np.searchsorted(total, budget, "right")), busy)
+        recent_cost, seconds = np.sum(self._recent, axis=0)
+        rate = recent_cost / max(seconds, 1e-6)
+        target = int(np.searchsorted(total, BLOCK_SECONDS * rate, "right"))
+        most = int(np.searchsorted(total, MAX_BLOCK_SECONDS * rate, "right"))
+        return max(target, min(busy, max(most, lanes)))
+
+    def time_block(self, keys: Keys, seconds: float) -> None:
+        """Record how long the kernel took for a block."""
+        self.kernel_seconds += seconds
+        self._recent.append((float(self._cost[keys[0]].sum()), seconds))
+
+    def write(self, table: pa.Table) -> None:
+        """Write rows to disk, and count them."""
+        with _signals_deferred():
+            self.stored.append(table, self.plan.config.classify.as_text)
+            self.found.add(table)
+            if self.decide is not None:
+                self.decide.add(table)
+            self.runs += len(table)
+            self.done += len(table)
+            cost = float(self._cost[keys_of(table)[0]].sum())
+            self._cost_left -= cost
+            self._cost_done += cost
+
+    def tick(self, keys: Keys | None = None, control: Control | None = None) -> None:
+        """Report progress, including the block under way; raise OutOfTime after the deadline."""
+        now = time.monotonic()
+        cost, ended = 0.0, 0  # what is done of the block under way
+        if keys is not None and control is not None and control.total > 0:
+            share = min(1.0, control.done / control.total)
+            cost, ended = share * float(self._cost[keys[0]].sum()), control.runs_done
+        left, done = max(0.0, self._cost_left - cost), self._cost_done + cost
+        spent = 0.0 if self.begun is None else now - self.begun
+        if self._cost_wanted:  # a new wave raises the total, which must not lower the fraction
+            self._fraction = max(self._fraction, 1.0 - left / self._cost_wanted)
+        seconds_left = left * spent / done if spent and done > 0 else None
+        self.report(Progress(self._fraction, self.runs + ended, self._total, seconds_left))
+        if now >= self.deadline and (self.done or ended or spent >= GRACE):
+            raise OutOfTime
+
+
+@contextlib.contextmanager
+def _signals_deferred() -> Iterator[None]:
+    """Defer Ctrl-C and SIGTERM to the end of the body."""
+    is_main = threading.current_thread() is threading.main_thread()  # only it receives signals
+    numbers = (signal.SIGINT, signal.SIGTERM) if is_main else ()
+    received: list[int] = []
+    handlers = {n: signal.signal(n, lambda number, _: received.append(number)) for n in numbers}
+    try:
+        yield
+    finally:
+        for n, handler in handlers.items():
+            signal.signal(n, signal.SIG_DFL if handler is None else handler)
+        for number in received:
+            signal.raise_signal(number)
 
 
 def integrate_plan(
     plan: Plan, threads: int | None = None, report: Callable[[float], None] = lambda fraction: None
 ) -> pa.Table:
-    """Return the rows of all runs of a plan; `report` is called with the share that is done."""
+    """Return the rows of all runs of a plan, without a directory; `report` gets the share done."""
     load_kernel(plan.config)
     tables = [plan.schema.remove_metadata().empty_table()]
-    for start in range(0, plan.runs, IN_MEMORY):
-        places = np.arange(start, min(start + IN_MEMORY, plan.runs))
+    for start in range(0, plan.runs, RUNS_IN_MEMORY):
+        index = np.arange(start, min(start + RUNS_IN_MEMORY, plan.runs))
 
-        def tick(control: Control, start: int = start, runs: int = len(places)) -> None:
+        def tick(control: Control, start: int = start, runs: int = len(index)) -> None:
             share = control.done / control.total if control.total > 0 else 0.0
             report((start + runs * min(1.0, share)) / plan.runs)
 
-        prepared = prepare_runs(plan, *np.divmod(places, plan.samples))
+        prepared = prepare_runs(plan, *np.divmod(index, plan.samples))
         task = Task(partial(compute, plan.config, plan.schema, prepared, threads))
-        tables.append(task.wait(tick)[0])
+        tables.append(task.wait(tick))
     report(1.0)
     return pa.concat_tables(tables)

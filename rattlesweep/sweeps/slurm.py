@@ -1,26 +1,21 @@
-"""A Slurm job array that does a sweep, one shard per task."""
-
-from __future__ import annotations
+"""The script of a Slurm job array that runs a sweep, one shard per task."""
 
 import re
 import shlex
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.provenance import package_version
+from rattlesweep.sweeps.plan import Plan
 
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.plan import Plan
-
-MARGIN, MARGIN_SHARE = 300, 0.25  # seconds, or share of the limit if that is less
+MARGIN, MARGIN_SHARE = 300, 0.25  # seconds before the limit, or share of it if that is less
 
 
 def limit_of(text: str) -> int:
-    """Return the seconds of Slurm's ``[days-]hours:minutes:seconds``, or of minutes alone."""
+    """Read a limit as Slurm does, ``[days-]hours:minutes:seconds`` or minutes, in seconds."""
     match = re.fullmatch(r"(?:(\d{1,4})-)?(\d{1,6}):(\d\d):(\d\d)|(\d{1,6})", text.strip())
     if not match:
         raise ValueError("is no time limit; write it as in 4:00:00, 90 (minutes) or 2-12:00:00")
@@ -41,8 +36,8 @@ def job_script(
         raise ConfigError("a name, path or override with a line break cannot stand in a script")
     for flag, text in (("--mem", memory), ("--partition", partition or "none")):
         if not re.fullmatch(r"[\w.,+-]+", text):
-            raise ConfigError(f"{flag} {text}: is nothing that Slurm knows")
-    # A task stops by itself before its limit; Slurm warns after half of that margin.
+            raise ConfigError(f"{flag} {text}: has characters that Slurm does not accept")
+    # Slurm sends its warning halfway between the task's own stop and the limit.
     margin = round(min(MARGIN, MARGIN_SHARE * limit))
     target, parts = quote(f"{output}"), f"{{0..{shards - 1}}}" if shards > 1 else "0"
     merge = f"merge {target}-{parts} --output {quote(f'{output}-merged')}"
@@ -56,7 +51,7 @@ def job_script(
         "MORE": f"#SBATCH --mem={memory}\n{more}",
         "ABOUT": f"{plan.runs} runs in {shards} shards.",
         "FINISH": f"rattlesweep {merge if own else f'verify {target}'}",
-        "VERSION": package_version(),
+        "VERSION": version("rattlesweep"),
         "PROGRAM": quote(f"{Path(sys.executable).with_name('rattlesweep')}"),
         "WHERE": quote(f"{where}"),
         "CONFIG": quote(f"{config}"),

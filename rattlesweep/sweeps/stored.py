@@ -1,10 +1,10 @@
 """An output directory: the manifest of a sweep, and its rows.
 
-A sweep is a set of runs with keys ``(case, sample)``.  The folder ``runs`` holds Parquet files,
-each with any set of rows, ascending by key, and no key of another file.  The metadata of a file say
-to which sweep it belongs, by which thresholds its rows were typed, and what its cases are, so that
-files can be copied between directories.  ``manifest.json`` says what the sweep is, and nothing of
-what has been done.  It is written when a sweep begins or grows.
+A sweep is a set of runs with keys ``(case, sample)``.  The folder ``runs`` holds Parquet files.
+Each contains any set of rows in the order of their keys, none of which is in another file.  Its
+metadata name the sweep, the thresholds by which its rows were typed, and the cases of its rows, so
+that files can be copied between directories.  ``manifest.json`` describes the sweep but not its
+progress, and is written when a sweep begins or grows.
 """
 
 from __future__ import annotations
@@ -32,63 +32,39 @@ from rattlesweep.sweeps.files import explained, reason, replace_file
 
 MANIFEST, SUMMARY, FOLDER = "manifest.json", "summary.parquet", "runs"
 FORMAT = 3
-# Keys of a file's metadata: hash of the sweep, thresholds behind the types, cases of the rows.
+# Metadata of a file of rows: hash of the sweep, thresholds of the types, cases of the rows.
 SWEEP, TYPED, CASES = "rattlesweep.sweep", "rattlesweep.classify", "rattlesweep.cases"
 KEY = ("case", "sample")
-PIECE = 1_000_000  # rows that are put in order at a time
+BATCH_ROWS = 1_000_000  # rows sorted at a time
 VARIES = ("n_i", "omega_xy0", "sigma", "rolling")
 
 
-@dataclass(frozen=True)
-class Case:
-    """Target, launch and dissipation that the runs of a case share; None where they differ."""
-
-    index: int = field(compare=False)
-    target_name: str | None
-    target: float | None
-    n_i: float | None
-    omega_xy0: float | None
-    sigma: float | None = None
-    rolling: float | None = None
-
-    def dump(self) -> dict[str, Any]:
-        """Return the case as JSON data: its number, and what it has."""
-        data = {"case": self.index, self.target_name: self.target}
-        data |= {name: getattr(self, name) for name in VARIES}
-        return {str(name): value for name, value in data.items() if value is not None}
-
-    @classmethod
-    def load(cls, data: Mapping[str, Any]) -> Case:
-        """Return the case that :meth:`dump` has written."""
-        name = next((name for name in ("K_p", "K_r") if name in data), None)
-        found = (None if data.get(k) is None else float(data[k]) for k in (name or "", *VARIES))
-        return cls(int(data["case"]), name, *found)
-
-    def __str__(self) -> str:
-        return ", ".join(f"{name} {value:g}" for name, value in list(self.dump().items())[1:])
-
-
-@dataclass
-class Found:
-    """What the files of a directory hold."""
-
-    done: Flags  # which runs there are; shape (cases, samples)
-    status: Counter[str] = field(default_factory=Counter)  # runs by status
-    types: Counter[str] = field(default_factory=Counter)  # runs by type
-    typed: dict[str, list[Path]] = field(default_factory=dict)  # files by thresholds, as JSON
-    damaged: list[Path] = field(default_factory=list)  # where they are now
-
-    @property
-    def rows(self) -> int:
-        """Number of rows."""
-        return self.status.total()
-
-    def add(self, rows: pa.Table) -> None:
-        """Count rows."""
-        self.done[keys_of(rows)] = True
-        for name, counter in (("status", self.status), ("type", self.types)):
-            for entry in rows.column(name).drop_null().value_counts().to_pylist():
-                counter[entry["values"]] += entry["counts"]
+def open_stored(directory: Path | str) -> Stored:
+    """Open an output directory; raise a ConfigError if it is none."""
+    path = (directory := Path(directory)) / MANIFEST
+    try:
+        data = json.loads(path.read_bytes())
+        if data["format"] != FORMAT:
+            raise ValueError(f"its format is {data['format']}, and this version reads {FORMAT}")
+        extra = tuple(
+            pa.field(name, pa.type_for_alias(kind), nullable, {"unit": unit, "description": words})
+            for name, kind, nullable, unit, words in data["columns"]
+        )
+        cases, samples = tuple(map(Case.load, data["cases"])), int(data["samples"])
+        if [case.index for case in cases] != list(range(len(cases))) or samples < 1:
+            raise ValueError("its cases are not numbered from 0, or have no samples")
+        config, key = parse_config(data["config"]), str(data["config_hash"])
+        return Stored(directory, data, config, cases, extra, samples, key)
+    except (FileNotFoundError, NotADirectoryError):
+        what = "has no manifest.json" if directory.is_dir() else "there is no such directory"
+        raise ConfigError(f"{directory} is not an output directory: {what}") from None
+    except OSError as error:
+        raise OutputError(f"cannot read {path}: {reason(error)}") from error
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise DamagedError(
+            f"{path} is damaged or of another version ({reason(error)[:100]}); move it away, and "
+            "`rattlesweep run` with the same config writes a new one"
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -96,12 +72,12 @@ class Stored:
     """An output directory."""
 
     directory: Path
-    manifest: dict[str, Any]  # `manifest.json` as it is
+    manifest: dict[str, Any]  # contents of `manifest.json`
     config: Config  # with all defaults filled in
     cases: tuple[Case, ...]
-    extra: tuple[pa.Field, ...]  # columns that the bodies and launches bring along
-    samples: int  # of each case
-    hash: str  # of what determines the numbers of a run with a given key
+    extra: tuple[pa.Field, ...]  # columns that bodies and launches add to the usual ones
+    samples: int  # in each case
+    hash: str  # of everything that determines the row of a key
 
     @cached_property
     def schema(self) -> pa.Schema:
@@ -110,7 +86,7 @@ class Stored:
 
     @property
     def thresholds(self) -> Classify:
-        """Thresholds behind the types on disk, which may be those of ``rattlesweep classify``."""
+        """Thresholds of the types on disk, which ``rattlesweep classify`` may have changed."""
         for path in self.files():
             with contextlib.suppress(DamagedError, ValueError):
                 return self.config.classify.model_copy(update=json.loads(typed_by(path) or "{}"))
@@ -118,36 +94,36 @@ class Stored:
 
     @property
     def folder(self) -> Path:
-        """Where the files of rows are."""
+        """Folder of the files of rows."""
         return self.directory / FOLDER
 
     def write_manifest(self) -> None:
-        """Put ``manifest.json`` in place, whole."""
+        """Write ``manifest.json``, whole or not at all."""
         text = json.dumps(self.manifest, indent=2, allow_nan=False) + "\n"
         replace_file(self.directory / MANIFEST, text.encode())
 
     def drop_summary(self) -> None:
-        """Remove the summary where there is one, as it is of other runs."""
+        """Remove the summary, if there is one, before the rows change."""
         path = self.directory / SUMMARY
         with explained(f"cannot remove {path}"):
             path.unlink(missing_ok=True)
 
     def files(self) -> list[Path]:
-        """Return the files of the rows in the order of their names."""
+        """Return the files of rows, sorted by name."""
         with explained(f"cannot read {self.folder}"), contextlib.suppress(FileNotFoundError):
             paths = sorted(self.folder.iterdir())
             return [p for p in paths if p.suffix == ".parquet" and not p.name.startswith(".")]
         return []
 
     def append(self, table: pa.Table, typed: str) -> None:
-        """Write rows, of which none may be on disk, as a file of their own."""
+        """Write rows, none of which is on disk, to a new file."""
         case, sample = keys_of(table.slice(0, 1))
         name = f"case{case[0]:05d}-sample{sample[0]:09d}.parquet"
         words = {SWEEP: self.hash, TYPED: typed, CASES: "\n".join(self._cases_of(table))}
         write_parquet(table, free_path(self.folder / name), words)
 
     def find(self, files: Iterable[Path] | None = None) -> Found:
-        """Read all of every file, or of these; an OutputError tells of runs that do not belong."""
+        """Read all files, or these; raise an OutputError for rows that are no part of the sweep."""
         found = Found(np.zeros((len(self.cases), self.samples), dtype=bool))
         for path in self.files() if files is None else files:
             try:
@@ -155,26 +131,29 @@ class Stored:
             except DamagedError:
                 found.damaged.append(path)
                 continue
-            words = _words(rows.schema)
-            if wrong := self._wrong(rows, words, found.done):
-                raise OutputError(f"{path} {wrong}; move it away, or use another output")
+            if fault := self._fault(rows, found.done):
+                raise OutputError(f"{path} {fault}; move it away, or use another output")
             found.add(rows)
-            found.typed.setdefault(words.get(TYPED, ""), []).append(path)
+            found.typed.setdefault(metadata(rows).get(TYPED, ""), []).append(path)
         return found
 
-    def _wrong(self, rows: pa.Table, words: Mapping[str, str], done: Flags) -> str | None:
+    def _fault(self, rows: pa.Table, done: Flags) -> str | None:
+        """Return why the rows of a file cannot be added to those that are `done`."""
+        words = metadata(rows)
         if words.get(SWEEP) != self.hash:
             return "holds runs of another sweep"
         if not same_schema(rows.schema, self.schema):
             return "has the columns of another version of rattlesweep"
         case, sample = keys_of(rows)
         cases, samples = done.shape
-        if not len(rows) or case.max() >= cases or sample.max() >= samples:
-            return f"holds no runs, or others than of {cases} cases of {samples} samples"
+        if not len(rows):
+            return "holds no runs"
+        if case.max() >= cases or sample.max() >= samples:
+            return f"holds runs beyond {cases} cases of {samples} samples"
         if not set(self._cases_of(rows)) <= {*words.get(CASES, "").split("\n")}:
-            return "numbers its cases in another way"
-        if done[case, sample].any() or len(np.unique(_places(rows))) < len(rows):
-            return "holds runs that are there twice"
+            return "numbers its cases differently"
+        if done[case, sample].any() or len(np.unique(_order(rows))) < len(rows):
+            return "holds runs that are stored twice"
         return None
 
     def _cases_of(self, rows: pa.Table) -> list[str]:
@@ -191,59 +170,83 @@ class Stored:
         return pa.Table.from_batches(self.batches(chosen), schema.remove_metadata()).cast(schema)
 
     def batches(self, names: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
-        """Yield the same rows in the same order, about `PIECE` or a file of them at a time."""
+        """Yield the same rows in the same order, about `BATCH_ROWS` or one file at a time."""
         names = self.schema.names if names is None else list(names)
-        first = {path: _places(read_parquet(path, KEY))[0] for path in self.files()}
+        first = {path: _order(read_parquet(path, KEY))[0] for path in self.files()}
         paths = sorted(first, key=first.__getitem__)
         held: list[pa.Table] = []
         for path, following in zip_longest(paths, paths[1:]):
             rows = read_parquet(path, list(dict.fromkeys([*names, *KEY])))
             held.append(rows.replace_schema_metadata(None))
-            if following is not None and sum(map(len, held)) < PIECE:
+            if following is not None and sum(map(len, held)) < BATCH_ROWS:
                 continue
             table = pa.concat_tables(held)
-            place = _places(table)
-            if (np.diff(place) < 0).any():
-                order = np.argsort(place)
-                table, place = table.take(order), place[order]
-            # What comes before the first row of the next file is in its place now.
-            ready = len(table) if following is None else np.searchsorted(place, first[following])
+            order = _order(table)
+            if (np.diff(order) < 0).any():
+                index = np.argsort(order)
+                table, order = table.take(index), order[index]
+            # No later file has rows before the first row of the next file.
+            ready = len(table) if following is None else np.searchsorted(order, first[following])
             held = [table.slice(ready)]
             yield from table.slice(0, ready).select(names).to_batches()
 
 
-def open_stored(directory: Path | str) -> Stored:
-    """Open an output directory; raise a ConfigError if it is none."""
-    path = (directory := Path(directory)) / MANIFEST
-    try:
-        data = json.loads(path.read_bytes())
-        if data["format"] != FORMAT:
-            raise ValueError(f"its format is {data['format']}, and this version reads {FORMAT}")
-        extra = tuple(
-            pa.field(name, pa.type_for_alias(kind), nullable, {"unit": unit, "description": words})
-            for name, kind, nullable, unit, words in data["columns"]
-        )
-        cases, samples = tuple(map(Case.load, data["cases"])), int(data["samples"])
-        if [case.index for case in cases] != list(range(len(cases))) or samples < 1:
-            raise ValueError("its cases are not numbered")
-        config, key = parse_config(data["config"]), str(data["config_hash"])
-        return Stored(directory, data, config, cases, extra, samples, key)
-    except (FileNotFoundError, NotADirectoryError):
-        what = "has no manifest.json" if directory.is_dir() else "there is no such directory"
-        raise ConfigError(f"{directory} is not an output directory: {what}") from None
-    except OSError as error:
-        raise OutputError(f"cannot read {path}: {reason(error)}") from error
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise DamagedError(
-            f"{path} is damaged or of another version ({reason(error)[:100]}); move it away, and "
-            "`rattlesweep run` with the same config makes it again"
-        ) from error
+@dataclass
+class Found:
+    """What the files of a directory contain."""
+
+    done: Flags  # runs that are stored; shape (cases, samples)
+    status: Counter[str] = field(default_factory=Counter)  # runs by status
+    types: Counter[str] = field(default_factory=Counter)  # runs by type
+    typed: dict[str, list[Path]] = field(default_factory=dict)  # files by thresholds, as JSON
+    damaged: list[Path] = field(default_factory=list)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self.status.total()
+
+    def add(self, rows: pa.Table) -> None:
+        """Count rows."""
+        self.done[keys_of(rows)] = True
+        for name, counter in (("status", self.status), ("type", self.types)):
+            for entry in rows.column(name).drop_null().value_counts().to_pylist():
+                counter[entry["values"]] += entry["counts"]
 
 
-def rewrite(path: Path, table: pa.Table, typed: str) -> None:
-    """Put other rows in the place of those of a file; a file without rows goes."""
-    if len(table):
-        write_parquet(table, path, metadata(path) | {TYPED: typed})
+@dataclass(frozen=True)
+class Case:
+    """Target, launch and dissipation that the runs of a case share; None where they differ."""
+
+    index: int = field(compare=False)
+    target_name: str | None
+    target: float | None
+    n_i: float | None
+    omega_xy0: float | None
+    sigma: float | None = None
+    rolling: float | None = None
+
+    def dump(self) -> dict[str, Any]:
+        """Return the case as JSON data, without what is None."""
+        data = {"case": self.index, self.target_name: self.target}
+        data |= {name: getattr(self, name) for name in VARIES}
+        return {str(name): value for name, value in data.items() if value is not None}
+
+    @classmethod
+    def load(cls, data: Mapping[str, Any]) -> Case:
+        """Return the case of such data."""
+        name = next((name for name in ("K_p", "K_r") if name in data), None)
+        found = (None if data.get(k) is None else float(data[k]) for k in (name or "", *VARIES))
+        return cls(int(data["case"]), name, *found)
+
+    def __str__(self) -> str:
+        return ", ".join(f"{name} {value:g}" for name, value in list(self.dump().items())[1:])
+
+
+def rewrite(path: Path, rows: pa.Table, typed: str) -> None:
+    """Replace the rows of a file by others with its metadata; remove it if there are none."""
+    if len(rows):
+        write_parquet(rows, path, metadata(rows) | {TYPED: typed})
     else:
         with explained(f"cannot remove {path}"):
             path.unlink()
@@ -251,12 +254,13 @@ def rewrite(path: Path, table: pa.Table, typed: str) -> None:
 
 def typed_by(path: Path) -> str:
     """Return the thresholds, as JSON, by which the rows of a file were typed."""
-    return metadata(path).get(TYPED, "")
+    return metadata(read_parquet(path, [])).get(TYPED, "")
 
 
-def metadata(path: Path) -> dict[str, str]:
-    """Return the words beside the schema of a file."""
-    return _words(read_parquet(path, []).schema)
+def metadata(rows: pa.Table) -> dict[str, str]:
+    """Return the metadata of the file that rows were read from."""
+    words = rows.schema.metadata or {}
+    return {k.decode(errors="replace"): v.decode(errors="replace") for k, v in words.items()}
 
 
 def keys_of(rows: pa.Table) -> tuple[Integers, Integers]:
@@ -265,17 +269,13 @@ def keys_of(rows: pa.Table) -> tuple[Integers, Integers]:
     return case, sample
 
 
+def _order(rows: pa.Table) -> Integers:
+    """Return numbers in the order of the keys."""
+    case, sample = keys_of(rows)
+    return (case << 32) + sample  # there are fewer than 2^32 samples
+
+
 def free_path(path: Path) -> Path:
-    """Return this path, or the first with a number behind it, that no file has."""
+    """Return the path if no file has it, otherwise with a number appended to its stem."""
     numbered = (path.with_stem(f"{path.stem}-{again}") for again in count(2))
     return next(free for free in chain([path], numbered) if not free.exists())
-
-
-def _places(rows: pa.Table) -> Integers:
-    case, sample = keys_of(rows)
-    return (case << 32) + sample  # in the order of the keys: samples are fewer than 2^32
-
-
-def _words(schema: pa.Schema) -> dict[str, str]:
-    words = schema.metadata or {}
-    return {k.decode(errors="replace"): v.decode(errors="replace") for k, v in words.items()}

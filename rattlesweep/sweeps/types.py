@@ -1,8 +1,8 @@
 """Types of runs: R, SS, SW, unclassified (the paper, "Steady initial spin direction"), and D.
 
-R: the spin reached zero by the horizon.  D: too little energy is left for anything more.  Otherwise
-SS: the amplitude of the relevant oscillation decayed monotonically.  Otherwise SW: the spin left
-its plateau.  These follow from stored numbers, so that runs can be typed again.
+A run is R if the spin reaches zero by the horizon, else D if hardly any energy is left, else SS if
+the amplitude of the relevant oscillation decays monotonically, else SW if the spin leaves its
+plateau.  Types follow from stored numbers, so stored runs can be typed again.
 """
 
 from collections.abc import Sequence
@@ -18,8 +18,7 @@ from rattlesweep.sweeps.config.schema import Classify
 
 TYPES = ("R", "SS", "SW", "unclassified", "D")
 R, SS, SW, UNCLASSIFIED, DEAD = range(5)
-# Between the growth that no chaos is needed for and that of chaos; see docs/dynamics.md.
-LEAST_GROWTH = 10.0
+LEAST_GROWTH = 10.0  # logarithm of the growth that chaos exceeds; see docs/dynamics.md
 Z95 = 1.959963984540054  # quantile of the normal distribution for two-sided 95 %
 
 
@@ -27,35 +26,34 @@ def classify(
     ok: Flags, t_r: Floats, amp_growth: Floats, n_departure: Floats, thresholds: Classify,
     energy_left: Floats | None = None,
 ) -> NDArray[np.int8]:  # fmt: skip
-    """Return the places of types in :data:`TYPES`, -1 where a run is not ok; NaN is null."""
+    """Return the indices of types in :data:`TYPES`, -1 for runs that are not ok; NaN is null."""
     dead = np.zeros(ok.shape, bool) if energy_left is None else energy_left < thresholds.dead_energy
-    steady, leaves = amp_growth <= thresholds.ss_growth, n_departure > thresholds.sw_departure
-    questions = [~ok, np.isfinite(t_r), dead, steady, leaves]
-    return np.select(questions, [-1, R, DEAD, SS, SW], UNCLASSIFIED).astype(np.int8)
+    decays, departs = amp_growth <= thresholds.ss_growth, n_departure > thresholds.sw_departure
+    conditions = [~ok, np.isfinite(t_r), dead, decays, departs]
+    return np.select(conditions, [-1, R, DEAD, SS, SW], UNCLASSIFIED).astype(np.int8)
 
 
 def sure_types(
     codes: NDArray[np.int8], reversal_sure: Flags, observed: tuple[Floats, Floats],
     errors: tuple[Floats, Floats], thresholds: Classify,
 ) -> Flags:  # fmt: skip
-    """Return whether types survive `errors`; of R and D only `reversal_sure` counts."""
+    """Return whether types cannot change within `errors`; for R and D this is `reversal_sure`."""
     (growth, departure), (growth_error, departure_error) = observed, errors
-    beyond = np.abs(growth - thresholds.ss_growth)
-    # One that has grown tenfold has grown, by however much; but so must its companion have.
-    apart = (beyond > np.minimum(growth_error, 10.0)) & (beyond > growth_error / 10.0)
-    # Too short to have a growth, it is no SS however it is integrated.
-    apart |= np.isnan(growth)
-    leaves = np.abs(departure - thresholds.sw_departure) > departure_error
-    # A spin that comes near zero may cross it.
-    stays = 1.0 - departure > departure_error
-    # The dead stay dead: their share of the energy is far smoother than their phases.
-    others = apart & ((codes == SS) | leaves)
-    sure = np.where((codes == R) | (codes == DEAD), reversal_sure, stays & others)
-    return sure & (codes >= 0)
+    distance = np.abs(growth - thresholds.ss_growth)
+    # A tenfold growth is a growth, whatever its error, if the looser run has grown too.
+    growth_sure = (distance > np.minimum(growth_error, 10.0)) & (distance > growth_error / 10.0)
+    # A run too short to have a growth is not SS at any tolerance.
+    growth_sure |= np.isnan(growth)
+    departure_sure = np.abs(departure - thresholds.sw_departure) > departure_error
+    # A spin that comes within its error of zero may cross it.
+    no_crossing = 1.0 - departure > departure_error
+    # D is sure if its reversal is: the energy that is left hardly depends on errors of the phase.
+    others = no_crossing & growth_sure & ((codes == SS) | departure_sure)
+    return np.where((codes == R) | (codes == DEAD), reversal_sure, others) & (codes >= 0)
 
 
 def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
-    """Return stored runs with the types that their numbers give, and whether these are sure."""
+    """Return stored runs with `type` and `type_sure` for other thresholds."""
     names = {"t_r", "amp_growth", "n_departure", "energy_left"}
     names |= {"amp_growth_error", "n_departure_error"}
     x = {name: floats(rows.column(name)) for name in names & set(rows.schema.names)}
@@ -65,7 +63,7 @@ def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
     indices = pa.array(codes, mask=codes < 0)
     changed = {"type": pa.DictionaryArray.from_arrays(indices, pa.array(TYPES)).cast(pa.string())}
     if "type_sure" in rows.schema.names:
-        # Whether a reversal is certain does not depend on thresholds.
+        # The thresholds do not affect whether a reversal is sure.
         before = pc.fill_null(rows.column("type_sure"), False).to_numpy()
         errors = x["amp_growth_error"], x["n_departure_error"]
         sure = sure_types(codes, before, observed, errors, thresholds)
@@ -83,13 +81,13 @@ def is_chaotic(lyapunov_late: ArrayLike, t_end: ArrayLike) -> Flags:
 
 
 def codes(column: pa.Array, words: Sequence[str] = TYPES) -> Integers:
-    """Return the place of each entry in `words`, -1 for others and null."""
+    """Return the index in `words` of each entry, -1 for other words and null."""
     found = pc.fill_null(pc.index_in(column, pa.array(words)), -1)
     return np.asarray(found.to_numpy(zero_copy_only=False).astype(np.int64))
 
 
 def share(part: ArrayLike, whole: ArrayLike) -> Floats:
-    """Return ``part / whole``, NaN where there is nothing."""
+    """Return ``part / whole``, NaN where `whole` is zero."""
     part, whole = np.asarray(part, float), np.asarray(whole, float)
     with np.errstate(over="ignore"):
         result: Floats = np.divide(part, whole, out=np.full(part.shape, np.nan), where=whole > 0)
@@ -97,10 +95,10 @@ def share(part: ArrayLike, whole: ArrayLike) -> Floats:
 
 
 def wilson(part: ArrayLike, whole: ArrayLike, z: float = Z95) -> tuple[Floats, Floats]:
-    """Return the interval of a share (Wilson, J. Am. Stat. Assoc. 22, 209), NaN of nothing."""
+    """Return the confidence interval of a share (Wilson, J. Am. Stat. Assoc. 22, 209, 1927)."""
     part, whole = np.asarray(part, float), np.asarray(whole, float)
     p, weight = share(part, whole), share(np.full(part.shape, z * z), whole)
     centre = (p + weight / 2) / (1 + weight)
     half = np.sqrt(weight * (p * (1 - p) + weight / 4)) / (1 + weight)
-    # At 0 and 1 the ends are exact; rounding must not carry them out of the unit interval.
+    # Exact ends for shares of 0 and 1, which rounding could move out of the unit interval.
     return np.where(p == 0, 0.0, centre - half), np.where(p == 1, 1.0, centre + half)

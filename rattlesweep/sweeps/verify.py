@@ -1,4 +1,4 @@
-"""Look at an output directory: how far it is, and whether all in it is right."""
+"""Inspect an output directory: its progress, and whether its contents are correct."""
 
 from __future__ import annotations
 
@@ -12,41 +12,33 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from rattlesweep.arrays import Flags
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
+from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.columns import read_parquet
-from rattlesweep.sweeps.decide import decision
-from rattlesweep.sweeps.provenance import WHOLE, at_work, read_sessions, who
-from rattlesweep.sweeps.stored import SUMMARY, Found, Stored, keys_of, open_stored
-from rattlesweep.sweeps.summary import same_summary, summarise
+from rattlesweep.sweeps.decide import wanted_runs
+from rattlesweep.sweeps.provenance import at_work, read_sessions, unfinished, who
+from rattlesweep.sweeps.stored import SUMMARY, keys_of, open_stored
+from rattlesweep.sweeps.summary import summarise
 from rattlesweep.sweeps.types import with_types
 from rattlesweep.text import counted
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.plan import Plan
 
-TOLD = 10  # problems that are printed
-
-
-def wanted_runs(stored: Stored, found: Found) -> Flags:
-    """Return which runs are wanted, as far as the rows so far tell.  Shape (cases, samples)."""
-    decide = decision(stored.config, stored.cases, stored.samples)
-    if decide is None or found.damaged:
-        return np.ones_like(found.done)
-    decide.read(stored)
-    return decide.wanted()
+MAX_SHOWN = 10  # problems that are printed
+DAMAGED = "{} is damaged; `rattlesweep run` does its runs again"
 
 
 @dataclass(frozen=True)
 class Status:
-    """What is there of a sweep; `data` is as `status` makes it."""
+    """Progress of a sweep; :func:`status` defines the keys of `data`."""
 
     title: str
     data: dict[str, Any]
 
     @property
     def words(self) -> str:
-        """The same for the terminal."""
+        """The same as text."""
         data = self.data
         share, size = data["runs"] / max(1, data["wanted"]), f"{data['bytes'] / 1e6:.1f} MB"
         runs = f"{data['runs']:,} of {data['wanted']:,} runs ({100 * share:.1f} %)"
@@ -56,22 +48,20 @@ class Status:
         for session in data["at_work"]:
             lines.append(f"at work: {session['shard'] or 'the whole sweep'}, {who(session)}")
         if not data["at_work"] and (last := data["last"]) is not None:
-            how = {"running": "died without a word"}.get(last["how"], f"ended: {last['how']}")
+            how = "was killed" if last["how"] == "running" else f"ended: {last['how']}"
             lines.append(f"nobody is at work; the last session, {who(last)}, {how}")
         return "\n".join(lines)
 
 
 def status(directory: Path) -> Status:
-    """Count the rows of an output directory, and look who is at work there."""
+    """Count the rows of an output directory, and list the sessions at work there."""
     stored = open_stored(directory)
     found, files = stored.find(), stored.files()
     if found.damaged:
-        raise DamagedError(f"{found.damaged[0]} is damaged; `rattlesweep run` does its runs again")
+        raise DamagedError(DAMAGED.format(found.damaged[0]))
     wanted = wanted_runs(stored, found)
     sessions, held = read_sessions(directory), at_work(directory)
-    # Of several of a shard that have not said their end, the last holds its lock, if any does.
-    last = {s["shard"]: s for s in sessions if s["how"] == "running"}
-    working = [session for shard, session in last.items() if (shard or WHOLE) in held]
+    working = [session for lock, session in unfinished(sessions).items() if lock in held]
     data = {
         "runs": found.rows,
         "wanted": int(wanted.sum()),
@@ -87,24 +77,24 @@ def status(directory: Path) -> Status:
 
 @dataclass
 class Verified:
-    """What was found."""
+    """Result of :func:`verify`."""
 
     directory: Path
-    runs: int = 0  # rows
+    runs: int = 0  # on disk
     files: int = 0
-    missing: int = 0  # runs that are wanted and not there
+    missing: int = 0  # wanted runs that are not on disk
     recomputed: int = 0  # runs that were integrated again
     problems: list[str] = field(default_factory=list)  # a sentence each
 
     @property
     def words(self) -> str:
-        """The same for the terminal."""
+        """The same as text."""
         missing = f", {counted(self.missing, 'run')} not done yet" if self.missing else ""
         lines = [f"{counted(self.runs, 'run')} in {counted(self.files, 'file')}{missing}"]
         if self.recomputed:
             lines.append(f"{counted(self.recomputed, 'run')} computed again")
-        lines += [f"problem: {problem}" for problem in self.problems[:TOLD]]
-        if (more := len(self.problems) - TOLD) > 0:
+        lines += [f"problem: {problem}" for problem in self.problems[:MAX_SHOWN]]
+        if (more := len(self.problems) - MAX_SHOWN) > 0:
             lines.append(f"and {counted(more, 'more problem')}")
         found = counted(len(self.problems), "problem") if self.problems else "no problem found"
         return "\n".join([*lines, found])
@@ -114,24 +104,24 @@ def verify(
     directory: Path, recompute: int = 0, seed: int = 0, threads: int | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Verified:  # fmt: skip
-    """Compare all of an output directory with its manifest; integrate `recompute` runs again."""
+    """Compare the files of a directory with its manifest; integrate `recompute` runs again."""
     stored = open_stored(directory)
     found, thresholds = stored.find(), stored.thresholds
     wanted, files = wanted_runs(stored, found), stored.files()
     result = Verified(directory, found.rows, len(files), int((wanted & ~found.done).sum()))
     problems = result.problems
-    problems += [f"{p} is damaged; `rattlesweep run` does its runs again" for p in found.damaged]
+    problems += map(DAMAGED.format, found.damaged)
     for text, paths in found.typed.items():
         if text != thresholds.as_text:
-            told = "typed by other thresholds; `rattlesweep classify` ends what was begun"
+            told = "typed by other thresholds; run `rattlesweep classify` to type all alike"
             problems.append(f"{counted(len(paths), 'file')}, such as {paths[0]}, {told}")
     plan = None
-    if recompute:  # Numba, without which the rest can be checked
-        from rattlesweep.sweeps.plan import stored_plan
+    if recompute:
+        from rattlesweep.sweeps.plan import stored_plan  # Numba, which the rest does without
 
         try:
             plan = stored_plan(stored)
-        except ConfigError as error:  # the table of bodies has gone or changed
+        except ConfigError as error:  # the table of bodies is missing or has changed
             problems.append(str(error))
     good = [path for paths in found.typed.values() for path in paths]
     count, last = min(recompute, found.rows), 0
@@ -144,32 +134,33 @@ def verify(
         here = np.sort(chosen[(chosen >= first) & (chosen < last)]) - first
         if len(here) and plan is not None:
             again = rows.take(here)
-            # Runs that came to a smaller limit of steps would go on under a larger one.
+            # Runs that stopped at a smaller limit of steps would now go on.
             less = pc.less(again["n_steps"], stored.config.integrator.max_steps)
             again = again.filter(pc.invert(pc.and_(pc.equal(again["status"], "step_limit"), less)))
             for case, sample, names in differing_rows(plan, again, threads):
-                what = f"comes out differently: {', '.join(names[:4])}"
+                what = f"differs when computed again: {', '.join(names[:4])}"
                 problems.append(f"case {case} sample {sample} {what}")
             result.recomputed += len(again)
     if not problems and not result.missing:
         path = directory / SUMMARY
         try:
-            right = same_summary(read_parquet(path), summarise(stored))
+            is_right = read_parquet(path).equals(summarise(stored))
         except OutputError:
-            right = False
-        if not right:
-            told = "is missing, damaged or does not follow from the runs"
-            problems.append(f"{path} {told}; `rattlesweep run` writes it anew")
+            is_right = False
+        if not is_right:
+            told = "is missing, damaged or contradicts the runs"
+            problems.append(f"{path} {told}; `rattlesweep run` writes it again")
     report(1.0)
     return result
 
 
 def _row_problems(path: Path, rows: pa.Table, again: pa.Table) -> Iterator[str]:
+    """Yield problems of the rows of a file; `again` are the rows, typed once more."""
     case, sample = keys_of(rows)
     wrong = {"its rows are not in order": np.lexsort((sample, case)) != np.arange(len(case))}
     for name in {"type", "type_sure"}.intersection(rows.schema.names):
         differ = rows.column(name).to_numpy() != again.column(name).to_numpy()
-        wrong[f"{name} does not follow from its columns"] = differ
+        wrong[f"{name} contradicts the columns it follows from"] = differ
     for what, which in wrong.items():
         if which.any():
             such = f"such as case {case[which][0]} sample {sample[which][0]}"
@@ -179,13 +170,12 @@ def _row_problems(path: Path, rows: pa.Table, again: pa.Table) -> Iterator[str]:
 def differing_rows(
     plan: Plan, rows: pa.Table, threads: int | None = None
 ) -> Iterator[tuple[int, int, list[str]]]:
-    """Integrate stored runs again, and yield case, sample and columns of those that differ."""
-    from rattlesweep.integrate.task import Task
+    """Integrate stored runs again; yield case, sample and columns of the rows that differ."""
     from rattlesweep.sweeps.block import compute, prepare_runs
 
     case, sample = keys_of(rows)
     prepared = prepare_runs(plan, case, sample)
-    again = Task(partial(compute, plan.config, plan.schema, prepared, threads)).wait()[0]
+    again = Task(partial(compute, plan.config, plan.schema, prepared, threads)).wait()
     rows = rows.select(plan.schema.names)
     if same_bits(again, rows):
         return
@@ -197,7 +187,7 @@ def differing_rows(
 
 
 def same_bits(one: pa.Table, other: pa.Table) -> bool:
-    """Return whether two tables hold the same values, zeros of different sign told apart."""
+    """Return whether two tables have the same values, and zeros of the same sign."""
     return one.schema.names == other.schema.names and all(
         a.equals(b) and _bits(a).equals(_bits(b))
         for a, b in zip(one.columns, other.columns, strict=True)

@@ -1,4 +1,4 @@
-"""Configs: what is accepted, what is refused, and in which words."""
+"""Configs: which are accepted, which are refused, and with which messages."""
 
 import json
 import pickle
@@ -83,10 +83,10 @@ def test_configs_round_trip_and_fit_the_schema(name, path):
     again = parse_config(json.loads(json.dumps(data, allow_nan=False)))
     assert list(resolved(again).items()) == list(data.items())
     assert physics_hash(again) == physics_hash(config)
-    # Equality does not depend on places, and workers are sent configs.
+    # Workers receive configs by pickling; equality ignores lines and --set texts.
     sets = ["seed=1", f"seed={config.seed}"]
     assert pickle.loads(pickle.dumps(config)) == config == load_config(path, sets)
-    # PyYAML reads YAML 1.1, in which 1e-9 is text.
+    # PyYAML follows YAML 1.1, in which 1e-9 is text.
     assert parse_config({"name": config.name} | yaml.safe_load(path.read_text())) == config
     for given in (data, read.read_yaml(path.read_text())[0]):
         jsonschema.Draft202012Validator(read.config_json_schema()).validate(given)
@@ -100,7 +100,7 @@ def test_settings_are_yaml_1_2_and_the_last_one_wins(path):
     path.write_text(EXAMPLE.replace("name: steady-kr-quick\n", "").replace("output: ", "# "))
     config = load_config(path, ["bodies.samples=10", "bodies.samples=20", "bodies.target="])
     assert (config.bodies.samples, config.bodies.target) == (20, None)
-    # A sweep is named after its file unless it has a name.
+    # Without a name, a sweep is named after its file.
     assert config.directory == "out/c"
     assert load_config(path, ["name=other"]).directory == "out/other"
 
@@ -138,7 +138,7 @@ def test_defaults_are_table_one_and_the_papers_own_step():
         "integrator": {"method": "dop853", "tol": 1e-9, "max_steps": 100_000_000},
         "classify": {"ss_growth": 1e-3, "sw_departure": 0.05, "early": False, "dead_energy": 0.01},
     }  # fmt: skip
-    # Null is as if it were not there; tuples and NumPy's numbers are as good as any.
+    # Null means not given; tuples and NumPy's numbers are accepted.
     spin = {"n_i": (np.float64(0.1),), "omega_xy0": np.array([0.01])}
     given = SD | {"stop": None, "seed": np.int64(0), "spin": spin}
     assert resolved(parse_config(SD)) == resolved(parse_config(given)) == expected
@@ -155,14 +155,14 @@ def test_an_accuracy_is_a_method_and_its_tol_or_an_error_that_replaces_tol(path)
     assert data["integrator"].keys() == {"method", "accuracy", "max_steps"}
     assert (config.integrator.goal, data["record"]) == (1e-6, ["error"])
     assert config.parts == ["error", "tol"]
-    # What is implied may be said.
+    # Implied values may be given.
     same = [asked, "record=[error]", "output=" + data["output"]]
     assert parse_config(data) == load_config(path, same)
 
 
 # -- refused ---------------------------------------------------------------------------------------
 
-# A config of `GOOD` | what is changed, or + | into what | line, key and sentence.
+# A config of `GOOD` | the text to replace, or + to append | the new text | line, key and message.
 REFUSED = r"""
 sd | samples: 1000 | sampels: 1000 | 5: bodies.sampels: unknown key "sampels"; did you mean "samples"?
 sd | model: full | zzz: full | 12: zzz: unknown key "zzz"; allowed are name, seed, bodies, stop, launch, spin, model, horizon,
@@ -173,35 +173,35 @@ sd | method: dop853, tol: 1e-9 | accuracy: drft | 14: integrator.accuracy: "drft
 preset | bodies: {source: preset, name: GH, overrides: {theta: 0.82}}\n |  | 1: bodies: the key is missing; add it
 sd | model: full | seed: 3 | 12: seed: the key is repeated (first in line 2); keep one
 sd | samples: 1000 | samples: many | 5: bodies.samples: "many" is given; it should be a valid integer
-sd | t_rgh: 5 |  | 13: horizon: none of t_rgh, t, t_decay is given; add one
+sd | t_rgh: 5 |  | 13: horizon: no key is given; add one of t_rgh, t, t_decay
 sd | gamma: [5, 15] | gamma: [15, 5] | 6: bodies.ranges.gamma: the range is reversed; write [low, high]
 sd | theta: [0.6, 0.95] | theta: [0.6, 1.2] | 6: bodies.ranges.theta[1]: 1.2 is given; it should be less than 1
-sd | minus_xi_deg: [0, 6] | minus_xi_deg: [0, 0] | 6: bodies.ranges.minus_xi_deg: only xi = 0 is left, which never reverses
+sd | minus_xi_deg: [0, 6] | minus_xi_deg: [0, 0] | 6: bodies.ranges.minus_xi_deg: only xi = 0 is possible, which never reverses
 sd | n_i: [-0.1, | n_i: [-0.3, | 9: spin.n_i: a value is repeated; give each once
-sd | name: steady-kr-quick | name: a/b | 1: name: "a/b" is empty, or has a slash or a control character; write a plain word
+sd | name: steady-kr-quick | name: a/b | 1: name: "a/b" is not a plain word; leave out slashes and control characters
 sd | spin: | launch: {omega: [0, 0, -1]}\nspin: | 9: spin: spin and launch are both given; keep one of them
 preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [0, 0, 1], u: [0, 0, 1]} | 2: launch.u: u must be a vector of length 1 with u_z below 0
-sd | tol: 1e-9 | dt: 0.1 | 14: integrator.dt: dop853 takes tol alone; leave
-sd | method: dop853 | accuracy: draft | 14: integrator.tol: dop853 takes accuracy alone; leave this out
-preset | + | model: gh\nintegrator: {accuracy: {t_r: 1e-6}} | 4: integrator: accuracy is for integrated first reversals; leave
+sd | tol: 1e-9 | dt: 0.1 | 14: integrator.dt: dop853 takes tol alone; leave dt out
+sd | method: dop853 | accuracy: draft | 14: integrator.tol: dop853 takes accuracy alone; leave tol out
+preset | + | model: gh\nintegrator: {accuracy: {t_r: 1e-6}} | 4: integrator: accuracy {t_r: ...} excludes model gh and record reversals; keep
 sd | samples: 1000 | draw: sobol | 7: bodies.target: only random draws can meet a target; take draw: random
-preset | + | stop: {fraction: 0.1} | 3: stop: bodies of source preset are all there are; take source: sd
-grid | phi: [0.02 | f_sd: [0.02 | 1: bodies.axes: f_sd cannot vary over this base; f_sd is for alpha and beta
+preset | + | stop: {fraction: 0.1} | 3: stop: source preset draws no samples; take source: sd
+grid | phi: [0.02 | f_sd: [0.02 | 1: bodies.axes: f_sd cannot vary: f_sd stands in place of alpha and beta
 grid | {preset: GH} | {preset: GH, phi: 0.1} | 1: bodies.base: give a preset alone, or gamma theta phi xi with alpha beta or with f_sd
 shell | xi_deg: -3 | xi_deg: -3, xi: -0.1 | 1: bodies.base: xi, xi_deg and minus_xi_deg exclude each other; keep one
-preset | overrides: {theta: 0.82} | surface: ellipsoid | 1: bodies.surface: an ellipsoid needs c, its vertical semi-axis over a; give c: 2
-preset | overrides: {theta: 0.82}}\n | c: 2}\nrecord: [lyapunov]\n | 2: record: lyapunov is for paraboloids without dissipation; leave
+preset | overrides: {theta: 0.82} | surface: ellipsoid | 1: bodies.surface: an ellipsoid needs its vertical semi-axis; give c, such as c: 2
+preset | overrides: {theta: 0.82}}\n | c: 2}\nrecord: [lyapunov]\n | 2: record: lyapunov needs paraboloids without dissipation; leave
 shape | n_i: [60 rpm, 0.1] | n_i: 60 mm | 2: spin.n_i: "60 mm" is a length; a spin is needed, such as 60 rpm
 shape | n_i: [60 rpm, 0.1] | n_i: 60 rmp | 2: spin.n_i: "60 rmp" has the unit rmp: 'rmp' is not defined in the unit registry; a spin
 shape | n_i: [60 rpm, 0.1] | n_i: {linspace: [1 rpm, 2 Hz, 3]} | 2: spin.n_i: write {linspace: [low, high, n]} or
-shape | mass: [80 g, 90 g] | mass: 80 g | 1: bodies.samples: no key is a range, so all bodies are alike; leave
+shape | mass: [80 g, 90 g] | mass: 80 g | 1: bodies.samples: no key is a range, so all bodies are equal; leave
 """  # noqa: E501
 WHOLE = {
     "bodies: {source: sd}\nspin:\n  n_i: %s\n  omega_xy0: %s\n" % (2 * (list(range(1, 402)),)):
         "2: spin: the lists make 160801 cases; at most 100000 are possible",
     "bodies:\n\tsource: sd\n": "2: cannot be read as YAML (found character '\\t' that cannot",
     EXAMPLE + "---\na: 1\n": "18: cannot be read as YAML (but found another document);",
-    "# nothing\n": "1: nothing is found; write key: value lines",
+    "# nothing\n": "1: the file holds nothing; write key: value lines",
     "a: &a [*a]\n": "1: cannot be read as YAML (maximum recursion depth",
     "record: [" + "1, " * 30_000 + "]": "1: cannot be read as YAML (more than 20000 values);",
     "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(f"{b}: &{b} [{9 * f'*{a}, '}]\n"
@@ -212,7 +212,7 @@ WHOLE = {
 
 
 def variants(table, **more):
-    """Return rows ``config of GOOD | what is changed, or + | into what | ...`` as parameters."""
+    """Return the rows of a table like `REFUSED` as parameters: the changed config, and the rest."""
     found = []
     for line in table.strip().splitlines():
         name, old, new, *rest = line.replace(r"\n", "\n").split(" | ")
@@ -244,7 +244,7 @@ def test_all_mistakes_are_told_at_once_in_the_order_of_the_file_and_counted(path
     assert lines[20] == "and 30 more"
 
 
-def test_errors_of_others_get_the_place_of_their_key(path):
+def test_later_errors_get_the_place_of_their_key(path):
     read = load_config(path, ["spin.psi=pitch"])
     for message, place in (
         ("bodies.target.max_draws: no", f"{path}:7: "), ("spin.omega_xy0[1]: no", f"{path}:10: "),
@@ -258,13 +258,13 @@ def test_errors_of_others_get_the_place_of_their_key(path):
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("bodies.samples", "is not KEY=VALUE; write it as in bodies.samples=10"),
-        ("spin.n_i.x=1", "n_i is not a mapping; set it as a whole"),
+        ("bodies.samples", "is not KEY=VALUE, such as bodies.samples=10"),
+        ("spin.n_i.x=1", "n_i is not a mapping; set all of it"),
         ("seed=[1", "cannot be read as YAML (expected ',' or ']', but got '<stream end>')"),
         ("horizon.t=20 kg", 'horizon.t: "20 kg" is a mass; a time is needed, such as 2.5 s'),
     ],
 )
-def test_a_bad_set_is_named_in_place_of_a_line(override, words, path):
+def test_a_mistake_in_a_setting_names_the_setting(override, words, path):
     (line,) = messages(path, override)
     assert line.startswith(f"--set {override}: {words}")
 
@@ -301,7 +301,7 @@ def test_the_schema_describes_every_key_and_refuses_what_it_can():
     assert [changes for changes in bad if validator.is_valid(SD | changes)] == []
 
 
-def test_the_hash_changes_with_the_numbers_of_a_run_alone(path):
+def test_the_hash_changes_only_with_the_results_of_a_run(path):
     def hashed(*sets):
         return physics_hash(load_config(path, sets))
 

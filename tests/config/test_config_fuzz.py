@@ -1,4 +1,4 @@
-"""Whatever is done to a config, it is either planned or refused in plain sentences."""
+"""Randomly damaged configs are either planned or refused with a plain message."""
 
 import random
 import re
@@ -86,9 +86,9 @@ def in_plain_words(lines, path):
         assert line.startswith((str(path), "--set ", "and ")), lines
         assert line.isprintable(), line
         assert len(line) < 700, line
-        # The user's own words stand in quotes, or in front as --set or key.
-        own_words = "".join(line.split('"')[::2])
-        assert not any(word in own_words for word in JARGON), line
+        # Words of the config, which may be anything, stand in quotes.
+        unquoted = "".join(line.split('"')[::2])
+        assert not any(word in unquoted for word in JARGON), line
         line.encode()
 
 
@@ -104,7 +104,7 @@ def refused(path, *overrides):
     lines = []
     try:
         config = load_config(path, overrides)
-        # As `checked_plan`, but for the sampler, which may rightly take long for a target.
+        # As in `checked_plan`, but without the sampler, which may take long for a target.
         with config.locating():
             plan = make_plan(config, path.parent)
         warnings = check_physics(plan)
@@ -119,7 +119,7 @@ def refused(path, *overrides):
 
 
 @pytest.mark.parametrize(
-    ("start", "count"), [(0, 120), pytest.param(1000, 6000, marks=pytest.mark.slow)]
+    ("start", "count"), [(2200, 120), pytest.param(0, 6000, marks=pytest.mark.slow)]
 )
 def test_changed_configs(directory, start, count):
     path = directory / "c.yaml"
@@ -134,5 +134,5 @@ def test_changed_configs(directory, start, count):
         except Exception as error:
             told_by = f"config {number}, --set {sets}: {path.read_bytes()[:3000]!r}"
             raise AssertionError(told_by) from error
-    # Either alone would be no test.
+    # A test needs both, accepted and refused configs.
     assert count / 3 < told < count * 9 / 10

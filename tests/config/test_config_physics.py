@@ -1,4 +1,4 @@
-"""Configs that are well written and make no physical sense: what is refused, what is warned of."""
+"""Valid configs that make no physical sense: errors and warnings."""
 
 from pathlib import Path
 
@@ -15,10 +15,10 @@ from rattlesweep.sweeps.plausible import check_physics, checked_plan
 CONFIGS = Path(__file__).parents[2] / "configs"
 HEAD, BODY = "alpha,beta,gamma,theta,phi,xi", "13.04,1.522,12.28,0.6429,0.036,-0.03"
 DRAWN = "bodies: {source: sd}\n" + SPIN
-# As in test_config: a config, what is changed, into what, whether it is refused, what is said.
+# As `REFUSED` in test_config: a config, the text to replace, the new text, verdict, message.
 CASES = r"""
-preset | + | horizon: {t_rgh: 0.5} | warned | 3: horizon.t_rgh: the horizon comes before t_rGH, the time of reversal by theory, in the only run, and few will be of type R; give t_rgh above 1
-drawn | + | horizon: {t: 100} | warned | 3: horizon.t: the horizon comes before t_rGH, the time of reversal by theory, in all of 4096 runs drawn from the ranges
+preset | + | horizon: {t_rgh: 0.5} | warned | 3: horizon.t_rgh: the horizon comes before t_rGH, the reversal time of theory, in the only run, so few will be of type R; give t_rgh above 1
+drawn | + | horizon: {t: 100} | warned | 3: horizon.t: the horizon comes before t_rGH, the reversal time of theory, in all of 4096 runs drawn from the ranges
 preset | theta: 0.82}}\n | xi: -1e-290}}\nhorizon: {t_rgh: 1e30}\n | refused | 2: horizon.t_rgh: t_rgh times t_rGH is not a finite time in the only run
 sd | K_r: [0.01, 0.03, 0.1] | K_r: [0.01, 7] | refused | 7: bodies.target.K_r: 7 is out of reach: in 65536 bodies drawn from the ranges K_r lies between
 sd | minus_xi_deg: [0, 6]}\n  target: {K_r: [0.01, 0.03, | minus_xi_deg: [3, 6]}\n  target: {K_r: [1e-4, | refused | bodies.target.K_r: 0.0001 is out of reach:
@@ -26,14 +26,14 @@ preset | theta: 0.82 | gamma: 14 | refused | no body has this inertia: I_zz = ga
 grid | phi: [0.02, 0.036] | alpha: [13, 20] | refused | 1: bodies.axes: at alpha 20, beta 1.522, gamma 12.28, theta 0.6, phi 0.036,
 table | bodies.csv | nowhere.csv | refused | 1: bodies.path: nowhere.csv: no such file
 table | + |  | refused | 1: spin: missing; the table has no columns n_i and omega_xy0
-preset | overrides: {theta: 0.82} | c: 0.6 | refused | c 0.6 is not above theta 0.6429: the ellipsoid would rather lie
-shell | + | model: reduced | refused | 5: record: the model 'reduced' has no
-shell | [contact, energy]\n | [error]\nmodel: gh\n | refused | 5: record: the model 'gh' has no 'error' to record
+preset | overrides: {theta: 0.82} | c: 0.6 | refused | c 0.6 is not above theta 0.6429: the ellipsoid would tip onto
+shell | + | model: reduced | refused | 5: record: the model 'reduced' cannot record
+shell | [contact, energy]\n | [error]\nmodel: gh\n | refused | 5: record: the model 'gh' cannot record 'error'
 """  # noqa: E501
 
 
 def judged(path):
-    """Whether a config is refused, and the lines about it; nothing is drawn for a target."""
+    """Return whether a config is refused, and the messages; no bodies are drawn for targets."""
     config = load_config(path)
     try:
         if isinstance(config.bodies, SdSource):
@@ -44,7 +44,7 @@ def judged(path):
 
 
 @pytest.mark.parametrize(("text", "verdict", "words"), variants(CASES, drawn=DRAWN))
-def test_what_makes_no_sense_is_told_with_place_and_numbers(
+def test_messages_about_nonsense_have_place_and_numbers(
     text, verdict, words, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
@@ -72,5 +72,5 @@ def test_rows_of_a_table_are_judged_by_themselves(tmp_path):
     (tmp_path / "c.yaml").write_text("bodies: {source: table, path: t.csv}\n")
     fatal, [line] = judged(tmp_path / "c.yaml")
     assert not fatal
-    words = "c.yaml:1: bodies.path: the horizon comes before t_rGH, the time of reversal by theory"
-    assert f"{words}, in all of the 2 runs, and few will be of type R" in line
+    words = "c.yaml:1: bodies.path: the horizon comes before t_rGH, the reversal time of theory"
+    assert f"{words}, in all of the 2 runs, so few will be of type R" in line

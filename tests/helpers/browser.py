@@ -1,4 +1,4 @@
-"""A real browser without a window, driven through the DevTools protocol over a pipe."""
+"""A headless browser, driven through the DevTools protocol over a pipe."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from select import select
 from typing import Any
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-# Software rendering, so that a machine without a graphics card draws the same.
+# Software rendering draws the same on machines without a graphics card.
 FLAGS = (
     "--headless=new", "--no-sandbox", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-extensions", "--disable-dev-shm-usage",
@@ -31,7 +31,7 @@ def find_browser() -> str | None:
 
 
 class Browser:
-    """One page of a browser; every wait is for something, never for a time."""
+    """One page of a browser. Waits are for events and never for a fixed time."""
 
     def __init__(self, to: int, back: int) -> None:
         self._to, self._back, self._number, self._rest = to, back, 0, b""
@@ -60,7 +60,7 @@ class Browser:
                 raise TimeoutError("the browser does not answer")
             data = os.read(self._back, 1 << 20)
             if not data:
-                raise RuntimeError("the browser has gone")
+                raise RuntimeError("the browser has quit")
             self._rest += data
         one, self._rest = self._rest.split(b"\0", 1)
         return json.loads(one)
@@ -87,11 +87,11 @@ class Browser:
             time.sleep(0.02)
 
     def frame(self) -> None:
-        """Let the page draw what has changed."""
+        """Wait until the page has drawn its changes."""
         self.run("new Promise((f) => requestAnimationFrame(() => requestAnimationFrame(f)))")
 
     def open(self, path: Path) -> None:
-        """Load a file into a small window of an owner who wants no motion, and wait for it."""
+        """Load a file into a small window that prefers reduced motion, and wait for it."""
         self.call("Emulation.setDeviceMetricsOverride", width=340, height=460,
                   deviceScaleFactor=1, mobile=False)  # fmt: skip
         features = [{"name": "prefers-reduced-motion", "value": "reduce"}]
@@ -109,7 +109,7 @@ class Browser:
                       windowsVirtualKeyCode=number, **more)  # fmt: skip
 
     def click(self, selector: str) -> None:
-        """Press and release in the middle of an element, which is brought into the window."""
+        """Scroll to an element and click its centre."""
         x, y = self.run(
             f"(() => {{ const e = document.querySelector({json.dumps(selector)});"
             "e.scrollIntoView({ block: 'nearest', behavior: 'instant' });"
@@ -126,13 +126,13 @@ class Browser:
 
 @contextmanager
 def browser() -> Iterator[Browser]:
-    """A browser with a profile of its own, which ends with the block."""
+    """Start a browser with its own profile, and quit it at the end of the block."""
     program = find_browser()
     assert program is not None
     read_end, to = os.pipe()
     back, write_end = os.pipe()
     profile = tempfile.mkdtemp(prefix="browser-")
-    # The browser reads commands from file 3 and answers in file 4.
+    # The browser reads commands from file descriptor 3 and answers on 4.
     shell = f'exec "$@" 3<&{read_end} 4>&{write_end}'
     process = subprocess.Popen(
         ["bash", "-c", shell, "bash", program, *FLAGS, f"--user-data-dir={profile}"],

@@ -1,4 +1,4 @@
-"""Output directories whose rows were changed."""
+"""Changes to the rows of output directories."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 
 
 def edited(source: Path, target: Path, change: Callable[[pa.Table], pa.Table]) -> Path:
-    """Copy a directory and change the rows of each of its files; its summary goes."""
+    """Copy a directory without its summary and change the rows of each file."""
     shutil.copytree(source, target)
     (target / "summary.parquet").unlink(missing_ok=True)
     for path in sorted((target / "runs").glob("*.parquet")):

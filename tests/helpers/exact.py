@@ -1,4 +1,4 @@
-"""Compiled scalar formulas as plain Python: for mpmath's numbers, or for complex ones."""
+"""Compiled scalar formulas as plain Python, for mpmath or complex numbers."""
 
 from types import CellType, FunctionType, ModuleType, SimpleNamespace
 
@@ -6,7 +6,7 @@ from mpmath import mp
 
 
 def exactly(function, sqrt=mp.sqrt, **others):
-    """The same formulas with another square root, those that they call too, by their names."""
+    """Return a formula, and all that it calls, with another square root and other globals."""
     formula = function.py_func
     names, known = formula.__code__.co_names, formula.__globals__
 

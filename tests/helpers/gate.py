@@ -1,7 +1,7 @@
-"""Preloaded by the Dask workers of a test: they hold their blocks until the test lets them go on.
+"""A gate for the blocks of Dask workers, which preload this module.
 
-A block passes if there is a file ``open`` or ``ticket`` in ``RATTLESWEEP_TESTS_GATE``; a ticket is
-taken away.  Whatever lies below ``RATTLESWEEP_TESTS_CLOSED`` cannot be opened.
+A block passes when ``RATTLESWEEP_TESTS_GATE`` contains a file ``open`` or ``ticket``; a ticket is
+used up.  Files inside ``RATTLESWEEP_TESTS_CLOSED`` cannot be opened.
 """
 
 from __future__ import annotations

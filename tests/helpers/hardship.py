@@ -1,5 +1,6 @@
-"""Small sweeps that come to harm, each in a process forked from one with everything loaded, which
-takes some 50 ms, and what must be left of them.
+"""Small sweeps that are killed or hit by faults, and checks of what they leave behind.
+
+Each runs in a process that is forked, within 50 ms, from a server with all modules loaded.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ from nursery import TINY, become
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.verify import same_bits, verify
 
-# At these thresholds some runs of the closed form change their type.
+# With this threshold some runs of the closed form change type.
 OTHER_TYPES = "classify.sw_departure=1e-6"
 
 
 def tiny(folder: Path) -> Path:
-    """A config of 24 runs: four blocks in the nursery."""
+    """Write a config of 24 runs, which are four blocks in the nursery."""
     path = folder / "tiny.yaml"
     path.write_text(TINY)
     return path
@@ -36,7 +37,7 @@ def tiny(folder: Path) -> Path:
 
 @dataclass(frozen=True)
 class Ended:
-    """How a process ended: exit code, or less than 0 for the signal that killed it."""
+    """How a process ended; a negative exit code is the signal that killed it."""
 
     code: int
     out: str
@@ -44,15 +45,15 @@ class Ended:
 
     @property
     def sentence(self) -> bool:
-        """Whether it says in one line that is a sentence why it failed, and no more."""
+        """Whether standard error explains the failure in one line."""
         lines = [x for x in self.err.splitlines() if not x.startswith(("note: ", "warning: "))]
-        told = len(lines) == 1 and lines[0].startswith("error: ")
-        return told and "internal error" not in self.err
+        explained = len(lines) == 1 and lines[0].startswith("error: ")
+        return explained and "internal error" not in self.err
 
 
 @cache
 def _nursery() -> tuple[Any, Path, Any]:
-    """The server of this test run, a folder for what its children say, and their numbers."""
+    """Return the fork server, a folder for the output of its children, and their numbers."""
     os.environ["RATTLESWEEP_TESTS_NURSERY"] = "1"
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
     context = multiprocessing.get_context("forkserver")
@@ -63,8 +64,8 @@ def _nursery() -> tuple[Any, Path, Any]:
 class Child:
     """A `rattlesweep` command in a process of its own.
 
-    `how`: ``calls``, arguments of `syscalls.Calls`; ``hold``, how many blocks are done before a
-    SIGUSR1; ``rows``, runs of a block.
+    Keywords: ``calls``, arguments of `syscalls.Calls`; ``hold``, the number of blocks to finish
+    before waiting for SIGUSR1; ``rows``, runs per block.
     """
 
     def __init__(self, *args: Any, **how: Any) -> None:
@@ -76,7 +77,7 @@ class Child:
         self.pid = self._process.pid
 
     def kill(self, number: int = signal.SIGKILL) -> None:
-        """Send a signal; SIGUSR1 lets the blocks go on that ``hold`` keeps back."""
+        """Send a signal; SIGUSR1 releases the blocks that ``hold`` keeps waiting."""
         os.kill(self.pid, number)
 
     def ended(self) -> bool:
@@ -84,8 +85,8 @@ class Child:
 
     def wait(self, seconds: float = 120) -> Ended:
         self._process.join(seconds)
-        assert self._process.exitcode is not None, f"no end within {seconds} s"
-        # Killed at once, it has not made them.
+        assert self._process.exitcode is not None, f"still running after {seconds} s"
+        # A process that was killed at once has no output files.
         paths = [self._out.with_suffix(f".{handle}") for handle in (1, 2)]
         out, err = (path.read_text() if path.exists() else "" for path in paths)
         return Ended(self._process.exitcode, out, err)
@@ -104,7 +105,7 @@ def rows_of(directory: Path) -> pa.Table:
 
 
 def check_equal(directory: Path, expected: Path) -> None:
-    """Rows and summary are equal to the last bit, all is whole, and nothing else is there."""
+    """Check that two directories agree to the last bit, and that one is intact and clean."""
     assert same_bits(rows_of(directory), rows_of(expected))
     summaries = [(d / "summary.parquet").read_bytes() for d in (directory, expected)]
     assert summaries[0] == summaries[1]
@@ -117,15 +118,16 @@ def check_equal(directory: Path, expected: Path) -> None:
 
 
 def check_whole(directory: Path, *expected: Path) -> int:
-    """Each file that readers see is whole, no run is there twice, and each row is one of those of
-    other directories; return how many rows there are.
+    """Check that visible files are intact, no run appears twice, and each row is an expected one.
+
+    Return the number of rows.
     """
     if not (directory / "manifest.json").exists():
         assert not files_of(directory)
         return 0
     rows = rows_of(directory).to_pylist()
     assert len({(row["case"], row["sample"]) for row in rows}) == len(rows)
-    # Different bits are written differently.
+    # `repr` tells any two different floats apart.
     known = {repr(row) for table in map(rows_of, expected) for row in table.to_pylist()}
     assert [row for row in rows if repr(row) not in known] == []
     return len(rows)
@@ -134,5 +136,5 @@ def check_whole(directory: Path, *expected: Path) -> int:
 def wait_until(what: Callable[[], Any], seconds: float = 120) -> None:
     end = time.monotonic() + seconds
     while not what():
-        assert time.monotonic() < end, f"not within {seconds} s"
+        assert time.monotonic() < end, f"nothing happened within {seconds} s"
         time.sleep(0.005)

@@ -1,4 +1,4 @@
-"""Batches built by hand and the pieces of the kernels, for the tests of the integrators."""
+"""Hand-made batches and pieces of the kernels, for the tests of the integrators."""
 
 from functools import cache
 
@@ -20,7 +20,7 @@ take = pick = arrays.take
 
 
 def methods(*quick):
-    """Parametrise ``method`` by all methods; but for those named it compiles kernels: slow."""
+    """Parametrise ``method``; methods that are not named compile kernels and are slow tests."""
     return pytest.mark.parametrize(
         "method",
         [pytest.param(m, marks=[] if m.name in quick else [pytest.mark.slow])
@@ -30,7 +30,7 @@ def methods(*quick):
 
 
 def _columns(body, *others):
-    """The six parameters (a mapping of numbers or arrays) and ``others``, of one length."""
+    """Return the six parameters of bodies and other columns, broadcast to one length."""
     columns = np.broadcast_arrays(*(body[name] for name in PARAMETERS), *others)
     columns = [np.atleast_1d(np.asarray(x, dtype=float)) for x in columns]
     return dict(zip(PARAMETERS, columns[:6], strict=True)), columns[6:]
@@ -41,7 +41,7 @@ def _modes(body):
 
 
 def _batch(n_i, t_end, **own):
-    """A batch whose windows are N_WINDOWS parts of each horizon, without marks or taps."""
+    """Return a batch with N_WINDOWS windows per horizon, without marks or taps."""
     return batch.Batch(
         t_end=t_end, window=t_end / N_WINDOWS, first_mark=t_end, scale=np.abs(n_i),
         tapped=np.zeros(len(t_end), bool), **own,
@@ -49,7 +49,7 @@ def _batch(n_i, t_end, **own):
 
 
 def full_batch(body, n_i, omega_xy0=0.01, psi="relevant", t_end=1000.0):
-    """A batch of the full model; ``psi`` in radians or a word of `theory.direction`."""
+    """Return a batch of the full model; ``psi`` in radians or a word of `theory.direction`."""
     body, (n_i, omega_xy0, t_end) = _columns(body, n_i, omega_xy0, t_end)
     modes = _modes(body)
     psi = theory.direction(modes, n_i, psi) if isinstance(psi, str) else psi
@@ -71,7 +71,7 @@ def full_batch(body, n_i, omega_xy0=0.01, psi="relevant", t_end=1000.0):
 
 
 def reduced_batch(body, n_i, e_p, e_r, t_end=1000.0):
-    """A batch of the reduced model with the energies of pitch and roll."""
+    """Return a batch of the reduced model with given energies of pitch and roll."""
     body, (n_i, e_p, e_r, t_end) = _columns(body, n_i, e_p, e_r, t_end)
     modes = _modes(body)
     inertia = body["gamma"]
@@ -91,13 +91,13 @@ def reduced_batch(body, n_i, e_p, e_r, t_end=1000.0):
 
 
 def join(*batches):
-    """Batches one after another."""
+    """Concatenate batches."""
     parts = zip(*(vars(each).values() for each in batches), strict=True)
     return batch.Batch(*map(np.concatenate, parts))
 
 
 def assert_same(a, b, skip=()):
-    """Every column of two outcomes is the same, bit for bit."""
+    """Check that all columns of two outcomes agree to the last bit."""
     for name, value in vars(a).items():
         if name not in (*skip, "stopped"):
             other = getattr(b, name)
@@ -105,7 +105,7 @@ def assert_same(a, b, skip=()):
 
 
 def mode_energies(body, n_i, omega_xy0):
-    """Energies of pitch and roll in a launch along the relevant mode."""
+    """Return the energies of pitch and roll in a launch along the relevant mode."""
     modes = _modes(body)
     psi = theory.direction(modes, n_i, "relevant")
     return reduced.mode_energies(
@@ -115,10 +115,10 @@ def mode_energies(body, n_i, omega_xy0):
 
 @cache
 def attempt(method, model):
-    """The generated step of a method and a model, compiled by its first call."""
+    """Return the generated step of a method and a model, which its first call compiles."""
     return njit(**stages.OPTIONS)(stages.write_attempt(METHODS[method], MODELS[model]))
 
 
 def problem(method, model):
-    """What the kernel of a method and a model is compiled for."""
+    """Return the `Problem` for which the kernel of a method and a model is compiled."""
     return batch.problem_of(MODELS[model], METHODS[method].adaptive)

@@ -1,4 +1,4 @@
-"""Commands in processes that are forked from one with everything loaded; see `hardship`."""
+"""The server from which `hardship` forks its processes, with all modules loaded."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ from syscalls import Calls
 from rattlesweep import cli
 from rattlesweep.sweeps import run as runner
 
-ROWS = 6
-"""Runs of a block, so that small sweeps have several files."""
+ROWS = 6  # runs per block, so that small sweeps have several files
 TINY = """\
 name: tiny
 bodies: {source: sd, samples: 12}
@@ -31,7 +30,7 @@ horizon: {t: 1000}
 
 
 def warm() -> None:
-    """Load all that a command needs; called in the process from which the others are forked."""
+    """Load everything that a command needs, in the process that is forked."""
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         Path("warm.yaml").write_text(TINY)
         for args in (("run", "warm.yaml", "--output", "warm"), ("classify", "warm"),
@@ -42,7 +41,7 @@ def warm() -> None:
                 contextlib.suppress(SystemExit),
             ):
                 cli.main(args)
-    # Children that count references in memory of their parent's would copy it, page by page.
+    # Collections in the children would copy their parent's memory page by page.
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -58,10 +57,9 @@ def become(args: list[str], out: Path, how: dict[str, Any]) -> None:
         for handle in (1, 2):
             path = out.with_suffix(f".{handle}")
             os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), handle)
-        # A kill of the process takes nothing from the system's memory: whether that is on the disk
-        # is a question of power cuts, and costs most of the time.
+        # fsync matters after a power cut, not after a kill, and would take most of the time.
         os.fsync = os.fstat  # type: ignore[assignment]
-        runner.MOST_ROWS = how.get("rows", ROWS)
+        runner.MAX_BLOCK_RUNS = how.get("rows", ROWS)
         if "hold" in how:
             _hold(how["hold"])
         if "calls" in how:
@@ -80,14 +78,14 @@ def become(args: list[str], out: Path, how: dict[str, Any]) -> None:
 
 
 def _hold(blocks: int) -> None:
-    """Let so many blocks pass, and the others wait for SIGUSR1 or a stop."""
+    """Let some blocks pass and hold the others until SIGUSR1 or a stop."""
     honest, passed, released = runner.compute, [], []
     signal.signal(signal.SIGUSR1, lambda *_: released.append(True))
 
     def held(config: Any, schema: Any, prepared: Any, threads: int, control: Any) -> Any:
         while len(passed) >= blocks and not released:
             if control.stopping:
-                return schema.remove_metadata().empty_table(), 0
+                return schema.remove_metadata().empty_table()
             time.sleep(0.005)
         passed.append(None)
         return honest(config, schema, prepared, threads, control)

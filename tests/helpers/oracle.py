@@ -1,9 +1,9 @@
-"""Slow, obvious oracles written straight from Kondo & Nakanishi (2017), NumPy and SciPy only.
+"""Slow and simple oracles, taken directly from Kondo & Nakanishi (2017), in NumPy and SciPy.
 
-Nothing here imports `rattlesweep`.  Units M = a = g = 1.  A *body* is a mapping or an object with
-``alpha, beta, gamma, theta, phi, xi`` (xi in radians); the state is ``y = (u, omega)``, six numbers
-in the body-fixed principal axes, ``z`` pointing down at rest.  ``Eq. <label>`` cites the paper's
-LaTeX labels.
+This module does not import `rattlesweep`.  Units M = a = g = 1.  A *body* is a mapping or an object
+with ``alpha, beta, gamma, theta, phi, xi`` (xi in radians); the state is ``y = (u, omega)``, six
+numbers in the body-fixed principal axes, ``z`` pointing down at rest.  ``Eq. <label>`` cites the
+paper's LaTeX labels.
 """
 
 import math
@@ -22,24 +22,24 @@ EPS = np.array([[0.0, 1.0], [-1.0, 0.0]])  # Eq. lin-u
 
 
 def cross(a, b):
-    """Vector product; NumPy's own takes ten times as long."""
+    """Return the vector product; NumPy's own takes ten times as long."""
     (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
     return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
 
 
 def matrix_of(v):
-    """The matrix of ``v x``."""
+    """Return the matrix of ``v x``."""
     x, y, z = v.tolist()
     return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
 
 def get(body, name):
-    """One parameter of a body given as a mapping or as an object."""
+    """Return one parameter of a body, which is a mapping or an object."""
     return float(body[name] if isinstance(body, Mapping) else getattr(body, name))
 
 
 def rotation(angle):
-    """R(xi)."""
+    """Return R(xi)."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s], [s, c]])
 
@@ -55,9 +55,9 @@ def _matrices(alpha, beta, gamma, theta, phi, xi):
 
 
 def matrices(body):
-    """R Theta R^-1; R Theta^-1 R^-1, from the principal radii, not by inverting the first; I.
+    """Return R Theta R^-1, R Theta^-1 R^-1 (from the principal radii), and the inertia I about G.
 
-    The inertia I is around G in units of M a^2: Eq. def-abg solved for I_xx, I_yy, I_zz.
+    I is in units of M a^2: Eq. def-abg solved for I_xx, I_yy, I_zz.
     """
     return _matrices(*(get(body, name) for name in PARAMETERS))
 
@@ -66,14 +66,14 @@ def matrices(body):
 
 
 def contact_point(u, body):
-    """The vector r from G to the contact point C: Eqs. def-xy and def-z."""
+    """Return the vector r from G to the contact point C: Eqs. def-xy and def-z."""
     curvature, radii, _ = matrices(body)
     rp = radii @ u[:2] / u[2]
     return np.array([rp[0], rp[1], 1.0 - 0.5 * (rp @ curvature @ rp)])
 
 
 def contact_point_dot(u, du, body):
-    """Dotted (body-frame component) derivative of `contact_point` along du."""
+    """Return the dotted (body-frame) derivative of `contact_point` along du."""
     curvature, radii, _ = matrices(body)
     rp = radii @ u[:2] / u[2]
     drp = radii @ (du[:2] / u[2] - u[:2] * du[2] / u[2] ** 2)
@@ -81,7 +81,7 @@ def contact_point_dot(u, du, body):
 
 
 def rhs(t, y, body):
-    """Dotted derivatives of (u, omega): Eqs. diff-u and diff-omega.  Also takes complex y."""
+    """Return the dotted derivatives of (u, omega), real or complex: Eqs. diff-u, diff-omega."""
     u, w = y[:3], y[3:]
     du = -cross(w, u)
     r = contact_point(u, body)
@@ -94,17 +94,17 @@ def rhs(t, y, body):
 
 
 def spin(y):
-    """The spin n = u . omega."""
+    """Return the spin n = u . omega."""
     return float(y[:3] @ y[3:])
 
 
 def spin_rate(y, body):
-    """dn/dt = u . domega (the other term, du . omega = (u x omega) . omega, is zero)."""
+    """Return dn/dt = u . domega (the term du . omega = (u x omega) . omega is zero)."""
     return float(y[:3] @ rhs(0.0, y, body)[3:])
 
 
 def energy(y, body):
-    """Total energy; the potential is zero at u = (0, 0, -1), where G is at height 1."""
+    """Return the energy; the potential is zero at u = (0, 0, -1), where G is at height 1."""
     u, w = y[:3], y[3:]
     r = contact_point(u, body)
     v = cross(r, w)
@@ -112,7 +112,7 @@ def energy(y, body):
 
 
 def contact_force(y, body):
-    """F of Eq. em-1, F = dv/dt + u with v = r x omega, in body components."""
+    """Return F of Eq. em-1, F = dv/dt + u with v = r x omega, in body components."""
     u, w = y[:3], y[3:]
     dy = rhs(0.0, y, body)
     r = contact_point(u, body)
@@ -123,14 +123,14 @@ def contact_force(y, body):
 
 
 def force_components(y, body):
-    """(F_par, F_perp) of the paper's friction footnote."""
+    """Return (F_par, F_perp) of the paper's footnote on friction."""
     f, u = contact_force(y, body), y[:3]
     par = float(f @ u)
     return par, float(np.linalg.norm(f - par * u))
 
 
 def launch(body, n_i, omega_xy0, psi):
-    """y(0): Eqs. sim-ic-1 and sim-ic-2."""
+    """Return y(0): Eqs. sim-ic-1 and sim-ic-2."""
     return np.array(
         [0.0, 0.0, -1.0, omega_xy0 * math.cos(psi), omega_xy0 * math.sin(psi), -float(n_i)]
     )
@@ -140,7 +140,7 @@ def launch(body, n_i, omega_xy0, psi):
 
 
 def h_matrix(body):
-    """H of Eq. lin-omg4."""
+    """Return H of Eq. lin-omg4."""
     r = rotation(get(body, "xi") + 0.5 * math.pi)
     gam = r @ np.diag([1.0 / get(body, "theta"), 1.0 / get(body, "phi")]) @ r.T
     jm = np.diag([get(body, "alpha") ** -0.5, get(body, "beta") ** -0.5])
@@ -148,7 +148,7 @@ def h_matrix(body):
 
 
 def modes(body):
-    """Modes by `eigh` and K_p, K_r from the brakets of Eqs. kp-1 and kr-1; psi as `atan`'s."""
+    """Return the modes by `eigh`, K_p and K_r by Eqs. kp-1 and kr-1, psi in (-pi/2, pi/2]."""
     alpha, beta = get(body, "alpha"), get(body, "beta")
     jp = np.diag([alpha**0.5, beta**0.5])
     jm = np.diag([alpha**-0.5, beta**-0.5])
@@ -169,7 +169,7 @@ def modes(body):
 
 
 def relevant_psi(body, n_i):
-    """Eq. sim-ic-3."""
+    """Return psi of Eq. sim-ic-3."""
     return modes(body)["psi_p" if n_i > 0 else "psi_r"]
 
 
@@ -177,7 +177,7 @@ def relevant_psi(body, n_i):
 
 
 def advance(body, y0, dt, rtol=1e-12, atol=1e-15):
-    """The state a short dt after y0, in at least four steps."""
+    """Return the state a short dt after y0, in at least four steps."""
     if dt == 0.0:
         return np.array(y0, dtype=float)
     sol = solve_ivp(
@@ -188,10 +188,10 @@ def advance(body, y0, dt, rtol=1e-12, atol=1e-15):
 
 
 def _first_bracket(ts, s, sign, rate, value):
-    """(a, b) around the first zero of a function sampled as s at ts, or None.
+    """Return (a, b) around the first zero of a function with samples s at ts, or None.
 
-    Where two samples are within ten second differences of zero and the function turns back between
-    them, the extremum is located on its derivative ``rate``, and its sign looked at.
+    Two zeros may lie between two samples that are within ten second differences of zero: if the
+    function turns back there, its sign at the extremum decides, a zero of the derivative ``rate``.
     """
     near = 10.0 * np.max(np.abs(np.diff(s, 2))) + 1e-15
     for k in range(len(ts) - 1):
@@ -207,12 +207,12 @@ def _first_bracket(ts, s, sign, rate, value):
 
 
 def first_reversal(body, n_i, omega_xy0, psi, t_end, rtol=1e-12, atol=1e-15, samples=64):
-    """`first_zero` of a launch."""
+    """Return `first_zero` of a launch."""
     return first_zero(body, launch(body, n_i, omega_xy0, psi), t_end, rtol, atol, samples)
 
 
 def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, samples=64):
-    """``(t_r, y(t_r))`` of the spin's first zero, or ``(None, y(t_end))`` if it keeps its sign."""
+    """Return ``(t_r, y(t_r))`` at the spin's first zero, or ``(None, y(t_end))`` without one."""
     sign = math.copysign(1.0, spin(y0))
     solver = DOP853(
         lambda t, y: rhs(t, y, body), 0.0, np.array(y0, dtype=float), t_end, rtol=rtol, atol=atol
@@ -247,7 +247,7 @@ def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, samples=64):
 
 
 def jacobian_spin(body, n):
-    """4x4 Jacobian in (u_x, u_y, omega_x, omega_y) about steady spin n, by complex step."""
+    """Return the Jacobian in (u_x, u_y, omega_x, omega_y) at steady spin n, by complex step."""
     y0 = np.array([0.0, 0.0, -1.0, 0.0, 0.0, -float(n)], dtype=complex)
     which = [0, 1, 3, 4]
     h = 1e-40
@@ -263,5 +263,5 @@ def jacobian_spin(body, n):
 
 
 def reduced_C_I(y, K_p, K_r):
-    """Casimir invariant, Eq. casimir."""
+    """Return the Casimir invariant, Eq. casimir."""
     return math.log(y[1]) / K_p + math.log(y[2]) / K_r

@@ -1,7 +1,7 @@
 """The paper's six-variable equations (vertical unit vector and angular velocity), at any precision.
 
-Nothing here imports `rattlesweep`, and nothing is shared with its kernels: other variables, another
-solver of the 3x3 system (cofactors), and NumPy's longdoubles or mpmath's numbers in object arrays.
+This module does not import `rattlesweep` and shares nothing with its kernels: it has other
+variables, solves the 3x3 system by cofactors, and computes in longdoubles or mpmath numbers.
 Units M = a = g = 1.
 """
 
@@ -12,7 +12,7 @@ PARAMETERS = ("alpha", "beta", "gamma", "theta", "phi", "xi")
 
 
 def real(values, exact=False):
-    """Doubles taken as exact, as longdoubles or as mpmath numbers."""
+    """Convert doubles to longdoubles, or to mpmath numbers if `exact`."""
     values = np.asarray(values, dtype=float)
     if not exact:
         return values.astype(np.longdouble)
@@ -26,7 +26,7 @@ def trigonometry(angle, exact):
 
 
 def constants(parameters, exact=False):
-    """Constants of bodies from rows of six parameters: inertia, radii B and curvatures A."""
+    """Return the inertia, radii B and curvatures A of bodies from rows of six parameters."""
     alpha, beta, gamma, theta, phi, xi = real(np.transpose(parameters), exact)
     c, s = trigonometry(xi, exact)
     # R(xi) diag R(xi)^-1 of the principal radii and of the principal curvatures.
@@ -45,7 +45,7 @@ def add(*vectors):
 
 
 def contact(u, du, q):
-    """The contact point and its rate: Eqs. def-xy and def-z."""
+    """Return the contact point and its rate: Eqs. def-xy and def-z."""
     bxx, bxy, byy, axx, axy, ayy = q[3:]
     up, uq = u[0] / u[2], u[1] / u[2]
     x, y = bxx * up + bxy * uq, bxy * up + byy * uq
@@ -56,7 +56,7 @@ def contact(u, du, q):
 
 
 def rhs(y, q):
-    """Derivatives of (u, omega): Eqs. diff-u and diff-omega."""
+    """Return the derivatives of (u, omega): Eqs. diff-u and diff-omega."""
     u, w, (ix, iy, iz) = y[:3], y[3:], q[:3]
     du = cross(u, w)
     r, dr = contact(u, du, q)
@@ -90,7 +90,7 @@ def step(y, h, q, columns=8):
         before, now = 0 * y, sub * f0
         for _ in range(2 * j - 1):
             before, now = now, before + 2 * sub * rhs(y + now, q)
-        # Aitken and Neville in the square of the substep.
+        # Aitken-Neville extrapolation in the square of the substep.
         row = [now]
         for i, old in enumerate(table, start=1):
             ratio = (row[0] * 0 + 1)[:1] * (j * j) / ((j - i) * (j - i)) - 1

@@ -1,10 +1,10 @@
-"""A command that is refused."""
+"""Checks of refused commands."""
 
 from typing import Any
 
 
 def assert_refused(result: Any, code: int, *words: str) -> None:
-    """Check that one line on standard error alone says why, with all of these words."""
+    """Check that the only output is one line on standard error with all of these words."""
     assert (result.exit_code, result.stdout) == (code, "")
     assert result.stderr.startswith("error: ")
     assert result.stderr.count("\n") == 1

@@ -8,17 +8,17 @@ GH = tuple(oracle.GH.values())
 
 
 def log_uniform(rng, low, high, size=None):
-    """Numbers whose logarithms are uniform."""
+    """Draw numbers with uniform logarithms."""
     return 10 ** rng.uniform(np.log10(low), np.log10(high), size)
 
 
 def dumbbells(gamma, f_sd):
-    """``alpha, beta, gamma`` of shell-dumbbells."""
+    """Return ``alpha, beta, gamma`` of shell-dumbbells."""
     return (1 - f_sd) * gamma + 1, f_sd * gamma + 1, gamma
 
 
 def table_one(size, seed):
-    """Bodies of the paper's set SD."""
+    """Draw bodies of the paper's set SD."""
     rng = np.random.default_rng(seed)
     inertia = dumbbells(rng.uniform(5, 15, size), rng.uniform(0.05, 0.15, size))
     theta, phi = rng.uniform(0.6, 0.95, size), rng.uniform(0.01, 0.1, size)
@@ -26,7 +26,7 @@ def table_one(size, seed):
 
 
 def any_body(size, seed):
-    """Any legal inertia and a wide range of surfaces, both hands."""
+    """Draw any legal inertia and a wide range of surfaces, left- and right-handed."""
     rng = np.random.default_rng(seed)
     beta = rng.uniform(1.05, 4, size)
     alpha = beta + rng.uniform(0.05, 8, size)
@@ -38,7 +38,7 @@ def any_body(size, seed):
 
 
 def far_outside(size, seed):
-    """Bodies at the ends of every range, ends combined at random."""
+    """Draw bodies near the ends of all ranges, combined at random."""
     rng = np.random.default_rng(seed)
     f_sd = np.choose(rng.integers(0, 3, size), [
         log_uniform(rng, 1e-9, 0.5, size), 0.5 - log_uniform(rng, 1e-9, 0.5, size) / 2,
@@ -58,10 +58,10 @@ def far_outside(size, seed):
 
 
 def rows(columns):
-    """Bodies one by one, as lists of floats."""
+    """Return bodies one by one, as lists of floats."""
     return np.stack(columns, -1).tolist()
 
 
 def mapping(body):
-    """One body by the names of its parameters."""
+    """Return one body as a mapping of its parameters."""
     return dict(zip(NAMES, body, strict=True))

@@ -1,8 +1,8 @@
-"""Ellipsoid and friction straight from mechanics, NumPy and SciPy only: vectors and matrices.
+"""Ellipsoids and friction from the laws of mechanics, in NumPy and SciPy.
 
-Nothing here imports `rattlesweep`.  Unknown are the angular acceleration and the contact force;
-Newton's law for the centre of mass, Euler's about it, and the condition that the body rolls
-give six linear equations for them.  Units M = a = g = 1; the state is ``(u, omega, work)``,
+This module does not import `rattlesweep`.  The unknowns are the angular acceleration and the
+contact force.  Newton's law for the centre of mass, Euler's law about it and the rolling condition
+are six linear equations for them.  Units M = a = g = 1; the state is ``(u, omega, work)``,
 body-fixed components, ``z`` down at rest.
 """
 
@@ -20,14 +20,14 @@ SMOOTHING = 1e-4
 
 @cache
 def ellipsoid(theta, phi, xi, c):
-    """Centre and matrix ``E`` of the ellipsoid ``x.E^-1 x = 1``, from its semi-axes."""
+    """Return the centre and the matrix ``E`` of the ellipsoid ``x.E^-1 x = 1``."""
     turn = np.eye(3)
     turn[:2, :2] = oracle.rotation(xi)
     return np.array([0, 0, 1 - c]), turn @ np.diag([c / theta, c / phi, c**2]) @ turn.T
 
 
 def contact(u, du, body):
-    """The contact point from the centre of mass, and its rate in the body's frame."""
+    """Return the contact point from the centre of mass, and its rate in the body's frame."""
     if body.get("c") is None:
         return oracle.contact_point(u, body), oracle.contact_point_dot(u, du, body)
     centre, e = ellipsoid(*(oracle.get(body, name) for name in ("theta", "phi", "xi", "c")))
@@ -37,7 +37,7 @@ def contact(u, du, body):
 
 
 def forces(y, body, sigma=0.0, rolling=0.0):
-    """Angular acceleration, contact force, and the power of the friction."""
+    """Return the angular acceleration, the contact force and the power of friction."""
     u, w = y[:3], y[3:6]
     r, dr = contact(u, cross(u, w), body)
     inertia = oracle.matrices(body)[2]
@@ -54,20 +54,20 @@ def forces(y, body, sigma=0.0, rolling=0.0):
     found = np.linalg.solve(left, right)
     force = found[3:]
     if rolling and force @ u < 0:
-        # A plane that would have to pull does not resist.
+        # A plane cannot pull, and without a force there is no rolling friction.
         return forces(y, body, sigma)
     power = -sigma * (w @ w) - rolling * (force @ u) * (direction @ w)
     return found[:3], force, power
 
 
 def rhs(t, y, body, sigma=0.0, rolling=0.0):
-    """Rates of ``u, omega`` and the work."""
+    """Return the rates of ``u, omega`` and the work."""
     acceleration, _, power = forces(y, body, sigma, rolling)
     return np.concatenate([cross(y[:3], y[3:6]), acceleration, [power]])
 
 
 def energy(y, body):
-    """Kinetic and potential energy, the latter 0 upright."""
+    """Return the energy; the potential is zero at rest."""
     u, w = y[:3], y[3:6]
     r, _ = contact(u, np.zeros(3), body)
     v = cross(r, w)
@@ -75,14 +75,14 @@ def energy(y, body):
 
 
 def follow(body, u, omega, t_end, sigma=0.0, rolling=0.0, tol=1e-13):
-    """SciPy's solution from a state, with dense output."""
+    """Return SciPy's solution from a state, with dense output."""
     y0 = np.concatenate([u, omega, [0.0]])
     return solve_ivp(rhs, (0, t_end), y0, "DOP853", dense_output=True, rtol=tol, atol=1e-3 * tol,
                      args=(body, sigma, rolling))  # fmt: skip
 
 
 def first_zero(found, value, samples=40_000):
-    """The first zero of a function of the state (or of columns of them), None if there is none."""
+    """Return the time of the first zero of a vectorised function of the state, or None."""
     times = np.linspace(0, found.t[-1], samples)
     values = value(found.sol(times))
     changes = np.flatnonzero(values[1:] * values[:-1] < 0)

@@ -1,4 +1,4 @@
-"""Sweeps and commands of tests, in this process unless a process is the matter."""
+"""Sweeps and commands, run in this process unless a test is about processes."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PROGRAM = Path(sys.executable).with_name("rattlesweep")
 
 
 def invoke(*args: Any) -> Any:
-    """One command in this process; whatever it raises is not the way it may end."""
+    """Run a command in this process, and raise any exception that it does not handle."""
     result = CliRunner().invoke(cli.main, [str(a) for a in args])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
@@ -46,7 +46,7 @@ def run(config: str | Path, output: Path, *sets: str, options: tuple[Any, ...] =
 
 
 def begin(output: Path, *sets: str, **kwargs: Any) -> subprocess.Popen[str]:
-    """A sweep of 6000 runs, some seconds long, in a process of its own."""
+    """Start a sweep of 6000 runs, which takes some seconds, in a process of its own."""
     chosen = ("bodies.samples=1500", "bodies.target={K_r: [0.02, 0.1], rel_tol: 0.1}",
               "spin.n_i=[-0.3, -0.5]", *sets)  # fmt: skip
     args = [part for text in chosen for part in ("--set", text)]
@@ -57,7 +57,7 @@ def begin(output: Path, *sets: str, **kwargs: Any) -> subprocess.Popen[str]:
 
 
 def changed(config: dict[str, Any], **parts: Any) -> dict[str, Any]:
-    """A config with other keys; of a section, those that are given."""
+    """Return a config with some keys replaced; sections are merged."""
     return config | {
         key: config.get(key, {}) | part if isinstance(part, dict) else part
         for key, part in parts.items()
@@ -65,7 +65,7 @@ def changed(config: dict[str, Any], **parts: Any) -> dict[str, Any]:
 
 
 def plan_of(config: str | Path | dict[str, Any], *sets: str, **changes: Any) -> Plan:
-    """Plan of a shipped config or one at a path with some settings, or of data with other keys."""
+    """Plan a config: a file with settings, or a mapping with replaced keys."""
     if isinstance(config, dict):
         return make_plan(parse_config(config | changes))
     return make_plan(load_config(CONFIGS / config, sets))
@@ -78,38 +78,38 @@ def prepared(plan: Plan) -> tuple[Launches, Batch]:
 
 
 def sweep(output: Path, config: str | Path | dict[str, Any], *sets: str, **options: Any) -> Any:
-    """Run such a plan without the command; `options` are those of `run_sweep`."""
+    """Run a config without the command line; `options` are those of `run_sweep`."""
     return run_sweep(plan_of(config, *sets), output, **options)
 
 
 def rows(output: Path) -> pd.DataFrame:
-    """All runs in the order of their keys."""
+    """Return all runs, sorted by key."""
     parts = [pd.read_parquet(path) for path in (output / "runs").glob("*.parquet")]
     return pd.concat(parts).sort_values(["case", "sample"], ignore_index=True)
 
 
 def manifest(output: Path) -> dict[str, Any]:
-    """What the manifest says, as any reader of JSON has it."""
+    """Return the manifest, read as plain JSON."""
     found: dict[str, Any] = json.loads((output / "manifest.json").read_text())
     return found
 
 
 def proved(output: Path, recompute: int = 0) -> str:
-    """Content of a directory that proves whole, and some of its runs computed anew."""
+    """Verify a directory, recompute some runs, and return the hash of its rows."""
     problems = verify(output, recompute=recompute, seed=1).problems
     assert problems == [], problems
     return content_hash(output)
 
 
 def content_hash(output: Path) -> str:
-    """Hash of all rows in the order of their keys, however they lie in files."""
+    """Return a hash of all rows, sorted by key, which does not depend on their files."""
     sink = pa.BufferOutputStream()
     pq.write_table(open_stored(output).read().combine_chunks(), sink)
     return hashlib.sha256(sink.getvalue()).hexdigest()
 
 
 def tree(directory: Path) -> dict[str, bytes]:
-    """All files below a directory, and folders as empty ones."""
+    """Return the contents of all files in a directory; folders count as empty files."""
     return {
         str(p.relative_to(directory)): p.read_bytes() if p.is_file() else b""
         for p in sorted(directory.rglob("*"))

@@ -1,7 +1,7 @@
-"""The calls with which a sweep touches its directory: each counted, and one of them the last.
+"""System calls on the directory of a sweep: all are counted, and one of them does harm.
 
-Files are written through a raw layer that takes half of what it is given first, as the system may:
-so half-written files are among the states that a kill or a fault finds.
+The first write to each file takes only half of the data, as the system is allowed to do, so that
+kills and faults also find half-written files.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 CHANGES = ("create", "write", "truncate", "fsync", "rename", "unlink", "mkdir", "rmdir", "lock",
            "link")  # fmt: skip
 READS = ("read", "list", "stat")
-# Which calls may fail with what. A full disk lets go of files.
+# Calls that may fail with each error. A full disk still deletes files.
 MAY_FAIL = {
     errno.ENOSPC: ("create", "write", "fsync", "rename", "mkdir", "link"),
     errno.EIO: (*CHANGES, *READS),
@@ -31,12 +31,12 @@ MAY_FAIL = {
 @dataclass
 class Calls:
     root: str
-    kinds: tuple[str, ...]  # calls that are counted
-    at: int | None = None  # the call at which harm is done, counted from 0
-    number: int | None = None  # what the call fails with; None for a signal before it
-    sent: int = signal.SIGKILL  # that signal
-    for_good: bool = False  # whether all calls that are counted fail from there on
-    log: str | None = None  # file that gets a line ``kind path`` for each call
+    kinds: tuple[str, ...]  # kinds of calls that are counted
+    at: int | None = None  # index of the call that does harm
+    number: int | None = None  # errno of the failure; None sends a signal before the call
+    sent: int = signal.SIGKILL  # the signal
+    for_good: bool = False  # whether all later calls fail, too
+    log: str | None = None  # file for one line ``kind path`` per call
     _paths: dict[int, str] = field(default_factory=dict)
     _count: int = 0
 
@@ -58,7 +58,7 @@ class Calls:
             raise OSError(self.number, os.strerror(self.number), path)
 
     def mine(self, path: Any) -> str | None:
-        """A path as text, if it is below the directory."""
+        """Return a path as text if it is inside the directory."""
         if isinstance(path, int):
             return self._paths.get(path)
         text = os.path.abspath(os.fspath(path))
@@ -111,7 +111,7 @@ class Calls:
         if mine is not None and mode == "xb":
             flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
             return io.BufferedWriter(_Raw(self, self._open(path, flags, 0o666)))
-        assert mine is None or mode == "rb", f"no test knows of files opened as {mode}"
+        assert mine is None or mode == "rb", f"files opened as {mode} are not counted"
         self.come("read", mine)
         return _OPEN(path, mode, *args, **kwargs)
 

@@ -1,7 +1,7 @@
-"""Theory of Kondo & Nakanishi (2017) in mpmath, as literally as the paper writes it.
+"""Theory of Kondo & Nakanishi (2017) in mpmath, in the paper's own form.
 
-Inputs are doubles (or mpf) taken as exact; the work is done at 120 digits because n_0 - |n_i| can
-be tiny, and results are rounded to 50.  Units M = a = g = 1.  Nothing here imports `rattlesweep`.
+Inputs are doubles (or mpf) and count as exact.  It computes with 120 digits, because n_0 - |n_i|
+can be tiny, and rounds to 50.  Units M = a = g = 1.  This module does not import `rattlesweep`.
 """
 
 from mpmath import mp
@@ -26,7 +26,7 @@ def _exact(*values):
 
 
 def n_c1_squared(alpha, beta, gamma, theta, phi):
-    """Right-hand side of Eq. def-nc1, negative (or None where the denominator is 0) if unreal."""
+    """Return the square of n_c1 (Eq. def-nc1), which may be negative; None for a zero divisor."""
     with mp.workdps(WORK):
         a, b, c, th, ph = _exact(alpha, beta, gamma, theta, phi)
         den = 2 - (th + ph) - (a + b - c) * (th + ph - 2 * th * ph)
@@ -34,9 +34,9 @@ def n_c1_squared(alpha, beta, gamma, theta, phi):
 
 
 def reference(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0):
-    """Everything the theory says of one launch along the relevant mode, as mpf or None.
+    """Return all quantities of the theory for a launch along the relevant mode, as mpf or None.
 
-    ``t_rgh`` follows the paper's formula, and so is negative where K < 0; psi is in (-pi/2, pi/2].
+    ``t_rgh`` follows the paper's formula and so is negative where K < 0; psi is in (-pi/2, pi/2].
     """
     with mp.workdps(WORK):
         a, b, c, th, ph, x, n, w = _exact(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0)
@@ -93,7 +93,7 @@ def reference(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0):
 
 
 def spin_matrix(alpha, beta, gamma, theta, phi, xi, n):
-    """4x4 matrix of the linearised equations about u = (0, 0, -1), omega = (0, 0, -n).
+    """Return the matrix of the equations linearised about u = (0, 0, -1), omega = (0, 0, -n).
 
     In (u_x, u_y, omega_x, omega_y), with B = R Theta^-1 R^-1 and r_perp = -B u_perp:
 
@@ -116,14 +116,14 @@ def spin_matrix(alpha, beta, gamma, theta, phi, xi, n):
 
 def _eigenvalues(matrix):
     found, _ = mp.eig(matrix)
-    # What rounding leaves of an imaginary part that is zero.
+    # Remove rounding errors from imaginary parts that are zero.
     found = [mp.mpc(v.real, 0) if abs(v.imag) < mp.mpf(10) ** -40 * abs(v) else mp.mpc(v)
              for v in found]  # fmt: skip
     return [_rounded(v) for v in sorted(found, key=lambda v: (-v.imag, -v.real))]
 
 
 def _blocks(uu, uw, wu, ww):
-    """The 4x4 matrix of four 2x2 blocks."""
+    """Return the 4x4 matrix made of four 2x2 blocks."""
     m = mp.zeros(4)
     for i in range(2):
         for j in range(2):
@@ -134,18 +134,18 @@ def _blocks(uu, uw, wu, ww):
 
 
 def steady_eigenvalues(constants, n, sigma=0.0):
-    """The four eigenvalues of the steady spin for a body's `full.constants`, taken as exact.
+    """Return the four eigenvalues of a steady spin, by decreasing imaginary part.
 
-    By decreasing imaginary part.  With a torque ``-sigma omega``, which lets the spin fall
-    at the rate ``sigma n / gamma``.
+    ``constants`` are those of `full.constants`.  The torque ``-sigma omega`` makes the spin fall at
+    the rate ``sigma n / gamma``.
     """
     with mp.workdps(WORK):
         ix, iy, iz, cxx, cxy, cyy, n, sigma = _exact(*(float(x) for x in (*constants, n, sigma)))
         c, fall = -n, sigma * n / iz
         curved = mp.matrix([[cxx, cxy], [cxy, cyy]])
         turn = mp.matrix([[0, 1], [-1, 0]])
-        # Of the slope s and the horizontal omega: ds/dt = c turn s - turn omega, f = C s,
-        # w = c turn f - C ds/dt, and J domega/dt below.
+        # For the slope s and the horizontal omega: ds/dt = c turn s - turn omega, f = C s,
+        # w = c turn f - C ds/dt, and J domega/dt as below.
         su, sw = c * turn, -turn
         wu, ww = c * turn * curved - curved * su, -curved * sw
         gyro = mp.matrix([[0, c * (iy - iz)], [c * (iz - ix), 0]])

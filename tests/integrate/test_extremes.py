@@ -1,4 +1,4 @@
-"""The extremes: agreement with an independent integrator, or a status that says why not.
+"""Extreme parameters: agreement with an independent integrator, or a status that says why not.
 
 benchmarks/extremes.py compares many more, at 1e-12.
 """
@@ -17,7 +17,7 @@ SD = {"alpha": 10.0, "beta": 2.0, "gamma": 10.0, "theta": 0.8, "phi": 0.05, "xi"
 
 
 def ask(change, n_i, omega_xy0, t_end, **integrator):
-    """The outcome of a run of GH with other parameters."""
+    """Return the outcome of a run of GH with some parameters changed."""
     body = rs.Rattleback(**(GH | change))
     return rs.simulate(body, n_i=n_i, omega_xy0=omega_xy0, t_end=t_end, threads=1, **integrator)
 
@@ -48,7 +48,7 @@ def test_extremes_agree_with_the_oracle(change, n_i, omega_xy0, t_end):
      ({}, -1.0, 0.01, 1e3, "SW"), ({}, -1.0, 0.01, 1e4, "SW")],
 )  # fmt: skip
 def test_types_of_long_runs(change, n_i, omega_xy0, t_end, kind):
-    """Rolls that decay by many orders, or are overdamped; a spin that wobbles."""
+    """Rolls that decay by many orders of magnitude or are overdamped; a spin that wobbles."""
     found = ask(change, n_i, omega_xy0, t_end)
     assert (found.status, found.type) == ("ok", kind)
 

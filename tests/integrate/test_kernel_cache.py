@@ -1,4 +1,4 @@
-"""Kernels on disk: found again by another process, only where nobody else can write."""
+"""Kernels on disk: other processes find them, only in folders that nobody else can write."""
 
 import errno
 import json
@@ -21,7 +21,7 @@ import pytest
 
 from rattlesweep.integrate import compile
 from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.compile import Kernel, is_stored, load_kernel
+from rattlesweep.integrate.compile import Kernel, is_stored, load_kernels
 from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
@@ -39,7 +39,7 @@ def small(name):
 
 @pytest.fixture
 def place(monkeypatch, tmp_path):
-    """A cache of kernels that is empty, and this process' own kernels forgotten."""
+    """An empty cache, with this process' own kernels forgotten."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
@@ -50,17 +50,17 @@ def place(monkeypatch, tmp_path):
 
 
 def again(name="small"):
-    """The kernel as another process finds it: its value, and whether it was compiled before."""
+    """Return the kernel's value as for a new process, and whether it was stored before."""
     compile._loaded.clear()
     compile.cache_folder.cache_clear()
     stored = is_stored(small, name)
-    return load_kernel(small, name)(-3), stored
+    return load_kernels((small, name))[0](-3), stored
 
 
 def test_a_kernel_is_compiled_by_another_process_and_found_again(place):
     assert again() == (13, False)
     # This process has loaded it, and compiled nothing.
-    compiled = load_kernel(small, "small")
+    (compiled,) = load_kernels((small, "small"))
     assert (len(compiled.stats.cache_hits), len(compiled.stats.cache_misses)) == (1, 0)
     files = {path: path.read_bytes() for path in place.rglob("*.nb?")}
     assert again() == (13, True)
@@ -81,7 +81,7 @@ print(json.dumps([heard, hits]))
 """
 
 
-def test_all_parts_of_a_sweep_s_kernel_are_found_by_the_next_process():
+def test_the_next_process_finds_all_parts_of_a_kernel():
     def process():
         call = [sys.executable, "-c", FOUND]
         return json.loads(subprocess.run(call, capture_output=True, text=True, check=True).stdout)
@@ -116,13 +116,13 @@ UNSAFE = {
 def test_an_unsafe_folder_is_neither_read_nor_written(unsafe, place):
     again()
     folder = compile.cache_folder()
-    # Well-formed code that is another function's: what would be loaded from here is seen.
+    # Files that must stay as they are.
     files = list(folder.rglob("*.nb?"))
     before = [path.read_bytes() for path in files]
     UNSAFE[unsafe](folder)
     assert again() == (13, False)
     found = compile.cache_folder()
-    # The user's own cache, as the one that was named cannot be had.
+    # The user's own cache is used instead of the one that was named.
     assert found.parent == place.parent / "user" / "rattlesweep"
     assert [path.read_bytes() for path in files] == before
     assert again() == (13, True)
@@ -135,7 +135,7 @@ def test_a_private_temporary_folder_is_removed_with_its_process(tmp_path):
     env = {"NUMBA_CACHE_DIR": nowhere, "XDG_CACHE_HOME": nowhere, "TMPDIR": str(temporary)}
     code = (
         "import test_kernel_cache as t; "
-        "print(t.again(), t.load_kernel(t.small, 'small')(-4), t.compile.cache_folder())"
+        "print(t.again(), t.load_kernels((t.small, 'small'))[0](-4), t.compile.cache_folder())"
     )
     done = python(code, **env)
     assert done.returncode == 0, done.stderr
@@ -147,7 +147,7 @@ def test_a_kernel_stays_in_memory_where_the_disk_is_full(place, monkeypatch):
     def fail(*args, **kwargs):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    # Other processes fail as well: their command is one that ends at once.
+    # The processes that compile fail as well: their command ends at once.
     monkeypatch.setattr(compile, "CODE", "raise SystemExit(1)")
     monkeypatch.setattr(numba.core.caching.IndexDataCacheFile, "save", fail)
     assert again() == (13, False)
@@ -214,7 +214,7 @@ def _states(_):
 
 
 def fork(layer):
-    """In a fresh process: threads that integrate, then a pool of forked processes."""
+    """Integrate in threads and then in forked processes; called in a fresh process."""
     before = states()
     assert numba.threading_layer() == layer
     with ThreadPoolExecutor(4) as threads:
@@ -236,7 +236,7 @@ def test_threads_and_forked_processes_integrate(layer):
     [("NUMBA_NUM_THREADS=0", "it must be a whole number from 1 to 4096"),
      ("NUMBA_THREADING_LAYER=nonsense", "layer requested 'nonsense' is unknown")],
 )  # fmt: skip
-def test_a_setting_that_cannot_be_is_one_sentence(setting, said, tmp_path):
+def test_an_impossible_setting_is_reported_in_one_sentence(setting, said, tmp_path):
     code = (
         f"import sys; sys.argv = ['rattlesweep', 'run', {str(CONFIG)!r}, '--output', "
         f"{str(tmp_path / 'out')!r}, '-q']; from rattlesweep.cli import main; main()"
@@ -249,7 +249,7 @@ def test_a_setting_that_cannot_be_is_one_sentence(setting, said, tmp_path):
 
 
 def both():
-    """In a fresh process: the outcome of a run with all observations, and its trajectory."""
+    """Print the outcome of a run with all records and its trajectory; for a fresh process."""
     batch = kernels.full_batch(oracle.GH, [-0.1], 0.01, t_end=30.0)
     records = frozenset(["energy", "contact", "windows", "reversals", "lyapunov"])
     out = integrate(batch, METHODS["dop853"], FULL, threads=1, record=records)

@@ -22,7 +22,6 @@ from rattlesweep.physics import full, theory
 
 GH = oracle.GH
 DOP853, RK4 = METHODS["dop853"], METHODS["rk4"]
-PSI_P = oracle.modes(GH)["psi_p"]
 # By `oracle.first_reversal`.
 T_UNSTEADY, T_STEADY = 112.093877963873, 809.857417847725
 every_method = kernels.methods("dop853", "rk4")
@@ -37,7 +36,7 @@ def assert_status(outcome, status):
 
 
 def shell_dumbbells(count, seed):
-    """Random bodies as a mapping of arrays; with them spins and launches."""
+    """Random bodies as a mapping of arrays, with spins and oscillations at launch."""
     rng = np.random.default_rng(seed)
     inertia = dumbbells(rng.uniform(5, 15, count), rng.uniform(0.05, 0.15, count))
     theta, phi = rng.uniform(0.6, 0.95, count), rng.uniform(0.01, 0.1, count)
@@ -75,7 +74,7 @@ def test_random_bodies_reverse_when_the_oracle_says(count, seed):
     modes = theory.modes(*(body[x] for x in ("alpha", "beta", "theta", "phi", "xi")))
     speed = np.sqrt(2 * (e_p + e_r) / body["gamma"])
     t_gh = theory.GarciaHubbard(np.where(n_i > 0, modes.K_p, modes.K_r), n_i, speed).t_rgh
-    # Early reversals are waited for; the others only show that none comes early.
+    # Early reversals are awaited; other runs only show that none comes early.
     t_end = np.where(t_gh < 40, 1.3 * t_gh, 10.0)
     out = integrate(kernels.full_batch(body, n_i, omega, t_end=t_end), DOP853, FULL)
     expected = np.full(count, np.nan)
@@ -93,7 +92,7 @@ def test_random_bodies_reverse_when_the_oracle_says(count, seed):
 
 
 @both_kinds
-def test_threads_order_and_company_do_not_matter(method):
+def test_threads_order_and_other_runs_do_not_matter(method):
     runs = mixed(75)
     whole = integrate(runs, method, FULL, threads=1, dt=0.01)
     assert np.isfinite(whole.t_r).any()
@@ -114,14 +113,14 @@ TOUCH, T_TOUCH, T_NEXT = 0.00663381740279008, 1.967217, 3.13791070912
 @also_dopri5
 @pytest.mark.parametrize("tol", [1e-6, 1e-8, 1e-9, 1e-12])
 def test_no_first_zero_is_missed_around_the_touch(name, tol):
-    # Both sides on a logarithmic scale, dips from 1e-4 to 1e-15 deep.
+    # Launches on both sides on a logarithmic scale, with dips from 1e-4 to 1e-15 deep.
     away = np.logspace(-13, -2, 100) * TOUCH
     n_i = np.concatenate([TOUCH - away, TOUCH + away])
     out = integrate(kernels.full_batch(GH, n_i, 0.1, t_end=6.0), METHODS[name], FULL, tol=tol)
     assert_status(out, Status.OK)
     late = out.t_r > 2.5
     wrong = late != (n_i > TOUCH)
-    # Where the method's own error decides, the run must be counted among the doubtful.
+    # If the method's own error decides, the run must be counted as doubtful.
     assert (out.near_tangencies[wrong] > 0).all()
     assert np.abs(n_i - TOUCH)[wrong].max(initial=0) < 10 * tol
     assert min(late.sum(), (~late).sum()) > 30
@@ -129,7 +128,7 @@ def test_no_first_zero_is_missed_around_the_touch(name, tol):
     assert tol > 1e-9 or not out.near_tangencies[np.abs(n_i - TOUCH) > 1e-5].any()
 
 
-def test_energy_off_by_more_than_a_hundredth_has_a_status():
+def test_energy_that_is_off_by_more_than_a_hundredth_has_a_status():
     dt = np.array([0.05, 0.2, 0.3, 0.4, 0.5])
     runs = kernels.full_batch(GH, 0.5, 0.3, t_end=400.0)
     found = [integrate(runs, RK4, FULL, dt=x) for x in dt]
@@ -166,7 +165,7 @@ def test_nonfinite_states_end_at_once_and_leave_the_neighbours_alone(method):
 
 
 def records_of(method):
-    """All but the tangents of RK4: their kernel is in the slow part of test_lyapunov.py."""
+    """Return all records, without tangents for RK4, whose kernel takes long to compile."""
     return [name for name in RECORDS if method is DOP853 or name != "lyapunov"]
 
 
@@ -175,7 +174,7 @@ def test_recording_changes_nothing_else(method):
     runs = mixed(70)
     extra = ("energy_drift_max", "contact_ratio_max", "contact_normal_min", "windows", "growth",
              "volume_rate")  # fmt: skip
-    # With reversals, runs go on behind the first.
+    # With reversals recorded, runs continue after the first.
     others = tuple(name for name in records_of(method) if name != "reversals")
     plain = integrate(runs, method, FULL, dt=0.01)
     for record in (*((name,) for name in others), others):
@@ -194,7 +193,7 @@ def test_records_are_those_of_the_trajectory(method):
     out = integrate(runs, method, FULL, record=frozenset(records_of(method)))
     assert_status(out, Status.OK)
     assert (out.t_end == t_end).all()
-    # Only the ends of steps are seen; adaptive steps are a good part of a swing long.
+    # Only the ends of steps are observed, and adaptive steps are a large part of a swing long.
     force, amplitude, spin = (0.01, 0.005, 0.02) if method is RK4 else (0.15, 0.08, 0.2)
     t = np.linspace(0, t_end, 1601)
     for k in range(len(launches)):
@@ -229,7 +228,7 @@ def test_records_are_those_of_the_trajectory(method):
 
 @both_kinds
 def test_stop_ends_a_long_batch_soon_and_keeps_what_was_done(method):
-    # Stable in its steady direction: no reversal for ever.  The longest go first.
+    # Stable in its steady direction, so there is no reversal.  The longest runs start first.
     t_end = np.where(np.arange(LANES + 8) < 3, 1e7, 5.0)
     runs = kernels.full_batch(GH, -1.5, 0.001, t_end=t_end)
     job = Task(lambda control: integrate(runs, method, FULL, control=control))

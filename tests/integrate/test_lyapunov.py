@@ -1,4 +1,4 @@
-"""The largest Lyapunov exponent: tangents against 50 digits, exact rates, other integrators."""
+"""The largest Lyapunov exponent: tangents against 60 digits, exponents against growth rates."""
 
 import kernels
 import numpy as np
@@ -30,7 +30,7 @@ def bodies_and_states(size, seed):
 
 
 def derivative(function, at, along, *constants):
-    """Of a function of mpmath numbers, along a direction, to about 40 digits."""
+    """Return the derivative of a function along a direction, to about 40 digits."""
     h = mp.mpf(10) ** -20
     ends = [
         function(*(mp.mpf(y) + s * h * mp.mpf(v) for y, v in zip(at, along, strict=True)),
@@ -55,7 +55,7 @@ def test_exponent_of_linear_growth_is_the_growth_rate(n_i):
     rate = max(float(x) for x in steady.growth(full.constants(**GH), n_i))
     runs = kernels.full_batch(GH, n_i, 1e-12, t_end=25 / rate)
     t, log = integrate(runs, DOP853, FULL, tol=1e-11, record=LYAPUNOV).growth[0].T
-    # Once the other mode is hidden, before anything is nonlinear; both swing within a period.
+    # After the other mode has become negligible, and before nonlinear terms matter.
     late = np.isfinite(t) & (t > 10 / rate)
     assert np.polyfit(t[late], log[late], 1)[0] == pytest.approx(rate, rel=0.02)
 
@@ -63,7 +63,7 @@ def test_exponent_of_linear_growth_is_the_growth_rate(n_i):
 def test_a_very_long_tangent_stays_a_number():
     runs = kernels.full_batch(GH, -0.5, 0.3, t_end=20_000.0)
     growth = integrate(runs, DOP853, FULL, record=LYAPUNOV | {"reversals"}).growth
-    # e^1400: the double's range ends at e^709.
+    # The growth is e^1400; the range of doubles ends at e^709.
     assert np.nanmax(growth[0, :, 1]) > 1400
 
 

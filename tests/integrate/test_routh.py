@@ -10,8 +10,7 @@ import rattlesweep as rs
 def test_jelletts_integral_of_a_routh_sphere(c):
     """The angular momentum about the centre of mass times the contact vector is conserved.
 
-    A body needs ``phi < theta`` and
-    ``beta < alpha``: they differ by a unit in the last place.
+    A body needs ``phi < theta`` and ``beta < alpha``, which here differ in the last place only.
     """
     sphere = rs.Rattleback(
         alpha=2.2, beta=np.nextafter(2.2, 0), gamma=1.0, theta=1 / c, phi=np.nextafter(1 / c, 0),

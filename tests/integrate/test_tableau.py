@@ -1,4 +1,4 @@
-"""Coefficients against order conditions and SciPy; damping."""
+"""Coefficients of the methods against order conditions, and their damping."""
 
 import math
 from functools import cache
@@ -57,7 +57,7 @@ def weights(row, tableau):
 
 
 def defects(a, b, order):
-    """How far each condition of one order is from being met, times the tree's density."""
+    """Return the defect of each condition of one order, times the density of its tree."""
 
     def stage(tree):
         return math.prod((a @ stage(branch) for branch in tree), start=np.ones(len(a)))
@@ -66,7 +66,7 @@ def defects(a, b, order):
 
 
 def order_of(a, b):
-    """The order up to which every condition holds."""
+    """Return the order up to which every condition holds."""
     order = 0
     while order < 9 and defects(a, b, order + 1).max() < 1e-11:
         order += 1

@@ -1,4 +1,4 @@
-"""Calls in threads of their own: their results, their errors, and how they are stopped."""
+"""Calls in their own threads: their results, their errors, and how they are stopped."""
 
 import os
 import signal

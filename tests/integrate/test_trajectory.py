@@ -27,7 +27,7 @@ every_method = kernels.methods("dop853", "rk4")
 
 
 def follow(batch, method=DOP853, model=FULL, **options):
-    """All accepted steps: the follower at its end, times and states."""
+    """Return the follower at its end, and times and states of all accepted steps."""
     follower = Follower(batch, method, model, **options)
     parts = [follower.launch()]
     while not follower.ended:
@@ -65,7 +65,7 @@ def test_rows_do_not_change_the_steps_nor_pieces_of_a_grid_the_rows():
             whole.steps()
         assert (whole.zeros, whole.n_steps) == (plain.zeros, plain.n_steps)
         assert len(found.t) == len(times)
-    # The last grid was the steps themselves; h is known but for the rounding of t.
+    # The last grid was that of the steps, whose size is known up to the rounding of t.
     assert found.y == pytest.approx(y, abs=1e-13)
 
 
@@ -92,7 +92,7 @@ def test_channels_of_the_state_agree_with_the_oracle():
 
 
 def test_attitude_and_trace_agree_with_rigid_body_kinematics():
-    """SciPy turns a quaternion by omega and adds up the velocity of the contact point."""
+    """SciPy integrates a quaternion by omega, and the velocity of the contact point."""
     t_end = 15.0
 
     def rhs(t, y):
@@ -126,7 +126,7 @@ def test_attitude_and_trace_agree_with_rigid_body_kinematics():
     assert table["yaw"].to_numpy() == pytest.approx(heading, abs=1e-12)
 
 
-def test_rows_that_are_asked_for():
+def test_requested_rows():
     long = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, t_end=3000).table["t"]
     assert long.diff().max() <= 2 * np.pi / rs.modes(GH).omega_p / 20
     options = {"n_i": 0.1, "omega_xy0": 0.01, "t_end": 10.0}
@@ -155,7 +155,7 @@ def test_a_million_points_in_bounded_memory():
     assert peak < 1.4e7
 
 
-def test_a_run_that_fails_says_so_and_keeps_what_was_good():
+def test_a_failed_run_says_so_and_keeps_its_good_steps():
     batch = kernels.full_batch(oracle.GH, [0.1], t_end=100.0)
     follower, t, y = follow(batch, max_steps=50)
     assert follower.status == Status.STEP_LIMIT

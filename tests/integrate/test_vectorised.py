@@ -19,12 +19,12 @@ pytestmark = pytest.mark.skipif(
     platform.machine() not in ("x86_64", "AMD64"), reason="reads x86 assembly"
 )
 
-# Arithmetic on doubles, with (v...) or without AVX; "sd" is one number, "pd" a register full.
+# Arithmetic on doubles, with (v...) or without AVX: "sd" on one number, "pd" on a full register.
 ARITHMETIC = re.compile(
     r"^\s+v?(add|sub|mul|div|sqrt|min|max|cmp\w*|ucomi|comi|fn?m(?:add|sub)\d*)([sp])d\s", re.M
 )
 SLOW = {"div", "sqrt"}
-# A step takes seconds to compile: a few at every time, the others when asked.
+# A step takes seconds to compile: a few are always checked, the others in slow tests.
 QUICK = {("dop853", "full"), ("rk4", "full_tangent")}
 kinds = pytest.mark.parametrize(
     ("method", "model"),
@@ -42,7 +42,7 @@ PIECES = {
     "decide": (kernel.decide, (float64[::1], float64, float64)),
     "commit": (kernel.commit, (float64[::1],)),
     "advance": (runs.advance, (float64[::1],)),
-    "tangent_advance": (runs.tangent_advance, (float64[::1],)),
+    "advance_tangent": (runs.advance_tangent, (float64[::1],)),
 }
 
 
@@ -53,7 +53,7 @@ def assembly(function, signature):
 
 
 def piece(name, method, model):
-    """Machine code of a piece of a kernel."""
+    """Return the machine code of a piece of a kernel."""
     problem = typeof(kernels.problem(method, model))
     if name == "attempt":
         return assembly(kernels.attempt(method, model), (problem, float64[::1], float64))
@@ -62,7 +62,7 @@ def piece(name, method, model):
 
 
 def counts(text):
-    """Scalar and packed operations, and of them the divisions and roots."""
+    """Count scalar and packed operations, with divisions and roots apart."""
     found = ARITHMETIC.findall(text)
     return {
         (width, slow): sum(w == width and (name in SLOW) == slow for name, w in found)
@@ -72,12 +72,12 @@ def counts(text):
 
 
 def assert_vectorised(text):
-    """No operation on a single number, nothing read or written under a mask on AVX2."""
+    """Check that no operation is scalar, and that no load or store is masked with AVX2."""
     found = counts(text)
     assert found["p", False] + found["p", True] > 0 or re.search(r"%[xyz]mm", text)
     assert found["s", False] == found["s", True] == 0, found
     assert "maskmov" not in text
-    # Registers as wide as can be.
+    # The widest registers are used.
     if re.search(r"^\s+v\w+pd\s", text, re.M):
         assert re.search(r"%[yz]mm", text)
 
@@ -103,4 +103,4 @@ def test_lanes_move_on_vectorised(model):
     assert_vectorised(piece("commit", "dop853", model))
     assert_vectorised(piece("advance", "dop853", model))
     if model == TANGENT.name:
-        assert_vectorised(piece("tangent_advance", "dop853", model))
+        assert_vectorised(piece("advance_tangent", "dop853", model))

@@ -8,7 +8,7 @@ from sweeping import plan_of, prepared
 from test_stone import constants_of, random_bodies
 
 from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.model import ELLIPSOID, FRICTION, VECTORS
+from rattlesweep.integrate.model import ELLIPSOID, VECTORS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full
@@ -16,11 +16,10 @@ from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.block import run_batch
 
 DOP853 = METHODS["dop853"]
-FRICTIONAL = FRICTION["ellipsoid", "rolling"]
 
 
 def rollers(samples, **others):
-    """A sweep of low ellipsoids at a spin from which most roll onto their side, and its batch."""
+    """Return a sweep of low ellipsoids, most of which roll onto their side, and its batch."""
     plan = plan_of({
         "seed": 2017,
         "bodies": {"source": "sd", "samples": samples, "surface": "ellipsoid", "c": 2},
@@ -56,7 +55,7 @@ def test_equations_are_those_of_mechanics_in_any_position():
 
 
 def test_runs_go_on_past_the_side_as_the_oracle_says():
-    """Launched along the roll, which grows until the body lies on its side; then it reverses."""
+    """The roll grows until the body lies on its side; later the spin reverses."""
     config, launches, batch = rollers(200)
     rows = np.array([177, 6, 128])
     out = run_batch(config, kernels.take(batch, rows))
@@ -69,7 +68,7 @@ def test_runs_go_on_past_the_side_as_the_oracle_says():
         assert found.y[2].max() > 0
         zero = stone_oracle.first_zero(found, lambda y: np.sum(y[:3] * y[3:6], axis=0))
         assert out.t_r[k] == pytest.approx(zero, rel=1e-8)
-    # A row is the same in any company, and with reversals recorded.
+    # A row is the same in any batch, and with reversals recorded.
     kernels.assert_same(run_batch(config, kernels.take(batch, rows[[1]])), kernels.pick(out, [1]))
     both = integrate(
         kernels.take(batch, rows), DOP853, ELLIPSOID, record=frozenset(["reversals", "volume"])

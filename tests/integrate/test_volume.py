@@ -42,7 +42,7 @@ def test_rate_is_the_trace_of_the_derivative_over_omega(model):
 
 
 def logarithm_of_volume(body, y0, t_end, steps):
-    """Of a small volume moved along for a time, by the derivative of the map at 30 digits."""
+    """Return the logarithm of a small volume carried by the flow, at 30 digits."""
     h = mp.mpf(10) ** -15
     q = reference.constants([list(body.values())] * 11, exact=True)
 
@@ -72,7 +72,7 @@ def logarithm_of_volume(body, y0, t_end, steps):
 
 
 @pytest.mark.parametrize("count", [1, pytest.param(10, marks=pytest.mark.slow)])
-def test_mean_rate_is_that_of_the_map_of_a_small_volume(count):
+def test_mean_rate_is_that_of_a_small_volume(count):
     rng, t_end = np.random.default_rng(4), 1.0
     for row in table_one(count, 44).T:
         body, n, w, psi = mapping(row), rng.uniform(-0.5, 0.5), rng.uniform(0.1, 0.5), 0.7
@@ -100,6 +100,6 @@ def test_accuracy_is_that_of_the_method():
     off = [abs(integrate(runs, RK4, FULL, dt=dt, record=VOLUME).volume_rate[1] - rates[0][1])
            for dt in (0.1, 0.05)]  # fmt: skip
     assert off[0] / off[1] == pytest.approx(16, rel=0.4)
-    # Of a run that fails there is none, nor of one that does not record it.
+    # There is no rate for a failed run, nor if it is not recorded.
     assert np.isnan(integrate(runs, DOP853, FULL, record=VOLUME, max_steps=9).volume_rate).all()
     assert np.isnan(integrate(runs, DOP853, FULL).volume_rate).all()

@@ -135,12 +135,14 @@ def test_theory_takes_arrays():
 
 BAD: list[tuple[Any, str]] = [
     (lambda: GH.replace(theta="0.6"), r"theta: 0.6 \(str\) is no number"),
-    (lambda: rs.trajectory(3, **LAUNCH), r"body: 3 \(int\) is no body"),
+    (lambda: rs.trajectory(3, **LAUNCH), r"body: 3 \(int\) is not a body"),
     (lambda: rs.trajectory("GH", n_i=[0.1], omega_xy0=1), r"n_i: one number .* of shape \(1,\)"),
-    (lambda: rs.trajectory("GH", points=2.5, **LAUNCH), "points: 2.5 .* give a whole number from"),
+    (lambda: rs.trajectory("GH", points=2.5, **LAUNCH), "points: 2.5 .* must be a whole number"),
+    (lambda: rs.trajectory("GH", **LAUNCH, tend=1), 'arguments: "tend" .* did you mean "t_end"'),
+    (lambda: rs.trajectory("GH", **LAUNCH, t_end=1).plot("a.gif"), "path a.gif: the name must end"),
     (lambda: rs.reversal_time_gh(GH, [0.1, 0], 0.1), "n_i: a launch without spin, n_i = 0, has"),
     (lambda: rs.sweep(3), "give a dict"),
-    (lambda: rs.replay("x", 1.5, 0), r"case: 1.5 \(float\) is no count"),
+    (lambda: rs.replay("x", 1.5, 0), r"case: 1.5 \(float\) is given; it must be a whole"),
 ]
 
 
@@ -148,12 +150,16 @@ BAD_RUNS: list[tuple[dict[str, Any], str]] = [
     ({"n_i": [0.1, 0], "t_end": None}, "without spin .* has no t_rGH"),
     ({"omega": (0, 0, 1)}, "n_i and omega_xy0 given with a full state"),
     ({"n_i": "60 rpm"}, "n_i: 60 rpm has a unit, but the body has no size"),
-    ({"n_i": True}, r"n_i: True \(bool\) is no number"),
+    ({"n_i": True}, r"n_i: True \(bool\) is not a number"),
+    ({"n_i": [[1], [1, 2]]}, r"n_i: \[\[1\], \[1, 2\]\] \(list\) is not a number or an array"),
+    ({"n_i": "60"}, r"n_i: '60' \(str\) has no unit; a spin is needed, such as 60 rpm"),
+    ({"methd": "rk4"}, 'arguments: "methd" is not one of .* did you mean "method"'),
+    ({"record": 3}, r"record: 3 \(int\) is not a name or a list of names"),
     ({"n_i": [1, 2], "omega_xy0": [1] * 3}, r"bodies \(\), n_i \(2,\), omega_xy0 \(3,\)"),
     ({"omega_xy0": None}, "omega_xy0 missing; give n_i and omega_xy0"),
     ({"psi": "yaw"}, '"yaw" is not one of relevant, pitch, roll'),
     ({"method": "rk4", "tol": 1e-9}, "integrator.tol: rk4 takes"),
-    ({"body": [GH, "HG"]}, r"bodies\[1\]: 'HG' \(str\) is no body"),
+    ({"body": [GH, "HG"]}, r"bodies\[1\]: 'HG' \(str\) is not a body"),
     ({"body": FRAME.drop(columns="phi")}, "bodies: the column phi is missing"),
     ({"body": FRAME.assign(theta=[0.7, 2, 0.7])}, "bodies: row 2: theta is 2"),
 ]

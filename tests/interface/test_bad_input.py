@@ -56,7 +56,7 @@ run c.yaml --set 'bodies={source: sd, samples: 100000000000}' | runs; at most 1e
 run c.yaml --output '' | --output: the directory has no name
 run c.yaml --scheduler tcp://host:8786 | --engine dask: goes with --scheduler ADDRESS
 run c.yaml --shard 1 | --shard 1: is not I/N
-run c.yaml --max-time 3 | --max-time 3: is no length of time
+run c.yaml --max-time 3 | --max-time 3: is not a duration
 classify c.yaml | is not an output directory
 status none | none is not an output directory: there is no such
 trajectory --method rk5 | is not one of

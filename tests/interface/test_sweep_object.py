@@ -78,7 +78,9 @@ def test_other_thresholds_and_back(sd):
      (lambda s: s.plot(path="a.gif"), "path a.gif: the name must end in .svg, .png, .pdf"),
      (lambda s: s.plot(select={"n_i": 0.7}), r"--select n_i=0.7: n_i has no value 0.7"),
      (lambda s: s.show(), "which run"),
-     (lambda s: rs.sweep("c.yaml", seed=1), "seed: is given beside a config")],
+     (lambda s: s.verify(recompute=-1), r"recompute: -1 \(int\) is given; it must be a whole"),
+     (lambda s: s.report("report.pdf"), "path report.pdf: the name must end in .html"),
+     (lambda s: rs.sweep("c.yaml", seed=1), "seed: keys go with a DataFrame only")],
 )  # fmt: skip
 def test_bad_arguments_get_a_sentence_and_nothing_is_written(sd, call, words):
     before = sorted(sd.directory.rglob("*"))
@@ -110,6 +112,7 @@ def test_a_map_is_a_dataset_of_its_axes(grid):
 
 
 def test_random_bodies_are_a_dataset_of_samples(sd):
+    assert list(sd.to_xarray("t_r").data_vars) == ["t_r"]
     data = sd.to_xarray(["t_r", "K_r", "theta"])
     assert dict(data.sizes) == {"K_r": 2, "n_i": 2, "omega_xy0": 1, "sample": 5}
     at = data.sel(K_r=0.1, n_i=-0.3, omega_xy0=0.1)

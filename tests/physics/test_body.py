@@ -1,4 +1,4 @@
-"""Bodies and their rules, the reduced dynamics, launches."""
+"""Bodies, the rules that they must satisfy, and the energies of a launch."""
 
 import re
 
@@ -31,15 +31,15 @@ gamma=12.6: no body has this inertia: I_zz = gamma = 12.6 exceeds I_xx + I_yy = 
 
 
 @pytest.mark.parametrize("rule", RULES.strip().splitlines())
-def test_each_rule_has_its_sentence(rule):
+def test_each_rule_has_its_message(rule):
     name, value, sentence = re.fullmatch(r"(\w+)=(\S+): (.*)", rule).groups()
     with pytest.raises(ValueError, match=f"^{re.escape(sentence)}$"):
         Rattleback(**(GH | {name: float(value)}))
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-6, 1e4])
-def test_shell_dumbbells_are_bodies_all_of_them(scale):
-    """They sit on I_zz = I_xx + I_yy; rounding puts half of them past it."""
+def test_all_shell_dumbbells_are_bodies(scale):
+    """They satisfy I_zz = I_xx + I_yy, which many of them exceed by rounding."""
     rng = np.random.default_rng(32)
     *_, theta, phi, xi = table_one(10_000, 31)
     gamma = scale * rng.uniform(5, 15, theta.size)
@@ -55,7 +55,7 @@ def test_shell_dumbbells_are_bodies_all_of_them(scale):
         assert (body.alpha, body.beta, body.gamma) == (alpha[k], beta[k], gamma[k])
 
 
-def test_mode_energies_are_the_launchs():
+def test_mode_energies_add_up_to_that_of_the_launch():
     alpha, beta, gamma, theta, phi, xi = table_one(200, 36)
     rng = np.random.default_rng(37)
     found = theory.modes(alpha, beta, theta, phi, xi)
@@ -65,7 +65,7 @@ def test_mode_energies_are_the_launchs():
     assert np.all(e_p >= 0)
     assert np.all(e_r >= 0)
     np.testing.assert_allclose(e_p + e_r, kinetic, rtol=1e-13)
-    # A launch along a mode has nothing of the other.
+    # A launch along one mode has no energy in the other.
     for own, other, psi in ((0, 1, found.psi_p), (1, 0, found.psi_r)):
         parts = reduced.mode_energies(alpha, beta, found.psi_p, found.psi_r, w, psi)
         kinetic = 0.5 * w**2 * (alpha * np.cos(psi) ** 2 + beta * np.sin(psi) ** 2)

@@ -1,16 +1,16 @@
-"""At small oscillations type SS is where the spin exceeds Bondi's threshold, run by run."""
+"""For small oscillations, a run is of type SS exactly if its spin exceeds Bondi's threshold."""
 
 import pytest
 
 import rattlesweep as rs
 
 
-# Bodies with a skew angle near zero take horizons up to a million units of time.
+# Bodies with skew angles near zero have horizons of up to a million units of time.
 @pytest.mark.parametrize(
     ("bodies", "runs"),
     [({"samples": 100, "target": {"K_r": [0.01, 0.03, 0.1]}}, 900)]
     + [pytest.param(*case, marks=pytest.mark.slow) for case in (
-        ({"samples": 560, "target": {"K_r": [0.01, 0.03, 0.1]}}, 5040), ({"samples": 1700}, 5100))],
+        ({"samples": 560, "target": {"K_r": [0.01, 0.03, 0.1]}}, 5040), ({"samples": 400}, 1200))],
     ids=str,
 )  # fmt: skip
 def test_every_run_of_small_oscillations_agrees_with_the_threshold(bodies, runs, tmp_path):
@@ -25,7 +25,7 @@ def test_every_run_of_small_oscillations_agrees_with_the_threshold(bodies, runs,
     assert len(found) == runs
     assert (found.status == "ok").all()
     assert (found.type == "SS").sum() > runs / 60
-    threshold = found.n_c1.abs() < found.n_i.abs()  # a null threshold is below nothing
+    threshold = found.n_c1.abs() < found.n_i.abs()  # false if there is no threshold
     differ = found[(found.type == "SS") != threshold]
     assert differ.empty, differ[["case", "sample", "n_i", "n_c1", "type"]].to_string()
     if "target" in bodies:

@@ -28,11 +28,11 @@ def dot(a, b):
 
 
 class Paper:
-    """Eqs. diff-u, diff-omega and em-1 for a body and a state, as `reference` has them."""
+    """Eqs. 1, 10 and 11 for a body and a state, from `reference`."""
 
     def __init__(self, body, state):
         self.q = q = reference.constants([body], exact=True)[:, 0]
-        # What the code keeps of the body: inertia and B - 1.
+        # The constants of the code: inertia and B - 1.
         self.constants = [*q[:3], q[3] - 1, q[4], q[5] - 1]
         p, q_, *omega = (mp.mpf(x) for x in state)
         upright = -1 / mp.sqrt(1 + p * p + q_ * q_)
@@ -57,7 +57,7 @@ class Paper:
 
 
 def states(size, seed):
-    """Slopes from 1e-8 to 1, horizontal rates alike, spins up to 5."""
+    """States with slopes and horizontal rates from 1e-8 to 1, and spins up to 5."""
     rng = np.random.default_rng(seed)
     for _ in range(size):
         slope, rate = 10 ** rng.uniform(-8, 0, 2)
@@ -69,7 +69,7 @@ def states(size, seed):
 BODIES = [*any_body(30, 11).T.tolist(), *table_one(30, 11).T.tolist()]
 CASES = list(zip(BODIES, states(60, 12), strict=True))
 
-# theta and phi at their ends, slopes of 1e-150 to steep, with and without spin.
+# theta and phi at the ends of their ranges, slopes from 1e-150 to steep, with and without spin.
 EXTREMES = [
     ((*inertia, *surface), np.array([0.3 * slope, -1.1 * slope, 0.7 * rate, 0.9 * rate, n]))
     for inertia in [(13.04, 1.522, 12.28), (1.3 + 3e-9, 1.3, 0.5)]
@@ -88,7 +88,7 @@ EXTREMES = [
 def test_formulas_are_the_papers(cases):
     """At 60 digits the compiled formulas and the paper's six variables agree to 50."""
     for parameters, state in cases:
-        with mp.workdps(3 * DIGITS):  # the potential of a slope of 1e-150 has to show
+        with mp.workdps(3 * DIGITS):  # enough for the potential of a slope of 1e-150
             paper = Paper(parameters, state)
             arguments = [*(mp.mpf(float(x)) for x in state), *paper.constants]
             small = mp.mpf(10) ** -50
@@ -117,9 +117,9 @@ def errors(parameters, state):
 
 
 def test_relative_accuracy_in_the_extremes():
-    """Every component, however small, to a few dozen units of its own last place."""
+    """Every component is right to a few dozen units in its own last place."""
     body = (13.04, 1.522, 12.28, 1 - 1e-9, 1e-4, -0.03)
-    # At 1e-150 the spin's rate, of second order, is near the smallest of doubles.
+    # At 1e-150 the spin's rate, of second order, is near the smallest double.
     for slope in (1e-5, 1e-75, 1e-150):
         for n in (0.1, -0.1, 3.0):
             state = np.array([0.3 * slope, -1.1 * slope, 0.7 * slope, 0.9 * slope, -n])
@@ -138,5 +138,5 @@ def test_mirrored_bodies_move_in_mirror_images():
         assert full.energy(*(image * state), *two) == full.energy(*state, *one)
         assert full.spin(*(image * state)) == -full.spin(*state)
         assert full.contact_force(*(image * state), *two) == full.contact_force(*state, *one)
-        # and without the reflection it moves otherwise
+        # Without the reflection the rates differ.
         assert not np.array_equal(full.rhs(*state, *two), rates)

@@ -1,4 +1,4 @@
-"""Bodies in SI units: what they come to, what cannot be, and quantities as people write them."""
+"""Bodies in SI units: their parameters, what is refused, and quantities given as text."""
 
 import json
 import math
@@ -32,7 +32,7 @@ def test_kane_and_levinsons_body():
     assert (body.units.mass, body.units.length, body.c) == (1.0, 0.01, 2)
     assert body.units.time == pytest.approx(math.sqrt(0.01 / 9.81), rel=1e-15)
     assert body.mirrored().units == body.units
-    # Units make no other body.
+    # Comparison ignores the units.
     without = rs.Rattleback(*numbers(body), c=2.0)
     assert (body, repr(body)) == (without, repr(without))
     text = rs.Rattleback.from_si(
@@ -58,7 +58,7 @@ def test_any_axes_and_any_order_of_the_radii(angle, order):
     given = {"mass": mass, "height": a, "radii": radii}
     body = rs.Rattleback.from_si(**given, inertia=tensor, axes_angle=direction)
     assert numbers(body) == pytest.approx(numbers(gh), rel=1e-9)
-    # Seen from the other side, y is to the other side, and so are all angles.
+    # Seen from the other side, the y axis and all angles are reversed.
     flip = np.diag([1, -1, -1])
     seen = rs.Rattleback.from_si(
         **given, inertia=flip @ tensor @ flip, axes_angle=-direction, z_up=True
@@ -82,7 +82,7 @@ def test_any_axes_and_any_order_of_the_radii(angle, order):
         ("half_ellipsoid", {"weights": 0.01, "at": "45 mm"}, "at: '45 mm' has 1 num"),
     ],
 )
-def test_what_no_body_can_be(make, wrong, words):
+def test_impossible_bodies_are_refused(make, wrong, words):
     given = STONE if make == "from_si" else HALF
     with pytest.raises(ValueError, match=words):
         getattr(rs.Rattleback, make)(**(given | wrong))
@@ -98,7 +98,7 @@ STONES = {
 
 
 def integrated(length, width, height, mass, skew, weights, x, y):
-    """Parameters from points of mass; axes to the right, towards the observer and down."""
+    """Parameters from point masses; axes to the right, towards the viewer and down."""
     nodes, shares = np.polynomial.legendre.leggauss(12)
     r, cosine = (nodes + 1) / 2, (nodes + 1) / 2
     turn = 2 * np.pi * np.arange(24) / 24
@@ -108,7 +108,7 @@ def integrated(length, width, height, mass, skew, weights, x, y):
     points *= np.array([length / 2, width / 2, height])[:, None]
     masses = r**2 * np.einsum("i,j,k->ijk", shares, shares, np.ones(24)).ravel()
     masses *= mass / masses.sum()
-    # The inertia of the half ellipsoid is turned clockwise, the weights are not.
+    # The inertia of the half ellipsoid is turned clockwise, but not the weights.
     c, s = np.cos(skew), np.sin(skew)
     points = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ points
     points = np.column_stack([points, [x, -y, 0], [-x, y, 0]])
@@ -132,7 +132,7 @@ def integrated(length, width, height, mass, skew, weights, x, y):
 
 
 @pytest.mark.parametrize("stone", STONES.values(), ids=STONES.keys())
-def test_half_ellipsoids_are_those_of_quadrature(stone):
+def test_half_ellipsoids_agree_with_quadrature(stone):
     *five, weights, x, y = stone
     found = half_ellipsoid(*five, weights=weights, x=x, y=y)
     assert found == pytest.approx(integrated(*stone), rel=1e-9)
@@ -162,7 +162,7 @@ def test_quantities(kind):
      ("12", "has no unit"), ("12 foo", "has the unit foo"), ("12 mm^3", "is another quantity"),
      ("1,2 cm", "has 2 numbers, not 1")],
 )  # fmt: skip
-def test_what_is_no_length(text, words):
+def test_texts_that_are_no_length_are_refused(text, words):
     with pytest.raises(ValueError, match=words):
         quantity(text, "length")
 
@@ -181,7 +181,7 @@ def test_body_prints_both_systems():
     assert data["si"]["n_i"] == {"value": pytest.approx(60.0), "unit": "rpm"}
     assert data["si"]["t_rgh"] == {"value": pytest.approx(data["t_rgh"] * second), "unit": "s"}
     assert data["si"]["c"] == {"value": pytest.approx(0.02), "unit": "m"}
-    # Over M a^2 sqrt(g/a), as docs/dynamics.md has it.
+    # Over M a^2 sqrt(g/a), as in docs/dynamics.md.
     assert data["sigma"] == pytest.approx(1e-4 / (1e-4 * math.sqrt(981)), rel=1e-14)
     assert "si" not in json.loads(invoke("body", "--preset", "GH", "--json").stdout)
 
@@ -196,7 +196,7 @@ STONE --c 2mm | c 0.2 is not above theta 0.222222
 
 
 @pytest.mark.parametrize("line", NO_FIT.strip().splitlines())
-def test_options_that_do_not_fit(line):
+def test_options_that_do_not_go_together(line):
     typed, words = line.split(" | ")
     options = shlex.split(typed.replace("STONE", shlex.join(OPTIONS)))
     assert_refused(invoke("body", *options), 2, words)

@@ -25,8 +25,8 @@ BODIES = [GH, *SD.T[:5].tolist(), *WIDE.T[:5].tolist()]
 
 
 @pytest.mark.parametrize("n", SPINS)
-def test_matrix_is_the_jacobian_of_the_full_dynamics_and_the_oracles_and_the_papers(n):
-    """By differences of 60 digits of the compiled formulas: no rounding, no truncation."""
+def test_matrix_is_the_jacobian_of_the_full_dynamics_of_the_oracle_and_of_the_paper(n):
+    """Differences of the compiled formulas at 60 digits, free of rounding and truncation."""
     rhs = exactly(full.rhs)
     # (u_x, u_y) = -(p, q) to first order.
     turn = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -45,7 +45,7 @@ def test_matrix_is_the_jacobian_of_the_full_dynamics_and_the_oracles_and_the_pap
                     ends.append(rhs(*state, *exact))
                 for row, (after, before) in enumerate(zip(*ends, strict=True)):
                     jacobian[row, column] = float((after - before) / (2 * h))
-        # Entry by entry, down to the ones that are zero; and the spin stays.
+        # Entry by entry, including the zeros; the spin does not change.
         size = np.abs(jacobian).max()
         np.testing.assert_allclose(got, jacobian[:4], rtol=1e-13, atol=4 * EPS * size)
         assert np.abs(jacobian[4]).max() < 1e-15
@@ -56,7 +56,7 @@ def test_matrix_is_the_jacobian_of_the_full_dynamics_and_the_oracles_and_the_pap
 
 
 def test_eigenvalues_of_extreme_bodies_at_any_spin_and_any_loss():
-    """A hundred digits to start from: growth rates down to 1e-20 of the frequency have theirs."""
+    """With a hundred digits, growth rates down to 1e-20 of the frequency are known exactly."""
     size = 240
     rng = np.random.default_rng(31)
     bodies = np.concatenate([far_outside(size // 2, 32), any_body(size // 2, 33)], axis=1)
@@ -70,7 +70,7 @@ def test_eigenvalues_of_extreme_bodies_at_any_spin_and_any_loss():
         pitch, roll, *others = theory_mp.steady_eigenvalues(constants[:, k], n[k], sigma[k])
         for got, exact in ((found.pitch[k], pitch), (found.roll[k], roll)):
             overdamped += exact.imag == 0
-            # Of two eigenvalues that are close each is known the less.
+            # Two eigenvalues that are close are less well conditioned.
             near = min(abs(exact - z) for z in (pitch, roll, *others) if z != exact)
             slack = 2e-14 * abs(exact) * max(1, abs(exact) / near)
             assert abs(complex(got) - exact) < slack, (k, got, exact)
@@ -120,8 +120,8 @@ print(hashlib.sha256(b"".join(part.tobytes() for part in found)).hexdigest())
 """
 
 
-def test_bits_depend_neither_on_the_library_of_linear_algebra_nor_on_the_processor():
-    """OpenBLAS with kernels of several processors, NumPy without its own for this one."""
+def test_bits_depend_neither_on_the_linear_algebra_library_nor_on_the_processor():
+    """OpenBLAS with kernels for several processors, NumPy without those for this one."""
     extensions = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
     found = set()
     for change in (
@@ -141,7 +141,7 @@ def test_bits_depend_neither_on_the_library_of_linear_algebra_nor_on_the_process
 
 
 def energy_norm(constants):
-    """Root of the matrix of `full.oscillation`, for one body."""
+    """Return the Cholesky factor of the matrix of `full.oscillation`, for one body."""
     ix, iy, _, cxx, cxy, cyy = constants
     norm = np.diag([cxx, cyy, ix + 1, iy + 1])
     norm[0, 1] = norm[1, 0] = cxy
@@ -152,8 +152,8 @@ def energy_norm(constants):
     return np.linalg.cholesky(norm).T
 
 
-def test_no_decaying_oscillation_rises_above_the_bound_of_its_growth():
-    """The largest gain there is, by the norm of the exponential of the matrix."""
+def test_no_decaying_oscillation_rises_above_its_bound():
+    """The largest possible gain is the norm of the exponential of the matrix."""
     n_c1 = theory.bondi_threshold(*SD[:5])
     found = []
     for body, n in zip(SD.T, 1.2 * n_c1, strict=True):
@@ -166,11 +166,11 @@ def test_no_decaying_oscillation_rises_above_the_bound_of_its_growth():
         powers = list(accumulate(repeat(expm(0.1 * matrix), 600), np.matmul))
         found.append(np.linalg.norm(powers, 2, axis=(1, 2)).max() ** 2 / bound)
     assert len(found) > 10
-    # Not above, and not so far below that it says nothing.
+    # The bound holds, and is not so loose that it says nothing.
     assert 0.1 < max(found) < 1
 
 
-def test_oscillations_settle_where_every_spin_they_may_lead_to_is_stable():
+def test_oscillations_settle_if_every_spin_that_they_may_reach_is_stable():
     constants, n_c1 = full.constants(*SD), theory.bondi_threshold(*SD[:5])
     slow = np.full(SD.shape[1], 1e-12)
     there = np.isfinite(n_c1)
@@ -179,14 +179,14 @@ def test_oscillations_settle_where_every_spin_they_may_lead_to_is_stable():
         assert np.all(steady.settled_oscillation(constants, part * n_c1, n_c1, slow) == 0)
     found = steady.settled_oscillation(constants, 1.5 * n_c1, n_c1, slow)
     assert np.array_equal(found > 0, there)
-    # What it may rise to takes half of the way to the threshold, or leans the body by a slope of
-    # sqrt(1/2) in the direction of the least curvature; now it is a slope of 0.1.
+    # The largest rise takes the spin half-way to the threshold, or tilts the body to a slope of
+    # sqrt(1/2) in the direction of the least curvature; the present slope is at most 0.1.
     rise = steady.transient_growth(constants[:, there], 1.5 * n_c1[there])
     way = constants[2, there] * 1.25 * n_c1[there] ** 2
     lean = (1 - SD[3, there]) / SD[3, there]
     most = np.minimum(np.minimum(way, lean) / 2 / rise, lean / 100)
     np.testing.assert_allclose(found[there], most, rtol=1e-9)
-    # A decay that is not fast enough is none.
+    # A decay below the rate does not count.
     constants, n_c1 = constants[:, there], n_c1[there]
     rates = -np.maximum(*steady.growth(constants, np.sqrt(1.625) * n_c1))  # half-way
     for factor in (0.99, 1.01):

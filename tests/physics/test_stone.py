@@ -1,4 +1,4 @@
-"""Ellipsoid and friction against mechanics written out, and against what they come from."""
+"""Ellipsoids and friction against an independent formulation of the mechanics."""
 
 import math
 
@@ -16,7 +16,7 @@ MODELS = [ELLIPSOID, *FRICTION.values()]
 
 
 def random_bodies(count, seed):
-    """Bodies, states and losses: every fourth a paraboloid."""
+    """Bodies, states and friction coefficients; every fourth body is a paraboloid."""
     rng = np.random.default_rng(seed)
     for k in range(count):
         gamma, f_sd = rng.uniform(3, 20), rng.uniform(0.05, 0.3)
@@ -32,14 +32,14 @@ def random_bodies(count, seed):
 
 
 def constants_of(model, body, sigma=0.0, rolling=0.0):
-    """What a kernel of the model takes of a body."""
+    """Return the constants of a body for a model."""
     shape = full.constants(*(body[name] for name in PARAMETERS))
     k = stone.inverse_semi_axis(body["c"])
     return [*shape, k, sigma, rolling, stone.SMOOTHING][: model.n_constants]
 
 
 def of_model(model, body, sigma, rolling):
-    """What is left of a scene in a model that does not have all of it."""
+    """Return body and coefficients without what the model does not have."""
     flat = model.name.startswith("full")
     sigma = 0.0 if model is ELLIPSOID else sigma
     return body | {"c": None if flat else body["c"]}, sigma, (
@@ -79,8 +79,8 @@ def test_equations_are_those_of_mechanics(model):
 
 
 @pytest.mark.parametrize("model", [m for m in MODELS if m.n_carried], ids=lambda model: model.name)
-def test_what_the_stages_of_a_step_carry(model):
-    """Its start and rate are those of the contact point, and it need not be exact; 60 digits."""
+def test_carried_functions_of_a_step(model):
+    """Start and rate are those of the contact point, and errors enter squared; at 60 digits."""
     assert model.n_carried == 1
     start, carried, plain = map(
         exactly, (model.carried_start, model.carried_rhs, model.rhs)
@@ -99,14 +99,14 @@ def test_what_the_stages_of_a_step_carry(model):
                 start(*(a + s * b for a, b in zip(y, wanted, strict=True)), *q)[0] for s in (h, -h)
             )
             assert abs((ahead - behind) / (2 * h) - rate) < 1e-30
-            # An error of the rise comes in squared.
+            # An error of the rise enters squared.
             off = rise * (1 + mp.mpf(10) ** -8)
             other = carried(*y, off, *q)
             assert max(abs(a - b) for a, b in zip(other, (*got, rate), strict=True)) < 1e-12
 
 
 def kl_state(omega_3):
-    """Kane and Levinson's launch in the package's frame and units: ``u``, ``omega``, a second."""
+    """Return Kane and Levinson's launch in our frame and units: ``u``, ``omega``, one second."""
     tilt = stone_oracle.KL_TILT
     _, vectors = np.linalg.eigh(stone_oracle.KL_INERTIA)
     x = vectors[:, 1] * np.sign(vectors[1, 1])

@@ -20,15 +20,15 @@ SETS = {"table I": table_one(60, 1), "far outside": far_outside(300, 2)}
 
 
 class Case:
-    """Bodies and launches, what the package says of them, and the exact values by name."""
+    """Bodies and launches, the results of the package for them, and the exact values by name."""
 
     def __init__(self, bodies):
         self.alpha, self.beta, self.gamma, self.theta, self.phi, self.xi = self.bodies = bodies
         self.n, self.w = launches(np.random.default_rng(5), bodies.shape[1])
         self.modes = theory.modes(self.alpha, self.beta, self.theta, self.phi, self.xi)
         self.exact = [theory_mp.reference(*row) for row in rows([*bodies, self.n, self.w])]
-        # How much larger the squared frequencies are than their difference: a relative change of
-        # the parameters by epsilon changes K and psi by this times epsilon.
+        # Ratio of the squared frequencies to their difference: a relative change of the parameters
+        # by epsilon changes K and psi by this times epsilon.
         h11, h12, h22 = theory.hessian(self.alpha, self.beta, self.theta, self.phi, self.xi)
         self.condition = (h11 + h22) / np.hypot(h11 - h22, 2 * h12)
 
@@ -77,7 +77,7 @@ def test_launches(case):
             a, b, c, n_i, omega = map(mp.mpf, row)
             psi = exact["psi_p"] if n_i > 0 else exact["psi_r"]
             wanted.append(mp.sqrt((a * mp.cos(psi) ** 2 + b * mp.sin(psi) ** 2) / c) * omega)
-            # n_0^2 = n_i^2 + speed^2 is the paper's n_0, as far as 50 digits of it tell.
+            # n_0^2 = n_i^2 + speed^2 is the paper's n_0 to 50 digits.
             assert abs(mp.hypot(n_i, wanted[-1]) / exact["n_0"] - 1) < mp.mpf(10) ** -48
     assert relative_error(speed, wanted).max() < 1e-12
     assert case.error("t_rgh", theory.GarciaHubbard(own, case.n, speed).t_rgh).max() < 1e-12
@@ -87,7 +87,7 @@ def test_launches(case):
 
 
 def threshold_errors(*body):
-    """Relative errors of the threshold where there is one; NaN exactly where there is none."""
+    """Check that the threshold is NaN exactly where there is none; return relative errors."""
     got = theory.bondi_threshold(*body)
     squares = [theory_mp.n_c1_squared(*row) for row in rows(body)]
     exists = np.array([s is not None and s > 0 for s in squares])
@@ -106,7 +106,7 @@ def test_bondi_threshold(case):
 
 @pytest.mark.parametrize("kind", ["general", "shell-dumbbell"])
 def test_bondi_threshold_where_its_denominator_vanishes(kind):
-    # The last parameter is solved for, then moved by a few of its own rounding errors.
+    # The last parameter solves for a zero, and is then moved by some of its rounding errors.
     rng, size = np.random.default_rng(3), 300
     steps = np.round(np.sign(rng.normal(size=size)) * log_uniform(rng, 1, 1e12, size))
     steps[: size // 3] = rng.integers(-2, 3, size // 3)
@@ -129,7 +129,7 @@ def test_bondi_threshold_where_its_denominator_vanishes(kind):
 
 
 def paper_spin(t, k, n_i, speed):
-    """Eqs. gh-solution-p and gh-solution-m."""
+    """Return the spin by Eqs. 55 and 57."""
     with mp.workdps(120):
         t, k, n_i, speed = (mp.mpf(x) for x in (t, k, n_i, speed))
         n, n_0 = abs(n_i), mp.sqrt(n_i**2 + speed**2)
@@ -149,7 +149,7 @@ def test_gh_solution_is_the_papers():
         got = found.spin(t)
         wanted = [paper_spin(*row) for row in rows([t, k, n, speed])]
         error = np.array([float(abs(g - r)) for g, r in zip(got.tolist(), wanted, strict=True)])
-        # A rounding error of t moves the spin by its rate.
+        # A rounding error of t changes the spin by its rate.
         rate = 0.5 * k * (n_0 + abs(got)) * (n_0 - abs(got))
         assert np.all(error < 40 * EPS * (np.abs(got) + rate * np.maximum(t, found.t_rgh))), part
         assert np.all(error < 1e-12 * n_0), part

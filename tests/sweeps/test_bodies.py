@@ -1,4 +1,4 @@
-"""Where bodies come from: random numbers, the four sources, and what they refuse."""
+"""Sources of bodies: random numbers, draws, grids and tables, and their messages."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def drawn(samples: int = 0, **bodies: Any) -> dict[str, Any]:
 
 
 def bodies_of(plan: Any, target: float = math.nan, samples: Any = None) -> np.ndarray:
-    """Parameters of a plan's bodies, of the shape (6, samples)."""
+    """Return the parameters of a plan's bodies, of the shape (6, samples)."""
     some = np.arange(plan.samples) if samples is None else np.asarray(samples)
     bodies = plan.source.bodies(target, some)
     return np.array([getattr(bodies, name) for name in PARAMETERS])
@@ -76,7 +76,7 @@ def test_the_bits_are_those_of_numpys_philox(seed, word, sample, draw):
 
 
 def sobol(samples: Any, seed: int = 7) -> np.ndarray:
-    """Points of the unit cube behind bodies that are drawn by a sequence."""
+    """Return the points of the unit cube from which bodies of a Sobol' sequence are made."""
     b = plan(drawn(20_000, draw="sobol"), seed=seed).source.bodies(math.nan, np.asarray(samples))
     low, high = RANGES.T[:, :, None]
     points = (np.stack([b.gamma, b.f_sd, b.theta, b.phi, -np.degrees(b.xi)]) - low) / (high - low)
@@ -87,7 +87,7 @@ def sobol(samples: Any, seed: int = 7) -> np.ndarray:
 def test_a_sequence_is_scipys_and_fills_every_cell_equally():
     theirs = qmc.Sobol(5, rng=np.random.default_rng((7, 0))).random(64).T
     np.testing.assert_allclose(sobol(range(64)), theirs, atol=1e-12)
-    # 2^k points have one in each of 2^k equal parts of every range, which random ones do not.
+    # Unlike random points, 2^k of them have one in each of 2^k equal parts of every range.
     cells = np.sort(np.floor(256 * sobol(range(256))), axis=1)
     assert np.array_equal(cells, np.tile(np.arange(256), (5, 1)))
 
@@ -111,7 +111,7 @@ def test_targets_are_met(name, values):
     "own", [{}, {"target": {"K_r": [0.03, 0.1], "rel_tol": 0.05}}, {"draw": "sobol"}]
 )
 def test_a_body_depends_on_seed_target_and_sample_alone(own):
-    """Not on the chunk in which it is drawn, nor on the order in which it is asked for."""
+    """It depends neither on the chunk in which it is drawn nor on the order of the samples."""
     n = CHUNK + 50
     config, rng = drawn(n, **own), np.random.default_rng(1)
     for value in own["target"]["K_r"] if "target" in own else [math.nan]:
@@ -119,7 +119,7 @@ def test_a_body_depends_on_seed_target_and_sample_alone(own):
         fresh = pickle.loads(pickle.dumps(fresh))
         for picks in ([n - 1], [0], rng.choice(n, 200)):
             assert np.array_equal(bodies_of(fresh, value, picks), whole[:, picks])
-    # More samples, and more targets in front or between, leave those that were there.
+    # More samples, and more targets before or between them, do not change the bodies.
     wider = {"target": own["target"] | {"K_r": [0.02, 0.03, 0.05, 0.1]}} if "target" in own else {}
     more = bodies_of(plan(config | wider | {"samples": 2 * n}, seed=3), value, np.arange(n))
     assert np.array_equal(more, whole)
@@ -128,7 +128,7 @@ def test_a_body_depends_on_seed_target_and_sample_alone(own):
 
 @pytest.mark.parametrize("semi_axis", [{}, {"c": [1.5, 4]}], ids=["seven", "eight with c"])
 def test_samples_of_a_group_differ_in_one_parameter_each(semi_axis):
-    """Saltelli's design: a point, another, and each parameter of the first taken from the other."""
+    """Saltelli's design: two points, and the first with each parameter of the second in turn."""
     names = ["gamma", "f_sd", "theta", "phi", "xi", *semi_axis]
     n, group = len(names), len(names) + 2
     made = plan(drawn(group * 512, draw="saltelli", **semi_axis))
@@ -157,7 +157,7 @@ def test_an_impossible_target_is_refused():
 # -- presets and grids -------------------------------------------------------------------------
 
 
-def test_a_grid_goes_through_its_axes_the_first_one_slowest():
+def test_the_first_axis_of_a_grid_varies_slowest():
     axes = {"theta": {"linspace": [0.6, 0.9, 4]}, "phi": [0.02, 0.036], "xi_deg": [-1, -3]}
     made = plan(GRID | {"axes": axes})
     b = bodies_of(made)
@@ -199,7 +199,7 @@ BAD_TABLES = {
                    "row 1: u must be a vector of length 1"),
     "at rest": (f"{STATE}\n{GH},0,0,0,0,0,-1\n",
                 "row 1: the body stands upright and at rest; give"),
-    "repeated": (f"{HEAD},theta\n{GH},0.7\n", "there are several columns theta; keep one"),
+    "repeated": (f"{HEAD},theta\n{GH},0.7\n", "the column theta is repeated; keep one"),
     "a cell more in each row": (f"{HEAD}\n{GH},\n{GH},\n", "cannot be read as a table (CSV parse"),
     "no rows": (f"{HEAD}\n", "the table has no rows; give at least one body"),
     "no height": (f"{HEAD},n_i_rpm\n{GH},60\n", "the column height_m is missing; n_i_rpm needs it"),
@@ -217,7 +217,7 @@ def test_a_bad_table_is_told_by_its_row(name, tmp_path):
     assert words in line
 
 
-def test_what_is_no_table_is_told_by_its_name(tmp_path):
+def test_a_file_that_is_no_table_is_refused_by_name(tmp_path):
     (tmp_path / "empty").mkdir()
     for name in ("b.parquet", "zero.csv", "notes.docx"):
         (tmp_path / name).write_bytes(b"PAR1\0\xe9" + bytes(range(256)))
@@ -225,8 +225,8 @@ def test_what_is_no_table_is_told_by_its_name(tmp_path):
         assert path.name in refusal({"source": "table", "path": str(path)})
 
 
-def test_a_table_is_known_by_its_content(tmp_path):
-    """Not by the bytes of its file, but by all that goes into the runs."""
+def test_a_table_is_identified_by_its_content(tmp_path):
+    """The hash covers all columns of the runs, and not the bytes of the file."""
     text = f"{HEAD},n_i,omega_xy0,name\n{GH},0.1,0.02,one\n{GH},0.2,0.02,\n"
     csv = plan(table(tmp_path, text)).source
     pd.read_csv(tmp_path / "b.csv").to_parquet(tmp_path / "b.parquet")
@@ -241,7 +241,7 @@ def test_a_table_is_known_by_its_content(tmp_path):
 
 @pytest.mark.parametrize("psi", ["relevant", 30.0])
 def test_an_output_table_is_a_valid_input_and_gives_the_same_results(psi, tmp_path):
-    """Runs that reversed keep the config's horizon, and the others end where they ended."""
+    """Runs that reversed take the config's horizon; the others end when they ended before."""
     data = {
         "bodies": drawn(6, target={"K_r": [0.03, 0.1], "rel_tol": 0.05}),
         "spin": {"n_i": [-0.4, 0.1], "omega_xy0": 0.01, "psi": psi},

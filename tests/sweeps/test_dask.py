@@ -1,4 +1,4 @@
-"""The Dask engine, on a cluster of threads where that is enough, else on processes."""
+"""The Dask engine, on a cluster of threads if that is enough, otherwise of processes."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ REFINED = SWEEP | {
     "spin": {"n_i": {"linspace": [-0.5, -0.1, 9]}, "omega_xy0": 0.01},
 }
 ENDLESS = SWEEP | {"horizon": {"t": 1e10}, "spin": {"n_i": -0.9, "omega_xy0": 1e-3}}
-NEVER = 300  # seconds, after which what a test waits for will not come
+NEVER = 300  # seconds after which a test gives up waiting
 
 
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch):
-    monkeypatch.setattr(runner, "MOST_ROWS", 10)
+    monkeypatch.setattr(runner, "MAX_BLOCK_RUNS", 10)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def plain(tmp_path_factory) -> pa.Table:
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[str]:
-    """Address of a scheduler with two workers, all of them threads of this process."""
+    """Address of a scheduler with two workers, all in threads of this process."""
     from distributed import LocalCluster
 
     path = sys.path[:]
@@ -70,7 +70,7 @@ def cluster() -> Iterator[str]:
 
 
 class Cluster:
-    """A scheduler and workers that a test may harm, each a process of its own."""
+    """A scheduler and workers in separate processes, which a test may kill."""
 
     def __init__(self, place: Path, gate: Path) -> None:
         self.place, self.processes = place, []
@@ -89,7 +89,7 @@ class Cluster:
         self.address = json.loads(file.read_text())["address"]
 
     def worker(self, **environment: Any) -> subprocess.Popen[bytes]:
-        """Start a worker, and wait until the scheduler knows it."""
+        """Start a worker, and wait until it has registered."""
         from distributed import Client
 
         process = self._start("worker", self.address, "--host", "127.0.0.1", "--nthreads", "2",
@@ -112,7 +112,7 @@ class Cluster:
 
 @pytest.fixture
 def gate(tmp_path) -> Path:
-    """Directory that lets one block through; with a file `open` in it, all."""
+    """Directory of a gate that one block passes, or all if it has a file `open`."""
     place = tmp_path / "gate"
     place.mkdir()
     (place / "ticket").touch()
@@ -121,7 +121,7 @@ def gate(tmp_path) -> Path:
 
 @pytest.fixture
 def own_cluster(tmp_path, gate) -> Iterator[Cluster]:
-    """A scheduler without workers; blocks of its workers are held by the gate."""
+    """A scheduler without workers; its future workers wait at the gate."""
     (tmp_path / "cluster").mkdir()
     it = Cluster(tmp_path / "cluster", gate)
     yield it
@@ -213,7 +213,7 @@ def test_lost_scheduler_and_one_without_workers_are_one_sentence(
 ):
     it, output = own_cluster, tmp_path / "out"
     with monkeypatch.context() as patch:
-        patch.setattr(daskengine, "WORKERLESS", 1.0)
+        patch.setattr(daskengine, "WORKER_TIMEOUT", 1.0)
         with pytest.raises(OutputError, match=f"{it.address} has had no worker for 1 s"):
             sweep(output, SWEEP, engine=make_engine(it.address))
     it.worker()
@@ -232,7 +232,7 @@ def test_worker_of_another_version_is_refused(cluster, tmp_path, monkeypatch):
     ours = daskengine.versions()
     answers = iter([ours | {"numba": "0.1"}])  # the driver's; workers are threads of this process
     monkeypatch.setattr(daskengine, "versions", lambda: next(answers, ours | {"numba": "0.2"}))
-    sentence = r"^the worker at tcp://127\S+ on \S+: it would compute other bits: numba 0.2 there"
+    sentence = r"^the worker at tcp://127\S+ on \S+: its results would differ .*: numba 0.2 there"
     with pytest.raises(OutputError, match=sentence):
         sweep(tmp_path, SWEEP, engine=make_engine(cluster))
     assert not list(tmp_path.glob("runs/*"))
@@ -255,7 +255,7 @@ def test_blocks_that_cannot_be_done_are_one_sentence(name, words, cluster, tmp_p
 
 
 def test_address_where_nobody_is_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(daskengine, "REACH", 1.0)
+    monkeypatch.setattr(daskengine, "CONNECT_TIMEOUT", 1.0)
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()

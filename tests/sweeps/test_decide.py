@@ -1,4 +1,4 @@
-"""`bodies.refine` and `stop`: what is wanted follows from the rows, whoever asks and whenever."""
+"""`bodies.refine` and `stop`: the wanted runs follow from the rows alone."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sweeping import changed, plan_of, proved
 from test_invariance import Stop, cut
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.decide import FIRST, Refining, Stopping, decision, nearest_rows
+from rattlesweep.sweeps.decide import FIRST_WAVE, Refining, Stopping, decision, nearest_rows
 from rattlesweep.sweeps.run import integrate_plan
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.summary import summarise
@@ -55,7 +55,7 @@ def full() -> pa.Table:
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory) -> dict[str, Path]:
-    """Each of the sweeps, never stopped."""
+    """Each of the sweeps, without interruptions."""
     folder = tmp_path_factory.mktemp("done")
     for name, config in CONFIGS.items():
         sweeping.sweep(folder / name, config)
@@ -64,7 +64,7 @@ def done(tmp_path_factory) -> dict[str, Path]:
 
 @pytest.mark.parametrize("name", CONFIGS)
 def test_wanted_is_found_from_any_rows_in_any_order(name, done):
-    """From none to all, wave by wave, with rows that nobody asked for, and in pieces."""
+    """From no rows to all, in parts of waves, and with rows that are not wanted."""
     plan, dice = plan_of(CONFIGS[name]), np.random.default_rng(4)
     bodies = {k: v for k, v in CONFIGS[name]["bodies"].items() if k != "refine"}
     whole = {k: v for k, v in CONFIGS[name].items() if k != "stop"} | {"bodies": bodies}
@@ -125,7 +125,7 @@ def test_a_fraction_of_the_runs_gives_the_same_map(full, done):
     at = some["case"].to_numpy().astype(int) * 61 + some["sample"].to_numpy()
     assert same_bits(some, full.take(pa.array(at)))
     assert len(some) < POINTS / 4
-    # All points of the grid, those that were left out with the type of the nearest run.
+    # Points of the grid that were left out get the type of the nearest run.
     nearest = np.concatenate([rows for _, rows in nearest_rows(open_stored(output))])
     shown, types = some["type"].to_numpy()[nearest], full["type"].to_numpy()
     assert len(set(types)) == 3
@@ -138,9 +138,9 @@ def test_the_summary_is_that_of_the_grid_and_not_of_its_boundaries(full, done):
     share = (grid.type == "R").groupby(grid.case).mean()
     assert (summary.fraction_R - share).abs().max() < 0.02
     assert abs(summary.fraction_R.mean() - share.mean()) < 0.002
-    # The plain share of the runs is another one.
+    # The unweighted share of the runs differs.
     assert abs((some.type == "R").mean() - share.mean()) > 0.2
-    # What was done is counted as it is.
+    # The number of runs is not weighted.
     runs = some.groupby("case").size().reindex(summary.case, fill_value=0)
     assert summary.runs.tolist() == runs.tolist()
 
@@ -167,7 +167,7 @@ def test_every_case_is_known_well_enough_and_no_case_long_before(done):
     proved(whole, recompute=30)
     summary, runs = pd.read_parquet(whole / "summary.parquet"), pd.read_parquet(whole / "runs")
     assert len(set(summary.runs)) > 1
-    assert (summary.runs >= FIRST).all()
+    assert (summary.runs >= FIRST_WAVE).all()
     for case, own in runs.groupby("case"):
         # The samples of a case are the first ones, whatever the others have.
         assert own["sample"].sort_values().tolist() == list(range(len(own)))
@@ -175,7 +175,7 @@ def test_every_case_is_known_well_enough_and_no_case_long_before(done):
             low, high = wilson((own.type == kind).sum(), len(own))
             assert (high - low) / 2 <= 0.03, (case, kind)
         fewer = own[own["sample"] < len(own) / 1.5]
-        if len(fewer) >= FIRST:
+        if len(fewer) >= FIRST_WAVE:
             parts = [wilson((fewer.type == kind).sum(), len(fewer)) for kind in ("R", "SW")]
             assert max(high - low for low, high in parts) / 2 > 0.03
 
@@ -185,6 +185,6 @@ def test_mean_times_known_well_enough_or_all_samples(tmp_path):
     sweeping.sweep(tmp_path / "known", known)
     for _, own in pd.read_parquet(tmp_path / "known" / "runs").groupby("case"):
         assert 1.96 * own.t_r.sem() / own.t_r.mean() <= 0.05
-        assert FIRST <= len(own) < 6000
+        assert FIRST_WAVE <= len(own) < 6000
     never = changed(ENOUGH, bodies={"samples": 1000}, stop={"t_r": 1e-4})
     assert sweeping.sweep(tmp_path / "all", never).runs == 3000

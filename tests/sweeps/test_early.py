@@ -1,4 +1,4 @@
-"""`classify.early`: runs end once they are certain to be SS, and nothing else changes."""
+"""`classify.early`: runs end once their type is certainly SS, and nothing else changes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def sweep(output: Path, *sets: str, **options: Any) -> Any:
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory) -> Path:
-    """The same runs to their horizons and ended early."""
+    """The same runs, up to their horizons and ended early."""
     root = tmp_path_factory.mktemp("early")
     sweep(root / "full")
     sweep(root / "early", EARLY)
@@ -46,7 +46,7 @@ def test_no_type_changes_and_steady_runs_take_a_fraction_of_their_steps(both):
     assert 10 < 0.8 * steady.sum() < some.sum()
     assert early.n_steps[steady].sum() < 0.3 * full.n_steps[steady].sum()
     pd.testing.assert_frame_equal(early[~some], full[~some], check_exact=True)
-    # It would have settled at the spin that its energy leaves it.
+    # A run settles at the spin that corresponds to all of its energy.
     early, full = early[some], full[some]
     assert (early.status == "ok").all()
     assert (np.maximum(early.amp_growth, full.amp_growth) <= 0).all()
@@ -71,7 +71,7 @@ def test_the_same_content_however_it_is_run(both, tmp_path):
 
 
 def test_for_the_mirror_image(tmp_path):
-    """Which is stable in the other direction."""
+    """The mirror image is stable in the other direction."""
     b, found = rs.Rattleback.gh(), []
     for sign in (1, -1):
         body = [b.alpha, b.beta, b.gamma, 0.95, b.phi, sign * b.xi]

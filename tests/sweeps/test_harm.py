@@ -1,5 +1,7 @@
-"""Kills and faults at each call with which a command touches its directory: what readers see is
-whole, and the same command again ends with the same rows and summary, and nothing else is left.
+"""Kills and faults at every system call of a command on its directory.
+
+After each, readers see intact files, and repeating the command gives the expected rows and summary
+and leaves nothing else behind.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ SCENES = ("run", "classify", "retry", "merge", "grow", "refine", "stop")
 
 @dataclass(frozen=True)
 class Scene:
-    """A command, ``{out}`` in it for the directory, which is a copy of `before` each time."""
+    """A command on the directory ``{out}``, which starts as a copy of `before` each time."""
 
     before: Path | None
     args: tuple[Any, ...]
@@ -50,7 +52,7 @@ class Scene:
 
 
 def make_scene(name: str, folder: Path) -> Scene:
-    """One of `SCENES`, on a sweep of two blocks: more pass through the same calls."""
+    """Make one of `SCENES` on a sweep of two blocks; more blocks repeat the same calls."""
     config, rows = tiny(folder), 12
     if name in ("refine", "stop"):
         changes = {"bodies": GRID, "spin": SPINS} if name == "refine" else {"bodies": SD}
@@ -84,7 +86,7 @@ def make_scene(name: str, folder: Path) -> Scene:
 
 
 def fail_some(directory: Path) -> None:
-    """Make every third row one of a run that came to its limit of steps."""
+    """Mark every third run as failed at its limit of steps."""
     for path in files_of(directory):
         table = read_parquet(path)
         columns = table.to_pydict()
@@ -92,14 +94,14 @@ def fail_some(directory: Path) -> None:
             if sample % 3 == 1:
                 columns["status"][row] = "step_limit"
                 columns["type"][row] = columns["t_r"][row] = None
-        write_parquet(pa.table(columns, schema=table.schema), path, metadata(path))
+        write_parquet(pa.table(columns, schema=table.schema), path, metadata(table))
 
 
 def at_every_call(
     name: str, folder: Path, kinds: tuple[str, ...], judge: Callable[[Ended], bool], stride: int,
     **harm: Any,
 ) -> None:  # fmt: skip
-    """Do harm at one call of a command after the other, look, and give it again."""
+    """Harm a command at one call after another; each time check, repeat it and check again."""
     scene, output, log = make_scene(name, folder), folder / "out", folder / "log"
     scene.begin(output)
     done = scene.run(output, calls={"root": output, "kinds": kinds, "log": log})
@@ -127,7 +129,7 @@ def test_killed_at_every_call(name, stride, tmp_path):
 
 
 def fails(done: Ended) -> bool:
-    """A fault ends in a sentence, or in nothing where it does not matter: a session's record."""
+    """Whether a fault was explained in one line; session records may fail in silence."""
     return done.code == 0 or (done.code == 1 and done.sentence)
 
 
@@ -135,7 +137,7 @@ def fails(done: Ended) -> bool:
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO], ids=errno.errorcode.get)
 @pytest.mark.parametrize("name", SCENES)
 def test_faults_at_every_call(name, number, stride, tmp_path):
-    # A full disk stays full; a disk that fails once may do so anywhere.
+    # A full disk stays full, but an I/O error may happen once and anywhere.
     kinds = MAY_FAIL[number]
     at_every_call(
         name, tmp_path, kinds, fails, stride, number=number, for_good=number == errno.ENOSPC
@@ -150,15 +152,15 @@ def test_faults_at_every_call(name, number, stride, tmp_path):
 @pytest.mark.parametrize("name", ["run", "refine"])
 def test_stopped_at_every_call(name, number, code, word, stride, tmp_path):
     def stopped(done: Ended) -> bool:
-        # Before rows are counted and when all is done nothing is said of them.
-        said = rf"{word}(; \d+ runs are kept, and the same command resumes from there)?\n"
-        return done.code == code and re.fullmatch(said, done.err) is not None
+        # The number of runs is unknown at the start and left out at the end.
+        message = rf"{word}(; \d+ runs are kept, and the same command resumes from there)?\n"
+        return done.code == code and re.fullmatch(message, done.err) is not None
 
     at_every_call(name, tmp_path, CHANGES, stopped, stride, sent=number)
 
 
-def test_the_counter_kills_and_lets_live(tmp_path):
-    """The tests above would pass if nothing were ever killed or failed: so prove the tool."""
+def test_calls_are_harmed_as_asked_and_files_are_synced(tmp_path):
+    """Check `syscalls` itself: without harm the tests above would pass, too."""
     scene, output = make_scene("run", tmp_path), tmp_path / "out"
     log, calls = tmp_path / "log", {"root": output, "kinds": CHANGES}
     scene.run(output, calls=calls | {"log": log})
@@ -168,7 +170,7 @@ def test_the_counter_kills_and_lets_live(tmp_path):
     assert scene.run(output, calls=calls | {"at": at + 1}).code == -9
     (left,) = output.glob("runs/.*.tmp")
     assert 1000 < left.stat().st_size < 20_000  # half-written
-    # Files are forced to the disk before they take their place, and the folder after.
+    # A file is synced before its rename, and the folder after it.
     for place, line in enumerate(lines):
         kind, path = line.split()
         if kind == "rename":

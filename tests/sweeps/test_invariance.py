@@ -1,4 +1,4 @@
-"""One content, however a sweep is cut, shared, ordered, stopped, grown or mended."""
+"""Rows are equal however a sweep is cut, shared, ordered, stopped, grown or mended."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ SPIN = {"n_i": [-0.2, -0.1, 0.1, 0.2], "omega_xy0": [0.001, 0.01]}
 
 
 class Stop(Exception):
-    """The engine has had enough."""
+    """The engine gives up."""
 
 
 def cut(rows: int, most: int = 10**9, dice: random.Random | None = None) -> Any:
-    """Return an engine that does blocks of so many runs, and breaks off after so many blocks."""
+    """Return an engine for blocks of `rows` runs, which gives up after `most` blocks."""
 
     def engine(work: Job, blocks: Iterator[Keys]) -> None:
         case, sample = (np.concatenate(part) for part in zip(*blocks, strict=True))
@@ -67,7 +67,7 @@ def sweep(output: Path, config: dict[str, Any] = FULL, **options: Any) -> Any:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory) -> Path:
-    """The sweep done at once by one thread."""
+    """The sweep, run without interruptions by one thread."""
     output = tmp_path_factory.mktemp("whole") / "out"
     result = sweep(output, threads=1)
     assert (result.runs, result.done) == (RUNS, RUNS)
@@ -133,7 +133,7 @@ def test_runs_that_failed_and_were_done_again(whole, tmp_path):
         assert result.done == failed[-1]
         failed.append(result.failed["step_limit"])
     assert RUNS > failed[1] > failed[2] > 0
-    # Without the flag they are done.
+    # Without the flag they count as done.
     assert sweep(tmp_path).done == 0
     result = sweep(tmp_path, retry_failed=True)
     assert (result.done, result.failed) == (failed[2], {})
@@ -145,7 +145,7 @@ def test_an_engine_that_loses_runs_is_found_out(tmp_path):
         case, sample = next(blocks)
         local(work, iter([(case[1:], sample[1:])]))
 
-    with pytest.raises(OutputError, match="1 runs did not come back"):
+    with pytest.raises(OutputError, match="left out 1 of the runs"):
         sweep(tmp_path, SMALL, engine=losing)
     assert not (tmp_path / "summary.parquet").exists()
     assert sweep(tmp_path, SMALL).done == 1
@@ -165,7 +165,7 @@ STEPS = {
 
 
 def by_key(directory: Path) -> Any:
-    """All rows in the order of their launches, whatever the numbers of their cases."""
+    """All rows in the order of their launches, without the numbers of their cases."""
     stored = open_stored(directory)
     rows = stored.read()
     table = rows.to_pandas()
@@ -204,7 +204,7 @@ def test_what_is_no_growth_is_refused(name, tmp_path):
             sweep(tmp_path / "out", config, **options)
         assert words in refused.value.messages[0]
     assert sweeping.tree(tmp_path / "out") == sweeping.tree(tmp_path / "before")
-    # Nor are its rows taken for those of another sweep where the manifest is lost.
+    # Without the manifest, its rows are not taken for those of another sweep either.
     (tmp_path / "out" / "manifest.json").unlink()
     with pytest.raises((ConfigError, OutputError)):
         sweep(tmp_path / "out", config)

@@ -1,4 +1,4 @@
-"""Launches without spin and from a full state: what they come to, and how they are refused."""
+"""Launches without spin and from full states: results and messages."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def sweep(output: Path, **config: Any) -> pd.DataFrame:
 
 
 def test_an_upright_state_is_the_launch_with_its_spin(tmp_path):
-    """The same bits, but for what theory says of the direction and the energy, to rounding."""
+    """Results are equal bit by bit; direction and energy, from theory, to rounding."""
     n, w, psi, horizon = -0.3, 0.1, 50.0, {"t_rgh": 3}
     spin = {"n_i": n, "omega_xy0": w, "psi": psi}
     one = sweep(tmp_path / "spin", spin=spin, horizon=horizon)
@@ -47,7 +47,7 @@ def test_an_upright_state_is_the_launch_with_its_spin(tmp_path):
 
 @pytest.fixture(scope="module")
 def tilted(tmp_path_factory) -> tuple[Path, pd.DataFrame, np.ndarray]:
-    """A sweep of random states from a table, its runs, and their states as the oracle's."""
+    """A sweep of random states from a table: directory, runs, and states for the oracle."""
     random = np.random.default_rng(3)
     rows = []
     for n in (0.3, -0.3, 0.2, -0.2, 0.4, 0.1, 0.05):
@@ -63,24 +63,24 @@ def tilted(tmp_path_factory) -> tuple[Path, pd.DataFrame, np.ndarray]:
     return folder / "out", runs, runs[STATE[3:] + STATE[:3]].to_numpy()
 
 
-def test_tilted_states_reverse_when_mechanics_says(tilted):
+def test_tilted_states_reverse_when_the_oracle_does(tilted):
     _, runs, states = tilted
     assert runs.t_r.notna().sum() >= 3
     for k in (0, 5):
         t_r, _ = oracle.first_zero(BODY, states[k], T_END, samples=12)
         assert runs.t_r[k] == pytest.approx(np.nan if t_r is None else t_r, rel=1e-8, nan_ok=True)
         assert runs.n_i[k] == pytest.approx(oracle.spin(states[k]), rel=1e-14)
-    # All of the energy of the tilt counts.
+    # The energy includes that of the tilt.
     rest = oracle.energy(np.array([0, 0, -1.0, 0, 0, 0]), BODY)
     found = [oracle.energy(y, BODY) - rest for y in states]
     np.testing.assert_allclose(0.5 * BODY["gamma"] * runs.n_0**2, found, rtol=1e-10)
-    # The last turns about the vertical, so that all of its oscillation is the tilt.
+    # The last one turns about the vertical: its oscillation is the tilt alone.
     assert runs.omega_xy0.iloc[-1] < 1e-15
 
 
 @pytest.mark.parametrize("body", [{"overrides": {"phi": 0.01}}, {"c": 2.0}])
 def test_n_0_is_the_spin_with_all_the_energy_of_a_state(body, tmp_path):
-    """The energy of the spin's translation too: a body of small curvature swings far out."""
+    """The energy includes the translation: a body of small curvature swings far out."""
     bodies = {"source": "preset", "name": "GH"} | body
     tilt = [0.0, 0.1, -math.sqrt(0.99)]
     for u, omega in ((tilt, [0, 0, -0.3]), ([0, 0, -1], [0.02, 0.1, 0.2]), (tilt, [0.1, 0.2, 0])):
@@ -90,7 +90,7 @@ def test_n_0_is_the_spin_with_all_the_energy_of_a_state(body, tmp_path):
         assert run.n_0 == pytest.approx(math.sqrt(2 * run.energy_0 / run.gamma), rel=1e-14)
 
 
-def test_a_sweep_of_states_can_be_had_again(tilted, tmp_path):
+def test_a_sweep_of_states_can_be_repeated(tilted, tmp_path):
     directory, runs, _ = tilted
     source = {"source": "table", "path": str(directory / "runs")}
     again = rs.sweep({"bodies": source, "horizon": {"t": T_END}}, output=tmp_path / "again").runs
@@ -101,7 +101,7 @@ def test_a_sweep_of_states_can_be_had_again(tilted, tmp_path):
 
 
 def tapped_oracle(omega_xy0: float, psi: float, t_end: float) -> tuple[float, float]:
-    """When a tapped body's spin first has a side, and its first zero after that."""
+    """Return when a tapped body's spin first leaves zero, and its first zero after that."""
     y0 = oracle.launch(BODY, 0.0, omega_xy0, psi)
     inertia = BODY["alpha"] * math.cos(psi) ** 2 + BODY["beta"] * math.sin(psi) ** 2
     far = PLATEAU_SHARE * omega_xy0 * math.sqrt(inertia / BODY["gamma"])
@@ -127,7 +127,7 @@ def test_a_tapped_body_reverses_once_it_has_spun(psi):
     assert run.t_r == pytest.approx(t_r, rel=1e-8)
     assert run.amp_growth is run.n_departure is None
     assert path.zeros[0] == run.t_r
-    # It wobbles about zero before it spins, which is no reversal.
+    # Before that it wobbles about zero, which is not a reversal.
     early = path.table.n[path.table.t.between(0, begin, inclusive="neither")]
     assert (np.diff(np.sign(early)) != 0).any() or psi != 45.0
 

@@ -1,4 +1,4 @@
-"""Numbers beyond which the model means nothing are refused by name, at every door."""
+"""Numbers outside the range of the model are refused by name, at every entry."""
 
 import pandas as pd
 import pytest

@@ -65,10 +65,10 @@ def test_bodies_and_launches_in_si_units(tmp_path):
     kept = ["stone", "number", "hardness", "mass_kg", "height_m"]
     pd.testing.assert_frame_equal(runs[kept], STONES[kept], check_dtype=False)
     assert str(runs.number.dtype) == "int64"
-    # An output table is a table, in whatever units it came.
+    # The runs of a sweep are a table, whatever units it began with.
     again = sweep(tmp_path / "out" / "runs", tmp_path / "again", horizon={"t": 1e4})
     pd.testing.assert_frame_equal(again[kept], runs[kept])
-    # Which windows there are goes by the horizon.
+    # The windows depend on the horizon.
     again, runs = (frame[runs.t_r.notna()].drop(columns="amp_growth") for frame in (again, runs))
     pd.testing.assert_frame_equal(again, runs, check_exact=True)
 
@@ -88,7 +88,7 @@ def test_a_frame_is_swept_with_all_of_its_columns(tmp_path):
     assert again.content_hash == source.content_hash
     assert {*source.carried} == {"stone", "number", "code", "hardness", "mass_kg", "height_m"}
     assert rs.sweep(frame, output=tmp_path / "out").runs.equals(runs)
-    # And in memory.
+    # The same in memory.
     alone = rs.simulate(frame)
     assert alone.t_r.equals(runs.t_r)
     assert alone.sigma.equals(runs.sigma)

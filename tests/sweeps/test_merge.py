@@ -1,4 +1,4 @@
-"""What `merge` makes of the directories of shards, and what it does not."""
+"""Merging the directories of shards, and what is refused."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_shards_come_to_the_same_table_and_stay_as_they_are(plain, thirds, tmp_p
     assert f"{RUNS} runs in 3 files" in result.stderr
     check_equal(tmp_path / "out", plain)
     assert sweep(tmp_path / "out").done == 0
-    # Other types in it are not those of the shards.
+    # Typing its runs again does not change the shards.
     classify_stored(tmp_path / "out", ["classify.sw_departure=1e-6"])
     assert [files(third) for third in thirds] == before
 
@@ -73,7 +73,7 @@ def test_a_missing_shard_is_said_and_run_or_merge_does_the_rest(plain, thirds, t
     shutil.copytree(tmp_path / "a", tmp_path / "b")
     assert sweep(tmp_path / "a").done == 120
     check_equal(tmp_path / "a", plain)
-    # What is there already, as after a kill, is not there twice.
+    # Files that are already there, as after a kill, are not added twice.
     assert merge(*thirds[1:], to=tmp_path / "b").exit_code == 0
     assert merge(*thirds, to=tmp_path / "b").exit_code == 0
     check_equal(tmp_path / "b", plain)
@@ -84,7 +84,7 @@ def test_a_missing_shard_is_said_and_run_or_merge_does_the_rest(plain, thirds, t
     [
         ({"seed": 12}, 2, "holds another sweep (seed: 1"),
         ({"classify": {"sw_departure": 0.2}}, 2, "types of different thresholds"),
-        ({"spin": {"n_i": [0.2, -0.1], "omega_xy0": 0.1}}, 1, "numbers its cases in another way"),
+        ({"spin": {"n_i": [0.2, -0.1], "omega_xy0": 0.1}}, 1, "numbers its cases differently"),
     ],
 )
 def test_only_shards_of_one_config_are_joined(changes, code, word, thirds, tmp_path):
@@ -96,13 +96,13 @@ def test_only_shards_of_one_config_are_joined(changes, code, word, thirds, tmp_p
 
 def test_what_is_there_twice_or_damaged_is_not_passed_on(plain, thirds, tmp_path):
     result = merge(plain, thirds[0], to=tmp_path / "a")
-    assert_refused(result, 1, "holds runs that are there twice")
+    assert_refused(result, 1, "holds runs that are stored twice")
     other = Path(shutil.copytree(thirds[0], tmp_path / "other"))
     (path,) = files_of(other)
     path.write_bytes(path.read_bytes()[:-9])
     result = merge(other, *thirds[1:], to=tmp_path / "b")
     assert_refused(result, 1, f"{path} is damaged; do its runs")
-    # The work of others is not at risk: the next merge with a good copy ends well.
+    # Nothing else is affected: the next merge succeeds with an undamaged copy.
     shutil.copy(files_of(thirds[0])[0], path)
     assert merge(other, *thirds[1:], to=tmp_path / "b").exit_code == 0
     check_equal(tmp_path / "b", plain)

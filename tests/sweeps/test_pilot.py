@@ -1,4 +1,4 @@
-"""Forecasts: what a pilot learns, and what is said of it."""
+"""Forecasts: what is estimated from a pilot, and how it is printed."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_it_says_what_the_plan_takes(tmp_path):
     rows = integrate_plan(plan)
     write_parquet(rows, tmp_path / "a")
     assert found.bytes == pytest.approx((tmp_path / "a").stat().st_size, rel=0.5)
-    # Without a clock: runs drawn by their cost tell the mean of steps over cost.
+    # Runs drawn in proportion to expected cost estimate the mean of steps / cost.
     cost = expected_cost(prepare(*sample_keys(plan, 10_000, np.arange(2))), "full")
     steps = rows["n_steps"].to_numpy()
     drawn = np.random.default_rng(1).choice(len(cost), 500, p=cost / cost.sum())

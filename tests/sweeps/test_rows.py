@@ -1,4 +1,4 @@
-"""Tables and files of rows: what is written is whole, and what is read is what was written."""
+"""Tables and files of rows: files are whole, and what is read is what was written."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from rattlesweep.sweeps import columns as units
 from rattlesweep.sweeps import stored as stored_module
 from rattlesweep.sweeps.columns import (
     RECORD_PARTS,
+    SUMMARY,
     build_table,
     ragged,
     read_parquet,
     runs_schema,
-    summary_schema,
     write_parquet,
 )
 from rattlesweep.sweeps.config.read import parse_config
@@ -45,7 +45,7 @@ SCHEMA = runs_schema(("energy", "contact", "windows"))
 
 
 def random_columns(case: np.ndarray, sample: np.ndarray, seed: int = 1) -> dict[str, Any]:
-    """Columns of every kind, with nulls wherever the schema lets them be."""
+    """Columns of every kind, with nulls wherever the schema allows them."""
     rng = np.random.default_rng(seed)
     n = len(case)
     columns: dict[str, Any] = {"case": case, "sample": sample}
@@ -75,7 +75,7 @@ def random_rows(cases: int, samples: int) -> pa.Table:
 
 
 def scatter(directory: Path, table: pa.Table, parts: Any) -> Stored:
-    """Write rows into files; ``parts`` says for each row in which."""
+    """Write rows to files; ``parts`` has the number of the file of each row."""
     config = parse_config({**CONFIG, "model": "full", "record": ["energy", "contact", "windows"]})
     stored = Stored(directory, {}, config, CASES, (), 400, "sweep")
     (directory / "runs").mkdir(parents=True)
@@ -86,7 +86,7 @@ def scatter(directory: Path, table: pa.Table, parts: Any) -> Stored:
 
 def test_every_column_says_what_it_is() -> None:
     rates = (units.TIME, units.RATE, units.ENERGY, units.FORCE)
-    for column in (*runs_schema(RECORD_PARTS), *summary_schema()):
+    for column in (*runs_schema(RECORD_PARTS), *SUMMARY):
         unit = column.metadata[b"unit"].decode()
         assert unit in {"1", "rad", "a", "M a^2 sqrt(g/a)", *rates}, column.name
         assert len(column.metadata[b"description"]) > 5, column.name
@@ -124,7 +124,7 @@ def test_equal_tables_give_equal_files_that_anybody_may_read(tmp_path):
 @pytest.mark.parametrize("piece", [50, 10**6])
 @pytest.mark.parametrize("files", [1, 7, 90])
 def test_rows_come_back_in_order_however_they_lie_in_files(files, piece, tmp_path, monkeypatch):
-    monkeypatch.setattr(stored_module, "PIECE", piece)
+    monkeypatch.setattr(stored_module, "BATCH_ROWS", piece)
     table = random_rows(5, 400)
     parts = np.random.default_rng(files).integers(0, files, len(table))
     stored = scatter(tmp_path, table, parts)
@@ -221,18 +221,18 @@ def test_what_is_no_part_of_the_sweep_is_refused(stored):
     some = read_parquet(before[0]).slice(0, 2)
     other = tuple(Case(k, None, None, 0.5, 0.01) for k in range(5))
     for own, rows, words in (
-        (stored, some, "holds runs that are there twice; move it away"),
+        (stored, some, "holds runs that are stored twice; move it away"),
         (replace(stored, hash="another"), some, "holds runs of another sweep"),
         (stored, some.drop_columns("t_r"), "has the columns of another version"),
-        (replace(stored, cases=other), some, "numbers its cases in another way"),
+        (replace(stored, cases=other), some, "numbers its cases differently"),
     ):
         own.append(rows, "{}")
         (new,) = {*stored.files()} - {*before}
         with pytest.raises(OutputError, match=rf"\.parquet {words}"):
             stored.find()
         new.unlink()
-    with pytest.raises(OutputError, match=r"holds no runs, or others than of 5 cases of 300 samp"):
+    with pytest.raises(OutputError, match=r"holds runs beyond 5 cases of 300 samples"):
         replace(stored, samples=300).find()
     shutil.copy(before[-1], before[-1].with_name("zz.parquet"))
-    with pytest.raises(OutputError, match=r"zz\.parquet holds runs that are there twice"):
+    with pytest.raises(OutputError, match=r"zz\.parquet holds runs that are stored twice"):
         stored.find()

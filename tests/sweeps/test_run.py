@@ -1,4 +1,4 @@
-"""The main job through the command line: run and classify, what they say, and what they leave."""
+"""`run` from the command line: what it prints, and the files that it leaves."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from refusal import assert_refused
 from sweeping import PROGRAM, begin, content_hash, manifest, plan_of, proved, rows, run, sweep, tree
 
 import rattlesweep as rs
-from rattlesweep.sweeps.columns import runs_schema, same_schema, summary_schema
+from rattlesweep.sweeps.columns import SUMMARY, runs_schema, same_schema
 from rattlesweep.sweeps.config.read import parse_config
 
 SMALL = {
@@ -58,7 +58,7 @@ def test_shipped_configs_run_and_leave_what_the_contract_says(name, tmp_path):
     assert files[0] == "case00000-sample000000000.parquet"
     schema = runs_schema(plan_of(name).config.parts)
     assert same_schema(pq.read_schema(output / "runs" / files[0]), schema)
-    assert same_schema(pq.read_schema(output / "summary.parquet"), summary_schema())
+    assert same_schema(pq.read_schema(output / "summary.parquet"), SUMMARY)
     assert len(frame) == said["samples"] * len(said["cases"])
     assert frame["sample"].tolist() == [*range(said["samples"])] * len(said["cases"])
     assert frame.case.is_monotonic_increasing
@@ -66,7 +66,7 @@ def test_shipped_configs_run_and_leave_what_the_contract_says(name, tmp_path):
     assert (frame.energy_drift.abs() < 1e-6).all()
     ends = frame[frame.t_r.notna()]
     assert ends.index.equals(frame.index[frame.type == "R"])
-    # Runs that count reversals go on behind the first.
+    # Runs that count reversals go on after the first.
     goes_on = "n_turns" in frame
     assert (ends.t_r < ends.t_end if goes_on else ends.t_r == ends.t_end).all()
     head, *lines = result.stdout.splitlines()
@@ -86,7 +86,7 @@ def test_the_manifest_is_enough_to_run_it_again(mixed, tmp_path):
     assert content_hash(again) == content_hash(mixed)
     for key in ("config", "config_hash", "cases", "samples", "columns"):
         assert manifest(again)[key] == said[key]
-    # Cases are the targets with every launch each.
+    # Each target is combined with every launch.
     summary = pd.read_parquet(mixed / "summary.parquet")
     assert summary.K_r.tolist() == [0.01] * 3 + [0.1] * 3
     assert summary.n_i.tolist() == [-0.1, -0.3, -0.5] * 2
@@ -177,7 +177,7 @@ def test_ten_million_bodies_of_the_closed_form_in_bounded_memory(tmp_path):
         f"bodies: {{source: sd, samples: {count}}}\nspin: {{n_i: -0.1, omega_xy0: 0.01}}\n"
         "model: gh\n"
     )
-    # A process between, whose only child is the one that is measured.
+    # A process in between, whose only child is measured.
     code = (
         "import resource, subprocess, sys; subprocess.run(sys.argv[1:], check=True);"
         "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"

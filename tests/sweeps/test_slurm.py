@@ -1,4 +1,4 @@
-"""The job script of `rattlesweep slurm`, run in a stand-in for Slurm's environment."""
+"""The job script of `rattlesweep slurm`, run in an imitation of Slurm's environment."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 from hardship import wait_until
 
+import rattlesweep as rs
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.provenance import package_version
 from rattlesweep.sweeps.slurm import job_script, limit_of
 
 PROGRAM, SHELLCHECK = (Path(sys.executable).with_name(n) for n in ("rattlesweep", "shellcheck"))
@@ -32,7 +32,7 @@ TASK = {"shards": 3, "own": False, "limit": 3600, "cpus": 2, "memory": "1024M", 
 
 @pytest.fixture
 def home(tmp_path):
-    """A directory with a name that must be quoted, and a config in it."""
+    """A directory with a config, whose name must be quoted."""
     place = tmp_path / "it's here"
     place.mkdir()
     (place / "sweep.yaml").write_text(SWEEP)
@@ -45,7 +45,7 @@ def script(home: Path, *overrides: str, **task: Any) -> str:
 
 
 class Cluster:
-    """What a task finds around it: variables, a node's disk, and a `scontrol` that takes notes."""
+    """Environment of a task: variables, the disk of a node, a `scontrol` that logs its calls."""
 
     def __init__(self, place: Path) -> None:
         self.place, self.notes = place, place / "scontrol.log"
@@ -60,14 +60,14 @@ class Cluster:
         return path
 
     def stub(self, text: str, body: str) -> str:
-        """Return the script with another program in place of rattlesweep, whose output is seen."""
-        told = f'[[ $1 == --version ]] && {{ echo "rattlesweep {package_version()}"; exit; }}\n'
+        """Return the script with another program instead of rattlesweep, whose output is kept."""
+        told = f'[[ $1 == --version ]] && {{ echo "rattlesweep {rs.__version__}"; exit; }}\n'
         path = self.put("rattlesweep", told + body)
         assert str(PROGRAM) in text
         return text.replace(str(PROGRAM), str(path)).replace("--quiet >/dev/null", "--quiet")
 
     def start(self, text: str, index: int = 0, **variables: str) -> subprocess.Popen[str]:
-        """Start a task as the node's daemon does: from a copy of the script, in a group."""
+        """Start a task as Slurm's daemon does: from a copy of the script, in its own session."""
         copy = self.place / "slurm_script"
         copy.write_text(text)
         environment = {k: v for k, v in os.environ.items() if not k.startswith(("SLURM", "NUMBA"))}
@@ -111,7 +111,7 @@ def test_script_asks_for_what_it_was_told_and_is_clean(home, cluster):
     command = [SHELLCHECK, "-o", "all", "-e", "SC2250,SC2310,SC2312", cluster.put("script", text)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     assert done.stdout + done.stderr == ""
-    with pytest.raises(ConfigError, match="a b: is nothing that Slurm knows"):
+    with pytest.raises(ConfigError, match="a b: has characters that Slurm does not accept"):
         script(home, partition="a b")
     with pytest.raises(ConfigError, match="with a line break cannot stand in a script"):
         script(home, "spin.n_i=0.1\n")

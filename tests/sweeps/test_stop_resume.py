@@ -1,4 +1,4 @@
-"""Stops that keep what is done, locks that die with their process, progress that never falls."""
+"""Stops keep what is done, locks end with their process, and progress never falls."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_what_is_done_is_kept(number, code, word, how, tiny_sweep, tmp_path):
 
 
 def test_one_writer_a_shard(tiny_sweep, tmp_path):
-    """Who would get in the way is refused at once, and a lock goes with its process."""
+    """A second writer is refused at once, and a lock ends with its process."""
     config, expected = tiny_sweep
     args = ("run", config, "--output", tmp_path, "-q", "--shard")
     first = Child(*args, "0/3", hold=0)
@@ -87,7 +87,7 @@ def test_one_writer_a_shard(tiny_sweep, tmp_path):
         assert (done.code, done.out, done.sentence) == (1, "", True)
         assert f"{tmp_path}: shard-0-of-3 is in use by `rattlesweep run" in done.err
         assert f"(process {first.pid} on " in done.err
-    # Other shards of as many go on, at once.
+    # Other shards of the same number may work at the same time.
     others = [Child(*args, f"{index}/3", rows=1) for index in (1, 2)]
     assert [other.wait().code for other in others] == [0, 0]
     assert open_stored(tmp_path).count() == 16
@@ -127,7 +127,7 @@ def test_ctrl_c_is_heard_within_a_block_and_while_bodies_are_drawn(tmp_path):
 
 @pytest.fixture
 def often(monkeypatch):
-    """Looks at the kernel so often that it can be stopped where a test wants it."""
+    """Check the kernel so often that a test can stop it at any run."""
     monkeypatch.setattr(task, "POLL", 0.001)
 
 
@@ -159,7 +159,7 @@ def test_any_time_however_short_makes_progress(whole, often, tmp_path):
 
 
 def test_beside_the_main_thread(whole, tmp_path):
-    """As in a notebook's or a server's thread, where no signals are heard."""
+    """As in a thread of a notebook or server, which receives no signals."""
     thread = threading.Thread(target=sweeping.sweep, args=(tmp_path, CONFIG))
     thread.start()
     thread.join(300)
@@ -204,19 +204,19 @@ def new_job(
 
 @pytest.mark.parametrize("seed", range(3))
 def test_blocks_are_each_run_once_in_order(seed, monkeypatch):
-    monkeypatch.setattr(runner, "MOST_ROWS", 3000)
-    monkeypatch.setattr(runner, "AT_ONCE", 7000)
+    monkeypatch.setattr(runner, "MAX_BLOCK_RUNS", 3000)
+    monkeypatch.setattr(runner, "SCAN", 7000)
     dice = np.random.default_rng(seed)
     work = new_job(monkeypatch, 10 ** dice.uniform(2, 5, 40), 500)
     work.found.done[:] = dice.random((40, 500)) < 0.4
     blocks = []
     for keys in work.blocks(np.ones((40, 500), bool)):
         blocks.append(keys)
-        work.worked(keys, float(work._cost[keys[0]].sum()) / 1e7)  # as many costs a second
+        work.time_block(keys, float(work._cost[keys[0]].sum()) / 1e7)  # as many costs a second
     case, sample = (np.concatenate(part) for part in zip(*blocks, strict=True))
     assert np.array_equal(np.stack([case, sample]), np.nonzero(~work.found.done))
     sizes = [len(block[0]) for block in blocks]
-    assert runner.ROUNDS * runner.LANES * 2 <= min(sizes[1:-1]) <= max(sizes) <= 3000
+    assert runner.RUNS_PER_LANE * runner.LANES * 2 <= min(sizes[1:-1]) <= max(sizes) <= 3000
 
 
 @pytest.mark.parametrize("waves", [1, 3])

@@ -1,4 +1,4 @@
-"""The summary against pandas, and that it does not depend on how runs lie in files."""
+"""The summary agrees with pandas, and does not depend on how runs are spread over files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from test_rows import SCHEMA, random_columns
 
 import rattlesweep as rs
 from rattlesweep.sweeps import stored as stored_module
-from rattlesweep.sweeps.columns import build_table, read_parquet, same_schema, summary_schema
+from rattlesweep.sweeps.columns import SUMMARY, build_table, read_parquet, same_schema
 from rattlesweep.sweeps.stored import Case, Stored, open_stored
 from rattlesweep.sweeps.summary import Moments, closing_table, summarise, write_summary
 from rattlesweep.sweeps.types import wilson
@@ -29,7 +29,7 @@ CASES = (
 
 
 def fill(directory: Path, size: int, rows: int = 1000, seed: int = 1, cases: Any = CASES) -> Any:
-    """Write the same rows into files of `size`, and return what reads as a sweep."""
+    """Write the same rows to files of `size` rows, and return them as a stored sweep."""
     case = np.sort(np.random.default_rng(seed).integers(0, 3, rows))
     sample = np.arange(rows) - np.searchsorted(case, case)
     return write(directory, random_columns(case, sample, seed), size, cases)
@@ -46,7 +46,7 @@ def write(directory: Path, columns: dict[str, Any], size: int = 10**9, cases: An
 
 
 def oracle(runs: pd.DataFrame) -> dict[str, float]:
-    """Summary of one case's runs, the plain way."""
+    """Summary of the runs of one case, by pandas."""
     ok = runs[runs["status"] == "ok"]
     reversed_ = ok[ok["type"] == "R"]
     reversals = reversed_["t_r"]
@@ -71,7 +71,7 @@ def oracle(runs: pd.DataFrame) -> dict[str, float]:
 def test_against_pandas(tmp_path, seed, size, rows):
     stored = fill(tmp_path, size, rows, seed=seed)  # the second case has more than a row group
     summary = summarise(stored)
-    assert same_schema(summary.schema, summary_schema())
+    assert same_schema(summary.schema, SUMMARY)
     runs = pd.read_parquet(tmp_path / "runs")
     for row, (_, group) in zip(summary.to_pylist(), runs.groupby("case"), strict=True):
         for name, value in oracle(group).items():
@@ -79,16 +79,16 @@ def test_against_pandas(tmp_path, seed, size, rows):
     assert summary.column("case").to_pylist() == [0, 1, 2]
     assert summary.column("K_r").to_pylist() == [0.01, None, None]
     assert summary.column("n_i").to_pylist() == [-0.1, -0.1, None]
-    write_summary(stored, summary)
+    assert write_summary(stored).equals(summary)
     path = tmp_path / "summary.parquet"
     assert pd.read_parquet(path).equals(summary.to_pandas())
     assert read_parquet(path).schema.field("t_r_mean").metadata[b"unit"] == b"sqrt(a/g)"
 
 
 def test_how_rows_lie_in_files_does_not_show(tmp_path, monkeypatch):
-    monkeypatch.setattr(stored_module, "PIECE", 700)
+    monkeypatch.setattr(stored_module, "BATCH_ROWS", 700)
     tables = [summarise(fill(tmp_path / str(n), n, 3000)) for n in (3000, 1024, 100)]
-    # Every other row in a file of its own, as retried runs are.
+    # Each file has every seventh row, as after a retry of failed runs.
     stored = fill(tmp_path / "cut", 10**9, 3000)
     (path,) = stored.files()
     rows = read_parquet(path)
@@ -110,7 +110,7 @@ NAN = np.nan
         ([-0.2, -0.4, NAN], [-0.3, -0.3, -0.3], [1, 1, NAN], 1 / 2),
         ([-0.2, -0.4, NAN], [-0.3, -0.3, -0.3], [NAN, 1, 1], 0),
         ([NAN, NAN, NAN], [-0.3, -0.3, -0.3], [NAN, NAN, NAN], None),
-        # It is a share of the runs in the steady direction.
+        # Only runs in the steady direction count.
         ([-0.2, -0.2, -0.2], [0.6, 0.6, 0.6], [1, 1, 1], None),
     ],
 )

@@ -1,4 +1,4 @@
-"""`verify`, `status` and `classify` of directories to which something has happened."""
+"""`verify`, `status` and `classify` of whole, damaged and half-changed directories."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def sweep(output: Path, config: dict[str, Any] = CONFIG, **options: Any) -> Any:
 def whole(tmp_path_factory) -> Path:
     output = tmp_path_factory.mktemp("whole") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner, "MOST_ROWS", 20)
+        patch.setattr(runner, "MAX_BLOCK_RUNS", 20)
         sweep(output)
     return output
 
@@ -52,7 +52,7 @@ def output(whole, tmp_path) -> Path:
 
 
 def change(output: Path, column: str, function: Any) -> Path:
-    """Write a file once more with another column, as only a mistake could; return its path."""
+    """Replace a column of a file, with valid checksums; return its path."""
     path = files_of(output)[1]
     table = read_parquet(path)
     place = table.schema.get_field_index(column)
@@ -74,8 +74,8 @@ def test_what_is_whole_has_no_problems(whole):
 @pytest.mark.parametrize(
     ("column", "function", "words"),
     [
-        ("type", lambda v: ["SS"] * len(v), "type does not follow from its columns"),
-        ("type_sure", lambda v: [not x for x in v], "type_sure does not follow"),
+        ("type", lambda v: ["SS"] * len(v), "type contradicts the columns it follows from"),
+        ("type_sure", lambda v: [not x for x in v], "type_sure contradicts the columns"),
         ("sample", lambda v: [v[1], v[0], *v[2:]], "its rows are not in order"),
     ],
 )
@@ -90,7 +90,7 @@ def test_a_last_bit_is_found_by_computing_again(output):
     assert verify(output).problems == []
     found = verify(output, recompute=RUNS)
     assert len(found.problems) == 20
-    assert "comes out differently: n_end" in found.problems[0]
+    assert "differs when computed again: n_end" in found.problems[0]
     assert f"and {20 - 10} more problems" in found.words
 
 
@@ -114,7 +114,7 @@ def test_what_is_lost_or_damaged(output, whole):
                  lambda: summary.unlink()):  # fmt: skip
         harm()
         (problem,) = verify(output).problems
-        assert problem.startswith(f"{summary} is missing, damaged or does not follow")
+        assert problem.startswith(f"{summary} is missing, damaged or contradicts the runs")
     sweep(output)
     check_equal(output, whole)
 
@@ -183,14 +183,14 @@ def test_types_follow_their_thresholds_and_come_back(output, whole):
 
 @pytest.mark.parametrize("then", ["run", "classify", "run by others"])
 def test_a_killed_classify(then, output, whole):
-    """Only the first file is typed by others, as a kill leaves it."""
+    """Only the first file has types of other thresholds, as after a kill."""
     left = [*files_of(output)[1:], output / "manifest.json", output / "summary.parquet"]
     files = {path: path.read_bytes() for path in left}
     classify_stored(output, [OTHER])
     for path, data in files.items():
         path.write_bytes(data)
     (problem,) = verify(output).problems[:1]
-    assert "typed by other thresholds; `rattlesweep classify` ends what was begun" in problem
+    assert "typed by other thresholds; run `rattlesweep classify` to type all alike" in problem
     with pytest.raises(ConfigError, match="before its shards go on"):
         sweep(output, shard=Shard(0, 2))
     if then == "run":

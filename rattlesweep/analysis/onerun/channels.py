@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def contact_point(y: Floats, constants: Floats) -> Floats:
-    """Return the point of contact with the plane (Eqs. def-xy, def-z), shape (3, ...)."""
+    """Return the point of contact with the plane (Eqs. 4 and 8), shape (3, ...)."""
     p, q = y[:2]
     cxx, cxy, cyy, k = np.append(constants, 0.0)[3:7]  # a paraboloid has k = 0
     x, y0 = p + cxx * p + cxy * q, q + cxy * p + cyy * q
@@ -64,8 +64,8 @@ class View:
     def modes(self) -> tuple[Floats, Floats]:
         """The energies of pitch and roll, the modes of the body without spin.
 
-        Let ``e`` be an eigenvector of Eq. def-omgpr, ``omega`` the angular velocity less the spin,
-        and ``tilt`` the angle whose rate it is (Eq. lin-u).  Then the energy of a mode is
+        Let ``e`` be an eigenvector of Eq. 23, ``omega`` the angular velocity less the spin,
+        and ``tilt`` the angle whose rate it is (Eq. 16).  Then the energy of a mode is
         ``((e.J^1/2 omega)^2 + omega_j^2 (e.J^1/2 tilt)^2) / 2``.
         """
         if len(self.y) < full.N_STATE:  # the reduced model

@@ -9,6 +9,7 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -29,7 +30,6 @@ from rattlesweep.sweeps import columns
 from rattlesweep.sweeps.columns import build_table
 from rattlesweep.sweeps.files import streamed_file
 from rattlesweep.sweeps.launches import Launch, model_of, reduced_batch, single_run, with_energies
-from rattlesweep.sweeps.provenance import package_version
 
 if TYPE_CHECKING:
     from rattlesweep.integrate.batch import Batch
@@ -256,7 +256,7 @@ def _schema(course: Course) -> pa.Schema:
     """Return the schema of a run, whose metadata describe body, launch and integrator."""
     run = course.run
     about = run.body | run.launch | {
-        "model": run.model, "t_end": run.t_end, "rattlesweep": package_version(),
+        "model": run.model, "t_end": run.t_end, "rattlesweep": version("rattlesweep"),
         "integrator": run.integrator,
     }  # fmt: skip
     fields = [columns.field(c.name, columns.F64, c.unit, c.description) for c in course.channels]

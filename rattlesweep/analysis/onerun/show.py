@@ -10,6 +10,7 @@ import html
 import json
 import math
 import re
+from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
 
@@ -18,7 +19,6 @@ import numpy as np
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.provenance import package_version
 
 COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r")
 CHANNELS = ("t", *COLUMNS, "contact_z", "energy")
@@ -122,7 +122,7 @@ def make_page(scene: dict[str, Any], title: str, subtitle: str) -> bytes:
         # Forbid all origins, and all scripts and styles but these, identified by their hashes.
         "policy": f"default-src 'none'; script-src {' '.join(scripts)}; style-src {style}; "
         "img-src data:; base-uri 'none'; form-action 'none'",
-        "version": html.escape(package_version()),
+        "version": html.escape(version("rattlesweep")),
         "title": html.escape(title),
         "subtitle": html.escape(subtitle),
         "data": data.replace("<", "\\u003c"),  # so that the text cannot close its element

@@ -1,11 +1,12 @@
-"""First zero of the spin within a step, with no misses.
+"""Search for the first zero of the spin within a step.
 
 The spin grazes zero before it reverses, so a pair of zeros often lies inside one step.  A step that
-may hold a zero is held: the lane goes back to its start and tries shorter steps from there, each as
-good as the method itself.  The step is cut into pieces that are short against a swing.  A piece
-whose ends differ in sign has a zero; one with the spin falling at its start and rising at its end
-is searched for its minimum until a bound shows it positive or a negative value is found; the zero
-is then polished by Newton's method in its bracket.  The step that is finally accepted is the same.
+may contain a zero is held: the lane goes back to its start and tries shorter steps from there, each
+as accurate as the method.  The step is cut into pieces that are short compared with a swing of the
+spin.  A piece whose ends differ in sign has a zero.  In a piece where the spin falls at the start
+and rises at the end, the minimum is searched until a bound shows that it is positive or a negative
+value is found.  Newton's method then finds the zero in its bracket.  The step that is finally
+accepted is the one first tried, unless it ends at a zero.
 """
 
 # mypy: disable-error-code="no-any-return, no-untyped-def"
@@ -19,21 +20,21 @@ from rattlesweep.physics.full import scalar
 
 # Modes of a lane.
 STEP, SCAN, MINIMUM, ROOT, REDO = 0, 1, 2, 3, 4
-# What a move of the search decides: to go back and try ``lane.h_next``, to accept the step just
-# tried, or that it ends at the first zero.
+# Moves of the search: go back and try ``lane.h_next``, accept the step just tried, or accept it as
+# a step that ends at a zero.
 HOLD, TAKE, REVERSED = 0, 1, 2
 PIECE_ANGLE = 0.5  # longest piece, in radians of the fastest swing
-# Steps are a dozen radians at most, or so much longer than a swing that nothing is to be found.
+# Steps are at most a dozen radians, or so much longer than a swing that no search can succeed.
 MAX_PIECES, MAX_TRIES = 4096.0, 60
 _CLEAR, _DIP, _ZERO = 0, 1, 2
-# The end of the next piece is known already.  (No function here may call itself, even through
-# another: the cached kernel crashes when it is loaded, Numba 0.68.)
+# A further move: the end of the next piece is known already.  It replaces recursion, even of two
+# functions, with which a cached kernel crashes when it is loaded (Numba 0.68).
 _KNOWN = 3
 
 
 @njit(**INNER)
 def _judge(start: Point, end: Point, sign: float) -> int:
-    """Return whether a piece whose spin starts positive (after ``sign``) can hold a zero."""
+    """Return whether a piece can hold a zero; times ``sign``, the spin is positive at its start."""
     if sign * end.n <= 0.0:
         return _ZERO
     down, up = sign * start.rate, sign * end.rate
@@ -48,7 +49,8 @@ def _judge(start: Point, end: Point, sign: float) -> int:
 @scalar
 def may_reverse(h, n0, n1, rate1, rate_max):
     """Return whether a step of size ``h`` between spins ``n0`` and ``n1`` may hold a zero."""
-    # The spin changes by at most h * max|rate| in all; twice the recent largest is safe.
+    # To reach zero and come back, the spin needs a path of |n0| + |n1|, at most h * max|rate|;
+    # twice the largest recent rate is a safe bound.
     recent, now = 0.9 * rate_max, abs(rate1)
     recent = now if now > recent else recent
     return (abs(n0) + abs(n1) < 2.0 * h * recent) | (n0 * n1 <= 0.0)
@@ -80,7 +82,7 @@ def search(lane: Any, tried: Point) -> int:
 
 @njit(**INNER)
 def search_on(lane: Any, h: float) -> int:
-    """Search in the same step behind the zero at ``h``, for one of the other direction."""
+    """Continue the search after the zero at ``h`` in the same step, for one in the other sense."""
     lane.sign = -lane.sign
     lane.mode = SCAN
     if lane.beyond.h == lane.end.h:
@@ -92,7 +94,7 @@ def search_on(lane: Any, h: float) -> int:
 
 @njit(**INNER)
 def _scan(lane: Any, tried: float) -> int:
-    """Decide on the pieces from LO on whose ends are known; END is the end of the first."""
+    """Decide on the piece from LO to END, and on later ones as long as their ends are known."""
     while True:
         verdict = _judge(lane.lo, lane.end, lane.sign)
         if verdict != _CLEAR:
@@ -109,7 +111,7 @@ def _scan(lane: Any, tried: float) -> int:
 
 @njit(**INNER)
 def _next_piece(lane: Any, tried: float) -> int:
-    """Go on behind END: try the next piece's end, or take the step, or _KNOWN if END now is it."""
+    """Go to the piece after END: try its end, or take the step, or return _KNOWN with END set."""
     lane.lo = lane.end
     lane.piece += 1.0
     lane.mode = SCAN
@@ -129,7 +131,7 @@ def _next_piece(lane: Any, tried: float) -> int:
 
 @njit(**INNER)
 def _close_in(lane: Any, tried: Point) -> int:
-    """Search the minimum between LO and HI until the spin is seen to be positive there or not."""
+    """Narrow the bracket LO..HI of a minimum until the sign of the spin there is known."""
     if lane.sign * tried.n <= 0.0:
         lane.hi = tried
         return _start_root(lane)
@@ -143,18 +145,18 @@ def _close_in(lane: Any, tried: Point) -> int:
     if verdict == _DIP and wide and lane.tries < MAX_TRIES:
         lane.h_next = _towards_minimum(lane)
         return HOLD
-    # The last try may have been the middle of the bracket; its ends are nearer the minimum.
+    # The ends of the bracket are nearer to the minimum than a last try in its middle.
     lowest = min(lane.sign * lane.lo.n, lane.sign * lane.hi.n)
     if lowest < lane.fuzz * lane.rate_max / lane.swing:
         lane.near += 1.0
-    # No zero here; go on behind the piece that held the minimum.
+    # There is no zero in this piece.
     move = _next_piece(lane, tried.h)
     return _scan(lane, tried.h) if move == _KNOWN else move
 
 
 @njit(**INNER)
 def _towards_minimum(lane: Any) -> float:
-    """Next point in LO..HI, where the rate changes sign: a secant, every third time the middle."""
+    """Return the next point to try in LO..HI, by a secant of the rate; every third time, half."""
     lo, hi = lane.lo, lane.hi
     share = 0.5 if lane.tries % 3.0 == 2.0 else lo.rate / (lo.rate - hi.rate)
     return lo.h + min(0.98, max(0.02, share)) * (hi.h - lo.h)
@@ -162,7 +164,7 @@ def _towards_minimum(lane: Any) -> float:
 
 @njit(**INNER)
 def _start_root(lane: Any) -> int:
-    """Begin to polish the zero between LO and HI."""
+    """Start Newton's method for the zero between LO and HI, with a secant."""
     lo, hi = lane.lo, lane.hi
     lane.beyond, lane.mode, lane.tries = hi, ROOT, 0.0
     lane.h_next = lo.h + lo.n / (lo.n - hi.n) * (hi.h - lo.h)
@@ -171,7 +173,7 @@ def _start_root(lane: Any) -> int:
 
 @njit(**INNER)
 def _polish(lane: Any, tried: Point) -> int:
-    """Newton's method in the bracket LO..HI until it moves by rounding only."""
+    """Take a step of Newton's method in the bracket LO..HI, until steps are rounding errors."""
     h, n, rate = tried
     if lane.sign * n > 0.0:
         lane.lo = tried
@@ -186,7 +188,7 @@ def _polish(lane: Any, tried: Point) -> int:
     else:
         newton = abs(guess - h)
     if n == 0.0 or newton < 1e-14 * full or hi - lo < 1e-15 * full or lane.tries >= MAX_TRIES:
-        # The swing behind the zero is rate^2 / (2 n'') deep, n'' at most SWING * RATE_MAX.
+        # Beyond the zero the spin goes rate^2 / (2 n'') deep, with n'' at most SWING * RATE_MAX.
         if rate * rate < 2.0 * lane.fuzz * lane.rate_max**2:
             lane.near += 1.0
         return REVERSED

@@ -1,13 +1,14 @@
 """The lane kernel: many runs at once, each with its own step.
 
-A thread holds :data:`LANES` runs.  Every turn tries one step on all of them (the generated
-``attempt``), decides on all of them in loops over lanes that vectorise, looks closer only at the
-lanes where something is due (a rejection, a possible zero of the spin, the end of a window or of
-the run), and refills those whose run has ended from a queue that all threads share.  The arithmetic
-of a run depends on its own numbers alone: the same bits in any lane, thread and batch.
+A thread holds :data:`~rattlesweep.integrate.lanes.lane.LANES` runs.  Every turn tries one step on
+all of them (the generated ``attempt``) and decides on all of them, in loops over lanes that
+vectorise.  It looks closer only at lanes where something is due: a rejection, a possible zero of
+the spin, the end of a window or of the run.  A lane whose run has ended takes the next run from a
+queue that all threads share.  The arithmetic of a run depends on its own numbers alone, so it
+yields the same bits in any lane, thread and batch.
 
-The step, of a method and a model, and :func:`decide_closely`, of all models, are compiled for
-themselves and called by their addresses (:data:`PARTS`), in sweeps and trajectories.
+``attempt`` is compiled for each method and model, :func:`decide_closely` once for all models.  Both
+are called by their addresses (``parts``), in sweeps and in trajectories.
 """
 
 # mypy: ignore-errors
@@ -21,7 +22,7 @@ from rattlesweep.integrate.lanes.lane import (
     INNER,
     Point,
     call,
-    call_for_two,
+    call_for_pair,
     fetch_add,
     lane_of,
     rough_root,
@@ -31,24 +32,23 @@ from rattlesweep.integrate.status import Status
 
 OK, NONFINITE = int(Status.OK), int(Status.NONFINITE)
 STEP_LIMIT, STEP_TOO_SMALL = int(Status.STEP_LIMIT), int(Status.STEP_TOO_SMALL)
-# Places in ``parts``: the addresses of the step, ``attempt``, and of :func:`decide_closely`.
+# Indices into ``parts``: the addresses of ``attempt`` and of :func:`decide_closely`.
 ATTEMPT, DECIDE, PARTS = 0, 1, 2
 
-
-# Step size control: errors are squared and in units of the tolerance.
-# In radians of the fastest swing: the first step, for a tolerance of 1, and the least one.
-FIRST_STEP, LEAST_STEP = 6.0, 1e-9
+# Step size control.  Errors are squared and in units of the tolerance.
+# First step for a tolerance of 1, and least step, in radians of the fastest swing of the spin.
+FIRST_ANGLE, LEAST_ANGLE = 6.0, 1e-9
 SAFETY, SAFETY_REJECTED = 0.95, 0.85
-# Least ratio of two steps; the largest is 7.3, by the root of the least error.
+# Least ratio of two steps after a rejection; the least error limits the ratio to 7.3 otherwise.
 SHRINK, LEAST_ERROR = 0.2, 1e-30
 
 
 def decide_closely(problem, w, l, max_steps, on):
-    """Decide again on the step tried on a lane ``l`` where something is due.
+    """Decide on the step tried on lane ``l``, where something is due; return a status and a move.
 
-    The problem is one without a model.  ``on``: the step ends at a zero, behind which the search is
-    to go on.  Returned are the status, OK to go on, and HOLD (the step is not taken), TAKE, or
-    REVERSED (it is, and ends at a zero of the spin).
+    The problem is one without a model.  With ``on`` the step tried ends at a zero of the spin, and
+    the search continues after it.  The status is OK if the run goes on.  The move is HOLD (the step
+    is not taken), TAKE, or REVERSED (the step is taken and ends at a zero).
     """
     lane = lane_of(problem, w, l)
     if on:
@@ -58,7 +58,7 @@ def decide_closely(problem, w, l, max_steps, on):
     if lane.mode == STEP and lane.accept == 0.0:
         lane.rejected += 1.0
         lane.held = 1.0
-        # An error that is no number is large.
+        # For an error of NaN the comparison below is false, and the step shrinks most.
         ratio = SAFETY_REJECTED / sqrt(sqrt(sqrt(sqrt(lane.error + LEAST_ERROR))))
         lane.h_next = lane.h * (ratio if ratio > SHRINK else SHRINK)
         status = OK
@@ -66,12 +66,12 @@ def decide_closely(problem, w, l, max_steps, on):
             status = NONFINITE
         elif lane.steps + lane.rejected >= max_steps:
             status = STEP_LIMIT
-        elif lane.h * lane.swing < LEAST_STEP:
+        elif lane.h * lane.swing < LEAST_ANGLE:
             status = STEP_TOO_SMALL if isfinite(lane.error) else NONFINITE
         return status, HOLD
     move = TAKE
     if lane.arm > 0.0:
-        # No zero counts yet, and every step is looked at (may_reverse).
+        # No zero counts yet; UNKNOWN_RATE makes every step due (`may_reverse`).
         lane.rate_max = runs.UNKNOWN_RATE
         if abs(lane.n1) > lane.arm:
             lane.arm = 0.0
@@ -85,7 +85,7 @@ def decide_closely(problem, w, l, max_steps, on):
 
 @njit(**INNER)
 def decide(problem, w, dt, max_steps):
-    """Decide on the step tried on every lane; returns how many lanes need a closer look."""
+    """Decide on the step tried on every lane, and return how many lanes need a closer look."""
     widest_vectors()
     special = 0
     for l in range(problem.lanes):
@@ -93,14 +93,14 @@ def decide(problem, w, dt, max_steps):
         h = lane.h
         accept = lane.error <= 1.0
         if problem.adaptive:
-            # A PI control of low gain; after a rejection the step is not longer.
+            # PI control of low gain (docs/design.md); no growth right after a rejection.
             root = rough_root(lane.error + LEAST_ERROR)
             ratio = SAFETY * lane.root0 / (root * root)
             lane.root = root
             lane.h_next = h * (1.0 if (lane.held > 0.0) & (ratio > 1.0) else ratio)
         else:
             lane.h_next = dt
-        # No 'or': what is behind it would be read under a mask.
+        # With 'or' instead of '|' the later operands would be loaded under a mask.
         due = (
             may_reverse(h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
             | (lane.last > 0.0)
@@ -119,7 +119,7 @@ def decide(problem, w, dt, max_steps):
 def commit(problem, w):
     """Move all lanes to the end of the step tried, and set their next step.
 
-    Nothing is read or written under a mask, which AVX2 does slowly.
+    No load or store is masked, as masked ones are slow with AVX2.
     """
     widest_vectors()
     problem.advance(problem, w)
@@ -142,7 +142,7 @@ def commit(problem, w):
         recent = (1.0 - 0.1 * accept) * lane.rate_max
         now = abs(rate1)
         lane.rate_max = now if now > recent else recent
-        # Compensated sum: a million steps lose nothing.
+        # Compensated sum, so that a million steps do not add up rounding errors.
         t0 = lane.t
         part = lane.h * accept - lane.t_low
         t1 = t0 + part
@@ -150,7 +150,7 @@ def commit(problem, w):
         lane.t_low = (t1 - t0) - part
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        # A search holds the step it began with; the others must not pass the horizon.
+        # Steps of a search stay within the step it began with; others must not pass the horizon.
         h_next = lane.h_next
         searching = 1.0 if lane.mode > 0.0 else 0.0
         left = (lane.t_end - lane.t) + 1e290 * searching
@@ -161,7 +161,7 @@ def commit(problem, w):
 
 @njit(**INNER)
 def watch(problem, w, windows, record):
-    """Observe at every accepted step what was asked for."""
+    """Update what is recorded at every accepted step."""
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         if lane.accept == 0.0:
@@ -170,23 +170,24 @@ def watch(problem, w, windows, record):
             off = abs(runs.energy_at(lane, lane.y1) - lane.energy0)
             lane.drift_max = max(lane.drift_max, off / lane.energy0)
         if record[runs.REC_CONTACT]:
-            runs.see_contact(lane, lane.y1)
+            runs.observe_contact(lane, lane.y1)
         if record[runs.REC_WINDOWS]:
             lane.window_n_min = min(lane.window_n_min, lane.n1)
             lane.window_n_max = max(lane.window_n_max, lane.n1)
         if record[runs.REC_REVERSALS]:
-            runs.see_side(lane, windows, record)
+            runs.note_side(lane, windows, record)
         if record[runs.REC_VOLUME]:
             lane.volume += lane.h * lane.volume_rate1
 
 
 def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, options,
          record, result, counts, windows, progress):  # fmt: skip
-    """Do what one thread does until the queue is empty or Python says stop.
+    """Integrate runs of the queue in one thread, until the queue is empty or Python asks to stop.
 
-    ``thread`` is its row of ``progress``: expected cost of its runs that have ended, of those in
-    its lanes, and the number that have ended.  ``parts`` has addresses, ``w`` is the workspace,
-    ``shared`` the next place in the queue and the flag that stops, ``order`` the queue.
+    ``thread`` is the row of ``progress`` that it writes: expected cost of its runs that have ended,
+    expected cost done of those in its lanes, and the number of runs that have ended.  ``parts`` are
+    addresses, ``w`` is the thread's workspace, ``order`` the queue, and ``shared`` holds the next
+    place in the queue and the stop flag.
     """
     widest_vectors()
     scale, dt, max_steps = options[0], options[1], options[2]
@@ -214,15 +215,15 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
                 if run < 0:
                     lane.accept = 0.0
                     lane.h_next = 0.0
-                    runs.stay(lane)
+                    runs.hold_back(lane)
                     continue
-                status, move = call_for_two(parts[DECIDE], (problem, w, l, max_steps, False))
+                status, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, False))
                 t = lane.t + (lane.h - lane.t_low)
                 if move == REVERSED and record[runs.REC_REVERSALS]:
-                    # Go on behind the zero, in the same step.
-                    runs.see_zero(lane, t)
-                    behind, move = call_for_two(parts[DECIDE], (problem, w, l, max_steps, True))
-                    status = behind if move == HOLD else status
+                    # Go on after the zero, in the same step.
+                    runs.note_zero(lane, t)
+                    later, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, True))
+                    status = later if move == HOLD else status
                 reversal = move == REVERSED
                 ended = status != OK or reversal
                 if move == TAKE and lane.last > 0.0:
@@ -244,7 +245,7 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
                         busy -= 1
                     lane.accept = 0.0
                 if lane.accept == 0.0:
-                    runs.stay(lane)
+                    runs.hold_back(lane)
         if watching:
             watch(problem, w, windows, record)
         commit(problem, w)
@@ -263,6 +264,6 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
 
 
 def drive(address, parts, threads, w, shared):
-    """Do :func:`work`, known by its address, on each thread: one driver for all problems."""
+    """Call :func:`work` by its address on each thread, so that one driver serves all problems."""
     for thread in prange(threads):
         call(address, (thread, parts, w[thread]) + shared)  # noqa: RUF005

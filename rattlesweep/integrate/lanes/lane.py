@@ -1,18 +1,20 @@
-"""Lanes: many runs side by side in one workspace, and what compiled code does with them.
+"""Lanes: many runs side by side in one workspace, as compiled code sees them.
 
 The workspace is one flat array of rows, each of which holds one number of every lane, so that loops
-over lanes vectorise.  (Of two arrays LLVM would have to prove that they do not overlap.)  In
+over lanes vectorise.  (With several arrays, LLVM would have to prove that they do not overlap.)  In
 compiled code a lane reads as a record: ``lane.t_end``, ``lane.y1 = lane.y``.  A field is the lane's
-number in a row, or a tuple of those in some rows one after another.
+number in one row, or the tuple of its numbers in consecutive rows.
 
-:func:`gather` and :func:`scatter` stand for hundreds of indexed reads, products and sums, which
-Numba would take most of the time of a kernel's compilation to type and lower.
+:func:`gather` and :func:`scatter` replace hundreds of indexed reads, products and sums.  Typing and
+lowering these would take Numba most of the time that a kernel takes to compile.
 
-Each operation that is written as LLVM code has a Python function beside it, which is what runs with
-``NUMBA_DISABLE_JIT=1``: then a debugger can step through a kernel.
+Each operation written as LLVM code has a Python twin, which runs with ``NUMBA_DISABLE_JIT=1``, so
+that a debugger can step through a kernel.
 
-Private interfaces of Numba (0.68.1) are used here alone: ``cgutils``, the context's ``make_array``,
-``make_tuple`` and ``call_conv``, ``to_fixed_tuple``, ``library`` and ``fndesc`` of an overload.
+Only this module uses private interfaces of Numba (tried with 0.68.1): ``cgutils``,
+``AttributeTemplate``, ``to_fixed_tuple``; ``make_array``, ``make_tuple``, ``get_dummy_value``,
+``get_constant_generic``, ``resolve_value_type`` and ``call_conv`` of contexts; ``library`` and
+``fndesc`` of overloads.
 """
 
 # mypy: disable-error-code="no-untyped-call, no-untyped-def, misc"
@@ -30,25 +32,23 @@ from numba.core import cgutils
 from numba.core.typing.templates import AttributeTemplate
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-if TYPE_CHECKING:
-    from rattlesweep.integrate.model import Model
-    from rattlesweep.integrate.tableau import Tableau
+from rattlesweep.integrate.model import Model
+from rattlesweep.integrate.tableau import Tableau
 
-# benchmarks/kernel.py --lanes has the figures behind it.
-LANES = 1 if config.DISABLE_JIT else 32
-DOUBLE, WHOLE = ir.DoubleType(), ir.IntType(64)
-# Options of functions that only other compiled functions call.  What Python and C would call is not
-# made, and takes no time to compile; a call from Python ends the process.
+LANES = 1 if config.DISABLE_JIT else 32  # measured by benchmarks/kernel.py --lanes
+DOUBLE, INT64 = ir.DoubleType(), ir.IntType(64)
+# Options of functions that only compiled functions call.  Wrappers for Python and C, which would
+# take time to compile, are left out; a call from Python would crash the process.
 INNER: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 INNER |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-# Of an array and a length: its first numbers as a tuple.
+# first_of(array, length): the first numbers of an array, as a tuple.
 first_of = (lambda array, length: tuple(array[:length])) if config.DISABLE_JIT else to_fixed_tuple
 
 
-def emitting(signature_of: Callable[..., Any], python: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a function that writes LLVM code as an intrinsic, typed by its arguments.
+def intrinsic(signature_of: Callable[..., Any], python: Callable[..., Any]) -> Callable[..., Any]:
+    """Make an intrinsic of a function that writes LLVM code; without compilation, use ``python``.
 
-    Without compilation it is the Python function.
+    ``signature_of`` returns the signature for the types of the arguments.
     """
 
     def decorate(codegen: Callable[..., Any]) -> Any:
@@ -68,34 +68,34 @@ def _fetch_add(array, index, value):
     return before
 
 
-@emitting(
+@intrinsic(
     lambda typingctx, array, index, value: types.int64(array, types.intp, types.int64), _fetch_add
 )
 def fetch_add(context, builder, signature, args):
-    """Add ``value`` to ``array[index]`` (int64) and return what was there before."""
+    """Add ``value`` to ``array[index]`` (int64) atomically, and return the value before."""
     kind, index = signature.args[0], [args[1]]
     array = context.make_array(kind)(context, builder, args[0])
     pointer = cgutils.get_item_pointer(context, builder, kind, array, index, wraparound=False)
     return builder.atomic_rmw("add", pointer, args[2], "monotonic")
 
 
-@emitting(lambda typingctx: types.void(), lambda: None)
+@intrinsic(lambda typingctx: types.void(), lambda: None)
 def barrier(context, builder, signature, args):
-    """Keep the compiler from sharing products before with arithmetic behind; costs nothing.
+    """Keep the compiler from sharing products across this point, at no cost.
 
-    A shared product is not fused with a sum, and the last bits change.
+    A shared product is not fused with a sum, which would change the last bits.
     """
     builder.fence("seq_cst", "singlethread")
     return context.get_dummy_value()
 
 
-@emitting(lambda typingctx: types.void(), lambda: None)
+@intrinsic(lambda typingctx: types.void(), lambda: None)
 def widest_vectors(context, builder, signature, args):
-    """Let LLVM vectorise the calling function with all that the processor has; costs nothing.
+    """Let LLVM use the widest vectors of the processor in the calling function.
 
-    By itself it uses 256 of the 512 bits of AVX-512 on Intel.
+    By default it uses 256 of the 512 bits of AVX-512 on Intel processors.
     """
-    # llvmlite knows no attribute with a value, but writes what is in the set.
+    # llvmlite has no attributes with a value, but prints whatever the set contains.
     set.add(builder.function.attributes, '"prefer-vector-width"="512"')
     return context.get_dummy_value()
 
@@ -108,18 +108,18 @@ def _rough_root(x):
     return float(np.int64(bits).view(np.float64))
 
 
-@emitting(lambda typingctx, x: types.float64(types.float64), _rough_root)
+@intrinsic(lambda typingctx, x: types.float64(types.float64), _rough_root)
 def rough_root(context, builder, signature, args):
-    """Return about ``x^(1/64)`` of a positive number, by dividing the bits of its logarithm.
+    """Return about ``x^(1/64)`` of a positive number, by dividing its bits as a logarithm.
 
-    Up to 6 % off, always by the same bits, rises with ``x``; two instructions on integers.
+    The result rises with ``x``, is up to 6 % off, and takes two instructions on integers.
     """
-    bits = builder.lshr(builder.bitcast(args[0], WHOLE), WHOLE(6))
-    return builder.bitcast(builder.add(bits, WHOLE(ONE - (ONE >> 6))), DOUBLE)
+    bits = builder.lshr(builder.bitcast(args[0], INT64), INT64(6))
+    return builder.bitcast(builder.add(bits, INT64(ONE - (ONE >> 6))), DOUBLE)
 
 
 def _on_each(operation: str, python: Callable[[float, float], float]) -> Any:
-    @emitting(
+    @intrinsic(
         lambda typingctx, values, x: values(values, types.float64),
         lambda values, x: tuple(python(value, x) for value in values),
     )
@@ -131,12 +131,12 @@ def _on_each(operation: str, python: Callable[[float, float], float]) -> Any:
     return apply
 
 
-# Products and quotients of each of a tuple and the same number.
+# Multiply or divide each number of a tuple by the same number.
 times, over = _on_each("fmul", operator.mul), _on_each("fdiv", operator.truediv)
 
 
 def addresses_of(*compiled: Any) -> Any:
-    """Return where the machine code of compiled functions is; they must not be dropped."""
+    """Return the addresses of compiled functions, which the caller must keep alive."""
     if config.DISABLE_JIT:
         return np.array(compiled, object)
     results = [result for function in compiled for result in function.overloads.values()]
@@ -144,7 +144,7 @@ def addresses_of(*compiled: Any) -> Any:
 
 
 def _calling(result: Any) -> Any:
-    @emitting(
+    @intrinsic(
         lambda typingctx, address, arguments: result(types.intp, arguments),
         lambda function, arguments: function(*arguments),
     )
@@ -162,56 +162,58 @@ def _calling(result: Any) -> Any:
     return call
 
 
-# Call the compiled function at an address with a tuple of arguments; the second returns two whole
-# numbers.
-call, call_for_two = _calling(types.none), _calling(types.UniTuple(types.intp, 2))
+# Call the compiled function at an address with a tuple of arguments; the second returns a pair of
+# integers.
+call, call_for_pair = _calling(types.none), _calling(types.UniTuple(types.intp, 2))
 
 
 class Point(NamedTuple):
-    """A point within a step: how far behind its start, the spin there and the spin's rate."""
+    """A point within a step: its time from the start of the step, the spin and the spin's rate."""
 
     h: float
     n: float
     rate: float
 
 
-# What a lane knows of its run, in the order of the rows; flags are 1 or 0.
+# Fields of a lane, in the order of their rows; flags are 1 or 0.
 FIELDS = (
-    # Number of the run, -1 for none; time, its low part in a compensated sum, horizon; accepted and
-    # rejected steps, extrema of the spin that the method could not decide.
+    # Index of the run or -1; time, its low part in a compensated sum, horizon; numbers of accepted
+    # and rejected steps, and of extrema of the spin whose sign the method could not decide.
     ("number", "run t t_low t_end steps rejected near"),
-    # The step tried: its size, squared error, its root (`error_root`) and that of the one before;
-    # spin and rate at its ends, squared amplitude behind; whether it is the last, or a repetition.
+    # The step tried: size, squared error, `rough_root` of it and of the step before; spin and rate
+    # at both ends, squared amplitude at the end; whether it is the last, whether it repeats a
+    # rejected one.
     ("number", "h error root root0 n0 rate0 n1 rate1 amplitude last held"),
-    # Whether the lane needs a closer look, whether it takes the step, size of the next one.
+    # Whether the lane needs a closer look, whether it takes the step; size of the next step.
     ("number", "due accept h_next"),
-    # Fastest frequency of the swing; largest recent rate of the spin; the launch's spin and sign;
+    # Fastest angular frequency of the spin; its largest recent rate; its value and sign at launch;
     # the smallest sign * n since.
     ("number", "swing rate_max n_launch sign n_least"),
-    # The spin from which on it has a side; the same while a run launched without spin has not
-    # reached it, then 0; the bound of its rate from there on.
+    # Modulus beyond which the spin counts as being on one side; for a run launched without spin the
+    # same until it gets there, else 0; the bound of the spin's rate from there on.
     ("number", "far arm arm_rate"),
-    # Search in a held step (events.py): mode; number of pieces and the one it is in; tries; depth
-    # of an undecided extremum, relative to the swing; the step as first tried, and its next size;
-    # ends of the piece and of the bracket in it; what was behind a zero when its search began.
+    # Search in a held step (events.py): mode; number of pieces and the present one; tries; depth of
+    # an undecided extremum, relative to the swing; the step as first tried and the size of the one
+    # after it; ends of the piece and of the bracket in it; the point after the bracketed zero.
     ("number", "mode pieces piece tries fuzz"),
     ("point", "full"),
     ("number", "full_next"),
     ("point", "lo end hi beyond"),
     # Squared amplitudes: largest since the last comparison, least compared, largest growth, number
-    # of comparisons, least that counts; next time to look; marks that double in the first window.
+    # of comparisons, least that counts; next time at which a comparison or a window is due; time of
+    # the next comparison within the first window.
     ("number", "a_max a_min growth compared a_floor next mark"),
-    # Length, end and number of the window; largest amplitude and extremes of the spin in it.
+    # Length, end and number of the window; largest squared amplitude and extremes of the spin.
     ("number", "window window_end window_no window_a_max window_n_min window_n_max"),
-    # Energy of the launch, its largest drift; extremes of the contact forces.
+    # Energy at launch and its largest drift; extremes of the contact forces.
     ("number", "energy0 drift_max ratio_max normal_min"),
-    # First zero of all, first zero since the spin was last far (-1 for none), the side it was on,
-    # how often it has changed, the largest spin since.
+    # First zero of the spin, first zero since the spin was last far (-1 for none), the side it was
+    # on, the number of changes of side, the largest spin since the last.
     ("number", "t_zero t_pending side reversals n_after"),
-    # Logarithm of the phase volume, its rate over the step; share of the energy below which a body
-    # is dead; exponent of the power of two taken out of the tangent.
+    # Logarithm of phase volume, its rate over the step; share of the energy below which a body is
+    # dead; exponent of the power of two taken out of the tangent.
     ("number", "volume volume_rate1 dead shift"),
-    # State and derivative at the ends of the step; then the tangent's, and those of the stage.
+    # State and derivative at both ends of the step; last the tangents and the state of a stage.
     ("state", "y f y1 f1"),
     ("constants", "constants"),
     ("probe", "probe"),
@@ -220,9 +222,10 @@ FIELDS = (
 
 
 class Layout:
-    """First rows of the fields of a model's lanes, each an attribute; ``fields`` has types too.
+    """Rows of a workspace: the first row of each field is an attribute of its name.
 
-    From ``stages`` on are the stages but the first.  Without a model: what all models share.
+    ``fields`` has the first row and the Numba type by name; ``stages`` is the first row of the
+    stages after the first.  Without a model, the layout has the fields that all models share.
     """
 
     def __init__(self, model: Model | None) -> None:
@@ -253,10 +256,10 @@ class Layout:
 
 
 class Problem:
-    """What a kernel is compiled for: equations, kind of method, number of lanes.
+    """What a kernel is compiled for: a model, the kind of method, the number of lanes.
 
-    Compiled functions take it as an argument without a value, and see its attributes, the model's
-    too, as constants.  Hooks differ between models with and without a tangent.
+    Compiled functions take it as an argument without data, and see its attributes and those of its
+    model as constants.  Hooks are the functions that differ for models with a tangent.
     """
 
     known: ClassVar[dict[str, Problem]] = {}
@@ -266,9 +269,9 @@ class Problem:
     ) -> None:
         if model is not None:
             vars(self).update(vars(model) | hooks)
-            self.n_given = model.n_state - model.n_beside
-            self.others = (0.0,) * model.n_beside
-            # The state of empty lanes is some spinning one.
+            self.n_given = model.n_state - model.n_extra
+            self.others = (0.0,) * model.n_extra
+            # State, constants and probe of an empty lane.
             state, constants = (1.0,) * model.n_state, (1.0,) * model.n_constants
             self.idle = state, constants, (0.0,) * model.n_probe
         kind = "adaptive" if adaptive else "fixed"
@@ -278,7 +281,7 @@ class Problem:
 
 
 class ProblemType(types.Type):
-    """Numba's type of a problem, which is known by its name: types are kept on disk."""
+    """Numba's type of a problem, which refers to it by name, as types are stored on disk."""
 
     def __init__(self, problem: str) -> None:
         self.problem = problem
@@ -349,7 +352,7 @@ class _LaneModel(extending.models.StructModel):
 
 
 class Lane:
-    """A lane where nothing is compiled."""
+    """A lane in Python, used where nothing is compiled."""
 
     def __init__(self, problem: Problem, w: Any, l: int) -> None:
         cells = w.reshape(-1, problem.lanes)[:, l]
@@ -368,7 +371,7 @@ class Lane:
 
 
 class _Cells(NamedTuple):
-    """Writes LLVM code that reads and writes the cells of one lane."""
+    """A writer of LLVM code that reads and writes the cells of one lane."""
 
     builder: Any
     data: Any
@@ -393,7 +396,7 @@ class _Cells(NamedTuple):
         if isinstance(wanted, int):
             return self.read(wanted)
         products = [self.product(*term) for term in wanted.terms]
-        # Two chains: half as long to wait for.
+        # Two chains of sums have half the latency of one.
         chains = [products[i::2] for i in range(min(2, len(products)))]
         total = reduce(self.builder.fadd, (reduce(self.builder.fadd, chain) for chain in chains))
         if wanted.factor is not None:
@@ -435,7 +438,7 @@ def _set(context: Any, builder: Any, signature: Any, args: Any, name: str) -> No
         cells.write(row + i, builder.extract_value(args[1], i))
 
 
-@emitting(lambda typingctx, problem, w, l: LaneType(problem)(problem, w, types.intp), Lane)
+@intrinsic(lambda typingctx, problem, w, l: LaneType(problem)(problem, w, types.intp), Lane)
 def lane_of(context, builder, signature, args):
     """Return lane ``l`` of a workspace ``w``."""
     made = cgutils.create_struct_proxy(signature.return_type)(context, builder)
@@ -448,9 +451,9 @@ def _clear(lane):
     lane.cells[: lane.fields["y"][0]] = 0.0
 
 
-@emitting(lambda typingctx, lane: types.void(lane), _clear)
+@intrinsic(lambda typingctx, lane: types.void(lane), _clear)
 def clear(context, builder, signature, args):
-    """Set all numbers to zero that are there in every model."""
+    """Set the fields before ``y``, which every model has, to zero."""
     kind = signature.args[0]
     cells = _cells(context, builder, kind, args[0])
     end = cells.lane.type(kind.field("y")[0] * cells.lanes)
@@ -461,7 +464,7 @@ def clear(context, builder, signature, args):
 
 
 class Sum(NamedTuple):
-    """Cells as ``w[row] + share * w[factor] * (a * w[i] + b * w[j] + ...)``; None is nothing."""
+    """``w[row] + share * w[factor] * (a * w[i] + b * w[j] + ...)``, without what is None."""
 
     row: int | None
     terms: tuple[tuple[float, int], ...]
@@ -469,7 +472,7 @@ class Sum(NamedTuple):
     share: float = 1.0
 
     def value(self, w: Any) -> Any:
-        """Return the value from the rows of a lane, as compiled code does."""
+        """Return the value for the cells of a lane, in the order of the compiled code."""
         products = [number * w[row] for number, row in self.terms]
         total = sum(products[1::2], start=0.0) + sum(products[::2], start=0.0)
         if self.factor is not None:
@@ -478,24 +481,24 @@ class Sum(NamedTuple):
 
 
 def sums(count: int, terms: dict[int, float], start: int | None = None, *scale: Any) -> list[Sum]:
-    """Return sums for ``count`` components; ``terms`` has the numbers by what they multiply."""
+    """Return sums for ``count`` components; ``terms`` are coefficients by the first row of each."""
     shifted = [tuple((number, row + i) for row, number in terms.items()) for i in range(count)]
     return [Sum(None if start is None else start + i, shifted[i], *scale) for i in range(count)]
 
 
-def gather(lanes: int, values: Sequence[int | Sum], behind: Sequence[int]) -> Any:
-    """Return ``read(w, l)``: the values in lane ``l``, and those ``behind`` them, a tuple.
+def gather(lanes: int, values: Sequence[int | Sum], constants: Sequence[int]) -> Any:
+    """Return ``read(w, l)``, which returns the values and then the constants as a tuple.
 
-    What comes behind is read first, and single cells before sums: the last bits depend on it.
+    Constants are read first, and single cells before sums: the last bits depend on this order.
     """
-    wanted = [*values, *behind]
+    wanted = [*values, *constants]
     order = sorted(range(len(wanted)), key=lambda i: (i < len(values), isinstance(wanted[i], Sum)))
 
     def python(w: Any, l: int) -> tuple[float, ...]:
         cells = w.reshape(-1, lanes)[:, l]
         return tuple(cells[one] if isinstance(one, int) else one.value(cells) for one in wanted)
 
-    @emitting(
+    @intrinsic(
         lambda typingctx, w, l: types.UniTuple(types.float64, len(wanted))(w, types.intp), python
     )
     def read(context, builder, signature, args):
@@ -509,13 +512,13 @@ def gather(lanes: int, values: Sequence[int | Sum], behind: Sequence[int]) -> An
 
 
 def scatter(lanes: int, rows: Sequence[int]) -> Any:
-    """Return ``write(w, l, values)``, which writes a tuple to the rows in lane ``l``."""
+    """Return ``write(w, l, values)``, which writes a tuple to the rows of lane ``l``."""
     values = types.UniTuple(types.float64, len(rows))
 
     def python(w: Any, l: int, given: tuple[float, ...]) -> None:
         w.reshape(-1, lanes)[list(rows), l] = given
 
-    @emitting(lambda typingctx, w, l, given: types.void(w, types.intp, values), python)
+    @intrinsic(lambda typingctx, w, l, given: types.void(w, types.intp, values), python)
     def write(context, builder, signature, args):
         array = context.make_array(signature.args[0])(context, builder, args[0])
         lane = _Cells(builder, array.data, args[1], lanes)

@@ -1,7 +1,8 @@
-"""Single lanes where something is due: a run begins, a window closes, a run ends.
+"""What happens to a single lane: a run starts, a window closes, a run ends.
 
-A run may carry a tangent, whose length is changed by a power of two where it has become very long
-or short.  Barriers keep it apart from the state, whose last bits are those of a run without one.
+A run may carry a tangent, which is scaled by a power of two when it has become very long or short.
+Barriers keep its arithmetic apart from that of the state, so that the state has the same bits as
+without a tangent.
 """
 
 # mypy: ignore-errors
@@ -22,31 +23,30 @@ from rattlesweep.integrate.lanes.lane import (
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.full import FASTMATH
 
-# Columns of what a kernel writes and reads, one row a run.  ``result``: what was measured, by the
-# names of an Outcome's attributes; behind them the state at the end.
+# The arrays that a kernel reads and writes have one row for each run.  Columns of ``result`` are
+# attributes of an Outcome, followed by the state at the end.
 RESULT = ("t_end", "t_r", "n_end", "energy_drift", "amp_growth", "n_departure", "energy_0",
           "energy_drift_max", "contact_ratio_max", "contact_normal_min", "volume_rate")  # fmt: skip
 T_END, T_R, GROWTH, DEPARTURE, FIRST_STATE = 0, 1, 4, 5, 11
-# ``counts``: status and counters, likewise.
+# Columns of ``counts``, also attributes of an Outcome.
 COUNTS = ("status", "n_steps", "near_tangencies", "n_rejected", "n_turns")
 STATUS, STEPS = 0, 1
-# ``plan``: horizon, fastest swing of the spin, window, bound of its rate, first step, expected
-# cost, the depth below which an extremum of the spin is undecided, first comparison of amplitudes;
-# the spin from which on it has a side, and 1 for a launch without spin; the oscillation below
-# which the run has settled; the share of the launch's energy below which it is dead.
+# Columns of ``plan``, which `batch.run_arrays` fills from the attributes of a Batch.
 HORIZON, SWING, WINDOW, RATE, FIRST_STEP, COST, FUZZ, FIRST_MARK = 0, 1, 2, 3, 4, 5, 6, 7
 FAR, TAPPED, SETTLED, DEAD = 8, 9, 10, 11
-# ``options``: 1 / tol^2, fixed step, most steps.  ``record``: what is asked for beyond the types.
+# ``options`` holds 1 / tol^2, fixed step and maximum number of steps, of SUBSTEPS substeps each if
+# the step is fixed.  ``record`` holds the flags:
 REC_ENERGY, REC_CONTACT, REC_WINDOWS, REC_REVERSALS, REC_VOLUME, N_RECORD = 0, 1, 2, 3, 4, 5
-MOST_REVERSALS = 8  # that are written down, a row of the run's windows each
+MOST_REVERSALS = 8  # reversals that are stored, each in a row of the run's ``windows``
 
 OK, NONFINITE, ENERGY = int(Status.OK), int(Status.NONFINITE), int(Status.ENERGY)
 MAX_ENERGY_DRIFT = 0.01
 TINY = 1e-290
-# Of the first squared amplitude: what has decayed by 1e-9 is gone in the rounding of the other.
+# Least squared amplitude that counts, as a share of the first: a mode that has decayed by 1e-9 is
+# lost in the rounding errors of the other.
 FLOOR = 1e-18
-UNKNOWN_RATE = 1e290  # bound of a spin's rate that makes every step due
-# The norm of a tangent stays within 2^-SHIFT .. 2^SHIFT.
+UNKNOWN_RATE = 1e290  # bound of the spin's rate with which every step may reverse
+# The norm of a tangent stays between 2^-SHIFT and 2^SHIFT.
 SHIFT, LOG_2 = 200, log(2.0)
 SHORTER, LONGER = 2.0**-SHIFT, 2.0**SHIFT
 SHORT, LONG = SHORTER**2, LONGER**2
@@ -54,13 +54,13 @@ SHORT, LONG = SHORTER**2, LONGER**2
 
 @njit(fastmath=FASTMATH, **INNER)
 def energy_at(lane, y):
-    """Energy of a lane's body in the state ``y``."""
+    """Return the energy of a lane's body in the state ``y``."""
     return lane.problem.energy(*(y + lane.constants))
 
 
 @njit(fastmath=FASTMATH, **INNER)
 def derive(lane):
-    """Set the derivative at the start of the step; returns the spin and its rate there."""
+    """Set the derivative at the start of the step, and return the spin and its rate there."""
     y = lane.y
     f = lane.problem.rhs(*(y + lane.constants))
     lane.f = f
@@ -69,7 +69,7 @@ def derive(lane):
 
 @njit(**INNER)
 def compare(lane):
-    """Compare the largest amplitude since the last time with the smallest one before."""
+    """Compare the largest amplitude since the last comparison with the smallest before that."""
     largest = max(lane.a_max, lane.a_floor, TINY)
     if lane.compared > 0.0:
         lane.growth = max(lane.growth, largest / lane.a_min)
@@ -79,13 +79,13 @@ def compare(lane):
     lane.a_min = largest
     lane.compared += 1.0
     lane.window_a_max = max(lane.window_a_max, lane.a_max)
-    # The state at the border belongs to both sides.
+    # The state at the border belongs to both windows.
     lane.a_max = lane.amplitude
 
 
 @njit(**INNER)
 def close_window(lane, run, windows, record):
-    """Compare, and write the window down if that was asked for."""
+    """Compare amplitudes, store the window if it is recorded, and open the next one."""
     compare(lane)
     k = int(lane.window_no)
     if record[REC_WINDOWS] and k < windows.shape[1]:
@@ -100,8 +100,8 @@ def close_window(lane, run, windows, record):
 
 @njit(**INNER)
 def pass_marks(lane, t, run, windows, record):
-    """Close the windows, and compare at the marks within the first, that end by time ``t``."""
-    reach_border(lane)
+    """Do the comparisons and close the windows that are due by time ``t``."""
+    include_end(lane)
     while t >= lane.next:
         if lane.mark < lane.window_end:
             compare(lane)
@@ -114,7 +114,7 @@ def pass_marks(lane, t, run, windows, record):
 
 @njit(fastmath=FASTMATH, **INNER)
 def settled(lane, most):
-    """Return whether the amplitude never grew in two windows, and oscillation is at most `most`."""
+    """Return whether no amplitude grew in two windows, and the oscillation is at most ``most``."""
     if most == 0.0 or lane.window_no < 2.0 or lane.growth > 1.0 or lane.t_zero >= 0.0:
         return False
     _, oscillation = lane.problem.error(*(lane.y1 + lane.y1 + lane.constants))
@@ -122,16 +122,16 @@ def settled(lane, most):
 
 
 @njit(**INNER)
-def reach_border(lane):
-    """Count the state at the end of the step just tried to the window."""
+def include_end(lane):
+    """Let the end of the step just tried count in the present window."""
     lane.a_max = max(lane.a_max, lane.amplitude)
     lane.window_n_min = min(lane.window_n_min, lane.n1)
     lane.window_n_max = max(lane.window_n_max, lane.n1)
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def see_contact(lane, y):
-    """Note the contact force in the state ``y``."""
+def observe_contact(lane, y):
+    """Update the extremes of the contact force with the state ``y``."""
     normal, tangential = lane.problem.contact(*(y + lane.constants))
     lane.normal_min = min(lane.normal_min, normal)
     lane.ratio_max = max(lane.ratio_max, tangential / abs(normal))
@@ -139,14 +139,14 @@ def see_contact(lane, y):
 
 @njit(**INNER)
 def is_dead(lane):
-    """Return whether too little energy is left after the step just tried for the spin's sign."""
+    """Return whether, after the step just tried, too little energy is left for a reversal."""
     # With friction the last component of the state is the work, which is negative.
     return lane.dead > 0.0 and 1.0 + lane.y1[-1] / lane.energy0 < lane.dead
 
 
 @njit(**INNER)
-def see_zero(lane, t):
-    """Note a zero of the spin at time ``t``, of a run that goes on behind it."""
+def note_zero(lane, t):
+    """Note a zero of the spin at time ``t`` in a run that continues after it."""
     lane.n_least = min(lane.n_least, 0.0)
     if is_dead(lane):
         return
@@ -157,14 +157,14 @@ def see_zero(lane, t):
 
 
 @njit(**INNER)
-def see_side(lane, windows, record):
-    """Count a reversal once the spin is far on the other side, and note its largest size since."""
+def note_side(lane, windows, record):
+    """Count a reversal once the spin is far on the other side, and store its largest modulus."""
     run = int(lane.run)
     at = 3 if record[REC_WINDOWS] else 0
     n = lane.n1
     if abs(n) > lane.far:
         side = 1.0 if n > 0.0 else -1.0
-        # A body that is dead at the zero does not reverse.
+        # Without a pending zero the body was dead when the spin changed sign.
         if side * lane.side < 0.0 and lane.t_pending >= 0.0:
             k = int(lane.reversals)
             lane.reversals += 1.0
@@ -182,7 +182,7 @@ def see_side(lane, windows, record):
 
 @njit(**INNER)
 def start(lane, run, y0, constants, probe, plan, record):
-    """Put a run into a lane."""
+    """Start a run in a lane."""
     clear(lane)
     lane.run = run
     lane.root0 = 1.0
@@ -210,7 +210,7 @@ def start(lane, run, y0, constants, probe, plan, record):
     lane.energy0 = energy_at(lane, lane.y)
     lane.normal_min = 1e290
     if record[REC_CONTACT]:
-        see_contact(lane, lane.y)
+        observe_contact(lane, lane.y)
     lane.fuzz = plan[run, FUZZ]
     lane.dead = plan[run, DEAD]
     if plan[run, FIRST_STEP] >= lane.t_end:
@@ -220,7 +220,7 @@ def start(lane, run, y0, constants, probe, plan, record):
 
 @njit(**INNER)
 def idle(lane):
-    """Leave a lane empty: some spinning state and steps of zero, so that nothing is ever due."""
+    """Empty a lane: with a spinning state and steps of size zero, nothing is ever due."""
     clear(lane)
     lane.run = -1.0
     lane.y, lane.constants, lane.probe = lane.problem.idle
@@ -231,8 +231,8 @@ def idle(lane):
 
 
 @njit(**INNER)
-def stay(lane):
-    """Make the end of the step tried its start, in a lane that does not take it."""
+def hold_back(lane):
+    """Copy the start of a step that is not taken to its end."""
     lane.y1 = lane.y
     lane.f1 = lane.f
     lane.v1 = lane.v
@@ -245,24 +245,24 @@ def stay(lane):
 
 @njit(**INNER)
 def finish(lane, status, reversal, t, run, result, counts, windows, record):
-    """Write down a run that has ended at the end of the step just tried, at time ``t``."""
+    """Store the results of a run that ends with the step just tried, at time ``t``."""
     energy0 = lane.energy0
     drift = (energy_at(lane, lane.y1) - energy0) / energy0
     if status == OK and not abs(drift) <= MAX_ENERGY_DRIFT:
         status = ENERGY if isfinite(drift) else NONFINITE
     n = lane.n1
-    reach_border(lane)
+    include_end(lane)
     if t - lane.window_no * lane.window > 0.9 * lane.window:
         close_window(lane, run, windows, record)
     if record[REC_CONTACT]:
-        see_contact(lane, lane.y1)
+        observe_contact(lane, lane.y1)
     t_r = t if reversal and status == OK and not is_dead(lane) else nan
     if record[REC_REVERSALS]:
-        see_side(lane, windows, record)
-        # What goes wrong behind the first zero leaves it as it is, but for energy that has drifted.
+        note_side(lane, windows, record)
+        # A failure after the first zero leaves it valid, unless the energy has drifted.
         if lane.t_zero > 0.0 and status != ENERGY:
             t_r = lane.t_zero
-    # Twice at least, or there was nothing to compare with.
+    # The first comparison only sets the reference.
     growth = sqrt(lane.growth) - 1.0 if lane.compared > 1.0 else nan
     departure = 1.0 - min(lane.n_least, lane.sign * n) / abs(lane.n_launch)
     rate = nan
@@ -288,20 +288,21 @@ def advance(problem, w):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def begin(lane):
+def start_tangent(lane):
     """Give a lane the model's first tangent, made transverse and of norm 1."""
     lane.v = lane.problem.seed(*(lane.y + lane.constants))
     v = lane.problem.transverse(*(lane.y + lane.f + lane.v + lane.constants))
     v = over(v, sqrt(lane.problem.square(*(v + lane.constants))))
     lane.v = v
-    # What is read afresh decides which products are fused: the last bits of all exponents so far.
+    # All components but the last are read again: that decides which products are fused, and so the
+    # last bits of the exponents.
     barrier()
     lane.g = lane.problem.rate(*(lane.y + lane.f + lane.v[:-1] + v[-1:] + lane.constants))
     lane.shift = 0.0
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def tangent_advance(problem, w):
+def advance_tangent(problem, w):
     """Move the tangents of all lanes to the end of their step."""
     widest_vectors()
     for l in range(problem.lanes):
@@ -324,21 +325,21 @@ def tangent_advance(problem, w):
 def advance_both(problem, w):
     """Move all lanes and their tangents to the end of their step."""
     advance(problem, w)
-    tangent_advance(problem, w)
+    advance_tangent(problem, w)
 
 
 @njit(**INNER)
 def start_both(lane, run, y0, constants, probe, plan, record):
-    """Put a run and its tangent into a lane."""
+    """Start a run with a tangent in a lane."""
     start(lane, run, y0, constants, probe, plan, record)
     barrier()
-    begin(lane)
+    start_tangent(lane)
     barrier()
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def see_tangent(lane, t, run, windows):
-    """Write the time and the tangent's growth into the last two columns of the window's row."""
+def note_tangent(lane, t, run, windows):
+    """Store the time and the tangent's growth in the last two columns of the window's row."""
     k = min(int(lane.window_no), windows.shape[1] - 1)
     barrier()
     windows[run, k, windows.shape[2] - 2] = t
@@ -349,14 +350,14 @@ def see_tangent(lane, t, run, windows):
 
 @njit(**INNER)
 def pass_marks_both(lane, t, run, windows, record):
-    """Note the tangent at the end of a window."""
+    """Do as :func:`pass_marks`, and store the tangent's growth at the end of a window."""
     if t >= lane.window_end:
-        see_tangent(lane, t, run, windows)
+        note_tangent(lane, t, run, windows)
     pass_marks(lane, t, run, windows, record)
 
 
 @njit(**INNER)
 def finish_both(lane, status, reversal, t, run, result, counts, windows, record):
-    """Write down a run that has ended, and its tangent."""
-    see_tangent(lane, t, run, windows)
+    """Do as :func:`finish`, and store the tangent's growth."""
+    note_tangent(lane, t, run, windows)
     finish(lane, status, reversal, t, run, result, counts, windows, record)

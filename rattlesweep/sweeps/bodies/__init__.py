@@ -1,4 +1,4 @@
-"""Bodies of a sweep's runs: what they are, and what a source of them can do."""
+"""Bodies of runs, their units, and the interface of sources of bodies."""
 
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -12,7 +12,7 @@ from rattlesweep.arrays import Floats, Integers
 
 @dataclass(frozen=True)
 class Scale:
-    """Units of bodies: mass ``M`` in kg (NaN: not known), length ``a`` in m, and gravity."""
+    """Units of bodies: mass ``M`` in kg (NaN if unknown), length ``a`` in m, gravity in m/s^2."""
 
     mass: Floats
     length: Floats
@@ -35,10 +35,10 @@ class Scale:
 
 @dataclass(frozen=True)
 class Bodies:
-    """Parameters of the bodies of some runs, and what a table says of these runs beside them.
+    """Bodies of some runs, with the launches, horizons and dissipation that a table gives.
 
-    What is None, and NaN in `t_end`, is for the config to say; NaN is `f_sd` of bodies that are no
-    shell-dumbbells, and `c` of paraboloids.  The runs get the columns `carried` too.
+    Where these are None, and where `t_end` is NaN, the config applies.  `f_sd` is NaN unless the
+    body is a shell-dumbbell, `c` is NaN for a paraboloid.  `carried` has further columns of runs.
     """
 
     alpha: Floats
@@ -62,7 +62,7 @@ class Bodies:
 
 
 class Source(Protocol):
-    """A source of bodies; it can be pickled, and gives the same bodies in another process."""
+    """A source of bodies; a pickled copy returns the same bodies in another process."""
 
     @property
     def samples(self) -> int:
@@ -70,7 +70,7 @@ class Source(Protocol):
 
     @property
     def fields(self) -> tuple[pa.Field, ...]:
-        """Columns that the runs have because of the bodies."""
+        """Columns that the bodies add to the runs."""
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of samples in any order; `target` is NaN where a run has none."""

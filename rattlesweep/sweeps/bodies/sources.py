@@ -1,16 +1,16 @@
 """Sources of bodies: drawn from ranges, a preset, a grid or a shape; for tables see `table`.
 
-A random point of the unit cube is a function of ``(seed, word, sample, draw)`` and of nothing else,
-so that every sample can be drawn again alone; the word stands for the target, and draws go on until
-it is met.  The bits are those of ``numpy.random.Philox(key=(seed, word), counter=(2 draw, sample,
-0, 0))`` (Philox 4x64-10, Salmon et al., SC'11), whose objects take too long to create.
+A random point of the unit cube is a function of ``(seed, word, sample, draw)`` alone, so any sample
+can be drawn by itself.  The word encodes the target; `draw` counts the attempts to meet it.  The
+bits are those of ``numpy.random.Philox(key=(seed, word), counter=(2 draw, sample, 0, 0))`` (Philox
+4x64-10, Salmon et al., SC'11); creating NumPy's objects would take too long.
 
 Points of a scrambled Sobol' sequence (Owen, J. Complexity 14, 466, 1998) fill the ranges more
-evenly than random ones; each is a function of the seed and its own number.
+evenly than random ones; each is a function of the seed and its number.
 """
 
 # mypy: disable-error-code="no-untyped-def"
-# Numba infers the types of what it compiles.
+# Numba infers the types in compiled functions.
 import math
 from dataclasses import astuple
 from functools import lru_cache, partial
@@ -26,7 +26,7 @@ from numba.extending import register_jitable
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import available_threads
-from rattlesweep.integrate.compile import Kernel, load_kernel
+from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.physics import body, si, theory
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
@@ -36,11 +36,11 @@ from rattlesweep.sweeps.bodies.table import read_bodies, run_fields
 from rattlesweep.sweeps.columns import MEASURED
 from rattlesweep.sweeps.config.schema import Config, SdSource, ShapeSource, Target
 
-CHUNK = 4096  # samples that are drawn together, and kept for the other cases of their target
+CHUNK = 4096  # samples that are drawn together, and cached for the other cases of a target
 
 
 def make_source(config: Config, base: Path | None = None) -> Source:
-    """Return the source that a config asks for; a table is read here, once."""
+    """Return the source of a config's bodies; a table is read here, once."""
     bodies = config.bodies
     if bodies.source == "sd":
         return SdBodies(config.seed, bodies)
@@ -58,16 +58,16 @@ def make_source(config: Config, base: Path | None = None) -> Source:
     if preset is not None:
         one = PRESETS[preset]()
         given = {name: getattr(one, name) for name in (*PARAMETERS, "c")} | given
-        # Its runs are in seconds too where the config is.
+        # Runs get columns in SI units if the config uses them.
         units = one.units if config.in_si else None
-    c = bodies.c[0] if isinstance(bodies.c, list) else bodies.c or given.get("c")
-    given.pop("c", None)
+    preset_c = given.pop("c", None)
+    c = bodies.c[0] if isinstance(bodies.c, list) else bodies.c or preset_c
     if c is not None and bodies.ellipsoidal:
         given["c"] = c
     for name, sign in (("xi_deg", 1), ("minus_xi_deg", -1)):
         if name in axes:
             axes["xi"] = sign * np.radians(axes.pop(name))
-    # Each rule is linear in each parameter, so a grid that breaks it breaks it in a corner.
+    # Each rule is linear in each parameter, so a grid that breaks a rule breaks it at a corner.
     corners = GridBodies(given, {name: np.array([x.min(), x.max()]) for name, x in axes.items()})
     where = "bodies.axes" if axes else "bodies.overrides"
     _check(corners.bodies(np.nan, np.arange(corners.samples)), where)
@@ -75,17 +75,17 @@ def make_source(config: Config, base: Path | None = None) -> Source:
 
 
 def _check(bodies: Bodies, where: str, sizes: dict[str, Floats] | None = None) -> None:
-    """Raise a ConfigError if a body cannot exist; of several, told by its parameters or `sizes`."""
+    """Raise a ConfigError if a body is impossible; of several, name it by `sizes` or parameters."""
     names = PARAMETERS if bodies.c is None else (*PARAMETERS, "c")
     columns = {name: getattr(bodies, name) for name in names}
-    for place, sentence in violations(**columns):
-        told = (f"{name} {values[place]:g}" for name, values in (sizes or columns).items())
-        which = f"at {', '.join(told)}: " if len(bodies.alpha) > 1 else ""
-        raise ConfigError(f"{where}: {which}{sentence}")
+    for place, message in violations(**columns):
+        values = (f"{name} {values[place]:g}" for name, values in (sizes or columns).items())
+        which = f"at {', '.join(values)}: " if len(bodies.alpha) > 1 else ""
+        raise ConfigError(f"{where}: {which}{message}")
 
 
 class GridBodies:
-    """A base body with some parameters varied over the product of their axes."""
+    """A base body with some parameters varied over the product of axes."""
 
     def __init__(
         self, base: dict[str, float], axes: dict[str, Floats], units: si.Units | None = None
@@ -96,7 +96,7 @@ class GridBodies:
         self.fields: tuple[pa.Field, ...] = MEASURED if units else ()
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
-        """Return the bodies of some runs; all cases have the same."""
+        """Return the bodies of some samples, which are the same in all cases."""
         places = np.unravel_index(sample, self._shape) if self._shape else ()
         values: dict[str, Any] = {"f_sd": np.nan} | self._base
         for (name, axis), place in zip(self._axes.items(), places, strict=True):
@@ -104,32 +104,34 @@ class GridBodies:
         columns = {name: np.full(sample.shape, value) for name, value in values.items()}
         if "alpha" not in columns:
             columns["alpha"], columns["beta"] = shell_dumbbell(columns["gamma"], columns["f_sd"])
-        size = astuple(self._units) if self._units else ()
-        scale = Scale(*(np.full(sample.shape, x) for x in size)) if size else None
+        scale = None
+        if self._units is not None:
+            scale = Scale(*(np.full(sample.shape, x) for x in astuple(self._units)))
         return Bodies(**columns, scale=scale)  # type: ignore[arg-type]
 
 
 class ShapeBodies:
-    """Bodies of a simple shape and a known size; what is a range is drawn for each sample."""
+    """Bodies of a simple shape and a known size; sizes with a range are drawn for each sample."""
 
     def __init__(self, seed: int, source: ShapeSource) -> None:
         self._seed, self._ranges = seed, np.array(list(source.sizes.values()))
         self.samples = (source.samples or 1000) if source.drawn else 1
-        # The conditions of a body are monotonic in each size.
+        # The rules for bodies are monotonic in each size, so the corners suffice.
         sizes = np.array(list(product(*self._ranges))).T
         corners = _shaped(sizes)
         _check(corners, "bodies", dict(zip(source.sizes, sizes, strict=True)))
         self.fields = run_fields(corners.scale, corners.carried)
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
-        """Return the bodies of some runs; all cases have the same."""
+        """Return the bodies of some samples, which are the same in all cases."""
         low, high = self._ranges.T[:, :, None]
-        points = draw_points(self._seed, sample)[:5] if (low < high).any() else 0.0
-        return _shaped(low + (high - low) * points * np.ones(len(sample)))
+        drawn = (low < high).any()
+        points = draw_points(self._seed, sample)[:5] if drawn else np.zeros((5, len(sample)))
+        return _shaped(low + (high - low) * points)
 
 
 def _shaped(sizes: Floats) -> Bodies:
-    """Return half ellipsoids of some lengths, widths, heights, masses and skew angles."""
+    """Return half ellipsoids from rows of lengths, widths, heights, masses and skew angles."""
     length, width, height, mass, skew = sizes
     found = half_ellipsoid(length, width, height, mass, np.abs(skew))
     mass, a = found.pop("mass"), found.pop("height")
@@ -139,7 +141,7 @@ def _shaped(sizes: Floats) -> Bodies:
 
 
 class SdBodies:
-    """Shell-dumbbell bodies drawn from ranges, by seed, value of the target and number alone."""
+    """Shell-dumbbell bodies drawn from ranges, as a function of seed, target and sample alone."""
 
     def __init__(self, seed: int, source: SdSource) -> None:
         self.samples = source.samples
@@ -151,19 +153,19 @@ class SdBodies:
         return SdBodies, (self._seed, self._source)
 
     def check_targets(self) -> None:
-        """Draw a few bodies of each target, and raise a ConfigError if one is out of reach."""
+        """Draw a few bodies for each target; raise a ConfigError if one is out of reach."""
         target = self._source.target
         for value in target.values if target else ():
             draw_points(self._seed, np.arange(min(self.samples, 16)), self._ranges, target, value)
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
-        """Return the bodies of some runs; all cases of a target share theirs."""
+        """Return the bodies of some samples for their targets, in any order."""
         if self._source.target is None and self._source.draw == "random":
             return bodies_at(draw_points(self._seed, sample), self._ranges)
-        # It is slow to draw for a target, and points of a sequence come one after another.
+        # Draws for a target are slow, and a sequence is made in order: both go by whole chunks.
         points = np.empty((6, len(sample)))
         chunk, place = np.divmod(sample, CHUNK)
-        # A NaN is not equal to itself, so that none would be found again in the cache.
+        # NaN, for no target, is unequal to itself, so the cache would never find it.
         value = np.nan_to_num(np.broadcast_to(target, sample.shape))
         for one, number in {*zip(value.tolist(), chunk.tolist(), strict=True)}:
             here = (value == one) & (chunk == number)
@@ -181,7 +183,7 @@ class SdBodies:
 
 
 def ranges_of(source: SdSource) -> Floats:
-    """Return the ranges that bodies are drawn from, shape (5, 2), or (6, 2) with that of ``c``."""
+    """Return the ranges of the parameters, of the shape (5, 2), or (6, 2) with ``c``."""
     return np.array([*dict(source.ranges).values(), *([source.c] if source.c else [])])
 
 
@@ -191,24 +193,26 @@ def _shell_parameters(u, ranges):
     f_sd = ranges[1, 0] + (ranges[1, 1] - ranges[1, 0]) * u[1]
     theta = ranges[2, 0] + (ranges[2, 1] - ranges[2, 0]) * u[2]
     phi = ranges[3, 0] + (ranges[3, 1] - ranges[3, 0]) * u[3]
-    # From (low, high]: the skew angle is never zero.
+    # Drawn from (low, high], so the skew angle is never zero.
     xi = -np.radians(ranges[4, 1] - (ranges[4, 1] - ranges[4, 0]) * u[4])
     return gamma, f_sd, theta, phi, xi
 
 
 def bodies_at(points: Floats, ranges: Floats) -> Bodies:
-    """Return bodies at points of the unit cube, whose first rows are those of `ranges`."""
+    """Return bodies at points of the unit cube, one row for each of `ranges` or more."""
     gamma, f_sd, theta, phi, xi = cast("Any", _shell_parameters)(points, ranges)
     c = None if len(ranges) < 6 else ranges[5, 0] + (ranges[5, 1] - ranges[5, 0]) * points[5]
     return Bodies(*shell_dumbbell(gamma, f_sd), gamma, theta, phi, xi, f_sd, c)
 
 
 def sequence_points(dimensions: int, seed: int, first: int, stop: int, group: int = 1) -> Floats:
-    """Return points of the unit cube by number, `group` of them for one of Saltelli's."""
+    """Return points `first` to `stop` of a Sobol' sequence, or of Saltelli's groups of points."""
     # scipy.stats takes longer to import than all the rest.
     from scipy.stats import qmc
 
     if group > 1:
+        # One point of twice the dimensions is a pair; a group is both, and the first with each
+        # coordinate in turn taken from the second.
         number, place = np.divmod(np.arange(first, stop), group)
         pairs = sequence_points(2 * dimensions, seed, int(number[0]), int(number[-1]) + 1)
         one, other = np.split(pairs[:, number - number[0]], 2)
@@ -217,26 +221,27 @@ def sequence_points(dimensions: int, seed: int, first: int, stop: int, group: in
     sobol = qmc.Sobol(dimensions, rng=np.random.default_rng((seed, 0)))
     if first:
         sobol.fast_forward(first)
-    # SciPy warns if the first points it is asked for are not a power of two.
     count = stop - first
-    return np.array(sobol.random(count if first else 1 << (count - 1).bit_length())[:count].T)
+    # SciPy warns unless the number of the first points is a power of two.
+    asked = count if first else 1 << (count - 1).bit_length()
+    return np.array(sobol.random(asked)[:count].T)
 
 
 def draw_points(
     seed: int, samples: Integers, ranges: Floats | None = None,
     target: Target | None = None, value: float = np.nan,
 ) -> Floats:  # fmt: skip
-    """Return a random point for each of some samples, whose bodies meet a value of a target."""
+    """Return a random point for each sample, at which the body meets the target's `value`."""
     points = np.full((6, samples.size), np.nan)
     word, aim = 0, (0, 0.0, 0.0, 1)
     if target is not None:
-        # The value's 64 bits, with the sign bit set for K_p, whatever the other targets.
+        # The 64 bits of the value, with the sign bit set for K_p.
         word = int(np.float64(-value if target.name == "K_p" else value).view(np.int64))
         aim = (1 if target.name == "K_p" else 2, float(value), target.rel_tol, target.max_draws)
-    # The copies have the types that the sampler is compiled for.
+    # These arrays have the types that the sampler is compiled for.
     within = np.array(np.zeros((5, 2)) if ranges is None else ranges, dtype=float, order="C")
     settings = (seed, np.array(samples, dtype=np.int64), word, within, *aim, points)
-    draw = load_kernel(sampler)
+    draw = load_kernels((sampler,))[0]
     if target is None:
         draw(0, samples.size, Control().flag, *settings)
         return points
@@ -246,8 +251,8 @@ def draw_points(
 
     threads = available_threads()
     edges = np.linspace(0, samples.size, threads + 1).astype(int).tolist()
-    # Python's threads: a pool of Numba's aborts the process if another kernel runs at that time.
-    # This thread stays free to notice Ctrl-C.
+    # Python's threads, as Numba's pool aborts the process if another kernel runs meanwhile; and the
+    # main thread stays free to notice Ctrl-C.
     side_by_side([partial(part, *ends) for ends in pairwise(edges)], threads)
     if (unmet := np.isnan(points[0])).any():
         raise ConfigError(
@@ -259,13 +264,13 @@ def draw_points(
 
 
 def sampler() -> Kernel:
-    """Return the sampler, to be compiled."""
+    """Return the sampler as a kernel to compile."""
     flag, whole = Control().flag, np.zeros(0, dtype=np.int64)
     like = (0, 0, flag, 0, whole, 0, np.zeros((5, 2)), 0, 0.0, 0.0, 0, np.zeros((6, 0)))
     return Kernel(_draw, like, {"nogil": True}, (__file__,))
 
 
-# The formulas of `physics` and above, compiled for scalars: one source for both uses.
+# Formulas for arrays, here compiled for scalars too.
 _shell_dumbbell = njit(nogil=True)(body.shell_dumbbell)
 register_jitable(nogil=True)(theory.hessian)
 _torque_coefficients = njit(nogil=True)(theory.torque_coefficients)
@@ -280,7 +285,7 @@ _UNIT = 2.0**-53
 def _draw(
     first, last, stop, seed, samples, word, ranges, which, target, rel_tol, max_draws, points
 ):
-    """Draw points, NaN where none meets it; `which` is 0 for no target, 1 for K_p, 2 for K_r."""
+    """Fill in points, NaN if none meets the target; `which`: 0 no target, 1 K_p, 2 K_r."""
     for i in range(first, last):
         if stop[0]:
             return
@@ -301,14 +306,14 @@ def _draw(
 def uniforms(seed, word, sample, draw):
     """Return eight numbers in [0, 1)."""
     s, w, k = np.uint64(seed), np.uint64(word), np.uint64(sample)
-    # NumPy raises its counter before it uses it.
+    # NumPy increments its counter before using it.
     first = np.uint64(2) * np.uint64(draw) + np.uint64(1)
     return _philox(s, w, first, k) + _philox(s, w, first + np.uint64(1), k)
 
 
 @njit(nogil=True)
 def _philox(key0, key1, c0, c1):
-    """Return four numbers in [0, 1), multiples of 2^-53, for one counter (64 bit words)."""
+    """Return four multiples of 2^-53 in [0, 1) for a key and a counter of 64-bit words."""
     c2 = c3 = np.uint64(0)
     for _ in range(10):
         high0, low0 = _multiply(_M0, c0)
@@ -322,7 +327,7 @@ def _philox(key0, key1, c0, c1):
 
 @njit(nogil=True)
 def _multiply(a, b):
-    """Return the high and the low word of a 64 by 64 bit product."""
+    """Return the high and the low word of the product of two 64-bit words."""
     a_high, a_low = a >> _HALF, a & _LOW
     b_high, b_low = b >> _HALF, b & _LOW
     low = a_low * b_low

@@ -1,14 +1,13 @@
 """Bodies from the rows of a table: a CSV file, Parquet or a DataFrame.
 
-A row gives a body, by its parameters or in SI units by the columns of :data:`BODY`; perhaps a
-launch, a horizon, and its dissipation.  Other columns are carried along to the runs.
+A row has a body, by its parameters or by the columns of :data:`SI_BODY`, and optionally a launch, a
+horizon and dissipation.  Columns of other names are copied to the runs.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -39,13 +38,13 @@ if TYPE_CHECKING:
 LAUNCH, LOSSES = ("n_i", "omega_xy0"), ("sigma", "rolling")
 OMEGA, U = ("omega_x", "omega_y", "omega_z"), ("u_x", "u_y", "u_z")
 COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, "t_end", "psi", "f_sd", "c", *LOSSES)
-"""Columns that say what is run, without SI units."""
-BODY = ("mass_kg", "height_m", "ixx_kg_m2", "iyy_kg_m2", "izz_kg_m2", "r1_m", "r2_m")
+"""Columns that determine a run, in units of the body."""
+SI_BODY = ("mass_kg", "height_m", "ixx_kg_m2", "iyy_kg_m2", "izz_kg_m2", "r1_m", "r2_m")
 """Mass, height of the centre of mass, inertia about it, radii of curvature at the bottom."""
 BODY_DEFAULTS = {"mass_kg": np.nan, "ixy_kg_m2": 0.0, "axes_angle_deg": 0.0,
                  "gravity_m_s2": si.GRAVITY}  # fmt: skip
 """Mass, product of inertia, angle from the x axis to the direction of r1, and gravity."""
-WITH_UNITS = {  # what each stands for, its size in SI units, and its kind
+WITH_UNITS = {  # the column in units of the body, the size of the unit, and the kind of quantity
     "xi_deg": ("xi", np.pi / 180, ""),
     "psi_deg": ("psi", np.pi / 180, ""),
     "n_i_rpm": ("n_i", np.pi / 30, "spin"),
@@ -55,14 +54,14 @@ WITH_UNITS = {  # what each stands for, its size in SI units, and its kind
     "rolling_m": ("rolling", 1.0, "length"),
     "sigma_N_m_s": ("sigma", 1.0, "torque per spin"),
 }
-INPUT = (*COLUMNS, "t_r", *BODY, *BODY_DEFAULTS, *WITH_UNITS)
+INPUT = (*COLUMNS, "t_r", *SI_BODY, *BODY_DEFAULTS, *WITH_UNITS)
 NULLABLE = ("t_end", "psi", "psi_deg", "f_sd", "t_r", "c", "t_end_s", "c_m")
-KEPT = {"mass_kg": "kg", "height_m": "m", "gravity_m_s2": "m/s^2"}  # in the runs too
+KEPT = {"mass_kg": "kg", "height_m": "m", "gravity_m_s2": "m/s^2"}  # also copied to the runs
 RESULTS = {column.name for part in (*RUNS.values(), STATE, MEASURED) for column in part}
 TAKEN = {c.name for part in ("keys", "result", "observation") for c in RUNS[part]} - {*INPUT}
-"""Names of results that no column of a user's own may have."""
+"""Names of results, which columns of the user's own must not have."""
 SPEEDS = (-schema.MAX_SPEED, schema.MAX_SPEED, "sqrt(g/a)")
-BOUNDS = {  # smallest and largest values, and their unit
+BOUNDS = {  # smallest and largest value, and their unit
     **dict.fromkeys(("n_i", *OMEGA), SPEEDS),
     "omega_xy0": (schema.MIN_OSCILLATION, schema.MAX_SPEED, "sqrt(g/a)"),
     "sigma": (0.0, schema.MAX_SIGMA, "M a^2 sqrt(g/a)"),
@@ -74,21 +73,20 @@ BOUNDS = {  # smallest and largest values, and their unit
     **dict.fromkeys(("height_m", "r1_m", "r2_m"), si.LIMITS["length"]),
     "gravity_m_s2": si.LIMITS["acceleration"],
 }
-LARGE = 3e8  # bytes of a file that takes seconds to read
-Problem = tuple[int, str]  # number of a row from 0, and what is wrong with it
+RowProblem = tuple[int, str]  # number of a row, from 0, and message
 
 
 @dataclass
 class TableBodies:
     """Bodies from the rows of a table."""
 
-    columns: dict[str, Floats]  # those of the parameters, and perhaps others of `COLUMNS`
+    columns: dict[str, Floats]  # the parameters, and perhaps others of `COLUMNS`
     scale: Scale | None = None
     carried: dict[str, NDArray[Any]] = default(default_factory=dict)
 
     @property
     def fields(self) -> tuple[pa.Field, ...]:
-        """Columns that the runs have because of the bodies."""
+        """Columns that the bodies add to the runs."""
         return run_fields(self.scale, self.carried)
 
     @property
@@ -98,27 +96,27 @@ class TableBodies:
 
     @property
     def losses(self) -> dict[str, list[float | str]]:
-        """Dissipation that the table gives: a number if all rows share it, else "table"."""
+        """Dissipation columns of the table: their number if all rows share it, else "table"."""
         own = {name: np.unique(self.columns[name]) for name in LOSSES if name in self.columns}
         return {name: [float(v[0]) if len(v) == 1 else TABLE] for name, v in own.items()}
 
     @property
     def has_semi_axes(self) -> bool:
-        """Whether some of the bodies are ellipsoids."""
+        """Whether some rows have a semi-axis c."""
         return "c" in self.columns and bool(np.isfinite(self.columns["c"]).any())
 
     @cached_property
     def content_hash(self) -> str:
-        """Hash of all columns: other bodies, launches or carried values have another one."""
+        """Hash of the contents of all columns."""
         digest = hashlib.sha256()
         for name, values in sorted((self.columns | self.carried).items()):
             digest.update(f"{name}\0{values.dtype.kind}\0{len(values)}\0".encode())
-            text = values.dtype.kind == "O"
-            digest.update(repr(values.tolist()).encode() if text else values.tobytes())
+            is_text = values.dtype.kind == "O"
+            digest.update(repr(values.tolist()).encode() if is_text else values.tobytes())
         return digest.hexdigest()
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
-        """Return the bodies of some runs; all cases have the same."""
+        """Return the bodies of some samples, which are the same in all cases."""
         columns = take(self.columns, sample)
         columns.setdefault("f_sd", np.full(len(sample), np.nan))
         for name, parts in (("omega", OMEGA), ("u", U)) if "u_x" in columns else ():
@@ -126,48 +124,48 @@ class TableBodies:
         return Bodies(**columns, scale=take(self.scale, sample), carried=take(self.carried, sample))
 
     def with_surface(self, source: TableSource) -> TableBodies:
-        """Return these bodies with the surface of a config, which must go with the column ``c``."""
+        """Return these bodies with the surface that a config gives them."""
         columns = dict(self.columns)
         c = columns.pop("c", np.full(self.samples, np.nan))
         if source.surface is None and source.c is None and self.has_semi_axes:
-            told = "missing; the table has a column c, so say ellipsoid or paraboloid"
-            raise ConfigError(f"bodies.surface: {told}")
+            advice = "as the table has a column c, give ellipsoid or paraboloid"
+            raise ConfigError(f"bodies.surface: the key is missing; {advice}")
         if source.ellipsoidal:
             columns["c"] = c if source.c is None else np.where(np.isnan(c), source.c, c)
             if np.isnan(columns["c"]).all():
-                raise ConfigError("bodies.c: missing; the table has no column c")
-            _refuse("bodies.path", _impossible(columns))
+                raise ConfigError("bodies.c: the key is missing, and the table has no column c")
+            _refuse("bodies", violations(**{name: columns[name] for name in (*PARAMETERS, "c")}))
         return TableBodies(columns, self.scale, self.carried)
 
 
 def run_fields(scale: Scale | None, carried: Mapping[str, NDArray[Any]]) -> tuple[pa.Field, ...]:
-    """Return the columns that runs have because of what bodies carry, and of their known size."""
+    """Return the columns of runs for carried values, and those of bodies of a known size."""
     kinds = {"i": I64, "f": F64, "O": TEXT}
     own = ((name, kinds[x.dtype.kind], KEPT.get(name, "1")) for name, x in carried.items())
-    return (*(field(*one, "from the bodies") for one in own), *(MEASURED if scale else ()))
+    return (*(field(*one, "copied from the bodies") for one in own), *(MEASURED if scale else ()))
 
 
 def read_bodies(path: str, base: Path | None = None) -> TableBodies:
-    """Read bodies from a CSV or Parquet file, or a directory of Parquet, here or under `base`."""
+    """Read bodies from a CSV or Parquet file, or from a directory of Parquet files.
+
+    A relative path is looked up in the working directory, then in `base`.
+    """
     where = f"bodies.path: {one_line(path, 200)}"
     file = Path(path) if base is None or os.path.exists(path) else base / path
-    if not (file.is_dir() or file.is_file()):
+    if not (os.path.isdir(file) or os.path.isfile(file)):
         raise ConfigError(f"{where}: no such file; give the path of a CSV or Parquet table")
     try:
-        size = sum(x.stat().st_size for x in (file.rglob("*") if file.is_dir() else [file]))
-        if size > LARGE:
-            print(f"reading {one_line(path, 200)}, {size / 1e9:.1f} GB", file=sys.stderr)
         if file.is_dir() or file.suffix.lower() in (".parquet", ".pq"):
             table = pq.read_table(file, page_checksum_verification=True)
         else:
-            # Types are inferred from the first block: from all of the file.
-            options = csv.ReadOptions(block_size=min(size + 1, 2**31 - 1))
-            empty = csv.ConvertOptions(strings_can_be_null=True)
-            table = csv.read_csv(file, options, convert_options=empty)
+            # Types are inferred from the first block, so one block takes the whole file.
+            options = csv.ReadOptions(block_size=min(file.stat().st_size + 1, 2**31 - 1))
+            convert = csv.ConvertOptions(strings_can_be_null=True)
+            table = csv.read_csv(file, options, convert_options=convert)
             table = table.rename_columns([name.strip() for name in table.column_names])
     except Exception as error:  # pyarrow raises many kinds
         raise _unreadable(where, error) from None
-    if {"case", "sample"} <= {*table.column_names}:  # an output table, which has results too
+    if {"case", "sample"} <= {*table.column_names}:  # the runs of a sweep, with their results
         table = table.sort_by([("case", "ascending"), ("sample", "ascending")])
     elif taken := [name for name in table.column_names if name in TAKEN]:
         raise ConfigError(f"{where}: the column {taken[0]} has the name of a result; rename it")
@@ -180,9 +178,7 @@ def frame_bodies(frame: pd.DataFrame) -> TableBodies:
         table = pa.Table.from_pandas(frame, preserve_index=False)
     except (pa.ArrowException, TypeError, ValueError) as error:
         raise _unreadable("bodies", error) from None
-    bodies = _bodies(table, "bodies")
-    _refuse("bodies", _impossible(bodies.columns))
-    return bodies
+    return _bodies(table, "bodies")
 
 
 def _unreadable(where: str, error: Exception) -> ConfigError:
@@ -191,32 +187,33 @@ def _unreadable(where: str, error: Exception) -> ConfigError:
 
 
 def _bodies(table: pa.Table, where: str) -> TableBodies:
+    """Return the bodies of a table; messages of errors begin with `where`."""
     if repeated := [name for name, times in Counter(table.column_names).items() if times > 1]:
-        raise ConfigError(f"{where}: there are several columns {one_line(repeated[0])}; keep one")
+        raise ConfigError(f"{where}: the column {one_line(repeated[0])} is repeated; keep one")
     if not table.num_rows:
         raise ConfigError(f"{where}: the table has no rows; give at least one body")
     given = dict(zip(table.column_names, table.columns, strict=True))
     columns = {name: _numbers(given[name]) for name in INPUT if name in given}
-    problems: list[Problem] = []
+    problems: list[RowProblem] = []
     for name, values in columns.items():
         bad = ~np.isfinite(values)
         if name in NULLABLE:
             bad &= ~given[name].is_null(nan_is_null=True).to_numpy()
         for row in _first(bad):
             cell = given[name][row].as_py()
-            told = "empty" if cell is None else repr(str(cell)[:40])
-            problems.append((row, f"{name} is {told}; a finite number is needed"))
+            shown = "empty" if cell is None else repr(str(cell)[:40])
+            problems.append((row, f"{name} is {shown}; a finite number is needed"))
     _refuse(where, [*problems, *_out_of_bounds(columns)])
     scale = _without_units(columns, where)
-    _require(PARAMETERS, columns, where, f"{' '.join(PARAMETERS)} are wanted")
+    _require(PARAMETERS, columns, where, f"a body has {' '.join(PARAMETERS)}")
     if state := columns.keys() & {*OMEGA, *U}:
         _require((*OMEGA, *U), columns, where, f"a full state has {' '.join((*OMEGA, *U))}")
     elif columns.keys() & {*LAUNCH}:
         _require(LAUNCH, columns, where, "a launch has n_i and omega_xy0")
-    wrong = violations(**{name: columns[name] for name in PARAMETERS})
-    _refuse(where, [*_out_of_bounds(columns), *wrong])
+    impossible = violations(**{name: columns[name] for name in PARAMETERS})
+    _refuse(where, [*_out_of_bounds(columns), *impossible])
     if "t_r" in columns and "t_end" in columns:
-        # In an output table the t_end of a run that reversed is its result, and not its horizon.
+        # The t_end of a run that reversed is its reversal time, not its horizon.
         columns["t_end"] = np.where(np.isfinite(columns["t_r"]), np.nan, columns["t_end"])
     used = {"", *INPUT, *RESULTS} - KEPT.keys()
     carried = {name: _own(name, x) for name, x in given.items() if name not in used}
@@ -229,18 +226,18 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
 
 
 def _numbers(column: pa.ChunkedArray) -> Floats:
-    """Return a column as numbers, NaN where a cell is none."""
+    """Return a column as numbers; NaN for cells that are not numbers."""
     import pandas as pd
 
     if pa.types.is_temporal(column.type) or pa.types.is_boolean(column.type):
         return np.full(len(column), np.nan)
-    if pa.types.is_floating(column.type):  # of which there may be thousands
+    if pa.types.is_floating(column.type):  # avoids pandas, which is slow for many columns
         return np.array(column, float)
     return np.array(pd.to_numeric(column.to_pandas(), errors="coerce"), float)
 
 
 def _own(name: str, column: pa.ChunkedArray) -> NDArray[Any]:
-    """Return a column that the runs keep: whole numbers, numbers (NaN for empty cells) or text."""
+    """Return a carried column as integers, numbers (NaN for empty cells) or texts."""
     kind, types = column.type, pa.types
     whole = types.is_integer(kind) and kind != pa.uint64() and name not in KEPT
     if whole and not column.null_count:
@@ -251,43 +248,43 @@ def _own(name: str, column: pa.ChunkedArray) -> NDArray[Any]:
 
 
 def _without_units(columns: dict[str, Floats], where: str) -> Scale | None:
-    """Add the columns that follow from those with units; return the units, if they are known."""
+    """Add the columns that those with units determine; return the bodies' units if known."""
     made: dict[str, Floats] = {}
     scale = None
     rows = max(map(len, columns.values()), default=0)
     full = {name: np.full(rows, x) for name, x in BODY_DEFAULTS.items()} | columns
     if "height_m" in columns:
         scale = Scale(full["mass_kg"], full["height_m"], full["gravity_m_s2"])
-    if columns.keys() & {*BODY[2:], "ixy_kg_m2", "axes_angle_deg"}:
-        _require(BODY, columns, where, f"a body in SI units has {' '.join(BODY)}")
+    if columns.keys() & {*SI_BODY[2:], "ixy_kg_m2", "axes_angle_deg"}:
+        _require(SI_BODY, columns, where, f"a body in SI units has {' '.join(SI_BODY)}")
         tensor = np.stack([full[f"i{x}_kg_m2"] for x in ("xx", "yy", "zz", "xy")], axis=1)
         radii = np.stack([full["r1_m"], full["r2_m"]], axis=1)
         angle = np.radians(full["axes_angle_deg"])
         made = si.parameters(full["mass_kg"], tensor, full["height_m"], radii, angle)
     for name, (plain, size, kind) in WITH_UNITS.items():
         if name in columns:
-            needed = {"": (), "torque per spin": ("mass_kg", "height_m")}.get(kind, ("height_m",))
-            _require(needed, columns, where, f"{name} needs it")
+            sizes = {"": (), "torque per spin": ("mass_kg", "height_m")}.get(kind, ("height_m",))
+            _require(sizes, columns, where, f"{name} needs it")
             value = columns[name] * size
             made[plain] = scale.natural(value, kind) if scale and kind else value
-    # What is given without units counts, so that an output table gives the same runs again.
+    # Columns without units take precedence, so that the runs of a sweep are repeated exactly.
     columns |= made | columns
     return scale
 
 
 def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
-    """Return the launches that full states come to; a ConfigError begins with `where`."""
+    """Return spin, oscillation and u of full states; messages of errors begin with `where`."""
     omega, u = (np.stack([columns[x] for x in names], axis=1) for names in (OMEGA, U))
     u = schema.normalised(u)
-    still = "the body stands upright and at rest; give it an angular velocity"
-    rules = {schema.NO_UNIT_VECTOR: np.isnan(u[:, 0]), still: ~omega.any(axis=1) & (u[:, 2] == -1)}
-    _refuse(where, ((row, told) for told, bad in rules.items() for row in _first(bad)))
+    at_rest = ~omega.any(axis=1) & (u[:, 2] == -1)
+    rules = {schema.NO_UNIT_VECTOR: np.isnan(u[:, 0]), schema.AT_REST: at_rest}
+    _refuse(where, ((row, message) for message, bad in rules.items() for row in _first(bad)))
     n_i, omega_xy0, psi = spin_and_oscillation(omega, u)
     return {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi} | dict(zip(U, u.T, strict=True))
 
 
-def check_value(name: str, values: Floats) -> Problem | None:
-    """Return the place of the first value out of bounds, and what is allowed; NaN is within."""
+def check_value(name: str, values: Floats) -> RowProblem | None:
+    """Return the place of the first value out of bounds and a message; NaN is in bounds."""
     low, high, unit = BOUNDS.get(name, (-np.inf, np.inf, ""))
     for place in _first((values < low) | (values > high)):
         allowed = f"from {low:g} to {high:g} {unit} is allowed"
@@ -295,11 +292,7 @@ def check_value(name: str, values: Floats) -> Problem | None:
     return None
 
 
-def _first(bad: Flags) -> list[int]:
-    return [int(np.argmax(bad))] if bad.any() else []
-
-
-def _out_of_bounds(columns: dict[str, Floats]) -> Iterator[Problem]:
+def _out_of_bounds(columns: dict[str, Floats]) -> Iterator[RowProblem]:
     for name, values in columns.items():
         # Full states may have no oscillation.
         broken = None if name == "omega_xy0" and "u_x" in columns else check_value(name, values)
@@ -307,18 +300,19 @@ def _out_of_bounds(columns: dict[str, Floats]) -> Iterator[Problem]:
             yield broken[0], f"{name} is {values[broken[0]]:g}; {broken[1]}"
 
 
-def _impossible(columns: dict[str, Floats]) -> Iterator[Problem]:
-    return violations(**{name: columns[name] for name in (*PARAMETERS, "c") if name in columns})
+def _first(bad: Flags) -> list[int]:
+    return [int(np.argmax(bad))] if bad.any() else []
 
 
-def _refuse(where: str, problems: Iterable[Problem]) -> None:
+def _refuse(where: str, problems: Iterable[RowProblem]) -> None:
+    """Raise a ConfigError with the first problem of each of up to five rows, if there are any."""
     first: dict[int, str] = {}
-    for row, sentence in problems:
-        first.setdefault(row, sentence)
+    for row, message in problems:
+        first.setdefault(row, message)
     if first:
         raise ConfigError(f"{where}: row {row + 1}: {first[row]}" for row in sorted(first)[:5])
 
 
-def _require(names: Iterable[str], there: Iterable[str], where: str, wanted: str) -> None:
-    if missing := [name for name in names if name not in there]:
+def _require(names: Iterable[str], columns: Iterable[str], where: str, wanted: str) -> None:
+    if missing := [name for name in names if name not in columns]:
         raise ConfigError(f"{where}: the column {missing[0]} is missing; {wanted}")

@@ -1,4 +1,4 @@
-"""What a sweep is: configs, read and checked; and words of messages about them."""
+"""Configs; here: keys, their places in a file, and the words of messages about them."""
 
 import difflib
 import json
@@ -12,34 +12,35 @@ Key = tuple[str | int, ...]  # such as ("bodies", "ranges", "theta", 1)
 
 
 def describe(value: Any) -> str:
-    """Return words for a value of a YAML file."""
+    """Return a value of a config in the words of a message."""
     if isinstance(value, list | dict):
         return "a list" if isinstance(value, list) else "a mapping"
     return "nothing" if value is None else one_line(json.dumps(value, ensure_ascii=False))
 
 
 def hint(text: Any, names: Iterable[str], otherwise: str) -> str:
-    """Return the question which of `names` a text misspells, or what to say if it is none."""
+    """Return ``did you mean NAME?`` if a text is close to one of `names`, else `otherwise`."""
     known = {name.casefold(): name for name in names}
     near = difflib.get_close_matches(str(text)[:40].casefold(), known, 1)
     return f"did you mean {describe(known[near[0]])}?" if near else otherwise
 
 
 def not_one_of(value: Any, names: Iterable[str]) -> str:
-    """Return the sentence for a value that is none of `names`."""
-    told = hint(value, names := list(names), "choose one of them")
-    return f"{describe(value)} is not one of {', '.join(names)}; {told}"
+    """Return the message about a value that is not one of `names`."""
+    names = list(names)
+    advice = hint(value, names, "choose one of them")
+    return f"{describe(value)} is not one of {', '.join(names)}; {advice}"
 
 
 @dataclass(frozen=True)
 class Places:
-    """Where keys stand: the line in `file`, or a ``--set`` text; all of them are equal."""
+    """Places of keys: a line of `file`, or a ``--set`` text.  All instances compare equal."""
 
     file: str | None = field(default=None, compare=False)
     origins: Mapping[Key, int | str] = field(default_factory=dict, compare=False)
 
     def origin(self, key: Key) -> int | str | None:
-        """Return the place of a key, or of the nearest key around it."""
+        """Return the place of a key, or of the innermost section around it that has one."""
         while key and key not in self.origins:
             key = key[:-1]
         return self.origins.get(key)

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import ValidationError
 from ruamel.yaml import YAML
@@ -16,24 +16,24 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.config import Key, Places, describe, hint, not_one_of
-from rattlesweep.sweeps.config.schema import SOURCES, Config, clashes
+from rattlesweep.sweeps.config.schema import SOURCES, TAGS, Config, clashes
 
-MAX_VALUES = 20_000  # aliases may stand for far more values than a file has
-MAX_TOLD = 20  # problems told in full
-# What YAML knows beside these, such as dates, stays text.
+MAX_VALUES = 20_000  # a few aliases can expand to far more values than a file has
+MAX_TOLD = 20  # problems that are listed
+# Converters by the YAML type; values of other types, such as dates, stay text.
 SCALARS: dict[str, Callable[[str], Any]] = {
     "null": lambda _: None, "bool": lambda text: text.lower() == "true",
     "int": lambda text: int(text, 0), "float": float,
 }  # fmt: skip
 
-Problem = tuple[int | str | None, Key, str]  # line or --set text, key, and sentence
+Problem = tuple[int | str | None, Key, str]  # line or --set text, key, message
 
 
 def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Config:
-    """Read a config file (YAML 1.2); without a name, it is named after the file.
+    """Read a config file (YAML 1.2); a config without a name is named after its file.
 
-    `overrides` are texts such as ``bodies.samples=10``, the last one counts.  A ConfigError
-    has everything that is wrong, one line each: ``file:line: key: sentence``.
+    `overrides` are texts such as ``bodies.samples=10``; of several for one key the last wins.  A
+    ConfigError lists all mistakes, one a line: ``file:line: key: message``.
     """
     file = one_line(os.fspath(path), 200)
     try:
@@ -43,41 +43,42 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
         raise ConfigError(f"{file}: {reason}; give the path of a config in UTF-8") from None
     data, lines, problems = read_yaml(text)
     if not isinstance(data, dict):
-        empty = (1, (), f"{describe(data)} is found; write key: value lines")
-        line, _, sentence = (*problems, empty)[0]
-        raise ConfigError(f"{file}:{line}: {sentence}")
+        empty = (1, (), f"the file holds {describe(data)}; write key: value lines")
+        line, _, message = (*problems, empty)[0]
+        raise ConfigError(f"{file}:{line}: {message}")
     stem = "".join(c if c.isprintable() and c != "\\" else "_" for c in Path(path).stem)
     return _check({"name": stem} | data, overrides, Places(file, {(): 1, **lines}), problems)
 
 
 def parse_config(data: Mapping[str, Any], overrides: Sequence[str] = ()) -> Config:
-    """Check a config given as Python data; tuples are lists and NumPy's numbers numbers."""
+    """Check a config given as Python data, which may have tuples and NumPy arrays and numbers."""
     try:
-        own = json.loads(json.dumps({**data}, default=lambda x: getattr(x, "tolist", x.__str__)()))
+        text = json.dumps({**data}, default=lambda x: getattr(x, "tolist", x.__str__)())
     except TypeError as error:
         raise ConfigError(f"the config is not plain data ({error}); give a dict") from None
-    return _check(own, overrides, Places(), [])
+    return _check(json.loads(text), overrides, Places(), [])
 
 
 def config_json_schema() -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of a config."""
     schema = Config.model_json_schema()
-    del schema["properties"]["bodies"]["discriminator"]  # of OpenAPI, and not of JSON Schema
+    del schema["properties"]["bodies"]["discriminator"]  # a keyword of OpenAPI
     draft = "https://json-schema.org/draft/2020-12/schema"
     return schema | {"$schema": draft, "title": "rattlesweep config"}
 
 
 def resolved(config: Config) -> dict[str, Any]:
-    """Return the config as plain data that JSON can hold, with all defaults filled in."""
+    """Return the config as JSON data with all defaults filled in."""
     return config.model_dump(mode="json", exclude_none=True) | {"output": config.directory}
 
 
 def fixed_part(config: Config) -> dict[str, Any]:
-    """Return the part of a config that determines the numbers of a run with a given key."""
-    # Runs that end do not notice max_steps; dead_energy decides which zeros are reversals.
+    """Return the part of a config that determines the results of a run with a given key."""
+    # With dissipation, dead_energy decides which zeros of the spin are reversals.
     types = {"ss_growth", "sw_departure", *([] if config.dissipation else ["dead_energy"])}
-    # A table is known by what it holds, wherever it lies.
+    # A table is identified by its content, not by its path.
     bodies = {"samples": True, "refine": True, "path": True, "target": {"K_p", "K_r"}}
+    # A run that ends within max_steps does not depend on it.
     free: Any = {"bodies": bodies, "spin": {"n_i", "omega_xy0"}, "integrator": {"max_steps"}}
     free |= {"classify": types, "name": True, "output": True, "stop": True, "dissipation": True}
     part = config.model_dump(mode="json", exclude_none=True, exclude=free)
@@ -93,7 +94,7 @@ def physics_hash(config: Config) -> str:
 
 
 def differences(a: Mapping[str, Any], b: Mapping[str, Any], *, within: str = "") -> list[str]:
-    """Return dotted keys in which two configs as plain data differ, each with both values."""
+    """Return a line for each dotted key in which two configs (plain data) differ."""
     found = []
     for key in {**a, **b}:
         left, right = a.get(key), b.get(key)
@@ -106,11 +107,11 @@ def differences(a: Mapping[str, Any], b: Mapping[str, Any], *, within: str = "")
 
 
 def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
-    """Return the data of a YAML text, the line of each key and list item, and its problems."""
+    """Return the data of a YAML text, the line of each key and list item, and the problems."""
     lines: dict[Key, int] = {}
     problems: list[Problem] = []
 
-    # Written out, since ruamel.yaml stops at the first repeated key.
+    # ruamel.yaml's own conversion stops at the first repeated key and loses the lines.
     def convert(node: Node, key: Key) -> Any:
         if len(lines) > MAX_VALUES:
             raise ValueError(f"more than {MAX_VALUES} values")
@@ -126,25 +127,27 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
             word = name.value if isinstance(name, ScalarNode) else "?"
             line, child = name.start_mark.line + 1, (*key, word)
             if word in data:
-                told = f"the key is repeated (first in line {lines[child]}); keep one"
-                problems.append((line, child, told))
+                message = f"the key is repeated (first in line {lines[child]}); keep one"
+                problems.append((line, child, message))
             else:
                 lines[child] = line
                 data[word] = convert(value, child)
         return data
 
     try:
-        # The pure parser: the C one follows YAML 1.1.
+        # The parser written in C follows YAML 1.1.
         root = YAML(typ="safe", pure=True).compose(text)
         return None if root is None else convert(root, ()), lines, problems
-    except Exception as error:  # on malformed text also ValueError, RecursionError, IndexError ...
+    except Exception as error:  # malformed text raises ValueError, RecursionError, IndexError ...
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         words = str(getattr(error, "problem", None) or error or type(error).__name__)
-        message = f"cannot be read as YAML ({one_line(words, 200)}); mend brackets, quotes, indents"
+        advice = "check brackets, quotes and indents"
+        message = f"cannot be read as YAML ({one_line(words, 200)}); {advice}"
         return None, {}, [(mark.line + 1 if mark else 1, (), message)]
 
 
-def _check(data: Any, overrides: Sequence[str], places: Places, found: list[Problem]) -> Config:
+def _check(data: Any, overrides: Sequence[str], places: Places, problems: list[Problem]) -> Config:
+    """Return the config, or raise a ConfigError with all its problems and those found before."""
     wrong: list[tuple[Key, str]]
     for text in overrides:
         places = _override(data, places, text)
@@ -153,25 +156,25 @@ def _check(data: Any, overrides: Sequence[str], places: Places, found: list[Prob
     except ValidationError as error:
         wrong = [_problem(one, data) for one in error.errors(include_url=False)]
     else:
-        wrong = [(tuple(name.split(".")), sentence) for name, sentence in clashes(config)]
-    found += [(places.origin(key), key, sentence) for key, sentence in wrong]
-    if not found:
+        wrong = [(tuple(name.split(".")), message) for name, message in clashes(config)]
+    problems += [(places.origin(key), key, message) for key, message in wrong]
+    if not problems:
         config._places = places
         return config
-    # In the order of the file; those of settings come last.
-    found.sort(key=lambda one: one[0] if isinstance(one[0], int) else math.inf)
-    lines = [*dict.fromkeys(places.line(key, words, origin) for origin, key, words in found)]
+    # In the order of the file, followed by those of --set.
+    problems.sort(key=lambda one: one[0] if isinstance(one[0], int) else math.inf)
+    lines = [*dict.fromkeys(places.line(key, words, origin) for origin, key, words in problems)]
     more = [f"and {len(lines) - MAX_TOLD} more"] if len(lines) > MAX_TOLD else []
     raise ConfigError([*lines[:MAX_TOLD], *more])
 
 
 def _override(data: dict[str, Any], places: Places, text: str) -> Places:
-    """Put one ``KEY=VALUE`` into `data`, and return the new places."""
+    """Put one ``KEY=VALUE`` into `data`; return the places with its key."""
     origin = f"--set {one_line(text, 100)}"
     name, equals, value = text.partition("=")
     key = tuple(name.strip().split("."))
     if not equals or not all(key):
-        raise ConfigError(f"{origin}: is not KEY=VALUE; write it as in bodies.samples=10")
+        raise ConfigError(f"{origin}: is not KEY=VALUE, such as bodies.samples=10")
     parsed, _, problems = read_yaml(value)
     if problems:
         raise ConfigError(f"{origin}: {problems[0][2]}")
@@ -180,44 +183,36 @@ def _override(data: dict[str, Any], places: Places, text: str) -> Places:
             data[part] = {}
         data = data[part]
         if not isinstance(data, dict):
-            raise ConfigError(f"{origin}: {part} is not a mapping; set it as a whole")
+            raise ConfigError(f"{origin}: {part} is not a mapping; set all of it")
     data[key[-1]] = parsed
     origins = {k: line for k, line in places.origins.items() if k[: len(key)] != key}
     return Places(places.file, origins | {key: origin})
 
 
 def _problem(error: Any, data: Any) -> tuple[Key, str]:
-    """Return the key and the sentence of one of pydantic's errors."""
-    kind, value, place = error["type"], error["input"], [*error["loc"]]
+    """Return the key and the message of one of pydantic's errors."""
+    kind, value = error["type"], error["input"]
+    place = [part for part in error["loc"] if part not in TAGS]
     if place[0] == "bodies":
-        del place[1:2]  # pydantic puts the source here
+        del place[1:2]  # the source
     key: Key = ()
     here = data
     for part in place:
         if isinstance(part, str):
             key, here = (*key, part), here.get(part) if isinstance(here, dict) else None
-        elif isinstance(here, list):  # else one value stands for a list of one
+        elif isinstance(here, list):  # and not one value that stands for a list
             key, here = (*key, part), here[part]
     if kind.startswith("union_tag"):
         return (*key, "source"), not_one_of(value.get("source"), SOURCES)
     if kind == "missing":
         return key, "the key is missing; add it"
     if kind == "extra_forbidden":
-        model: Any = Config
-        for part in key[:-1]:
-            kinds = [model.model_fields[part].annotation]
-            for one in kinds:
-                kinds.extend(get_args(one))
-            models = [one for one in kinds if hasattr(one, "model_fields")]
-            model = SOURCES[data["bodies"]["source"]] if part == "bodies" else models[0]
-        names = list(model.model_fields)
-        told = hint(key[-1], names, f"allowed are {', '.join(names)}")
-        return key, f"unknown key {describe(key[-1])}; {told}"
+        advice = hint(key[-1], value, f"allowed are {', '.join(value)}")
+        return key, f"unknown key {describe(key[-1])}; {advice}"
     if kind == "literal_error":
         return key, not_one_of(value, re.findall(r"'(\w+)'", error["ctx"]["expected"]))
     words = re.sub(r" or instance of \w+| after validation|Value error, ", "", error["msg"])
     words = words.replace("Input", "it").replace("List", "it")
-    if kind in ("word", "value_error"):
-        text = kind == "value_error" and isinstance(value, str)
-        return key, f"{describe(value)} {words}" if text else words
+    if kind == "value_error":
+        return key, f"{describe(value)} {words}" if isinstance(value, str) else words
     return key, f"{describe(value)} is given; {words}"
