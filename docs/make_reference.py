@@ -2,9 +2,8 @@
 
     python docs/make_reference.py [--check]
 
-With ``--check`` nothing is written, and the exit code is 1 if a page is not current; a test does
-that.  The meaning of a key, a column or a status is written where it is defined, so a new one
-appears here by itself.  ``EXAMPLES`` holds one example for each section of the config.
+``--check`` writes nothing and exits with 1 if a page is out of date; a test runs it.  Meanings of
+keys, columns and statuses come from their definitions in the package.
 """
 
 # ruff: noqa: E501 - lines of Markdown
@@ -24,7 +23,7 @@ from rattlesweep.sweeps.config.schema import Config
 
 DOCS = Path(__file__).parent
 PARAMETERS = ("overrides", "base", "axes")
-"""Sections of `bodies` that hold parameters of a body; they share one table."""
+"""Sections of `bodies` with parameters of a body; they share one table."""
 
 CONFIG_HEAD = """# The config, key by key
 
@@ -134,7 +133,7 @@ ELSEWHERE = {
     "surface": "`bodies: {surface: ellipsoid}`",
     "dissipation": "`dissipation`",
 }
-"""Parts that another key than `record` asks for."""
+"""Headings of parts that are not requested by a word in `record`."""
 
 TYPES_LINK = """## Types
 
@@ -146,7 +145,7 @@ TYPES_LINK = """## Types
 
 
 def config_page() -> str:
-    """Return the page of the config: a table for each section."""
+    """Return the page of the config, with a table for each section."""
     schema = config_json_schema()
     parts = [CONFIG_HEAD, "## Top level\n", table(rows_of({"": schema})), ""]
     for path, models in sections(schema):
@@ -157,7 +156,7 @@ def config_page() -> str:
 
 
 def sections(schema: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
-    """Return the sections in order, by their paths, each with its alternatives by their names."""
+    """Return the sections in order: path -> name of an alternative -> its schema."""
     known, found = schema["$defs"], {}
 
     def walk(path: str, model: dict[str, Any]) -> None:
@@ -177,9 +176,9 @@ def sections(schema: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
 
 
 def rows_of(models: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
-    """Return a table of keys with its head, of one model or of the alternatives of a section.
+    """Return the table of keys of a section.
 
-    Where there are alternatives, a column says which of them have the key.
+    If the section has alternatives, a column says which of them have the key.
     """
     many = len(models) > 1
     rows = [("key", *(("where",) if many else ()), "default", "values", "meaning")]
@@ -194,21 +193,20 @@ def rows_of(models: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
                 {n: text for n, key in keys.items() if (text := default_of(name, key))} or {"": ""}
             ),
             together({n: kind_of(key) for n, key in keys.items()}),
-            # What is no code would be taken for a tag.
             together({n: words_of(key) for n, key in keys.items()}),
         ))  # fmt: skip
     return rows
 
 
 def together(values: dict[str, str]) -> str:
-    """Return what alternatives say of a key: once if they say the same, else each by its name."""
+    """Join the cells of alternatives: one cell if they agree, else each with its name."""
     by_value: dict[str, list[str]] = {}
     for label, value in values.items():
         by_value.setdefault(value, []).append(label)
     if len(by_value) == 1:
         return next(iter(by_value))
     if "axes" in values and {f"{value}; or several" for value in by_value} & set(by_value):
-        return min(by_value, key=len)  # the page says it once for all axes
+        return min(by_value, key=len)  # the page explains lists of values above
     common = min(by_value, key=len)
     if all(value.endswith(common) for value in by_value):
         rest = {", ".join(of): value.removesuffix(common) for value, of in by_value.items()}
@@ -219,13 +217,13 @@ def together(values: dict[str, str]) -> str:
 
 
 def words_of(key: dict[str, Any]) -> str:
-    """Return the description of a key."""
+    """Return the description of a key; a bare `<` would begin an HTML tag."""
     words: str = key["description"].removesuffix(".").replace("<", "&lt;")
     return words
 
 
 def references(key: Any) -> list[str]:
-    """Return the names of the models that a value may be."""
+    """Return the names of the models that a value refers to."""
     if "$ref" in key:
         return [key["$ref"].rsplit("/", 1)[1]]
     return [
@@ -234,7 +232,7 @@ def references(key: Any) -> list[str]:
 
 
 def default_of(name: str, key: dict[str, Any]) -> str:
-    """Return the default of a key as code; a dash if there is none."""
+    """Return the default of a key as code, or an empty string."""
     value = key.get("default")
     if value is None and name in Config.model_fields and "default" not in key:
         value = Config.model_fields[name].get_default(call_default_factory=True)
@@ -244,7 +242,7 @@ def default_of(name: str, key: dict[str, Any]) -> str:
 
 
 def kind_of(key: dict[str, Any]) -> str:
-    """Return what a value may be, in words."""
+    """Return the values that a key accepts, in words."""
     if "const" in key or "enum" in key:
         return ", ".join(f"`{word}`" for word in key.get("enum", [key.get("const")]))
     if "linspace" in str(key):
@@ -277,7 +275,7 @@ def kind_of(key: dict[str, Any]) -> str:
 def limits(key: dict[str, Any]) -> str:
     """Return the range of a number."""
     signs = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "&lt;"}
-    # Limits that nobody meets are left out.
+    # Huge upper limits are left out.
     found = [
         f"{sign} {short(key[name])}"
         for name, sign in signs.items()
@@ -287,7 +285,7 @@ def limits(key: dict[str, Any]) -> str:
 
 
 def short(value: float) -> str:
-    """Return a limit as people write it."""
+    """Return a limit in its shortest form."""
     if value and abs(abs(value) - math.pi / 2) < 1e-12:
         return "-pi/2" if value < 0 else "pi/2"
     if isinstance(value, int) and value > 1e15:
@@ -345,7 +343,7 @@ def fields_table(fields: tuple[pa.Field, ...]) -> str:
 
 
 def yaml(value: Any) -> str:
-    """Return a value as YAML has it between brackets."""
+    """Return a value as YAML in flow style."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{name}: {yaml(inner)}" for name, inner in value.items()) + "}"
     if isinstance(value, list):
@@ -356,7 +354,7 @@ def yaml(value: Any) -> str:
 
 
 def table(rows: list[tuple[str, ...]]) -> str:
-    """Return a table of Markdown."""
+    """Return rows as a Markdown table; the first row is the head."""
     head, *body = [" | ".join(cell.replace("|", "\\|") for cell in row) for row in rows]
     ruler = "|".join(["---"] * len(rows[0]))
     return "\n".join([f"| {head} |", f"|{ruler}|", *(f"| {line} |" for line in body)])
@@ -375,7 +373,7 @@ def main() -> int:
         elif not path.exists() or path.read_text() != text:
             old.append(name)
     if old:
-        print(f"not current: {', '.join(old)}; run python docs/make_reference.py", file=sys.stderr)
+        print(f"out of date: {', '.join(old)}; run python docs/make_reference.py", file=sys.stderr)
     return int(bool(old))
 
 

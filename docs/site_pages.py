@@ -42,11 +42,6 @@ def on_page_markdown(markdown: str, **rest: Any) -> str:
     return relinked(markdown, ROOT / "docs")
 
 
-def on_page_content(html: str, *, page: Any, **rest: Any) -> str:
-    """Leave out equation labels, which refer to the LaTeX source of the paper."""
-    return re.sub(r"\s*\(Eqs?\. [^)]*\)", "", html) if page.file.src_uri == "api.md" else html
-
-
 def relinked(markdown: str, folder: Path) -> str:
     """Return the Markdown of a file in `folder` with links that lead to pages of the site."""
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from rattlesweep.sweeps.bodies import Scale
-    from rattlesweep.sweeps.bodies.table import TableBodies
 
 Bodies: TypeAlias = "Rattleback | str | Iterable[Any] | Mapping[str, Any] | pd.DataFrame"
 """A body or the name of a preset, a sequence or an array of these, or a table of bodies."""
@@ -40,16 +39,11 @@ def one_body(body: Any, name: str = "body") -> Rattleback:
         return body
     if isinstance(body, str) and body in PRESETS:
         return PRESETS[body]()
-    known = " or ".join(PRESETS)
-    raise ConfigError(f"{name}: {kind_of(body)} is not a body; give a Rattleback, or {known}")
+    raise ConfigError(f"{name}: {kind_of(body)} is not a body; give a Rattleback, or GH or KL")
 
 
 def body_columns(bodies: Bodies) -> dict[str, Floats]:
-    """Return the parameters of bodies as arrays of one shape.
-
-    The columns of `SIZE` are there if the size of all bodies is known.  A table keeps its other
-    columns.
-    """
+    """Return the columns of bodies as arrays of one shape, with `SIZE` if all sizes are known."""
     if isinstance(bodies, Mapping) or is_frame(bodies):
         return _table_columns(bodies)
     several = isinstance(bodies, Iterable) and not isinstance(bodies, str)
@@ -76,15 +70,6 @@ def _table_columns(bodies: Mapping[str, Any] | pd.DataFrame) -> dict[str, Floats
         raise ConfigError(f"bodies: cannot be read as a table: {error}") from None
     table = frame_bodies(frame)
     return table.columns | {name: table.carried[name] for name in SIZE if name in table.carried}
-
-
-def table_bodies(columns: Mapping[str, Floats]) -> TableBodies:
-    from rattlesweep.sweeps.bodies.table import TableBodies
-
-    size = {name: columns[name] for name in SIZE if name in columns}
-    rest = {name: values for name, values in columns.items() if name not in size}
-    scale = column_scale(columns)
-    return TableBodies(rest, scale, size if scale else {})
 
 
 def scale_of(units: Units | None) -> Scale | None:
@@ -126,8 +111,7 @@ def _floats(name: str, value: Any, scale: Scale | None) -> Floats:
             raise TypeError
         found = [quantity(one, KINDS[name]) if isinstance(one, str) else float(one) for one in flat]
     except (KeyError, TypeError, OverflowError):
-        told = f"{kind_of(value)} is not a number or an array of numbers"
-        raise ConfigError(f"{name}: {told}") from None
+        raise ConfigError(f"{name}: {kind_of(value)} is not a number or an array") from None
     except ValueError as error:
         raise ConfigError(f"{name}: {kind_of(value)} {error}") from None
     array = np.array(found, float).reshape(given.shape)
@@ -152,8 +136,7 @@ def number(name: str, value: Any, scale: Scale | None = None) -> float | None:
 
 def check_count(name: str, value: Any, least: int = 1) -> None:
     if value is not None and not (isinstance(value, Integral) and int(value) >= least):
-        raise ConfigError(f"{name}: {kind_of(value)} is given; it must be a whole number from "
-                          f"{least} on")  # fmt: skip
+        raise ConfigError(f"{name}: {kind_of(value)} is not a whole number from {least} on")
 
 
 def check_names(what: str, given: Iterable[str], known: Collection[str]) -> None:

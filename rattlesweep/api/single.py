@@ -57,21 +57,13 @@ class Run(SimpleNamespace):
 class Trajectory:
     """A run as a time series.
 
-    Attributes
-    ----------
-    table : DataFrame
-        One column per channel, NaN where a channel has no finite value.  If the size of the body is
-        known, columns in SI units follow, such as ``t_s`` and ``n_rpm``.
-    units : dict
-        Unit of each channel.
-    zeros, reversals : array
-        Times of all zeros of the spin, the first of which is the ``t_r`` of a sweep, and of the
-        first zero of each reversal.  A reversal takes the spin from beyond a quarter of its initial
-        value to beyond a quarter on the other side.
-    t_end, n_steps, status
-        Time reached, number of accepted steps, and ``ok`` or a word for what went wrong.
-    warning : str
-        Where the contact would be lost, or need a coefficient of friction above 1.
+    The DataFrame `table` has a column per channel, NaN where there is no finite value, and `units`
+    is a dict.  If the size of the body is known, columns in SI units follow, such as ``t_s``.
+    `zeros` are the times of all zeros of the spin; the first is the ``t_r`` of a sweep.
+    `reversals` has the first zero of each reversal, which takes the spin from beyond a quarter of
+    its initial value to beyond a quarter on the other side.  `t_end` is the time reached, `n_steps`
+    counts accepted steps, and `status` is ``ok`` or a word for what went wrong.  `warning` says
+    where contact would be lost, or rolling needs a coefficient of friction above 1.
     """
 
     def __init__(
@@ -146,38 +138,34 @@ def simulate(
 ) -> Any:  # fmt: skip
     """Integrate bodies from their launches to their first reversals or to ``t_end``.
 
-    Arrays are broadcast by NumPy's rules; a run costs as much as a row of a sweep.  If the size of
-    the bodies is known, spins, times and losses may be texts with a unit, alone or in arrays:
-    ``"60 rpm"``, ``"20 s"``, ``"1e-5 N m s"``.
+    Arrays are broadcast by NumPy's rules.  If the size of the bodies is known, spins, times and
+    losses may be texts with a unit: ``"60 rpm"``, ``"20 s"``, ``"1e-5 N m s"``.
 
-    Returns a :class:`Run`, or a DataFrame if any argument is an array.  Its rows are the runs in C
-    order of ``attrs["shape"]``, and its columns those of a sweep's ``runs`` without ``case`` and
-    ``sample``, with their ``attrs["units"]``.  It has the index of a DataFrame of bodies if each
-    row of that is one run.  Bodies whose size is known add ``t_r_s`` and ``n_i_rpm``.
+    Returns a :class:`Run`, or a DataFrame if any argument is an array: one row per run, in C order
+    of ``attrs["shape"]``, with the columns of a sweep's ``runs`` except ``case`` and ``sample``,
+    ``t_r_s`` and ``n_i_rpm`` if sizes are known, and the index of a DataFrame of bodies.
 
     Parameters
     ----------
     body : Rattleback, str, sequence or array of these, or DataFrame
         A text is the name of a preset, ``"GH"`` or ``"KL"``.  A table, such as the runs of a sweep,
-        has the columns ``alpha beta gamma theta phi xi``, and optionally ``n_i omega_xy0 psi
-        t_end``, which count unless `n_i` and `omega_xy0` are given; angles are in radians.
+        has the columns ``alpha beta gamma theta phi xi`` and may have ``n_i omega_xy0 psi t_end``,
+        which count unless `n_i` and `omega_xy0` are given; angles are in radians.
     n_i, omega_xy0 : array_like
         Initial spin and oscillation, in ``sqrt(g/a)``; ``n_i=0`` is a tap, by default on the pitch.
     omega, u : array_like, shape (..., 3)
         A full state instead, along the body's axes: angular velocity, in ``sqrt(g/a)``, and
         vertical unit vector, by default ``(0, 0, -1)`` (upright).
-    t_end : array_like, optional
-        Horizon, in ``sqrt(a/g)``; by default 5 t_rGH of the spin's own direction.
-    psi : str or array_like, optional
-        Direction of the oscillation: ``relevant`` (default), ``pitch``, ``roll``, or degrees.
+    t_end, psi : array_like, optional
+        Horizon, in ``sqrt(a/g)``, by default 5 t_rGH of the spin's own direction; direction of the
+        oscillation: ``relevant`` (default), ``pitch``, ``roll``, or degrees.
     model, record : str or sequence of str
         ``full``, ``reduced`` or ``gh``; extra columns, such as ``["error", "energy"]``.
     sigma, rolling : array_like, optional
         Torque ``-sigma omega``, in ``M a^2 sqrt(g/a)``; lever of a rolling resistance, in ``a``.
-    threads : int, optional
-        Threads of the kernel, by default all; results do not depend on it.
-    progress : bool, optional
-        Whether to show a bar, by default in a terminal and in a notebook.
+    threads, progress : int, bool
+        Threads of the kernel, by default all; whether to show a bar, by default in a terminal and
+        in a notebook.
     **integrator
         ``method`` with ``tol`` or ``dt_step``, or an ``accuracy``: ``"draft"``, ``{"t_r": 1e-6}``.
 
@@ -187,7 +175,7 @@ def simulate(
     <Run t_r=112.093878, t_end=112.093878, type=R, status=ok>
     """
     from rattlesweep.integrate.compile import listening
-    from rattlesweep.sweeps.bodies.table import launched_from
+    from rattlesweep.sweeps.bodies.table import TableBodies, launched_from
     from rattlesweep.sweeps.launches import Launch, is_full_state, plan_of
     from rattlesweep.sweeps.run import integrate_plan
 
@@ -211,7 +199,9 @@ def simulate(
         model=model, integrator=_integrator(integrator),
         record=arguments.names_of("record", record),
     )  # fmt: skip
-    plan = plan_of(settings, arguments.table_bodies(columns))
+    scale = arguments.column_scale(columns)
+    sizes = {name: columns.pop(name) for name in arguments.SIZE if name in columns}
+    plan = plan_of(settings, TableBodies(columns, scale, sizes if scale else {}))
     with Bar.of_call(progress) as bar, listening(bar.compiling):
         table = integrate_plan(plan, threads if shape else 1, bar.counting(f"{plan.runs:,} runs"))
     table = table.cast(plan.schema).drop_columns(["case", "sample"])
@@ -237,16 +227,14 @@ def trajectory(
     Parameters
     ----------
     body, **launch
-        As for :func:`simulate`, of one body; also ``e_p0`` and ``e_r0``, the initial energies of
+        As for :func:`simulate`, for one body; also ``e_p0`` and ``e_r0``, the initial energies of
         pitch and roll in the reduced model, in ``M g a``, by default those of the launch.
     channels : sequence of str
         Columns of the table; ``rattlesweep trajectory --channels list`` prints all of them.
-    points, dt, steps, times
-        One way to choose the rows: a number of rows, evenly spaced from 0 to ``t_end`` (by default
-        2001, or 20 per pitch period if that is more), one every ``dt``, one per accepted step, or
-        increasing times; in ``sqrt(a/g)``.
-    from_time : float or str, optional
-        Time of the first row, in ``sqrt(a/g)``.  The integration begins at the launch anyway.
+    points, dt, steps, times, from_time
+        One way to choose the rows: a number of rows, evenly spaced (by default 2001, or 20 per
+        pitch period if that is more), one every ``dt``, one per accepted step, or increasing times;
+        and the time of the first row.  Times are in ``sqrt(a/g)``.
 
     Examples
     --------
@@ -300,18 +288,16 @@ def fit(
     body : Rattleback or str
         What is known of the body; with a size if the data are in seconds.
     data : path, DataFrame or mapping of columns
-        ``t_s`` and ``angle_deg``, ``spin_rpm`` or ``n_rpm``, or ``reversal_s`` alone; other units
-        are possible, as in ``t_ms``, and ``t`` and ``n`` are in the units of the body.  The angle
-        is that of the long axis, counterclockwise seen from above, and may jump by half turns; the
-        spin is its central difference, and n is ``u . omega``.  A missing value is NaN.  The launch
-        is at the first row, or at time 0 of the reversals.
+        ``t_s`` (or ``t_ms``) and ``angle_deg``, ``spin_rpm`` or ``n_rpm``; or ``reversal_s`` alone.
+        ``t`` and ``n`` are in the units of the body.  The angle is that of the long axis,
+        counterclockwise seen from above, and may jump by half turns; the spin is its central
+        difference, and n is ``u . omega``.  The launch is the first row, or time 0.
     free : sequence of str
         Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, skew`` (which is ``-xi``),
         ``xi, theta, phi, alpha, beta, gamma, c``.  The search begins at their given values.
-    launch : mapping
-        ``n_i, omega_xy0, psi`` or ``omega, u``; parameters that are free may be left out.
-    sigma, rolling
-        Dissipation, as for :func:`rattlesweep.simulate`.
+    launch, sigma, rolling
+        A mapping with ``n_i, omega_xy0, psi`` or ``omega, u``, where free parameters may be left
+        out; dissipation, as for :func:`rattlesweep.simulate`.
     """
     from rattlesweep.analysis.fit import check_free, fit_run, read_data
 
@@ -320,9 +306,6 @@ def fit(
     run = launch_of(body, **given, sigma=sigma, rolling=rolling)
     names = check_free(run, free)
     return fit_run(run, read_data(data, run.body.units), names)
-
-
-# -- shared with the commands ----------------------------------------------------------------------
 
 
 def page_of(
@@ -344,8 +327,8 @@ def prepare_stored(
     """Return a stored run, proved to come out as stored, and the same run to another horizon."""
     from rattlesweep.analysis.onerun.replay import find_run
 
-    check_count("case", which.get("case"), 0)
-    check_count("sample", which.get("sample"), 0)
+    for name in ("case", "sample"):
+        check_count(name, which.get(name), 0)
     run = find_run(Path(directory), **which)
     prepared = run.prepare(number("t_end", t_end, run.scale))
     run.prove()
@@ -404,8 +387,7 @@ def _launched(columns: dict[str, Floats], arrays: dict[str, Floats], psi: Any) -
     launched = columns | arrays
     missing = [name for name in SPIN if name not in launched]
     if missing and "u_x" not in launched:
-        raise ConfigError(f"{' and '.join(missing)} missing; give n_i and omega_xy0, or a table "
-                          "that has them")  # fmt: skip
+        raise ConfigError(f"{' and '.join(missing)} missing; give both, or a table with them")
     return launched
 
 

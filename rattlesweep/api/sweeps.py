@@ -102,12 +102,10 @@ class Sweep:
 
         Needs xarray (``pip install '.[xarray]'``).  The dimensions are the target ``K_p`` or
         ``K_r`` if there is one (the bodies' own coefficient is then ``K_r_body``), ``n_i``,
-        ``omega_xy0``, and the axes of a grid of bodies, or else ``sample``.
-
-        By default all columns with one value per run are there.  Runs for which `where` is false
-        (see :meth:`read`) are missing: NaN, or an empty text.  With `fill`, points that
-        ``bodies.refine`` has left out get the values of the nearest runs; numbers are interpolated
-        linearly.
+        ``omega_xy0``, and the axes of a grid of bodies, or else ``sample``.  By default all columns
+        with one value per run are there.  Runs for which `where` is false are missing: NaN, or an
+        empty text.  With `fill`, points left out by ``bodies.refine`` are filled from the nearest
+        runs, numbers by linear interpolation.
         """
         from rattlesweep.analysis.layout import make_dataset, read_layout
 
@@ -122,10 +120,8 @@ class Sweep:
     ) -> Figure:  # fmt: skip
         """Draw the sweep as ``rattlesweep plot`` does; `path` is an .svg, .png or .pdf to write.
 
-        `kind` (such as ``times`` or ``map``), `x` (the abscissa), `quantity` (the column of a map
-        or a distribution) and `where` are those of the command.  `select` chooses values, as in
-        ``{"n_i": [-0.3, -0.5], "theta": "0.6:0.7"}``; looks are ``title``, ``log``, ``size``,
-        ``xlim``, ``ylim``.
+        The arguments are the options of the command.  `select` may be a mapping, as in ``{"n_i":
+        [-0.3, -0.5]}``; looks are ``title``, ``log``, ``size``, ``xlim``, ``ylim``.
         """
         from rattlesweep.analysis.layout import read_layout
         from rattlesweep.analysis.plots import choose_picture
@@ -151,16 +147,14 @@ class Sweep:
         return page.save(self.directory / "report.html" if path is None else path)
 
     def verify(self, recompute: int = 0, *, seed: int = 0, threads: int | None = None) -> Verified:
-        """Read all runs and compare them with the manifest, without changing anything.
+        """Check all runs against the manifest, and repeat `recompute` random ones bit for bit.
 
-        `recompute` runs, drawn at random by `seed`, are integrated again and compared bit by bit.
-        The result has ``problems``, a list of sentences, and ``words``.
+        The result has ``problems``, a list of sentences, and ``words``.  Nothing is changed.
         """
         from rattlesweep.sweeps.verify import verify
 
-        for name, count in {"recompute": recompute, "seed": seed}.items():
-            check_count(name, count, 0)
-        check_count("threads", threads)
+        for name, count in {"recompute": recompute, "seed": seed, "threads": threads}.items():
+            check_count(name, count, 1 if name == "threads" else 0)
         return verify(self.directory, recompute, seed, threads)
 
     def compare(self, other: Sweep | str | Path) -> Comparison:
@@ -170,11 +164,7 @@ class Sweep:
         return compare(self.directory, other.directory if isinstance(other, Sweep) else Path(other))
 
     def classify(self, **thresholds: float) -> pd.DataFrame:
-        """Classify the stored runs by other thresholds, and return the new summary.
-
-        Thresholds are keys of the config's ``classify``, such as ``sw_departure=0.1``.  Without
-        any, those of the config are restored.
-        """
+        """Classify the runs by thresholds such as ``sw_departure=0.1``, by default the config's."""
         from rattlesweep.sweeps.merge import classify_stored
 
         texts = [f"classify.{key}={value!r}" for key, value in thresholds.items()]
@@ -188,11 +178,7 @@ class Sweep:
         self, case: int | None = None, sample: int | None = None, *, where: str | None = None,
         t_end: float | str | None = None, title: str | None = None, **settings: Any,
     ) -> Page:  # fmt: skip
-        """Make a page on which the body of a run rolls.
-
-        The run is given by `case` and `sample`, or is the first that meets the condition `where`.
-        The settings are those of :func:`rattlesweep.show`.
-        """
+        """Make a page of a run, or of the first that meets `where`, as :func:`show` does."""
         which = {"case": case, "sample": sample, "where": where}
         found, run = prepare_stored(self.directory, t_end, **which)
         return page_of(run, found.scale, title or found.title, **settings)[0]
@@ -223,10 +209,8 @@ def sweep(
         A config file, its content, or a table of bodies.  The table has the columns ``alpha beta
         gamma theta phi xi`` and optionally ``n_i omega_xy0 psi t_end`` (angles in radians), or
         those in SI units; it is kept in the output directory.
-    output : path, optional
-        Output directory; overrides the config's.
-    threads, progress
-        As for :func:`simulate`.
+    output, threads, progress
+        Output directory, which overrides the config's; the others as for :func:`simulate`.
     **keys
         For a DataFrame, the other keys of the config, such as ``spin``, ``horizon``, ``record``.
     """

@@ -1,4 +1,4 @@
-"""What commands share: how they are made and end, their options, the kinds of their values."""
+"""What commands share: their class, their options, and the types of the values of these."""
 # ruff: noqa: D102, D103 - names and types say it
 
 import json
@@ -21,11 +21,11 @@ from rattlesweep.units import quantities, quantity, seconds_of
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 DONE, FAILED, WRONG, SOME_FAILED, EARLY = 0, 1, 2, 3, 75  # exit codes
-MOST_ROWS = 20  # of a table that is printed
+MOST_ROWS = 20  # rows of a table that are printed
 
 
 class Command(click.Command):
-    """A command; its function returns the exit code, or None if all is done."""
+    """A command whose function returns the exit code, or None for success."""
 
     section = ""
 
@@ -40,11 +40,11 @@ COMMANDS: list[Command] = []
 
 
 def command(section: str, *examples: str) -> Callable[[Callable[..., Any]], Command]:
-    """Make a function a command, listed in a section, whose help ends with some examples."""
-    head = "Examples" if len(examples) > 1 else "Example"
+    """Make a function a command of a section, with examples at the end of its help."""
+    epilog = "\n  ".join(["\b\nExamples:", *examples])
 
     def make(function: Callable[..., Any]) -> Command:
-        made = click.command(cls=Command, epilog="\n  ".join([f"\b\n{head}:", *examples]))(function)
+        made = click.command(cls=Command, epilog=epilog)(function)
         made.section = section
         COMMANDS.append(made)
         return made
@@ -53,7 +53,7 @@ def command(section: str, *examples: str) -> Callable[[Callable[..., Any]], Comm
 
 
 def say(text: str) -> None:
-    """Write a line to standard error, where everything goes that is not data."""
+    """Print a line to standard error, where everything but data goes."""
     click.echo(printable(text), err=True)
 
 
@@ -62,7 +62,7 @@ def to_json(data: Any) -> str:
 
 
 def probe(*files: Path | None) -> None:
-    """Raise an OutputError if files cannot be written, before anything is computed."""
+    """Raise an OutputError before the work begins if files cannot be written after it."""
     from rattlesweep.sweeps.files import probe_directory
 
     for path in filter(None, files):
@@ -72,13 +72,13 @@ def probe(*files: Path | None) -> None:
 
 
 def pick(given: dict[str, Any], *names: str) -> dict[str, Any]:
-    """Take options out of all that were read, and return those that were given."""
+    """Remove options from `given`, and return those that have a value."""
     taken = {name: given.pop(name) for name in names if name in given}
     return {name: value for name, value in taken.items() if value is not None}
 
 
 class Kind(click.ParamType):  # type: ignore[type-arg]
-    """Values that a function, or the one at ``module:function``, reads or refuses (ValueError)."""
+    """The type of values that a function, perhaps at ``module:function``, reads or refuses."""
 
     def __init__(self, name: str, read: Callable[[str], Any] | str) -> None:
         self.name, self._read = name, read
@@ -94,8 +94,16 @@ class Kind(click.ParamType):  # type: ignore[type-arg]
             raise ConfigError(f"{flag} {one_line(value)}".strip() + f": {error}") from None
 
 
+def _number(kind: type[int] | type[float], low: float, high: float, text: str) -> float:
+    with suppress(ValueError):
+        if low <= (value := kind(text)) <= high:
+            return value
+    what = "whole number" if kind is int else "number"
+    raise ValueError(f"give a {what} from {low:g} to {high:g}")
+
+
 def _numbers(example: str, low: float, high: float, text: str) -> tuple[float, ...]:
-    """Read as many numbers as an example has, with commas between them."""
+    """Read numbers between commas, as many as in an example."""
     with suppress(ValueError):
         values = tuple(map(float, text.split(",")))
         if len(values) == 1 + example.count(",") and all(low <= x <= high for x in values):
@@ -104,7 +112,7 @@ def _numbers(example: str, low: float, high: float, text: str) -> tuple[float, .
 
 
 def _measured(kind: str, text: str) -> float | str:
-    """Read a number, or check a text with an SI unit; without a kind, a word."""
+    """Read a number, or a quantity in SI units, which stays a text; or a word if no kind is set."""
     with suppress(ValueError):
         return float(text)
     if kind:
@@ -129,8 +137,10 @@ def _file(endings: tuple[str, ...], text: str) -> Path:
 
 
 PICTURES = (".svg", ".png", ".pdf")
-COUNT, NUMBER = click.IntRange(1), click.IntRange(0)
-COUNT.name = NUMBER.name = "n"
+COUNT, NUMBER = (Kind("n", partial(_number, int, least, 1e12)) for least in (1, 0))
+THREADS = Kind("n", partial(_number, int, 1, MOST_THREADS))
+SHARE = Kind("share", partial(_number, float, 0, 1))
+DPI = Kind("dpi", partial(_number, float, 20, 600))
 TIME = Kind("time", seconds_of)
 NAMES = Kind("a,b,...", lambda text: tuple(x.strip() for x in text.split(",") if x.strip()))
 SIZE = Kind("w,h", partial(_numbers, "7,4.5", 1, 24))
@@ -140,7 +150,7 @@ _MEASURED = ("spin", "time", "length", "energy")
 SPIN, DURATION, LENGTH, ENERGY = (Kind(kind, partial(_measured, kind)) for kind in _MEASURED)
 DAMPING = Kind("sigma", partial(_measured, "torque per spin"))
 MASS, HEIGHT, ANGLE = (Kind(k, partial(quantity, kind=k)) for k in ("mass", "length", "angle"))
-# The modules that hold these words too take long to import; a test compares.
+# Repeated here, as the modules that define these words are slow to import; a test compares them.
 PRESETS = Choice(["GH", "KL"])
 MODELS = Choice(["full", "reduced", "gh"])
 ACCURACIES = Choice(["draft", "standard", "reference"])
@@ -152,7 +162,7 @@ def stack(*decorators: Decorator) -> Decorator:
 
 
 def group(*rows: tuple[str, Any, str]) -> Decorator:
-    """Return one decorator for options that are given by name, kind (None: a flag) and help."""
+    """Return one decorator for several options, each a name, a type (None: a flag) and a help."""
     return stack(*(option(name, type=kind, is_flag=kind is None, default=None, help=words)
                    for name, kind, words in rows))  # fmt: skip
 
@@ -174,20 +184,18 @@ directory = path("directory")
 overrides = option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Override a key "
                    "of the config, as in bodies.samples=10; may be repeated.")  # fmt: skip
 sweep = stack(path("config"), output(), overrides)
-threads = option("-j", "--threads", type=click.IntRange(1, MOST_THREADS), metavar="N",
-                 help="Threads of the kernel; by default one for each processor.")  # fmt: skip
+threads = option("-j", "--threads", type=THREADS, help="Threads; by default one per processor.")
 title = option("--title", metavar="TEXT", help="Title of the page.")
 as_json = option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
-quiet = option("-q", "--quiet", is_flag=True, help="Leave out progress, summaries and warnings.")
+quiet = option("-q", "--quiet", is_flag=True, help="Print no progress, summaries or warnings.")
 figure = file("--figure", *PICTURES, help="Also draw a figure, an .svg, .png or .pdf file.")
 data = file("--data", ".csv", ".parquet", help="Also write the numbers, as .csv or .parquet.")
 t_end = group(("--t-end", DURATION, "Horizon, in sqrt(a/g) or as in 20s; by default 5 t_rGH, or "
                "that of the sweep."))  # fmt: skip
 from_time = group(("--from-time", DURATION, "Time of the first row, in sqrt(a/g) or as in 2s."))
-where = option("--where", metavar="CONDITION", help="Only runs for which a pandas query on their "
-               "columns is true, as in 'type == \"SW\" and K_r < 0.005'.")  # fmt: skip
-_RUN = (("--case", int, "Case of the run."), ("--sample", int, "Sample of the run."))
-which = stack(group(*_RUN), where)
+where = option("--where", metavar="CONDITION", help="Only runs that meet a pandas query, as in "
+               "'type == \"SW\" and K_r < 0.005'.")  # fmt: skip
+which = stack(group(("--case", int, "Case of the run."), ("--sample", int, "Its sample.")), where)
 
 _BODY: tuple[tuple[str, Any, str], ...] = (
     ("--preset", PRESETS, "The body of Garcia and Hubbard, or of Kane and Levinson."),
@@ -209,19 +217,18 @@ _BODY: tuple[tuple[str, Any, str], ...] = (
     ("--axes-angle", ANGLE, "Angle from the x axis of --inertia to the first of --radii."),
     ("--z-up", None, "The z axis of --inertia points up."),
     ("--half-ellipsoid", several("length,width,height", "length", 3), "Instead of height, "
-     "inertia and radii: a solid half ellipsoid with its flat side up, as in 12cm,3cm,12mm; "
-     "--mass is without weights."),
-    ("--skew", ANGLE, "Turns its axes of inertia clockwise, seen from above."),
-    ("--weights", MASS, "Mass of each of two weights on its flat side."),
-    ("--at", several("x,y", "length", 2), "Place of one weight from the middle, along and "
-     "across, as in 45,-9mm; the other lies opposite."),
+     "inertia and radii: a solid half ellipsoid, flat side up, as in 12cm,3cm,12mm."),
+    ("--skew", ANGLE, "Angle by which its axes of inertia are turned, clockwise from above."),
+    ("--weights", MASS, "Mass of each of two equal weights on its flat side, not in --mass."),
+    ("--at", several("x,y", "length", 2), "Place of one weight, along and across from the "
+     "middle, as in 45,-9mm; the other lies opposite."),
 )  # fmt: skip
 BODY = [name[2:].replace("-", "_") for name, *_ in _BODY]
 body = group(*_BODY)
 dissipation = group(
-    ("--sigma", DAMPING, "Dissipation: sigma of a torque -sigma omega, in M a^2 sqrt(g/a), or as "
-     "in '1e-4 N m s'."),
-    ("--rolling", LENGTH, "Lever of a rolling resistance, in a, or as in 50um."),
+    ("--sigma", DAMPING, "Dissipation by a torque -sigma omega, in M a^2 sqrt(g/a), or as in "
+     "'1e-4 N m s'."),
+    ("--rolling", LENGTH, "Lever of the rolling resistance, in a, or as in 50um."),
 )  # fmt: skip
 SPIN_DEFAULTS = {"n_i": 0.1, "omega_xy0": 0.01}
 spin = group(
@@ -233,9 +240,9 @@ launch = stack(
     group(
         ("--psi", Kind("direction", partial(_measured, "")), "Direction of the oscillation: "
          "relevant, pitch, roll, or degrees.  [default: relevant]"),
-        ("--omega", VECTOR, "A full state instead: angular velocity along the body's axes, in "
-         "sqrt(g/a)."),
-        ("--u", VECTOR, "Vertical unit vector along these.  [default: 0,0,-1]"),
+        ("--omega", VECTOR, "Instead of these, a full state: angular velocity along the body's "
+         "axes, in sqrt(g/a)."),
+        ("--u", VECTOR, "Vertical unit vector along the body's axes.  [default: 0,0,-1]"),
     ),
     dissipation,
     t_end,

@@ -23,11 +23,10 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.bodies import Scale
 
 
-@command("One run", "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
-         "--radii '50,1.5 cm' --n-i 60rpm",
+@command("One run", "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3",
          "rattlesweep body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg --n-i 60rpm",
-         "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3 "
-         "--json")  # fmt: skip
+         "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
+         "--radii '50,1.5 cm' --n-i 60rpm")  # fmt: skip
 @options.body
 @options.spin
 @options.dissipation
@@ -35,8 +34,8 @@ if TYPE_CHECKING:
 def body(as_json: bool, **given: Any) -> None:
     """Print the derived quantities of a body: modes, thresholds, reversal times.
 
-    The spin and the oscillation matter for the reversal times only. A body that was given in SI
-    units has all quantities in both systems, with g = 9.81 m/s^2.
+    Spin and oscillation matter for the reversal times only. A body in SI units gets all quantities
+    in both systems, with g = 9.81 m/s^2.
     """
     from rattlesweep.analysis.derived import derived, make_body
     from rattlesweep.api.arrays import number, scale_of
@@ -71,8 +70,8 @@ def _list_channels(context: click.Context, _: click.Parameter, names: Any) -> An
 series = options.stack(
     options.rows,
     option("--channels", type=options.NAMES, callback=_list_channels, help="Columns, and panels of "
-           "the figure if given; 'list' prints all of them.  [default: t,n]"),
-    options.file("--output", ".parquet", ".csv", help="A .parquet or .csv file, instead of CSV on "
+           "the figure; 'list' prints all of them.  [default: t,n]"),
+    options.file("--output", ".parquet", ".csv", help="A .parquet or .csv file instead of CSV on "
                  "standard output."),
     options.figure,
     options.quiet,
@@ -87,16 +86,16 @@ SERIES = ("channels", "output", "figure", "quiet", "points", "dt", "steps", "fro
 @options.body
 @options.launch
 @option("--model", type=options.MODELS, default="full", help="Equations of motion.")
-@option("--e-p0", type=options.ENERGY, help="Energy of the pitch at the start of the reduced "
-        "model, in M g a, or as in 0.5mJ.")  # fmt: skip
+@option("--e-p0", type=options.ENERGY, help="Initial energy of the pitch in the reduced model, "
+        "in M g a, or as in 0.5mJ.")  # fmt: skip
 @option("--e-r0", type=options.ENERGY, help="Energy of the roll, likewise.")
 @series
 def trajectory(**given: Any) -> int:
     """Integrate one launch, past its reversals, as a time series.
 
-    Prints CSV unless a file or a figure is requested; the reversal times go to standard error. A
-    reversal is counted once the spin has gone from beyond a quarter of its initial value (without
-    one, of n_0) to beyond a quarter of it on the other side.
+    Prints CSV unless a file or a figure is requested, and the reversal times on standard error. A
+    reversal takes the spin from beyond a quarter of its initial value (of n_0 for a tap) to beyond
+    a quarter on the other side.
     """
     probe(given["output"], given["figure"])
     how = {name: given.pop(name) for name in SERIES}
@@ -112,7 +111,7 @@ def trajectory(**given: Any) -> int:
 def replay(directory: Path, **given: Any) -> int:
     """Integrate a stored run again as a time series, past its reversals.
 
-    Exits with 1 if it does not come out as stored, bit for bit.
+    Exits with 1 if its result is not the stored one, bit for bit.
     """
     from rattlesweep.api.single import prepare_stored
 
@@ -135,7 +134,7 @@ def replay(directory: Path, **given: Any) -> int:
 def show(directory: Path | None, title: str | None, output: Path, quiet: bool, **given: Any) -> int:
     """Write an HTML page on which the body of one run rolls on the plane.
 
-    The run is a launch of a body, or a stored run of DIRECTORY, as `replay` takes it. The page
+    The run is a launch of a body, or a stored run of DIRECTORY, chosen as in `replay`. The page
     needs a browser but no network.
     """
     from rattlesweep.api.single import page_of, prepare_stored
@@ -146,8 +145,7 @@ def show(directory: Path | None, title: str | None, output: Path, quiet: bool, *
     if directory is not None:
         t_end = given.pop("t_end")
         for name in pick(given, *given):
-            raise ConfigError(f"--{name.replace('_', '-')}: the sweep in {directory} says what the "
-                              "run was; leave this out")  # fmt: skip
+            raise ConfigError(f"--{name.replace('_', '-')}: a stored run has its own; leave it out")
         found, run = prepare_stored(directory, t_end, **which)
         scale, proof, title = found.scale, found.proof, title or found.title
     elif which:
@@ -175,7 +173,7 @@ def _follow(
     run: PreparedRun, scale: Scale | None, proof: str = "", *, channels: tuple[str, ...] | None,
     output: Path | None, figure: Path | None, quiet: bool, **given: Any,
 ) -> int:  # fmt: skip
-    """Integrate a run, and write what is asked for, or print CSV; a figure has rows of its own."""
+    """Integrate a run, and write its files or print CSV; a figure has its own rows."""
     from rattlesweep.analysis.onerun.course import Course, save, write_csv
     from rattlesweep.api.single import rows_of
 
@@ -192,7 +190,7 @@ def _follow(
 
 
 def _say_outcome(course: Course, quiet: bool, scale: Scale | None, proof: str) -> int:
-    """Tell what became of a run, in seconds too where the body has a size; return the exit code."""
+    """Print the reversals of a run, also in seconds if it has a size; return the exit code."""
     ended = course.follower
     if not quiet:
         text = f"{proof}\n".lstrip() + _times(course.reversals, "reversal")
@@ -221,7 +219,7 @@ def _times(times: list[float], word: str) -> str:
 @options.as_json
 @options.quiet
 def fit(stone: Path, data: Path, figure: Path | None, as_json: bool, quiet: bool) -> None:
-    """Fit parameters of a stone to an angle or a spin of a video, or to reversal times.
+    """Fit parameters of a stone to an angle or spin from a video, or to reversal times.
 
     STONE is a YAML file with the keys body, launch, dissipation and free. DATA is a CSV or Parquet
     table with t_s and angle_deg or spin_rpm, or with reversal_s. Prints each free parameter with
@@ -272,11 +270,14 @@ def _read_stone(path: Path) -> dict[str, Any]:
 
     try:
         given = Stone.model_validate(YAML(typ="safe", pure=True).load(path))
-        body = _stone(given.body)
+        body = _stone(dict(given.body))
     except ValidationError as error:
         first = error.errors()[0]
-        reason = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
-    except (YAMLError, OSError, ValueError, TypeError) as error:
+        reason = f"{'.'.join(map(str, first['loc'])) or 'the file'}: {first['msg']}"
+    except TypeError:
+        names = ", ".join(given.body)
+        reason = f"body: the keys {names} make no body; give preset, shape, mass, f_sd or alpha"
+    except (YAMLError, OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
     else:
         losses = {str(name): value for name, value in given.dissipation.items()}

@@ -1,4 +1,4 @@
-"""Commands that plan, run, look after and show sweeps; and studies that are made of sweeps."""
+"""Commands that plan, run, check and show sweeps, and studies made of several sweeps."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LIMIT = Kind("time", "rattlesweep.sweeps.slurm:limit_of")
 def init(config: Path) -> None:
     """Write a commented config to begin with.
 
-    It is a small sweep that runs as it is. Nothing is overwritten. Prints its path.
+    It describes a small sweep, ready to run. Prints its path. No file is overwritten.
     """
     from importlib.resources import files
 
@@ -41,12 +41,13 @@ def init(config: Path) -> None:
     if config.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"{config}: the name of a config ends in .yaml")
     if config.exists():
-        raise ConfigError(f"{config}: is there already; choose another name, or remove it first")
+        raise ConfigError(f"{config}: exists already; choose another name, or remove it first")
     text = (files("rattlesweep.sweeps.config") / "starter.yaml").read_text(encoding="utf-8")
-    # In quotes, as YAML would take some names for numbers.
+    # In quotes, as YAML would read some names as numbers.
     text = text.replace("name: NAME", f"name: {json.dumps(config.stem)}")
     text = text.replace("NAME", config.stem)
-    parse_config(read_yaml(text)[0])  # the name of a file need not be one of a directory
+    parse_config(read_yaml(text)[0])  # a stem may not be a valid name of a sweep
+    probe(config)
     replace_file(config, text.encode())
     click.echo(config)
 
@@ -55,13 +56,13 @@ def init(config: Path) -> None:
          "rattlesweep plan configs/steady.yaml --set bodies.samples=100000")  # fmt: skip
 @options.sweep
 @options.threads
-@option("--check", is_flag=True, help="Only check the config, and integrate nothing.")
+@option("--check", is_flag=True, help="Only check the config, without a forecast.")
 @options.as_json
 def plan(config: Path, threads: int | None, check: bool, as_json: bool, **given: Any) -> None:
     """Check a config and forecast the time and disk space of its sweep.
 
-    Prints how many runs it makes, or everything that is wrong with it, each with its line.
-    Integrates a sample of the runs for about two seconds and writes nothing.
+    Prints the number of runs, or each mistake in the config with its line. Integrates a sample of
+    the runs for about two seconds and writes nothing.
     """
     made, where = _planned(config, **given)
     found = None if check else _forecast(made, where, threads)
@@ -80,12 +81,12 @@ def plan(config: Path, threads: int | None, check: bool, as_json: bool, **given:
 @options.sweep
 @options.threads
 @option("--engine", type=click.Choice(["local", "dask"]), default="local", help="Where to compute.")
-@option("--scheduler", metavar="ADDRESS", help="Dask scheduler; without it, one of its own.")
+@option("--scheduler", metavar="ADDRESS", help="Dask scheduler; by default one is started.")
 @option("--shard", type=SHARD, help="Compute shard I of N only, with I from 0 to N-1.")
 @option("--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m.")
-@option("--retry-failed", is_flag=True, help="Repeat the runs whose status is not ok.")
+@option("--retry-failed", is_flag=True, help="Repeat runs whose status is not ok.")
 @option("--dry-run", is_flag=True, help="Print the forecast, as `plan` does, and stop.")
-@option("--compile-only", is_flag=True, help="Compile the kernels, as for an image, and stop.")
+@option("--compile-only", is_flag=True, help="Compile the kernels, as in an image, and stop.")
 @options.quiet
 @option("-v", "--verbose", is_flag=True, help="Report where the time went.")
 def run(
@@ -98,7 +99,7 @@ def run(
     Prints one row per case.
     """
     if scheduler is not None and engine != "dask":
-        raise ConfigError("--engine dask: goes with --scheduler ADDRESS; give it too")
+        raise ConfigError("--scheduler ADDRESS: works only with --engine dask; give that too")
     import numpy as np
 
     from rattlesweep.sweeps.block import load_kernel, prepare_runs
@@ -124,7 +125,7 @@ def run(
         result = run_sweep(made, where, report=bar, **how)
     where = result.stored.directory
     for path in result.found.damaged:
-        say(f"note: a file was damaged and is now {path}; its runs are done again")
+        say(f"note: a file was damaged and is now {path}; its runs were repeated")
     if not quiet:
         _print_summary(result.summary, where)
         now = f"{result.done:,} of them done now in {result.seconds:.1f} s"
@@ -136,7 +137,7 @@ def run(
         say(f"stopped: {result.stopped}; {kept}")
         return options.EARLY
     if not quiet and result.missing:
-        say(f"{counted(result.missing, 'run')} of other shards not in {where} yet")
+        say(f"{counted(result.missing, 'run')} of other shards are not in {where} yet")
     if result.failed:
         words = ", ".join(f"{count:,} {word}" for word, count in sorted(result.failed.items()))
         say(f"{counted(sum(result.failed.values()), 'run')} failed: {words}")
@@ -148,9 +149,9 @@ def run(
 @options.directory
 @options.as_json
 def status(directory: Path, as_json: bool) -> int:
-    """Show the progress of a sweep.
+    """Show the progress of a sweep, at any time.
 
-    Works at any time. Exits with 3 if some runs have a status other than ok.
+    Exits with 3 if some runs have a status other than ok.
     """
     from rattlesweep.sweeps.verify import status as count_rows
 
@@ -161,14 +162,14 @@ def status(directory: Path, as_json: bool) -> int:
 
 @command("Sweeps", "rattlesweep verify out/quickstart --recompute 100")
 @options.directory
-@option("--recompute", type=options.NUMBER, default=0, help="Also integrate N random runs again.")
+@option("--recompute", type=options.NUMBER, default=0, help="Also repeat N random runs.")
 @options.threads
 @options.as_json
 def verify(directory: Path, recompute: int, threads: int | None, as_json: bool) -> int:
-    """Check that an output directory is whole and consistent.
+    """Check that an output directory is complete and consistent.
 
-    Prints one line per problem and exits with 1 if there is any. Runs that are integrated again are
-    compared bit for bit. `rattlesweep run` repairs a directory: it computes again what is damaged.
+    Prints one line per problem and exits with 1 if there is any. Repeated runs are compared bit for
+    bit. To repair a directory, use `rattlesweep run`, which repeats damaged runs.
     """
     from rattlesweep.sweeps.verify import verify as check
 
@@ -181,12 +182,13 @@ def verify(directory: Path, recompute: int, threads: int | None, as_json: bool) 
 
 @command("Sweeps", "rattlesweep classify out/quickstart --set classify.sw_departure=0.1")
 @options.directory
-@options.overrides
+@option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Set a threshold, as in "
+        "classify.sw_departure=0.1; may be repeated.")  # fmt: skip
 def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     """Classify stored runs by other thresholds, without integrating.
 
-    Rewrites the types and the summary; `rattlesweep run` restores those of the config. Prints one
-    row per case.
+    Rewrites the types and the summary, and prints one row per case. Without --set, or by
+    `rattlesweep run`, the thresholds of the config are restored.
     """
     from rattlesweep.sweeps.merge import classify_stored
 
@@ -204,7 +206,7 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
 def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     """Merge the directories of one sweep's shards into one.
 
-    Exits with 75 if runs are missing then: merge other shards into the same output, or let
+    Exits with 75 if runs are still missing: merge other shards into the same output, or let
     `rattlesweep run CONFIG --output DIR` compute the rest.
     """
     from rattlesweep.sweeps.merge import merge as join
@@ -214,8 +216,8 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
         _print_summary(merged.summary, output)
         say(f"{counted(merged.runs, 'run')} in {counted(merged.files, 'file')} in {output}")
     if merged.missing:
-        say(f"{counted(merged.missing, 'run')} missing; merge the other shards too, with the same "
-            f"--output, or `rattlesweep run CONFIG --output {output}`")  # fmt: skip
+        say(f"{counted(merged.missing, 'run')} missing; merge the other shards into the same "
+            f"output, or `rattlesweep run CONFIG --output {output}`")  # fmt: skip
         return options.EARLY
     if merged.failed:
         say(f"{counted(merged.failed, 'run')} failed; see their column status")
@@ -227,13 +229,13 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
          "rattlesweep slurm configs/steady.yaml --shards 100 --cpus 16 --time 4:00:00 > steady.sh",
          "sbatch steady.sh")  # fmt: skip
 @options.sweep
-@option("--shards", type=COUNT, required=True, help="Number of tasks in the array.")
+@option("--shards", type=COUNT, required=True, help="Number of tasks, one for each shard.")
 @option("--time", "limit", type=LIMIT, default="4:00:00", help="Time limit of a task.")
 @option("--cpus", type=COUNT, default=1, help="CPUs per task.")
 @option("--mem", "memory", metavar="SIZE", default="2G", help="Memory per task.")
 @option("--partition", metavar="NAME", help="Partition of the cluster.")
 @option("--own-directories", "own", is_flag=True, help="Give each task a directory, DIR-I.")
-@option("--restarts", type=options.NUMBER, default=20, help="Requeue a task at most so often.")
+@option("--restarts", type=options.NUMBER, default=20, help="Most times that a task is requeued.")
 def slurm(
     config: Path, output: Path | None, overrides: tuple[str, ...], shards: int, own: bool,
     **job: Any,
@@ -300,19 +302,19 @@ def _forecast(made: Plan, where: Path, threads: int | None) -> Forecast:
          "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 "
          "--select n_i=-0.45:0")  # fmt: skip
 @options.directory
-@option("--kind", type=options.KINDS, help="By default what suits the sweep; times are t_r.")
-@option("--x", metavar="NAME", help="Abscissa: what the config varies, or any column of a scatter.")
+@option("--kind", type=options.KINDS, help="Kind of plot; by default what suits the sweep.")
+@option("--x", metavar="NAME", help="Abscissa: what the config varies; for a scatter any column.")
 @option("--quantity", metavar="COLUMN", help="Numeric column for a map or a distribution.")
-@option("--select", metavar="NAME=VALUES", multiple=True, help="Only these values, as in "
-        "n_i=-0.3,-0.5 or theta=0.6:0.7; may be repeated.")  # fmt: skip
+@option("--select", metavar="NAME=VALUES", multiple=True, help="Only runs with these values, as "
+        "in n_i=-0.3,-0.5 or theta=0.6:0.7; may be repeated.")  # fmt: skip
 @options.where
 @option("--log/--linear", default=None, help="Logarithmic or linear axes; by default by range.")
 @option("--xlim", type=options.LIMITS, help="Limits of the abscissa.")
 @option("--ylim", type=options.LIMITS, help="Limits of the ordinate.")
 @option("--size", type=options.SIZE, help="Width and height in inches.")
-@option("--dpi", type=click.FloatRange(20, 600), default=150.0, help="Dots per inch of a PNG.")
+@option("--dpi", type=options.DPI, default=150.0, help="Dots per inch of a PNG, 20 to 600.")
 @option("--style", type=click.Path(path_type=Path), help="A Matplotlib style file (.mplstyle).")
-@option("--title", help="Title of the picture, perhaps with a formula, as in '$n_i$'.")
+@option("--title", help="Title of the figure; may hold formulas, as in '$n_i$'.")
 @options.file("--output", *options.PICTURES, multiple=True,
               help="May be repeated; by default DIRECTORY/KIND.svg and .png.")  # fmt: skip
 @options.data
@@ -323,12 +325,13 @@ def plot(
     """Plot a sweep: fractions of types, reversal times, a map of a grid.
 
     Works at any time, even while the sweep is running. A map shows the mean of a column by colours,
-    and a distribution a histogram of it. Prints the paths of what it writes.
+    a distribution its histogram. Prints the paths of the files it writes.
     """
     from rattlesweep.analysis.layout import read_layout
     from rattlesweep.analysis.plots import choose_picture
     from rattlesweep.analysis.style import save, save_table, styled
 
+    probe(*output, data)
     looks = {name: given.pop(name) for name in ("title", "log", "size", "xlim", "ylim")}
     with styled(style):
         picture = choose_picture(read_layout(directory), **given)
@@ -353,6 +356,7 @@ def report(directory: Path, output: Path | None, title: str | None) -> None:
     """
     from rattlesweep.api import load
 
+    probe(output)
     page = load(directory).report(output, title=title)
     click.echo(page.path)
     say(f"{len(page.content) / 1e6:.2f} MB")
@@ -361,8 +365,8 @@ def report(directory: Path, output: Path | None, title: str | None) -> None:
 @command("Results of a sweep", "rattlesweep compare out/here out/there --figure differences.svg")
 @options.path("a")
 @options.path("b")
-# t_r_error is to cover 99.5 % of the runs.
-@option("--allow", type=click.FloatRange(0, 1), default=0.005, help="Fraction that may be beyond.")
+# t_r_error should cover 99.5 % of the runs.
+@option("--allow", type=options.SHARE, default=0.005, help="Share of runs that may be beyond.")
 @options.figure
 @options.data
 @options.as_json
@@ -371,10 +375,10 @@ def compare(
 ) -> int:
     """Compare two output directories of the same runs.
 
-    A and B may be of another tolerance, method, machine or version. Differences of t_r are relative
-    to the mean of both. "beyond" counts runs whose t_r differ by more than their errors, and
-    "types_sure" differing types that are sure in both: exits with 1 if a larger fraction of
-    the runs than --allow is beyond, or if such types differ.
+    A and B may differ in tolerance, method, machine or version. Differences of t_r are relative to
+    their mean. "beyond" counts runs whose t_r differ by more than their errors, "types_sure"
+    those whose types differ although both are sure. Exits with 1 if there are such types, or if
+    the share of runs beyond is larger than --allow.
     """
     from rattlesweep.analysis import compare as compared
     from rattlesweep.analysis.style import save_table
@@ -399,8 +403,8 @@ def compare(
 def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     """Estimate which parameters of the bodies t_r and the types depend on.
 
-    Prints first-order and total Sobol' indices for each case, with 95 % intervals (bootstrap). They
-    need bodies.draw: saltelli in the sweep's config. Indices of t_r need a case in which nearly all
+    Prints first-order and total Sobol' indices for each case, with 95 % bootstrap intervals. The
+    sweep's config must have bodies.draw: saltelli. Indices of t_r need a case in which nearly all
     runs reverse.
     """
     from rattlesweep.analysis import sensitivity as estimate
@@ -415,7 +419,7 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
 @command("Studies", "rattlesweep paper --quick", "rattlesweep paper --only fig7,fig8")
 @options.output("Output directory; by default out/paper, or out/paper-quick.")
 @option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
-@option("--only", metavar="NAMES", help="Parts to make, such as fig7,fig8, or theory.")
+@option("--only", metavar="NAMES", help="Only these parts, such as fig7,fig8 or theory.")
 @options.threads
 @options.quiet
 def paper(
@@ -423,16 +427,16 @@ def paper(
 ) -> int:
     """Reproduce the figures of Kondo and Nakanishi (2017) and check their claims.
 
-    Prints a verdict on each claim. Writes the data and the picture of each figure and report.html,
-    a self-contained page. After a stop the same command resumes.
+    Prints a verdict on each claim. Writes data and pictures of the figures, and report.html, a
+    self-contained page. After a stop the same command resumes.
     """
     from rattlesweep.paper.reproduce import choose, closing_table, reproduce, tally
     from rattlesweep.paper.workspace import FULL, QUICK, Workspace
 
     names, start = choose(only), time.monotonic()
     directory = output or Path("out/paper-quick" if quick else "out/paper")
-    progress = False if quiet else None
-    workspace = Workspace(directory, QUICK if quick else FULL, threads=threads, progress=progress)
+    workspace = Workspace(directory, QUICK if quick else FULL, threads=threads,
+                          progress=False if quiet else None)  # fmt: skip
     with Bar.of_command(quiet) as bar:
         claims = reproduce(workspace, names, bar.stage)
     if not quiet:
@@ -450,7 +454,7 @@ def paper(
 @options.path("config", required=False)
 @options.output()
 @option("--samples", type=COUNT, help="Number of bodies; by default enough for 2000 runs.")
-@option("--quick", is_flag=True, help="Fewer runs, methods and measurements: faster, but rough.")
+@option("--quick", is_flag=True, help="Fewer runs and methods: faster, but rough.")
 @options.overrides
 @options.threads
 @options.as_json
@@ -460,9 +464,9 @@ def tradeoff(
 ) -> None:  # fmt: skip
     """Measure speed against accuracy on this machine.
 
-    Integrates the same runs by several methods, settings and models, drawn from CONFIG, by default
-    shell-dumbbell bodies in both directions. Prints a table and the cheapest settings for some
-    errors of t_r, and writes tradeoff.parquet, .svg and .png. Costs are those of one thread.
+    Integrates the same runs by several methods, settings and models. The runs are drawn from
+    CONFIG, by default shell-dumbbell bodies in both directions. Prints a table with the costs on
+    one thread and the cheapest setting for some errors of t_r; writes tradeoff.parquet, .svg, .png.
     """
     from rattlesweep.analysis.tradeoff import DEFAULT, FULL, QUICK, as_data, as_text, measure, save
     from rattlesweep.integrate.batch import available_threads

@@ -96,7 +96,7 @@ def _rise(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
 @full.scalar
 def _rise_rhs(p, q, a, b, c, rise, ix, iy, iz, cxx, cxy, cyy, k):
     surface = stone.carried_ellipsoid
-    f = stone.rhs(surface, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, (k, rise))
+    f = stone.frictionless_rhs(surface, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, (k, rise))
     return f + (stone.rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)  # noqa: RUF005
 
 
@@ -134,17 +134,10 @@ VECTORS = Model(
 )  # fmt: skip
 
 ELLIPSOID = replace(
-    FULL, name="ellipsoid", n_constants=stone.N_CONSTANTS, energy=stone.energy,
-    touch=stone.ellipsoid, volume=_volume, anywhere=VECTORS,
+    FULL, name="ellipsoid", n_constants=stone.N_CONSTANTS, rhs=stone.rhs, energy=stone.energy,
+    contact=stone.contact_force, touch=stone.ellipsoid, volume=_volume, anywhere=VECTORS,
     n_carried=1, carried_start=_rise, carried_rhs=_rise_rhs,
-    **_compiled(
-        "ellipsoid",
-        rhs=lambda *v: stone.rhs(stone.ellipsoid, *v),
-        error=lambda *v: _error(*v[:-1]),
-        contact=lambda *v: stone.surface_force(
-            stone.ellipsoid, *(v[:5] + stone.rhs(stone.ellipsoid, *v) + v[8:])
-        ),
-    ),
+    **_compiled("ellipsoid", error=lambda *v: _error(*v[:-1])),
 )  # fmt: skip
 
 
@@ -152,6 +145,16 @@ def _with_friction(plain: Model, kind: str, rhs_on: Callable[..., Any]) -> Model
     """Return the model of the same surface with friction; ``rhs_on`` is a function of `stone`."""
     surface = stone.ellipsoid if plain is ELLIPSOID else stone.paraboloid_contact
     plain_energy, end = plain.energy, 6 + plain.n_constants
+
+    # A function among starred arguments would be of Numba's experimental first-class type.
+    def rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+        return rhs_on(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps)
+
+    def contact(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+        dp, dq, da, db, dc, _ = rhs_on(
+            surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+        )
+        return stone.surface_force(surface, p, q, a, b, c, dp, dq, da, db, dc, cxx, cxy, cyy, k)
 
     def rise_rhs(p, q, a, b, c, work, rise, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
         f = rhs_on(
@@ -163,14 +166,12 @@ def _with_friction(plain: Model, kind: str, rhs_on: Callable[..., Any]) -> Model
     name = f"{plain.name}_{kind}"
     functions = _compiled(
         name,
-        rhs=lambda *v: rhs_on(surface, *v),
+        rhs=rhs,
         spin=lambda *v: full.spin(*v[:5]),
         spin_rate=lambda *v: full.spin_rate(*(v[:2] + v[8:11])),
         amplitude=lambda *v: _amplitude(*(v[:5] + v[6:])),
         energy=lambda *v: plain_energy(*(v[:5] + v[6:end])) - v[5],
-        contact=lambda *v: stone.surface_force(
-            surface, *(v[:5] + rhs_on(surface, *v)[:5] + v[9:13])
-        ),
+        contact=contact,
         volume=lambda p, q, *rest: vectors.volume(-p, -q, -1.0, *rest),
         carried_start=lambda *v: _rise(*(v[:5] + v[6:13])),
         carried_rhs=rise_rhs,

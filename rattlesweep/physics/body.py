@@ -32,8 +32,7 @@ class Rattleback:
     xi : float
         Skew angle in radians, in (-pi/2, 0); in (0, pi/2) for a mirror image.
     c : float, optional
-        Vertical semi-axis of an ellipsoidal surface, in ``a``, larger than ``theta``.  Without it
-        the surface is a paraboloid.
+        Vertical semi-axis of an ellipsoid, in ``a``, above ``theta``; the default is a paraboloid.
     units : Units, optional
         SI size of the units, for bodies given in SI units.  Comparison ignores it.
 
@@ -154,10 +153,8 @@ class Rattleback:
 
         Parameters
         ----------
-        length, width : float or str
-            Axes of the flat side, in m.
-        height : float or str
-            Height of the flat side above the lowest point, in m.
+        length, width, height : float or str
+            Axes of the flat side, and its height above the lowest point, in m.
         mass, gravity : float or str
             Mass in kg without the weights, and gravity in m/s^2.
         skew : float or str
@@ -166,8 +163,8 @@ class Rattleback:
         weights : float or str, optional
             Mass in kg of each of two equal point weights on the flat side.
         at : two floats or str, optional
-            Position of one weight on the flat side, in m or as ``"45, -9 mm"``: from the centre to
-            the right along the length, then away from the viewer.  The other weight lies opposite.
+            Position of one weight on the flat side, in m or as ``"45, -9 mm"``: to the right along
+            the length, then away from the viewer.  The other weight lies opposite.
 
         Raises
         ------

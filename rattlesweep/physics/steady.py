@@ -86,10 +86,7 @@ def steady_modes(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Ste
 
 
 def growth(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> tuple[Floats, Floats]:
-    """Return the growth rates of the pitch and roll amplitudes at any spin, in ``sqrt(g/a)``.
-
-    Without torque they tend to Eq. 74 for small spins.
-    """
+    """Return the growth rates of the pitch and roll amplitudes at any spin (small: Eq. 74)."""
     (pitch, _), (roll, _) = _leading(_System(constants, n, sigma))
     return pitch[()], roll[()]
 

@@ -72,12 +72,18 @@ def ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):
 
 
 @scalar
-def rhs(surface, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
+def frictionless_rhs(surface, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
     """Return the time derivative of the state without friction."""
     dp, dq, m = slope_rate(p, q, a, b, c)
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
     rates, _ = acceleration(p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz)
     return (dp, dq) + rates  # noqa: RUF005
+
+
+@scalar
+def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
+    """Return the time derivative of an ellipsoid's state without friction."""
+    return frictionless_rhs(ellipsoid, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
 
 
 @scalar
@@ -135,6 +141,13 @@ def surface_force(surface, p, q, a, b, c, dp, dq, da, db, dc, cxx, cxy, cyy, k):
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
     x, y, z = p + fx, q + fy, 1.0 - rise
     return force_at(p * uz, q * uz, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz)
+
+
+@scalar
+def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
+    """Return the contact force of an ellipsoid without friction."""
+    dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
+    return surface_force(ellipsoid, p, q, a, b, c, dp, dq, da, db, dc, cxx, cxy, cyy, k)
 
 
 @scalar

@@ -185,10 +185,7 @@ def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):
 
 @scalar
 def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-    """Return the rate of phase volume, in ``sqrt(g/a)``.
-
-    Rolling resistance takes ``share J^-1 h`` from ``domega/dt``; see `stone.resistance`.
-    """
+    """Return the rate of phase volume with the resistance ``share J^-1 h``, in ``sqrt(g/a)``."""
     u = unit(vx, vy, vz)
     x, y, z, rho = contact(*u, cxx, cxy, cyy, k)
     r, surface, inertia = (x, y, z), (cxx, cxy, cyy, k), (ix, iy, iz)

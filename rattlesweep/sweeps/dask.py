@@ -34,11 +34,10 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 BLOCKS_PER_WORKER = 2  # at a time: one is computed while the next is prepared
-# Times in seconds.
-CONNECT_TIMEOUT = 5.0  # for the first contact with a scheduler
-ANSWER_TIMEOUT = 20.0  # for a scheduler's answer, or a table on its way
-REFRESH = 2.0  # between two requests for the list of workers
-WORKER_TIMEOUT = 120.0  # for which there may be no worker
+CONNECT_TIMEOUT = 5.0  # seconds for the first contact with a scheduler
+ANSWER_TIMEOUT = 20.0  # seconds for a scheduler's answer, or a table on its way
+REFRESH = 2.0  # seconds between two requests for the list of workers
+WORKER_TIMEOUT = 120.0  # seconds without any worker
 NUMERIC = ("rattlesweep", "numpy", "numba", "llvmlite", "scipy")  # the bits depend on them
 LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
 
@@ -99,8 +98,7 @@ def embedded(security: Any, threads: int) -> Iterator[Client]:
     from distributed import Client, LocalCluster
 
     workers = max(1, available_threads() // threads)
-    routes: list[str] = []  # no pages over HTTP
-    closed = {f"distributed.{part}.http.routes": routes for part in ("scheduler", "worker")}
+    closed = {f"distributed.{part}.http.routes": list[str]() for part in ("scheduler", "worker")}
     # A terminal sends Ctrl-C to all processes.  Children that start while it is blocked ignore it.
     resource_tracker.ensure_running()  # otherwise the first child starts it, which unblocks it
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

@@ -58,6 +58,7 @@ LEAST_LOOSER = 10.0  # smallest ratio of the companion's tolerance to the run's
 LOOSEST = 1e-5  # largest tolerance of a companion; at larger ones most runs part
 TIGHTEST = 1e-14  # tolerance below which rounding dominates the error of a step
 PARTED = 0.2  # distance at which two runs have become independent
+NEAR_ZERO = 0.8  # loss of spin beyond which a run that has parted from its companion may reverse
 REMEMBERED = 0.1  # least share of d that counts if the companion had parted from its own companion
 TURN_PARTED = 5e-3  # relative difference of turns at which two runs have parted
 TURN_SLOPE = 50.0  # slope of the errors of turns
@@ -174,8 +175,11 @@ def with_errors(
     model = model_of(config)
     fit, common, ratio = _scales(config, settings)
     both = np.isfinite(runs.t_r) & np.isfinite(companions.t_r)
+    ok, others_ok = (x.status == Status.OK for x in (runs, companions))
+    stay = ok & others_ok & np.isnan(runs.t_r) & np.isnan(companions.t_r)
     d, apart = np.where(both, np.abs(companions.t_r / runs.t_r - 1.0), 1.0), np.ones(len(batch))
-    apart[both] = distance(model, runs.y_end[both], companions.y_end[both], batch.constants[both])
+    end = both | stay
+    apart[end] = distance(model, runs.y_end[end], companions.y_end[end], batch.constants[end])
     parted, had_parted = (np.minimum(1.0, (s / PARTED) ** 2) for s in (apart, np.asarray(before)))
     carried = np.maximum(np.maximum(ratio, parted), REMEMBERED * had_parted)
     root = np.sqrt(np.maximum(runs.n_steps, 1) / 1000.0)
@@ -192,9 +196,10 @@ def with_errors(
     pair = runs, companions
     high, high_other = (np.where(has_settled(batch, x), 0.0, x.amp_growth) for x in pair)
     below, above = runs.amp_growth - high_other, companions.amp_growth - high
-    departed = np.abs(runs.n_departure - companions.n_departure)
-    ok, others_ok = (x.status == Status.OK for x in pair)
-    neither = np.isnan(runs.t_r) & np.isnan(companions.t_r) & others_ok & (grazes == 0)
+    departed = DIFFER * np.abs(runs.n_departure - companions.n_departure)
+    # Where the two have parted, nothing tells how much nearer to zero the spin may come.
+    near = stay & (apart > PARTED) & (runs.n_departure > NEAR_ZERO)
+    departed = np.where(near, np.maximum(departed, 1.0 - runs.n_departure), departed)
     # If a stop ended the companion, its run has no error and counts as stopped.
     cut = companions.status == Status.STOPPED
     changed = {"status": np.where(cut, Status.STOPPED, runs.status)}
@@ -203,8 +208,9 @@ def with_errors(
     return Estimated(
         **vars(runs) | changed, t_r_error=t_r_error,
         amp_growth_error=np.where(ok, DIFFER * np.maximum(0.0, np.maximum(below, above)), np.nan),
-        n_departure_error=np.where(ok & others_ok, DIFFER * departed, np.nan),
-        reversal_sure=((relative < 1.0) & (runs.t_r + t_r_error < batch.t_end)) | neither,
+        n_departure_error=np.where(ok & others_ok, departed, np.nan),
+        reversal_sure=((relative < 1.0) & (runs.t_r + t_r_error < batch.t_end))
+        | (stay & (grazes == 0)),
         tol=tol, companion_tol=looser, companion_t_r=companions.t_r, apart=apart, grazes=grazes,
         turn_errors=np.zeros((0, MOST_REVERSALS)), turns_sure=np.zeros(len(batch), np.int64),
     )  # fmt: skip

@@ -195,10 +195,9 @@ def _windows(t_end: Floats, slower: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Launch:
-    """One run, with the keys of a config.
+    """One run, with the keys of a config and a default horizon of 5 t_rGH.
 
-    The default horizon is 5 t_rGH.  In the reduced model `e_p0` and `e_r0` replace the initial
-    energies of pitch and roll, in ``M g a``.
+    In the reduced model `e_p0` and `e_r0` replace the initial energies of the modes, in ``M g a``.
     """
 
     body: Rattleback

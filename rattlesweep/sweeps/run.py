@@ -266,9 +266,8 @@ class Job:
 
     def _block_size(self, cost: Floats) -> int:
         """Return how many of the next runs, which have these costs, make a block."""
-        lanes = LANES * self.threads
+        lanes, total = LANES * self.threads, np.cumsum(cost)
         busy = RUNS_PER_LANE * lanes
-        total = np.cumsum(cost)
         if not self._recent:
             budget = FIRST_BLOCK_SECONDS * FIRST_RATE * self.threads
             return max(int(np.searchsorted(total, budget, "right")), busy)

@@ -34,9 +34,10 @@ def job_script(
     name, where, quote = plan.config.name, Path.cwd(), shlex.quote
     if any("\n" in f"{text}" for text in (name, config, output, where, *overrides)):
         raise ConfigError("a name, path or override with a line break cannot stand in a script")
-    for flag, text in (("--mem", memory), ("--partition", partition or "none")):
-        if not re.fullmatch(r"[\w.,+-]+", text):
-            raise ConfigError(f"{flag} {text}: has characters that Slurm does not accept")
+    if not re.fullmatch(r"(?i)\d+([KMGT]B?)?", memory):
+        raise ConfigError(f"--mem {memory}: is not a size of memory; write it as in 4G")
+    if partition is not None and not re.fullmatch(r"[\w.,+-]+", partition):
+        raise ConfigError(f"--partition {partition}: is not the name of a partition")
     # Slurm sends its warning halfway between the task's own stop and the limit.
     margin = round(min(MARGIN, MARGIN_SHARE * limit))
     target, parts = quote(f"{output}"), f"{{0..{shards - 1}}}" if shards > 1 else "0"

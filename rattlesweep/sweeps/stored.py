@@ -56,7 +56,7 @@ def open_stored(directory: Path | str) -> Stored:
         config, key = parse_config(data["config"]), str(data["config_hash"])
         return Stored(directory, data, config, cases, extra, samples, key)
     except (FileNotFoundError, NotADirectoryError):
-        what = "has no manifest.json" if directory.is_dir() else "there is no such directory"
+        what = "it has no manifest.json" if directory.is_dir() else "there is no such directory"
         raise ConfigError(f"{directory} is not an output directory: {what}") from None
     except OSError as error:
         raise OutputError(f"cannot read {path}: {reason(error)}") from error

@@ -60,8 +60,8 @@ def status(directory: Path) -> Status:
     if found.damaged:
         raise DamagedError(DAMAGED.format(found.damaged[0]))
     wanted = wanted_runs(stored, found)
-    sessions, held = read_sessions(directory), at_work(directory)
-    working = [session for lock, session in unfinished(sessions).items() if lock in held]
+    sessions, locks = read_sessions(directory), at_work(directory)
+    working = [session for lock, session in unfinished(sessions).items() if lock in locks]
     data = {
         "runs": found.rows,
         "wanted": int(wanted.sum()),

@@ -295,12 +295,12 @@ plot steady --where 't_R < 3' | did you mean "t_r"?
 plot steady --where 't_r < 0' | 1: holds no run of those selected
 plot steady --style bad.mplstyle | font.size
 plot map --log | has values that are not positive
-plot one --output no/p.svg | 1: cannot write no/p.svg: No such file
+plot one --output /proc/no/p.svg | 1: cannot write in /proc/no: No such file
 plot broken | 1: is damaged
 report damaged | 1: damaged/runs/
 show --preset GH --output a.htm | the name must end in .html
 show --preset GH --case 1 --output a.html | choose a run of a DIRECTORY
-show one --case 0 --sample 0 --theta 0.7 --output a.html | the sweep in one says what the run was
+show one --case 0 --sample 0 --theta 0.7 --output a.html | a stored run has its own
 replay one --case 9 --sample 0 | has the cases 0 to 0
 replay one --case 0 | which run?
 replay one --case 0 --sample 0 --where K_r<1 | which run?

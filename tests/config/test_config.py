@@ -172,6 +172,7 @@ sd | source: sd | source: sdd | 4: bodies.source: "sdd" is not one of sd, preset
 sd | method: dop853, tol: 1e-9 | accuracy: drft | 14: integrator.accuracy: "drft" is not one of draft, standard, reference; did you mean "draft"?
 preset | bodies: {source: preset, name: GH, overrides: {theta: 0.82}}\n |  | 1: bodies: the key is missing; add it
 sd | model: full | seed: 3 | 12: seed: the key is repeated (first in line 2); keep one
+preset | omega_xy0: 0.01 | omega_xy0: -1 | 2: spin.omega_xy0: -1 is given; it should be greater than or equal to 1e-140
 sd | samples: 1000 | samples: many | 5: bodies.samples: "many" is given; it should be a valid integer
 sd | t_rgh: 5 |  | 13: horizon: no key is given; add one of t_rgh, t, t_decay
 sd | gamma: [5, 15] | gamma: [15, 5] | 6: bodies.ranges.gamma: the range is reversed; write [low, high]
@@ -203,11 +204,11 @@ WHOLE = {
     EXAMPLE + "---\na: 1\n": "18: cannot be read as YAML (but found another document);",
     "# nothing\n": "1: the file holds nothing; write key: value lines",
     "a: &a [*a]\n": "1: cannot be read as YAML (maximum recursion depth",
-    "record: [" + "1, " * 30_000 + "]": "1: cannot be read as YAML (more than 20000 values);",
+    "record: [" + "1, " * 20_001 + "]": "1: cannot be read as YAML (more than 20000 values);",
     "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(f"{b}: &{b} [{9 * f'*{a}, '}]\n"
                                             for a, b in pairwise("abcdefghi")):
         "1: cannot be read as YAML (more than 20000 values);",
-    "{" * 49_000: "1: cannot be read as YAML (maximum recursion depth",
+    "{" * 9_000: "1: cannot be read as YAML (maximum recursion depth",
 }  # fmt: skip
 
 

@@ -57,7 +57,7 @@ def test_equations_are_those_of_mechanics_in_any_position():
 def test_runs_go_on_past_the_side_as_the_oracle_says():
     """The roll grows until the body lies on its side; later the spin reverses."""
     config, launches, batch = rollers(200)
-    rows = np.array([177, 6, 128])
+    rows = np.array([177, 6])
     out = run_batch(config, kernels.take(batch, rows))
     assert (out.status == Status.OK).all()
     assert abs(out.energy_drift).max() < 1e-6

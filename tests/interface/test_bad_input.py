@@ -18,6 +18,7 @@ CONFIG = "bodies: {source: preset, name: GH}\nspin: {n_i: 0.1, omega_xy0: 0.01}\
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "c.yaml").write_text(CONFIG)
+    (tmp_path / "s.yaml").write_text("body: {gamma: 3}\nfree: [n_i]\n")
     return tmp_path
 
 
@@ -54,7 +55,7 @@ run c.yaml --set bodies.samples | is not KEY=VALUE
 run c.yaml --set integrator.max_steps=0 | 0 is given; it should be greater
 run c.yaml --set 'bodies={source: sd, samples: 100000000000}' | runs; at most 1e+09 are possible
 run c.yaml --output '' | --output: the directory has no name
-run c.yaml --scheduler tcp://host:8786 | --engine dask: goes with --scheduler ADDRESS
+run c.yaml --scheduler tcp://host:8786 | --scheduler ADDRESS: works only with --engine dask
 run c.yaml --shard 1 | --shard 1: is not I/N
 run c.yaml --max-time 3 | --max-time 3: is not a duration
 classify c.yaml | is not an output directory
@@ -66,10 +67,14 @@ trajectory --preset GH --accuracy draft --tol 1e-7 | integrator.tol: dop853 take
 trajectory --preset GH --omega 1,2 | --omega 1,2: give numbers from
 trajectory --preset GH --omega 0,0,1 --n-i 0.1 | n_i given with a full state
 rnu | no such command
-run | missing argument 'CONFIG'; see `
-run c.yaml d.yaml | got unexpected extra argument (d.yaml); see
+run | missing argument 'CONFIG' (see `main run --help`)
+run c.yaml d.yaml | got unexpected extra argument (d.yaml) (see
 body --xi a | invalid value for '--xi': 'a' is not a valid float
-verify c -j 99999 | 99999 is not in the range
+verify c -j 99999 | --threads 99999: give a whole number from 1 to 4096
+verify c --recompute x | --recompute x: give a whole number from 0
+compare c c --allow x | --allow x: give a number from 0 to 1
+slurm c.yaml --shards 1 --mem lots | --mem lots: is not a size of memory; write it as in 4G
+fit s.yaml t.csv | s.yaml: body: the keys gamma make no body; give preset
 body | --preset
 body --preset GH --phi 0.7 | phi 0.7 is not below theta 0.6429
 init mine.txt | the name of a config ends in .yaml

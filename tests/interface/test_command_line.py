@@ -110,7 +110,8 @@ def test_init_writes_a_config_that_is_valid(name, tmp_path, monkeypatch):
     assert (written.exit_code, written.stdout) == (0, f"{name}.yaml\n")
     assert load_config(f"{name}.yaml").name == name
     assert invoke("plan", f"{name}.yaml", "--check").exit_code == 0
-    assert_refused(invoke("init", f"{name}.yaml"), 2, "is there already; choose another")
+    assert invoke("init", f"new/{name}.yaml").exit_code == 0
+    assert_refused(invoke("init", f"{name}.yaml"), 2, "exists already; choose another")
 
 
 def test_body_says_what_the_python_interface_says():

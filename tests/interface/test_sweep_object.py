@@ -78,7 +78,7 @@ def test_other_thresholds_and_back(sd):
      (lambda s: s.plot(path="a.gif"), "path a.gif: the name must end in .svg, .png, .pdf"),
      (lambda s: s.plot(select={"n_i": 0.7}), r"--select n_i=0.7: n_i has no value 0.7"),
      (lambda s: s.show(), "which run"),
-     (lambda s: s.verify(recompute=-1), r"recompute: -1 \(int\) is given; it must be a whole"),
+     (lambda s: s.verify(recompute=-1), r"recompute: -1 \(int\) is not a whole number from 0"),
      (lambda s: s.report("report.pdf"), "path report.pdf: the name must end in .html"),
      (lambda s: rs.sweep("c.yaml", seed=1), "seed: keys go with a DataFrame only")],
 )  # fmt: skip

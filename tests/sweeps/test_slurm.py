@@ -111,8 +111,10 @@ def test_script_asks_for_what_it_was_told_and_is_clean(home, cluster):
     command = [SHELLCHECK, "-o", "all", "-e", "SC2250,SC2310,SC2312", cluster.put("script", text)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     assert done.stdout + done.stderr == ""
-    with pytest.raises(ConfigError, match="a b: has characters that Slurm does not accept"):
+    with pytest.raises(ConfigError, match="a b: is not the name of a partition"):
         script(home, partition="a b")
+    with pytest.raises(ConfigError, match="--mem lots: is not a size of memory; write it as in 4G"):
+        script(home, memory="lots")
     with pytest.raises(ConfigError, match="with a line break cannot stand in a script"):
         script(home, "spin.n_i=0.1\n")
 

@@ -143,7 +143,7 @@ def test_a_manifest_that_is_damaged_is_made_again(key, output, whole):
         with pytest.raises(DamagedError, match=r"manifest\.json is damaged .*move it away, and"):
             look(output)
     path.unlink()
-    with pytest.raises(ConfigError, match=r"is not an output directory: has no manifest\.json"):
+    with pytest.raises(ConfigError, match=r"is not an output directory: it has no manifest\.json"):
         verify(output)
     assert sweep(output).done == 0
     check_equal(output, whole)

@@ -1,8 +1,7 @@
 """What happens to a single lane: a run starts, a window closes, a run ends.
 
 A run may carry a tangent, which is scaled by a power of two when it has become very long or short.
-Barriers keep its arithmetic apart from that of the state, so that the state has the same bits as
-without a tangent.
+Barriers keep its arithmetic apart, so that the state has the same bits as without a tangent.
 """
 
 # mypy: ignore-errors

@@ -233,7 +233,7 @@ def draw_points(
 ) -> Floats:  # fmt: skip
     """Return a random point for each sample, at which the body meets the target's `value`."""
     points = np.full((6, samples.size), np.nan)
-    word, aim = 0, (0, 0.0, 0.0, 1)
+    word, aim = 0, (0, 0.0, 0.0, 1)  # without a target, the first draw is taken
     if target is not None:
         # The 64 bits of the value, with the sign bit set for K_p.
         word = int(np.float64(-value if target.name == "K_p" else value).view(np.int64))

@@ -146,10 +146,7 @@ def run_fields(scale: Scale | None, carried: Mapping[str, NDArray[Any]]) -> tupl
 
 
 def read_bodies(path: str, base: Path | None = None) -> TableBodies:
-    """Read bodies from a CSV or Parquet file, or from a directory of Parquet files.
-
-    A relative path is looked up in the working directory, then in `base`.
-    """
+    """Read bodies from CSV, Parquet or a folder of Parquet files, here or relative to `base`."""
     where = f"bodies.path: {one_line(path, 200)}"
     file = Path(path) if base is None or os.path.exists(path) else base / path
     if not (os.path.isdir(file) or os.path.isfile(file)):

@@ -213,6 +213,7 @@ def _problem(error: Any, data: Any) -> tuple[Key, str]:
         return key, not_one_of(value, re.findall(r"'(\w+)'", error["ctx"]["expected"]))
     words = re.sub(r" or instance of \w+| after validation|Value error, ", "", error["msg"])
     words = words.replace("Input", "it").replace("List", "it")
+    words = re.sub(r"0\.0{4,}\d+", lambda number: f"{float(number[0]):g}", words)
     if kind == "value_error":
         return key, f"{describe(value)} {words}" if isinstance(value, str) else words
     return key, f"{describe(value)} is given; {words}"

@@ -1,7 +1,4 @@
-"""Schema of a config as frozen pydantic models, and the rules between keys.
-
-Units are M = a = g = 1, so times are in sqrt(a/g) and spins in sqrt(g/a).
-"""
+"""Schema of a config as frozen pydantic models, in units M = a = g = 1; rules between keys."""
 
 # mypy: disable-error-code="valid-type"
 # Types that functions return are types to pydantic, but not to mypy.
@@ -66,9 +63,10 @@ class Base(pydantic.BaseModel):
         def number(value: Any) -> Any:
             if isinstance(value, list):
                 return [number(item) for item in value]
-            for kind in (int, float) if isinstance(value, str) else ():
-                with suppress(ValueError):
-                    return kind(value)
+            if isinstance(value, str):
+                for kind in (int, float):
+                    with suppress(ValueError):
+                        return kind(value)
             return value
 
         if not isinstance(data, dict):
@@ -119,6 +117,7 @@ def _as_list(value: Any) -> Any:
     with suppress(TypeError, ValueError, KeyError), np.errstate(all="ignore"):
         [(law, (*ends, n))] = value.items()
         (low, unit), (high, other) = (split(str(end)) for end in ends)
+        # One value if the ends are equal, else two or more.
         if unit == other and 1 <= n <= MAX_AXIS and n == int(n) and (n == 1) == (low == high):
             values = laws[law](low, high, int(n))
     if not np.isfinite(values).all():
@@ -576,7 +575,7 @@ def clashes(config: Config) -> Iterator[tuple[str, str]]:
     if config.stop and not getattr(bodies, "drawn", ()):
         yield "stop", f"source {bodies.source} draws no samples; take source: sd"
     if config.stop and getattr(bodies, "draw", "") == "saltelli":
-        yield "stop", "the samples of draw: saltelli are not independent; take draw: sobol"
+        yield "stop", "draw: saltelli has groups of dependent samples; take draw: sobol"
     if spin and launch:
         yield "spin", "spin and launch are both given; keep one of them"
     if not (spin or launch or table):
