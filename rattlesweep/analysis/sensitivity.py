@@ -23,7 +23,7 @@ from rattlesweep.sweeps.types import TYPES
 
 QUANTITIES = {"t_r": "$t_r$", "log10 t_r": r"$\log\,t_r$"} | {f"P({n})": f"P({n})" for n in TYPES}
 FEWEST = 64  # groups that indices need
-MOST_MISSING = 0.1  # of the groups; if more lack a value, the rest no longer represent the ranges
+MOST_MISSING = 0.05  # of the groups; with more, the rest no longer represent the ranges
 REPLICATES, SEED = 300, 20170427  # of the bootstrap
 MOST_CASES = 6  # in a figure
 _INDICES = {"first": ("first order", style.BLUE), "total": ("total", style.ORANGE)}
@@ -122,6 +122,6 @@ def save(found: dict[str, Any], path: Path) -> None:
         low, high = panels[0, 0].get_ylim()
         panels[0, 0].set_ylim(max(low, -0.2), min(high, 1.4))
         style.add_legend(figure, [Patch(color=c, label=words) for words, c in _INDICES.values()])
-        style.add_caption(figure, "Sobol' indices with 95 % intervals; a panel is empty where too "
-                          "few groups of runs have a value.")  # fmt: skip
+        style.add_caption(figure, "Sobol' indices with 95 % intervals; a panel is empty where the "
+                          "value does not vary or too few groups of runs have one.")  # fmt: skip
         style.save(figure, [path])

@@ -1,4 +1,4 @@
-"""Claims of the paper: what is asked of the measurements, and the verdicts."""
+"""The claims of the paper: measurements, criteria and verdicts."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ Measured = tuple[Sequence[object], dict[str, Any]]
 UNDECIDED = "too few samples to tell"
 # Rounding error allowed in an identity between doubles.
 EXACT = 1e-9
-# Share at which a headline must hold where the paper's words leave room, for `partly`.
+# Fraction of a headline that must hold for `partly` if the paper's words leave room.
 MOST = 0.9
 
 
 @dataclass(frozen=True)
 class Count:
-    """Number that meet a criterion; true if all do.  ``unsure`` others miss it within error."""
+    """How many meet a criterion; true if all do.  ``unsure`` ones fail within their error."""
 
     hits: int
     total: int
@@ -46,7 +46,7 @@ class Count:
 
 
 def every(mask: Any, possible: Any = False) -> Count:
-    """Count the true values; of the others, those that are possible within sampling error."""
+    """Count the true values, and the false ones that are `possible` within sampling error."""
     mask = np.asarray(mask, dtype=bool)
     return Count(int(mask.sum()), mask.size, int((~mask & np.asarray(possible, bool)).sum()))
 
@@ -54,7 +54,7 @@ def every(mask: Any, possible: Any = False) -> Count:
 def rises(
     frame: pd.DataFrame, value: str, by: str, within: Sequence[str], *, sign: int = 1
 ) -> Count:
-    """Count the groups ``within`` which the value rises with abs(``by``), or with sign -1 falls."""
+    """Count the groups ``within`` which `value` rises with abs(``by``); with sign -1, falls."""
     columns = [value, f"{value}_low", f"{value}_high"]
     rising, possible = [], []
     for _, own in frame.groupby(list(within)):
@@ -68,7 +68,7 @@ def rises(
 
 
 def share(hits: int, runs: int) -> dict[str, Any]:
-    """Return a share with its 95 % interval: the numbers that decide a claim, and as ``share``."""
+    """Return a share and its 95 % interval as numbers, and as the text ``share``."""
     low, high = map(float, wilson(hits, runs))
     value = hits / runs if runs else np.nan
     words = f"{value:.2%} [{low:.2%}, {high:.2%}]"
@@ -76,13 +76,13 @@ def share(hits: int, runs: int) -> dict[str, Any]:
 
 
 def span(values: Any) -> tuple[float, float]:
-    """Return the least and the largest."""
+    """Return the smallest and the largest value."""
     return min(values), max(values)
 
 
 @cache
 def read_table(name: str) -> dict[str, dict[str, Any]]:
-    """Return the rows of ``NAME.yaml`` by their id, with the functions that they name."""
+    """Return the rows of ``NAME.yaml`` by their id, with names of functions resolved."""
     path = Path(__file__).with_name(f"{name}.yaml")
     rows: dict[str, dict[str, Any]] = YAML(typ="safe").load(path)
     for row in rows.values():
@@ -93,7 +93,7 @@ def read_table(name: str) -> dict[str, dict[str, Any]]:
 
 
 def judge(made: Made, *, theory: bool, few: bool = False) -> list[dict[str, Any]]:
-    """Return rows of the claims whose parts were made, and of those about formulas alone."""
+    """Judge the claims whose parts were made and, with `theory`, those about formulas."""
     return [
         {"id": name} | judge_claim(claim, made, few)
         for name, claim in read_table("claims").items()

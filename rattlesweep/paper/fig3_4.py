@@ -19,31 +19,31 @@ from rattlesweep.physics.body import shell_dumbbell
 from rattlesweep.sweeps.bodies.sources import bodies_at, draw_points, ranges_of
 from rattlesweep.sweeps.config.schema import SdSource
 
-# Points of a cumulative distribution; bodies counted at a time.
-LEVELS, CHUNK = 2001, 100_000
+LEVELS = 2001  # points of a cumulative distribution
+CHUNK = 100_000  # bodies counted at a time
 # The paper's lower bound of omega_p/omega_r (Methods), and its colour code of nine decades.
 BOUND, DECADES = 1.3, 9
 # The binned axes of Fig. 4(b).  Not named in the paper; no body of Table I lies outside.
 ENDS, BINS = {"K_p": (0.0, 7.0), "K_r": (0.0, 0.4)}, 200
 EDGES = {name: np.linspace(*ends, BINS + 1) for name, ends in ENDS.items()}
-# Distributions this close cannot be told apart in print; "much larger" is so many times.
-CLOSE, MUCH = 0.02, 10.0
+CLOSE = 0.02  # distance at which two distributions look the same in print
+MUCH = 10.0  # ratio that counts as "much larger"
 
 
 def drawn_bodies(first: int, last: int) -> tuple[Floats, ...]:
-    """Return ``alpha, beta, gamma, theta, phi, xi`` of the bodies of some numbers."""
+    """Return ``alpha, beta, gamma, theta, phi, xi`` of the bodies from `first` to `last`."""
     b = bodies_at(draw_points(2017, np.arange(first, last)), ranges_of(SdSource(source="sd")))
     return b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi
 
 
 def drawn_modes(samples: int) -> theory.Modes:
-    """Return the modes of so many random bodies."""
+    """Return the modes of the first `samples` random bodies."""
     alpha, beta, _, theta, phi, xi = drawn_bodies(0, samples)
     return theory.modes(alpha, beta, theta, phi, xi)
 
 
 def cumulative(**values: Floats) -> pd.DataFrame:
-    """Return the values at or below which even shares, in ``probability``, lie."""
+    """Return quantiles of the values at evenly spaced levels, the column ``probability``."""
     probability = np.linspace(0, 1, LEVELS)
     columns = {n: np.quantile(v, probability, method="inverted_cdf") for n, v in values.items()}
     return pd.DataFrame({"probability": probability} | columns)
@@ -87,7 +87,7 @@ def draw_frequencies(tables: Tables) -> Figure:
     level = values["probability"]
     figure = new_figure(4.6, 3.6)
     axes = figure.add_subplot()
-    # The approximations lie almost on top: dark, dashed and thin over something pale and broad.
+    # The curves nearly coincide: draw the approximation dark, dashed and thin on a broad pale line.
     for mode, colour, dark in (("p", SKY, "#003F66"), ("r", ORANGE, "#7A2E00")):
         axes.plot(values[f"omega_{mode}"], level, color=colour, linewidth=3.2,
                   solid_capstyle="butt", label=rf"$\omega_{mode}$")  # fmt: skip

@@ -47,7 +47,7 @@ def draw_share(axis: Axes, rows: pd.DataFrame, by: str, name: str, **look: Any) 
 
 
 def types(ws: Workspace) -> Tables:
-    """Return the tables of the figure and of what its claims need."""
+    """Return the tables of the figure and of its claims."""
     runs = ws.sweep("steady")
     found = ws.again(runs[runs["type"] == "SW"], ws.sizes.lyapunov, "lyapunov")
     runs = runs.join(found.reindex(columns=["lyapunov", "lyapunov_late"]))
@@ -98,7 +98,7 @@ def examples(runs: pd.DataFrame) -> Tables:
 
 
 def pooled(frame: pd.DataFrame, *names: str, by: Sequence[str] = ("n_i", "omega_xy0")) -> Any:
-    """Return how many ``hits`` some types are over all K_r, and their share; ``half`` tells K_r."""
+    """Count ``hits``, runs of some types, over all K_r; ``half`` is 1 for the larger K_r."""
     middle = np.sqrt(frame["K_r"].min() * frame["K_r"].max())
     half = (frame["K_r"] >= middle).astype(int)
     frame = frame.assign(half=half, hits=frame[list(names)].sum(axis=1))

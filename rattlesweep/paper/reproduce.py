@@ -1,4 +1,4 @@
-"""Make figures and supplements one after another, judge the claims, write the report."""
+"""Make the figures and supplements, judge the claims, and write the report."""
 
 import time
 from collections import Counter
@@ -20,11 +20,11 @@ from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.provenance import machine, now, versions
 
-# The claims about formulas alone go by this name where parts are chosen.
+# The name that selects the claims about formulas alone.
 THEORY = "theory"
-KINDS, DPI = ("svg", "png"), 150
-# Matplotlib's settings: frames with ticks inward, as in the paper, and titles at a fixed height (to
-# avoid what is at the top takes a sixth of the drawing's time).
+KINDS = ("svg", "png")
+# Matplotlib's settings: ticks inward, as in the paper, and titles at a fixed height, since placing
+# them automatically takes a sixth of the drawing time.
 LOOK: Any = {
     "xtick.direction": "in", "ytick.direction": "in", "xtick.top": True, "ytick.right": True,
     "axes.titlesize": 10, "axes.titlepad": 4, "axes.titley": 1.0, "grid.color": FAINT,
@@ -34,7 +34,7 @@ VERDICTS = ("agree", "partly", "disagree", UNDECIDED)
 
 
 def choose(names: str | None) -> list[str]:
-    """Return the parts that were asked for, such as ``fig8,fig7``, in the paper's order, or all."""
+    """Return the requested parts, such as ``fig8,fig7``, in the paper's order; None selects all."""
     known = [*read_table("parts"), THEORY]
     wanted = known if names is None else [word.strip() for word in names.split(",")]
     if unknown := [word for word in wanted if word not in known]:
@@ -45,7 +45,7 @@ def choose(names: str | None) -> list[str]:
 def reproduce(
     workspace: Workspace, names: Sequence[str], begin: Callable[[str], None] = lambda title: None
 ) -> list[dict[str, Any]]:
-    """Compute and draw the parts in `names`, report, and return the claims that they settle."""
+    """Compute and draw parts, write the report, and return the claims that were judged."""
     parts = {name: part for name, part in read_table("parts").items() if name in names}
     directory, sizes = workspace.directory, workspace.sizes
     made: dict[str, Tables] = {}
@@ -57,7 +57,7 @@ def reproduce(
         for table, rows in made[name].items():
             save_table(rows, directory / f"{name}_{table}.parquet")
         with styled(), mpl.rc_context(LOOK):
-            save(part["draw"](made[name]), [directory / f"{name}.{kind}" for kind in KINDS], DPI)
+            save(part["draw"](made[name]), [directory / f"{name}.{kind}" for kind in KINDS])
         seconds[name] = f"{time.perf_counter() - start:.1f} s"
     claims = judge(made, theory=THEORY in names, few=sizes.samples < FULL.samples)
     save_table(pd.DataFrame(claims), directory / "claims.parquet")
@@ -90,13 +90,13 @@ def reproduce(
 
 
 def tally(claims: Sequence[dict[str, Any]]) -> str:
-    """Return how many claims of each verdict there are."""
+    """Return the number of claims by verdict, as text."""
     counts = Counter(claim["verdict"] for claim in claims)
     return ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
 
 
 def closing_table(claims: Sequence[dict[str, Any]]) -> str:
-    """Return the claims as text for a terminal, with what is claimed and what was measured."""
+    """Return the claims and the measurements as text for a terminal."""
     lines = []
     for claim in claims:
         says = f"{claim['verdict']} ({claim['held']} of {claim['checks']}): {claim['words']}"

@@ -1,4 +1,4 @@
-"""What all parts share: the directory and its sweeps, numbers of samples, single runs, ink."""
+"""What all parts share: the directory with its sweeps, sample counts, single runs, drawing."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,14 +26,14 @@ LAUNCH = ["alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0", "p
 
 @dataclass(frozen=True)
 class Sizes:
-    """Numbers of samples and one length; the defaults are the paper's where it has any."""
+    """Sample counts and the length of a run; the defaults are the paper's if it has any."""
 
     fig3_bodies: int = 1_000_000
     fig4_bodies: int = 100_000  # of (a)
     fig4_density: int = 100_000_000  # of (b)
     samples: int = 1000  # of each point of Figs. 6 to 8
-    lyapunov: int = 20_000  # most runs of type SW that are tried for chaos
-    windows: int = 6000  # most runs of Fig. 8 that are followed in windows of time
+    lyapunov: int = 20_000  # runs of type SW that are tested for chaos, at most
+    windows: int = 6000  # runs of Fig. 8 that are followed in windows of time, at most
     friction: int = 1000  # bodies under friction
     exponents_t_end: float = 200_000.0  # of the runs of Fig. 9
 
@@ -46,17 +46,17 @@ QUICK = Sizes(
 
 
 class Workspace:
-    """An output directory whose sweeps resume; all else takes seconds and is computed anew."""
+    """An output directory whose sweeps resume; the rest takes seconds and is recomputed."""
 
     def __init__(self, directory: Path, sizes: Sizes = FULL, **settings: Any) -> None:
-        """Make or open the directory; `settings` are ``threads`` and ``progress`` of its sweeps."""
+        """Create or open the directory; `settings` are `threads` and `progress` of its sweeps."""
         probe_directory(directory)
         self.directory, self.sizes, self.settings = directory, sizes, settings
         self.failed = 0
         self._sweeps: dict[str, pd.DataFrame] = {}
 
     def sweep(self, name: str) -> pd.DataFrame:
-        """Run the sweep ``sweeps/NAME``, or go on with it, and return its runs that are ``ok``."""
+        """Run or resume the sweep ``sweeps/NAME``, and return its runs with status ``ok``."""
         if name not in self._sweeps:
             config, output = sweep_config(name, self.sizes), self.directory / "sweeps" / name
             found = api.sweep(config, output=output, **self.settings)
@@ -68,7 +68,7 @@ class Workspace:
         return self._sweeps[name]
 
     def again(self, runs: pd.DataFrame, most: int, record: str) -> pd.DataFrame:
-        """Integrate runs once more with something recorded; of too many an even choice."""
+        """Integrate runs once more with ``record``; if more than `most`, an even selection."""
         runs = runs.iloc[:: max(1, -(-len(runs) // most))]
         if runs.empty:
             return runs
@@ -97,7 +97,7 @@ def follow(body: Rattleback, *channels: str, dt: float = 0.05, **launch: Any) ->
 
 
 def thinned(run: pd.DataFrame, *beside: str, **bins: int) -> pd.DataFrame:
-    """Return ``t`` and some columns of a run at the rows that curves through them need."""
+    """Return ``t`` and columns of a run at the rows that a curve needs."""
     places = [thin(run[name].to_numpy(), number) for name, number in bins.items()]
     rows = run.iloc[np.unique(np.concatenate(places))]
     return rows[["t", *beside, *bins]].reset_index(drop=True)
@@ -112,6 +112,6 @@ def draw_spin(axis: Axes, series: pd.DataFrame, linewidth: float = 0.8, label: s
 
 
 def records(frame: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the rows of a table, each by the names of its columns."""
+    """Return the rows of a table as dictionaries."""
     rows: list[Any] = frame.to_dict("records")
     return rows

@@ -77,7 +77,7 @@ def test_the_command_prints_and_draws_what_theory_depends_on(design, tmp_path):
 
 
 def test_incomplete_groups_are_noted_and_too_many_refused(design, tmp_path):
-    """A run that does not reverse takes its group away; more than a tenth is too much."""
+    """A run that does not reverse takes its group away, and too many must not be lost."""
 
     def without(share: float, rows: Any) -> Any:
         sample = np.asarray(rows["sample"])
