@@ -68,7 +68,7 @@ def test_shards_come_to_the_same_table_and_stay_as_they_are(plain, thirds, tmp_p
 def test_a_missing_shard_is_said_and_run_or_merge_does_the_rest(plain, thirds, tmp_path):
     result = merge(*thirds[:2], to=tmp_path / "a")
     assert result.exit_code == 75
-    assert "120 runs missing; merge the other shards too" in result.stderr
+    assert "120 runs missing; merge the other shards" in result.stderr
     assert not (tmp_path / "a" / "summary.parquet").exists()
     shutil.copytree(tmp_path / "a", tmp_path / "b")
     assert sweep(tmp_path / "a").done == 120
