@@ -76,6 +76,8 @@ compare c c --allow x | --allow x: give a number from 0 to 1
 slurm c.yaml --shards 1 --mem lots | --mem lots: is not a size of memory; write it as in 4G
 fit s.yaml t.csv | s.yaml: body: the keys gamma make no body; give preset
 body | --preset
+trajectory --preset GH --channels '' | --channels: give at least one name
+run c.yaml --set 'bodies={source: sd, target: {}}' | neither K_r nor K_p is given
 body --preset GH --phi 0.7 | phi 0.7 is not below theta 0.6429
 init mine.txt | the name of a config ends in .yaml
 """
