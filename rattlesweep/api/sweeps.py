@@ -129,9 +129,8 @@ class Sweep:
         from rattlesweep.analysis.plots import choose_picture
         from rattlesweep.analysis.style import styled
 
-        pairs = ("size", "xlim", "ylim")
-        check_names("looks", looks, ("title", "log", *pairs))
-        for name in pairs:
+        check_names("looks", looks, ("title", "log", "size", "xlim", "ylim"))
+        for name in ("size", "xlim", "ylim"):
             value = looks.get(name)
             if value is not None and arguments.numbers(name, value).shape != (2,):
                 raise ConfigError(f"{name}: {arguments.kind_of(value)} is not a pair of numbers")

@@ -31,7 +31,7 @@ from rattlesweep.sweeps.columns import read_parquet
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.cost import case_costs
 from rattlesweep.sweeps.decide import Refining, Stopping, deciding_key, decision
-from rattlesweep.sweeps.files import explained, probe_directory
+from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.plan import Plan, begin, examine
 from rattlesweep.sweeps.provenance import MANIFEST_LOCK, hold, locked, session
 from rattlesweep.sweeps.stored import Found, Stored, free_path, keys_of, rewrite
@@ -103,7 +103,8 @@ def run_sweep(
     if shard is not None and (key := deciding_key(plan.config)):
         raise ConfigError(f"{key}: what is run next depends on all runs, so there are no shards")
     examine(plan, directory)  # refuse before anything is created there
-    probe_directory(directory)
+    with explained(f"cannot write in {directory}"):
+        directory.mkdir(parents=True, exist_ok=True)
     name = None if shard is None else f"shard-{shard.index}-of-{shard.count}"
     with contextlib.ExitStack() as held:
         with locked(directory, MANIFEST_LOCK):  # one of several shards that start writes it

@@ -153,7 +153,7 @@ def read_bodies(path: str, base: Path | None = None) -> TableBodies:
     where = f"bodies.path: {one_line(path, 200)}"
     file = Path(path) if base is None or os.path.exists(path) else base / path
     if not (os.path.isdir(file) or os.path.isfile(file)):
-        what = "is not a file" if file.exists() else "no such file"
+        what = "is not a file" if os.path.exists(file) else "no such file"
         raise ConfigError(f"{where}: {what}; give the path of a CSV or Parquet table")
     try:
         size = sum(x.stat().st_size for x in (file.rglob("*") if file.is_dir() else [file]))
