@@ -63,7 +63,7 @@ def test_points_of_figs_6_and_8_are_means_of_the_stored_runs(made, figure, sweep
     np.testing.assert_array_equal(points["reversed"], back.count())
     np.testing.assert_allclose(points["t_r_mean"], back.mean(), rtol=1e-13)
     np.testing.assert_allclose(points["t_r_std"], back.std(), rtol=1e-10)
-    # The paper's own form of its formula (Eqs. (56), (58)), with the mean n_0.
+    # The paper's own form of its formula (Eqs. 56 and 58), with the mean n_0.
     n_0, n = cases["n_0"].mean().to_numpy(), points["n_i"].abs().to_numpy()
     line = np.log((n_0 + n) / (n_0 - n)) / (n_0 * points[name].to_numpy())
     np.testing.assert_allclose(points["t_rgh_line"], line, rtol=1e-9)
