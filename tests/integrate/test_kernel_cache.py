@@ -250,11 +250,11 @@ def test_an_impossible_setting_is_reported_in_one_sentence(setting, said, tmp_pa
 
 def both():
     """Print the outcome of a run with all records and its trajectory; for a fresh process."""
-    batch = kernels.full_batch(oracle.GH, [-0.1], 0.01, t_end=30.0)
+    batch = kernels.full_batch(oracle.GH, [-0.1], 0.01, t_end=10.0)
     records = frozenset(["energy", "contact", "windows", "reversals", "lyapunov"])
     out = integrate(batch, METHODS["dop853"], FULL, threads=1, record=records)
     follower = Follower(batch, METHODS["dop853"], FULL, attitude=True)
-    found = follower.at(np.linspace(0.0, 30.0, 7))
+    found = follower.at(np.linspace(0.0, 10.0, 7))
     values = out.y_end, out.n_departure, out.windows, found.y, found.extra
     numbers = np.concatenate([value[np.isfinite(value)] for value in values])
     print(json.dumps([numbers.tolist(), out.n_steps.tolist(), follower.n_steps]))

@@ -122,7 +122,7 @@ ANY = st.tuples(st.just(False), st.tuples(*[NUMBER] * 6), NUMBER, NUMBER)
 
 
 @settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(st.sampled_from(["full", "reduced", "gh"]), POSSIBLE | ANY)
 def test_any_possible_body_runs_and_others_are_refused(here, model, table):

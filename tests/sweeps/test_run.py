@@ -15,7 +15,18 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from refusal import assert_refused
-from sweeping import PROGRAM, begin, content_hash, manifest, plan_of, proved, rows, run, sweep, tree
+from sweeping import (
+    CONFIGS,
+    PROGRAM,
+    content_hash,
+    manifest,
+    plan_of,
+    proved,
+    rows,
+    run,
+    sweep,
+    tree,  # fmt: skip
+)
 
 import rattlesweep as rs
 from rattlesweep.sweeps.columns import SUMMARY, runs_schema, same_schema
@@ -162,7 +173,8 @@ task.control.stop()
 @pytest.mark.parametrize("wait", [1.0, 2.5, 5.0])
 def test_ctrl_c_is_heard_while_kernels_compile(wait, tmp_path):
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    child = begin(tmp_path / "out", "bodies.target=", env=environment)
+    command = [PROGRAM, "run", CONFIGS / "quickstart.yaml", "--output", tmp_path / "out"]
+    child = subprocess.Popen(command, env=environment, text=True, stderr=subprocess.PIPE)
     time.sleep(wait)
     child.send_signal(signal.SIGINT)
     _, said = child.communicate(timeout=60)

@@ -60,7 +60,7 @@ def test_presets_grids_and_tables(tmp_path):
 
 def test_runs_against_mechanics():
     scenes = []
-    for k, (body, u, omega, sigma, rolling) in enumerate(random_bodies(24, 11)):
+    for k, (body, u, omega, sigma, rolling) in enumerate(random_bodies(12, 11)):
         # Tilts and rates of a stone that stays on the table.
         u = np.array([0.2 * u[0], 0.2 * u[1], 0])
         u[2] = -math.sqrt(1 - u @ u)
@@ -69,7 +69,7 @@ def test_runs_against_mechanics():
     bodies, u, omega, sigma, rolling = zip(*scenes, strict=True)
     runs = rs.simulate([rs.Rattleback(**body) for body in bodies], u=u, omega=omega, t_end=15.0,
                        sigma=sigma, rolling=rolling, tol=1e-13)  # fmt: skip
-    assert 0 < runs.t_r.notna().sum() < 24
+    assert 0 < runs.t_r.notna().sum() < 12
     for (body, u, omega, *losses), run in zip(scenes, runs.itertuples(), strict=True):
         end = stone_oracle.follow(body, u, omega, run.t_end, *losses).y[:, -1]
         assert run.n_end == pytest.approx(end[:3] @ end[3:6], abs=1e-9)
