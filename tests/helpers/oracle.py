@@ -62,9 +62,6 @@ def matrices(body):
     return _matrices(*(get(body, name) for name in PARAMETERS))
 
 
-# --- The full equations of motion ---
-
-
 def contact_point(u, body):
     """Return the vector r from G to the contact point C: Eqs. 4 and 8."""
     curvature, radii, _ = matrices(body)
@@ -136,9 +133,6 @@ def launch(body, n_i, omega_xy0, psi):
     )
 
 
-# --- Oscillation modes and asymmetric torque coefficients ---
-
-
 def h_matrix(body):
     """Return H of Eq. 22."""
     r = rotation(get(body, "xi") + 0.5 * math.pi)
@@ -171,9 +165,6 @@ def modes(body):
 def relevant_psi(body, n_i):
     """Return psi of Eq. 70."""
     return modes(body)["psi_p" if n_i > 0 else "psi_r"]
-
-
-# --- Reversal times ---
 
 
 def advance(body, y0, dt, rtol=1e-12, atol=1e-15):
@@ -243,9 +234,6 @@ def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, samples=64):
     return None, solver.y
 
 
-# --- Linear growth about steady spin ---
-
-
 def jacobian_spin(body, n):
     """Return the Jacobian in (u_x, u_y, omega_x, omega_y) at steady spin n, by complex step."""
     y0 = np.array([0.0, 0.0, -1.0, 0.0, 0.0, -float(n)], dtype=complex)
@@ -257,9 +245,6 @@ def jacobian_spin(body, n):
         y[index] += 1j * h
         jac[:, col] = rhs(0.0, y, body)[which].imag / h
     return jac
-
-
-# --- Reduced three-variable dynamics ---
 
 
 def reduced_C_I(y, K_p, K_r):

@@ -26,6 +26,7 @@ from rattlesweep.sweeps.verify import verify
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"
+HEAD, ROW = "alpha,beta,gamma,theta,phi,xi", "13.04,1.522,12.28,0.6429,0.036,-0.03"
 PROGRAM = Path(sys.executable).with_name("rattlesweep")
 
 

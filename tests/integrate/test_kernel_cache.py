@@ -18,6 +18,7 @@ import numba
 import numpy as np
 import oracle
 import pytest
+from sweeping import CONFIGS
 
 from rattlesweep.integrate import compile
 from rattlesweep.integrate.batch import integrate
@@ -26,7 +27,7 @@ from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 
-CONFIG = Path(__file__).parents[2] / "configs" / "quickstart.yaml"
+CONFIG = CONFIGS / "quickstart.yaml"
 
 
 def plus_ten(x):
@@ -82,12 +83,8 @@ print(json.dumps([heard, hits]))
 
 
 def test_the_next_process_finds_all_parts_of_a_kernel():
-    def process():
-        call = [sys.executable, "-c", FOUND]
-        return json.loads(subprocess.run(call, capture_output=True, text=True, check=True).stdout)
-
-    process()
-    heard, hits = process()
+    python(FOUND)
+    heard, hits = json.loads(python(FOUND).stdout)
     assert heard == []
     assert {"work", "attempt", "drive"} <= hits.keys()
     assert set(hits.values()) == {1}

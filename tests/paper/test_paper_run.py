@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import re
 from html import unescape
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 from refusal import assert_refused
+from sweeping import ROOT, invoke
 
-from rattlesweep import cli
 from rattlesweep.analysis.style import save
 from rattlesweep.paper import reproduce as command
 from rattlesweep.paper.reproduce import choose, reproduce
 from rattlesweep.paper.workspace import FULL, QUICK, Sizes, Workspace, sweep_config
 from rattlesweep.sweeps.config.read import load_config, parse_config, resolved
 
-ROOT = Path(__file__).parents[2]
 SMALL = Sizes(samples=4, lyapunov=15, windows=30)
 
 
@@ -134,10 +131,6 @@ def test_text_is_never_taken_for_markup(tmp_path, monkeypatch):
     # Verdicts do not rely on colour.
     signs = ("✓ agree", "◐ partly", "✗ disagree", "? too few samples to tell")
     assert all(sign in words for sign in signs)
-
-
-def invoke(*args):
-    return CliRunner().invoke(cli.main, [str(arg) for arg in args])
 
 
 def test_the_command_makes_what_is_asked_for(tmp_path):

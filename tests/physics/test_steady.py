@@ -63,7 +63,7 @@ def test_eigenvalues_of_extreme_bodies_at_any_spin_and_any_loss():
     constants = full.constants(*bodies)
     n = rng.choice([-1, 1], size) * log_uniform(rng, 1e-6, 10, size)
     sigma = np.where(rng.random(size) < 0.5, log_uniform(rng, 1e-6, 100, size), 0.0)
-    n[:10] = 0.0
+    n[:5] = 0.0
     found = steady.steady_modes(constants, n, sigma)
     errors, overdamped = [], 0
     for k in range(size):

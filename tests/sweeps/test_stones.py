@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import stone_oracle
-from sweeping import plan_of
+from sweeping import HEAD, ROW, plan_of
 from test_stone import kl_state, random_bodies
 
 import rattlesweep as rs
@@ -18,8 +18,6 @@ from rattlesweep.physics.body import PARAMETERS
 SPIN = {"n_i": [0.2], "omega_xy0": [0.05]}
 GH = {"source": "preset", "name": "GH"}
 GRID = {"source": "grid", "base": {"preset": "GH"}}
-HEAD = ",".join(PARAMETERS)
-ROW = "13.04,1.522,12.28,0.6429,0.036,-0.03"
 
 
 def c_of(bodies: dict[str, Any], **others: Any) -> Any:
@@ -53,9 +51,6 @@ def test_presets_grids_and_tables(tmp_path):
         np.testing.assert_array_equal(c_of(source), expected)
     for source in (kl | {"surface": "paraboloid"}, grid, table | {"surface": "paraboloid"}):
         assert c_of(source) is None
-
-
-# -- against mechanics -------------------------------------------------------------------------
 
 
 def test_runs_against_mechanics():

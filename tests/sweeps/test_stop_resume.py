@@ -111,7 +111,8 @@ def at_work(directory: Path, pid: int) -> bool:
 
 
 def test_ctrl_c_is_heard_within_a_block_and_while_bodies_are_drawn(tmp_path):
-    easy, hard = "K_r: [0.02, 0.1], rel_tol: 0.1", "K_r: 0.1, rel_tol: 1e-9, max_draws: 4.0e+12"
+    easy = "K_r: [0.02, 0.1], rel_tol: 0.1"
+    hard = f"K_r: 0.1, rel_tol: 1e-9, max_draws: {4 * 10**12}"
     integrating, drawing = (
         Child("run", sweeping.CONFIGS / "quickstart.yaml", "--output", tmp_path / str(k),
               "--set", f"bodies={{source: sd, samples: 1500, target: {{{target}}}}}",
