@@ -55,7 +55,7 @@ def slope_system() -> System:
 
 
 def vector_system() -> System:
-    """Equations in ``(u, omega)`` as the paper has them (Eqs. diff-u, diff-omega), and the spin."""
+    """Equations in ``(u, omega)`` as the paper has them (Eqs. 10 and 11), and the spin."""
     ix, iy, iz, cxx, cxy, cyy = (hy.par[i] for i in range(6))
     ux, uy, uz, a, b, c = hy.make_vars("ux", "uy", "uz", "a", "b", "c")
     bxx, bxy, byy = 1.0 + cxx, cxy, 1.0 + cyy

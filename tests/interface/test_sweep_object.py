@@ -132,8 +132,6 @@ def test_pictures_and_pages(sd, tmp_path):
     assert '"start": 4.0' in rolling.path.read_text()
 
 
-# -- bodies from memory ------------------------------------------------------------------------
-
 BODIES = pd.DataFrame([vars(GH)] * 3)[PARAMETERS].assign(theta=[0.6, 0.7, 0.8])
 KEYS = {"spin": {"n_i": [0.2], "omega_xy0": 0.1}, "horizon": {"t": 30}}
 
