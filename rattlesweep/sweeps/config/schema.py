@@ -18,6 +18,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.physics.body import MAX_INERTIA
+from rattlesweep.physics.si import LIMITS
 from rattlesweep.sweeps.config import Places
 from rattlesweep.units import KINDS, Quantity, split
 
@@ -307,7 +308,10 @@ class GridSource(Surfaced):
         return {name: values for name, values in axes.items() if values is not None}
 
 
-Length, Mass = (interval(measured(kind, Positive)) for kind in ("length", "mass"))
+Length, Mass = (
+    interval(measured(kind, Annotated[float, Field(ge=LIMITS[kind][0], le=LIMITS[kind][1])]))
+    for kind in ("length", "mass")
+)
 Angle = interval(measured("angle", Annotated[float, Field(gt=-math.pi / 2, lt=math.pi / 2)]))
 
 
