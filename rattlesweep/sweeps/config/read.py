@@ -193,7 +193,7 @@ def _problem(error: Any, data: Any) -> tuple[Key, str]:
     """Return the key and the message of one of pydantic's errors."""
     kind, value = error["type"], error["input"]
     place = [part for part in error["loc"] if part not in TAGS]
-    if place[0] == "bodies":
+    if place[:1] == ["bodies"]:
         del place[1:2]  # the source
     key: Key = ()
     here = data
