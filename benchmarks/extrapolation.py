@@ -18,7 +18,7 @@ POINTS = 16
 
 
 def launch(n_i, omega_xy0, psi, exact=False):
-    """Return the initial states by Eqs. 68 and 69, shape (6, cases)."""
+    """Return the initial states (Eqs. 68 to 70), of shape (6, cases)."""
     n_i, omega_xy0, psi = (real(x, exact) for x in (n_i, omega_xy0, psi))
     c, s = trigonometry(psi, exact)
     zero = 0 * n_i

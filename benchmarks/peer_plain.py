@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @njit(fastmath=True, error_model="numpy", inline="always")
 def derivatives(ux, uy, uz, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
-    """Eqs. 10 and 11 in ``(u, omega)``, written by hand."""
+    """Return the derivatives of ``(u, omega)`` (Eqs. 10 and 11), written by hand."""
     up = 1.0 / uz
     p, q = ux * up, uy * up
     x, y = p + cxx * p + cxy * q, q + cxy * p + cyy * q

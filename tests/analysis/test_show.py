@@ -50,7 +50,7 @@ def held(text: str) -> Any:
     return json.loads(text.split('<script type="application/json" id="data">')[1].split("</")[0])
 
 
-# The paraboloid of Eq. def-z in the paper's own form, z = 1 - s.R Theta R^-1.s / 2.
+# The paraboloid of Eq. 4 in the paper's own form, z = 1 - s.R Theta R^-1.s / 2.
 COS, SIN = math.cos(GH.xi), math.sin(GH.xi)
 TURN = np.array([[COS, -SIN], [SIN, COS]])
 SURFACE = TURN @ np.diag([GH.theta, GH.phi]) @ TURN.T

@@ -12,15 +12,7 @@ import pytest
 from sweeping import ROOT, invoke
 
 from rattlesweep.analysis import tradeoff
-from rattlesweep.analysis.tradeoff import (
-    DEFAULT,
-    FULL,
-    QUICK,
-    REFERENCES,
-    draw_runs,
-    make_reference,
-    measure,
-)
+from rattlesweep.analysis.tradeoff import DEFAULT, REFERENCES, draw_runs
 from rattlesweep.sweeps.config.read import load_config, parse_config, physics_hash
 
 SMALL = """\
@@ -33,7 +25,7 @@ model: gh
 integrator: {method: rk4, dt: 0.1}
 """
 # One kernel and the closed form; the slow suite has all, and two reference methods.
-FEW = [setting for setting in QUICK if setting.method in ("dop853", "none")]
+FEW = [setting for setting in tradeoff.QUICK if setting.method in ("dop853", "none")]
 
 
 def small(tmp_path, text=SMALL):
@@ -56,7 +48,9 @@ def study(request, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         if request.param == "few":
             patch.setattr(tradeoff, "REFERENCES", REFERENCES[1:] * 2)
-        return measure(config, samples=8, settings=FEW if request.param == "few" else FULL)
+        return tradeoff.measure(
+            config, samples=8, settings=FEW if request.param == "few" else tradeoff.FULL
+        )
 
 
 def rows(study, method, model="full"):
@@ -130,13 +124,15 @@ def test_references_agree_with_an_oracle_and_leave_out_chaos():
     config, runs = draw_runs(
         parse_config({**DEFAULT, "bodies": {"source": "preset", "name": "GH"},
                       "spin": {"n_i": [0.1], "omega_xy0": [0.01]}}), None, 1, 1)  # fmt: skip
-    found = make_reference(config, runs)
+    found = tradeoff.make_reference(config, runs)
     psi = oracle.relevant_psi(oracle.GH, 0.1)
     t_r, _ = oracle.first_reversal(oracle.GH, 0.1, 0.01, psi, 200.0)
     assert found.t_r[0] == pytest.approx(t_r, rel=1e-9)
     # Tumbles for 1e5 units: whether it reverses depends on rounding (types R and SW).
     spin = {"n_i": [-0.4], "omega_xy0": [0.01]}
-    found = make_reference(*draw_runs(parse_config({**DEFAULT, "spin": spin}), None, 67, 1))
+    found = tradeoff.make_reference(
+        *draw_runs(parse_config({**DEFAULT, "spin": spin}), None, 67, 1)
+    )
     unsure = ~found.both & ~found.neither
     assert unsure[59]
     assert 1 <= unsure.sum() < 5

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sweeping import HEAD, ROW
 from test_config import GOOD
 
 from rattlesweep.errors import ConfigError
@@ -16,7 +17,6 @@ from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.plausible import check_physics
 
 JARGON = ("Traceback", "pydantic", "ruamel", "http", "<class", "object at", "<text>", "<other>")
-GH = "alpha,beta,gamma,theta,phi,xi\n13.04,1.522,12.28,0.6429,0.036,-0.03\n"
 TEXTS = [
     *GOOD.values(),
     GOOD["sd"].replace("  target:", "  # target:"),
@@ -95,7 +95,7 @@ def in_plain_words(lines, path):
 @pytest.fixture(scope="module")
 def directory():
     with tempfile.TemporaryDirectory() as name:
-        (Path(name) / "t.csv").write_text(GH)
+        (Path(name) / "t.csv").write_text(f"{HEAD}\n{ROW}\n")
         yield Path(name)
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from numba.core import event
+from sweeping import CONFIGS, HEAD, ROW
 from test_config import SPIN, variants
 
 from rattlesweep.errors import ConfigError
@@ -12,8 +13,6 @@ from rattlesweep.sweeps.config.schema import SdSource
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.plausible import check_physics, checked_plan
 
-CONFIGS = Path(__file__).parents[2] / "configs"
-HEAD, BODY = "alpha,beta,gamma,theta,phi,xi", "13.04,1.522,12.28,0.6429,0.036,-0.03"
 DRAWN = "bodies: {source: sd}\n" + SPIN
 # As `REFUSED` in test_config: a config, the text to replace, the new text, verdict, message.
 CASES = r"""
@@ -24,6 +23,11 @@ sd | K_r: [0.01, 0.03, 0.1] | K_r: [0.01, 7] | refused | 7: bodies.target.K_r: 7
 sd | minus_xi_deg: [0, 6]}\n  target: {K_r: [0.01, 0.03, | minus_xi_deg: [3, 6]}\n  target: {K_r: [1e-4, | refused | bodies.target.K_r: 0.0001 is out of reach:
 preset | theta: 0.82 | gamma: 14 | refused | no body has this inertia: I_zz = gamma = 14 exceeds I_xx + I_yy = 12.562
 grid | phi: [0.02, 0.036] | alpha: [13, 20] | refused | 1: bodies.axes: at alpha 20, beta 1.522, gamma 12.28, theta 0.6, phi 0.036,
+preset | -0.1 | [0.1, 0] | refused | horizon.t: missing; a launch without spin (2
+preset | n_i: -0.1, omega_xy0: 0.01}\n | n_i: 0, omega_xy0: 0.1}\nhorizon: {t: 9}\nmodel: gh\n | refused | 4: model: gh beg
+preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [0, 0, 1]} | refused | t_rgh times t_rGH is not a finite time in the only run
+preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [1, 0, 0]} | refused | horizon.t: missing; a launch without spin has no t_rGH
+preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [0.1, 0, 1]}\nmodel: reduced | refused | 3: model: reduced begins with
 table | bodies.csv | nowhere.csv | refused | 1: bodies.path: nowhere.csv: no such file
 table | + |  | refused | 1: spin: missing; the table has no columns n_i and omega_xy0
 preset | overrides: {theta: 0.82} | c: 0.6 | refused | c 0.6 is not above theta 0.6429: the ellipsoid would tip onto
@@ -49,7 +53,7 @@ def test_messages_about_nonsense_have_place_and_numbers(
 ):
     monkeypatch.chdir(tmp_path)
     Path("c.yaml").write_text(text)
-    Path("bodies.csv").write_text(f"{HEAD}\n{BODY}\n")
+    Path("bodies.csv").write_text(f"{HEAD}\n{ROW}\n")
     with event.install_recorder("numba:compile") as compiled:
         fatal, lines = judged(Path("c.yaml"))
     assert not compiled.buffer
@@ -67,7 +71,7 @@ def test_the_projects_own_configs_make_sense(path):
 
 
 def test_rows_of_a_table_are_judged_by_themselves(tmp_path):
-    rows = f"{HEAD},n_i,omega_xy0,t_end\n{BODY},0.1,0.01,2\n{BODY},-0.1,0.01,1\n"
+    rows = f"{HEAD},n_i,omega_xy0,t_end\n{ROW},0.1,0.01,2\n{ROW},-0.1,0.01,1\n"
     (tmp_path / "t.csv").write_text(rows)
     (tmp_path / "c.yaml").write_text("bodies: {source: table, path: t.csv}\n")
     fatal, [line] = judged(tmp_path / "c.yaml")

@@ -2,8 +2,8 @@
 
 This module does not import `rattlesweep`.  Units M = a = g = 1.  A *body* is a mapping or an object
 with ``alpha, beta, gamma, theta, phi, xi`` (xi in radians); the state is ``y = (u, omega)``, six
-numbers in the body-fixed principal axes, ``z`` pointing down at rest.  ``Eq. <label>`` cites the
-paper's LaTeX labels.
+numbers in the body-fixed principal axes, ``z`` pointing down at rest.  Equations are numbered as
+in the paper.
 """
 
 import math
@@ -18,7 +18,7 @@ GH = {"alpha": 13.04, "beta": 1.522, "gamma": 12.28, "theta": 0.6429, "phi": 0.0
       "xi": -math.radians(1.72)}  # fmt: skip
 
 PARAMETERS = tuple(GH)
-EPS = np.array([[0.0, 1.0], [-1.0, 0.0]])  # Eq. lin-u
+EPS = np.array([[0.0, 1.0], [-1.0, 0.0]])  # Eq. 16
 
 
 def cross(a, b):
@@ -57,16 +57,13 @@ def _matrices(alpha, beta, gamma, theta, phi, xi):
 def matrices(body):
     """Return R Theta R^-1, R Theta^-1 R^-1 (from the principal radii), and the inertia I about G.
 
-    I is in units of M a^2: Eq. def-abg solved for I_xx, I_yy, I_zz.
+    I is in units of M a^2: Eq. 14 solved for I_xx, I_yy, I_zz.
     """
     return _matrices(*(get(body, name) for name in PARAMETERS))
 
 
-# --- The full equations of motion ---
-
-
 def contact_point(u, body):
-    """Return the vector r from G to the contact point C: Eqs. def-xy and def-z."""
+    """Return the vector r from G to the contact point C: Eqs. 4 and 8."""
     curvature, radii, _ = matrices(body)
     rp = radii @ u[:2] / u[2]
     return np.array([rp[0], rp[1], 1.0 - 0.5 * (rp @ curvature @ rp)])
@@ -81,7 +78,7 @@ def contact_point_dot(u, du, body):
 
 
 def rhs(t, y, body):
-    """Return the dotted derivatives of (u, omega), real or complex: Eqs. diff-u, diff-omega."""
+    """Return the dotted derivatives of (u, omega), real or complex: Eqs. 10 and 11."""
     u, w = y[:3], y[3:]
     du = -cross(w, u)
     r = contact_point(u, body)
@@ -112,7 +109,7 @@ def energy(y, body):
 
 
 def contact_force(y, body):
-    """Return F of Eq. em-1, F = dv/dt + u with v = r x omega, in body components."""
+    """Return F of Eq. 1, F = dv/dt + u with v = r x omega, in body components."""
     u, w = y[:3], y[3:]
     dy = rhs(0.0, y, body)
     r = contact_point(u, body)
@@ -130,17 +127,14 @@ def force_components(y, body):
 
 
 def launch(body, n_i, omega_xy0, psi):
-    """Return y(0): Eqs. sim-ic-1 and sim-ic-2."""
+    """Return y(0): Eqs. 68 and 69."""
     return np.array(
         [0.0, 0.0, -1.0, omega_xy0 * math.cos(psi), omega_xy0 * math.sin(psi), -float(n_i)]
     )
 
 
-# --- Oscillation modes and asymmetric torque coefficients ---
-
-
 def h_matrix(body):
-    """Return H of Eq. lin-omg4."""
+    """Return H of Eq. 22."""
     r = rotation(get(body, "xi") + 0.5 * math.pi)
     gam = r @ np.diag([1.0 / get(body, "theta"), 1.0 / get(body, "phi")]) @ r.T
     jm = np.diag([get(body, "alpha") ** -0.5, get(body, "beta") ** -0.5])
@@ -148,7 +142,7 @@ def h_matrix(body):
 
 
 def modes(body):
-    """Return the modes by `eigh`, K_p and K_r by Eqs. kp-1 and kr-1, psi in (-pi/2, pi/2]."""
+    """Return the modes by `eigh`, K_p and K_r by Eqs. 33 and 35, psi in (-pi/2, pi/2]."""
     alpha, beta = get(body, "alpha"), get(body, "beta")
     jp = np.diag([alpha**0.5, beta**0.5])
     jm = np.diag([alpha**-0.5, beta**-0.5])
@@ -169,11 +163,8 @@ def modes(body):
 
 
 def relevant_psi(body, n_i):
-    """Return psi of Eq. sim-ic-3."""
+    """Return psi of Eq. 70."""
     return modes(body)["psi_p" if n_i > 0 else "psi_r"]
-
-
-# --- Reversal times ---
 
 
 def advance(body, y0, dt, rtol=1e-12, atol=1e-15):
@@ -243,9 +234,6 @@ def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, samples=64):
     return None, solver.y
 
 
-# --- Linear growth about steady spin ---
-
-
 def jacobian_spin(body, n):
     """Return the Jacobian in (u_x, u_y, omega_x, omega_y) at steady spin n, by complex step."""
     y0 = np.array([0.0, 0.0, -1.0, 0.0, 0.0, -float(n)], dtype=complex)
@@ -259,9 +247,6 @@ def jacobian_spin(body, n):
     return jac
 
 
-# --- Reduced three-variable dynamics ---
-
-
 def reduced_C_I(y, K_p, K_r):
-    """Return the Casimir invariant, Eq. casimir."""
+    """Return the Casimir invariant, Eq. 51."""
     return math.log(y[1]) / K_p + math.log(y[2]) / K_r

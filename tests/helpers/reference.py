@@ -45,7 +45,7 @@ def add(*vectors):
 
 
 def contact(u, du, q):
-    """Return the contact point and its rate: Eqs. def-xy and def-z."""
+    """Return the contact point and its rate: Eqs. 4 and 8."""
     bxx, bxy, byy, axx, axy, ayy = q[3:]
     up, uq = u[0] / u[2], u[1] / u[2]
     x, y = bxx * up + bxy * uq, bxy * up + byy * uq
@@ -56,7 +56,7 @@ def contact(u, du, q):
 
 
 def rhs(y, q):
-    """Return the derivatives of (u, omega): Eqs. diff-u and diff-omega."""
+    """Return the derivatives of (u, omega): Eqs. 10 and 11."""
     u, w, (ix, iy, iz) = y[:3], y[3:], q[:3]
     du = cross(u, w)
     r, dr = contact(u, du, q)

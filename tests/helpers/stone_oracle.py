@@ -92,6 +92,6 @@ def first_zero(found, value, samples=40_000):
     return brentq(lambda t: value(found.sol(t)), a, b, xtol=1e-15)
 
 
-KL_SEMI_AXES, KL_HEIGHT = (0.2, 0.03, 0.02), 0.01  # m
+KL_HEIGHT = 0.01  # m
 KL_INERTIA = np.array([[2, -0.2, 0], [-0.2, 16, 0], [0, 0, 17]]) * 1e-4  # kg m^2, mass 1 kg
 KL_GRAVITY, KL_TILT = 9.81, math.radians(0.5)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -27,6 +26,7 @@ from rattlesweep.sweeps.verify import verify
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"
+HEAD, ROW = "alpha,beta,gamma,theta,phi,xi", "13.04,1.522,12.28,0.6429,0.036,-0.03"
 PROGRAM = Path(sys.executable).with_name("rattlesweep")
 
 
@@ -43,17 +43,6 @@ def run(config: str | Path, output: Path, *sets: str, options: tuple[Any, ...] =
     """Run a shipped config, or one at a path."""
     chosen = [part for text in sets for part in ("--set", text)]
     return invoke("run", CONFIGS / config, "--output", output, *chosen, *options)
-
-
-def begin(output: Path, *sets: str, **kwargs: Any) -> subprocess.Popen[str]:
-    """Start a sweep of 6000 runs, which takes some seconds, in a process of its own."""
-    chosen = ("bodies.samples=1500", "bodies.target={K_r: [0.02, 0.1], rel_tol: 0.1}",
-              "spin.n_i=[-0.3, -0.5]", *sets)  # fmt: skip
-    args = [part for text in chosen for part in ("--set", text)]
-    return subprocess.Popen(
-        [PROGRAM, "run", CONFIGS / "quickstart.yaml", "--output", output, *args], text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, **kwargs,
-    )  # fmt: skip
 
 
 def changed(config: dict[str, Any], **parts: Any) -> dict[str, Any]:

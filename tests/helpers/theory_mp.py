@@ -26,7 +26,7 @@ def _exact(*values):
 
 
 def n_c1_squared(alpha, beta, gamma, theta, phi):
-    """Return the square of n_c1 (Eq. def-nc1), which may be negative; None for a zero divisor."""
+    """Return the square of n_c1 (Eq. 73), which may be negative; None for a zero divisor."""
     with mp.workdps(WORK):
         a, b, c, th, ph = _exact(alpha, beta, gamma, theta, phi)
         den = 2 - (th + ph) - (a + b - c) * (th + ph - 2 * th * ph)
@@ -44,10 +44,10 @@ def reference(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0):
         jp = mp.diag([mp.sqrt(a), mp.sqrt(b)])
         jm = mp.diag([1 / mp.sqrt(a), 1 / mp.sqrt(b)])
         rot = _rotation(x + mp.pi / 2)
-        gam = rot * mp.diag([1 / th, 1 / ph]) * rot.T  # Gamma, below Eq. lin-omg2
-        h = jm * (gam - mp.eye(2)) * jm  # Eq. lin-omg4
+        gam = rot * mp.diag([1 / th, 1 / ph]) * rot.T  # Gamma, below Eq. 19
+        h = jm * (gam - mp.eye(2)) * jm  # Eq. 22
         h = (h + h.T) / 2
-        # Eq. def-omega_pr
+        # Eq. 24
         root = mp.sqrt((h[0, 0] - h[1, 1]) ** 2 + 4 * h[0, 1] ** 2)
         om2 = {
             "p": (h[0, 0] + h[1, 1] + root) / 2,
@@ -62,13 +62,13 @@ def reference(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0):
             if omega[0] < 0 or (omega[0] == 0 and omega[1] < 0):
                 omega = -omega
             psi[mode] = mp.atan2(omega[1], omega[0])
-            # Eqs. kp-1 and kr-1
+            # Eqs. 33 and 35
             bracket = (ket.T * jm * eps * jp * h * ket)[0] / (ket.T * ket)[0]
             k[mode] = bracket if mode == "p" else -bracket
         own = "p" if n > 0 else "r"
         wx, wy = w * mp.cos(psi[own]), w * mp.sin(psi[own])
-        n_0 = mp.sqrt((a * wx**2 + b * wy**2 + c * n**2) / c)  # Eq. def-n0, omega_z = -n_i
-        # Eqs. trgh-p and trgh-m
+        n_0 = mp.sqrt((a * wx**2 + b * wy**2 + c * n**2) / c)  # Eq. 72, omega_z = -n_i
+        # Eqs. 56 and 58
         if k[own] == 0 or n_0 == abs(n):
             t_rgh = mp.inf
         else:
@@ -79,8 +79,8 @@ def reference(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0):
             "omega_r": mp.sqrt(om2["r"]),
             "psi_p": psi["p"],
             "psi_r": psi["r"],
-            "omega_p0": mp.sqrt((1 / ph - 1) / a),  # Eq. omega_p0
-            "omega_r0": mp.sqrt((1 / th - 1) / b),  # Eq. omega_r0
+            "omega_p0": mp.sqrt((1 / ph - 1) / a),  # Eq. 28
+            "omega_r0": mp.sqrt((1 / th - 1) / b),  # Eq. 29
             "K_p": k["p"],
             "K_r": k["r"],
             "n_0": n_0,

@@ -18,6 +18,7 @@ import numba
 import numpy as np
 import oracle
 import pytest
+from sweeping import CONFIGS
 
 from rattlesweep.integrate import compile
 from rattlesweep.integrate.batch import integrate
@@ -26,7 +27,7 @@ from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 
-CONFIG = Path(__file__).parents[2] / "configs" / "quickstart.yaml"
+CONFIG = CONFIGS / "quickstart.yaml"
 
 
 def plus_ten(x):
@@ -82,12 +83,8 @@ print(json.dumps([heard, hits]))
 
 
 def test_the_next_process_finds_all_parts_of_a_kernel():
-    def process():
-        call = [sys.executable, "-c", FOUND]
-        return json.loads(subprocess.run(call, capture_output=True, text=True, check=True).stdout)
-
-    process()
-    heard, hits = process()
+    python(FOUND)
+    heard, hits = json.loads(python(FOUND).stdout)
     assert heard == []
     assert {"work", "attempt", "drive"} <= hits.keys()
     assert set(hits.values()) == {1}
@@ -250,11 +247,11 @@ def test_an_impossible_setting_is_reported_in_one_sentence(setting, said, tmp_pa
 
 def both():
     """Print the outcome of a run with all records and its trajectory; for a fresh process."""
-    batch = kernels.full_batch(oracle.GH, [-0.1], 0.01, t_end=30.0)
+    batch = kernels.full_batch(oracle.GH, [-0.1], 0.01, t_end=10.0)
     records = frozenset(["energy", "contact", "windows", "reversals", "lyapunov"])
     out = integrate(batch, METHODS["dop853"], FULL, threads=1, record=records)
     follower = Follower(batch, METHODS["dop853"], FULL, attitude=True)
-    found = follower.at(np.linspace(0.0, 30.0, 7))
+    found = follower.at(np.linspace(0.0, 10.0, 7))
     values = out.y_end, out.n_departure, out.windows, found.y, found.extra
     numbers = np.concatenate([value[np.isfinite(value)] for value in values])
     print(json.dumps([numbers.tolist(), out.n_steps.tolist(), follower.n_steps]))

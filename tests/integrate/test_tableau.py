@@ -42,10 +42,7 @@ def forests(nodes, largest):
 
 def matrix(tableau):
     """``a`` and ``b`` as arrays, with the derivative at the end of the step as a last stage."""
-    a = np.zeros((tableau.stages + 1, tableau.stages + 1))
-    for i, row in enumerate((*tableau.a, tableau.b)):
-        for j, value in row.items():
-            a[i, j] = value
+    a = np.stack([weights(row, tableau) for row in (*tableau.a, tableau.b)])
     return a, a[-1]
 
 

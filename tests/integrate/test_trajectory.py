@@ -1,6 +1,5 @@
 """One run as a time series: the sweep's own steps and reversals, states at any times."""
 
-import math
 import tracemalloc
 
 import kernels
@@ -13,7 +12,6 @@ from scipy.spatial.transform import Rotation
 import rattlesweep as rs
 from rattlesweep.analysis.onerun.channels import CHANNELS
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
-from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.model import FULL
@@ -163,21 +161,3 @@ def test_a_failed_run_says_so_and_keeps_its_good_steps():
     assert np.isfinite(y).all()
     found = Follower(batch, DOP853, FULL, max_steps=50).at(np.linspace(0, 100, 201))
     assert 0 < len(found.t) < 201
-
-
-BAD = [
-    ({"channels": ["t", "omga_x"]}, "did you mean .omega_x"),
-    ({"channels": ["u_x"], "model": "reduced"}, "of the model reduced: .u_x. is not one of"),
-    ({"points": 5, "dt": 0.1}, "more than one is given"),
-    ({"dt": math.nan}, "must be finite"),
-    ({"dt": 1e-9}, "more than 100,000,000 rows"),
-    ({"times": [0, 2, 1]}, "must be a list of increasing"),
-    ({"model": "gh"}, "gh has no trajectory"),
-    ({"e_r0": -1.0, "model": "reduced"}, "from 0 to"),
-]
-
-
-@pytest.mark.parametrize(("wrong", "words"), BAD, ids=str)
-def test_bad_arguments(wrong, words):
-    with pytest.raises(ConfigError, match=words):
-        rs.trajectory(GH, **({"n_i": 0.1, "omega_xy0": 0.01, "t_end": 10.0} | wrong))

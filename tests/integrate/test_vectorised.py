@@ -28,12 +28,9 @@ SLOW = {"div", "sqrt"}
 QUICK = {("dop853", "full"), ("rk4", "full_tangent")}
 kinds = pytest.mark.parametrize(
     ("method", "model"),
-    [
-        pytest.param(m, model, marks=[] if (m, model) in QUICK else [pytest.mark.slow])
-        for m in METHODS
-        for model in MODELS
-    ],
-)
+    [pytest.param(m, model, marks=[] if (m, model) in QUICK else [pytest.mark.slow])
+     for m in METHODS for model in MODELS],
+)  # fmt: skip
 models = pytest.mark.parametrize(
     "model", [pytest.param(m, marks=[] if m == "full" else [pytest.mark.slow]) for m in MODELS]
 )

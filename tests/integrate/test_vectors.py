@@ -61,13 +61,13 @@ def test_runs_go_on_past_the_side_as_the_oracle_says():
     out = run_batch(config, kernels.take(batch, rows))
     assert (out.status == Status.OK).all()
     assert abs(out.energy_drift).max() < 1e-6
-    for k, row in enumerate(rows):
-        body = {name: getattr(launches.bodies, name)[row] for name in (*PARAMETERS, "c")}
-        u, omega = full.to_vectors(batch.y0[row])
-        found = stone_oracle.follow(body, u, omega, 1.01 * out.t_r[k], tol=1e-11)
-        assert found.y[2].max() > 0
-        zero = stone_oracle.first_zero(found, lambda y: np.sum(y[:3] * y[3:6], axis=0))
-        assert out.t_r[k] == pytest.approx(zero, rel=1e-8)
+    k = int(np.argmin(out.t_r))
+    body = {name: getattr(launches.bodies, name)[rows[k]] for name in (*PARAMETERS, "c")}
+    u, omega = full.to_vectors(batch.y0[rows[k]])
+    found = stone_oracle.follow(body, u, omega, 1.01 * out.t_r[k], tol=1e-11)
+    assert found.y[2].max() > 0
+    zero = stone_oracle.first_zero(found, lambda y: np.sum(y[:3] * y[3:6], axis=0))
+    assert out.t_r[k] == pytest.approx(zero, rel=1e-8)
     # A row is the same in any batch, and with reversals recorded.
     kernels.assert_same(run_batch(config, kernels.take(batch, rows[[1]])), kernels.pick(out, [1]))
     both = integrate(

@@ -2,6 +2,7 @@
 
 import doctest
 import shutil
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,8 @@ def test_simulate_one_run():
     assert (run.K_r, run.units["t_r"]) == (rs.modes(GH).K_r, "sqrt(a/g)")
     assert {"theta", "t_r", "energy_drift_max"} <= set(run.to_dict()) <= set(dir(run))
     assert rs.simulate("GH", **LAUNCH, record=["energy", "error"]) == run
+    # A spin that is opposite only by rounding has not reversed.
+    assert rs.simulate(GH, omega=(1e-3, 0, 0), u=(1e-17, 0, -1), t_end=50.0).t_r is None
     steady = rs.simulate(GH, n_i=-0.1, omega_xy0=0.01, t_end=100.0)
     assert (steady.t_r, steady.t_end) == (None, 100.0)
     assert steady.type in ("SS", "SW", "unclassified")
@@ -107,9 +110,6 @@ def test_a_trajectory_is_used_like_a_table(tmp_path):
     looks = {"from_time": 140, "points": 30}
     shown = path.show(title="Rattleback GH", **looks)
     assert shown == rs.show("GH", **LAUNCH, t_end=150, **looks)
-
-
-def test_pages_of_launches(tmp_path):
     page = rs.show("GH", **LAUNCH, t_end=20, from_time=4, title="Mine & yours")
     assert page._repr_html_().startswith('<iframe sandbox="allow-scripts"')
     assert "Mine &amp;amp; yours" in page._repr_html_()
@@ -142,6 +142,7 @@ BAD: list[tuple[Any, str]] = [
     (lambda: rs.trajectory("GH", **LAUNCH, t_end=1).plot("a.gif"), "path a.gif: the name must end"),
     (lambda: rs.reversal_time_gh(GH, [0.1, 0], 0.1), "n_i: a launch without spin, n_i = 0, has"),
     (lambda: rs.sweep(3), "give a dict"),
+    (lambda: rs.fit("GH", {"t": [0], "n": [1]}, free=3, launch=LAUNCH), "free: 3 .* not a name"),
     (lambda: rs.replay("x", 1.5, 0), r"case: 1.5 \(float\) is not a whole"),
 ]
 
@@ -160,8 +161,23 @@ BAD_RUNS: list[tuple[dict[str, Any], str]] = [
     ({"psi": "yaw"}, '"yaw" is not one of relevant, pitch, roll'),
     ({"method": "rk4", "tol": 1e-9}, "integrator.tol: rk4 takes"),
     ({"body": [GH, "HG"]}, r"bodies\[1\]: 'HG' \(str\) is not a body"),
+    ({"body": FRAME.assign(psi=0, psi_deg=0)}, "psi and psi_deg are columns of one angle"),
     ({"body": FRAME.drop(columns="phi")}, "bodies: the column phi is missing"),
     ({"body": FRAME.assign(theta=[0.7, 2, 0.7])}, "bodies: row 2: theta is 2"),
+]
+BAD_TRAJECTORIES: list[tuple[dict[str, Any], str]] = [
+    ({"channels": ["t", "omga_x"]}, "did you mean .omega_x"),
+    ({"channels": ["u_x"], "model": "reduced"}, "of the model reduced: .u_x. is not one of"),
+    ({"points": 5, "dt": 0.1}, "more than one is given"),
+    ({"dt": np.nan}, "must be finite"),
+    ({"dt": 1e-9}, "more than 100,000,000 rows"),
+    ({"times": [0, 2, 1]}, "must be a list of increasing"),
+    ({"model": "gh"}, "gh has no trajectory"),
+    ({"e_r0": -1.0, "model": "reduced"}, "from 0 to"),
+]
+BAD += [
+    (partial(rs.trajectory, GH, **(LAUNCH | {"t_end": 10.0} | wrong)), words)
+    for wrong, words in BAD_TRAJECTORIES
 ]
 
 

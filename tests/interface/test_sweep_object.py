@@ -76,8 +76,11 @@ def test_other_thresholds_and_back(sd):
     [(lambda s: s.read("t_R"), r'columns: "t_R" is not one of .*did you mean "t_r"\?'),
      (lambda s: s.read(where="tpye == 'R'"), "where tpye == 'R': .tpye. is not one of"),
      (lambda s: s.plot(path="a.gif"), "path a.gif: the name must end in .svg, .png, .pdf"),
-     (lambda s: s.plot(select={"n_i": 0.7}), r"--select n_i=0.7: n_i has no value 0.7"),
-     (lambda s: s.show(), "which run"),
+     (lambda s: s.plot(select={"n_i": 0.7}), "^select n_i=0.7: n_i has no value 0.7"),
+     (lambda s: s.show(), "which run. give case and sample, or where"),
+     (lambda s: s.plot(size=3), r"size: 3 \(int\) is not a pair of numbers"),
+     (lambda s: s.plot(xlim="x"), r"xlim: 'x' \(str\) is not a number"),
+     (lambda s: s.to_xarray(where=3), "^where 3: it is no condition"),
      (lambda s: s.verify(recompute=-1), r"recompute: -1 \(int\) is not a whole number from 0"),
      (lambda s: s.report("report.pdf"), "path report.pdf: the name must end in .html"),
      (lambda s: rs.sweep("c.yaml", seed=1), "seed: keys go with a DataFrame only")],
@@ -128,8 +131,6 @@ def test_pictures_and_pages(sd, tmp_path):
     rolling = sd.show(0, 1, t_end=10, from_time=4, path=tmp_path / "roll.html")
     assert '"start": 4.0' in rolling.path.read_text()
 
-
-# -- bodies from memory ------------------------------------------------------------------------
 
 BODIES = pd.DataFrame([vars(GH)] * 3)[PARAMETERS].assign(theta=[0.6, 0.7, 0.8])
 KEYS = {"spin": {"n_i": [0.2], "omega_xy0": 0.1}, "horizon": {"t": 30}}

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import re
 from html import unescape
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 from refusal import assert_refused
+from sweeping import ROOT, invoke
 
-from rattlesweep import cli
+from rattlesweep.analysis.style import save
 from rattlesweep.paper import reproduce as command
 from rattlesweep.paper.reproduce import choose, reproduce
 from rattlesweep.paper.workspace import FULL, QUICK, Sizes, Workspace, sweep_config
 from rattlesweep.sweeps.config.read import load_config, parse_config, resolved
 
-ROOT = Path(__file__).parents[2]
 SMALL = Sizes(samples=4, lyapunov=15, windows=30)
 
 
@@ -28,13 +26,19 @@ SMALL = Sizes(samples=4, lyapunov=15, windows=30)
 def made(tmp_path_factory):
     directory = tmp_path_factory.mktemp("paper")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(command, "DPI", 60)
+        patch.setattr(command, "save", lambda figure, paths: draw(figure, *paths))
         claims = reproduce(Workspace(directory, SMALL, threads=2), ["fig6", "fig7", "fig8"])
     return SimpleNamespace(
         directory=directory, claims=claims,
         **{name: runs_of(directory, name) for name in ("steady", "unsteady")},
         table=lambda name: pq.read_table(directory / f"{name}.parquet").to_pandas(),
     )  # fmt: skip
+
+
+def draw(figure, svg, png):
+    """Save one of the two pictures; `test_the_command_makes_what_is_asked_for` has both."""
+    save(figure, [svg])
+    png.touch()
 
 
 def runs_of(directory, sweep):
@@ -63,7 +67,7 @@ def test_points_of_figs_6_and_8_are_means_of_the_stored_runs(made, figure, sweep
     np.testing.assert_array_equal(points["reversed"], back.count())
     np.testing.assert_allclose(points["t_r_mean"], back.mean(), rtol=1e-13)
     np.testing.assert_allclose(points["t_r_std"], back.std(), rtol=1e-10)
-    # The paper's own form of its formula (Eqs. (56), (58)), with the mean n_0.
+    # The paper's own form of its formula (Eqs. 56 and 58), with the mean n_0.
     n_0, n = cases["n_0"].mean().to_numpy(), points["n_i"].abs().to_numpy()
     line = np.log((n_0 + n) / (n_0 - n)) / (n_0 * points[name].to_numpy())
     np.testing.assert_allclose(points["t_rgh_line"], line, rtol=1e-9)
@@ -127,10 +131,6 @@ def test_text_is_never_taken_for_markup(tmp_path, monkeypatch):
     # Verdicts do not rely on colour.
     signs = ("✓ agree", "◐ partly", "✗ disagree", "? too few samples to tell")
     assert all(sign in words for sign in signs)
-
-
-def invoke(*args):
-    return CliRunner().invoke(cli.main, [str(arg) for arg in args])
 
 
 def test_the_command_makes_what_is_asked_for(tmp_path):

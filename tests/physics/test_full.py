@@ -74,14 +74,9 @@ EXTREMES = [
     ((*inertia, *surface), np.array([0.3 * slope, -1.1 * slope, 0.7 * rate, 0.9 * rate, n]))
     for inertia in [(13.04, 1.522, 12.28), (1.3 + 3e-9, 1.3, 0.5)]
     for surface in itertools.product((0.7, 1 - 1e-9), (0.05, 1e-4), (-1e-6, -0.03, -1.2))
-    for slope, rate, n in [
-        (1e-150, 1e-150, -0.2),
-        (1e-150, 1e-2, 0.2),
-        (1e-2, 1e-150, 1e-150),
-        (1e-8, 1e-6, 3.0),
-        (0.2, 0.7, -40.0),
-    ]
-]
+    for slope, rate, n in [(1e-150, 1e-150, -0.2), (1e-150, 1e-2, 0.2), (1e-2, 1e-150, 1e-150),
+                           (1e-8, 1e-6, 3.0), (0.2, 0.7, -40.0)]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("cases", [CASES[::2], EXTREMES[::3]], ids=["random", "extreme"])

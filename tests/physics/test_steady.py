@@ -57,13 +57,13 @@ def test_matrix_is_the_jacobian_of_the_full_dynamics_of_the_oracle_and_of_the_pa
 
 def test_eigenvalues_of_extreme_bodies_at_any_spin_and_any_loss():
     """With a hundred digits, growth rates down to 1e-20 of the frequency are known exactly."""
-    size = 240
+    size = 120
     rng = np.random.default_rng(31)
     bodies = np.concatenate([far_outside(size // 2, 32), any_body(size // 2, 33)], axis=1)
     constants = full.constants(*bodies)
     n = rng.choice([-1, 1], size) * log_uniform(rng, 1e-6, 10, size)
     sigma = np.where(rng.random(size) < 0.5, log_uniform(rng, 1e-6, 100, size), 0.0)
-    n[:10] = 0.0
+    n[:5] = 0.0
     found = steady.steady_modes(constants, n, sigma)
     errors, overdamped = [], 0
     for k in range(size):
@@ -76,7 +76,7 @@ def test_eigenvalues_of_extreme_bodies_at_any_spin_and_any_loss():
             assert abs(complex(got) - exact) < slack, (k, got, exact)
             if exact.real != 0:
                 errors.append(float(abs(got.real / exact.real - 1)))
-    assert overdamped > 20
+    assert overdamped > 5
     assert np.median(errors) < 1e-15
     assert np.quantile(errors, 0.98) < 1e-11
 

@@ -42,9 +42,8 @@ def of_model(model, body, sigma, rolling):
     """Return body and coefficients without what the model does not have."""
     flat = model.name.startswith("full")
     sigma = 0.0 if model is ELLIPSOID else sigma
-    return body | {"c": None if flat else body["c"]}, sigma, (
-        rolling if model.name.endswith("rolling") else 0.0
-    )  # fmt: skip
+    rolling = rolling if model.name.endswith("rolling") else 0.0
+    return body | {"c": None if flat else body["c"]}, sigma, rolling
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
@@ -82,9 +81,7 @@ def test_equations_are_those_of_mechanics(model):
 def test_carried_functions_of_a_step(model):
     """Start and rate are those of the contact point, and errors enter squared; at 60 digits."""
     assert model.n_carried == 1
-    start, carried, plain = map(
-        exactly, (model.carried_start, model.carried_rhs, model.rhs)
-    )  # fmt: skip
+    start, carried, plain = map(exactly, (model.carried_start, model.carried_rhs, model.rhs))
     for body, u, omega, sigma, rolling in random_bodies(12, 6):
         body, sigma, rolling = of_model(model, body, sigma, rolling)
         with mp.workdps(60):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import pickle
 from typing import Any
 
@@ -13,7 +14,7 @@ import sweeping
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.stats import qmc
-from sweeping import rows
+from sweeping import HEAD, ROW, rows
 
 import rattlesweep as rs
 from rattlesweep.errors import ConfigError
@@ -29,8 +30,6 @@ TABLE_I = {
     "minus_xi_deg": [0, 6],
 }  # fmt: skip
 RANGES = np.array(list(TABLE_I.values()), dtype=float)
-GH = "13.04,1.522,12.28,0.6429,0.036,-0.03"
-HEAD = ",".join(PARAMETERS)
 GRID = {"source": "grid", "base": {"preset": "GH"}}
 
 
@@ -57,8 +56,6 @@ def refusal(bodies: dict[str, Any]) -> str:
     assert len(line) < 500
     return line
 
-
-# -- random numbers ----------------------------------------------------------------------------
 
 words = st.integers(0, 2**63 - 1) | st.integers(0, 3) | st.integers(2**63 - 3, 2**63 - 1)
 signed = st.integers(-(2**63), 2**63 - 1)
@@ -90,9 +87,6 @@ def test_a_sequence_is_scipys_and_fills_every_cell_equally():
     # Unlike random points, 2^k of them have one in each of 2^k equal parts of every range.
     cells = np.sort(np.floor(256 * sobol(range(256))), axis=1)
     assert np.array_equal(cells, np.tile(np.arange(256), (5, 1)))
-
-
-# -- shell-dumbbell bodies ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("name", "values"), [("K_r", [0.0041, 0.1]), ("K_p", [0.05, 2.34])])
@@ -154,9 +148,6 @@ def test_an_impossible_target_is_refused():
     assert line.startswith("bodies.target.K_p: 1e-09 was not met to 0.001 in 20000 draws")
 
 
-# -- presets and grids -------------------------------------------------------------------------
-
-
 def test_the_first_axis_of_a_grid_varies_slowest():
     axes = {"theta": {"linspace": [0.6, 0.9, 4]}, "phi": [0.02, 0.036], "xi_deg": [-1, -3]}
     made = plan(GRID | {"axes": axes})
@@ -167,18 +158,15 @@ def test_the_first_axis_of_a_grid_varies_slowest():
     assert np.array_equal(bodies_of(made, samples=[3, 9]), b[:, [3, 9]])
 
 
-# -- tables ------------------------------------------------------------------------------------
-
-
 def table(directory: Any, text: str) -> dict[str, Any]:
     (directory / "b.csv").write_text(text, encoding="utf-8")
     return {"source": "table", "path": str(directory / "b.csv")}
 
 
 def test_tables_are_csv_or_parquet_and_found_beside_their_config(tmp_path, monkeypatch):
-    source = table(tmp_path, f"{HEAD},comment\n{GH},first\n9.3,2.1,9.4,0.81,0.07,-0.02,second\n")
+    source = table(tmp_path, f"{HEAD},comment\n{ROW},first\n9.3,2.1,9.4,0.81,0.07,-0.02,second\n")
     b = bodies_of(plan(source))
-    assert b.T.tolist() == [[float(x) for x in GH.split(",")], [9.3, 2.1, 9.4, 0.81, 0.07, -0.02]]
+    assert b.T.tolist() == [[float(x) for x in ROW.split(",")], [9.3, 2.1, 9.4, 0.81, 0.07, -0.02]]
     path = tmp_path / "b.parquet"
     pd.read_csv(tmp_path / "b.csv").to_parquet(path)
     assert np.array_equal(bodies_of(plan({"source": "table", "path": str(path)})), b)
@@ -192,19 +180,19 @@ def test_tables_are_csv_or_parquet_and_found_beside_their_config(tmp_path, monke
 STATE = f"{HEAD},omega_x,omega_y,omega_z,u_x,u_y,u_z"
 BAD_TABLES = {
     "missing column": ("alpha,beta,gamma,theta,phi\n1,2,3,4,5\n", "the column xi is missing"),
-    "text cell": (f"{HEAD}\n{GH}\n13,1.5,12,abc,0.1,-0.1\n", "row 2: theta is 'abc'; a finite"),
-    "empty cell": (f"{HEAD}\n{GH}\n13,1.5,12,,0.1,-0.1\n", "row 2: theta is empty; a finite"),
-    "n_i alone": (f"{HEAD},n_i\n{GH},0.1\n", "the column omega_xy0 is missing; a launch has n_i"),
-    "u too long": (f"{STATE}\n{GH},0,0,1,0,0.5,-1\n",
+    "text cell": (f"{HEAD}\n{ROW}\n13,1.5,12,abc,0.1,-0.1\n", "row 2: theta is 'abc'; a finite"),
+    "empty cell": (f"{HEAD}\n{ROW}\n13,1.5,12,,0.1,-0.1\n", "row 2: theta is empty; a finite"),
+    "n_i alone": (f"{HEAD},n_i\n{ROW},0.1\n", "the column omega_xy0 is missing; a launch has n_i"),
+    "u too long": (f"{STATE}\n{ROW},0,0,1,0,0.5,-1\n",
                    "row 1: u must be a vector of length 1"),
-    "at rest": (f"{STATE}\n{GH},0,0,0,0,0,-1\n",
+    "at rest": (f"{STATE}\n{ROW},0,0,0,0,0,-1\n",
                 "row 1: the body stands upright and at rest; give"),
-    "repeated": (f"{HEAD},theta\n{GH},0.7\n", "the column theta is repeated; keep one"),
-    "a cell more in each row": (f"{HEAD}\n{GH},\n{GH},\n", "cannot be read as a table (CSV parse"),
+    "repeated": (f"{HEAD},theta\n{ROW},0.7\n", "the column theta is repeated; keep one"),
+    "a cell more in each row": (f"{HEAD}\n{ROW},\n{ROW},\n", "cannot be read as a table (CSV par"),
     "no rows": (f"{HEAD}\n", "the table has no rows; give at least one body"),
-    "no height": (f"{HEAD},n_i_rpm\n{GH},60\n", "the column height_m is missing; n_i_rpm needs it"),
-    "result": (f"{HEAD},type\n{GH},granite\n", "the column type has the name of a result; rename"),
-    "degrees": (f"{HEAD},n_i,omega_xy0,psi\n{GH},1,0.1,30\n",
+    "no height": (f"{HEAD},n_i_rpm\n{ROW},60\n", "the column height_m is missing; n_i_rpm needs "),
+    "result": (f"{HEAD},type\n{ROW},granite\n", "the column type has the name of a result; rename"),
+    "degrees": (f"{HEAD},n_i,omega_xy0,psi\n{ROW},1,0.1,30\n",
                 "row 1: psi is 30; from -6.28319 to 6.28319 rad is allowed"),
 }  # fmt: skip
 
@@ -219,6 +207,7 @@ def test_a_bad_table_is_told_by_its_row(name, tmp_path):
 
 def test_a_file_that_is_no_table_is_refused_by_name(tmp_path):
     (tmp_path / "empty").mkdir()
+    os.mkfifo(tmp_path / "pipe.csv")
     for name in ("b.parquet", "zero.csv", "notes.docx"):
         (tmp_path / name).write_bytes(b"PAR1\0\xe9" + bytes(range(256)))
     for path in tmp_path.iterdir():
@@ -227,7 +216,7 @@ def test_a_file_that_is_no_table_is_refused_by_name(tmp_path):
 
 def test_a_table_is_identified_by_its_content(tmp_path):
     """The hash covers all columns of the runs, and not the bytes of the file."""
-    text = f"{HEAD},n_i,omega_xy0,name\n{GH},0.1,0.02,one\n{GH},0.2,0.02,\n"
+    text = f"{HEAD},n_i,omega_xy0,name\n{ROW},0.1,0.02,one\n{ROW},0.2,0.02,\n"
     csv = plan(table(tmp_path, text)).source
     pd.read_csv(tmp_path / "b.csv").to_parquet(tmp_path / "b.parquet")
     same = plan({"source": "table", "path": str(tmp_path / "b.parquet")}).source

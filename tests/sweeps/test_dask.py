@@ -143,15 +143,18 @@ def test_rows_are_those_of_the_local_engine(name, cluster, tmp_path):
     assert rows_of(tmp_path / "dask").equals(rows_of(tmp_path / "local"))
 
 
-def test_workers_need_no_disk_in_common_and_a_killed_one_costs_nothing(
-    own_cluster, gate, tmp_path, plain
-):
+def test_losses_of_workers_and_of_the_scheduler(own_cluster, gate, tmp_path, plain, monkeypatch):
+    """Workers need no disk in common; a killed one costs nothing; the other cases are sentences."""
+    it, output, closed = own_cluster, tmp_path / "out", tmp_path / "closed"
+    with monkeypatch.context() as patch:
+        patch.setattr(daskengine, "WORKER_TIMEOUT", 1.0)
+        with pytest.raises(OutputError, match=f"{it.address} has had no worker for 1 s"):
+            sweep(output, SWEEP, engine=make_engine(it.address))
     (gate / "open").touch()
-    closed = tmp_path / "closed"
     closed.mkdir()
     (tmp_path / "shut").mkdir()
-    own_cluster.worker(RATTLESWEEP_TESTS_CLOSED=closed)
-    mortal = own_cluster.worker(RATTLESWEEP_TESTS_GATE=tmp_path / "shut")
+    it.worker(RATTLESWEEP_TESTS_CLOSED=closed)
+    mortal = it.worker(RATTLESWEEP_TESTS_GATE=tmp_path / "shut")
     # Bodies and launches of the sweep, from a table.
     names = ["alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0"]
     pyarrow.csv.write_csv(plain.select(names), closed / "bodies.csv")
@@ -162,17 +165,26 @@ def test_workers_need_no_disk_in_common_and_a_killed_one_costs_nothing(
         if progress.runs >= 40:  # it holds blocks; the other does its own, and then those
             mortal.kill()
 
-    engine = make_engine(own_cluster.address)
-    result = sweep(closed / "out", config, engine=engine, report=kill)
+    result = sweep(closed / "out", config, engine=make_engine(it.address), report=kill)
     assert mortal.wait(NEVER) == -signal.SIGKILL
     assert result.done == 80
     names = ["n_i", "alpha", "t_end", "n_end", "energy_drift", "status"]
     here, there = (t.select(names).sort_by("n_end") for t in (rows_of(closed / "out"), plain))
     assert here.equals(there)
+    (gate / "open").unlink()
+
+    def behead(progress: Progress) -> None:
+        if progress.runs == 10:  # the gate holds the other blocks
+            it.scheduler.kill()
+
+    with pytest.raises(OutputError, match=f"the scheduler at {it.address} is lost; completed"):
+        sweep(output, SWEEP, engine=make_engine(it.address), report=behead)
+    assert sweep(output, SWEEP).done == 70
+    assert rows_of(output).equals(plain)
 
 
 def test_without_a_scheduler_workers_of_its_own_do_it(plain, tmp_path):
-    assert sweep(tmp_path, SWEEP, engine=make_engine(None, threads=1)).done == 80
+    assert sweep(tmp_path, SWEEP, engine=make_engine(None)).done == 80
     assert rows_of(tmp_path).equals(plain)
 
 
@@ -205,26 +217,6 @@ def test_a_stop_keeps_the_blocks_that_are_done_and_frees_the_workers(
                 sweep(output, SWEEP, engine=engine)
     assert len(rows_of(output)) < 80
     assert sweep(output, SWEEP, engine=make_engine(cluster)).runs == 80
-    assert rows_of(output).equals(plain)
-
-
-def test_lost_scheduler_and_one_without_workers_are_one_sentence(
-    own_cluster, tmp_path, plain, monkeypatch
-):
-    it, output = own_cluster, tmp_path / "out"
-    with monkeypatch.context() as patch:
-        patch.setattr(daskengine, "WORKER_TIMEOUT", 1.0)
-        with pytest.raises(OutputError, match=f"{it.address} has had no worker for 1 s"):
-            sweep(output, SWEEP, engine=make_engine(it.address))
-    it.worker()
-
-    def kill(progress: Progress) -> None:
-        if progress.runs == 10:  # the gate holds the other blocks
-            it.scheduler.kill()
-
-    with pytest.raises(OutputError, match=f"the scheduler at {it.address} is lost; completed"):
-        sweep(output, SWEEP, engine=make_engine(it.address), report=kill)
-    assert sweep(output, SWEEP).done == 70
     assert rows_of(output).equals(plain)
 
 

@@ -30,13 +30,9 @@ from rattlesweep.sweeps.types import SS, SW, UNCLASSIFIED, R, sure_types
 from rattlesweep.sweeps.verify import same_bits
 
 SETS = (
-    "record=[error]",
-    "seed=8",
-    "bodies.samples=8",
-    "bodies.target={K_r: [0.02], rel_tol: 0.1}",
-    "spin.n_i=[-0.1, -0.5, 0.2]",
-    "horizon={t_rgh: 5, t: 3000}",
-)
+    "record=[error]", "seed=8", "bodies.samples=8", "bodies.target={K_r: [0.02], rel_tol: 0.1}",
+    "spin.n_i=[-0.1, -0.5, 0.2]", "horizon={t_rgh: 5, t: 3000}",
+)  # fmt: skip
 GOAL = "integrator={accuracy: {t_r: 1.0e-7}}"
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 import shutil
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ from sweeping import changed, plan_of
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.batch import most_threads
-from rattlesweep.sweeps.merge import merge
 from rattlesweep.sweeps.run import Job, Keys, Shard, integrate_plan, local
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.verify import same_bits
@@ -87,21 +85,12 @@ def test_in_memory(whole):
     assert same_bits(integrate_plan(plan_of(FULL)), open_stored(whole).read())
 
 
-def test_shards_in_one_directory_and_in_their_own(whole, tmp_path):
-    shared, count = tmp_path / "shared", 3
-    parts = [tmp_path / str(index) for index in range(count)]
-    results = []
-    for index in (2, 0, 1):
-        own = partial(sweep, shard=Shard(index, count), engine=cut(5))
-        results.append(own(shared))
-        own(parts[index])
-    check_equal(shared, whole)
+def test_shards_in_one_directory(whole, tmp_path):
+    results = [sweep(tmp_path, shard=Shard(index, 3), engine=cut(5)) for index in (2, 0, 1)]
+    check_equal(tmp_path, whole)
     assert [result.runs for result in results] == [RUNS // 3] * 3
     assert [result.missing for result in results] == [32, 16, 0]
     assert [result.summary is not None for result in results] == [False, False, True]
-    merged = merge(parts, tmp_path / "merged")
-    assert (merged.runs, merged.missing, merged.failed) == (RUNS, 0, 0)
-    check_equal(tmp_path / "merged", whole)
 
 
 def test_broken_off_again_and_again_moved_and_harmed(whole, tmp_path):

@@ -10,16 +10,14 @@ import numpy as np
 import oracle
 import pandas as pd
 import pytest
-from refusal import assert_refused
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-from sweeping import invoke, proved
+from sweeping import HEAD, invoke, proved
 
 import rattlesweep as rs
 from rattlesweep.integrate.batch import PLATEAU_SHARE
 
 BODY = oracle.GH | {"theta": 0.82}
-HEAD = "alpha,beta,gamma,theta,phi,xi"
 STATE = ["omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z"]
 T_END = 60.0
 T_TAP = {"pitch": 20.0, 45.0: 90.0}
@@ -130,20 +128,3 @@ def test_a_tapped_body_reverses_once_it_has_spun(psi):
     # Before that it wobbles about zero, which is not a reversal.
     early = path.table.n[path.table.t.between(0, begin, inclusive="neither")]
     assert (np.diff(np.sign(early)) != 0).any() or psi != 45.0
-
-
-@pytest.mark.parametrize(
-    ("config", "words"),
-    [
-        ("spin: {n_i: [0.1, 0], omega_xy0: 0.1}", "horizon.t: missing; a launch without spin (2"),
-        ("spin: {n_i: 0, omega_xy0: 0.1}\nhorizon: {t: 9}\nmodel: gh", "c.yaml:4: model: gh beg"),
-        ("launch: {omega: [0, 0, 1]}", "t_rgh times t_rGH is not a finite time in the only run"),
-        ("launch: {omega: [1, 0, 0]}", "horizon.t: missing; a launch without spin has no t_rGH"),
-        ("launch: {omega: [0.1, 0, 1]}\nmodel: reduced", "c.yaml:3: model: reduced begins with"),
-    ],
-)  # fmt: skip
-def test_launches_that_cannot_be_are_refused(config, words, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("c.yaml").write_text("bodies: {source: preset, name: GH}\n" + config + "\n")
-    assert_refused(invoke("run", "c.yaml"), 2, words)
-    assert not Path("out").exists()

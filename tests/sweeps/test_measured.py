@@ -9,31 +9,23 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from sweeping import HEAD, ROW
 
 import rattlesweep as rs
 from rattlesweep.sweeps.bodies import table
 
 STONES = pd.DataFrame(
     {
-        "stone": ["grey", "red, long", "green"],
-        "number": [7, 12, 3],
-        "code": ["007", "012", "003"],
-        "hardness": [5.5, 6.0, 6.25],
-        "mass_kg": [1.0, 0.5, 0.25],
-        "height_m": [0.01, 0.012, 0.02],
-        "ixx_kg_m2": [2e-4, 1.2e-4, 1e-4],
-        "iyy_kg_m2": [16e-4, 10e-4, 12e-4],
-        "izz_kg_m2": [17e-4, 10.5e-4, 12.5e-4],
-        "ixy_kg_m2": [-0.2e-4, -0.1e-4, -0.3e-4],
-        "r1_m": [2.0, 1.0, 1.5],
-        "r2_m": [0.045, 0.03, 0.05],
-        "n_i_rpm": [60.0, -50.0, 30.0],
-        "omega_xy0_rpm": [6.0, 20.0, 5.0],
+        "stone": ["grey", "red, long", "green"], "number": [7, 12, 3],
+        "code": ["007", "012", "003"], "hardness": [5.5, 6.0, 6.25],
+        "mass_kg": [1.0, 0.5, 0.25], "height_m": [0.01, 0.012, 0.02],
+        "ixx_kg_m2": [2e-4, 1.2e-4, 1e-4], "iyy_kg_m2": [16e-4, 10e-4, 12e-4],
+        "izz_kg_m2": [17e-4, 10.5e-4, 12.5e-4], "ixy_kg_m2": [-0.2e-4, -0.1e-4, -0.3e-4],
+        "r1_m": [2.0, 1.0, 1.5], "r2_m": [0.045, 0.03, 0.05],
+        "n_i_rpm": [60.0, -50.0, 30.0], "omega_xy0_rpm": [6.0, 20.0, 5.0],
         "t_end_s": [4.0, 6.0, 5.0],
     }
-)
-PLAIN = "alpha,beta,gamma,theta,phi,xi"
-ROW = "13.04,1.522,12.28,0.82,0.036,-0.03"
+)  # fmt: skip
 
 
 def sweep(path: Path, output: Path, **rest: Any) -> pd.DataFrame:
@@ -89,6 +81,7 @@ def test_a_frame_is_swept_with_all_of_its_columns(tmp_path):
     assert {*source.carried} == {"stone", "number", "code", "hardness", "mass_kg", "height_m"}
     assert rs.sweep(frame, output=tmp_path / "out").runs.equals(runs)
     # The same in memory.
+    assert rs.simulate(runs).t_r.equals(runs.t_r)  # with the column c
     alone = rs.simulate(frame)
     assert alone.t_r.equals(runs.t_r)
     assert alone.sigma.equals(runs.sigma)
@@ -97,7 +90,7 @@ def test_a_frame_is_swept_with_all_of_its_columns(tmp_path):
 def test_angles_in_degrees_and_the_unit_of_time_alone(tmp_path):
     path = tmp_path / "t.csv"
     body = ROW.replace("-0.03", "-1.72")
-    head = PLAIN.replace("xi", "xi_deg")
+    head = HEAD.replace("xi", "xi_deg")
     path.write_text(f"{head},height_m,n_i,omega_xy0,psi_deg\n{body},0.02,0.3,0.1,30\n")
     runs = sweep(path, tmp_path / "out")
     second = math.sqrt(0.02 / 9.81)
@@ -109,7 +102,7 @@ def test_angles_in_degrees_and_the_unit_of_time_alone(tmp_path):
 def test_columns_are_carried_as_what_they_hold(tmp_path):
     path = tmp_path / "t.csv"
     path.write_text(
-        f"{PLAIN},whole,gaps,real,words,height_m \n{ROW},5,1,1.5,a b, +0.02 \n{ROW},-7,,2,,0.02\n"
+        f"{HEAD},whole,gaps,real,words,height_m \n{ROW},5,1,1.5,a b, +0.02 \n{ROW},-7,,2,,0.02\n"
     )
     source = table.read_bodies(str(path))
     held = {k: ["nan" if x != x else x for x in v.tolist()] for k, v in source.carried.items()}

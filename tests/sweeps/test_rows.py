@@ -19,15 +19,7 @@ from sweeping import sweep
 from rattlesweep.errors import DamagedError, OutputError
 from rattlesweep.sweeps import columns as units
 from rattlesweep.sweeps import stored as stored_module
-from rattlesweep.sweeps.columns import (
-    RECORD_PARTS,
-    SUMMARY,
-    build_table,
-    ragged,
-    read_parquet,
-    runs_schema,
-    write_parquet,
-)
+from rattlesweep.sweeps.columns import build_table, read_parquet, runs_schema, write_parquet
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.files import replace_file, streamed_file
 from rattlesweep.sweeps.stored import Case, Stored, open_stored
@@ -61,7 +53,7 @@ def random_columns(case: np.ndarray, sample: np.ndarray, seed: int = 1) -> dict[
         elif pa.types.is_integer(field.type):
             columns[field.name] = rng.integers(0, 3, n)
         elif pa.types.is_list(field.type):
-            columns[field.name] = ragged(rng.normal(size=(n, 5)), rng.integers(-1, 6, n))
+            columns[field.name] = units.ragged(rng.normal(size=(n, 5)), rng.integers(-1, 6, n))
     status = (rng.random(n) < 0.1).astype(np.int8)
     columns["status"] = (status, ["ok", "diverged"])
     columns["type"] = (np.where(status == 0, rng.integers(0, 2, n), -1), ["R", "SS"])
@@ -86,7 +78,7 @@ def scatter(directory: Path, table: pa.Table, parts: Any) -> Stored:
 
 def test_every_column_says_what_it_is() -> None:
     rates = (units.TIME, units.RATE, units.ENERGY, units.FORCE)
-    for column in (*runs_schema(RECORD_PARTS), *SUMMARY):
+    for column in (*runs_schema(units.RECORD_PARTS), *units.SUMMARY):
         unit = column.metadata[b"unit"].decode()
         assert unit in {"1", "rad", "a", "M a^2 sqrt(g/a)", *rates}, column.name
         assert len(column.metadata[b"description"]) > 5, column.name

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import stone_oracle
-from sweeping import plan_of
+from sweeping import HEAD, ROW, plan_of
 from test_stone import kl_state, random_bodies
 
 import rattlesweep as rs
@@ -18,8 +18,6 @@ from rattlesweep.physics.body import PARAMETERS
 SPIN = {"n_i": [0.2], "omega_xy0": [0.05]}
 GH = {"source": "preset", "name": "GH"}
 GRID = {"source": "grid", "base": {"preset": "GH"}}
-HEAD = ",".join(PARAMETERS)
-ROW = "13.04,1.522,12.28,0.6429,0.036,-0.03"
 
 
 def c_of(bodies: dict[str, Any], **others: Any) -> Any:
@@ -55,12 +53,9 @@ def test_presets_grids_and_tables(tmp_path):
         assert c_of(source) is None
 
 
-# -- against mechanics -------------------------------------------------------------------------
-
-
 def test_runs_against_mechanics():
     scenes = []
-    for k, (body, u, omega, sigma, rolling) in enumerate(random_bodies(24, 11)):
+    for k, (body, u, omega, sigma, rolling) in enumerate(random_bodies(12, 11)):
         # Tilts and rates of a stone that stays on the table.
         u = np.array([0.2 * u[0], 0.2 * u[1], 0])
         u[2] = -math.sqrt(1 - u @ u)
@@ -69,7 +64,7 @@ def test_runs_against_mechanics():
     bodies, u, omega, sigma, rolling = zip(*scenes, strict=True)
     runs = rs.simulate([rs.Rattleback(**body) for body in bodies], u=u, omega=omega, t_end=15.0,
                        sigma=sigma, rolling=rolling, tol=1e-13)  # fmt: skip
-    assert 0 < runs.t_r.notna().sum() < 24
+    assert 0 < runs.t_r.notna().sum() < 12
     for (body, u, omega, *losses), run in zip(scenes, runs.itertuples(), strict=True):
         end = stone_oracle.follow(body, u, omega, run.t_end, *losses).y[:, -1]
         assert run.n_end == pytest.approx(end[:3] @ end[3:6], abs=1e-9)
