@@ -1,12 +1,11 @@
-"""Whether a process that compiles a kernel computes the bits of one that loads it.
+"""Check that a process that compiles a kernel computes the same bits as one that loads it.
 
     python benchmarks/bits.py [--only WORDS] [--repeats 3]
 
-Every kernel there is: sweeps, sweeps with a tangent, and trajectories with rows between their
-steps, of all methods and models.  Some processes have theirs compiled the way it
-is done, by others, and load them; some compile by themselves; some load what these have left.
-Sweeps run on one and two threads, and in four threads at once.  Each line shows the hashes of all
-that came out.
+It covers all kernels: sweeps, sweeps with a tangent, and trajectories with rows between their
+steps, for all methods and models.  Some processes load kernels that helper processes compiled, as
+usual; some compile their own; some load what these have left in the cache.  Sweeps run on one and
+two threads, and in four threads at once.  Each line shows the hashes of all results.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ SAMPLES = {"full": 4, "reduced": 16}
 
 
 def jobs():
-    """Names of all kernels: kind, method, model."""
+    """Return the names of all kernels: kind, method, model."""
     for method in METHODS:
         for model in PLAIN:
             yield "sweep", method, model
@@ -49,7 +48,7 @@ def jobs():
 
 
 def runs(model):
-    """Launches of all cases of the quickstart, none of them long."""
+    """Return launches of all cases of quickstart, with short horizons."""
     settings = [f"bodies.samples={SAMPLES[model]}", f"model={model}"]
     plan = make_plan(load_config(CONFIG, [*settings, "horizon={t_rgh: 5, t: 400}"]))
     case, sample = np.divmod(np.arange(plan.runs), plan.samples)
@@ -76,7 +75,7 @@ def swept(batch, method, model, record, threads):
 
 
 def in_threads(call):
-    """What a call gives in four threads at once."""
+    """Return the results of a call made in four threads at once."""
     found = []
     team = [threading.Thread(target=lambda: found.append(call())) for _ in range(4)]
     for thread in team:
@@ -97,7 +96,7 @@ def followed(batch, method, model):
 
 
 def hashes(job, repeats):
-    """All that a kernel gives, in all ways in which it is called."""
+    """Return the hashes of a kernel's results, for every way of calling it."""
     kind, method, model = job
     batch = runs(model)
     if kind == "march":
@@ -115,12 +114,12 @@ def hashes(job, repeats):
 
 
 def compile_here():
-    """Have this process compile what it runs, as if no other process could."""
+    """Make this process compile its own kernels instead of using helper processes."""
     compile._compile = lambda wanted: None
 
 
 def serve(way, names, repeats):
-    """In a child: one line of JSON for each kernel."""
+    """Print one line of JSON for each kernel (runs in a child process)."""
     if way == "here":
         compile_here()
     for name in names:
@@ -128,7 +127,7 @@ def serve(way, names, repeats):
 
 
 def start(way, place, names, repeats):
-    """Process that runs kernels one way, with a cache of its own."""
+    """Start a process that gets its kernels in one way, with a cache of its own."""
     place.mkdir(mode=0o700, exist_ok=True)
     return subprocess.Popen(
         [sys.executable, str(HERE), "--serve", way, "--repeats", str(repeats), *names],
@@ -144,7 +143,7 @@ def start(way, place, names, repeats):
 @click.option("--repeats", default=3, show_default=True)
 @click.option("--serve", "way", hidden=True)
 def main(names: tuple[str, ...], only: str, repeats: int, way: str | None) -> None:
-    """Compare the bits of compiled with those of loaded kernels; exit code 1 if some differ."""
+    """Compare the bits of compiled and loaded kernels; exit with 1 if some differ."""
     if way:
         serve(way, names, repeats)
         return
@@ -157,7 +156,7 @@ def main(names: tuple[str, ...], only: str, repeats: int, way: str | None) -> No
             ("compiled here", "here", "here"),
             ("loaded from here", "child", "here"),
         ):
-            # Two at a time: one kernel does not keep two processors busy.
+            # Two processes at a time, because one kernel does not keep two processors busy.
             parts = [start(way, place / f"{cache}{i}", names[i::2], repeats) for i in range(2)]
             for process in parts:
                 for line in process.stdout:

@@ -1,10 +1,10 @@
-"""Evidence for the criterion of chaos: how far differences grow in the second half of SW runs.
+"""Evidence for the criterion of chaos: growth of differences in the second half of SW runs.
 
     rattlesweep run configs/steady.yaml --set 'record=[lyapunov]' --output out/lyapunov
     python benchmarks/chaos.py out/lyapunov
 
-Prints histograms of the logarithm of that growth, and what becomes of some of the runs in six
-times their horizon, followed past reversals.
+Prints histograms of the logarithm of the growth, and the growth in some of the runs when they are
+followed to six times their horizon, past reversals.
 """
 
 from __future__ import annotations

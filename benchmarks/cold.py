@@ -1,11 +1,11 @@
-"""How long a new user waits: commands with an empty and with a filled cache of kernels.
+"""Duration of commands with an empty and with a filled cache of kernels.
 
     python benchmarks/cold.py [COMMAND]... [--repeats 3] [--only cold|warm]
 
-Each cold measurement has a cache directory of its own, each warm one that of the cold ones before
-it, and every command an empty directory to write to.  Wall time is what counts on an idle machine;
-on a busy one look at the processor time, which is that of the command and of all that it
-started.  The table has medians, and the files that were compiled.
+Each cold measurement has its own cache directory, and the warm one after it uses the same.  Every
+command writes to an empty directory.  On a busy machine, compare processor times (of the command
+and its child processes) instead of wall times.  The table has medians and the number of compiled
+files.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ COMMANDS: dict[str, list[str]] = {
     "tradeoff": [*RATTLESWEEP, "tradeoff", "--quick", "--output", "out"],
     "paper": [*RATTLESWEEP, "paper", "--quick", "--output", "out"],
 }
-# Seconds, cold and warm, on an idle machine of two Zen 3 cores.
+# Wanted seconds, cold and warm, on an idle machine with two Zen 3 cores.
 GOALS: dict[str, tuple[float | None, float | None]] = {
     "run": (15, None), "trajectory": (15, None), "paper": (60, 15)
 }  # fmt: skip
@@ -43,7 +43,7 @@ GOALS: dict[str, tuple[float | None, float | None]] = {
 
 @dataclass
 class Measured:
-    """What the repeats of a command took."""
+    """Times of the repeats of a command."""
 
     wall: list[float] = field(default_factory=list)
     cpu: list[float] = field(default_factory=list)
@@ -51,7 +51,7 @@ class Measured:
 
 
 def spent() -> float:
-    """Processor time of all children that have ended."""
+    """Return the processor time of all child processes that have ended."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
@@ -72,7 +72,7 @@ def measure(command: list[str], cache: Path, found: Measured) -> None:
 
 
 def shown(found: Measured, goal: float | None) -> str:
-    """Medians, and whether the wall time is as it is wanted."""
+    """Return medians as text, with a mark for whether the wall time meets its goal."""
     if not found.wall:
         return f"{'':>24}"
     wall, cpu = statistics.median(found.wall), statistics.median(found.cpu)

@@ -1,9 +1,9 @@
-"""Reversal times in double-double arithmetic (32 digits): what the worst runs are measured against.
+"""Reversal times in double-double arithmetic (32 digits), the reference for the worst runs.
 
 Rounding alone moves the reversal time of a sensitive run (docs/accuracy.md).  Here the right-hand
 side of :mod:`rattlesweep.physics.full` is compiled again with every number a pair of doubles, and
 integrated by the extrapolated midpoint rule of Gragg, Bulirsch and Stoer with a fixed number of
-columns.  There is no error control: the error is less than what another ``angle`` changes.
+columns.  There is no error control: the error is below the change that another ``angle`` makes.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # Midpoint rules of 2, 4, ... substeps: order 2 * COLUMNS.
 COLUMNS = 10
-# Points at which a step that may hold a zero of the spin is looked at.
+# Points at which the spin is evaluated in a step that may contain a zero.
 POINTS = 16
 
 
@@ -92,29 +92,29 @@ def root(a):  # type: ignore[no-untyped-def]
 
 
 class Pairs(ast.NodeTransformer):
-    """Puts calls of the functions above in the place of operators."""
+    """Replace operators by calls of the functions above."""
 
     names = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Div: "div"}  # noqa: RUF012
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
-        """An operator is a call."""
+        """Replace an operator by a call."""
         name = ast.Name(self.names[type(node.op)], ast.Load())
         return ast.Call(name, [self.visit(node.left), self.visit(node.right)], [])
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.AST:
-        """Only the minus sign is used."""
+        """Replace a minus sign, the only unary operator there is."""
         zero = ast.Tuple([ast.Constant(0.0), ast.Constant(0.0)], ast.Load())
         return ast.Call(ast.Name("sub", ast.Load()), [zero, self.visit(node.operand)], [])
 
     def visit_Constant(self, node: ast.Constant) -> ast.AST:
-        """A number written in the source is exact."""
+        """Replace a number by a pair; numbers in the source are exact."""
         if not isinstance(node.value, int | float):
             return node
         return ast.Tuple([ast.Constant(float(node.value)), ast.Constant(0.0)], ast.Load())
 
 
 def in_pairs(function: Any) -> Any:
-    """A scalar function of :mod:`rattlesweep.physics.full` on pairs of doubles."""
+    """Compile a scalar function of :mod:`rattlesweep.physics.full` for pairs of doubles."""
     tree = ast.parse(textwrap.dedent(inspect.getsource(function.py_func)))
     written = tree.body[0]
     assert isinstance(written, ast.FunctionDef)
@@ -190,7 +190,7 @@ def first_zero(y0, q, t_end, h):  # type: ignore[no-untyped-def]
     steps = int(np.ceil(t_end / h))
     for k in range(steps):
         new = step(y, h, q, table, work)
-        # Between two larger ones the spin does not dip to zero in a fraction of its swing.
+        # With more than 0.3 n_0 at both ends, the spin does not reach zero within the step.
         if min(sign * spin_of(y), sign * spin_of(new)) < 0.3 * n_0:
             for i in range(1, POINTS + 1):
                 if sign * spin_of(step(y, h * i / POINTS, q, table, work)) <= 0:
@@ -215,7 +215,7 @@ def reversal_times(batch: Batch, horizon: Floats, angle: float = 0.8) -> Floats:
     ----------
     batch : Batch
     horizon : ndarray
-        Where to give up, in ``sqrt(a/g)``.
+        Time limit of each run, in ``sqrt(a/g)``.
     angle : float
         Length of the first steps times the frequency of the spin's swing.
     """

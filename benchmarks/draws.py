@@ -1,6 +1,6 @@
-"""Errors of shares and means against the number of samples, by how bodies are drawn.
+"""Errors of shares and means against the number of samples, for random and Sobol' draws.
 
-Sweeps of the closed form (`model: gh`), each of many seeds, against one of a million samples.
+Compares sweeps of the closed form (`model: gh`) with many seeds to one with a million samples.
 
     python benchmarks/draws.py --figure docs/draws.png
 """

@@ -1,11 +1,11 @@
-"""What ``classify.early`` saves, what it changes, and how far from changing anything it is.
+"""Steps that ``classify.early`` saves, types that it changes, and its margin.
 
     python benchmarks/early.py [configs/steady.yaml] [--set seed=1] [--factors 1,4,16,64]
 
 Integrates every run to its horizon and with ``classify.early``, in turn, on one thread.  A factor
-other than 1 multiplies the oscillation below which runs end: how large it must become before types
-change is the margin.  ``--only-candidates`` leaves out the runs that cannot end early, which are
-the same either way, to see many more of the others.
+other than 1 multiplies the oscillation below which runs end; the margin is the factor at which
+types begin to change.  ``--only-candidates`` leaves out the runs that cannot end early, so that
+there is time for more of the others.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ SS = TYPES.index("SS")
 
 
 def same_bits(one: Outcome, other: Outcome) -> bool:
-    """Whether every number of the same runs is."""
+    """Return whether all numbers of two integrations are equal, bit for bit."""
     names = (part.name for part in fields(Outcome) if part.name != "stopped")
     return all(getattr(one, n).tobytes() == getattr(other, n).tobytes() for n in names)
 
 
 def measure(plan, factors, only_candidates):
-    """Of some runs at a time, those to the horizon and those that end early, by factor."""
+    """Yield, for some runs at a time, the results to the horizon and with early ends, by factor."""
     settings = plan.config.integrator
     numbers = np.arange(plan.runs)
     for first in range(0, plan.runs, AT_ONCE):
@@ -81,7 +81,7 @@ def typed(out: Outcome, thresholds) -> np.ndarray:
 @click.option("--factors", default="1", show_default=True, help="With commas between.")
 @click.option("--only-candidates", is_flag=True)
 def main(config: str, overrides: tuple[str, ...], factors: str, only_candidates: bool) -> None:
-    """Print what ends early, by case, and every type that changes."""
+    """Print how many runs end early, by case, and every type that changes."""
     plan = make_plan(load_config(config, [*overrides, "classify.early=true"]))
     thresholds = plan.config.classify
     scales = [float(word) for word in factors.split(",")]

@@ -1,16 +1,16 @@
-"""The error of every reversal time from a second, looser integration: its calibration.
+"""Calibration of the error that a second, looser integration estimates for every reversal time.
 
-    python benchmarks/errors.py [--quick]      # the table: share covered, overestimate, price
+    python benchmarks/errors.py [--quick]      # the table: share covered, overestimate, extra time
     python benchmarks/errors.py --fit          # the constants again, after a change of the kernel
-    python benchmarks/errors.py --promise      # accuracy: {t_r: 1e-6}: what it keeps and costs
+    python benchmarks/errors.py --promise      # accuracy: {t_r: 1e-6}: errors and extra time
     python benchmarks/errors.py --worst 40     # the worst runs of quickstart in 32 digits
 
 The estimate and its constants are those of the package (rattlesweep/sweeps/error.py);
-docs/accuracy.md says what the runs are that it has to tell.
+docs/accuracy.md describes the runs with large errors, which it has to mark.
 
-The truth is verner98 at 1e-14; where dop853 at 1e-13 is off it by more than 1e-9, this is added
-to the error.  ``--exact 20`` takes the 20 runs of each mix with the largest difference in 32 digits
-instead (double_double.py, some seconds each).
+The truth is verner98 at 1e-14; where dop853 at 1e-13 differs by more than 1e-9, the difference is
+added to the error.  ``--exact 20`` takes the 20 runs of each mix with the largest difference in 32
+digits instead (double_double.py, some seconds each).
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     Flags = NDArray[np.bool_]
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
-# Config, samples of each case, and where to cut the longest runs.
+# Config and samples of each case, by the name of the mix.
 MIXES = {"sd": ("tradeoff", 60), "quickstart": ("quickstart", 400), "steady": ("steady", 40),
          "unsteady": ("unsteady", 40)}  # fmt: skip
 SETTINGS = (("dop853", 1e-6), ("dop853", 1e-9), ("dop853", 1e-12), ("verner98", 1e-9),
@@ -84,7 +84,7 @@ def codes(outcome: Outcome, config: Config) -> NDArray[np.int8]:
 
 
 def draw(name: str, share: float) -> tuple[Batch, Config, NDArray[np.int64]]:
-    """Runs of a mix that have a horizon, with their cases and samples."""
+    """Return the runs of a mix that have a horizon, with their cases and samples."""
     config, samples = MIXES[name]
     settings = load_config(CONFIGS / f"{config}.yaml", [f"bodies.samples={int(samples * share)}"])
     plan = make_plan(settings)
@@ -96,7 +96,7 @@ def draw(name: str, share: float) -> tuple[Batch, Config, NDArray[np.int64]]:
 
 
 def references(batch: Batch) -> tuple[Outcome, Floats]:
-    """verner98 at 1e-14, and how far dop853 at 1e-13 is off it, if by more than rounding."""
+    """Return the result of verner98 at 1e-14, and its difference from dop853 at 1e-13."""
     best, other = run(batch, "verner98", 1e-14), run(batch, "dop853", 1e-13)
     apart = np.abs(other.t_r / best.t_r - 1.0)
     apart[np.isfinite(best.t_r) != np.isfinite(other.t_r)] = 1.0
@@ -112,7 +112,7 @@ def exact(batch: Batch, rows: NDArray[np.int64], best: Outcome) -> Floats:
 
 
 def prepare(name: str, share: float, most: int) -> Mix:
-    """A mix with its truth: in 32 digits for the ``most`` runs that are most in doubt."""
+    """Return a mix with its true times, with 32 digits for the ``most`` least certain runs."""
     batch, config, labels = draw(name, share)
     best, apart = references(batch)
     true = best.t_r.copy()
@@ -143,24 +143,24 @@ class Pair(NamedTuple):
 
     @property
     def settings(self) -> tuple[float, float]:
-        """Of the runs and of their companions."""
+        """Settings of the runs and of their companions."""
         return self.value, companion_setting(self.config, self.value)
 
     @property
     def config(self) -> Config:
-        """The mix's, with the setting."""
+        """Config of the mix with the setting."""
         return with_setting(self.mix.config, self.method, self.value)
 
     @property
     def error(self) -> Floats:
-        """Of the reversal times; 1 where a run should not have reversed."""
+        """Relative errors of the reversal times; 1 where a run should not have reversed."""
         found = np.abs(self.tight.t_r / self.mix.true - 1.0) + self.mix.doubt
         found[np.isfinite(self.tight.t_r) & ~np.isfinite(self.mix.true)] = 1.0
         return found
 
     @property
     def told(self) -> Estimated:
-        """The runs with their errors, as the rows would hold them."""
+        """Outcome of the runs with their estimated errors, as in the rows of a sweep."""
         return with_errors(self.config, self.mix.batch, self.tight, self.loose, self.settings)
 
     @property
@@ -170,7 +170,7 @@ class Pair(NamedTuple):
 
     @property
     def sure(self) -> Flags:
-        """Whether the types are sure, as the rows would say."""
+        """Whether the types are sure, as in the rows of a sweep."""
         told, config = self.told, self.mix.config
         return sure_types(
             codes(told, config),
@@ -189,7 +189,7 @@ class Pair(NamedTuple):
 
 
 def measure(mix: Mix, method: str, value: float) -> Pair:
-    """Both integrations, and what the second costs in terms of the first."""
+    """Do both integrations, and measure the time of the second relative to the first."""
     run(take(mix.batch, np.arange(3)), method, value)  # loads the kernel
     begin = time.process_time()
     tight = run(mix.batch, method, value)
@@ -222,7 +222,7 @@ def row(pair: Pair) -> str:
 
 
 def refit(pairs: list[Pair], wanted: float = 0.9953) -> None:
-    """Print the constants of least overestimate that cover the wanted share everywhere."""
+    """Print the constants with the least overestimate that cover the wanted share in all mixes."""
     found = []
     for values in itertools.product((0.3, 0.5, 0.7, 1, 1.5), (5, 10, 15), (5, 8, 12, 16),
                                     (0.0005, 0.0007, 0.001, 0.0015)):  # fmt: skip
@@ -235,7 +235,7 @@ def refit(pairs: list[Pair], wanted: float = 0.9953) -> None:
 
 
 def promised(name: str, share: float, goal: float) -> None:
-    """Print what accuracy: {t_r: ...} keeps, and what it costs in runs of the config."""
+    """Print the errors with accuracy: {t_r: ...} for the runs of a config."""
     mix = prepare(name, share, 0)
     asked = ["integrator={accuracy: {t_r: %g}}" % goal]  # noqa: UP031 - braces
     config = load_config(CONFIGS / f"{MIXES[name][0]}.yaml", asked)
@@ -259,7 +259,7 @@ def promised(name: str, share: float, goal: float) -> None:
 
 
 def price_of_goal(name: str, goal: float, step: int) -> None:
-    """Print the price of accuracy: {t_r: ...} over the plain config, of one in so many runs."""
+    """Print the time with accuracy: {t_r: ...} relative to the plain config."""
     path = CONFIGS / f"{MIXES[name][0]}.yaml"
     asked = "integrator={accuracy: {t_r: %g}}" % goal  # noqa: UP031 - braces
     plan, config = make_plan(load_config(path)), load_config(path, [asked])
@@ -307,7 +307,7 @@ def main(
     count: int,
     names: tuple[str, ...],
 ) -> None:
-    """Print how well reversal times know their own error."""
+    """Print how well the estimated errors of reversal times match the true ones."""
     share = 0.2 if quick else 1.0
     if promise:
         for name in names or MIXES:

@@ -1,8 +1,8 @@
-"""The reference of the extremes: extrapolated midpoint rule for the paper's six variables.
+"""Reference for the extremes: the extrapolated midpoint rule for the paper's six variables.
 
 The equations are those of tests/helpers/reference.py.  The method is that of Gragg, Bulirsch and
-Stoer with a fixed number of columns and no error control: its error is less than what halving all
-steps changes.  In longdoubles, or in mpmath's numbers.
+Stoer with a fixed number of columns and no error control: its error is below the change that
+halving all steps makes.  It computes in longdoubles or with mpmath.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ import oracle
 from mpmath import mp
 from reference import PARAMETERS, constants, contact, cross, real, rhs, step, trigonometry
 
-# Step, in radians of `pace`, and points at which a step is looked at.
+# Step, in radians of `pace`, and number of points at which the spin is evaluated in a step.
 ANGLE = 1.0
 POINTS = 16
 
@@ -31,13 +31,13 @@ def spin(y):
 
 
 def spin_rate(y, q):
-    """Its rate u . domega."""
+    """The rate of the spin, u . domega."""
     d = rhs(y, q)
     return y[0] * d[3] + y[1] * d[4] + y[2] * d[5]
 
 
 def fastest(row, n_i, omega_xy0):
-    """Bound of the frequencies of a launch, from the linear motion at its spin and at rest."""
+    """Bound on the frequencies of a launch, from the linear motion at its spin and at rest."""
     body = dict(zip(PARAMETERS, row, strict=True))
     spins = n_i, 0.5 * n_i, 0.0
     found = [np.abs(np.linalg.eigvals(oracle.jacobian_spin(body, n))).max() for n in spins]
@@ -56,8 +56,8 @@ class Reference:
 def _first_zero(y, h, q, sign):
     """First zero of the spin of one case in the step ``h`` from ``y``, or None.
 
-    The spin is looked at in POINTS points, each reached by a step of its own from ``y``; where it
-    falls at one and rises at the next, its minimum is searched for.
+    The spin is evaluated at POINTS points, each reached by a separate step from ``y``.  Where it
+    falls at one point and rises at the next, its minimum is searched for.
     """
     exact = y.dtype == object
     cells = q[:, None], y[:, None]
@@ -75,7 +75,7 @@ def _first_zero(y, h, q, sign):
         if s[k + 1] > 0:
             if not r[k] < 0 < r[k + 1]:
                 continue
-            # A convex curve is above its tangents; generous, as the curve may not be convex.
+            # A convex curve lies above its tangents.  Wide margin: the curve may not be convex.
             if min(s[k], s[k + 1]) > 2 * (high - low) * max(-r[k], r[k + 1]):
                 continue
             a, b, high = low, high, None
@@ -106,10 +106,10 @@ def _first_zero(y, h, q, sign):
 
 
 def pace(y, q, fast):
-    """Rate by which a step is measured: of the oscillation, the rotation and the contact point.
+    """Rate that sets the step: the sum of those of oscillation, rotation and contact point.
 
-    A long body that rolls far changes its inertia about the contact point within a part of a
-    period.  A function of the state alone, so that halving ``angle`` halves every step.
+    A long body that rolls far changes its inertia about the contact point within a fraction of a
+    period.  The rate depends on the state alone, so that halving ``angle`` halves every step.
     """
     y, q = y.astype(float), q.astype(float)
     u, w = y[:3], y[3:]

@@ -1,6 +1,6 @@
-"""The extremes: a named table of cases, and the product's answers to them.
+"""The extremes: a table of named cases, and rattlesweep's results for them.
 
-A case goes the way of a sweep: a row of a table of bodies, a config, a block.
+Each case is run as in a sweep, from a row of a table of bodies and a config.
 """
 
 import math
@@ -35,7 +35,7 @@ def shell_dumbbell(gamma=10.0, f_sd=0.1, theta=0.8, phi=0.05, xi=-3.0):
 class Case:
     """One run at an extreme.
 
-    ``angle`` is the reference's step in radians; ``error`` the largest relative error wanted at
+    ``angle`` is the reference's step in radians; ``error`` the largest relative error allowed at
     tol 1e-9 and at tol 1e-12, of t_r or, without a reversal, of the state relative to
     its oscillation.
     """
@@ -68,8 +68,8 @@ NEAR = gh(beta=13.04 - 1e-9)
 FLAT, LONG_ROLL = gh(theta=1 - 1e-9), gh(phi=1e-4)
 SD, OVERDAMPED = shell_dumbbell(), gh(xi=-45.0)
 
-# Against the longdouble reference: launches (n_i, omega_xy0, horizon and what else a case has), the
-# second in the steady direction; the horizons are what the reference can afford.
+# Cases for the longdouble reference, with launches (n_i, omega_xy0, horizon, other settings).  The
+# second launch is in the steady direction; the reference is too slow for longer horizons.
 REFERENCE = tuple(
     Case(name + suffix, body, *launch)
     for name, body, *launches in (
@@ -100,7 +100,7 @@ REFERENCE = tuple(
     for suffix, launch in zip(("", ", steady direction"), launches, strict=False)
 )  # fmt: skip
 
-# So small an oscillation that the linear motion is exact over the whole run.
+# Oscillations so small that the linear motion is exact over the whole run.
 LINEAR = (
     Case("K_r 1e-7, to 1e6", _k_r(1e-7), -0.1, 1e-12, 1e6),
     Case("K_r 1e-7, to 1e6, n_i > 0", _k_r(1e-7), 0.1, 1e-12, 1e6),
@@ -158,8 +158,8 @@ GRAZING = (
 def touches(body, omega_xy0, direction, count=2, t_end=20.0):
     """Initial spins at which the spin just touches zero, by a scan and nested searches.
 
-    Below a touch the first reversal comes at once, as the first of a close pair of zeros; above it
-    the pair is gone and the reversal comes a swing later.
+    Below a touch, the first reversal is the first of a close pair of zeros; above it, the pair is
+    gone and the reversal comes a swing later.
     """
 
     def late(n_i):
@@ -181,7 +181,7 @@ def touches(body, omega_xy0, direction, count=2, t_end=20.0):
 
 @dataclass
 class Answer:
-    """What the product says of a case: columns of ``runs`` and the state at the end."""
+    """Rattlesweep's result for a case: columns of ``runs`` and the final state."""
 
     row: dict
     y_end: np.ndarray
@@ -233,7 +233,7 @@ def ask(cases, integrator=None, max_steps=100_000_000):
 
 
 def refer(cases, answers, share=1.0, exact=False):
-    """The reference's answers; the direction of the launch is the product's."""
+    """Return the reference's results; the direction of the launch is rattlesweep's."""
     return reference.integrate(
         [[c.body[name] for name in reference.PARAMETERS] for c in cases],
         [c.n_i for c in cases],

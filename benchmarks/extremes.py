@@ -1,9 +1,9 @@
-"""The table of the extremes: the product against independent references.
+"""Tables of the extremes: rattlesweep compared with independent references.
 
     python benchmarks/extremes.py [--write]
 
-Prints the tables of benchmarks/extremes.md; ``--write`` puts them there, between the marks. Cases
-and the references are those of extreme_cases.py and extrapolation.py.
+Prints the tables of benchmarks/extremes.md; ``--write`` replaces them there. The cases
+are those of extreme_cases.py, the references those of extrapolation.py and extreme_cases.py.
 """
 
 import sys
@@ -26,7 +26,7 @@ BESIDE = (-1e-3, -1e-7, -1e-9, -1e-11, -1e-13, 1e-13, 1e-11, 1e-7)
 
 
 def pairs(grazing=extremes.GRAZING, count=2):
-    """Cases beside the touches, from a thousandth to 1e-13 of the spin away."""
+    """Cases near the touches, at relative distances of the spin from 1e-3 to 1e-13."""
     return [
         extremes.Case(f"{name}, touch {k + 1}, {away:+.0e}", body, n * (1 + away), omega, 20.0)
         for name, body, omega, direction in grazing
@@ -129,7 +129,7 @@ def tolerance_table():
 
 
 def pair_table():
-    """Runs beside a touch of the spin with zero."""
+    """Runs near an initial spin at which the spin just touches zero."""
     cases = pairs()
     answers = [extremes.ask(cases, {"tol": tol}) for tol in extremes.TOLS]
     fine = extremes.refer(cases, answers[0], 0.5)

@@ -2,7 +2,7 @@
 
 Each data set is a synthetic video of a wooden stone at 240 frames a second, of which 5 % are
 missing: the angle of its long axis with a noise of 0.5 degrees, or its spin with one of 3 rpm. The
-truth is drawn anew each time, and the fit is told nothing of it. Prints the table of fit.md.
+truth is drawn anew each time and not known to the fit. Prints the table of fit.md.
 
     python benchmarks/fit_coverage.py --sets 500
     python benchmarks/fit_coverage.py --write configs/fit/data.csv

@@ -1,8 +1,8 @@
-"""How often a forecast's interval of 95 % holds the time that the sweep then takes.
+"""How often the 95 % interval of a forecast contains the time that the sweep then takes.
 
-Shipped configs made small, each trial with a seed of its own: forecast, run, compare. A share of
-90 % or more of 40 trials is wanted. Whatever else the machine does meanwhile widens the times; the
-load is printed beside.
+Each trial forecasts and runs a shipped config, made small, with a seed of its own. The interval
+should contain the time in at least 90 % of 40 trials. Other work on the machine makes the times
+vary, so the load is printed as well.
 
     python benchmarks/forecast_coverage.py --trials 40
 """
@@ -21,7 +21,7 @@ from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.run import run_sweep
 
 CONFIGS = Path(__file__).parents[1] / "configs"
-# A second or more of kernel on two threads each.
+# Each takes at least a second of integration on two threads.
 SMALL = [
     ("quickstart.yaml", "bodies.samples=250"),
     ("steady.yaml", "bodies.samples=16"),
@@ -33,7 +33,7 @@ SMALL = [
 
 
 def main() -> None:
-    """Print a line a trial, and the share at the end."""
+    """Print a line for each trial, and the share at the end."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trials", type=int, default=40)
     parser.add_argument("--threads", type=int, default=2)
@@ -41,7 +41,7 @@ def main() -> None:
     options = parser.parse_args()
     held = 0
     with tempfile.TemporaryDirectory() as place:
-        # Trial -1 is not counted: it pays what a process pays once.
+        # Trial -1 is not counted, because it includes costs that a process has only once.
         for trial in range(-1, options.trials):
             name, *small = SMALL[trial % len(SMALL)]
             small.append(f"seed={abs(trial)}")

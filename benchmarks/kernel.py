@@ -8,9 +8,9 @@ run reverses within its horizon, so that all methods integrate the same time.  M
 kernels are interleaved and repeated; the tables show medians.
 
 ``--throughput`` prints the table of benchmarks/README.md: steps tried and accepted in the mix of
-``configs/steady.yaml``, and what share of the processor's fused multiply-adds they are.  Operations
-are counted in the machine code of the step for one lane, products and fused ones: both take the
-same units.  The peak is measured, as a loop of nothing else.
+``configs/steady.yaml``, and their share of the processor's peak of fused multiply-adds.  Products
+and fused multiply-adds, which use the same units, are counted in the machine code of the step for
+one lane.  The peak is measured with a loop of fused multiply-adds.
 """
 
 import os
@@ -62,10 +62,10 @@ def rk4_step(y, body, dt):  # type: ignore[no-untyped-def]
 
 @njit(fastmath=full.FASTMATH, error_model="numpy", nogil=True, parallel=True)
 def plain_rk4(y0, constants, t_end, dt, out):
-    """What one would write first: one run after another, scalar, ``prange`` over runs.
+    """The kernel that one would write first: scalar, one run after another, ``prange`` over runs.
 
     The classical method with the kernel's own right-hand side; a run ends where the spin changes
-    its sign between two steps.  No step control, no search within a step, nothing observed.
+    its sign between two steps.  It has no step control, no search within a step and no observables.
     """
     for k in prange(len(y0)):
         ix, iy, iz, cxx, cxy, cyy = constants[k]
@@ -84,7 +84,7 @@ def plain_rk4(y0, constants, t_end, dt, out):
 
 
 def batch(t_end):
-    """GH at spins of -0.15 to -0.1, which reverse after 450 or later."""
+    """Return GH at spins from -0.15 to -0.1, which reverse at t = 450 or later."""
     runs = len(t_end)
     n_i = np.random.default_rng(1).uniform(-0.15, -0.1, runs)
     constants = full.constants(**{name: np.full(runs, value) for name, value in BODY.items()})
@@ -106,7 +106,7 @@ def batch(t_end):
 
 
 def plain(runs, threads):
-    """Run the plain kernel; the number of steps."""
+    """Run the plain kernel and return the number of steps."""
     set_num_threads(threads)
     plain_rk4(runs.y0, runs.constants, runs.t_end, DT, np.empty_like(runs.y0))
     return int(np.round(runs.t_end / DT).sum())
@@ -130,7 +130,7 @@ KERNELS = {
 }
 
 
-# Runs and their mean horizon: for some 0.3 s a measurement with one thread.
+# Runs and their mean horizon, for about 0.3 s per measurement with one thread.
 SIZES = {
     "plain scalar rk4": (2048, 4.8),
     "lanes rk4": (8192, 8.0),
@@ -141,7 +141,7 @@ SIZES = {
 
 def cases(quick):
     """Batches by case and kernel."""
-    stride = 8 * DT  # the lanes are looked at every eight steps: whole looks only
+    stride = 8 * DT  # the kernel checks lanes every eight steps, so horizons are multiples of that
     for case in ("equal", "mixed"):
         batches = {}
         for name, (runs, mean) in SIZES.items():
@@ -271,10 +271,10 @@ def _many(attempt):
     return many
 
 
-# In machine code: products, fused or not, of so many doubles.
+# Products in machine code, fused or not, and their vector width.
 PRODUCT = re.compile(r"^\s+v?(?:mul|fn?m(?:add|sub)\d*)([sp])d\s.*%([xyz])mm", re.M)
 DOUBLES = {"x": 2, "y": 4, "z": 8}
-# Short chains: a long one leaves the units waiting for its sum.
+# Short chains, because in a long one the units wait for the sum.
 CHAIN, CELLS = 8, 64
 
 
@@ -334,7 +334,7 @@ def show_throughput(quick):
                 if repeat:
                     seconds[count].append(time.perf_counter() - begin)
                     spent.append(time.process_time() - cpu) if count == 1 else None
-        # Of the processor's time, which is what it takes on an idle machine too.
+        # From processor times, which other work on the machine hardly changes.
         one = statistics.median(spent)
         accepted, rejected = int(out.n_steps.sum()), int(out.n_rejected.sum())
         tried = accepted + rejected

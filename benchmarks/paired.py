@@ -1,4 +1,4 @@
-"""The kernel of this checkout against that of another: steps, errors and time at equal error.
+"""Comparison of the kernels of two checkouts: steps, errors and time at equal error.
 
     python benchmarks/paired.py OTHER [--method dop853] [--samples 6] [--repeats 9]
 
@@ -30,14 +30,14 @@ TOLS = {
 
 
 def reference(samples):
-    """Reversal times by two methods; NaN where they do not agree."""
+    """Return reversal times on which two methods agree; NaN where they do not."""
     runs = peer_work.draw(samples)
     one, other = (peer_work.rattlesweep(name, tol=1e-13)(runs) for name in ("dop853", "verner98"))
     return np.where(np.abs(one / other - 1) < peer_work.AGREE, other, np.nan).tolist()
 
 
 def serve(method, samples):
-    """In a child: a tolerance in, its time and what it found out."""
+    """Read tolerances and print times and results (runs in a child process)."""
     from rattlesweep.integrate.batch import integrate
     from rattlesweep.integrate.model import FULL
     from rattlesweep.integrate.tableau import METHODS

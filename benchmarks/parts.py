@@ -1,14 +1,14 @@
-"""The price of each part of a sweep, in one run on one machine: what nobody asked for is free.
+"""Time of each part of a sweep, measured in one run on one machine.
 
     python benchmarks/parts.py [--quick]
 
-Runs of ``configs/tradeoff.yaml`` with a horizon of 1000, so that no few long runs leave lanes
-empty.  All variants of the integration take turns on one thread; the table shows medians of
-processor time, as ratios to the plain run.  What the types need (the amplitude in windows, the
-smallest spin) cannot be switched off: the price of the amplitude is told from the generated step,
-compiled with and without it, and that of all the rest by what the integration takes beyond its
-steps.  What a scene adds (an ellipsoid, dissipation) changes when runs end, and is compared by the
-unit of time; behind it stand the steps tried in one.
+The runs are those of ``configs/tradeoff.yaml`` with a horizon of 1000, so that long runs do not
+leave lanes empty.  All variants of the integration take turns on one thread; the table shows
+medians of processor time, as ratios to the plain run.  The observables behind the types (the
+amplitude in windows, the smallest spin) cannot be switched off.  The time of the amplitude is found
+by compiling the generated step with and without it, and that of the rest is the time of the
+integration beyond its steps.  An ellipsoid or dissipation changes when runs end, so these are
+compared per unit of time; the table also has the steps tried per unit of time.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ RECORDS = (
     ["energy", "contact", "windows"],
 )  # fmt: skip
 
-# What a scene adds to a body; a horizon that hardly any run leaves early.
+# Settings of each scene; few runs reverse before the horizon.
 SCENES = {
     "plain": [],
     "ellipsoid": ["bodies.surface=ellipsoid", "bodies.c=2"],
@@ -117,7 +117,7 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
         Part("model gh", lambda: columns_of(closed, launches, None, None), runs),
         Part("integration alone", lambda: run_batch(config, batch, threads=1), runs),
     ]
-    # Where the horizon of 5 is not cut by the other one.
+    # Runs for which the horizon of 5 t_rGH is the smaller one.
     short = np.flatnonzero(5.0 * launches.gh.t_rgh <= HORIZON)
     chosen = take(batch, short)
     for units in (1.0, 2.0, 5.0):
@@ -158,7 +158,7 @@ def scenes(samples: int) -> list[Part]:
 
 
 def around(plan: Any, launches: Any, found: Mapping[str, Any], directory: Path) -> list[Part]:
-    """What is done before and after the kernel."""
+    """The work before and after the kernel."""
     case, sample, b = launches.case, launches.sample, launches.bodies
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
     runs = len(sample)
@@ -234,7 +234,7 @@ def measure(parts: list[Part], rounds: int) -> dict[str, float]:
 @click.command()
 @click.option("--quick", is_flag=True, help="Fewer runs and repeats.")
 def main(quick: bool) -> None:
-    """Print the price of each part."""
+    """Print the time of each part."""
     parts, plan, launches, found = integration(20 if quick else 70)
     out = run_batch(plan.config, full_batch(launches), threads=1)
     tries = int(out.n_steps.sum() + out.n_rejected.sum())

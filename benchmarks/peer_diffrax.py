@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 jax.config.update("jax_enable_x64", True)
 
-# Runs of one call, about.  A batch goes on until its last run has ended, but larger ones pay less
-# for what XLA does once a step: 120 and 240 were slower, 960 was as fast.
+# Approximate number of runs in a call.  A batch goes on until its last run has ended, but larger
+# batches share the cost that XLA has in each step: 120 and 240 were slower, 960 was as fast.
 RUNS = 480
 
 
@@ -89,7 +89,7 @@ class Solver:
     def __call__(self, runs: Batch) -> Floats:
         """First zeros of the spin, NaN where there is none before the horizon."""
         t_r = np.full(len(runs), np.nan)
-        # Runs of like length together; batches of one size, so that nothing is recompiled.
+        # Runs of similar length are batched together; batches of one size avoid recompilation.
         order = np.argsort(runs.t_end, kind="stable")
         size = -(-len(runs) // max(1, round(len(runs) / RUNS)))
         for first in range(0, len(runs), size):

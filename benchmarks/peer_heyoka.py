@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     System = tuple[list[tuple[Any, Any]], Any]
 
-# So that compilation is timed, not loading.
+# Without the cache, compilation is timed instead of loading.
 hy.llvm_state.set_diskcache_enabled(False)
 
-# Steps between two looks at lanes that have come to their horizon.
+# Steps between two checks for lanes that have reached their horizon.
 LOOK = 200
 
 
@@ -55,7 +55,7 @@ def slope_system() -> System:
 
 
 def vector_system() -> System:
-    """Equations in ``(u, omega)`` as the paper has them (Eqs. 10 and 11), and the spin."""
+    """Equations in ``(u, omega)`` as in the paper (Eqs. 10 and 11), and the spin."""
     ix, iy, iz, cxx, cxy, cyy = (hy.par[i] for i in range(6))
     ux, uy, uz, a, b, c = hy.make_vars("ux", "uy", "uz", "a", "b", "c")
     bxx, bxy, byy = 1.0 + cxx, cxy, 1.0 + cyy
@@ -79,8 +79,8 @@ def vector_system() -> System:
 def _solve(r: tuple[Any, ...], t: tuple[Any, ...], inertia: tuple[Any, ...]) -> list[Any]:
     """Angular acceleration from the torque: Sherman and Morrison's formula.
 
-    Of one, two or four divisions this form, with seven, was the fastest: in Taylor series a
-    division costs the same as a product.
+    This form, with seven divisions, was faster than those with one, two or four: in Taylor series
+    a division costs the same as a product.
     """
     r2 = hy.sum([x * x for x in r])
     d = [i + r2 for i in inertia]
@@ -106,8 +106,8 @@ def _initial(runs: Batch, system: str) -> Floats:
 class BatchSolver:
     """``taylor_adaptive_batch``: a lane whose run has ended takes the next one, longest first.
 
-    Without ``refill`` runs of like horizons are begun together, and the next ones when all of them
-    have ended.
+    Without ``refill``, runs of similar horizons start together, and the next ones start when all of
+    them have ended.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class BatchSolver:
         self.refill = refill
         begin = time.perf_counter()
         equations, spin = SYSTEMS[system]()
-        # With the code of Zen 3 asked for (``peers.py --avx2``): four lanes, 256 bits.
+        # With code for Zen 3 (``peers.py --avx2``), vectors have four lanes, 256 bits.
         narrow = os.environ.get("NUMBA_CPU_NAME") == "znver3"
         lanes = 4 if narrow else hy.recommended_simd_size()
         self.system = system

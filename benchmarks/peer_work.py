@@ -47,7 +47,7 @@ AGREE = 1e-8
 
 @dataclass(frozen=True)
 class Work:
-    """Runs and what they come to.
+    """Runs and their reversal times.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Work:
 
     @property
     def units(self) -> float:
-        """Time to integrate in all, in ``sqrt(a/g)``."""
+        """Total time to integrate, in ``sqrt(a/g)``."""
         return float(np.where(np.isnan(self.t_ref), self.runs.t_end, self.t_ref).sum())
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Work:
@@ -70,14 +70,14 @@ class Work:
         return Work(take(self.runs, index), self.t_ref[index])
 
     def tiled(self, least: int) -> tuple[Batch, int]:
-        """The runs repeated until they are ``least`` or more, and how often."""
+        """Return the runs, repeated until there are ``least`` or more, and the repeats."""
         copies = -(-least // len(self.runs))
         return take(self.runs, np.tile(np.arange(len(self.runs)), copies)), copies
 
 
 @dataclass(frozen=True)
 class Errors:
-    """How far a method's times of reversal are off."""
+    """Errors of a method's reversal times."""
 
     median: float
     p99: float
@@ -90,7 +90,7 @@ class Errors:
 def take(runs: Batch, index: NDArray[Any]) -> Batch:
     """Some of the runs of a batch."""
     parts = {name: getattr(runs, name) for name in Batch.__dataclass_fields__}
-    # Where nothing is said of a run there is nothing to take.
+    # Fields that have no entry per run stay as they are.
     return Batch(**{name: part[index] if len(part) else part for name, part in parts.items()})
 
 
@@ -146,7 +146,7 @@ def timed(solve: Solve, runs: Batch) -> tuple[float, Floats]:
 
 
 def cost_at(error: float, errors: Floats, costs: Floats) -> tuple[float, str]:
-    """Cost at an error, log-log along a curve; the mark says that the curve ends before.
+    """Return the cost at an error, log-log along a curve, and a mark where the curve ends before.
 
     Returns
     -------
@@ -192,7 +192,7 @@ def first_calls() -> tuple[float, float]:
 
 
 def source() -> str:
-    """Hash of the sources that are compiled: says which rattlesweep was measured."""
+    """Return a hash of the compiled sources, which identifies the rattlesweep that was measured."""
     return source_hash()[:8]
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from peer_work import Errors, Solve, Work
 
-# What must be set before NumPy, Numba and XLA are loaded: that is why ``main`` imports.
+# These must be set before NumPy, Numba and XLA are loaded, so ``main`` imports them.
 ONE_THREAD = {
     "NUMBA_NUM_THREADS": "1",
     "OMP_NUM_THREADS": "1",
@@ -37,7 +37,7 @@ ONE_THREAD = {
     "JAX_PLATFORMS": "cpu",
     "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1",
 }
-# XLA, and Numba's plain loops, take what they are told as well.
+# XLA and Numba's plain loops have to be restricted as well.
 AVX2 = {
     "NUMBA_CPU_NAME": "znver3",
     "NUMBA_CPU_FEATURES": "",
@@ -106,7 +106,7 @@ class Bench:
 
         work = self.works[entry.work]
         own = entry in self.curves[entry.work]
-        # Few runs would leave lanes empty that a sweep fills: rattlesweep does them repeatedly.
+        # A few runs would leave lanes empty that a sweep fills, so rattlesweep repeats them.
         runs, copies = work.tiled(len(self.works["all"].runs) if own else 1)
         seconds, t_r = timed(entry.solve, runs)
         entry.micros.append(seconds / copies / work.units * 1e6)
@@ -169,7 +169,7 @@ def reference(samples: int, report: Callable[[str], None]) -> tuple[Work, dict[s
 
 
 def faster_system(work: Work) -> tuple[str, dict[str, float]]:
-    """Which form of the equations is faster for heyoka, and both costs."""
+    """Return which form of the equations is faster for heyoka, and both costs."""
     from peer_heyoka import SYSTEMS, BatchSolver
     from peer_work import timed
 
@@ -277,7 +277,7 @@ def show(rows: list[dict[str, Any]]) -> None:
 
 
 def quoted(bench: Bench, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The ratios that are quoted, each at an error or at the peer's best setting."""
+    """Return the quoted ratios, each at an error or at the peer's best setting."""
 
     def least(method: str) -> float:
         return min(r["ratio_at_equal_median_error"] for r in rows if r["method"] == method)

@@ -1,4 +1,4 @@
-"""What a refined map saves, and what it misses: decided on the runs of a full grid.
+"""Runs that a refined map saves and cells that it misses, found from the runs of a full grid.
 
 rattlesweep run configs/map_theta_spin.yaml
 python benchmarks/refining.py out/map-theta-spin --figure docs/map_refined.png
@@ -27,7 +27,7 @@ LEVELS = (2, 3, 4, 5)
 
 
 def refined(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> Flags:
-    """Return which of the runs a refined sweep does, in the order of their keys."""
+    """Return a mask of the runs that a refined sweep would do, in the order of their keys."""
     data = resolved(stored.config)
     config = parse_config(data | {"bodies": data["bodies"] | {"refine": refine}}, [])
     decide = Refining(config, stored.cases, stored.samples)
@@ -40,7 +40,7 @@ def refined(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> Flags:
 
 
 def main() -> None:
-    """Print a table of runs and of cells missed; draw those of one."""
+    """Print a table of runs and missed cells; draw those of one refinement."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("full", type=Path)
     parser.add_argument("--figure", type=Path)
@@ -79,7 +79,7 @@ def main() -> None:
 
 
 def draw(stored, code: np.ndarray, done: np.ndarray, missed: np.ndarray) -> object:
-    """The runs that are done on the left, the cells that are missed on the right."""
+    """Draw the runs that are done on the left and the missed cells on the right."""
     spin, theta = stored.config.spin, stored.config.bodies.axes.theta
     figure = style.new_figure(9.0, 7.4)
     panels = figure.subplots(len(spin.omega_xy0), 2, sharex=True, sharey=True)

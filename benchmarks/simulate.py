@@ -1,11 +1,10 @@
-"""What a thousand runs cost: in one call of `simulate`, in as many calls, as rows of a sweep.
+"""Time of a thousand runs: in one call of `simulate`, in a thousand calls, and as a sweep.
 
     python benchmarks/simulate.py [--runs 1000] [--rounds 5]
 
 The runs are those of a small sweep in both directions; their rows are compared bit for bit.  All
-three are timed in turn, round by round, so that what else the machine does is the same for all;
-medians and ratios are printed.  The sweep has a directory to write, and is the same config each
-time.
+three are timed in turn, round by round, so that other work on the machine affects them equally.
+Medians and ratios are printed.  The sweep writes a directory and has the same config each time.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Why single precision is no setting: reversal times of plain RK4 in float32 and in float64.
+"""Why there is no single precision: reversal times of plain RK4 in float32 and float64.
 
     python benchmarks/single_precision.py [--runs 400] [--longest 600]
 

@@ -1,8 +1,9 @@
-"""Whether what `stop` promises holds: many sweeps, each stopped by its own runs.
+"""Check the accuracy that `stop` promises, with many sweeps, each stopped by its own runs.
 
-Of each sweep's cases, whether the shares of types and the mean of t_r lie as close to the true
-values as was asked for, and within the intervals of 95 % that plots show. The closed form, in
-memory; what decides is what decides in a sweep. The truth is a sweep of 2^20 Sobol' samples.
+For each case, counts how often the shares of types and the mean of t_r are within the requested
+error of the true values, and how often the 95 % intervals of plots contain these. The runs are of
+the closed form, in memory, and stop by the rule of a sweep. The truth is a sweep of 2^20 Sobol'
+samples.
 
     python benchmarks/stopping.py --sweeps 500
 """
@@ -34,7 +35,7 @@ STOPS = ({"fraction": 0.02}, {"t_r": 0.03})
 
 
 def run(plan: Plan, case: Integers, sample: Integers, counts: Counts) -> pa.Table:
-    """Do some runs, and count them."""
+    """Do some runs and count their types."""
     table = compute(plan.config, plan.schema, prepare_runs(plan, case, sample))
     for rows in table.to_batches():
         counts.add(rows, rows.column("case").to_numpy().astype(np.int64))
@@ -42,7 +43,7 @@ def run(plan: Plan, case: Integers, sample: Integers, counts: Counts) -> pa.Tabl
 
 
 def stopped(config: dict[str, Any]) -> Counts:
-    """Return what a sweep that stops comes to, by case."""
+    """Return the result of a sweep that stops, by case."""
     plan = make_plan(parse_config(config))
     shape = len(plan.cases), plan.samples
     decide, counts = Stopping(plan.config.stop, shape), Counts(len(plan.cases))

@@ -1,4 +1,4 @@
-"""How far the types depend on the thresholds behind them.
+"""How much the types depend on their thresholds.
 
     rattlesweep run configs/steady.yaml
     python benchmarks/thresholds.py out/steady
@@ -23,7 +23,7 @@ from rattlesweep.sweeps.types import TYPES, classify
 
 
 def settings(default: Classify) -> Iterator[tuple[str, Classify]]:
-    """The thresholds themselves, then each halved and doubled."""
+    """Return the thresholds as they are, and with each of them halved and doubled."""
     yield "default", default
     for name in ("ss_growth", "sw_departure"):
         for factor in (0.5, 2.0):

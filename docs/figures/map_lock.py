@@ -1,4 +1,4 @@
-"""Print the numbers about the resonance in docs/sampling.md: where SW lies, and what its runs do.
+"""Print the numbers about the resonance in docs/sampling.md: where SW occurs, and its frequencies.
 
 rattlesweep run configs/map_theta_spin.yaml
 rattlesweep run configs/steady.yaml
@@ -22,7 +22,7 @@ rhs, spin = full.rhs, full.spin
 
 @nb.njit
 def path(state, body, t_end):
-    """Plain RK4: omega_x, omega_y and the spin, every `EVERY` steps, up to the reversal."""
+    """Return omega_x, omega_y and the spin by plain RK4, every `EVERY` steps."""
     seen = np.empty((int(t_end / STEP) // EVERY, 3))
     y = state.copy()
     for row in range(len(seen)):
@@ -74,12 +74,12 @@ def ratio(theta, n, **changes):
 
 
 def shares(part, name):
-    """How many of some runs are of each value of a column."""
+    """Return, as text, how many runs have each value of a column."""
     return ", ".join(f"{key} {count}" for key, count in part[name].value_counts().items())
 
 
 def island_of_gh(runs) -> None:
-    """Where SW lies for the body of Garcia and Hubbard, and what its runs do."""
+    """Print where SW occurs for the body of Garcia and Hubbard, and the frequencies of its runs."""
     rng = np.random.default_rng(1)
     for size, part in runs.groupby("omega_xy0"):
         down = part[part["n_i"] < 0]
@@ -125,7 +125,7 @@ def island_of_gh(runs) -> None:
 
 
 def random_bodies(runs) -> None:
-    """The same of random bodies of type SW that have clearly left their plateau."""
+    """Print frequencies of random bodies of type SW that have clearly left their plateau."""
     rng = np.random.default_rng(5)
     for n_i in (-0.3, -0.4, -0.5):
         some = runs[(runs["type"] == "SW") & (runs["n_i"] == n_i) & (runs["omega_xy0"] == 0.01)

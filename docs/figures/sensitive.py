@@ -61,7 +61,7 @@ def envelope(values, width=25):
 
 
 def shifts(one, times, y, size, repeats=12):
-    """Return the median change of t_r by kicks in random directions, at some times."""
+    """Return the median change of t_r after kicks in random directions, at some times."""
     rng = np.random.default_rng(0)
     many = take(one, np.zeros(len(times) * repeats, dtype=int))
     kick = rng.standard_normal((len(many), 4))
@@ -126,7 +126,7 @@ def worst() -> None:
         apart = envelope(pitch(one, y[:upto] - exact[:upto], exact[:upto]))
         size = envelope(np.linalg.norm(exact[:upto, :4], axis=1))
         rate = np.log(apart[width:] / apart[:-width]) / width
-        # In the end, and before it is as large as the rest.
+        # Late in the run, and before the error is as large as the oscillation.
         late = (times[: len(rate)] > 0.8 * t_r) & (apart[width:] < 0.3 * size[width:])
         at = np.flatnonzero(late)[np.argmax(rate[late])]
         when = (at + width / 2) / t_r

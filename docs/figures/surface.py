@@ -1,8 +1,8 @@
-"""How much the surface matters: reversal times of ellipsoids over those of paraboloids, against c.
+"""Draw the reversal times of ellipsoids over those of paraboloids, against c.
 
     python docs/figures/surface.py [docs/surface.png]
 
-The first 300 shell-dumbbell bodies of seed 2017, launched along their relevant modes.
+The bodies are the first 300 of seed 2017 (shell-dumbbell), launched along their relevant modes.
 """
 
 from __future__ import annotations
