@@ -54,7 +54,7 @@ def main() -> None:
     code = np.array([CODES[name] for name in types]).reshape(shape)
     ratio = rows.column("t_r").to_numpy() / rows.column("t_rgh").to_numpy()
     ratio = ratio.reshape(shape)
-    print("refine                   runs  fewer  missed  in islands  largest  t_r off by 5 %")
+    print("refine                   runs  fewer  missed     islands  largest  t_r off by 5 %")
     for refine in [{"levels": n} for n in LEVELS] + [{"levels": 4, "by": "t_r"}]:
         done = refined(rows, stored, refine).reshape(shape)
         missed, off, most, count = np.zeros(shape, bool), 0, 0, 0

@@ -150,6 +150,10 @@ def save(found: Comparison, path: Path) -> None:
             bins = np.geomspace(values.min() / 2, 2 * values.max(), 60)
             axes.hist(values, bins, color=style.BLUE)
             axes.set(xscale="log", yscale="log", ylim=(0.7, None))
+        else:
+            told = f"{total['equal']:,} of {total['reversing']:,} reversal times are equal"
+            axes.text(0.5, 0.5, told, ha="center", transform=axes.transAxes)
+            axes.set(xticks=[], yticks=[])
         axes.set(xlabel=rf"$|\Delta t_r|$ / {below}", ylabel="number of runs")
         style.light_grid(axes)
         words = (f"{' against '.join(found.data['directories'])}: {total['reversing']:,} runs "

@@ -25,8 +25,7 @@ class Quantity(NamedTuple):
 
 
 def make_body(given: dict[str, Any]) -> Rattleback:
-    """Return the body that command-line options describe; None means not given."""
-    given = {name: value for name, value in given.items() if value is not None}
+    """Return the body that command-line options describe."""
     told = " ".join(sorted(f"--{name.replace('_', '-')}" for name in given)) or "no option"
     if "xi_deg" in given and "xi" not in given:
         given["xi"] = math.radians(given.pop("xi_deg"))
@@ -59,12 +58,8 @@ def derived(
     body: Rattleback, n_i: float, omega_xy0: float, sigma: float = 0.0, rolling: float = 0.0
 ) -> list[Quantity]:
     """Return all that theory says about a body and its launch along the relevant mode."""
-    good = 0 < abs(n_i) < math.inf and 0 < omega_xy0 < math.inf
-    if not (good and 0 <= sigma < math.inf and 0 <= rolling < math.inf):
-        raise ConfigError(
-            f"--n-i {n_i:g}, --omega-xy0 {omega_xy0:g}, --sigma {sigma:g}, --rolling {rolling:g}: "
-            "the spin must not be zero, the oscillation positive, the dissipation not negative"
-        )
+    if n_i == 0:
+        raise ConfigError("--n-i 0: a launch without spin has no reversal time")
     b, m = body, theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
     psi = direction(m, n_i, "relevant")
     gh = garcia_hubbard(b, m, n_i, omega_xy0, psi)

@@ -297,7 +297,7 @@ class Problem:
 
 def check_free(launch: Launch, free: Iterable[str]) -> list[str]:
     """Return the names of free parameters; raise a ConfigError if they do not fit the run."""
-    names = list(dict.fromkeys([free] if isinstance(free, str) else free))
+    names = list(dict.fromkeys(free))
     for name in names or [""]:
         if name not in PARAMETERS:
             raise ConfigError(f"free: {not_one_of(name, PARAMETERS)}")

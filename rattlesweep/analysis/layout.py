@@ -41,7 +41,6 @@ class Where:
 
     text: str
     columns: tuple[str, ...]
-    option: str  # by which the user gave it
 
     def filter(self, rows: pa.RecordBatch) -> pa.RecordBatch:
         """Return the rows that meet the condition; raise a ConfigError if pandas refuses it."""
@@ -63,16 +62,16 @@ class Where:
             if unknown := re.fullmatch(r"name '(\w+)' is not defined", why):
                 why = not_one_of(unknown[1], rows.schema.names)
             raise ConfigError(
-                f"{self.option} {one_line(self.text, 200)}: {one_line(why, 400)}; write a pandas "
+                f"where {one_line(self.text, 200)}: {one_line(why, 400)}; write a pandas "
                 'query, as in type == "SW" and K_r < 0.005'
             ) from None
         return rows.filter(pa.array(found.fillna(False).to_numpy(bool)))
 
 
-def parse_where(text: str, schema: pa.Schema, option: str = "--where") -> Where:
+def parse_where(text: str, schema: pa.Schema) -> Where:
     """Return a condition on the columns of a schema; raise a ConfigError if it is invalid."""
-    words = re.findall(r"[A-Za-z_]\w*", _unquoted(text))
-    where = Where(text, tuple(name for name in schema.names if name in words), option)
+    words = re.findall(r"[A-Za-z_]\w*", _unquoted(str(text)))
+    where = Where(str(text), tuple(name for name in schema.names if name in words))
     where.filter(pa.RecordBatch.from_pylist([], schema=schema))  # on no rows, to check the text
     return where
 
@@ -214,8 +213,8 @@ class Layout:
         axes = dict(self.axes)
         for text in texts:
             name, _, wanted = text.partition("=")
-            axis = self.named(name.strip(), f"--select {text}")
-            axes[axis.name] = axes[axis.name].only(wanted, f"--select {text}")
+            axis = self.named(name.strip(), f"select {text}")
+            axes[axis.name] = axes[axis.name].only(wanted, f"select {text}")
         return replace(self, axes=axes)
 
     def in_si(self) -> Layout:

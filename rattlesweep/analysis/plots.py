@@ -121,7 +121,7 @@ class Picture(ABC):
         if (count := len(down) * len(across)) > MOST_PANELS:
             names = " and ".join(axis.name for axis in (*self.rows, *self.columns))
             raise ConfigError(f"there would be {count} panels, one for each {names}; choose some "
-                              "with --select, as in --select n_i=-0.3,-0.5")  # fmt: skip
+                              "with select, as in n_i=-0.3,-0.5")  # fmt: skip
         across = [column for column in across for _ in range(self.parts)]
         needed = np.array(self.panel) * (len(across), len(down)) + (1.6, 1.4)
         figure = style.new_figure(*(size or np.clip(needed, (6.4, 3.4), 14)))
@@ -140,7 +140,7 @@ class Picture(ABC):
         figure.supylabel(self.ylabel, fontsize="medium")
         for axes, (which, limits) in product(grid.flat, (("x", xlim), ("y", ylim))):
             if limits and limits[0] <= 0 and getattr(axes, f"get_{which}scale")() == "log":
-                raise ConfigError(f"--{which}lim: a logarithmic axis is positive; add --linear")
+                raise ConfigError(f"{which}lim: a logarithmic axis is positive; take a linear one")
             getattr(axes, f"set_{which}lim")(limits)
         # A value selected alone appears nowhere else in the picture.
         pinned = [a for a in layout.axes.values() if len(a.values) == 1 and -1 in a.rank]
@@ -294,7 +294,7 @@ class Map(Picture):
     def _arrange(self) -> Names:
         layout, order = self.layout, ordered(self.layout, self.x, SIDE)
         if layout.lengths[order[0]] < 2:
-            raise ConfigError(f"--kind map: only one value of {order[0]} is left; it needs two")
+            raise ConfigError(f"kind map: only one value of {order[0]} is left; it needs two")
         self.parts = 2 if self.quantity is None else 1
         # Bondi's line needs one body in a cell, and a steady spin that lasts.
         self.theory = bool(layout.bodies) and not layout.stored.config.dissipation
@@ -309,9 +309,8 @@ class Map(Picture):
         code = np.where(cells.ok == 0, CODES["failed"], np.argmax(counts, axis=0))
         code = self.grid(np.where(cells.runs == 0, CODES["missing"], code))
         value = self.grid(more[self.quantity] if self.quantity else cells.ratio.means())
-        beyond = np.full(code.shape, np.nan)
-        if self.theory:
-            beyond = self.grid(more["n_c1"] - more["n_i"])
+        none = np.full(code.shape, np.nan)
+        beyond = self.grid(more["n_c1"] - more["n_i"]) if self.theory else none
         if layout.refined:
             # Fill where no run was integrated, not where a condition excludes the run.
             runs = cells.runs if layout.where is None else layout.chosen(None).count()[0].runs
@@ -358,7 +357,7 @@ class Map(Picture):
             every[0].set_title("most common type" if several else "type", fontsize="medium")
             every[1].set_title(mean + label("ratio"), fontsize="medium")
         else:
-            name, (unit, words) = self.quantity, self.layout.column(self.quantity, "--quantity")
+            name, (unit, words) = self.quantity, self.layout.column(self.quantity, "quantity")
             words = f"{name}: {words}."
         self.notes.append(words)
         extend = {(True, True): "both", (True, False): "min", (False, True): "max"}
@@ -436,7 +435,7 @@ class Distribution(Picture):
             axes.set_xlabel(label("ratio"))
             meaning = "t_r/t_rGH of those that reverse; dashed: theory"
         else:
-            unit, meaning = self.layout.column(self.quantity, "--quantity")
+            unit, meaning = self.layout.column(self.quantity, "quantity")
             axes.set_xlabel(label(self.quantity, unit))
         style.scale_axis(axes, "x", (low, high), log_x)
         self.ylabel = "number of runs"
@@ -456,8 +455,8 @@ class Scatter(Picture):
     def _arrange(self) -> Names:
         self.column = self.x or "t_rgh"
         if self.column == "t_r":
-            raise ConfigError("--x t_r: it is the ordinate of a scatter; choose another column")
-        self.unit, _ = self.layout.column(self.column, "--x")
+            raise ConfigError("x t_r: it is the ordinate of a scatter; choose another column")
+        self.unit, _ = self.layout.column(self.column, "x")
         return super()._arrange()
 
     @cached_property
@@ -510,16 +509,16 @@ def choose_picture(
         kind = "map" if suited in ("map", "reversals") else "distribution"
     kind = kind or suited
     if x is not None and kind != "scatter":
-        layout.named(x, f"--x {x}")
+        layout.named(x, f"x {x}")
     if kind not in fitting:
-        raise ConfigError(f"--kind {kind}: does not fit this sweep; {', '.join(fitting)} fit")
+        raise ConfigError(f"kind {kind}: does not fit this sweep; {', '.join(fitting)} fit")
     if quantity is not None and kind not in ("map", "distribution"):
-        raise ConfigError(f"--quantity: goes with --kind map or distribution, not {kind}")
+        raise ConfigError(f"quantity: goes with kind map or distribution, not {kind}")
     if kind == "reversals":  # only confirmed turns, where the runs have error estimates
         sure = "reversals_sure" in layout.stored.schema.names
         quantity = "reversals_sure" if sure else "n_turns"
     if quantity is not None:
-        layout.column(quantity, "--quantity")
+        layout.column(quantity, "quantity")
     return KINDS[kind](layout, kind, x, quantity)
 
 

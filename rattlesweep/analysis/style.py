@@ -108,7 +108,7 @@ def add_legend(figure: Any, handles: list[Any], heading: Sequence[str] = ()) -> 
         if rows == count or legend.get_window_extent().width <= figure.bbox.width:
             break
         legend.remove()
-    legend.set_title("\n".join(heading) or None)
+    legend.set_title("\n".join(map(str, heading)) or None)
     legend.get_title().set_multialignment("center")
 
 

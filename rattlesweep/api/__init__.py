@@ -49,8 +49,7 @@ def modes(body: Bodies) -> Modes:
     >>> rs.modes([gh, gh.mirrored()]).K_r.round(4)
     array([ 0.0968, -0.0968])
     """
-    found = _modes(_columns(body))
-    return Modes(**{name: _plain(value) for name, value in vars(found).items()})
+    return Modes(**{name: _plain(x) for name, x in vars(_modes(_columns(body))).items()})
 
 
 def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:

@@ -94,10 +94,9 @@ def numbers(name: str, value: Any, scale: Scale | None = None) -> Floats:
     if (bad := ~np.isfinite(array)).any():
         broken = int(np.argmax(bad)), "it must be finite"
     if broken is not None:
-        index, sentence = broken
-        place = np.unravel_index(index, array.shape)
+        place = np.unravel_index(broken[0], array.shape)
         where = f"[{', '.join(map(str, place))}]" if place else ""
-        raise ConfigError(f"{name}{where} {array[place]:g}: {sentence}")
+        raise ConfigError(f"{name}{where} {array[place]:g}: {broken[1]}")
     return array
 
 

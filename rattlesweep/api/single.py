@@ -196,7 +196,7 @@ def simulate(
     # The rows bring their own bodies, spins and oscillations, which replace these.
     settings = Launch(
         Rattleback.gh(), n_i=1.0, omega_xy0=1.0, psi=psi if isinstance(psi, str) else "relevant",
-        model=model, integrator=_integrator(integrator),
+        model=model, integrator=integrator,
         record=arguments.names_of("record", record),
     )  # fmt: skip
     scale = arguments.column_scale(columns)
@@ -301,10 +301,11 @@ def fit(
     """
     from rattlesweep.analysis.fit import check_free, fit_run, read_data
 
-    given = dict(launch or {})
+    if not isinstance(given := launch or {}, Mapping):
+        raise ConfigError(f"launch: {arguments.kind_of(launch)} is not a mapping")
     arguments.check_names("launch", given, (*SPIN, "psi", "omega", "u"))
     run = launch_of(body, **given, sigma=sigma, rolling=rolling)
-    names = check_free(run, free)
+    names = check_free(run, arguments.names_of("free", free))
     return fit_run(run, read_data(data, run.body.units), names)
 
 
@@ -317,7 +318,7 @@ def page_of(
 
     check_count("points", points, 2)
     course = course_of(run, points, number("from_time", from_time, scale))
-    page = Page(make_page(make_scene(course), title or "Rattleback", run.title))
+    page = Page(make_page(make_scene(course), str(title or "Rattleback"), run.title))
     return page if path is None else page.save(path), course
 
 
@@ -354,7 +355,7 @@ def launch_of(
     scale = arguments.scale_of(made.units)
     arguments.check_names("arguments", values, (*LAUNCH, "e_p0", "e_r0"))
     given = {name: value for name, value in values.items() if value is not None}
-    integrator = _integrator({name: given.pop(name) for name in INTEGRATOR if name in given})
+    integrator = {name: given.pop(name) for name in INTEGRATOR if name in given}
     single: dict[str, Any] = {name: number(name, value, scale) for name, value in given.items()}
     psi = psi if isinstance(psi, str) else number("psi", psi)
     if omega is not None:
@@ -389,9 +390,3 @@ def _launched(columns: dict[str, Floats], arrays: dict[str, Floats], psi: Any) -
     if missing and "u_x" not in launched:
         raise ConfigError(f"{' and '.join(missing)} missing; give both, or a table with them")
     return launched
-
-
-def _integrator(given: dict[str, Any]) -> dict[str, Any]:
-    """Return settings as keys of the config."""
-    named = {"dt" if name == "dt_step" else name: value for name, value in given.items()}
-    return {name: value for name, value in named.items() if value is not None}

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rattlesweep.api import arrays as arguments
 from rattlesweep.api.arrays import check_count, check_names, is_frame, names_of, to_frame
 from rattlesweep.api.single import Page, Trajectory, page_of, prepare_stored, replay
 from rattlesweep.errors import ConfigError, ConfigWarning
@@ -88,7 +89,7 @@ class Sweep:
         check_names("columns", names, schema.names)
         if where is None:
             return to_frame(stored.read(names))
-        condition = parse_where(where, schema, "where")
+        condition = parse_where(where, schema)
         needed = list(dict.fromkeys((*names, *condition.columns)))
         chosen = pa.schema([schema.field(name) for name in names])
         rows = (condition.filter(batch).select(names) for batch in stored.batches(needed))
@@ -124,20 +125,22 @@ class Sweep:
         [-0.3, -0.5]}``; looks are ``title``, ``log``, ``size``, ``xlim``, ``ylim``.
         """
         from rattlesweep.analysis.layout import read_layout
+        from rattlesweep.analysis.onerun.figure import shown
         from rattlesweep.analysis.plots import choose_picture
-        from rattlesweep.analysis.style import encode, save, styled
+        from rattlesweep.analysis.style import styled
 
+        check_names("looks", looks, ("title", "log", "size", "xlim", "ylim"))
+        for name in ("size", "xlim", "ylim"):
+            value = looks.get(name)
+            if value is not None and arguments.numbers(name, value).shape != (2,):
+                raise ConfigError(f"{name}: {arguments.kind_of(value)} is not a pair of numbers")
         if isinstance(select, Mapping):
             lists = {k: [v] if isinstance(v, str | float | int) else v for k, v in select.items()}
             select = [f"{name}={','.join(map(str, values))}" for name, values in lists.items()]
-        chosen: dict[str, Any] = {"x": x, "quantity": quantity, "select": select, "where": where}
+        layout, only = read_layout(self.directory), names_of("select", select)
         with styled():
-            figure = choose_picture(read_layout(self.directory), kind, **chosen).figure(**looks)
-            if path is not None:
-                save(figure, [Path(path)], 150.0)
-        # Figures made without pyplot need this to show in a notebook.
-        setattr(figure, "_repr_png_", lambda: encode(figure, "png", 110.0))  # noqa: B010
-        return figure
+            picture = choose_picture(layout, kind, x=x, quantity=quantity, select=only, where=where)
+            return shown(picture.figure(**looks), path)
 
     def report(self, path: str | Path | None = None, *, title: str | None = None) -> Page:
         """Write one self-contained HTML page about the sweep, by default DIRECTORY/report.html."""

@@ -64,6 +64,8 @@ def _list_channels(context: click.Context, _: click.Parameter, names: Any) -> An
 
         click.echo(align([(c.name, c.unit, c.description) for c in CHANNELS.values()], "<"))
         context.exit()
+    if names == ():
+        raise ConfigError("--channels: give at least one name")
     return names
 
 

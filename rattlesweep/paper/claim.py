@@ -17,7 +17,7 @@ from ruamel.yaml import YAML
 from rattlesweep.paper.workspace import Made
 from rattlesweep.sweeps.types import wilson
 
-# Checks, whose truth says whether they hold, and numbers by name.
+# Checks, each true if it holds, and numbers by name.
 Measured = tuple[Sequence[object], dict[str, Any]]
 
 UNDECIDED = "too few samples to tell"

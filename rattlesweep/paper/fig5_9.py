@@ -21,22 +21,22 @@ from rattlesweep.physics.vectors import smooth_volume
 from rattlesweep.sweeps.types import is_chaotic
 
 OMEGA_XY0 = 0.01
-# Fig. 5: spin, and length, which the paper does not name, of (a) and of (b).
+# Fig. 5(a) and (b): initial spin and duration.  The paper does not state the durations.
 ENDS = {"unsteady": (0.1, 200.0), "steady": (-0.1, 1500.0)}
 COMPONENTS = ("omega_x", "omega_y")
 
 THETAS = (0.6429, 0.82, 0.9)
-# Fig. 9: the length is not named in the paper.
+# Fig. 9: launch and duration.  The paper does not state the duration.
 LAUNCH: dict[str, Any] = {"n_i": 0.1, "omega_xy0": OMEGA_XY0}
 T_END = 20_000.0
-# Energy of the roll with which the reduced model begins; its E_p is the launch's.
+# Initial E_r of the reduced model, whose initial E_p is that of the launch.
 E_R0 = 3e-5
-# At 1e-9 the reversals of the first run come up to 7 % early; 1e-13, Verner's method at 1e-12 and
-# RK4 with the paper's step agree to 0.1 on all of them.
+# At 1e-9 the reversals of the first run are up to 7 % early.  DOP853 at 1e-13, Verner's method at
+# 1e-12 and RK4 with the paper's step agree on all of them to 0.1.
 TOL, REDUCED_TOL = 1e-13, 1e-12
-# Zeros of the spin closer to each other than so many periods of the roll are one reversal.
+# A zero of the spin within this many roll periods of the one before is the same reversal.
 ONE_REVERSAL = 5
-# Parts of the second half of a run whose scatter gives the error of its mean rate of volume.
+# Parts of a run's second half; their scatter gives the error of the mean rate of phase volume.
 PARTS = 10
 STATE = ("u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z")
 CHANNELS = ("n", "n_reduced", "E_p", "E_r", "energy_drift", "F_normal", "F_tangential", *STATE)
@@ -60,7 +60,7 @@ def reversals(_: Workspace) -> Tables:
 
 
 def reversal(made: Made, *, name: str, printed: int, when: str) -> Measured:
-    """Measure the time of reversal, and on which side of it Garcia and Hubbard's spin is zero."""
+    """Measure the reversal time, and whether Garcia and Hubbard's solution is earlier or later."""
     run = next(row for row in records(made["fig5"]["runs"]) if row["run"] == name)
     found = "earlier" if run["t_rgh"] < run["t_r"] else "later"
     return [abs(run["t_r"] - printed) <= 0.5, found == when], {
@@ -74,7 +74,7 @@ steady_claim = partial(reversal, name="steady", printed=810, when="later")
 
 
 def envelope_claim(made: Made) -> Measured:
-    """Measure G3: amplitudes about the reversals."""
+    """Measure G3: the amplitudes of omega_x and omega_y around the reversals."""
     checks, rows, ratios = [], [], []
     for part, run in zip("ab", records(made["fig5"]["runs"]), strict=True):
         series, t_r, period = made["fig5"][run["run"]], run["t_r"], run["period"]
@@ -95,12 +95,12 @@ def envelope_claim(made: Made) -> Measured:
 
 
 def envelope(run: pd.DataFrame, component: str, t_r: float, period: float) -> dict[str, float]:
-    """Return extremes of the amplitude, the largest modulus within a period, and their times."""
+    """Return extremes of the envelope (the largest modulus within a period) and their times."""
     t = run["t"].to_numpy()
     size = maximum_filter1d(run[component].abs().to_numpy(), round(period / (t[1] - t[0])))
     left = int(np.argmax(np.where(t < t_r, size, -1)))
     right = int(np.argmax(np.where(t >= t_r, size, -1)))
-    # The least amplitude lasts as long as the filter is wide: its middle.
+    # The minimum is as wide as the filter: take its middle.
     between = size[left : right + 1]
     low = left + int(np.median(np.flatnonzero(between == between.min())))
     top = int(run[component].abs().argmax())
@@ -110,7 +110,7 @@ def envelope(run: pd.DataFrame, component: str, t_r: float, period: float) -> di
 
 
 def frequency(run: pd.DataFrame, component: str) -> float:
-    """Return the angular frequency of a rate by its zeros."""
+    """Return the angular frequency of a component, from its zeros."""
     t, values = run["t"].to_numpy(), run[component].to_numpy()
     at = np.flatnonzero(values[1:] * values[:-1] < 0)
     zeros = t[at] - values[at] * (t[1] - t[0]) / (values[at + 1] - values[at])
@@ -118,7 +118,7 @@ def frequency(run: pd.DataFrame, component: str) -> float:
 
 
 def draw_reversals(tables: Tables) -> Figure:
-    """Draw (a) on the left, (b) on the right, the spin above the oscillations."""
+    """Draw (a) on the left and (b) on the right, with the spin above the oscillations."""
     figure = new_figure(9.2, 6.0)
     # omega_x and omega_y share their scale, so that (a) and (b) can be compared.
     most = 1.1 * max(tables[name][[*COMPONENTS]].abs().to_numpy().max() for name in ENDS)
@@ -135,7 +135,7 @@ def draw_reversals(tables: Tables) -> Figure:
             axis.axvline(t_r, color=VERMILION, linewidth=0.9, linestyle=":",
                          label="first reversal")  # fmt: skip
             axis.set_title(f"({letter}-{k})", loc="left")
-        # Where the spin is not: after a reversal it is of the other sign.
+        # This place is free, because the spin has the other sign after a reversal.
         symbol = f"t_{{r{'u' if n_i > 0 else 's'}}}"
         spin.text(t_r + 0.02 * t.iloc[-1], 0.85 * n_i, f"${symbol} = {t_r:.1f}$",
                   color="#A33B00", va="center")  # fmt: skip
@@ -148,7 +148,7 @@ def draw_reversals(tables: Tables) -> Figure:
 
 
 def long_runs(ws: Workspace) -> Tables:
-    """Return ``spin`` (thinned) and ``runs``, with the Lyapunov exponents of longer runs."""
+    """Return the tables ``spin`` (thinned) and ``runs`` (Lyapunov exponents of longer runs)."""
     bodies = [replace(Rattleback.gh(), theta=theta) for theta in THETAS]
     longer = simulate(bodies, **LAUNCH, **ws.settings, tol=TOL, t_end=ws.sizes.exponents_t_end,
                       record=["lyapunov", "reversals"])  # fmt: skip
@@ -162,9 +162,9 @@ def long_runs(ws: Workspace) -> Tables:
             simple.table["C_I"],
             2 * np.pi / float(modes(body).omega_r),
         )
-        # The first of each group of zeros.
+        # The first zero of each reversal.
         starts = found.zeros[np.diff(found.zeros, prepend=-np.inf) > ONE_REVERSAL * period]
-        # The first interval leads from the launch to the motion that follows.
+        # The first interval is the transition from the launch to the motion that follows.
         first, *gaps = np.diff(starts)
         whole = np.diff(simple.zeros)
         casimir = averaged_casimir(table, body, period)[table["t"] >= starts[0]]
@@ -192,12 +192,12 @@ def averaged_casimir(table: pd.DataFrame, body: Rattleback, period: float) -> pd
     width, found = round(period / table["t"][1]), modes(body)
     pitch, roll = (uniform_filter1d(table[name].to_numpy(), width) for name in ("E_p", "E_r"))
     values = pd.Series(reduced.casimir(pitch, roll, float(found.K_p), float(found.K_r)))
-    # Half a period at the end has no whole average.
+    # The last half period has no complete average.
     return values[: -(width // 2)].reindex(table.index)
 
 
 def volume_numbers(table: pd.DataFrame, body: Rattleback) -> dict[str, float]:
-    """Return numbers of the logarithm of the phase volume that moves along with a run."""
+    """Return extremes and mean rate of the logarithm of the phase volume along a run."""
     constants = full.constants(*(getattr(body, name) for name in PARAMETERS))
     t, state = table["t"].to_numpy(), table[[*STATE]].to_numpy().T
     volume = cumulative_trapezoid(volume_rate(*state, *constants, 0.0, 0.0), t, initial=0)
@@ -211,7 +211,7 @@ def volume_numbers(table: pd.DataFrame, body: Rattleback) -> dict[str, float]:
 
 
 def kinds_claim(made: Made) -> Measured:
-    """Measure L1: quasi-periodic, chaotic, quasi-periodic with a shorter period."""
+    """Measure L1: which of the long runs are quasi-periodic and which are chaotic."""
     rows = made["fig9"]["runs"]
     a, b, c = records(rows)
     checks = [
@@ -249,7 +249,7 @@ def invariant_claim(made: Made) -> Measured:
 
 
 def force_claim(made: Made) -> Measured:
-    """Measure L3: forces at the contact."""
+    """Measure L3: the ratio of the contact forces."""
     rows = made["fig9"]["runs"]
     value = rows["ratio_max"].max()
     checks = [round(value, 1) == 0.2, every(rows["normal_min"] > 0)]

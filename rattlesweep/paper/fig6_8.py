@@ -1,12 +1,11 @@
 """Figs. 6 and 8: times of reversal in the unsteady and in the steady direction (U, S6 to S8).
 
-To agree with the formula means in all claims that the mean is within a tenth of a decade of the
-line (a factor of 1.26), the size of a symbol on the paper's logarithmic axes.
+In all claims, a mean agrees with the formula if it is within a tenth of a decade of the line (a
+factor of 1.26), which is the size of a symbol on the paper's logarithmic axes.
 
-Late reversals and onsets of wobbling are seen in windows of time: the runs of type SW and those
-that reverse late are integrated once more with the extremes of the spin in 64 windows recorded.
-The onset is the middle of the first window in which the loss of spin, 1 - n/n_i, exceeds half of
-the largest loss in the run; a reversal loses half of the spin and all of it at nearly one time.
+Runs of type SW and runs that reverse late are integrated again to record the extremes of the spin
+in 64 windows of time.  The onset of wobbling, or of a reversal, is the middle of the first window
+in which the loss of spin, 1 - n/n_i, exceeds half of the largest loss in the run.
 """
 
 from typing import Any
@@ -24,13 +23,13 @@ from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweeps.types import Z95
 
 SYMBOL = 10**0.1
-# Fewest runs of a kind for a median, and twice as many for one that tells.
+# Fewest runs for a median; with less than two or four times as many it is uncertain.
 FEW = 5
-# The run of Fig. 6(b); its length is not named in the paper.
+# Fig. 6(b): launch and duration.  The paper does not state the duration.
 N_I, OMEGA_XY0, T_END = 0.5, 0.01, 150.0
-# "Several times" t_rGH: a reversal later than this many is late.
+# "Several times" t_rGH: a reversal after this multiple of t_rGH is late.
 LATE_FROM = 2.0
-# The spin has left its plateau when it has lost this much of itself.
+# The spin has left its plateau when it has lost this fraction.
 PLATEAU = 0.1
 
 
@@ -41,7 +40,7 @@ def unsteady(ws: Workspace) -> Tables:
 
 
 def steady(ws: Workspace) -> Tables:
-    """Return the tables ``times`` of Fig. 8 and ``windows``, one row a point each."""
+    """Return the tables ``times`` of Fig. 8 and ``windows``, with one row for each point."""
     runs = ws.sweep("steady")
     back = runs["type"] == "R"
     ratio = (runs["t_r"] / runs["t_rgh"]).where(back)
@@ -73,7 +72,7 @@ def steady(ws: Workspace) -> Tables:
 
 
 def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
-    """Return, by point, the runs that reverse beside the theory's line at the mean ``n_0``."""
+    """Return, for each point, reversal times and the theory's line at the mean ``n_0``."""
     rows = runs.assign(back=runs["t_r"].where(runs["type"] == "R")).groupby("case").agg(
         **{name: (name, "first") for name in (target, "n_i", "omega_xy0")},
         runs=("n_0", "size"), reversed=("back", "count"), t_r_mean=("back", "mean"),
@@ -95,17 +94,17 @@ def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
 
 
 def in_windows(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return what the windows of runs show, NaN where it does not happen."""
+    """Return onset, end of the plateau and mean spin from the onset on, NaN where there is none."""
     found = pd.DataFrame(np.nan, index=runs.index, columns=["onset", "kept", "centre"])
     names = ["n_i", "window_t", "window_n_min", "window_n_max"]
     for place, n_i, step, least, most in runs.reindex(columns=names).dropna().itertuples():
-        # The end nearer to zero, or beyond it.
+        # The loss at the extreme nearest to zero, or beyond zero.
         loss = 1 - (most if n_i < 0 else least) / n_i
         half = loss.max() / 2
         kept = first_above(loss, PLATEAU, step)
         found.loc[place] = (
             first_above(loss, half, step),
-            # So abrupt that the run was over before the window was: kept to its beginning.
+            # The run ended within the window of the loss: the plateau lasts until its beginning.
             len(loss) * step if np.isnan(kept) else kept,
             ((least + most) / 2)[np.argmax(loss > half) :].mean(),
         )
@@ -113,18 +112,18 @@ def in_windows(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def first_above(loss: Floats, level: float, step: float) -> float:
-    """Return the middle of the first window whose loss is above a level; NaN without one."""
+    """Return the middle of the first window with a loss above a level; NaN if there is none."""
     above = np.flatnonzero(loss > level)
     return (float(above[0]) + 0.5) * step if above.size else np.nan
 
 
 def close(ratio: pd.Series) -> pd.Series:
-    """Return which are within the size of a symbol of 1."""
+    """Return which ratios are 1 within the size of a symbol."""
     return ratio.between(1 / SYMBOL, SYMBOL)
 
 
 def beside_formula(points: pd.DataFrame, coefficient: str) -> Measured:
-    """Measure whether means are close to the formula, and inverse to the coefficient."""
+    """Measure whether means are near the formula and inversely proportional to the coefficient."""
     within = (points["ratio_low"] < SYMBOL) & (points["ratio_high"] > 1 / SYMBOL)
     slopes = [
         float(np.polyfit(np.log(own[coefficient]), np.log(own["t_r_mean"]), 1)[0])
@@ -161,7 +160,7 @@ def unsteady_formula(made: Made) -> Measured:
 
 
 def large_spin(made: Made) -> Measured:
-    """Measure U2: at large spin or oscillation reversals are later, and scatter more."""
+    """Measure U2: at large spin or oscillation reversals are later and scatter more."""
     points, series = made["fig6"]["times"].dropna(subset=["ratio"]), made["fig6"]["spin"]
     beyond = points.query("abs(n_i) >= 0.4")
     until = series[: int(np.argmax(series["n"] < 0))]
@@ -185,15 +184,15 @@ def large_spin(made: Made) -> Measured:
 
 
 def swing_frequency(t: pd.Series, n: pd.Series) -> float:
-    """Return the angular frequency of the strongest line above 0.5 of evenly spaced values."""
+    """Return the angular frequency above 0.5 at which the spectrum of ``n`` is strongest."""
     power = np.abs(np.fft.rfft((n - n.mean()) * np.hanning(len(n))))
     omega = 2 * np.pi * np.fft.rfftfreq(len(n), t.iloc[1] - t.iloc[0])
-    # The slow change of the spin itself lies below.
+    # Frequencies below 0.5 belong to the slow change of the spin itself.
     return float(omega[np.argmax(power * (omega > 0.5))])
 
 
 def steady_formula(made: Made) -> Measured:
-    """Measure S6: at small spin and oscillation the formula holds in the steady direction, too."""
+    """Measure S6: the formula also holds in the steady direction at small spin and oscillation."""
     sizes = made["fig8"]["times"].dropna(subset=["ratio"]).query("abs(n_i) <= 0.2")
     large, curves = sizes.query("omega_xy0 > 0.01"), ("n_i", "K_r")
     checks, numbers = beside_formula(sizes.query("omega_xy0 <= 0.01"), "K_r")
@@ -206,10 +205,10 @@ def steady_formula(made: Made) -> Measured:
 
 
 def late_reversals(made: Made) -> Measured | None:
-    """Measure S7: at fast spins and small K_r some reverse several t_rGH late, and abruptly."""
+    """Measure S7: at fast spins and small K_r some runs reverse late and abruptly."""
     beyond = made["fig8"]["windows"].query("abs(n_i) >= 0.3").dropna(subset=["ratio_std"])
     low, high = beyond.query("K_r < 0.03"), beyond.query("K_r > 0.06")
-    # Where late reversals are more than a few.
+    # Points with more than a few late reversals.
     many = low.query("late >= 0.03 * reversed")
     if low.empty or high.empty or many.empty:
         return None
@@ -236,7 +235,7 @@ def late_reversals(made: Made) -> Measured | None:
 
 
 def onset_of_wobbling(made: Made) -> Measured | None:
-    """Measure S8: wobbling begins about when the others reverse; None with too few of both."""
+    """Measure S8: wobbling begins about when other runs reverse; None with too few runs."""
     onset = made["fig8"]["windows"]
     points = onset.query(f"wobbling >= {FEW} and reversed >= {FEW}")
     if points.empty:
@@ -253,7 +252,7 @@ def onset_of_wobbling(made: Made) -> Measured | None:
 
 
 def draw_times(tables: Tables) -> Figure:
-    """Draw a panel for each of five spins and, if there is one, the run of Fig. 6(b) beside."""
+    """Draw a panel for each of five spins and, for Fig. 6, the run of (b)."""
     values, spin = tables["times"], tables.get("spin")
     coefficient, way, sign = ("K_r", "s", "-") if spin is None else ("K_p", "u", "+")
     figure = new_figure(9.2, 6.15)
@@ -276,7 +275,7 @@ def draw_times(tables: Tables) -> Figure:
                  xlim=(own[coefficient].min() / 1.35, own[coefficient].max() * 1.35),
                  ylim=(np.nanmin(means) / 2.5, np.nanmax(means) * 2.5),
                  title=value_text("n_i", n_i))  # fmt: skip
-        # On a short logarithmic axis the labels between decades run into each other.
+        # On a short logarithmic axis the labels between decades overlap.
         axis.tick_params(axis="x", which="minor", labelbottom=False)
         axis.grid(visible=True)
     for axis in axes[::3]:

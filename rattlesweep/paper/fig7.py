@@ -16,21 +16,21 @@ from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweeps.types import is_chaotic, wilson
 
 POINT = ["K_r", "n_i", "omega_xy0"]
-# In the order of the legend.
+# Types in the order of the legend.
 SHOWN = ("R", "SW", "SS", "unclassified")
-# Examples: the runs among which each is chosen, by which column, and its title.
+# Examples of (b): the runs to choose from, the column to sort them by, and the title.
 EXAMPLES = {
     "spin_ss": ("type == 'SS' and n_i == -0.5 and omega_xy0 == 0.1", "n_end", "(b-1) SS"),
     "spin_sw": ("type == 'SW' and n_i == -0.4 and omega_xy0 == 0.01", "n_departure", "(b-2) SW"),
     "spin_chaotic": ("chaotic and K_r == 0.0041 and n_i == -0.5", "lyapunov_late",
                      "(b-3) SW, chaotic"),
 }  # fmt: skip
-# "only several Type SS samples out of 8000 samples".
+# Range for "only several Type SS samples out of 8000 samples".
 SEVERAL = (1, 20)
 
 
 def with_shares(rows: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
-    """Add the shares that counts have of the ``runs``, with 95 % intervals (Wilson)."""
+    """Add each count's share of the ``runs``, with its 95 % interval (Wilson)."""
     for name in names:
         share = f"fraction_{name}"
         rows[share] = rows[name] / rows["runs"]
@@ -47,7 +47,7 @@ def draw_share(axis: Axes, rows: pd.DataFrame, by: str, name: str, **look: Any) 
 
 
 def types(ws: Workspace) -> Tables:
-    """Return the tables of the figure and of its claims."""
+    """Return the tables of Fig. 7 and of its claims."""
     runs = ws.sweep("steady")
     found = ws.again(runs[runs["type"] == "SW"], ws.sizes.lyapunov, "lyapunov")
     runs = runs.join(found.reindex(columns=["lyapunov", "lyapunov_late"]))
@@ -71,8 +71,8 @@ def fractions(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def settled(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return where runs of type SS end; ``gain`` is 1 if all energy is in the spin."""
-    # Within 1 % of Bondi's threshold the oscillation is still there at the horizon.
+    """Return where spins of type SS end; ``gain`` is 1 if all energy has gone into the spin."""
+    # Within 1 % of Bondi's threshold the oscillation has not decayed by the horizon.
     near = runs["n_c1"].abs() > 0.99 * runs["n_i"].abs()
     beyond = runs["n_end"] / runs["n_i"] - 1
     gain = (runs["n_end"] - runs["n_i"]) / (-runs["n_0"] - runs["n_i"])
@@ -80,13 +80,13 @@ def settled(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def examples(runs: pd.DataFrame) -> Tables:
-    """Return the table ``examples`` and the spin of each, thinned, where there are such runs."""
+    """Return the table ``examples`` and the thinned spin of each example found in the sweep."""
     rows, tables = [], {}
     for name, (condition, by, _) in EXAMPLES.items():
         chosen = runs.query(condition).sort_values([by, "K_r", "sample"])
         if chosen.empty:
             continue
-        # The one in the middle, the lower one of two.
+        # The most chaotic run; for the other examples, the median run.
         run = chosen.iloc[-1 if name == "spin_chaotic" else (len(chosen) - 1) // 2]
         shown = min(20_000.0, run["t_end"])
         found = follow(Rattleback(*map(float, run[list(PARAMETERS)])), "n", n_i=run["n_i"],
@@ -98,7 +98,7 @@ def examples(runs: pd.DataFrame) -> Tables:
 
 
 def pooled(frame: pd.DataFrame, *names: str, by: Sequence[str] = ("n_i", "omega_xy0")) -> Any:
-    """Count ``hits``, runs of some types, over all K_r; ``half`` is 1 for the larger K_r."""
+    """Count ``hits``, the runs of some types, over all K_r; ``half`` is 1 for the larger K_r."""
     middle = np.sqrt(frame["K_r"].min() * frame["K_r"].max())
     half = (frame["K_r"] >= middle).astype(int)
     frame = frame.assign(half=half, hits=frame[list(names)].sum(axis=1))
@@ -106,7 +106,7 @@ def pooled(frame: pd.DataFrame, *names: str, by: Sequence[str] = ("n_i", "omega_
 
 
 def steady_spin(made: Made) -> Measured:
-    """Measure S1: small spins reverse; SS beyond."""
+    """Measure S1: slow spins reverse; SS appears at faster ones."""
     frame = made["fig7"]["fractions"]
     slowest = frame[frame["n_i"] == frame["n_i"].max()]
     beyond = frame.query("abs(n_i) >= 0.3")
@@ -131,7 +131,7 @@ def steady_spin(made: Made) -> Measured:
 
 
 def wobbling(made: Made) -> Measured:
-    """Measure S2: from which spin on there is SW, and how much."""
+    """Measure S2: from which spin on SW appears, and its share."""
     frame = made["fig7"]["fractions"]
     slow, beyond = frame.query("abs(n_i) <= 0.3"), frame.query("abs(n_i) >= 0.4")
     halves = [pooled(own, "SW", by=("n_i", "omega_xy0", "half")) for own in (slow, beyond)]
@@ -152,7 +152,7 @@ def wobbling(made: Made) -> Measured:
 
 
 def threshold(made: Made) -> Measured:
-    """Measure S3: at the smallest oscillation SS is Bondi's threshold, body by body."""
+    """Measure S3: at the smallest oscillation, runs are SS exactly past Bondi's threshold."""
     own = made["fig7"]["fractions"].query("omega_xy0 <= 0.001")
     wrong, runs = int(own[["ss_only", "bondi_only"]].sum().sum()), int(own["runs"].sum())
     numbers = {"wrong": wrong, "runs": runs, "SS": int(own["SS"].sum())}
@@ -181,7 +181,7 @@ def large_oscillation(made: Made) -> Measured:
 
 
 def wobbling_chaos(made: Made) -> Measured | None:
-    """Measure S5: which wobbling runs are chaotic; None without slow ones or without fast ones."""
+    """Measure S5: which wobbling runs are chaotic; None if there are no slow or no fast ones."""
     runs = made["fig7"]["chaos"]
     calm, fast = runs.query("abs(n_i) <= 0.4"), runs.query("n_i == -0.5")
     if calm.empty or fast.empty:
@@ -203,7 +203,7 @@ def wobbling_chaos(made: Made) -> Measured | None:
 
 
 def settled_spins(made: Made) -> Measured | None:
-    """Measure S9b: where the spins of SS end, and about which spins SW wobbles; None of neither."""
+    """Measure S9b: where spins of SS end and where SW wobbles; None if either type is missing."""
     settled, wobbling = made["fig7"]["settled"], made["fig8"]["windows"].query("wobbling > 0")
     far = settled.query("not near")
     if far.empty or wobbling.empty:
@@ -221,7 +221,7 @@ def settled_spins(made: Made) -> Measured | None:
 
 
 def draw_types(tables: Tables) -> Figure:
-    """Draw (a), a column a spin and a row an oscillation, and (b) examples, if there are any."""
+    """Draw (a), with a column for each spin and a row for each oscillation, and (b), if any."""
     values, shown = tables["fractions"].sort_values("K_r"), records(tables["examples"])
     spins, sizes = sorted(values["n_i"].unique(), key=abs), sorted(values["omega_xy0"].unique())
     heights = [1.75 * len(sizes) + 0.7, *([2.4] if shown else [])]
@@ -235,7 +235,7 @@ def draw_types(tables: Tables) -> Figure:
                   linestyle="none", label=r"$|n_{c1}| < |n_i|$ (Bondi)", zorder=4)  # fmt: skip
         for name in SHOWN:
             mark = TYPE_STYLE[name]
-            # A cross has no face.
+            # A cross has no face to leave white.
             look = {"markerfacecolor": mark.colour} if mark.marker == "x" else {}
             draw_share(axis, rows, "K_r", name, color=mark.colour, marker=mark.marker,
                        label=mark.label, **look)  # fmt: skip
@@ -243,7 +243,7 @@ def draw_types(tables: Tables) -> Figure:
         axis.set(xlabel="$K_r$", ylabel=f"{value_text('omega_xy0', size)}\nfraction")
         axis.set_title(value_text("n_i", spin) if size == sizes[0] else "")
         axis.label_outer()
-    # On a short logarithmic axis the labels between decades run into each other.
+    # On a short logarithmic axis the labels between decades overlap.
     axes[0, 0].tick_params(axis="x", which="minor", labelbottom=False)
     axes[0, 0].set(xscale="log", ylim=(-0.04, 1.04), yticks=[0, 0.5, 1])
     axes[0, 0].set_title("(a)", loc="left")
@@ -258,7 +258,7 @@ def draw_types(tables: Tables) -> Figure:
 
 
 def friction(ws: Workspace) -> Tables:
-    """Return the table ``shares``: one row a sigma, which bodies reverse in which direction."""
+    """Return the table ``shares``: how many bodies reverse in which direction, by sigma."""
     runs = ws.sweep("friction")
     turns = runs.pivot_table("n_turns", ["sigma", "sample"], "n_i").dropna()
     unsteady, steady = turns[0.3] > 0, turns[-0.3] > 0
@@ -272,7 +272,7 @@ def friction(ws: Workspace) -> Tables:
 
 
 def one_way(made: Made) -> Measured:
-    """Measure C1: which share of bodies reverses in one direction only, against the friction."""
+    """Measure C1: the share of bodies that reverse in one direction only, by friction."""
     rows = made["friction"]["shares"]
     top = records(rows.nlargest(1, "fraction_one_way"))[0]
     value, low, high = (top[f"fraction_one_way{end}"] for end in ("", "_low", "_high"))

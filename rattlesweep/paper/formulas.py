@@ -1,8 +1,7 @@
 """Claims about formulas (T1 to T3, T6 to T8, S9), measured without any run.
 
-What a claim says is computed a second way wherever the package itself uses the formula in question:
-torque coefficients from their definition by eigenvectors, growth rates from the linearised full
-dynamics.
+A formula that the package itself uses is checked by a second computation: torque coefficients from
+their definition by eigenvectors, growth rates from the linearised full dynamics.
 """
 
 from dataclasses import replace
@@ -20,7 +19,7 @@ from rattlesweep.physics import full, reduced, steady, theory
 from rattlesweep.physics.body import Rattleback, shell_dumbbell
 from rattlesweep.sweeps.config.schema import SdRanges
 
-# Random bodies on which formulas are tried.
+# Number of random bodies for each check.
 SAMPLES = 2000
 
 
@@ -36,15 +35,15 @@ def wide_bodies() -> tuple[Floats, ...]:
     return alpha, beta, gamma, theta, phi, -np.radians(rng.uniform(0.01, 89.99, SAMPLES))
 
 
-# Numbers of the body GH as the paper prints them, angles in degrees, and their decimals.
+# Printed numbers of the body GH (angles in degrees), and how many decimals they have.
 PRINTED = {"K_p": (0.553, 3), "K_r": (0.0967, 4), "omega_p": (1.44, 2), "omega_r": (0.602, 3),
            "psi_p": (-17, 0), "psi_r": (88, 0)}  # fmt: skip
-# Half a unit in the last digit with which Table I gives GH; xi in degrees.
+# Half a unit in the last digit of GH in Table I, where xi is in degrees.
 ROUNDING = {"alpha": 5e-3, "beta": 5e-4, "theta": 5e-5, "phi": 5e-5, "xi": np.radians(5e-3)}
 
 
 def gh_numbers(**parameters: Any) -> dict[str, float]:
-    """Return the numbers of :data:`PRINTED` of GH with some parameters changed."""
+    """Return the numbers in :data:`PRINTED` for GH with some parameters changed."""
     found = modes(replace(Rattleback.gh(), **parameters))
     values = {name: float(getattr(found, name)) for name in PRINTED}
     return values | {name: float(np.degrees(values[name])) for name in ("psi_p", "psi_r")}
@@ -56,7 +55,7 @@ def as_printed(found: dict[str, float]) -> dict[str, bool]:
 
 
 def garcia_hubbard(_: Made) -> Measured:
-    """Measure T1: the numbers of the body GH, and of all bodies that Table I rounds to it."""
+    """Measure T1: the numbers of GH, and their ranges over all bodies that Table I rounds to GH."""
     body, found = Rattleback.gh(), gh_numbers()
     corners = [
         gh_numbers(**{
@@ -101,7 +100,7 @@ def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
         "ratio": squares[..., 1] / squares[..., 0],
         "trace": np.trace(operator, axis1=-2, axis2=-1),
         "printed": np.trace(printed, axis1=-2, axis2=-1),
-        # How much rounding is magnified where the frequencies nearly meet.
+        # Amplification of rounding errors where the frequencies are nearly equal.
         "magnified": squares[..., 1] / (squares[..., 1] - squares[..., 0]),
     }
 
@@ -131,7 +130,7 @@ def identities(_: Made) -> Measured:
 
 
 def limits(_: Made) -> Measured:
-    """Measure T3: long curvature to zero, short curvature to one."""
+    """Measure T3: the limits phi -> 0 and theta -> 1."""
     alpha, beta, _gamma, theta, phi, _xi = drawn_bodies(0, SAMPLES)
     xi, small = -(2.0**-26), np.array(2.0**-36)
     lever = -xi * (1 / beta - 1 / alpha)
@@ -148,7 +147,7 @@ def limits(_: Made) -> Measured:
 
 
 def ellipsoid(centre: float, b2: Floats, c2: Floats) -> dict[str, Floats]:
-    """Return parameters of an ellipsoid of semi-axes c, b and 1, or of its lower half."""
+    """Return the parameters of an ellipsoid with semi-axes c, b and 1, or of its lower half."""
     height, vertical = 1 - centre, 1 / 5 - centre**2
     return {
         "alpha": (b2 / 5 + vertical) / height**2 + 1,
@@ -177,7 +176,7 @@ def ellipsoids(_: Made) -> Measured:
 
 
 def growth_slopes(body: tuple[Floats, ...]) -> tuple[Floats, Floats]:
-    """Return ``w M'(0) v / (w v)``: how the growth of pitch and roll rises with the spin."""
+    """Return the slopes of the growth rates of pitch and roll at n = 0, ``w M'(0) v / (w v)``."""
     constants = full.constants(*body)
     change = (steady.matrix(constants, 1.0) - steady.matrix(constants, -1.0)) / 2
     values, right = np.linalg.eig(steady.matrix(constants, 0.0))
@@ -194,7 +193,7 @@ def slow_spin(_: Made) -> Measured:
         found = theory.modes(alpha, beta, theta, phi, xi)
         magnified = found.omega_p**2 / (found.omega_p**2 - found.omega_r**2)
         pitch, roll = growth_slopes(body)
-        # Near zero K_r the slope is what is left of larger terms: measured against K_p.
+        # At small K_r larger terms cancel in the slope, so the error is measured against K_p.
         rest = np.abs([pitch - found.K_p / 2, roll + found.K_r / 2])
         off = [*np.max(rest / (found.K_p * magnified), axis=1).tolist(), *off]
     # Eq. 75 with n = S, E_p = (I/2) P^2, E_r = (I/2) R^2, t = (2/K_r) tau.
@@ -211,7 +210,7 @@ def slow_spin(_: Made) -> Measured:
 
 
 def reversal_times(_: Made) -> Measured:
-    """Measure T8: Garcia and Hubbard's times by the skew angle, and their ratio."""
+    """Measure T8: Garcia and Hubbard's times against the skew angle, and their ratio."""
     alpha, beta, _gamma, theta_, phi, xi = body = drawn_bodies(0, SAMPLES)
     n_i, n_0 = 0.1, 0.11
 
@@ -232,7 +231,7 @@ def reversal_times(_: Made) -> Measured:
     }  # fmt: skip
 
 
-# Spins at which stability is asked for, in thresholds, and whether there is any, after Bondi.
+# Spins in units of Bondi's threshold, and whether the steady spin should be stable there.
 NEAR = ((0.1, False), (0.5, False), (1 - 1e-5, False), (1 + 1e-5, True))
 FAR = ((1.5, True), (4.0, True))
 ANGLES = (0.01, 1.0, 6.0, 20.0, 45.0, 70.0, 89.0)

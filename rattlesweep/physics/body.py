@@ -86,22 +86,22 @@ class Rattleback:
 
     @classmethod
     def from_si(
-        cls, *, mass: float | str, inertia: Sequence[float] | Sequence[Sequence[float]],
+        cls, *, mass: float | str, inertia: Sequence[float] | Sequence[Sequence[float]] | str,
         height: float | str, radii: Sequence[float | str] | str, axes_angle: float | str = 0.0,
         c: float | str | None = None, gravity: float | str = si.GRAVITY, z_up: bool = False,
     ) -> Rattleback:  # fmt: skip
         """Return a body given in SI units.
 
-        Every quantity except the inertia may be a number in SI units or a text such as ``"85 g"``.
+        Every quantity may be a number in SI units or a text such as ``"85 g"``.
 
         Parameters
         ----------
         mass, height, gravity : float or str
             In kg, m and m/s^2; ``height`` is ``a``, from the contact up to the centre of mass.
-        inertia : sequence of float
+        inertia : sequence of float, or str
             Inertia tensor about the centre of mass in kg m^2, with z vertical: a 3 x 3 matrix, or
             ``(ixx, iyy, izz, ixy, ixz, iyz)`` with ``ixy = -sum(m x y)``, of which the last three
-            may be left out.
+            may be left out, also as a text such as ``"60, 900, 920 g cm^2"``.
         radii : two floats or str
             Principal radii of curvature at the bottom, in m, or a text such as ``"50, 1.5 cm"``.
         axes_angle : float or str
@@ -129,8 +129,8 @@ class Rattleback:
         (11.59, 0.03, 0.0319)
         """
         m, a = si.size(mass, "mass", "mass"), si.size(height, "length", "height")
-        lengths = si.two_lengths(radii, "radii")
-        if not a < min(lengths) <= max(lengths) < math.inf:
+        lengths = [si.size(x, "length", "radii") for x in si.two_lengths(radii, "radii")]
+        if not a < min(lengths):
             raise ValueError(f"radii: {min(lengths):g} m is not above the height {a:g} m")
         tensor = np.array(si.components(inertia))
         angle = si.number(axes_angle, "angle", "axes_angle")
@@ -230,8 +230,8 @@ def violations(
     values = {"alpha": alpha, "beta": beta, "gamma": gamma, "theta": theta, "phi": phi, "xi": xi,
               "c": c, "i_xx": i_xx, "yy_zz": i_yy + gamma, "xx_yy": i_xx + i_yy}  # fmt: skip
     rules = (
-        (np.isfinite(alpha + beta + gamma + theta + phi + xi) & ~np.isinf(c),
-         "a parameter is not a finite number"),
+        *((np.isfinite(values[name]), f"{name} is not a finite number") for name in PARAMETERS),
+        (~np.isinf(c), "c is not a finite number"),
         (np.maximum(alpha, gamma) <= MAX_INERTIA,
          f"a moment of inertia is out of range; at most {MAX_INERTIA:g} M a^2 is allowed"),
         ((phi > 0) & (theta < 1),

@@ -45,7 +45,7 @@ def number(value: float | str, kind: str, name: str) -> float:
     """Return a number in SI units, given as such or as a text of a kind in `units.KINDS`."""
     try:
         return quantity(value, kind) if isinstance(value, str) else float(value)
-    except ValueError as error:
+    except (TypeError, ValueError) as error:
         raise ValueError(f"{name}: {value!r} {error}") from None
 
 
@@ -65,8 +65,8 @@ def two_lengths(value: str | Sequence[float | str], name: str) -> list[float]:
             return quantities(value, "length", 2)
     except ValueError as error:
         raise ValueError(f"{name}: {value!r} {error}") from None
-    if len(value) != 2:
-        raise ValueError(f"{name}: two lengths are needed, not {len(value)}")
+    if np.shape(value) != (2,):
+        raise ValueError(f"{name}: {value!r} is given; two lengths are needed")
     return [number(each, "length", name) for each in value]
 
 
@@ -93,9 +93,14 @@ def parameters(
     }  # fmt: skip
 
 
-def components(inertia: Sequence[float] | Sequence[Sequence[float]]) -> tuple[float, ...]:
+def components(inertia: Sequence[float] | Sequence[Sequence[float]] | str) -> tuple[float, ...]:
     """Return ``I_xx, I_yy, I_zz, I_xy`` of a tensor, given as a matrix or three to six numbers."""
-    tensor = np.asarray(inertia, float)
+    try:
+        if isinstance(inertia, str):
+            inertia = quantities(inertia, "moment of inertia", 3, 4, 5, 6)
+        tensor = np.asarray(inertia, float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"inertia: {str(inertia)[:60]!r} {error}") from None
     if tensor.ndim == 1 and 3 <= tensor.size <= 6:
         xx, yy, zz, xy, xz, yz = np.pad(tensor, (0, 6 - tensor.size))
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

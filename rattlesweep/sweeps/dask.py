@@ -49,10 +49,12 @@ def make_engine(scheduler: str | None, threads: int | None = None) -> Engine:
 
         security = Security.temporary() if scheduler is None else None
     except ImportError as error:
-        told = f"needs Dask ({error}); install it with `pip install '.[dask]'`"
-        raise ConfigError(f"--engine dask: {told}") from None
+        raise ConfigError(f"--engine dask: needs Dask ({error}); `pip install '.[dask]'`") from None
     for name in LOGGERS:  # errors that matter are raised here, in one sentence
         logging.getLogger(name).setLevel(logging.CRITICAL)
+    if scheduler:
+        with connected(scheduler):
+            pass  # so that an address is refused before the output directory is created
 
     def engine(job: Job, blocks: Iterator[Keys]) -> None:
         with connected(scheduler) if scheduler else embedded(security, threads or 2) as client:

@@ -65,9 +65,9 @@ class Plan:
         return np.array([case.target for case in self.cases], float)
 
 
-def make_plan(config: Config, base: Path | None = None, source: Source | None = None) -> Plan:
-    """Return the plan of a config; its tables are searched for here and in `base`."""
-    source = source or make_source(config, base)
+def make_plan(config: Config, base: Path | None = None, rows: TableBodies | None = None) -> Plan:
+    """Return the plan of a config; its table is `rows`, or searched for here and in `base`."""
+    source = make_source(config, base, rows)
     table: Mapping[str, Floats] = {}
     if isinstance(source, TableBodies):
         table, config = source.columns, _with_losses(config, source.losses)

@@ -13,13 +13,13 @@ import pyarrow as pa
 from rattlesweep.arrays import Flags, Floats, Integers, take
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
-from rattlesweep.sweeps.bodies import Bodies, Source
+from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.bodies.sources import SdBodies, bodies_at, ranges_of
-from rattlesweep.sweeps.bodies.table import frame_bodies
+from rattlesweep.sweeps.bodies.table import TableBodies, frame_bodies
 from rattlesweep.sweeps.columns import write_parquet
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Config, SdSource
-from rattlesweep.sweeps.files import explained
+from rattlesweep.sweeps.files import probe_directory
 from rattlesweep.sweeps.launches import Launches, prepare
 from rattlesweep.sweeps.plan import Plan, examine, make_plan
 
@@ -40,25 +40,23 @@ def plan_frame(
     source = frame_bodies(frame)
     # Named by its content, so that it is never confused with another table.
     name = f"bodies-{source.content_hash[:16]}.parquet"
-    surface = {"surface": "ellipsoid"} if source.has_semi_axes else {}
-    config = parse_config({**keys, "bodies": {"source": "table", "path": name} | surface})
+    bodies = {"source": "table", "path": name, "surface": source.surface}
+    config = parse_config({**keys, "bodies": bodies})
     directory = output or Path(config.directory)
-    assert config.bodies.source == "table"
-    plan, warnings = checked_plan(config, source=source.with_surface(config.bodies))
+    plan, warnings = checked_plan(config, rows=source)
     examine(plan, directory)
     if not (path := directory / name).exists():
-        with explained(f"cannot write in {directory}"):
-            directory.mkdir(parents=True, exist_ok=True)
+        probe_directory(directory)
         write_parquet(pa.table(source.columns | source.carried), path)
     return plan, directory, directory.resolve(), warnings
 
 
 def checked_plan(
-    config: Config, base: Path | None = None, source: Source | None = None
+    config: Config, base: Path | None = None, rows: TableBodies | None = None
 ) -> tuple[Plan, list[str]]:
     """Return the plan of a config and warnings; raise a ConfigError if no run makes sense."""
     with config.locating():
-        plan = make_plan(config, base, source)
+        plan = make_plan(config, base, rows)
         warnings = check_physics(plan)
         if isinstance(plan.source, SdBodies):
             plan.source.check_targets()

@@ -85,8 +85,8 @@ def locked(directory: Path, name: str, patience: float = -1.0) -> Iterator[bool]
             lock.acquire()
         except Timeout:
             free = False
-        except OSError as error:
-            if error.errno not in NO_LOCKS:
+        except (OSError, NotImplementedError) as error:  # older filelock raises the latter
+            if isinstance(error, OSError) and error.errno not in NO_LOCKS:
                 raise
     try:
         yield free
@@ -101,7 +101,7 @@ def at_work(directory: Path, mine: str | None = None) -> list[str]:
         if path.name in (mine, MANIFEST_LOCK):
             continue
         # Errors mean that the directory is another user's, or that there are no locks.
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, NotImplementedError):
             try:
                 FileLock(path).acquire(timeout=0.1, poll_interval=0.02).lock.release()
             except Timeout:

@@ -283,10 +283,10 @@ def test_a_refined_map_is_whole_and_so_is_the_dataset(tmp_path):
 REFUSED = r"""
 plot nowhere | nowhere is not an output directory: there is no such
 plot steady --title '$\notacommand$' | Unknown symbol
-plot steady --kind times --ylim 0,9 | add --linear
-plot one --kind map | --kind map: does not fit this sweep
-plot map --quantity n_step | --quantity: "n_step" is not one of
-plot map --kind ratio --quantity n_steps | --quantity: goes with --kind map
+plot steady --kind times --ylim 0,9 | ylim: a logarithmic axis is positive
+plot one --kind map | kind map: does not fit this sweep
+plot map --quantity n_step | quantity: "n_step" is not one of
+plot map --kind ratio --quantity n_steps | quantity: goes with kind map
 plot steady --x K_s | "K_s" is not one of K_r, n_i, omega_xy0
 plot steady --kind map --x K_r --select K_r=0.02 | only one value of K_r is left
 plot steady --select n_i=-0.2 | no value -0.2; there are -0.5, -0.1

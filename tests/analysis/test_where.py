@@ -74,6 +74,6 @@ def test_wrong_conditions_say_so_in_one_sentence(runs: pa.RecordBatch, line: str
     with pytest.raises(ConfigError) as refused:
         parse_where(text, SCHEMA).filter(runs)
     (message,) = refused.value.messages
-    assert message.startswith("--where")
+    assert message.startswith("where")
     assert words in message
     assert "\n" not in message

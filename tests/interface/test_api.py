@@ -142,6 +142,7 @@ BAD: list[tuple[Any, str]] = [
     (lambda: rs.trajectory("GH", **LAUNCH, t_end=1).plot("a.gif"), "path a.gif: the name must end"),
     (lambda: rs.reversal_time_gh(GH, [0.1, 0], 0.1), "n_i: a launch without spin, n_i = 0, has"),
     (lambda: rs.sweep(3), "give a dict"),
+    (lambda: rs.fit("GH", {"t": [0], "n": [1]}, free=3, launch=LAUNCH), "free: 3 .* not a name"),
     (lambda: rs.replay("x", 1.5, 0), r"case: 1.5 \(float\) is not a whole"),
 ]
 
@@ -160,6 +161,7 @@ BAD_RUNS: list[tuple[dict[str, Any], str]] = [
     ({"psi": "yaw"}, '"yaw" is not one of relevant, pitch, roll'),
     ({"method": "rk4", "tol": 1e-9}, "integrator.tol: rk4 takes"),
     ({"body": [GH, "HG"]}, r"bodies\[1\]: 'HG' \(str\) is not a body"),
+    ({"body": FRAME.assign(psi=0, psi_deg=0)}, "psi and psi_deg are columns of one angle"),
     ({"body": FRAME.drop(columns="phi")}, "bodies: the column phi is missing"),
     ({"body": FRAME.assign(theta=[0.7, 2, 0.7])}, "bodies: row 2: theta is 2"),
 ]

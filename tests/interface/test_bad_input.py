@@ -53,6 +53,8 @@ compare c c --allow x | --allow x: give a number from 0 to 1
 slurm c.yaml --shards 1 --mem lots | --mem lots: is not a size of memory; write it as in 4G
 fit s.yaml t.csv | s.yaml: body: the keys gamma make no body; give preset
 body | --preset
+trajectory --preset GH --channels '' | --channels: give at least one name
+run c.yaml --set 'bodies={source: sd, target: {}}' | neither K_r nor K_p is given
 body --mass '12 mm' | --mass 12 mm: is a length; a mass is needed, such as 85 g
 body --preset GH --n-i 60rpm | n_i: 60rpm has a unit, but the body has no size
 body --mass 1kg --height 1cm --inertia '1,2 kg m^2' | has 2 numbers, not 3 or 4 or 5 or 6

@@ -15,7 +15,7 @@ GH = oracle.GH
 
 
 RULES = """
-alpha=nan: a parameter is not a finite number
+alpha=nan: alpha is not a finite number
 alpha=1e7: a moment of inertia is out of range; at most 1e+06 M a^2 is allowed
 phi=0: theta is 0.6429 and phi 0; 0 < phi < theta < 1 is needed, or it tips over
 theta=1: theta is 1 and phi 0.036; 0 < phi < theta < 1 is needed, or it tips over

@@ -72,6 +72,8 @@ def test_any_axes_and_any_order_of_the_radii(angle, order):
         ("from_si", {"inertia": (1e-4, 1e-4, 9e-4)}, "no body has the principal moments 0.0001, 0"),
         ("from_si", {"inertia": (1, 2)}, "a finite symmetric 3 x 3 matrix is needed"),
         ("from_si", {"inertia": (2e-4, 16e-4, 17e-4, 0, 1e-5)}, "is off a principal axis by"),
+        ("from_si", {"inertia": "60,900 g cm^2"}, "inertia: '60,900 g cm.2' has 2 numbers"),
+        ("from_si", {"radii": (1e300, 0.1)}, "radii is 1e.300; from 1e-09 to 1e.06 m is allowed"),
         ("from_si", {"radii": (0.005, 0.1)}, "radii: 0.005 m is not above the height 0.01 m"),
         ("from_si", {"c": "2 mm"}, r"c 0.2 is not above theta 0\.222222: the ellipsoid would"),
         ("half_ellipsoid", {"height": 0.02}, "theta is 1.11111 and phi 0.0694"),

@@ -96,8 +96,9 @@ class PreparedRun:
         """The run in one line."""
         names = {"alpha": "α", "beta": "β", "gamma": "γ", "theta": "θ", "phi": "φ", "c": "c"}
         body = ", ".join(f"{names[x]} {v:.4g}" for x, v in self.body.items() if x in names)
-        launch = f"n_i {self.launch['n_i']:.4g}, ω_xy0 {self.launch['omega_xy0']:.4g}"
-        line = f"{body}, ξ {math.degrees(self.body['xi']):.4g}°; {launch}; units M = a = g = 1"
+        rate, unit = (30 / math.pi / self.units.time, "rpm") if self.units else (1.0, "√(g/a)")
+        n_i, omega_xy0 = (f"{rate * self.launch[name]:.4g} {unit}" for name in ("n_i", "omega_xy0"))
+        line = f"{body}, ξ {math.degrees(self.body['xi']):.4g}°; n_i {n_i}, ω_xy0 {omega_xy0}"
         return line.replace("-", "−")
 
     def even_rows(self, per_period: int, least: int, most: int, start: float | None = None) -> int:
@@ -124,8 +125,6 @@ class PreparedRun:
                 raise ConfigError("times: must be a list of increasing numbers from 0 to t_end = "
                                   f"{t_end:g}")  # fmt: skip
             return wanted[wanted >= first]
-        if dt is not None and dt <= 0:
-            raise ConfigError(f"dt {dt:g}: the distance of two rows must be positive")
         if dt is None:
             count = points or self.even_rows(PER_PERIOD, LEAST_ROWS, MOST_ROWS + 1, start)
         else:

@@ -68,8 +68,7 @@ class StoredRun:
     @property
     def scale(self) -> Scale | None:
         """The units of its body, None if its size is not known."""
-        scale = self._planned[1].bodies.scale
-        return take(scale, 0)  # type: ignore[arg-type]
+        return take(self._planned[1].bodies.scale, 0)  # type: ignore[arg-type]
 
     def prepare(self, t_end: float | None = None) -> PreparedRun:
         """Return the run up to ``t_end`` or the sweep's horizon, with its own tolerance."""
@@ -89,7 +88,7 @@ def find_run(
     """Return the run of a case and a sample, or the first that meets a condition."""
     stored = open_stored(directory)
     if [case is None, sample is None] != 2 * [where is not None]:
-        raise ConfigError("which run? give --case and --sample, or --where")
+        raise ConfigError("which run? give case and sample, or where")
     condition = None if where is None else parse_where(where, stored.schema)
     mine = (pc.field("case") == case) & (pc.field("sample") == sample)
     for rows in stored.batches():
@@ -97,7 +96,7 @@ def find_run(
         if len(found):
             return StoredRun(stored, found.slice(0, 1))
     if case is None or sample is None:
-        raise ConfigError(f"--where {where}: {directory} stores no such run")
+        raise ConfigError(f"where {where}: {directory} stores no such run")
     if not (0 <= case < len(stored.cases) and 0 <= sample < stored.samples):
         last = f"{len(stored.cases) - 1} and the samples 0 to {stored.samples - 1}"
         raise ConfigError(f"case {case}, sample {sample}: {directory} has the cases 0 to {last}")

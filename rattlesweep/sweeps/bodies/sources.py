@@ -32,14 +32,14 @@ from rattlesweep.physics import body, si, theory
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
 from rattlesweep.physics.si import half_ellipsoid
 from rattlesweep.sweeps.bodies import Bodies, Scale, Source
-from rattlesweep.sweeps.bodies.table import read_bodies, run_fields
+from rattlesweep.sweeps.bodies.table import TableBodies, read_bodies, run_fields
 from rattlesweep.sweeps.columns import MEASURED
 from rattlesweep.sweeps.config.schema import Config, SdSource, ShapeSource, Target
 
 CHUNK = 4096  # samples that are drawn together, and cached for the other cases of a target
 
 
-def make_source(config: Config, base: Path | None = None) -> Source:
+def make_source(config: Config, base: Path | None, rows: TableBodies | None) -> Source:
     """Return the source of a config's bodies; a table is read here, once."""
     bodies = config.bodies
     if bodies.source == "sd":
@@ -47,7 +47,7 @@ def make_source(config: Config, base: Path | None = None) -> Source:
     if bodies.source == "shape":
         return ShapeBodies(config.seed, bodies)
     if bodies.source == "table":
-        return read_bodies(bodies.path, base).with_surface(bodies)
+        return (rows or read_bodies(bodies.path, base)).with_surface(bodies)
     preset: str | None
     if bodies.source == "preset":
         preset, given, varying = bodies.name, bodies.overrides.given(), {}

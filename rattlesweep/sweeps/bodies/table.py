@@ -68,7 +68,8 @@ BOUNDS = {  # smallest and largest value, and their unit
     "omega_xy0": (schema.MIN_OSCILLATION, schema.MAX_SPEED, "sqrt(g/a)"),
     "sigma": (0.0, schema.MAX_SIGMA, "M a^2 sqrt(g/a)"),
     "rolling": (0.0, 1.0, "a"),
-    "t_end": (1e-300, schema.MAX_TIME, "sqrt(a/g)"),
+    **dict.fromkeys(("t_end", "dt"), (1e-300, schema.MAX_TIME, "sqrt(a/g)")),
+    **dict.fromkeys(("e_p0", "e_r0"), (0.0, schema.MAX_SPEED**2, "M g a")),
     "psi": (-2 * np.pi, 2 * np.pi, "rad"),
     "psi_deg": (-360.0, 360.0, "degrees"),
     "mass_kg": si.LIMITS["mass"],
@@ -103,9 +104,9 @@ class TableBodies:
         return {name: [float(v[0]) if len(v) == 1 else TABLE] for name, v in own.items()}
 
     @property
-    def has_semi_axes(self) -> bool:
-        """Whether some rows have a semi-axis c."""
-        return "c" in self.columns and bool(np.isfinite(self.columns["c"]).any())
+    def surface(self) -> str | None:
+        """The surface of bodies of which some have a semi-axis c; None if there are none."""
+        return "ellipsoid" if np.isfinite(self.columns.get("c", np.nan)).any() else None
 
     @cached_property
     def content_hash(self) -> str:
@@ -129,7 +130,7 @@ class TableBodies:
         """Return these bodies with the surface that a config gives them."""
         columns = dict(self.columns)
         c = columns.pop("c", np.full(self.samples, np.nan))
-        if source.surface is None and source.c is None and self.has_semi_axes:
+        if source.surface is None and source.c is None and self.surface:
             advice = "as the table has a column c, give ellipsoid or paraboloid"
             raise ConfigError(f"bodies.surface: the key is missing; {advice}")
         if source.ellipsoidal:
@@ -152,7 +153,8 @@ def read_bodies(path: str, base: Path | None = None) -> TableBodies:
     where = f"bodies.path: {one_line(path, 200)}"
     file = Path(path) if base is None or os.path.exists(path) else base / path
     if not (os.path.isdir(file) or os.path.isfile(file)):
-        raise ConfigError(f"{where}: no such file; give the path of a CSV or Parquet table")
+        what = "is not a file" if os.path.exists(file) else "no such file"
+        raise ConfigError(f"{where}: {what}; give the path of a CSV or Parquet table")
     try:
         size = sum(x.stat().st_size for x in (file.rglob("*") if file.is_dir() else [file]))
         if size > LARGE:
@@ -265,6 +267,8 @@ def _without_units(columns: dict[str, Floats], where: str) -> Scale | None:
         made = si.parameters(full["mass_kg"], tensor, full["height_m"], radii, angle)
     for name, (plain, size, kind) in WITH_UNITS.items():
         if name in columns:
+            if not kind and plain in columns:
+                raise ConfigError(f"{where}: {plain} and {name} are columns of one angle; keep one")
             sizes = {"": (), "torque per spin": ("mass_kg", "height_m")}.get(kind, ("height_m",))
             _require(sizes, columns, where, f"{name} needs it")
             value = columns[name] * size

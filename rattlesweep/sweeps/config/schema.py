@@ -18,6 +18,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.physics.body import MAX_INERTIA
+from rattlesweep.physics.si import LIMITS
 from rattlesweep.sweeps.config import Places
 from rattlesweep.units import KINDS, Quantity, split
 
@@ -307,7 +308,10 @@ class GridSource(Surfaced):
         return {name: values for name, values in axes.items() if values is not None}
 
 
-Length, Mass = (interval(measured(kind, Positive)) for kind in ("length", "mass"))
+Length, Mass = (
+    interval(measured(kind, Annotated[float, Field(ge=LIMITS[kind][0], le=LIMITS[kind][1])]))
+    for kind in ("length", "mass")
+)
 Angle = interval(measured("angle", Annotated[float, Field(gt=-math.pi / 2, lt=math.pi / 2)]))
 
 
@@ -631,8 +635,9 @@ def _body_clashes(bodies: AnySource) -> Iterator[tuple[str, str]]:
             yield "bodies.ranges.minus_xi_deg", "only xi = 0 is possible, which never reverses"
         if bodies.c and bodies.c[0] <= ranges.theta[1]:
             yield "bodies.c", "c <= theta is possible, and such a body lies on its side; raise c"
-        if target and len(_given(target) & {"K_r", "K_p"}) != 1:
-            yield "bodies.target", "give either K_r or K_p"
+        if target and len(given := _given(target) & {"K_r", "K_p"}) != 1:
+            several = "K_r and K_p exclude each other; keep one"
+            yield "bodies.target", several if given else "neither K_r nor K_p is given; add one"
         if target and bodies.draw != "random":
             yield "bodies.target", "only random draws can meet a target; take draw: random"
     if isinstance(bodies, GridSource):
