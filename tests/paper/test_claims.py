@@ -83,8 +83,6 @@ def test_verdicts_follow_the_measurement():
     assert u1(ratio=1.3, scatter=0.08)["verdict"] == "disagree"
 
 
-# --- the paper's words ---------------------------------------------------------------------------
-
 EXCERPTS = Path(__file__).with_name("paper_excerpts.tex").read_text()
 WORDS = {"lesssim": "<~", "gtrsim": ">~", "approx": "~", "ll": "<<", "gg": ">>", "le": "<=",
          "circ": "deg"}  # fmt: skip

@@ -82,9 +82,6 @@ def test_friction_keeps_more_and_more_bodies_from_reversing(ws):
     assert len(fig7.draw_friction(tables).axes) == 1
 
 
-# --- random bodies and formulas (which tests/physics/test_theory.py checks at 50 digits) ---------
-
-
 @pytest.fixture(scope="module")
 def random_bodies(ws):
     return {"fig3": fig3_4.frequencies(ws), "fig4": fig3_4.coefficients(ws)}
