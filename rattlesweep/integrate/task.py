@@ -25,8 +25,7 @@ PATIENCE = 0.5  # seconds for which a stop waits; a compilation takes longer
 class Control:
     """Link to a running kernel, or to several in turn: reports progress and can stop it."""
 
-    total: float = 0.0  # expected cost of the batch, in the units of `done`
-    # The kernel's: next place in the queue and stop flag; progress; cost of its runs.
+    # The kernel's: next place in the queue and stop flag; progress; expected cost of its runs.
     _shared: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, dtype=np.int64))
     _progress: Floats = field(default_factory=lambda: np.zeros((1, 8)))
     _cost: float = 0.0
@@ -60,7 +59,7 @@ class Control:
 
     def start(self, threads: int, cost: Floats) -> None:
         """Announce the start of a kernel with a number of threads and the expected cost of runs."""
-        self.total = self._cost = float(cost.sum())
+        self._cost = float(cost.sum())
         self._progress, self._shared[0] = np.zeros((threads, 8)), 0
 
     @property
@@ -75,13 +74,13 @@ class Control:
 
     @property
     def done(self) -> float:
-        """Return the cost of the work done so far, which never falls."""
+        """Return the share of the work done so far, from 0 to 1, which never falls."""
         # A run that has just ended counts twice until its thread next reports on its lanes.
         now = min(self._cost, float(self._progress[:, :2].sum()))
         low, high = self._span
         share = low + (high - low) * (now / self._cost if self._cost else 0.0)
         self._most = max(self._most, share)
-        return self._most * self.total
+        return self._most
 
     @property
     def runs_done(self) -> int:

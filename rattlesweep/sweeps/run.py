@@ -299,9 +299,8 @@ class Job:
         """Report progress, including the block under way; raise OutOfTime after the deadline."""
         now = time.monotonic()
         cost, ended = 0.0, 0  # what is done of the block under way
-        if keys is not None and control is not None and control.total > 0:
-            share = min(1.0, control.done / control.total)
-            cost, ended = share * float(self._cost[keys[0]].sum()), control.runs_done
+        if keys is not None and control is not None:
+            cost, ended = control.done * float(self._cost[keys[0]].sum()), control.runs_done
         left, done = max(0.0, self._cost_left - cost), self._cost_done + cost
         spent = 0.0 if self.begun is None else now - self.begun
         if self._cost_wanted:  # a new wave raises the total, which must not lower the fraction
@@ -338,8 +337,7 @@ def integrate_plan(
         index = np.arange(start, min(start + RUNS_IN_MEMORY, plan.runs))
 
         def tick(control: Control, start: int = start, runs: int = len(index)) -> None:
-            share = control.done / control.total if control.total > 0 else 0.0
-            report((start + runs * min(1.0, share)) / plan.runs)
+            report((start + runs * control.done) / plan.runs)
 
         prepared = prepare_runs(plan, *np.divmod(index, plan.samples))
         task = Task(partial(compute, plan.config, plan.schema, prepared, threads))
