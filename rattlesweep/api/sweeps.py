@@ -168,7 +168,7 @@ class Sweep:
 
     def classify(self, **thresholds: float) -> pd.DataFrame:
         """Classify the runs by thresholds such as ``sw_departure=0.1``, by default the config's."""
-        from rattlesweep.sweeps.merge import classify_stored
+        from rattlesweep.sweeps.classify import classify_stored
 
         texts = [f"classify.{key}={value!r}" for key, value in thresholds.items()]
         return to_frame(classify_stored(self.directory, texts).summary)

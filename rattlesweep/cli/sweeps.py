@@ -190,7 +190,7 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     Rewrites the types and the summary, and prints one row per case. Without --set, or by
     `rattlesweep run`, the thresholds of the config are restored.
     """
-    from rattlesweep.sweeps.merge import classify_stored
+    from rattlesweep.sweeps.classify import classify_stored
 
     done = classify_stored(directory, overrides)
     _print_summary(done.summary, directory)

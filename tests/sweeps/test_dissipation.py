@@ -16,8 +16,8 @@ import rattlesweep as rs
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady
 from rattlesweep.physics.theory import bondi_threshold
+from rattlesweep.sweeps.classify import classify_stored
 from rattlesweep.sweeps.launches import model_of
-from rattlesweep.sweeps.merge import classify_stored
 
 SIGMA, ROLLING = [0.0, 0.05, 0.2], [0.0, 1e-3]
 # The kernel that knows all of it, as in test_stones.

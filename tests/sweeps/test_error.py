@@ -20,8 +20,8 @@ from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps import error
 from rattlesweep.sweeps.block import columns_of, compute, run_batch
+from rattlesweep.sweeps.classify import classify_stored
 from rattlesweep.sweeps.columns import RUNS, runs_schema
-from rattlesweep.sweeps.merge import classify_stored
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.run import Shard
 from rattlesweep.sweeps.stored import open_stored

@@ -12,7 +12,7 @@ from hardship import check_equal, files_of
 from refusal import assert_refused
 from sweeping import invoke, tree
 
-from rattlesweep.sweeps.merge import classify_stored
+from rattlesweep.sweeps.classify import classify_stored
 from rattlesweep.sweeps.run import Shard
 
 CONFIG: dict[str, Any] = {

@@ -16,8 +16,8 @@ from hardship import check_equal, files_of, rows_of
 
 from rattlesweep.errors import ConfigError, DamagedError
 from rattlesweep.sweeps import run as runner
+from rattlesweep.sweeps.classify import classify_stored
 from rattlesweep.sweeps.columns import read_parquet, write_parquet
-from rattlesweep.sweeps.merge import classify_stored
 from rattlesweep.sweeps.run import Shard
 from rattlesweep.sweeps.stored import open_stored, rewrite
 from rattlesweep.sweeps.verify import same_bits, status, verify
