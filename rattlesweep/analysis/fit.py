@@ -24,6 +24,7 @@ from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import modes
 from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.launches import Launch
+from rattlesweep.text import counted
 from rattlesweep.units import quantity
 
 if TYPE_CHECKING:
@@ -98,26 +99,31 @@ def read_data(source: Any, units: Units | None) -> Data:
     kind = next((name for name in KINDS if name in found), None)
     if kind is None or (kind != "reversal" and "t" not in found):
         names = one_line(", ".join(map(str, frame)), 100)
-        size = "" if units else "; the body has no size, so only t and n, or give it in SI units"
-        raise ConfigError(f"{place}: {WANTED} are needed, and the columns are {names}{size}")
-    try:
-        values: dict[str, Floats] = {
-            name: pd.to_numeric(frame[column]).to_numpy(float) * size
-            for name, (column, _, size) in found.items()
-        }
-    except (ValueError, TypeError) as error:
-        raise ConfigError(f"{place}: {one_line(str(error), 200)}") from None
+        more = "" if units else "; the body has no size, so only t and n, or give it in SI units"
+        raise ConfigError(f"{place}: {WANTED} are needed, and the columns are {names}{more}")
+    values: dict[str, Floats] = {}
+    for name, (column, _, size) in found.items():
+        given = frame.iloc[:, list(frame).index(column)]
+        numbers = pd.to_numeric(given, errors="coerce")
+        for row in np.flatnonzero(numbers.isna() & given.notna())[:1]:
+            shown = one_line(str(given.iloc[row]), 40)
+            raise ConfigError(f"{place}: row {row + 1}: {column} is {shown}, not a number")
+        values[name] = numbers.to_numpy(float) * size
     value, unit = values[kind], found[kind][1:]
+    if not np.isfinite(value).any():
+        raise ConfigError(f"{place}: no row has a value of {found[kind][0]}")
     if kind == "reversal":
         value = np.sort(value[np.isfinite(value)])
-        if not value.size or value[0] <= 0:
-            raise ConfigError(f"{place}: reversal times are needed, all after the launch at 0")
+        if value[0] <= 0:
+            first = f"{value[0] / found[kind][2]:g}"
+            raise ConfigError(f"{place}: {found[kind][0]} is {first}; the launch is at 0")
         return Data(kind, value, value, (unit, unit))
     t = values["t"]
-    bad = ~np.isfinite(t) | (np.diff(t, prepend=-np.inf) <= 0)
-    if bad.any() or len(t) < 2:
-        raise ConfigError(f"{place}: row {int(np.argmax(bad)) + 1}: two or more times are needed, "
-                          "finite and larger from row to row")  # fmt: skip
+    for row in np.flatnonzero(~np.isfinite(t) | (np.diff(t, prepend=-np.inf) <= 0))[:1]:
+        column, _, size = found["t"]
+        shown = f"is {t[row] / size:g} after {t[row - 1] / size:g}; times must increase"
+        missing = "" if np.isfinite(t[row]) else "has no finite value"
+        raise ConfigError(f"{place}: row {row + 1}: {column} {missing or shown}")
     t = t - t[0]
     return Data(kind, t, unwrapped(t, value) if kind == "angle" else value, (found["t"][1:], unit))
 
@@ -204,7 +210,7 @@ def _follow(launch: Launch, kind: str, times: Floats) -> tuple[Floats, list[floa
     columns = course.columns()
     found = columns[names[0]]
     if course.follower.status != Status.OK or not len(found):
-        raise ValueError(f"the run failed: {course.follower.status.meaning}")
+        raise ConfigError(f"the run failed: {course.follower.status.meaning}; check the body")
     if len(names) > 1:
         # Add the angle from the x axis, whose direction is "yaw", to the long axis.
         x, y = -math.sin(launch.body.xi), math.cos(launch.body.xi)
@@ -298,7 +304,9 @@ class Problem:
 def check_free(launch: Launch, free: Iterable[str]) -> list[str]:
     """Return the names of free parameters; raise a ConfigError if they do not fit the run."""
     names = list(dict.fromkeys(free))
-    for name in names or [""]:
+    if not names:
+        raise ConfigError(f"free: no parameter is given; choose from {', '.join(PARAMETERS)}")
+    for name in names:
         if name not in PARAMETERS:
             raise ConfigError(f"free: {not_one_of(name, PARAMETERS)}")
     if {"skew", "xi"} <= {*names}:
@@ -316,25 +324,26 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
 
     series = data.kind != "reversal"
     launch = replace(launch, t_end=float(data.t[-1]) * (1.0 if series else 1.5))
+    if Problem(launch, data, dict.fromkeys(free, 1.0)).freedom < 1:
+        found, parameters = counted(data.known.sum(), "value"), counted(len(free), "parameter")
+        raise ConfigError(f"{found} cannot determine {parameters} and the noise; give more rows "
+                          "or free fewer parameters")  # fmt: skip
     firsts = _first_values(launch, data, free)
     scales = {name: max(map(abs, values)) for name, values in firsts.items()}
     problem = Problem(launch, data, scales)
-    if problem.freedom < 1:
-        raise ConfigError(f"{data.known.sum()} measured values cannot determine {len(free)} "
-                          "parameters and the noise; give more rows or free fewer")  # fmt: skip
     starts = [problem.scaled(dict(zip(firsts, x, strict=True))) for x in product(*firsts.values())]
     problem.expected(starts[0])  # raises if body or launch are invalid
     begun = problem.until(SHARES[0]) if series else problem
     starts.sort(key=lambda x: float((begun.residuals(x) ** 2).sum()))
-    limit, found = max(CORRELATED, 4 / math.sqrt(data.known.sum())), []
+    limit, fits = max(CORRELATED, 4 / math.sqrt(data.known.sum())), []
     for x, shares in product(starts[:2], (SHARES, FINE)) if series else product(starts[:6], [()]):
         for part in map(problem.until, shares):
             if part.freedom > 10 * len(free):
                 x = part.search(x, 1e-3, 10).x
-        found.append(problem.search(x, 1e-8, STEPS))
-        if series and _correlation(found[-1].fun) < limit:
+        fits.append(problem.search(x, 1e-8, STEPS))
+        if series and _correlation(fits[-1].fun) < limit:
             break
-    best = min(found, key=lambda one: float(one.cost))
+    best = min(fits, key=lambda one: float(one.cost))
 
     noise = math.sqrt(2 * best.cost / problem.freedom)
     # Standard errors for noise of size 1, from the Jacobian with columns of length 1.

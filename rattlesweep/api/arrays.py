@@ -32,6 +32,7 @@ KINDS = {
     "rolling": "length", "e_p0": "energy", "e_r0": "energy",
 }  # fmt: skip
 SIZE = ("mass_kg", "height_m", "gravity_m_s2")  # columns that hold the size of bodies
+OF_BODIES = (*PARAMETERS, "c", *SIZE)
 
 
 def one_body(body: Any, name: str = "body") -> Rattleback:
@@ -105,14 +106,16 @@ def _floats(name: str, value: Any, scale: Scale | None) -> Floats:
         return value.astype(float)
     given = np.array(value, dtype=object)  # other types would turn numbers beside texts into texts
     flat = given.ravel().tolist()
-    try:
-        if any(isinstance(one, bool) for one in flat):
-            raise TypeError
-        found = [quantity(one, KINDS[name]) if isinstance(one, str) else float(one) for one in flat]
-    except (KeyError, TypeError, OverflowError):
-        raise ConfigError(f"{name}: {kind_of(value)} is not a number or an array") from None
-    except ValueError as error:
-        raise ConfigError(f"{name}: {kind_of(value)} {error}") from None
+    found = []
+    for one in flat:
+        try:
+            if isinstance(one, bool):
+                raise TypeError
+            found.append(quantity(one, KINDS[name]) if isinstance(one, str) else float(one))
+        except (KeyError, TypeError, OverflowError):
+            raise ConfigError(f"{name}: {kind_of(value)} is not a number or an array") from None
+        except ValueError as error:
+            raise ConfigError(f"{name}: {kind_of(one)} {error}") from None
     array = np.array(found, float).reshape(given.shape)
     is_text = np.array([isinstance(one, str) for one in flat]).reshape(given.shape)
     if not is_text.any():
@@ -172,8 +175,10 @@ def broadcast(arrays: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[in
         whole = np.broadcast_arrays(*arrays.values())
     except ValueError:
         told = {"bodies" if name == "alpha" else name: x.shape for name, x in arrays.items()}
-        shapes = ", ".join(f"{name} {told[name]}" for name in told if name not in PARAMETERS)
-        raise ConfigError(f"the shapes do not broadcast: {shapes}") from None
+        told = {name: shape for name, shape in told.items() if shape and name not in OF_BODIES}
+        shapes = ", ".join(f"{name} {shape}" for name, shape in told.items())
+        advice = "for all combinations, write one as a column, as in [[1], [2]]"
+        raise ConfigError(f"the shapes do not broadcast: {shapes}; {advice}") from None
     return dict(zip(arrays, whole, strict=True)), whole[0].shape
 
 

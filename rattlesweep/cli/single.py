@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
+from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 from click import option
@@ -230,7 +232,13 @@ def fit(stone: Path, data: Path, figure: Path | None, as_json: bool, quiet: bool
     from rattlesweep.api.single import fit
 
     probe(figure)
-    found = fit(data=data, **_read_stone(stone))
+    given = _read_stone(stone)
+    try:
+        found = fit(data=data, **given)
+    except ConfigError as error:
+        # Messages about the data begin with their path.
+        about = tuple(f"{stone}: " * (not x.startswith(str(data))) + x for x in error.messages)
+        raise ConfigError(about) from None
     names = ("values", "intervals", "noise", "noise_unit", "rows", "remarks")
     told = {name: getattr(found, name) for name in names}
     click.echo(to_json(told) if as_json else _fit_table(found))
@@ -260,43 +268,42 @@ def _fit_table(found: Fit) -> str:
 
 def _read_stone(path: Path) -> dict[str, Any]:
     """Return the arguments of :func:`rattlesweep.fit` in a YAML file."""
-    from pydantic import BaseModel, ValidationError
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
+    from rattlesweep.sweeps.config.read import checked, read_file
+    from rattlesweep.sweeps.config.schema import Stone
 
-    class Stone(BaseModel, extra="forbid"):
-        body: dict[str, Any]
-        free: list[str]
-        launch: dict[str, Any] = {}
-        dissipation: dict[Literal["sigma", "rolling"], float | str] = {}
-
+    data, places, problems = read_file(path)
+    given = checked(Stone, data, places, problems)
     try:
-        given = Stone.model_validate(YAML(typ="safe", pure=True).load(path))
         body = _stone(dict(given.body))
-    except ValidationError as error:
-        first = error.errors()[0]
-        reason = f"{'.'.join(map(str, first['loc'])) or 'the file'}: {first['msg']}"
-    except TypeError:
-        names = ", ".join(given.body)
-        reason = f"body: the keys {names} make no body; give preset, shape, mass, f_sd or alpha"
-    except (YAMLError, OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-    else:
-        losses = {str(name): value for name, value in given.dissipation.items()}
-        return {"body": body, "free": given.free, "launch": given.launch, **losses}
-    raise ConfigError(f"{path}: {one_line(reason, 300)}")
+    except ValueError as error:
+        raise ConfigError(places.line(("body",), one_line(str(error), 300))) from None
+    return {"body": body, "free": given.free, "launch": given.launch, **vars(given.dissipation)}
 
 
 def _stone(given: dict[str, Any]) -> Rattleback:
+    """Return the body of a mapping; raise a ValueError if a key is wrong or missing."""
     from rattlesweep.api.arrays import one_body
-    from rattlesweep.physics.body import Rattleback
+    from rattlesweep.physics.body import PARAMETERS, Rattleback
+    from rattlesweep.sweeps.config import not_one_of
 
     if "xi_deg" in given:
         given["xi"] = math.radians(given.pop("xi_deg"))
+    make: Callable[..., Rattleback] = Rattleback
+    if "shape" in given:
+        if (shape := given.pop("shape")) != "half_ellipsoid":
+            raise ConfigError(f"shape: {not_one_of(shape, ['half_ellipsoid'])}")
+        make = Rattleback.half_ellipsoid
+    elif {"mass", "f_sd"} & given.keys():
+        make = Rattleback.from_si if "mass" in given else Rattleback.shell_dumbbell
+    needed = {name: one.default is one.empty for name, one in signature(make).parameters.items()}
     if "preset" in given:
-        return one_body(given.pop("preset")).replace(**given)
-    if given.pop("shape", "") == "half_ellipsoid":
-        return Rattleback.half_ellipsoid(**given)
-    if "mass" in given:
-        return Rattleback.from_si(**given)
-    return Rattleback.shell_dumbbell(**given) if "f_sd" in given else Rattleback(**given)
+        make = one_body(given.pop("preset")).replace
+        needed = dict.fromkeys((*PARAMETERS, "c"), False)
+    for name in given:
+        if name not in needed:
+            raise ConfigError(not_one_of(name, (*needed, "preset", "shape", "mass", "f_sd")))
+    for name in needed:
+        if needed[name] and name not in given:
+            others = ", or give preset, shape, mass or f_sd" if make is Rattleback else ""
+            raise ConfigError(f"the key {name} is missing; add it{others}")
+    return make(**given)

@@ -241,7 +241,7 @@ def violations(
         (alpha > beta, "alpha {alpha:g} is not above beta {beta:g}; alpha > beta > 1 is needed"),
         (gamma > 0, "gamma is {gamma:g}; it must be positive"),
         ((xi != 0) & (np.abs(xi) < np.pi / 2),
-         "xi is {xi:g} rad; -pi/2 < xi < 0 is needed, or xi > 0 for a mirror image"),
+         "the skew angle xi is {xi:g} rad; -pi/2 < xi < 0 is needed, or xi > 0 for a mirror image"),
         (i_xx <= i_yy + gamma + slack, "no body has this inertia: I_xx = alpha - 1 = {i_xx:g} "
          "exceeds I_yy + I_zz = {yy_zz:g}"),
         (gamma <= i_xx + i_yy + slack, "no body has this inertia: I_zz = gamma = {gamma:g} "

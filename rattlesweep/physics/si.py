@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Floats
-from rattlesweep.units import quantities, quantity
+from rattlesweep.units import KINDS, quantities, quantity
 
 GRAVITY = 9.81  # on Earth, in m/s^2
 MAX_TILT = 1e-3  # angle between the z axis and a principal axis, in radians, for rounded inputs
@@ -45,7 +45,10 @@ def number(value: float | str, kind: str, name: str) -> float:
     """Return a number in SI units, given as such or as a text of a kind in `units.KINDS`."""
     try:
         return quantity(value, kind) if isinstance(value, str) else float(value)
-    except (TypeError, ValueError) as error:
+    except TypeError:
+        wanted = f"give a number or a text such as {KINDS[kind][1]}"
+        raise ValueError(f"{name}: {value!r} is given; {wanted}") from None
+    except ValueError as error:
         raise ValueError(f"{name}: {value!r} {error}") from None
 
 

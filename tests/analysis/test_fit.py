@@ -82,7 +82,15 @@ def test_an_axis_is_followed_through_half_turns_and_gaps():
         ("body: {preset: GH}\nfree: [signa]", "t,n\n0,1\n1,1\n", 'did you mean "sigma"?'),
         ("body: {preset: GH}\nfree: [sigma]", "t_s,n_rpm\n0,1\n", "the body has no size"),
         ("body: {preset: KL}\nfree: [sigma]", "t_s,n_rpm\n0,1\n0,2\n", "row 2"),
-        ("body: {preset: KL}\nfree: [sigma]", "t_s,n_rpm\n0,a\n", 'Unable to parse string'),
+        ("body: {preset: KL}\nfree: [sigma]", "t_s,n_rpm\n0,a\n", "row 1: n_rpm is a, not"),
+        ("body: {preset: KL}\nfree: [sigma]", "t_s,n_rpm\n", "no row has a value of n_rpm"),
+        ("body: {preset: KL}\nfree: [sigma]", "t_s,n_rpm\n0,1\n,2\n", "t_s has no finite"),
+        ("body: {preset: KL}\nfree: [sigma]", "t_s,angle_deg\n0,1\n1,\n", "1 value cannot"),
+        ("body: {preset: KL}\nfree: [sigma]", "reversal_s\n-1\n", "reversal_s is -1; the"),
+        ("body: {preset: KL}\nfree: [c]\nlanch: 1", "", 'stone.yaml:3: lanch: unknown key "lanch"'),
+        ("body: {shape: half_ellipsoid, lenght: 1 cm}\nfree: [c]", "", 'did you mean "length"?'),
+        ("body: {shape: half_ellipsoid, length: 1 cm}\nfree: [c]", "", "width is missing"),
+        ("body: {preset: KL}\nfree: []", "t_s,n_rpm\n0,1\n1,2\n", "no parameter is given"),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_sentence(tmp_path, stone, data, words):

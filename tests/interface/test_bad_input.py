@@ -51,7 +51,7 @@ verify c -j 99999 | --threads 99999: give a whole number from 1 to 4096
 verify c --recompute x | --recompute x: give a whole number from 0
 compare c c --allow x | --allow x: give a number from 0 to 1
 slurm c.yaml --shards 1 --mem lots | --mem lots: is not a size of memory; write it as in 4G
-fit s.yaml t.csv | s.yaml: body: the keys gamma make no body; give preset
+fit s.yaml t.csv | body: the key alpha is missing; add it, or give preset
 body | --preset
 trajectory --preset GH --channels '' | --channels: give at least one name
 run c.yaml --set 'bodies={source: sd, target: {}}' | neither K_r nor K_p is given

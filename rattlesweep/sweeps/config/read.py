@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 from ruamel.yaml import YAML
@@ -16,7 +16,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.config import Key, Places, describe, hint, not_one_of
-from rattlesweep.sweeps.config.schema import SOURCES, TAGS, Config, clashes
+from rattlesweep.sweeps.config.schema import SOURCES, TAGS, Base, Config, clashes
 
 MAX_VALUES = 20_000  # a few aliases can expand to far more values than a file has
 MAX_TOLD = 20  # problems that are listed
@@ -26,6 +26,7 @@ SCALARS: dict[str, Callable[[str], Any]] = {
     "int": lambda text: int(text, 0), "float": float,
 }  # fmt: skip
 
+T = TypeVar("T", bound=Base)
 Problem = tuple[int | str | None, Key, str]  # line or --set text, key, message
 
 
@@ -35,6 +36,16 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
     `overrides` are texts such as ``bodies.samples=10``; of several for one key the last wins.  A
     ConfigError lists all mistakes, one a line: ``file:line: key: message``.
     """
+    data, places, problems = read_file(path)
+    stem = "".join(c if c.isprintable() and c != "\\" else "_" for c in Path(path).stem)
+    data = {"name": stem} | data
+    for text in overrides:
+        places = _override(data, places, text)
+    return checked(Config, data, places, problems)
+
+
+def read_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], Places, list[Problem]]:
+    """Return the mapping in a YAML file, the places of its keys, and problems such as repeats."""
     file = one_line(os.fspath(path), 200)
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
@@ -46,8 +57,7 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
         empty = (1, (), f"the file holds {describe(data)}; write key: value lines")
         line, _, message = (*problems, empty)[0]
         raise ConfigError(f"{file}:{line}: {message}")
-    stem = "".join(c if c.isprintable() and c != "\\" else "_" for c in Path(path).stem)
-    return _check({"name": stem} | data, overrides, Places(file, {(): 1, **lines}), problems)
+    return data, Places(file, {(): 1, **lines}), problems
 
 
 def parse_config(data: Mapping[str, Any], overrides: Sequence[str] = ()) -> Config:
@@ -56,7 +66,10 @@ def parse_config(data: Mapping[str, Any], overrides: Sequence[str] = ()) -> Conf
         text = json.dumps({**data}, default=lambda x: getattr(x, "tolist", x.__str__)())
     except TypeError as error:
         raise ConfigError(f"the config is not plain data ({error}); give a dict") from None
-    return _check(json.loads(text), overrides, Places(), [])
+    plain, places = json.loads(text), Places()
+    for override in overrides:
+        places = _override(plain, places, override)
+    return checked(Config, plain, places, [])
 
 
 def config_json_schema() -> dict[str, Any]:
@@ -146,21 +159,20 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
         return None, {}, [(mark.line + 1 if mark else 1, (), message)]
 
 
-def _check(data: Any, overrides: Sequence[str], places: Places, problems: list[Problem]) -> Config:
-    """Return the config, or raise a ConfigError with all its problems and those found before."""
-    wrong: list[tuple[Key, str]]
-    for text in overrides:
-        places = _override(data, places, text)
+def checked(model: type[T], data: Any, places: Places, problems: list[Problem]) -> T:
+    """Return data as a model, or raise a ConfigError with its problems and those found before."""
+    wrong: list[tuple[Key, str]] = []
     try:
-        config = Config.model_validate(data)
+        found = model.model_validate(data)
     except ValidationError as error:
         wrong = [_problem(one, data) for one in error.errors(include_url=False)]
     else:
-        wrong = [(tuple(name.split(".")), message) for name, message in clashes(config)]
+        if isinstance(found, Config):
+            wrong = [(tuple(name.split(".")), message) for name, message in clashes(found)]
+            found._places = places
     problems += [(places.origin(key), key, message) for key, message in wrong]
     if not problems:
-        config._places = places
-        return config
+        return found
     # In the order of the file, followed by those of --set.
     problems.sort(key=lambda one: one[0] if isinstance(one[0], int) else math.inf)
     lines = [*dict.fromkeys(places.line(key, words, origin) for origin, key, words in problems)]

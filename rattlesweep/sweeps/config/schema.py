@@ -565,6 +565,22 @@ class Config(Base):
             raise ConfigError(map(self.located, error.messages)) from None
 
 
+class Losses(Base):
+    """Dissipation of one run."""
+
+    sigma: float | str = 0.0
+    rolling: float | str = 0.0
+
+
+class Stone(Base):
+    """What is known of a stone, and the names of the unknowns; see `docs/fit.md`."""
+
+    body: dict[str, Any]
+    free: list[str]
+    launch: dict[str, Any] = {}
+    dissipation: Losses = Losses()
+
+
 def clashes(config: Config) -> Iterator[tuple[str, str]]:
     """Yield a dotted key and a message for each broken rule between keys."""
     bodies, spin, launch, losses = config.bodies, config.spin, config.launch, config.dissipation
