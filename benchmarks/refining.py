@@ -20,8 +20,8 @@ from rattlesweep.analysis.layout import fill
 from rattlesweep.analysis.plots import CELLS, CODES
 from rattlesweep.arrays import Flags
 from rattlesweep.sweeps.config.read import parse_config, resolved
-from rattlesweep.sweeps.decide import Refining
-from rattlesweep.sweeps.stored import Stored, open_stored
+from rattlesweep.sweeps.decide import wanted_runs
+from rattlesweep.sweeps.stored import Found, Stored, open_stored
 
 LEVELS = (2, 3, 4, 5)
 
@@ -30,13 +30,10 @@ def refined(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> Flags:
     """Return a mask of the runs that a refined sweep would do, in the order of their keys."""
     data = resolved(stored.config)
     config = parse_config(data | {"bodies": data["bodies"] | {"refine": refine}}, [])
-    decide = Refining(config, stored.cases, stored.samples)
-    table = rows
-    done = np.zeros(decide.code.shape, dtype=bool)
-    while (todo := decide.wanted() & ~done).any():
-        decide.add(table.take(np.flatnonzero(todo)))
-        done |= todo
-    return done
+    found = Found((len(stored.cases), stored.samples), config.deciding_column)
+    while (todo := wanted_runs(config, stored.cases, found) & ~found.done).any():
+        found.add(rows.take(np.flatnonzero(todo)))
+    return found.done
 
 
 def main() -> None:

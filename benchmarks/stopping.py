@@ -20,8 +20,9 @@ import pyarrow as pa
 from rattlesweep.arrays import Integers
 from rattlesweep.sweeps.block import compute, prepare_runs
 from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.decide import Stopping
+from rattlesweep.sweeps.decide import wanted_runs
 from rattlesweep.sweeps.plan import Plan, make_plan
+from rattlesweep.sweeps.stored import Found
 from rattlesweep.sweeps.summary import Counts
 from rattlesweep.sweeps.types import Z95, wilson
 
@@ -45,12 +46,10 @@ def run(plan: Plan, case: Integers, sample: Integers, counts: Counts) -> pa.Tabl
 def stopped(config: dict[str, Any]) -> Counts:
     """Return the result of a sweep that stops, by case."""
     plan = make_plan(parse_config(config))
-    shape = len(plan.cases), plan.samples
-    decide, counts = Stopping(plan.config.stop, shape), Counts(len(plan.cases))
-    done = np.zeros(shape, dtype=bool)
-    while (todo := decide.wanted() & ~done).any():
-        decide.add(run(plan, *np.nonzero(todo), counts))
-        done |= todo
+    found = Found((len(plan.cases), plan.samples), plan.config.deciding_column)
+    counts = Counts(len(plan.cases))
+    while (todo := wanted_runs(plan.config, plan.cases, found) & ~found.done).any():
+        found.add(run(plan, *np.nonzero(todo), counts))
     return counts
 
 

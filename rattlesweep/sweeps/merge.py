@@ -71,7 +71,7 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
             except OSError:
                 with open(path, "rb") as file, streamed_file(target) as copy:
                     shutil.copyfileobj(file, copy)
-        missing = int((wanted_runs(merged, found) & ~found.done).sum())
+        missing = int((wanted_runs(merged.config, merged.cases, found) & ~found.done).sum())
         summary = None if missing else write_summary(merged)
     failed = found.rows - found.status["ok"]
     return Merged(found.rows, len(merged.files()), missing, failed, summary)

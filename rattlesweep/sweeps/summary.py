@@ -16,7 +16,7 @@ from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.physics.theory import unsteady
 from rattlesweep.sweeps import columns as tables
 from rattlesweep.sweeps.config.schema import Config
-from rattlesweep.sweeps.decide import deciding_key, nearest_rows
+from rattlesweep.sweeps.decide import nearest_rows
 from rattlesweep.sweeps.stored import SUMMARY, VARIES, Case, Stored
 from rattlesweep.sweeps.types import DEAD, TYPES, R, codes, share
 from rattlesweep.text import align
@@ -51,7 +51,7 @@ def count_cases(stored: Stored) -> Counts:
     counts = Counts(cases)
     for rows in stored.batches(names):
         counts.add(rows, rows.column("case").to_numpy().astype(np.int64))
-    if deciding_key(stored.config) != "bodies.refine":
+    if stored.config.deciding_key != "bodies.refine":
         return counts
     weighted, runs = Counts(cases), stored.read(names)
     for case, nearest in nearest_rows(stored):
