@@ -7,6 +7,7 @@ python benchmarks/refining.py out/map-theta-spin --figure docs/map_refined.png
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from rattlesweep.analysis.plots import CELLS, CODES
 from rattlesweep.arrays import Flags
 from rattlesweep.sweeps.config.read import parse_config, resolved
 from rattlesweep.sweeps.decide import wanted_runs
-from rattlesweep.sweeps.stored import Found, Stored, open_stored
+from rattlesweep.sweeps.stored import Stored, open_stored
 
 LEVELS = (2, 3, 4, 5)
 
@@ -30,8 +31,9 @@ def refined(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> Flags:
     """Return a mask of the runs that a refined sweep would do, in the order of their keys."""
     data = resolved(stored.config)
     config = parse_config(data | {"bodies": data["bodies"] | {"refine": refine}}, [])
-    found = Found((len(stored.cases), stored.samples), config.deciding_column)
-    while (todo := wanted_runs(config, stored.cases, found) & ~found.done).any():
+    design = replace(stored, config=config)
+    found = design.nothing_found()
+    while (todo := wanted_runs(design, found) & ~found.done).any():
         found.add(rows.take(np.flatnonzero(todo)))
     return found.done
 

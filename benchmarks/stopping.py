@@ -22,7 +22,6 @@ from rattlesweep.sweeps.block import compute, prepare_runs
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.decide import wanted_runs
 from rattlesweep.sweeps.plan import Plan, make_plan
-from rattlesweep.sweeps.stored import Found
 from rattlesweep.sweeps.summary import Counts
 from rattlesweep.sweeps.types import Z95, wilson
 
@@ -46,9 +45,8 @@ def run(plan: Plan, case: Integers, sample: Integers, counts: Counts) -> pa.Tabl
 def stopped(config: dict[str, Any]) -> Counts:
     """Return the result of a sweep that stops, by case."""
     plan = make_plan(parse_config(config))
-    found = Found((len(plan.cases), plan.samples), plan.config.deciding_column)
-    counts = Counts(len(plan.cases))
-    while (todo := wanted_runs(plan.config, plan.cases, found) & ~found.done).any():
+    found, counts = plan.nothing_found(), Counts(len(plan.cases))
+    while (todo := wanted_runs(plan, found) & ~found.done).any():
         found.add(run(plan, *np.nonzero(todo), counts))
     return counts
 

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.columns import runs_schema
-from rattlesweep.sweeps.config.schema import Config, GridSource, Stop
-from rattlesweep.sweeps.stored import FAILED, MISSING, Case, Found, Stored
+from rattlesweep.sweeps.config.schema import GridSource, Stop
+from rattlesweep.sweeps.stored import FAILED, MISSING, Design, Found, Stored
 from rattlesweep.sweeps.types import TYPES, R, wilson
 
 FIRST_WAVE = 400  # samples of each case in the first wave of `stop`
@@ -29,13 +28,13 @@ FEWEST = 5  # values that an axis needs before some are left out
 Array = NDArray[Any]
 
 
-def wanted_runs(config: Config, cases: Sequence[Case], found: Found) -> Flags:
+def wanted_runs(design: Design, found: Found) -> Flags:
     """Return the wanted runs, as far as the rows so far tell; shape (cases, samples)."""
-    if config.stop is not None:
-        return _wanted_samples(config.stop, found)
-    if config.deciding_key:
-        return Refining(config, cases).wanted(found)
-    return np.ones(found.code.shape, dtype=bool)
+    if design.config.stop is not None:
+        return _wanted_samples(design.config.stop, found)
+    if design.config.deciding_key:
+        return Refining(design).wanted(found)
+    return np.ones(design.shape, dtype=bool)
 
 
 def _wanted_samples(stop: Stop, found: Found) -> Flags:
@@ -69,7 +68,8 @@ def _are_known(stop: Stop, found: Found, cases: Integers, samples: int) -> Flags
 class Refining:
     """Start from every 2^levels-th value of a grid, and halve cells whose runs differ."""
 
-    def __init__(self, config: Config, cases: Sequence[Case]) -> None:
+    def __init__(self, design: Design) -> None:
+        config = design.config
         bodies, spin, losses = config.bodies, config.spin, config.dissipation
         assert isinstance(bodies, GridSource) and bodies.refine is not None  # noqa: PT018
         launches: dict[str, Sequence[float | None]] = {}
@@ -86,10 +86,10 @@ class Refining:
         if not self._refined:
             raise ConfigError(f"bodies.refine: no axis has {FEWEST} values or more to leave out")
         by, self._tol = bodies.refine.by, bodies.refine.tol
-        if by not in runs_schema(config.parts, config.model).names:
+        if by not in design.schema.names:
             raise ConfigError(f"bodies.refine.by: there is no column {by} in these runs")
         # A directory that has grown may number its cases in another order than the axes.
-        numbers = {tuple(getattr(case, name) for name in launches): case.index for case in cases}
+        numbers = {tuple(getattr(case, k) for k in launches): case.index for case in design.cases}
         self._order = np.array([numbers[values] for values in product(*launches.values())])
 
     def grid(self, values: Array) -> Array:
@@ -165,7 +165,7 @@ class Refining:
 
 def nearest_rows(stored: Stored) -> Iterator[tuple[int, Integers]]:
     """Yield each case of a refined sweep with the row nearest to each sample, -1 for none yet."""
-    refining, is_stored = Refining(stored.config, stored.cases), stored.find().done
+    refining, is_stored = Refining(stored), stored.find().done
     row = np.where(is_stored, np.cumsum(is_stored).reshape(is_stored.shape) - 1, -1)
     index = nearest(refining.grid(is_stored), [stride > 1 for stride in refining.strides])
     yield from enumerate(refining.runs(refining.grid(row)[tuple(index)]))

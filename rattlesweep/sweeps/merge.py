@@ -39,7 +39,7 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
         sources.append(open_stored(output))
     else:
         check_empty(output)
-    largest = max(sources, key=lambda stored: (len(stored.cases), stored.samples))
+    largest = max(sources, key=lambda stored: stored.shape)
     for stored in sources:
         check_same(stored, largest)
     with contextlib.ExitStack() as stack:
@@ -71,7 +71,7 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
             except OSError:
                 with open(path, "rb") as file, streamed_file(target) as copy:
                     shutil.copyfileobj(file, copy)
-        missing = int((wanted_runs(merged.config, merged.cases, found) & ~found.done).sum())
+        missing = int((wanted_runs(merged, found) & ~found.done).sum())
         summary = None if missing else write_summary(merged)
     failed = found.rows - found.status["ok"]
     return Merged(found.rows, len(merged.files()), missing, failed, summary)

@@ -160,10 +160,7 @@ def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> None:
     """Compute the wanted runs until all are on disk or the time is up."""
     plan, found = job.plan, job.found
     while True:  # once, or once for each wave of `stop` and `bodies.refine`
-        if shard is None:
-            wanted = wanted_runs(plan.config, plan.cases, found)
-        else:
-            wanted = shard.runs(found.code.shape)
+        wanted = wanted_runs(plan, found) if shard is None else shard.runs(plan.shape)
         job.runs = int((wanted & found.done).sum())
         if found.done[wanted].all():
             return

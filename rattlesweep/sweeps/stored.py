@@ -62,7 +62,7 @@ def open_stored(directory: Path | str) -> Stored:
         if [case.index for case in cases] != list(range(len(cases))) or samples < 1:
             raise ValueError("its cases are not numbered from 0, or have no samples")
         config, key = parse_config(data["config"]), str(data["config_hash"])
-        return Stored(directory, data, config, cases, extra, samples, key)
+        return Stored(config, cases, samples, extra, directory, data, key)
     except (FileNotFoundError, NotADirectoryError):
         what = "it has no manifest.json" if directory.is_dir() else "there is no such directory"
         raise ConfigError(f"{directory} is not an output directory: {what}") from None
@@ -76,21 +76,41 @@ def open_stored(directory: Path | str) -> Stored:
 
 
 @dataclass(frozen=True)
-class Stored:
-    """An output directory."""
+class Design:
+    """The runs of a sweep: a number of samples of each case."""
 
-    directory: Path
-    manifest: dict[str, Any]  # contents of `manifest.json`
     config: Config  # with all defaults filled in
-    cases: tuple[Case, ...]
+    cases: tuple[Case, ...]  # in a directory that has grown, not in the order of the config
+    samples: int  # of each case
     extra: tuple[pa.Field, ...]  # columns that bodies and launches add to the usual ones
-    samples: int  # in each case
-    hash: str  # of everything that determines the row of a key
 
     @cached_property
     def schema(self) -> pa.Schema:
         """Arrow schema of the runs, with `unit` and `description` in each field's metadata."""
         return runs_schema(self.config.parts, self.config.model, self.extra)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of cases, and of samples of each."""
+        return len(self.cases), self.samples
+
+    @property
+    def runs(self) -> int:
+        """Number of runs, if none is left out."""
+        return len(self.cases) * self.samples
+
+    def nothing_found(self) -> Found:
+        """Return the record of an empty directory."""
+        return Found(self.shape, self.config.deciding_column)
+
+
+@dataclass(frozen=True)
+class Stored(Design):
+    """An output directory."""
+
+    directory: Path
+    manifest: dict[str, Any]  # contents of `manifest.json`
+    hash: str  # of everything that determines the row of a key
 
     @property
     def thresholds(self) -> Classify:
@@ -132,7 +152,7 @@ class Stored:
 
     def find(self, files: Iterable[Path] | None = None) -> Found:
         """Read all files, or these; raise an OutputError for rows that are no part of the sweep."""
-        found = Found((len(self.cases), self.samples), self.config.deciding_column)
+        found = self.nothing_found()
         for path in self.files() if files is None else files:
             try:
                 rows = read_parquet(path)
@@ -153,11 +173,10 @@ class Stored:
         if not same_schema(rows.schema, self.schema):
             return "has the columns of another version of rattlesweep"
         case, sample = keys_of(rows)
-        cases, samples = found.code.shape
         if not len(rows):
             return "holds no runs"
-        if case.max() >= cases or sample.max() >= samples:
-            return f"holds runs beyond {cases} cases of {samples} samples"
+        if case.max() >= len(self.cases) or sample.max() >= self.samples:
+            return f"holds runs beyond {len(self.cases)} cases of {self.samples} samples"
         if not set(self._cases_of(rows)) <= {*words.get(CASES, "").split("\n")}:
             return "numbers its cases differently"
         stored = found.code[case, sample] != MISSING

@@ -59,7 +59,7 @@ def status(directory: Path) -> Status:
     found, files = stored.find(), stored.files()
     if found.damaged:
         raise DamagedError(DAMAGED.format(found.damaged[0]))
-    wanted = wanted_runs(stored.config, stored.cases, found)
+    wanted = wanted_runs(stored, found)
     sessions, locks = read_sessions(directory), at_work(directory)
     working = [session for lock, session in unfinished(sessions).items() if lock in locks]
     data = {
@@ -107,7 +107,7 @@ def verify(
     """Compare the files of a directory with its manifest; integrate `recompute` runs again."""
     stored = open_stored(directory)
     found, thresholds = stored.find(), stored.thresholds
-    wanted, files = wanted_runs(stored.config, stored.cases, found), stored.files()
+    wanted, files = wanted_runs(stored, found), stored.files()
     result = Verified(directory, found.rows, len(files), int((wanted & ~found.done).sum()))
     problems = result.problems
     problems += map(DAMAGED.format, found.damaged)

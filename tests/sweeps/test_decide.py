@@ -18,7 +18,7 @@ from test_invariance import Stop, cut
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.decide import FIRST_WAVE, nearest_rows, wanted_runs
 from rattlesweep.sweeps.run import integrate_plan
-from rattlesweep.sweeps.stored import Found, open_stored
+from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.summary import summarise
 from rattlesweep.sweeps.types import wilson
 from rattlesweep.sweeps.verify import same_bits, status, verify
@@ -69,16 +69,16 @@ def test_wanted_is_found_from_any_rows_in_any_order(name, done):
     bodies = {k: v for k, v in CONFIGS[name]["bodies"].items() if k != "refine"}
     whole = {k: v for k, v in CONFIGS[name].items() if k != "stop"} | {"bodies": bodies}
     rows, every = open_stored(done[name]).read(), integrate_plan(plan_of(whole))
-    there = np.zeros((len(plan.cases), plan.samples), bool)
+    there = np.zeros(plan.shape, bool)
     there[rows["case"].to_numpy(), rows["sample"].to_numpy()] = True
     waves = {0}
     for surplus in (0.0, 0.3):
-        known = Found(there.shape, plan.config.deciding_column)
+        known = plan.nothing_found()
         if surplus:
             extra = dice.random(plan.runs) < surplus
             known.add(every.filter(pa.array(extra)))
         while True:
-            wanted = wanted_runs(plan.config, plan.cases, known)
+            wanted = wanted_runs(plan, known)
             waves.add(int(wanted.sum()))
             todo = wanted & ~known.done
             if not todo.any():
@@ -147,7 +147,7 @@ def test_refused_where_nothing_can_be_left_out_or_recorded():
     ):
         plan = plan_of(MAP, bodies=bodies, spin=spin)
         with pytest.raises(ConfigError, match=words):
-            wanted_runs(plan.config, plan.cases, Found((len(plan.cases), plan.samples)))
+            wanted_runs(plan, plan.nothing_found())
 
 
 def test_a_refined_directory_becomes_the_whole_grid(full, done, tmp_path):
