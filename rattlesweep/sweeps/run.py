@@ -26,7 +26,7 @@ from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.batch import Control, available_threads
 from rattlesweep.integrate.lanes.lane import LANES
 from rattlesweep.integrate.task import Task
-from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
+from rattlesweep.sweeps.block import load_kernel, prepare_runs, start_block
 from rattlesweep.sweeps.columns import read_parquet
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.cost import case_costs
@@ -195,7 +195,7 @@ def local(job: Job, blocks: Iterator[Keys]) -> None:
                 tasks[0].wait(partial(job.tick, before))
                 job.time_block(before, tasks[0].seconds)
             if prepared is not None:
-                tasks += [Task(partial(compute, plan.config, plan.schema, prepared, job.threads))]
+                tasks.append(start_block(plan, prepared, job.threads))
             if before is not None:
                 job.write(tasks.pop(0).value())
                 job.tick()
@@ -336,7 +336,6 @@ def integrate_plan(
             report((start + runs * control.done) / plan.runs)
 
         prepared = prepare_runs(plan, *np.divmod(index, plan.samples))
-        task = Task(partial(compute, plan.config, plan.schema, prepared, threads))
-        tables.append(task.wait(tick))
+        tables.append(start_block(plan, prepared, threads).wait(tick))
     report(1.0)
     return pa.concat_tables(tables)
