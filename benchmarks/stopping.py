@@ -72,7 +72,7 @@ def main() -> None:
         found = [
             stopped(CONFIG | {"stop": stop, "seed": 100 + seed}) for seed in range(options.sweeps)
         ]
-        samples = np.mean([counts.runs for counts in found], axis=0)
+        samples = np.mean([counts["runs"] for counts in found], axis=0)
         for name, value, asked, inside in coverage(stop, found, exact):
             for case, n_i in enumerate(CONFIG["spin"]["n_i"]):
                 print(
@@ -94,9 +94,9 @@ def coverage(stop: dict[str, float], found: list[Counts], exact: Counts) -> Iter
         yield "mean t_r", true, np.mean(off <= stop["t_r"] * means, 0), np.mean(off <= errors, 0)
         return
     for name in ("R", "SW", "unclassified"):
-        true = exact.types[name] / exact.ok
+        true = exact.types[name] / exact["ok"]
         parts = np.array([counts.types[name] for counts in found])
-        whole = np.array([counts.ok for counts in found])
+        whole = np.array([counts["ok"] for counts in found])
         low, high = wilson(parts, whole)
         near = np.abs(parts / whole - true) <= stop["fraction"]
         yield f"share of {name}", true, near.mean(0), np.mean((low <= true) & (true <= high), 0)
