@@ -7,6 +7,7 @@ python benchmarks/refining.py out/map-theta-spin --figure docs/map_refined.png
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from rattlesweep.analysis.layout import fill
 from rattlesweep.analysis.plots import CELLS, CODES
 from rattlesweep.arrays import Flags
 from rattlesweep.sweeps.config.read import parse_config, resolved
-from rattlesweep.sweeps.decide import Refining
+from rattlesweep.sweeps.decide import wanted_runs
 from rattlesweep.sweeps.stored import Stored, open_stored
 
 LEVELS = (2, 3, 4, 5)
@@ -30,13 +31,11 @@ def refined(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> Flags:
     """Return a mask of the runs that a refined sweep would do, in the order of their keys."""
     data = resolved(stored.config)
     config = parse_config(data | {"bodies": data["bodies"] | {"refine": refine}}, [])
-    decide = Refining(config, stored.cases, stored.samples)
-    table = rows
-    done = np.zeros(decide.code.shape, dtype=bool)
-    while (todo := decide.wanted() & ~done).any():
-        decide.add(table.take(np.flatnonzero(todo)))
-        done |= todo
-    return done
+    design = replace(stored, config=config)
+    found = design.nothing_found()
+    while (todo := wanted_runs(design, found) & ~found.done).any():
+        found.add(rows.take(np.flatnonzero(todo)))
+    return found.done
 
 
 def main() -> None:

@@ -20,7 +20,7 @@ import pyarrow as pa
 from rattlesweep.arrays import Integers
 from rattlesweep.sweeps.block import compute, prepare_runs
 from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.decide import Stopping
+from rattlesweep.sweeps.decide import wanted_runs
 from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.sweeps.summary import Counts
 from rattlesweep.sweeps.types import Z95, wilson
@@ -45,12 +45,9 @@ def run(plan: Plan, case: Integers, sample: Integers, counts: Counts) -> pa.Tabl
 def stopped(config: dict[str, Any]) -> Counts:
     """Return the result of a sweep that stops, by case."""
     plan = make_plan(parse_config(config))
-    shape = len(plan.cases), plan.samples
-    decide, counts = Stopping(plan.config.stop, shape), Counts(len(plan.cases))
-    done = np.zeros(shape, dtype=bool)
-    while (todo := decide.wanted() & ~done).any():
-        decide.add(run(plan, *np.nonzero(todo), counts))
-        done |= todo
+    found, counts = plan.nothing_found(), Counts(len(plan.cases))
+    while (todo := wanted_runs(plan, found) & ~found.done).any():
+        found.add(run(plan, *np.nonzero(todo), counts))
     return counts
 
 
@@ -75,7 +72,7 @@ def main() -> None:
         found = [
             stopped(CONFIG | {"stop": stop, "seed": 100 + seed}) for seed in range(options.sweeps)
         ]
-        samples = np.mean([counts.runs for counts in found], axis=0)
+        samples = np.mean([counts["runs"] for counts in found], axis=0)
         for name, value, asked, inside in coverage(stop, found, exact):
             for case, n_i in enumerate(CONFIG["spin"]["n_i"]):
                 print(
@@ -97,9 +94,9 @@ def coverage(stop: dict[str, float], found: list[Counts], exact: Counts) -> Iter
         yield "mean t_r", true, np.mean(off <= stop["t_r"] * means, 0), np.mean(off <= errors, 0)
         return
     for name in ("R", "SW", "unclassified"):
-        true = exact.types[name] / exact.ok
+        true = exact.types[name] / exact["ok"]
         parts = np.array([counts.types[name] for counts in found])
-        whole = np.array([counts.ok for counts in found])
+        whole = np.array([counts["ok"] for counts in found])
         low, high = wilson(parts, whole)
         near = np.abs(parts / whole - true) <= stop["fraction"]
         yield f"share of {name}", true, near.mean(0), np.mean((low <= true) & (true <= high), 0)

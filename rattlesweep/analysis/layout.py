@@ -175,7 +175,7 @@ class Layout:
         """Count the runs by cell, with the means of more columns, in one pass."""
         size = int(np.prod([*self.lengths.values()]))
         counts, moments = Counts(size), {name: Moments(size) for name in more}
-        for rows in self.rows(("case", "sample", *columns_for(self.stored.config), *more)):
+        for rows in self.rows(("case", "sample", *columns_for(self.stored.schema), *more)):
             cell = self.cells(rows)
             counts.add(rows, cell)
             for name, own in moments.items():

@@ -71,7 +71,7 @@ class Picture(ABC):
         return self.layout.count(self.more)
 
     def __len__(self) -> int:
-        return int(self.counted[0].runs.sum())
+        return int(self.counted[0]["runs"].sum())
 
     def grid(self, flat: NDArray[Any]) -> NDArray[Any]:
         """Reshape an array over the cells to the shape of `axes`."""
@@ -86,17 +86,17 @@ class Picture(ABC):
         (cells, more), axes, name = self.counted, self.layout.axes.values(), self.layout.name
         values = np.meshgrid(*(axis.values for axis in axes), indexing="ij")
         found: dict[str, Any] = {a.name: v.ravel() for a, v in zip(axes, values, strict=True)}
-        found |= {"runs": cells.runs, "failed": cells.failed}
-        found |= {f"fraction_{kind}": share(n, cells.ok) for kind, n in cells.types.items()}
-        found["fraction_bondi"] = share(cells.bondi, cells.steady)
+        found |= {"runs": cells["runs"], "failed": cells["failed"]}
+        found |= {f"fraction_{kind}": share(n, cells["ok"]) for kind, n in cells.types.items()}
+        found["fraction_bondi"] = share(cells["bondi"], cells["steady"])
         for own, moments in ((name("t_r"), cells.t_r), ("ratio", cells.ratio)):
             found |= {f"{own}_mean": moments.means(), f"{own}_std": moments.deviations(),
                       f"{own}_sem": moments.errors()}  # fmt: skip
         found |= {f"{name('t_rgh')}_mean": cells.t_rgh.means()}
         found |= {f"{name(column)}_mean": mean for column, mean in more.items()}
-        if cells.has_errors:
-            found |= {"sensitive": cells.sensitive, "unsure": cells.unsure}
-        return pd.DataFrame(found)[cells.runs > 0].reset_index(drop=True)
+        if "sensitive" in cells:
+            found |= {"sensitive": cells["sensitive"], "unsure": cells["unsure"]}
+        return pd.DataFrame(found)[cells["runs"] > 0].reset_index(drop=True)
 
     def read(self, *columns: str) -> Floats:
         """Return cells and columns of the runs with status ok, shape (1 + columns, runs)."""
@@ -185,11 +185,11 @@ class Fractions(Picture):
 
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
         x, cells = self.axes[0], self.counted[0]
-        bondi = self.grid(share(cells.bondi, cells.steady))
+        bondi = self.grid(share(cells["bondi"], cells["steady"]))
         known: dict[str, Any] = {}
         for axes, where in panels:
             here: Any = (slice(None), *where)
-            ok, part = self.grid(cells.ok)[here], np.zeros(len(x.values))
+            ok, part = self.grid(cells["ok"])[here], np.zeros(len(x.values))
             for name, mark in TYPE_STYLE.items():
                 if name not in cells.types:
                     continue
@@ -305,22 +305,22 @@ class Map(Picture):
     def shown(self) -> tuple[Integers, Floats, Floats]:
         """Return of each cell the state in `CELLS`, the value, and ``n_c1 - n_i``."""
         layout, (cells, more) = self.layout, self.counted
-        counts = np.stack([cells.types.get(name, 0 * cells.runs) for name in TYPE_STYLE])
-        code = np.where(cells.ok == 0, CODES["failed"], np.argmax(counts, axis=0))
-        code = self.grid(np.where(cells.runs == 0, CODES["missing"], code))
+        counts = np.stack([cells.types.get(name, 0 * cells["runs"]) for name in TYPE_STYLE])
+        code = np.where(cells["ok"] == 0, CODES["failed"], np.argmax(counts, axis=0))
+        code = self.grid(np.where(cells["runs"] == 0, CODES["missing"], code))
         value = self.grid(more[self.quantity] if self.quantity else cells.ratio.means())
         none = np.full(code.shape, np.nan)
         beyond = self.grid(more["n_c1"] - more["n_i"]) if self.theory else none
         if layout.refined:
             # Fill where no run was integrated, not where a condition excludes the run.
-            runs = cells.runs if layout.where is None else layout.chosen(None).count()[0].runs
+            runs = cells["runs"] if layout.where is None else layout.chosen(None).count()[0]["runs"]
             done = self.grid(runs) > 0
             code, value, beyond = (fill(array, done) for array in (code, value, beyond))
         return code, value, beyond
 
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
         x, y, *_ = self.axes
-        bondi, several = False, bool(self.counted[0].runs.max() > 1)
+        bondi, several = False, bool(self.counted[0]["runs"].max() > 1)
         every, mean = [axes for axes, _ in panels], "mean " if several else ""
         self.ylabel = label(y.name)
         code, value, beyond = self.shown()

@@ -1,5 +1,6 @@
 """Compute a block: from the keys of its runs to their rows."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from rattlesweep.integrate.batch import Batch, Control, Outcome
 from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, METHODS, TOL
+from rattlesweep.integrate.task import Task
 from rattlesweep.physics import steady
 from rattlesweep.physics.theory import damping_rates, unsteady
 from rattlesweep.sweeps.columns import build_table, ragged
@@ -58,6 +60,11 @@ def compute(
             launches, batch = take(launches, ended), take(batch, ended)
             outcome = take(outcome, ended)
     return build_table(columns_of(config, launches, batch, outcome), schema)
+
+
+def start_block(plan: Plan, prepared: Prepared, threads: int | None = None) -> Task[pa.Table]:
+    """Start to compute prepared runs in a thread of their own."""
+    return Task(partial(compute, plan.config, plan.schema, prepared, threads))
 
 
 def run_batch(

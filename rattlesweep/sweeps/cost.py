@@ -14,7 +14,6 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.sweeps.block import columns_of, load_kernel, run_batch
 from rattlesweep.sweeps.columns import build_table, encode
 from rattlesweep.sweeps.config.schema import SdSource
-from rattlesweep.sweeps.decide import deciding_key
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.text import clock, counted
@@ -140,7 +139,7 @@ def forecast(plan: Plan, threads: int | None = None, seconds: float = 2.0) -> Fo
     whole_size, half_size = _file_size(table), _file_size(table.slice(0, half))
     row_size = (whole_size - half_size) / (len(table) - half)
     size = whole_size + int((plan.runs - len(table)) * row_size)
-    return Forecast(plan.runs, threads, middle, low, high, size, deciding_key(config))
+    return Forecast(plan.runs, threads, middle, low, high, size, config.deciding_key)
 
 
 def _file_size(table: pa.Table) -> int:

@@ -16,7 +16,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import lru_cache, partial
+from functools import lru_cache
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +26,7 @@ from rattlesweep.arrays import Integers
 from rattlesweep.errors import ConfigError, OutputError, one_line
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.task import POLL, Task
-from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
+from rattlesweep.sweeps.block import load_kernel, prepare_runs, start_block
 from rattlesweep.sweeps.provenance import versions
 from rattlesweep.sweeps.run import Engine, Job, Keys, OutOfTime
 
@@ -209,7 +209,7 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[p
         try:
             load_kernel(plan.config)  # not while another thread uses a kernel
             threads = order["threads"] or worker.state.nthreads
-            task = Task(partial(compute, plan.config, plan.schema, prepared, threads))
+            task = start_block(plan, prepared, threads)
             return task.wait(watch), task.seconds
         finally:
             _kernel.release()

@@ -12,110 +12,64 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.columns import floats, runs_schema
-from rattlesweep.sweeps.config.schema import Config, GridSource, Stop
-from rattlesweep.sweeps.stored import Case, Found, Stored
-from rattlesweep.sweeps.types import TYPES, R, codes, wilson
+from rattlesweep.sweeps.config.schema import GridSource, Stop
+from rattlesweep.sweeps.stored import FAILED, MISSING, Design, Found, Stored
+from rattlesweep.sweeps.types import TYPES, R, wilson
 
 FIRST_WAVE = 400  # samples of each case in the first wave of `stop`
 NEXT_WAVE = 0.1  # size of each later wave as a share of the samples so far
 # Quantile of the normal distribution for 97 %; with that of 95 %, some cases stop too early.
 Z = 2.1700903775845606
 FEWEST = 5  # values that an axis needs before some are left out
-FAILED = len(TYPES)
 Array = NDArray[Any]
 
 
-def wanted_runs(stored: Stored, found: Found) -> Flags:
-    """Return the wanted runs, as far as the rows on disk tell; shape (cases, samples)."""
-    decide = decision(stored.config, stored.cases, stored.samples)
-    if decide is None or found.damaged:
-        return np.ones_like(found.done)
-    decide.read(stored)
-    return decide.wanted()
+def wanted_runs(design: Design, found: Found) -> Flags:
+    """Return the wanted runs, as far as the rows so far tell; shape (cases, samples)."""
+    if design.config.stop is not None:
+        return _wanted_samples(design.config.stop, found)
+    if design.config.deciding_key:
+        return Refining(design).wanted(found)
+    return np.ones(design.shape, dtype=bool)
 
 
-def decision(config: Config, cases: Sequence[Case], samples: int) -> Stopping | Refining | None:
-    """Return the object that decides which runs are wanted; None if all are."""
-    if config.stop is not None:
-        return Stopping(config.stop, (len(cases), samples))
-    return Refining(config, cases, samples) if deciding_key(config) else None
-
-
-def deciding_key(config: Config) -> str | None:
-    """Return the key of the config by which a sweep leaves runs out; None if it runs all."""
-    if config.stop is not None:
-        return "stop"
-    bodies = config.bodies
-    return "bodies.refine" if isinstance(bodies, GridSource) and bodies.refine else None
-
-
-class _Decision:
-    """Types of the runs so far, and values of a column, in arrays of shape (cases, samples)."""
-
-    def __init__(self, shape: tuple[int, int], column: str | None) -> None:
-        self.code = np.full(shape, -1, np.int8)  # index in TYPES, FAILED, or -1 for no row
-        self.value = np.full(shape if column else (0, 0), np.nan)
-        self._column = column
-
-    def read(self, stored: Stored) -> None:
-        """Add all rows of a directory."""
-        own = [self._column] if self._column else []
-        for rows in stored.batches(["case", "sample", "type", "status", *own]):
-            self.add(rows)
-
-    def add(self, rows: pa.Table) -> None:
-        """Add rows."""
-        at = tuple(rows.column(name).to_numpy() for name in ("case", "sample"))
-        ok = codes(rows.column("status"), ("ok",)) == 0
-        self.code[at] = np.where(ok, codes(rows.column("type")), FAILED)
-        if self._column:
-            self.value[at] = floats(rows.column(self._column))
-
-
-class Stopping(_Decision):
+def _wanted_samples(stop: Stop, found: Found) -> Flags:
     """Add samples to each case until its statistics are precise enough."""
-
-    def __init__(self, stop: Stop, shape: tuple[int, int]) -> None:
-        self._stop = stop
-        super().__init__(shape, None if stop.t_r is None else "t_r")
-
-    def wanted(self) -> Flags:
-        """Return the wanted runs, as far as the rows so far tell; shape (cases, samples)."""
-        cases, samples = self.code.shape
-        wanted = np.zeros((cases, samples), dtype=bool)
-        active, end = np.arange(cases), 0
-        while len(active) and end < samples:
-            first, end = end, min(samples, max(FIRST_WAVE, end + math.ceil(NEXT_WAVE * end)))
-            wanted[active, first:end] = True
-            if (self.code[active, first:end] < 0).any():
-                break
-            active = active[~self._are_known(active, end)]
-        return wanted
-
-    def _are_known(self, cases: Integers, samples: int) -> Flags:
-        """Return the cases for which this number of samples is enough."""
-        code, stop, known = self.code[cases, :samples], self._stop, np.ones(len(cases), bool)
-        if stop.fraction is not None:
-            for number in range(len(TYPES)):
-                low, high = wilson((code == number).sum(axis=1), (code < FAILED).sum(axis=1), Z)
-                known &= (high - low) / 2 <= stop.fraction
-        if stop.t_r is not None:
-            times = np.ma.masked_where(code != R, self.value[cases, :samples])
-            error = times.std(axis=1, ddof=1) / np.sqrt(times.count(axis=1))
-            known &= (error * Z <= stop.t_r * times.mean(axis=1)).filled(False)
-        return known
+    cases, samples = found.code.shape
+    wanted = np.zeros((cases, samples), dtype=bool)
+    active, end = np.arange(cases), 0
+    while len(active) and end < samples:
+        first, end = end, min(samples, max(FIRST_WAVE, end + math.ceil(NEXT_WAVE * end)))
+        wanted[active, first:end] = True
+        if (found.code[active, first:end] == MISSING).any():
+            break
+        active = active[~_are_known(stop, found, active, end)]
+    return wanted
 
 
-class Refining(_Decision):
+def _are_known(stop: Stop, found: Found, cases: Integers, samples: int) -> Flags:
+    """Return the cases for which this number of samples is enough."""
+    code, known = found.code[cases, :samples], np.ones(len(cases), bool)
+    if stop.fraction is not None:
+        for number in range(len(TYPES)):
+            low, high = wilson((code == number).sum(axis=1), (code < FAILED).sum(axis=1), Z)
+            known &= (high - low) / 2 <= stop.fraction
+    if stop.t_r is not None:
+        times = np.ma.masked_where(code != R, found.value[cases, :samples])
+        error = times.std(axis=1, ddof=1) / np.sqrt(times.count(axis=1))
+        known &= (error * Z <= stop.t_r * times.mean(axis=1)).filled(False)
+    return known
+
+
+class Refining:
     """Start from every 2^levels-th value of a grid, and halve cells whose runs differ."""
 
-    def __init__(self, config: Config, cases: Sequence[Case], samples: int) -> None:
+    def __init__(self, design: Design) -> None:
+        config = design.config
         bodies, spin, losses = config.bodies, config.spin, config.dissipation
         assert isinstance(bodies, GridSource) and bodies.refine is not None  # noqa: PT018
         launches: dict[str, Sequence[float | None]] = {}
@@ -132,11 +86,10 @@ class Refining(_Decision):
         if not self._refined:
             raise ConfigError(f"bodies.refine: no axis has {FEWEST} values or more to leave out")
         by, self._tol = bodies.refine.by, bodies.refine.tol
-        if by not in runs_schema(config.parts, config.model).names:
+        if by not in design.schema.names:
             raise ConfigError(f"bodies.refine.by: there is no column {by} in these runs")
-        super().__init__((len(cases), samples), None if by == "type" else by)
         # A directory that has grown may number its cases in another order than the axes.
-        numbers = {tuple(getattr(case, name) for name in launches): case.index for case in cases}
+        numbers = {tuple(getattr(case, k) for k in launches): case.index for case in design.cases}
         self._order = np.array([numbers[values] for values in product(*launches.values())])
 
     def grid(self, values: Array) -> Array:
@@ -145,19 +98,20 @@ class Refining(_Decision):
 
     def runs(self, grid: Array) -> Array:
         """Return values along the axes by (case, sample)."""
-        values = np.empty(self.code.shape, grid.dtype)
-        values[self._order] = grid.reshape(len(self._order), -1)
+        by_launch = grid.reshape(len(self._order), -1)
+        values = np.empty_like(by_launch)
+        values[self._order] = by_launch
         return values
 
-    def wanted(self) -> Flags:
+    def wanted(self, found: Found) -> Flags:
         """Return the wanted runs, as far as the rows so far tell; shape (cases, samples)."""
-        code, value = self.grid(self.code), self.grid(self.value) if self._column else None
+        code, value = self.grid(found.code), self.grid(found.value) if found.column else None
         wanted = np.zeros(self.shape, dtype=bool)
         wanted[np.ix_(*map(_ticks, self.shape, self.strides))] = True
-        while not (code[wanted] < 0).any():
+        while not (code[wanted] == MISSING).any():
             before = wanted.copy()
             # Rows beyond this wave must not count.
-            seen = np.where(before, code, np.int8(-1))
+            seen = np.where(before, code, np.int8(MISSING))
             seen_value = None if value is None else np.where(before, value, np.nan)
             stride = self.strides
             while max(stride) > 1:
@@ -176,8 +130,8 @@ class Refining(_Decision):
         ticks = [_ticks(n, s) for n, s in zip(self.shape, stride, strict=True)]
         corners = np.ix_(*ticks)
         # By cell: largest and smallest type, and whether all corners have a row.
-        most, least = code, np.where(code >= 0, code, np.int8(127))
-        known = code[corners] >= 0
+        most, least = code, np.where(code != MISSING, code, np.int8(127))
+        known = code[corners] != MISSING
         for axis in self._refined:
             most = _over(np.maximum, most, ticks[axis], axis)
             least = _over(np.minimum, least, ticks[axis], axis)
@@ -211,9 +165,7 @@ class Refining(_Decision):
 
 def nearest_rows(stored: Stored) -> Iterator[tuple[int, Integers]]:
     """Yield each case of a refined sweep with the row nearest to each sample, -1 for none yet."""
-    refining = Refining(stored.config, stored.cases, stored.samples)
-    refining.read(stored)
-    is_stored = refining.code >= 0
+    refining, is_stored = Refining(stored), stored.find().done
     row = np.where(is_stored, np.cumsum(is_stored).reshape(is_stored.shape) - 1, -1)
     index = nearest(refining.grid(is_stored), [stride > 1 for stride in refining.strides])
     yield from enumerate(refining.runs(refining.grid(row)[tuple(index)]))

@@ -39,7 +39,7 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
         sources.append(open_stored(output))
     else:
         check_empty(output)
-    largest = max(sources, key=lambda stored: (len(stored.cases), stored.samples))
+    largest = max(sources, key=lambda stored: stored.shape)
     for stored in sources:
         check_same(stored, largest)
     with contextlib.ExitStack() as stack:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
@@ -26,7 +25,7 @@ from rattlesweep.sweeps.config.read import differences, fixed_part, physics_hash
 from rattlesweep.sweeps.config.schema import Config, SdSource, clashes
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.provenance import LOCKS, at_work, command_line, machine, now, versions
-from rattlesweep.sweeps.stored import FOLDER, FORMAT, MANIFEST, Case, Stored, open_stored
+from rattlesweep.sweeps.stored import FOLDER, FORMAT, MANIFEST, Case, Design, Stored, open_stored
 from rattlesweep.units import Quantity
 
 MAX_RUNS = 10**9  # in a sweep, which holds one byte for each of them
@@ -36,28 +35,10 @@ KEYS = {"n_i": "spin.n_i", "omega_xy0": "spin.omega_xy0", "t_end": "horizon.t",
 
 
 @dataclass(frozen=True)
-class Plan:
-    """The runs of a config."""
+class Plan(Design):
+    """The runs of a config, with the source of their bodies."""
 
-    config: Config
     source: Source
-    cases: tuple[Case, ...]  # in a directory that has grown, not in the order of the config
-    extra: tuple[pa.Field, ...] = ()  # columns that bodies and launches add to the usual ones
-
-    @cached_property
-    def schema(self) -> pa.Schema:
-        """Arrow schema of the runs."""
-        return runs_schema(self.config.parts, self.config.model, self.extra)
-
-    @property
-    def samples(self) -> int:
-        """Number of samples of each case."""
-        return self.source.samples
-
-    @property
-    def runs(self) -> int:
-        """Number of runs, if none is left out."""
-        return len(self.cases) * self.samples
 
     @cached_property
     def targets(self) -> Floats:
@@ -96,7 +77,8 @@ def make_plan(config: Config, base: Path | None = None, rows: TableBodies | None
         losses = list(product(values["sigma"], values["rolling"]))
     made = enumerate(product(targets, launches, losses))
     cases = tuple(Case(number, *a, *b, *c) for number, (a, b, c) in made)
-    plan = Plan(config, source, cases, (STATE if is_state else ()) + source.fields)
+    extra = (STATE if is_state else ()) + source.fields
+    plan = Plan(config, cases, source.samples, extra, source)
     if plan.runs > MAX_RUNS:
         told = f"{len(cases)} cases of {plan.samples} samples are {plan.runs:.3g} runs"
         raise ConfigError(f"bodies: {told}; at most {MAX_RUNS:.0e} are possible in one sweep")
@@ -239,7 +221,7 @@ def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
         "versions": versions(), "machine": machine(), "command": command_line(),
         "started": now(), "written": now(),
     }  # fmt: skip
-    return Stored(directory, manifest, plan.config, plan.cases, plan.extra, plan.samples, key)
+    return Stored(plan.config, plan.cases, plan.samples, plan.extra, directory, manifest, key)
 
 
 def check_same(one: Stored, other: Stored) -> None:

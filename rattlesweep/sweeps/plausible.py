@@ -68,7 +68,7 @@ def check_physics(plan: Plan) -> list[str]:
     config, which = plan.config, f"the {plan.runs} runs"
     with config.locating(), np.errstate(all="ignore"):
         if isinstance(config.bodies, SdSource):
-            plan = replace(plan, source=DrawnBodies(config.bodies))
+            plan = replace(plan, source=DrawnBodies(config.bodies), samples=MOST_RUNS)
             which = f"{min(plan.runs, MOST_RUNS)} runs drawn from the ranges"
         elif plan.runs > MOST_RUNS:
             which = f"{MOST_RUNS} of the {plan.runs} runs"

@@ -26,11 +26,11 @@ from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.batch import Control, available_threads
 from rattlesweep.integrate.lanes.lane import LANES
 from rattlesweep.integrate.task import Task
-from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
+from rattlesweep.sweeps.block import load_kernel, prepare_runs, start_block
 from rattlesweep.sweeps.columns import read_parquet
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.cost import case_costs
-from rattlesweep.sweeps.decide import Refining, Stopping, deciding_key, decision
+from rattlesweep.sweeps.decide import wanted_runs
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.plan import Plan, begin, examine
 from rattlesweep.sweeps.provenance import MANIFEST_LOCK, hold, locked, session
@@ -100,7 +100,7 @@ def run_sweep(
     start, threads = time.monotonic(), threads or available_threads()
     if shard is not None and retry_failed:
         raise ConfigError("--retry-failed: also repeats runs of other shards; leave out --shard")
-    if shard is not None and (key := deciding_key(plan.config)):
+    if shard is not None and (key := plan.config.deciding_key):
         raise ConfigError(f"{key}: what is run next depends on all runs, so there are no shards")
     examine(plan, directory)  # refuse before anything is created there
     with explained(f"cannot write in {directory}"):
@@ -113,11 +113,8 @@ def run_sweep(
         plan = replace(plan, cases=stored.cases)
         record = held.enter_context(session(directory, name, threads))
         found = _mend(stored, plan.config.classify, shard, retry_failed)
-        decide = decision(plan.config, plan.cases, plan.samples)
-        if decide is not None:
-            decide.read(stored)
         deadline = start + (math.inf if max_time is None else max_time)
-        job = Job(plan, stored, found, threads, report, decide, deadline)
+        job = Job(plan, stored, found, threads, report, deadline)
         try:
             _compute_missing(job, shard, engine or local)
             if job.stopped is None:
@@ -152,24 +149,26 @@ def _mend(stored: Stored, thresholds: Classify, shard: Shard | None, retry_faile
         kept = rows.filter(pc.equal(rows.column("status"), "ok")) if retry else rows
         if path in stale or len(kept) < len(rows):
             rewrite(path, kept, typed)
-    return replace(stored.find(), damaged=found.damaged) if retry else found
+    if not (retry or stale):
+        return found
+    again = stored.find()
+    again.damaged = found.damaged
+    return again
 
 
 def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> None:
     """Compute the wanted runs until all are on disk or the time is up."""
-    done = job.found.done
+    plan, found = job.plan, job.found
     while True:  # once, or once for each wave of `stop` and `bodies.refine`
-        wanted = np.ones_like(done) if shard is None else shard.runs(done.shape)
-        if job.decide is not None:
-            wanted = job.decide.wanted()
-        job.runs = int((wanted & done).sum())
-        if done[wanted].all():
+        wanted = wanted_runs(plan, found) if shard is None else shard.runs(plan.shape)
+        job.runs = int((wanted & found.done).sum())
+        if found.done[wanted].all():
             return
         job.stored.drop_summary()
         try:
             engine(job, job.blocks(wanted))
         except OutOfTime:
-            if not done[wanted].all():  # the last run may end just as the time is up
+            if not found.done[wanted].all():  # the last run may end just as the time is up
                 early = "the time was up before any run had ended; allow more"
                 job.stopped = "the time is up" if job.done else early
                 return
@@ -177,7 +176,7 @@ def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> None:
             if not isinstance(error, Exception):
                 error.add_note(f"{job.runs:,} runs are kept")
             raise
-        if left := int((wanted & ~done).sum()):
+        if left := int((wanted & ~found.done).sum()):
             raise OutputError(f"the engine left out {left} of the runs; run it again")
 
 
@@ -196,7 +195,7 @@ def local(job: Job, blocks: Iterator[Keys]) -> None:
                 tasks[0].wait(partial(job.tick, before))
                 job.time_block(before, tasks[0].seconds)
             if prepared is not None:
-                tasks += [Task(partial(compute, plan.config, plan.schema, prepared, job.threads))]
+                tasks.append(start_block(plan, prepared, job.threads))
             if before is not None:
                 job.write(tasks.pop(0).value())
                 job.tick()
@@ -221,7 +220,6 @@ class Job:
     found: Found  # what is on disk
     threads: int
     report: Callable[[Progress], None] = lambda progress: None  # called a few times a second
-    decide: Stopping | Refining | None = None  # derives from the rows which runs are wanted
     deadline: float = math.inf  # of `time.monotonic`
     begun: float | None = None  # when the kernel was loaded: the rate leaves out compile time
     runs: int = 0  # wanted runs that are on disk
@@ -287,8 +285,6 @@ class Job:
         with _signals_deferred():
             self.stored.append(table, self.plan.config.classify.as_text)
             self.found.add(table)
-            if self.decide is not None:
-                self.decide.add(table)
             self.runs += len(table)
             self.done += len(table)
             cost = float(self._cost[keys_of(table)[0]].sum())
@@ -340,7 +336,6 @@ def integrate_plan(
             report((start + runs * control.done) / plan.runs)
 
         prepared = prepare_runs(plan, *np.divmod(index, plan.samples))
-        task = Task(partial(compute, plan.config, plan.schema, prepared, threads))
-        tables.append(task.wait(tick))
+        tables.append(start_block(plan, prepared, threads).wait(tick))
     report(1.0)
     return pa.concat_tables(tables)

@@ -25,16 +25,24 @@ import pyarrow.compute as pc
 
 from rattlesweep.arrays import Flags, Integers
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
-from rattlesweep.sweeps.columns import read_parquet, runs_schema, same_schema, write_parquet
+from rattlesweep.sweeps.columns import (
+    floats,
+    read_parquet,
+    runs_schema,
+    same_schema,
+    write_parquet,
+)
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import explained, reason, replace_file
+from rattlesweep.sweeps.types import TYPES, codes
 
 MANIFEST, SUMMARY, FOLDER = "manifest.json", "summary.parquet", "runs"
 FORMAT = 3
 # Metadata of a file of rows: hash of the sweep, thresholds of the types, cases of the rows.
 SWEEP, TYPED, CASES = "rattlesweep.sweep", "rattlesweep.classify", "rattlesweep.cases"
 KEY = ("case", "sample")
+MISSING, FAILED = -1, len(TYPES)  # codes of runs that are not stored, and of those without a type
 BATCH_ROWS = 1_000_000  # rows sorted at a time
 VARIES = ("n_i", "omega_xy0", "sigma", "rolling")
 
@@ -54,7 +62,7 @@ def open_stored(directory: Path | str) -> Stored:
         if [case.index for case in cases] != list(range(len(cases))) or samples < 1:
             raise ValueError("its cases are not numbered from 0, or have no samples")
         config, key = parse_config(data["config"]), str(data["config_hash"])
-        return Stored(directory, data, config, cases, extra, samples, key)
+        return Stored(config, cases, samples, extra, directory, data, key)
     except (FileNotFoundError, NotADirectoryError):
         what = "it has no manifest.json" if directory.is_dir() else "there is no such directory"
         raise ConfigError(f"{directory} is not an output directory: {what}") from None
@@ -68,21 +76,41 @@ def open_stored(directory: Path | str) -> Stored:
 
 
 @dataclass(frozen=True)
-class Stored:
-    """An output directory."""
+class Design:
+    """The runs of a sweep: a number of samples of each case."""
 
-    directory: Path
-    manifest: dict[str, Any]  # contents of `manifest.json`
     config: Config  # with all defaults filled in
-    cases: tuple[Case, ...]
+    cases: tuple[Case, ...]  # in a directory that has grown, not in the order of the config
+    samples: int  # of each case
     extra: tuple[pa.Field, ...]  # columns that bodies and launches add to the usual ones
-    samples: int  # in each case
-    hash: str  # of everything that determines the row of a key
 
     @cached_property
     def schema(self) -> pa.Schema:
         """Arrow schema of the runs, with `unit` and `description` in each field's metadata."""
         return runs_schema(self.config.parts, self.config.model, self.extra)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of cases, and of samples of each."""
+        return len(self.cases), self.samples
+
+    @property
+    def runs(self) -> int:
+        """Number of runs, if none is left out."""
+        return len(self.cases) * self.samples
+
+    def nothing_found(self) -> Found:
+        """Return the record of an empty directory."""
+        return Found(self.shape, self.config.deciding_column)
+
+
+@dataclass(frozen=True)
+class Stored(Design):
+    """An output directory."""
+
+    directory: Path
+    manifest: dict[str, Any]  # contents of `manifest.json`
+    hash: str  # of everything that determines the row of a key
 
     @property
     def thresholds(self) -> Classify:
@@ -124,35 +152,35 @@ class Stored:
 
     def find(self, files: Iterable[Path] | None = None) -> Found:
         """Read all files, or these; raise an OutputError for rows that are no part of the sweep."""
-        found = Found(np.zeros((len(self.cases), self.samples), dtype=bool))
+        found = self.nothing_found()
         for path in self.files() if files is None else files:
             try:
                 rows = read_parquet(path)
             except DamagedError:
                 found.damaged.append(path)
                 continue
-            if fault := self._fault(rows, found.done):
+            if fault := self._fault(rows, found):
                 raise OutputError(f"{path} {fault}; move it away, or use another output")
             found.add(rows)
             found.typed.setdefault(metadata(rows).get(TYPED, ""), []).append(path)
         return found
 
-    def _fault(self, rows: pa.Table, done: Flags) -> str | None:
-        """Return why the rows of a file cannot be added to those that are `done`."""
+    def _fault(self, rows: pa.Table, found: Found) -> str | None:
+        """Return why the rows of a file cannot be added to those that were found before."""
         words = metadata(rows)
         if words.get(SWEEP) != self.hash:
             return "holds runs of another sweep"
         if not same_schema(rows.schema, self.schema):
             return "has the columns of another version of rattlesweep"
         case, sample = keys_of(rows)
-        cases, samples = done.shape
         if not len(rows):
             return "holds no runs"
-        if case.max() >= cases or sample.max() >= samples:
-            return f"holds runs beyond {cases} cases of {samples} samples"
+        if case.max() >= len(self.cases) or sample.max() >= self.samples:
+            return f"holds runs beyond {len(self.cases)} cases of {self.samples} samples"
         if not set(self._cases_of(rows)) <= {*words.get(CASES, "").split("\n")}:
             return "numbers its cases differently"
-        if done[case, sample].any() or len(np.unique(_order(rows))) < len(rows):
+        stored = found.code[case, sample] != MISSING
+        if stored.any() or len(np.unique(_order(rows))) < len(rows):
             return "holds runs that are stored twice"
         return None
 
@@ -191,27 +219,41 @@ class Stored:
             yield from table.slice(0, ready).select(names).to_batches()
 
 
-@dataclass
 class Found:
-    """What the files of a directory contain."""
+    """What the files of a directory contain, and the rows that a session adds to them."""
 
-    done: Flags  # runs that are stored; shape (cases, samples)
-    status: Counter[str] = field(default_factory=Counter)  # runs by status
-    types: Counter[str] = field(default_factory=Counter)  # runs by type
-    typed: dict[str, list[Path]] = field(default_factory=dict)  # files by thresholds, as JSON
-    damaged: list[Path] = field(default_factory=list)
+    def __init__(self, shape: tuple[int, int], column: str | None = None) -> None:
+        self.code = np.full(shape, MISSING, np.int8)  # index in TYPES, FAILED or MISSING
+        self.value = np.full(shape if column else (0, 0), np.nan)  # of the column, if there is one
+        self.column = column
+        self.status: Counter[str] = Counter()  # runs by status
+        self.typed: dict[str, list[Path]] = {}  # files by thresholds, as JSON
+        self.damaged: list[Path] = []
+
+    @property
+    def done(self) -> Flags:
+        """Runs that are stored; shape (cases, samples)."""
+        return np.asarray(self.code != MISSING)
 
     @property
     def rows(self) -> int:
         """Number of rows."""
         return self.status.total()
 
+    @property
+    def types(self) -> Counter[str]:
+        """Runs by type."""
+        counts = ((name, int((self.code == k).sum())) for k, name in enumerate(TYPES))
+        return Counter({name: count for name, count in counts if count})
+
     def add(self, rows: pa.Table) -> None:
-        """Count rows."""
-        self.done[keys_of(rows)] = True
-        for name, counter in (("status", self.status), ("type", self.types)):
-            for entry in rows.column(name).drop_null().value_counts().to_pylist():
-                counter[entry["values"]] += entry["counts"]
+        """Add rows."""
+        keys, kind = keys_of(rows), codes(rows.column("type"))
+        self.code[keys] = np.where(kind < 0, FAILED, kind)
+        if self.column in rows.schema.names:
+            self.value[keys] = floats(rows.column(self.column))
+        for entry in rows.column("status").value_counts().to_pylist():
+            self.status[entry["values"]] += entry["counts"]
 
 
 @dataclass(frozen=True)

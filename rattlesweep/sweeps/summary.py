@@ -15,13 +15,15 @@ import pyarrow as pa
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.physics.theory import unsteady
 from rattlesweep.sweeps import columns as tables
-from rattlesweep.sweeps.config.schema import Config
-from rattlesweep.sweeps.decide import deciding_key, nearest_rows
+from rattlesweep.sweeps.decide import nearest_rows
 from rattlesweep.sweeps.stored import SUMMARY, VARIES, Case, Stored
 from rattlesweep.sweeps.types import DEAD, TYPES, R, codes, share
 from rattlesweep.text import align
 
-COLUMNS = ("n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status", "near_tangencies")
+# Columns that the counts are made of; runs without dissipation, errors and contact lack the last.
+COLUMNS = ("n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status", "near_tangencies",
+           "sigma", "rolling", "t_r_error", "type_sure", "contact_ratio_max",
+           "contact_normal_min")  # fmt: skip
 # Shares of runs that need a coefficient of friction above these.
 FRICTION = {"share_friction_above_0_3": 0.3, "share_friction_above_0_6": 0.6}
 SENSITIVE = 1e-6  # relative error of t_r above which a run is sensitive
@@ -47,101 +49,89 @@ def summarise(stored: Stored) -> pa.Table:
 
 def count_cases(stored: Stored) -> Counts:
     """Count runs by case; in a refined sweep, each weighs as many points as it is nearest to."""
-    cases, names = len(stored.cases), ("case", *columns_for(stored.config))
+    cases, names = len(stored.cases), ("case", *columns_for(stored.schema))
     counts = Counts(cases)
     for rows in stored.batches(names):
         counts.add(rows, rows.column("case").to_numpy().astype(np.int64))
-    if deciding_key(stored.config) != "bodies.refine":
+    if stored.config.deciding_key != "bodies.refine":
         return counts
     weighted, runs = Counts(cases), stored.read(names)
     for case, nearest in nearest_rows(stored):
         row, weight = np.unique(nearest[nearest >= 0], return_counts=True)
         weighted.add(runs.take(pa.array(row)), np.full(len(row), case), weight)
-    weighted.runs, weighted.failed = counts.runs, counts.failed
+    weighted |= {name: counts[name] for name in ("runs", "failed")}
     return weighted
 
 
-def columns_for(config: Config) -> tuple[str, ...]:
+def columns_for(schema: pa.Schema) -> list[str]:
     """Return the columns of a sweep's runs that :meth:`Counts.add` reads."""
-    losses = ("energy_left", "sigma", "rolling") if config.dissipation else ()
-    errors = ("t_r_error", "type_sure") if "error" in config.record else ()
-    contact = ("contact_ratio_max", "contact_normal_min") if "contact" in config.record else ()
-    return (*COLUMNS, *errors, *losses, *contact)
+    return [name for name in COLUMNS if name in schema.names]
 
 
-class Counts:
-    """Runs by cell; each array has the shape (cells,)."""
+class Counts(dict[str, Integers]):
+    """Numbers of runs with some property, by its name, in arrays of shape (cells,).
+
+    Names are ``runs ok failed``, the types of runs that are ok, ``steady`` (runs in the steady
+    direction with a theory and without dissipation), ``bondi`` (those of them beyond Bondi's
+    threshold), ``near_tangencies`` (their sum), and, where the rows have the columns, ``sensitive
+    unsure`` and the names of shares in the summary.
+    """
 
     def __init__(self, cells: int) -> None:
-        def zeros(count: int) -> list[Integers]:
-            return [*np.zeros((count, cells), np.int64)]
-
-        self.runs, self.ok, self.failed, self.near_tangencies, self.sensitive = zeros(5)
-        # Runs in the steady direction with a theory and without dissipation, and those of them
-        # beyond Bondi's threshold: abs(n_c1) < abs(n_i).
-        self.steady, self.bondi = zeros(2)
-        # Runs that are ok by type (D only with dissipation), those of them whose type is not sure,
-        # and those that need more friction or lift off.
-        self.types = dict(zip(TYPES[:DEAD], zeros(DEAD), strict=True))
-        self.unsure_types = dict(zip(TYPES[:DEAD], zeros(DEAD), strict=True))
-        self.contact = dict(zip((*FRICTION, "share_lift_off"), zeros(3), strict=True))
+        super().__init__()
+        self._cells = cells
         # Of type R, with the ratio t_r / t_rgh taken run by run; but t_rgh of all runs.
         self.t_r, self.t_r_error, self.ratio, self.t_rgh = (Moments(cells) for _ in range(4))
-        self.has_errors = self.has_contact = False  # whether the rows have these columns
+
+    def __missing__(self, name: str) -> Integers:
+        return np.zeros(self._cells, np.int64)
+
+    @property
+    def types(self) -> dict[str, Integers]:
+        """Runs by type; D only with dissipation."""
+        return {name: self[name] for name in TYPES if name != TYPES[DEAD] or name in self}
 
     def add(self, rows: pa.Table, cell: Integers, weight: Integers | None = None) -> None:
         """Add runs to cells, each as often as its weight; a negative cell leaves a run out."""
-        kept, names = cell >= 0, rows.schema.names
-        cell = cell[kept]
-        weight = np.ones(len(cell), np.int64) if weight is None else weight[kept]
+        weight = np.ones(len(cell), np.int64) if weight is None else weight
+        numbers, values = _measured(rows)
+        for name, number in numbers.items():
+            into = self.setdefault(name, self[name])
+            np.add.at(into, cell[cell >= 0], (weight * number)[cell >= 0])
+        for name, own in values.items():
+            kept = (cell >= 0) & np.isfinite(own)
+            moments: Moments = getattr(self, name)
+            moments.add(cell[kept], own[kept], weight[kept])
 
-        def column(name: str) -> Floats:
-            return tables.floats(rows.column(name))[kept]
 
-        def count(into: Integers, which: Flags) -> None:
-            np.add.at(into, cell[which], weight[which])
-
-        def average(into: Moments, values: Floats, which: Flags) -> None:
-            into.add(cell[which], values[which], weight[which])
-
-        n_i, t_r, t_rgh = column("n_i"), column("t_r"), column("t_rgh")
-        kind = codes(rows.column("type"))[kept]
-        ok = codes(rows.column("status"), ("ok",))[kept] == 0
-        steady = np.isfinite(column("omega_p")) & ~unsteady(column("K_p"), n_i)
-        if "energy_left" in names:
-            for types in (self.types, self.unsure_types):
-                types.setdefault("D", np.zeros(len(self.runs), np.int64))
-            steady &= (column("sigma") == 0) & (column("rolling") == 0)
-        count(self.runs, np.ones(len(cell), bool))
-        count(self.ok, ok)
-        count(self.failed, ~ok)
-        for name, into in self.types.items():
-            count(into, ok & (kind == TYPES.index(name)))
-        near = np.nan_to_num(column("near_tangencies")).astype(np.int64)
-        np.add.at(self.near_tangencies, cell, weight * near)
-        count(self.steady, steady)
-        count(self.bondi, steady & (np.abs(column("n_c1")) < np.abs(n_i)))
-        reverses = ok & (kind == R) & np.isfinite(t_r)
-        average(self.t_r, t_r, reverses)
-        average(self.t_rgh, t_rgh, np.isfinite(t_rgh))
-        ratio = share(t_r, t_rgh)
-        average(self.ratio, ratio, reverses & np.isfinite(ratio))
-        if "t_r_error" in names:
-            self.has_errors, error = True, column("t_r_error")
-            average(self.t_r_error, error, reverses & np.isfinite(error))
-            count(self.sensitive, reverses & (error > SENSITIVE * t_r))
-            for name, into in self.unsure_types.items():
-                count(into, (column("type_sure") == 0) & (kind == TYPES.index(name)))
-        if "contact_ratio_max" in names:
-            self.has_contact, friction = True, column("contact_ratio_max")
-            for name, most in FRICTION.items():
-                count(self.contact[name], ok & (friction > most))
-            count(self.contact["share_lift_off"], ok & (column("contact_normal_min") < 0))
-
-    @property
-    def unsure(self) -> Integers:
-        """Runs whose type is not sure."""
-        return np.asarray(sum(self.unsure_types.values()))
+def _measured(rows: pa.Table) -> tuple[dict[str, Flags | Integers], dict[str, Floats]]:
+    """Return the numbers that :class:`Counts` adds up, and the values that it averages, by run."""
+    names = {*columns_for(rows.schema)} - {"type", "status"}
+    x = {name: tables.floats(rows.column(name)) for name in names}
+    n_i, t_r, t_rgh, kind = x["n_i"], x["t_r"], x["t_rgh"], codes(rows.column("type"))
+    ok = codes(rows.column("status"), ("ok",)) == 0
+    steady = np.isfinite(x["omega_p"]) & ~unsteady(x["K_p"], n_i)
+    types = TYPES[:DEAD]
+    if "sigma" in names:
+        types, steady = TYPES, steady & (x["sigma"] == 0) & (x["rolling"] == 0)
+    reverses = ok & (kind == R) & np.isfinite(t_r)
+    numbers: dict[str, Flags | Integers] = {
+        "runs": np.ones(len(ok), bool), "ok": ok, "failed": ~ok,
+        "steady": steady, "bondi": steady & (np.abs(x["n_c1"]) < np.abs(n_i)),
+        "near_tangencies": np.nan_to_num(x["near_tangencies"]).astype(np.int64),
+    }  # fmt: skip
+    numbers |= {name: ok & (kind == code) for code, name in enumerate(types)}
+    values = {"t_r": t_r, "ratio": share(t_r, t_rgh)}
+    if "t_r_error" in names:
+        values["t_r_error"] = error = x["t_r_error"]
+        numbers["sensitive"] = reverses & (error > SENSITIVE * t_r)
+        numbers["unsure"] = (kind >= 0) & (x["type_sure"] == 0)
+    if "contact_ratio_max" in names:
+        for name, most in FRICTION.items():
+            numbers[name] = ok & (x["contact_ratio_max"] > most)
+        numbers["share_lift_off"] = ok & (x["contact_normal_min"] < 0)
+    reversing = {name: np.where(reverses, own, np.nan) for name, own in values.items()}
+    return numbers, reversing | {"t_rgh": t_rgh}
 
 
 class Moments:
@@ -180,7 +170,7 @@ class Moments:
 
 def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     """Return the summary of cases whose runs are counted."""
-    schema, ok = tables.SUMMARY, counts.ok
+    schema, ok = tables.SUMMARY, counts["ok"]
     columns: dict[str, Any] = {field.name: pa.nulls(len(cases), field.type) for field in schema}
     for name in ("K_p", "K_r"):
         targets = [case.target if case.target_name == name else None for case in cases]
@@ -188,18 +178,17 @@ def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     for name in VARIES:
         columns[name] = np.array([getattr(case, name) for case in cases], float)
     columns |= {f"fraction_{name}": share(part, ok) for name, part in counts.types.items()}
-    columns |= {name: getattr(counts, name) for name in ("runs", "failed", "near_tangencies")}
+    columns |= {name: counts[name] for name in ("runs", "failed", "near_tangencies")}
     columns |= {
         "case": np.arange(len(cases)),
-        "fraction_bondi": share(counts.bondi, counts.steady),
+        "fraction_bondi": share(counts["bondi"], counts["steady"]),
         "t_r_mean": counts.t_r.means(), "t_r_std": counts.t_r.deviations(),
         "t_rgh_mean": counts.t_rgh.means(), "t_r_mean_error": counts.t_r_error.means(),
         "t_r_over_t_rgh_mean": counts.ratio.means(), "t_r_over_t_rgh_sem": counts.ratio.errors(),
     }  # fmt: skip
-    if counts.has_errors:
-        columns |= {"sensitive": counts.sensitive, "unsure": counts.unsure}
-    if counts.has_contact:
-        columns |= {name: share(part, ok) for name, part in counts.contact.items()}
+    columns |= {name: counts[name] for name in ("sensitive", "unsure") if name in counts}
+    contact = (name for name in (*FRICTION, "share_lift_off") if name in counts)
+    columns |= {name: share(counts[name], ok) for name in contact}
     return tables.build_table(columns, schema)
 
 

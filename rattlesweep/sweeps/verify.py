@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
-from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.columns import read_parquet
 from rattlesweep.sweeps.decide import wanted_runs
 from rattlesweep.sweeps.provenance import at_work, read_sessions, unfinished, who
@@ -171,11 +169,10 @@ def differing_rows(
     plan: Plan, rows: pa.Table, threads: int | None = None
 ) -> Iterator[tuple[int, int, list[str]]]:
     """Integrate stored runs again; yield case, sample and columns of the rows that differ."""
-    from rattlesweep.sweeps.block import compute, prepare_runs
+    from rattlesweep.sweeps.block import prepare_runs, start_block
 
     case, sample = keys_of(rows)
-    prepared = prepare_runs(plan, case, sample)
-    again = Task(partial(compute, plan.config, plan.schema, prepared, threads)).wait()
+    again = start_block(plan, prepare_runs(plan, case, sample), threads).wait()
     rows = rows.select(plan.schema.names)
     if same_bits(again, rows):
         return

@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps import dask
 from rattlesweep.sweeps.block import compute
 
@@ -29,11 +30,13 @@ def _passes() -> bool:
     return False
 
 
-def _held(*args: Any) -> Any:
-    control = args[-1]
-    while not _passes() and not control.stopping:
-        time.sleep(0.01)
-    return compute(*args)
+def _held(plan: Any, *prepared: Any) -> Any:
+    def work(control: Any) -> Any:
+        while not _passes() and not control.stopping:
+            time.sleep(0.01)
+        return compute(plan.config, plan.schema, *prepared, control)
+
+    return Task(work)
 
 
 def _refuse(event: str, args: tuple[Any, ...]) -> None:
@@ -43,6 +46,6 @@ def _refuse(event: str, args: tuple[Any, ...]) -> None:
         raise PermissionError(f"a worker looks at {args[0]}")
 
 
-dask.compute = _held
+dask.start_block = _held
 if _closed:
     sys.addaudithook(_refuse)

@@ -17,6 +17,7 @@ from typing import Any
 from syscalls import Calls
 
 from rattlesweep import cli
+from rattlesweep.sweeps import block
 from rattlesweep.sweeps import run as runner
 
 ROWS = 6  # runs per block, so that small sweeps have several files
@@ -79,7 +80,7 @@ def become(args: list[str], out: Path, how: dict[str, Any]) -> None:
 
 def _hold(blocks: int) -> None:
     """Let some blocks pass and hold the others until SIGUSR1 or a stop."""
-    honest, passed, released = runner.compute, [], []
+    honest, passed, released = block.compute, [], []
     signal.signal(signal.SIGUSR1, lambda *_: released.append(True))
 
     def held(config: Any, schema: Any, prepared: Any, threads: int, control: Any) -> Any:
@@ -90,4 +91,4 @@ def _hold(blocks: int) -> None:
         passed.append(None)
         return honest(config, schema, prepared, threads, control)
 
-    runner.compute = held  # type: ignore[assignment]
+    block.compute = held  # type: ignore[assignment]

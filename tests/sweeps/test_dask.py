@@ -233,7 +233,7 @@ def test_worker_of_another_version_is_refused(cluster, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("compute", r"^the worker at tcp://127\S+ on \S+: MemoryError: no room$"),
+        ("start_block", r"^the worker at tcp://127\S+ on \S+: MemoryError: no room$"),
         ("do_block", r"^the block that begins with case 0, sample \d+ cannot be done"),
     ],
 )

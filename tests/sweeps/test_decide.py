@@ -16,7 +16,7 @@ from sweeping import changed, plan_of, proved
 from test_invariance import Stop, cut
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.decide import FIRST_WAVE, Refining, Stopping, decision, nearest_rows
+from rattlesweep.sweeps.decide import FIRST_WAVE, nearest_rows, wanted_runs
 from rattlesweep.sweeps.run import integrate_plan
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.summary import summarise
@@ -69,18 +69,18 @@ def test_wanted_is_found_from_any_rows_in_any_order(name, done):
     bodies = {k: v for k, v in CONFIGS[name]["bodies"].items() if k != "refine"}
     whole = {k: v for k, v in CONFIGS[name].items() if k != "stop"} | {"bodies": bodies}
     rows, every = open_stored(done[name]).read(), integrate_plan(plan_of(whole))
-    there = np.zeros((len(plan.cases), plan.samples), bool)
+    there = np.zeros(plan.shape, bool)
     there[rows["case"].to_numpy(), rows["sample"].to_numpy()] = True
     waves = {0}
     for surplus in (0.0, 0.3):
-        known = fresh(plan)
+        known = plan.nothing_found()
         if surplus:
             extra = dice.random(plan.runs) < surplus
             known.add(every.filter(pa.array(extra)))
         while True:
-            wanted = known.wanted()
+            wanted = wanted_runs(plan, known)
             waves.add(int(wanted.sum()))
-            todo = wanted & (known.code < 0)
+            todo = wanted & ~known.done
             if not todo.any():
                 break
             case, sample = np.nonzero(todo)
@@ -88,12 +88,6 @@ def test_wanted_is_found_from_any_rows_in_any_order(name, done):
             known.add(every.take(pa.array(case[some] * plan.samples + sample[some])))
         assert np.array_equal(wanted, there)
     assert len(waves) > 3
-
-
-def fresh(plan: Any) -> Stopping | Refining:
-    known = decision(plan.config, plan.cases, plan.samples)
-    assert known is not None
-    return known
 
 
 @pytest.mark.parametrize("name", CONFIGS)
@@ -145,14 +139,15 @@ def test_the_summary_is_that_of_the_grid_and_not_of_its_boundaries(full, done):
     assert summary.runs.tolist() == runs.tolist()
 
 
-def test_refused_where_nothing_can_be_left_out_or_recorded(tmp_path):
+def test_refused_where_nothing_can_be_left_out_or_recorded():
     few = GRID | {"axes": {"theta": [0.6, 0.7, 0.8]}, "refine": {}}
     for bodies, spin, words in (
         (few, {"n_i": 0.1, "omega_xy0": 0.1}, "no axis has 5 values or more"),
         (GRID | {"refine": {"by": "lyapunov"}}, MAP["spin"], r"refine\.by: there is no column"),
     ):
+        plan = plan_of(MAP, bodies=bodies, spin=spin)
         with pytest.raises(ConfigError, match=words):
-            fresh(plan_of(MAP, bodies=bodies, spin=spin))
+            wanted_runs(plan, plan.nothing_found())
 
 
 def test_a_refined_directory_becomes_the_whole_grid(full, done, tmp_path):

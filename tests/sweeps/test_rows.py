@@ -69,7 +69,7 @@ def random_rows(cases: int, samples: int) -> pa.Table:
 def scatter(directory: Path, table: pa.Table, parts: Any) -> Stored:
     """Write rows to files; ``parts`` has the number of the file of each row."""
     config = parse_config({**CONFIG, "model": "full", "record": ["energy", "contact", "windows"]})
-    stored = Stored(directory, {}, config, CASES, (), 400, "sweep")
+    stored = Stored(config, CASES, 400, (), directory, {}, "sweep")
     (directory / "runs").mkdir(parents=True)
     for part in np.unique(parts):
         stored.append(table.filter(pa.array(parts == part)), "{}")

@@ -207,7 +207,7 @@ def new_job(
     spin = {"n_i": np.linspace(-0.5, -0.1, len(cost)).tolist(), "omega_xy0": 0.01}
     plan = plan_of(CONFIG, bodies={"source": "sd", "samples": samples}, spin=spin)
     stored: Any = SimpleNamespace(append=lambda *args: None)
-    return Job(plan, stored, Found(np.zeros((len(cost), samples), bool)), 2, report, **more)
+    return Job(plan, stored, Found((len(cost), samples)), 2, report, **more)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -37,8 +37,8 @@ def fill(directory: Path, size: int, rows: int = 1000, seed: int = 1, cases: Any
 
 def write(directory: Path, columns: dict[str, Any], size: int = 10**9, cases: Any = CASES) -> Any:
     table = build_table(columns, SCHEMA)
-    config: Any = SimpleNamespace(dissipation=None, record=(), stop=None, bodies=None)
-    stored = Stored(directory, {}, config, cases, (), 1, "sweep")
+    config: Any = SimpleNamespace(parts=[], model="full", deciding_key=None)
+    stored = Stored(config, cases, 1, (), directory, {}, "sweep")
     (directory / "runs").mkdir(parents=True)
     for start in range(0, len(table), size):
         stored.append(table[start : start + size], "{}")

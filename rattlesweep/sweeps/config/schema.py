@@ -528,6 +528,21 @@ class Config(Base):
         return self
 
     @property
+    def deciding_key(self) -> Literal["stop", "bodies.refine"] | None:
+        """The key by which a sweep leaves runs out; None if it runs all."""
+        if self.stop is not None:
+            return "stop"
+        return "bodies.refine" if getattr(self.bodies, "refine", None) else None
+
+    @property
+    def deciding_column(self) -> str | None:
+        """The column, besides `type`, by which a sweep leaves runs out."""
+        if self.stop is not None:
+            return None if self.stop.t_r is None else "t_r"
+        refine = getattr(self.bodies, "refine", None)
+        return None if refine is None or refine.by == "type" else refine.by
+
+    @property
     def parts(self) -> list[str]:
         """Optional groups of columns in `runs`."""
         others = {"tol": self.integrator.goal, "turns": {"error", "reversals"} <= {*self.record},
