@@ -24,7 +24,8 @@ from rattlesweep.physics.full import FASTMATH
 # attributes of an Outcome, followed by the state at the end.
 RESULT = ("t_end", "t_r", "n_end", "energy_drift", "amp_growth", "n_departure", "energy_0",
           "energy_drift_max", "contact_ratio_max", "contact_normal_min", "volume_rate")  # fmt: skip
-T_END, T_R, GROWTH, DEPARTURE, FIRST_STATE = 0, 1, 4, 5, 11
+T_END, T_R, GROWTH, DEPARTURE = map(RESULT.index, ("t_end", "t_r", "amp_growth", "n_departure"))
+FIRST_STATE = len(RESULT)
 # Columns of ``counts``, also attributes of an Outcome.
 COUNTS = ("status", "n_steps", "near_tangencies", "n_rejected", "n_turns")
 STATUS, STEPS = 0, 1
