@@ -44,14 +44,14 @@ def problem_of(model: Model | None, adaptive: bool, width: int = LANES) -> Probl
     return Problem(model, adaptive, width, **functions)
 
 
-def workspace(tableau: Tableau, model: Model, threads: int, width: int = LANES) -> Floats:
+def workspace(tableau: Tableau, model: Model, threads: int) -> Floats:
     """Return a workspace for each thread: a row of zeros, on cache lines of its own."""
-    size = -(-Layout(model).rows(tableau, model) * width // 16) * 16
+    size = -(-Layout(model).rows(tableau, model) * LANES // 16) * 16
     flat = np.zeros(threads * size + 8)
     shift = (-flat.ctypes.data // 8) % 8
     found = flat[shift : shift + threads * size].reshape(threads, size)
     # Where nothing is compiled, lanes reshape the workspace, which must hold whole rows.
-    return found[:, : size // width * width] if config.DISABLE_JIT else found
+    return found[:, : size // LANES * LANES] if config.DISABLE_JIT else found
 
 
 # Empty arguments from which recipes take types: a workspace, a table, addresses, shared arrays.
@@ -154,14 +154,9 @@ def holding(threads: int) -> Iterator[None]:
             numba.set_num_threads(before)
 
 
-def most_threads() -> int:
-    """Return the largest number of threads that Numba can start, set by ``NUMBA_NUM_THREADS``."""
-    return int(config.NUMBA_NUM_THREADS)
-
-
 def available_threads() -> int:
     """Return the default number of threads: one for each processor this process may run on."""
-    return min(processors(), most_threads())
+    return min(processors(), int(config.NUMBA_NUM_THREADS))
 
 
 @dataclass(frozen=True)
@@ -269,7 +264,7 @@ def integrate(
         If Numba cannot load the threading layer that the environment names.
     """
     control = control or Control()
-    count = min(threads or available_threads(), most_threads()) if parallel() else 1
+    count = min(threads or available_threads(), config.NUMBA_NUM_THREADS) if parallel() else 1
     price = batch.t_end * batch.swing if cost is None else cost.astype(float)
     control.start(count, price)
     moving, extra = needed(model, record)
@@ -287,13 +282,12 @@ def integrate(
         call = kernel(tableau.name, moving.name, *extra)
         with holding(count):
             call(count, workspace(tableau, moving, count), (
-                control._shared, order, *run_arrays(batch, tableau, tol, dt, max_steps, price),
-                flags, result, counts, windows, control._progress,
+                control.shared, order, *run_arrays(batch, tableau, tol, dt, max_steps, price),
+                flags, result, counts, windows, control.progress,
             ))  # fmt: skip
     if not tableau.adaptive:
-        # A coarse step may damp an oscillation without a visible drift of the energy.
-        damping = tableau.damping(dt * batch.relevant) * (result[:, runs.T_END] / dt)
-        coarse = (counts[:, runs.STATUS] == Status.OK) & ~(np.abs(damping) <= MAX_DAMPING)
+        coarse = is_coarse(tableau, dt, batch.relevant, result[:, runs.T_END])
+        coarse &= counts[:, runs.STATUS] == Status.OK
         counts[coarse, runs.STATUS] = Status.COARSE
         result[coarse, runs.T_R] = np.nan
     counts[:, runs.STEPS] *= stride(tableau)
@@ -324,6 +318,15 @@ def integrate(
     y_end = vectors.to_slopes(other.y_end)[:, : model.n_state]
     put(replace(other, y_end=y_end), outcome, rows)
     return replace(outcome, stopped=outcome.stopped or other.stopped)
+
+
+def is_coarse(tableau: Tableau, dt: float, relevant: Floats, t_end: Floats | float) -> Flags:
+    """Return which runs damp or feed their oscillation too much with a fixed step.
+
+    The energy need not drift visibly in such a run.
+    """
+    damping = tableau.damping(dt * relevant) * (t_end / dt)
+    return np.asarray(~(np.abs(damping) <= MAX_DAMPING))
 
 
 def stride(tableau: Tableau) -> int:
@@ -376,6 +379,3 @@ def exponents(growth: Floats) -> tuple[Floats, Floats]:
         whole, late = grown / end, np.where(before > 0, (grown - until) / half, np.nan)
     whole, late = (np.where(np.isfinite(rate), rate, np.nan) for rate in (whole, late))
     return whole, late
-
-
-__all__ = ["Batch", "Control", "Outcome", "available_threads", "integrate"]

@@ -292,9 +292,8 @@ class Follower:
         if not abs(drift) <= runs.MAX_ENERGY_DRIFT:
             self.status = Status.ENERGY if np.isfinite(drift) else Status.NONFINITE
         elif not self._tableau.adaptive:
-            damping = self._tableau.damping(self._dt * self._batch.relevant)[0]
-            if not abs(damping * (self.t / self._dt)) <= batches.MAX_DAMPING:
-                self.status = Status.COARSE
+            coarse = batches.is_coarse(self._tableau, self._dt, self._batch.relevant, self.t)
+            self.status = Status.COARSE if coarse[0] else Status.OK
 
 
 def _rotated(heading: Floats, move: Floats) -> Floats:

@@ -26,8 +26,8 @@ class Control:
     """Link to a running kernel, or to several in turn: reports progress and can stop it."""
 
     # The kernel's: next place in the queue and stop flag; progress; expected cost of its runs.
-    _shared: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, dtype=np.int64))
-    _progress: Floats = field(default_factory=lambda: np.zeros((1, 8)))
+    shared: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, dtype=np.int64))
+    progress: Floats = field(default_factory=lambda: np.zeros((1, 8)))
     _cost: float = 0.0
     # Largest share done so far; runs that earlier kernels ended; the part of the work that this
     # kernel does, and whether the runs that it ends count.
@@ -38,7 +38,7 @@ class Control:
 
     def stop(self) -> None:
         """Ask the kernel to stop, which it does within 256 tried steps."""
-        self._shared[1] = 1
+        self.shared[1] = 1
 
     def stage(self, low: float, high: float, *, ends: bool = False) -> None:
         """Announce a kernel that does the part of the work between the shares ``low`` and ``high``.
@@ -46,7 +46,7 @@ class Control:
         ``ends`` says whether its runs count as done when they end.
         """
         self._ended = self.runs_done
-        self._progress, self._cost = np.zeros((1, 8)), 0.0
+        self.progress, self._cost = np.zeros((1, 8)), 0.0
         self._span, self._counts = (low, high), ends
 
     def repeat(self) -> None:
@@ -60,23 +60,23 @@ class Control:
     def start(self, threads: int, cost: Floats) -> None:
         """Announce the start of a kernel with a number of threads and the expected cost of runs."""
         self._cost = float(cost.sum())
-        self._progress, self._shared[0] = np.zeros((threads, 8)), 0
+        self.progress, self.shared[0] = np.zeros((threads, 8)), 0
 
     @property
     def flag(self) -> NDArray[np.int64]:
         """Return an array of one element, for compiled loops: not 0 once a stop was requested."""
-        return self._shared[1:]
+        return self.shared[1:]
 
     @property
     def stopping(self) -> bool:
         """Return whether a stop was requested."""
-        return bool(self._shared[1])
+        return bool(self.shared[1])
 
     @property
     def done(self) -> float:
         """Return the share of the work done so far, from 0 to 1, which never falls."""
         # A run that has just ended counts twice until its thread next reports on its lanes.
-        now = min(self._cost, float(self._progress[:, :2].sum()))
+        now = min(self._cost, float(self.progress[:, :2].sum()))
         low, high = self._span
         share = low + (high - low) * (now / self._cost if self._cost else 0.0)
         self._most = max(self._most, share)
@@ -85,7 +85,7 @@ class Control:
     @property
     def runs_done(self) -> int:
         """Return the number of runs that have ended."""
-        return self._ended + int(self._progress[:, 2].sum()) * self._counts
+        return self._ended + int(self.progress[:, 2].sum()) * self._counts
 
 
 class Task(threading.Thread, Generic[T]):

@@ -170,7 +170,7 @@ class _System:
         self.k_pq = (1 + c2) * cxy - sigma * c + fall * (1 + cyy)
         self.k_qp = (1 + c2) * cxy + sigma * c - fall * (1 + cxx)
 
-    def quartic(self) -> tuple[Floats, Floats, Floats, Floats]:
+    def quartic(self) -> Coefficients:
         """Return the coefficients a3 to a0 of ``det P / (alpha beta)``, free of cancellation."""
         (ix, iy, iz, cxx, cxy, cyy), c, sigma, h = self.constants, self.c, self.sigma, self.h
         c2, skew, square = c * c, c * cxy * (ix - iy), _determinant(cxx, cxy, cyy)

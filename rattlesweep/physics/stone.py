@@ -167,21 +167,46 @@ def viscous_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigm
 
 
 @scalar
-def resistance(ux, uy, uz, a, b, c, x, y, z, normal, lever, eps, dyz, dzx, dxy, along, ivol):
+def dot(u, v):
+    """Return ``u . v``."""
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+@scalar
+def horizontal(u, v):
+    """Return the part of a vector normal to the unit vector ``u``."""
+    n = dot(u, v)
+    return v[0] - n * u[0], v[1] - n * u[1], v[2] - n * u[2]
+
+
+@scalar
+def triple(u, r, v):
+    """Return ``u . (r x v)``."""
+    (x, y, z), (a, b, c) = r, v
+    return u[0] * (y * c - z * b) + u[1] * (z * a - x * c) + u[2] * (x * b - y * a)
+
+
+@scalar
+def solve(r, h, solved):
+    """Return ``J^-1 h``, where ``solved`` is the second value of `full.acceleration`."""
+    (x, y, z), (hx, hy, hz), (dyz, dzx, dxy, along, ivol) = r, h, solved
+    s = (x * dyz * hx + y * dzx * hy + z * dxy * hz) * along
+    return (hx + x * s) * dyz * ivol, (hy + y * s) * dzx * ivol, (hz + z * s) * dxy * ivol
+
+
+@scalar
+def resistance(u, omega, r, normal, lever, eps, solved):
     """Return what rolling resistance takes from ``domega/dt``, and the power it takes.
 
-    With the matrix ``J`` of :func:`rattlesweep.physics.full.acceleration` and the part ``h`` of
-    ``omega`` in the plane, the first is ``lever F_n J^-1 h / sqrt(h^2 + eps^2)``.  The normal force
-    ``F_n`` is the one with resistance, ``normal`` the one without.
+    With the part ``h`` of ``omega`` in the plane, the first is
+    ``lever F_n J^-1 h / sqrt(h^2 + eps^2)``.  The normal force ``F_n`` is the one with resistance,
+    ``normal`` the one without.
     """
-    n = ux * a + uy * b + uz * c
-    hx, hy, hz = a - n * ux, b - n * uy, c - n * uz
-    square = hx * hx + hy * hy + hz * hz
-    s = (x * dyz * hx + y * dzx * hy + z * dxy * hz) * along
-    jx, jy, jz = (hx + x * s) * dyz * ivol, (hy + y * s) * dzx * ivol, (hz + z * s) * dxy * ivol
-    change = ux * (y * jz - z * jy) + uy * (z * jx - x * jz) + uz * (x * jy - y * jx)
+    h = horizontal(u, omega)
+    square = dot(h, h)
+    j = jx, jy, jz = solve(r, h, solved)
     # lever F_n over the smoothed |h|, by one division.
-    share = lever * normal / (sqrt(square + eps * eps) + lever * change)
+    share = lever * normal / (sqrt(square + eps * eps) + lever * triple(u, r, j))
     # There is no resistance where the plane would have to pull.
     share = 0.5 * (share + abs(share))
     return share * jx, share * jy, share * jz, share * square
@@ -200,5 +225,6 @@ def rolling_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigm
     ux, uy = p * uz, q * uz
     x, y, z = p + fx, q + fy, 1.0 - rise
     normal, _ = force_at(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz)
-    ra, rb, rc, loss = resistance(ux, uy, uz, a, b, c, x, y, z, normal, lever, eps, *solved)
+    u, omega, r = (ux, uy, uz), (a, b, c), (x, y, z)
+    ra, rb, rc, loss = resistance(u, omega, r, normal, lever, eps, solved)
     return dp, dq, da - ra, db - rb, dc - rc, lx * a + ly * b + lz * c - loss

@@ -92,6 +92,11 @@ def modes(
     return Modes(np.sqrt(square_p), np.sqrt(square_r), psi_p, psi_r, *at_zero, K_p, K_r)
 
 
+def inertia_along(alpha: ArrayLike, beta: ArrayLike, psi: ArrayLike) -> Floats:
+    """Return the moment of inertia about the line along ``psi`` through the contact point."""
+    return np.asarray(np.asarray(alpha) * np.cos(psi) ** 2 + np.asarray(beta) * np.sin(psi) ** 2)
+
+
 def oscillation_speed(
     alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike
 ) -> Floats:
@@ -99,7 +104,7 @@ def oscillation_speed(
 
     ``gamma w^2 / 2`` is the energy of the oscillation at launch.
     """
-    inertia = np.asarray(alpha) * np.cos(psi) ** 2 + np.asarray(beta) * np.sin(psi) ** 2
+    inertia = inertia_along(alpha, beta, psi)
     return np.asarray(np.abs(omega_xy0) * np.sqrt(inertia / np.asarray(gamma, float)))
 
 
@@ -118,9 +123,8 @@ def damping_rates(
     alpha: ArrayLike, beta: ArrayLike, modes: Modes, sigma: ArrayLike
 ) -> tuple[Floats, Floats]:
     """Return the rates at which a torque ``-sigma omega`` damps the amplitudes without spin."""
-    alpha, beta, sigma = np.asarray(alpha), np.asarray(beta), np.asarray(sigma)
-    pitch, roll = (sigma / (2 * (alpha * np.cos(psi) ** 2 + beta * np.sin(psi) ** 2))
-                   for psi in (modes.psi_p, modes.psi_r))  # fmt: skip
+    twice = (2 * inertia_along(alpha, beta, psi) for psi in (modes.psi_p, modes.psi_r))
+    pitch, roll = (np.asarray(sigma) / inertia for inertia in twice)
     return pitch, roll
 
 

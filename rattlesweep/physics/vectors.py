@@ -29,7 +29,7 @@ import numpy as np
 from rattlesweep.arrays import Floats
 from rattlesweep.physics import full, stone
 from rattlesweep.physics.full import acceleration, scalar
-from rattlesweep.physics.stone import force_at, resistance
+from rattlesweep.physics.stone import dot, force_at, horizontal, resistance, solve, triple
 
 N_STATE = 7
 
@@ -49,12 +49,13 @@ def contact(ux, uy, uz, cxx, cxy, cyy, k):
     rho = sqrt(uz * uz + k * s)
     # Nothing cancels in the first form if u_z < 0, also for k = 0, nor in the second otherwise.
     rise = s / (rho * (rho - uz)) if uz < 0.0 else (1.0 + uz / rho) / k
-    return -bx / rho, -by / rho, 1.0 - rise, rho
+    return (-bx / rho, -by / rho, 1.0 - rise), rho
 
 
 @scalar
-def moving(ux, uy, uz, a, b, c, x, y, z, rho, cxx, cxy, cyy, k):
+def moving(u, omega, r, rho, cxx, cxy, cyy, k):
     """Return ``w = r x omega - dr/dt``, which is linear in ``omega``."""
+    (ux, uy, uz), (a, b, c), (x, y, z) = u, omega, r
     du = uy * c - uz * b
     dv = uz * a - ux * c
     dw = ux * b - uy * a
@@ -72,26 +73,27 @@ def moving(ux, uy, uz, a, b, c, x, y, z, rho, cxx, cxy, cyy, k):
 
 
 @scalar
-def free_rates(ux, uy, uz, a, b, c, x, y, z, wx, wy, wz, ix, iy, iz, sigma):
-    """Return ``domega/dt`` without rolling resistance, and ``solved``."""
+def smooth_rates(u, omega, r, rho, surface, inertia, sigma):
+    """Return, without rolling resistance: ``domega/dt``, the normal force, ``w``, ``solved``."""
+    (ux, uy, uz), (a, b, c), (x, y, z) = u, omega, r
+    w = moving(u, omega, r, rho, *surface)
     # At slope zero gravity acts along z only; the torque r x (u_x, u_y, 0) of the rest is added.
-    return acceleration(
-        0.0, 0.0, a, b, c, ix, iy, iz,
+    rates, solved = acceleration(
+        0.0, 0.0, a, b, c, *inertia,
         -sigma * a - z * uy, -sigma * b + z * ux, -sigma * c + x * uy - y * ux,
-        x, y, 1.0 - z, wx, wy, wz, uz,
+        x, y, 1.0 - z, *w, uz,
     )  # fmt: skip
+    normal, _ = force_at(*u, *omega, *rates, *r, *w)
+    return rates, normal, w, solved
 
 
 @scalar
 def rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
     """Return the time derivative of the state (Eqs. 10 and 11, with friction)."""
-    ux, uy, uz = unit(vx, vy, vz)
-    x, y, z, rho = contact(ux, uy, uz, cxx, cxy, cyy, k)
-    wx, wy, wz = moving(ux, uy, uz, a, b, c, x, y, z, rho, cxx, cxy, cyy, k)
-    rates, solved = free_rates(ux, uy, uz, a, b, c, x, y, z, wx, wy, wz, ix, iy, iz, sigma)
-    da, db, dc = rates
-    normal, _ = force_at(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz)
-    ra, rb, rc, loss = resistance(ux, uy, uz, a, b, c, x, y, z, normal, lever, eps, *solved)
+    u, omega, surface = unit(vx, vy, vz), (a, b, c), (cxx, cxy, cyy, k)
+    r, rho = contact(*u, *surface)
+    rates, normal, _, solved = smooth_rates(u, omega, r, rho, surface, (ix, iy, iz), sigma)
+    (da, db, dc), (ra, rb, rc, loss) = rates, resistance(u, omega, r, normal, lever, eps, solved)
     power = -sigma * (a * a + b * b + c * c) - loss
     dv = vy * c - vz * b, vz * a - vx * c, vx * b - vy * a
     return dv + (da - ra, db - rb, dc - rc, power)  # noqa: RUF005
@@ -107,78 +109,46 @@ def spin(vx, vy, vz, a, b, c, work):
 def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
     """Return the energy minus the work of friction, in ``M g a``; zero at rest upright."""
     ux, uy, uz = unit(vx, vy, vz)
-    x, y, z, _ = contact(ux, uy, uz, cxx, cxy, cyy, k)
+    (x, y, z), _ = contact(ux, uy, uz, cxx, cxy, cyy, k)
     vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
-    moving = ix * a * a + iy * b * b + iz * c * c + vx * vx + vy * vy + vz * vz
-    return 0.5 * moving - (x * ux + y * uy + z * uz) - 1.0 - work
+    twice_kinetic = ix * a * a + iy * b * b + iz * c * c + vx * vx + vy * vy + vz * vz
+    return 0.5 * twice_kinetic - (x * ux + y * uy + z * uz) - 1.0 - work
 
 
 @scalar
 def contact_force(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
     """Return the contact force; see :func:`rattlesweep.physics.full.contact_force`."""
     f = rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps)
-    ux, uy, uz = unit(vx, vy, vz)
-    x, y, z, rho = contact(ux, uy, uz, cxx, cxy, cyy, k)
-    wx, wy, wz = moving(ux, uy, uz, a, b, c, x, y, z, rho, cxx, cxy, cyy, k)
-    return force_at(ux, uy, uz, a, b, c, f[3], f[4], f[5], x, y, z, wx, wy, wz)
-
-
-@scalar
-def _dot(one, other):
-    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
-
-
-@scalar
-def _across(u, v):
-    n = _dot(u, v)
-    return v[0] - n * u[0], v[1] - n * u[1], v[2] - n * u[2]
-
-
-@scalar
-def _lift(u, r, j):
-    (x, y, z), (a, b, c) = r, j
-    return u[0] * (y * c - z * b) + u[1] * (z * a - x * c) + u[2] * (x * b - y * a)
-
-
-@scalar
-def _inverse(r, h, solved):
-    (x, y, z), (hx, hy, hz), (dyz, dzx, dxy, along, ivol) = r, h, solved
-    s = (x * dyz * hx + y * dzx * hy + z * dxy * hz) * along
-    return (hx + x * s) * dyz * ivol, (hy + y * s) * dzx * ivol, (hz + z * s) * dxy * ivol
-
-
-@scalar
-def _normal(u, r, rho, a, b, c, surface, inertia, sigma):
-    w = moving(*u, a, b, c, *r, rho, *surface)
-    rates, solved = free_rates(*u, a, b, c, *r, *w, *inertia, sigma)
-    normal, _ = force_at(*u, a, b, c, *rates, *r, *w)
-    return normal, w, solved
+    u, omega = unit(vx, vy, vz), (a, b, c)
+    r, rho = contact(*u, cxx, cxy, cyy, k)
+    w = moving(u, omega, r, rho, cxx, cxy, cyy, k)
+    return force_at(*u, *omega, f[3], f[4], f[5], *r, *w)
 
 
 @scalar
 def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):
     """Return the rate of phase volume without rolling resistance, in ``sqrt(g/a)``."""
-    u = unit(vx, vy, vz)
-    x, y, z, rho = contact(*u, cxx, cxy, cyy, k)
-    r, omega, surface = (x, y, z), (a, b, c), (cxx, cxy, cyy, k)
-    _, w, solved = _normal(u, r, rho, a, b, c, surface, (ix, iy, iz), sigma)
+    u, omega, surface = unit(vx, vy, vz), (a, b, c), (cxx, cxy, cyy, k)
+    r, rho = contact(*u, *surface)
+    x, y, z = r
+    _, _, w, solved = smooth_rates(u, omega, r, rho, surface, (ix, iy, iz), sigma)
     dyz, dzx, dxy, along, ivol = solved
     s = sx, sy, sz = x * dyz, y * dzx, z * dxy
     # W times s, W times diag(dyz, dzx, dxy) omega, and the diagonal of W.
-    ws = moving(*u, *s, *r, rho, *surface)
-    wd = moving(*u, dyz * a, dzx * b, dxy * c, *r, rho, *surface)
-    wxx, _, _ = moving(*u, 1.0, 0.0, 0.0, *r, rho, *surface)
-    _, wyy, _ = moving(*u, 0.0, 1.0, 0.0, *r, rho, *surface)
-    _, _, wzz = moving(*u, 0.0, 0.0, 1.0, *r, rho, *surface)
-    part = _dot(r, w) - sigma
-    rolled = _dot(r, omega)
-    diagonal = part * (dyz + dzx + dxy) - _dot(w, s) + _dot(r, wd)
+    ws = moving(u, s, r, rho, *surface)
+    wd = moving(u, (dyz * a, dzx * b, dxy * c), r, rho, *surface)
+    wxx, _, _ = moving(u, (1.0, 0.0, 0.0), r, rho, *surface)
+    _, wyy, _ = moving(u, (0.0, 1.0, 0.0), r, rho, *surface)
+    _, _, wzz = moving(u, (0.0, 0.0, 1.0), r, rho, *surface)
+    part = dot(r, w) - sigma
+    rolled = dot(r, omega)
+    diagonal = part * (dyz + dzx + dxy) - dot(w, s) + dot(r, wd)
     diagonal = diagonal - rolled * (dyz * wxx + dzx * wyy + dxy * wzz)
     rank_one = (
         (iy - iz) * sx * (sy * c + sz * b) + (iz - ix) * sy * (sz * a + sx * c)
         + (ix - iy) * sz * (sx * b + sy * a)
-        + part * _dot(s, s) - _dot(w, s) * _dot(r, s)
-        + _dot(s, omega) * _dot(r, ws) - rolled * _dot(s, ws)
+        + part * dot(s, s) - dot(w, s) * dot(r, s)
+        + dot(s, omega) * dot(r, ws) - rolled * dot(s, ws)
     )  # fmt: skip
     return ivol * (diagonal + along * rank_one)
 
@@ -186,24 +156,25 @@ def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):
 @scalar
 def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
     """Return the rate of phase volume with the resistance ``share J^-1 h``, in ``sqrt(g/a)``."""
-    u = unit(vx, vy, vz)
-    x, y, z, rho = contact(*u, cxx, cxy, cyy, k)
-    r, surface, inertia = (x, y, z), (cxx, cxy, cyy, k), (ix, iy, iz)
-    normal, _, solved = _normal(u, r, rho, a, b, c, surface, inertia, sigma)
+    u, omega, surface, inertia = unit(vx, vy, vz), (a, b, c), (cxx, cxy, cyy, k), (ix, iy, iz)
+    r, rho = contact(*u, *surface)
+    x, y, z = r
+    _, normal, _, solved = smooth_rates(u, omega, r, rho, surface, inertia, sigma)
     dyz, dzx, dxy, along, ivol = solved
-    h = _across(u, (a, b, c))
-    j = ja, jb, jc = _inverse(r, h, solved)
-    root = sqrt(_dot(h, h) + eps * eps)
-    below = root + lever * _lift(u, r, j)
+    h = horizontal(u, omega)
+    j = ja, jb, jc = solve(r, h, solved)
+    root = sqrt(dot(h, h) + eps * eps)
+    below = root + lever * triple(u, r, j)
     share = lever * normal / below
     # The normal force is quadratic in omega, so its central difference along j is exact.
-    ahead, _, _ = _normal(u, r, rho, a + ja, b + jb, c + jc, surface, inertia, sigma)
-    behind, _, _ = _normal(u, r, rho, a - ja, b - jb, c - jc, surface, inertia, sigma)
-    g = _across(u, j)
-    wider = _dot(h, g) / root + lever * _lift(u, r, _inverse(r, g, solved))
+    more, less = (a + ja, b + jb, c + jc), (a - ja, b - jb, c - jc)
+    _, ahead, _, _ = smooth_rates(u, more, r, rho, surface, inertia, sigma)
+    _, behind, _, _ = smooth_rates(u, less, r, rho, surface, inertia, sigma)
+    g = horizontal(u, j)
+    wider = dot(h, g) / root + lever * triple(u, r, solve(r, g, solved))
     s = x * dyz, y * dzx, z * dxy
     flat = dyz * (1.0 - u[0] * u[0]) + dzx * (1.0 - u[1] * u[1]) + dxy * (1.0 - u[2] * u[2])
-    trace = ivol * (flat + along * _dot(s, _across(u, s)))
+    trace = ivol * (flat + along * dot(s, horizontal(u, s)))
     lost = share * trace + (0.5 * lever * (ahead - behind) - share * wider) / below
     smooth = smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma)
     return smooth - (lost if share > 0.0 else 0.0)

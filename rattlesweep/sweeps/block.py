@@ -8,11 +8,11 @@ import pyarrow as pa
 
 from rattlesweep.arrays import Integers, take
 from rattlesweep.integrate import batch as integration
-from rattlesweep.integrate.batch import Batch, Control, Outcome
+from rattlesweep.integrate.batch import Batch, Outcome
 from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, METHODS, TOL
-from rattlesweep.integrate.task import Task
+from rattlesweep.integrate.task import Control, Task
 from rattlesweep.physics import steady
 from rattlesweep.physics.theory import damping_rates, unsteady
 from rattlesweep.sweeps.columns import build_table, ragged

@@ -29,11 +29,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rattlesweep.arrays import Flags, Floats, Integers, put, take
-from rattlesweep.integrate.batch import Batch, Control, Outcome, has_settled, integrate
+from rattlesweep.integrate.batch import Batch, Outcome, has_settled, integrate
 from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
 from rattlesweep.integrate.model import REDUCED, Model
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
+from rattlesweep.integrate.task import Control
 from rattlesweep.physics import full
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.launches import model_of

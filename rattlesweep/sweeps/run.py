@@ -23,9 +23,9 @@ import pyarrow.compute as pc
 
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.integrate.batch import Control, available_threads
+from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.lanes.lane import LANES
-from rattlesweep.integrate.task import Task
+from rattlesweep.integrate.task import Control, Task
 from rattlesweep.sweeps.block import load_kernel, prepare_runs, start_block
 from rattlesweep.sweeps.columns import read_parquet
 from rattlesweep.sweeps.config.schema import Classify

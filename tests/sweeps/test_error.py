@@ -15,9 +15,10 @@ from sweeping import content_hash, prepared, proved
 
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import find_run
-from rattlesweep.integrate.batch import Control, Outcome, integrate
+from rattlesweep.integrate.batch import Outcome, integrate
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.task import Control
 from rattlesweep.sweeps import error
 from rattlesweep.sweeps.block import columns_of, compute, run_batch
 from rattlesweep.sweeps.classify import classify_stored

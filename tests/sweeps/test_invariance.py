@@ -15,7 +15,7 @@ from hardship import check_equal
 from sweeping import changed, plan_of
 
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.integrate.batch import most_threads
+from rattlesweep.integrate.batch import available_threads
 from rattlesweep.sweeps.run import Job, Keys, Shard, integrate_plan, local
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.verify import same_bits
@@ -76,7 +76,7 @@ def whole(tmp_path_factory) -> Path:
 @pytest.mark.parametrize(("rows", "threads"), [(1, 2), (16, 1), (47, 2), (1000, 1)])
 def test_blocks_and_threads_and_the_order_of_blocks(rows, threads, whole, tmp_path):
     engine = cut(rows, dice=random.Random(1))
-    sweep(tmp_path, threads=min(threads, most_threads()), engine=engine)
+    sweep(tmp_path, threads=min(threads, available_threads()), engine=engine)
     assert len(open_stored(tmp_path).files()) == -(-RUNS // rows)
     check_equal(tmp_path, whole)
 
@@ -97,7 +97,7 @@ def test_broken_off_again_and_again_moved_and_harmed(whole, tmp_path):
     dice, output, stops = random.Random(3), tmp_path / "0", 0
     while True:
         try:
-            sweep(output, engine=cut(5, 2, dice), threads=1 + stops % 2 % most_threads())
+            sweep(output, engine=cut(5, 2, dice), threads=1 + stops % 2 % available_threads())
             break
         except Stop:
             stops += 1

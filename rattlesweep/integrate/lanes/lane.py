@@ -20,7 +20,6 @@ Only this module uses private interfaces of Numba (tried with 0.68.1): ``cgutils
 # mypy: disable-error-code="no-untyped-call, no-untyped-def, misc"
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Sequence
 from functools import reduce, wraps
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -36,7 +35,7 @@ from rattlesweep.integrate.model import Model
 from rattlesweep.integrate.tableau import Tableau
 
 LANES = 1 if config.DISABLE_JIT else 32  # measured by benchmarks/kernel.py --lanes
-DOUBLE, INT64 = ir.DoubleType(), ir.IntType(64)
+DOUBLE = ir.DoubleType()
 # Options of functions that only compiled functions call.  Wrappers for Python and C, which would
 # take time to compile, are left out; a call from Python would crash the process.
 INNER: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
@@ -98,41 +97,6 @@ def widest_vectors(context, builder, signature, args):
     # llvmlite has no attributes with a value, but prints whatever the set contains.
     set.add(builder.function.attributes, '"prefer-vector-width"="512"')
     return context.get_dummy_value()
-
-
-ONE = 1023 << 52  # the bits of 1.0
-
-
-def _rough_root(x):
-    bits = (int(np.float64(x).view(np.int64)) >> 6) + ONE - (ONE >> 6)
-    return float(np.int64(bits).view(np.float64))
-
-
-@intrinsic(lambda typingctx, x: types.float64(types.float64), _rough_root)
-def rough_root(context, builder, signature, args):
-    """Return about ``x^(1/64)`` of a positive number, by dividing its bits as a logarithm.
-
-    The result rises with ``x``, is up to 6 % off, and takes two instructions on integers.
-    """
-    bits = builder.lshr(builder.bitcast(args[0], INT64), INT64(6))
-    return builder.bitcast(builder.add(bits, INT64(ONE - (ONE >> 6))), DOUBLE)
-
-
-def _on_each(operation: str, python: Callable[[float, float], float]) -> Any:
-    @intrinsic(
-        lambda typingctx, values, x: values(values, types.float64),
-        lambda values, x: tuple(python(value, x) for value in values),
-    )
-    def apply(context, builder, signature, args):
-        one_by_one = (builder.extract_value(args[0], i) for i in range(len(signature.args[0])))
-        found = [getattr(builder, operation)(value, args[1]) for value in one_by_one]
-        return context.make_tuple(builder, signature.return_type, found)
-
-    return apply
-
-
-# Multiply or divide each number of a tuple by the same number.
-times, over = _on_each("fmul", operator.mul), _on_each("fdiv", operator.truediv)
 
 
 def addresses_of(*compiled: Any) -> Any:
@@ -292,6 +256,7 @@ class ProblemType(types.Type):
         return getattr(Problem.known[self.problem], name)
 
 
+# Without members a problem takes no argument in machine code, so `kernel.drive` leaves it out.
 @extending.register_model(ProblemType)
 class _ProblemModel(extending.models.StructModel):
     def __init__(self, manager: Any, problem: ProblemType) -> None:

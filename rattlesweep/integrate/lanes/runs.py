@@ -15,8 +15,6 @@ from rattlesweep.integrate.lanes.lane import (
     clear,
     first_of,
     lane_of,
-    over,
-    times,
     widest_vectors,
 )
 from rattlesweep.integrate.status import Status
@@ -26,7 +24,8 @@ from rattlesweep.physics.full import FASTMATH
 # attributes of an Outcome, followed by the state at the end.
 RESULT = ("t_end", "t_r", "n_end", "energy_drift", "amp_growth", "n_departure", "energy_0",
           "energy_drift_max", "contact_ratio_max", "contact_normal_min", "volume_rate")  # fmt: skip
-T_END, T_R, GROWTH, DEPARTURE, FIRST_STATE = 0, 1, 4, 5, 11
+T_END, T_R, GROWTH, DEPARTURE = map(RESULT.index, ("t_end", "t_r", "amp_growth", "n_departure"))
+FIRST_STATE = len(RESULT)
 # Columns of ``counts``, also attributes of an Outcome.
 COUNTS = ("status", "n_steps", "near_tangencies", "n_rejected", "n_turns")
 STATUS, STEPS = 0, 1
@@ -290,8 +289,9 @@ def advance(problem, w):
 def start_tangent(lane):
     """Give a lane the model's first tangent, made transverse and of norm 1."""
     lane.v = lane.problem.seed(*(lane.y + lane.constants))
-    v = lane.problem.transverse(*(lane.y + lane.f + lane.v + lane.constants))
-    v = over(v, sqrt(lane.problem.square(*(v + lane.constants))))
+    p, q, a, b, c = lane.problem.transverse(*(lane.y + lane.f + lane.v + lane.constants))
+    norm = sqrt(lane.problem.square(p, q, a, b, c, *lane.constants))
+    v = p / norm, q / norm, a / norm, b / norm, c / norm
     lane.v = v
     # All components but the last are read again: that decides which products are fused, and so the
     # last bits of the exponents.
@@ -315,8 +315,10 @@ def advance_tangent(problem, w):
         factor = LONGER if size < SHORT else factor
         out = 1.0 * SHIFT if size > LONG else 0.0
         out = -1.0 * SHIFT if size < SHORT else out
-        lane.v = times(lane.v, factor)
-        lane.g = times(lane.g, factor)
+        p, q, a, b, c = lane.v
+        lane.v = p * factor, q * factor, a * factor, b * factor, c * factor
+        p, q, a, b, c = lane.g
+        lane.g = p * factor, q * factor, a * factor, b * factor, c * factor
         lane.shift += out
 
 
