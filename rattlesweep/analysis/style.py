@@ -244,5 +244,6 @@ def label(name: str, unit: str | None = None) -> str:
 
 
 def value_text(name: str, value: float) -> str:
-    """Return a text such as ``n_i = -0.1``."""
-    return f"{symbol(name)} = {value:.4g}".replace("-", "−")
+    """Return a text such as ``n_i = -0.1`` or ``n_i = -60 rpm``."""
+    unit = " rpm" if name.endswith("_rpm") else ""
+    return f"{symbol(name)} = {value:.4g}{unit}".replace("-", "−")

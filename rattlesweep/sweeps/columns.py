@@ -50,7 +50,7 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("f_sd", F64, "1", "I_yy / I_zz; null unless the source has it"),
     ),
     "launch": (
-        required("n_i", F64, RATE, "initial spin; positive: unsteady direction"),
+        required("n_i", F64, RATE, "initial spin; positive: unsteady direction if xi < 0"),
         required("omega_xy0", F64, RATE, "initial rate of the oscillation"),
         field("psi", F64, "rad", "direction of the oscillation from the x axis"),
     ),
@@ -137,7 +137,7 @@ STATE: tuple[pa.Field, ...] = tuple(
 # Further columns of `runs` of bodies with a known size.
 MEASURED: tuple[pa.Field, ...] = (
     field("t_r_s", F64, "s", "t_r in seconds"),
-    required("n_i_rpm", F64, "rpm", "initial spin; positive: unsteady direction"),
+    required("n_i_rpm", F64, "rpm", "n_i in turns a minute, counterclockwise from above"),
 )
 # Optional groups of columns, with the models that do not have them.
 RECORD_PARTS: dict[str, tuple[str, ...]] = {
@@ -177,6 +177,9 @@ SUMMARY = pa.schema((
     field("share_friction_above_0_3", F64, "1", "fraction with contact_ratio_max > 0.3"),
     field("share_friction_above_0_6", F64, "1", "fraction with contact_ratio_max > 0.6"),
     field("share_lift_off", F64, "1", "fraction with contact_normal_min < 0, which would lift off"),
+    # Null unless the size of the bodies is known.
+    field("t_r_s_mean", F64, "s", "mean t_r of type R in seconds"),
+    field("n_i_rpm", F64, "rpm", "initial spin; null where rows differ"),
 ))
 # fmt: on
 

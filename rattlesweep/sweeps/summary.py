@@ -20,10 +20,10 @@ from rattlesweep.sweeps.stored import SUMMARY, VARIES, Case, Stored
 from rattlesweep.sweeps.types import DEAD, TYPES, R, codes, share
 from rattlesweep.text import align
 
-# Columns that the counts are made of; runs without dissipation, errors and contact lack the last.
+# Columns that the counts are made of; not all runs have the later ones.
 COLUMNS = ("n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status", "near_tangencies",
            "sigma", "rolling", "t_r_error", "type_sure", "contact_ratio_max",
-           "contact_normal_min")  # fmt: skip
+           "contact_normal_min", "t_r_s", "n_i_rpm")  # fmt: skip
 # Shares of runs that need a coefficient of friction above these.
 FRICTION = {"share_friction_above_0_3": 0.3, "share_friction_above_0_6": 0.6}
 SENSITIVE = 1e-6  # relative error of t_r above which a run is sensitive
@@ -82,6 +82,8 @@ class Counts(dict[str, Integers]):
         self._cells = cells
         # Of type R, with the ratio t_r / t_rgh taken run by run; but t_rgh of all runs.
         self.t_r, self.t_r_error, self.ratio, self.t_rgh = (Moments(cells) for _ in range(4))
+        # In SI units, where the size of the bodies is known.
+        self.t_r_s, self.n_i_rpm = Moments(cells), Moments(cells)
 
     def __missing__(self, name: str) -> Integers:
         return np.zeros(self._cells, np.int64)
@@ -130,8 +132,9 @@ def _measured(rows: pa.Table) -> tuple[dict[str, Flags | Integers], dict[str, Fl
         for name, most in FRICTION.items():
             numbers[name] = ok & (x["contact_ratio_max"] > most)
         numbers["share_lift_off"] = ok & (x["contact_normal_min"] < 0)
+    values |= {name: x[name] for name in ("t_r_s",) if name in names}
     reversing = {name: np.where(reverses, own, np.nan) for name, own in values.items()}
-    return numbers, reversing | {"t_rgh": t_rgh}
+    return numbers, reversing | {name: x[name] for name in ("t_rgh", "n_i_rpm") if name in names}
 
 
 class Moments:
@@ -163,6 +166,11 @@ class Moments:
             squares = self._squares - share(self._sum**2, np.maximum(self.count, 1))
             return np.sqrt(share(np.maximum(squares, 0), self.count - 1))
 
+    def common(self) -> Floats:
+        """Return the value that all runs of a cell share to rounding, NaN without one."""
+        mean, apart = self.means(), np.nan_to_num(self.deviations())
+        return np.where(apart <= 1e-12 * np.abs(mean), mean, np.nan)
+
     def errors(self) -> Floats:
         """Return the standard errors of the means, NaN for fewer than two."""
         return share(self.deviations(), np.sqrt(self.count))
@@ -185,6 +193,7 @@ def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
         "t_r_mean": counts.t_r.means(), "t_r_std": counts.t_r.deviations(),
         "t_rgh_mean": counts.t_rgh.means(), "t_r_mean_error": counts.t_r_error.means(),
         "t_r_over_t_rgh_mean": counts.ratio.means(), "t_r_over_t_rgh_sem": counts.ratio.errors(),
+        "t_r_s_mean": counts.t_r_s.means(), "n_i_rpm": counts.n_i_rpm.common(),
     }  # fmt: skip
     columns |= {name: counts[name] for name in ("sensitive", "unsure") if name in counts}
     contact = (name for name in (*FRICTION, "share_lift_off") if name in counts)
@@ -194,11 +203,12 @@ def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
 
 # Columns of the summary that are printed, with their headings and formats.
 _SHOWN = {
-    "n_i": ("n_i", ".4g"), "omega_xy0": ("omega_xy0", ".4g"),
+    "n_i": ("n_i", ".4g"), "n_i_rpm": ("n_i (rpm)", ".4g"), "omega_xy0": ("omega_xy0", ".4g"),
     "sigma": ("sigma", ".4g"), "rolling": ("rolling", ".4g"), "runs": ("runs", "d"),
     "fraction_R": ("R", ".3f"), "fraction_SS": ("SS", ".3f"), "fraction_SW": ("SW", ".3f"),
     "fraction_unclassified": ("unclassified", ".3f"), "fraction_D": ("D", ".3f"),
     "fraction_bondi": ("beyond Bondi", ".3f"), "t_r_mean": ("mean t_r", ".5g"),
+    "t_r_s_mean": ("mean t_r (s)", ".5g"),
     "t_r_over_t_rgh_mean": ("mean t_r/t_rGH", ".4f"), "sensitive": ("sensitive", "d"),
     "unsure": ("type unsure", "d"), "share_friction_above_0_3": ("friction > 0.3", ".3f"),
     "share_friction_above_0_6": ("friction > 0.6", ".3f"), "share_lift_off": ("lift-off", ".3f"),
@@ -221,6 +231,9 @@ def closing_table(summary: pa.Table) -> str:
 
 def absent_columns(summary: pa.Table) -> set[str]:
     """Return the columns to leave out, which are null or the same in all cases."""
-    optional = ("sensitive", "unsure", "fraction_D", "share_lift_off", *FRICTION)
-    absent = {n for n in optional if summary.column(n).null_count == len(summary)}
+    optional = ("sensitive", "unsure", "fraction_D", "share_lift_off", *FRICTION, "t_r_s_mean")
+    empty = {n: summary.column(n).null_count == len(summary) for n in (*optional, "n_i_rpm")}
+    absent = {n for n in empty if empty[n]}
+    # Of a quantity in both systems, SI units are shown.
+    absent |= {n for n, si in (("n_i", "n_i_rpm"), ("t_r_mean", "t_r_s_mean")) if not empty[si]}
     return absent | {n for n in ("sigma", "rolling") if len(summary.column(n).unique()) < 2}
