@@ -22,15 +22,16 @@ from rattlesweep.sweeps.columns import RUNS, TIME, floats
 from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.config.schema import BODY_KEYS, GridSource
 from rattlesweep.sweeps.decide import FEWEST, nearest
-from rattlesweep.sweeps.stored import Stored, open_stored
-from rattlesweep.sweeps.summary import Counts, Moments, columns_for
+from rattlesweep.sweeps.stored import VARIES, Stored, open_stored
+from rattlesweep.sweeps.summary import SI, Counts, Moments, columns_for
+from rattlesweep.units import Quantity
 
 if TYPE_CHECKING:
     import xarray
 
 NEAR = 1e-6  # relative difference up to which a value typed in decimals means a stored one
 TARGETS = ("K_p", "K_r")
-LAUNCH = ("n_i", "omega_xy0", "sigma", "rolling")
+LAUNCH = (*VARIES, *(name for name, _ in SI.values()))
 # Methods of columns that a condition may call; others might write files.
 METHODS = ("isna", "notna", "isin", "between")
 
@@ -223,8 +224,15 @@ class Layout:
             return self
         spins = self.stored.read(["n_i", "n_i_rpm"]).to_pandas().query("n_i != 0")
         factor, axes = (spins["n_i_rpm"] / spins["n_i"]).to_numpy(), dict(self.axes)
-        if (n_i := axes.get("n_i")) and len(factor) and np.ptp(factor) < NEAR * factor[0]:
-            axes["n_i"] = replace(n_i, name="n_i_rpm", values=np.round(n_i.values * factor[0], 9))
+        sizes = {"n_i": factor[0]} if len(factor) and np.ptp(factor) < NEAR * factor[0] else {}
+        for name, given in self.stored.config.in_si.items():
+            # The largest value in both units; in a list, either all values have units or none.
+            if name in axes and (largest := max(map(abs, given))):
+                natural = np.abs(axes[name].values).max()
+                sizes.setdefault(name, largest / SI[name][1] / natural)
+        for name in sizes.keys() & axes.keys():
+            values = np.round(axes[name].values * sizes[name], 12)
+            axes[name] = replace(axes[name], name=SI[name][0], values=values)
         return replace(self, axes=axes, si=True)
 
 
@@ -251,8 +259,12 @@ def read_layout(directory: Path) -> Layout:
         given[cases[0].target_name] = [case.target for case in cases]
     launch = ["n_i", "omega_xy0"] if config.spin is not None else []
     losses = (n for n in ("sigma", "rolling") if len(config.dissipation.values(n)) > 1)
-    given |= {name: [getattr(case, name) for case in cases] for name in (*launch, *losses)}
-    given = {name: values for name, values in given.items() if values[0] is not None}
+    for name in (*launch, *losses):
+        values = [getattr(case, name) for case in cases]
+        if isinstance(values[0], Quantity):
+            given[SI[name][0]] = [value / SI[name][1] for value in values]
+        elif values[0] is not None:
+            given[name] = values
     grid = config.bodies.varying if isinstance(config.bodies, GridSource) else {}
     axes = {name: Axis(name, *np.unique(np.asarray(values, float), return_inverse=True))
             for name, values in (given | grid).items()}  # fmt: skip

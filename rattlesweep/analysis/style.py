@@ -56,11 +56,12 @@ UNITS = {
 }  # fmt: skip
 # Symbols of columns whose names are not a letter and an index.
 SYMBOLS = {
-    "phi": r"$\varphi$", "n_i_rpm": "$n_i$", "t_r_s": "$t_r$",
-    "xi_deg": r"$\xi$", "minus_xi_deg": r"$-\xi$", "rolling": "$l$",
+    "phi": r"$\varphi$", "minus_xi_deg": r"$-\xi$", "rolling": "$l$",
     "t_rgh": "$t_{rGH}$", "ratio": r"$t_r/t_{rGH}$", "t": "time", "n": "spin $n$",
     "n_turns": "number of turns", "reversals_sure": "number of confirmed turns",
 }  # fmt: skip
+# Ends of names that are units.
+SUFFIXES = {"_rpm": "rpm", "_N_m_s": "N m s", "_s": "s", "_m": "m", "_deg": "deg"}
 LETTERS = r"(alpha|beta|gamma|theta|xi|sigma|omega|[A-Za-z])(?:_(\w{1,3}))?"
 
 RC: dict[str, Any] = {
@@ -227,6 +228,7 @@ def text_table(rows: Sequence[Mapping[Any, Any]], form: str = ".6g") -> str:
 
 def symbol(name: str) -> str:
     """Return the symbol of a quantity; ``omega_p`` is a letter with an index."""
+    name = name if name in SYMBOLS else _split(name)[0]
     if name in SYMBOLS or not (found := re.fullmatch(LETTERS, name)):
         return SYMBOLS.get(name, name)
     letter = f"\\{found[1]}" if len(found[1]) > 1 else found[1]
@@ -237,13 +239,17 @@ def label(name: str, unit: str | None = None) -> str:
     """Return the symbol of a quantity and its unit in brackets, by default that of its column."""
     if unit is None:
         known = {column.name: column for part in (*RUNS.values(), MEASURED) for column in part}
-        degrees = "deg" if name.endswith("_deg") else "1"
-        unit = known[name].metadata[b"unit"].decode() if name in known else degrees
+        unit = known[name].metadata[b"unit"].decode() if name in known else _split(name)[1]
     shown = UNITS.get(unit, unit)
     return f"{symbol(name)} ({shown})" if shown else symbol(name)
 
 
 def value_text(name: str, value: float) -> str:
     """Return a text such as ``n_i = -0.1`` or ``n_i = -60 rpm``."""
-    unit = " rpm" if name.endswith("_rpm") else ""
-    return f"{symbol(name)} = {value:.4g}{unit}".replace("-", "−")
+    return f"{symbol(name)} = {value:.4g} {_split(name)[1]}".removesuffix(" 1").replace("-", "−")
+
+
+def _split(name: str) -> tuple[str, str]:
+    """Return a name without the unit at its end, and this unit, "1" if there is none."""
+    found = ((name.removesuffix(end), unit) for end, unit in SUFFIXES.items() if name.endswith(end))
+    return next(found, (name, "1"))

@@ -180,6 +180,10 @@ SUMMARY = pa.schema((
     # Null unless the size of the bodies is known.
     field("t_r_s_mean", F64, "s", "mean t_r of type R in seconds"),
     field("n_i_rpm", F64, "rpm", "initial spin; null where rows differ"),
+    # Null unless given in these units, and the sizes of the bodies differ.
+    field("omega_xy0_rpm", F64, "rpm", "initial oscillation"),
+    field("sigma_N_m_s", F64, "N m s", "torque -sigma omega"),
+    field("rolling_m", F64, "m", "lever of the rolling resistance"),
 ))
 # fmt: on
 

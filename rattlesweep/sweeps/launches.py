@@ -60,16 +60,18 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
         n_i, omega_xy0, psi = theory.spin_and_oscillation(omega, u)
         b = replace(b, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
 
-    def natural(value: Quantity) -> Floats:
+    def natural(value: float | Floats, kind: str) -> Floats:
         assert b.scale is not None
-        return b.scale.natural(value, value.kind)
+        return b.scale.natural(value, kind)
 
     def value(name: str) -> Floats:
-        """Return the values of a table, of a config in SI units for each body, or of the cases."""
+        """Return the values of a table, or those of the cases in units of each body."""
         own: Floats | None = getattr(b, name)
-        if own is None and name in config.in_si and getattr(plan.cases[0], name) is None:
-            own = natural(config.in_si[name][0])
-        return np.array([getattr(c, name) for c in plan.cases], float)[case] if own is None else own
+        if own is not None:
+            return own
+        given = [getattr(c, name) for c in plan.cases]
+        own = np.array(given, float)[case]
+        return own if not isinstance(given[0], Quantity) else natural(own, given[0].kind)
 
     n_i, omega_xy0 = value("n_i"), value("omega_xy0")
     modes = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
@@ -101,7 +103,7 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
         # fmin ignores NaN, the t_rGH of launches that have none.
         t_end = np.fmin(t_end, horizon.t_rgh * gh.t_rgh)
     if (t := horizon.t) is not None:
-        t_end = np.minimum(t_end, natural(t) if isinstance(t, Quantity) else t)
+        t_end = np.minimum(t_end, natural(t, t.kind) if isinstance(t, Quantity) else t)
     if horizon.t_decay is not None and sigma is not None:
         with np.errstate(divide="ignore"):
             t_end = np.minimum(t_end, horizon.t_decay * b.gamma / sigma)

@@ -102,7 +102,7 @@ def _with_losses(config: Config, own: Mapping[str, list[float | str]]) -> Config
 
 
 def _natural(config: Config, source: Source) -> dict[str, list[float | None]]:
-    """Return spins and losses in units of the bodies; None for one that differs between them."""
+    """Return spins and losses in units of the bodies, or in SI units where the bodies differ."""
     spin, losses = config.spin, config.dissipation
     values: dict[str, list[float | None]] = {name: losses.values(name) for name in LOSSES}
     if spin is not None:
@@ -112,7 +112,7 @@ def _natural(config: Config, source: Source) -> dict[str, list[float | None]]:
     count = source.samples if isinstance(source, TableBodies) else min(source.samples, 64)
     scale = source.bodies(np.nan, np.arange(count)).scale
 
-    def convert(name: str, value: float | None, is_single: bool) -> float | None:
+    def convert(name: str, value: float | None) -> float | None:
         if not isinstance(value, Quantity):
             return value
         told = f"{KEYS[name]}: {value.text}"
@@ -123,16 +123,16 @@ def _natural(config: Config, source: Source) -> dict[str, list[float | None]]:
         if broken := check_value(name, natural):
             own = f"is {natural[broken[0]]:g} in units of the body"
             raise ConfigError(f"{told} {own}; {broken[1]}")
-        if natural.min() == natural.max():
-            return float(natural[0])
-        if is_single:
-            return None
-        own = "depends on the size of the body, and the sizes differ"
-        raise ConfigError(f"{told} {own}; give this value alone, or numbers without units")
+        return float(natural[0]) if natural.min() == natural.max() else None
 
     for name, quantities in given.items():
         listed: Sequence[float | None] = values.get(name, list(quantities))
-        values[name] = [convert(name, value, len(listed) == 1) for value in listed]
+        values[name] = [convert(name, value) for value in listed]
+        if None in values[name]:
+            if len(quantities) < len(listed):
+                told = "the sizes of the bodies differ, and some values have no unit"
+                raise ConfigError(f"{KEYS[name]}: {told}; give all of them with units, or none")
+            values[name] = list(listed)
     return values
 
 

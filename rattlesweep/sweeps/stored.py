@@ -36,6 +36,7 @@ from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import explained, reason, replace_file
 from rattlesweep.sweeps.types import TYPES, codes
+from rattlesweep.units import Quantity
 
 MANIFEST, SUMMARY, FOLDER = "manifest.json", "summary.parquet", "runs"
 FORMAT = 3
@@ -44,7 +45,7 @@ SWEEP, TYPED, CASES = "rattlesweep.sweep", "rattlesweep.classify", "rattlesweep.
 KEY = ("case", "sample")
 MISSING, FAILED = -1, len(TYPES)  # codes of runs that are not stored, and of those without a type
 BATCH_ROWS = 1_000_000  # rows sorted at a time
-VARIES = ("n_i", "omega_xy0", "sigma", "rolling")
+VARIES = {"n_i": "spin", "omega_xy0": "spin", "sigma": "torque per spin", "rolling": "length"}
 
 
 def open_stored(directory: Path | str) -> Stored:
@@ -258,7 +259,10 @@ class Found:
 
 @dataclass(frozen=True)
 class Case:
-    """Target, launch and dissipation that the runs of a case share; None where they differ."""
+    """Target, launch and dissipation that the runs of a case share; None where they differ.
+
+    Values in SI units are a :class:`Quantity` if they differ in the units of the bodies.
+    """
 
     index: int = field(compare=False)
     target_name: str | None
@@ -271,18 +275,22 @@ class Case:
     def dump(self) -> dict[str, Any]:
         """Return the case as JSON data, without what is None."""
         data = {"case": self.index, self.target_name: self.target}
-        data |= {name: getattr(self, name) for name in VARIES}
+        values = ((name, getattr(self, name)) for name in VARIES)
+        data |= {name: getattr(value, "text", value) for name, value in values}
         return {str(name): value for name, value in data.items() if value is not None}
 
     @classmethod
     def load(cls, data: Mapping[str, Any]) -> Case:
         """Return the case of such data."""
         name = next((name for name in ("K_p", "K_r") if name in data), None)
-        found = (None if data.get(k) is None else float(data[k]) for k in (name or "", *VARIES))
+        kinds = {name or "": "", **VARIES}
+        given = ((data.get(key), kind) for key, kind in kinds.items())
+        found = (Quantity(x, kind) if isinstance(x, str) else x for x, kind in given)
         return cls(int(data["case"]), name, *found)
 
     def __str__(self) -> str:
-        return ", ".join(f"{name} {value:g}" for name, value in list(self.dump().items())[1:])
+        values = list(self.dump().items())[1:]
+        return ", ".join(f"{k} {x if isinstance(x, str) else f'{x:g}'}" for k, x in values)
 
 
 def rewrite(path: Path, rows: pa.Table, typed: str) -> None:

@@ -15,15 +15,19 @@ import pyarrow as pa
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.physics.theory import unsteady
 from rattlesweep.sweeps import columns as tables
+from rattlesweep.sweeps.bodies.table import WITH_UNITS
 from rattlesweep.sweeps.decide import nearest_rows
 from rattlesweep.sweeps.stored import SUMMARY, VARIES, Case, Stored
 from rattlesweep.sweeps.types import DEAD, TYPES, R, codes, share
 from rattlesweep.text import align
+from rattlesweep.units import Quantity
 
 # Columns that the counts are made of; not all runs have the later ones.
 COLUMNS = ("n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status", "near_tangencies",
            "sigma", "rolling", "t_r_error", "type_sure", "contact_ratio_max",
            "contact_normal_min", "t_r_s", "n_i_rpm")  # fmt: skip
+# Launches and losses by their names: the name and the size of the unit of the column in SI units.
+SI = {name: (si, size) for si, (name, size, _) in WITH_UNITS.items() if name in VARIES}
 # Shares of runs that need a coefficient of friction above these.
 FRICTION = {"share_friction_above_0_3": 0.3, "share_friction_above_0_6": 0.6}
 SENSITIVE = 1e-6  # relative error of t_r above which a run is sensitive
@@ -183,8 +187,11 @@ def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     for name in ("K_p", "K_r"):
         targets = [case.target if case.target_name == name else None for case in cases]
         columns[name] = np.array(targets, float)
-    for name in VARIES:
-        columns[name] = np.array([getattr(case, name) for case in cases], float)
+    for name, (si, size) in SI.items():
+        values = np.array([getattr(case, name) for case in cases], float)
+        in_si = np.array([isinstance(getattr(case, name), Quantity) for case in cases])
+        columns[name] = np.where(in_si, np.nan, values)
+        columns[si] = np.where(in_si, values / size, np.nan)
     columns |= {f"fraction_{name}": share(part, ok) for name, part in counts.types.items()}
     columns |= {name: counts[name] for name in ("runs", "failed", "near_tangencies")}
     columns |= {
@@ -203,8 +210,10 @@ def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
 
 # Columns of the summary that are printed, with their headings and formats.
 _SHOWN = {
-    "n_i": ("n_i", ".4g"), "n_i_rpm": ("n_i (rpm)", ".4g"), "omega_xy0": ("omega_xy0", ".4g"),
-    "sigma": ("sigma", ".4g"), "rolling": ("rolling", ".4g"), "runs": ("runs", "d"),
+    "n_i": ("n_i", ".4g"), "n_i_rpm": ("n_i (rpm)", ".4g"),
+    "omega_xy0": ("omega_xy0", ".4g"), "omega_xy0_rpm": ("omega_xy0 (rpm)", ".4g"),
+    "sigma": ("sigma", ".4g"), "sigma_N_m_s": ("sigma (N m s)", ".4g"),
+    "rolling": ("rolling", ".4g"), "rolling_m": ("rolling (m)", ".4g"), "runs": ("runs", "d"),
     "fraction_R": ("R", ".3f"), "fraction_SS": ("SS", ".3f"), "fraction_SW": ("SW", ".3f"),
     "fraction_unclassified": ("unclassified", ".3f"), "fraction_D": ("D", ".3f"),
     "fraction_bondi": ("beyond Bondi", ".3f"), "t_r_mean": ("mean t_r", ".5g"),
@@ -231,9 +240,10 @@ def closing_table(summary: pa.Table) -> str:
 
 def absent_columns(summary: pa.Table) -> set[str]:
     """Return the columns to leave out, which are null or the same in all cases."""
-    optional = ("sensitive", "unsure", "fraction_D", "share_lift_off", *FRICTION, "t_r_s_mean")
-    empty = {n: summary.column(n).null_count == len(summary) for n in (*optional, "n_i_rpm")}
-    absent = {n for n in empty if empty[n]}
+    in_si = {"t_r_mean": "t_r_s_mean"} | {name: si for name, (si, _) in SI.items()}
+    optional = ("sensitive", "unsure", "fraction_D", "share_lift_off", *FRICTION)
+    empty = {n: summary.column(n).null_count == len(summary) for n in (*optional, *in_si.values())}
     # Of a quantity in both systems, SI units are shown.
-    absent |= {n for n, si in (("n_i", "n_i_rpm"), ("t_r_mean", "t_r_s_mean")) if not empty[si]}
-    return absent | {n for n in ("sigma", "rolling") if len(summary.column(n).unique()) < 2}
+    absent = {n for n in empty if empty[n]} | {n for n, si in in_si.items() if not empty[si]}
+    losses = ("sigma", "rolling", "sigma_N_m_s", "rolling_m")
+    return absent | {n for n in losses if len(summary.column(n).unique()) < 2}
