@@ -137,7 +137,8 @@ def number(name: str, value: Any, scale: Scale | None = None) -> float | None:
 
 
 def check_count(name: str, value: Any, least: int = 1) -> None:
-    if value is not None and not (isinstance(value, Integral) and int(value) >= least):
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if value is not None and not (whole and least <= int(value) < 2**63):
         raise ConfigError(f"{name}: {kind_of(value)} is not a whole number from {least} on")
 
 
@@ -151,9 +152,10 @@ def check_names(what: str, given: Iterable[str], known: Collection[str]) -> None
 
 def names_of(what: str, value: str | Iterable[str]) -> list[str]:
     """Return one name or several as a list."""
-    if not isinstance(value, Iterable):
+    names = [value] if isinstance(value, str) or not isinstance(value, Iterable) else list(value)
+    if not all(isinstance(name, str) for name in names):
         raise ConfigError(f"{what}: {kind_of(value)} is not a name or a list of names")
-    return [value] if isinstance(value, str) else list(value)
+    return names
 
 
 def full_states(omega: Any, u: Any, scale: Scale | None = None) -> dict[str, Floats]:

@@ -41,6 +41,7 @@ class Run(SimpleNamespace):
     """Outcome of one run, with an attribute for each column of a sweep's ``runs``, and `units`."""
 
     def __getitem__(self, name: str) -> Any:
+        arguments.check_names("columns", [name], vars(self))
         return getattr(self, name)
 
     def __repr__(self) -> str:
@@ -116,12 +117,13 @@ class Page:
 
     def save(self, path: str | Path) -> Page:
         """Write the page to an .html file, and return it with its path."""
-        from rattlesweep.sweeps.files import replace_file
+        from rattlesweep.sweeps.files import as_path, replace_file
 
-        if Path(path).suffix.lower() not in (".html", ".htm"):
+        path = as_path(path, "path")
+        if path.suffix.lower() not in (".html", ".htm"):
             raise ConfigError(f"path {path}: the name must end in .html or .htm")
-        replace_file(Path(path), self.content)
-        return Page(self.content, Path(path))
+        replace_file(path, self.content)
+        return Page(self.content, path)
 
     def _repr_html_(self) -> str:
         # Scripts in this frame have no access to the notebook.
@@ -327,10 +329,11 @@ def prepare_stored(
 ) -> tuple[StoredRun, PreparedRun]:
     """Return a stored run, proved to come out as stored, and the same run to another horizon."""
     from rattlesweep.analysis.onerun.replay import find_run
+    from rattlesweep.sweeps.files import as_path
 
     for name in ("case", "sample"):
         check_count(name, which.get(name), 0)
-    run = find_run(Path(directory), **which)
+    run = find_run(as_path(directory, "directory"), **which)
     prepared = run.prepare(number("t_end", t_end, run.scale))
     run.prove()
     return run, prepared

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +29,9 @@ class Sweep:
     """The output directory of a sweep, complete or running; its tables are read when needed."""
 
     def __init__(self, directory: str | Path) -> None:
-        self.directory = Path(directory)
+        from rattlesweep.sweeps.files import as_path
+
+        self.directory = as_path(directory, "directory")
         _ = self._stored  # raises an error if it is not an output directory
 
     @property
@@ -135,7 +137,8 @@ class Sweep:
             if value is not None and arguments.numbers(name, value).shape != (2,):
                 raise ConfigError(f"{name}: {arguments.kind_of(value)} is not a pair of numbers")
         if isinstance(select, Mapping):
-            lists = {k: [v] if isinstance(v, str | float | int) else v for k, v in select.items()}
+            lists = {k: v if isinstance(v, Iterable) and not isinstance(v, str) else [v]
+                     for k, v in select.items()}  # fmt: skip
             select = [f"{name}={','.join(map(str, values))}" for name, values in lists.items()]
         layout, only = read_layout(self.directory), names_of("select", select)
         with styled():
@@ -164,7 +167,8 @@ class Sweep:
         """Compare the runs with those of another sweep, as ``rattlesweep compare`` does."""
         from rattlesweep.analysis.compare import compare
 
-        return compare(self.directory, other.directory if isinstance(other, Sweep) else Path(other))
+        other = other if isinstance(other, Sweep) else Sweep(other)
+        return compare(self.directory, other.directory)
 
     def classify(self, **thresholds: float) -> pd.DataFrame:
         """Classify the runs by thresholds such as ``sw_departure=0.1``, by default the config's."""
@@ -219,11 +223,12 @@ def sweep(
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.config.read import load_config, parse_config
+    from rattlesweep.sweeps.files import as_path
     from rattlesweep.sweeps.plausible import checked_plan, plan_frame
     from rattlesweep.sweeps.run import run_sweep
 
     check_count("threads", threads)
-    target, base = None if output is None else Path(output), None
+    target, base = None if output is None else as_path(output, "output"), None
     if is_frame(config):
         plan, target, base, doubts = plan_frame(config, target, keys)
     else:

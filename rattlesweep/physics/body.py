@@ -56,6 +56,8 @@ class Rattleback:
         for name, value in values.items():
             if not isinstance(value, Real) and (name, value) != ("c", None):
                 raise ValueError(f"{name}: {str(value)[:40]} ({type(value).__name__}) is no number")
+        if not isinstance(self.units, Units | None):
+            raise ValueError(f"units: {str(self.units)[:40]} is not a Units; see from_si")
         for _, sentence in violations(**values):
             raise ValueError(sentence)
 
@@ -80,6 +82,10 @@ class Rattleback:
         cls, *, gamma: float, f_sd: float, theta: float, phi: float, xi: float
     ) -> Rattleback:
         """Return a shell-dumbbell body (Eqs. 62-67); ValueError unless ``0 < f_sd < 0.5``."""
+        given: dict[str, Any] = {"gamma": gamma, "f_sd": f_sd}
+        for name, value in given.items():
+            if not isinstance(value, Real):
+                raise ValueError(f"{name}: {str(value)[:40]} ({type(value).__name__}) is no number")
         if not 0 < f_sd < 0.5:
             raise ValueError(f"f_sd is {f_sd:g}; it must lie between 0 and 0.5")
         return cls(*shell_dumbbell(gamma, f_sd), gamma, theta, phi, xi)
@@ -189,7 +195,7 @@ class Rattleback:
             if not (2 * x / sizes["length"]) ** 2 + (2 * y / sizes["width"]) ** 2 <= 1:
                 raise ValueError(f"at: ({x:g} m, {y:g} m) is beyond the edge of the flat side")
             sizes |= {"weights": si.size(weights, "mass", "weights"), "x": x, "y": y}
-        sizes |= {"mass": si.size(mass, "mass", "mass"), "skew": si.number(skew, "angle", "skew")}
+        sizes |= {"mass": si.size(mass, "mass", "mass"), "skew": si.size(skew, "angle", "skew")}
         found = {name: float(value) for name, value in si.half_ellipsoid(**sizes).items()}
         g = si.size(gravity, "acceleration", "gravity")
         return cls(units=Units(found.pop("mass"), found.pop("height"), g), **found)

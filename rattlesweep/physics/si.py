@@ -13,7 +13,7 @@ from rattlesweep.units import KINDS, quantities, quantity
 GRAVITY = 9.81  # on Earth, in m/s^2
 MAX_TILT = 1e-3  # angle between the z axis and a principal axis, in radians, for rounded inputs
 LIMITS = {"mass": (1e-9, 1e9, "kg"), "length": (1e-9, 1e6, "m"),
-          "acceleration": (1e-6, 1e6, "m/s^2")}  # fmt: skip
+          "acceleration": (1e-6, 1e6, "m/s^2"), "angle": (-1.57, 1.57, "rad")}  # fmt: skip
 """Smallest and largest accepted value of each kind, so that products stay within doubles."""
 
 

@@ -6,9 +6,16 @@ import secrets
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
-from rattlesweep.errors import OutputError
+from rattlesweep.errors import ConfigError, OutputError, one_line
+
+
+def as_path(value: Any, name: str) -> Path:
+    """Return an argument as a path; raise a ConfigError if it is none."""
+    if isinstance(value, str | os.PathLike) and os.fspath(value):
+        return Path(value)
+    raise ConfigError(f"{name}: {one_line(repr(value), 40)} is not a path")
 
 
 def probe_directory(path: Path) -> None:

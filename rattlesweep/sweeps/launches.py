@@ -76,7 +76,9 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     n_i, omega_xy0 = value("n_i"), value("omega_xy0")
     modes = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
     direction = config.spin.psi if config.spin else "relevant"
-    psi = theory.direction(modes, n_i, direction) if b.psi is None else b.psi
+    psi = np.full(len(n_i), np.nan) if b.psi is None else b.psi
+    if b.omega is None:  # where a table gives no direction, that of the config applies
+        psi = np.where(np.isnan(psi), theory.direction(modes, n_i, direction), psi)
     gh = theory.garcia_hubbard(b, modes, n_i, omega_xy0, psi)
     n_0 = gh.n_0
     if b.omega is not None and b.u is not None:

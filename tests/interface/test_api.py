@@ -161,7 +161,7 @@ BAD_RUNS: list[tuple[dict[str, Any], str]] = [
     ({"psi": "yaw"}, '"yaw" is not one of relevant, pitch, roll'),
     ({"method": "rk4", "tol": 1e-9}, "integrator.tol: rk4 takes"),
     ({"body": [GH, "HG"]}, r"bodies\[1\]: 'HG' \(str\) is not a body"),
-    ({"body": FRAME.assign(psi=0, psi_deg=0)}, "psi and psi_deg are columns of one angle"),
+    ({"body": FRAME.assign(psi=0, psi_deg=0)}, "psi and psi_deg are one quantity"),
     ({"body": FRAME.drop(columns="phi")}, "bodies: the column phi is missing"),
     ({"body": FRAME.assign(theta=[0.7, 2, 0.7])}, "bodies: row 2: theta is 2"),
 ]

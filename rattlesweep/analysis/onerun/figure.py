@@ -11,6 +11,7 @@ from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.analysis.style import GREY, INK, VERMILION, curve
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.files import as_path
 
 PER_PERIOD, LEAST, MOST = 24, 2001, 400_001  # points in a period of the pitch, and in all
 MARKS = 12  # turns to mark; if there are more, only the first is marked
@@ -36,7 +37,7 @@ def course_of(run: PreparedRun, shown: Sequence[str] | None, start: float | None
 def shown(figure: Figure, path: str | Path | None = None) -> Figure:
     """Make notebooks show a figure, write it to `path` if given, and return it."""
     if path is not None:
-        style.save(figure, [Path(path)])
+        style.save(figure, [as_path(path, "path")])
     # Figures made without pyplot need `_repr_png_` to show in a notebook.
     setattr(figure, "_repr_png_", lambda: style.encode(figure, "png", 110.0))  # noqa: B010
     return figure

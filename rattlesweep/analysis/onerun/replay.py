@@ -14,6 +14,7 @@ from rattlesweep.analysis.layout import parse_where
 from rattlesweep.analysis.onerun.course import PreparedRun
 from rattlesweep.arrays import take
 from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.physics.si import Units
 from rattlesweep.sweeps.bodies import Scale
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.plan import Plan, stored_plan
@@ -79,7 +80,9 @@ class StoredRun:
             tolerance = {"accuracy": None, "tol": self.values["tol"]}
             own = config.integrator.model_copy(update=tolerance)
             config = config.model_copy(update={"integrator": own})
-        return PreparedRun(config, launches, make_batch(launches, config.model))
+        sizes = vars(self.scale).values() if self.scale else ()
+        units = Units(*(float(part) for part in sizes)) if sizes else None
+        return PreparedRun(config, launches, make_batch(launches, config.model), units)
 
 
 def find_run(

@@ -133,7 +133,7 @@ class ShapeBodies:
 def _shaped(sizes: Floats) -> Bodies:
     """Return half ellipsoids from rows of lengths, widths, heights, masses and skew angles."""
     length, width, height, mass, skew = sizes
-    found = half_ellipsoid(length, width, height, mass, np.abs(skew))
+    found = half_ellipsoid(length, width, height, mass, skew)
     mass, a = found.pop("mass"), found.pop("height")
     scale = Scale(mass, a, np.full(mass.shape, si.GRAVITY))
     kept = {"mass_kg": mass, "height_m": a}

@@ -224,8 +224,6 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
     columns = {name: columns[name] for name in COLUMNS if name in columns}
     if state:
         columns |= launched_from(columns, where)
-    if "n_i" not in columns or not np.isfinite(columns.get("psi", np.nan)).all():
-        columns.pop("psi", None)
     return TableBodies(columns, scale, carried)
 
 
@@ -267,12 +265,13 @@ def _without_units(columns: dict[str, Floats], where: str) -> Scale | None:
         made = si.parameters(full["mass_kg"], tensor, full["height_m"], radii, angle)
     for name, (plain, size, kind) in WITH_UNITS.items():
         if name in columns:
-            if not kind and plain in columns:
-                raise ConfigError(f"{where}: {plain} and {name} are columns of one angle; keep one")
             sizes = {"": (), "torque per spin": ("mass_kg", "height_m")}.get(kind, ("height_m",))
             _require(sizes, columns, where, f"{name} needs it")
             value = columns[name] * size
-            made[plain] = scale.natural(value, kind) if scale and kind else value
+            made[plain] = value = scale.natural(value, kind) if scale and kind else value
+            # The runs of a sweep have both n_i and n_i_rpm.
+            if plain in columns and not (kind and np.allclose(columns[plain], value, 1e-9, 0.0)):
+                raise ConfigError(f"{where}: {plain} and {name} are one quantity; keep one")
     # Columns without units take precedence, so that the runs of a sweep are repeated exactly.
     columns |= made | columns
     return scale
