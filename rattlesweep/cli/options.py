@@ -222,6 +222,7 @@ _BODY: tuple[tuple[str, Any, str], ...] = (
     ("--weights", MASS, "Mass of each of two equal weights on its flat side, not in --mass."),
     ("--at", several("x,y", "length", 2), "Place of one weight, along and across from the "
      "middle, as in 45,-9mm; the other lies opposite."),
+    ("--wall", HEIGHT, "Thickness of an open shell, as in 2mm; without it the body is solid."),
 )  # fmt: skip
 BODY = [name[2:].replace("-", "_") for name, *_ in _BODY]
 body = group(*_BODY)

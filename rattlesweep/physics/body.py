@@ -151,9 +151,10 @@ class Rattleback:
     def half_ellipsoid(
         cls, *, length: float | str, width: float | str, height: float | str, mass: float | str,
         skew: float | str = 0.0, weights: float | str | None = None,
-        at: Sequence[float | str] | str | None = None, gravity: float | str = si.GRAVITY,
+        at: Sequence[float | str] | str | None = None, wall: float | str | None = None,
+        gravity: float | str = si.GRAVITY,
     ) -> Rattleback:  # fmt: skip
-        """Return a half ellipsoid of uniform density with its flat side up.
+        """Return a half ellipsoid of uniform density, solid or hollow, with its flat side up.
 
         Every quantity may be a number in SI units or a text such as ``"12 cm"``.
 
@@ -171,6 +172,9 @@ class Rattleback:
         at : two floats or str, optional
             Position of one weight on the flat side, in m or as ``"45, -9 mm"``: to the right along
             the length, then away from the viewer.  The other weight lies opposite.
+        wall : float or str, optional
+            Thickness in m of an open shell, whose cavity is a half ellipsoid with axes shorter by
+            this.  Without it the body is solid.
 
         Raises
         ------
@@ -195,6 +199,8 @@ class Rattleback:
             if not (2 * x / sizes["length"]) ** 2 + (2 * y / sizes["width"]) ** 2 <= 1:
                 raise ValueError(f"at: ({x:g} m, {y:g} m) is beyond the edge of the flat side")
             sizes |= {"weights": si.size(weights, "mass", "weights"), "x": x, "y": y}
+        if wall is not None:
+            sizes["wall"] = si.size(wall, "length", "wall")
         sizes |= {"mass": si.size(mass, "mass", "mass"), "skew": si.size(skew, "angle", "skew")}
         found = {name: float(value) for name, value in si.half_ellipsoid(**sizes).items()}
         g = si.size(gravity, "acceleration", "gravity")

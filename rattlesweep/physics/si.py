@@ -127,26 +127,34 @@ def components(inertia: Sequence[float] | Sequence[Sequence[float]] | str) -> tu
 def half_ellipsoid(
     length: ArrayLike, width: ArrayLike, height: ArrayLike, mass: ArrayLike,
     skew: ArrayLike = 0.0, *, weights: ArrayLike = 0.0, x: ArrayLike = 0.0, y: ArrayLike = 0.0,
+    wall: ArrayLike = np.inf,
 ) -> dict[str, Floats]:  # fmt: skip
-    """Return the parameters, ``c``, total ``mass`` and ``height`` ``a`` of solid half ellipsoids.
+    """Return the parameters, ``c``, total ``mass`` and ``height`` ``a`` of half ellipsoids.
 
     Arguments are those of :meth:`rattlesweep.physics.body.Rattleback.half_ellipsoid` in SI units,
-    with ``at = (x, y)``.
+    with ``at = (x, y)``; an infinite ``wall`` stands for a solid.
     """
-    length, width, height, mass, skew, weights, x, y = np.broadcast_arrays(
-        *(np.asarray(v, float) for v in (length, width, height, mass, skew, weights, x, y))
+    length, width, height, mass, skew, weights, x, y, wall = np.broadcast_arrays(
+        *(np.asarray(v, float) for v in (length, width, height, mass, skew, weights, x, y, wall))
     )
-    p, q = length / 2, width / 2
+    outer = np.stack([length / 2, width / 2, height])
+    inner = np.maximum(outer - wall, 0.0)
+    hollow = (inner / outer).prod(axis=0)  # share of the volume
     both = 2 * weights
     total = mass + both
-    a = height * (5 / 8 * mass + both) / total
-    # About the common centre of mass, along axes to the right and towards the viewer.
-    flat = 19 / 320 * height**2 + (a - 5 / 8 * height) ** 2
-    mean = mass * ((p**2 + q**2) / 10 + flat) + both * ((x**2 + y**2) / 2 + (height - a) ** 2)
-    own, added = mass * (q**2 - p**2) / 10, both * (y**2 - x**2) / 2
-    half = own * np.cos(2 * skew) + added
-    vertical = mass * (p**2 + q**2) / 5 + both * (x**2 + y**2)
+    # Moments about the middle of the flat side, of a solid less its cavity: depth of the centre of
+    # mass, then inertia along axes to the right, towards the viewer and down.
+    depth, mean, own, vertical = 0.0, 0.0, 0.0, 0.0
+    for (p, q, h), share in ((outer, 1.0), (inner, -hollow)):
+        m = mass * share / (1 - hollow)
+        depth, mean = depth + 3 / 8 * m * h, mean + m * ((p**2 + q**2) / 10 + h**2 / 5)
+        own, vertical = own + m * (q**2 - p**2) / 10, vertical + m * (p**2 + q**2) / 5
+    depth = depth / total
+    a = height - depth
+    mean = mean + both * (x**2 + y**2) / 2 - total * depth**2
+    half = own * np.cos(2 * skew) + both * (y**2 - x**2) / 2
+    vertical = vertical + both * (x**2 + y**2)
     inertia = [mean + half, mean - half, vertical, own * np.sin(2 * skew) + both * x * y]
-    radii = np.stack([p**2 / height, q**2 / height], axis=-1)
+    radii = np.moveaxis(outer[:2] ** 2 / height, 0, -1)
     found = parameters(total, np.stack(inertia, axis=-1), a, radii, np.zeros(a.shape))
     return {**found, "c": height / a, "mass": total, "height": a}

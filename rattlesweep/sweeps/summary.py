@@ -200,8 +200,10 @@ def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
         "t_r_mean": counts.t_r.means(), "t_r_std": counts.t_r.deviations(),
         "t_rgh_mean": counts.t_rgh.means(), "t_r_mean_error": counts.t_r_error.means(),
         "t_r_over_t_rgh_mean": counts.ratio.means(), "t_r_over_t_rgh_sem": counts.ratio.errors(),
-        "t_r_s_mean": counts.t_r_s.means(), "n_i_rpm": counts.n_i_rpm.common(),
+        "t_r_s_mean": counts.t_r_s.means(),
     }  # fmt: skip
+    exact = columns["n_i_rpm"]
+    columns["n_i_rpm"] = np.where(np.isnan(exact), counts.n_i_rpm.common(), exact)
     columns |= {name: counts[name] for name in ("sensitive", "unsure") if name in counts}
     contact = (name for name in (*FRICTION, "share_lift_off") if name in counts)
     columns |= {name: share(counts[name], ok) for name in contact}

@@ -97,17 +97,22 @@ STONES = {
 }
 
 
-def integrated(length, width, height, mass, skew, weights, x, y):
+def integrated(length, width, height, mass, skew, weights, x, y, wall=np.inf):
     """Parameters from point masses; axes to the right, towards the viewer and down."""
     nodes, shares = np.polynomial.legendre.leggauss(12)
-    r, cosine = (nodes + 1) / 2, (nodes + 1) / 2
-    turn = 2 * np.pi * np.arange(24) / 24
-    r, cosine, turn = (grid.ravel() for grid in np.meshgrid(r, cosine, turn, indexing="ij"))
+    cosines, of_cosines = np.polynomial.legendre.leggauss(60)
+    turn = 2 * np.pi * np.arange(240) / 240
+    r, cosine, turn = np.meshgrid((nodes + 1) / 2, (cosines + 1) / 2, turn, indexing="ij")
     sine = np.sqrt(1 - cosine**2)
-    points = r * np.array([sine * np.cos(turn), sine * np.sin(turn), cosine])
-    points *= np.array([length / 2, width / 2, height])[:, None]
-    masses = r**2 * np.einsum("i,j,k->ijk", shares, shares, np.ones(24)).ravel()
-    masses *= mass / masses.sum()
+    directions = np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine])
+    axes = np.array([length / 2, width / 2, height])[:, None, None, None]
+    first = np.zeros_like(r)  # where the cavity ends
+    if wall < np.inf:
+        first = ((directions * axes / (axes - wall)) ** 2).sum(axis=0) ** -0.5
+    r = first + (1 - first) * r
+    points = (r * directions * axes).reshape(3, -1)
+    masses = (1 - first) * r**2 * shares[:, None, None] * of_cosines[:, None]
+    masses = masses.ravel() * mass / masses.sum()
     # The inertia of the half ellipsoid is turned clockwise, but not the weights.
     c, s = np.cos(skew), np.sin(skew)
     points = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ points
@@ -134,8 +139,9 @@ def integrated(length, width, height, mass, skew, weights, x, y):
 @pytest.mark.parametrize("stone", STONES.values(), ids=STONES.keys())
 def test_half_ellipsoids_agree_with_quadrature(stone):
     *five, weights, x, y = stone
-    found = half_ellipsoid(*five, weights=weights, x=x, y=y)
-    assert found == pytest.approx(integrated(*stone), rel=1e-9)
+    for wall in (np.inf, 0.1 * stone[2], 0.4 * stone[2]):
+        found = half_ellipsoid(*five, weights=weights, x=x, y=y, wall=wall)
+        assert found == pytest.approx(integrated(*stone, wall), rel=1e-9)
 
 
 QUANTITIES = {

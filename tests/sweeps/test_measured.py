@@ -65,6 +65,44 @@ def test_bodies_and_launches_in_si_units(tmp_path):
     pd.testing.assert_frame_equal(again, runs, check_exact=True)
 
 
+def test_shapes_of_different_sizes_are_launched_in_si_units(tmp_path):
+    """Spins, losses and horizons of bodies that are drawn, one by one as in Python."""
+    config = {
+        "bodies": {"source": "shape", "length": ["11 cm", "13 cm"], "width": "34 mm",
+                   "height": "12 mm", "mass": "60 g", "weights": ["5 g", "9 g"],
+                   "at": ["45 mm", "-9 mm"], "wall": "3 mm", "samples": 3},
+        "spin": {"n_i": ["60 rpm", "-60 rpm"], "omega_xy0": "6 rpm"},
+        "dissipation": {"rolling": ["0 um", "5 um"]},
+        "horizon": {"t": "9 s"},
+    }  # fmt: skip
+    made = rs.sweep(config, output=tmp_path / "out")
+    runs, summary = made.runs, made.summary
+    assert len(runs) == 12
+    for run in runs.itertuples():
+        stone = rs.Rattleback.half_ellipsoid(
+            length=run.shape_length_m, width="34 mm", height="12 mm", mass="60 g", wall="3 mm",
+            weights=run.shape_weights_kg, at="45,-9 mm",
+        )  # fmt: skip
+        spin = f"{(60, -60)[run.case // 2]} rpm"
+        rolling = f"{(0, 5)[run.case % 2]} um"
+        one = rs.simulate(stone, n_i=spin, omega_xy0="6 rpm", t_end="9 s", rolling=rolling)
+        assert (run.t_r, run.t_r_s, run.type) == (one.t_r, one.t_r_s, one.type)
+    assert summary.n_i_rpm.tolist() == pytest.approx([60, 60, -60, -60], rel=1e-14)
+    assert summary.rolling_m.tolist() == pytest.approx([0, 5e-6, 0, 5e-6], rel=1e-14)
+    assert summary.n_i.isna().all()
+    mean = runs.groupby("case").t_r_s.mean()
+    assert summary.t_r_s_mean.tolist() == pytest.approx(mean.tolist(), rel=1e-13)
+    assert b"(t = 9 s)" in made.report().content
+    config["dissipation"]["rolling"].append("20 um")
+    assert len(rs.sweep(config, output=tmp_path / "out").runs) == 18
+    assert made.verify(recompute=3).problems == []
+    path = made.replay(1, 2, t_end="9 s", points=2)
+    assert path["t_s"].tolist() == pytest.approx([0, 9], rel=1e-14)
+    config["spin"] = {"n_i": ["60 rpm", 0.1], "omega_xy0": 0.1}
+    with pytest.raises(rs.ConfigError, match="give all of them with units, or none"):
+        rs.sweep(config, output=tmp_path / "no")
+
+
 def test_a_frame_is_swept_with_all_of_its_columns(tmp_path):
     """Surface, dissipation, units and own columns, as from a file; the table is kept whole."""
     frame = STONES.assign(

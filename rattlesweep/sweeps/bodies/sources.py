@@ -36,6 +36,8 @@ from rattlesweep.sweeps.bodies.table import TableBodies, read_bodies, run_fields
 from rattlesweep.sweeps.columns import MEASURED
 from rattlesweep.sweeps.config.schema import Config, SdSource, ShapeSource, Target
 
+# Units of the sizes of a shape in the names of columns.
+SIZES = {"length": "m", "width": "m", "height": "m", "mass": "kg", "skew": "rad", "weights": "kg"}
 CHUNK = 4096  # samples that are drawn together, and cached for the other cases of a target
 
 
@@ -114,30 +116,31 @@ class ShapeBodies:
     """Bodies of a simple shape and a known size; sizes with a range are drawn for each sample."""
 
     def __init__(self, seed: int, source: ShapeSource) -> None:
-        self._seed, self._ranges = seed, np.array(list(source.sizes.values()))
+        self._seed, self._source = seed, source
+        self._ranges = np.array(list(source.sizes.values()))
         self.samples = (source.samples or 1000) if source.drawn else 1
         # The rules for bodies are monotonic in each size, so the corners suffice.
-        sizes = np.array(list(product(*self._ranges))).T
-        corners = _shaped(sizes)
-        _check(corners, "bodies", dict(zip(source.sizes, sizes, strict=True)))
+        sizes = dict(zip(source.sizes, np.array(list(product(*self._ranges))).T, strict=True))
+        corners = self._shaped(sizes)
+        _check(corners, "bodies", sizes)
         self.fields = run_fields(corners.scale, corners.carried)
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some samples, which are the same in all cases."""
         low, high = self._ranges.T[:, :, None]
-        drawn = (low < high).any()
-        points = draw_points(self._seed, sample)[:5] if drawn else np.zeros((5, len(sample)))
-        return _shaped(low + (high - low) * points)
+        points = np.zeros((len(low), len(sample)))
+        if self._source.drawn:
+            points = draw_points(self._seed, sample)[: len(low)]
+        return self._shaped(dict(zip(self._source.sizes, low + (high - low) * points, strict=True)))
 
-
-def _shaped(sizes: Floats) -> Bodies:
-    """Return half ellipsoids from rows of lengths, widths, heights, masses and skew angles."""
-    length, width, height, mass, skew = sizes
-    found = half_ellipsoid(length, width, height, mass, skew)
-    mass, a = found.pop("mass"), found.pop("height")
-    scale = Scale(mass, a, np.full(mass.shape, si.GRAVITY))
-    kept = {"mass_kg": mass, "height_m": a}
-    return Bodies(**found, f_sd=np.full(mass.shape, np.nan), scale=scale, carried=kept)
+    def _shaped(self, sizes: dict[str, Floats]) -> Bodies:
+        """Return bodies of some sizes; those that are drawn become columns of the runs."""
+        found = half_ellipsoid(**sizes, **self._source.fixed)
+        mass, a = found.pop("mass"), found.pop("height")
+        scale = Scale(mass, a, np.full(mass.shape, si.GRAVITY))
+        kept = {"mass_kg": mass, "height_m": a}
+        kept |= {f"shape_{name}_{SIZES[name]}": sizes[name] for name in self._source.drawn}
+        return Bodies(**found, f_sd=np.full(mass.shape, np.nan), scale=scale, carried=kept)
 
 
 class SdBodies:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -57,7 +58,11 @@ WITH_UNITS = {  # the column in units of the body, the size of the unit, and the
 }
 INPUT = (*COLUMNS, "t_r", *SI_BODY, *BODY_DEFAULTS, *WITH_UNITS)
 NULLABLE = ("t_end", "psi", "psi_deg", "f_sd", "t_r", "c", "t_end_s", "c_m")
-KEPT = {"mass_kg": "kg", "height_m": "m", "gravity_m_s2": "m/s^2"}  # also copied to the runs
+KEPT = {  # also copied to the runs: unit and description
+    "mass_kg": ("kg", "mass M"),
+    "height_m": ("m", "height a of the centre of mass above the contact"),
+    "gravity_m_s2": ("m/s^2", "gravity g"),
+}
 RESULTS = {column.name for part in (*RUNS.values(), STATE, MEASURED) for column in part}
 TAKEN = {c.name for part in ("keys", "result", "observation") for c in RUNS[part]} - {*INPUT}
 """Names of results, which columns of the user's own must not have."""
@@ -144,8 +149,15 @@ class TableBodies:
 def run_fields(scale: Scale | None, carried: Mapping[str, NDArray[Any]]) -> tuple[pa.Field, ...]:
     """Return the columns of runs for carried values, and those of bodies of a known size."""
     kinds = {"i": I64, "f": F64, "O": TEXT}
-    own = ((name, kinds[x.dtype.kind], KEPT.get(name, "1")) for name, x in carried.items())
-    return (*(field(*one, "copied from the bodies") for one in own), *(MEASURED if scale else ()))
+    own = (field(name, kinds[x.dtype.kind], *about(name)) for name, x in carried.items())
+    return (*own, *(MEASURED if scale else ()))
+
+
+def about(name: str) -> tuple[str, str]:
+    """Return unit and description of a column that is copied from the bodies to the runs."""
+    if shape := re.fullmatch(r"shape_(\w+)_(m|kg|rad)", name):
+        return shape[2], f"{shape[1]} of the shape"
+    return KEPT.get(name, ("1", "copied from the bodies"))
 
 
 def read_bodies(path: str, base: Path | None = None) -> TableBodies:

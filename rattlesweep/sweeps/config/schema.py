@@ -308,23 +308,29 @@ class GridSource(Surfaced):
         return {name: values for name, values in axes.items() if values is not None}
 
 
-Length, Mass = (
-    interval(measured(kind, Annotated[float, Field(ge=LIMITS[kind][0], le=LIMITS[kind][1])]))
-    for kind in ("length", "mass")
+Length, Mass, Angle = (
+    measured(kind, Annotated[float, Field(ge=LIMITS[kind][0], le=LIMITS[kind][1])])
+    for kind in ("length", "mass", "angle")
 )
-Angle = interval(measured("angle", Annotated[float, Field(gt=-math.pi / 2, lt=math.pi / 2)]))
+Lengths, Masses, Angles = map(interval, (Length, Mass, Angle))
+Coordinate: Any = measured("length", float)
+Place = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]
 
 
 class ShapeSource(Base):
     """Bodies of a simple shape and a size; keys that are ranges are drawn for each sample."""
 
     source: Literal["shape"] = key(..., "Make bodies of a shape and a size.")
-    shape: Literal["half_ellipsoid"] = key("half_ellipsoid", "Uniform solid, flat side up.")
-    length: Length = key(..., "Longer side of the flat face, in m or with a unit.")
-    width: Length = key(..., "Shorter side of the flat face, in m or with a unit.")
-    height: Length = key(..., "From the lowest point to the flat face, in m or with a unit.")
-    mass: Mass = key(..., "In kg or with a unit.")
-    skew: Angle = key(..., "Angle between axes of inertia and surface, in rad or with a unit.")
+    shape: Literal["half_ellipsoid"] = key("half_ellipsoid", "Of uniform density, flat side up.")
+    length: Lengths = key(..., "Axis of the flat side, in m or with a unit.")
+    width: Lengths = key(..., "Its other axis, in m or with a unit.")
+    height: Lengths = key(..., "From the lowest point to the flat side, in m or with a unit.")
+    mass: Masses = key(..., "Without the weights, in kg or with a unit.")
+    skew: Angles = key([0.0, 0.0], "Turn of the axes of inertia, clockwise from above, in rad or "
+                       "with a unit; needed without weights.")  # fmt: skip
+    weights: Masses | None = key(None, "Mass of each of two equal weights on the flat side.")
+    at: Place | None = key(None, "Place [x, y] of one weight, to the right and away from you.")
+    wall: Length | None = key(None, "Thickness of an open shell; without it the body is solid.")
     samples: int | None = key(None, "Bodies per case (1000) if a key is a range.", **COUNT)
 
     ellipsoidal: ClassVar[bool] = True  # as is its bottom
@@ -332,7 +338,14 @@ class ShapeSource(Base):
     @property
     def sizes(self) -> dict[str, list[float]]:
         """The range of each key in SI units."""
-        return {name: getattr(self, name) for name in ("length", "width", "height", "mass", "skew")}
+        names = ("length", "width", "height", "mass", "skew", "weights")
+        return {name: ends for name in names if (ends := getattr(self, name)) is not None}
+
+    @property
+    def fixed(self) -> dict[str, float]:
+        """The keys without a range, as arguments of `physics.si.half_ellipsoid`."""
+        place: dict[str, float] = dict(zip("xy", self.at or (), strict=False))
+        return place if self.wall is None else place | {"wall": self.wall}
 
     @property
     def drawn(self) -> list[str]:
@@ -649,6 +662,12 @@ def _body_clashes(bodies: AnySource) -> Iterator[tuple[str, str]]:
     if isinstance(bodies, ShapeSource):
         if bodies.samples is not None and not bodies.drawn:
             yield "bodies.samples", "no key is a range, so all bodies are equal; leave it out"
+        if (bodies.weights is None) != (bodies.at is None):
+            yield "bodies.weights", "weights and at belong together; give both"
+        elif bodies.at is not None:
+            sides = (bodies.sizes[name][0] for name in ("length", "width"))
+            if sum((2 * x / side) ** 2 for x, side in zip(bodies.at, sides, strict=True)) > 1:
+                yield "bodies.at", "the weight lies beyond the edge of the flat side; move it"
         return
     if bodies.surface == "paraboloid" and bodies.c is not None:
         yield "bodies.c", "a paraboloid has no c; take surface: ellipsoid"
