@@ -60,6 +60,8 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
         n_i, omega_xy0, psi = theory.spin_and_oscillation(omega, u)
         b = replace(b, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
 
+    settings = config.settings
+
     def natural(value: Quantity) -> Floats:
         assert b.scale is not None
         return b.scale.natural(value, value.kind)
@@ -67,9 +69,12 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     def value(name: str) -> Floats:
         """Return the values of a table, of a config in SI units for each body, or of the cases."""
         own: Floats | None = getattr(b, name)
-        if own is None and name in config.in_si and getattr(plan.cases[0], name) is None:
-            own = natural(config.in_si[name][0])
-        return np.array([getattr(c, name) for c in plan.cases], float)[case] if own is None else own
+        if own is not None:
+            return own
+        # A single value with a unit, if the sizes of the bodies differ.
+        if getattr(plan.cases[0], name) is None and isinstance(q := settings[name][0], Quantity):
+            return natural(q)
+        return np.array([getattr(c, name) for c in plan.cases], float)[case]
 
     n_i, omega_xy0 = value("n_i"), value("omega_xy0")
     modes = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)

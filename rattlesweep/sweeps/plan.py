@@ -5,7 +5,7 @@ a case and has the key ``(case, sample)``; its row follows from config and key a
 """
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -103,12 +103,8 @@ def _with_losses(config: Config, own: Mapping[str, list[float | str]]) -> Config
 
 def _natural(config: Config, source: Source) -> dict[str, list[float | None]]:
     """Return spins and losses in units of the bodies; None for one that differs between them."""
-    spin, losses = config.spin, config.dissipation
-    values: dict[str, list[float | None]] = {name: losses.values(name) for name in LOSSES}
-    if spin is not None:
-        values |= {"n_i": list(spin.n_i), "omega_xy0": list(spin.omega_xy0)}
-    if not (given := config.in_si):
-        return values
+    if not config.in_si:
+        return config.settings
     count = source.samples if isinstance(source, TableBodies) else min(source.samples, 64)
     scale = source.bodies(np.nan, np.arange(count)).scale
 
@@ -130,10 +126,10 @@ def _natural(config: Config, source: Source) -> dict[str, list[float | None]]:
         own = "depends on the size of the body, and the sizes differ"
         raise ConfigError(f"{told} {own}; give this value alone, or numbers without units")
 
-    for name, quantities in given.items():
-        listed: Sequence[float | None] = values.get(name, list(quantities))
-        values[name] = [convert(name, value, len(listed) == 1) for value in listed]
-    return values
+    return {
+        name: [convert(name, value, len(values) == 1) for value in values]
+        for name, values in config.settings.items()
+    }
 
 
 def _check_launches(config: Config, is_state: bool, n_i: Floats, own_end: Floats) -> None:
