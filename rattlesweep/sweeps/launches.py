@@ -63,8 +63,8 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     settings = config.settings
 
     def natural(value: Quantity) -> Floats:
-        assert b.scale is not None
-        return b.scale.natural(value, value.kind)
+        assert b.units is not None
+        return b.units.natural(value, value.kind)
 
     def value(name: str) -> Floats:
         """Return the values of a table, of a config in SI units for each body, or of the cases."""

@@ -106,13 +106,13 @@ def _natural(config: Config, source: Source) -> dict[str, list[float | None]]:
     if not config.in_si:
         return config.settings
     count = source.samples if isinstance(source, TableBodies) else min(source.samples, 64)
-    scale = source.bodies(np.nan, np.arange(count)).scale
+    units = source.bodies(np.nan, np.arange(count)).units
 
     def convert(name: str, value: float | None, is_single: bool) -> float | None:
         if not isinstance(value, Quantity):
             return value
         told = f"{KEYS[name]}: {value.text}"
-        natural = np.full(1, np.nan) if scale is None else scale.natural(value, value.kind)
+        natural = np.atleast_1d(np.nan if units is None else units.natural(value, value.kind))
         if np.isnan(natural).any():
             wanted = "give columns height_m and mass_kg, or a number in the bodies' own units"
             raise ConfigError(f"{told} needs the size of the bodies; {wanted}")

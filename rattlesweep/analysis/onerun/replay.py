@@ -14,7 +14,7 @@ from rattlesweep.analysis.layout import parse_where
 from rattlesweep.analysis.onerun.course import PreparedRun
 from rattlesweep.arrays import take
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.bodies import Scale
+from rattlesweep.physics.si import Units
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.plan import Plan, stored_plan
 from rattlesweep.sweeps.stored import Stored, keys_of, open_stored
@@ -66,9 +66,9 @@ class StoredRun:
         return plan, prepare(plan, *keys_of(self.row))
 
     @property
-    def scale(self) -> Scale | None:
+    def scale(self) -> Units | None:
         """The units of its body, None if its size is not known."""
-        return take(self._planned[1].bodies.scale, 0)  # type: ignore[arg-type]
+        return take(self._planned[1].bodies.units, 0)  # type: ignore[arg-type]
 
     def prepare(self, t_end: float | None = None) -> PreparedRun:
         """Return the run up to ``t_end`` or the sweep's horizon, with its own tolerance."""
