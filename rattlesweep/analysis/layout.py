@@ -250,7 +250,7 @@ def read_layout(directory: Path) -> Layout:
     if cases[0].target_name is not None:
         given[cases[0].target_name] = [case.target for case in cases]
     launch = ["n_i", "omega_xy0"] if config.spin is not None else []
-    losses = (n for n in ("sigma", "rolling") if len(config.dissipation.values(n)) > 1)
+    losses = (n for n in ("sigma", "rolling") if len(config.settings[n]) > 1)
     given |= {name: [getattr(case, name) for case in cases] for name in (*launch, *losses)}
     given = {name: values for name, values in given.items() if values[0] is not None}
     grid = config.bodies.varying if isinstance(config.bodies, GridSource) else {}

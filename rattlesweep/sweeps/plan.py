@@ -89,7 +89,7 @@ def _with_losses(config: Config, own: Mapping[str, list[float | str]]) -> Config
     """Return the config with the dissipation of a table's columns."""
     given = config.dissipation
     for name in LOSSES:
-        values, column = given.values(name), f"column {name}"
+        values, column = config.settings[name], f"column {name}"
         if None in values and name not in own:
             raise ConfigError(f"dissipation.{name}: the table has no {column}; give a number")
         if len(values) > 1 and name in own:

@@ -407,10 +407,6 @@ class Dissipation(Base):
     sigma: several(Torque) = key([0.0], "Torque / -omega, in M a^2 sqrt(g/a) or with a unit.")
     rolling: several(Lever) = key([0.0], "Moment / normal force, in a or with a unit.")
 
-    def values(self, name: str) -> list[float | None]:
-        """Return the values of `sigma` or `rolling` in order; None for those of a table."""
-        return [None if value == TABLE else value for value in getattr(self, name)]
-
     @property
     def kind(self) -> Literal["", "viscous", "rolling"]:
         """Dissipation of some run: none, by sigma alone, or with rolling resistance."""
@@ -554,9 +550,9 @@ class Config(Base):
     def settings(self) -> dict[str, list[float | None]]:
         """Values by the column that they set, as `Quantity` if with units; None for a table's."""
         spin, losses = self.spin, self.dissipation
-        launches = {} if spin is None else {"n_i": [*spin.n_i], "omega_xy0": [*spin.omega_xy0]}
-        dissipation = {name: losses.values(name) for name in Dissipation.model_fields}
-        return {**launches, **dissipation, "t_end": [self.horizon.t]}
+        given = {} if spin is None else {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0}
+        given |= {"sigma": losses.sigma, "rolling": losses.rolling, "t_end": [self.horizon.t]}
+        return {k: [None if x == TABLE else x for x in values] for k, values in given.items()}
 
     @property
     def in_si(self) -> bool:
