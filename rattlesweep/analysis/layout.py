@@ -225,9 +225,10 @@ class Layout:
         spins = self.stored.read(["n_i", "n_i_rpm"]).to_pandas().query("n_i != 0")
         factor, axes = (spins["n_i_rpm"] / spins["n_i"]).to_numpy(), dict(self.axes)
         sizes = {"n_i": factor[0]} if len(factor) and np.ptp(factor) < NEAR * factor[0] else {}
-        for name, given in self.stored.config.in_si.items():
-            # The largest value in both units; in a list, either all values have units or none.
-            if name in axes and (largest := max(map(abs, given))):
+        for name, given in self.stored.config.settings.items():
+            # The largest value in both units.
+            largest = max((abs(x) if isinstance(x, Quantity) else 0.0 for x in given), default=0.0)
+            if name in axes and largest and all(isinstance(x, Quantity) for x in given):
                 natural = np.abs(axes[name].values).max()
                 sizes.setdefault(name, largest / SI[name][1] / natural)
         for name in sizes.keys() & axes.keys():
@@ -258,7 +259,7 @@ def read_layout(directory: Path) -> Layout:
     if cases[0].target_name is not None:
         given[cases[0].target_name] = [case.target for case in cases]
     launch = ["n_i", "omega_xy0"] if config.spin is not None else []
-    losses = (n for n in ("sigma", "rolling") if len(config.dissipation.values(n)) > 1)
+    losses = (n for n in ("sigma", "rolling") if len(config.settings[n]) > 1)
     for name in (*launch, *losses):
         values = [getattr(case, name) for case in cases]
         if isinstance(values[0], Quantity):

@@ -20,7 +20,6 @@ from rattlesweep.units import quantity
 if TYPE_CHECKING:
     import pandas as pd
 
-    from rattlesweep.sweeps.bodies import Scale
 
 Bodies: TypeAlias = "Rattleback | str | Iterable[Any] | Mapping[str, Any] | pd.DataFrame"
 """A body or the name of a preset, a sequence or an array of these, or a table of bodies."""
@@ -73,20 +72,14 @@ def _table_columns(bodies: Mapping[str, Any] | pd.DataFrame) -> dict[str, Floats
     return table.columns | {name: table.carried[name] for name in SIZE if name in table.carried}
 
 
-def scale_of(units: Units | None) -> Scale | None:
-    return column_scale({} if units is None else dict(zip(SIZE, astuple(units), strict=True)))
-
-
-def column_scale(columns: Mapping[str, Any]) -> Scale | None:
-    from rattlesweep.sweeps.bodies import Scale
-
+def column_scale(columns: Mapping[str, Any]) -> Units | None:
     if "height_m" not in columns:
         return None
     size = columns.get("mass_kg", np.nan), columns["height_m"], columns.get(SIZE[2], GRAVITY)
-    return Scale(*(np.asarray(part, float) for part in np.broadcast_arrays(*size)))
+    return Units(*(np.asarray(part, float) for part in np.broadcast_arrays(*size)))
 
 
-def numbers(name: str, value: Any, scale: Scale | None = None) -> Floats:
+def numbers(name: str, value: Any, scale: Units | None = None) -> Floats:
     """Return an argument as an array in the units of the bodies, or refuse it."""
     from rattlesweep.sweeps.bodies.table import check_value
 
@@ -101,7 +94,7 @@ def numbers(name: str, value: Any, scale: Scale | None = None) -> Floats:
     return array
 
 
-def _floats(name: str, value: Any, scale: Scale | None) -> Floats:
+def _floats(name: str, value: Any, scale: Units | None) -> Floats:
     if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
         return value.astype(float)
     given = np.array(value, dtype=object)  # other types would turn numbers beside texts into texts
@@ -127,7 +120,7 @@ def _floats(name: str, value: Any, scale: Scale | None) -> Floats:
     return np.asarray(np.where(is_text, scale.natural(array, KINDS[name]), array))
 
 
-def number(name: str, value: Any, scale: Scale | None = None) -> float | None:
+def number(name: str, value: Any, scale: Units | None = None) -> float | None:
     if value is None:
         return None
     array = numbers(name, value, scale)
@@ -158,9 +151,9 @@ def names_of(what: str, value: str | Iterable[str]) -> list[str]:
     return names
 
 
-def full_states(omega: Any, u: Any, scale: Scale | None = None) -> dict[str, Floats]:
+def full_states(omega: Any, u: Any, scale: Units | None = None) -> dict[str, Floats]:
     if scale is not None:
-        scale = type(scale)(*(np.asarray(part)[..., None] for part in vars(scale).values()))
+        scale = Units(*(np.asarray(part)[..., None] for part in vars(scale).values()))
     state: dict[str, Floats] = {}
     for name, value in {"omega": omega, "u": (0.0, 0.0, -1.0) if u is None else u}.items():
         vectors = numbers(name, value, scale)

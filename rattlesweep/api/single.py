@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rattlesweep.analysis.fit import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.analysis.onerun.replay import StoredRun
-    from rattlesweep.sweeps.bodies import Scale
+    from rattlesweep.physics.si import Units
     from rattlesweep.sweeps.launches import Launch
 
     # A number, or text with an SI unit such as "60 rpm".
@@ -68,7 +68,7 @@ class Trajectory:
     """
 
     def __init__(
-        self, run: PreparedRun, scale: Scale | None, channels: Sequence[str], **rows: Any
+        self, run: PreparedRun, scale: Units | None, channels: Sequence[str], **rows: Any
     ) -> None:
         import pandas as pd
 
@@ -312,7 +312,7 @@ def fit(
 
 
 def page_of(
-    run: PreparedRun, scale: Scale | None, title: str | None, *, points: int | None = None,
+    run: PreparedRun, scale: Units | None, title: str | None, *, points: int | None = None,
     from_time: Number | None = None, path: str | Path | None = None,
 ) -> tuple[Page, Course]:  # fmt: skip
     """Return the page of a run and its course, and write the page if there is a path."""
@@ -339,12 +339,12 @@ def prepare_stored(
     return run, prepared
 
 
-def prepare_launch(body: Any, **launch: Any) -> tuple[PreparedRun, Scale | None]:
+def prepare_launch(body: Any, **launch: Any) -> tuple[PreparedRun, Units | None]:
     """Return one launch, ready to be integrated, and the scale of its body."""
     from rattlesweep.analysis.onerun.course import PreparedRun
 
     made = launch_of(body, **launch)
-    return PreparedRun.of(made), arguments.scale_of(made.body.units)
+    return PreparedRun.of(made), made.body.units
 
 
 def launch_of(
@@ -355,7 +355,7 @@ def launch_of(
     from rattlesweep.sweeps.launches import Launch
 
     made = arguments.one_body(body)
-    scale = arguments.scale_of(made.units)
+    scale = made.units
     arguments.check_names("arguments", values, (*LAUNCH, "e_p0", "e_r0"))
     given = {name: value for name, value in values.items() if value is not None}
     integrator = {name: given.pop(name) for name in INTEGRATOR if name in given}
@@ -368,7 +368,7 @@ def launch_of(
 
 
 def rows_of(
-    scale: Scale | None, points: int | None = None, dt: Any = None, steps: bool = False,
+    scale: Units | None, points: int | None = None, dt: Any = None, steps: bool = False,
     times: Any = None, from_time: Any = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Return the arguments of a course that choose its rows, with times in ``sqrt(a/g)``."""

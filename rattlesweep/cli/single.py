@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rattlesweep.analysis.fit import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.physics.body import Rattleback
-    from rattlesweep.sweeps.bodies import Scale
+    from rattlesweep.physics.si import Units
 
 
 @command("One run", "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3",
@@ -40,12 +40,11 @@ def body(as_json: bool, **given: Any) -> None:
     in both systems, with g = 9.81 m/s^2.
     """
     from rattlesweep.analysis.derived import derived, make_body
-    from rattlesweep.api.arrays import number, scale_of
+    from rattlesweep.api.arrays import number
 
     made = make_body(pick(given, *options.BODY))
-    scale = scale_of(made.units)
     launch = options.SPIN_DEFAULTS | pick(given, *given)
-    numbers: dict[str, Any] = {name: number(name, x, scale) for name, x in launch.items()}
+    numbers: dict[str, Any] = {name: number(name, x, made.units) for name, x in launch.items()}
     values = derived(made, **numbers)
     if as_json:
         si = {q.name: dict(zip(("value", "unit"), q.in_si, strict=True)) for q in values if q.in_si}
@@ -164,7 +163,7 @@ def show(directory: Path | None, title: str | None, output: Path, quiet: bool, *
     return _say_outcome(course, quiet, scale, proof)
 
 
-def _prepared(given: dict[str, Any]) -> tuple[PreparedRun, Scale | None]:
+def _prepared(given: dict[str, Any]) -> tuple[PreparedRun, Units | None]:
     from rattlesweep.analysis.derived import make_body
     from rattlesweep.api.single import prepare_launch
 
@@ -174,7 +173,7 @@ def _prepared(given: dict[str, Any]) -> tuple[PreparedRun, Scale | None]:
 
 
 def _follow(
-    run: PreparedRun, scale: Scale | None, proof: str = "", *, channels: tuple[str, ...] | None,
+    run: PreparedRun, scale: Units | None, proof: str = "", *, channels: tuple[str, ...] | None,
     output: Path | None, figure: Path | None, quiet: bool, **given: Any,
 ) -> int:  # fmt: skip
     """Integrate a run, and write its files or print CSV; a figure has its own rows."""
@@ -193,13 +192,13 @@ def _follow(
     return _say_outcome(course, quiet, scale, proof)
 
 
-def _say_outcome(course: Course, quiet: bool, scale: Scale | None, proof: str) -> int:
+def _say_outcome(course: Course, quiet: bool, scale: Units | None, proof: str) -> int:
     """Print the reversals of a run, also in seconds if it has a size; return the exit code."""
     ended = course.follower
     if not quiet:
         text = f"{proof}\n".lstrip() + _times(course.reversals, "reversal")
         if scale is not None and course.reversals:
-            text += f" ({', '.join(f'{t * scale.second:.4g} s' for t in course.reversals[:8])})"
+            text += f" ({', '.join(f'{t * scale.time:.4g} s' for t in course.reversals[:8])})"
         if ended.zeros != course.reversals:
             text += f" ({_times(ended.zeros, 'zero crossing')})"
         say(f"{text}; {ended.n_steps} steps to t = {ended.t:g}")

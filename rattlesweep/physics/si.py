@@ -1,8 +1,8 @@
 """Bodies in SI units: from a measured inertia tensor, or as a half ellipsoid."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,29 +15,42 @@ MAX_TILT = 1e-3  # angle between the z axis and a principal axis, in radians, fo
 LIMITS = {"mass": (1e-9, 1e9, "kg"), "length": (1e-9, 1e6, "m"),
           "acceleration": (1e-6, 1e6, "m/s^2"), "angle": (-1.57, 1.57, "rad")}  # fmt: skip
 """Smallest and largest accepted value of each kind, so that products stay within doubles."""
+NATURAL = {"time": "sqrt(a/g)", "length": "a", "energy": "M g a",
+           "torque per spin": "M a^2 sqrt(g/a)"}  # fmt: skip
+"""Units of the body that kinds of quantities are measured in."""
 
 
 @dataclass(frozen=True)
 class Units:
-    """Units of a body: ``M`` in kg, ``a`` (height of the centre of mass) in m, ``g`` in m/s^2."""
+    """Units of a body: ``M`` in kg, ``a`` (height of the centre of mass) in m, ``g`` in m/s^2.
 
-    mass: float
-    length: float
-    gravity: float = GRAVITY
+    Each is a number, or an array with one for each of several bodies; a mass may be NaN, unknown.
+    """
+
+    mass: Any
+    length: Any
+    gravity: Any = GRAVITY
 
     @property
-    def time(self) -> float:
+    def time(self) -> Any:
         """Return ``sqrt(a/g)`` in s."""
-        return math.sqrt(self.length / self.gravity)
+        time = np.sqrt(self.length / self.gravity)
+        return time if np.ndim(time) else float(time)
+
+    def natural(self, value: float | Floats, kind: str) -> Floats:
+        """Return SI quantities of a kind (:data:`rattlesweep.units.KINDS`) in these units."""
+        if kind == "spin":
+            return np.asarray(value * self.time)
+        return np.asarray(value / self.sizes[NATURAL[kind]][0])
 
     @property
-    def sizes(self) -> dict[str, tuple[float, str]]:
+    def sizes(self) -> dict[str, tuple[Any, str]]:
         """Return the size of each unit that rattlesweep writes, and the SI unit of that size."""
         m, a, g, t = self.mass, self.length, self.gravity, self.time
         return {
             "sqrt(a/g)": (t, "s"), "sqrt(g/a)": (1 / t, "rad/s"), "a": (a, "m"),
             "M g": (m * g, "N"), "M g a": (m * g * a, "J"),
-            "M a^2 sqrt(g/a)": (m * a**2 / t, "N m s"),
+            "M a^2 sqrt(g/a)": (m * (a * a) / t, "N m s"),
         }  # fmt: skip
 
 

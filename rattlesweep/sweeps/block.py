@@ -107,9 +107,9 @@ def columns_of(
         columns |= _closed_form(launches)
     else:
         columns |= _measured(config, launches, batch, outcome)
-    if b.scale is not None:
-        columns["n_i_rpm"] = launches.n_i / b.scale.second * 30 / np.pi
-        columns["t_r_s"] = columns["t_r"] * b.scale.second
+    if b.units is not None:
+        columns["n_i_rpm"] = launches.n_i / b.units.time * 30 / np.pi
+        columns["t_r_s"] = columns["t_r"] * b.units.time
     ok, observed = columns["status"] == Status.OK, (columns["amp_growth"], columns["n_departure"])
     left = columns.get("energy_left")
     codes = classify(ok, columns["t_r"], *observed, config.classify, left)

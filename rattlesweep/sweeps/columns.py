@@ -5,8 +5,7 @@ a file has a checksum, which every reader here verifies.
 """
 
 import os
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -258,12 +257,17 @@ def encode(table: pa.Table, sink: Any) -> None:
     )  # fmt: skip
 
 
-@contextmanager
-def parquet_file(path: Path) -> Iterator[pq.ParquetFile]:
-    """Open a Parquet file whose pages are verified on reading; raise a DamagedError if not."""
+def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """Return the rows of a Parquet file, with its metadata.
+
+    Raise a DamagedError if its contents contradict their checksums, or an OutputError.
+    """
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            yield file
+            rows = file.read(None if columns is None else list(columns))
+            if len(rows) != file.metadata.num_rows:
+                raise pa.ArrowInvalid("its footer contradicts itself")
+            return rows
     except MemoryError:
         raise  # Arrow's own is also an ArrowException, but does not mean the file is damaged
     except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
@@ -271,12 +275,3 @@ def parquet_file(path: Path) -> Iterator[pq.ParquetFile]:
         if isinstance(error, OSError) and error.errno is not None:
             raise OutputError(f"cannot read {path}: {os.strerror(error.errno)}") from error
         raise DamagedError(f"{path} is damaged: {reason(error)}") from error
-
-
-def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """Return the rows of a Parquet file, with its metadata; errors as for :func:`parquet_file`."""
-    with parquet_file(path) as file:
-        rows = file.read(None if columns is None else list(columns))
-        if len(rows) != file.metadata.num_rows:
-            raise pa.ArrowInvalid("its footer contradicts itself")
-        return rows

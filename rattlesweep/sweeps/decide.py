@@ -19,6 +19,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.schema import GridSource, Stop
 from rattlesweep.sweeps.stored import FAILED, MISSING, Design, Found, Stored
 from rattlesweep.sweeps.types import TYPES, R, wilson
+from rattlesweep.units import Quantity
 
 FIRST_WAVE = 400  # samples of each case in the first wave of `stop`
 NEXT_WAVE = 0.1  # size of each later wave as a share of the samples so far
@@ -69,14 +70,12 @@ class Refining:
     """Start from every 2^levels-th value of a grid, and halve cells whose runs differ."""
 
     def __init__(self, design: Design) -> None:
-        config = design.config
-        bodies, spin, losses = config.bodies, config.spin, config.dissipation
+        config, bodies = design.config, design.config.bodies
         assert isinstance(bodies, GridSource) and bodies.refine is not None  # noqa: PT018
-        launches: dict[str, Sequence[float | None]] = {}
-        if spin is not None:
-            launches |= {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0}
-        if losses:
-            launches |= {name: losses.values(name) for name in ("sigma", "rolling")}
+        names = ["n_i", "omega_xy0"] if config.spin else []
+        names += ["sigma", "rolling"] if config.dissipation else []
+        held = {name: {getattr(case, name) for case in design.cases} for name in names}
+        launches = {name: _in_units_of_bodies(config.settings[name], held[name]) for name in names}
         self.shape = tuple(len(values) for values in (launches | bodies.varying).values())
         # The coarse grid has at least two steps along an axis, unless that has few values.
         most = 1 << bodies.refine.levels
@@ -89,7 +88,7 @@ class Refining:
         if by not in design.schema.names:
             raise ConfigError(f"bodies.refine.by: there is no column {by} in these runs")
         # A directory that has grown may number its cases in another order than the axes.
-        numbers = {tuple(getattr(case, k) for k in launches): case.index for case in design.cases}
+        numbers = {tuple(getattr(case, k) for k in names): case.index for case in design.cases}
         self._order = np.array([numbers[values] for values in product(*launches.values())])
 
     def grid(self, values: Array) -> Array:
@@ -179,6 +178,17 @@ def nearest(known: Flags, refined: Sequence[bool]) -> Integers:
     index = distance_transform_edt(~known, apart, return_distances=False, return_indices=True)
     some = known.any(axis=tuple(np.flatnonzero(refined)), keepdims=True)
     return np.where(some, index, np.indices(known.shape))
+
+
+def _in_units_of_bodies(
+    values: Sequence[float | None], held: set[float | None]
+) -> list[float | None]:
+    """Return values of a config, some of which have units, as the cases hold them."""
+    given = sorted(value for value in values if isinstance(value, Quantity))
+    others = held.difference(value for value in values if not isinstance(value, Quantity))
+    # Bodies of one size convert all by one factor, so the order stays.
+    natural = dict(zip(given, sorted(others, key=lambda x: x or 0.0), strict=True))
+    return [natural[value] if isinstance(value, Quantity) else value for value in values]
 
 
 def _ticks(length: int, stride: int) -> Integers:

@@ -61,8 +61,8 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
         b = replace(b, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
 
     def natural(value: float | Floats, kind: str) -> Floats:
-        assert b.scale is not None
-        return b.scale.natural(value, kind)
+        assert b.units is not None
+        return b.units.natural(value, kind)
 
     def value(name: str) -> Floats:
         """Return the values of a table, or those of the cases in units of each body."""

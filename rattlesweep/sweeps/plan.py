@@ -5,7 +5,7 @@ a case and has the key ``(case, sample)``; its row follows from config and key a
 """
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -89,7 +89,7 @@ def _with_losses(config: Config, own: Mapping[str, list[float | str]]) -> Config
     """Return the config with the dissipation of a table's columns."""
     given = config.dissipation
     for name in LOSSES:
-        values, column = given.values(name), f"column {name}"
+        values, column = config.settings[name], f"column {name}"
         if None in values and name not in own:
             raise ConfigError(f"dissipation.{name}: the table has no {column}; give a number")
         if len(values) > 1 and name in own:
@@ -103,20 +103,16 @@ def _with_losses(config: Config, own: Mapping[str, list[float | str]]) -> Config
 
 def _natural(config: Config, source: Source) -> dict[str, list[float | None]]:
     """Return spins and losses in units of the bodies, or in SI units where the bodies differ."""
-    spin, losses = config.spin, config.dissipation
-    values: dict[str, list[float | None]] = {name: losses.values(name) for name in LOSSES}
-    if spin is not None:
-        values |= {"n_i": list(spin.n_i), "omega_xy0": list(spin.omega_xy0)}
-    if not (given := config.in_si):
-        return values
+    if not config.in_si:
+        return config.settings
     count = source.samples if isinstance(source, TableBodies) else min(source.samples, 64)
-    scale = source.bodies(np.nan, np.arange(count)).scale
+    units = source.bodies(np.nan, np.arange(count)).units
 
     def convert(name: str, value: float | None) -> float | None:
         if not isinstance(value, Quantity):
             return value
         told = f"{KEYS[name]}: {value.text}"
-        natural = np.full(1, np.nan) if scale is None else scale.natural(value, value.kind)
+        natural = np.atleast_1d(np.nan if units is None else units.natural(value, value.kind))
         if np.isnan(natural).any():
             wanted = "give columns height_m and mass_kg, or a number in the bodies' own units"
             raise ConfigError(f"{told} needs the size of the bodies; {wanted}")
@@ -125,15 +121,15 @@ def _natural(config: Config, source: Source) -> dict[str, list[float | None]]:
             raise ConfigError(f"{told} {own}; {broken[1]}")
         return float(natural[0]) if natural.min() == natural.max() else None
 
-    for name, quantities in given.items():
-        listed: Sequence[float | None] = values.get(name, list(quantities))
-        values[name] = [convert(name, value) for value in listed]
-        if None in values[name]:
-            if len(quantities) < len(listed):
+    found = dict(config.settings)
+    for name, given in config.settings.items():
+        found[name] = [convert(name, value) for value in given]
+        if any(x is None and y is not None for x, y in zip(found[name], given, strict=True)):
+            if not all(isinstance(value, Quantity) for value in given):
                 told = "the sizes of the bodies differ, and some values have no unit"
                 raise ConfigError(f"{KEYS[name]}: {told}; give all of them with units, or none")
-            values[name] = list(listed)
-    return values
+            found[name] = given
+    return found
 
 
 def _check_launches(config: Config, is_state: bool, n_i: Floats, own_end: Floats) -> None:

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.arrays import Flags, Floats, Integers, take
+from rattlesweep.arrays import Flags
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
-from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.bodies.sources import SdBodies, bodies_at, ranges_of
 from rattlesweep.sweeps.bodies.table import KEPT, TableBodies, frame_bodies
 from rattlesweep.sweeps.columns import write_parquet
@@ -70,7 +69,7 @@ def check_physics(plan: Plan) -> list[str]:
     config, which = plan.config, f"the {plan.runs} runs"
     with config.locating(), np.errstate(all="ignore"):
         if isinstance(config.bodies, SdSource):
-            plan = replace(plan, source=DrawnBodies(config.bodies), samples=MOST_RUNS)
+            plan = replace(plan, source=_drawn_bodies(config.bodies), samples=MOST_RUNS)
             which = f"{min(plan.runs, MOST_RUNS)} runs drawn from the ranges"
         elif plan.runs > MOST_RUNS:
             which = f"{MOST_RUNS} of the {plan.runs} runs"
@@ -105,17 +104,12 @@ def _doubts(config: Config, launches: Launches, which: str) -> Iterator[str]:
         )
 
 
-class DrawnBodies:
-    """Random bodies drawn by NumPy, without targets, for which the sampler may take hours."""
-
-    samples, fields = MOST_RUNS, ()
-
-    def __init__(self, source: SdSource) -> None:
-        ranges, target = ranges_of(source), source.target
-        points = np.random.default_rng(SEED).random((len(ranges), BODIES_DRAWN))
-        self._bodies = b = bodies_at(points, ranges)
-        if target is None:
-            return
+def _drawn_bodies(source: SdSource) -> TableBodies:
+    """Return bodies drawn by NumPy, without targets, for which the sampler may take hours."""
+    ranges, target = ranges_of(source), source.target
+    points = np.random.default_rng(SEED).random((len(ranges), BODIES_DRAWN))
+    b = bodies_at(points, ranges)
+    if target is not None:
         *_, K_p, K_r = theory.torque_coefficients(b.alpha, b.beta, b.theta, b.phi, b.xi)
         found = K_p if target.name == "K_p" else K_r
         low, high = np.nanmin(found), np.nanmax(found)
@@ -126,7 +120,6 @@ class DrawnBodies:
                     f"bodies.target.{target.name}: {value:g} is out of reach: in {where} "
                     f"{target.name} lies between {low:.4g} and {high:.4g}"
                 )
-
-    def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
-        """Return the bodies of some runs."""
-        return take(self._bodies, sample)
+    return TableBodies(
+        {k: column for k, column in vars(b).items() if isinstance(column, np.ndarray)}
+    )

@@ -234,7 +234,7 @@ def test_bodies_of_a_known_size_are_shown_in_seconds_and_rpm(tmp_path):
     shown, runs = picture(tmp_path, "times", select=["n_i=0:9"]), sweep.runs
     figure = drawn(shown)
     (axes,) = figure.axes
-    assert (axes.get_xlabel(), figure.get_supylabel()) == ("$n_i$ (rpm)", "$t_r$ (s)")
+    assert (axes.get_xlabel(), figure.get_supylabel()) == ("$n_{i}$ (rpm)", "$t_{r}$ (s)")
     assert {x for line in axes.lines for x in line.get_xdata()} == {30, 60}
     means = runs[runs.n_i > 0].groupby("n_i_rpm").t_r_s.mean()
     assert shown.table()["t_r_s_mean"].tolist() == pytest.approx(means.tolist())

@@ -139,6 +139,20 @@ def test_the_summary_is_that_of_the_grid_and_not_of_its_boundaries(full, done):
     assert summary.runs.tolist() == runs.tolist()
 
 
+def test_spins_with_units_are_refined_like_plain_ones(tmp_path):
+    theta = {"linspace": [0.3, 0.6, 17]}
+    bodies = GRID | {"base": {"preset": "KL"}, "axes": {"theta": theta}, "refine": {"levels": 2}}
+    spin = {"n_i": ["-60 rpm", "20 rpm", -0.1, "-30 rpm"], "omega_xy0": ["5 rpm", 0.1]}
+    sweeping.sweep(tmp_path / "rpm", MAP | {"bodies": bodies, "spin": spin})
+    stored = open_stored(tmp_path / "rpm")
+    cases = stored.cases
+    spin = {"n_i": [case.n_i for case in cases[::2]], "omega_xy0": [c.omega_xy0 for c in cases[:2]]}
+    sweeping.sweep(tmp_path / "plain", MAP | {"bodies": bodies, "spin": spin})
+    plain = open_stored(tmp_path / "plain").read()
+    assert len(plain) < 8 * 17
+    assert same_bits(stored.read(plain.schema.names), plain)
+
+
 def test_refused_where_nothing_can_be_left_out_or_recorded():
     few = GRID | {"axes": {"theta": [0.6, 0.7, 0.8]}, "refine": {}}
     for bodies, spin, words in (

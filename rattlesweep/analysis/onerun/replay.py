@@ -15,7 +15,6 @@ from rattlesweep.analysis.onerun.course import PreparedRun
 from rattlesweep.arrays import take
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.physics.si import Units
-from rattlesweep.sweeps.bodies import Scale
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.plan import Plan, stored_plan
 from rattlesweep.sweeps.stored import Stored, keys_of, open_stored
@@ -67,9 +66,9 @@ class StoredRun:
         return plan, prepare(plan, *keys_of(self.row))
 
     @property
-    def scale(self) -> Scale | None:
+    def scale(self) -> Units | None:
         """The units of its body, None if its size is not known."""
-        return take(self._planned[1].bodies.scale, 0)  # type: ignore[arg-type]
+        return take(self._planned[1].bodies.units, 0)  # type: ignore[arg-type]
 
     def prepare(self, t_end: float | None = None) -> PreparedRun:
         """Return the run up to ``t_end`` or the sweep's horizon, with its own tolerance."""
@@ -80,9 +79,7 @@ class StoredRun:
             tolerance = {"accuracy": None, "tol": self.values["tol"]}
             own = config.integrator.model_copy(update=tolerance)
             config = config.model_copy(update={"integrator": own})
-        sizes = vars(self.scale).values() if self.scale else ()
-        units = Units(*(float(part) for part in sizes)) if sizes else None
-        return PreparedRun(config, launches, make_batch(launches, config.model), units)
+        return PreparedRun(config, launches, make_batch(launches, config.model), self.scale)
 
 
 def find_run(

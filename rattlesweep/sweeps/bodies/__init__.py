@@ -1,36 +1,13 @@
-"""Bodies of runs, their units, and the interface of sources of bodies."""
+"""Bodies of runs, and the interface of sources of bodies."""
 
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats, Integers
-
-
-@dataclass(frozen=True)
-class Scale:
-    """Units of bodies: mass ``M`` in kg (NaN if unknown), length ``a`` in m, gravity in m/s^2."""
-
-    mass: Floats
-    length: Floats
-    gravity: Floats
-
-    @property
-    def second(self) -> Floats:
-        """``sqrt(a/g)`` in seconds."""
-        return np.sqrt(self.length / self.gravity)
-
-    def natural(self, value: float | Floats, kind: str) -> Floats:
-        """Return SI quantities of a kind (:data:`rattlesweep.units.KINDS`) in the bodies' units."""
-        if kind == "spin":
-            return value * self.second
-        units = {"time": self.second, "length": self.length,
-                 "energy": self.mass * self.gravity * self.length,
-                 "torque per spin": self.mass * self.length**2 / self.second}  # fmt: skip
-        return np.asarray(value / units[kind])
+from rattlesweep.physics.si import Units
 
 
 @dataclass(frozen=True)
@@ -57,7 +34,7 @@ class Bodies:
     u: Floats | None = None
     sigma: Floats | None = None
     rolling: Floats | None = None
-    scale: Scale | None = None
+    units: Units | None = None
     carried: dict[str, NDArray[Any]] = field(default_factory=dict)
 
 

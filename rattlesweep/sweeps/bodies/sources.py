@@ -12,7 +12,6 @@ evenly than random ones; each is a function of the seed and its number.
 # mypy: disable-error-code="no-untyped-def"
 # Numba infers the types in compiled functions.
 import math
-from dataclasses import astuple
 from functools import lru_cache, partial
 from itertools import pairwise, product
 from pathlib import Path
@@ -31,7 +30,7 @@ from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.physics import body, si, theory
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
 from rattlesweep.physics.si import half_ellipsoid
-from rattlesweep.sweeps.bodies import Bodies, Scale, Source
+from rattlesweep.sweeps.bodies import Bodies, Source
 from rattlesweep.sweeps.bodies.table import TableBodies, read_bodies, run_fields
 from rattlesweep.sweeps.columns import MEASURED
 from rattlesweep.sweeps.config.schema import Config, SdSource, ShapeSource, Target
@@ -106,10 +105,7 @@ class GridBodies:
         columns = {name: np.full(sample.shape, value) for name, value in values.items()}
         if "alpha" not in columns:
             columns["alpha"], columns["beta"] = shell_dumbbell(columns["gamma"], columns["f_sd"])
-        scale = None
-        if self._units is not None:
-            scale = Scale(*(np.full(sample.shape, x) for x in astuple(self._units)))
-        return Bodies(**columns, scale=scale)  # type: ignore[arg-type]
+        return Bodies(**columns, units=self._units)  # type: ignore[arg-type]
 
 
 class ShapeBodies:
@@ -123,7 +119,7 @@ class ShapeBodies:
         sizes = dict(zip(source.sizes, np.array(list(product(*self._ranges))).T, strict=True))
         corners = self._shaped(sizes)
         _check(corners, "bodies", sizes)
-        self.fields = run_fields(corners.scale, corners.carried)
+        self.fields = run_fields(corners.units, corners.carried)
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some samples, which are the same in all cases."""
@@ -137,10 +133,9 @@ class ShapeBodies:
         """Return bodies of some sizes; those that are drawn become columns of the runs."""
         found = half_ellipsoid(**sizes, **self._source.fixed)
         mass, a = found.pop("mass"), found.pop("height")
-        scale = Scale(mass, a, np.full(mass.shape, si.GRAVITY))
-        kept = {"mass_kg": mass, "height_m": a}
+        units, kept = si.Units(mass, a), {"mass_kg": mass, "height_m": a}
         kept |= {f"shape_{name}_{SIZES[name]}": sizes[name] for name in self._source.drawn}
-        return Bodies(**found, f_sd=np.full(mass.shape, np.nan), scale=scale, carried=kept)
+        return Bodies(**found, f_sd=np.full(mass.shape, np.nan), units=units, carried=kept)
 
 
 class SdBodies:

@@ -28,8 +28,9 @@ from rattlesweep.arrays import Flags, Floats, Integers, take
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics import si
 from rattlesweep.physics.body import PARAMETERS, violations
+from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import spin_and_oscillation
-from rattlesweep.sweeps.bodies import Bodies, Scale
+from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT, field
 from rattlesweep.sweeps.config import schema
 from rattlesweep.sweeps.config.schema import TABLE, TableSource
@@ -89,13 +90,13 @@ class TableBodies:
     """Bodies from the rows of a table."""
 
     columns: dict[str, Floats]  # the parameters, and perhaps others of `COLUMNS`
-    scale: Scale | None = None
+    units: Units | None = None
     carried: dict[str, NDArray[Any]] = default(default_factory=dict)
 
     @property
     def fields(self) -> tuple[pa.Field, ...]:
         """Columns that the bodies add to the runs."""
-        return run_fields(self.scale, self.carried)
+        return run_fields(self.units, self.carried)
 
     @property
     def samples(self) -> int:
@@ -129,7 +130,7 @@ class TableBodies:
         columns.setdefault("f_sd", np.full(len(sample), np.nan))
         for name, parts in (("omega", OMEGA), ("u", U)) if "u_x" in columns else ():
             columns[name] = np.stack([columns.pop(part) for part in parts], axis=1)
-        return Bodies(**columns, scale=take(self.scale, sample), carried=take(self.carried, sample))
+        return Bodies(**columns, units=take(self.units, sample), carried=take(self.carried, sample))
 
     def with_surface(self, source: TableSource) -> TableBodies:
         """Return these bodies with the surface that a config gives them."""
@@ -143,14 +144,14 @@ class TableBodies:
             if np.isnan(columns["c"]).all():
                 raise ConfigError("bodies.c: the key is missing, and the table has no column c")
             _refuse("bodies", violations(**{name: columns[name] for name in (*PARAMETERS, "c")}))
-        return TableBodies(columns, self.scale, self.carried)
+        return TableBodies(columns, self.units, self.carried)
 
 
-def run_fields(scale: Scale | None, carried: Mapping[str, NDArray[Any]]) -> tuple[pa.Field, ...]:
+def run_fields(units: Units | None, carried: Mapping[str, NDArray[Any]]) -> tuple[pa.Field, ...]:
     """Return the columns of runs for carried values, and those of bodies of a known size."""
     kinds = {"i": I64, "f": F64, "O": TEXT}
     own = (field(name, kinds[x.dtype.kind], *about(name)) for name, x in carried.items())
-    return (*own, *(MEASURED if scale else ()))
+    return (*own, *(MEASURED if units else ()))
 
 
 def about(name: str) -> tuple[str, str]:
@@ -220,7 +221,7 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
             shown = "empty" if cell is None else repr(str(cell)[:40])
             problems.append((row, f"{name} is {shown}; a finite number is needed"))
     _refuse(where, [*problems, *_out_of_bounds(columns)])
-    scale = _without_units(columns, where)
+    units = _without_units(columns, where)
     _require(PARAMETERS, columns, where, f"a body has {' '.join(PARAMETERS)}")
     if state := columns.keys() & {*OMEGA, *U}:
         _require((*OMEGA, *U), columns, where, f"a full state has {' '.join((*OMEGA, *U))}")
@@ -236,7 +237,7 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
     columns = {name: columns[name] for name in COLUMNS if name in columns}
     if state:
         columns |= launched_from(columns, where)
-    return TableBodies(columns, scale, carried)
+    return TableBodies(columns, units, carried)
 
 
 def _numbers(column: pa.ChunkedArray) -> Floats:
@@ -261,14 +262,14 @@ def _own(name: str, column: pa.ChunkedArray) -> NDArray[Any]:
     return np.array([x if x is None else str(x) for x in column.to_pylist()], dtype=object)
 
 
-def _without_units(columns: dict[str, Floats], where: str) -> Scale | None:
+def _without_units(columns: dict[str, Floats], where: str) -> Units | None:
     """Add the columns that those with units determine; return the bodies' units if known."""
     made: dict[str, Floats] = {}
-    scale = None
+    units: Units | None = None
     rows = max(map(len, columns.values()), default=0)
     full = {name: np.full(rows, x) for name, x in BODY_DEFAULTS.items()} | columns
     if "height_m" in columns:
-        scale = Scale(full["mass_kg"], full["height_m"], full["gravity_m_s2"])
+        units = Units(full["mass_kg"], full["height_m"], full["gravity_m_s2"])
     if columns.keys() & {*SI_BODY[2:], "ixy_kg_m2", "axes_angle_deg"}:
         _require(SI_BODY, columns, where, f"a body in SI units has {' '.join(SI_BODY)}")
         tensor = np.stack([full[f"i{x}_kg_m2"] for x in ("xx", "yy", "zz", "xy")], axis=1)
@@ -280,13 +281,13 @@ def _without_units(columns: dict[str, Floats], where: str) -> Scale | None:
             sizes = {"": (), "torque per spin": ("mass_kg", "height_m")}.get(kind, ("height_m",))
             _require(sizes, columns, where, f"{name} needs it")
             value = columns[name] * size
-            made[plain] = value = scale.natural(value, kind) if scale and kind else value
+            made[plain] = value = units.natural(value, kind) if units and kind else value
             # The runs of a sweep have both n_i and n_i_rpm.
             if plain in columns and not (kind and np.allclose(columns[plain], value, 1e-9, 0.0)):
                 raise ConfigError(f"{where}: {plain} and {name} are one quantity; keep one")
     # Columns without units take precedence, so that the runs of a sweep are repeated exactly.
     columns |= made | columns
-    return scale
+    return units
 
 
 def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:

@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import chain
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
@@ -419,10 +420,6 @@ class Dissipation(Base):
     sigma: several(Torque) = key([0.0], "Torque / -omega, in M a^2 sqrt(g/a) or with a unit.")
     rolling: several(Lever) = key([0.0], "Moment / normal force, in a or with a unit.")
 
-    def values(self, name: str) -> list[float | None]:
-        """Return the values of `sigma` or `rolling` in order; None for those of a table."""
-        return [None if value == TABLE else value for value in getattr(self, name)]
-
     @property
     def kind(self) -> Literal["", "viscous", "rolling"]:
         """Dissipation of some run: none, by sigma alone, or with rolling resistance."""
@@ -563,13 +560,17 @@ class Config(Base):
         return [*self.record, *(name for name, there in others.items() if there)]
 
     @property
-    def in_si(self) -> dict[str, list[Quantity]]:
-        """Values given with units, by the names of the columns that they set."""
-        given = {"n_i": self.spin.n_i, "omega_xy0": self.spin.omega_xy0} if self.spin else {}
-        given |= {name: self.dissipation.values(name) for name in Dissipation.model_fields}
-        given["t_end"] = [self.horizon.t]
-        found = ((k, [x for x in v if isinstance(x, Quantity)]) for k, v in given.items())
-        return {name: values for name, values in found if values}
+    def settings(self) -> dict[str, list[float | None]]:
+        """Values by the column that they set, as `Quantity` if with units; None for a table's."""
+        spin, losses = self.spin, self.dissipation
+        given = {} if spin is None else {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0}
+        given |= {"sigma": losses.sigma, "rolling": losses.rolling, "t_end": [self.horizon.t]}
+        return {k: [None if x == TABLE else x for x in values] for k, values in given.items()}
+
+    @property
+    def in_si(self) -> bool:
+        """Whether some of these have units, so that they depend on the size of the bodies."""
+        return any(isinstance(value, Quantity) for value in chain(*self.settings.values()))
 
     @property
     def directory(self) -> str:
