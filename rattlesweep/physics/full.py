@@ -78,16 +78,35 @@ def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):
 
 
 @scalar
-def acceleration(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz):
-    """Return ``domega/dt`` (Eq. 11 with a further torque ``(lx, ly, lz)``), and the inverse used.
+def solve(x, y, z, ix, iy, iz, tx, ty, tz, normal):
+    """Return ``J^-1 T`` with the matrix ``J`` on the left side of Eq. 11, and the inverse used.
 
-    The bracket of Eq. 11 is ``omega x w``.  The matrix on its left side is ``J = D - r r^T`` with
-    ``D = I + r^2``; by the formula of Sherman and Morrison ``J^-1 T = D^-1 (T + r s)`` with
-    ``s = r.D^-1 T / (1 - r.D^-1 r)``.  For a long ``r`` numerator and denominator of ``s`` cancel,
-    so they are written with ``1 - r^2/d = I/d`` and the gyroscopic torque ``(gx, gy, gz)``.
+    ``J = D - r r^T`` with ``D = I + r^2``; by the formula of Sherman and Morrison
+    ``J^-1 T = D^-1 (T + r s)`` with ``s = r.D^-1 T / (1 - r.D^-1 r)``.  For a long ``r`` numerator
+    and denominator of ``s`` cancel, so they are written with ``1 - r^2/d = I/d`` and the product
+    ``normal`` of ``r`` and the part of ``T`` that is not normal to it.
 
     The second value ``(dyz, dzx, dxy, along, ivol)`` solves for another torque ``h``:
     ``s = along (x dyz h_x + y dzx h_y + z dxy h_z)`` and ``D^-1 = ivol diag(dyz, dzx, dxy)``.
+    """
+    r2 = x * x + y * y + z * z
+    dx, dy, dz = ix + r2, iy + r2, iz + r2
+    dyz, dzx, dxy = dy * dz, dz * dx, dx * dy
+    vol = dx * dyz
+    sx, sy, sz = ix * x * dyz, iy * y * dzx, iz * z * dxy
+    det = sx * x + sy * y + sz * z
+    inv = 1.0 / (det * vol)
+    s = (normal * vol - (sx * tx + sy * ty + sz * tz)) * vol * inv
+    ivol = det * inv
+    rates = (tx + x * s) * dyz * ivol, (ty + y * s) * dzx * ivol, (tz + z * s) * dxy * ivol
+    return rates, (dyz, dzx, dxy, r2 * vol * inv, ivol)
+
+
+@scalar
+def acceleration(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz):
+    """Return ``domega/dt`` (Eq. 11 with a further torque ``(lx, ly, lz)``), and the inverse used.
+
+    The bracket of Eq. 11 is ``omega x w``.
     """
     x, y, z = p + fx, q + fy, 1.0 - rise
     twist = fx * q - fy * p
@@ -97,17 +116,7 @@ def acceleration(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz
     tx = gx + (y * kz - z * ky) + uz * (fy + q * rise)
     ty = gy + (z * kx - x * kz) - uz * (fx + p * rise)
     tz = gz + (x * ky - y * kx) + uz * twist
-    r2 = x * x + y * y + z * z
-    dx, dy, dz = ix + r2, iy + r2, iz + r2
-    dyz, dzx, dxy = dy * dz, dz * dx, dx * dy
-    vol = dx * dyz
-    sx, sy, sz = ix * x * dyz, iy * y * dzx, iz * z * dxy
-    det = sx * x + sy * y + sz * z
-    inv = 1.0 / (det * vol)
-    s = ((x * gx + y * gy + z * gz) * vol - (sx * tx + sy * ty + sz * tz)) * vol * inv
-    ivol = det * inv
-    rates = (tx + x * s) * dyz * ivol, (ty + y * s) * dzx * ivol, (tz + z * s) * dxy * ivol
-    return rates, (dyz, dzx, dxy, r2 * vol * inv, ivol)
+    return solve(x, y, z, ix, iy, iz, tx, ty, tz, x * gx + y * gy + z * gz)
 
 
 @scalar

@@ -187,8 +187,8 @@ def triple(u, r, v):
 
 
 @scalar
-def solve(r, h, solved):
-    """Return ``J^-1 h``, where ``solved`` is the second value of `full.acceleration`."""
+def solve_again(r, h, solved):
+    """Return ``J^-1 h``, where ``solved`` is the second value of `full.solve`."""
     (x, y, z), (hx, hy, hz), (dyz, dzx, dxy, along, ivol) = r, h, solved
     s = (x * dyz * hx + y * dzx * hy + z * dxy * hz) * along
     return (hx + x * s) * dyz * ivol, (hy + y * s) * dzx * ivol, (hz + z * s) * dxy * ivol
@@ -204,7 +204,7 @@ def resistance(u, omega, r, normal, lever, eps, solved):
     """
     h = horizontal(u, omega)
     square = dot(h, h)
-    j = jx, jy, jz = solve(r, h, solved)
+    j = jx, jy, jz = solve_again(r, h, solved)
     # lever F_n over the smoothed |h|, by one division.
     share = lever * normal / (sqrt(square + eps * eps) + lever * triple(u, r, j))
     # There is no resistance where the plane would have to pull.

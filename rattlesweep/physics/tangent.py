@@ -8,7 +8,7 @@ energy.  So only the transverse part is measured, which lies in that surface and
 # mypy: disable-error-code="no-untyped-def"
 from math import sqrt
 
-from rattlesweep.physics.full import oscillation, paraboloid, scalar
+from rattlesweep.physics.full import oscillation, paraboloid, scalar, solve
 
 
 @scalar
@@ -58,19 +58,8 @@ def rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx,
         x * gx1 + y * gy1 + z * gz1
         + x1 * (gx - ix * da) + y1 * (gy - iy * db) - rise1 * (gz - iz * dc)
     )  # fmt: skip
-    r2 = x * x + y * y + z * z
-    dx, dy, dz = ix + r2, iy + r2, iz + r2
-    dyz, dzx, dxy = dy * dz, dz * dx, dx * dy
-    vol = dx * dyz
-    sx, sy, sz = ix * x * dyz, iy * y * dzx, iz * z * dxy
-    det = sx * x + sy * y + sz * z
-    inv = 1.0 / (det * vol)
-    s = (normal * vol - (sx * tx + sy * ty + sz * tz)) * vol * inv
-    ivol = det * inv
-    da1 = (tx + x * s) * dyz * ivol
-    db1 = (ty + y * s) * dzx * ivol
-    dc1 = (tz + z * s) * dxy * ivol
-    return dp1, dq1, da1, db1, dc1
+    rates, _ = solve(x, y, z, ix, iy, iz, tx, ty, tz, normal)
+    return (dp1, dq1) + rates  # noqa: RUF005
 
 
 @scalar
