@@ -55,7 +55,9 @@ class Rattleback:
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.compare}
         for name, value in values.items():
             if not isinstance(value, Real) and (name, value) != ("c", None):
-                raise ValueError(f"{name}: {str(value)[:40]} ({type(value).__name__}) is no number")
+                raise ValueError(
+                    f"{name}: {str(value)[:40]} ({type(value).__name__}) is not a number"
+                )
         for _, sentence in violations(**values):
             raise ValueError(sentence)
 
@@ -67,7 +69,7 @@ class Rattleback:
     @classmethod
     def kl(cls) -> Rattleback:
         """Return the ellipsoid of Kane and Levinson (1982): semi-axes 20, 3, 2 cm; 1 kg."""
-        # Inertia in M a^2 along the axes of the surface, and its product.
+        # Moments of inertia about the long and the short axis of the surface, and their product.
         along, across, product = 2.0, 16.0, -0.2
         mean, half = (across + along) / 2, math.hypot((across - along) / 2, product)
         alpha, beta, gamma = mean + half + 1, mean - half + 1, 17.0
@@ -134,7 +136,7 @@ class Rattleback:
             raise ValueError(f"radii: {min(lengths):g} m is not above the height {a:g} m")
         tensor = np.array(si.components(inertia))
         angle = si.number(axes_angle, "angle", "axes_angle")
-        if z_up:  # seen from the other side
+        if z_up:  # a downward z axis reverses the sense of angles
             tensor[3], angle = -tensor[3], -angle
         values = {k: float(v) for k, v in si.parameters(m, tensor, a, lengths, angle).items()}
         semi_axis = None if c is None else si.number(c, "length", "c") / a

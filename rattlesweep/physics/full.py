@@ -63,8 +63,8 @@ def slope_rate(p, q, a, b, c):
 def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):
     """Return the contact of the paraboloid (Eqs. 4 and 8): ``fx, fy, rise, wx, wy, wz, u_z``.
 
-    The contact point is ``r = (p + fx, q + fy, 1 - rise)``, and ``w = r x omega - dr/dt``, from
-    which the terms that cancel between the two are removed by hand.
+    The contact point is ``r = (p + fx, q + fy, 1 - rise)``.  In ``w = r x omega - dr/dt`` the terms
+    that cancel are left out.
     """
     fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
     x, y = p + fx, q + fy
@@ -148,7 +148,7 @@ def oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy):
 
 @scalar
 def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return the energy in ``M g a``, zero upright at rest, where the potential loses no digits."""
+    """Return the energy in ``M g a``, zero upright at rest; the potential loses no digits there."""
     fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
     x, y = p + fx, q + fy
     z = 1.0 - 0.5 * (x * p + y * q)
@@ -178,7 +178,7 @@ def force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz):
 
 @scalar
 def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return the normal and the tangential contact force; see :func:`force`."""
+    """Return the normal and the tangential contact force in ``M g``; see :func:`force`."""
     dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
     x, y = p + cxx * p + cxy * q, q + cxy * p + cyy * q
     z = 1.0 - 0.5 * (x * p + y * q)
@@ -194,8 +194,8 @@ def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
 def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):
     """Return the rates of the heading and of the contact point's co-ordinates on the plane.
 
-    With the x axis ``e`` the heading changes by the vertical part of ``e x (omega x e)`` over
-    ``1 - (e . u)^2``; the contact point moves by ``dr/dt + v`` with ``v`` of Eq. 3.
+    With the x axis ``e``, the rate of the heading is the vertical part of ``e x (omega x e)`` over
+    ``1 - (e . u)^2``.  The contact point has the velocity ``dr/dt + v`` with ``v`` of Eq. 3.
     """
     uy = q * uz
     square = uy * uy + uz * uz

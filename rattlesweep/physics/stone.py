@@ -57,7 +57,7 @@ def ellipsoid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise):
 
 @scalar
 def shape_at(p, q, cxx, cxy, cyy, k):
-    """Return ``e`` and ``rise`` of an ellipsoid."""
+    """Return ``e`` and ``rise = (1 - e) / k`` of an ellipsoid."""
     s = (p + (cxx * p + cxy * q)) * p + (q + (cxy * p + cyy * q)) * q
     rho = sqrt(1.0 + k * s)
     # Two independent divisions have a lower latency than one division and a product.
@@ -104,7 +104,7 @@ def rise_rate(p, q, dp, dq, cxx, cxy, cyy, k, rise):
 
 @scalar
 def carried_ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):
-    """Do as :func:`ellipsoid`, without a root: ``k`` is ``1/c`` and the ``rise`` carried along."""
+    """Do as :func:`ellipsoid`, without a root: ``k`` is ``1/c`` and an approximate ``rise``."""
     inverse, near = k
     e, rise = corrected_rise(p, q, cxx, cxy, cyy, inverse, near)
     return ellipsoid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, inverse, e, rise)
@@ -136,7 +136,7 @@ def force_at(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz):
 
 @scalar
 def surface_force(surface, p, q, a, b, c, dp, dq, da, db, dc, cxx, cxy, cyy, k):
-    """Return the contact force in a state whose derivative is known; see `full.contact_force`."""
+    """Return the contact force in a state whose derivative is given; see `full.contact_force`."""
     m = p * b - q * a
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
     x, y, z = p + fx, q + fy, 1.0 - rise

@@ -2,7 +2,7 @@
 
 The norm of a tangent is an energy (:func:`square`).  In two directions a difference neither grows
 nor decays exponentially: along the flow, where it is a delay, and across the surface of constant
-energy.  So only the transverse part is measured, which lies in that surface and normal to the flow.
+energy.  So only the transverse part is measured: it lies in that surface, normal to the flow.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -116,6 +116,6 @@ def transverse(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz
 
 @scalar
 def seed(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return a tangent along no mode: equal energies in the components of slope and rate."""
+    """Return a tangent that favours no mode: its slopes and rates have equal energies."""
     p, q = 1.0 / sqrt(1.0 + cxx), 1.0 / sqrt(1.0 + cyy)
     return p, q, 1.0 / sqrt(ix + 1.0), 1.0 / sqrt(iy + 1.0), 0.0

@@ -117,7 +117,7 @@ def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
 
 @scalar
 def contact_force(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-    """Return the contact force; see :func:`rattlesweep.physics.full.contact_force`."""
+    """Return the contact force in ``M g``; see :func:`rattlesweep.physics.full.force`."""
     f = rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps)
     u, omega = unit(vx, vy, vz), (a, b, c)
     r, rho = contact(*u, cxx, cxy, cyy, k)
