@@ -78,13 +78,13 @@ def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):
 
 
 @scalar
-def solve(x, y, z, ix, iy, iz, tx, ty, tz, normal):
+def solve(x, y, z, ix, iy, iz, tx, ty, tz, product):
     """Return ``J^-1 T`` with the matrix ``J`` on the left side of Eq. 11, and the inverse used.
 
     ``J = D - r r^T`` with ``D = I + r^2``; by the formula of Sherman and Morrison
     ``J^-1 T = D^-1 (T + r s)`` with ``s = r.D^-1 T / (1 - r.D^-1 r)``.  For a long ``r`` numerator
-    and denominator of ``s`` cancel, so they are written with ``1 - r^2/d = I/d`` and the product
-    ``normal`` of ``r`` and the part of ``T`` that is not normal to it.
+    and denominator of ``s`` cancel, so they are written with ``1 - r^2/d = I/d`` and with the
+    ``product`` ``r.T``, which callers compute without the parts of ``T`` normal to ``r``.
 
     The second value ``(dyz, dzx, dxy, along, ivol)`` solves for another torque ``h``:
     ``s = along (x dyz h_x + y dzx h_y + z dxy h_z)`` and ``D^-1 = ivol diag(dyz, dzx, dxy)``.
@@ -96,7 +96,7 @@ def solve(x, y, z, ix, iy, iz, tx, ty, tz, normal):
     sx, sy, sz = ix * x * dyz, iy * y * dzx, iz * z * dxy
     det = sx * x + sy * y + sz * z
     inv = 1.0 / (det * vol)
-    s = (normal * vol - (sx * tx + sy * ty + sz * tz)) * vol * inv
+    s = (product * vol - (sx * tx + sy * ty + sz * tz)) * vol * inv
     ivol = det * inv
     rates = (tx + x * s) * dyz * ivol, (ty + y * s) * dzx * ivol, (tz + z * s) * dxy * ivol
     return rates, (dyz, dzx, dxy, r2 * vol * inv, ivol)

@@ -221,10 +221,7 @@ def rolling_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigm
     rates, solved = acceleration(
         p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz
     )
-    da, db, dc = rates
-    ux, uy = p * uz, q * uz
-    x, y, z = p + fx, q + fy, 1.0 - rise
-    normal, _ = force_at(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz)
-    u, omega, r = (ux, uy, uz), (a, b, c), (x, y, z)
-    ra, rb, rc, loss = resistance(u, omega, r, normal, lever, eps, solved)
+    u, omega, r = (p * uz, q * uz, uz), (a, b, c), (p + fx, q + fy, 1.0 - rise)
+    normal, _ = force_at(*u, *omega, *rates, *r, wx, wy, wz)
+    (da, db, dc), (ra, rb, rc, loss) = rates, resistance(u, omega, r, normal, lever, eps, solved)
     return dp, dq, da - ra, db - rb, dc - rc, lx * a + ly * b + lz * c - loss

@@ -54,11 +54,11 @@ def rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx,
     tx += x1 * along + x * along1 - longer * da
     ty += y1 * along + y * along1 - longer * db
     tz += z * along1 - rise1 * along - longer * dc
-    normal = (
+    product = (
         x * gx1 + y * gy1 + z * gz1
         + x1 * (gx - ix * da) + y1 * (gy - iy * db) - rise1 * (gz - iz * dc)
     )  # fmt: skip
-    rates, _ = solve(x, y, z, ix, iy, iz, tx, ty, tz, normal)
+    rates, _ = solve(x, y, z, ix, iy, iz, tx, ty, tz, product)
     return (dp1, dq1) + rates  # noqa: RUF005
 
 

@@ -245,7 +245,7 @@ class Problem:
 
 
 class ProblemType(types.Type):
-    """Numba's type of a problem; types are stored on disk, so it holds the problem's name only."""
+    """Numba's type of a problem, which it knows by name, since types are stored on disk."""
 
     def __init__(self, problem: str) -> None:
         self.problem = problem
