@@ -180,9 +180,9 @@ class Batch:
     # four times, ... this time.
     first_mark: Floats
     scale: Floats  # modulus of the spin at launch, or of the spin that would hold all the energy
-    tapped: Flags  # launched without spin: zeros count once it has passed PLATEAU_SHARE of scale
-    # Square of the oscillation (as in Model.error) below which it only decays: a run ends when it
-    # is below after two windows without growth.  0 means never.
+    tapped: Flags  # launched without spin: zeros count once |n| has exceeded PLATEAU_SHARE of scale
+    # Square of the oscillation (as in Model.error) below which it only decays: a run ends if it is
+    # below after two windows without growth.  0 means that no run ends so.
     settled: Floats = field(default_factory=lambda: np.zeros(0))
     # Share of the energy at launch below which a zero of the spin, with friction, is no reversal.
     dead: Floats = field(default_factory=lambda: np.zeros(0))

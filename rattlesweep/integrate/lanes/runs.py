@@ -99,7 +99,7 @@ def close_window(lane, run, windows, record):
 
 @njit(**INNER)
 def pass_marks(lane, t, run, windows, record):
-    """Do the comparisons and close the windows that are due by time ``t``."""
+    """Make the comparisons and close the windows that are due by time ``t``."""
     include_end(lane)
     while t >= lane.next:
         if lane.mark < lane.window_end:
