@@ -1,11 +1,11 @@
-"""Batches of runs: load a kernel, start its threads, and return what it found."""
+"""Batches of runs: load a kernel, run it in threads, and return the results."""
 
 import os
 import threading
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numba
@@ -30,7 +30,7 @@ MAX_DAMPING = 0.1  # largest change of the amplitude's logarithm that a fixed st
 # A reversal takes the spin from beyond this share of `Batch.scale` to beyond it on the other side.
 # If the spin has plateaus, any share from 0.05 to 0.5 counts the same reversals.
 PLATEAU_SHARE = 0.25
-# Records by flags of every kernel; all records, of which the last needs a model with a tangent.
+# Observations that every kernel can record; and all of them, as only a tangent yields the last.
 WATCHED = ("energy", "contact", "windows", "reversals", "volume")
 RECORDS = (*WATCHED, "lyapunov")
 
@@ -45,16 +45,16 @@ def problem_of(model: Model | None, adaptive: bool, width: int = LANES) -> Probl
 
 
 def workspace(tableau: Tableau, model: Model, threads: int) -> Floats:
-    """Return a workspace for each thread: a row of zeros, on cache lines of its own."""
+    """Return workspaces, shape (threads, size): rows of zeros that share no cache line."""
     size = -(-Layout(model).rows(tableau, model) * LANES // 16) * 16
     flat = np.zeros(threads * size + 8)
     shift = (-flat.ctypes.data // 8) % 8
     found = flat[shift : shift + threads * size].reshape(threads, size)
-    # Where nothing is compiled, lanes reshape the workspace, which must hold whole rows.
+    # Without compilation, lanes reshape the workspace, so its size must be a multiple of LANES.
     return found[:, : size // LANES * LANES] if config.DISABLE_JIT else found
 
 
-# Empty arguments from which recipes take types: a workspace, a table, addresses, shared arrays.
+# Arguments whose types a kernel is compiled for: a workspace, a table, addresses, shared arrays.
 FLAT, TABLE, NO_PARTS = np.zeros(0), np.zeros((0, 1)), np.zeros(lanes.PARTS, dtype=np.int64)
 WHOLE = np.zeros(0, dtype=np.int64)
 RUNS = TABLE, TABLE, TABLE, TABLE, FLAT, np.zeros(1, dtype=np.bool_)
@@ -86,32 +86,37 @@ def drive() -> Kernel:
     return Kernel(lanes.drive, (0, NO_PARTS, 1, TABLE, SHARED), options)
 
 
-def kernel(tableau_name: str, model_name: str, *extra: str) -> Callable[..., None]:
-    """Return a kernel, which takes the number of threads, their workspaces and the shared arrays.
+def kernel(
+    tableau_name: str, model_name: str, record: Collection[str] = ()
+) -> Callable[[int, tuple[Any, ...]], None]:
+    """Return a kernel for a record, which takes the number of threads and the shared arrays.
 
-    With ``"volume"`` in `extra`, steps also integrate the rate of phase volume.  If threads cannot
-    be started (:func:`parallel`), their work is done one after another.
+    If threads cannot be started (:func:`parallel`), the work of all is done in this one.
     """
-    adaptive = METHODS[tableau_name].adaptive
+    tableau, model = METHODS[tableau_name], find_model(model_name)
+    model = TANGENT if "lyapunov" in record else model
+    # Steps integrate the rate of phase volume as well if it is recorded.
+    extra = ("volume",) if "volume" in record else ()
     wanted: list[tuple[Any, ...]] = [
-        (work, model_name, adaptive),
-        (attempt, tableau_name, model_name, *extra),
-        (decide_closely, adaptive),
+        (work, model.name, tableau.adaptive),
+        (attempt, tableau_name, model.name, *extra),
+        (decide_closely, tableau.adaptive),
+        *([(drive,)] if parallel() else []),
     ]
-    if parallel():
-        do, *others, start = load_kernels(*wanted, (drive,))
-        return partial(start, addresses_of(do)[0], addresses_of(*others))
-    do, *others = load_kernels(*wanted)
-    problem, addresses = problem_of(find_model(model_name), adaptive), addresses_of(*others)
+    do, one, closely, *drivers = load_kernels(*wanted)
+    address, parts = addresses_of(do)[0], addresses_of(one, closely)
 
-    def alone(threads: int, w: Floats, shared: tuple[Any, ...]) -> None:
-        for thread in range(threads):
-            do(problem, thread, addresses, w[thread], *shared)
+    def call(threads: int, shared: tuple[Any, ...]) -> None:
+        w = workspace(tableau, model, threads)
+        for start in drivers:
+            start(address, parts, threads, w, shared)
+        for thread in range(0 if drivers else threads):
+            do(problem_of(model, tableau.adaptive), thread, parts, w[thread], *shared)
 
-    return alone
+    return call
 
 
-# Whether this process was forked after GNU OpenMP had started threads, which cannot start again.
+# Whether GNU OpenMP had started threads when this process was forked; it cannot start any here.
 _forked = False
 # Numba's layer "workqueue" ends a process in which two threads start a kernel at once.
 _workqueue = threading.Lock()
@@ -171,12 +176,13 @@ class Batch:
     relevant: Floats  # angular frequency of the relevant oscillation, or 0
     rate: Floats  # bound of the spin's rate in the first steps
     window: Floats  # length of the windows whose amplitudes are compared
-    # Time of the first comparison, repeated at twice, four times this time in the first window.
+    # Time of the first comparison of amplitudes; in the first window, the next ones are at twice,
+    # four times, ... this time.
     first_mark: Floats
     scale: Floats  # modulus of the spin at launch, or of the spin that would hold all the energy
-    tapped: Flags  # launched without spin: zeros count once it has passed PLATEAU_SHARE of scale
-    # Square of the oscillation (as in Model.error) below which it only decays: a run ends when it
-    # is below after two windows without growth.  0 means never.
+    tapped: Flags  # launched without spin: zeros count once |n| has exceeded PLATEAU_SHARE of scale
+    # Square of the oscillation (as in Model.error) below which it only decays: a run ends if it is
+    # below after two windows without growth.  0 means that no run ends so.
     settled: Floats = field(default_factory=lambda: np.zeros(0))
     # Share of the energy at launch below which a zero of the spin, with friction, is no reversal.
     dead: Floats = field(default_factory=lambda: np.zeros(0))
@@ -190,14 +196,14 @@ class Batch:
 class Outcome:
     """Results of a :class:`Batch`: arrays over runs, NaN where a run has no value."""
 
-    t_end: Floats
-    t_r: Floats
-    n_end: Floats
-    energy_drift: Floats
-    amp_growth: Floats
-    n_departure: Floats
+    t_end: Floats  # time reached
+    t_r: Floats  # first reversal
+    n_end: Floats  # spin at t_end
+    energy_drift: Floats  # at t_end, relative to energy_0
+    amp_growth: Floats  # largest growth of the relevant amplitude between comparisons, relative
+    n_departure: Floats  # largest loss of spin, relative to the launch
+    energy_0: Floats  # energy at launch
     # These and n_turns are meaningful only if they were recorded.
-    energy_0: Floats
     energy_drift_max: Floats
     contact_ratio_max: Floats
     contact_normal_min: Floats
@@ -208,28 +214,22 @@ class Outcome:
     n_rejected: Integers
     n_turns: Integers
     y_end: Floats  # states at t_end, shape (runs, n_state)
-    # Without rows if not recorded: amplitude, least and largest spin in each window (runs, 64, 3);
-    # time and logarithm of the tangent's growth at the ends of windows and of the run (runs, 64,
-    # 2), of windows that one step ended only in the first; time of each of the first reversals and
-    # largest modulus of the spin until the next (runs, 8, 2).
-    windows: Floats
+    # These three have no rows if they were not recorded.
+    windows: Floats  # amplitude, least and largest spin in each window, shape (runs, 64, 3)
+    # Time and logarithm of the tangent's growth at the ends of the windows and of the run, shape
+    # (runs, 64, 2).  If a step ends several windows, only the row of the first is filled.
     growth: Floats
+    # Time of each reversal and largest modulus of the spin until the next, shape (runs, 8, 2).
     reversals: Floats
-    stopped: bool  # whether a stop request ended the kernel before all runs were done
+    stopped: bool  # whether the kernel was stopped before all runs had ended
 
 
 def has_settled(batch: Batch, outcome: Outcome) -> Flags:
     """Return which runs ended before their horizon because they had settled."""
     ended = (outcome.t_end < batch.t_end) & np.isnan(outcome.t_r)
-    # If none could settle, a run that ended early was dead at a zero of its spin.
+    # Where no run could settle, one that ended early was dead at a zero of its spin.
     settled: Flags = ended & (outcome.status == Status.OK) & (len(batch.settled) > 0)
     return settled
-
-
-def needed(model: Model, record: Collection[str]) -> tuple[Model, tuple[str, ...]]:
-    """Return the model for a record, and what its steps integrate beside the state."""
-    extra = ("volume",) if "volume" in record else ()
-    return TANGENT if "lyapunov" in record else model, extra
 
 
 def integrate(
@@ -239,9 +239,9 @@ def integrate(
 ) -> Outcome:  # fmt: skip
     """Integrate every run to its first reversal, its horizon, or the time when it has settled.
 
-    If reversals are recorded, runs continue after a reversal.  Ellipsoids that roll onto their side
-    leave the range of the slope, and are integrated again with :attr:`Model.anywhere`.  A run has
-    the same bits for any number of threads and in any batch.
+    If reversals are recorded, runs continue after a reversal.  The slopes of an ellipsoid that
+    rolls onto its side diverge; such a run is integrated again with :attr:`Model.anywhere`.  The
+    bits of a run depend neither on the number of threads nor on the other runs.
 
     Parameters
     ----------
@@ -249,12 +249,14 @@ def integrate(
         Largest error of a step of adaptive methods, in the energy norm, relative to the
         oscillation; step of the other methods, in ``sqrt(a/g)``.
     max_steps : int
-        Steps after which a run ends with `Status.STEP_LIMIT`.
+        Number of steps after which a run ends with `Status.STEP_LIMIT`.
     record : frozenset of str
         Further observations, from :data:`RECORDS`.
     cost : ndarray, shape (runs,), optional
         Expected cost of the runs in any unit, by default from their horizons.  The most expensive
         runs start first.
+    threads : int, optional
+        Number of threads, by default :func:`available_threads`.
     control : Control, optional
         Watches and stops the kernel from another thread.
 
@@ -267,21 +269,20 @@ def integrate(
     count = min(threads or available_threads(), config.NUMBA_NUM_THREADS) if parallel() else 1
     price = batch.t_end * batch.swing if cost is None else cost.astype(float)
     control.start(count, price)
-    moving, extra = needed(model, record)
     result = np.full((len(batch), runs.FIRST_STATE + model.n_state), np.nan)
     counts = np.zeros((len(batch), len(runs.COUNTS)), dtype=np.int64)
     counts[:, runs.STATUS] = Status.STOPPED
-    # ``windows`` has columns of windows, then of reversals, then of the tangent.
+    # The columns of ``windows`` belong to windows, then to reversals, then to the tangent.
     seen = 3 if "windows" in record else 0
     turned = seen + (2 if "reversals" in record else 0)
-    width = turned + (2 if moving is not model else 0)
+    width = turned + (2 if "lyapunov" in record else 0)
     windows = np.full((len(batch) if width else 0, N_WINDOWS, width), np.nan)
     if len(batch):
         order = np.argsort(-price, kind="stable")
         flags = np.array([name in record for name in WATCHED])
-        call = kernel(tableau.name, moving.name, *extra)
+        call = kernel(tableau.name, model.name, record)
         with holding(count):
-            call(count, workspace(tableau, moving, count), (
+            call(count, (
                 control.shared, order, *run_arrays(batch, tableau, tol, dt, max_steps, price),
                 flags, result, counts, windows, control.progress,
             ))  # fmt: skip
@@ -306,7 +307,7 @@ def integrate(
     failed = np.isin(outcome.status, (Status.NONFINITE, Status.STEP_TOO_SMALL, Status.ENERGY))
     if model.anywhere is None or not failed.any():
         return outcome
-    # Integrating again from the launch keeps a run a function of its own numbers alone.
+    # The repetition begins at the launch, so that a run depends on its own numbers alone.
     rows = np.flatnonzero(failed)
     again = take(batch, rows)
     y0, constants = vectors.from_slopes(again.y0, again.constants)
@@ -370,7 +371,7 @@ def exponents(growth: Floats) -> tuple[Floats, Floats]:
     last = np.isfinite(t).sum(axis=1) - 1
     end, grown = t[row, last], log[row, last]
     half = end / 2
-    # The last border before half time; comparisons with NaN are false.
+    # The last end of a window before half time; comparisons with NaN are false.
     before = (t <= half[:, None]).sum(axis=1) - 1
     after = np.minimum(before + 1, last)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -3,8 +3,8 @@
 Numba's ``cache=True`` notices changes in the file of the cached function, but not in the files of
 the functions that it calls.  The cache is therefore a folder named by a hash of all sources of
 kernels, of the versions that compile them and of the processor.  Each kernel has its own subfolder,
-since two processes must not write to one index of Numba at once.  What is loaded is executed, so
-only a folder that :func:`is_private` is used.
+since two processes must not write to one index of Numba at once.  Loading a kernel executes stored
+code, so the folder must be private (:func:`is_private`).
 
 Numba holds its own lock, and most of the time the interpreter's, while it compiles.  So other
 processes compile, two kernels at once, while the calling process draws bodies and receives Ctrl-C.
@@ -32,9 +32,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-# Functions import Numba where they need it: commands without a kernel take half the time.
+# Functions import Numba where they need it, so that commands without a kernel start faster.
 PACKAGE = Path(__file__).resolve().parents[1]
-PROCESSES = 2  # that compile at once; each takes 200 MB, and more would not be faster
+PROCESSES = 2  # processes that compile at once
 
 
 class Kernel(NamedTuple):
@@ -43,7 +43,7 @@ class Kernel(NamedTuple):
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
     options: dict[str, Any]
-    files: tuple[str, ...] = ()  # sources that it uses outside of integrate and physics
+    files: tuple[str, ...] = ()  # sources outside of integrate and physics that it depends on
 
 
 # A module-level function that returns a kernel for some names, each a string or a bool.
@@ -97,13 +97,13 @@ def is_private(folder: Path) -> bool:
 def cache_folder() -> Path:
     """Return the folder of the kernels of these sources.
 
-    It lies in ``$NUMBA_CACHE_DIR`` or in the user's cache directory, whichever :func:`is_private`
-    first, or else in a temporary folder that is removed when this process ends.
+    It lies in ``$NUMBA_CACHE_DIR``, or else in the user's cache directory.  If neither is private,
+    it is a temporary folder that is removed when this process ends.
     """
     from platformdirs import user_cache_dir
 
     for root in filter(None, (os.environ.get("NUMBA_CACHE_DIR"), user_cache_dir("rattlesweep"))):
-        with suppress(OSError, RuntimeError):  # RuntimeError: there is no home
+        with suppress(OSError, RuntimeError):  # RuntimeError: the user has no home directory
             folder = Path(root).expanduser().resolve() / source_hash()
             if is_private(folder):
                 return folder
@@ -137,11 +137,11 @@ def import_written(name: str, source: str) -> ModuleType:
 
 
 _loaded: dict[tuple[Any, ...], Any] = {}
-_cache_dir = threading.Lock()
+_cache_dir = threading.Lock()  # held while Numba's setting CACHE_DIR is changed
 
 
 def load_kernels(*wanted: tuple[Any, ...]) -> list[Any]:
-    """Return compiled kernels, each given by a :data:`Recipe` and its names; one takes seconds."""
+    """Return kernels, each given by a :data:`Recipe` and its names; compile those not stored."""
     missing = [(each[0], each[1:]) for each in wanted if each not in _loaded]
     _compile([(recipe, names) for recipe, names in missing if not is_stored(recipe, *names)])
     for recipe, names in missing:
@@ -186,7 +186,7 @@ CODE = f"from {__name__} import compile_in_child; compile_in_child()"
 
 
 def _compile(wanted: list[tuple[Recipe, tuple[Any, ...]]]) -> None:
-    """Have other processes compile kernels, and wait for them.
+    """Let other processes compile kernels, and wait for them.
 
     Each kernel has a lock, which is released when its process dies, so that no kernel is compiled
     by two processes at once.
@@ -225,7 +225,7 @@ def compile_in_child() -> None:
     """Compile and store kernels in a process that does nothing else and ends with its parent."""
     from filelock import FileLock, Timeout
 
-    gc.disable()  # garbage collection would take an eighth of the time
+    gc.disable()  # the process soon ends, so collecting garbage is lost time
     # Standard input ends when the parent does.
     threading.Thread(target=lambda: os._exit(len(sys.stdin.read())), daemon=True).start()
     for module, name, names in json.loads(sys.argv[1]):

@@ -90,7 +90,7 @@ def record_steps(problem, parts, w, y0, constants, probe, plan, options,
 def states_after(problem, parts, w, steps, which, offset, constants, out):
     """Write the states a time ``offset`` after the rows ``which`` of ``steps`` to ``out``.
 
-    Each is one step of the method in its own lane.  Components missing in ``steps`` start at zero.
+    Each is one step of the method in its own lane.  Components that ``steps`` lacks start at zero.
     """
     widest_vectors()
     for l in range(problem.lanes):
@@ -158,8 +158,8 @@ class Follower:
     """Integrates a batch of one run past its reversals, as far as its states are requested.
 
     With `attitude`, heading and contact point are integrated over the accepted steps.  `look` is
-    called with the times and :meth:`observe` of the launch and then of the accepted steps; of a
-    method with a fixed step every eighth step counts as accepted.
+    called with times and the result of :meth:`observe`: first for the launch, then for the accepted
+    steps.  If the step is fixed, only every eighth step counts as accepted.
     """
 
     def __init__(
@@ -168,7 +168,7 @@ class Follower:
         look: Callable[[Floats, Floats], None] | None = None,
     ) -> None:  # fmt: skip
         self.t, self.n_steps, self.status = 0.0, 0, Status.OK
-        # Times of the zeros of the spin so far, until the body is dead.
+        # Times of the spin's zeros so far, without those after which the body is dead.
         self.zeros = list[float]()
         self.ended = not batch.t_end[0] > 0
         self._batch, self._tableau, self._dt, self._look = batch, tableau, dt, look
@@ -183,7 +183,7 @@ class Follower:
         )  # fmt: skip
         steps, self._states = others[: len(self._models)], others[len(self._models) :]
         self._steps = [addresses_of(step) for step in steps]
-        # Without windows nothing is due at their ends.
+        # No window ends, so no amplitudes are compared.
         endless = replace(batch, window=np.full(1, 1e290), first_mark=np.full(1, 1e290))
         self._run = (
             batches.problem_of(model, tableau.adaptive),
@@ -208,21 +208,24 @@ class Follower:
         return Samples(np.zeros(1), self._batch.y0.copy(), np.zeros((1, self._extra.shape[1])))
 
     def steps(self) -> Samples:
-        """Continue, and return the ends of the next accepted steps, none once the run has ended."""
+        """Continue, and return the ends of the next accepted steps; none if the run has ended."""
         if self.ended:
             return self._samples(0, 0)
         self._continue()
         return self._samples(1, self._rows)
 
     def observe(self, states: Floats) -> Floats:
-        """Return spin, energy minus work, normal and tangential force, shape (4, rows)."""
+        """Return spin, energy minus work, normal and tangential force, shape (4, rows).
+
+        They are in ``sqrt(g/a)``, ``M g a`` and ``M g``.
+        """
         out = np.empty((4, len(states)))
         problem = batches.problem_of(self._models[0], True)
         self._observe(problem, states, self._batch.constants[0], out)
         return out
 
     def at(self, times: Floats) -> Samples:
-        """Return the states at increasing times, none before those of the last call.
+        """Return the states at increasing times, which must not precede those of the last call.
 
         Times after the end of the run are left out.
         """
@@ -287,7 +290,7 @@ class Follower:
             self._look(found.t, self.observe(found.y))
 
     def _check_accuracy(self) -> None:
-        """Set the status that a sweep gives to numbers that cannot be trusted."""
+        """Set the status that a sweep would give to a run whose numbers cannot be trusted."""
         drift = (float(self._energies[1]) - self.energy_0) / self.energy_0
         if not abs(drift) <= runs.MAX_ENERGY_DRIFT:
             self.status = Status.ENERGY if np.isfinite(drift) else Status.NONFINITE

@@ -25,16 +25,16 @@ class Model:
     spin: Callable[..., Any]  # spin(*y)
     spin_rate: Callable[..., Any]  # spin_rate(*y, *dy)
     amplitude: Callable[..., Any]  # amplitude(*y, *probe): of the relevant oscillation, squared
-    # error(*e, *y, *q): squares of the step error e and of the oscillation it is compared with
+    # error(*e, *y, *q): squares of the error e of a step and of the oscillation to compare it with
     error: Callable[..., Any]
     energy: Callable[..., Any]  # energy(*y, *q): conserved; with friction, the energy minus work
     contact: Callable[..., Any]  # contact(*y, *q): normal and tangential force
     touch: Callable[..., Any] | None = None  # the contact, as physics.full.paraboloid returns it
     volume: Callable[..., Any] | None = None  # volume(*y, *q): rate of phase volume
     anywhere: Model | None = None  # the same equations in variables that exist in any position
-    n_extra: int = 0  # number of last components that the state of a run does not have
+    n_extra: int = 0  # number of components, the last ones, that the state of a sweep lacks
     # Functions x of the state that are cheaper to integrate beside it than to compute in each
-    # stage.  carried_start(*y, *q): x at the start of a step.  carried_rhs(*y, *x, *q): dy + dx.
+    # stage.  carried_start(*y, *q): x at the start of a step.  carried_rhs(*y, *x, *q): dy and dx.
     n_carried: int = 0
     carried_start: Callable[..., Any] | None = None
     carried_rhs: Callable[..., Any] | None = None
@@ -47,7 +47,7 @@ class Model:
 
 
 def _compiled(model: str, **functions: Callable[..., Any]) -> dict[str, Any]:
-    """Return compiled functions, named after the model, since Numba makes symbols of names."""
+    """Return compiled functions; Numba makes symbols of their names, so these name the model."""
     for name, function in functions.items():
         function.__name__ = function.__qualname__ = f"{name}_{model}"
     return {name: full.scalar(function) for name, function in functions.items()}
@@ -83,8 +83,8 @@ FULL = Model(
 )  # fmt: skip
 
 
-# The rise of an ellipsoid's contact point is integrated beside the state: with its square root in
-# each stage a step would take 1.55 times the time of a paraboloid's, instead of 1.36 times.
+# The rise of an ellipsoid's contact point is integrated beside the state, since a square root in
+# each stage would take longer (docs/design.md).
 
 
 @full.scalar
@@ -100,7 +100,7 @@ def _rise_rhs(p, q, a, b, c, rise, ix, iy, iz, cxx, cxy, cyy, k):
     return f + (stone.rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)  # noqa: RUF005
 
 
-# The spin's error is judged as if the oscillation had at least this share of the spin's energy.
+# The error of the spin is judged as if the oscillation had at least this share of its energy.
 SPIN_KNOWN = 1e-14
 
 
@@ -109,7 +109,7 @@ def _friction_error(
     ep, eq, ea, eb, ec, ework, p, q, a, b, c, work,
     ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps,
 ):  # fmt: skip
-    # Friction changes the spin in every step, with rounding errors that must not reject a step.
+    # Friction changes the spin in every step; rounding errors of the spin must not reject a step.
     size = full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
     known = min(1.0, size / (SPIN_KNOWN * iz * c * c + 1e-290))
     return full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy) + known * iz * ec * ec, size

@@ -21,7 +21,7 @@ class Status(IntEnum):
     meaning: str
 
     def __new__(cls, value: int, label: str = "", meaning: str = "") -> Status:
-        """Make a member."""
+        """Create a member with its label and meaning."""
         member = int.__new__(cls, value)
         member._value_, member.label, member.meaning = value, label, meaning
         return member

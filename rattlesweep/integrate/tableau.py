@@ -44,9 +44,9 @@ class Tableau:
         return bool(self.errors)
 
     def damping(self, z: Floats) -> Floats:
-        """Return ``-ln |R(i z)|``, the damping in a step of an oscillation of ``z`` radians a step.
+        """Return ``-ln |R(i z)|``, by which a step damps an oscillation of ``z`` radians a step.
 
-        ``R`` is the stability function.  The damping is negative where steps amplify.
+        ``R`` is the stability function.  The result is negative where steps amplify.
         """
         import numpy as np
 

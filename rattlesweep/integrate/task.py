@@ -1,7 +1,7 @@
 """Compiled calls in their own threads, so that the main thread receives Ctrl-C and can stop them.
 
-Each call is given the :class:`Control` through which it is stopped.  Lane kernels take it as it is;
-other compiled loops check ``control.flag[0]`` regularly.
+Each call receives the :class:`Control` that stops it, and passes it on to kernels.  Other compiled
+loops check ``control.flag[0]`` regularly.
 """
 
 import threading
@@ -25,12 +25,13 @@ PATIENCE = 0.5  # seconds for which a stop waits; a compilation takes longer
 class Control:
     """Link to a running kernel, or to several in turn: reports progress and can stop it."""
 
-    # The kernel's: next place in the queue and stop flag; progress; expected cost of its runs.
+    # For the present kernel: next place in the queue and stop flag; a row of progress for each
+    # thread (see `lanes.kernel.work`); expected cost of all runs.
     shared: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, dtype=np.int64))
     progress: Floats = field(default_factory=lambda: np.zeros((1, 8)))
     _cost: float = 0.0
-    # Largest share done so far; runs that earlier kernels ended; the part of the work that this
-    # kernel does, and whether the runs that it ends count.
+    # Largest share done so far; number of runs that earlier kernels ended; the shares of the work
+    # between which this kernel works, and whether the runs that it ends count as done.
     _most: float = 0.0
     _ended: int = 0
     _span: tuple[float, float] = (0.0, 1.0)
@@ -53,18 +54,18 @@ class Control:
         """Announce a kernel that repeats runs which the last one has counted."""
         self.stage(self._span[1], self._span[1])
 
-    def settle(self, runs: int) -> None:
-        """Count runs as done that no further kernel integrates."""
+    def count_ended(self, runs: int) -> None:
+        """Count runs as done because no further kernel integrates them."""
         self._ended += runs
 
     def start(self, threads: int, cost: Floats) -> None:
-        """Announce the start of a kernel with a number of threads and the expected cost of runs."""
+        """Announce the start of a kernel: the number of its threads, the expected cost of runs."""
         self._cost = float(cost.sum())
         self.progress, self.shared[0] = np.zeros((threads, 8)), 0
 
     @property
     def flag(self) -> NDArray[np.int64]:
-        """Return an array of one element, for compiled loops: not 0 once a stop was requested."""
+        """Return an array of one element for compiled loops; a stop request makes it nonzero."""
         return self.shared[1:]
 
     @property
@@ -121,7 +122,7 @@ class Task(threading.Thread, Generic[T]):
         return self._future.result(timeout=0)
 
     def wait(self, tick: Callable[[Control], None] = lambda control: None) -> T:
-        """Wait for the result; `tick` is called every `POLL` seconds and may raise to stop it."""
+        """Wait for the result; call `tick` every `POLL` seconds, which may raise to stop it."""
         try:
             while not futures.wait([self._future], POLL).done:
                 tick(self.control)

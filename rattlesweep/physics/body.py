@@ -54,8 +54,8 @@ class Rattleback:
     def __post_init__(self) -> None:
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.compare}
         for name, value in values.items():
-            if not isinstance(value, Real) and (name, value) != ("c", None):
-                raise ValueError(f"{name}: {str(value)[:40]} ({type(value).__name__}) is no number")
+            if (name, value) != ("c", None):
+                _require_number(name, value)
         if not isinstance(self.units, Units | None):
             raise ValueError(f"units: {str(self.units)[:40]} is not a Units; see from_si")
         for _, sentence in violations(**values):
@@ -69,7 +69,7 @@ class Rattleback:
     @classmethod
     def kl(cls) -> Rattleback:
         """Return the ellipsoid of Kane and Levinson (1982): semi-axes 20, 3, 2 cm; 1 kg."""
-        # Inertia in M a^2 along the axes of the surface, and its product.
+        # Moments of inertia about the long and the short axis of the surface, and their product.
         along, across, product = 2.0, 16.0, -0.2
         mean, half = (across + along) / 2, math.hypot((across - along) / 2, product)
         alpha, beta, gamma = mean + half + 1, mean - half + 1, 17.0
@@ -82,10 +82,8 @@ class Rattleback:
         cls, *, gamma: float, f_sd: float, theta: float, phi: float, xi: float
     ) -> Rattleback:
         """Return a shell-dumbbell body (Eqs. 62-67); ValueError unless ``0 < f_sd < 0.5``."""
-        given: dict[str, Any] = {"gamma": gamma, "f_sd": f_sd}
-        for name, value in given.items():
-            if not isinstance(value, Real):
-                raise ValueError(f"{name}: {str(value)[:40]} ({type(value).__name__}) is no number")
+        _require_number("gamma", gamma)
+        _require_number("f_sd", f_sd)
         if not 0 < f_sd < 0.5:
             raise ValueError(f"f_sd is {f_sd:g}; it must lie between 0 and 0.5")
         return cls(*shell_dumbbell(gamma, f_sd), gamma, theta, phi, xi)
@@ -140,7 +138,7 @@ class Rattleback:
             raise ValueError(f"radii: {min(lengths):g} m is not above the height {a:g} m")
         tensor = np.array(si.components(inertia))
         angle = si.number(axes_angle, "angle", "axes_angle")
-        if z_up:  # seen from the other side
+        if z_up:  # a downward z axis reverses the sense of angles
             tensor[3], angle = -tensor[3], -angle
         values = {k: float(v) for k, v in si.parameters(m, tensor, a, lengths, angle).items()}
         semi_axis = None if c is None else si.number(c, "length", "c") / a
@@ -217,6 +215,11 @@ class Rattleback:
 
 PRESETS: dict[str, Callable[[], Rattleback]] = {"GH": Rattleback.gh, "KL": Rattleback.kl}
 MAX_INERTIA = 1e6  # in M a^2
+
+
+def _require_number(name: str, value: Any) -> None:
+    if not isinstance(value, Real):
+        raise ValueError(f"{name}: {str(value)[:40]} ({type(value).__name__}) is not a number")
 
 
 def shell_dumbbell(gamma: T, f_sd: T) -> tuple[T, T]:

@@ -63,8 +63,8 @@ def slope_rate(p, q, a, b, c):
 def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):
     """Return the contact of the paraboloid (Eqs. 4 and 8): ``fx, fy, rise, wx, wy, wz, u_z``.
 
-    The contact point is ``r = (p + fx, q + fy, 1 - rise)``, and ``w = r x omega - dr/dt``, from
-    which the terms that cancel between the two are removed by hand.
+    The contact point is ``r = (p + fx, q + fy, 1 - rise)``.  In ``w = r x omega - dr/dt`` the terms
+    that cancel are left out.
     """
     fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
     x, y = p + fx, q + fy
@@ -78,16 +78,35 @@ def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):
 
 
 @scalar
-def acceleration(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz):
-    """Return ``domega/dt`` (Eq. 11 with a further torque ``(lx, ly, lz)``), and the inverse used.
+def solve(x, y, z, ix, iy, iz, tx, ty, tz, product):
+    """Return ``J^-1 T`` with the matrix ``J`` on the left side of Eq. 11, and the inverse used.
 
-    The bracket of Eq. 11 is ``omega x w``.  The matrix on its left side is ``J = D - r r^T`` with
-    ``D = I + r^2``; by the formula of Sherman and Morrison ``J^-1 T = D^-1 (T + r s)`` with
-    ``s = r.D^-1 T / (1 - r.D^-1 r)``.  For a long ``r`` numerator and denominator of ``s`` cancel,
-    so they are written with ``1 - r^2/d = I/d`` and the gyroscopic torque ``(gx, gy, gz)``.
+    ``J = D - r r^T`` with ``D = I + r^2``; by the formula of Sherman and Morrison
+    ``J^-1 T = D^-1 (T + r s)`` with ``s = r.D^-1 T / (1 - r.D^-1 r)``.  For a long ``r`` numerator
+    and denominator of ``s`` cancel, so they are written with ``1 - r^2/d = I/d`` and with the
+    ``product`` ``r.T``, which callers compute without the parts of ``T`` normal to ``r``.
 
     The second value ``(dyz, dzx, dxy, along, ivol)`` solves for another torque ``h``:
     ``s = along (x dyz h_x + y dzx h_y + z dxy h_z)`` and ``D^-1 = ivol diag(dyz, dzx, dxy)``.
+    """
+    r2 = x * x + y * y + z * z
+    dx, dy, dz = ix + r2, iy + r2, iz + r2
+    dyz, dzx, dxy = dy * dz, dz * dx, dx * dy
+    vol = dx * dyz
+    sx, sy, sz = ix * x * dyz, iy * y * dzx, iz * z * dxy
+    det = sx * x + sy * y + sz * z
+    inv = 1.0 / (det * vol)
+    s = (product * vol - (sx * tx + sy * ty + sz * tz)) * vol * inv
+    ivol = det * inv
+    rates = (tx + x * s) * dyz * ivol, (ty + y * s) * dzx * ivol, (tz + z * s) * dxy * ivol
+    return rates, (dyz, dzx, dxy, r2 * vol * inv, ivol)
+
+
+@scalar
+def acceleration(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz):
+    """Return ``domega/dt`` (Eq. 11 with a further torque ``(lx, ly, lz)``), and the inverse used.
+
+    The bracket of Eq. 11 is ``omega x w``.
     """
     x, y, z = p + fx, q + fy, 1.0 - rise
     twist = fx * q - fy * p
@@ -97,17 +116,7 @@ def acceleration(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz
     tx = gx + (y * kz - z * ky) + uz * (fy + q * rise)
     ty = gy + (z * kx - x * kz) - uz * (fx + p * rise)
     tz = gz + (x * ky - y * kx) + uz * twist
-    r2 = x * x + y * y + z * z
-    dx, dy, dz = ix + r2, iy + r2, iz + r2
-    dyz, dzx, dxy = dy * dz, dz * dx, dx * dy
-    vol = dx * dyz
-    sx, sy, sz = ix * x * dyz, iy * y * dzx, iz * z * dxy
-    det = sx * x + sy * y + sz * z
-    inv = 1.0 / (det * vol)
-    s = ((x * gx + y * gy + z * gz) * vol - (sx * tx + sy * ty + sz * tz)) * vol * inv
-    ivol = det * inv
-    rates = (tx + x * s) * dyz * ivol, (ty + y * s) * dzx * ivol, (tz + z * s) * dxy * ivol
-    return rates, (dyz, dzx, dxy, r2 * vol * inv, ivol)
+    return solve(x, y, z, ix, iy, iz, tx, ty, tz, x * gx + y * gy + z * gz)
 
 
 @scalar
@@ -139,7 +148,7 @@ def oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy):
 
 @scalar
 def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return the energy in ``M g a``, zero upright at rest, where the potential loses no digits."""
+    """Return the energy in ``M g a``, zero upright at rest; the potential loses no digits there."""
     fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
     x, y = p + fx, q + fy
     z = 1.0 - 0.5 * (x * p + y * q)
@@ -169,7 +178,7 @@ def force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz):
 
 @scalar
 def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return the normal and the tangential contact force; see :func:`force`."""
+    """Return the normal and the tangential contact force in ``M g``; see :func:`force`."""
     dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
     x, y = p + cxx * p + cxy * q, q + cxy * p + cyy * q
     z = 1.0 - 0.5 * (x * p + y * q)
@@ -185,8 +194,8 @@ def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
 def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):
     """Return the rates of the heading and of the contact point's co-ordinates on the plane.
 
-    With the x axis ``e`` the heading changes by the vertical part of ``e x (omega x e)`` over
-    ``1 - (e . u)^2``; the contact point moves by ``dr/dt + v`` with ``v`` of Eq. 3.
+    With the x axis ``e``, the rate of the heading is the vertical part of ``e x (omega x e)`` over
+    ``1 - (e . u)^2``.  The contact point has the velocity ``dr/dt + v`` with ``v`` of Eq. 3.
     """
     uy = q * uz
     square = uy * uy + uz * uz

@@ -17,7 +17,7 @@ N_CONSTANTS = 3
 
 @scalar
 def rhs(n, e_p, e_r, k_p, k_r, inertia):
-    """Return the time derivatives of ``n, E_p, E_r``."""
+    """Return the time derivatives of ``n, E_p, E_r`` (Eqs. 47-49)."""
     return (k_r * e_r - k_p * e_p) / inertia, k_p * n * e_p, -k_r * n * e_r
 
 

@@ -14,7 +14,7 @@ GRAVITY = 9.81  # on Earth, in m/s^2
 MAX_TILT = 1e-3  # angle between the z axis and a principal axis, in radians, for rounded inputs
 LIMITS = {"mass": (1e-9, 1e9, "kg"), "length": (1e-9, 1e6, "m"),
           "acceleration": (1e-6, 1e6, "m/s^2"), "angle": (-1.57, 1.57, "rad")}  # fmt: skip
-"""Smallest and largest accepted value of each kind, so that products stay within doubles."""
+"""Smallest and largest accepted value of each kind; products of these do not overflow."""
 NATURAL = {"time": "sqrt(a/g)", "length": "a", "energy": "M g a",
            "torque per spin": "M a^2 sqrt(g/a)"}  # fmt: skip
 """Units of the body that kinds of quantities are measured in."""
@@ -55,7 +55,10 @@ class Units:
 
 
 def number(value: float | str, kind: str, name: str) -> float:
-    """Return a number in SI units, given as such or as a text of a kind in `units.KINDS`."""
+    """Return a number in SI units, given as such or as a text such as ``"85 g"``.
+
+    Raise ValueError, with the `name` of the value, if the text is not of a `kind` of `units.KINDS`.
+    """
     try:
         return quantity(value, kind) if isinstance(value, str) else float(value)
     except TypeError:
@@ -91,8 +94,8 @@ def parameters(
 ) -> dict[str, Floats]:
     """Return ``alpha, beta, gamma, theta, phi, xi`` of bodies, shape (...).
 
-    In SI units: `inertia` holds ``I_xx, I_yy, I_zz, I_xy``, shape (..., 4), `radii` the radii of
-    curvature, shape (..., 2); `axes_angle` leads from the x axis to the direction of the first.
+    Arguments are in SI units: `inertia` holds ``I_xx, I_yy, I_zz, I_xy``, shape (..., 4), and
+    `radii` two radii of curvature, shape (..., 2), the first in the direction `axes_angle`.
     """
     mass, height, radii = (np.asarray(x, float) for x in (mass, height, radii))
     xx, yy, zz, xy = np.moveaxis(np.asarray(inertia, float), -1, 0)

@@ -35,7 +35,7 @@ Coefficients = tuple[Floats, Floats, Floats, Floats]
 SHARES = (0.0, 0.25, 0.5)
 MAX_SLOPE = 0.1
 EPS = np.finfo(float).eps
-# Newton's method finds a simple root in about 7 steps and a double root in about 30.
+# Newton's method converges in a few steps to a simple root, but only linearly to a double root.
 MAX_NEWTON_STEPS = 100
 POLISHING_STEPS = 2
 JACOBI_SWEEPS = 6
@@ -86,7 +86,7 @@ def steady_modes(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Ste
 
 
 def growth(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> tuple[Floats, Floats]:
-    """Return the growth rates of the pitch and roll amplitudes at any spin (small: Eq. 74)."""
+    """Return the growth rates of the pitch and roll amplitudes (Eq. 74 gives the small-n limit)."""
     (pitch, _), (roll, _) = _leading(_System(constants, n, sigma))
     return pitch[()], roll[()]
 
@@ -117,11 +117,11 @@ def transient_growth(constants: Floats, n: ArrayLike) -> Floats:
 
 
 def settled_oscillation(constants: Floats, n_0: Floats, n_c: Floats, rate: Floats) -> Floats:
-    """Return the oscillation below which a run is certain to decay to its steady spin.
+    """Return the oscillation below which a run is certain to decay to its steady spin, (runs,).
 
-    It is measured by :func:`full.oscillation`, and 0 where no decay is certain.  `constants` have
+    It is measured by :func:`full.oscillation`, and is 0 where no decay is certain.  `constants` has
     the shape (6, runs), the others (runs,): `n_0` is the spin that would hold all the energy, `n_c`
-    the threshold of stability or NaN, `rate` the least rate that counts as decay.
+    the threshold of stability or NaN, `rate` the smallest rate that counts as decay.
 
     The decay is certain (docs/types.md) if
 
@@ -174,7 +174,7 @@ class _System:
         """Return the coefficients a3 to a0 of ``det P / (alpha beta)``, free of cancellation."""
         (ix, iy, iz, cxx, cxy, cyy), c, sigma, h = self.constants, self.c, self.sigma, self.h
         c2, skew, square = c * c, c * cxy * (ix - iy), _determinant(cxx, cxy, cyy)
-        # Factors by which the falling spin adds to the torque, through the contact point.
+        # The falling spin adds to the torque through the contact point, by these factors.
         x, y = 1 + (1 + cxx) / iz, 1 + (1 + cyy) / iz
         a3 = skew + sigma * (self.alpha + self.beta)
         a2 = self.beta * self.k_qq + self.alpha * self.k_pp
@@ -258,7 +258,7 @@ def _null_vector(a: Pair, b: Pair, c: Pair, d: Pair) -> tuple[Pair, Pair]:
                      for x, y in ((a, b), (c, d)))  # fmt: skip
     lower = second > first
     (re, im), y = choose(lower, c, a), choose(lower, d, b)
-    # Any vector solves P = 0.
+    # If P = 0, any vector is a solution.
     y = np.where((first == 0) & (second == 0), 1.0, y[0]), y[1]
     return y, (-re, -im)
 
@@ -341,7 +341,7 @@ def _polish(found: Pairs, quartic: Coefficients) -> Pairs:
     db1 = (b * e0 - c * e1) * inverse
     dc1 = ((b1 * b - c) * e0 - c1 * b * e1) * inverse
     step = (b1 + db1, c1 + dc1), (b2 + (r3 - db1), c2 + (rest - dc1 + b * db1))
-    # Near a common root a step may consist of rounding errors: one that leads away is not taken.
+    # Near a common root a step may consist of rounding errors; one that leads away is not taken.
     scale = np.sqrt(np.abs(c1) + b1 * b1 + b2 * b2)
 
     def size(residuals: Coefficients) -> Floats:

@@ -57,7 +57,7 @@ def ellipsoid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise):
 
 @scalar
 def shape_at(p, q, cxx, cxy, cyy, k):
-    """Return ``e`` and ``rise`` of an ellipsoid."""
+    """Return ``e`` and ``rise = (1 - e) / k`` of an ellipsoid."""
     s = (p + (cxx * p + cxy * q)) * p + (q + (cxy * p + cyy * q)) * q
     rho = sqrt(1.0 + k * s)
     # Two independent divisions have a lower latency than one division and a product.
@@ -104,7 +104,7 @@ def rise_rate(p, q, dp, dq, cxx, cxy, cyy, k, rise):
 
 @scalar
 def carried_ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):
-    """Do as :func:`ellipsoid`, without a root: ``k`` is ``1/c`` and the ``rise`` carried along."""
+    """Do as :func:`ellipsoid`, without a root: ``k`` is ``1/c`` and an approximate ``rise``."""
     inverse, near = k
     e, rise = corrected_rise(p, q, cxx, cxy, cyy, inverse, near)
     return ellipsoid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, inverse, e, rise)
@@ -136,7 +136,7 @@ def force_at(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz):
 
 @scalar
 def surface_force(surface, p, q, a, b, c, dp, dq, da, db, dc, cxx, cxy, cyy, k):
-    """Return the contact force in a state whose derivative is known; see `full.contact_force`."""
+    """Return the contact force in a state whose derivative is given; see `full.contact_force`."""
     m = p * b - q * a
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
     x, y, z = p + fx, q + fy, 1.0 - rise
@@ -187,8 +187,8 @@ def triple(u, r, v):
 
 
 @scalar
-def solve(r, h, solved):
-    """Return ``J^-1 h``, where ``solved`` is the second value of `full.acceleration`."""
+def solve_again(r, h, solved):
+    """Return ``J^-1 h``, where ``solved`` is the second value of `full.solve`."""
     (x, y, z), (hx, hy, hz), (dyz, dzx, dxy, along, ivol) = r, h, solved
     s = (x * dyz * hx + y * dzx * hy + z * dxy * hz) * along
     return (hx + x * s) * dyz * ivol, (hy + y * s) * dzx * ivol, (hz + z * s) * dxy * ivol
@@ -204,7 +204,7 @@ def resistance(u, omega, r, normal, lever, eps, solved):
     """
     h = horizontal(u, omega)
     square = dot(h, h)
-    j = jx, jy, jz = solve(r, h, solved)
+    j = jx, jy, jz = solve_again(r, h, solved)
     # lever F_n over the smoothed |h|, by one division.
     share = lever * normal / (sqrt(square + eps * eps) + lever * triple(u, r, j))
     # There is no resistance where the plane would have to pull.
@@ -221,10 +221,7 @@ def rolling_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigm
     rates, solved = acceleration(
         p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz
     )
-    da, db, dc = rates
-    ux, uy = p * uz, q * uz
-    x, y, z = p + fx, q + fy, 1.0 - rise
-    normal, _ = force_at(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz)
-    u, omega, r = (ux, uy, uz), (a, b, c), (x, y, z)
-    ra, rb, rc, loss = resistance(u, omega, r, normal, lever, eps, solved)
+    u, omega, r = (p * uz, q * uz, uz), (a, b, c), (p + fx, q + fy, 1.0 - rise)
+    normal, _ = force_at(*u, *omega, *rates, *r, wx, wy, wz)
+    (da, db, dc), (ra, rb, rc, loss) = rates, resistance(u, omega, r, normal, lever, eps, solved)
     return dp, dq, da - ra, db - rb, dc - rc, lx * a + ly * b + lz * c - loss

@@ -2,13 +2,13 @@
 
 The norm of a tangent is an energy (:func:`square`).  In two directions a difference neither grows
 nor decays exponentially: along the flow, where it is a delay, and across the surface of constant
-energy.  So only the transverse part is measured, which lies in that surface and normal to the flow.
+energy.  So only the transverse part is measured: it lies in that surface, normal to the flow.
 """
 
 # mypy: disable-error-code="no-untyped-def"
 from math import sqrt
 
-from rattlesweep.physics.full import oscillation, paraboloid, scalar
+from rattlesweep.physics.full import oscillation, paraboloid, scalar, solve
 
 
 @scalar
@@ -54,23 +54,12 @@ def rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx,
     tx += x1 * along + x * along1 - longer * da
     ty += y1 * along + y * along1 - longer * db
     tz += z * along1 - rise1 * along - longer * dc
-    normal = (
+    product = (
         x * gx1 + y * gy1 + z * gz1
         + x1 * (gx - ix * da) + y1 * (gy - iy * db) - rise1 * (gz - iz * dc)
     )  # fmt: skip
-    r2 = x * x + y * y + z * z
-    dx, dy, dz = ix + r2, iy + r2, iz + r2
-    dyz, dzx, dxy = dy * dz, dz * dx, dx * dy
-    vol = dx * dyz
-    sx, sy, sz = ix * x * dyz, iy * y * dzx, iz * z * dxy
-    det = sx * x + sy * y + sz * z
-    inv = 1.0 / (det * vol)
-    s = (normal * vol - (sx * tx + sy * ty + sz * tz)) * vol * inv
-    ivol = det * inv
-    da1 = (tx + x * s) * dyz * ivol
-    db1 = (ty + y * s) * dzx * ivol
-    dc1 = (tz + z * s) * dxy * ivol
-    return dp1, dq1, da1, db1, dc1
+    rates, _ = solve(x, y, z, ix, iy, iz, tx, ty, tz, product)
+    return (dp1, dq1) + rates  # noqa: RUF005
 
 
 @scalar
@@ -127,6 +116,6 @@ def transverse(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz
 
 @scalar
 def seed(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return a tangent along no mode: equal energies in the components of slope and rate."""
+    """Return a tangent that favours no mode: its slopes and rates have equal energies."""
     p, q = 1.0 / sqrt(1.0 + cxx), 1.0 / sqrt(1.0 + cyy)
     return p, q, 1.0 / sqrt(ix + 1.0), 1.0 / sqrt(iy + 1.0), 0.0

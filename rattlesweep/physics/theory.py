@@ -147,7 +147,7 @@ def bondi_threshold(
 ) -> Floats:
     """Return Bondi's threshold ``n_c1 < 0`` (Eq. 73), NaN where there is none.
 
-    The steady spin is stable for ``n < n_c1``, or ``n > -n_c1`` if ``xi > 0``, up to a second
+    The steady spin is stable for ``n < n_c1``, or ``n > -n_c1`` if ``xi > 0``, as far as a second
     threshold, if there is one; :func:`rattlesweep.physics.steady.growth` is exact.
     """
     alpha, beta, gamma, theta, phi = np.broadcast_arrays(

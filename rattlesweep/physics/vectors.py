@@ -12,7 +12,7 @@ and for ``k = 0`` and ``u_z < 0`` so does the paraboloid.  The constants are tho
 
 Phase volume is the product of the volumes of ``u``, which only turns, and of ``omega``.  It changes
 at the relative rate ``tr d(J^-1 T)/domega`` with ``J`` and ``T``, the right side of Eq. 11, as in
-:func:`rattlesweep.physics.full.acceleration`.  With ``w = W omega`` and the gyroscopic and viscous
+:func:`rattlesweep.physics.full.solve`.  With ``w = W omega`` and the gyroscopic and viscous
 part ``G``,
 
     dT/domega = G + (r.w) 1 - w r^T + omega (W^T r)^T - (r.omega) W,
@@ -29,7 +29,7 @@ import numpy as np
 from rattlesweep.arrays import Floats
 from rattlesweep.physics import full, stone
 from rattlesweep.physics.full import acceleration, scalar
-from rattlesweep.physics.stone import dot, force_at, horizontal, resistance, solve, triple
+from rattlesweep.physics.stone import dot, force_at, horizontal, resistance, solve_again, triple
 
 N_STATE = 7
 
@@ -117,7 +117,7 @@ def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
 
 @scalar
 def contact_force(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-    """Return the contact force; see :func:`rattlesweep.physics.full.contact_force`."""
+    """Return the contact force in ``M g``; see :func:`rattlesweep.physics.full.force`."""
     f = rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps)
     u, omega = unit(vx, vy, vz), (a, b, c)
     r, rho = contact(*u, cxx, cxy, cyy, k)
@@ -162,7 +162,7 @@ def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
     _, normal, _, solved = smooth_rates(u, omega, r, rho, surface, inertia, sigma)
     dyz, dzx, dxy, along, ivol = solved
     h = horizontal(u, omega)
-    j = ja, jb, jc = solve(r, h, solved)
+    j = ja, jb, jc = solve_again(r, h, solved)
     root = sqrt(dot(h, h) + eps * eps)
     below = root + lever * triple(u, r, j)
     share = lever * normal / below
@@ -171,7 +171,7 @@ def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
     _, ahead, _, _ = smooth_rates(u, more, r, rho, surface, inertia, sigma)
     _, behind, _, _ = smooth_rates(u, less, r, rho, surface, inertia, sigma)
     g = horizontal(u, j)
-    wider = dot(h, g) / root + lever * triple(u, r, solve(r, g, solved))
+    wider = dot(h, g) / root + lever * triple(u, r, solve_again(r, g, solved))
     s = x * dyz, y * dzx, z * dxy
     flat = dyz * (1.0 - u[0] * u[0]) + dzx * (1.0 - u[1] * u[1]) + dxy * (1.0 - u[2] * u[2])
     trace = ivol * (flat + along * dot(s, horizontal(u, s)))

@@ -29,11 +29,10 @@ def load_kernel(config: Config) -> None:
     """Load the kernels that the runs of a config need."""
     if config.model == "gh":
         return
-    model = model_of(config)
-    carried, beside = integration.needed(model, config.record)
-    integration.kernel(config.integrator.method, carried.name, *beside)
+    method, model = config.integrator.method, model_of(config).name
+    integration.kernel(method, model, config.record)
     if "error" in config.record:  # companions record nothing
-        integration.kernel(config.integrator.method, model.name)
+        integration.kernel(method, model)
 
 
 def prepare_runs(plan: Plan, case: Integers, sample: Integers) -> Prepared:

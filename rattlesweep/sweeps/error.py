@@ -122,7 +122,7 @@ def integrate_estimated(
         again = ((inaccurate | missed) & (now.status == Status.OK)) | failed
         if not again.any():
             break
-        control.settle(int((~again & (now.status != Status.STOPPED)).sum()))
+        control.count_ended(int((~again & (now.status != Status.STOPPED)).sum()))
         rows, before = rows[again], now.apart[again]
         part, companions = take(part, again), take(runs, again)
         runs = attempt(k, k, part, record=record, cost=companions.n_steps)
@@ -132,7 +132,7 @@ def integrate_estimated(
         none = np.full((len(batch), MOST_REVERSALS, 2), np.nan)
         done = replace(done, reversals=none, turn_errors=none[:, :, 0].copy())
         goes_on = (done.status == Status.OK) & (done.t_end < batch.t_end)
-        control.settle(int((~goes_on & (done.status != Status.STOPPED)).sum()))
+        control.count_ended(int((~goes_on & (done.status != Status.STOPPED)).sum()))
         part, first = take(batch, goes_on), take(done, goes_on)
         companions = attempt(2, 0, part, record=turning)
         runs = attempt(3, 1, part, record=record | turning, cost=companions.n_steps)

@@ -134,7 +134,7 @@ def test_theory_takes_arrays():
 
 
 BAD: list[tuple[Any, str]] = [
-    (lambda: GH.replace(theta="0.6"), r"theta: 0.6 \(str\) is no number"),
+    (lambda: GH.replace(theta="0.6"), r"theta: 0.6 \(str\) is not a number"),
     (lambda: rs.trajectory(3, **LAUNCH), r"body: 3 \(int\) is not a body"),
     (lambda: rs.trajectory("GH", n_i=[0.1], omega_xy0=1), r"n_i: one number .* of shape \(1,\)"),
     (lambda: rs.trajectory("GH", points=2.5, **LAUNCH), r"points: 2.5 .* is not a whole number"),

@@ -27,8 +27,8 @@ PIECE_ANGLE = 0.5  # longest piece, in radians of the fastest swing
 # Steps are at most a dozen radians, or so much longer than a swing that no search can succeed.
 MAX_PIECES, MAX_TRIES = 4096.0, 60
 _CLEAR, _DIP, _ZERO = 0, 1, 2
-# A further move: the end of the next piece is known already.  It replaces recursion, even of two
-# functions, with which a cached kernel crashes when it is loaded (Numba 0.68).
+# A further move: the end of the next piece is known already.  It replaces recursion, which makes a
+# cached kernel crash when it is loaded, even if two functions share it (Numba 0.68).
 _KNOWN = 3
 
 
@@ -131,7 +131,7 @@ def _next_piece(lane: Any, tried: float) -> int:
 
 @njit(**INNER)
 def _close_in(lane: Any, tried: Point) -> int:
-    """Narrow the bracket LO..HI of a minimum until the sign of the spin there is known."""
+    """Narrow the bracket LO..HI of a minimum until the sign of the spin there is certain."""
     if lane.sign * tried.n <= 0.0:
         lane.hi = tried
         return _start_root(lane)
@@ -156,7 +156,7 @@ def _close_in(lane: Any, tried: Point) -> int:
 
 @njit(**INNER)
 def _towards_minimum(lane: Any) -> float:
-    """Return the next point to try in LO..HI, by a secant of the rate; every third time, half."""
+    """Return the next point to try in LO..HI: by a secant of the rate, every third time halfway."""
     lo, hi = lane.lo, lane.hi
     share = 0.5 if lane.tries % 3.0 == 2.0 else lo.rate / (lo.rate - hi.rate)
     return lo.h + min(0.98, max(0.02, share)) * (hi.h - lo.h)

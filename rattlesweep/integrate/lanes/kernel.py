@@ -47,9 +47,9 @@ OFFSET = np.uint64((1023 << 52) - (1023 << 46))  # for `rough_root` of 1, where 
 def decide_closely(problem, w, l, max_steps, on):
     """Decide on the step tried on lane ``l``, where something is due; return a status and a move.
 
-    The problem is one without a model.  With ``on`` the step tried ends at a zero of the spin, and
-    the search continues after it.  The status is OK if the run goes on.  The move is HOLD (the step
-    is not taken), TAKE, or REVERSED (the step is taken and ends at a zero).
+    The problem has no model.  If ``on`` is true, the step tried ends at a zero of the spin, and the
+    search continues after it.  The status is OK if the run goes on.  The move is HOLD (the step is
+    not taken), TAKE, or REVERSED (the step is taken and ends at a zero).
     """
     lane = lane_of(problem, w, l)
     if on:
@@ -59,7 +59,7 @@ def decide_closely(problem, w, l, max_steps, on):
     if lane.mode == STEP and lane.accept == 0.0:
         lane.rejected += 1.0
         lane.held = 1.0
-        # For an error of NaN the comparison below is false, and the step shrinks most.
+        # If the error is NaN, the comparison below is false, and the step shrinks by SHRINK.
         ratio = SAFETY_REJECTED / sqrt(sqrt(sqrt(sqrt(lane.error + LEAST_ERROR))))
         lane.h_next = lane.h * (ratio if ratio > SHRINK else SHRINK)
         status = OK
@@ -172,7 +172,7 @@ def commit(problem, w):
 
 @njit(**INNER)
 def watch(problem, w, windows, record):
-    """Update what is recorded at every accepted step."""
+    """Update the records of lanes whose step was accepted."""
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         if lane.accept == 0.0:
@@ -195,10 +195,10 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
          record, result, counts, windows, progress):  # fmt: skip
     """Integrate runs of the queue in one thread, until the queue is empty or Python asks to stop.
 
-    ``thread`` is the row of ``progress`` that it writes: expected cost of its runs that have ended,
-    expected cost done of those in its lanes, and the number of runs that have ended.  ``parts`` are
-    addresses, ``w`` is the thread's workspace, ``order`` the queue, and ``shared`` holds the next
-    place in the queue and the stop flag.
+    ``thread`` is the row of ``progress`` that it writes: the expected cost of its runs that have
+    ended, the part done of the expected cost of those in its lanes, and the number of runs that
+    have ended.  ``parts`` are addresses, ``w`` is the thread's workspace, ``order`` the queue, and
+    ``shared`` holds the next place in the queue and the stop flag.
     """
     widest_vectors()
     scale, dt, max_steps = options[0], options[1], options[2]

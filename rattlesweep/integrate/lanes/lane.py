@@ -148,7 +148,7 @@ FIELDS = (
     # at both ends, squared amplitude at the end; whether it is the last, whether it repeats a
     # rejected one.
     ("number", "h error root root0 n0 rate0 n1 rate1 amplitude last held"),
-    # Whether the lane needs a closer look, whether it takes the step; size of the next step.
+    # Whether the lane needs a closer look; whether it takes the step; size of the next step.
     ("number", "due accept h_next"),
     # Fastest angular frequency of the spin; its largest recent rate; its value and sign at launch;
     # the smallest sign * n since.
@@ -163,16 +163,16 @@ FIELDS = (
     ("point", "full"),
     ("number", "full_next"),
     ("point", "lo end hi beyond"),
-    # Squared amplitudes: largest since the last comparison, least compared, largest growth, number
-    # of comparisons, least that counts; next time at which a comparison or a window is due; time of
-    # the next comparison within the first window.
+    # Squared amplitudes: largest since the last comparison, smallest of those compared, largest
+    # growth, number of comparisons, smallest that counts; next time at which a comparison or the
+    # end of a window is due; time of the next comparison within the first window.
     ("number", "a_max a_min growth compared a_floor next mark"),
     # Length, end and number of the window; largest squared amplitude and extremes of the spin.
     ("number", "window window_end window_no window_a_max window_n_min window_n_max"),
     # Energy at launch and its largest drift; extremes of the contact forces.
     ("number", "energy0 drift_max ratio_max normal_min"),
-    # First zero of the spin, first zero since the spin was last far (-1 for none), the side it was
-    # on, the number of changes of side, the largest spin since the last.
+    # Times of the first zero of the spin, and of the first one since the spin was last far (-1 for
+    # none); the side it was on, the number of changes of side, the largest spin since the last.
     ("number", "t_zero t_pending side reversals n_after"),
     # Logarithm of phase volume, its rate over the step; share of the energy below which a body is
     # dead; exponent of the power of two taken out of the tangent.
@@ -222,8 +222,8 @@ class Layout:
 class Problem:
     """What a kernel is compiled for: a model, the kind of method, the number of lanes.
 
-    Compiled functions take it as an argument without data, and see its attributes and those of its
-    model as constants.  Hooks are the functions that differ for models with a tangent.
+    For compiled functions it is an argument without data, and its attributes, among them those of
+    the model, are constants.  Hooks are the functions that differ for models with a tangent.
     """
 
     known: ClassVar[dict[str, Problem]] = {}
@@ -245,7 +245,7 @@ class Problem:
 
 
 class ProblemType(types.Type):
-    """Numba's type of a problem, which refers to it by name, as types are stored on disk."""
+    """Numba's type of a problem, which it knows by name, since types are stored on disk."""
 
     def __init__(self, problem: str) -> None:
         self.problem = problem
@@ -429,7 +429,7 @@ def clear(context, builder, signature, args):
 
 
 class Sum(NamedTuple):
-    """``w[row] + share * w[factor] * (a * w[i] + b * w[j] + ...)``, without what is None."""
+    """``w[row] + share * w[factor] * (a * w[i] + b * w[j] + ...)``; what is None is left out."""
 
     row: int | None
     terms: tuple[tuple[float, int], ...]

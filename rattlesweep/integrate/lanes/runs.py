@@ -1,7 +1,8 @@
-"""What happens to a single lane: a run starts, a window closes, a run ends.
+"""A run in a lane: its start, the ends of its windows, its end.
 
 A run may carry a tangent, which is scaled by a power of two when it has become very long or short.
-Barriers keep its arithmetic apart, so that the state has the same bits as without a tangent.
+Barriers keep the arithmetic of the tangent apart from that of the state, whose bits are then the
+same as without a tangent.
 """
 
 # mypy: ignore-errors
@@ -98,7 +99,7 @@ def close_window(lane, run, windows, record):
 
 @njit(**INNER)
 def pass_marks(lane, t, run, windows, record):
-    """Do the comparisons and close the windows that are due by time ``t``."""
+    """Make the comparisons and close the windows that are due by time ``t``."""
     include_end(lane)
     while t >= lane.next:
         if lane.mark < lane.window_end:
@@ -112,7 +113,7 @@ def pass_marks(lane, t, run, windows, record):
 
 @njit(fastmath=FASTMATH, **INNER)
 def settled(lane, most):
-    """Return whether no amplitude grew in two windows, and the oscillation is at most ``most``."""
+    """Return whether no amplitude grew in two windows and the oscillation is at most ``most``."""
     if most == 0.0 or lane.window_no < 2.0 or lane.growth > 1.0 or lane.t_zero >= 0.0:
         return False
     _, oscillation = lane.problem.error(*(lane.y1 + lane.y1 + lane.constants))
@@ -218,7 +219,7 @@ def start(lane, run, y0, constants, probe, plan, record):
 
 @njit(**INNER)
 def idle(lane):
-    """Empty a lane: with a spinning state and steps of size zero, nothing is ever due."""
+    """Empty a lane: in a spinning state and with steps of size zero, no zero and no end is due."""
     clear(lane)
     lane.run = -1.0
     lane.y, lane.constants, lane.probe = lane.problem.idle
@@ -293,8 +294,8 @@ def start_tangent(lane):
     norm = sqrt(lane.problem.square(p, q, a, b, c, *lane.constants))
     v = p / norm, q / norm, a / norm, b / norm, c / norm
     lane.v = v
-    # All components but the last are read again: that decides which products are fused, and so the
-    # last bits of the exponents.
+    # All components but the last are read again.  This decides which products are fused, and so
+    # keeps the last bits of the exponents.
     barrier()
     lane.g = lane.problem.rate(*(lane.y + lane.f + lane.v[:-1] + v[-1:] + lane.constants))
     lane.shift = 0.0

@@ -29,7 +29,7 @@ from rattlesweep.integrate.lanes.lane import (
 
 
 class _Attempt:
-    """A writer of the source of ``attempt(problem, w, scale)``, where ``scale = 1 / tol**2``."""
+    """Writes the source of ``attempt(problem, w, scale)``, where ``scale = 1 / tol**2``."""
 
     def __init__(self, tableau: Tableau, model: Model, lanes: int, volume: bool) -> None:
         self.tableau, self.model, self.lanes, self.volume = tableau, model, lanes, volume
@@ -90,7 +90,7 @@ class _Attempt:
             else:
                 self.loop(*body)
         if self.volume:
-            # The method's sum for the phase volume, on which no stage depends.
+            # The weighted sum over the stages for the phase volume, on which no stage depends.
             for i, weight in tableau.b.items():
                 values = self.sums(n, tableau.a[i], stages, y, share) if i else span(y, n)
                 rate = f"problem.volume(*{self.gather(values)}(w, l))"
