@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rattlesweep.api.arrays import Bodies, body_columns, broadcast, column_scale, numbers
+from rattlesweep.api.arrays import Bodies, body_columns, broadcast, column_units, numbers
 from rattlesweep.api.single import Page, Run, fit, replay, show, simulate, trajectory
 from rattlesweep.api.sweeps import Sweep, load, sweep
 from rattlesweep.arrays import Floats
@@ -102,9 +102,9 @@ def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRa
 
 def _columns(body: Bodies, **arrays: ArrayLike) -> dict[str, Floats]:
     columns = body_columns(body)
-    scale = column_scale(columns)
+    units = column_units(columns)
     parts = {name: columns[name] for name in PARAMETERS}
-    return broadcast(parts | {name: numbers(name, x, scale) for name, x in arrays.items()})[0]
+    return broadcast(parts | {name: numbers(name, x, units) for name, x in arrays.items()})[0]
 
 
 def _modes(parts: dict[str, Floats]) -> Modes:

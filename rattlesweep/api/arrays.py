@@ -72,18 +72,18 @@ def _table_columns(bodies: Mapping[str, Any] | pd.DataFrame) -> dict[str, Floats
     return table.columns | {name: table.carried[name] for name in SIZE if name in table.carried}
 
 
-def column_scale(columns: Mapping[str, Any]) -> Units | None:
+def column_units(columns: Mapping[str, Any]) -> Units | None:
     if "height_m" not in columns:
         return None
     size = columns.get("mass_kg", np.nan), columns["height_m"], columns.get(SIZE[2], GRAVITY)
     return Units(*(np.asarray(part, float) for part in np.broadcast_arrays(*size)))
 
 
-def numbers(name: str, value: Any, scale: Units | None = None) -> Floats:
+def numbers(name: str, value: Any, units: Units | None = None) -> Floats:
     """Return an argument as an array in the units of the bodies, or refuse it."""
     from rattlesweep.sweeps.bodies.table import check_value
 
-    array = _floats(name, value, scale)
+    array = _floats(name, value, units)
     broken = check_value("psi_deg" if name == "psi" else name, array.ravel())
     if (bad := ~np.isfinite(array)).any():
         broken = int(np.argmax(bad)), "it must be finite"
@@ -94,7 +94,7 @@ def numbers(name: str, value: Any, scale: Units | None = None) -> Floats:
     return array
 
 
-def _floats(name: str, value: Any, scale: Units | None) -> Floats:
+def _floats(name: str, value: Any, units: Units | None) -> Floats:
     if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
         return value.astype(float)
     given = np.array(value, dtype=object)  # other types would turn numbers beside texts into texts
@@ -113,17 +113,17 @@ def _floats(name: str, value: Any, scale: Units | None) -> Floats:
     is_text = np.array([isinstance(one, str) for one in flat]).reshape(given.shape)
     if not is_text.any():
         return array
-    if scale is None:
+    if units is None:
         raise ConfigError(f"{name}: {one_line(str(value))} has a unit, but the body has no size; "
                           "give a number, or a body with a size (KL, from_si, half_ellipsoid, "
                           "--mass and --height)")  # fmt: skip
-    return np.asarray(np.where(is_text, scale.natural(array, KINDS[name]), array))
+    return np.asarray(np.where(is_text, units.natural(array, KINDS[name]), array))
 
 
-def number(name: str, value: Any, scale: Units | None = None) -> float | None:
+def number(name: str, value: Any, units: Units | None = None) -> float | None:
     if value is None:
         return None
-    array = numbers(name, value, scale)
+    array = numbers(name, value, units)
     if array.shape:
         raise ConfigError(f"{name}: one number is needed, not an array of shape {array.shape}")
     return float(array)
@@ -151,12 +151,12 @@ def names_of(what: str, value: str | Iterable[str]) -> list[str]:
     return names
 
 
-def full_states(omega: Any, u: Any, scale: Units | None = None) -> dict[str, Floats]:
-    if scale is not None:
-        scale = Units(*(np.asarray(part)[..., None] for part in vars(scale).values()))
+def full_states(omega: Any, u: Any, units: Units | None = None) -> dict[str, Floats]:
+    if units is not None:
+        units = Units(*(np.asarray(part)[..., None] for part in vars(units).values()))
     state: dict[str, Floats] = {}
     for name, value in {"omega": omega, "u": (0.0, 0.0, -1.0) if u is None else u}.items():
-        vectors = numbers(name, value, scale)
+        vectors = numbers(name, value, units)
         if vectors.shape[-1:] != (3,):
             raise ConfigError(f"{name}: a vector has three components, not shape {vectors.shape}")
         for k, x in enumerate("xyz"):

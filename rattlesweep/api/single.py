@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from rattlesweep.api import arrays as arguments
 from rattlesweep.api.arrays import Bodies, check_count, number, numbers
 from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigError
+from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.text import Bar, counted
 
@@ -67,16 +68,13 @@ class Trajectory:
     where contact would be lost, or rolling needs a coefficient of friction above 1.
     """
 
-    def __init__(
-        self, run: PreparedRun, scale: Units | None, channels: Sequence[str], **rows: Any
-    ) -> None:
+    def __init__(self, run: PreparedRun, channels: Sequence[str], **rows: Any) -> None:
         import pandas as pd
 
         from rattlesweep.analysis.onerun.course import Course
 
         names = arguments.names_of("channels", channels)
-        self._course = course = Course(run, names, **rows_of(scale, **rows))
-        self._scale = scale
+        self._course = course = Course(run, names, **rows_of(run.units, **rows))
         self.table = pd.DataFrame(course.columns())
         self.units = {channel.name: channel.unit for channel in course.channels}
         ended = course.follower
@@ -97,7 +95,7 @@ class Trajectory:
 
     def show(self, *, title: str | None = None, **shown: Any) -> Page:
         """Make a page of this run; `from_time`, `points` and `path` are those of :func:`show`."""
-        return page_of(self._course.run, self._scale, title, **shown)[0]
+        return page_of(self._course.run, title, **shown)[0]
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Draw the columns against the time, and write the figure to a file if `path` is given."""
@@ -177,18 +175,20 @@ def simulate(
     <Run t_r=112.093878, t_end=112.093878, type=R, status=ok>
     """
     from rattlesweep.integrate.compile import listening
-    from rattlesweep.sweeps.bodies.table import TableBodies, launched_from
+    from rattlesweep.sweeps.bodies.table import TableBodies, launched_from, unknown_columns
     from rattlesweep.sweeps.launches import Launch, is_full_state, plan_of
     from rattlesweep.sweeps.run import integrate_plan
 
     arguments.check_names("arguments", integrator, (*LAUNCH, "record", "threads", "progress"))
     check_count("threads", threads)
+    if arguments.is_frame(body) and (unused := unknown_columns(map(str, body))):
+        warnings.warn(f"bodies: columns not used: {', '.join(unused)}", ConfigWarning, 2)
     columns = arguments.body_columns(body)
-    scale = arguments.column_scale(columns)
+    units = arguments.column_units(columns)
     many = {"n_i": n_i, "omega_xy0": omega_xy0, "t_end": t_end, "sigma": sigma, "rolling": rolling}
-    arrays = {name: numbers(name, x, scale) for name, x in many.items() if x is not None}
+    arrays = {name: numbers(name, x, units) for name, x in many.items() if x is not None}
     if full := is_full_state(omega, u, {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi}):
-        arrays |= arguments.full_states(omega, u, scale)
+        arrays |= arguments.full_states(omega, u, units)
     if psi is not None and not isinstance(psi, str):
         arrays["psi"] = np.radians(numbers("psi", psi))
     columns, shape = arguments.broadcast(_launched(columns, arrays, psi))
@@ -201,9 +201,9 @@ def simulate(
         model=model, integrator=integrator,
         record=arguments.names_of("record", record),
     )  # fmt: skip
-    scale = arguments.column_scale(columns)
+    units = arguments.column_units(columns)
     sizes = {name: columns.pop(name) for name in arguments.SIZE if name in columns}
-    plan = plan_of(settings, TableBodies(columns, scale, sizes if scale else {}))
+    plan = plan_of(settings, TableBodies(columns, units, sizes if units else {}))
     with Bar.of_call(progress) as bar, listening(bar.compiling):
         table = integrate_plan(plan, threads if shape else 1, bar.counting(f"{plan.runs:,} runs"))
     table = table.cast(plan.schema).drop_columns(["case", "sample"])
@@ -245,7 +245,7 @@ def trajectory(
     ((4,), array([112.09]))
     """
     rows = {"points": points, "dt": dt, "steps": steps, "times": times, "from_time": from_time}
-    return Trajectory(*prepare_launch(body, **launch), channels, **rows)
+    return Trajectory(prepare_launch(body, **launch), channels, **rows)
 
 
 def show(
@@ -257,9 +257,9 @@ def show(
     The arguments are those of :func:`trajectory`, with 20 rows per pitch period by default.
     `title` is the title of the page, and `path` an .html file to write it to.
     """
-    run, scale = prepare_launch(body, **launch)
     title = title or (f"Rattleback {body}" if isinstance(body, str) else None)
-    return page_of(run, scale, title, points=points, from_time=from_time, path=path)[0]
+    run = prepare_launch(body, **launch)
+    return page_of(run, title, points=points, from_time=from_time, path=path)[0]
 
 
 def replay(
@@ -272,8 +272,8 @@ def replay(
     The other arguments are those of :func:`trajectory`; `t_end` is by default the sweep's.  Raises
     an OutputError if the run is not stored yet, is damaged, or differs in any bit.
     """
-    run, prepared = prepare_stored(directory, t_end, case=case, sample=sample)
-    return Trajectory(prepared, run.scale, channels, **rows)
+    _, run = prepare_stored(directory, t_end, case=case, sample=sample)
+    return Trajectory(run, channels, **rows)
 
 
 def fit(
@@ -312,14 +312,14 @@ def fit(
 
 
 def page_of(
-    run: PreparedRun, scale: Units | None, title: str | None, *, points: int | None = None,
+    run: PreparedRun, title: str | None, *, points: int | None = None,
     from_time: Number | None = None, path: str | Path | None = None,
 ) -> tuple[Page, Course]:  # fmt: skip
     """Return the page of a run and its course, and write the page if there is a path."""
     from rattlesweep.analysis.onerun.show import course_of, make_page, make_scene
 
     check_count("points", points, 2)
-    course = course_of(run, points, number("from_time", from_time, scale))
+    course = course_of(run, points, number("from_time", from_time, run.units))
     page = Page(make_page(make_scene(course), str(title or "Rattleback"), run.title))
     return page if path is None else page.save(path), course
 
@@ -334,17 +334,16 @@ def prepare_stored(
     for name in ("case", "sample"):
         check_count(name, which.get(name), 0)
     run = find_run(as_path(directory, "directory"), **which)
-    prepared = run.prepare(number("t_end", t_end, run.scale))
+    prepared = run.prepare(number("t_end", t_end, run.units))
     run.prove()
     return run, prepared
 
 
-def prepare_launch(body: Any, **launch: Any) -> tuple[PreparedRun, Units | None]:
-    """Return one launch, ready to be integrated, and the scale of its body."""
+def prepare_launch(body: Any, **launch: Any) -> PreparedRun:
+    """Return one launch, ready to be integrated."""
     from rattlesweep.analysis.onerun.course import PreparedRun
 
-    made = launch_of(body, **launch)
-    return PreparedRun.of(made), made.body.units
+    return PreparedRun.of(launch_of(body, **launch))
 
 
 def launch_of(
@@ -355,26 +354,26 @@ def launch_of(
     from rattlesweep.sweeps.launches import Launch
 
     made = arguments.one_body(body)
-    scale = made.units
+    units = made.units
     arguments.check_names("arguments", values, (*LAUNCH, "e_p0", "e_r0"))
     given = {name: value for name, value in values.items() if value is not None}
     integrator = {name: given.pop(name) for name in INTEGRATOR if name in given}
-    single: dict[str, Any] = {name: number(name, value, scale) for name, value in given.items()}
+    single: dict[str, Any] = {name: number(name, value, units) for name, value in given.items()}
     psi = psi if isinstance(psi, str) else number("psi", psi)
     if omega is not None:
-        state = arguments.full_states(omega, u, scale)
+        state = arguments.full_states(omega, u, units)
         omega = [float(state[f"omega_{x}"]) for x in "xyz"]
     return Launch(made, psi=psi, omega=omega, u=u, model=model, integrator=integrator, **single)
 
 
 def rows_of(
-    scale: Units | None, points: int | None = None, dt: Any = None, steps: bool = False,
+    units: Units | None, points: int | None = None, dt: Any = None, steps: bool = False,
     times: Any = None, from_time: Any = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Return the arguments of a course that choose its rows, with times in ``sqrt(a/g)``."""
     check_count("points", points, 2)
-    times = None if times is None else numbers("times", times, scale)
-    dt, from_time = number("dt", dt, scale), number("from_time", from_time, scale)
+    times = None if times is None else numbers("times", times, units)
+    dt, from_time = number("dt", dt, units), number("from_time", from_time, units)
     return {"points": points, "dt": dt, "steps": steps, "times": times, "from_time": from_time}
 
 

@@ -188,7 +188,7 @@ class Sweep:
         """Make a page of a run, or of the first that meets `where`, as :func:`show` does."""
         which = {"case": case, "sample": sample, "where": where}
         found, run = prepare_stored(self.directory, t_end, **which)
-        return page_of(run, found.scale, title or found.title, **settings)[0]
+        return page_of(run, title or found.title, **settings)[0]
 
     def __repr__(self) -> str:
         return f"<Sweep {self.directory}: {self._stored.count():,} runs>"

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from rattlesweep.analysis.fit import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.physics.body import Rattleback
-    from rattlesweep.physics.si import Units
 
 
 @command("One run", "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3",
@@ -102,7 +101,7 @@ def trajectory(**given: Any) -> int:
     """
     probe(given["output"], given["figure"])
     how = {name: given.pop(name) for name in SERIES}
-    return _follow(*_prepared(given), **how)
+    return _follow(_prepared(given), **how)
 
 
 @command("One run", "rattlesweep replay out/quickstart --where 'type == \"SW\" and K_r < 0.005' "
@@ -120,7 +119,7 @@ def replay(directory: Path, **given: Any) -> int:
 
     probe(given["output"], given["figure"])
     run, prepared = prepare_stored(directory, **pick(given, "case", "sample", "where", "t_end"))
-    return _follow(prepared, run.scale, run.proof, **given)
+    return _follow(prepared, run.proof, **given)
 
 
 @command("One run", "rattlesweep show --preset GH --n-i -0.1 --output spin.html",
@@ -150,20 +149,20 @@ def show(directory: Path | None, title: str | None, output: Path, quiet: bool, *
         for name in pick(given, *given):
             raise ConfigError(f"--{name.replace('_', '-')}: a stored run has its own; leave it out")
         found, run = prepare_stored(directory, t_end, **which)
-        scale, proof, title = found.scale, found.proof, title or found.title
+        proof, title = found.proof, title or found.title
     elif which:
         raise ConfigError("--case, --sample and --where choose a run of a DIRECTORY; give it")
     else:
         title = title or (f"Rattleback {given['preset']}" if given["preset"] else None)
-        run, scale = _prepared(given)
-    page, course = page_of(run, scale, title, path=output, **rows)
+        run = _prepared(given)
+    page, course = page_of(run, title, path=output, **rows)
     click.echo(output)
     if not quiet:
         say(f"{len(page.content) / 1e6:.1f} MB")
-    return _say_outcome(course, quiet, scale, proof)
+    return _say_outcome(course, quiet, proof)
 
 
-def _prepared(given: dict[str, Any]) -> tuple[PreparedRun, Units | None]:
+def _prepared(given: dict[str, Any]) -> PreparedRun:
     from rattlesweep.analysis.derived import make_body
     from rattlesweep.api.single import prepare_launch
 
@@ -173,14 +172,14 @@ def _prepared(given: dict[str, Any]) -> tuple[PreparedRun, Units | None]:
 
 
 def _follow(
-    run: PreparedRun, scale: Units | None, proof: str = "", *, channels: tuple[str, ...] | None,
+    run: PreparedRun, proof: str = "", *, channels: tuple[str, ...] | None,
     output: Path | None, figure: Path | None, quiet: bool, **given: Any,
 ) -> int:  # fmt: skip
     """Integrate a run, and write its files or print CSV; a figure has its own rows."""
     from rattlesweep.analysis.onerun.course import Course, save, write_csv
     from rattlesweep.api.single import rows_of
 
-    rows = rows_of(scale, **given)
+    rows = rows_of(run.units, **given)
     if output is not None or figure is None:
         course = Course(run, channels or ("t", "n"), **rows)
         write_csv(course, sys.stdout.buffer) if output is None else save(course, output)
@@ -189,16 +188,16 @@ def _follow(
 
         course = course_of(run, channels, rows["from_time"])
         draw(course.columns(), course, figure)
-    return _say_outcome(course, quiet, scale, proof)
+    return _say_outcome(course, quiet, proof)
 
 
-def _say_outcome(course: Course, quiet: bool, scale: Units | None, proof: str) -> int:
+def _say_outcome(course: Course, quiet: bool, proof: str) -> int:
     """Print the reversals of a run, also in seconds if it has a size; return the exit code."""
     ended = course.follower
     if not quiet:
         text = f"{proof}\n".lstrip() + _times(course.reversals, "reversal")
-        if scale is not None and course.reversals:
-            text += f" ({', '.join(f'{t * scale.time:.4g} s' for t in course.reversals[:8])})"
+        if (units := course.run.units) is not None and course.reversals:
+            text += f" ({', '.join(f'{t * units.time:.4g} s' for t in course.reversals[:8])})"
         if ended.zeros != course.reversals:
             text += f" ({_times(ended.zeros, 'zero crossing')})"
         say(f"{text}; {ended.n_steps} steps to t = {ended.t:g}")

@@ -14,7 +14,7 @@ from rattlesweep.arrays import Flags
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
 from rattlesweep.sweeps.bodies.sources import SdBodies, bodies_at, ranges_of
-from rattlesweep.sweeps.bodies.table import KEPT, TableBodies, frame_bodies
+from rattlesweep.sweeps.bodies.table import TableBodies, frame_bodies, unknown_columns
 from rattlesweep.sweeps.columns import write_parquet
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Config, SdSource
@@ -57,7 +57,7 @@ def checked_plan(
     with config.locating():
         plan = make_plan(config, base, rows)
         warnings = check_physics(plan)
-        if own := [x for x in getattr(plan.source, "carried", ()) if x not in KEPT]:
+        if own := unknown_columns(getattr(plan.source, "carried", ())):
             warnings.append(f"bodies: columns carried along: {', '.join(own)}")
         if isinstance(plan.source, SdBodies):
             plan.source.check_targets()

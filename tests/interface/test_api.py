@@ -156,6 +156,7 @@ BAD_RUNS: list[tuple[dict[str, Any], str]] = [
     ({"n_i": "60"}, r"n_i: '60' \(str\) has no unit; a spin is needed, such as 60 rpm"),
     ({"methd": "rk4"}, 'arguments: "methd" is not one of .* did you mean "method"'),
     ({"record": 3}, r"record: 3 \(int\) is not a name or a list of names"),
+    ({"n_i": ["60 rpm", "1"]}, r"n_i: '1' \(str\) has no unit"),
     ({"n_i": [1, 2], "omega_xy0": [1] * 3}, r"n_i \(2,\), omega_xy0 \(3,\)"),
     ({"omega_xy0": None}, "omega_xy0 missing; give both, or a table with them"),
     ({"psi": "yaw"}, '"yaw" is not one of relevant, pitch, roll'),

@@ -12,6 +12,7 @@ import pytest
 from sweeping import HEAD, ROW
 
 import rattlesweep as rs
+from rattlesweep.errors import ConfigWarning
 from rattlesweep.sweeps.bodies import table
 
 STONES = pd.DataFrame(
@@ -123,6 +124,19 @@ def test_a_frame_is_swept_with_all_of_its_columns(tmp_path):
     alone = rs.simulate(frame)
     assert alone.t_r.equals(runs.t_r)
     assert alone.sigma.equals(runs.sigma)
+
+
+def test_columns_that_no_run_depends_on_are_named(tmp_path):
+    """A misspelt column is seen; an empty direction is that of the config."""
+    body = {name: getattr(rs.Rattleback.gh(), name) for name in table.PARAMETERS}
+    launch = {"n_i": 0.1, "omega_xy0": 0.01, "t_end": 200.0}
+    frame = pd.DataFrame([{**body, **launch, "psi_deg": psi, "psy": 1} for psi in (30, None)])
+    with pytest.warns(ConfigWarning, match="columns carried along: psy$"):
+        runs = rs.sweep(frame, output=tmp_path / "out").runs
+    with pytest.warns(ConfigWarning, match="columns not used: psy$"):
+        same = rs.simulate(frame)
+    single = [rs.simulate("GH", **launch, psi=psi).t_r for psi in (30, None)]
+    assert runs.t_r.tolist() == same.t_r.tolist() == single
 
 
 def test_angles_in_degrees_and_the_unit_of_time_alone(tmp_path):

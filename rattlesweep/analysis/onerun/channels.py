@@ -164,10 +164,10 @@ def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:
 
 def in_si(channels: Iterable[Channel], units: Units | None) -> dict[str, Channel]:
     """Return by their plain names the channels that exist in SI units, such as ``t_s`` of ``t``."""
-    found = {}
+    found, sizes = {}, {} if units is None else units.sizes
     for channel in channels:
-        if units is not None and channel.unit in units.sizes:
-            size, unit = units.sizes[channel.unit]
+        size, unit = sizes.get(channel.unit, (math.nan, ""))
+        if math.isfinite(size):  # the mass may be unknown
             if channel.name in ("n", "n_reduced", "n_gh"):
                 size, unit = size * 30 / math.pi, "rpm"
             name = f"{channel.name}_{unit.replace('/', '_')}"

@@ -66,7 +66,7 @@ class StoredRun:
         return plan, prepare(plan, *keys_of(self.row))
 
     @property
-    def scale(self) -> Units | None:
+    def units(self) -> Units | None:
         """The units of its body, None if its size is not known."""
         return take(self._planned[1].bodies.units, 0)  # type: ignore[arg-type]
 
@@ -79,7 +79,7 @@ class StoredRun:
             tolerance = {"accuracy": None, "tol": self.values["tol"]}
             own = config.integrator.model_copy(update=tolerance)
             config = config.model_copy(update={"integrator": own})
-        return PreparedRun(config, launches, make_batch(launches, config.model), self.scale)
+        return PreparedRun(config, launches, make_batch(launches, config.model), self.units)
 
 
 def find_run(

@@ -154,6 +154,12 @@ def run_fields(units: Units | None, carried: Mapping[str, NDArray[Any]]) -> tupl
     return (*own, *(MEASURED if units else ()))
 
 
+def unknown_columns(names: Iterable[str]) -> list[str]:
+    """Return the names of columns that no run depends on, which may be misspelt."""
+    known = {"", "case", "sample", *INPUT, *RESULTS, *KEPT}
+    return [name for name in names if name not in known and about(name)[0] == "1"]
+
+
 def about(name: str) -> tuple[str, str]:
     """Return unit and description of a column that is copied from the bodies to the runs."""
     if shape := re.fullmatch(r"shape_(\w+)_(m|kg|rad)", name):
