@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
-COMPILING = "compiling the kernel for this machine, once (about 15 s)"
+COMPILING = "compiling a kernel for this machine (about 15 s); it is kept for later runs"
 DELAY = 0.5  # seconds after which a bar appears, so that short work shows none
 LINE_EVERY = 60.0  # seconds between lines of progress where standard error is not a terminal
 
