@@ -183,20 +183,24 @@ class Fit:
         (t_unit, t_size), (unit, size) = data.units
         t, value, expected = data.t / t_size, data.value / size, self._expected / size
         label = style.label("time", t_unit)
-        if data.kind == "reversal":
+        line: dict[str, Any] = {"color": style.VERMILION, "linewidth": 1.2, "label": "fit"}
+        if data.kind == "reversal":  # single times, which no line joins
             t, label = np.arange(1.0, len(t) + 1), "number of the reversal"
+            line |= {"linestyle": "none", "marker": "x"}
         dots: dict[str, Any] = {"color": style.BLUE, "linestyle": "none", "markersize": 2.5,
                                 "marker": "." if len(t) > 30 else "o"}  # fmt: skip
         with style.styled():
             figure = style.new_figure(7.2, 4.6)
             top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
             top.plot(t, value, label="measured", **dots)
-            top.plot(t, expected, color=style.VERMILION, linewidth=1.2, label="fit")
+            top.plot(t, expected, **line)
             bottom.plot(t, value - expected, **dots)
             bottom.axhline(0, color=style.VERMILION, linewidth=1.0)
             top.set_ylabel(style.label(data.kind, unit))
             bottom.set(ylabel=style.label("residual", unit), xlabel=label)
             top.legend(loc="best")
+            if data.kind == "reversal":
+                bottom.set_xticks(t)
             for axes in (top, bottom):
                 style.light_grid(axes)
             figure.align_ylabels([top, bottom])

@@ -185,11 +185,12 @@ class Layout:
                 own.add(cell[kept], values[kept])
         return counts, {name: own.means() for name, own in moments.items()}
 
-    def named(self, name: str, option: str) -> Axis:
-        """Return an axis by its name; raise a ConfigError if there is none."""
-        if name not in self.axes:
-            raise ConfigError(f"{option}: {not_one_of(name, self.axes)}")
-        return self.axes[name]
+    def key(self, name: str, option: str) -> str:
+        """Return the key of an axis by its name, which ends in a unit if its values have one."""
+        known = {own: key for key, axis in self.axes.items() for own in (key, axis.name)}
+        if name not in known:
+            raise ConfigError(f"{option}: {not_one_of(name, known)}")
+        return known[name]
 
     def column(self, name: str, option: str) -> tuple[str, str]:
         """Return unit and description of a numeric column; raise a ConfigError for others."""
@@ -214,8 +215,8 @@ class Layout:
         axes = dict(self.axes)
         for text in texts:
             name, _, wanted = text.partition("=")
-            axis = self.named(name.strip(), f"select {text}")
-            axes[axis.name] = axes[axis.name].only(wanted, f"select {text}")
+            key = self.key(name.strip(), f"select {text}")
+            axes[key] = axes[key].only(wanted, f"select {text}")
         return replace(self, axes=axes)
 
     def in_si(self) -> Layout:
@@ -227,9 +228,9 @@ class Layout:
         sizes = {"n_i": factor[0]} if len(factor) and np.ptp(factor) < NEAR * factor[0] else {}
         for name, given in self.stored.config.settings.items():
             # The largest value in both units.
-            largest = max((abs(x) if isinstance(x, Quantity) else 0.0 for x in given), default=0.0)
+            largest = max((abs(x) for x in given if isinstance(x, Quantity)), default=0.0)
             if name in axes and largest and all(isinstance(x, Quantity) for x in given):
-                natural = np.abs(axes[name].values).max()
+                natural = max(abs(getattr(case, name)) for case in self.stored.cases)
                 sizes.setdefault(name, largest / SI[name][1] / natural)
         for name in sizes.keys() & axes.keys():
             values = np.round(axes[name].values * sizes[name], 12)

@@ -1,5 +1,6 @@
 """Pictures of a sweep: fractions of types, times, maps, histograms, scatter plots."""
 
+import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import cached_property
@@ -24,6 +25,7 @@ from rattlesweep.sweeps.summary import Counts
 from rattlesweep.sweeps.types import codes, share, wilson
 
 MOST_PANELS, MOST_BINS = 40, 150
+PER_INCH = 11  # letters of a heading in an inch of width
 MOST_MARKERS = 40  # more markers would hide the curve
 WIDE = 30.0  # values whose largest ratio exceeds this are shown on a logarithmic scale
 ENOUGH, SIDE = 3, 8  # values that make an axis long enough for an abscissa, for a side of a map
@@ -49,6 +51,7 @@ class Picture(ABC):
     panel: ClassVar[tuple[float, float]]  # width and height of a panel in inches
     parts = 1  # panels side by side for each combination of values
     ylabel: str  # of all panels, set by drawing
+    shows = "of those selected"  # which runs the picture shows
     more: tuple[str, ...] = ()  # columns that are averaged in each cell
 
     def __init__(self, layout: Layout, name: str, x: str | None, quantity: str | None) -> None:
@@ -115,7 +118,7 @@ class Picture(ABC):
         """Return the figure; None stands for what suits the values."""
         layout = self.layout
         if not len(self):
-            raise OutputError(f"{layout.stored.directory} holds no run of those selected")
+            raise OutputError(f"{layout.stored.directory} holds no run {self.shows}")
         down, across = ([*product(*(range(len(axis.values)) for axis in axes))]
                         for axes in (self.rows, self.columns))  # fmt: skip
         if (count := len(down) * len(across)) > MOST_PANELS:
@@ -144,8 +147,10 @@ class Picture(ABC):
             getattr(axes, f"set_{which}lim")(limits)
         # A value selected alone appears nowhere else in the picture.
         pinned = [a for a in layout.axes.values() if len(a.values) == 1 and -1 in a.rank]
+        condition = textwrap.fill(layout.where.text if layout.where else "",
+                                  int(PER_INCH * figure.get_figwidth()))  # fmt: skip
         # A dollar sign in a condition does not begin a formula.
-        condition = layout.where.text.replace("$", "\\$") if layout.where else ""
+        condition = condition.replace("$", "\\$")
         heading = title, texts(pinned, [0] * len(pinned)), condition
         style.add_legend(figure, handles, [*filter(None, heading)])
         if captioned:
@@ -210,7 +215,7 @@ class Fractions(Picture):
                                               clip_on=False, **look)  # fmt: skip
             scale(axes, "x", x, log)
             if len(x.values) < FEW:
-                shown = [f"{value:.4g}" for value in x.values]
+                shown = [f"{value:.4g}".replace("-", "−") for value in x.values]
                 width = 72 * axes.figure.get_figwidth() / axes.get_gridspec().ncols
                 crowded = 7 * len("  ".join(shown)) > width
                 axes.set_xticks(x.values, shown, rotation=90 if crowded else 0)
@@ -260,9 +265,13 @@ class Times(Picture):
                 at = x.values[part]
                 axes.plot(at, middle[part], color=colour, linewidth=1.1, ms=4,
                           marker=marker if len(x.values) <= MOST_MARKERS else None)  # fmt: skip
-                axes.fill_between(at, low[part], high[part], color=colour, alpha=0.12, linewidth=0)
+                # A single abscissa has no line: the width of an edge and a dash are visible there.
+                single = len(at) == 1
+                axes.fill_between(at, low[part], high[part], color=colour, alpha=0.12,
+                                  linewidth=4 if single else 0)  # fmt: skip
                 if not relative:
-                    axes.plot(at, theory[here][part], **THEORY | {"color": colour, "zorder": 1.5})
+                    axes.plot(at, theory[here][part], **THEORY | {"color": colour, "zorder": 1.5},
+                              marker="_" if single else None, ms=12)  # fmt: skip
         for axes, _ in panels:
             scale(axes, "x", x, log)
             style.light_grid(axes)
@@ -324,12 +333,12 @@ class Map(Picture):
         every, mean = [axes for axes, _ in panels], "mean " if several else ""
         self.ylabel = label(y.name)
         code, value, beyond = self.shown()
-        turns = self.quantity == "n_turns"
+        turns = self.quantity in ("n_turns", "reversals_sure")
         value = np.where(turns & (value == 0), np.nan, value)  # drawn in the colour of no turns
         known = value[np.isfinite(value)] if np.isfinite(value).any() else np.array([0.0, 2.0])
         low, high = (float(end) for end in np.percentile(known, MAP_ENDS))
         wide = low > 0 and high > (WIDE if self.quantity else 4) * low
-        norm = (LogNorm if wide else Normalize)(low, high if high > low else low + 1)
+        norm = (LogNorm if wide else Normalize)(low, high)
         mesh: Any = None
         for k, (axes, where) in enumerate(panels):
             here: Any = (..., *where)
@@ -358,7 +367,7 @@ class Map(Picture):
             every[1].set_title(mean + label("ratio"), fontsize="medium")
         else:
             name, (unit, words) = self.quantity, self.layout.column(self.quantity, "quantity")
-            words = f"{name}: {words}."
+            words = f"{name}: {words.partition('; null')[0]}."  # the legend names missing values
         self.notes.append(words)
         extend = {(True, True): "both", (True, False): "min", (False, True): "max"}
         ends = bool(known.min() < low), bool(known.max() > high)
@@ -367,7 +376,11 @@ class Map(Picture):
         bar.set_label(mean + label(name, unit))
         if wide:
             style.plain_ticks(bar.ax, "y", low, high)
-        nothing = "no turns" if turns else "no reversal" if unit is None else "no value"
+        elif low == high:
+            bar.set_ticks([low])  # a scale around the only value would be invented
+        nothing = "no reversal" if unit is None else "no value"
+        if turns:
+            nothing = style.symbol(name).replace("number of", "no")
         entries = CELLS | {"none": (style.NO_REVERSAL, nothing)}
         if self.layout.where is not None:
             entries["missing"] = (style.MISSING, "not selected")
@@ -411,6 +424,13 @@ class Distribution(Picture):
             return np.arange(low, high + 2) - 0.5, False
         log = bool(low > 0 and (self.quantity is None or high > WIDE * low))
         v = np.log(values) if log else values
+        distinct = np.unique(v)
+        spacing = np.diff(distinct).min() if len(distinct) > 1 else abs(low) / 5 or 1.0
+        if len(distinct) <= SIDE and np.ptp(distinct) < MOST_BINS * spacing:
+            # A bar around each value, and narrow margins.
+            bars = np.ravel(distinct[:, None] + spacing * np.array([-0.25, 0.25]))
+            bars = np.array([bars[0] - spacing / 4, *bars, bars[-1] + spacing / 4])
+            return np.exp(bars) if log else bars, log
         # The rule of Freedman and Diaconis, within limits.
         width = 2 * np.ptp(np.percentile(v, (25, 75))) / np.cbrt(len(v))
         count = int(np.clip(np.ptp(v) / max(width, 1e-300), 8, MOST_BINS))
@@ -441,7 +461,7 @@ class Distribution(Picture):
         self.ylabel = "number of runs"
         axes.set(xlim=(low, high), yscale="log" if log else "linear")
         if not log:
-            axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+            axes.yaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
         style.light_grid(axes)
         self.notes.append(f"{runs.sum():,} of {len(self.values):,} runs: {meaning}.")
         return []
@@ -457,6 +477,7 @@ class Scatter(Picture):
         if self.column == "t_r":
             raise ConfigError("x t_r: it is the ordinate of a scatter; choose another column")
         self.unit, _ = self.layout.column(self.column, "x")
+        self.shows = f"that has values of {self.column} and t_r"
         return super()._arrange()
 
     @cached_property
@@ -501,7 +522,10 @@ def choose_picture(
     select: Sequence[str] = (), where: str | None = None,
 ) -> Picture:  # fmt: skip
     """Return the picture of a kind, by default the one that suits the sweep."""
-    layout = layout.chosen(where).select(select).in_si()
+    # A name with a unit, such as n_i_rpm, selects values in this unit, which follow from in_si.
+    natural = [text for text in select if text.partition("=")[0].strip() in layout.axes]
+    others = [text for text in select if text not in natural]
+    layout = layout.chosen(where).select(natural).in_si().select(others)
     fitting, suited = fitting_kinds(layout), default_kind(layout)
     if kind is None and x in layout.stored.schema.names and x not in layout.axes:
         kind = "scatter"
@@ -509,9 +533,10 @@ def choose_picture(
         kind = "map" if suited in ("map", "reversals") else "distribution"
     kind = kind or suited
     if x is not None and kind != "scatter":
-        layout.named(x, f"x {x}")
+        x = layout.key(x, f"x {x}")
     if kind not in fitting:
-        raise ConfigError(f"kind {kind}: does not fit this sweep; {', '.join(fitting)} fit")
+        needs = " (it needs record: [reversals] and two parameters)" if kind == "reversals" else ""
+        raise ConfigError(f"kind {kind}: does not fit this sweep{needs}; {', '.join(fitting)} fit")
     if quantity is not None and kind not in ("map", "distribution"):
         raise ConfigError(f"quantity: goes with kind map or distribution, not {kind}")
     if kind == "reversals":  # only confirmed turns, where the runs have error estimates

@@ -2,6 +2,7 @@
 
 import base64
 import io
+import re
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,6 +22,7 @@ from rattlesweep.sweeps.verify import status
 
 DPI = 120
 MOST_SVG = 400_000  # bytes; larger pictures become PNG, or a page of seven would exceed 5 MB
+MOST_FITTING = 480.0  # points of width of a picture that is shrunk to a narrow screen
 MOST_SESSIONS = 200
 
 
@@ -34,10 +36,15 @@ def render(template: str, **values: Any) -> bytes:
     return environment.get_template(template).render(values).encode()
 
 
-def source(svg: bytes, png: bytes) -> str:
-    """Return a picture as a data URL: the SVG, or the PNG if the SVG is too large."""
+def embedded(svg: bytes, png: bytes) -> Mapping[str, Any]:
+    """Return a picture as a data URL: the SVG, or the PNG if the SVG is too large; and its class.
+
+    A wide picture scrolls on a narrow screen, where its text would be too small to read.
+    """
     kind, data = ("svg+xml", svg) if len(svg) <= MOST_SVG else ("png", png)
-    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
+    url = f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
+    width = re.search(rb'<svg[^>]* width="([\d.]+)pt"', svg)
+    return {"url": url, "wide": width is not None and float(width[1]) > MOST_FITTING}
 
 
 def config_yaml(config: Mapping[str, Any]) -> str:
@@ -107,5 +114,5 @@ def _shown(layout: Layout, kind: str) -> Mapping[str, Any]:
     except (ConfigError, OutputError) as error:
         return {"kind": kind, "error": error}
     varies = ", ".join(axis.name for axis in picture.axes) or "all runs"
-    return {"kind": kind, "error": None, "source": source(svg, png), "varies": varies,
+    return {"kind": kind, "error": None, "image": embedded(svg, png), "varies": varies,
             "caption": " ".join(picture.notes)}  # fmt: skip

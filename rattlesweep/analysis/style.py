@@ -52,7 +52,7 @@ THEORY: dict[str, Any] = {"color": INK, "linestyle": (0, (4, 2)), "linewidth": 1
 # Units of columns as formulas.
 UNITS = {
     "1": "", "sqrt(a/g)": r"$\sqrt{a/g}$", "sqrt(g/a)": r"$\sqrt{g/a}$", "deg": "degrees",
-    "a": "$a$", "M g a": "$M g a$", "M g": "$M g$", "M a^2 sqrt(g/a)": r"$M a^2 \sqrt{g/a}$",
+    "a": "$a$", "M g a": r"$M\,g\,a$", "M g": r"$M\,g$", "M a^2 sqrt(g/a)": r"$M a^2 \sqrt{g/a}$",
 }  # fmt: skip
 # Symbols of columns whose names are not a letter and an index.
 SYMBOLS = {
@@ -74,8 +74,9 @@ RC: dict[str, Any] = {
 FORMATS = {"svg": {"Date": None}, "png": {"Software": None}, "pdf": {"CreationDate": None}}
 
 DPI = 150.0
+ROUNDING = 1e-9  # steps below this part of a curve's range are not counted as oscillations
 BINS = 1000  # stretches of a curve, each about a pixel wide
-MOST_PERIODS = 60  # a curve of more oscillations would be a slab of ink: its envelope is drawn
+MOST_PERIODS = 150  # a curve of more oscillations would be a slab of ink: its envelope is drawn
 
 
 @contextmanager
@@ -143,16 +144,16 @@ def scale_axis(axes: Any, which: str, values: Any, log: bool, name: str = "t_r")
 
 
 class PlainTicks(LogLocator):
-    """Ticks at 1, 2, 5 or 1, 3 or 1 times the powers of ten, as many as there is room for."""
+    """Ticks at 1, 2, 5 or other multiples of the powers of ten, as there is room for."""
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
         """Return the ticks between two ends."""
         axis: Any = self.axis
-        for subs in ((1.0, 2.0, 5.0), (1.0, 3.0)):
+        for subs in ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)):
             self.set_params(subs=subs)
             ticks = np.asarray(super().tick_values(vmin, vmax))
             shown = np.count_nonzero((ticks >= vmin) & (ticks <= vmax))
-            if 2 <= shown <= axis.get_tick_space():
+            if 3 <= shown <= axis.get_tick_space():
                 return ticks
         self.set_params(subs=(1.0,))
         return super().tick_values(vmin, vmax)
@@ -179,7 +180,9 @@ def thin(values: Floats, bins: int) -> Places:
 def curve(axis: Any, t: Floats, values: Floats, colour: str = BLUE, **look: Any) -> None:
     """Draw a curve, or the envelope of one with very many oscillations."""
     look = {"color": colour, "linewidth": 0.8} | look
-    periods = np.count_nonzero(np.diff(np.sign(np.diff(values)))) / 2
+    steps = np.diff(values)
+    steps = steps[np.abs(steps) > ROUNDING * np.ptp(values)]
+    periods = np.count_nonzero(np.diff(np.sign(steps))) / 2
     if periods <= MOST_PERIODS or not np.isfinite(values).all():
         places = thin(values, BINS)
         axis.plot(t[places], values[places], **look)

@@ -11,7 +11,7 @@ from typing import Any
 import matplotlib as mpl
 import pandas as pd
 
-from rattlesweep.analysis.report import config_yaml, render, source
+from rattlesweep.analysis.report import config_yaml, embedded, render
 from rattlesweep.analysis.style import FAINT, save, save_table, styled
 from rattlesweep.errors import ConfigError
 from rattlesweep.paper.claim import UNDECIDED, judge, read_table
@@ -66,7 +66,7 @@ def reproduce(
     replace_file(directory / "claims.md", page)
     figures = [
         (name, part, list(made[name]),
-         source(*((directory / f"{name}.{kind}").read_bytes() for kind in KINDS)))
+         embedded(*((directory / f"{name}.{kind}").read_bytes() for kind in KINDS)))
         for name, part in parts.items()
     ]  # fmt: skip
     middle = {"figures": "Figures"} if figures else {}

@@ -112,8 +112,8 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
     "error": (
         field("t_r_error", F64, TIME, "estimated bound of the error of t_r; null: no t_r"),
         field("type_sure", FLAG, "1", "whether the type is the same within the errors"),
-        field("amp_growth_error", F64, "1", "10 times the change at a looser tol; null: unknown"),
-        field("n_departure_error", F64, "1", "the same for n_departure"),
+        field("amp_growth_error", F64, "1", "estimated error of amp_growth; null: unknown"),
+        field("n_departure_error", F64, "1", "estimated error of n_departure; null: unknown"),
     ),
     "tol": (field("tol", F64, "1", "tolerance at which the run was integrated"),),
     "reversals": (
@@ -123,7 +123,7 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
     ),
     # Where both errors and reversals are recorded.
     "turns": (
-        field("reversals_sure", I32, "1", "number of first turns with an error below 1e-3"),
+        field("reversals_sure", I32, "1", "first turns with an error below 1e-3; at most eight"),
         field("reversal_times_error", SERIES, TIME, "estimated error of turn_times; null: unknown"),
     ),
 }

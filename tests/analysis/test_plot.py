@@ -22,7 +22,7 @@ from theory_mp import n_c1_squared
 import rattlesweep as rs
 from rattlesweep.analysis.layout import fill, read_layout
 from rattlesweep.analysis.plots import BONDI, CODES, Picture, choose_picture
-from rattlesweep.analysis.style import TYPE_STYLE, styled
+from rattlesweep.analysis.style import TYPE_STYLE, curve, new_figure, styled
 
 # Of sweeps without dissipation.
 PLAIN = {name: mark for name, mark in TYPE_STYLE.items() if name != "D"}
@@ -50,6 +50,8 @@ SWEEPS: dict[str, dict[str, Any]] = {
     "one": {"bodies": {"source": "preset", "name": "GH"}, "spin": spin(0.1)},
     "stuck": {"bodies": grid(theta=NINE), "spin": spin({"linspace": [0.1, 0.8, 8]}),
               "integrator": {"max_steps": 400}},
+    "turns": {"bodies": grid(theta=NINE), "spin": spin({"linspace": [-0.6, 0.6, 10]}),
+              "horizon": {"t": 300}, "record": ["reversals", "error"]},
 }  # fmt: skip
 
 
@@ -135,6 +137,29 @@ def test_times_are_the_means_and_the_theory_is_dashed(sweeps):
         first = next(line for line in axes.lines if line.get_linestyle() == style)
         assert first.get_ydata() == pytest.approx(table[name].to_numpy())
     assert axes.get_xscale() == axes.get_yscale() == "log"
+
+
+def test_a_single_abscissa_has_a_mark_for_the_theory(sweeps):
+    (axes,) = drawn(picture(sweeps / "one", "times")).axes
+    (run,) = rs.load(sweeps / "one").runs.itertuples()
+    assert [line.get_ydata() for line in axes.lines if line.get_marker() == "_"] == [[run.t_rgh]]
+
+
+def test_rounding_errors_are_no_oscillations():
+    axes, t = new_figure(3, 2).subplots(), np.linspace(0, 40, 40_001)
+    curve(axes, t, np.tanh(t - 9) + 1e-16 * np.sin(1e5 * t))
+    assert not axes.collections
+    curve(axes, t, np.sin(100 * t))
+    assert len(axes.collections) == 1
+
+
+def test_no_turn_is_no_value_and_one_value_makes_no_scale(sweeps):
+    cells = drawn(picture(sweeps / "turns", "reversals")).axes[0].collections[1].get_array()
+    table = rs.load(sweeps / "turns").runs.pivot(index="n_i", columns="theta")
+    np.testing.assert_array_equal(np.ma.getmaskarray(cells), table["reversals_sure"] == 0)
+    assert 0 < np.ma.count(cells) < cells.size
+    *_, bar = drawn(picture(sweeps / "turns", "map", quantity="omega_xy0")).axes
+    assert bar.get_yticks().tolist() == [0.01]
 
 
 def test_a_map_shows_the_runs_and_bondis_line_between_them(sweeps):
@@ -223,15 +248,24 @@ def test_a_histogram_of_any_column_has_every_run_once(sweeps):
         assert table.runs.tolist() == np.histogram(values, edges)[0].tolist()
     # Counts have bins around whole numbers.
     assert table["near_tangencies_low"].iloc[0] % 1 == 0.5
+    # A few values have a bar each, and so has a single one.
+    for directory, values in (("steady", [0.01, 0.1]), ("unsteady", [0.01])):
+        table = picture(sweeps / directory, "distribution", quantity="omega_xy0").table()
+        bars = table[table.runs > 0]
+        middles = (bars["omega_xy0_low"] + bars["omega_xy0_high"]) / 2
+        assert middles.tolist() == pytest.approx(values)
 
 
 def test_bodies_of_a_known_size_are_shown_in_seconds_and_rpm(tmp_path):
     sizes = {"length": "12 cm", "width": "3 cm", "height": "12 mm", "mass": "60 g"}
     shape = {"source": "shape", "shape": "half_ellipsoid", **sizes, "skew": "4 deg"}
     n_i = ["-30 rpm", "30 rpm", "60 rpm"]
-    sweep = rs.sweep({"bodies": shape, "spin": {"n_i": n_i, "omega_xy0": "6 rpm"},
+    sweep = rs.sweep({"bodies": shape, "spin": {"n_i": n_i, "omega_xy0": ["6 rpm", "9 rpm"]},
                       "horizon": {"t": "20 s"}}, output=tmp_path)  # fmt: skip
-    shown, runs = picture(tmp_path, "times", select=["n_i=0:9"]), sweep.runs
+    runs = sweep.runs[sweep.runs.omega_xy0 < sweep.runs.omega_xy0.mean()]
+    selected = [f"omega_xy0={runs.omega_xy0.iloc[0]}", "n_i_rpm=0:90"]
+    shown = picture(tmp_path, "times", select=selected)
+    assert [axis.values.tolist() for axis in shown.layout.axes.values()] == [[30, 60], [6]]
     figure = drawn(shown)
     (axes,) = figure.axes
     assert (axes.get_xlabel(), figure.get_supylabel()) == ("$n_{i}$ (rpm)", "$t_{r}$ (s)")
@@ -239,7 +273,7 @@ def test_bodies_of_a_known_size_are_shown_in_seconds_and_rpm(tmp_path):
     means = runs[runs.n_i > 0].groupby("n_i_rpm").t_r_s.mean()
     assert shown.table()["t_r_s_mean"].tolist() == pytest.approx(means.tolist())
     second = (runs.t_r_s / runs.t_r).mean()
-    points = picture(tmp_path, "scatter").table()
+    points = picture(tmp_path, "scatter", select=selected[:1]).table()
     assert points["t_rgh_s"].tolist() == pytest.approx((runs.t_rgh * second).tolist())
     figure = drawn(picture(tmp_path, "distribution", quantity="t_end"))
     assert figure.axes[0].get_xlabel() == "$t_{end}$ (s)"
@@ -284,6 +318,8 @@ REFUSED = r"""
 plot nowhere | nowhere is not an output directory: there is no such
 plot steady --title '$\notacommand$' | Unknown symbol
 plot steady --kind times --ylim 0,9 | ylim: a logarithmic axis is positive
+plot map --kind reversals | it needs record: [reversals]
+plot map --x f_sd | 1: holds no run that has values of f_sd
 plot one --kind map | kind map: does not fit this sweep
 plot map --quantity n_step | quantity: "n_step" is not one of
 plot map --kind ratio --quantity n_steps | quantity: goes with kind map

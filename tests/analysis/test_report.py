@@ -79,6 +79,13 @@ def test_all_of_a_sweep_is_there(sweeps, pages):
     pictures = [attrs for tag, attrs in page.tags if tag == "img"]
     kinds = ["fractions", "times", "ratio", "distribution"]
     assert [str(p["alt"]).split()[0] for p in pictures] == kinds
+    # Those of many panels scroll on a narrow screen instead of shrinking to it.
+    assert [attrs.get("class") for tag, attrs in page.tags if tag == "figure"] == [
+        None,
+        "panels",
+        "panels",
+        None,
+    ]
     for picture in pictures:
         head, code = str(picture["src"]).split(",")
         start = b"<?xml" if "svg" in head else b"\x89PNG"

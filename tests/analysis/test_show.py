@@ -83,6 +83,15 @@ def test_the_page_holds_the_columns_and_names_no_address(page):
     assert len(show.make_page(found | {"columns": many}, "a", "b")) < 5e6
 
 
+def test_the_facts_of_a_body_of_known_size_are_in_its_units():
+    launch = Launch(KL := rs.Rattleback.kl(), n_i=0.2, omega_xy0=0.02, sigma=1e-3, t_end=150.0)
+    run = PreparedRun.of(launch)
+    facts = dict(show.make_scene(show.course_of(run, None))["facts"])
+    t_rgh = rs.reversal_time_gh(KL, n_i=0.2, omega_xy0=0.02)
+    assert facts["t_rGH"] == f"{t_rgh * KL.units.time:.6g} s"
+    assert facts["dissipation"].endswith(" N m s")
+
+
 def test_words_cannot_become_markup(tmp_path):
     title, path = "</title><script>alert('1')</script> & @@data@@", tmp_path / "p.html"
     invoke("show", "--preset", "GH", "--t-end", 5, "--title", title, "--output", path)

@@ -100,6 +100,10 @@ def test_texts_with_units():
     assert runs.t_end.tolist() == pytest.approx([2 / second] * 2)
 
 
+def title_of(body, **launch):
+    return rs.trajectory(body, **launch).plot().get_suptitle()
+
+
 def test_a_trajectory_is_used_like_a_table(tmp_path):
     path = rs.trajectory("GH", **LAUNCH, t_end=150, channels=["t", "n", "E_p"])
     assert path["n"].equals(path.table.n)
@@ -110,6 +114,10 @@ def test_a_trajectory_is_used_like_a_table(tmp_path):
     looks = {"from_time": 140, "points": 30}
     shown = path.show(title="Rattleback GH", **looks)
     assert shown == rs.show("GH", **LAUNCH, t_end=150, **looks)
+    lossy = {"n_i": "60 rpm", "omega_xy0": "6 rpm", "sigma": "1e-6 N m s", "t_end": "1 s"}
+    assert "n_i 60 rpm, ω_xy0 6 rpm, σ 1e−06 N m s" in title_of("KL", **lossy)
+    reduced = title_of("GH", **LAUNCH, model="reduced", e_p0=1e-6, e_r0=2e-7, t_end=9)
+    assert reduced.endswith("n_i 0.1 √(g/a), E_p0 1e−06, E_r0 2e−07")
     page = rs.show("GH", **LAUNCH, t_end=20, from_time=4, title="Mine & yours")
     assert page._repr_html_().startswith('<iframe sandbox="allow-scripts"')
     assert "Mine &amp;amp; yours" in page._repr_html_()

@@ -27,7 +27,7 @@ from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps import columns
-from rattlesweep.sweeps.columns import build_table
+from rattlesweep.sweeps.columns import DAMPING, build_table
 from rattlesweep.sweeps.files import streamed_file
 from rattlesweep.sweeps.launches import Launch, model_of, reduced_batch, single_run, with_energies
 
@@ -98,8 +98,25 @@ class PreparedRun:
         body = ", ".join(f"{names[x]} {v:.4g}" for x, v in self.body.items() if x in names)
         rate, unit = (30 / math.pi / self.units.time, "rpm") if self.units else (1.0, "√(g/a)")
         n_i, omega_xy0 = (f"{rate * self.launch[name]:.4g} {unit}" for name in ("n_i", "omega_xy0"))
-        line = f"{body}, ξ {math.degrees(self.body['xi']):.4g}°; n_i {n_i}, ω_xy0 {omega_xy0}"
-        return line.replace("-", "−")
+        line = f"{body}, ξ {math.degrees(self.body['xi']):.4g}°; n_i {n_i}"
+        # Given energies of both modes replace the oscillation of the reduced model.
+        if self.model == "full" or None in self.energies:
+            line += f", ω_xy0 {omega_xy0}"
+        energies = zip(("E_p0", "E_r0"), self.energies, strict=True)
+        line += "".join(f", {name} {value:.4g}" for name, value in energies if value is not None)
+        return ", ".join(filter(None, (line, self.losses))).replace("-", "−")
+
+    @property
+    def losses(self) -> str:
+        """The losses that are not zero, in words."""
+        own = (("σ", DAMPING, self.launches.sigma), ("rolling", "a", self.launches.rolling))
+        return ", ".join(f"{name} {self.with_unit(of[0], unit)}" for name, unit, of in own
+                         if of is not None and of[0] > 0)  # fmt: skip
+
+    def with_unit(self, value: float, unit: str) -> str:
+        """Return a value with its unit, converted to SI if the size of the body is known."""
+        size, name = self.units.sizes[unit] if self.units else (1.0, unit.replace("sqrt", "√"))
+        return f"{size * value:.6g} {name}"
 
     def even_rows(self, per_period: int, least: int, most: int, start: float | None = None) -> int:
         """Return the number of rows that gives `per_period` in each period of the pitch."""

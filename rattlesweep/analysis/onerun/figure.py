@@ -78,5 +78,5 @@ def draw(columns: Mapping[str, Floats], course: Course, path: str | Path | None 
         axes[0].legend(loc="upper right", ncols=2, fontsize=8, frameon=True, edgecolor="none")
         axes[-1].set(xlim=(t[0], t[-1]), xlabel=style.label("t", units["t"]))
         figure.align_ylabels(axes)
-        figure.suptitle(course.run.title, fontsize=9)
+        figure.suptitle(course.run.title.replace("; ", "\n"), fontsize=9)
         return shown(figure, path)

@@ -19,6 +19,7 @@ import numpy as np
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.columns import RATE, TIME
 
 COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r")
 CHANNELS = ("t", *COLUMNS, "contact_z", "energy")
@@ -75,25 +76,25 @@ def make_scene(course: Course) -> dict[str, Any]:
         "trail": TRAIL * 2 * math.pi / float(launches.modes.omega_r[0]),
         "speed": min(FAST, max(SLOW, (max(first, start) - start) / SECONDS)),
         "units": units,
-        "facts": _facts(course),
+        "facts": _facts(course, units["t"]),
     }
 
 
-def _facts(course: Course) -> list[tuple[str, str]]:
-    """Return the facts about a run that the page lists, by name."""
+def _facts(course: Course, time: tuple[float, str]) -> list[tuple[str, str]]:
+    """Return the facts that the page lists, by name; `time` is the size and name of its unit."""
     run, launches, ended = course.run, course.run.launches, course.follower
-    m, units = launches.modes, run.units
-    losses = [0.0 if of is None else of[0] for of in (launches.sigma, launches.rolling)]
+    m, units, t_rgh = launches.modes, run.units, float(launches.gh.t_rgh[0])
     facts = {
         "size": f"M = {units.mass:.4g} kg, a = {1000 * units.length:.4g} mm, "
         f"√(a/g) = {units.time:.4g} s" if units else "",
-        "dissipation": "σ {:.4g}, rolling {:.4g}".format(*losses) if any(losses) else "",
+        "dissipation": run.losses,
         "launched along": f"{math.degrees(run.launch['psi']):.4g}°",
         "K_p, K_r": f"{m.K_p[0]:.4g}, {m.K_r[0]:.4g}",
-        "ω_p, ω_r": f"{m.omega_p[0]:.4g}, {m.omega_r[0]:.4g}",
-        "t_rGH": f"{launches.gh.t_rgh[0]:.6g}" if np.isfinite(launches.gh.t_rgh[0]) else "none",
-        "turns": _listed(course.reversals, ended.t),
-        "zeros": _listed(ended.zeros, ended.t) if ended.zeros != course.reversals else "",
+        "ω_p": run.with_unit(m.omega_p[0], RATE),
+        "ω_r": run.with_unit(m.omega_r[0], RATE),
+        "t_rGH": run.with_unit(t_rgh, TIME) if np.isfinite(t_rgh) else "none",
+        "turns": _listed(course.reversals, ended.t, *time),
+        "zeros": _listed(ended.zeros, ended.t, *time) if ended.zeros != course.reversals else "",
         "integrated by": ", ".join(map(str, run.integrator.values())),
         "status": ended.status.label,
         "beware": course.warning,
@@ -102,9 +103,9 @@ def _facts(course: Course) -> list[tuple[str, str]]:
     return [(name, re.sub(r"(?<!e)-", "−", text)) for name, text in facts.items() if text]
 
 
-def _listed(times: list[float], end: float) -> str:
-    shown = ", ".join(f"{time:.8g}" for time in times[:6]) + ", ..." * (len(times) > 6)
-    return shown or f"none by {end:g}"
+def _listed(times: list[float], end: float, size: float, unit: str) -> str:
+    shown = ", ".join(f"{size * time:.8g}" for time in times[:6]) + ", ..." * (len(times) > 6)
+    return f"{shown or f'none by {size * end:g}'} {unit}"
 
 
 def make_page(scene: dict[str, Any], title: str, subtitle: str) -> bytes:

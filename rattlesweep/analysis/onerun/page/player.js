@@ -216,8 +216,8 @@
   }
   const count = D.reversals.length;
   const said = count === 0 ? "no reversal" : count === 1
-    ? `turn at ${plain(D.reversals[0] * second)}`
-    : `${count} turns, the first at ${plain(D.reversals[0] * second)}`;
+    ? `turn at ${plain(D.reversals[0] * second)} ${timeUnit}`
+    : `${count} turns, the first at ${plain(D.reversals[0] * second)} ${timeUnit}`;
   canvas.setAttribute("aria-label",
     `Spin over time, from ${plain(table[at.n])} at time ${plain(tStart)} to time ${plain(tEnd)}: ${said}`);
   if (count) {
