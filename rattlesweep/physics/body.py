@@ -204,7 +204,7 @@ class Rattleback:
         if not found["theta"] < 1:
             raise ValueError("height: the body tips over; make it lower, or longer and wider")
         if found["xi"] == 0:
-            raise ValueError("skew: without skew or weights both directions are alike; give one of them")
+            raise ValueError("skew: both directions are alike; give a skew or weights")
         g = si.size(gravity, "acceleration", "gravity")
         return cls(units=Units(found.pop("mass"), found.pop("height"), g), **found)
 
