@@ -62,10 +62,9 @@ class Where:
             why = str([*error.args, ""][0])
             if unknown := re.fullmatch(r"name '(\w+)' is not defined", why):
                 why = not_one_of(unknown[1], rows.schema.names)
-            raise ConfigError(
-                f"where {one_line(self.text, 200)}: {one_line(why, 400)}; write a pandas "
-                'query, as in type == "SW" and K_r < 0.005'
-            ) from None
+            told = f"where {one_line(self.text, 200)}: {one_line(why, 400)}"
+            form = 'write a pandas query, as in type == "SW" and K_r < 0.005'
+            raise ConfigError(f"{told}; {form}") from None
         return rows.filter(pa.array(found.fillna(False).to_numpy(bool)))
 
 
@@ -207,8 +206,9 @@ class Layout:
 
     def chosen(self, where: str | None) -> Layout:
         """Return the layout of the runs that meet a condition; None selects all."""
-        new = None if where is None else parse_where(where, self.stored.schema)
-        return replace(self, where=new)
+        return replace(
+            self, where=None if where is None else parse_where(where, self.stored.schema)
+        )
 
     def select(self, texts: Sequence[str]) -> Layout:
         """Return the layout of values selected as ``NAME=VALUE,VALUE`` or ``NAME=LOW:HIGH``."""

@@ -28,10 +28,9 @@ MOST_SESSIONS = 200
 
 def render(template: str, **values: Any) -> bytes:
     """Return a page; `values` holds the names that its template uses, among them `title`."""
-    environment = Environment(
-        loader=PackageLoader("rattlesweep.analysis", "templates"), autoescape=True,
-        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
+    loader = PackageLoader("rattlesweep.analysis", "templates")
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined,
+                              trim_blocks=True, lstrip_blocks=True)  # fmt: skip
     environment.filters |= {"thousands": "{:,}".format, "shell": shlex.join}
     return environment.get_template(template).render(values).encode()
 

@@ -204,8 +204,7 @@ def simulate(
     # The rows bring their own bodies, spins and oscillations, which replace these.
     settings = Launch(
         Rattleback.gh(), n_i=1.0, omega_xy0=1.0, psi=psi if isinstance(psi, str) else "relevant",
-        model=model, integrator=integrator,
-        record=arguments.names_of("record", record),
+        model=model, integrator=integrator, record=arguments.names_of("record", record),
     )  # fmt: skip
     units = arguments.column_units(columns)
     sizes = {name: columns.pop(name) for name in arguments.SIZE if name in columns}
