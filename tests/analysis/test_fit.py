@@ -33,6 +33,10 @@ def test_the_command_prints_what_the_page_shows(tmp_path):
     (tmp_path / "few.csv").write_text("".join(DATA.read_text().splitlines(keepends=True)[:80]))
     told = json.loads(invoke("fit", STONE, tmp_path / "few.csv", "--json", "-q").stdout)
     assert told["values"].keys() == told["intervals"].keys() == TRUTH.keys()
+    rpm = 30 / math.pi / BODY.units.time
+    assert told["in_si"]["n_i"] == pytest.approx(
+        [rpm * x for x in (told["values"]["n_i"], *told["intervals"]["n_i"])] + ["rpm"]
+    )
 
 
 def test_exact_data_give_the_truth_back():
