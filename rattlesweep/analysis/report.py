@@ -80,20 +80,16 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         pictures=[_shown(layout, kind) for kind in dict.fromkeys((first, *curves, "distribution"))],
         case_head=table.column_names,
         cases=[*zip(*table.to_pydict().values(), strict=True)],
-        failures=[
-            (word, len(own), f"{100 * len(own) / len(rows):.2g} %",
-             f"case {own['case'].iloc[0]}, sample {own['sample'].iloc[0]}")
-            for word, own in rows[rows["status"] != "ok"].groupby("status")
-        ],
+        failures=[(word, len(own), f"{100 * len(own) / len(rows):.2g} %",
+                   f"case {own['case'].iloc[0]}, sample {own['sample'].iloc[0]}")
+                  for word, own in rows[rows["status"] != "ok"].groupby("status")],
         thresholds=[(key, value, stored.thresholds.thresholds[key])
                     for key, value in stored.config.classify.thresholds.items()],
         config=config_yaml(resolved(stored.config)),
         seconds=sum(s.get("seconds") or 0.0 for s in sessions),
-        sessions=[
-            [str(s.get("started"))[:19],
-             *map(s.get, ("how", "shard", "host", "threads", "runs", "seconds"))]
-            for s in sessions[-MOST_SESSIONS:]
-        ],
+        sessions=[[str(s.get("started"))[:19],
+                   *map(s.get, ("how", "shard", "host", "threads", "runs", "seconds"))]
+                  for s in sessions[-MOST_SESSIONS:]],
     )  # fmt: skip
 
 
