@@ -45,9 +45,8 @@ class Where:
 
     def filter(self, rows: pa.RecordBatch) -> pa.RecordBatch:
         """Return the rows that meet the condition; raise a ConfigError if pandas refuses it."""
-        frame = pa.table(rows.select(list(self.columns))).to_pandas(
-            types_mapper={pa.bool_(): pd.BooleanDtype()}.get
-        )
+        flags = {pa.bool_(): pd.BooleanDtype()}
+        frame = pa.table(rows.select(list(self.columns))).to_pandas(types_mapper=flags.get)
         query = " ".join(self.text.split())
         try:
             for method in re.findall(r"[^\d\s.]\w*\s*\.\s*([A-Za-z_]\w*)", _unquoted(query)):
@@ -206,9 +205,8 @@ class Layout:
 
     def chosen(self, where: str | None) -> Layout:
         """Return the layout of the runs that meet a condition; None selects all."""
-        return replace(
-            self, where=None if where is None else parse_where(where, self.stored.schema)
-        )
+        new = None if where is None else parse_where(where, self.stored.schema)
+        return replace(self, where=new)
 
     def select(self, texts: Sequence[str]) -> Layout:
         """Return the layout of values selected as ``NAME=VALUE,VALUE`` or ``NAME=LOW:HIGH``."""

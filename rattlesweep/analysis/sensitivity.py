@@ -81,11 +81,8 @@ def indices(f: Floats) -> list[dict[str, float]]:
     again = [estimate(f[:, random.integers(0, n, n)]) for _ in range(REPLICATES)]
     low, high = np.nanquantile(again, (0.025, 0.975), axis=0)
     parts = {"": estimate(f), "_low": low, "_high": high}
-    return [
-        {f"{name}{end}": float(part[k, j]) for k, name in enumerate(_INDICES)
-         for end, part in parts.items()}
-        for j in range(len(f) - 2)
-    ]  # fmt: skip
+    return [{f"{name}{end}": float(part[k, j]) for k, name in enumerate(_INDICES)
+             for end, part in parts.items()} for j in range(len(f) - 2)]  # fmt: skip
 
 
 def as_text(found: dict[str, Any], most_cases: int) -> str:

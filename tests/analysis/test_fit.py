@@ -57,7 +57,9 @@ def test_reversal_times_tell_the_friction():
     assert len(times) >= 2
     found = rs.fit(BODY, {"reversal_s": times}, free="sigma", launch=launch)
     assert found.values["sigma"] == pytest.approx(4e-3, rel=1e-5)
-    found.plot()
+    axes = found.plot().axes[0]
+    assert [line.get_linestyle() for line in axes.lines] == ["None", "None"]
+    assert axes.get_xticks().tolist() == list(range(1, len(times) + 1))
 
 
 def test_parameters_that_only_their_ratio_is_told_of_are_both_named():
