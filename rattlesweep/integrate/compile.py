@@ -24,7 +24,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
@@ -202,23 +202,23 @@ def _compile(wanted: list[tuple[Recipe, tuple[Any, ...]]]) -> None:
     # -P: do not import a package of the same name from the working directory.
     call = [sys.executable, "-P", "-c", CODE, json.dumps(orders)]
     children: list[subprocess.Popen[bytes]] = []
-    listener = _listeners[-1] if _listeners else nullcontext
-    with listener("-".join(map(str, wanted[0][1]))):
-        try:
-            for _ in range(min(PROCESSES, len(wanted))):
-                child = subprocess.Popen(call, env=os.environ | own, stdin=subprocess.PIPE,
-                                         stdout=nowhere, stderr=nowhere)  # fmt: skip
-                children.append(child)
-            for child in children:
-                child.wait()
-            for recipe, names in wanted:
-                # Wait in case another command is compiling this kernel.
-                with suppress(OSError), FileLock(f"{_place(recipe, names)}.lock"):
-                    pass
-        finally:
-            for child in children:
-                child.kill()
-                child.communicate()
+    if _listeners:
+        _listeners[-1]()
+    try:
+        for _ in range(min(PROCESSES, len(wanted))):
+            child = subprocess.Popen(call, env=os.environ | own, stdin=subprocess.PIPE,
+                                     stdout=nowhere, stderr=nowhere)  # fmt: skip
+            children.append(child)
+        for child in children:
+            child.wait()
+        for recipe, names in wanted:
+            # Wait in case another command is compiling this kernel.
+            with suppress(OSError), FileLock(f"{_place(recipe, names)}.lock"):
+                pass
+    finally:
+        for child in children:
+            child.kill()
+            child.communicate()
 
 
 def compile_in_child() -> None:
@@ -236,15 +236,13 @@ def compile_in_child() -> None:
     os._exit(0)  # skips freeing the memory of LLVM, which takes a while
 
 
-# Takes the name of a kernel, and returns a context that lasts as long as its compilation.
-Listener = Callable[[str], AbstractContextManager[object]]
-_listeners: list[Listener] = []
+_listeners: list[Callable[[], object]] = []
 
 
 @contextmanager
-def listening(listener: Listener | None) -> Iterator[None]:
-    """Report compilations inside ``with``, in all threads, to a listener; to nobody if None."""
-    _listeners.append(listener or nullcontext)
+def listening(listener: Callable[[], object]) -> Iterator[None]:
+    """Call a listener before each compilation inside ``with``, in all threads."""
+    _listeners.append(listener)
     try:
         yield
     finally:
