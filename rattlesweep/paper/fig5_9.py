@@ -209,8 +209,7 @@ def volume_numbers(table: pd.DataFrame, body: Rattleback) -> dict[str, float]:
 
 def kinds_claim(made: Made) -> Measured:
     """Measure L1: which of the long runs are quasi-periodic and which are chaotic."""
-    rows = made["fig9"]["runs"]
-    a, b, c = records(rows)
+    a, b, c = records(made["fig9"]["runs"])
     checks = [
         b["chaotic"] and max(a["scatter"], c["scatter"]) < 0.05,
         not a["chaotic"],
