@@ -60,10 +60,8 @@ def compare(a: Path, b: Path) -> Comparison:
             where = f"case {runs['case'][k]}, sample {runs['sample'][k]}"
             wrong.append(f"{where}: {name}: {x[k]:.10g} against {y[k]:.10g}")
     if wrong:
-        raise ConfigError(
-            f"{b}: its runs are not those of {a} ({'; '.join(wrong)}); only directories of the "
-            "same runs can be compared"
-        )
+        raise ConfigError(f"{b}: its runs are not those of {a} ({'; '.join(wrong)}); only "
+                          "directories of the same runs can be compared")  # fmt: skip
     if not errors:
         runs[["t_r_error_a", "t_r_error_b", "type_sure_a", "type_sure_b"]] = np.nan
     ok = (runs.status_a == "ok") & (runs.status_b == "ok")

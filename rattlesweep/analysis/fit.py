@@ -158,9 +158,10 @@ def unwrapped(t: Floats, angle: Floats) -> Floats:
 class Fit:
     """The result of a fit: best parameters in the units of the body, angles in radians.
 
-    Only `psi_deg` is in degrees.  `intervals` are 95 % intervals; `launch` holds launch and
-    dissipation as arguments of ``rs.trajectory``; `noise` is the standard deviation of a measured
-    value, in `noise_unit`; `remarks` name what the data cannot determine or the model not describe.
+    Only `psi_deg` is in degrees; `in_si` has degrees, rpm and SI units.  `intervals` are 95 %
+    intervals; `launch` holds launch and dissipation as arguments of ``rs.trajectory``; `noise` is
+    the standard deviation of a measured value, in `noise_unit`; `remarks` name what the data cannot
+    determine or the model not describe.
     """
 
     values: dict[str, float]
@@ -173,6 +174,20 @@ class Fit:
     remarks: list[str]
     _data: Data = field(repr=False)
     _expected: Floats = field(repr=False)
+
+    @property
+    def in_si(self) -> dict[str, tuple[float, float, float, str]]:
+        """Value, interval and unit of each parameter that is an angle or has an SI unit."""
+        sizes = {"rad": (180 / math.pi, "deg")}
+        if units := self.body.units:
+            sizes |= units.sizes | {"sqrt(g/a)": (30 / math.pi / units.time, "rpm")}
+        found = {}
+        for name, value in self.values.items():
+            size, unit = sizes.get(PARAMETERS[name][0], (1.0, ""))
+            if unit:
+                low, high = self.intervals[name]
+                found[name] = size * value, size * low, size * high, unit
+        return found
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Draw data, fit and residuals, and write the figure to a file if `path` is given."""

@@ -45,9 +45,8 @@ class Where:
 
     def filter(self, rows: pa.RecordBatch) -> pa.RecordBatch:
         """Return the rows that meet the condition; raise a ConfigError if pandas refuses it."""
-        frame = pa.table(rows.select(list(self.columns))).to_pandas(
-            types_mapper={pa.bool_(): pd.BooleanDtype()}.get
-        )
+        flags = {pa.bool_(): pd.BooleanDtype()}
+        frame = pa.table(rows.select(list(self.columns))).to_pandas(types_mapper=flags.get)
         query = " ".join(self.text.split())
         try:
             for method in re.findall(r"[^\d\s.]\w*\s*\.\s*([A-Za-z_]\w*)", _unquoted(query)):
@@ -62,10 +61,9 @@ class Where:
             why = str([*error.args, ""][0])
             if unknown := re.fullmatch(r"name '(\w+)' is not defined", why):
                 why = not_one_of(unknown[1], rows.schema.names)
-            raise ConfigError(
-                f"where {one_line(self.text, 200)}: {one_line(why, 400)}; write a pandas "
-                'query, as in type == "SW" and K_r < 0.005'
-            ) from None
+            told = f"where {one_line(self.text, 200)}: {one_line(why, 400)}"
+            form = 'write a pandas query, as in type == "SW" and K_r < 0.005'
+            raise ConfigError(f"{told}; {form}") from None
         return rows.filter(pa.array(found.fillna(False).to_numpy(bool)))
 
 

@@ -39,6 +39,8 @@ CELLS = {
     "failed": (style.FAILED, "failed"),
     "missing": (style.MISSING, "not run yet"),
 }
+# Columns that count turns, with the label of none.
+NO_TURNS = {"n_turns": "no turns", "reversals_sure": "no confirmed turns"}
 CODES = {name: code for code, name in enumerate(CELLS)}
 Names = tuple[list[str], list[str], list[str]]
 # The Axes of each panel, with the indices of its values on the axes of rows and columns.
@@ -147,10 +149,9 @@ class Picture(ABC):
             getattr(axes, f"set_{which}lim")(limits)
         # A value selected alone appears nowhere else in the picture.
         pinned = [a for a in layout.axes.values() if len(a.values) == 1 and -1 in a.rank]
-        condition = textwrap.fill(layout.where.text if layout.where else "",
-                                  int(PER_INCH * figure.get_figwidth()))  # fmt: skip
         # A dollar sign in a condition does not begin a formula.
-        condition = condition.replace("$", "\\$")
+        condition = layout.where.text.replace("$", "\\$") if layout.where else ""
+        condition = textwrap.fill(condition, int(PER_INCH * figure.get_figwidth()))
         heading = title, texts(pinned, [0] * len(pinned)), condition
         style.add_legend(figure, handles, [*filter(None, heading)])
         if captioned:
@@ -333,7 +334,7 @@ class Map(Picture):
         every, mean = [axes for axes, _ in panels], "mean " if several else ""
         self.ylabel = label(y.name)
         code, value, beyond = self.shown()
-        turns = self.quantity in ("n_turns", "reversals_sure")
+        turns = self.quantity in NO_TURNS
         value = np.where(turns & (value == 0), np.nan, value)  # drawn in the colour of no turns
         known = value[np.isfinite(value)] if np.isfinite(value).any() else np.array([0.0, 2.0])
         low, high = (float(end) for end in np.percentile(known, MAP_ENDS))
@@ -378,9 +379,7 @@ class Map(Picture):
             style.plain_ticks(bar.ax, "y", low, high)
         elif low == high:
             bar.set_ticks([low])  # a scale around the only value would be invented
-        nothing = "no reversal" if unit is None else "no value"
-        if turns:
-            nothing = style.symbol(name).replace("number of", "no")
+        nothing = "no reversal" if unit is None else NO_TURNS.get(name, "no value")
         entries = CELLS | {"none": (style.NO_REVERSAL, nothing)}
         if self.layout.where is not None:
             entries["missing"] = (style.MISSING, "not selected")
@@ -427,9 +426,8 @@ class Distribution(Picture):
         distinct = np.unique(v)
         spacing = np.diff(distinct).min() if len(distinct) > 1 else abs(low) / 5 or 1.0
         if len(distinct) <= SIDE and np.ptp(distinct) < MOST_BINS * spacing:
-            # A bar around each value, and narrow margins.
-            bars = np.ravel(distinct[:, None] + spacing * np.array([-0.25, 0.25]))
-            bars = np.array([bars[0] - spacing / 4, *bars, bars[-1] + spacing / 4])
+            # A bar around each value, between margins.
+            bars = np.ravel(distinct[:, None] + spacing * np.array([-0.4, -0.25, 0.25, 0.4]))
             return np.exp(bars) if log else bars, log
         # The rule of Freedman and Diaconis, within limits.
         width = 2 * np.ptp(np.percentile(v, (25, 75))) / np.cbrt(len(v))

@@ -28,10 +28,9 @@ MOST_SESSIONS = 200
 
 def render(template: str, **values: Any) -> bytes:
     """Return a page; `values` holds the names that its template uses, among them `title`."""
-    environment = Environment(
-        loader=PackageLoader("rattlesweep.analysis", "templates"), autoescape=True,
-        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
+    loader = PackageLoader("rattlesweep.analysis", "templates")
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined,
+                              trim_blocks=True, lstrip_blocks=True)  # fmt: skip
     environment.filters |= {"thousands": "{:,}".format, "shell": shlex.join}
     return environment.get_template(template).render(values).encode()
 
@@ -80,26 +79,17 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         steps=rows["n_steps"].sum(),
         pictures=[_shown(layout, kind) for kind in dict.fromkeys((first, *curves, "distribution"))],
         case_head=table.column_names,
-        cases=[
-            [None if x is None else f"{x:,}" if isinstance(x, int) else f"{x:.5g}" for x in row]
-            for row in zip(*table.to_pydict().values(), strict=True)
-        ],
-        failures=[
-            (word, f"{len(own):,}", f"{100 * len(own) / len(rows):.2g} %",
-             f"case {own['case'].iloc[0]}, sample {own['sample'].iloc[0]}")
-            for word, own in rows[rows["status"] != "ok"].groupby("status")
-        ],
-        thresholds=[
-            (key, f"{value:g}", f"{stored.thresholds.thresholds[key]:g}")
-            for key, value in stored.config.classify.thresholds.items()
-        ],
+        cases=[*zip(*table.to_pydict().values(), strict=True)],
+        failures=[(word, len(own), f"{100 * len(own) / len(rows):.2g} %",
+                   f"case {own['case'].iloc[0]}, sample {own['sample'].iloc[0]}")
+                  for word, own in rows[rows["status"] != "ok"].groupby("status")],
+        thresholds=[(key, value, stored.thresholds.thresholds[key])
+                    for key, value in stored.config.classify.thresholds.items()],
         config=config_yaml(resolved(stored.config)),
         seconds=sum(s.get("seconds") or 0.0 for s in sessions),
-        sessions=[
-            [str(s.get("started"))[:19],
-             *map(s.get, ("how", "shard", "host", "threads", "runs", "seconds"))]
-            for s in sessions[-MOST_SESSIONS:]
-        ],
+        sessions=[[str(s.get("started"))[:19],
+                   *map(s.get, ("how", "shard", "host", "threads", "runs", "seconds"))]
+                  for s in sessions[-MOST_SESSIONS:]],
     )  # fmt: skip
 
 

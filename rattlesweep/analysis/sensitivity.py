@@ -38,10 +38,8 @@ def sensitivity(directory: Path) -> dict[str, Any]:
     stored = open_stored(directory)
     bodies = stored.config.bodies
     if not isinstance(bodies, SdSource) or bodies.draw != "saltelli":
-        raise ConfigError(
-            f"{directory}: indices need bodies that differ in one parameter; run the sweep with "
-            "bodies.source: sd and bodies.draw: saltelli"
-        )
+        raise ConfigError(f"{directory}: indices need bodies that differ in one parameter; run the "
+                          "sweep with bodies.source: sd and bodies.draw: saltelli")  # fmt: skip
     rows, notes = list[dict[str, Any]](), list[str]()
     frame = stored.read(["case", "sample", "t_r", "type", "status"]).to_pandas()
     frame["group"], frame["place"] = np.divmod(frame["sample"], bodies.group)
@@ -56,13 +54,12 @@ def sensitivity(directory: Path) -> dict[str, Any]:
         groups = runs[size == bodies.group].pivot(index="group", columns="place", values=of)
         whole = groups.dropna()
         if len(whole) < max(FEWEST, (1 - MOST_MISSING) * len(groups)):
-            notes.append(
-                f"case {case}, {of}: no indices, as only {len(whole):,} of {len(groups):,} groups "
-                "have a value in all runs, and these do not represent the ranges"
-            )
+            few = f"only {len(whole):,} of {len(groups):,} groups have a value in all runs"
+            notes.append(f"case {case}, {of}: no indices, as {few}, and these do not represent the "
+                         "ranges")  # fmt: skip
         elif np.ptp(whole[[0, 1]].to_numpy()) > 0:
-            left_out = groups.size - whole.size
-            head = {"case": case, "of": of, "used": whole.size, "left_out": left_out}
+            head = {"case": case, "of": of, "used": whole.size,
+                    "left_out": groups.size - whole.size}  # fmt: skip
             for name, index in zip(bodies.drawn, indices(whole.to_numpy().T), strict=True):
                 rows.append(head | {"parameter": name} | index)
     if not rows:
@@ -84,11 +81,8 @@ def indices(f: Floats) -> list[dict[str, float]]:
     again = [estimate(f[:, random.integers(0, n, n)]) for _ in range(REPLICATES)]
     low, high = np.nanquantile(again, (0.025, 0.975), axis=0)
     parts = {"": estimate(f), "_low": low, "_high": high}
-    return [
-        {f"{name}{end}": float(part[k, j]) for k, name in enumerate(_INDICES)
-         for end, part in parts.items()}
-        for j in range(len(f) - 2)
-    ]  # fmt: skip
+    return [{f"{name}{end}": float(part[k, j]) for k, name in enumerate(_INDICES)
+             for end, part in parts.items()} for j in range(len(f) - 2)]  # fmt: skip
 
 
 def as_text(found: dict[str, Any], most_cases: int) -> str:

@@ -52,7 +52,7 @@ THEORY: dict[str, Any] = {"color": INK, "linestyle": (0, (4, 2)), "linewidth": 1
 # Units of columns as formulas.
 UNITS = {
     "1": "", "sqrt(a/g)": r"$\sqrt{a/g}$", "sqrt(g/a)": r"$\sqrt{g/a}$", "deg": "degrees",
-    "a": "$a$", "M g a": r"$M\,g\,a$", "M g": r"$M\,g$", "M a^2 sqrt(g/a)": r"$M a^2 \sqrt{g/a}$",
+    "a": "$a$", "M g a": r"$M\,g\,a$", "M g": r"$M\,g$", "M a^2 sqrt(g/a)": r"$M\,a^2 \sqrt{g/a}$",
 }  # fmt: skip
 # Symbols of columns whose names are not a letter and an index.
 SYMBOLS = {

@@ -147,10 +147,8 @@ def measure(
     report("references")
     reference = make_reference(config, runs, threads)
     if not reference["both"].any():
-        raise ConfigError(
-            "no run of this config reverses by its horizon, so the error of t_r cannot be "
-            "measured; choose other spins or a longer horizon"
-        )
+        raise ConfigError("no run of this config reverses by its horizon, so the error of t_r "
+                          "cannot be measured; choose other spins or a longer horizon")  # fmt: skip
     spent = np.zeros((ROUNDS, len(calls)))
     for r, k in np.ndindex(spent.shape):
         report(f"costs, round {r + 1} of {ROUNDS}")
@@ -165,11 +163,9 @@ def measure(
         index = np.arange(0, len(reference), stride)
         own = reference.iloc[index].reset_index(drop=True)
         found = solve(config, setting, take(runs, index), threads)
-        rows.append(
-            {"name": setting.name, **setting._asdict(), "us_per_unit": cost[setting],
-             "speedup": cost.get(PAPER, math.nan) / cost[setting], "runs": len(own),
-             "reversing": int(own["both"].sum()), **errors(found, own)}
-        )  # fmt: skip
+        rows.append({"name": setting.name, **setting._asdict(), "us_per_unit": cost[setting],
+                     "speedup": cost.get(PAPER, math.nan) / cost[setting], "runs": len(own),
+                     "reversing": int(own["both"].sum()), **errors(found, own)})  # fmt: skip
     apart = reference["apart"].dropna()
     table, here = pd.DataFrame(rows), machine()
     facts = {

@@ -55,7 +55,7 @@ def modes(body: Bodies) -> Modes:
 def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:
     """Return Garcia and Hubbard's time of reversal (Eqs. 56 and 58), in ``sqrt(a/g)``.
 
-    `body` is as for :func:`modes`.  The sign of the initial spin ``n_i``, which must not be zero,
+    `body` is as for ``modes``.  The sign of the initial spin ``n_i``, which must not be zero,
     chooses the direction; ``omega_xy0`` is the initial oscillation along the relevant mode, both in
     ``sqrt(g/a)``.  All arguments broadcast.
 
@@ -77,7 +77,7 @@ def bondi_threshold(body: Bodies) -> Any:
     """Return Bondi's threshold spin ``n_c1`` (Eq. 73), in ``sqrt(g/a)``.
 
     A steady spin beyond it, ``n < n_c1 < 0``, is linearly stable.  For mirrored bodies (``xi > 0``)
-    all signs change.  `body` is as for :func:`modes`; the result is NaN where no spin is stable.
+    all signs change.  `body` is as for ``modes``; the result is NaN where no spin is stable.
     """
     parts = _columns(body)
     xi = parts.pop("xi")
@@ -88,7 +88,7 @@ def bondi_threshold(body: Bodies) -> Any:
 def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRates:
     """Return the growth rates of the amplitudes of pitch and roll at a spin ``n``.
 
-    `body` is as for :func:`modes`, and ``n``, in ``sqrt(g/a)``, broadcasts with the bodies.  The
+    `body` is as for ``modes``, and ``n``, in ``sqrt(g/a)``, broadcasts with the bodies.  The
     rates are eigenvalues if `exact`, else their limits for a small spin, ``n K_p / 2`` and
     ``-n K_r / 2`` (Eq. 74).  Energies grow twice as fast.
     """

@@ -94,7 +94,7 @@ class Trajectory:
         return f"<div>{html.escape(repr(self))}{self.table.to_html(max_rows=6)}</div>"
 
     def show(self, *, title: str | None = None, **shown: Any) -> Page:
-        """Make a page of this run; `from_time`, `points` and `path` are those of :func:`show`."""
+        """Make a page of this run; `from_time`, `points` and `path` are those of ``show``."""
         return page_of(self._course.run, title, **shown)[0]
 
     def plot(self, path: str | Path | None = None) -> Figure:
@@ -141,7 +141,7 @@ def simulate(
     Arrays are broadcast by NumPy's rules.  If the size of the bodies is known, spins, times and
     losses may be texts with a unit: ``"60 rpm"``, ``"20 s"``, ``"1e-5 N m s"``.
 
-    Returns a :class:`Run`, or a DataFrame if any argument is an array: one row per run, in C order
+    Returns a ``Run``, or a DataFrame if any argument is an array: one row per run, in C order
     of ``attrs["shape"]``, with the columns of a sweep's ``runs`` except ``case`` and ``sample``,
     ``t_r_s`` and ``n_i_rpm`` if sizes are known, and the index of a DataFrame of bodies.
 
@@ -156,16 +156,22 @@ def simulate(
     omega, u : array_like, shape (..., 3)
         A full state instead, along the body's axes: angular velocity, in ``sqrt(g/a)``, and
         vertical unit vector, by default ``(0, 0, -1)`` (upright).
-    t_end, psi : array_like, optional
-        Horizon, in ``sqrt(a/g)``, by default 5 t_rGH of the spin's own direction; direction of the
-        oscillation: ``relevant`` (default), ``pitch``, ``roll``, or degrees.
-    model, record : str or sequence of str
-        ``full``, ``reduced`` or ``gh``; extra columns, such as ``["error", "energy"]``.
-    sigma, rolling : array_like, optional
-        Torque ``-sigma omega``, in ``M a^2 sqrt(g/a)``; lever of a rolling resistance, in ``a``.
-    threads, progress : int, bool
-        Threads of the kernel, by default all; whether to show a bar, by default in a terminal and
-        in a notebook.
+    t_end : array_like, optional
+        Horizon, in ``sqrt(a/g)``, by default 5 t_rGH of the spin's own direction.
+    psi : array_like, optional
+        Direction of the oscillation: ``relevant`` (default), ``pitch``, ``roll``, or degrees.
+    model : str
+        ``full``, ``reduced`` or ``gh``.
+    record : str or sequence of str
+        Extra columns, such as ``["error", "energy"]``.
+    sigma : array_like, optional
+        Coefficient of the torque ``-sigma omega``, in ``M a^2 sqrt(g/a)``.
+    rolling : array_like, optional
+        Lever of a rolling resistance, in ``a``.
+    threads : int, optional
+        Threads of the kernel, by default all.
+    progress : bool, optional
+        Whether to show a bar, by default in a terminal and in a notebook.
     **integrator
         ``method`` with ``tol`` or ``dt_step``, or an ``accuracy``: ``"draft"``, ``{"t_r": 1e-6}``.
 
@@ -198,8 +204,7 @@ def simulate(
     # The rows bring their own bodies, spins and oscillations, which replace these.
     settings = Launch(
         Rattleback.gh(), n_i=1.0, omega_xy0=1.0, psi=psi if isinstance(psi, str) else "relevant",
-        model=model, integrator=integrator,
-        record=arguments.names_of("record", record),
+        model=model, integrator=integrator, record=arguments.names_of("record", record),
     )  # fmt: skip
     units = arguments.column_units(columns)
     sizes = {name: columns.pop(name) for name in arguments.SIZE if name in columns}
@@ -223,20 +228,22 @@ def trajectory(
 ) -> Trajectory:  # fmt: skip
     """Integrate one launch to ``t_end``, past its reversals, and return it as a time series.
 
-    The accepted steps, and so the first zero, are those of :func:`simulate`, whichever rows are
+    The accepted steps, and so the first zero, are those of ``simulate``, whichever rows are
     requested.
 
     Parameters
     ----------
     body, **launch
-        As for :func:`simulate`, for one body; also ``e_p0`` and ``e_r0``, the initial energies of
+        As for ``simulate``, for one body; also ``e_p0`` and ``e_r0``, the initial energies of
         pitch and roll in the reduced model, in ``M g a``, by default those of the launch.
     channels : sequence of str
         Columns of the table; ``rattlesweep trajectory --channels list`` prints all of them.
-    points, dt, steps, times, from_time
-        One way to choose the rows: a number of rows, evenly spaced (by default 2001, or 20 per
-        pitch period if that is more), one every ``dt``, one per accepted step, or increasing times;
-        and the time of the first row.  Times are in ``sqrt(a/g)``.
+    points, dt, steps, times
+        One of them chooses the rows: a number of rows, evenly spaced (by default 2001, or 20 per
+        pitch period if that is more), one every ``dt``, one per accepted step, or increasing times.
+        Times are in ``sqrt(a/g)``.
+    from_time : number or str, optional
+        Time of the first row.
 
     Examples
     --------
@@ -254,7 +261,7 @@ def show(
 ) -> Page:  # fmt: skip
     """Make a page on which a body rolls on the plane, with its trace and its spin.
 
-    The arguments are those of :func:`trajectory`, with 20 rows per pitch period by default.
+    The arguments are those of ``trajectory``, with 20 rows per pitch period by default.
     `title` is the title of the page, and `path` an .html file to write it to.
     """
     title = title or (f"Rattleback {body}" if isinstance(body, str) else None)
@@ -269,7 +276,7 @@ def replay(
     """Integrate a stored run again as a trajectory, after a check that it is the stored one.
 
     `case` and `sample` are columns of the ``runs`` in an output directory, complete or running.
-    The other arguments are those of :func:`trajectory`; `t_end` is by default the sweep's.  Raises
+    The other arguments are those of ``trajectory``; `t_end` is by default the sweep's.  Raises
     an OutputError if the run is not stored yet, is damaged, or differs in any bit.
     """
     _, run = prepare_stored(directory, t_end, case=case, sample=sample)
@@ -297,9 +304,10 @@ def fit(
     free : sequence of str
         Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, skew`` (which is ``-xi``),
         ``xi, theta, phi, alpha, beta, gamma, c``.  The search begins at their given values.
-    launch, sigma, rolling
-        A mapping with ``n_i, omega_xy0, psi`` or ``omega, u``, where free parameters may be left
-        out; dissipation, as for :func:`rattlesweep.simulate`.
+    launch : mapping
+        ``n_i, omega_xy0, psi`` or ``omega, u``; free parameters may be left out.
+    sigma, rolling : number or str
+        Dissipation, as for ``simulate``.
     """
     from rattlesweep.analysis.fit import check_free, fit_run, read_data
 

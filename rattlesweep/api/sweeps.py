@@ -178,14 +178,14 @@ class Sweep:
         return to_frame(classify_stored(self.directory, texts).summary)
 
     def replay(self, case: int, sample: int, **settings: Any) -> Trajectory:
-        """Integrate one of the runs again as a trajectory, as :func:`rattlesweep.replay` does."""
+        """Integrate one of the runs again as a trajectory, as ``replay`` does."""
         return replay(self.directory, case, sample, **settings)
 
     def show(
         self, case: int | None = None, sample: int | None = None, *, where: str | None = None,
         t_end: float | str | None = None, title: str | None = None, **settings: Any,
     ) -> Page:  # fmt: skip
-        """Make a page of a run, or of the first that meets `where`, as :func:`show` does."""
+        """Make a page of a run, or of the first that meets `where`, as ``show`` does."""
         which = {"case": case, "sample": sample, "where": where}
         found, run = prepare_stored(self.directory, t_end, **which)
         return page_of(run, title or found.title, **settings)[0]
@@ -216,8 +216,10 @@ def sweep(
         A config file, its content, or a table of bodies.  The table has the columns ``alpha beta
         gamma theta phi xi`` and optionally ``n_i omega_xy0 psi t_end`` (angles in radians), or
         those in SI units; it is kept in the output directory.
-    output, threads, progress
-        Output directory, which overrides the config's; the others as for :func:`simulate`.
+    output : path, optional
+        Output directory, which overrides the config's.
+    threads, progress
+        As for ``simulate``.
     **keys
         For a DataFrame, the other keys of the config, such as ``spin``, ``horizon``, ``record``.
     """

@@ -199,7 +199,8 @@ def _say_outcome(course: Course, quiet: bool, proof: str) -> int:
             text += f" ({', '.join(f'{t * units.time:.4g} s' for t in course.reversals[:8])})"
         if ended.zeros != course.reversals:
             text += f" ({_times(ended.zeros, 'zero crossing')})"
-        say(f"{text}; {ended.n_steps} steps to t = {ended.t:g}")
+        seconds = "" if units is None else f" ({ended.t * units.time:.4g} s)"
+        say(f"{text}; {ended.n_steps} steps to t = {ended.t:g}{seconds}")
         if course.warning:
             say(f"warning: {course.warning}")
     if ended.status.label != "ok":
@@ -236,7 +237,7 @@ def fit(stone: Path, data: Path, figure: Path | None, as_json: bool, quiet: bool
         # Messages about the data begin with their path.
         about = tuple(f"{stone}: " * (not x.startswith(str(data))) + x for x in error.messages)
         raise ConfigError(about) from None
-    names = ("values", "intervals", "noise", "noise_unit", "rows", "remarks")
+    names = ("values", "intervals", "in_si", "noise", "noise_unit", "rows", "remarks")
     told = {name: getattr(found, name) for name in names}
     click.echo(to_json(told) if as_json else _fit_table(found))
     if figure is not None:
@@ -250,16 +251,13 @@ def fit(stone: Path, data: Path, figure: Path | None, as_json: bool, quiet: bool
 def _fit_table(found: Fit) -> str:
     from rattlesweep.analysis.fit import PARAMETERS
 
-    sizes = {"rad": (180 / math.pi, "deg")}
-    if units := found.body.units:
-        sizes |= units.sizes | {"sqrt(g/a)": (30 / math.pi / units.time, "rpm")}
     lines = [["", "value", "low", "high", "unit", "", "low", "high", "unit", ""]]
     for name, value in found.values.items():
         unit, _, _, description = PARAMETERS[name]
-        size, si_unit = sizes.get(unit, (math.nan, ""))
-        numbers = (value, *found.intervals[name])
-        si = [f"{size * number:.5g}" if si_unit else "" for number in numbers]
-        lines.append([name, *map("{:.6g}".format, numbers), unit, *si, si_unit, description])
+        numbers = map("{:.6g}".format, (value, *found.intervals[name]))
+        *si, si_unit = found.in_si.get(name, ("", "", "", ""))
+        shown = [f"{number:.5g}" if si_unit else "" for number in si]
+        lines.append([name, *numbers, unit, *shown, si_unit, description])
     return align(lines, "<>>><>>><<")
 
 

@@ -201,6 +201,10 @@ class Rattleback:
             sizes["wall"] = si.size(wall, "length", "wall")
         sizes |= {"mass": si.size(mass, "mass", "mass"), "skew": si.size(skew, "angle", "skew")}
         found = {name: float(value) for name, value in si.half_ellipsoid(**sizes).items()}
+        if not found["theta"] < 1:
+            raise ValueError("height: the body tips over; make it lower, or longer and wider")
+        if found["xi"] == 0:
+            raise ValueError("skew: both directions are alike; give a skew or weights")
         g = si.size(gravity, "acceleration", "gravity")
         return cls(units=Units(found.pop("mass"), found.pop("height"), g), **found)
 

@@ -103,7 +103,7 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
     ),
     "lyapunov": (
         field("lyapunov", F64, RATE, "largest Lyapunov exponent over the whole run, or up to t_r"),
-        field("lyapunov_late", F64, RATE, "the same over the second half; null: run too short"),
+        field("lyapunov_late", F64, RATE, "Lyapunov exponent of the second half; null: too short"),
         field("chaotic", FLAG, "1", "lyapunov_late * t_end / 2 > 10; null: run too short"),
     ),
     "volume": (

@@ -152,8 +152,7 @@ def stored_plan(stored: Stored) -> Plan:
     if (stored.directory / getattr(stored.config.bodies, "path", "..none")).exists():
         base = stored.directory  # a directory may have been moved with its table
     plan = replace(make_plan(stored.config, Path(base)), cases=stored.cases)
-    if describe(plan, stored.directory).hash != stored.hash:
-        raise ConfigError(f"{stored.directory}: the table of bodies of its runs has changed")
+    check_same(stored, describe(plan, stored.directory))
     return replace(plan, config=plan.config.model_copy(update={"classify": stored.thresholds}))
 
 
@@ -226,6 +225,9 @@ def check_same(one: Stored, other: Stored) -> None:
         parts = (fixed_part(each.config) for each in (one, other))
         what = "; ".join(differences(*parts)[:3]) or "the table of bodies has changed"
         raise ConfigError(f"{one.directory}: holds another sweep ({what}); give another output")
+    if one.schema.names != other.schema.names:
+        told = "another version of rattlesweep wrote its runs, with other columns; repeat them"
+        raise ConfigError(f"{one.directory}: {told} in another directory")
 
 
 def check_empty(directory: Path) -> None:

@@ -47,7 +47,7 @@ class Status:
             lines.append(f"at work: {session['shard'] or 'the whole sweep'}, {who(session)}")
         if not data["at_work"] and (last := data["last"]) is not None:
             how = "was killed" if last["how"] == "running" else f"ended: {last['how']}"
-            lines.append(f"nobody is at work; the last session, {who(last)}, {how}")
+            lines.append(f"no process is at work; the last session, {who(last)}, {how}")
         return "\n".join(lines)
 
 

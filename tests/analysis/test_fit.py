@@ -33,6 +33,10 @@ def test_the_command_prints_what_the_page_shows(tmp_path):
     (tmp_path / "few.csv").write_text("".join(DATA.read_text().splitlines(keepends=True)[:80]))
     told = json.loads(invoke("fit", STONE, tmp_path / "few.csv", "--json", "-q").stdout)
     assert told["values"].keys() == told["intervals"].keys() == TRUTH.keys()
+    rpm = 30 / math.pi / BODY.units.time
+    assert told["in_si"]["n_i"] == pytest.approx(
+        [rpm * x for x in (told["values"]["n_i"], *told["intervals"]["n_i"])] + ["rpm"]
+    )
 
 
 def test_exact_data_give_the_truth_back():
@@ -53,7 +57,9 @@ def test_reversal_times_tell_the_friction():
     assert len(times) >= 2
     found = rs.fit(BODY, {"reversal_s": times}, free="sigma", launch=launch)
     assert found.values["sigma"] == pytest.approx(4e-3, rel=1e-5)
-    found.plot()
+    axes = found.plot().axes[0]
+    assert [line.get_linestyle() for line in axes.lines] == ["None", "None"]
+    assert axes.get_xticks().tolist() == list(range(1, len(times) + 1))
 
 
 def test_parameters_that_only_their_ratio_is_told_of_are_both_named():

@@ -222,6 +222,13 @@ def test_data_style_title_size_and_defaults(sweeps, tmp_path):
     assert (set(csv["K_r"]), set(csv["n_i"])) == ({0.005, 0.02}, {-0.5})
 
 
+def test_a_long_condition_is_wrapped(sweeps):
+    where = " and ".join(["K_r > 0.001"] * 20)
+    figure = drawn(picture(sweeps / "steady", "times", where=where))
+    assert figure.legends[0].get_title().get_text().split() == where.split()
+    assert figure.legends[0].get_window_extent().width <= figure.bbox.width
+
+
 def test_a_scatter_shows_each_reversal_once(sweeps, tmp_path):
     target = tmp_path / "p.png", tmp_path / "d.parquet"
     done = invoke("plot", sweeps / "steady", "--x", "K_p", "--select", "n_i=-0.5",

@@ -154,7 +154,7 @@ def test_rows_are_counted_and_the_last_session_is_told(output):
     assert now.data["runs"] == now.data["wanted"] == now.data["status"]["ok"] == RUNS
     assert now.data["bytes"] == sum(p.stat().st_size for p in files_of(output))
     assert "60 of 60 runs (100.0 %)" in now.words
-    assert "nobody is at work; the last session, `" in now.words
+    assert "no process is at work; the last session, `" in now.words
     assert now.words.endswith("ended: complete")
     shutil.rmtree(output / "sessions")
     assert "session" not in status(output).words

@@ -271,9 +271,7 @@ def write_csv(course: Course, file: BinaryIO) -> None:
 def _schema(course: Course) -> pa.Schema:
     """Return the schema of a run, whose metadata describe body, launch and integrator."""
     run = course.run
-    about = run.body | run.launch | {
-        "model": run.model, "t_end": run.t_end, "rattlesweep": version("rattlesweep"),
-        "integrator": run.integrator,
-    }  # fmt: skip
+    about = {**run.body, **run.launch, "model": run.model, "t_end": run.t_end,
+             "rattlesweep": version("rattlesweep"), "integrator": run.integrator}  # fmt: skip
     fields = [columns.field(c.name, columns.F64, c.unit, c.description) for c in course.channels]
     return pa.schema(fields, metadata={"rattlesweep.run": json.dumps(about)})

@@ -16,10 +16,8 @@ from rattlesweep.sweeps.files import as_path
 PER_PERIOD, LEAST, MOST = 24, 2001, 400_001  # points in a period of the pitch, and in all
 MARKS = 12  # turns to mark; if there are more, only the first is marked
 MODELS = {"full": "full dynamics", "reduced": "reduced model"}
-BESIDE = {
-    "n_gh": ("Garcia and Hubbard", INK, "--"),
-    "n_reduced": ("reduced model", VERMILION, "-."),
-}
+BESIDE = {"n_gh": ("Garcia and Hubbard", INK, "--"),
+          "n_reduced": ("reduced model", VERMILION, "-.")}  # fmt: skip
 SHOWN = {"full": ("n", "omega_x", "omega_y"), "reduced": ("n", "E_p", "E_r")}
 
 

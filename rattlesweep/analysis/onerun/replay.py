@@ -55,10 +55,9 @@ class StoredRun:
     def prove(self) -> None:
         """Integrate the run as the sweep did; raise an OutputError if its row differs."""
         for _, _, names in differing_rows(self._planned[0], self.row, threads=1):
-            raise OutputError(
-                f"{self.name} differs from its stored row in {', '.join(names[:6])}"
-                f"{' and others' if len(names) > 6 else ''}; see rattlesweep verify"
-            )
+            listed = ", ".join(names[:6]) + " and others" * (len(names) > 6)
+            raise OutputError(f"{self.name} differs from its stored row in {listed}; see "
+                              "rattlesweep verify")  # fmt: skip
 
     @cached_property
     def _planned(self) -> tuple[Plan, Launches]:
