@@ -6,8 +6,8 @@ from __future__ import annotations
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from typing import Any
 
 COMPILING = "compiling a kernel for this machine (about 15 s); it is kept for later runs"
@@ -67,13 +67,11 @@ class Bar(AbstractContextManager["Bar"]):
         if self._shown or self._lines:
             print(f"{time.monotonic() - self._start:4.0f} s  {text}", file=sys.stderr, flush=True)
 
-    @contextmanager
-    def compiling(self, kernel: str) -> Iterator[None]:
+    def compiling(self) -> None:
         """Say once that kernels are being compiled."""
         if (self._shown or self._lines) and not self._compiled:
             print(COMPILING, file=sys.stderr, flush=True)
         self._compiled = True
-        yield
 
     def _show(self, fraction: float, text: str, left: str = "") -> None:
         now = time.monotonic()

@@ -78,7 +78,6 @@ series = options.stack(
     options.figure,
     options.quiet,
 )  # fmt: skip
-SERIES = ("channels", "output", "figure", "quiet", "points", "dt", "steps", "from_time")
 
 
 @command("One run", "rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
@@ -100,8 +99,8 @@ def trajectory(**given: Any) -> int:
     a quarter on the other side.
     """
     probe(given["output"], given["figure"])
-    how = {name: given.pop(name) for name in SERIES}
-    return _follow(_prepared(given), **how)
+    run = _prepared(given)
+    return _follow(run, **given)
 
 
 @command("One run", "rattlesweep replay out/quickstart --where 'type == \"SW\" and K_r < 0.005' "
@@ -164,11 +163,11 @@ def show(directory: Path | None, title: str | None, output: Path, quiet: bool, *
 
 def _prepared(given: dict[str, Any]) -> PreparedRun:
     from rattlesweep.analysis.derived import make_body
-    from rattlesweep.api.single import prepare_launch
+    from rattlesweep.api.single import LAUNCH, prepare_launch
 
-    made, rest = make_body(pick(given, *options.BODY)), pick(given, *given)
-    defaults = {} if {"omega", "u"} & rest.keys() else options.SPIN_DEFAULTS
-    return prepare_launch(made, **{**defaults, **rest})
+    made, launch = make_body(pick(given, *options.BODY)), pick(given, *LAUNCH, "e_p0", "e_r0")
+    defaults = {} if {"omega", "u"} & launch.keys() else options.SPIN_DEFAULTS
+    return prepare_launch(made, **{**defaults, **launch})
 
 
 def _follow(

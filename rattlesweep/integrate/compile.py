@@ -24,7 +24,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
@@ -114,7 +114,7 @@ def cache_folder() -> Path:
     return folder
 
 
-def _place(recipe: Recipe, names: tuple[Any, ...]) -> Path:
+def _place(recipe: Recipe, *names: Any) -> Path:
     files = [_hash([Path(file)])[:8] for file in recipe(*names).files]
     return cache_folder() / "-".join([recipe.__name__, *map(str, names), *files])
 
@@ -142,21 +142,21 @@ _cache_dir = threading.Lock()  # held while Numba's setting CACHE_DIR is changed
 
 def load_kernels(*wanted: tuple[Any, ...]) -> list[Any]:
     """Return kernels, each given by a :data:`Recipe` and its names; compile those not stored."""
-    missing = [(each[0], each[1:]) for each in wanted if each not in _loaded]
-    _compile([(recipe, names) for recipe, names in missing if not is_stored(recipe, *names)])
-    for recipe, names in missing:
-        _loaded.setdefault((recipe, *names), _load(recipe, names))
+    missing = [each for each in wanted if each not in _loaded]
+    _compile([each for each in missing if not is_stored(*each)])
+    for each in missing:
+        _loaded.setdefault(each, _load(*each))
     return [_loaded[each] for each in wanted]
 
 
-def _load(recipe: Recipe, names: tuple[Any, ...]) -> Any:
+def _load(recipe: Recipe, *names: Any) -> Any:
     """Load a kernel, or compile it in this process if no other could."""
     from numba import config, njit, typeof
 
     function, arguments, options, _ = recipe(*names)
     if config.DISABLE_JIT:
         return function
-    signature, place = tuple(map(typeof, arguments)), _place(recipe, names)
+    signature, place = tuple(map(typeof, arguments)), _place(recipe, *names)
     # After an error, such as a damaged file or a full disk, the kernel is compiled below in memory.
     with suppress(Exception):
         with _cache_dir:
@@ -179,13 +179,13 @@ def is_stored(recipe: Recipe, *names: Any) -> bool:
     """Return whether a kernel has been compiled before."""
     from numba import config
 
-    return config.DISABLE_JIT or any(_place(recipe, names).glob("*/*.nbc"))
+    return config.DISABLE_JIT or any(_place(recipe, *names).glob("*/*.nbc"))
 
 
 CODE = f"from {__name__} import compile_in_child; compile_in_child()"
 
 
-def _compile(wanted: list[tuple[Recipe, tuple[Any, ...]]]) -> None:
+def _compile(wanted: list[tuple[Any, ...]]) -> None:
     """Let other processes compile kernels, and wait for them.
 
     Each kernel has a lock, which is released when its process dies, so that no kernel is compiled
@@ -195,30 +195,30 @@ def _compile(wanted: list[tuple[Recipe, tuple[Any, ...]]]) -> None:
 
     if not wanted:
         return
-    orders = [(recipe.__module__, recipe.__name__, names) for recipe, names in wanted]
+    orders = [(recipe.__module__, recipe.__name__, names) for recipe, *names in wanted]
     path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
     own = {"PYTHONPATH": path, "PYTHONHASHSEED": "0", "NUMBA_CACHE_DIR": str(cache_folder().parent)}
     nowhere = subprocess.DEVNULL
     # -P: do not import a package of the same name from the working directory.
     call = [sys.executable, "-P", "-c", CODE, json.dumps(orders)]
     children: list[subprocess.Popen[bytes]] = []
-    listener = _listeners[-1] if _listeners else nullcontext
-    with listener("-".join(map(str, wanted[0][1]))):
-        try:
-            for _ in range(min(PROCESSES, len(wanted))):
-                child = subprocess.Popen(call, env=os.environ | own, stdin=subprocess.PIPE,
-                                         stdout=nowhere, stderr=nowhere)  # fmt: skip
-                children.append(child)
-            for child in children:
-                child.wait()
-            for recipe, names in wanted:
-                # Wait in case another command is compiling this kernel.
-                with suppress(OSError), FileLock(f"{_place(recipe, names)}.lock"):
-                    pass
-        finally:
-            for child in children:
-                child.kill()
-                child.communicate()
+    if _listeners:
+        _listeners[-1]()
+    try:
+        for _ in range(min(PROCESSES, len(wanted))):
+            child = subprocess.Popen(call, env=os.environ | own, stdin=subprocess.PIPE,
+                                     stdout=nowhere, stderr=nowhere)  # fmt: skip
+            children.append(child)
+        for child in children:
+            child.wait()
+        for each in wanted:
+            # Wait in case another command is compiling this kernel.
+            with suppress(OSError), FileLock(f"{_place(*each)}.lock"):
+                pass
+    finally:
+        for child in children:
+            child.kill()
+            child.communicate()
 
 
 def compile_in_child() -> None:
@@ -230,21 +230,19 @@ def compile_in_child() -> None:
     threading.Thread(target=lambda: os._exit(len(sys.stdin.read())), daemon=True).start()
     for module, name, names in json.loads(sys.argv[1]):
         recipe = getattr(import_module(module), name)
-        with suppress(Timeout), FileLock(f"{_place(recipe, names)}.lock", timeout=0):
+        with suppress(Timeout), FileLock(f"{_place(recipe, *names)}.lock", timeout=0):
             if not is_stored(recipe, *names):
-                _load(recipe, tuple(names))
+                _load(recipe, *names)
     os._exit(0)  # skips freeing the memory of LLVM, which takes a while
 
 
-# Takes the name of a kernel, and returns a context that lasts as long as its compilation.
-Listener = Callable[[str], AbstractContextManager[object]]
-_listeners: list[Listener] = []
+_listeners: list[Callable[[], object]] = []
 
 
 @contextmanager
-def listening(listener: Listener | None) -> Iterator[None]:
-    """Report compilations inside ``with``, in all threads, to a listener; to nobody if None."""
-    _listeners.append(listener or nullcontext)
+def listening(listener: Callable[[], object]) -> Iterator[None]:
+    """Call a listener before each compilation inside ``with``, in all threads."""
+    _listeners.append(listener)
     try:
         yield
     finally:

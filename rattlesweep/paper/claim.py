@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -87,8 +87,7 @@ def read_table(name: str) -> dict[str, dict[str, Any]]:
     rows: dict[str, dict[str, Any]] = YAML(typ="safe").load(path)
     for row in rows.values():
         for key in row.keys() & {"measure", "data", "draw"}:
-            module, function = row[key].split(".")
-            row[key] = getattr(import_module(f"rattlesweep.paper.{module}"), function)
+            row[key] = resolve_name(f"rattlesweep.paper.{row[key]}")
     return rows
 
 

@@ -117,11 +117,10 @@ def coefficients(ws: Workspace) -> Tables:
         "K_r_low": EDGES["K_r"][j], "K_r_high": EDGES["K_r"][j + 1],
         "count": counts[i, j], "relative_frequency": counts[i, j] / total,
     }  # fmt: skip
-    summary = {"samples": samples, "density_samples": total, "below": below}
     return {
         "cumulative": cumulative(K_p=found.K_p, K_r=found.K_r, ratio=found.K_p / found.K_r),
         "density": pd.DataFrame(density),
-        "summary": pd.DataFrame([summary]),
+        "summary": pd.DataFrame([{"samples": samples, "density_samples": total, "below": below}]),
     }
 
 

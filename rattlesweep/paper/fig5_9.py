@@ -157,11 +157,8 @@ def long_runs(ws: Workspace) -> Tables:
         found = follow(body, *CHANNELS, **LAUNCH, t_end=T_END, e_r0=E_R0, tol=TOL)
         simple = follow(body, "n", "energy_drift", "C_I", model="reduced", dt=1.0, **LAUNCH,
                         t_end=T_END, e_r0=E_R0, tol=REDUCED_TOL)  # fmt: skip
-        table, c_i, period = (
-            found.table,
-            simple.table["C_I"],
-            2 * np.pi / float(modes(body).omega_r),
-        )
+        table, c_i = found.table, simple.table["C_I"]
+        period = 2 * np.pi / float(modes(body).omega_r)
         # The first zero of each reversal.
         starts = found.zeros[np.diff(found.zeros, prepend=-np.inf) > ONE_REVERSAL * period]
         # The first interval is the transition from the launch to the motion that follows.
@@ -212,8 +209,7 @@ def volume_numbers(table: pd.DataFrame, body: Rattleback) -> dict[str, float]:
 
 def kinds_claim(made: Made) -> Measured:
     """Measure L1: which of the long runs are quasi-periodic and which are chaotic."""
-    rows = made["fig9"]["runs"]
-    a, b, c = records(rows)
+    a, b, c = records(made["fig9"]["runs"])
     checks = [
         b["chaotic"] and max(a["scatter"], c["scatter"]) < 0.05,
         not a["chaotic"],

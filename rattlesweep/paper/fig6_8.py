@@ -143,11 +143,8 @@ def beside_formula(points: pd.DataFrame, coefficient: str) -> Measured:
 
 def unsteady_formula(made: Made) -> Measured:
     """Measure U1: at small spin and oscillation the formula holds."""
-    points = (
-        made["fig6"]["times"]
-        .dropna(subset=["ratio"])
-        .query("abs(n_i) <= 0.2 and omega_xy0 <= 0.01")
-    )
+    points = made["fig6"]["times"].query("abs(n_i) <= 0.2 and omega_xy0 <= 0.01")
+    points = points.dropna(subset=["ratio"])
     checks, numbers = beside_formula(points, "K_p")
     outside = ", ".join(
         f"K_p = {r.K_p:g} at n_i = {r.n_i:g}, omega_xy0 = {r.omega_xy0:g} ({r.ratio:.2f})"

@@ -85,14 +85,13 @@ def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
     rotation = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
     stiff = np.stack([1 / theta, 1 / phi], -1)[..., None] * np.eye(2)
     root = np.sqrt(np.stack([alpha, beta], -1))
-    hat = (rotation @ stiff @ np.swapaxes(rotation, -1, -2) - np.eye(2)) / (
-        root[..., :, None] * root[..., None, :]
-    )
-    squares, kets = np.linalg.eigh((hat + np.swapaxes(hat, -1, -2)) / 2)
+    roots = root[..., :, None] * root[..., None, :]
+    hat = (rotation @ stiff @ rotation.mT - np.eye(2)) / roots
+    squares, kets = np.linalg.eigh((hat + hat.mT) / 2)
     epsilon = np.array([[0.0, 1.0], [-1.0, 0.0]])
     # J^-1/2 epsilon J^1/2 H, and the same with J^-1/2 twice, as Eq. 38 prints it.
     operator = (epsilon * root[..., None, :] / root[..., :, None]) @ hat
-    printed = (epsilon / (root[..., None, :] * root[..., :, None])) @ hat
+    printed = (epsilon / roots) @ hat
     brackets = np.einsum("...ij,...ik,...kj->...j", kets, operator, kets)
     return {
         "K_p": brackets[..., 1],

@@ -13,10 +13,9 @@ import pandas as pd
 
 from rattlesweep.analysis.report import config_yaml, embedded, render
 from rattlesweep.analysis.style import FAINT, save, save_table, styled
-from rattlesweep.errors import ConfigError
+from rattlesweep.api.arrays import check_names
 from rattlesweep.paper.claim import UNDECIDED, judge, read_table
 from rattlesweep.paper.workspace import FULL, Tables, Workspace, sweep_config
-from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.provenance import machine, now, versions
 
@@ -37,8 +36,7 @@ def choose(names: str | None) -> list[str]:
     """Return the requested parts, such as ``fig8,fig7``, in the paper's order; None selects all."""
     known = [*read_table("parts"), THEORY]
     wanted = known if names is None else [word.strip() for word in names.split(",")]
-    if unknown := [word for word in wanted if word not in known]:
-        raise ConfigError(f"--only: {not_one_of(unknown[0], known)}")
+    check_names("--only", wanted, known)
     return [name for name in known if name in wanted]
 
 

@@ -25,13 +25,7 @@ import pyarrow.compute as pc
 
 from rattlesweep.arrays import Flags, Integers
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
-from rattlesweep.sweeps.columns import (
-    floats,
-    read_parquet,
-    runs_schema,
-    same_schema,
-    write_parquet,
-)
+from rattlesweep.sweeps.columns import floats, read_parquet, runs_schema, same_schema, write_parquet
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import explained, reason, replace_file
