@@ -56,6 +56,7 @@ def test_from_a_ruler_and_a_scale_to_seconds(here: Path, capsys: pytest.CaptureF
 
     def plain(text: str) -> str:
         text = re.sub(r"\d+ steps", "N steps", text)
+        text = re.sub(r"\b\de-\d\d\b", "1e-09", text)  # of an error, not even one digit
         return re.sub(r"-?\d+\.\d{6,}", lambda number: f"{float(number[0]):.6g}", text)
 
     assert execute("own_stone.md") == 4
