@@ -27,12 +27,12 @@ PARAMETERS = ("overrides", "base", "axes")
 
 CONFIG_HEAD = """# The config, key by key
 
-This page lists every key of a config, which is a YAML 1.2 file, or in Python a mapping with the same keys. `rattlesweep init` writes a config to start from, and `rattlesweep plan CONFIG --check` reports each mistake
+A config is a YAML 1.2 file, or in Python a mapping with the same keys. `rattlesweep init` writes a config to start from, and `rattlesweep plan CONFIG --check` reports each mistake
 as `file:line: key: sentence`. `--set KEY=VALUE` overrides a key by its dotted name, such as `--set bodies.samples=100`.
 `rattlesweep schema` prints the JSON Schema for editors.
 
 The body's mass `M`, the height `a` of its centre of mass at rest and gravity `g` are 1. Times are in `sqrt(a/g)`, spins and rates in
-`sqrt(g/a)`. "Or several" in a table means one number, a list, `{linspace: [low, high, n]}` or `{logspace: [low, high, n]}`; both ends
+`sqrt(g/a)`. "Or several" means one number, a list, `{linspace: [low, high, n]}` or `{logspace: [low, high, n]}`; both ends
 are included. If the bodies have a size (`source: shape`, the preset KL, a table with `height_m`), spins, times and dissipation may have units, as in
 `n_i: 60 rpm`, `t: 20 s` or `sigma: 1e-5 N m s`. If the sizes differ between bodies, a key with a unit takes one value.
 
@@ -96,8 +96,7 @@ These optional columns replace a part of the config, row by row:
 
 A body in SI units has the columns `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m` and optionally `ixy_kg_m2 axes_angle_deg
 gravity_m_s2 c_m`. Its launch is `n_i_rpm omega_xy0_rpm`, its horizon `t_end_s`, its dissipation `sigma_N_m_s` and `rolling_m`. The runs then also have
-the columns `t_r_s` and `n_i_rpm`. Columns with other names, such as the name of a stone,
-are copied to the runs; a name of a result is an error.
+the columns `t_r_s` and `n_i_rpm`. Other columns are copied to the runs; a name of a result is an error.
 
 ```csv
 alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0,t_end
@@ -105,7 +104,7 @@ alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0,t_end
 13.04,1.522,12.28,0.7,0.05,-0.05,-0.2,0.1,
 ```
 
-The runs of a sweep are such a table: `path: out/quickstart/runs` repeats its launches and horizons, for example with another model or tolerance.
+The runs of a sweep are such a table: `path: out/quickstart/runs` repeats its launches and horizons.
 For a run that has reversed, `t_end` is its reversal time. `rs.sweep(frame, ...)` takes a DataFrame with these columns.
 """
 
