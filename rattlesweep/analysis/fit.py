@@ -108,7 +108,7 @@ def read_data(source: Any, units: Units | None) -> Data:
         for row in np.flatnonzero(numbers.isna() & given.notna())[:1]:
             shown = one_line(str(given.iloc[row]), 40)
             raise ConfigError(f"{place}: row {row + 1}: {column} is {shown}, not a number")
-        values[name] = numbers.to_numpy(float) * size
+        values[name] = numbers.replace([np.inf, -np.inf], np.nan).to_numpy(float) * size
     value, unit = values[kind], found[kind][1:]
     if not np.isfinite(value).any():
         raise ConfigError(f"{place}: no row has a value of {found[kind][0]}")

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 SPIN = ("n_i", "omega_xy0")
 STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
 INTEGRATOR = ("method", "tol", "dt_step", "accuracy")
+ROWS, SHOWN = ("points", "dt", "steps", "times", "from_time"), ("points", "from_time", "path")
 LAUNCH = (*SPIN, "omega", "u", "t_end", "psi", "model", "sigma", "rolling", *INTEGRATOR)
 
 
@@ -74,6 +75,7 @@ class Trajectory:
         from rattlesweep.analysis.onerun.course import Course
 
         names = arguments.names_of("channels", channels)
+        arguments.check_names("arguments", rows, ROWS)
         self._course = course = Course(run, names, **rows_of(run.units, **rows))
         self.table = pd.DataFrame(course.columns())
         self.units = {channel.name: channel.unit for channel in course.channels}
@@ -95,6 +97,7 @@ class Trajectory:
 
     def show(self, *, title: str | None = None, **shown: Any) -> Page:
         """Make a page of this run; `from_time`, `points` and `path` are those of ``show``."""
+        arguments.check_names("arguments", shown, SHOWN)
         return page_of(self._course.run, title, **shown)[0]
 
     def plot(self, path: str | Path | None = None) -> Figure:

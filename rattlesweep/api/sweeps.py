@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from rattlesweep.api import arrays as arguments
 from rattlesweep.api.arrays import check_count, check_names, is_frame, names_of, to_frame
-from rattlesweep.api.single import Page, Trajectory, page_of, prepare_stored, replay
+from rattlesweep.api.single import SHOWN, Page, Trajectory, page_of, prepare_stored, replay
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.text import Bar
 
@@ -136,6 +136,8 @@ class Sweep:
             value = looks.get(name)
             if value is not None and arguments.numbers(name, value).shape != (2,):
                 raise ConfigError(f"{name}: {arguments.kind_of(value)} is not a pair of numbers")
+            if name == "size" and value is not None and not 1 <= min(value) <= max(value) <= 24:
+                raise ConfigError(f"size: {value} is given; 1 to 24 inches are allowed")
         if isinstance(select, Mapping):
             lists = {k: v if isinstance(v, Iterable) and not isinstance(v, str) else [v]
                      for k, v in select.items()}  # fmt: skip
@@ -188,6 +190,7 @@ class Sweep:
         """Make a page of a run, or of the first that meets `where`, as ``show`` does."""
         which = {"case": case, "sample": sample, "where": where}
         found, run = prepare_stored(self.directory, t_end, **which)
+        check_names("arguments", settings, SHOWN)
         return page_of(run, title or found.title, **settings)[0]
 
     def __repr__(self) -> str:

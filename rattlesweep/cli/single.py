@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Callable
 from dataclasses import asdict
@@ -278,11 +277,12 @@ def _read_stone(path: Path) -> dict[str, Any]:
 def _stone(given: dict[str, Any]) -> Rattleback:
     """Return the body of a mapping; raise a ValueError if a key is wrong or missing."""
     from rattlesweep.api.arrays import one_body
+    from rattlesweep.physics import si
     from rattlesweep.physics.body import PARAMETERS, Rattleback
     from rattlesweep.sweeps.config import not_one_of
 
     if "xi_deg" in given:
-        given["xi"] = math.radians(given.pop("xi_deg"))
+        given["xi"] = si.number(f"{given.pop('xi_deg')} deg", "angle", "xi_deg")
     make: Callable[..., Rattleback] = Rattleback
     if "shape" in given:
         if (shape := given.pop("shape")) != "half_ellipsoid":

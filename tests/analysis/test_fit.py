@@ -96,6 +96,8 @@ def test_an_axis_is_followed_through_half_turns_and_gaps():
         ("body: {preset: KL}\nfree: [c]\nlanch: 1", "", 'stone.yaml:3: lanch: unknown key "lanch"'),
         ("body: {shape: half_ellipsoid, lenght: 1 cm}\nfree: [c]", "", 'did you mean "length"?'),
         ("body: {shape: half_ellipsoid, length: 1 cm}\nfree: [c]", "", "width is missing"),
+        ("body: {preset: KL}\nfree: [c]", "t_s,angle_deg\n0,inf\n1,\n", "no row has a value"),
+        ("body: {preset: KL, xi_deg: a}\nfree: [c]", "", "xi_deg: 'a deg' is not a number"),
         ("body: {preset: KL}\nfree: []", "t_s,n_rpm\n0,1\n1,2\n", "no parameter is given"),
     ],
 )  # fmt: skip

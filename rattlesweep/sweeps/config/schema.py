@@ -21,7 +21,7 @@ from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.physics.body import MAX_INERTIA
 from rattlesweep.physics.si import LIMITS
 from rattlesweep.sweeps.config import Places
-from rattlesweep.units import KINDS, Quantity, split
+from rattlesweep.units import KINDS, Quantity, quantities, split
 
 MAX_SPEED = 1e3  # sqrt(g/a); at this spin a tilt of 1e-6 rad takes a contact force of the weight
 MAX_SIGMA = 1e6  # M a^2 sqrt(g/a)
@@ -315,7 +315,8 @@ Length, Mass, Angle = (
 )
 Lengths, Masses, Angles = map(interval, (Length, Mass, Angle))
 Coordinate: Any = measured("length", float)
-Place = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]
+from_text = BeforeValidator(lambda x: quantities(x, "length", 2) if isinstance(x, str) else x)
+Place = Annotated[list[Coordinate], Field(min_length=2, max_length=2), from_text]
 
 
 class ShapeSource(Base):
