@@ -151,6 +151,12 @@ SUMMARY = pa.schema((
     field("K_r", F64, "1", "target of K_r, where the case has one"),
     field("n_i", F64, RATE, "initial spin; null where rows differ"),
     field("omega_xy0", F64, RATE, "initial rate; null where rows differ"),
+    # Null unless the size of the bodies is known.
+    field("n_i_rpm", F64, "rpm", "initial spin; null where rows differ"),
+    # Null unless given in these units, and the sizes of the bodies differ.
+    field("omega_xy0_rpm", F64, "rpm", "initial oscillation"),
+    field("sigma_N_m_s", F64, "N m s", "torque -sigma omega"),
+    field("rolling_m", F64, "m", "lever of the rolling resistance"),
     required("runs", I64, "1", "number of stored runs"),
     field("fraction_R", F64, "1", "fraction of type R"),
     field("fraction_SS", F64, "1", "fraction of type SS"),
@@ -158,6 +164,7 @@ SUMMARY = pa.schema((
     field("fraction_unclassified", F64, "1", "fraction of unclassified runs"),
     field("fraction_bondi", F64, "1", "fraction beyond Bondi's threshold; null: unsteady spins"),
     field("t_r_mean", F64, TIME, "mean t_r of type R"),
+    field("t_r_s_mean", F64, "s", "mean t_r of type R in seconds, if sizes are known"),
     field("t_r_std", F64, TIME, "sample standard deviation (n - 1) of t_r of type R"),
     field("t_rgh_mean", F64, TIME, "mean t_rgh of the runs that have one"),
     field("t_r_over_t_rgh_mean", F64, "1", "mean of t_r / t_rgh over runs of type R"),
@@ -176,13 +183,6 @@ SUMMARY = pa.schema((
     field("share_friction_above_0_3", F64, "1", "fraction with contact_ratio_max > 0.3"),
     field("share_friction_above_0_6", F64, "1", "fraction with contact_ratio_max > 0.6"),
     field("share_lift_off", F64, "1", "fraction with contact_normal_min < 0, which would lift off"),
-    # Null unless the size of the bodies is known.
-    field("t_r_s_mean", F64, "s", "mean t_r of type R in seconds"),
-    field("n_i_rpm", F64, "rpm", "initial spin; null where rows differ"),
-    # Null unless given in these units, and the sizes of the bodies differ.
-    field("omega_xy0_rpm", F64, "rpm", "initial oscillation"),
-    field("sigma_N_m_s", F64, "N m s", "torque -sigma omega"),
-    field("rolling_m", F64, "m", "lever of the rolling resistance"),
 ))
 # fmt: on
 
