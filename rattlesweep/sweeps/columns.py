@@ -151,13 +151,13 @@ SUMMARY = pa.schema((
     field("K_r", F64, "1", "target of K_r, where the case has one"),
     field("n_i", F64, RATE, "initial spin; null where rows differ"),
     field("omega_xy0", F64, RATE, "initial rate; null where rows differ"),
+    required("runs", I64, "1", "number of stored runs"),
     # Null unless the size of the bodies is known.
     field("n_i_rpm", F64, "rpm", "initial spin; null where rows differ"),
     # Null unless given in these units, and the sizes of the bodies differ.
     field("omega_xy0_rpm", F64, "rpm", "initial oscillation"),
     field("sigma_N_m_s", F64, "N m s", "torque -sigma omega"),
     field("rolling_m", F64, "m", "lever of the rolling resistance"),
-    required("runs", I64, "1", "number of stored runs"),
     field("fraction_R", F64, "1", "fraction of type R"),
     field("fraction_SS", F64, "1", "fraction of type SS"),
     field("fraction_SW", F64, "1", "fraction of type SW"),
