@@ -1,11 +1,13 @@
-"""Check that a process that compiles a kernel computes the same bits as one that loads it.
+"""Check that a process that compiles a kernel computes the same bits as one that loads
+it.
 
     python benchmarks/bits.py [--only WORDS] [--repeats 3]
 
-It covers all kernels: sweeps, sweeps with a tangent, and trajectories with rows between their
-steps, for all methods and models.  Some processes load kernels that helper processes compiled, as
-usual; some compile their own; some load what these have left in the cache.  Sweeps run on one and
-two threads, and in four threads at once.  Each line shows the hashes of all results.
+It covers all kernels: sweeps, sweeps with a tangent, and trajectories with rows between
+their steps, for all methods and models.  Some processes load kernels that helper
+processes compiled, as usual; some compile their own; some load what these have left in
+the cache.  Sweeps run on one and two threads, and in four threads at once.  Each line
+shows the hashes of all results.
 """
 
 from __future__ import annotations
@@ -68,9 +70,14 @@ def digest(*arrays):
 def swept(batch, method, model, record, threads):
     """Hash of a sweep."""
     out = integrate(
-        batch, METHODS[method], MODELS[model], tol=TOL, dt=DT,
-        record=frozenset(record), threads=threads,
-    )  # fmt: skip
+        batch,
+        METHODS[method],
+        MODELS[model],
+        tol=TOL,
+        dt=DT,
+        record=frozenset(record),
+        threads=threads,
+    )
     return digest(*(v for v in vars(out).values() if isinstance(v, np.ndarray)))
 
 
@@ -156,20 +163,28 @@ def main(names: tuple[str, ...], only: str, repeats: int, way: str | None) -> No
             ("compiled here", "here", "here"),
             ("loaded from here", "child", "here"),
         ):
-            # Two processes at a time, because one kernel does not keep two processors busy.
-            parts = [start(way, place / f"{cache}{i}", names[i::2], repeats) for i in range(2)]
+            # Two processes at a time, because one kernel does not keep two processors
+            # busy.
+            parts = [
+                start(way, place / f"{cache}{i}", names[i::2], repeats)
+                for i in range(2)
+            ]
             for process in parts:
                 for line in process.stdout:
                     name, values = json.loads(line)
                     found[name][label] = values
-                    click.echo(f"{name:26}{label:26}{len(values)} runs {sorted(set(values))}")
+                    click.echo(
+                        f"{name:26}{label:26}{len(values)} runs {sorted(set(values))}"
+                    )
                 if process.wait():
                     raise click.ClickException(f"{label}: a process failed")
     differ = 0
     for name, by_label in found.items():
         kinds = {value for values in by_label.values() for value in values}
         differ += len(kinds) > 1
-        click.echo(f"{name:26}{sum(map(len, by_label.values())):4} runs, {len(kinds)} hash(es)")
+        click.echo(
+            f"{name:26}{sum(map(len, by_label.values())):4} runs, {len(kinds)} hash(es)"
+        )
     click.echo(f"{differ} of {len(found)} kernels differ")
     sys.exit(1 if differ else 0)
 

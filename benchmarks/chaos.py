@@ -1,10 +1,11 @@
-"""Evidence for the criterion of chaos: growth of differences in the second half of SW runs.
+"""Evidence for the criterion of chaos: growth of differences in the second half of SW
+runs.
 
     rattlesweep run configs/steady.yaml --set 'record=[lyapunov]' --output out/lyapunov
     python benchmarks/chaos.py out/lyapunov
 
-Prints histograms of the logarithm of the growth, and the growth in some of the runs when they are
-followed to six times their horizon, past reversals.
+Prints histograms of the logarithm of the growth, and the growth in some of the runs
+when they are followed to six times their horizon, past reversals.
 """
 
 from __future__ import annotations
@@ -46,7 +47,9 @@ def main(directory: Path, runs: int) -> None:
             found = few.lyapunov_late * few.t_end / 2
             counts = np.histogram(found.dropna(), EDGES)[0]
             chaotic = int((found > LEAST_GROWTH).sum())
-            click.echo(f"{kind:13} n_i {n_i:5}: {len(few):6} runs, chaotic {chaotic:4}, {counts}")
+            click.echo(
+                f"{kind:13} n_i {n_i:5}: {len(few):6} runs, chaotic {chaotic:4}, {counts}"
+            )
     sw = frame.assign(growth=growth)[frame.type == "SW"]
     many = sw[sw.growth > LEAST_GROWTH]
     share = many.groupby(["n_i", many.K_r.round(3)]).size()

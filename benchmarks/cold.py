@@ -2,10 +2,10 @@
 
     python benchmarks/cold.py [COMMAND]... [--repeats 3] [--only cold|warm]
 
-Each cold measurement has its own cache directory, and the warm one after it uses the same.  Every
-command writes to an empty directory.  On a busy machine, compare processor times (of the command
-and its child processes) instead of wall times.  The table has medians and the number of compiled
-files.
+Each cold measurement has its own cache directory, and the warm one after it uses the
+same.  Every command writes to an empty directory.  On a busy machine, compare processor
+times (of the command and its child processes) instead of wall times.  The table has
+medians and the number of compiled files.
 """
 
 from __future__ import annotations
@@ -30,15 +30,23 @@ LAUNCH = ["--preset", "GH", "--n-i", "-0.1", "--t-end", "1500"]
 COMMANDS: dict[str, list[str]] = {
     "import": [sys.executable, "-c", "import rattlesweep"],
     "help": [*RATTLESWEEP, "--help"],
-    "run": [*RATTLESWEEP, "run", str(ROOT / "configs" / "quickstart.yaml"), "--output", "out"],
+    "run": [
+        *RATTLESWEEP,
+        "run",
+        str(ROOT / "configs" / "quickstart.yaml"),
+        "--output",
+        "out",
+    ],
     "trajectory": [*RATTLESWEEP, "trajectory", *LAUNCH, "--figure", "spin.svg"],
     "tradeoff": [*RATTLESWEEP, "tradeoff", "--quick", "--output", "out"],
     "paper": [*RATTLESWEEP, "paper", "--quick", "--output", "out"],
 }
 # Wanted seconds, cold and warm, on an idle machine with two Zen 3 cores.
 GOALS: dict[str, tuple[float | None, float | None]] = {
-    "run": (15, None), "trajectory": (15, None), "paper": (60, 15)
-}  # fmt: skip
+    "run": (15, None),
+    "trajectory": (15, None),
+    "paper": (60, 15),
+}
 
 
 @dataclass
@@ -60,14 +68,20 @@ def measure(command: list[str], cache: Path, found: Measured) -> None:
     """Run a command once in a new directory."""
     env = os.environ | {"XDG_CACHE_HOME": str(cache)}
     env.pop("NUMBA_CACHE_DIR", None)
-    env["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), env.get("PYTHONPATH")]))
+    env["PYTHONPATH"] = os.pathsep.join(
+        filter(None, [str(ROOT), env.get("PYTHONPATH")])
+    )
     with tempfile.TemporaryDirectory() as place:
         before, begin = spent(), time.perf_counter()
-        done = subprocess.run(command, cwd=place, env=env, capture_output=True, check=False)
+        done = subprocess.run(
+            command, cwd=place, env=env, capture_output=True, check=False
+        )
         found.wall.append(time.perf_counter() - begin)
         found.cpu.append(spent() - before)
     if done.returncode:
-        raise click.ClickException(f"{' '.join(command)}: {done.stderr.decode(errors='replace')}")
+        raise click.ClickException(
+            f"{' '.join(command)}: {done.stderr.decode(errors='replace')}"
+        )
     found.kernels = len(list(cache.rglob("*.kernel")))
 
 
@@ -81,18 +95,28 @@ def shown(found: Measured, goal: float | None) -> str:
 
 
 @click.command()
-@click.argument("names", metavar="[COMMAND]...", type=click.Choice(list(COMMANDS)), nargs=-1)
+@click.argument(
+    "names", metavar="[COMMAND]...", type=click.Choice(list(COMMANDS)), nargs=-1
+)
 @click.option("--repeats", default=3, show_default=True)
-@click.option("--only", type=click.Choice(["cold", "warm"]), help="Only one half of the table.")
-@click.option("--json", "file", type=click.Path(path_type=Path), help="All measurements, too.")
-def main(names: tuple[str, ...], repeats: int, only: str | None, file: Path | None) -> None:
+@click.option(
+    "--only", type=click.Choice(["cold", "warm"]), help="Only one half of the table."
+)
+@click.option(
+    "--json", "file", type=click.Path(path_type=Path), help="All measurements, too."
+)
+def main(
+    names: tuple[str, ...], repeats: int, only: str | None, file: Path | None
+) -> None:
     """Measure COMMANDs, by default all of them."""
     from kernel import heading
 
     heading()
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
     click.echo(f"medians of {repeats}, in seconds; load at the start {load:.1f}\n")
-    click.echo(f"{'':12}{'cold':>9}{'':5}{'CPU':>10}{'kernels':>9}{'warm':>9}{'':5}{'CPU':>10}")
+    click.echo(
+        f"{'':12}{'cold':>9}{'':5}{'CPU':>10}{'kernels':>9}{'warm':>9}{'':5}{'CPU':>10}"
+    )
     results = {}
     with tempfile.TemporaryDirectory() as home:
         for name in names or COMMANDS:
@@ -105,7 +129,9 @@ def main(names: tuple[str, ...], repeats: int, only: str | None, file: Path | No
             for _ in range(0 if only == "cold" else repeats):
                 measure(COMMANDS[name], cache, warm)
             wanted = GOALS.get(name, (None, None))
-            click.echo(f"{name:12}{shown(cold, wanted[0])}{cold.kernels:9}{shown(warm, wanted[1])}")
+            click.echo(
+                f"{name:12}{shown(cold, wanted[0])}{cold.kernels:9}{shown(warm, wanted[1])}"
+            )
             results[name] = {"cold": vars(cold), "warm": vars(warm)}
     if file is not None:
         file.write_text(json.dumps(results, indent=1) + "\n")

@@ -1,9 +1,11 @@
-"""Reversal times in double-double arithmetic (32 digits), the reference for the worst runs.
+"""Reversal times in double-double arithmetic (32 digits), the reference for the worst
+runs.
 
-Rounding alone moves the reversal time of a sensitive run (docs/accuracy.md).  Here the right-hand
-side of :mod:`rattlesweep.physics.full` is compiled again with every number a pair of doubles, and
-integrated by the extrapolated midpoint rule of Gragg, Bulirsch and Stoer with a fixed number of
-columns.  There is no error control: the error is below the change that another ``angle`` makes.
+Rounding alone moves the reversal time of a sensitive run (docs/accuracy.md).  Here the
+right-hand side of :mod:`rattlesweep.physics.full` is compiled again with every number a
+pair of doubles, and integrated by the extrapolated midpoint rule of Gragg, Bulirsch and
+Stoer with a fixed number of columns.  There is no error control: the error is below the
+change that another ``angle`` makes.
 """
 
 from __future__ import annotations
@@ -104,17 +106,23 @@ class Pairs(ast.NodeTransformer):
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.AST:
         """Replace a minus sign, the only unary operator there is."""
         zero = ast.Tuple([ast.Constant(0.0), ast.Constant(0.0)], ast.Load())
-        return ast.Call(ast.Name("sub", ast.Load()), [zero, self.visit(node.operand)], [])
+        return ast.Call(
+            ast.Name("sub", ast.Load()), [zero, self.visit(node.operand)], []
+        )
 
     def visit_Constant(self, node: ast.Constant) -> ast.AST:
         """Replace a number by a pair; numbers in the source are exact."""
         if not isinstance(node.value, int | float):
             return node
-        return ast.Tuple([ast.Constant(float(node.value)), ast.Constant(0.0)], ast.Load())
+        return ast.Tuple(
+            [ast.Constant(float(node.value)), ast.Constant(0.0)], ast.Load()
+        )
 
 
 def in_pairs(function: Any) -> Any:
-    """Compile a scalar function of :mod:`rattlesweep.physics.full` for pairs of doubles."""
+    """Compile a scalar function of :mod:`rattlesweep.physics.full` for pairs of
+    doubles.
+    """
     tree = ast.parse(textwrap.dedent(inspect.getsource(function.py_func)))
     written = tree.body[0]
     assert isinstance(written, ast.FunctionDef)
@@ -124,7 +132,10 @@ def in_pairs(function: Any) -> Any:
     for name in function.py_func.__code__.co_names:
         if hasattr(globals_.get(name), "py_func"):
             names[name] = in_pairs(globals_[name])
-    exec(compile(ast.fix_missing_locations(Pairs().visit(tree)), "<pairs>", "exec"), names)
+    exec(
+        compile(ast.fix_missing_locations(Pairs().visit(tree)), "<pairs>", "exec"),
+        names,
+    )
     return njit(names[written.name])
 
 
@@ -134,9 +145,19 @@ rhs, spin = (in_pairs(f) for f in (full.rhs, full.spin))
 @njit
 def slope(y, q, f):  # type: ignore[no-untyped-def]
     """Derivative ``f`` of the state ``y``; arrays of pairs, shape (5, 2)."""
-    d = rhs((y[0, 0], y[0, 1]), (y[1, 0], y[1, 1]), (y[2, 0], y[2, 1]), (y[3, 0], y[3, 1]),
-            (y[4, 0], y[4, 1]), (q[0], 0.0), (q[1], 0.0), (q[2], 0.0), (q[3], 0.0), (q[4], 0.0),
-            (q[5], 0.0))  # fmt: skip
+    d = rhs(
+        (y[0, 0], y[0, 1]),
+        (y[1, 0], y[1, 1]),
+        (y[2, 0], y[2, 1]),
+        (y[3, 0], y[3, 1]),
+        (y[4, 0], y[4, 1]),
+        (q[0], 0.0),
+        (q[1], 0.0),
+        (q[2], 0.0),
+        (q[3], 0.0),
+        (q[4], 0.0),
+        (q[5], 0.0),
+    )
     for c in range(5):
         f[c, 0], f[c, 1] = d[c]
 
@@ -156,10 +177,13 @@ def step(y, h, q, table, work):  # type: ignore[no-untyped-def]
         for _ in range(n - 1):
             slope(now, q, f)
             for c in range(5):
-                after[c] = add((before[c, 0], before[c, 1]), mul(twice, (f[c, 0], f[c, 1])))
+                after[c] = add(
+                    (before[c, 0], before[c, 1]), mul(twice, (f[c, 0], f[c, 1]))
+                )
             before[:] = now
             now[:] = after
-        # Aitken and Neville in the square of the substep; row j over row j - 1, in place.
+        # Aitken and Neville in the square of the substep; row j over row j - 1, in
+        # place.
         for c in range(5):
             carried = (now[c, 0], now[c, 1])
             for i in range(j):
@@ -175,8 +199,13 @@ def step(y, h, q, table, work):  # type: ignore[no-untyped-def]
 @njit
 def spin_of(y):  # type: ignore[no-untyped-def]
     """Spin of a state."""
-    return spin((y[0, 0], y[0, 1]), (y[1, 0], y[1, 1]), (y[2, 0], y[2, 1]), (y[3, 0], y[3, 1]),
-                (y[4, 0], y[4, 1]))[0]  # fmt: skip
+    return spin(
+        (y[0, 0], y[0, 1]),
+        (y[1, 0], y[1, 1]),
+        (y[2, 0], y[2, 1]),
+        (y[3, 0], y[3, 1]),
+        (y[4, 0], y[4, 1]),
+    )[0]
 
 
 @njit(nogil=True)
@@ -190,7 +219,8 @@ def first_zero(y0, q, t_end, h):  # type: ignore[no-untyped-def]
     steps = int(np.ceil(t_end / h))
     for k in range(steps):
         new = step(y, h, q, table, work)
-        # With more than 0.3 n_0 at both ends, the spin does not reach zero within the step.
+        # With more than 0.3 n_0 at both ends, the spin does not reach zero within the
+        # step.
         if min(sign * spin_of(y), sign * spin_of(new)) < 0.3 * n_0:
             for i in range(1, POINTS + 1):
                 if sign * spin_of(step(y, h * i / POINTS, q, table, work)) <= 0:
@@ -223,7 +253,9 @@ def reversal_times(batch: Batch, horizon: Floats, angle: float = 0.8) -> Floats:
     for k in range(len(batch)):
         length, before = angle / float(batch.swing[k]), np.inf
         for _ in range(4):
-            found[k] = first_zero(batch.y0[k], batch.constants[k], float(horizon[k]), length)
+            found[k] = first_zero(
+                batch.y0[k], batch.constants[k], float(horizon[k]), length
+            )
             if abs(found[k] - before) <= 1e-10 * found[k]:
                 break
             length, before = 0.65 * length, found[k]

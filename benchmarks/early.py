@@ -1,11 +1,12 @@
 """Steps that ``classify.early`` saves, types that it changes, and its margin.
 
-    python benchmarks/early.py [configs/steady.yaml] [--set seed=1] [--factors 1,4,16,64]
+    python benchmarks/early.py [configs/steady.yaml] [--set seed=1] [--factors
+    1,4,16,64]
 
-Integrates every run to its horizon and with ``classify.early``, in turn, on one thread.  A factor
-other than 1 multiplies the oscillation below which runs end; the margin is the factor at which
-types begin to change.  ``--only-candidates`` leaves out the runs that cannot end early, so that
-there is time for more of the others.
+Integrates every run to its horizon and with ``classify.early``, in turn, on one thread.
+A factor other than 1 multiplies the oscillation below which runs end; the margin is the
+factor at which types begin to change.  ``--only-candidates`` leaves out the runs that
+cannot end early, so that there is time for more of the others.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ def same_bits(one: Outcome, other: Outcome) -> bool:
 
 
 def measure(plan, factors, only_candidates):
-    """Yield, for some runs at a time, the results to the horizon and with early ends, by factor."""
+    """Yield, for some runs at a time, the results to the horizon and with early ends,
+    by factor.
+    """
     settings = plan.config.integrator
     numbers = np.arange(plan.runs)
     for first in range(0, plan.runs, AT_ONCE):
@@ -80,7 +83,9 @@ def typed(out: Outcome, thresholds) -> np.ndarray:
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE")
 @click.option("--factors", default="1", show_default=True, help="With commas between.")
 @click.option("--only-candidates", is_flag=True)
-def main(config: str, overrides: tuple[str, ...], factors: str, only_candidates: bool) -> None:
+def main(
+    config: str, overrides: tuple[str, ...], factors: str, only_candidates: bool
+) -> None:
     """Print how many runs end early, by case, and every type that changes."""
     plan = make_plan(load_config(config, [*overrides, "classify.early=true"]))
     thresholds = plan.config.classify
@@ -90,10 +95,16 @@ def main(config: str, overrides: tuple[str, ...], factors: str, only_candidates:
     for launches, (full, *early), seconds in measure(plan, scales, only_candidates):
         spent += seconds
         before = typed(full, thresholds)
-        data = {"n_i": launches.n_i, "omega_xy0": launches.omega_xy0, "SS": before == SS}
+        data = {
+            "n_i": launches.n_i,
+            "omega_xy0": launches.omega_xy0,
+            "SS": before == SS,
+        }
         data["steps"] = full.n_steps + full.n_rejected
         for k, out in enumerate(early):
-            ended = (out.t_end < full.t_end) & np.isnan(out.t_r) & (out.status == Status.OK)
+            ended = (
+                (out.t_end < full.t_end) & np.isnan(out.t_r) & (out.status == Status.OK)
+            )
             other = typed(out, thresholds) != before
             data |= {f"ended{k}": ended, f"changed{k}": other}
             data |= {f"steps{k}": out.n_steps + out.n_rejected}
@@ -105,22 +116,38 @@ def main(config: str, overrides: tuple[str, ...], factors: str, only_candidates:
                 off = np.abs(np.abs(full.n_end) / settles - 1)
                 apart = max(apart, off[ended].max(initial=0.0))
                 for i in np.flatnonzero(other):
-                    changes.append((launches.case[i], launches.sample[i], before[i],
-                                    full.amp_growth[i], full.n_departure[i]))  # fmt: skip
+                    changes.append(
+                        (
+                            launches.case[i],
+                            launches.sample[i],
+                            before[i],
+                            full.amp_growth[i],
+                            full.n_departure[i],
+                        )
+                    )
         frames.append(pd.DataFrame(data))
     runs = pd.concat(frames)
     total = int(runs["steps"].sum())
-    click.echo(f"{processor()}; {len(runs)} of {plan.runs} runs, {total:,} steps, tried ones too")
+    click.echo(
+        f"{processor()}; {len(runs)} of {plan.runs} runs, {total:,} steps, tried ones too"
+    )
     click.echo(f"runs that did not end early are the same to the last bit: {equal}")
-    click.echo(f"those that did, to their horizons: amp_growth {growth:.3g} at most, n_departure "
-               f"larger by {fall:.1e}, n_end off n_0 by {apart:.1e}\n")  # fmt: skip
-    click.echo(f"{'omega_xy0':>9} {'n_i':>6} {'runs':>7} {'SS':>6} {'ended':>6} {'changed':>7} "
-               f"{'steps of SS':>11} {'saved, of SS':>12} {'of all':>7}")  # fmt: skip
+    click.echo(
+        f"those that did, to their horizons: amp_growth {growth:.3g} at most, n_departure "
+        f"larger by {fall:.1e}, n_end off n_0 by {apart:.1e}\n"
+    )
+    click.echo(
+        f"{'omega_xy0':>9} {'n_i':>6} {'runs':>7} {'SS':>6} {'ended':>6} {'changed':>7} "
+        f"{'steps of SS':>11} {'saved, of SS':>12} {'of all':>7}"
+    )
     cases = runs.groupby(["omega_xy0", "n_i"])
     # A table may have as many launches as runs.
     groups = [*(cases if len(cases) < MOST_CASES else []), (("all", ""), runs)]
     for (omega, n_i), rows in groups:
-        steady, saved = rows["steps"][rows["SS"]].sum(), (rows["steps"] - rows["steps0"]).sum()
+        steady, saved = (
+            rows["steps"][rows["SS"]].sum(),
+            (rows["steps"] - rows["steps0"]).sum(),
+        )
         click.echo(
             f"{omega:>9} {n_i:>6} {len(rows):7d} {rows['SS'].sum():6d} {rows['ended0'].sum():6d} "
             f"{rows['changed0'].sum():7d} {steady / rows['steps'].sum():11.1%} "
@@ -129,12 +156,16 @@ def main(config: str, overrides: tuple[str, ...], factors: str, only_candidates:
     click.echo("\nfactor    ended  changed   steps saved   CPU seconds, 1 in all")
     for k, scale in enumerate(scales):
         saved = 1 - runs[f"steps{k}"].sum() / total
-        click.echo(f"{scale:6g} {runs[f'ended{k}'].sum():8d} {runs[f'changed{k}'].sum():8d} "
-                   f"{saved:13.2%}   {spent[1 + k]:.1f} against {spent[0]:.1f}: "
-                   f"{spent[1 + k] / spent[0]:.3f}")  # fmt: skip
+        click.echo(
+            f"{scale:6g} {runs[f'ended{k}'].sum():8d} {runs[f'changed{k}'].sum():8d} "
+            f"{saved:13.2%}   {spent[1 + k]:.1f} against {spent[0]:.1f}: "
+            f"{spent[1 + k] / spent[0]:.3f}"
+        )
     for case, sample, kind, amp_growth, departure in changes:
-        click.echo(f"changed: case {case}, sample {sample}: {TYPES[kind]} to its horizon, "
-                   f"amp_growth {amp_growth:.3g}, n_departure {departure:.3g}")  # fmt: skip
+        click.echo(
+            f"changed: case {case}, sample {sample}: {TYPES[kind]} to its horizon, "
+            f"amp_growth {amp_growth:.3g}, n_departure {departure:.3g}"
+        )
 
 
 if __name__ == "__main__":

@@ -1,8 +1,10 @@
-"""Reference for the extremes: the extrapolated midpoint rule for the paper's six variables.
+"""Reference for the extremes: the extrapolated midpoint rule for the paper's six
+variables.
 
-The equations are those of tests/helpers/reference.py.  The method is that of Gragg, Bulirsch and
-Stoer with a fixed number of columns and no error control: its error is below the change that
-halving all steps makes.  It computes in longdoubles or with mpmath.
+The equations are those of tests/helpers/reference.py.  The method is that of Gragg,
+Bulirsch and Stoer with a fixed number of columns and no error control: its error is
+below the change that halving all steps makes.  It computes in longdoubles or with
+mpmath.
 """
 
 from dataclasses import dataclass
@@ -10,9 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 import oracle
 from mpmath import mp
-from reference import PARAMETERS, constants, contact, cross, real, rhs, step, trigonometry
+from reference import (
+    PARAMETERS,
+    constants,
+    contact,
+    cross,
+    real,
+    rhs,
+    step,
+    trigonometry,
+)
 
-# Step, in radians of `pace`, and number of points at which the spin is evaluated in a step.
+# Step, in radians of `pace`, and number of points at which the spin is evaluated in a
+# step.
 ANGLE = 1.0
 POINTS = 16
 
@@ -37,16 +49,22 @@ def spin_rate(y, q):
 
 
 def fastest(row, n_i, omega_xy0):
-    """Bound on the frequencies of a launch, from the linear motion at its spin and at rest."""
+    """Bound on the frequencies of a launch, from the linear motion at its spin and at
+    rest.
+    """
     body = dict(zip(PARAMETERS, row, strict=True))
     spins = n_i, 0.5 * n_i, 0.0
-    found = [np.abs(np.linalg.eigvals(oracle.jacobian_spin(body, n))).max() for n in spins]
+    found = [
+        np.abs(np.linalg.eigvals(oracle.jacobian_spin(body, n))).max() for n in spins
+    ]
     return max(*found, abs(n_i), abs(omega_xy0))
 
 
 @dataclass
 class Reference:
-    """First zero (NaN without one by the horizon), the spin at the end and the state there."""
+    """First zero (NaN without one by the horizon), the spin at the end and the state
+    there.
+    """
 
     t_r: np.ndarray
     n_end: np.ndarray
@@ -56,8 +74,8 @@ class Reference:
 def _first_zero(y, h, q, sign):
     """First zero of the spin of one case in the step ``h`` from ``y``, or None.
 
-    The spin is evaluated at POINTS points, each reached by a separate step from ``y``.  Where it
-    falls at one point and rises at the next, its minimum is searched for.
+    The spin is evaluated at POINTS points, each reached by a separate step from ``y``.
+    Where it falls at one point and rises at the next, its minimum is searched for.
     """
     exact = y.dtype == object
     cells = q[:, None], y[:, None]
@@ -75,7 +93,8 @@ def _first_zero(y, h, q, sign):
         if s[k + 1] > 0:
             if not r[k] < 0 < r[k + 1]:
                 continue
-            # A convex curve lies above its tangents.  Wide margin: the curve may not be convex.
+            # A convex curve lies above its tangents.  Wide margin: the curve may not be
+            # convex.
             if min(s[k], s[k + 1]) > 2 * (high - low) * max(-r[k], r[k + 1]):
                 continue
             a, b, high = low, high, None
@@ -98,7 +117,9 @@ def _first_zero(y, h, q, sign):
             new = t - value[0] / rate[0] if rate[0] != 0 else low
             if not low < new < high:
                 new = (low + high) / 2
-            if new == t or abs(new - t) <= abs(h) * (1e-19 if not exact else mp.mpf(10) ** -40):
+            if new == t or abs(new - t) <= abs(h) * (
+                1e-19 if not exact else mp.mpf(10) ** -40
+            ):
                 break
             t = new
         return t, look(t)[2][:, 0]
@@ -106,10 +127,12 @@ def _first_zero(y, h, q, sign):
 
 
 def pace(y, q, fast):
-    """Rate that sets the step: the sum of those of oscillation, rotation and contact point.
+    """Rate that sets the step: the sum of those of oscillation, rotation and contact
+    point.
 
-    A long body that rolls far changes its inertia about the contact point within a fraction of a
-    period.  The rate depends on the state alone, so that halving ``angle`` halves every step.
+    A long body that rolls far changes its inertia about the contact point within a
+    fraction of a period.  The rate depends on the state alone, so that halving
+    ``angle`` halves every step.
     """
     y, q = y.astype(float), q.astype(float)
     u, w = y[:3], y[3:]
@@ -120,12 +143,13 @@ def pace(y, q, fast):
 def integrate(parameters, n_i, omega_xy0, psi, t_end, angle=ANGLE, exact=False):
     """Integrate cases, rows of PARAMETERS, to their first reversal or their horizon.
 
-    `angle` is the step times :func:`pace`; `exact` is in mpmath's numbers, at its present
-    precision, instead of longdoubles.
+    `angle` is the step times :func:`pace`; `exact` is in mpmath's numbers, at its
+    present precision, instead of longdoubles.
     """
     parameters = np.asarray(parameters, dtype=float)
     fast = np.array(
-        [fastest(*row) for row in zip(parameters, n_i, omega_xy0, strict=True)], dtype=float
+        [fastest(*row) for row in zip(parameters, n_i, omega_xy0, strict=True)],
+        dtype=float,
     )
     angle = np.broadcast_to(np.asarray(angle, dtype=float), fast.shape)
     horizon = real(t_end, exact)

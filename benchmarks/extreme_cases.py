@@ -27,17 +27,23 @@ from rattlesweep.sweeps.types import TYPES
 
 def shell_dumbbell(gamma=10.0, f_sd=0.1, theta=0.8, phi=0.05, xi=-3.0):
     """A shell-dumbbell body, xi in degrees."""
-    return {"alpha": (1 - f_sd) * gamma + 1, "beta": f_sd * gamma + 1, "gamma": gamma,
-            "theta": theta, "phi": phi, "xi": math.radians(xi)}  # fmt: skip
+    return {
+        "alpha": (1 - f_sd) * gamma + 1,
+        "beta": f_sd * gamma + 1,
+        "gamma": gamma,
+        "theta": theta,
+        "phi": phi,
+        "xi": math.radians(xi),
+    }
 
 
 @dataclass(frozen=True)
 class Case:
     """One run at an extreme.
 
-    ``angle`` is the reference's step in radians; ``error`` the largest relative error allowed at
-    tol 1e-9 and at tol 1e-12, of t_r or, without a reversal, of the state relative to
-    its oscillation.
+    ``angle`` is the reference's step in radians; ``error`` the largest relative error
+    allowed at tol 1e-9 and at tol 1e-12, of t_r or, without a reversal, of the state
+    relative to its oscillation.
     """
 
     name: str
@@ -68,8 +74,9 @@ NEAR = gh(beta=13.04 - 1e-9)
 FLAT, LONG_ROLL = gh(theta=1 - 1e-9), gh(phi=1e-4)
 SD, OVERDAMPED = shell_dumbbell(), gh(xi=-45.0)
 
-# Cases for the longdouble reference, with launches (n_i, omega_xy0, horizon, other settings).  The
-# second launch is in the steady direction; the reference is too slow for longer horizons.
+# Cases for the longdouble reference, with launches (n_i, omega_xy0, horizon, other
+# settings).  The second launch is in the steady direction; the reference is too slow
+# for longer horizons.
 REFERENCE = tuple(
     Case(name + suffix, body, *launch)
     for name, body, *launches in (
@@ -87,10 +94,21 @@ REFERENCE = tuple(
         ("f_sd 0.15", shell_dumbbell(f_sd=0.15), (0.1, 0.1, 80), (-0.1, 0.5, 150)),
         ("f_sd 1e-3", shell_dumbbell(f_sd=1e-3), (0.1, 0.1, 30), (-0.1, 0.3, 150)),
         ("f_sd 0.499", shell_dumbbell(f_sd=0.499), (0.1, 0.1, 60), (-0.1, 0.1, 100)),
-        *((f"n_i {n}", gh(), (float(n), *rest)) for n, *rest in (
-            ("1e-6", 0.01, 10), ("-1e-6", 0.01, 10), ("1e-3", 0.01, 50), ("-1e-4", 0.01, 200),
-            ("1", 0.01, 60), ("-1", 0.01, 200), ("5", 0.01, 20), ("-5", 0.01, 30),
-            ("50", 0.001, 2), ("-50", 0.001, 3))),
+        *(
+            (f"n_i {n}", gh(), (float(n), *rest))
+            for n, *rest in (
+                ("1e-6", 0.01, 10),
+                ("-1e-6", 0.01, 10),
+                ("1e-3", 0.01, 50),
+                ("-1e-4", 0.01, 200),
+                ("1", 0.01, 60),
+                ("-1", 0.01, 200),
+                ("5", 0.01, 20),
+                ("-5", 0.01, 30),
+                ("50", 0.001, 2),
+                ("-50", 0.001, 3),
+            )
+        ),
         ("omega_xy0 1e-12", gh(), (0.5, 1e-12, 300), (-0.5, 1e-12, 150)),
         ("omega_xy0 1e-6", gh(), (0.5, 1e-6, 200)),
         ("omega_xy0 1", gh(), (0.5, 1.0, 20), (-0.5, 1.0, 80)),
@@ -98,7 +116,7 @@ REFERENCE = tuple(
         ("omega_xy0 3, n_i 5", gh(), (5.0, 3.0, 5, 1.0, (1e-4, 1e-6))),
     )
     for suffix, launch in zip(("", ", steady direction"), launches, strict=False)
-)  # fmt: skip
+)
 
 # Oscillations so small that the linear motion is exact over the whole run.
 LINEAR = (
@@ -129,23 +147,46 @@ DECAY = (
 # The roll is overdamped and far below the pitch, which decays slowly.
 OVERDAMPED_ROLL = tuple(
     Case(f"xi -45 deg, n_i {n:g}, omega_xy0 {w:g}", OVERDAMPED, n, w, 2000.0)
-    for n in (-1.7, -10.0) for w in (1e-12, 1e-6)
-)  # fmt: skip
-# The amplitude saturates within the first of 64 windows, and the spin wobbles ever after.
-SATURATED = tuple(Case(f"GH, n_i -1, to {t:g}", gh(), -1.0, 0.01, t) for t in (1e3, 1e4, 1e5))
+    for n in (-1.7, -10.0)
+    for w in (1e-12, 1e-6)
+)
+# The amplitude saturates within the first of 64 windows, and the spin wobbles ever
+# after.
+SATURATED = tuple(
+    Case(f"GH, n_i -1, to {t:g}", gh(), -1.0, 0.01, t) for t in (1e3, 1e4, 1e5)
+)
 
 # (case, type by the reference, steps of RK4)
 COARSE = (
-    (Case("GH", gh(), 0.1, 0.01, 130.0), "R", (0.1, 0.3, 0.5, 0.8, 1.0, 1.5, 2.0, 2.5, 5.0, 20.0)),
-    (Case("GH, steady direction", gh(), -0.1, 0.01, 1000.0), "R",
-     (0.1, 0.3, 0.5, 0.8, 1.0, 1.5, 1.9, 2.0, 2.5, 5.0, 20.0)),
-    (Case("GH, n_i 0.5", gh(), 0.5, 0.001, 200.0), "R",
-     (0.1, 0.3, 0.5, 0.8, 1.0, 1.5, 1.9, 2.5, 5.0)),
-    (Case("GH, n_i -2", gh(), -2.0, 0.01, 1000.0), "SS", (0.1, 0.3, 0.5, 0.8, 1.0, 1.5, 5.0)),
-    (Case("phi 1e-4", LONG_ROLL, 0.1, 0.01, 7.0), "R", (0.002, 0.01, 0.03, 0.07, 0.1, 0.2, 1.0)),
-)  # fmt: skip
+    (
+        Case("GH", gh(), 0.1, 0.01, 130.0),
+        "R",
+        (0.1, 0.3, 0.5, 0.8, 1.0, 1.5, 2.0, 2.5, 5.0, 20.0),
+    ),
+    (
+        Case("GH, steady direction", gh(), -0.1, 0.01, 1000.0),
+        "R",
+        (0.1, 0.3, 0.5, 0.8, 1.0, 1.5, 1.9, 2.0, 2.5, 5.0, 20.0),
+    ),
+    (
+        Case("GH, n_i 0.5", gh(), 0.5, 0.001, 200.0),
+        "R",
+        (0.1, 0.3, 0.5, 0.8, 1.0, 1.5, 1.9, 2.5, 5.0),
+    ),
+    (
+        Case("GH, n_i -2", gh(), -2.0, 0.01, 1000.0),
+        "SS",
+        (0.1, 0.3, 0.5, 0.8, 1.0, 1.5, 5.0),
+    ),
+    (
+        Case("phi 1e-4", LONG_ROLL, 0.1, 0.01, 7.0),
+        "R",
+        (0.002, 0.01, 0.03, 0.07, 0.1, 0.2, 1.0),
+    ),
+)
 
-# Bodies launched so that the spin swings through zero: the first touches are searched for.
+# Bodies launched so that the spin swings through zero: the first touches are searched
+# for.
 GRAZING = (
     ("GH", gh(), 0.1, 1),
     ("GH, steady direction", gh(), 0.3, -1),
@@ -158,8 +199,8 @@ GRAZING = (
 def touches(body, omega_xy0, direction, count=2, t_end=20.0):
     """Initial spins at which the spin just touches zero, by a scan and nested searches.
 
-    Below a touch, the first reversal is the first of a close pair of zeros; above it, the pair is
-    gone and the reversal comes a swing later.
+    Below a touch, the first reversal is the first of a close pair of zeros; above it,
+    the pair is gone and the reversal comes a swing later.
     """
 
     def late(n_i):
@@ -195,18 +236,23 @@ class Answer:
 def ask(cases, integrator=None, max_steps=100_000_000):
     """Run cases as one block; ``integrator`` as in a config."""
     frame = pd.DataFrame(
-        [{**c.body, "n_i": c.n_i, "omega_xy0": c.omega_xy0, "t_end": c.t_end} for c in cases],
+        [
+            {**c.body, "n_i": c.n_i, "omega_xy0": c.omega_xy0, "t_end": c.t_end}
+            for c in cases
+        ],
         dtype=float,
     )
     with tempfile.TemporaryDirectory() as place:
         path = Path(place) / "cases.parquet"
         frame.to_parquet(path)
-        config = parse_config({
-            "bodies": {"source": "table", "path": str(path)},
-            "spin": {"n_i": [1.0], "omega_xy0": [1.0]},
-            "horizon": {"t": 1.0},
-            "integrator": {**(integrator or {}), "max_steps": max_steps},
-        })  # fmt: skip
+        config = parse_config(
+            {
+                "bodies": {"source": "table", "path": str(path)},
+                "spin": {"n_i": [1.0], "omega_xy0": [1.0]},
+                "horizon": {"t": 1.0},
+                "integrator": {**(integrator or {}), "max_steps": max_steps},
+            }
+        )
         plan = make_plan(config)
     kernel(config.integrator.method, config.model)  # compiled before the clock runs
     launches, batch = prepared(plan)
@@ -220,8 +266,11 @@ def ask(cases, integrator=None, max_steps=100_000_000):
         for name in (*reference.PARAMETERS, "n_i", "omega_xy0"):
             wanted = case.body[name] if name in case.body else getattr(case, name)
             assert columns[name][k] == wanted
-        row = {name: value[k].item() for name, value in columns.items()
-               if isinstance(value, np.ndarray)}  # fmt: skip
+        row = {
+            name: value[k].item()
+            for name, value in columns.items()
+            if isinstance(value, np.ndarray)
+        }
         row["type"] = TYPES[codes[k]] if codes[k] >= 0 else None
         row["status"] = status[1][int(status[0][k])]
         probe = batch.probe[k, :4] + 1j * batch.probe[k, 4:]
@@ -229,7 +278,8 @@ def ask(cases, integrator=None, max_steps=100_000_000):
     return answers
 
 
-# --- references -----------------------------------------------------------------------------------
+# --- references
+# -----------------------------------------------------------------------------------
 
 
 def refer(cases, answers, share=1.0, exact=False):
@@ -246,7 +296,9 @@ def refer(cases, answers, share=1.0, exact=False):
 
 
 def state_error(body, y, vectors):
-    """Error of a state (p, q, omega) relative to its oscillation; ``vectors`` is (u, omega)."""
+    """Error of a state (p, q, omega) relative to its oscillation; ``vectors`` is (u,
+    omega).
+    """
     vectors = np.array(
         [float(x) for x in vectors[:2] / vectors[2]] + [float(x) for x in vectors[3:]]
     )
@@ -262,50 +314,67 @@ def errors(case, answer, found, k):
     if reverses or np.isfinite(answer.t_r):
         return abs(answer.t_r / t_r - 1) if reverses else np.inf, 0.0
     n_end = float(found.n_end[k])
-    return state_error(case.body, answer.y_end, found.y_end[:, k]), abs(answer.n_end / n_end - 1)
+    return state_error(case.body, answer.y_end, found.y_end[:, k]), abs(
+        answer.n_end / n_end - 1
+    )
 
 
 def linear(case, answer):
-    """Growth exponent of the whole run at 50 digits, and the errors of amplitude and phase.
+    """Growth exponent of the whole run at 50 digits, and the errors of amplitude and
+    phase.
 
-    The product of a left eigenvector with the state is exp(lambda t) times that at the start.
+    The product of a left eigenvector with the state is exp(lambda t) times that at the
+    start.
     """
     with mp.workdps(theory_mp.WORK):
-        matrix = theory_mp.spin_matrix(*map(case.body.get, reference.PARAMETERS), case.n_i)
+        matrix = theory_mp.spin_matrix(
+            *map(case.body.get, reference.PARAMETERS), case.n_i
+        )
         roots = theory_mp._eigenvalues(matrix)
     grows = answer.K_p * case.n_i > 0
     root = roots[0 if grows else 1]
-    start = np.array([0, 0, math.cos(answer.psi), math.sin(answer.psi)]) * case.omega_xy0
+    start = (
+        np.array([0, 0, math.cos(answer.psi), math.sin(answer.psi)]) * case.omega_xy0
+    )
     with mp.workdps(40):
         wanted = root * mp.mpf(case.t_end)
-        ratio = mp.mpc(complex(answer.probe @ answer.y_end[:4]) / complex(answer.probe @ start))
+        ratio = mp.mpc(
+            complex(answer.probe @ answer.y_end[:4]) / complex(answer.probe @ start)
+        )
         off = mp.log(ratio) - wanted
         phase = mp.fmod(off.imag, 2 * mp.pi)
         phase = min(abs(phase), abs(2 * mp.pi - abs(phase)))
         return float(wanted.real), float(off.real), float(phase)
 
 
-# --- measurements ---------------------------------------------------------------------------------
+# --- measurements
+# ---------------------------------------------------------------------------------
 
 TOLS = (1e-9, 1e-12)
 
 
 def _at_tols(cases, one_by_one):
     return [
-        [ask([c], {"tol": tol})[0] for c in cases] if one_by_one else ask(cases, {"tol": tol})
+        [ask([c], {"tol": tol})[0] for c in cases]
+        if one_by_one
+        else ask(cases, {"tol": tol})
         for tol in TOLS
     ]
 
 
 def against_reference(cases, one_by_one=False):
-    """Rows (case, answers at TOLS, the reference's t_r, its own error, errors at TOLS)."""
+    """Rows (case, answers at TOLS, the reference's t_r, its own error, errors at
+    TOLS).
+    """
     answers = _at_tols(cases, one_by_one)
     coarse, fine = (refer(cases, answers[0], share) for share in (1.0, 0.5))
     rows = []
     for k, case in enumerate(cases):
         both = [found[k] for found in answers]
         if np.isnan(float(fine.t_r[k])):
-            y = np.concatenate([coarse.y_end[:2, k] / coarse.y_end[2, k], coarse.y_end[3:, k]])
+            y = np.concatenate(
+                [coarse.y_end[:2, k] / coarse.y_end[2, k], coarse.y_end[3:, k]]
+            )
             own = state_error(case.body, y.astype(float), fine.y_end[:, k])
         else:
             own = abs(float(coarse.t_r[k] / fine.t_r[k] - 1))
@@ -315,9 +384,13 @@ def against_reference(cases, one_by_one=False):
 
 
 def against_growth(cases, one_by_one=False):
-    """Rows (case, answers at TOLS, exponent of the run, errors of amplitude and phase at TOLS)."""
+    """Rows (case, answers at TOLS, exponent of the run, errors of amplitude and phase
+    at TOLS).
+    """
     rows = []
-    for case, both in zip(cases, zip(*_at_tols(cases, one_by_one), strict=True), strict=True):
+    for case, both in zip(
+        cases, zip(*_at_tols(cases, one_by_one), strict=True), strict=True
+    ):
         off = [linear(case, answer) for answer in both]
         rows.append((case, both, off[0][0], [x[1:] for x in off]))
     return rows

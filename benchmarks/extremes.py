@@ -3,7 +3,8 @@
     python benchmarks/extremes.py [--write]
 
 Prints the tables of benchmarks/extremes.md; ``--write`` replaces them there. The cases
-are those of extreme_cases.py, the references those of extrapolation.py and extreme_cases.py.
+are those of extreme_cases.py, the references those of extrapolation.py and
+extreme_cases.py.
 """
 
 import sys
@@ -28,7 +29,9 @@ BESIDE = (-1e-3, -1e-7, -1e-9, -1e-11, -1e-13, 1e-13, 1e-11, 1e-7)
 def pairs(grazing=extremes.GRAZING, count=2):
     """Cases near the touches, at relative distances of the spin from 1e-3 to 1e-13."""
     return [
-        extremes.Case(f"{name}, touch {k + 1}, {away:+.0e}", body, n * (1 + away), omega, 20.0)
+        extremes.Case(
+            f"{name}, touch {k + 1}, {away:+.0e}", body, n * (1 + away), omega, 20.0
+        )
         for name, body, omega, direction in grazing
         for k, n in enumerate(extremes.touches(body, omega, direction, count))
         for away in BESIDE
@@ -43,11 +46,15 @@ def number(x):
 def table(heads, rows):
     """A Markdown table."""
     lines = [heads, ["---"] * len(heads), *rows]
-    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+    return "\n".join(
+        "| " + " | ".join(str(cell) for cell in line) + " |" for line in lines
+    )
 
 
 def ends(answers):
-    """Status, type, steps and seconds at both tolerances; one word where they are the same."""
+    """Status, type, steps and seconds at both tolerances; one word where they are the
+    same.
+    """
     words = [f"{a.status}, {a.type}" for a in answers]
     words = words[:1] if words[0] == words[1] else words
     steps = " / ".join(f"{a.n_steps}" for a in answers)
@@ -66,37 +73,75 @@ TAIL = ["status, type", "steps", "seconds"]
 def reference_table():
     """Short runs against the longdouble reference."""
     rows = []
-    for case, answers, t_r, own, off in extremes.against_reference(extremes.REFERENCE, True):
+    for case, answers, t_r, own, off in extremes.against_reference(
+        extremes.REFERENCE, True
+    ):
         found = f"{t_r:.9g}" if np.isfinite(t_r) else "-"
         n_end = "-" if np.isfinite(t_r) else " / ".join(number(e[1]) for e in off)
-        rows.append([*launch(case), found, number(own), " / ".join(number(e[0]) for e in off),
-                     n_end, *ends(answers)])  # fmt: skip
-    return table([*HEAD, "t_r", "reference's own", "error", "error of n_end", *TAIL], rows)
+        rows.append(
+            [
+                *launch(case),
+                found,
+                number(own),
+                " / ".join(number(e[0]) for e in off),
+                n_end,
+                *ends(answers),
+            ]
+        )
+    return table(
+        [*HEAD, "t_r", "reference's own", "error", "error of n_end", *TAIL], rows
+    )
 
 
 def growth_table():
     """Long runs against the exact linear motion."""
     rows = [
-        [*launch(case), f"{exponent:.4g}", " / ".join(number(abs(e[0])) for e in off),
-         " / ".join(number(e[1]) for e in off),
-         " / ".join(number(abs(a.energy_drift)) for a in answers), *ends(answers)]
-        for case, answers, exponent, off in extremes.against_growth(extremes.LINEAR, True)
-    ]  # fmt: skip
-    heads = [*HEAD, "exponent", "error of the exponent", "error of the phase", "energy drift"]
+        [
+            *launch(case),
+            f"{exponent:.4g}",
+            " / ".join(number(abs(e[0])) for e in off),
+            " / ".join(number(e[1]) for e in off),
+            " / ".join(number(abs(a.energy_drift)) for a in answers),
+            *ends(answers),
+        ]
+        for case, answers, exponent, off in extremes.against_growth(
+            extremes.LINEAR, True
+        )
+    ]
+    heads = [
+        *HEAD,
+        "exponent",
+        "error of the exponent",
+        "error of the phase",
+        "energy drift",
+    ]
     return table([*heads, *TAIL], rows)
 
 
 def type_table():
     """Runs whose type is known."""
     rows = []
-    groups = ((extremes.DECAY, "SS"), (extremes.OVERDAMPED_ROLL, "SS"), (extremes.SATURATED, "SW"))
+    groups = (
+        (extremes.DECAY, "SS"),
+        (extremes.OVERDAMPED_ROLL, "SS"),
+        (extremes.SATURATED, "SW"),
+    )
     for cases, kind in groups:
         for case in cases:
             answers = [extremes.ask([case], {"tol": tol})[0] for tol in extremes.TOLS]
-            rate = np.linalg.eigvals(oracle.jacobian_spin(case.body, case.n_i)).real.max()
+            rate = np.linalg.eigvals(
+                oracle.jacobian_spin(case.body, case.n_i)
+            ).real.max()
             good = all(a.type == kind for a in answers)
-            rows.append([*launch(case), f"{rate * case.t_end:.3g}", kind, *ends(answers),
-                         "" if good else "**wrong**"])  # fmt: skip
+            rows.append(
+                [
+                    *launch(case),
+                    f"{rate * case.t_end:.3g}",
+                    kind,
+                    *ends(answers),
+                    "" if good else "**wrong**",
+                ]
+            )
     return table([*HEAD, "slowest exponent", "type wanted", *TAIL, ""], rows)
 
 
@@ -108,8 +153,17 @@ def step_table():
             answer, verdict = extremes.against_fine(case, kind, dt)
             verdict = "**wrong**" if verdict == "wrong" else verdict
             found = f"{answer.t_r:.6g}" if np.isfinite(answer.t_r) else "-"
-            rows.append([*launch(case), f"{dt:g}", kind, verdict, answer.type, found,
-                         number(abs(answer.energy_drift))])  # fmt: skip
+            rows.append(
+                [
+                    *launch(case),
+                    f"{dt:g}",
+                    kind,
+                    verdict,
+                    answer.type,
+                    found,
+                    number(abs(answer.energy_drift)),
+                ]
+            )
     heads = [*HEAD, "dt", "type wanted", "verdict", "type", "t_r", "energy drift"]
     return table(heads, rows)
 
@@ -123,8 +177,16 @@ def tolerance_table():
     for case, tol in TOLERANCES:
         [answer] = extremes.ask([case], {"tol": tol})
         error = extremes.errors(case, answer, fine, cases.index(case))[0]
-        rows.append([*launch(case), f"{tol:g}", number(error), f"{answer.status}, {answer.type}",
-                     answer.n_steps, f"{answer.seconds:.2g}"])  # fmt: skip
+        rows.append(
+            [
+                *launch(case),
+                f"{tol:g}",
+                number(error),
+                f"{answer.status}, {answer.type}",
+                answer.n_steps,
+                f"{answer.seconds:.2g}",
+            ]
+        )
     return table([*HEAD, "tol", "error", *TAIL], rows)
 
 
@@ -135,16 +197,25 @@ def pair_table():
     fine = extremes.refer(cases, answers[0], 0.5)
     rows = []
     for away in BESIDE:
-        which = [k for k, c in enumerate(cases) if float(c.name.rsplit(",", 1)[1]) == away]
+        which = [
+            k for k, c in enumerate(cases) if float(c.name.rsplit(",", 1)[1]) == away
+        ]
         row = [f"{away:+.0e}", len(which)]
         for found in answers:
-            off = np.array([extremes.errors(cases[k], found[k], fine, k)[0] for k in which])
+            off = np.array(
+                [extremes.errors(cases[k], found[k], fine, k)[0] for k in which]
+            )
             near = np.array([found[k].near_tangencies > 0 for k in which])
             other = off > 1e-3
             largest = number(off[~other].max()) if (~other).any() else "-"
             row += [largest, other.sum(), near.sum(), (other & ~near).sum()]
         rows.append(row)
-    heads = ["largest error of t_r", "another zero", "counted as near", "another zero, not counted"]
+    heads = [
+        "largest error of t_r",
+        "another zero",
+        "counted as near",
+        "another zero, not counted",
+    ]
     both = [f"{head}, {tol:g}" for tol in extremes.TOLS for head in heads]
     return table(["n_i off the touch", "runs", *both], rows)
 
@@ -160,7 +231,9 @@ PARTS = {
 
 
 @click.command()
-@click.option("--write", is_flag=True, help="Put the tables into benchmarks/extremes.md.")
+@click.option(
+    "--write", is_flag=True, help="Put the tables into benchmarks/extremes.md."
+)
 def main(write):
     """Measure and print the tables."""
     text = "\n\n".join(f"### {head}\n\n{make()}" for head, make in PARTS.items())

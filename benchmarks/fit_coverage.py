@@ -1,8 +1,9 @@
 """How often the 95 % intervals of `rs.fit` contain the truth, and how long a fit takes.
 
-Each data set is a synthetic video of a wooden stone at 240 frames a second, of which 5 % are
-missing: the angle of its long axis with a noise of 0.5 degrees, or its spin with one of 3 rpm. The
-truth is drawn anew each time and not known to the fit. Prints the table of fit.md.
+Each data set is a synthetic video of a wooden stone at 240 frames a second, of which 5
+% are missing: the angle of its long axis with a noise of 0.5 degrees, or its spin with
+one of 3 rpm. The truth is drawn anew each time and not known to the fit. Prints the
+table of fit.md.
 
     python benchmarks/fit_coverage.py --sets 500
     python benchmarks/fit_coverage.py --write configs/fit/data.csv
@@ -29,14 +30,22 @@ MISSING = 0.05
 
 
 def measured(
-    truth: dict[str, Any], column: str, seconds: float, rate: float, generator: np.random.Generator
+    truth: dict[str, Any],
+    column: str,
+    seconds: float,
+    rate: float,
+    generator: np.random.Generator,
 ) -> pd.DataFrame:
-    """Return the table of a video; the angle is that of the attitude as a quaternion."""
+    """Return the table of a video; the angle is that of the attitude as a
+    quaternion.
+    """
     assert STONE.units is not None
     t = np.arange(0, seconds, 1 / rate)
     times = t / STONE.units.time
     names = ["q0", "q1", "q2", "q3", "n"]
-    run = rs.trajectory(STONE, **truth, t_end=times[-1], times=times, channels=names).table
+    run = rs.trajectory(
+        STONE, **truth, t_end=times[-1], times=times, channels=names
+    ).table
     w, x, y, z, value = run[names].to_numpy().T
     if column == "angle_deg":
         a, b = -math.sin(STONE.xi), math.cos(STONE.xi)
@@ -47,7 +56,9 @@ def measured(
         value = value / STONE.units.time * 30 / math.pi
     value = value + generator.normal(0, NOISE[column], len(t))
     value[generator.random(len(t)) < MISSING] = np.nan
-    return pd.DataFrame({"t_s": t, column: value % 180 if column == "angle_deg" else value})
+    return pd.DataFrame(
+        {"t_s": t, column: value % 180 if column == "angle_deg" else value}
+    )
 
 
 def drawn(generator: np.random.Generator) -> dict[str, Any]:
@@ -68,8 +79,15 @@ def main() -> None:
     parser.add_argument("--write", type=Path)
     options = parser.parse_args()
     if options.write:
-        truth: dict[str, Any] = {"n_i": 0.3, "omega_xy0": 0.03, "sigma": 4e-3, "rolling": 0.0}
-        table = measured(truth, "angle_deg", 3.0, 120.0, np.random.default_rng(2017)).round(4)
+        truth: dict[str, Any] = {
+            "n_i": 0.3,
+            "omega_xy0": 0.03,
+            "sigma": 4e-3,
+            "rolling": 0.0,
+        }
+        table = measured(
+            truth, "angle_deg", 3.0, 120.0, np.random.default_rng(2017)
+        ).round(4)
         table.to_csv(options.write, index=False)
         return
     rows: list[dict[str, Any]] = []
@@ -82,23 +100,42 @@ def main() -> None:
         seconds = time.perf_counter() - begin
         for name, value in truth.items():
             low, high = found.intervals[name]
-            rows.append({"set": number, "seconds": seconds, "noise": found.noise,
-                         "remarks": len(found.remarks), "parameter": name,
-                         "covered": low <= value <= high, "width": (high - low) / 2 / value,
-                         "error": found.values[name] / value - 1})  # fmt: skip
-        print(number, *(int(row["covered"]) for row in rows[-4:]), f"{seconds:.1f}", flush=True)
+            rows.append(
+                {
+                    "set": number,
+                    "seconds": seconds,
+                    "noise": found.noise,
+                    "remarks": len(found.remarks),
+                    "parameter": name,
+                    "covered": low <= value <= high,
+                    "width": (high - low) / 2 / value,
+                    "error": found.values[name] / value - 1,
+                }
+            )
+        print(
+            number,
+            *(int(row["covered"]) for row in rows[-4:]),
+            f"{seconds:.1f}",
+            flush=True,
+        )
     fits = pd.DataFrame(rows)
     one = fits.groupby("set")[["seconds", "noise", "remarks"]].first()
-    print(f"{len(one)} data sets of {options.column}; one fit takes {one.seconds.median():.1f} s "
-          f"(median), {one.seconds.max():.1f} s (longest); noise {one.noise.median():.3f}; "
-          f"{(one.remarks > 0).sum()} sets with a remark\n")  # fmt: skip
-    print("| parameter | truth within 95 % interval | half width (median) | mean error |")
+    print(
+        f"{len(one)} data sets of {options.column}; one fit takes {one.seconds.median():.1f} s "
+        f"(median), {one.seconds.max():.1f} s (longest); noise {one.noise.median():.3f}; "
+        f"{(one.remarks > 0).sum()} sets with a remark\n"
+    )
+    print(
+        "| parameter | truth within 95 % interval | half width (median) | mean error |"
+    )
     print("|---|---|---|---|")
     for parameter, own in fits.groupby("parameter", sort=False):
         doubt = own.error.std() / math.sqrt(len(own))
         share, width, mean = own.covered.mean(), own.width.median(), own.error.mean()
-        print(f"| `{parameter}` | {100 * share:.1f} % | {100 * width:.2g} % "
-              f"| {100 * mean:.2g} +- {100 * doubt:.1g} % |")  # fmt: skip
+        print(
+            f"| `{parameter}` | {100 * share:.1f} % | {100 * width:.2g} % "
+            f"| {100 * mean:.2g} +- {100 * doubt:.1g} % |"
+        )
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""How often the 95 % interval of a forecast contains the time that the sweep then takes.
+"""How often the 95 % interval of a forecast contains the time that the sweep then
+takes.
 
-Each trial forecasts and runs a shipped config, made small, with a seed of its own. The interval
-should contain the time in at least 90 % of 40 trials. Other work on the machine makes the times
-vary, so the load is printed as well.
+Each trial forecasts and runs a shipped config, made small, with a seed of its own. The
+interval should contain the time in at least 90 % of 40 trials. Other work on the
+machine makes the times vary, so the load is printed as well.
 
     python benchmarks/forecast_coverage.py --trials 40
 """
@@ -27,9 +28,12 @@ SMALL = [
     ("steady.yaml", "bodies.samples=16"),
     ("unsteady.yaml", "bodies.samples=100"),
     ("tradeoff.yaml", "bodies.samples=60"),
-    ("map_theta_spin.yaml", "bodies.axes.theta.linspace=[0.6, 0.99, 50]",
-     "spin.n_i={linspace: [-0.6, 0.6, 50]}"),
-]  # fmt: skip
+    (
+        "map_theta_spin.yaml",
+        "bodies.axes.theta.linspace=[0.6, 0.99, 50]",
+        "spin.n_i={linspace: [-0.6, 0.6, 50]}",
+    ),
+]
 
 
 def main() -> None:
@@ -41,7 +45,8 @@ def main() -> None:
     options = parser.parse_args()
     held = 0
     with tempfile.TemporaryDirectory() as place:
-        # Trial -1 is not counted, because it includes costs that a process has only once.
+        # Trial -1 is not counted, because it includes costs that a process has only
+        # once.
         for trial in range(-1, options.trials):
             name, *small = SMALL[trial % len(SMALL)]
             small.append(f"seed={abs(trial)}")

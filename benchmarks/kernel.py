@@ -2,15 +2,17 @@
 
     python benchmarks/kernel.py [--lanes | --throughput] [--quick]
 
-Both batches are GH launched at random spins.  *equal*: every run has the same horizon.  *mixed*:
-horizons spread as in a sweep of shell-dumbbell bodies, the longest thirty times the shortest.  No
-run reverses within its horizon, so that all methods integrate the same time.  Measurements of all
-kernels are interleaved and repeated; the tables show medians.
+Both batches are GH launched at random spins.  *equal*: every run has the same horizon.
+*mixed*: horizons spread as in a sweep of shell-dumbbell bodies, the longest thirty
+times the shortest.  No run reverses within its horizon, so that all methods integrate
+the same time.  Measurements of all kernels are interleaved and repeated; the tables
+show medians.
 
-``--throughput`` prints the table of benchmarks/README.md: steps tried and accepted in the mix of
-``configs/steady.yaml``, and their share of the processor's peak of fused multiply-adds.  Products
-and fused multiply-adds, which use the same units, are counted in the machine code of the step for
-one lane.  The peak is measured with a loop of fused multiply-adds.
+``--throughput`` prints the table of benchmarks/README.md: steps tried and accepted in
+the mix of ``configs/steady.yaml``, and their share of the processor's peak of fused
+multiply-adds.  Products and fused multiply-adds, which use the same units, are counted
+in the machine code of the step for one lane.  The peak is measured with a loop of fused
+multiply-adds.
 """
 
 import os
@@ -46,12 +48,20 @@ BODY = {name: getattr(Rattleback.gh(), name) for name in PARAMETERS}
 @full.scalar
 def _moved(y, h, k):  # type: ignore[no-untyped-def]
     """Return ``y + h k``, component by component."""
-    return (y[0] + h * k[0], y[1] + h * k[1], y[2] + h * k[2], y[3] + h * k[3], y[4] + h * k[4])
+    return (
+        y[0] + h * k[0],
+        y[1] + h * k[1],
+        y[2] + h * k[2],
+        y[3] + h * k[3],
+        y[4] + h * k[4],
+    )
 
 
 @full.scalar
 def rk4_step(y, body, dt):  # type: ignore[no-untyped-def]
-    """Return the state after one step of the classical method; `y` and `body` are tuples."""
+    """Return the state after one step of the classical method; `y` and `body` are
+    tuples.
+    """
     k1 = full.rhs(*(y + body))
     k2 = full.rhs(*(_moved(y, dt / 2, k1) + body))
     k3 = full.rhs(*(_moved(y, dt / 2, k2) + body))
@@ -62,10 +72,12 @@ def rk4_step(y, body, dt):  # type: ignore[no-untyped-def]
 
 @njit(fastmath=full.FASTMATH, error_model="numpy", nogil=True, parallel=True)
 def plain_rk4(y0, constants, t_end, dt, out):
-    """The kernel that one would write first: scalar, one run after another, ``prange`` over runs.
+    """The kernel that one would write first: scalar, one run after another, ``prange``
+    over runs.
 
-    The classical method with the kernel's own right-hand side; a run ends where the spin changes
-    its sign between two steps.  It has no step control, no search within a step and no observables.
+    The classical method with the kernel's own right-hand side; a run ends where the
+    spin changes its sign between two steps.  It has no step control, no search within a
+    step and no observables.
     """
     for k in prange(len(y0)):
         ix, iy, iz, cxx, cxy, cyy = constants[k]
@@ -87,8 +99,12 @@ def batch(t_end):
     """Return GH at spins from -0.15 to -0.1, which reverse at t = 450 or later."""
     runs = len(t_end)
     n_i = np.random.default_rng(1).uniform(-0.15, -0.1, runs)
-    constants = full.constants(**{name: np.full(runs, value) for name, value in BODY.items()})
-    modes = theory.modes(*(BODY[name] for name in ("alpha", "beta", "theta", "phi", "xi")))
+    constants = full.constants(
+        **{name: np.full(runs, value) for name, value in BODY.items()}
+    )
+    modes = theory.modes(
+        *(BODY[name] for name in ("alpha", "beta", "theta", "phi", "xi"))
+    )
     found = steady.steady_modes(constants, n_i)
     return Batch(
         y0=theory.full_state(n_i, OMEGA, theory.direction(modes, n_i, "relevant")),
@@ -113,7 +129,9 @@ def plain(runs, threads):
 
 
 def lanes(method):
-    """A function that runs the lane kernel and returns the number of steps, tried ones too."""
+    """A function that runs the lane kernel and returns the number of steps, tried ones
+    too.
+    """
 
     def run(runs, threads):
         out = integrate(runs, METHODS[method], FULL, tol=TOL, dt=DT, threads=threads)
@@ -141,19 +159,25 @@ SIZES = {
 
 def cases(quick):
     """Batches by case and kernel."""
-    stride = 8 * DT  # the kernel checks lanes every eight steps, so horizons are multiples of that
+    stride = (
+        8 * DT
+    )  # the kernel checks lanes every eight steps, so horizons are multiples of that
     for case in ("equal", "mixed"):
         batches = {}
         for name, (runs, mean) in SIZES.items():
             runs = max(2048, runs // 4) if quick else runs
             spread = np.exp(np.random.default_rng(0).uniform(0, np.log(30), runs))
             shape = np.ones(runs) if case == "equal" else spread / spread.mean()
-            batches[name] = batch(np.maximum(1, np.round(shape * mean / stride)) * stride)
+            batches[name] = batch(
+                np.maximum(1, np.round(shape * mean / stride)) * stride
+            )
         yield case, batches
 
 
 def measure(batches, repeats):
-    """Median seconds and the steps of every kernel on one and two threads, interleaved."""
+    """Median seconds and the steps of every kernel on one and two threads,
+    interleaved.
+    """
     counts = (1, 2) if numba.config.NUMBA_NUM_THREADS > 1 else (1,)
     seconds = {(name, threads): [] for name in batches for threads in counts}
     steps = {}
@@ -192,9 +216,7 @@ def show_kernels(quick):
     click.echo(f"rk4: dt = {DT}; others: tol = {TOL}; {LANES} lanes; medians")
     head = f"{'':18}{'M steps/s':>10}{'us per unit':>13}"
     head += f"{'ratio to':>11}{'time to':>10}{'2 threads':>11}"
-    below = (
-        f"{'':18}{'1 thread':>10}{'time and run':>13}{'plain step':>11}{'plain':>10}{'over 1':>11}"
-    )
+    below = f"{'':18}{'1 thread':>10}{'time and run':>13}{'plain step':>11}{'plain':>10}{'over 1':>11}"
     results = {}
     for case, batches in cases(quick):
         seconds, steps = measure(batches, 3 if quick else 7)
@@ -249,7 +271,9 @@ def show_lanes(quick):
             rows[at.probe : at.probe + FULL.n_probe] = 0.1
             problem = problem_of(FULL, tableau.adaptive, width)
             loops[width] = partial(_many(attempt), problem, flat)
-        calls = (20_000 if quick else 100_000) // (tableau.stages * (1 if tableau.adaptive else 8))
+        calls = (20_000 if quick else 100_000) // (
+            tableau.stages * (1 if tableau.adaptive else 8)
+        )
         times = {width: [] for width in widths}
         for repeat in range(4 if quick else 10):
             for width, many in loops.items():
@@ -279,7 +303,9 @@ CHAIN, CELLS = 8, 64
 
 
 def products(tableau):
-    """Products in one step of a method for one lane; 0 where the machine code is not x86's."""
+    """Products in one step of a method for one lane; 0 where the machine code is not
+    x86's.
+    """
     step = njit(**OPTIONS)(write_attempt(tableau, FULL, 1))
     step.compile((typeof(problem_of(FULL, tableau.adaptive, 1)), float64[::1], float64))
     (code,) = step.inspect_asm().values()
@@ -288,7 +314,9 @@ def products(tableau):
 
 
 def peak(repeats):
-    """Fused multiply-adds a second that one thread can do, of doubles in whole vectors."""
+    """Fused multiply-adds a second that one thread can do, of doubles in whole
+    vectors.
+    """
     names = {"widest_vectors": widest_vectors}
     chain = "\n".join(["            s = s * x + y"] * CHAIN)
     exec(
@@ -308,8 +336,12 @@ def peak(repeats):
 
 
 THROUGHPUT = [
-    ("dop853", 1e-6), ("dop853", 1e-9), ("dop853", 1e-12), ("verner98", 1e-9), ("dopri5", 1e-9)
-]  # fmt: skip
+    ("dop853", 1e-6),
+    ("dop853", 1e-9),
+    ("dop853", 1e-12),
+    ("verner98", 1e-9),
+    ("dopri5", 1e-9),
+]
 
 
 def show_throughput(quick):
@@ -320,10 +352,14 @@ def show_throughput(quick):
     threads = (1, 2) if numba.config.NUMBA_NUM_THREADS > 1 else (1,)
     top = peak(repeats)
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
-    click.echo(f"{len(runs)} runs, medians of {repeats}, load {load:.1f}; one thread can do "
-               f"{top / 1e9:.1f}e9 fused multiply-adds a second\n")  # fmt: skip
-    click.echo("| method, `tol` | tried, million/s | accepted, million/s | rejected | products a "
-               "step | of the FMA peak | 2 threads over 1 |")  # fmt: skip
+    click.echo(
+        f"{len(runs)} runs, medians of {repeats}, load {load:.1f}; one thread can do "
+        f"{top / 1e9:.1f}e9 fused multiply-adds a second\n"
+    )
+    click.echo(
+        "| method, `tol` | tried, million/s | accepted, million/s | rejected | products a "
+        "step | of the FMA peak | 2 threads over 1 |"
+    )
     click.echo("|---|---|---|---|---|---|---|")
     for method, tol in THROUGHPUT:
         seconds, spent = {count: [] for count in threads}, []
@@ -352,8 +388,12 @@ def show_throughput(quick):
 
 
 @click.command()
-@click.option("--lanes", "by_lanes", is_flag=True, help="The step alone, by number of lanes.")
-@click.option("--throughput", is_flag=True, help="Steps and share of the peak, as Markdown.")
+@click.option(
+    "--lanes", "by_lanes", is_flag=True, help="The step alone, by number of lanes."
+)
+@click.option(
+    "--throughput", is_flag=True, help="Steps and share of the peak, as Markdown."
+)
 @click.option("--quick", is_flag=True, help="Shorter and fewer measurements.")
 def main(by_lanes: bool, throughput: bool, quick: bool) -> None:
     """Measure the lane kernels against plain scalar code."""

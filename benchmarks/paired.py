@@ -2,9 +2,9 @@
 
     python benchmarks/paired.py OTHER [--method dop853] [--samples 6] [--repeats 9]
 
-Both integrate the mix of ``configs/steady.yaml`` (see ``peer_work.py``), in turn, each in a process
-of its own on one thread.  Errors are those of the reversal times against two methods at a tolerance
-of 1e-13, and only where these two agree to 1e-8.
+Both integrate the mix of ``configs/steady.yaml`` (see ``peer_work.py``), in turn, each
+in a process of its own on one thread.  Errors are those of the reversal times against
+two methods at a tolerance of 1e-13, and only where these two agree to 1e-8.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ TOLS = {
 def reference(samples):
     """Return reversal times on which two methods agree; NaN where they do not."""
     runs = peer_work.draw(samples)
-    one, other = (peer_work.rattlesweep(name, tol=1e-13)(runs) for name in ("dop853", "verner98"))
+    one, other = (
+        peer_work.rattlesweep(name, tol=1e-13)(runs) for name in ("dop853", "verner98")
+    )
     return np.where(np.abs(one / other - 1) < peer_work.AGREE, other, np.nan).tolist()
 
 
@@ -73,7 +75,9 @@ def ask(process, tol):
 @click.command()
 @click.argument("other", required=False)
 @click.option("--method", default="dop853", show_default=True)
-@click.option("--samples", default=6, show_default=True, help="Runs of each of the 120 cases.")
+@click.option(
+    "--samples", default=6, show_default=True, help="Runs of each of the 120 cases."
+)
 @click.option("--repeats", default=9, show_default=True)
 @click.option("--tols", default="", help="Tolerances, with commas between.")
 @click.option("--serve", "serving", is_flag=True, hidden=True)
@@ -93,7 +97,10 @@ def main(
         if kept and kept.name:
             kept.write_text(json.dumps(t_ref.tolist()))
     options = ("--serve", "--method", method, "--samples", str(samples))
-    sides = {"old": child(Path(other or "."), *options), "new": child(HERE.parents[1], *options)}
+    sides = {
+        "old": child(Path(other or "."), *options),
+        "new": child(HERE.parents[1], *options),
+    }
     click.echo(
         f"{np.isfinite(t_ref).sum()} of {len(t_ref)} runs reverse\n{'tol':>6}      "
         f"{'seconds':>9}{'M tried/s':>10}{'accepted':>10}{'rejected':>9}{'median':>10}{'99 %':>10}"
@@ -128,7 +135,9 @@ def main(
         for tol, point in zip(chosen, curves["old"], strict=True):
             new = np.array(curves["new"])
             cost, mark = peer_work.cost_at(point[column], new[:, column], new[:, 0])
-            click.echo(f"at the {which} error of old tol {tol:.0e}: {mark}{point[0] / cost:.3f}")
+            click.echo(
+                f"at the {which} error of old tol {tol:.0e}: {mark}{point[0] / cost:.3f}"
+            )
 
 
 if __name__ == "__main__":

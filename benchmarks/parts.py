@@ -2,13 +2,14 @@
 
     python benchmarks/parts.py [--quick]
 
-The runs are those of ``configs/tradeoff.yaml`` with a horizon of 1000, so that long runs do not
-leave lanes empty.  All variants of the integration take turns on one thread; the table shows
-medians of processor time, as ratios to the plain run.  The observables behind the types (the
-amplitude in windows, the smallest spin) cannot be switched off.  The time of the amplitude is found
-by compiling the generated step with and without it, and that of the rest is the time of the
-integration beyond its steps.  An ellipsoid or dissipation changes when runs end, so these are
-compared per unit of time; the table also has the steps tried per unit of time.
+The runs are those of ``configs/tradeoff.yaml`` with a horizon of 1000, so that long
+runs do not leave lanes empty.  All variants of the integration take turns on one
+thread; the table shows medians of processor time, as ratios to the plain run.  The
+observables behind the types (the amplitude in windows, the smallest spin) cannot be
+switched off.  The time of the amplitude is found by compiling the generated step with
+and without it, and that of the rest is the time of the integration beyond its steps.
+An ellipsoid or dissipation changes when runs end, so these are compared per unit of
+time; the table also has the steps tried per unit of time.
 """
 
 from __future__ import annotations
@@ -47,26 +48,41 @@ CONFIG = Path(__file__).resolve().parent.parent / "configs" / "tradeoff.yaml"
 HORIZON = 1000.0
 STEP = "step with what the types need"
 RECORDS = (
-    [], ["energy"], ["contact"], ["windows"], ["error"], ["lyapunov"], ["volume"], ["reversals"],
+    [],
+    ["energy"],
+    ["contact"],
+    ["windows"],
+    ["error"],
+    ["lyapunov"],
+    ["volume"],
+    ["reversals"],
     ["energy", "contact", "windows"],
-)  # fmt: skip
+)
 
 # Settings of each scene; few runs reverse before the horizon.
 SCENES = {
     "plain": [],
     "ellipsoid": ["bodies.surface=ellipsoid", "bodies.c=2"],
     "sigma": ["dissipation={sigma: 0.001}"],
-    "ellipsoid, sigma": ["bodies.surface=ellipsoid", "bodies.c=2", "dissipation={sigma: 0.001}"],
+    "ellipsoid, sigma": [
+        "bodies.surface=ellipsoid",
+        "bodies.c=2",
+        "dissipation={sigma: 0.001}",
+    ],
     "rolling": ["dissipation={rolling: 0.0001}"],
     "ellipsoid, rolling": [
-        "bodies.surface=ellipsoid", "bodies.c=2", "dissipation={rolling: 0.0001}"
+        "bodies.surface=ellipsoid",
+        "bodies.c=2",
+        "dissipation={rolling: 0.0001}",
     ],
-}  # fmt: skip
+}
 
 
 @dataclass
 class Part:
-    """One thing to be timed; ``base`` is the name of the part that it is compared with."""
+    """One thing to be timed; ``base`` is the name of the part that it is compared
+    with.
+    """
 
     name: str
     call: Callable[[], Any]
@@ -134,13 +150,21 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
 
 
 def scenes(samples: int) -> list[Part]:
-    """The integration of bodies with another surface or with dissipation, by the unit of time."""
+    """The integration of bodies with another surface or with dissipation, by the unit
+    of time.
+    """
     parts = []
     for scene, changes in SCENES.items():
-        given = [f"bodies.samples={samples}", f"horizon={{t_rgh: 5, t: {HORIZON}}}", *changes]
+        given = [
+            f"bodies.samples={samples}",
+            f"horizon={{t_rgh: 5, t: {HORIZON}}}",
+            *changes,
+        ]
         config = load_config(CONFIG, given)
         plan = make_plan(config)
-        batch = full_batch(prepare(plan, *np.divmod(np.arange(plan.runs), plan.samples)))
+        batch = full_batch(
+            prepare(plan, *np.divmod(np.arange(plan.runs), plan.samples))
+        )
         out = run_batch(config, batch, threads=1)
         spent = float(out.t_end.sum())
         tries = (out.n_steps.sum() + out.n_rejected.sum()) / spent
@@ -157,7 +181,9 @@ def scenes(samples: int) -> list[Part]:
     return parts
 
 
-def around(plan: Any, launches: Any, found: Mapping[str, Any], directory: Path) -> list[Part]:
+def around(
+    plan: Any, launches: Any, found: Mapping[str, Any], directory: Path
+) -> list[Part]:
     """The work before and after the kernel."""
     case, sample, b = launches.case, launches.sample, launches.bodies
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
@@ -166,19 +192,27 @@ def around(plan: Any, launches: Any, found: Mapping[str, Any], directory: Path) 
     return [
         Part("bodies", lambda: plan.source.bodies(np.nan, sample), runs),
         Part("bodies, theory, horizons", lambda: prepare(plan, case, sample), runs),
-        Part("theory: modes", lambda: theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi), runs),
+        Part(
+            "theory: modes",
+            lambda: theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi),
+            runs,
+        ),
         Part("steady modes", lambda: steady_modes(constants, launches.n_i), runs),
         Part("initial states, steady modes", lambda: full_batch(launches), runs),
         Part(
             "Parquet file",
-            lambda: write_parquet(build_table(found, schema), directory / "rows.parquet"),
+            lambda: write_parquet(
+                build_table(found, schema), directory / "rows.parquet"
+            ),
             runs,
         ),
     ]
 
 
 def without_amplitude() -> Any:
-    """The generated step without the amplitude; None if the generator cannot leave it out."""
+    """The generated step without the amplitude; None if the generator cannot leave it
+    out.
+    """
 
     @full.scalar
     def nothing(p, q, a, b, c, p0, q0, a0, b0, p1, q1, a1, b1):  # type: ignore[no-untyped-def]
@@ -195,8 +229,14 @@ def steps(calls: int) -> list[Part]:
     flat = np.zeros(size + 8)
     flat = flat[(-flat.ctypes.data // 8) % 8 :][:size]
     rows = flat.reshape(-1, LANES)
-    body = {"alpha": 13.04, "beta": 1.522, "gamma": 12.28, "theta": 0.6429, "phi": 0.036,
-            "xi": -0.03}  # fmt: skip
+    body = {
+        "alpha": 13.04,
+        "beta": 1.522,
+        "gamma": 12.28,
+        "theta": 0.6429,
+        "phi": 0.036,
+        "xi": -0.03,
+    }
     rows[at.constants : at.constants + 6] = full.constants(**body)[:, None]
     rows[at.y + 2], rows[at.y + 4] = 0.01, -0.1
     rows[at.h], rows[at.probe : at.probe + FULL.n_probe] = 0.3, 0.1
@@ -251,7 +291,9 @@ def main(quick: bool) -> None:
     price = {part.name: seconds[part.name] / part.runs * 1e6 for part in parts}
     for part in parts:
         ratio = price[part.name] / price[part.base]
-        click.echo(f"{part.name:40}{price[part.name]:10.4g}{part.unit:>8}{ratio:9.4f}  {part.base}")
+        click.echo(
+            f"{part.name:40}{price[part.name]:10.4g}{part.unit:>8}{ratio:9.4f}  {part.base}"
+        )
     alone = 1 - tries * price[STEP] / (seconds["integration alone"] * 1e6)
     click.echo(
         f"step control, search for zeros, windows, refilling: {100 * alone:.0f} % of the "

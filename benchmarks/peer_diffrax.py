@@ -19,13 +19,16 @@ if TYPE_CHECKING:
 
 jax.config.update("jax_enable_x64", True)
 
-# Approximate number of runs in a call.  A batch goes on until its last run has ended, but larger
-# batches share the cost that XLA has in each step: 120 and 240 were slower, 960 was as fast.
+# Approximate number of runs in a call.  A batch goes on until its last run has ended,
+# but larger batches share the cost that XLA has in each step: 120 and 240 were slower,
+# 960 was as fast.
 RUNS = 480
 
 
 def field(t: Any, y: tuple[Any, ...], body: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Derivatives of ``(p, q, a, b, c)``; tuples (XLA fuses them) are thrice as fast as arrays."""
+    """Derivatives of ``(p, q, a, b, c)``; tuples (XLA fuses them) are thrice as fast as
+    arrays.
+    """
     p, q, a, b, c = y
     ix, iy, iz, cxx, cxy, cyy = body
     m = p * b - q * a
@@ -64,7 +67,9 @@ class Solver:
 
     def __init__(self, rtol: float, atol: float) -> None:
         self.setting = f"rtol {rtol:.0e}, atol {atol:.0e}"
-        event = diffrax.Event(_spin, optimistix.Newton(1e-10, 1e-10, optimistix.rms_norm))
+        event = diffrax.Event(
+            _spin, optimistix.Newton(1e-10, 1e-10, optimistix.rms_norm)
+        )
 
         def one(y0: Any, body: Any, t_end: Any) -> Any:
             solution = diffrax.diffeqsolve(
@@ -89,7 +94,8 @@ class Solver:
     def __call__(self, runs: Batch) -> Floats:
         """First zeros of the spin, NaN where there is none before the horizon."""
         t_r = np.full(len(runs), np.nan)
-        # Runs of similar length are batched together; batches of one size avoid recompilation.
+        # Runs of similar length are batched together; batches of one size avoid
+        # recompilation.
         order = np.argsort(runs.t_end, kind="stable")
         size = -(-len(runs) // max(1, round(len(runs) / RUNS)))
         for first in range(0, len(runs), size):

@@ -1,4 +1,6 @@
-"""The same runs with heyoka: Taylor's method, one by one or a vector at once, events on."""
+"""The same runs with heyoka: Taylor's method, one by one or a vector at once, events
+on.
+"""
 
 from __future__ import annotations
 
@@ -76,11 +78,13 @@ def vector_system() -> System:
     return system, ux * a + uy * b + uz * c
 
 
-def _solve(r: tuple[Any, ...], t: tuple[Any, ...], inertia: tuple[Any, ...]) -> list[Any]:
+def _solve(
+    r: tuple[Any, ...], t: tuple[Any, ...], inertia: tuple[Any, ...]
+) -> list[Any]:
     """Angular acceleration from the torque: Sherman and Morrison's formula.
 
-    This form, with seven divisions, was faster than those with one, two or four: in Taylor series
-    a division costs the same as a product.
+    This form, with seven divisions, was faster than those with one, two or four: in
+    Taylor series a division costs the same as a product.
     """
     r2 = hy.sum([x * x for x in r])
     d = [i + r2 for i in inertia]
@@ -104,14 +108,20 @@ def _initial(runs: Batch, system: str) -> Floats:
 
 
 class BatchSolver:
-    """``taylor_adaptive_batch``: a lane whose run has ended takes the next one, longest first.
+    """``taylor_adaptive_batch``: a lane whose run has ended takes the next one, longest
+    first.
 
-    Without ``refill``, runs of similar horizons start together, and the next ones start when all of
-    them have ended.
+    Without ``refill``, runs of similar horizons start together, and the next ones start
+    when all of them have ended.
     """
 
     def __init__(
-        self, system: str, tol: float, *, high_accuracy: bool = False, refill: bool = True
+        self,
+        system: str,
+        tol: float,
+        *,
+        high_accuracy: bool = False,
+        refill: bool = True,
     ) -> None:
         hy.llvm_state.clear_memcache()
         self.refill = refill

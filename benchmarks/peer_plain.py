@@ -1,4 +1,6 @@
-"""The same runs as a user would first write them: scalar Numba RK4, and SciPy's DOP853."""
+"""The same runs as a user would first write them: scalar Numba RK4, and SciPy's
+DOP853.
+"""
 
 from __future__ import annotations
 
@@ -38,32 +40,68 @@ def derivatives(ux, uy, uz, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore
     tz = (ix - iy) * a * b + x * ky - y * kx
     r2 = x * x + y * y + z * z
     ex, ey, ez = 1.0 / (ix + r2), 1.0 / (iy + r2), 1.0 / (iz + r2)
-    s = (x * tx * ex + y * ty * ey + z * tz * ez) / (1.0 - (x * x * ex + y * y * ey + z * z * ez))
+    s = (x * tx * ex + y * ty * ey + z * tz * ez) / (
+        1.0 - (x * x * ex + y * y * ey + z * z * ez)
+    )
     return dux, duy, duz, (tx + x * s) * ex, (ty + y * s) * ey, (tz + z * s) * ez
 
 
 @njit(fastmath=True, error_model="numpy", parallel=True)
 def rk4_runs(y0, constants, t_end, dt, t_r):  # type: ignore[no-untyped-def]
-    """Classical RK4; the zero is interpolated linearly between the steps where the sign changes."""
+    """Classical RK4; the zero is interpolated linearly between the steps where the sign
+    changes.
+    """
     for k in prange(len(y0)):
         ix, iy, iz, cxx, cxy, cyy = constants[k]
         u, v, w, a, b, c = y0[k]
         n = u * a + v * b + w * c
         half = 0.5 * dt
         for step in range(int(np.ceil(t_end[k] / dt))):
-            u1, v1, w1, a1, b1, c1 = derivatives(u, v, w, a, b, c, ix, iy, iz, cxx, cxy, cyy)
+            u1, v1, w1, a1, b1, c1 = derivatives(
+                u, v, w, a, b, c, ix, iy, iz, cxx, cxy, cyy
+            )
             u2, v2, w2, a2, b2, c2 = derivatives(
-                u + half * u1, v + half * v1, w + half * w1,
-                a + half * a1, b + half * b1, c + half * c1, ix, iy, iz, cxx, cxy, cyy,
-            )  # fmt: skip
+                u + half * u1,
+                v + half * v1,
+                w + half * w1,
+                a + half * a1,
+                b + half * b1,
+                c + half * c1,
+                ix,
+                iy,
+                iz,
+                cxx,
+                cxy,
+                cyy,
+            )
             u3, v3, w3, a3, b3, c3 = derivatives(
-                u + half * u2, v + half * v2, w + half * w2,
-                a + half * a2, b + half * b2, c + half * c2, ix, iy, iz, cxx, cxy, cyy,
-            )  # fmt: skip
+                u + half * u2,
+                v + half * v2,
+                w + half * w2,
+                a + half * a2,
+                b + half * b2,
+                c + half * c2,
+                ix,
+                iy,
+                iz,
+                cxx,
+                cxy,
+                cyy,
+            )
             u4, v4, w4, a4, b4, c4 = derivatives(
-                u + dt * u3, v + dt * v3, w + dt * w3,
-                a + dt * a3, b + dt * b3, c + dt * c3, ix, iy, iz, cxx, cxy, cyy,
-            )  # fmt: skip
+                u + dt * u3,
+                v + dt * v3,
+                w + dt * w3,
+                a + dt * a3,
+                b + dt * b3,
+                c + dt * c3,
+                ix,
+                iy,
+                iz,
+                cxx,
+                cxy,
+                cyy,
+            )
             u += dt / 6.0 * (u1 + 2.0 * u2 + 2.0 * u3 + u4)
             v += dt / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
             w += dt / 6.0 * (w1 + 2.0 * w2 + 2.0 * w3 + w4)
@@ -122,9 +160,15 @@ def scipy_dop853(rtol: float, atol: float) -> Callable[[Batch], Floats]:
         t_r = np.full(len(runs), np.nan)
         for k, y0 in enumerate(_vectors(runs)):
             found = solve_ivp(
-                _vector_field, (0.0, runs.t_end[k]), y0, method="DOP853", events=_event,
-                args=(runs.constants[k],), rtol=rtol, atol=atol,
-            )  # fmt: skip
+                _vector_field,
+                (0.0, runs.t_end[k]),
+                y0,
+                method="DOP853",
+                events=_event,
+                args=(runs.constants[k],),
+                rtol=rtol,
+                atol=atol,
+            )
             if len(found.t_events[0]):
                 t_r[k] = found.t_events[0][0]
         return t_r

@@ -70,7 +70,9 @@ class Work:
         return Work(take(self.runs, index), self.t_ref[index])
 
     def tiled(self, least: int) -> tuple[Batch, int]:
-        """Return the runs, repeated until there are ``least`` or more, and the repeats."""
+        """Return the runs, repeated until there are ``least`` or more, and the
+        repeats.
+        """
         copies = -(-least // len(self.runs))
         return take(self.runs, np.tile(np.arange(len(self.runs)), copies)), copies
 
@@ -91,13 +93,20 @@ def take(runs: Batch, index: NDArray[Any]) -> Batch:
     """Some of the runs of a batch."""
     parts = {name: getattr(runs, name) for name in Batch.__dataclass_fields__}
     # Fields that have no entry per run stay as they are.
-    return Batch(**{name: part[index] if len(part) else part for name, part in parts.items()})
+    return Batch(
+        **{name: part[index] if len(part) else part for name, part in parts.items()}
+    )
 
 
 def draw(samples: int) -> Batch:
-    """Runs of ``configs/steady.yaml``, ``samples`` of each of its 120 cases, and the GH body."""
+    """Runs of ``configs/steady.yaml``, ``samples`` of each of its 120 cases, and the GH
+    body.
+    """
     parts = []
-    for config in (load_config(STEADY, [f"bodies.samples={samples}"]), parse_config(GH)):
+    for config in (
+        load_config(STEADY, [f"bodies.samples={samples}"]),
+        parse_config(GH),
+    ):
         plan = make_plan(config)
         case, sample = np.divmod(np.arange(plan.runs), plan.samples)
         parts.append(full_batch(prepare(plan, case, sample)))
@@ -137,8 +146,8 @@ def errors(t_r: Floats, work: Work) -> Errors:
 def timed(solve: Solve, runs: Batch) -> tuple[float, Floats]:
     """Seconds of processor time, of all threads of this process, and the result.
 
-    Other work on the machine does not count, and a method that secretly used two threads would
-    pay for both.
+    Other work on the machine does not count, and a method that secretly used two
+    threads would pay for both.
     """
     begin = time.process_time()
     t_r = solve(runs)
@@ -146,7 +155,8 @@ def timed(solve: Solve, runs: Batch) -> tuple[float, Floats]:
 
 
 def cost_at(error: float, errors: Floats, costs: Floats) -> tuple[float, str]:
-    """Return the cost at an error, log-log along a curve, and a mark where the curve ends before.
+    """Return the cost at an error, log-log along a curve, and a mark where the curve
+    ends before.
 
     Returns
     -------
@@ -171,7 +181,9 @@ def first_call() -> float:
 
 
 def first_calls() -> tuple[float, float]:
-    """Seconds of a first call when nothing is compiled yet, and when it is in the cache."""
+    """Seconds of a first call when nothing is compiled yet, and when it is in the
+    cache.
+    """
     code = "import peer_work; print(peer_work.first_call())"
     with tempfile.TemporaryDirectory() as directory:
         environment = os.environ | {"NUMBA_CACHE_DIR": directory}
@@ -192,7 +204,9 @@ def first_calls() -> tuple[float, float]:
 
 
 def source() -> str:
-    """Return a hash of the compiled sources, which identifies the rattlesweep that was measured."""
+    """Return a hash of the compiled sources, which identifies the rattlesweep that was
+    measured.
+    """
     return source_hash()[:8]
 
 

@@ -1,13 +1,15 @@
-"""Rattlesweep against heyoka, diffrax, SciPy and plain Numba: the same runs, cost against error.
+"""Rattlesweep against heyoka, diffrax, SciPy and plain Numba: the same runs, cost
+against error.
 
     python benchmarks/peers.py [--quick] [--avx2] [--json FILE]     (extra ``[bench]``)
 
-The work is a sample of every case of ``configs/steady.yaml``, and the body of Garcia and Hubbard,
-to the first zero of the spin or to a common horizon.  Every time of reversal is compared with a
-reference on which rattlesweep at tol 1e-13 and heyoka at tol 1e-16 agree.  All measurements are of
-one thread, in processor time, interleaved and repeated; the table shows medians.  A peer's ratio is
-its cost over that of rattlesweep's DOP853 at the same median error, read from DOP853's own
-curve of cost against error on the same runs in the same round.
+The work is a sample of every case of ``configs/steady.yaml``, and the body of Garcia
+and Hubbard, to the first zero of the spin or to a common horizon.  Every time of
+reversal is compared with a reference on which rattlesweep at tol 1e-13 and heyoka at
+tol 1e-16 agree.  All measurements are of one thread, in processor time, interleaved and
+repeated; the table shows medians.  A peer's ratio is its cost over that of
+rattlesweep's DOP853 at the same median error, read from DOP853's own curve of cost
+against error on the same runs in the same round.
 """
 
 from __future__ import annotations
@@ -78,7 +80,10 @@ class Bench:
 
     def measure(self, rounds: int, report: Callable[[str], None]) -> None:
         """Warm everything up, then measure all in turn, ``rounds`` times."""
-        for entry in [*self.entries, *(e for curve in self.curves.values() for e in curve)]:
+        for entry in [
+            *self.entries,
+            *(e for curve in self.curves.values() for e in curve),
+        ]:
             begin = time.perf_counter()
             entry.solve(self._small(entry.work))
             entry.compile_seconds += time.perf_counter() - begin
@@ -106,7 +111,8 @@ class Bench:
 
         work = self.works[entry.work]
         own = entry in self.curves[entry.work]
-        # A few runs would leave lanes empty that a sweep fills, so rattlesweep repeats them.
+        # A few runs would leave lanes empty that a sweep fills, so rattlesweep repeats
+        # them.
         runs, copies = work.tiled(len(self.works["all"].runs) if own else 1)
         seconds, t_r = timed(entry.solve, runs)
         entry.micros.append(seconds / copies / work.units * 1e6)
@@ -124,9 +130,13 @@ class Bench:
         curve = self.curves[points[0].work]
         ratios = []
         for r in range(len(points[0].micros)):
-            (cost, mark), (own, own_mark) = (interpolate(p, r, error) for p in (points, curve))
+            (cost, mark), (own, own_mark) = (
+                interpolate(p, r, error) for p in (points, curve)
+            )
             if mark or own_mark:
-                raise click.ClickException(f"{method}: the settings do not reach error {error}")
+                raise click.ClickException(
+                    f"{method}: the settings do not reach error {error}"
+                )
             ratios.append(cost / own)
         return statistics.median(ratios)
 
@@ -136,11 +146,15 @@ def interpolate(curve: list[Entry], r: int, error: float) -> tuple[float, str]:
     import numpy as np
     from peer_work import cost_at
 
-    errors = np.array([entry.errors.median for entry in curve if entry.errors is not None])
+    errors = np.array(
+        [entry.errors.median for entry in curve if entry.errors is not None]
+    )
     return cost_at(error, errors, np.array([entry.micros[r] for entry in curve]))
 
 
-def reference(samples: int, report: Callable[[str], None]) -> tuple[Work, dict[str, float]]:
+def reference(
+    samples: int, report: Callable[[str], None]
+) -> tuple[Work, dict[str, float]]:
     """Runs on which two references agree, with their times of reversal."""
     import numpy as np
     from peer_heyoka import BatchSolver
@@ -199,7 +213,10 @@ def build(work: Work, system: str) -> Bench:
         "every 40th": work.take(index % 40 == 0),
     }
     curves = {
-        name: [Entry(OWN, f"tol {t:.0e}", rattlesweep("dop853", tol=t), name) for t in CURVE]
+        name: [
+            Entry(OWN, f"tol {t:.0e}", rattlesweep("dop853", tol=t), name)
+            for t in CURVE
+        ]
         for name in works
     }
     entries = [
@@ -211,24 +228,44 @@ def build(work: Work, system: str) -> Bench:
         for t in (1e-5, 1e-6, 1e-7, 1e-8)
     ]
     entries += [
-        Entry("rattlesweep rk4, lanes", f"dt {dt}", rattlesweep("rk4", dt=dt), "every 4th", 2)
+        Entry(
+            "rattlesweep rk4, lanes",
+            f"dt {dt}",
+            rattlesweep("rk4", dt=dt),
+            "every 4th",
+            2,
+        )
         for dt in (0.02, 0.002)
     ]
     batches = [BatchSolver(system, tol) for tol in HEYOKA]
     for method, name in ((BATCH, "all"), (REVERSING, "reversing")):
         entries += [
-            Entry(method, batch.setting, batch, name, compile_seconds=batch.compile_seconds)
+            Entry(
+                method,
+                batch.setting,
+                batch,
+                name,
+                compile_seconds=batch.compile_seconds,
+            )
             for batch in batches
         ]
     groups = BatchSolver(system, 2e-8, refill=False)
     entries.append(
-        Entry("heyoka batch, no refilling", groups.setting, groups, "all", 3,
-              groups.compile_seconds)
-    )  # fmt: skip
+        Entry(
+            "heyoka batch, no refilling",
+            groups.setting,
+            groups,
+            "all",
+            3,
+            groups.compile_seconds,
+        )
+    )
     for tol in (2e-7, 2e-8):
         one = ScalarSolver(system, tol)
         entries.append(
-            Entry("heyoka, scalar", one.setting, one, "every 4th", 3, one.compile_seconds)
+            Entry(
+                "heyoka, scalar", one.setting, one, "every 4th", 3, one.compile_seconds
+            )
         )
     for rtol, atol in ((1e-6, 1e-8), (1e-7, 1e-9), (1e-9, 1e-11)):
         vmap = Solver(rtol, atol)
@@ -237,7 +274,9 @@ def build(work: Work, system: str) -> Bench:
     for rtol in (1e-6, 1e-9):
         solve = scipy_dop853(rtol, 1e-2 * rtol)
         setting = f"rtol {rtol:.0e}, atol {1e-2 * rtol:.0e}"
-        entries.append(Entry("SciPy DOP853, Numba rhs", setting, solve, "every 40th", 2))
+        entries.append(
+            Entry("SciPy DOP853, Numba rhs", setting, solve, "every 40th", 2)
+        )
     return Bench(works, entries, curves)
 
 
@@ -249,7 +288,8 @@ def row(entry: Entry) -> dict[str, Any]:
         "setting": entry.setting,
         "work": entry.work,
         "us_per_unit_and_run": statistics.median(entry.micros),
-        "spread": (max(entry.micros) - min(entry.micros)) / statistics.median(entry.micros),
+        "spread": (max(entry.micros) - min(entry.micros))
+        / statistics.median(entry.micros),
         "ratio_at_equal_median_error": statistics.median(entry.ratios),
         "ratio_bound": entry.mark,
         "first_call_seconds": entry.compile_seconds,
@@ -280,7 +320,9 @@ def quoted(bench: Bench, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the quoted ratios, each at an error or at the peer's best setting."""
 
     def least(method: str) -> float:
-        return min(r["ratio_at_equal_median_error"] for r in rows if r["method"] == method)
+        return min(
+            r["ratio_at_equal_median_error"] for r in rows if r["method"] == method
+        )
 
     found = [
         {"over": f"{method}, at error {error:.0e}", "ratio": bench.at(method, error)}
@@ -311,8 +353,15 @@ def heading() -> dict[str, Any]:
 
 @click.command()
 @click.option("--quick", is_flag=True, help="Fewer runs and repeats.")
-@click.option("--avx2", is_flag=True, help="Code for Zen 3 here, vectors of 256 bits in heyoka.")
-@click.option("--json", "file", type=click.Path(path_type=Path), help="Write all numbers here too.")
+@click.option(
+    "--avx2", is_flag=True, help="Code for Zen 3 here, vectors of 256 bits in heyoka."
+)
+@click.option(
+    "--json",
+    "file",
+    type=click.Path(path_type=Path),
+    help="Write all numbers here too.",
+)
 def main(quick: bool, avx2: bool, file: Path | None) -> None:
     """Measure rattlesweep and its peers on the same runs."""
     os.environ.update(ONE_THREAD | (AVX2 if avx2 else {}))

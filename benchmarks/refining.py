@@ -1,4 +1,5 @@
-"""Runs that a refined map saves and cells that it misses, found from the runs of a full grid.
+"""Runs that a refined map saves and cells that it misses, found from the runs of a full
+grid.
 
 rattlesweep run configs/map_theta_spin.yaml
 python benchmarks/refining.py out/map-theta-spin --figure docs/map_refined.png
@@ -28,7 +29,9 @@ LEVELS = (2, 3, 4, 5)
 
 
 def refined(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> Flags:
-    """Return a mask of the runs that a refined sweep would do, in the order of their keys."""
+    """Return a mask of the runs that a refined sweep would do, in the order of their
+    keys.
+    """
     data = resolved(stored.config)
     config = parse_config(data | {"bodies": data["bodies"] | {"refine": refine}}, [])
     design = replace(stored, config=config)
@@ -53,7 +56,9 @@ def main() -> None:
     code = np.array([CODES[name] for name in types]).reshape(shape)
     ratio = rows.column("t_r").to_numpy() / rows.column("t_rgh").to_numpy()
     ratio = ratio.reshape(shape)
-    print("refine                   runs  fewer  missed     islands  largest  t_r off by 5 %")
+    print(
+        "refine                   runs  fewer  missed     islands  largest  t_r off by 5 %"
+    )
     for refine in [{"levels": n} for n in LEVELS] + [{"levels": 4, "by": "t_r"}]:
         done = refined(rows, stored, refine).reshape(shape)
         missed, off, most, count = np.zeros(shape, bool), 0, 0, 0
@@ -64,13 +69,17 @@ def main() -> None:
             times = fill(np.where(known, ratio[:, k].T, np.nan), known)
             missed[:, k] = (found != code[:, k].T).T
             number, _ = islands(missed[:, k], np.ones((3, 3)))
-            sizes = np.bincount(number[number > 0]) if number.any() else np.zeros(1, int)
+            sizes = (
+                np.bincount(number[number > 0]) if number.any() else np.zeros(1, int)
+            )
             most, count = max(most, int(sizes.max())), count + int((sizes > 0).sum())
             both = ~missed[:, k] & (code[:, k] == CODES["R"])
             off += int((np.abs(times.T / ratio[:, k] - 1)[both] > 0.05).sum())
         words = ", ".join(f"{key}: {value}" for key, value in refine.items())
-        print(f"{words:20} {done.sum():8d} {done.size / done.sum():6.1f} {missed.sum():7d} "
-              f"{count:11d} {most:8d} {off / (code == CODES['R']).sum():15.4f}")  # fmt: skip
+        print(
+            f"{words:20} {done.sum():8d} {done.size / done.sum():6.1f} {missed.sum():7d} "
+            f"{count:11d} {most:8d} {off / (code == CODES['R']).sum():15.4f}"
+        )
         if refine == {"levels": 4} and options.figure is not None:
             with style.styled():
                 figure = draw(stored, code, done, missed)
@@ -85,17 +94,44 @@ def draw(stored, code: np.ndarray, done: np.ndarray, missed: np.ndarray) -> obje
     colours = [colour for colour, _ in CELLS.values()]
     for k, (left, right) in enumerate(panels):
         y, x = np.nonzero(done[:, k])
-        left.scatter(np.array(theta)[x], np.array(spin.n_i)[y], s=0.6, linewidths=0,
-                     c=[colours[c] for c in code[y, k, x]])  # fmt: skip
-        right.pcolormesh(theta, spin.n_i, code[:, k], cmap=ListedColormap(colours), vmin=-0.5,
-                         vmax=len(colours) - 0.5, alpha=0.35, rasterized=True)  # fmt: skip
+        left.scatter(
+            np.array(theta)[x],
+            np.array(spin.n_i)[y],
+            s=0.6,
+            linewidths=0,
+            c=[colours[c] for c in code[y, k, x]],
+        )
+        right.pcolormesh(
+            theta,
+            spin.n_i,
+            code[:, k],
+            cmap=ListedColormap(colours),
+            vmin=-0.5,
+            vmax=len(colours) - 0.5,
+            alpha=0.35,
+            rasterized=True,
+        )
         y, x = np.nonzero(missed[:, k])
-        right.scatter(np.array(theta)[x], np.array(spin.n_i)[y], s=5, color="#C00000", linewidths=0)
-        left.set_title(f"{done[:, k].sum():,} of {done[:, k].size:,} runs", fontsize="medium")
+        right.scatter(
+            np.array(theta)[x],
+            np.array(spin.n_i)[y],
+            s=5,
+            color="#C00000",
+            linewidths=0,
+        )
+        left.set_title(
+            f"{done[:, k].sum():,} of {done[:, k].size:,} runs", fontsize="medium"
+        )
         right.set_title(f"{missed[:, k].sum():,} cells missed", fontsize="medium")
         left.set_ylabel(style.label("n_i"))
-        right.text(1.02, 0.5, style.value_text("omega_xy0", spin.omega_xy0[k]), rotation=270,
-                   transform=right.transAxes, va="center")  # fmt: skip
+        right.text(
+            1.02,
+            0.5,
+            style.value_text("omega_xy0", spin.omega_xy0[k]),
+            rotation=270,
+            transform=right.transAxes,
+            va="center",
+        )
     for axes in panels[-1]:
         axes.set_xlabel(style.label("theta"))
     return figure

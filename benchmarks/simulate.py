@@ -1,10 +1,12 @@
-"""Time of a thousand runs: in one call of `simulate`, in a thousand calls, and as a sweep.
+"""Time of a thousand runs: in one call of `simulate`, in a thousand calls, and as a
+sweep.
 
     python benchmarks/simulate.py [--runs 1000] [--rounds 5]
 
-The runs are those of a small sweep in both directions; their rows are compared bit for bit.  All
-three are timed in turn, round by round, so that other work on the machine affects them equally.
-Medians and ratios are printed.  The sweep writes a directory and has the same config each time.
+The runs are those of a small sweep in both directions; their rows are compared bit for
+bit.  All three are timed in turn, round by round, so that other work on the machine
+affects them equally. Medians and ratios are printed.  The sweep writes a directory and
+has the same config each time.
 """
 
 from __future__ import annotations
@@ -28,7 +30,9 @@ HORIZON = 1000.0
 def main() -> None:
     """Time and print."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--runs", type=int, default=1000, help="rounded up to an even number")
+    parser.add_argument(
+        "--runs", type=int, default=1000, help="rounded up to an even number"
+    )
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--threads", type=int, default=None)
     given = parser.parse_args()
@@ -49,7 +53,9 @@ def main() -> None:
 
         def sweep() -> np.ndarray:
             output = Path(folder) / str(next(count))
-            return rs.sweep(config, output=output, threads=given.threads).runs.n_end.to_numpy()
+            return rs.sweep(
+                config, output=output, threads=given.threads
+            ).runs.n_end.to_numpy()
 
         def vectorised() -> np.ndarray:
             runs: Any = rs.simulate(bodies, n_i=spins, omega_xy0=0.01, **rest)
@@ -57,7 +63,9 @@ def main() -> None:
 
         def one_by_one() -> np.ndarray:
             calls = zip(bodies, spins, strict=True)
-            return np.array([rs.simulate(b, n_i=n, omega_xy0=0.01, **rest).n_end for b, n in calls])
+            return np.array(
+                [rs.simulate(b, n_i=n, omega_xy0=0.01, **rest).n_end for b, n in calls]
+            )
 
         ways: dict[str, Callable[[], np.ndarray]] = {
             "one call of simulate": vectorised,

@@ -2,9 +2,10 @@
 
     python benchmarks/single_precision.py [--runs 400] [--longest 600]
 
-Both use the equations in (u, omega), written by hand in peer_plain.py, as NumPy formulas over all
-runs at once, with the same steps.  In float32 no intermediate result is a float64.
-Errors are against DOP853 at tol 1e-13.  Bodies are those of configs/quickstart.yaml.
+Both use the equations in (u, omega), written by hand in peer_plain.py, as NumPy
+formulas over all runs at once, with the same steps.  In float32 no intermediate result
+is a float64. Errors are against DOP853 at tol 1e-13.  Bodies are those of
+configs/quickstart.yaml.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ def spin(y):
 
 
 def reversal_times(y, body, longest, dt):
-    """Return the first zeros of the spin, interpolated linearly; NaN where there is none."""
+    """Return the first zeros of the spin, interpolated linearly; NaN where there is
+    none.
+    """
     n = spin(y)
     t_r = np.full(len(n), np.nan)
     for step in range(int(longest / dt)):
@@ -57,10 +60,14 @@ def reversal_times(y, body, longest, dt):
 
 @click.command()
 @click.option("--runs", default=400)
-@click.option("--longest", default=600.0, help="Runs that reverse by this time are taken.")
+@click.option(
+    "--longest", default=600.0, help="Runs that reverse by this time are taken."
+)
 def main(runs: int, longest: float) -> None:
     """Print the errors of both precisions."""
-    table = rs.sweep(CONFIG, output=None).read([*PARAMETERS, "n_i", "omega_xy0", "psi", "t_r"])
+    table = rs.sweep(CONFIG, output=None).read(
+        [*PARAMETERS, "n_i", "omega_xy0", "psi", "t_r"]
+    )
     table = table[table["t_r"] < longest].head(runs)
     true = rs.simulate(table, t_end=longest * 1.5, tol=1e-13)["t_r"].to_numpy()
     constants = full.constants(*(table[name].to_numpy() for name in PARAMETERS))
@@ -68,7 +75,9 @@ def main(runs: int, longest: float) -> None:
     none = 0 * table["n_i"]
     start = [none, none, none - 1, *rates, -table["n_i"]]
     print(f"{len(table)} runs; relative error of t_r")
-    print(f"{'':10}{'dt':>7}{'median':>10}{'90 %':>10}{'largest':>10}{'above 1e-3':>12}")
+    print(
+        f"{'':10}{'dt':>7}{'median':>10}{'90 %':>10}{'largest':>10}{'above 1e-3':>12}"
+    )
     for kind in (np.float64, np.float32):
         y = [np.asarray(column, dtype=kind) for column in start]
         body = list(np.asarray(constants, dtype=kind))
@@ -76,8 +85,11 @@ def main(runs: int, longest: float) -> None:
             off = np.abs(reversal_times(y, body, longest * 1.2, dt) / true - 1)
             off[np.isnan(off)] = np.inf
             shown = (*np.quantile(off, [0.5, 0.9]), off.max())
-            print(f"{kind.__name__:10}{dt:7}" + "".join(f"{value:10.1e}" for value in shown)
-                  + f"{np.mean(off > 1e-3):12.1%}")  # fmt: skip
+            print(
+                f"{kind.__name__:10}{dt:7}"
+                + "".join(f"{value:10.1e}" for value in shown)
+                + f"{np.mean(off > 1e-3):12.1%}"
+            )
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
-"""Check the accuracy that `stop` promises, with many sweeps, each stopped by its own runs.
+"""Check the accuracy that `stop` promises, with many sweeps, each stopped by its own
+runs.
 
-For each case, counts how often the shares of types and the mean of t_r are within the requested
-error of the true values, and how often the 95 % intervals of plots contain these. The runs are of
-the closed form, in memory, and stop by the rule of a sweep. The truth is a sweep of 2^20 Sobol'
-samples.
+For each case, counts how often the shares of types and the mean of t_r are within the
+requested error of the true values, and how often the 95 % intervals of plots contain
+these. The runs are of the closed form, in memory, and stop by the rule of a sweep. The
+truth is a sweep of 2^20 Sobol' samples.
 
     python benchmarks/stopping.py --sweeps 500
 """
@@ -67,10 +68,13 @@ def main() -> None:
     parser.add_argument("--sweeps", type=int, default=500)
     options = parser.parse_args()
     exact = truth()
-    print("stop                 n_i  measure                 true   samples  as asked  in 95 %")
+    print(
+        "stop                 n_i  measure                 true   samples  as asked  in 95 %"
+    )
     for stop in STOPS:
         found = [
-            stopped(CONFIG | {"stop": stop, "seed": 100 + seed}) for seed in range(options.sweeps)
+            stopped(CONFIG | {"stop": stop, "seed": 100 + seed})
+            for seed in range(options.sweeps)
         ]
         samples = np.mean([counts["runs"] for counts in found], axis=0)
         for name, value, asked, inside in coverage(stop, found, exact):
@@ -82,16 +86,23 @@ def main() -> None:
                 )
 
 
-def coverage(stop: dict[str, float], found: list[Counts], exact: Counts) -> Iterator[Any]:
-    """Yield by measure the true values, and how often they are as near as asked and in the
-    interval.
+def coverage(
+    stop: dict[str, float], found: list[Counts], exact: Counts
+) -> Iterator[Any]:
+    """Yield by measure the true values, and how often they are as near as asked and in
+    the interval.
     """
     if "t_r" in stop:
         true = exact.t_r.means()
         means = np.array([counts.t_r.means() for counts in found])
         errors = Z95 * np.array([counts.t_r.errors() for counts in found])
         off = np.abs(means - true)
-        yield "mean t_r", true, np.mean(off <= stop["t_r"] * means, 0), np.mean(off <= errors, 0)
+        yield (
+            "mean t_r",
+            true,
+            np.mean(off <= stop["t_r"] * means, 0),
+            np.mean(off <= errors, 0),
+        )
         return
     for name in ("R", "SW", "unclassified"):
         true = exact.types[name] / exact["ok"]
@@ -99,7 +110,12 @@ def coverage(stop: dict[str, float], found: list[Counts], exact: Counts) -> Iter
         whole = np.array([counts["ok"] for counts in found])
         low, high = wilson(parts, whole)
         near = np.abs(parts / whole - true) <= stop["fraction"]
-        yield f"share of {name}", true, near.mean(0), np.mean((low <= true) & (true <= high), 0)
+        yield (
+            f"share of {name}",
+            true,
+            near.mean(0),
+            np.mean((low <= true) & (true <= high), 0),
+        )
 
 
 if __name__ == "__main__":

@@ -3,9 +3,9 @@
     rattlesweep run configs/steady.yaml
     python benchmarks/thresholds.py out/steady
 
-Reads a finished sweep and prints, without integrating: how the fractions of the four types move
-when each threshold of ``classify`` is halved and doubled, and where type SS and Bondi's threshold
-differ.
+Reads a finished sweep and prints, without integrating: how the fractions of the four
+types move when each threshold of ``classify`` is halved and doubled, and where type SS
+and Bondi's threshold differ.
 """
 
 from __future__ import annotations
@@ -51,9 +51,13 @@ def main(directory: Path) -> None:
     default = Classify(**sweep.manifest["config"]["classify"])
     typed = codes(runs, default)
 
-    click.echo(f"{len(runs)} runs of {sweep.manifest['name']}; fractions of each type\n")
     click.echo(
-        f"{'thresholds':<24}" + "".join(f"{name:>14}" for name in TYPES) + f"{'changed':>10}"
+        f"{len(runs)} runs of {sweep.manifest['name']}; fractions of each type\n"
+    )
+    click.echo(
+        f"{'thresholds':<24}"
+        + "".join(f"{name:>14}" for name in TYPES)
+        + f"{'changed':>10}"
     )
     for words, thresholds in settings(default):
         now = codes(runs, thresholds)
@@ -66,15 +70,21 @@ def main(directory: Path) -> None:
         now = codes(runs, thresholds)
         frame = pd.DataFrame({"case": runs["case"], "before": typed, "now": now})
         worst = [
-            (frame["now"].eq(k).groupby(frame["case"]).mean()
-             - frame["before"].eq(k).groupby(frame["case"]).mean()).abs().max()
+            (
+                frame["now"].eq(k).groupby(frame["case"]).mean()
+                - frame["before"].eq(k).groupby(frame["case"]).mean()
+            )
+            .abs()
+            .max()
             for k in range(len(TYPES))
-        ]  # fmt: skip
+        ]
         click.echo(f"{words:<24}" + "".join(f"{w:14.4f}" for w in worst))
 
     click.echo("\ntype SS against Bondi's threshold abs(n_c1) < abs(n_i), run by run")
-    click.echo(f"{'omega_xy0':>9} {'n_i':>5} {'runs':>7} {'Bondi':>7} {'SS':>7} {'SS only':>8} "
-               f"{'Bondi only':>10}")  # fmt: skip
+    click.echo(
+        f"{'omega_xy0':>9} {'n_i':>5} {'runs':>7} {'Bondi':>7} {'SS':>7} {'SS only':>8} "
+        f"{'Bondi only':>10}"
+    )
     bondi = (runs["n_c1"].abs() < runs["n_i"].abs()).fillna(False).to_numpy(bool)
     steady = typed == TYPES.index("SS")
     for (omega, n_i), group in runs.groupby(["omega_xy0", "n_i"]):
@@ -88,8 +98,10 @@ def main(directory: Path) -> None:
     small = (runs["omega_xy0"] == 0.001).to_numpy() & (steady != bondi)
     click.echo(f"\nexceptions at omega_xy0 = 0.001: {small.sum()}")
     for _, run in runs[small].iterrows():
-        click.echo(f"  case {run['case']} sample {run['sample']}: n_i {run['n_i']:g}, n_c1 "
-                   f"{run['n_c1']:.6f}, amp_growth {run['amp_growth']:.3g}")  # fmt: skip
+        click.echo(
+            f"  case {run['case']} sample {run['sample']}: n_i {run['n_i']:g}, n_c1 "
+            f"{run['n_c1']:.6f}, amp_growth {run['amp_growth']:.3g}"
+        )
 
 
 if __name__ == "__main__":

@@ -2,8 +2,8 @@
 
     python docs/make_reference.py [--check]
 
-``--check`` writes nothing and exits with 1 if a page is out of date; a test runs it.  Meanings of
-keys, columns and statuses come from their definitions in the package.
+``--check`` writes nothing and exits with 1 if a page is out of date; a test runs it.
+Meanings of keys, columns and statuses come from their definitions in the package.
 """
 
 # ruff: noqa: E501 - lines of Markdown
@@ -54,8 +54,12 @@ EXAMPLES = {
         "bodies: {source: grid, base: {preset: GH}, axes: {theta: {linspace: [0.6, 0.99, 200]}}}",
         "bodies: {source: shape, shape: half_ellipsoid, length: 12 cm, width: 3 cm, height: [11 mm, 13 mm], mass: 85 g, skew: 3 deg, samples: 200}",
     ],
-    "bodies.ranges": ["bodies: {source: sd, ranges: {theta: [0.7, 0.9], phi: [0.03, 0.03]}}"],
-    "bodies.target": ["bodies: {source: sd, target: {K_p: [0.1, 0.5], rel_tol: 1.0e-2}}"],
+    "bodies.ranges": [
+        "bodies: {source: sd, ranges: {theta: [0.7, 0.9], phi: [0.03, 0.03]}}"
+    ],
+    "bodies.target": [
+        "bodies: {source: sd, target: {K_p: [0.1, 0.5], rel_tol: 1.0e-2}}"
+    ],
     "bodies.overrides, bodies.base, bodies.axes": [
         "bodies: {source: grid, base: {gamma: 10, f_sd: 0.1, theta: 0.8, phi: 0.05, xi_deg: -3}, axes: {phi: [0.02, 0.05], f_sd: {linspace: [0.05, 0.15, 11]}}}",
     ],
@@ -64,10 +68,15 @@ EXAMPLES = {
     ],
     "stop": ["stop: {fraction: 0.01}"],
     "launch": ["launch: {omega: [0, 0.01, -0.1], u: [0.01, 0, -1]}"],
-    "spin": ["spin: {n_i: [-0.1, -0.3], omega_xy0: {logspace: [0.001, 0.1, 3]}, psi: pitch}"],
+    "spin": [
+        "spin: {n_i: [-0.1, -0.3], omega_xy0: {logspace: [0.001, 0.1, 3]}, psi: pitch}"
+    ],
     "horizon": ["horizon: {t_rgh: 5, t: 1.0e+5}"],
     "dissipation": ["dissipation: {sigma: [0.001, 0.003], rolling: 0.001}"],
-    "integrator": ["integrator: {method: verner98, tol: 1.0e-11}", "integrator: {accuracy: draft}"],
+    "integrator": [
+        "integrator: {method: verner98, tol: 1.0e-11}",
+        "integrator: {accuracy: draft}",
+    ],
     "integrator.accuracy": ["integrator: {accuracy: {t_r: 1.0e-6}}"],
     "classify": ["classify: {sw_departure: 0.1}"],
 }
@@ -164,14 +173,19 @@ def sections(schema: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
             for inner in references(key):
                 title, label = own, own
                 if name in PARAMETERS and path == "bodies":
-                    title, label = ", ".join(f"bodies.{part}" for part in PARAMETERS), f"{name}"
+                    title, label = (
+                        ", ".join(f"bodies.{part}" for part in PARAMETERS),
+                        f"{name}",
+                    )
                 elif own == "bodies":
                     label = known[inner]["properties"]["source"]["const"]
                 found.setdefault(title, {})[label] = known[inner]
                 walk(own, known[inner])
 
     walk("", schema)
-    return [(path, found[path]) for path in sorted(found, key=lambda p: (p != "bodies",))]
+    return [
+        (path, found[path]) for path in sorted(found, key=lambda p: (p != "bodies",))
+    ]
 
 
 def rows_of(models: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
@@ -181,38 +195,63 @@ def rows_of(models: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
     """
     many = len(models) > 1
     rows = [("key", *(("where",) if many else ()), "default", "values", "meaning")]
-    for name in dict.fromkeys(name for model in models.values() for name in model["properties"]):
+    for name in dict.fromkeys(
+        name for model in models.values() for name in model["properties"]
+    ):
         having = {label: m for label, m in models.items() if name in m["properties"]}
         keys = {label: model["properties"][name] for label, model in having.items()}
         needed = all(name in model.get("required", ()) for model in having.values())
-        rows.append((
-            f"`{name}`",
-            *((", ".join(having) if len(having) < len(models) else "all",) if many else ()),
-            "required" if needed else together(
-                {n: text for n, key in keys.items() if (text := default_of(name, key))} or {"": ""}
-            ),
-            together({n: kind_of(key) for n, key in keys.items()}),
-            together({n: words_of(key) for n, key in keys.items()}),
-        ))  # fmt: skip
+        rows.append(
+            (
+                f"`{name}`",
+                *(
+                    (", ".join(having) if len(having) < len(models) else "all",)
+                    if many
+                    else ()
+                ),
+                "required"
+                if needed
+                else together(
+                    {
+                        n: text
+                        for n, key in keys.items()
+                        if (text := default_of(name, key))
+                    }
+                    or {"": ""}
+                ),
+                together({n: kind_of(key) for n, key in keys.items()}),
+                together({n: words_of(key) for n, key in keys.items()}),
+            )
+        )
     return rows
 
 
 def together(values: dict[str, str]) -> str:
-    """Join the cells of alternatives: one cell if they agree, else each with its name."""
+    """Join the cells of alternatives: one cell if they agree, else each with its
+    name.
+    """
     by_value: dict[str, list[str]] = {}
     for label, value in values.items():
         by_value.setdefault(value, []).append(label)
     if len(by_value) == 1:
         return next(iter(by_value))
-    if "axes" in values and {f"{value}; or several" for value in by_value} & set(by_value):
+    if "axes" in values and {f"{value}; or several" for value in by_value} & set(
+        by_value
+    ):
         return min(by_value, key=len)  # the page explains lists of values above
     common = min(by_value, key=len)
     if all(value.endswith(common) for value in by_value):
-        rest = {", ".join(of): value.removesuffix(common) for value, of in by_value.items()}
-        return "; ".join([common, *(f"{of}: {w.strip(' .')}" for of, w in rest.items() if w)])
+        rest = {
+            ", ".join(of): value.removesuffix(common) for value, of in by_value.items()
+        }
+        return "; ".join(
+            [common, *(f"{of}: {w.strip(' .')}" for of, w in rest.items() if w)]
+        )
     if all(value == f"`{label}`" for label, value in values.items()):
         return ", ".join(by_value)
-    return "; ".join(f"{', '.join(labels)}: {value}" for value, labels in by_value.items())
+    return "; ".join(
+        f"{', '.join(labels)}: {value}" for value, labels in by_value.items()
+    )
 
 
 def words_of(key: dict[str, Any]) -> str:
@@ -226,7 +265,10 @@ def references(key: Any) -> list[str]:
     if "$ref" in key:
         return [key["$ref"].rsplit("/", 1)[1]]
     return [
-        name for way in ("anyOf", "oneOf") for each in key.get(way, ()) for name in references(each)
+        name
+        for way in ("anyOf", "oneOf")
+        for each in key.get(way, ())
+        for name in references(each)
     ]
 
 
@@ -265,7 +307,9 @@ def kind_of(key: dict[str, Any]) -> str:
             else inner.replace("number", f"{key['minItems']} numbers")
         )
     if key.get("type") in ("integer", "number"):
-        return f"{'whole number' if key['type'] == 'integer' else 'number'}{limits(key)}"
+        return (
+            f"{'whole number' if key['type'] == 'integer' else 'number'}{limits(key)}"
+        )
     if "examples" in key:
         return f"`{key['examples'][0]}`"
     return {"string": "text", "boolean": "`true`, `false`"}[key["type"]]
@@ -273,7 +317,12 @@ def kind_of(key: dict[str, Any]) -> str:
 
 def limits(key: dict[str, Any]) -> str:
     """Return the range of a number."""
-    signs = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "&lt;"}
+    signs = {
+        "minimum": "≥",
+        "exclusiveMinimum": ">",
+        "maximum": "≤",
+        "exclusiveMaximum": "&lt;",
+    }
     # Huge upper limits are left out.
     found = [
         f"{sign} {short(key[name])}"
@@ -299,8 +348,14 @@ def short(value: float) -> str:
 def columns_page() -> str:
     """Return the page of the columns."""
     parts = [COLUMNS_HEAD, "## `runs`\n"]
-    asked = {name: fields for name, fields in columns.RUNS.items() if name in columns.RECORD_PARTS}
-    always = {name: fields for name, fields in columns.RUNS.items() if name not in asked}
+    asked = {
+        name: fields
+        for name, fields in columns.RUNS.items()
+        if name in columns.RECORD_PARTS
+    }
+    always = {
+        name: fields for name, fields in columns.RUNS.items() if name not in asked
+    }
     extras = {
         name: value
         for name, value in vars(columns).items()
@@ -330,11 +385,13 @@ def fields_table(fields: tuple[pa.Field, ...]) -> str:
     for f in fields:
         kind = str(f.type).replace("list<element: double>", "list of double")
         unit = f.metadata[b"unit"].decode()
-        rows.append((
-            f"`{f.name}`",
-            f"{kind}{'?' if f.nullable else ''}{'' if unit == '1' else f', `{unit}`'}",
-            f.metadata[b"description"].decode().replace("<", "&lt;"),
-        ))  # fmt: skip
+        rows.append(
+            (
+                f"`{f.name}`",
+                f"{kind}{'?' if f.nullable else ''}{'' if unit == '1' else f', `{unit}`'}",
+                f.metadata[b"description"].decode().replace("<", "&lt;"),
+            )
+        )
     return table(rows)
 
 
@@ -344,7 +401,11 @@ def fields_table(fields: tuple[pa.Field, ...]) -> str:
 def yaml(value: Any) -> str:
     """Return a value as YAML in flow style."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{name}: {yaml(inner)}" for name, inner in value.items()) + "}"
+        return (
+            "{"
+            + ", ".join(f"{name}: {yaml(inner)}" for name, inner in value.items())
+            + "}"
+        )
     if isinstance(value, list):
         return "[" + ", ".join(map(yaml, value)) + "]"
     if isinstance(value, bool):
@@ -372,7 +433,10 @@ def main() -> int:
         elif not path.exists() or path.read_text() != text:
             old.append(name)
     if old:
-        print(f"out of date: {', '.join(old)}; run python docs/make_reference.py", file=sys.stderr)
+        print(
+            f"out of date: {', '.join(old)}; run python docs/make_reference.py",
+            file=sys.stderr,
+        )
     return int(bool(old))
 
 

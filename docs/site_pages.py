@@ -43,7 +43,9 @@ def on_page_markdown(markdown: str, **rest: Any) -> str:
 
 
 def relinked(markdown: str, folder: Path) -> str:
-    """Return the Markdown of a file in `folder` with links that lead to pages of the site."""
+    """Return the Markdown of a file in `folder` with links that lead to pages of the
+    site.
+    """
 
     def place(match: re.Match[str]) -> str:
         target = (folder / match[1]).resolve()

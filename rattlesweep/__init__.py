@@ -1,4 +1,5 @@
-"""Parameter sweeps of rattlebacks: reversal times, types of motion, theory, Parquet tables.
+"""Parameter sweeps of rattlebacks: reversal times, types of motion, theory, Parquet
+tables.
 
 >>> import rattlesweep as rs
 >>> gh = rs.Rattleback.gh()
@@ -14,13 +15,33 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rattlesweep.api import *
 
-__all__ = ["ConfigError", "GrowthRates", "Modes", "OutputError", "Page", "Rattleback", "Run",
-           "Sweep", "__version__", "bondi_threshold", "fit", "growth_rates", "load", "modes",
-           "replay", "reversal_time_gh", "show", "simulate", "sweep", "trajectory"]  # fmt: skip
+__all__ = [
+    "ConfigError",
+    "GrowthRates",
+    "Modes",
+    "OutputError",
+    "Page",
+    "Rattleback",
+    "Run",
+    "Sweep",
+    "__version__",
+    "bondi_threshold",
+    "fit",
+    "growth_rates",
+    "load",
+    "modes",
+    "replay",
+    "reversal_time_gh",
+    "show",
+    "simulate",
+    "sweep",
+    "trajectory",
+]
 
 
 def __getattr__(name: str) -> Any:
-    # Imported at first use: Numba alone takes half a second, and --help does not need it.
+    # Imported at first use: Numba alone takes half a second, and --help does not need
+    # it.
     if name == "__version__":
         from importlib.metadata import version
 

@@ -15,20 +15,26 @@ T = TypeVar("T")
 
 
 def take(values: T, rows: NDArray[Any]) -> T:
-    """Return some rows of an array, or of each array in a dict or dataclass; empty ones stay so."""
+    """Return some rows of an array, or of each array in a dict or dataclass; empty ones
+    stay so.
+    """
     found: Any = values
     if isinstance(values, np.ndarray):
         found = values[rows] if len(values) else values
     elif isinstance(values, dict):
         found = {name: take(part, rows) for name, part in values.items()}
     elif is_dataclass(values):
-        parts = {part.name: take(getattr(values, part.name), rows) for part in fields(values)}
+        parts = {
+            part.name: take(getattr(values, part.name), rows) for part in fields(values)
+        }
         found = cast("Any", type(values))(**parts)
     return cast("T", found)
 
 
 def put(values: T, into: T, rows: NDArray[Any]) -> None:
-    """Write the arrays of a dataclass into some rows of another dataclass of its type."""
+    """Write the arrays of a dataclass into some rows of another dataclass of its
+    type.
+    """
     for part in fields(values):  # type: ignore[arg-type]
         target = getattr(into, part.name)
         if isinstance(target, np.ndarray) and len(target):

@@ -4,7 +4,9 @@ from collections.abc import Iterable
 
 
 def printable(text: str) -> str:
-    """Return text with its control characters escaped, so that any terminal can show it."""
+    """Return text with its control characters escaped, so that any terminal can show
+    it.
+    """
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
 
 
@@ -15,7 +17,9 @@ def one_line(text: str, limit: int = 60) -> str:
 
 
 class ConfigError(ValueError):
-    """A command, a config or an argument is wrong (exit code 2); one message for each mistake."""
+    """A command, a config or an argument is wrong (exit code 2); one message for each
+    mistake.
+    """
 
     def __init__(self, messages: str | Iterable[str]) -> None:
         lines = [messages] if isinstance(messages, str) else messages

@@ -1,4 +1,6 @@
-"""Quantities with units as text: "12 mm", "2.1 kg cm^2" (by pint), and durations: "3h50m"."""
+"""Quantities with units as text: "12 mm", "2.1 kg cm^2" (by pint), and durations:
+"3h50m".
+"""
 
 from __future__ import annotations
 
@@ -40,39 +42,57 @@ class Quantity(float):
 
 
 def quantity(text: str, kind: str) -> float:
-    """Return a text such as ``12 mm`` in SI units, or raise a ValueError with an example."""
+    """Return a text such as ``12 mm`` in SI units, or raise a ValueError with an
+    example.
+    """
     return quantities(text, kind, 1)[0]
 
 
 def quantities(text: str, kind: str, *counts: int) -> list[float]:
-    """Return the numbers of a list such as ``2,16,17 kg cm^2``, of one of the lengths `counts`."""
+    """Return the numbers of a list such as ``2,16,17 kg cm^2``, of one of the lengths
+    `counts`.
+    """
     needed = f"{_article(kind)} is needed, such as {KINDS[kind][1]}"
     values, units = zip(*map(split, text.split(",")), strict=True)
     if None in values:
         raise ValueError(f"is not a number with a unit; {needed}")
     if len(values) not in counts:
-        raise ValueError(f"has {len(values)} numbers, not {' or '.join(map(str, counts))}")
+        raise ValueError(
+            f"has {len(values)} numbers, not {' or '.join(map(str, counts))}"
+        )
     found = []
     for value, unit in zip(values, units, strict=True):
         size, base = _base(unit or units[-1], needed)
         if base != _base(KINDS[kind][0])[1]:
-            others = (_article(name) for name, (si, _) in KINDS.items() if _base(si)[1] == base)
+            others = (
+                _article(name)
+                for name, (si, _) in KINDS.items()
+                if _base(si)[1] == base
+            )
             raise ValueError(f"is {next(others, 'another quantity')}; {needed}")
         found.append(value * size)
     return found
 
 
 def split(text: str) -> tuple[float | None, str]:
-    """Return the number that a text begins with, None if there is none, and the rest."""
+    """Return the number that a text begins with, None if there is none, and the
+    rest.
+    """
     found = re.fullmatch(rf"\s*({_NUMBER})\s*(.*?)\s*", text)
     return (float(found[1]), found[2]) if found else (None, "")
 
 
 def seconds_of(text: str) -> float:
-    """Return the seconds of ``3h50m``, ``90s``, ``1.5h`` or ``2d 4h``; else raise a ValueError."""
+    """Return the seconds of ``3h50m``, ``90s``, ``1.5h`` or ``2d 4h``; else raise a
+    ValueError.
+    """
     if not re.fullmatch(rf"\s*(?:{_SPAN}\s*)+", text):
-        raise ValueError("is not a duration; write it with units, as in 3h50m, 90s or 2d")
-    seconds = sum(float(number) * _SECONDS[unit] for number, unit in re.findall(_SPAN, text))
+        raise ValueError(
+            "is not a duration; write it with units, as in 3h50m, 90s or 2d"
+        )
+    seconds = sum(
+        float(number) * _SECONDS[unit] for number, unit in re.findall(_SPAN, text)
+    )
     if not 0 < seconds < 1e10:
         raise ValueError("is out of range; give a time above zero and below 1e10 s")
     return seconds
@@ -86,7 +106,9 @@ def _article(noun: str) -> str:
 def _base(unit: str, needed: str = "") -> tuple[float, str]:
     """Return the size of a unit in SI base units, and these units."""
     if not re.fullmatch(f"({_FACTOR})+", unit):
-        what = f"the unit {unit}, which is not a product of units" if unit else "no unit"
+        what = (
+            f"the unit {unit}, which is not a product of units" if unit else "no unit"
+        )
         raise ValueError(f"has {what}; {needed}")
     import pint  # as slow to import as the rest of the command line together
 
@@ -95,5 +117,7 @@ def _base(unit: str, needed: str = "") -> tuple[float, str]:
     try:
         base = pint.application_registry.Quantity(1.0, spelled).to_base_units()
     except (pint.PintError, ValueError, TypeError, AttributeError) as error:
-        raise ValueError(f"has the unit {unit}: {' '.join(str(error).split())}; {needed}") from None
+        raise ValueError(
+            f"has the unit {unit}: {' '.join(str(error).split())}; {needed}"
+        ) from None
     return float(base.magnitude), str(base.units)

@@ -11,11 +11,26 @@ from contextlib import nullcontext
 import pytest
 
 # The longest files start first, so that both workers finish at about the same time.
-LONGEST = ("test_run", "test_dask", "test_paper_run", "test_show", "test_harm", "test_transcripts",
-           "test_stop_resume", "test_decide", "test_tutorial", "test_sensitivity", "test_plot",
-           "test_invariance", "test_report", "test_merge", "test_compare")  # fmt: skip
+LONGEST = (
+    "test_run",
+    "test_dask",
+    "test_paper_run",
+    "test_show",
+    "test_harm",
+    "test_transcripts",
+    "test_stop_resume",
+    "test_decide",
+    "test_tutorial",
+    "test_sensitivity",
+    "test_plot",
+    "test_invariance",
+    "test_report",
+    "test_merge",
+    "test_compare",
+)
 
-# Imported modules are never garbage, and collecting them again and again took 8 % of the time.
+# Imported modules are never garbage, and collecting them again and again took 8 % of
+# the time.
 gc.disable()
 
 # Shells make background jobs ignore Ctrl-C, and their children inherit that.
@@ -41,17 +56,25 @@ def pytest_unconfigure() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep temporary files in pytest's own directory, and hide messages about compilation."""
+    """Keep temporary files in pytest's own directory, and hide messages about
+    compilation.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tempfile, "tempdir", str(tmp_path_factory.mktemp("tempfile")))
-        patch.setattr("rattlesweep.cli.options.listening", lambda listener: nullcontext())
+        patch.setattr(
+            "rattlesweep.cli.options.listening", lambda listener: nullcontext()
+        )
         yield
 
 
 @pytest.fixture(autouse=True)
 def signal_handlers() -> Iterator[None]:
-    """Restore the signal handlers, which commands replace when they run in this process."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    """Restore the signal handlers, which commands replace when they run in this
+    process.
+    """
+    before = {
+        number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)
+    }
     yield
     for number, handler in before.items():
         signal.signal(number, handler)

@@ -1,4 +1,5 @@
-"""Print the numbers about the resonance in docs/sampling.md: where SW occurs, and its frequencies.
+"""Print the numbers about the resonance in docs/sampling.md: where SW occurs, and its
+frequencies.
 
 rattlesweep run configs/map_theta_spin.yaml
 rattlesweep run configs/steady.yaml
@@ -33,21 +34,36 @@ def path(state, body, t_end):
             ks = np.zeros((5, 5))
             for stage in range(4):
                 at = y + (0.0, 0.5, 0.5, 1.0)[stage] * STEP * ks[stage]
-                ks[stage + 1] = rhs(at[0], at[1], at[2], at[3], at[4], body[0], body[1], body[2],
-                                    body[3], body[4], body[5])  # fmt: skip
+                ks[stage + 1] = rhs(
+                    at[0],
+                    at[1],
+                    at[2],
+                    at[3],
+                    at[4],
+                    body[0],
+                    body[1],
+                    body[2],
+                    body[3],
+                    body[4],
+                    body[5],
+                )
             y += STEP / 6 * (ks[1] + 2 * ks[2] + 2 * ks[3] + ks[4])
     return seen
 
 
 def modes(body):
     """Frequencies and directions of a body without spin."""
-    return theory.modes(*(body[name] for name in ("alpha", "beta", "theta", "phi", "xi")))
+    return theory.modes(
+        *(body[name] for name in ("alpha", "beta", "theta", "phi", "xi"))
+    )
 
 
 def run(n_i, omega_xy0, t_end, **changes):
     """Path of a body like GH."""
     body = GH | changes
-    state = theory.full_state(n_i, omega_xy0, theory.direction(modes(body), n_i, "relevant"))
+    state = theory.full_state(
+        n_i, omega_xy0, theory.direction(modes(body), n_i, "relevant")
+    )
     return path(state.ravel(), np.asarray(full.constants(**body), float).ravel(), t_end)
 
 
@@ -75,34 +91,55 @@ def ratio(theta, n, **changes):
 
 def shares(part, name):
     """Return, as text, how many runs have each value of a column."""
-    return ", ".join(f"{key} {count}" for key, count in part[name].value_counts().items())
+    return ", ".join(
+        f"{key} {count}" for key, count in part[name].value_counts().items()
+    )
 
 
 def island_of_gh(runs) -> None:
-    """Print where SW occurs for the body of Garcia and Hubbard, and the frequencies of its runs."""
+    """Print where SW occurs for the body of Garcia and Hubbard, and the frequencies of
+    its runs.
+    """
     rng = np.random.default_rng(1)
     for size, part in runs.groupby("omega_xy0"):
         down = part[part["n_i"] < 0]
         stable = down["n_c1"].abs() < down["n_i"].abs()
         print(f"omega_xy0 = {size:g}: {shares(part, 'type')}")
-        print(f"  past Bondi's threshold {int(stable.sum())}: {shares(down[stable], 'type')}; "
-              f"before it SS {int((down[~stable]['type'] == 'SS').sum())}")  # fmt: skip
-        island = down[(down["type"] == "SW") & (down["theta"] > 0.85) & (down["n_i"] > -0.4)
-                      & (down["n_i"] < -0.05)]  # fmt: skip
-        print(f"  island: {len(island)} cells, theta from {island['theta'].min():.4f}, n_i from "
-              f"{island['n_i'].max():.4f}")  # fmt: skip
-        grey = down[(down["type"] == "unclassified") & (down["theta"].between(0.872, 0.93))
-                    & (down["n_i"].between(-0.43, -0.33))]  # fmt: skip
+        print(
+            f"  past Bondi's threshold {int(stable.sum())}: {shares(down[stable], 'type')}; "
+            f"before it SS {int((down[~stable]['type'] == 'SS').sum())}"
+        )
+        island = down[
+            (down["type"] == "SW")
+            & (down["theta"] > 0.85)
+            & (down["n_i"] > -0.4)
+            & (down["n_i"] < -0.05)
+        ]
+        print(
+            f"  island: {len(island)} cells, theta from {island['theta'].min():.4f}, n_i from "
+            f"{island['n_i'].max():.4f}"
+        )
+        grey = down[
+            (down["type"] == "unclassified")
+            & (down["theta"].between(0.872, 0.93))
+            & (down["n_i"].between(-0.43, -0.33))
+        ]
         if len(grey) > 24:
             caught = 0
             for _, row in grey.iloc[rng.choice(len(grey), 24, False)].iterrows():
-                seen = run(row["n_i"], size, min(row["t_end"], 30000.0), theta=row["theta"])
+                seen = run(
+                    row["n_i"], size, min(row["t_end"], 30000.0), theta=row["theta"]
+                )
                 low, high = sorted(lines(seen[int(0.8 * len(seen)) :, 1])[:2])
                 caught += abs(high / low - 3) < 3e-3
-            print(f"  grey: {len(grey)} cells, {caught} of 24 drawn are locked, loss of spin from "
-                  f"{grey['n_departure'].min():.4f}")  # fmt: skip
+            print(
+                f"  grey: {len(grey)} cells, {caught} of 24 drawn are locked, loss of spin from "
+                f"{grey['n_departure'].min():.4f}"
+            )
         locked, fall, over = 0, [], []
-        for _, row in island.iloc[np.sort(rng.choice(len(island), 24, False))].iterrows():
+        for _, row in island.iloc[
+            np.sort(rng.choice(len(island), 24, False))
+        ].iterrows():
             seen = run(row["n_i"], size, min(row["t_end"], 30000.0), theta=row["theta"])
             late = seen[int(0.8 * len(seen)) :]
             low, high = sorted(lines(late[:, 1])[:2])
@@ -110,39 +147,54 @@ def island_of_gh(runs) -> None:
                 locked += 1
                 fall.append(row["n_i"] ** 2 - late[:, 2].mean() ** 2)
                 over.append(high / row["omega_p"])
-        print(f"  {locked} of 24 drawn from it have lines at 1 : 3; the third harmonic is "
-              f"{np.min(over):.3f} to {np.max(over):.3f} omega_p, n_i^2 - mean n^2 "
-              f"{np.min(fall):.4f} to {np.max(fall):.4f}")  # fmt: skip
+        print(
+            f"  {locked} of 24 drawn from it have lines at 1 : 3; the third harmonic is "
+            f"{np.min(over):.3f} to {np.max(over):.3f} omega_p, n_i^2 - mean n^2 "
+            f"{np.min(fall):.4f} to {np.max(fall):.4f}"
+        )
     print("theta = 0.9, n_i = -0.2, omega_xy0 = 0.01")
     for phi in (0.030, 0.033, 0.036, 0.039):
         late = run(-0.2, 0.01, 12000.0, theta=0.9, phi=phi)[-40000:]
         low, high = sorted(lines(late[:, 1])[:2])
         omega_p = float(modes(GH | {"theta": 0.9, "phi": phi}).omega_p)
-        print(f"  phi {phi:g}: omega_p {omega_p:.4f}, lines {low:.4f} {high:.4f}, 1 : "
-              f"{high / low:.4f}, high / omega_p {high / omega_p:.4f}")  # fmt: skip
+        print(
+            f"  phi {phi:g}: omega_p {omega_p:.4f}, lines {low:.4f} {high:.4f}, 1 : "
+            f"{high / low:.4f}, high / omega_p {high / omega_p:.4f}"
+        )
     edge = brentq(lambda theta: ratio(theta, -0.25, xi=-1e-6) - 3, 0.65, 0.9)
     print(f"  linear pitch = 3 linear roll at n = -0.25: theta {edge:.3f}")
 
 
 def random_bodies(runs) -> None:
-    """Print frequencies of random bodies of type SW that have clearly left their plateau."""
+    """Print frequencies of random bodies of type SW that have clearly left their
+    plateau.
+    """
     rng = np.random.default_rng(5)
     for n_i in (-0.3, -0.4, -0.5):
-        some = runs[(runs["type"] == "SW") & (runs["n_i"] == n_i) & (runs["omega_xy0"] == 0.01)
-                    & (runs["n_departure"] > 0.1)]  # fmt: skip
+        some = runs[
+            (runs["type"] == "SW")
+            & (runs["n_i"] == n_i)
+            & (runs["omega_xy0"] == 0.01)
+            & (runs["n_departure"] > 0.1)
+        ]
         over, linear = [], []
         for _, row in some.iloc[rng.choice(len(some), 50, False)].iterrows():
             body = {name: row[name] for name in PARAMETERS}
             state = theory.full_state(n_i, 0.01, row["psi"]).ravel()
-            seen = path(state, np.asarray(full.constants(**body), float).ravel(),
-                        min(row["t_end"], 30000.0))  # fmt: skip
+            seen = path(
+                state,
+                np.asarray(full.constants(**body), float).ravel(),
+                min(row["t_end"], 30000.0),
+            )
             strong = lines(seen[int(0.8 * len(seen)) :, 1])
             over.append(max(strong[:2]) / row["omega_p"])
             linear.append(row["omega_p"] / row["omega_r"])
         near = np.abs(np.array(over) - 1.05) < 0.1
-        print(f"random bodies, SW at n_i = {n_i:g}: of 50, {near.sum()} have their second line at "
-              f"0.95 to 1.15 omega_p; omega_p/omega_r is {np.min(linear):.1f} to "
-              f"{np.max(linear):.1f}")  # fmt: skip
+        print(
+            f"random bodies, SW at n_i = {n_i:g}: of 50, {near.sum()} have their second line at "
+            f"0.95 to 1.15 omega_p; omega_p/omega_r is {np.min(linear):.1f} to "
+            f"{np.max(linear):.1f}"
+        )
 
 
 def main(grid: str, steady_sweep: str) -> None:

@@ -1,10 +1,10 @@
 """Draw for docs/accuracy.md where the error of one reversal time comes from.
 
-python docs/figures/sensitive.py docs/sensitive.png
-python docs/figures/sensitive.py worst    # the last columns of the table in benchmarks/README.md
+python docs/figures/sensitive.py docs/sensitive.png python docs/figures/sensitive.py
+worst    # the last columns of the table in benchmarks/README.md
 
-The runs are those of sensitive.csv: ten of the worst of configs/quickstart.yaml, as version 0.2.0
-drew its bodies.
+The runs are those of sensitive.csv: ten of the worst of configs/quickstart.yaml, as
+version 0.2.0 drew its bodies.
 """
 
 import csv
@@ -48,7 +48,9 @@ def path(one, tol, times):
 
 
 def pitch(one, difference, y):
-    """Return the amplitude of the pitch in a difference of two runs, at the spin of ``y``."""
+    """Return the amplitude of the pitch in a difference of two runs, at the spin of
+    ``y``.
+    """
     p, q, a, b, c = y.T
     n = -(p * a + q * b + c) / np.sqrt(1 + p * p + q * q)
     probe = steady_modes(one.constants[0][:, None], n).pitch_probe
@@ -57,11 +59,15 @@ def pitch(one, difference, y):
 
 def envelope(values, width=25):
     """Return the largest of the values around each."""
-    return np.array([values[max(0, k - width) : k + width].max() for k in range(len(values))])
+    return np.array(
+        [values[max(0, k - width) : k + width].max() for k in range(len(values))]
+    )
 
 
 def shifts(one, times, y, size, repeats=12):
-    """Return the median change of t_r after kicks in random directions, at some times."""
+    """Return the median change of t_r after kicks in random directions, at some
+    times.
+    """
     rng = np.random.default_rng(0)
     many = take(one, np.zeros(len(times) * repeats, dtype=int))
     kick = rng.standard_normal((len(many), 4))
@@ -77,36 +83,73 @@ def shifts(one, times, y, size, repeats=12):
 def main(target: str) -> None:
     """Draw where the errors of one run come from."""
     mpl.use("Agg")
-    plt.rcParams.update({"font.size": 9, "axes.linewidth": 0.6, "legend.frameon": False})
+    plt.rcParams.update(
+        {"font.size": 9, "axes.linewidth": 0.6, "legend.frameon": False}
+    )
     _, one = launch(ROW)
-    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(10.0, 3.3), layout="constrained")
+    figure, (left, middle, right) = plt.subplots(
+        1, 3, figsize=(10.0, 3.3), layout="constrained"
+    )
 
     times = np.arange(0.0, 2440.0, 1.0)
     exact = path(one, 1e-15, times)
-    left.semilogy(times, envelope(np.linalg.norm(exact[:, :4], axis=1)), "k", lw=0.8,
-                  label="oscillation")  # fmt: skip
+    left.semilogy(
+        times,
+        envelope(np.linalg.norm(exact[:, :4], axis=1)),
+        "k",
+        lw=0.8,
+        label="oscillation",
+    )
     for tol, colour in TOLS.items():
         y = path(one, tol, times)
         upto = min(len(y), len(exact))
         apart = envelope(pitch(one, y[:upto] - exact[:upto], exact[:upto]))
-        left.semilogy(times[:upto], apart, color=colour, lw=0.9,
-                      label=f"pitch error, tol {tol:.0e}".replace("e-0", "e-"))  # fmt: skip
-    left.set(xlabel="$t$", ylabel="amplitude", ylim=(1e-16, 1e5), title="(a) error of the pitch")
+        left.semilogy(
+            times[:upto],
+            apart,
+            color=colour,
+            lw=0.9,
+            label=f"pitch error, tol {tol:.0e}".replace("e-0", "e-"),
+        )
+    left.set(
+        xlabel="$t$",
+        ylabel="amplitude",
+        ylim=(1e-16, 1e5),
+        title="(a) error of the pitch",
+    )
     left.legend(fontsize=7, loc="upper left")
 
     begin = np.arange(0.0, 2440.0, 20.0)
     start = path(one, 1e-15, begin)
     for size, colour in KICKS.items():
-        middle.semilogy(begin, shifts(one, begin, start, size), ".-", ms=3, lw=0.7, color=colour,
-                        label=f"kick of {size:.0e}".replace("e-0", "e-"))  # fmt: skip
-    middle.set(xlabel="time of the kick", ylabel="change of $t_r$", title="(b) response to a kick")
+        middle.semilogy(
+            begin,
+            shifts(one, begin, start, size),
+            ".-",
+            ms=3,
+            lw=0.7,
+            color=colour,
+            label=f"kick of {size:.0e}".replace("e-0", "e-"),
+        )
+    middle.set(
+        xlabel="time of the kick",
+        ylabel="change of $t_r$",
+        title="(b) response to a kick",
+    )
     middle.legend(fontsize=7, loc="upper left")
 
     tols = 10.0 ** -np.arange(5, 15.5, 0.5)
     for method, mark in (("dop853", "o"), ("verner98", "s")):
-        t_r = [integrate(one, METHODS[method], FULL, tol=tol, threads=1).t_r[0] for tol in tols]
-        right.loglog(tols, np.abs(np.array(t_r) - TRUE), mark + "-", ms=3.5, lw=0.7, label=method)
-    right.set(xlabel="tol", ylabel="error of $t_r$", title="(c) error against tolerance")
+        t_r = [
+            integrate(one, METHODS[method], FULL, tol=tol, threads=1).t_r[0]
+            for tol in tols
+        ]
+        right.loglog(
+            tols, np.abs(np.array(t_r) - TRUE), mark + "-", ms=3.5, lw=0.7, label=method
+        )
+    right.set(
+        xlabel="tol", ylabel="error of $t_r$", title="(c) error against tolerance"
+    )
     right.legend(fontsize=7)
     figure.savefig(Path(target), dpi=150)
 

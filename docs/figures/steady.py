@@ -1,4 +1,5 @@
-"""Draw the picture in the README: what random rattlebacks do when spun in the steady direction.
+"""Draw the picture in the README: what random rattlebacks do when spun in the steady
+direction.
 
 rattlesweep run configs/steady.yaml
 python docs/figures/steady.py out/steady docs/steady.png
@@ -24,7 +25,12 @@ def main(directory: str, target: str) -> None:
     spins = sorted(summary["n_i"].unique(), reverse=True)
     sizes = sorted(summary["omega_xy0"].unique())
     figure, axes = plt.subplots(
-        len(sizes), len(spins), figsize=(9.0, 4.9), sharex=True, sharey=True, layout="constrained"
+        len(sizes),
+        len(spins),
+        figsize=(9.0, 4.9),
+        sharex=True,
+        sharey=True,
+        layout="constrained",
     )
     for row, size in zip(axes, sizes, strict=True):
         for axis, spin in zip(row, spins, strict=True):
@@ -37,7 +43,11 @@ def main(directory: str, target: str) -> None:
                 labels=[mark.label for mark in PARTS.values()],
             )
             axis.plot(
-                case["K_r"], 1 - case["fraction_bondi"], "k^", ms=3.5, label="Bondi's threshold"
+                case["K_r"],
+                1 - case["fraction_bondi"],
+                "k^",
+                ms=3.5,
+                label="Bondi's threshold",
             )
             axis.set(xscale="log", xlim=(0.0041, 0.1), ylim=(0, 1), yticks=[0, 0.5, 1])
             axis.set_xticks([0.01, 0.1], ["0.01", "0.1"])

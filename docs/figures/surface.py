@@ -2,7 +2,8 @@
 
     python docs/figures/surface.py [docs/surface.png]
 
-The bodies are the first 300 of seed 2017 (shell-dumbbell), launched along their relevant modes.
+The bodies are the first 300 of seed 2017 (shell-dumbbell), launched along their
+relevant modes.
 """
 
 from __future__ import annotations
@@ -35,13 +36,24 @@ for n_i, omega_xy0 in LAUNCHES:
     flat = times(None, n_i, omega_xy0)
     ratio = np.array([times(c, n_i, omega_xy0) / flat for c in C])
     low, middle, high = np.nanpercentile(ratio, [5, 50, 95], axis=1)
-    (line,) = axes.plot(C, middle, "o-", ms=4, label=f"n_i = {n_i:g}, omega_xy0 = {omega_xy0:g}")
+    (line,) = axes.plot(
+        C, middle, "o-", ms=4, label=f"n_i = {n_i:g}, omega_xy0 = {omega_xy0:g}"
+    )
     axes.fill_between(C, low, high, color=line.get_color(), alpha=0.2, linewidth=0)
-    print(n_i, omega_xy0, *(f"{c:.3g}:{a:.4f}/{b:.4f}/{d:.4f}" for c, a, b, d
-                            in zip(C, low, middle, high, strict=True)))  # fmt: skip
+    print(
+        n_i,
+        omega_xy0,
+        *(
+            f"{c:.3g}:{a:.4f}/{b:.4f}/{d:.4f}"
+            for c, a, b, d in zip(C, low, middle, high, strict=True)
+        ),
+    )
 axes.set_ylim(0.95, 2.2)
 axes.axhline(1, color="#888888", linewidth=0.8)
-axes.set(xscale="log", xlabel="c, vertical semi-axis over a",
-         ylabel="t_r over the paraboloid's (median, 5 to 95 %)")  # fmt: skip
+axes.set(
+    xscale="log",
+    xlabel="c, vertical semi-axis over a",
+    ylabel="t_r over the paraboloid's (median, 5 to 95 %)",
+)
 axes.legend(frameon=False)
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "docs/surface.png", dpi=130)

@@ -15,22 +15,30 @@ RATE, TIME = "sqrt(g/a)", "sqrt(a/g)"
 
 
 class Quantity(NamedTuple):
-    """A derived number, or None where theory has none, with its unit and description."""
+    """A derived number, or None where theory has none, with its unit and
+    description.
+    """
 
     name: str
     value: float | None
     unit: str
     description: str
-    in_si: tuple[float, str] | None  # value and SI unit, if the size of the body is known
+    in_si: (
+        tuple[float, str] | None
+    )  # value and SI unit, if the size of the body is known
 
 
 def make_body(given: dict[str, Any]) -> Rattleback:
     """Return the body that command-line options describe."""
-    told = " ".join(sorted(f"--{name.replace('_', '-')}" for name in given)) or "no option"
+    told = (
+        " ".join(sorted(f"--{name.replace('_', '-')}" for name in given)) or "no option"
+    )
     if "xi_deg" in given and "xi" not in given:
         given["xi"] = math.radians(given.pop("xi_deg"))
     if isinstance(c := given.get("c"), str) and "mass" not in given:
-        raise ConfigError("--c has a unit, but the body has no size; give a number in a")
+        raise ConfigError(
+            "--c has a unit, but the body has no size; give a number in a"
+        )
     try:
         if "preset" in given:
             return replace(PRESETS[given.pop("preset")](), **given)
@@ -38,7 +46,9 @@ def make_body(given: dict[str, Any]) -> Rattleback:
             given.pop("c", None)
             return replace(Rattleback.shell_dumbbell(**given), c=c)
         if "half_ellipsoid" in given:
-            sizes = zip(("length", "width", "height"), given.pop("half_ellipsoid"), strict=True)
+            sizes = zip(
+                ("length", "width", "height"), given.pop("half_ellipsoid"), strict=True
+            )
             return Rattleback.half_ellipsoid(**dict(sizes), **given)
         if "mass" in given:
             given |= {"c": c * given["height"]} if isinstance(c, float) else {}
@@ -55,9 +65,15 @@ def make_body(given: dict[str, Any]) -> Rattleback:
 
 
 def derived(
-    body: Rattleback, n_i: float, omega_xy0: float, sigma: float = 0.0, rolling: float = 0.0
+    body: Rattleback,
+    n_i: float,
+    omega_xy0: float,
+    sigma: float = 0.0,
+    rolling: float = 0.0,
 ) -> list[Quantity]:
-    """Return all that theory says about a body and its launch along the relevant mode."""
+    """Return all that theory says about a body and its launch along the relevant
+    mode.
+    """
     if n_i == 0:
         raise ConfigError("--n-i 0: a launch without spin has no reversal time")
     b, m = body, theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
@@ -72,8 +88,15 @@ def derived(
     damping = np.array(theory.damping_rates(b.alpha, b.beta, m, sigma))
     small = known * (np.array(theory.growth_rates(m.K_p, m.K_r, n_i)) - damping)
     rows: list[tuple[str, Any, str, str]] = [
-        *((name, getattr(b, name), "rad" if name == "xi" else "1", "body") for name in PARAMETERS),
-        *([] if b.c is None else [("c", b.c, "a", "body: vertical semi-axis of the ellipsoid")]),
+        *(
+            (name, getattr(b, name), "rad" if name == "xi" else "1", "body")
+            for name in PARAMETERS
+        ),
+        *(
+            []
+            if b.c is None
+            else [("c", b.c, "a", "body: vertical semi-axis of the ellipsoid")]
+        ),
         ("omega_p", m.omega_p, RATE, "frequency of the pitch (the faster mode)"),
         ("omega_r", m.omega_r, RATE, "frequency of the roll (the slower mode)"),
         ("omega_p0", m.omega_p0, RATE, "frequency of the pitch at zero skew angle"),
@@ -82,12 +105,22 @@ def derived(
         ("psi_r", m.psi_r, "rad", "direction of the roll from the x axis"),
         ("K_p", m.K_p, "1", "asymmetric torque coefficient of the pitch"),
         ("K_r", m.K_r, "1", "asymmetric torque coefficient of the roll"),
-        ("n_c1", -n_c1 if b.xi > 0 else n_c1, RATE, "Bondi's threshold of the steady spin"),
+        (
+            "n_c1",
+            -n_c1 if b.xi > 0 else n_c1,
+            RATE,
+            "Bondi's threshold of the steady spin",
+        ),
         ("n_i", n_i, RATE, "initial spin"),
         ("omega_xy0", omega_xy0, RATE, "initial oscillation"),
         ("psi", psi, "rad", "direction of the launch: the relevant mode"),
         ("n_0", gh.n_0, RATE, "spin if all energy were spin"),
-        ("t_rgh", gh.t_rgh, TIME, "Garcia and Hubbard's reversal time in the spin's direction"),
+        (
+            "t_rgh",
+            gh.t_rgh,
+            TIME,
+            "Garcia and Hubbard's reversal time in the spin's direction",
+        ),
         ("growth_pitch", small[0], RATE, "growth rate of the pitch, small spin"),
         ("growth_roll", small[1], RATE, "growth rate of the roll, small spin"),
         ("growth_pitch_exact", exact[0], RATE, "growth rate of the pitch at n_i"),
@@ -98,9 +131,24 @@ def derived(
         rows += [
             ("sigma", sigma, "M a^2 sqrt(g/a)", "dissipation: torque -sigma omega"),
             ("rolling", rolling, "a", "dissipation: lever of the rolling resistance"),
-            ("spin_decay", sigma / b.gamma, RATE, "rate at which an upright spin falls"),
-            ("n_growth_pitch", outgrows[0], RATE, "spin above which the pitch grows, small spin"),
-            ("n_growth_roll", outgrows[1], RATE, "spin below which the roll grows, small spin"),
+            (
+                "spin_decay",
+                sigma / b.gamma,
+                RATE,
+                "rate at which an upright spin falls",
+            ),
+            (
+                "n_growth_pitch",
+                outgrows[0],
+                RATE,
+                "spin above which the pitch grows, small spin",
+            ),
+            (
+                "n_growth_roll",
+                outgrows[1],
+                RATE,
+                "spin below which the roll grows, small spin",
+            ),
         ]
     sizes = {} if b.units is None else b.units.sizes
     found = []

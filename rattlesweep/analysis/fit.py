@@ -1,4 +1,6 @@
-"""Fit parameters of one run to a measured angle or spin, or to the times of reversals."""
+"""Fit parameters of one run to a measured angle or spin, or to the times of
+reversals.
+"""
 
 from __future__ import annotations
 
@@ -31,11 +33,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 STEP = 3e-6  # of the central differences, relative to the scale of a parameter
-# Fractions of the data, from their beginning, that are fitted before the whole; the fine ones are
-# tried if the coarse ones end in a wrong minimum.
+# Fractions of the data, from their beginning, that are fitted before the whole; the
+# fine ones are tried if the coarse ones end in a wrong minimum.
 SHARES, FINE = (0.15, 0.3, 0.6, 0.8), tuple(np.arange(0.1, 1.0, 0.05))
 STEPS = 60  # of the search, at most
-CORRELATED = 0.12  # correlation of neighbouring residuals above which they are not noise
+CORRELATED = (
+    0.12  # correlation of neighbouring residuals above which they are not noise
+)
 ALIKE = 0.99  # correlation of two estimates above which the data cannot separate them
 SINGULAR = 1e-6  # smallest singular value that is not an error of the differences
 # The parameters that can be fitted: unit, limits, description.
@@ -55,7 +59,8 @@ PARAMETERS: dict[str, tuple[str, float, float, str]] = {
     "c": ("a", 0, 1e6, "vertical semi-axis of the ellipsoid"),
 }
 
-# Measured columns: angle of the long axis, its rate, the spin ``u . omega``, reversal times.
+# Measured columns: angle of the long axis, its rate, the spin ``u . omega``, reversal
+# times.
 KINDS = {"angle": "angle", "spin": "spin", "n": "spin", "reversal": "time"}
 # Columns without a unit in their names, as ``rattlesweep trajectory`` writes them.
 BARE = {"t": "sqrt(a/g)", "n": "sqrt(g/a)"}
@@ -69,7 +74,9 @@ class Data:
     kind: str
     t: Floats  # since the first row; reversals: since the launch
     value: Floats
-    units: tuple[tuple[str, float], tuple[str, float]]  # of t and value, as given, and their sizes
+    units: tuple[
+        tuple[str, float], tuple[str, float]
+    ]  # of t and value, as given, and their sizes
 
     @property
     def known(self) -> Flags:
@@ -78,7 +85,9 @@ class Data:
 
 
 def read_data(source: Any, units: Units | None) -> Data:
-    """Return measured data from a CSV or Parquet file, a table or a mapping of columns."""
+    """Return measured data from a CSV or Parquet file, a table or a mapping of
+    columns.
+    """
     import pandas as pd
 
     place = "data"
@@ -86,7 +95,11 @@ def read_data(source: Any, units: Units | None) -> Data:
         if isinstance(source, str | os.PathLike):
             place = one_line(os.fspath(source), 200)
             table = Path(source).suffix.lower() in (".parquet", ".pq")
-            frame = pd.read_parquet(source) if table else pd.read_csv(source, skipinitialspace=True)
+            frame = (
+                pd.read_parquet(source)
+                if table
+                else pd.read_csv(source, skipinitialspace=True)
+            )
         else:
             frame = pd.DataFrame(source)
     except Exception as error:  # pandas and pyarrow raise many kinds
@@ -99,15 +112,23 @@ def read_data(source: Any, units: Units | None) -> Data:
     kind = next((name for name in KINDS if name in found), None)
     if kind is None or (kind != "reversal" and "t" not in found):
         names = one_line(", ".join(map(str, frame)), 100)
-        more = "" if units else "; the body has no size, so only t and n, or give it in SI units"
-        raise ConfigError(f"{place}: {WANTED} are needed, and the columns are {names}{more}")
+        more = (
+            ""
+            if units
+            else "; the body has no size, so only t and n, or give it in SI units"
+        )
+        raise ConfigError(
+            f"{place}: {WANTED} are needed, and the columns are {names}{more}"
+        )
     values: dict[str, Floats] = {}
     for name, (column, _, size) in found.items():
         given = frame.iloc[:, list(frame).index(column)]
         numbers = pd.to_numeric(given, errors="coerce")
         for row in np.flatnonzero(numbers.isna() & given.notna())[:1]:
             shown = one_line(str(given.iloc[row]), 40)
-            raise ConfigError(f"{place}: row {row + 1}: {column} is {shown}, not a number")
+            raise ConfigError(
+                f"{place}: row {row + 1}: {column} is {shown}, not a number"
+            )
         values[name] = numbers.replace([np.inf, -np.inf], np.nan).to_numpy(float) * size
     value, unit = values[kind], found[kind][1:]
     if not np.isfinite(value).any():
@@ -116,7 +137,9 @@ def read_data(source: Any, units: Units | None) -> Data:
         value = np.sort(value[np.isfinite(value)])
         if value[0] <= 0:
             first = f"{value[0] / found[kind][2]:g}"
-            raise ConfigError(f"{place}: {found[kind][0]} is {first}; the launch is at 0")
+            raise ConfigError(
+                f"{place}: {found[kind][0]} is {first}; the launch is at 0"
+            )
         return Data(kind, value, value, (unit, unit))
     t = values["t"]
     for row in np.flatnonzero(~np.isfinite(t) | (np.diff(t, prepend=-np.inf) <= 0))[:1]:
@@ -125,11 +148,18 @@ def read_data(source: Any, units: Units | None) -> Data:
         missing = "" if np.isfinite(t[row]) else "has no finite value"
         raise ConfigError(f"{place}: row {row + 1}: {column} {missing or shown}")
     t = t - t[0]
-    return Data(kind, t, unwrapped(t, value) if kind == "angle" else value, (found["t"][1:], unit))
+    return Data(
+        kind,
+        t,
+        unwrapped(t, value) if kind == "angle" else value,
+        (found["t"][1:], unit),
+    )
 
 
 def _column(name: str, units: Units | None) -> tuple[str, str, float] | None:
-    """Return the quantity of a column, its unit, and the unit's size in those of the body."""
+    """Return the quantity of a column, its unit, and the unit's size in those of the
+    body.
+    """
     if name in BARE:
         return name, BARE[name], 1.0
     match = re.fullmatch(rf"(t|{'|'.join(KINDS)})_(.+)", name)
@@ -144,7 +174,9 @@ def _column(name: str, units: Units | None) -> tuple[str, str, float] | None:
 
 
 def unwrapped(t: Floats, angle: Floats) -> Floats:
-    """Remove jumps by half turns from the angle of an axis, extrapolating the previous rows."""
+    """Remove jumps by half turns from the angle of an axis, extrapolating the previous
+    rows.
+    """
     found, rows = angle.copy(), np.flatnonzero(np.isfinite(angle))
     for i in range(1, len(rows)):
         first, last, row = rows[max(0, i - 21)], rows[i - 1], rows[i]
@@ -158,10 +190,11 @@ def unwrapped(t: Floats, angle: Floats) -> Floats:
 class Fit:
     """The result of a fit: best parameters in the units of the body, angles in radians.
 
-    Only `psi_deg` is in degrees; `in_si` has degrees, rpm and SI units.  `intervals` are 95 %
-    intervals; `launch` holds launch and dissipation as arguments of ``rs.trajectory``; `noise` is
-    the standard deviation of a measured value, in `noise_unit`; `remarks` name what the data cannot
-    determine or the model not describe.
+    Only `psi_deg` is in degrees; `in_si` has degrees, rpm and SI units.  `intervals`
+    are 95 % intervals; `launch` holds launch and dissipation as arguments of
+    ``rs.trajectory``; `noise` is the standard deviation of a measured value, in
+    `noise_unit`; `remarks` name what the data cannot determine or the model not
+    describe.
     """
 
     values: dict[str, float]
@@ -177,7 +210,9 @@ class Fit:
 
     @property
     def in_si(self) -> dict[str, tuple[float, float, float, str]]:
-        """Value, interval and unit of each parameter that is an angle or has an SI unit."""
+        """Value, interval and unit of each parameter that is an angle or has an SI
+        unit.
+        """
         sizes = {"rad": (180 / math.pi, "deg")}
         if units := self.body.units:
             sizes |= units.sizes | {"sqrt(g/a)": (30 / math.pi / units.time, "rpm")}
@@ -190,7 +225,9 @@ class Fit:
         return found
 
     def plot(self, path: str | Path | None = None) -> Figure:
-        """Draw data, fit and residuals, and write the figure to a file if `path` is given."""
+        """Draw data, fit and residuals, and write the figure to a file if `path` is
+        given.
+        """
         from rattlesweep.analysis import style
         from rattlesweep.analysis.onerun.figure import shown
 
@@ -198,12 +235,20 @@ class Fit:
         (t_unit, t_size), (unit, size) = data.units
         t, value, expected = data.t / t_size, data.value / size, self._expected / size
         label = style.label("time", t_unit)
-        line: dict[str, Any] = {"color": style.VERMILION, "linewidth": 1.2, "label": "fit"}
+        line: dict[str, Any] = {
+            "color": style.VERMILION,
+            "linewidth": 1.2,
+            "label": "fit",
+        }
         if data.kind == "reversal":  # single times, which no line joins
             t, label = np.arange(1.0, len(t) + 1), "number of the reversal"
             line |= {"linestyle": "none", "marker": "x"}
-        dots: dict[str, Any] = {"color": style.BLUE, "linestyle": "none", "markersize": 2.5,
-                                "marker": "." if len(t) > 30 else "o"}  # fmt: skip
+        dots: dict[str, Any] = {
+            "color": style.BLUE,
+            "linestyle": "none",
+            "markersize": 2.5,
+            "marker": "." if len(t) > 30 else "o",
+        }
         with style.styled():
             figure = style.new_figure(7.2, 4.6)
             top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
@@ -223,13 +268,17 @@ class Fit:
 
 
 def _follow(launch: Launch, kind: str, times: Floats) -> tuple[Floats, list[float]]:
-    """Return the quantity `kind` of a run at some times, and the times of its reversals."""
+    """Return the quantity `kind` of a run at some times, and the times of its
+    reversals.
+    """
     names = ["yaw", "u_x", "u_y", "u_z"] if kind in ("angle", "spin") else ["n"]
     course = Course(PreparedRun.of(launch), names, times=times)
     columns = course.columns()
     found = columns[names[0]]
     if course.follower.status != Status.OK or not len(found):
-        raise ConfigError(f"the run failed: {course.follower.status.meaning}; check the body")
+        raise ConfigError(
+            f"the run failed: {course.follower.status.meaning}; check the body"
+        )
     if len(names) > 1:
         # Add the angle from the x axis, whose direction is "yaw", to the long axis.
         x, y = -math.sin(launch.body.xi), math.cos(launch.body.xi)
@@ -250,28 +299,44 @@ class Problem:
 
     @property
     def freedom(self) -> int:
-        """Number of values less the parameters and, for angles, the unknown first direction."""
-        return int(self.data.known.sum()) - len(self.scales) - (self.data.kind == "angle")
+        """Number of values less the parameters and, for angles, the unknown first
+        direction.
+        """
+        return (
+            int(self.data.known.sum()) - len(self.scales) - (self.data.kind == "angle")
+        )
 
     def until(self, share: float) -> Problem:
         """Return the problem of the first part of the data."""
         data, first = self.data, self.data.t <= share * self.data.t[-1]
         part = replace(data, t=data.t[first], value=data.value[first])
-        return replace(self, data=part, launch=replace(self.launch, t_end=float(part.t[-1]) or 1.0))
+        return replace(
+            self, data=part, launch=replace(self.launch, t_end=float(part.t[-1]) or 1.0)
+        )
 
     def scaled(self, values: dict[str, float]) -> Floats:
-        """Return ``x``; the oscillation enters by its logarithm, as its magnitude is unknown."""
-        return np.array([math.log(values[name]) if name == "omega_xy0" else values[name] / scale
-                         for name, scale in self.scales.items()])  # fmt: skip
+        """Return ``x``; the oscillation enters by its logarithm, as its magnitude is
+        unknown.
+        """
+        return np.array(
+            [
+                math.log(values[name]) if name == "omega_xy0" else values[name] / scale
+                for name, scale in self.scales.items()
+            ]
+        )
 
     def values(self, x: Floats) -> dict[str, float]:
         """Return the parameters at ``x``."""
         places = zip(self.scales.items(), x.tolist(), strict=True)
-        return {name: math.exp(place) if name == "omega_xy0" else place * scale
-                for (name, scale), place in places}  # fmt: skip
+        return {
+            name: math.exp(place) if name == "omega_xy0" else place * scale
+            for (name, scale), place in places
+        }
 
     def launched(self, x: Floats) -> Launch:
-        """Return the run with the parameters at ``x``; raise a ValueError if there is none."""
+        """Return the run with the parameters at ``x``; raise a ValueError if there is
+        none.
+        """
         changes: dict[str, Any] = self.values(x)
         if "skew" in changes:
             changes["xi"] = -changes.pop("skew")
@@ -281,7 +346,9 @@ class Problem:
         return replace(self.launch, body=self.launch.body.replace(**own), **changes)
 
     def expected(self, x: Floats) -> Floats:
-        """Return the values without noise; angles start from the best first direction."""
+        """Return the values without noise; angles start from the best first
+        direction.
+        """
         data, launch = self.data, self.launched(x)
         if data.kind == "reversal":
             found = _follow(launch, "n", np.zeros(1))[1][: len(data.t)]
@@ -307,7 +374,9 @@ class Problem:
         limits, columns = self.limits(), []
         for step in np.diag(np.full(len(x), STEP)):
             low, high = np.clip(x - step, *limits), np.clip(x + step, *limits)
-            columns.append((self.residuals(high) - self.residuals(low)) / (high - low).sum())
+            columns.append(
+                (self.residuals(high) - self.residuals(low)) / (high - low).sum()
+            )
         return np.stack(columns, axis=1)
 
     def search(self, x: Floats, accuracy: float, steps: int) -> Any:
@@ -315,16 +384,27 @@ class Problem:
         from scipy.optimize import least_squares
 
         # The method "trf" is slow where two parameters are strongly correlated.
-        return least_squares(self.residuals, np.clip(x, *self.limits()), self.slopes,
-                             self.limits(), "dogbox", x_scale="jac", ftol=accuracy,
-                             max_nfev=steps)  # fmt: skip
+        return least_squares(
+            self.residuals,
+            np.clip(x, *self.limits()),
+            self.slopes,
+            self.limits(),
+            "dogbox",
+            x_scale="jac",
+            ftol=accuracy,
+            max_nfev=steps,
+        )
 
 
 def check_free(launch: Launch, free: Iterable[str]) -> list[str]:
-    """Return the names of free parameters; raise a ConfigError if they do not fit the run."""
+    """Return the names of free parameters; raise a ConfigError if they do not fit the
+    run.
+    """
     names = list(dict.fromkeys(free))
     if not names:
-        raise ConfigError(f"free: no parameter is given; choose from {', '.join(PARAMETERS)}")
+        raise ConfigError(
+            f"free: no parameter is given; choose from {', '.join(PARAMETERS)}"
+        )
     for name in names:
         if name not in PARAMETERS:
             raise ConfigError(f"free: {not_one_of(name, PARAMETERS)}")
@@ -338,24 +418,36 @@ def check_free(launch: Launch, free: Iterable[str]) -> list[str]:
 
 
 def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
-    """Fit parameters by least squares, first to the beginning of the data, then to all of them."""
+    """Fit parameters by least squares, first to the beginning of the data, then to all
+    of them.
+    """
     from scipy.stats import t as student
 
     series = data.kind != "reversal"
     launch = replace(launch, t_end=float(data.t[-1]) * (1.0 if series else 1.5))
     if Problem(launch, data, dict.fromkeys(free, 1.0)).freedom < 1:
-        found, parameters = counted(data.known.sum(), "value"), counted(len(free), "parameter")
-        raise ConfigError(f"{found} cannot determine {parameters} and the noise; give more rows "
-                          "or free fewer parameters")  # fmt: skip
+        found, parameters = (
+            counted(data.known.sum(), "value"),
+            counted(len(free), "parameter"),
+        )
+        raise ConfigError(
+            f"{found} cannot determine {parameters} and the noise; give more rows "
+            "or free fewer parameters"
+        )
     firsts = _first_values(launch, data, free)
     scales = {name: max(map(abs, values)) for name, values in firsts.items()}
     problem = Problem(launch, data, scales)
-    starts = [problem.scaled(dict(zip(firsts, x, strict=True))) for x in product(*firsts.values())]
+    starts = [
+        problem.scaled(dict(zip(firsts, x, strict=True)))
+        for x in product(*firsts.values())
+    ]
     problem.expected(starts[0])  # raises if body or launch are invalid
     begun = problem.until(SHARES[0]) if series else problem
     starts.sort(key=lambda x: float((begun.residuals(x) ** 2).sum()))
     limit, fits = max(CORRELATED, 4 / math.sqrt(data.known.sum())), []
-    for x, shares in product(starts[:2], (SHARES, FINE)) if series else product(starts[:6], [()]):
+    for x, shares in (
+        product(starts[:2], (SHARES, FINE)) if series else product(starts[:6], [()])
+    ):
         for part in map(problem.until, shares):
             if part.freedom > 10 * len(free):
                 x = part.search(x, 1e-3, 10).x
@@ -373,35 +465,65 @@ def fit_run(launch: Launch, data: Data, free: list[str]) -> Fit:
     lengths = np.linalg.norm(spread, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         width = lengths / sizes * noise * float(student.ppf(0.975, problem.freedom))
-    low, high = (problem.values(np.clip(best.x + side * width, *problem.limits()))
-                 for side in (-1, 1))  # fmt: skip
+    low, high = (
+        problem.values(np.clip(best.x + side * width, *problem.limits()))
+        for side in (-1, 1)
+    )
     remarks = []
     # The absolute error of a logarithm is the relative error of its number.
     large = np.where([name == "omega_xy0" for name in free], 1.0, np.abs(best.x))
-    vague = ~(width <= 0.5 * large) | (np.abs(directions[-1]) > 0.1) * (singular[-1] < SINGULAR)
+    vague = ~(width <= 0.5 * large) | (np.abs(directions[-1]) > 0.1) * (
+        singular[-1] < SINGULAR
+    )
     alike = np.abs(spread @ spread.T) > ALIKE * np.outer(lengths, lengths)
     pairs = np.argwhere(np.triu(alike & (vague | vague[:, None]), 1))
     for i, j in pairs:
-        remarks.append(f"the data cannot tell {free[i]} and {free[j]} apart: fix one of them")
+        remarks.append(
+            f"the data cannot tell {free[i]} and {free[j]} apart: fix one of them"
+        )
     if alone := [free[i] for i in np.flatnonzero(vague) if i not in pairs]:
-        remarks.append(f"the data hardly tell {' and '.join(alone)}: fix what is known otherwise")
+        remarks.append(
+            f"the data hardly tell {' and '.join(alone)}: fix what is known otherwise"
+        )
     if best.status == 0:
-        remarks.append(f"the search did not settle within {STEPS} steps; give a better launch")
+        remarks.append(
+            f"the search did not settle within {STEPS} steps; give a better launch"
+        )
     if series and _correlation(best.fun) > limit:
-        remarks.append("neighbouring residuals are correlated: the model does not describe the "
-                       "data within their noise, or they were smoothed, and the intervals are too "
-                       "narrow")  # fmt: skip
+        remarks.append(
+            "neighbouring residuals are correlated: the model does not describe the "
+            "data within their noise, or they were smoothed, and the intervals are too "
+            "narrow"
+        )
     final = problem.launched(best.x)
     names = ("n_i", "omega_xy0", "psi", "omega", "u", "sigma", "rolling")
     kept = {name: v for name in names if (v := getattr(final, name)) is not None}
-    intervals, (unit, size) = {name: (low[name], high[name]) for name in free}, data.units[1]
-    return Fit(problem.values(best.x), intervals, final.body, kept, noise / size, unit,
-               int(data.known.sum()), remarks, data, problem.expected(best.x))  # fmt: skip
+    intervals, (unit, size) = (
+        {name: (low[name], high[name]) for name in free},
+        data.units[1],
+    )
+    return Fit(
+        problem.values(best.x),
+        intervals,
+        final.body,
+        kept,
+        noise / size,
+        unit,
+        int(data.known.sum()),
+        remarks,
+        data,
+        problem.expected(best.x),
+    )
 
 
-def _first_values(launch: Launch, data: Data, free: list[str]) -> dict[str, list[float]]:
+def _first_values(
+    launch: Launch, data: Data, free: list[str]
+) -> dict[str, list[float]]:
     """Return values of each free parameter from which the search may begin."""
-    body, few = launch.body, np.flatnonzero(data.known)[: max(10, data.known.sum() // 50)]
+    body, few = (
+        launch.body,
+        np.flatnonzero(data.known)[: max(10, data.known.sum() // 50)],
+    )
     spin = launch.n_i or 0.1
     if data.kind in ("spin", "n"):
         spin = float(data.value[few].mean())
@@ -418,7 +540,9 @@ def _first_values(launch: Launch, data: Data, free: list[str]) -> dict[str, list
         "rolling": [1e-4, 1e-3],
         "skew": [-body.xi],
     }
-    given = {name: getattr(launch, name, None) or getattr(body, name, None) for name in free}
+    given = {
+        name: getattr(launch, name, None) or getattr(body, name, None) for name in free
+    }
     return {name: [value] if value else guesses[name] for name, value in given.items()}
 
 

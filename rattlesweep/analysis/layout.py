@@ -1,4 +1,6 @@
-"""The axes along which a sweep varies, selections of its runs, and its xarray Dataset."""
+"""The axes along which a sweep varies, selections of its runs, and its xarray
+Dataset.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ from rattlesweep.units import Quantity
 if TYPE_CHECKING:
     import xarray
 
-NEAR = 1e-6  # relative difference up to which a value typed in decimals means a stored one
+NEAR = (
+    1e-6  # relative difference up to which a value typed in decimals means a stored one
+)
 TARGETS = ("K_p", "K_r")
 LAUNCH = (*VARIES, *(name for name, _ in SI.values()))
 # Methods of columns that a condition may call; others might write files.
@@ -38,23 +42,33 @@ METHODS = ("isna", "notna", "isin", "between")
 
 @dataclass(frozen=True)
 class Where:
-    """A condition such as ``type == "SW" and K_r < 0.005``, and the columns that it reads."""
+    """A condition such as ``type == "SW" and K_r < 0.005``, and the columns that it
+    reads.
+    """
 
     text: str
     columns: tuple[str, ...]
 
     def filter(self, rows: pa.RecordBatch) -> pa.RecordBatch:
-        """Return the rows that meet the condition; raise a ConfigError if pandas refuses it."""
+        """Return the rows that meet the condition; raise a ConfigError if pandas
+        refuses it.
+        """
         flags = {pa.bool_(): pd.BooleanDtype()}
-        frame = pa.table(rows.select(list(self.columns))).to_pandas(types_mapper=flags.get)
+        frame = pa.table(rows.select(list(self.columns))).to_pandas(
+            types_mapper=flags.get
+        )
         query = " ".join(self.text.split())
         try:
-            for method in re.findall(r"[^\d\s.]\w*\s*\.\s*([A-Za-z_]\w*)", _unquoted(query)):
+            for method in re.findall(
+                r"[^\d\s.]\w*\s*\.\s*([A-Za-z_]\w*)", _unquoted(query)
+            ):
                 if method not in METHODS:
                     raise ValueError(f".{method} is none of .{', .'.join(METHODS)}")
             with np.errstate(all="ignore"):
                 # Column names are the only names.
-                found = frame.eval(query, engine="python", local_dict={}, global_dict={})
+                found = frame.eval(
+                    query, engine="python", local_dict={}, global_dict={}
+                )
             if not (isinstance(found, pd.Series) and pd.api.types.is_bool_dtype(found)):
                 raise ValueError("it is no condition on columns")
         except Exception as error:  # pandas raises exceptions of many classes
@@ -68,10 +82,14 @@ class Where:
 
 
 def parse_where(text: str, schema: pa.Schema) -> Where:
-    """Return a condition on the columns of a schema; raise a ConfigError if it is invalid."""
+    """Return a condition on the columns of a schema; raise a ConfigError if it is
+    invalid.
+    """
     words = re.findall(r"[A-Za-z_]\w*", _unquoted(str(text)))
     where = Where(str(text), tuple(name for name in schema.names if name in words))
-    where.filter(pa.RecordBatch.from_pylist([], schema=schema))  # on no rows, to check the text
+    where.filter(
+        pa.RecordBatch.from_pylist([], schema=schema)
+    )  # on no rows, to check the text
     return where
 
 
@@ -81,11 +99,14 @@ def _unquoted(text: str) -> str:
 
 @dataclass(frozen=True)
 class Axis:
-    """A quantity that varies: a target, a launch, a dissipation or a parameter of the body."""
+    """A quantity that varies: a target, a launch, a dissipation or a parameter of the
+    body.
+    """
 
     name: str
     values: Floats  # the selected ones, ascending
-    rank: Integers  # index among them of each case or of each value of a grid; -1: not selected
+    # index among them of each case or of each value of a grid; -1: not selected
+    rank: Integers
 
     @property
     def edges(self) -> Floats:
@@ -97,18 +118,26 @@ class Axis:
         return np.exp(edges) if log else edges if len(v) > 1 else edges[[1, 2]]
 
     def logarithmic(self, log: bool | None = None) -> bool:
-        """Return `log`; with None, whether the logarithms of the values are spaced more evenly."""
+        """Return `log`; with None, whether the logarithms of the values are spaced more
+        evenly.
+        """
         v = self.values
         if log is not None or len(v) < 3 or v[0] <= 0 or v[-1] < 3 * v[0]:
             return bool(log)
-        uneven, uneven_log = (np.std(s) / np.mean(s) for s in (np.diff(v), np.diff(np.log(v))))
+        uneven, uneven_log = (
+            np.std(s) / np.mean(s) for s in (np.diff(v), np.diff(np.log(v)))
+        )
         return bool(uneven_log < uneven)
 
     def only(self, wanted: str, option: str) -> Axis:
-        """Return the axis with the values that ``VALUE,VALUE`` or ``LOW:HIGH`` selects."""
+        """Return the axis with the values that ``VALUE,VALUE`` or ``LOW:HIGH``
+        selects.
+        """
         v, between = self.values, ":" in wanted
         try:
-            numbers = np.array([float(x) for x in wanted.split(":" if between else ",")])[:, None]
+            numbers = np.array(
+                [float(x) for x in wanted.split(":" if between else ",")]
+            )[:, None]
         except ValueError:
             form = "is not NAME=VALUES, as in n_i=-0.3,-0.5 or theta=0.6:0.7"
             raise ConfigError(f"{option}: {form}") from None
@@ -118,7 +147,9 @@ class Axis:
             found = (v >= numbers[:1]) & (v <= numbers[-1:])
         if not found.any(axis=1).all():
             there = np.array2string(v, precision=6, separator=", ", threshold=9)[1:-1]
-            raise ConfigError(f"{option}: {self.name} has no value {wanted}; there are {there}")
+            raise ConfigError(
+                f"{option}: {self.name} has no value {wanted}; there are {there}"
+            )
         kept = found.any(axis=0)
         place = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
         return Axis(self.name, v[kept], place[self.rank])
@@ -130,7 +161,9 @@ class Layout:
 
     stored: Stored
     axes: dict[str, Axis]  # by name, in the order target, launch, dissipation, body
-    bodies: list[str]  # axes of a grid of bodies; empty if the samples of a case are a population
+    bodies: list[
+        str
+    ]  # axes of a grid of bodies; empty if the samples of a case are a population
     where: Where | None = None
     si: bool = False  # whether times are in seconds
 
@@ -147,15 +180,23 @@ class Layout:
 
     @property
     def refined(self) -> bool:
-        """Whether only some points of the grid are integrated, and the others filled in."""
+        """Whether only some points of the grid are integrated, and the others filled
+        in.
+        """
         bodies = self.stored.config.bodies
         return isinstance(bodies, GridSource) and bodies.refine is not None
 
     def cells(self, rows: pa.RecordBatch | pa.Table) -> Integers:
-        """Return the flat index of the cell of each row, in C order; -1 if it is not selected."""
+        """Return the flat index of the cell of each row, in C order; -1 if it is not
+        selected.
+        """
         case, sample = (rows.column(name).to_numpy() for name in ("case", "sample"))
         grid = [len(self.axes[name].rank) for name in self.bodies]
-        at = dict(zip(self.bodies, np.unravel_index(sample, grid) if grid else (), strict=True))
+        at = dict(
+            zip(
+                self.bodies, np.unravel_index(sample, grid) if grid else (), strict=True
+            )
+        )
         places = [axis.rank[at.get(name, case)] for name, axis in self.axes.items()]
         if not places:
             return np.zeros(len(case), np.int64)
@@ -165,7 +206,9 @@ class Layout:
     def rows(self, columns: Sequence[str]) -> Iterator[pa.RecordBatch]:
         """Yield columns of the runs that meet the condition, file by file."""
         size = ("n_i", "n_i_rpm", "t_r", "t_r_s") if self.si else ()
-        needed = dict.fromkeys((*columns, *size, *(self.where.columns if self.where else ())))
+        needed = dict.fromkeys(
+            (*columns, *size, *(self.where.columns if self.where else ()))
+        )
         for rows in self.stored.batches(list(needed)):
             chosen = rows if self.where is None else self.where.filter(rows)
             yield in_seconds(chosen, self.stored.schema) if self.si else chosen
@@ -174,7 +217,9 @@ class Layout:
         """Count the runs by cell, with the means of more columns, in one pass."""
         size = int(np.prod([*self.lengths.values()]))
         counts, moments = Counts(size), {name: Moments(size) for name in more}
-        for rows in self.rows(("case", "sample", *columns_for(self.stored.schema), *more)):
+        for rows in self.rows(
+            ("case", "sample", *columns_for(self.stored.schema), *more)
+        ):
             cell = self.cells(rows)
             counts.add(rows, cell)
             for name, own in moments.items():
@@ -184,23 +229,34 @@ class Layout:
         return counts, {name: own.means() for name, own in moments.items()}
 
     def key(self, name: str, option: str) -> str:
-        """Return the key of an axis by its name, which ends in a unit if its values have one."""
-        known = {own: key for key, axis in self.axes.items() for own in (key, axis.name)}
+        """Return the key of an axis by its name, which ends in a unit if its values
+        have one.
+        """
+        known = {
+            own: key for key, axis in self.axes.items() for own in (key, axis.name)
+        }
         if name not in known:
             raise ConfigError(f"{option}: {not_one_of(name, known)}")
         return known[name]
 
     def column(self, name: str, option: str) -> tuple[str, str]:
-        """Return unit and description of a numeric column; raise a ConfigError for others."""
-        numbers = {f.name: _about(f) for f in self.stored.schema
-                   if str(f.type) in ("double", "int32", "int64")}  # fmt: skip
+        """Return unit and description of a numeric column; raise a ConfigError for
+        others.
+        """
+        numbers = {
+            f.name: _about(f)
+            for f in self.stored.schema
+            if str(f.type) in ("double", "int32", "int64")
+        }
         if name not in numbers:
             raise ConfigError(f"{option}: {not_one_of(name, numbers)}")
         unit, words = numbers[name].values()
         return "s" if self.si and unit == TIME else unit, words
 
     def name(self, column: str) -> str:
-        """Return the name of a column in tables; it ends in ``_s`` if times are in seconds."""
+        """Return the name of a column in tables; it ends in ``_s`` if times are in
+        seconds.
+        """
         return f"{column}_s" if self.column(column, "")[0] == "s" else column
 
     def chosen(self, where: str | None) -> Layout:
@@ -209,7 +265,9 @@ class Layout:
         return replace(self, where=new)
 
     def select(self, texts: Sequence[str]) -> Layout:
-        """Return the layout of values selected as ``NAME=VALUE,VALUE`` or ``NAME=LOW:HIGH``."""
+        """Return the layout of values selected as ``NAME=VALUE,VALUE`` or
+        ``NAME=LOW:HIGH``.
+        """
         axes = dict(self.axes)
         for text in texts:
             name, _, wanted = text.partition("=")
@@ -218,15 +276,23 @@ class Layout:
         return replace(self, axes=axes)
 
     def in_si(self) -> Layout:
-        """Return the layout with times in seconds and, if bodies have one size, spins in rpm."""
+        """Return the layout with times in seconds and, if bodies have one size, spins
+        in rpm.
+        """
         if "t_r_s" not in self.stored.schema.names:
             return self
         spins = self.stored.read(["n_i", "n_i_rpm"]).to_pandas().query("n_i != 0")
         factor, axes = (spins["n_i_rpm"] / spins["n_i"]).to_numpy(), dict(self.axes)
-        sizes = {"n_i": factor[0]} if len(factor) and np.ptp(factor) < NEAR * factor[0] else {}
+        sizes = (
+            {"n_i": factor[0]}
+            if len(factor) and np.ptp(factor) < NEAR * factor[0]
+            else {}
+        )
         for name, given in self.stored.config.settings.items():
             # The largest value in both units.
-            largest = max((abs(x) for x in given if isinstance(x, Quantity)), default=0.0)
+            largest = max(
+                (abs(x) for x in given if isinstance(x, Quantity)), default=0.0
+            )
             if name in axes and largest and all(isinstance(x, Quantity) for x in given):
                 natural = max(abs(getattr(case, name)) for case in self.stored.cases)
                 sizes.setdefault(name, largest / SI[name][1] / natural)
@@ -238,18 +304,24 @@ class Layout:
 
 def in_seconds(rows: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
     """Return runs of bodies of known size with their times converted to seconds."""
-    n_i, rpm, t_r, t_r_s = (floats(rows.column(k)) for k in ("n_i", "n_i_rpm", "t_r", "t_r_s"))
+    n_i, rpm, t_r, t_r_s = (
+        floats(rows.column(k)) for k in ("n_i", "n_i_rpm", "t_r", "t_r_s")
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         second = np.where(n_i == 0, t_r_s / t_r, n_i / rpm * 30 / np.pi)
     for place, name in enumerate(rows.schema.names):
-        if _about(schema.field(name))["units"] == TIME and pa.types.is_floating(rows[name].type):
+        if _about(schema.field(name))["units"] == TIME and pa.types.is_floating(
+            rows[name].type
+        ):
             values = pa.array(floats(rows[name]) * second, from_pandas=True)
             rows = rows.set_column(place, rows.schema.field(name), values)
     return rows
 
 
 def read_layout(directory: Path) -> Layout:
-    """Read the axes of a sweep from its manifest; raise an OutputError if it has no runs."""
+    """Read the axes of a sweep from its manifest; raise an OutputError if it has no
+    runs.
+    """
     stored = open_stored(directory)
     if not stored.files():
         raise OutputError(f"{directory} holds no runs yet")
@@ -266,13 +338,17 @@ def read_layout(directory: Path) -> Layout:
         elif values[0] is not None:
             given[name] = values
     grid = config.bodies.varying if isinstance(config.bodies, GridSource) else {}
-    axes = {name: Axis(name, *np.unique(np.asarray(values, float), return_inverse=True))
-            for name, values in (given | grid).items()}  # fmt: skip
+    axes = {
+        name: Axis(name, *np.unique(np.asarray(values, float), return_inverse=True))
+        for name, values in (given | grid).items()
+    }
     return Layout(stored, axes, list(grid))
 
 
 def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
-    """Fill the points that are not `known`: numbers linearly, others from the nearest run."""
+    """Fill the points that are not `known`: numbers linearly, others from the nearest
+    run.
+    """
     from scipy.interpolate import LinearNDInterpolator
     from scipy.spatial import QhullError
 
@@ -282,11 +358,15 @@ def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
         return filled
     others = (1 if own else n for own, n in zip(along, values.shape, strict=True))
     for place in np.ndindex(*others):
-        here = tuple(slice(None) if own else k for own, k in zip(along, place, strict=True))
+        here = tuple(
+            slice(None) if own else k for own, k in zip(along, place, strict=True)
+        )
         new, wanted = filled[here], ~known[here] & np.isfinite(filled[here])
         source = known[here] & np.isfinite(values[here])
         with suppress(QhullError, ValueError):  # too few runs, or all on a line
-            interpolate = LinearNDInterpolator(np.argwhere(source), values[here][source])
+            interpolate = LinearNDInterpolator(
+                np.argwhere(source), values[here][source]
+            )
             between = interpolate(np.argwhere(wanted))
             new[wanted] = np.where(np.isfinite(between), between, new[wanted])
     return filled
@@ -295,16 +375,24 @@ def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
 def make_dataset(
     layout: Layout, columns: Sequence[str] | None = None, *, fill_refined: bool = False
 ) -> xarray.Dataset:
-    """Return the runs along the axes of their sweep, as ``Sweep.to_xarray`` promises."""
+    """Return the runs along the axes of their sweep, as ``Sweep.to_xarray``
+    promises.
+    """
     schema = layout.stored.schema
     single = [column.name for column in schema if not pa.types.is_list(column.type)]
     for name in columns or ():
         if name not in single:
             raise ConfigError(f"columns: {not_one_of(name, single)}")
     coordinates = {"case", "sample", *layout.axes} - set(TARGETS)
-    names = [name for name in (single if columns is None else columns) if name not in coordinates]
+    names = [
+        name
+        for name in (single if columns is None else columns)
+        if name not in coordinates
+    ]
     wanted = pa.schema([schema.field(name) for name in ("case", "sample", *names)])
-    batches = [pa.table(rows.select(wanted.names)) for rows in layout.rows(wanted.names)]
+    batches = [
+        pa.table(rows.select(wanted.names)) for rows in layout.rows(wanted.names)
+    ]
     table = pa.concat_tables([wanted.remove_metadata().empty_table(), *batches])
     axes: dict[str, Any] = {name: axis.values for name, axis in layout.axes.items()}
     place = layout.cells(table)
@@ -313,11 +401,18 @@ def make_dataset(
         axes["sample"] = np.arange(layout.stored.samples)
         place = place * layout.stored.samples + table["sample"].to_numpy()
     index = pd.MultiIndex.from_product([*axes.values()], names=[*axes])
-    frame = table.select(names).to_pandas()[shown].set_index(index[place[shown]]).reindex(index)
+    frame = (
+        table.select(names)
+        .to_pandas()[shown]
+        .set_index(index[place[shown]])
+        .reindex(index)
+    )
     # The axis of a target holds the requested values, the column those of the bodies.
     frame = frame.rename(columns={name: f"{name}_body" for name in axes})
     dataset: xarray.Dataset = frame.to_xarray()
-    done = np.isin(np.arange(len(index)), place[shown]).reshape([*dataset.sizes.values()])
+    done = np.isin(np.arange(len(index)), place[shown]).reshape(
+        [*dataset.sizes.values()]
+    )
     for key, variable in dataset.items():
         column = schema.field(str(key).removesuffix("_body"))
         values = variable.to_numpy()
@@ -344,4 +439,7 @@ def make_dataset(
 
 def _about(column: pa.Field) -> dict[str, str]:
     metadata = column.metadata
-    return {"units": metadata[b"unit"].decode(), "long_name": metadata[b"description"].decode()}
+    return {
+        "units": metadata[b"unit"].decode(),
+        "long_name": metadata[b"description"].decode(),
+    }

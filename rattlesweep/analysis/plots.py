@@ -28,12 +28,16 @@ MOST_PANELS, MOST_BINS = 40, 150
 PER_INCH = 11  # letters of a heading in an inch of width
 MOST_MARKERS = 40  # more markers would hide the curve
 WIDE = 30.0  # values whose largest ratio exceeds this are shown on a logarithmic scale
-ENOUGH, SIDE = 3, 8  # values that make an axis long enough for an abscissa, for a side of a map
+ENOUGH, SIDE = (
+    3,
+    8,
+)  # values that make an axis long enough for an abscissa, for a side of a map
 FEW = 6  # with fewer values than this, each value of an abscissa has a tick
 MAP_ENDS = (0.5, 99.5)  # percentiles at which the colour scale of a map ends
 BONDI = "Bondi's threshold"
 BEYOND = "beyond Bondi's threshold"
-# The states of a cell of a map, with colour and label: its most common type, or why it has none.
+# The states of a cell of a map, with colour and label: its most common type, or why it
+# has none.
 CELLS = {
     **{name: (mark.colour, mark.label) for name, mark in TYPE_STYLE.items()},
     "failed": (style.FAILED, "failed"),
@@ -43,12 +47,15 @@ CELLS = {
 NO_TURNS = {"n_turns": "no turns", "reversals_sure": "no confirmed turns"}
 CODES = {name: code for code, name in enumerate(CELLS)}
 Names = tuple[list[str], list[str], list[str]]
-# The Axes of each panel, with the indices of its values on the axes of rows and columns.
+# The Axes of each panel, with the indices of its values on the axes of rows and
+# columns.
 Panels = list[tuple[Any, tuple[int, ...]]]
 
 
 class Picture(ABC):
-    """A picture of a sweep over `axes`; drawing it fills `notes`, the sentences of the caption."""
+    """A picture of a sweep over `axes`; drawing it fills `notes`, the sentences of the
+    caption.
+    """
 
     panel: ClassVar[tuple[float, float]]  # width and height of a panel in inches
     parts = 1  # panels side by side for each combination of values
@@ -56,19 +63,27 @@ class Picture(ABC):
     shows = "of those selected"  # which runs the picture shows
     more: tuple[str, ...] = ()  # columns that are averaged in each cell
 
-    def __init__(self, layout: Layout, name: str, x: str | None, quantity: str | None) -> None:
+    def __init__(
+        self, layout: Layout, name: str, x: str | None, quantity: str | None
+    ) -> None:
         self.layout, self.name, self.x, self.quantity = layout, name, x, quantity
-        own, self.rows, self.columns = ([layout.axes[k] for k in part] for part in self._arrange())
+        own, self.rows, self.columns = (
+            [layout.axes[k] for k in part] for part in self._arrange()
+        )
         self.axes = [*own, *self.rows, *self.columns]
         self.notes: list[str] = []
 
     def _arrange(self) -> Names:
-        """Return the axes inside a panel, those of the rows and those of the columns of panels."""
+        """Return the axes inside a panel, those of the rows and those of the columns of
+        panels.
+        """
         return [], [], []
 
     @abstractmethod
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
-        """Draw the panels and return the legend entries; `log` None means as suits the values."""
+        """Draw the panels and return the legend entries; `log` None means as suits the
+        values.
+        """
 
     @cached_property
     def counted(self) -> tuple[Counts, dict[str, Floats]]:
@@ -84,19 +99,32 @@ class Picture(ABC):
         order = [every.index(axis.name) for axis in self.axes]
         whole = flat.reshape([*self.layout.lengths.values()])
         others = [k for k in range(len(every)) if k not in order]
-        return whole.transpose(order + others).squeeze(tuple(range(len(order), len(every))))
+        return whole.transpose(order + others).squeeze(
+            tuple(range(len(order), len(every)))
+        )
 
     def table(self) -> pd.DataFrame:
         """Return the numbers of the picture, one row for each cell that holds runs."""
-        (cells, more), axes, name = self.counted, self.layout.axes.values(), self.layout.name
+        (cells, more), axes, name = (
+            self.counted,
+            self.layout.axes.values(),
+            self.layout.name,
+        )
         values = np.meshgrid(*(axis.values for axis in axes), indexing="ij")
-        found: dict[str, Any] = {a.name: v.ravel() for a, v in zip(axes, values, strict=True)}
+        found: dict[str, Any] = {
+            a.name: v.ravel() for a, v in zip(axes, values, strict=True)
+        }
         found |= {"runs": cells["runs"], "failed": cells["failed"]}
-        found |= {f"fraction_{kind}": share(n, cells["ok"]) for kind, n in cells.types.items()}
+        found |= {
+            f"fraction_{kind}": share(n, cells["ok"]) for kind, n in cells.types.items()
+        }
         found["fraction_bondi"] = share(cells["bondi"], cells["steady"])
         for own, moments in ((name("t_r"), cells.t_r), ("ratio", cells.ratio)):
-            found |= {f"{own}_mean": moments.means(), f"{own}_std": moments.deviations(),
-                      f"{own}_sem": moments.errors()}  # fmt: skip
+            found |= {
+                f"{own}_mean": moments.means(),
+                f"{own}_std": moments.deviations(),
+                f"{own}_sem": moments.errors(),
+            }
         found |= {f"{name('t_rgh')}_mean": cells.t_rgh.means()}
         found |= {f"{name(column)}_mean": mean for column, mean in more.items()}
         if "sensitive" in cells:
@@ -104,39 +132,61 @@ class Picture(ABC):
         return pd.DataFrame(found)[cells["runs"] > 0].reset_index(drop=True)
 
     def read(self, *columns: str) -> Floats:
-        """Return cells and columns of the runs with status ok, shape (1 + columns, runs)."""
+        """Return cells and columns of the runs with status ok, shape (1 + columns,
+        runs).
+        """
         parts = [np.empty((1 + len(columns), 0))]
         for rows in self.layout.rows(("case", "sample", "status", *columns)):
             cells = self.layout.cells(rows)
             found = np.stack([cells, *(floats(rows.column(name)) for name in columns)])
-            parts.append(found[:, (codes(rows.column("status"), ("ok",)) == 0) & (cells >= 0)])
+            parts.append(
+                found[:, (codes(rows.column("status"), ("ok",)) == 0) & (cells >= 0)]
+            )
         return np.concatenate(parts, axis=1)
 
     def figure(
-        self, *, title: str | None = None, log: bool | None = None, captioned: bool = True,
-        size: tuple[float, float] | None = None, xlim: tuple[float, float] | None = None,
+        self,
+        *,
+        title: str | None = None,
+        log: bool | None = None,
+        captioned: bool = True,
+        size: tuple[float, float] | None = None,
+        xlim: tuple[float, float] | None = None,
         ylim: tuple[float, float] | None = None,
-    ) -> Figure:  # fmt: skip
+    ) -> Figure:
         """Return the figure; None stands for what suits the values."""
         layout = self.layout
         if not len(self):
             raise OutputError(f"{layout.stored.directory} holds no run {self.shows}")
-        down, across = ([*product(*(range(len(axis.values)) for axis in axes))]
-                        for axes in (self.rows, self.columns))  # fmt: skip
+        down, across = (
+            [*product(*(range(len(axis.values)) for axis in axes))]
+            for axes in (self.rows, self.columns)
+        )
         if (count := len(down) * len(across)) > MOST_PANELS:
             names = " and ".join(axis.name for axis in (*self.rows, *self.columns))
-            raise ConfigError(f"there would be {count} panels, one for each {names}; choose some "
-                              "with select, as in n_i=-0.3,-0.5")  # fmt: skip
+            raise ConfigError(
+                f"there would be {count} panels, one for each {names}; choose some "
+                "with select, as in n_i=-0.3,-0.5"
+            )
         across = [column for column in across for _ in range(self.parts)]
         needed = np.array(self.panel) * (len(across), len(down)) + (1.6, 1.4)
         figure = style.new_figure(*(size or np.clip(needed, (6.4, 3.4), 14)))
-        grid = figure.subplots(len(down), len(across), sharex=True, sharey=True, squeeze=False)
+        grid = figure.subplots(
+            len(down), len(across), sharex=True, sharey=True, squeeze=False
+        )
         for axes, column in zip(grid[0], across, strict=True):
             axes.set_title(texts(self.columns, column), fontsize="medium")
         fontsize = "medium" if figure.get_figheight() > 1.6 * len(down) else "x-small"
         for axes, row in zip(grid[:, -1], down, strict=True):
-            axes.annotate(texts(self.rows, row), (1.02, 0.5), xycoords="axes fraction",
-                          rotation=270, va="center", ha="left", fontsize=fontsize)  # fmt: skip
+            axes.annotate(
+                texts(self.rows, row),
+                (1.02, 0.5),
+                xycoords="axes fraction",
+                rotation=270,
+                va="center",
+                ha="left",
+                fontsize=fontsize,
+            )
         for axes, axis in product(grid[-1], self.axes[:1]):
             axes.set_xlabel(label(axis.name))
         self.notes.clear()
@@ -144,11 +194,19 @@ class Picture(ABC):
         handles = self._draw([*zip(grid.flat, places, strict=True)], log)
         figure.supylabel(self.ylabel, fontsize="medium")
         for axes, (which, limits) in product(grid.flat, (("x", xlim), ("y", ylim))):
-            if limits and limits[0] <= 0 and getattr(axes, f"get_{which}scale")() == "log":
-                raise ConfigError(f"{which}lim: a logarithmic axis is positive; take a linear one")
+            if (
+                limits
+                and limits[0] <= 0
+                and getattr(axes, f"get_{which}scale")() == "log"
+            ):
+                raise ConfigError(
+                    f"{which}lim: a logarithmic axis is positive; take a linear one"
+                )
             getattr(axes, f"set_{which}lim")(limits)
         # A value selected alone appears nowhere else in the picture.
-        pinned = [a for a in layout.axes.values() if len(a.values) == 1 and -1 in a.rank]
+        pinned = [
+            a for a in layout.axes.values() if len(a.values) == 1 and -1 in a.rank
+        ]
         # A dollar sign in a condition does not begin a formula.
         condition = layout.where.text.replace("$", "\\$") if layout.where else ""
         condition = textwrap.fill(condition, int(PER_INCH * figure.get_figwidth()))
@@ -165,10 +223,14 @@ def texts(axes: Sequence[Axis], places: Sequence[int]) -> str:
     return ", ".join(value_text(axis.name, axis.values[k]) for axis, k in shown)
 
 
-def ordered(layout: Layout, first: str | None, enough: int, prefer: str = "") -> list[str]:
+def ordered(
+    layout: Layout, first: str | None, enough: int, prefer: str = ""
+) -> list[str]:
     """Return the axes of several values, `first` before all others, then by length."""
     size = layout.lengths
-    names = sorted(size, key=lambda n: (-min(size[n], enough), n != prefer, n in LAUNCH))
+    names = sorted(
+        size, key=lambda n: (-min(size[n], enough), n != prefer, n in LAUNCH)
+    )
     first = first or names[0]
     return [first, *(name for name in names if name != first and size[name] > 1)]
 
@@ -201,19 +263,41 @@ class Fractions(Picture):
                     continue
                 below, part = share(part, ok), part + self.grid(cells.types[name])[here]
                 above = share(part, ok)
-                known[mark.label] = axes.stairs(above, x.edges, baseline=below, fill=True,
-                                                label=mark.label, facecolor=mark.colour,
-                                                hatch=mark.hatch, linewidth=0)  # fmt: skip
-                # Wilson's interval of the upper border, which is a fraction of the runs, too.
+                known[mark.label] = axes.stairs(
+                    above,
+                    x.edges,
+                    baseline=below,
+                    fill=True,
+                    label=mark.label,
+                    facecolor=mark.colour,
+                    hatch=mark.hatch,
+                    linewidth=0,
+                )
+                # Wilson's interval of the upper border, which is a fraction of the
+                # runs, too.
                 low, high = wilson(part, ok)
                 real = (part > 0) & (part < ok)
                 bars = (above - low)[real], (high - above)[real]
-                axes.errorbar(x.values[real], above[real], bars, fmt="none", ecolor="#000000",
-                              elinewidth=0.9, capsize=1.6, zorder=4)  # fmt: skip
+                axes.errorbar(
+                    x.values[real],
+                    above[real],
+                    bars,
+                    fmt="none",
+                    ecolor="#000000",
+                    elinewidth=0.9,
+                    capsize=1.6,
+                    zorder=4,
+                )
             if np.isfinite(bondi).any():
-                look: dict[str, Any] = {"ms": 4, "mec": "white", "mew": 0.5, "zorder": 5}
-                (known[BEYOND],) = axes.plot(x.values, 1 - bondi[here], "k^", label=BEYOND,
-                                              clip_on=False, **look)  # fmt: skip
+                look: dict[str, Any] = {
+                    "ms": 4,
+                    "mec": "white",
+                    "mew": 0.5,
+                    "zorder": 5,
+                }
+                (known[BEYOND],) = axes.plot(
+                    x.values, 1 - bondi[here], "k^", label=BEYOND, clip_on=False, **look
+                )
             scale(axes, "x", x, log)
             if len(x.values) < FEW:
                 shown = [f"{value:.4g}".replace("-", "−") for value in x.values]
@@ -222,20 +306,28 @@ class Fractions(Picture):
                 axes.set_xticks(x.values, shown, rotation=90 if crowded else 0)
             axes.set(xlim=x.edges[[0, -1]], ylim=(0, 1), yticks=[0, 0.5, 1])
         self.ylabel = "fraction of bodies"
-        self.notes.append("Fractions of the runs with status ok, with 95 % intervals (Wilson).")
+        self.notes.append(
+            "Fractions of the runs with status ok, with 95 % intervals (Wilson)."
+        )
         if BEYOND in known:
-            self.notes.append("The fraction above a triangle is that of the bodies whose steady "
-                              "spin theory finds stable: |n_c1| < |n_i|.")  # fmt: skip
+            self.notes.append(
+                "The fraction above a triangle is that of the bodies whose steady "
+                "spin theory finds stable: |n_c1| < |n_i|."
+            )
         return [*known.values()]
 
 
 class Times(Picture):
-    """The mean of ``t_r``, or of ``t_r/t_rGH``, over the runs of type R, and theory dashed."""
+    """The mean of ``t_r``, or of ``t_r/t_rGH``, over the runs of type R, and theory
+    dashed.
+    """
 
     panel = (2.6, 2.8)
 
     def _arrange(self) -> Names:
-        order = ordered(self.layout, self.x, ENOUGH, "n_i" if self.name == "ratio" else "")
+        order = ordered(
+            self.layout, self.x, ENOUGH, "n_i" if self.name == "ratio" else ""
+        )
         first, *rest = order
         rest.sort(key=lambda name: -self.layout.lengths[name])
         return [first, *rest[:1]], [], rest[1:]
@@ -252,7 +344,11 @@ class Times(Picture):
         looks = [(place, *look) for place, look in zip(shown, SERIES, strict=False)]
         mean, spread, theory = (
             np.expand_dims(self.grid(part), [] if curves else 1)
-            for part in (moments.means(), np.nan_to_num(moments.deviations()), cells.t_rgh.means())
+            for part in (
+                moments.means(),
+                np.nan_to_num(moments.deviations()),
+                cells.t_rgh.means(),
+            )
         )
         # Do not join the curves of the two directions of spin.
         ends = [int(np.searchsorted(x.values, 0.0))] if x.name.startswith("n_i") else []
@@ -260,19 +356,41 @@ class Times(Picture):
         for (axes, where), (place, colour, marker) in product(panels, looks):
             here: Any = (slice(None), place, *where)
             middle, half = mean[here], spread[here]
-            # A logarithmic axis has no zero: there the band ends at a tenth of the mean.
-            low, high = middle - (np.minimum(half, 0.9 * middle) if log_y else half), middle + half
+            # A logarithmic axis has no zero: there the band ends at a tenth of the
+            # mean.
+            low, high = (
+                middle - (np.minimum(half, 0.9 * middle) if log_y else half),
+                middle + half,
+            )
             for part in pieces:
                 at = x.values[part]
-                axes.plot(at, middle[part], color=colour, linewidth=1.1, ms=4,
-                          marker=marker if len(x.values) <= MOST_MARKERS else None)  # fmt: skip
-                # A single abscissa has no line: the width of an edge and a dash are visible there.
+                axes.plot(
+                    at,
+                    middle[part],
+                    color=colour,
+                    linewidth=1.1,
+                    ms=4,
+                    marker=marker if len(x.values) <= MOST_MARKERS else None,
+                )
+                # A single abscissa has no line: the width of an edge and a dash are
+                # visible there.
                 single = len(at) == 1
-                axes.fill_between(at, low[part], high[part], color=colour, alpha=0.12,
-                                  linewidth=4 if single else 0)  # fmt: skip
+                axes.fill_between(
+                    at,
+                    low[part],
+                    high[part],
+                    color=colour,
+                    alpha=0.12,
+                    linewidth=4 if single else 0,
+                )
                 if not relative:
-                    axes.plot(at, theory[here][part], **THEORY | {"color": colour, "zorder": 1.5},
-                              marker="_" if single else None, ms=12)  # fmt: skip
+                    axes.plot(
+                        at,
+                        theory[here][part],
+                        **THEORY | {"color": colour, "zorder": 1.5},
+                        marker="_" if single else None,
+                        ms=12,
+                    )
         for axes, _ in panels:
             scale(axes, "x", x, log)
             style.light_grid(axes)
@@ -287,24 +405,31 @@ class Times(Picture):
         what = "t_r/t_rGH" if relative else "the time t_r of the first reversal"
         self.notes += [
             f"Mean of {what} over the runs that reverse (type R); bands: its standard deviation.",
-            "Theory: Garcia and Hubbard's t_rGH" + ("." if relative else ", mean over all runs."),
+            "Theory: Garcia and Hubbard's t_rGH"
+            + ("." if relative else ", mean over all runs."),
         ]
         if len(shown) < count:
             self.notes.append(f"{len(shown)} of {count} values are shown.")
-        handles = [style.entry(texts(curves, [k]), color=own, marker=mark, ms=4, ls="-")
-                   for k, own, mark in (looks if curves else [])]  # fmt: skip
+        handles = [
+            style.entry(texts(curves, [k]), color=own, marker=mark, ms=4, ls="-")
+            for k, own, mark in (looks if curves else [])
+        ]
         return [*handles, style.entry("theory", **THEORY)]
 
 
 class Map(Picture):
-    """Types and ``t_r/t_rGH`` side by side, or one column, as means over the runs of a cell."""
+    """Types and ``t_r/t_rGH`` side by side, or one column, as means over the runs of a
+    cell.
+    """
 
     panel = (3.7, 3.4)
 
     def _arrange(self) -> Names:
         layout, order = self.layout, ordered(self.layout, self.x, SIDE)
         if layout.lengths[order[0]] < 2:
-            raise ConfigError(f"kind map: only one value of {order[0]} is left; it needs two")
+            raise ConfigError(
+                f"kind map: only one value of {order[0]} is left; it needs two"
+            )
         self.parts = 2 if self.quantity is None else 1
         # Bondi's line needs one body in a cell, and a steady spin that lasts.
         self.theory = bool(layout.bodies) and not layout.stored.config.dissipation
@@ -315,7 +440,9 @@ class Map(Picture):
     def shown(self) -> tuple[Integers, Floats, Floats]:
         """Return of each cell the state in `CELLS`, the value, and ``n_c1 - n_i``."""
         layout, (cells, more) = self.layout, self.counted
-        counts = np.stack([cells.types.get(name, 0 * cells["runs"]) for name in TYPE_STYLE])
+        counts = np.stack(
+            [cells.types.get(name, 0 * cells["runs"]) for name in TYPE_STYLE]
+        )
         code = np.where(cells["ok"] == 0, CODES["failed"], np.argmax(counts, axis=0))
         code = self.grid(np.where(cells["runs"] == 0, CODES["missing"], code))
         value = self.grid(more[self.quantity] if self.quantity else cells.ratio.means())
@@ -323,7 +450,11 @@ class Map(Picture):
         beyond = self.grid(more["n_c1"] - more["n_i"]) if self.theory else none
         if layout.refined:
             # Fill where no run was integrated, not where a condition excludes the run.
-            runs = cells["runs"] if layout.where is None else layout.chosen(None).count()[0]["runs"]
+            runs = (
+                cells["runs"]
+                if layout.where is None
+                else layout.chosen(None).count()[0]["runs"]
+            )
             done = self.grid(runs) > 0
             code, value, beyond = (fill(array, done) for array in (code, value, beyond))
         return code, value, beyond
@@ -335,8 +466,14 @@ class Map(Picture):
         self.ylabel = label(y.name)
         code, value, beyond = self.shown()
         turns = self.quantity in NO_TURNS
-        value = np.where(turns & (value == 0), np.nan, value)  # drawn in the colour of no turns
-        known = value[np.isfinite(value)] if np.isfinite(value).any() else np.array([0.0, 2.0])
+        value = np.where(
+            turns & (value == 0), np.nan, value
+        )  # drawn in the colour of no turns
+        known = (
+            value[np.isfinite(value)]
+            if np.isfinite(value).any()
+            else np.array([0.0, 2.0])
+        )
         low, high = (float(end) for end in np.percentile(known, MAP_ENDS))
         wide = low > 0 and high > (WIDE if self.quantity else 4) * low
         norm = (LogNorm if wide else Normalize)(low, high)
@@ -347,33 +484,63 @@ class Map(Picture):
             colours = [colour for colour, _ in CELLS.values()]
             if not of_types:  # cells that have a type but no value
                 colours[: len(TYPE_STYLE)] = [style.NO_REVERSAL] * len(TYPE_STYLE)
-            axes.pcolormesh(x.edges, y.edges, code[here].T, rasterized=True, vmin=-0.5,
-                            vmax=len(CELLS) - 0.5, cmap=ListedColormap(colours))  # fmt: skip
+            axes.pcolormesh(
+                x.edges,
+                y.edges,
+                code[here].T,
+                rasterized=True,
+                vmin=-0.5,
+                vmax=len(CELLS) - 0.5,
+                cmap=ListedColormap(colours),
+            )
             if not of_types:
-                mesh = axes.pcolormesh(x.edges, y.edges, np.ma.masked_invalid(value[here].T),
-                                       rasterized=True, norm=norm)  # fmt: skip
-            if np.nanmin(beyond[here], initial=0) < 0 < np.nanmax(beyond[here], initial=0):
+                mesh = axes.pcolormesh(
+                    x.edges,
+                    y.edges,
+                    np.ma.masked_invalid(value[here].T),
+                    rasterized=True,
+                    norm=norm,
+                )
+            if (
+                np.nanmin(beyond[here], initial=0)
+                < 0
+                < np.nanmax(beyond[here], initial=0)
+            ):
                 bondi = True
                 # A dark line with a light rim is visible on every colour.
                 for colour, width in (("#FFFFFF", 2.8), ("#000000", 1.3)):
-                    axes.contour(x.values, y.values, beyond[here].T, [0], colors=colour,
-                                 linewidths=width, linestyles="solid")  # fmt: skip
+                    axes.contour(
+                        x.values,
+                        y.values,
+                        beyond[here].T,
+                        [0],
+                        colors=colour,
+                        linewidths=width,
+                        linestyles="solid",
+                    )
             scale(axes, "x", x, log)
             scale(axes, "y", y, log)
             axes.set(xlim=x.edges[[0, -1]], ylim=y.edges[[0, -1]])
         if self.quantity is None:
             name, unit = "ratio", None
             words = "t_r is the time of the first reversal, t_rGH that of Garcia and Hubbard."
-            every[0].set_title("most common type" if several else "type", fontsize="medium")
+            every[0].set_title(
+                "most common type" if several else "type", fontsize="medium"
+            )
             every[1].set_title(mean + label("ratio"), fontsize="medium")
         else:
-            name, (unit, words) = self.quantity, self.layout.column(self.quantity, "quantity")
-            words = f"{name}: {words.partition('; null')[0]}."  # the legend names missing values
+            name, (unit, words) = (
+                self.quantity,
+                self.layout.column(self.quantity, "quantity"),
+            )
+            # the legend names missing values
+            words = f"{name}: {words.partition('; null')[0]}."
         self.notes.append(words)
         extend = {(True, True): "both", (True, False): "min", (False, True): "max"}
         ends = bool(known.min() < low), bool(known.max() > high)
-        bar = every[0].figure.colorbar(mesh, ax=every, pad=0.03, aspect=35,
-                                       extend=extend.get(ends, "neither"))  # fmt: skip
+        bar = every[0].figure.colorbar(
+            mesh, ax=every, pad=0.03, aspect=35, extend=extend.get(ends, "neither")
+        )
         bar.set_label(mean + label(name, unit))
         if wide:
             style.plain_ticks(bar.ax, "y", low, high)
@@ -389,10 +556,13 @@ class Map(Picture):
             present.add("none")
         handles: list[Any] = [
             Patch(facecolor=colour, label=text, edgecolor=style.GREY, linewidth=0.5)
-            for name, (colour, text) in entries.items() if name in present
-        ]  # fmt: skip
+            for name, (colour, text) in entries.items()
+            if name in present
+        ]
         if bondi:
-            handles.append(style.entry(BONDI, color="#000000", linestyle="-", linewidth=1.3))
+            handles.append(
+                style.entry(BONDI, color="#000000", linestyle="-", linewidth=1.3)
+            )
             self.notes.append("Bondi's threshold of the steady spin: |n_i| = |n_c1|.")
         return handles
 
@@ -416,7 +586,9 @@ class Distribution(Picture):
 
     @cached_property
     def bins(self) -> tuple[Floats, bool]:
-        """Edges of bins that hold every value, and whether they are evenly spaced logarithms."""
+        """Edges of bins that hold every value, and whether they are evenly spaced
+        logarithms.
+        """
         values = self.values[np.isfinite(self.values)]
         low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
         if (values == values.round()).all() and high - low < MOST_BINS:
@@ -427,7 +599,9 @@ class Distribution(Picture):
         spacing = np.diff(distinct).min() if len(distinct) > 1 else abs(low) / 5 or 1.0
         if len(distinct) <= SIDE and np.ptp(distinct) < MOST_BINS * spacing:
             # A bar around each value, between margins.
-            bars = np.ravel(distinct[:, None] + spacing * np.array([-0.4, -0.25, 0.25, 0.4]))
+            bars = np.ravel(
+                distinct[:, None] + spacing * np.array([-0.4, -0.25, 0.25, 0.4])
+            )
             return np.exp(bars) if log else bars, log
         # The rule of Freedman and Diaconis, within limits.
         width = 2 * np.ptp(np.percentile(v, (25, 75))) / np.cbrt(len(v))
@@ -441,7 +615,9 @@ class Distribution(Picture):
         name = "ratio" if self.quantity is None else self.layout.name(self.quantity)
         edges, values = self.bins[0], self.values[np.isfinite(self.values)]
         counts = np.histogram(values, edges)[0]
-        return pd.DataFrame({f"{name}_low": edges[:-1], f"{name}_high": edges[1:], "runs": counts})
+        return pd.DataFrame(
+            {f"{name}_low": edges[:-1], f"{name}_high": edges[1:], "runs": counts}
+        )
 
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
         (axes, _), (edges, log_x), runs = panels[0], self.bins, self.table()["runs"]
@@ -473,7 +649,9 @@ class Scatter(Picture):
     def _arrange(self) -> Names:
         self.column = self.x or "t_rgh"
         if self.column == "t_r":
-            raise ConfigError("x t_r: it is the ordinate of a scatter; choose another column")
+            raise ConfigError(
+                "x t_r: it is the ordinate of a scatter; choose another column"
+            )
         self.unit, _ = self.layout.column(self.column, "x")
         self.shows = f"that has values of {self.column} and t_r"
         return super()._arrange()
@@ -493,7 +671,9 @@ class Scatter(Picture):
 
     def _draw(self, panels: Panels, log: bool | None) -> list[Any]:
         axes, (x, t_r) = panels[0][0], self.points.to_numpy().T
-        axes.plot(x, t_r, "o", color=style.BLUE, ms=2.6, alpha=0.6, mew=0, rasterized=True)
+        axes.plot(
+            x, t_r, "o", color=style.BLUE, ms=2.6, alpha=0.6, mew=0, rasterized=True
+        )
         against_theory = self.column == "t_rgh"
         wide = against_theory or bool(0 < WIDE * x.min() < x.max())
         style.scale_axis(axes, "x", x, wide if log is None else log, self.column)
@@ -501,7 +681,9 @@ class Scatter(Picture):
         axes.set_xlabel(label(self.column, self.unit))
         style.light_grid(axes)
         self.ylabel = label(self.layout.name("t_r"))
-        self.notes.append(f"Times of the first reversal of {len(x):,} runs that reverse.")
+        self.notes.append(
+            f"Times of the first reversal of {len(x):,} runs that reverse."
+        )
         if not against_theory:
             return []
         ends = axes.get_xlim()
@@ -510,17 +692,28 @@ class Scatter(Picture):
 
 
 KINDS: dict[str, type[Picture]] = {
-    "fractions": Fractions, "times": Times, "ratio": Times, "map": Map, "reversals": Map,
-    "distribution": Distribution, "scatter": Scatter,
-}  # fmt: skip
+    "fractions": Fractions,
+    "times": Times,
+    "ratio": Times,
+    "map": Map,
+    "reversals": Map,
+    "distribution": Distribution,
+    "scatter": Scatter,
+}
 
 
 def choose_picture(
-    layout: Layout, kind: str | None = None, *, x: str | None = None, quantity: str | None = None,
-    select: Sequence[str] = (), where: str | None = None,
-) -> Picture:  # fmt: skip
+    layout: Layout,
+    kind: str | None = None,
+    *,
+    x: str | None = None,
+    quantity: str | None = None,
+    select: Sequence[str] = (),
+    where: str | None = None,
+) -> Picture:
     """Return the picture of a kind, by default the one that suits the sweep."""
-    # A name with a unit, such as n_i_rpm, selects values in this unit, which follow from in_si.
+    # A name with a unit, such as n_i_rpm, selects values in this unit, which follow
+    # from in_si.
     natural = [text for text in select if text.partition("=")[0].strip() in layout.axes]
     others = [text for text in select if text not in natural]
     layout = layout.chosen(where).select(natural).in_si().select(others)
@@ -533,8 +726,14 @@ def choose_picture(
     if x is not None and kind != "scatter":
         x = layout.key(x, f"x {x}")
     if kind not in fitting:
-        needs = " (it needs record: [reversals] and two parameters)" if kind == "reversals" else ""
-        raise ConfigError(f"kind {kind}: does not fit this sweep{needs}; {', '.join(fitting)} fit")
+        needs = (
+            " (it needs record: [reversals] and two parameters)"
+            if kind == "reversals"
+            else ""
+        )
+        raise ConfigError(
+            f"kind {kind}: does not fit this sweep{needs}; {', '.join(fitting)} fit"
+        )
     if quantity is not None and kind not in ("map", "distribution"):
         raise ConfigError(f"quantity: goes with kind map or distribution, not {kind}")
     if kind == "reversals":  # only confirmed turns, where the runs have error estimates
@@ -546,7 +745,9 @@ def choose_picture(
 
 
 def fitting_kinds(layout: Layout) -> list[str]:
-    """Return the kinds for which enough parameters vary and the columns are recorded."""
+    """Return the kinds for which enough parameters vary and the columns are
+    recorded.
+    """
     line, plane = bool(layout.axes), len(layout.several) >= 2
     population = line and not layout.bodies and layout.stored.samples > 1
     turns = plane and "reversals" in layout.stored.config.record

@@ -1,4 +1,6 @@
-"""The look of every picture: colours, marks, symbols, units, legends, and the files written."""
+"""The look of every picture: colours, marks, symbols, units, legends, and the files
+written.
+"""
 
 import io
 import math
@@ -45,38 +47,74 @@ TYPE_STYLE = {
     "SS": Mark(GREEN, "^", "\\\\\\\\", "SS: steady spinning"),
     "D": Mark(PURPLE, "v", "xxxx", "D: dies"),
 }
-SERIES = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (PURPLE, "D"), (ORANGE, "v"), (SKY, "P"),
-          (BLACK, "X"), ("#8A8A8A", "*"))  # fmt: skip
+SERIES = (
+    (BLUE, "o"),
+    (VERMILION, "s"),
+    (GREEN, "^"),
+    (PURPLE, "D"),
+    (ORANGE, "v"),
+    (SKY, "P"),
+    (BLACK, "X"),
+    ("#8A8A8A", "*"),
+)
 THEORY: dict[str, Any] = {"color": INK, "linestyle": (0, (4, 2)), "linewidth": 1.1}
 
 # Units of columns as formulas.
 UNITS = {
-    "1": "", "sqrt(a/g)": r"$\sqrt{a/g}$", "sqrt(g/a)": r"$\sqrt{g/a}$", "deg": "degrees",
-    "a": "$a$", "M g a": r"$M\,g\,a$", "M g": r"$M\,g$", "M a^2 sqrt(g/a)": r"$M\,a^2 \sqrt{g/a}$",
-}  # fmt: skip
+    "1": "",
+    "sqrt(a/g)": r"$\sqrt{a/g}$",
+    "sqrt(g/a)": r"$\sqrt{g/a}$",
+    "deg": "degrees",
+    "a": "$a$",
+    "M g a": r"$M\,g\,a$",
+    "M g": r"$M\,g$",
+    "M a^2 sqrt(g/a)": r"$M\,a^2 \sqrt{g/a}$",
+}
 # Symbols of columns whose names are not a letter and an index.
 SYMBOLS = {
-    "phi": r"$\varphi$", "minus_xi_deg": r"$-\xi$", "rolling": "$l$",
-    "t_rgh": "$t_{rGH}$", "ratio": r"$t_r/t_{rGH}$", "t": "time", "n": "spin $n$",
-    "n_turns": "number of turns", "reversals_sure": "number of confirmed turns",
-}  # fmt: skip
+    "phi": r"$\varphi$",
+    "minus_xi_deg": r"$-\xi$",
+    "rolling": "$l$",
+    "t_rgh": "$t_{rGH}$",
+    "ratio": r"$t_r/t_{rGH}$",
+    "t": "time",
+    "n": "spin $n$",
+    "n_turns": "number of turns",
+    "reversals_sure": "number of confirmed turns",
+}
 # Ends of names that are units.
 SUFFIXES = {"_rpm": "rpm", "_N_m_s": "N m s", "_s": "s", "_m": "m", "_deg": "deg"}
 LETTERS = r"(alpha|beta|gamma|theta|xi|sigma|omega|[A-Za-z])(?:_(\w{1,3}))?"
 
 RC: dict[str, Any] = {
-    "font.size": 9, "axes.linewidth": 0.6, "axes.axisbelow": True,
-    "axes.formatter.useoffset": False, "xtick.major.width": 0.6, "ytick.major.width": 0.6,
-    "legend.frameon": False, "hatch.linewidth": 0.5, "hatch.color": "#00000066",
-    "svg.fonttype": "path", "svg.hashsalt": "rattlesweep", "pdf.fonttype": 42,
-}  # fmt: skip
+    "font.size": 9,
+    "axes.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "legend.frameon": False,
+    "hatch.linewidth": 0.5,
+    "hatch.color": "#00000066",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "rattlesweep",
+    "pdf.fonttype": 42,
+}
 # File formats, without the metadata that would make two equal figures differ.
-FORMATS = {"svg": {"Date": None}, "png": {"Software": None}, "pdf": {"CreationDate": None}}
+FORMATS = {
+    "svg": {"Date": None},
+    "png": {"Software": None},
+    "pdf": {"CreationDate": None},
+}
 
 DPI = 150.0
-ROUNDING = 1e-9  # steps below this part of a curve's range are not counted as oscillations
+ROUNDING = (
+    1e-9  # steps below this part of a curve's range are not counted as oscillations
+)
 BINS = 1000  # stretches of a curve, each about a pixel wide
-MOST_PERIODS = 150  # a curve of more oscillations would be a slab of ink: its envelope is drawn
+MOST_PERIODS = (
+    150  # a curve of more oscillations would be a slab of ink: its envelope is drawn
+)
 
 
 @contextmanager
@@ -95,18 +133,26 @@ def styled(style: Path | None = None) -> Iterator[None]:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return a figure of a size in inches; without pyplot there is no window or global state."""
+    """Return a figure of a size in inches; without pyplot there is no window or global
+    state.
+    """
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def add_legend(figure: Any, handles: list[Any], heading: Sequence[str] = ()) -> None:
-    """Put heading lines and a legend above all panels, in as few rows as the width allows."""
+    """Put heading lines and a legend above all panels, in as few rows as the width
+    allows.
+    """
     count = max(1, len(handles))
     for rows in range(1, count + 1):
-        legend = figure.legend(handles=handles, loc="outside upper center", columnspacing=1.4,
-                               ncols=math.ceil(count / rows))  # fmt: skip
+        legend = figure.legend(
+            handles=handles,
+            loc="outside upper center",
+            columnspacing=1.4,
+            ncols=math.ceil(count / rows),
+        )
         if rows == count or legend.get_window_extent().width <= figure.bbox.width:
             break
         legend.remove()
@@ -115,9 +161,13 @@ def add_legend(figure: Any, handles: list[Any], heading: Sequence[str] = ()) -> 
 
 
 def add_caption(figure: Figure, words: str, *, grow: bool = True) -> None:
-    """Write sentences below all panels; with `grow`, enlarge the figure by their height."""
+    """Write sentences below all panels; with `grow`, enlarge the figure by their
+    height.
+    """
     size = 7.0
-    lines = textwrap.wrap(words.replace("$", "\\$"), int(1.75 * 72 * figure.get_figwidth() / size))
+    lines = textwrap.wrap(
+        words.replace("$", "\\$"), int(1.75 * 72 * figure.get_figwidth() / size)
+    )
     figure.supxlabel("\n".join(lines), fontsize=size, color=GREY, multialignment="left")
     if grow:
         figure.set_figheight(figure.get_figheight() + 0.02 * size * len(lines))
@@ -134,17 +184,25 @@ def entry(words: str, **look: Any) -> Line2D:
     return Line2D([], [], label=words, **{"linestyle": "", **look})
 
 
-def scale_axis(axes: Any, which: str, values: Any, log: bool, name: str = "t_r") -> None:
-    """Make an axis logarithmic if `log`; `name` is that of its values in the error message."""
+def scale_axis(
+    axes: Any, which: str, values: Any, log: bool, name: str = "t_r"
+) -> None:
+    """Make an axis logarithmic if `log`; `name` is that of its values in the error
+    message.
+    """
     if log:
         if np.min(values) <= 0:
-            raise ConfigError(f"--log: {name} has values that are not positive; leave it out")
+            raise ConfigError(
+                f"--log: {name} has values that are not positive; leave it out"
+            )
         getattr(axes, f"set_{which}scale")("log")
         plain_ticks(axes, which, float(np.min(values)), float(np.max(values)))
 
 
 class PlainTicks(LogLocator):
-    """Ticks at 1, 2, 5 or other multiples of the powers of ten, as there is room for."""
+    """Ticks at 1, 2, 5 or other multiples of the powers of ten, as there is room
+    for.
+    """
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
         """Return the ticks between two ends."""
@@ -160,7 +218,9 @@ class PlainTicks(LogLocator):
 
 
 def plain_ticks(axes: Any, which: str, low: float, high: float) -> None:
-    """Label a logarithmic axis from `low` to `high` with plain numbers instead of powers."""
+    """Label a logarithmic axis from `low` to `high` with plain numbers instead of
+    powers.
+    """
     axis = getattr(axes, f"{which}axis")
     axis.set_major_locator(PlainTicks() if high > 4 * low else MaxNLocator(4))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -168,16 +228,22 @@ def plain_ticks(axes: Any, which: str, low: float, high: float) -> None:
 
 
 def thin(values: Floats, bins: int) -> Places:
-    """Return the indices of both ends and of the extremes in each of `bins` stretches."""
+    """Return the indices of both ends and of the extremes in each of `bins`
+    stretches.
+    """
     places = np.arange(len(values))
     if len(values) <= 2 * bins:
         return places
-    extremes = [part[[values[part].argmin(), values[part].argmax()]]
-                for part in np.array_split(places, bins)]  # fmt: skip
+    extremes = [
+        part[[values[part].argmin(), values[part].argmax()]]
+        for part in np.array_split(places, bins)
+    ]
     return np.union1d(extremes, places[[0, -1]])
 
 
-def curve(axis: Any, t: Floats, values: Floats, colour: str = BLUE, **look: Any) -> None:
+def curve(
+    axis: Any, t: Floats, values: Floats, colour: str = BLUE, **look: Any
+) -> None:
     """Draw a curve, or the envelope of one with very many oscillations."""
     look = {"color": colour, "linewidth": 0.8} | look
     steps = np.diff(values)
@@ -187,7 +253,9 @@ def curve(axis: Any, t: Floats, values: Floats, colour: str = BLUE, **look: Any)
         places = thin(values, BINS)
         axis.plot(t[places], values[places], **look)
         return
-    starts = np.linspace(0, len(t), int(min(BINS, periods / 1.5)) + 1).astype(np.int64)[:-1]
+    starts = np.linspace(0, len(t), int(min(BINS, periods / 1.5)) + 1).astype(np.int64)[
+        :-1
+    ]
     low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
     middle = t[(starts + np.append(starts[1:], len(t)) - 1) // 2]
     middle[0], middle[-1] = t[0], t[-1]
@@ -198,12 +266,16 @@ def curve(axis: Any, t: Floats, values: Floats, colour: str = BLUE, **look: Any)
 
 
 def encode(figure: Figure, kind: str, dpi: float = DPI) -> bytes:
-    """Return the bytes of a figure in one of `FORMATS`; equal figures give equal bytes."""
+    """Return the bytes of a figure in one of `FORMATS`; equal figures give equal
+    bytes.
+    """
     buffer = io.BytesIO()
     try:
         figure.savefig(buffer, format=kind, dpi=dpi, metadata=FORMATS[kind])
     except ValueError as error:  # an invalid formula in a title
-        raise ConfigError(f"a text in the picture: {' '.join(str(error).split())}") from None
+        raise ConfigError(
+            f"a text in the picture: {' '.join(str(error).split())}"
+        ) from None
     return buffer.getvalue()
 
 
@@ -212,14 +284,18 @@ def save(figure: Figure, paths: Sequence[Path], dpi: float = DPI) -> None:
     for path in paths:
         kind = path.suffix.lower().removeprefix(".")
         if kind not in FORMATS:
-            raise ConfigError(f"path {path}: the name must end in .{', .'.join(FORMATS)}")
+            raise ConfigError(
+                f"path {path}: the name must end in .{', .'.join(FORMATS)}"
+            )
         replace_file(path, encode(figure, kind, dpi))
 
 
 def save_table(rows: pd.DataFrame, path: Path) -> None:
     """Write a table atomically, as CSV or Parquet by the ending."""
     csv = path.suffix.lower() == ".csv"
-    replace_file(path, rows.to_csv(index=False).encode() if csv else rows.to_parquet(index=False))
+    replace_file(
+        path, rows.to_csv(index=False).encode() if csv else rows.to_parquet(index=False)
+    )
 
 
 def text_table(rows: Sequence[Mapping[Any, Any]], form: str = ".6g") -> str:
@@ -239,20 +315,36 @@ def symbol(name: str) -> str:
 
 
 def label(name: str, unit: str | None = None) -> str:
-    """Return the symbol of a quantity and its unit in brackets, by default that of its column."""
+    """Return the symbol of a quantity and its unit in brackets, by default that of its
+    column.
+    """
     if unit is None:
-        known = {column.name: column for part in (*RUNS.values(), MEASURED) for column in part}
-        unit = known[name].metadata[b"unit"].decode() if name in known else _split(name)[1]
+        known = {
+            column.name: column
+            for part in (*RUNS.values(), MEASURED)
+            for column in part
+        }
+        unit = (
+            known[name].metadata[b"unit"].decode() if name in known else _split(name)[1]
+        )
     shown = UNITS.get(unit, unit)
     return f"{symbol(name)} ({shown})" if shown else symbol(name)
 
 
 def value_text(name: str, value: float) -> str:
     """Return a text such as ``n_i = -0.1`` or ``n_i = -60 rpm``."""
-    return f"{symbol(name)} = {value:.4g} {_split(name)[1]}".removesuffix(" 1").replace("-", "−")
+    return f"{symbol(name)} = {value:.4g} {_split(name)[1]}".removesuffix(" 1").replace(
+        "-", "−"
+    )
 
 
 def _split(name: str) -> tuple[str, str]:
-    """Return a name without the unit at its end, and this unit, "1" if there is none."""
-    found = ((name.removesuffix(end), unit) for end, unit in SUFFIXES.items() if name.endswith(end))
+    """Return a name without the unit at its end, and this unit, "1" if there is
+    none.
+    """
+    found = (
+        (name.removesuffix(end), unit)
+        for end, unit in SUFFIXES.items()
+        if name.endswith(end)
+    )
     return next(found, (name, "1"))

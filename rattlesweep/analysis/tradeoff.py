@@ -1,8 +1,9 @@
 """Measure the cost and the accuracy of methods, settings and models on the same runs.
 
-The error of a reversal time refers to two methods at a tight tolerance that agree on it. The cost
-is the median processor time of several rounds on one thread. For it, runs end at a common horizon:
-the few longest would otherwise leave most lanes of a small batch empty.
+The error of a reversal time refers to two methods at a tight tolerance that agree on
+it. The cost is the median processor time of several rounds on one thread. For it, runs
+end at a common horizon: the few longest would otherwise leave most lanes of a small
+batch empty.
 """
 
 import math
@@ -34,17 +35,26 @@ from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.provenance import machine
 
 DEFAULT: dict[str, Any] = {
-    "name": "tradeoff", "seed": 2017, "bodies": {"source": "sd"},
-    "spin": {"n_i": [-0.1, -0.2, -0.3, -0.4, -0.5, 0.1, 0.2, 0.3, 0.4, 0.5],
-             "omega_xy0": [0.001, 0.01, 0.1]},
+    "name": "tradeoff",
+    "seed": 2017,
+    "bodies": {"source": "sd"},
+    "spin": {
+        "n_i": [-0.1, -0.2, -0.3, -0.4, -0.5, 0.1, 0.2, 0.3, 0.4, 0.5],
+        "omega_xy0": [0.001, 0.01, 0.1],
+    },
     "horizon": {"t_rgh": 5, "t": 1e5},
-}  # fmt: skip
+}
 """The config that the command uses by default; also in ``configs/tradeoff.yaml``."""
 AGREE = 1e-8  # relative difference up to which the references agree on a reversal time
-# The same for the last spin of a run without a reversal.  A tumbling body amplifies rounding
-# errors, and double precision cannot decide whether it will reverse one day.
+# The same for the last spin of a run without a reversal.  A tumbling body amplifies
+# rounding errors, and double precision cannot decide whether it will reverse one day.
 AGREE_N = 1e-6
-WANTED = (1e-3, 1e-6, 1e-9, 1e-12)  # errors of t_r for which the cheapest setting is named
+WANTED = (
+    1e-3,
+    1e-6,
+    1e-9,
+    1e-12,
+)  # errors of t_r for which the cheapest setting is named
 ROUNDS = 3  # measurements of each cost
 HORIZON = 1000.0  # end of the runs whose cost is measured, in sqrt(a/g)
 SHORT = 0.2  # the cost of fixed steps below this is measured on shorter runs
@@ -73,7 +83,9 @@ def _settings(method: str, name: str, *values: float) -> list[Setting]:
 
 
 # Two methods that must agree on a reversal time.
-REFERENCES = [Setting("full", method, "tol", 1e-13) for method in ("verner98", "dop853")]
+REFERENCES = [
+    Setting("full", method, "tol", 1e-13) for method in ("verner98", "dop853")
+]
 PAPER = Setting("full", "rk4", "dt", 0.002)
 QUICK = [
     PAPER,
@@ -93,7 +105,9 @@ FULL = [
 def draw_runs(
     config: Config, base: Path | None, samples: int | None, least: int
 ) -> tuple[Config, Launches]:
-    """Draw `samples` runs of each case, or at least `least` in all; skip those without an end."""
+    """Draw `samples` runs of each case, or at least `least` in all; skip those without
+    an end.
+    """
     data: dict[str, Any] = resolved(config) | {"record": [], "model": "full"}
     config = parse_config(data, ["integrator={method: dop853}"])
     plan = make_plan(config, base)
@@ -109,9 +123,15 @@ def draw_runs(
 
 
 def solve(
-    config: Config, setting: Setting, runs: Launches, threads: int = 1, horizon: float = math.inf
+    config: Config,
+    setting: Setting,
+    runs: Launches,
+    threads: int = 1,
+    horizon: float = math.inf,
 ) -> pd.DataFrame:
-    """Integrate runs up to `horizon` at most; return `RESULTS`, ``t_r`` NaN without a reversal."""
+    """Integrate runs up to `horizon` at most; return `RESULTS`, ``t_r`` NaN without a
+    reversal.
+    """
     model, method, name, value = setting
     batch = make_batch(runs, model)
     if batch is not None:
@@ -126,29 +146,42 @@ def solve(
 
 
 class Study(NamedTuple):
-    """The measurements: one row for each setting, and the facts about runs and machine."""
+    """The measurements: one row for each setting, and the facts about runs and
+    machine.
+    """
 
     rows: pd.DataFrame
     facts: dict[str, Any]
 
 
 def measure(
-    config: Config, base: Path | None = None, *, settings: Sequence[Setting] = FULL,
-    samples: int | None = None, least: int = 2000, threads: int = 1,
+    config: Config,
+    base: Path | None = None,
+    *,
+    settings: Sequence[Setting] = FULL,
+    samples: int | None = None,
+    least: int = 2000,
+    threads: int = 1,
     report: Callable[[str], None] = lambda text: None,
-) -> Study:  # fmt: skip
-    """Measure settings on the runs of :func:`draw_runs`; `threads` applies to the errors only."""
+) -> Study:
+    """Measure settings on the runs of :func:`draw_runs`; `threads` applies to the
+    errors only.
+    """
     config, runs = draw_runs(config, base, samples, least)
     calls = [partial(_units, config, runs, setting) for setting in settings]
     report("kernels, compiled if they are not in the cache")
     # One call for each kernel, so that no two compile the same one.
-    kernels = {(s.model, s.method): call for s, call in zip(settings, calls, strict=True)}
+    kernels = {
+        (s.model, s.method): call for s, call in zip(settings, calls, strict=True)
+    }
     side_by_side([*kernels.values()], available_threads())
     report("references")
     reference = make_reference(config, runs, threads)
     if not reference["both"].any():
-        raise ConfigError("no run of this config reverses by its horizon, so the error of t_r "
-                          "cannot be measured; choose other spins or a longer horizon")  # fmt: skip
+        raise ConfigError(
+            "no run of this config reverses by its horizon, so the error of t_r "
+            "cannot be measured; choose other spins or a longer horizon"
+        )
     spent = np.zeros((ROUNDS, len(calls)))
     for r, k in np.ndindex(spent.shape):
         report(f"costs, round {r + 1} of {ROUNDS}")
@@ -163,9 +196,17 @@ def measure(
         index = np.arange(0, len(reference), stride)
         own = reference.iloc[index].reset_index(drop=True)
         found = solve(config, setting, take(runs, index), threads)
-        rows.append({"name": setting.name, **setting._asdict(), "us_per_unit": cost[setting],
-                     "speedup": cost.get(PAPER, math.nan) / cost[setting], "runs": len(own),
-                     "reversing": int(own["both"].sum()), **errors(found, own)})  # fmt: skip
+        rows.append(
+            {
+                "name": setting.name,
+                **setting._asdict(),
+                "us_per_unit": cost[setting],
+                "speedup": cost.get(PAPER, math.nan) / cost[setting],
+                "runs": len(own),
+                "reversing": int(own["both"].sum()),
+                **errors(found, own),
+            }
+        )
     apart = reference["apart"].dropna()
     table, here = pd.DataFrame(rows), machine()
     facts = {
@@ -183,7 +224,9 @@ def measure(
     return Study(table, facts)
 
 
-def _units(config: Config, runs: Launches, setting: Setting, _: Control | None = None) -> float:
+def _units(
+    config: Config, runs: Launches, setting: Setting, _: Control | None = None
+) -> float:
     """Integrate runs on one thread, and return the sum of their durations."""
     # Equal steps cost the same at any time, so shorter runs measure as well.
     part = setting.value / SHORT if setting.setting == "dt" else 1.0
@@ -192,7 +235,9 @@ def _units(config: Config, runs: Launches, setting: Setting, _: Control | None =
 
 
 def make_reference(config: Config, runs: Launches, threads: int = 1) -> pd.DataFrame:
-    """Return the columns of one reference, and where ``both`` or ``neither`` reference reverses."""
+    """Return the columns of one reference, and where ``both`` or ``neither`` reference
+    reverses.
+    """
     one, other = (solve(config, setting, runs, threads) for setting in REFERENCES)
     apart = (one["t_r"] / other["t_r"] - 1).abs()
     none = one["t_r"].isna() & other["t_r"].isna() & (one["type"] == other["type"])
@@ -219,29 +264,39 @@ def errors(found: pd.DataFrame, reference: pd.DataFrame) -> dict[str, Any]:
 
 
 def cheapest(rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the cheapest setting for each error in `WANTED`, of the median and of 99 %."""
+    """Return the cheapest setting for each error in `WANTED`, of the median and of 99
+    %.
+    """
     found: list[dict[str, Any]] = []
     for error in WANTED:
         found.append({"error": error})
         for word in ("median", "p99"):
             good = rows[rows[f"error_{word}"] <= error].nsmallest(1, "us_per_unit")
-            best = [*zip(good["name"], good["us_per_unit"], strict=True), (None, None)][0]
+            best = [*zip(good["name"], good["us_per_unit"], strict=True), (None, None)][
+                0
+            ]
             found[-1] |= zip((word, f"{word}_us_per_unit"), best, strict=True)
     return found
 
 
 def as_text(study: Study) -> str:
     """Return the measurements as text."""
-    shown = study.rows.drop(columns=["model", "method", "setting", "value", "reversing"])
-    return "\n".join([
-        "{machine}, rattlesweep {rattlesweep}\n{runs} runs, {reversing_in_both} with a reversal in "
-        "both references; {compared} of them agree to 1e-8; {dropped} are left out, as the "
-        "references do not agree; these differ by {references_differ_median:.1e} (median)\ncosts "
-        "on one thread, of runs cut at t = {horizon:g}\n".format(horizon=HORIZON, **study.facts),
-        style.text_table(shown.to_dict("records"), ".3g"),
-        "\ncheapest setting by the error of t_r",
-        style.text_table(study.facts["cheapest"], ".3g"),
-    ])  # fmt: skip
+    shown = study.rows.drop(
+        columns=["model", "method", "setting", "value", "reversing"]
+    )
+    return "\n".join(
+        [
+            "{machine}, rattlesweep {rattlesweep}\n{runs} runs, {reversing_in_both} with a reversal in "
+            "both references; {compared} of them agree to 1e-8; {dropped} are left out, as the "
+            "references do not agree; these differ by {references_differ_median:.1e} (median)\ncosts "
+            "on one thread, of runs cut at t = {horizon:g}\n".format(
+                horizon=HORIZON, **study.facts
+            ),
+            style.text_table(shown.to_dict("records"), ".3g"),
+            "\ncheapest setting by the error of t_r",
+            style.text_table(study.facts["cheapest"], ".3g"),
+        ]
+    )
 
 
 def as_data(study: Study) -> dict[str, Any]:
@@ -251,16 +306,23 @@ def as_data(study: Study) -> dict[str, Any]:
 
 
 def save(study: Study, directory: Path) -> list[Path]:
-    """Write ``tradeoff.parquet``, ``.svg`` and ``.png`` atomically; return their paths."""
+    """Write ``tradeoff.parquet``, ``.svg`` and ``.png`` atomically; return their
+    paths.
+    """
     probe_directory(directory)
-    table, *pictures = (directory / f"tradeoff.{kind}" for kind in ("parquet", "svg", "png"))
+    table, *pictures = (
+        directory / f"tradeoff.{kind}" for kind in ("parquet", "svg", "png")
+    )
     style.save_table(study.rows, table)
     with style.styled():
         figure = draw(study.rows)
-        style.add_caption(figure, (
-            "Markers: median error; lines: up to the error that 99 % of the runs keep. {runs} runs "
-            "of {config}, {compared} with a sure reversal; {machine}, rattlesweep {rattlesweep}."
-        ).format(**study.facts))  # fmt: skip
+        style.add_caption(
+            figure,
+            (
+                "Markers: median error; lines: up to the error that 99 % of the runs keep. {runs} runs "
+                "of {config}, {compared} with a sure reversal; {machine}, rattlesweep {rattlesweep}."
+            ).format(**study.facts),
+        )
         style.save(figure, pictures)
     return [table, *pictures]
 
@@ -269,24 +331,46 @@ def draw(rows: pd.DataFrame) -> Figure:
     """Draw the cost against the median error, with a line to its 99th percentile."""
     figure = style.new_figure(8.4, 5.6)
     axes, looks = figure.subplots(), iter(style.SERIES)
-    known = rows[rows["error_median"].between(0, math.inf, "neither")].sort_values("us_per_unit")
+    known = rows[rows["error_median"].between(0, math.inf, "neither")].sort_values(
+        "us_per_unit"
+    )
     series = known["method"].where(known["model"] == "full", known["model"])
     for name, own in known.groupby(series, sort=False):
         curve = bool((own["model"] == "full").all())
         colour, marker = next(looks) if curve else (style.GREY, "o")
-        axes.plot(own["error_median"], own["us_per_unit"], color=colour, marker=marker, zorder=3,
-                  label=name if curve else None)  # fmt: skip
+        axes.plot(
+            own["error_median"],
+            own["us_per_unit"],
+            color=colour,
+            marker=marker,
+            zorder=3,
+            label=name if curve else None,
+        )
         far = own["error_p99"].replace(np.inf, np.nan)
-        axes.hlines(own["us_per_unit"], own["error_median"], far, color=colour, alpha=0.35)
-        # The curves of orders 8 and 9 nearly coincide, so their labels are on different sides.
+        axes.hlines(
+            own["us_per_unit"], own["error_median"], far, color=colour, alpha=0.35
+        )
+        # The curves of orders 8 and 9 nearly coincide, so their labels are on different
+        # sides.
         place, side = ((-5, -12), "right") if name == "verner98" else ((5, 5), "left")
         for row in own.itertuples():
             value = f"{row.value:g}".replace("e-0", "e-")
             words = f"{'' if row.setting == 'tol' else 'dt '}{value}" if curve else name
-            axes.annotate(words, (row.error_median, row.us_per_unit), place, color=colour, ha=side,
-                          textcoords="offset points", fontsize=7.5)  # fmt: skip
-    axes.set(xscale="log", yscale="log", ylabel="cost of a run (µs per unit of time)",
-             xlabel="relative error of $t_r$")  # fmt: skip
+            axes.annotate(
+                words,
+                (row.error_median, row.us_per_unit),
+                place,
+                color=colour,
+                ha=side,
+                textcoords="offset points",
+                fontsize=7.5,
+            )
+    axes.set(
+        xscale="log",
+        yscale="log",
+        ylabel="cost of a run (µs per unit of time)",
+        xlabel="relative error of $t_r$",
+    )
     style.light_grid(axes)
     axes.legend(loc="upper right")
     return figure

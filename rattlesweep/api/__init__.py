@@ -1,7 +1,8 @@
 """The Python interface; theory in closed form is in this module.
 
-A wrong argument raises a ``ConfigError``, which is a ``ValueError``; files that cannot be read or
-written raise an ``OutputError``.  Calls import what they need when they are made.
+A wrong argument raises a ``ConfigError``, which is a ``ValueError``; files that cannot
+be read or written raise an ``OutputError``.  Calls import what they need when they are
+made.
 """
 
 from __future__ import annotations
@@ -11,7 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rattlesweep.api.arrays import Bodies, body_columns, broadcast, column_units, numbers
+from rattlesweep.api.arrays import (
+    Bodies,
+    body_columns,
+    broadcast,
+    column_units,
+    numbers,
+)
 from rattlesweep.api.single import Page, Run, fit, replay, show, simulate, trajectory
 from rattlesweep.api.sweeps import Sweep, load, sweep
 from rattlesweep.arrays import Floats
@@ -23,13 +30,33 @@ from rattlesweep.physics.theory import Modes, direction, garcia_hubbard
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-__all__ = ["ConfigError", "GrowthRates", "Modes", "OutputError", "Page", "Rattleback", "Run",
-           "Sweep", "bondi_threshold", "fit", "growth_rates", "load", "modes", "replay",
-           "reversal_time_gh", "show", "simulate", "sweep", "trajectory"]  # fmt: skip
+__all__ = [
+    "ConfigError",
+    "GrowthRates",
+    "Modes",
+    "OutputError",
+    "Page",
+    "Rattleback",
+    "Run",
+    "Sweep",
+    "bondi_threshold",
+    "fit",
+    "growth_rates",
+    "load",
+    "modes",
+    "replay",
+    "reversal_time_gh",
+    "show",
+    "simulate",
+    "sweep",
+    "trajectory",
+]
 
 
 class GrowthRates(NamedTuple):
-    """Growth rates of the amplitudes of the two modes of a steady spin, in ``sqrt(g/a)``."""
+    """Growth rates of the amplitudes of the two modes of a steady spin, in
+    ``sqrt(g/a)``.
+    """
 
     pitch: Floats | float
     roll: Floats | float
@@ -38,10 +65,10 @@ class GrowthRates(NamedTuple):
 def modes(body: Bodies) -> Modes:
     """Return frequencies, directions and torque coefficients (Eqs. 24, 39 and 40).
 
-    `body` is a body or the name of a preset, a sequence or an array of these, or a table with the
-    columns ``alpha beta gamma theta phi xi``.  The result has ``omega_p omega_r omega_p0 omega_r0``
-    in ``sqrt(g/a)``, ``psi_p psi_r`` in radians and ``K_p K_r``, each a float for one body and an
-    array for several.
+    `body` is a body or the name of a preset, a sequence or an array of these, or a
+    table with the columns ``alpha beta gamma theta phi xi``.  The result has ``omega_p
+    omega_r omega_p0 omega_r0`` in ``sqrt(g/a)``, ``psi_p psi_r`` in radians and ``K_p
+    K_r``, each a float for one body and an array for several.
 
     Examples
     --------
@@ -49,15 +76,17 @@ def modes(body: Bodies) -> Modes:
     >>> rs.modes([gh, gh.mirrored()]).K_r.round(4)
     array([ 0.0968, -0.0968])
     """
-    return Modes(**{name: _plain(x) for name, x in vars(_modes(_columns(body))).items()})
+    return Modes(
+        **{name: _plain(x) for name, x in vars(_modes(_columns(body))).items()}
+    )
 
 
 def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:
     """Return Garcia and Hubbard's time of reversal (Eqs. 56 and 58), in ``sqrt(a/g)``.
 
-    `body` is as for ``modes``.  The sign of the initial spin ``n_i``, which must not be zero,
-    chooses the direction; ``omega_xy0`` is the initial oscillation along the relevant mode, both in
-    ``sqrt(g/a)``.  All arguments broadcast.
+    `body` is as for ``modes``.  The sign of the initial spin ``n_i``, which must not be
+    zero, chooses the direction; ``omega_xy0`` is the initial oscillation along the
+    relevant mode, both in ``sqrt(g/a)``.  All arguments broadcast.
 
     Examples
     --------
@@ -76,8 +105,9 @@ def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:
 def bondi_threshold(body: Bodies) -> Any:
     """Return Bondi's threshold spin ``n_c1`` (Eq. 73), in ``sqrt(g/a)``.
 
-    A steady spin beyond it, ``n < n_c1 < 0``, is linearly stable.  For mirrored bodies (``xi > 0``)
-    all signs change.  `body` is as for ``modes``; the result is NaN where no spin is stable.
+    A steady spin beyond it, ``n < n_c1 < 0``, is linearly stable.  For mirrored bodies
+    (``xi > 0``) all signs change.  `body` is as for ``modes``; the result is NaN where
+    no spin is stable.
     """
     parts = _columns(body)
     xi = parts.pop("xi")
@@ -88,9 +118,9 @@ def bondi_threshold(body: Bodies) -> Any:
 def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRates:
     """Return the growth rates of the amplitudes of pitch and roll at a spin ``n``.
 
-    `body` is as for ``modes``, and ``n``, in ``sqrt(g/a)``, broadcasts with the bodies.  The
-    rates are eigenvalues if `exact`, else their limits for a small spin, ``n K_p / 2`` and
-    ``-n K_r / 2`` (Eq. 74).  Energies grow twice as fast.
+    `body` is as for ``modes``, and ``n``, in ``sqrt(g/a)``, broadcasts with the bodies.
+    The rates are eigenvalues if `exact`, else their limits for a small spin, ``n K_p /
+    2`` and ``-n K_r / 2`` (Eq. 74).  Energies grow twice as fast.
     """
     parts = _columns(body, n=n)
     spin = parts.pop("n")
@@ -104,7 +134,9 @@ def _columns(body: Bodies, **arrays: ArrayLike) -> dict[str, Floats]:
     columns = body_columns(body)
     units = column_units(columns)
     parts = {name: columns[name] for name in PARAMETERS}
-    return broadcast(parts | {name: numbers(name, x, units) for name, x in arrays.items()})[0]
+    return broadcast(
+        parts | {name: numbers(name, x, units) for name, x in arrays.items()}
+    )[0]
 
 
 def _modes(parts: dict[str, Floats]) -> Modes:

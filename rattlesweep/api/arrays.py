@@ -1,4 +1,6 @@
-"""Arguments of the Python interface: bodies and numbers, one or many, with or without units."""
+"""Arguments of the Python interface: bodies and numbers, one or many, with or without
+units.
+"""
 # ruff: noqa: D103 - names and types say it
 
 from __future__ import annotations
@@ -21,15 +23,28 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-Bodies: TypeAlias = "Rattleback | str | Iterable[Any] | Mapping[str, Any] | pd.DataFrame"
-"""A body or the name of a preset, a sequence or an array of these, or a table of bodies."""
+Bodies: TypeAlias = (
+    "Rattleback | str | Iterable[Any] | Mapping[str, Any] | pd.DataFrame"
+)
+"""A body or the name of a preset, a sequence or an array of these, or a table of
+bodies.
+"""
 
 # The arguments that may be given in SI units, and their kinds.
 KINDS = {
-    "n": "spin", "n_i": "spin", "omega_xy0": "spin", "omega": "spin", "t_end": "time",
-    "from_time": "time", "dt": "time", "times": "time", "sigma": "torque per spin",
-    "rolling": "length", "e_p0": "energy", "e_r0": "energy",
-}  # fmt: skip
+    "n": "spin",
+    "n_i": "spin",
+    "omega_xy0": "spin",
+    "omega": "spin",
+    "t_end": "time",
+    "from_time": "time",
+    "dt": "time",
+    "times": "time",
+    "sigma": "torque per spin",
+    "rolling": "length",
+    "e_p0": "energy",
+    "e_r0": "energy",
+}
 SIZE = ("mass_kg", "height_m", "gravity_m_s2")  # columns that hold the size of bodies
 OF_BODIES = (*PARAMETERS, "c", *SIZE)
 
@@ -39,24 +54,33 @@ def one_body(body: Any, name: str = "body") -> Rattleback:
         return body
     if isinstance(body, str) and body in PRESETS:
         return PRESETS[body]()
-    raise ConfigError(f"{name}: {kind_of(body)} is not a body; give a Rattleback, or GH or KL")
+    raise ConfigError(
+        f"{name}: {kind_of(body)} is not a body; give a Rattleback, or GH or KL"
+    )
 
 
 def body_columns(bodies: Bodies) -> dict[str, Floats]:
-    """Return the columns of bodies as arrays of one shape, with `SIZE` if all sizes are known."""
+    """Return the columns of bodies as arrays of one shape, with `SIZE` if all sizes are
+    known.
+    """
     if isinstance(bodies, Mapping) or is_frame(bodies):
         return _table_columns(bodies)
     several = isinstance(bodies, Iterable) and not isinstance(bodies, str)
     given: Any = np.array(list(bodies) if several else bodies, object)  # type: ignore[arg-type]
     labels = [f"bodies[{k}]" for k in range(given.size)] if several else ["bodies"]
     flat = list(map(one_body, given.flat, labels))
-    names = (*PARAMETERS, "c") if any(body.c is not None for body in flat) else PARAMETERS
+    names = (
+        (*PARAMETERS, "c") if any(body.c is not None for body in flat) else PARAMETERS
+    )
     columns = {name: [getattr(body, name) for body in flat] for name in names}
     sizes = [astuple(body.units) for body in flat if body.units is not None]
     if flat and len(sizes) == len(flat):
         columns |= dict(zip(SIZE, map(list, zip(*sizes, strict=True)), strict=True))
     # The c of a paraboloid, None, becomes NaN.
-    return {name: np.array(values, float).reshape(given.shape) for name, values in columns.items()}
+    return {
+        name: np.array(values, float).reshape(given.shape)
+        for name, values in columns.items()
+    }
 
 
 def _table_columns(bodies: Mapping[str, Any] | pd.DataFrame) -> dict[str, Floats]:
@@ -69,13 +93,19 @@ def _table_columns(bodies: Mapping[str, Any] | pd.DataFrame) -> dict[str, Floats
     except ValueError as error:
         raise ConfigError(f"bodies: cannot be read as a table: {error}") from None
     table = frame_bodies(frame)
-    return table.columns | {name: table.carried[name] for name in SIZE if name in table.carried}
+    return table.columns | {
+        name: table.carried[name] for name in SIZE if name in table.carried
+    }
 
 
 def column_units(columns: Mapping[str, Any]) -> Units | None:
     if "height_m" not in columns:
         return None
-    size = columns.get("mass_kg", np.nan), columns["height_m"], columns.get(SIZE[2], GRAVITY)
+    size = (
+        columns.get("mass_kg", np.nan),
+        columns["height_m"],
+        columns.get(SIZE[2], GRAVITY),
+    )
     return Units(*(np.asarray(part, float) for part in np.broadcast_arrays(*size)))
 
 
@@ -97,16 +127,22 @@ def numbers(name: str, value: Any, units: Units | None = None) -> Floats:
 def _floats(name: str, value: Any, units: Units | None) -> Floats:
     if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
         return value.astype(float)
-    given = np.array(value, dtype=object)  # other types would turn numbers beside texts into texts
+    given = np.array(
+        value, dtype=object
+    )  # other types would turn numbers beside texts into texts
     flat = given.ravel().tolist()
     found = []
     for one in flat:
         try:
             if isinstance(one, bool):
                 raise TypeError
-            found.append(quantity(one, KINDS[name]) if isinstance(one, str) else float(one))
+            found.append(
+                quantity(one, KINDS[name]) if isinstance(one, str) else float(one)
+            )
         except (KeyError, TypeError, OverflowError):
-            raise ConfigError(f"{name}: {kind_of(value)} is not a number or an array") from None
+            raise ConfigError(
+                f"{name}: {kind_of(value)} is not a number or an array"
+            ) from None
         except ValueError as error:
             raise ConfigError(f"{name}: {kind_of(one)} {error}") from None
     array = np.array(found, float).reshape(given.shape)
@@ -114,9 +150,11 @@ def _floats(name: str, value: Any, units: Units | None) -> Floats:
     if not is_text.any():
         return array
     if units is None:
-        raise ConfigError(f"{name}: {one_line(str(value))} has a unit, but the body has no size; "
-                          "give a number, or a body with a size (KL, from_si, half_ellipsoid, "
-                          "--mass and --height)")  # fmt: skip
+        raise ConfigError(
+            f"{name}: {one_line(str(value))} has a unit, but the body has no size; "
+            "give a number, or a body with a size (KL, from_si, half_ellipsoid, "
+            "--mass and --height)"
+        )
     return np.asarray(np.where(is_text, units.natural(array, KINDS[name]), array))
 
 
@@ -125,14 +163,18 @@ def number(name: str, value: Any, units: Units | None = None) -> float | None:
         return None
     array = numbers(name, value, units)
     if array.shape:
-        raise ConfigError(f"{name}: one number is needed, not an array of shape {array.shape}")
+        raise ConfigError(
+            f"{name}: one number is needed, not an array of shape {array.shape}"
+        )
     return float(array)
 
 
 def check_count(name: str, value: Any, least: int = 1) -> None:
     whole = isinstance(value, Integral) and not isinstance(value, bool)
     if value is not None and not (whole and least <= int(value) < 2**63):
-        raise ConfigError(f"{name}: {kind_of(value)} is not a whole number from {least} on")
+        raise ConfigError(
+            f"{name}: {kind_of(value)} is not a whole number from {least} on"
+        )
 
 
 def check_names(what: str, given: Iterable[str], known: Collection[str]) -> None:
@@ -145,7 +187,11 @@ def check_names(what: str, given: Iterable[str], known: Collection[str]) -> None
 
 def names_of(what: str, value: str | Iterable[str]) -> list[str]:
     """Return one name or several as a list."""
-    names = [value] if isinstance(value, str) or not isinstance(value, Iterable) else list(value)
+    names = (
+        [value]
+        if isinstance(value, str) or not isinstance(value, Iterable)
+        else list(value)
+    )
     if not all(isinstance(name, str) for name in names):
         raise ConfigError(f"{what}: {kind_of(value)} is not a name or a list of names")
     return names
@@ -155,22 +201,35 @@ def full_states(omega: Any, u: Any, units: Units | None = None) -> dict[str, Flo
     if units is not None:
         units = Units(*(np.asarray(part)[..., None] for part in vars(units).values()))
     state: dict[str, Floats] = {}
-    for name, value in {"omega": omega, "u": (0.0, 0.0, -1.0) if u is None else u}.items():
+    for name, value in {
+        "omega": omega,
+        "u": (0.0, 0.0, -1.0) if u is None else u,
+    }.items():
         vectors = numbers(name, value, units)
         if vectors.shape[-1:] != (3,):
-            raise ConfigError(f"{name}: a vector has three components, not shape {vectors.shape}")
+            raise ConfigError(
+                f"{name}: a vector has three components, not shape {vectors.shape}"
+            )
         for k, x in enumerate("xyz"):
             state[f"{name}_{x}"] = numbers(f"{name}_{x}", vectors[..., k])
     return state
 
 
-def broadcast(arrays: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[int, ...]]:
+def broadcast(
+    arrays: Mapping[str, Floats],
+) -> tuple[dict[str, Floats], tuple[int, ...]]:
     """Broadcast arrays by NumPy's rules, and return them and their shape."""
     try:
         whole = np.broadcast_arrays(*arrays.values())
     except ValueError:
-        told = {"bodies" if name == "alpha" else name: x.shape for name, x in arrays.items()}
-        told = {name: shape for name, shape in told.items() if shape and name not in OF_BODIES}
+        told = {
+            "bodies" if name == "alpha" else name: x.shape for name, x in arrays.items()
+        }
+        told = {
+            name: shape
+            for name, shape in told.items()
+            if shape and name not in OF_BODIES
+        }
         shapes = ", ".join(f"{name} {shape}" for name, shape in told.items())
         advice = "for all combinations, write one as a column, as in [[1], [2]]"
         raise ConfigError(f"the shapes do not broadcast: {shapes}; {advice}") from None
@@ -178,17 +237,23 @@ def broadcast(arrays: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[in
 
 
 def is_frame(value: Any) -> TypeGuard[pd.DataFrame]:
-    """Return whether a value is a DataFrame, without importing pandas, which is slow."""
+    """Return whether a value is a DataFrame, without importing pandas, which is
+    slow.
+    """
     pandas = sys.modules.get("pandas")
     return pandas is not None and isinstance(value, pandas.DataFrame)
 
 
 def units_of(schema: Any, key: bytes = b"unit") -> dict[str, str]:
-    return {f.name: f.metadata[key].decode() for f in schema if key in (f.metadata or {})}
+    return {
+        f.name: f.metadata[key].decode() for f in schema if key in (f.metadata or {})
+    }
 
 
 def to_frame(table: Any) -> pd.DataFrame:
-    """Return an Arrow table as a DataFrame, with its units and descriptions in ``attrs``."""
+    """Return an Arrow table as a DataFrame, with its units and descriptions in
+    ``attrs``.
+    """
     frame: pd.DataFrame = table.to_pandas()
     frame.attrs["units"] = units_of(table.schema)
     frame.attrs["descriptions"] = units_of(table.schema, b"description")

@@ -1,4 +1,6 @@
-"""Single runs: their outcomes, time series, animated pages and fits, and replays of stored runs."""
+"""Single runs: their outcomes, time series, animated pages and fits, and replays of
+stored runs.
+"""
 
 from __future__ import annotations
 
@@ -35,12 +37,17 @@ if TYPE_CHECKING:
 SPIN = ("n_i", "omega_xy0")
 STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
 INTEGRATOR = ("method", "tol", "dt_step", "accuracy")
-ROWS, SHOWN = ("points", "dt", "steps", "times", "from_time"), ("points", "from_time", "path")
+ROWS, SHOWN = (
+    ("points", "dt", "steps", "times", "from_time"),
+    ("points", "from_time", "path"),
+)
 LAUNCH = (*SPIN, "omega", "u", "t_end", "psi", "model", "sigma", "rolling", *INTEGRATOR)
 
 
 class Run(SimpleNamespace):
-    """Outcome of one run, with an attribute for each column of a sweep's ``runs``, and `units`."""
+    """Outcome of one run, with an attribute for each column of a sweep's ``runs``, and
+    `units`.
+    """
 
     def __getitem__(self, name: str) -> Any:
         arguments.check_names("columns", [name], vars(self))
@@ -48,8 +55,14 @@ class Run(SimpleNamespace):
 
     def __repr__(self) -> str:
         shown = [f"t_r={self.t_r:.10g}" if self.t_r is not None else "t_r=None"]
-        shown += [f"{self.t_r_s:.5g} s"] if getattr(self, "t_r_s", None) is not None else []
-        shown += [f"t_end={self.t_end:.10g}", f"type={self.type}", f"status={self.status}"]
+        shown += (
+            [f"{self.t_r_s:.5g} s"] if getattr(self, "t_r_s", None) is not None else []
+        )
+        shown += [
+            f"t_end={self.t_end:.10g}",
+            f"type={self.type}",
+            f"status={self.status}",
+        ]
         return f"<Run {', '.join(shown)}>"
 
     def to_dict(self) -> dict[str, Any]:
@@ -60,13 +73,14 @@ class Run(SimpleNamespace):
 class Trajectory:
     """A run as a time series.
 
-    The DataFrame `table` has a column per channel, NaN where there is no finite value, and `units`
-    is a dict.  If the size of the body is known, columns in SI units follow, such as ``t_s``.
-    `zeros` are the times of all zeros of the spin; the first is the ``t_r`` of a sweep.
-    `reversals` has the first zero of each reversal, which takes the spin from beyond a quarter of
-    its initial value to beyond a quarter on the other side.  `t_end` is the time reached, `n_steps`
-    counts accepted steps, and `status` is ``ok`` or a word for what went wrong.  `warning` says
-    where contact would be lost, or rolling needs a coefficient of friction above 1.
+    The DataFrame `table` has a column per channel, NaN where there is no finite value,
+    and `units` is a dict.  If the size of the body is known, columns in SI units
+    follow, such as ``t_s``. `zeros` are the times of all zeros of the spin; the first
+    is the ``t_r`` of a sweep. `reversals` has the first zero of each reversal, which
+    takes the spin from beyond a quarter of its initial value to beyond a quarter on the
+    other side.  `t_end` is the time reached, `n_steps` counts accepted steps, and
+    `status` is ``ok`` or a word for what went wrong.  `warning` says where contact
+    would be lost, or rolling needs a coefficient of friction above 1.
     """
 
     def __init__(self, run: PreparedRun, channels: Sequence[str], **rows: Any) -> None:
@@ -81,7 +95,11 @@ class Trajectory:
         self.units = {channel.name: channel.unit for channel in course.channels}
         ended = course.follower
         self.reversals, self.zeros = np.array(course.reversals), np.array(ended.zeros)
-        self.t_end, self.n_steps, self.status = ended.t, ended.n_steps, ended.status.label
+        self.t_end, self.n_steps, self.status = (
+            ended.t,
+            ended.n_steps,
+            ended.status.label,
+        )
         self.warning = course.warning
 
     def __getitem__(self, columns: str | list[str]) -> Any:
@@ -96,22 +114,30 @@ class Trajectory:
         return f"<div>{html.escape(repr(self))}{self.table.to_html(max_rows=6)}</div>"
 
     def show(self, *, title: str | None = None, **shown: Any) -> Page:
-        """Make a page of this run; `from_time`, `points` and `path` are those of ``show``."""
+        """Make a page of this run; `from_time`, `points` and `path` are those of
+        ``show``.
+        """
         arguments.check_names("arguments", shown, SHOWN)
         return page_of(self._course.run, title, **shown)[0]
 
     def plot(self, path: str | Path | None = None) -> Figure:
-        """Draw the columns against the time, and write the figure to a file if `path` is given."""
+        """Draw the columns against the time, and write the figure to a file if `path`
+        is given.
+        """
         from rattlesweep.analysis.onerun.figure import draw
 
         if "t" not in self.table or len(self._course.channels) < 2:
             raise ConfigError("channels: a plot needs t and at least one other")
-        return draw({str(x): self.table[x].to_numpy() for x in self.table}, self._course, path)
+        return draw(
+            {str(x): self.table[x].to_numpy() for x in self.table}, self._course, path
+        )
 
 
 @dataclass(frozen=True)
 class Page:
-    """A self-contained HTML page, which notebooks show, and the file it was written to."""
+    """A self-contained HTML page, which notebooks show, and the file it was written
+    to.
+    """
 
     content: bytes = field(repr=False)
     path: Path | None = None
@@ -133,20 +159,32 @@ class Page:
 
 
 def simulate(
-    body: Bodies, *, n_i: ArrayLike | None = None, omega_xy0: ArrayLike | None = None,
-    omega: ArrayLike | None = None, u: ArrayLike | None = None, t_end: ArrayLike | None = None,
-    psi: str | ArrayLike | None = None, model: str = "full", sigma: ArrayLike | None = None,
-    rolling: ArrayLike | None = None, record: str | Sequence[str] = (),
-    threads: int | None = None, progress: bool | None = None, **integrator: Any,
-) -> Any:  # fmt: skip
+    body: Bodies,
+    *,
+    n_i: ArrayLike | None = None,
+    omega_xy0: ArrayLike | None = None,
+    omega: ArrayLike | None = None,
+    u: ArrayLike | None = None,
+    t_end: ArrayLike | None = None,
+    psi: str | ArrayLike | None = None,
+    model: str = "full",
+    sigma: ArrayLike | None = None,
+    rolling: ArrayLike | None = None,
+    record: str | Sequence[str] = (),
+    threads: int | None = None,
+    progress: bool | None = None,
+    **integrator: Any,
+) -> Any:
     """Integrate bodies from their launches to their first reversals or to ``t_end``.
 
-    Arrays are broadcast by NumPy's rules.  If the size of the bodies is known, spins, times and
-    losses may be texts with a unit: ``"60 rpm"``, ``"20 s"``, ``"1e-5 N m s"``.
+    Arrays are broadcast by NumPy's rules.  If the size of the bodies is known, spins,
+    times and losses may be texts with a unit: ``"60 rpm"``, ``"20 s"``, ``"1e-5 N m
+    s"``.
 
-    Returns a ``Run``, or a DataFrame if any argument is an array: one row per run, in C order
-    of ``attrs["shape"]``, with the columns of a sweep's ``runs`` except ``case`` and ``sample``,
-    ``t_r_s`` and ``n_i_rpm`` if sizes are known, and the index of a DataFrame of bodies.
+    Returns a ``Run``, or a DataFrame if any argument is an array: one row per run, in C
+    order of ``attrs["shape"]``, with the columns of a sweep's ``runs`` except ``case``
+    and ``sample``, ``t_r_s`` and ``n_i_rpm`` if sizes are known, and the index of a
+    DataFrame of bodies.
 
     Parameters
     ----------
@@ -184,19 +222,37 @@ def simulate(
     <Run t_r=112.093878, t_end=112.093878, type=R, status=ok>
     """
     from rattlesweep.integrate.compile import listening
-    from rattlesweep.sweeps.bodies.table import TableBodies, launched_from, unknown_columns
+    from rattlesweep.sweeps.bodies.table import (
+        TableBodies,
+        launched_from,
+        unknown_columns,
+    )
     from rattlesweep.sweeps.launches import Launch, is_full_state, plan_of
     from rattlesweep.sweeps.run import integrate_plan
 
-    arguments.check_names("arguments", integrator, (*LAUNCH, "record", "threads", "progress"))
+    arguments.check_names(
+        "arguments", integrator, (*LAUNCH, "record", "threads", "progress")
+    )
     check_count("threads", threads)
     if arguments.is_frame(body) and (unused := unknown_columns(map(str, body))):
-        warnings.warn(f"bodies: columns not used: {', '.join(unused)}", ConfigWarning, 2)
+        warnings.warn(
+            f"bodies: columns not used: {', '.join(unused)}", ConfigWarning, 2
+        )
     columns = arguments.body_columns(body)
     units = arguments.column_units(columns)
-    many = {"n_i": n_i, "omega_xy0": omega_xy0, "t_end": t_end, "sigma": sigma, "rolling": rolling}
-    arrays = {name: numbers(name, x, units) for name, x in many.items() if x is not None}
-    if full := is_full_state(omega, u, {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi}):
+    many = {
+        "n_i": n_i,
+        "omega_xy0": omega_xy0,
+        "t_end": t_end,
+        "sigma": sigma,
+        "rolling": rolling,
+    }
+    arrays = {
+        name: numbers(name, x, units) for name, x in many.items() if x is not None
+    }
+    if full := is_full_state(
+        omega, u, {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi}
+    ):
         arrays |= arguments.full_states(omega, u, units)
     if psi is not None and not isinstance(psi, str):
         arrays["psi"] = np.radians(numbers("psi", psi))
@@ -206,14 +262,21 @@ def simulate(
         columns |= launched_from(columns, "launch")
     # The rows bring their own bodies, spins and oscillations, which replace these.
     settings = Launch(
-        Rattleback.gh(), n_i=1.0, omega_xy0=1.0, psi=psi if isinstance(psi, str) else "relevant",
-        model=model, integrator=integrator, record=arguments.names_of("record", record),
-    )  # fmt: skip
+        Rattleback.gh(),
+        n_i=1.0,
+        omega_xy0=1.0,
+        psi=psi if isinstance(psi, str) else "relevant",
+        model=model,
+        integrator=integrator,
+        record=arguments.names_of("record", record),
+    )
     units = arguments.column_units(columns)
     sizes = {name: columns.pop(name) for name in arguments.SIZE if name in columns}
     plan = plan_of(settings, TableBodies(columns, units, sizes if units else {}))
     with Bar.of_call(progress) as bar, listening(bar.compiling):
-        table = integrate_plan(plan, threads if shape else 1, bar.counting(f"{plan.runs:,} runs"))
+        table = integrate_plan(
+            plan, threads if shape else 1, bar.counting(f"{plan.runs:,} runs")
+        )
     table = table.cast(plan.schema).drop_columns(["case", "sample"])
     if not shape:
         return Run(**table.to_pylist()[0], units=arguments.units_of(table.schema))
@@ -225,14 +288,21 @@ def simulate(
 
 
 def trajectory(
-    body: Rattleback | str, *, channels: Sequence[str] = ("t", "n"), points: int | None = None,
-    dt: Number | None = None, steps: bool = False, times: Any = None,
-    from_time: Number | None = None, **launch: Any,
-) -> Trajectory:  # fmt: skip
-    """Integrate one launch to ``t_end``, past its reversals, and return it as a time series.
+    body: Rattleback | str,
+    *,
+    channels: Sequence[str] = ("t", "n"),
+    points: int | None = None,
+    dt: Number | None = None,
+    steps: bool = False,
+    times: Any = None,
+    from_time: Number | None = None,
+    **launch: Any,
+) -> Trajectory:
+    """Integrate one launch to ``t_end``, past its reversals, and return it as a time
+    series.
 
-    The accepted steps, and so the first zero, are those of ``simulate``, whichever rows are
-    requested.
+    The accepted steps, and so the first zero, are those of ``simulate``, whichever rows
+    are requested.
 
     Parameters
     ----------
@@ -254,14 +324,25 @@ def trajectory(
     >>> path["n"].shape, path.reversals.round(2)
     ((4,), array([112.09]))
     """
-    rows = {"points": points, "dt": dt, "steps": steps, "times": times, "from_time": from_time}
+    rows = {
+        "points": points,
+        "dt": dt,
+        "steps": steps,
+        "times": times,
+        "from_time": from_time,
+    }
     return Trajectory(prepare_launch(body, **launch), channels, **rows)
 
 
 def show(
-    body: Rattleback | str, *, from_time: Number | None = None, points: int | None = None,
-    title: str | None = None, path: str | Path | None = None, **launch: Any,
-) -> Page:  # fmt: skip
+    body: Rattleback | str,
+    *,
+    from_time: Number | None = None,
+    points: int | None = None,
+    title: str | None = None,
+    path: str | Path | None = None,
+    **launch: Any,
+) -> Page:
     """Make a page on which a body rolls on the plane, with its trace and its spin.
 
     The arguments are those of ``trajectory``, with 20 rows per pitch period by default.
@@ -273,27 +354,39 @@ def show(
 
 
 def replay(
-    directory: str | Path, case: int, sample: int, *, t_end: Number | None = None,
-    channels: Sequence[str] = ("t", "n"), **rows: Any,
-) -> Trajectory:  # fmt: skip
-    """Integrate a stored run again as a trajectory, after a check that it is the stored one.
+    directory: str | Path,
+    case: int,
+    sample: int,
+    *,
+    t_end: Number | None = None,
+    channels: Sequence[str] = ("t", "n"),
+    **rows: Any,
+) -> Trajectory:
+    """Integrate a stored run again as a trajectory, after a check that it is the stored
+    one.
 
-    `case` and `sample` are columns of the ``runs`` in an output directory, complete or running.
-    The other arguments are those of ``trajectory``; `t_end` is by default the sweep's.  Raises
-    an OutputError if the run is not stored yet, is damaged, or differs in any bit.
+    `case` and `sample` are columns of the ``runs`` in an output directory, complete or
+    running. The other arguments are those of ``trajectory``; `t_end` is by default the
+    sweep's.  Raises an OutputError if the run is not stored yet, is damaged, or differs
+    in any bit.
     """
     _, run = prepare_stored(directory, t_end, case=case, sample=sample)
     return Trajectory(run, channels, **rows)
 
 
 def fit(
-    body: Rattleback | str, data: Any, *, free: Iterable[str],
-    launch: Mapping[str, Any] | None = None, sigma: Number = 0.0, rolling: Number = 0.0,
-) -> Fit:  # fmt: skip
+    body: Rattleback | str,
+    data: Any,
+    *,
+    free: Iterable[str],
+    launch: Mapping[str, Any] | None = None,
+    sigma: Number = 0.0,
+    rolling: Number = 0.0,
+) -> Fit:
     """Fit parameters of one run to a measured angle or spin, or to reversal times.
 
-    The 95 % intervals come from the Jacobian at the best fit.  They assume equal and independent
-    noise, whose size is estimated from the residuals.
+    The 95 % intervals come from the Jacobian at the best fit.  They assume equal and
+    independent noise, whose size is estimated from the residuals.
 
     Parameters
     ----------
@@ -323,10 +416,16 @@ def fit(
 
 
 def page_of(
-    run: PreparedRun, title: str | None, *, points: int | None = None,
-    from_time: Number | None = None, path: str | Path | None = None,
-) -> tuple[Page, Course]:  # fmt: skip
-    """Return the page of a run and its course, and write the page if there is a path."""
+    run: PreparedRun,
+    title: str | None,
+    *,
+    points: int | None = None,
+    from_time: Number | None = None,
+    path: str | Path | None = None,
+) -> tuple[Page, Course]:
+    """Return the page of a run and its course, and write the page if there is a
+    path.
+    """
     from rattlesweep.analysis.onerun.show import course_of, make_page, make_scene
 
     check_count("points", points, 2)
@@ -338,7 +437,9 @@ def page_of(
 def prepare_stored(
     directory: str | Path, t_end: Any = None, **which: Any
 ) -> tuple[StoredRun, PreparedRun]:
-    """Return a stored run, proved to come out as stored, and the same run to another horizon."""
+    """Return a stored run, proved to come out as stored, and the same run to another
+    horizon.
+    """
     from rattlesweep.analysis.onerun.replay import find_run
     from rattlesweep.sweeps.files import as_path
 
@@ -358,9 +459,14 @@ def prepare_launch(body: Any, **launch: Any) -> PreparedRun:
 
 
 def launch_of(
-    body: Any, *, psi: Any = None, omega: Any = None, u: Any = None, model: str = "full",
+    body: Any,
+    *,
+    psi: Any = None,
+    omega: Any = None,
+    u: Any = None,
+    model: str = "full",
     **values: Any,
-) -> Launch:  # fmt: skip
+) -> Launch:
     """Return one launch with its numbers in the units of its body."""
     from rattlesweep.sweeps.launches import Launch
 
@@ -369,37 +475,61 @@ def launch_of(
     arguments.check_names("arguments", values, (*LAUNCH, "e_p0", "e_r0"))
     given = {name: value for name, value in values.items() if value is not None}
     integrator = {name: given.pop(name) for name in INTEGRATOR if name in given}
-    single: dict[str, Any] = {name: number(name, value, units) for name, value in given.items()}
+    single: dict[str, Any] = {
+        name: number(name, value, units) for name, value in given.items()
+    }
     psi = psi if isinstance(psi, str) else number("psi", psi)
     if omega is not None:
         state = arguments.full_states(omega, u, units)
         omega = [float(state[f"omega_{x}"]) for x in "xyz"]
-    return Launch(made, psi=psi, omega=omega, u=u, model=model, integrator=integrator, **single)
+    return Launch(
+        made, psi=psi, omega=omega, u=u, model=model, integrator=integrator, **single
+    )
 
 
 def rows_of(
-    units: Units | None, points: int | None = None, dt: Any = None, steps: bool = False,
-    times: Any = None, from_time: Any = None,
-) -> dict[str, Any]:  # fmt: skip
-    """Return the arguments of a course that choose its rows, with times in ``sqrt(a/g)``."""
+    units: Units | None,
+    points: int | None = None,
+    dt: Any = None,
+    steps: bool = False,
+    times: Any = None,
+    from_time: Any = None,
+) -> dict[str, Any]:
+    """Return the arguments of a course that choose its rows, with times in
+    ``sqrt(a/g)``.
+    """
     check_count("points", points, 2)
     times = None if times is None else numbers("times", times, units)
     dt, from_time = number("dt", dt, units), number("from_time", from_time, units)
-    return {"points": points, "dt": dt, "steps": steps, "times": times, "from_time": from_time}
+    return {
+        "points": points,
+        "dt": dt,
+        "steps": steps,
+        "times": times,
+        "from_time": from_time,
+    }
 
 
-def _launched(columns: dict[str, Floats], arrays: dict[str, Floats], psi: Any) -> dict[str, Floats]:
-    """Return the columns of bodies with the given launches, or else those of their table."""
+def _launched(
+    columns: dict[str, Floats], arrays: dict[str, Floats], psi: Any
+) -> dict[str, Floats]:
+    """Return the columns of bodies with the given launches, or else those of their
+    table.
+    """
     if any(name in arrays for name in (*SPIN, *STATE)):
         # The directions and horizons of a table belong to its own launches.
         own = (*SPIN, "psi", "t_end", *STATE)
         columns = {name: columns[name] for name in columns if name not in own}
     elif psi is not None:
         if "u_x" in columns:
-            raise ConfigError("psi does not go with the full states of the table; leave it out")
+            raise ConfigError(
+                "psi does not go with the full states of the table; leave it out"
+            )
         columns.pop("psi", None)
     launched = columns | arrays
     missing = [name for name in SPIN if name not in launched]
     if missing and "u_x" not in launched:
-        raise ConfigError(f"{' and '.join(missing)} missing; give both, or a table with them")
+        raise ConfigError(
+            f"{' and '.join(missing)} missing; give both, or a table with them"
+        )
     return launched

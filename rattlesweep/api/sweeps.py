@@ -10,8 +10,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.api import arrays as arguments
-from rattlesweep.api.arrays import check_count, check_names, is_frame, names_of, to_frame
-from rattlesweep.api.single import SHOWN, Page, Trajectory, page_of, prepare_stored, replay
+from rattlesweep.api.arrays import (
+    check_count,
+    check_names,
+    is_frame,
+    names_of,
+    to_frame,
+)
+from rattlesweep.api.single import (
+    SHOWN,
+    Page,
+    Trajectory,
+    page_of,
+    prepare_stored,
+    replay,
+)
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.text import Bar
 
@@ -26,7 +39,9 @@ if TYPE_CHECKING:
 
 
 class Sweep:
-    """The output directory of a sweep, complete or running; its tables are read when needed."""
+    """The output directory of a sweep, complete or running; its tables are read when
+    needed.
+    """
 
     def __init__(self, directory: str | Path) -> None:
         from rattlesweep.sweeps.files import as_path
@@ -70,10 +85,12 @@ class Sweep:
     def read(
         self, columns: Sequence[str] | str | None = None, where: str | None = None
     ) -> pd.DataFrame:
-        """Read the runs, optionally only some columns, or only runs that meet a condition.
+        """Read the runs, optionally only some columns, or only runs that meet a
+        condition.
 
-        The condition is a pandas query such as ``'type == "SW" and K_r < 0.005'``.  The runs are in
-        order of case and sample, with ``attrs["units"]`` and ``attrs["descriptions"]``.
+        The condition is a pandas query such as ``'type == "SW" and K_r < 0.005'``.  The
+        runs are in order of case and sample, with ``attrs["units"]`` and
+        ``attrs["descriptions"]``.
 
         Examples
         --------
@@ -94,21 +111,29 @@ class Sweep:
         condition = parse_where(where, schema)
         needed = list(dict.fromkeys((*names, *condition.columns)))
         chosen = pa.schema([schema.field(name) for name in names])
-        rows = (condition.filter(batch).select(names) for batch in stored.batches(needed))
-        return to_frame(pa.Table.from_batches([batch.cast(chosen) for batch in rows], chosen))
+        rows = (
+            condition.filter(batch).select(names) for batch in stored.batches(needed)
+        )
+        return to_frame(
+            pa.Table.from_batches([batch.cast(chosen) for batch in rows], chosen)
+        )
 
     def to_xarray(
-        self, columns: Sequence[str] | str | None = None, *, where: str | None = None,
+        self,
+        columns: Sequence[str] | str | None = None,
+        *,
+        where: str | None = None,
         fill: bool = False,
-    ) -> xarray.Dataset:  # fmt: skip
+    ) -> xarray.Dataset:
         """Return the runs as a Dataset with one dimension for each axis of the sweep.
 
-        Needs xarray (``pip install '.[xarray]'``).  The dimensions are the target ``K_p`` or
-        ``K_r`` if there is one (the bodies' own coefficient is then ``K_r_body``), ``n_i``,
-        ``omega_xy0``, and the axes of a grid of bodies, or else ``sample``.  By default all columns
-        with one value per run are there.  Runs for which `where` is false are missing: NaN, or an
-        empty text.  With `fill`, points left out by ``bodies.refine`` are filled from the nearest
-        runs, numbers by linear interpolation.
+        Needs xarray (``pip install '.[xarray]'``).  The dimensions are the target
+        ``K_p`` or ``K_r`` if there is one (the bodies' own coefficient is then
+        ``K_r_body``), ``n_i``, ``omega_xy0``, and the axes of a grid of bodies, or else
+        ``sample``.  By default all columns with one value per run are there.  Runs for
+        which `where` is false are missing: NaN, or an empty text.  With `fill`, points
+        left out by ``bodies.refine`` are filled from the nearest runs, numbers by
+        linear interpolation.
         """
         from rattlesweep.analysis.layout import make_dataset, read_layout
 
@@ -117,14 +142,22 @@ class Sweep:
         return make_dataset(layout, names, fill_refined=fill)
 
     def plot(
-        self, kind: str | None = None, *, x: str | None = None, quantity: str | None = None,
-        select: Mapping[str, Any] | Sequence[str] = (), where: str | None = None,
-        path: str | Path | None = None, **looks: Any,
-    ) -> Figure:  # fmt: skip
-        """Draw the sweep as ``rattlesweep plot`` does; `path` is an .svg, .png or .pdf to write.
+        self,
+        kind: str | None = None,
+        *,
+        x: str | None = None,
+        quantity: str | None = None,
+        select: Mapping[str, Any] | Sequence[str] = (),
+        where: str | None = None,
+        path: str | Path | None = None,
+        **looks: Any,
+    ) -> Figure:
+        """Draw the sweep as ``rattlesweep plot`` does; `path` is an .svg, .png or .pdf
+        to write.
 
-        The arguments are the options of the command.  `select` may be a mapping, as in ``{"n_i":
-        [-0.3, -0.5]}``; looks are ``title``, ``log``, ``size``, ``xlim``, ``ylim``.
+        The arguments are the options of the command.  `select` may be a mapping, as in
+        ``{"n_i": [-0.3, -0.5]}``; looks are ``title``, ``log``, ``size``, ``xlim``,
+        ``ylim``.
         """
         from rattlesweep.analysis.layout import read_layout
         from rattlesweep.analysis.onerun.figure import shown
@@ -135,45 +168,73 @@ class Sweep:
         for name in ("size", "xlim", "ylim"):
             value = looks.get(name)
             if value is not None and arguments.numbers(name, value).shape != (2,):
-                raise ConfigError(f"{name}: {arguments.kind_of(value)} is not a pair of numbers")
-            if name == "size" and value is not None and not 1 <= min(value) <= max(value) <= 24:
+                raise ConfigError(
+                    f"{name}: {arguments.kind_of(value)} is not a pair of numbers"
+                )
+            if (
+                name == "size"
+                and value is not None
+                and not 1 <= min(value) <= max(value) <= 24
+            ):
                 raise ConfigError(f"size: {value} is given; 1 to 24 inches are allowed")
         if isinstance(select, Mapping):
-            lists = {k: v if isinstance(v, Iterable) and not isinstance(v, str) else [v]
-                     for k, v in select.items()}  # fmt: skip
-            select = [f"{name}={','.join(map(str, values))}" for name, values in lists.items()]
+            lists = {
+                k: v if isinstance(v, Iterable) and not isinstance(v, str) else [v]
+                for k, v in select.items()
+            }
+            select = [
+                f"{name}={','.join(map(str, values))}" for name, values in lists.items()
+            ]
         layout, only = read_layout(self.directory), names_of("select", select)
         with styled():
-            picture = choose_picture(layout, kind, x=x, quantity=quantity, select=only, where=where)
+            picture = choose_picture(
+                layout, kind, x=x, quantity=quantity, select=only, where=where
+            )
             return shown(picture.figure(**looks), path)
 
-    def report(self, path: str | Path | None = None, *, title: str | None = None) -> Page:
-        """Write one self-contained HTML page about the sweep, by default DIRECTORY/report.html."""
+    def report(
+        self, path: str | Path | None = None, *, title: str | None = None
+    ) -> Page:
+        """Write one self-contained HTML page about the sweep, by default
+        DIRECTORY/report.html.
+        """
         from rattlesweep.analysis.report import make_report
 
         page = Page(make_report(self.directory, title))
         return page.save(self.directory / "report.html" if path is None else path)
 
-    def verify(self, recompute: int = 0, *, seed: int = 0, threads: int | None = None) -> Verified:
-        """Check all runs against the manifest, and repeat `recompute` random ones bit for bit.
+    def verify(
+        self, recompute: int = 0, *, seed: int = 0, threads: int | None = None
+    ) -> Verified:
+        """Check all runs against the manifest, and repeat `recompute` random ones bit
+        for bit.
 
-        The result has ``problems``, a list of sentences, and ``words``.  Nothing is changed.
+        The result has ``problems``, a list of sentences, and ``words``.  Nothing is
+        changed.
         """
         from rattlesweep.sweeps.verify import verify
 
-        for name, count in {"recompute": recompute, "seed": seed, "threads": threads}.items():
+        for name, count in {
+            "recompute": recompute,
+            "seed": seed,
+            "threads": threads,
+        }.items():
             check_count(name, count, 1 if name == "threads" else 0)
         return verify(self.directory, recompute, seed, threads)
 
     def compare(self, other: Sweep | str | Path) -> Comparison:
-        """Compare the runs with those of another sweep, as ``rattlesweep compare`` does."""
+        """Compare the runs with those of another sweep, as ``rattlesweep compare``
+        does.
+        """
         from rattlesweep.analysis.compare import compare
 
         other = other if isinstance(other, Sweep) else Sweep(other)
         return compare(self.directory, other.directory)
 
     def classify(self, **thresholds: float) -> pd.DataFrame:
-        """Classify the runs by thresholds such as ``sw_departure=0.1``, by default the config's."""
+        """Classify the runs by thresholds such as ``sw_departure=0.1``, by default the
+        config's.
+        """
         from rattlesweep.sweeps.classify import classify_stored
 
         texts = [f"classify.{key}={value!r}" for key, value in thresholds.items()]
@@ -184,10 +245,18 @@ class Sweep:
         return replay(self.directory, case, sample, **settings)
 
     def show(
-        self, case: int | None = None, sample: int | None = None, *, where: str | None = None,
-        t_end: float | str | None = None, title: str | None = None, **settings: Any,
-    ) -> Page:  # fmt: skip
-        """Make a page of a run, or of the first that meets `where`, as ``show`` does."""
+        self,
+        case: int | None = None,
+        sample: int | None = None,
+        *,
+        where: str | None = None,
+        t_end: float | str | None = None,
+        title: str | None = None,
+        **settings: Any,
+    ) -> Page:
+        """Make a page of a run, or of the first that meets `where`, as ``show``
+        does.
+        """
         which = {"case": case, "sample": sample, "where": where}
         found, run = prepare_stored(self.directory, t_end, **which)
         check_names("arguments", settings, SHOWN)
@@ -208,10 +277,15 @@ def load(directory: str | Path) -> Sweep:
 
 
 def sweep(
-    config: str | Path | Mapping[str, Any] | pd.DataFrame, *, output: str | Path | None = None,
-    threads: int | None = None, progress: bool | None = None, **keys: Any,
-) -> Sweep:  # fmt: skip
-    """Run a sweep, or resume one that was stopped; a ConfigWarning tells what is doubtful.
+    config: str | Path | Mapping[str, Any] | pd.DataFrame,
+    *,
+    output: str | Path | None = None,
+    threads: int | None = None,
+    progress: bool | None = None,
+    **keys: Any,
+) -> Sweep:
+    """Run a sweep, or resume one that was stopped; a ConfigWarning tells what is
+    doubtful.
 
     Parameters
     ----------
@@ -238,7 +312,9 @@ def sweep(
         plan, target, base, doubts = plan_frame(config, target, keys)
     else:
         for key in keys:
-            raise ConfigError(f"{key}: keys go with a DataFrame only; write it into the config")
+            raise ConfigError(
+                f"{key}: keys go with a DataFrame only; write it into the config"
+            )
         if isinstance(config, str | os.PathLike):
             loaded, base = load_config(config), Path(config).resolve().parent
         else:

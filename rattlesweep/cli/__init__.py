@@ -1,6 +1,8 @@
-"""The command line: all commands, their help, and failures as one sentence and an exit code.
+"""The command line: all commands, their help, and failures as one sentence and an exit
+code.
 
-``--help`` imports the modules of all commands, so these import what they call in their functions.
+``--help`` imports the modules of all commands, so these import what they call in their
+functions.
 """
 
 import os
@@ -23,7 +25,9 @@ class Program(click.Group):
     """The group of all commands."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a command, and keep a Ctrl-C from click, which would print an empty line."""
+        """Run a command, and keep a Ctrl-C from click, which would print an empty
+        line.
+        """
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as stop:
@@ -39,12 +43,17 @@ class Program(click.Group):
             code = super().main(*args, **{**settings, "standalone_mode": False})
             sys.stdout.flush()
         except (click.Abort, KeyboardInterrupt) as error:
-            signal.signal(signal.SIGINT, signal.SIG_DFL)  # a second Ctrl-C ends the process
+            signal.signal(
+                signal.SIGINT, signal.SIG_DFL
+            )  # a second Ctrl-C ends the process
             stop = error.__cause__ or error
             number = stop.args[0] if stop.args else signal.SIGINT
             kept = "; ".join(getattr(stop, "__notes__", []))
             word = "interrupted" if number == signal.SIGINT else "terminated"
-            say(word + (f"; {kept}, and the same command resumes from there" if kept else ""))
+            say(
+                word
+                + (f"; {kept}, and the same command resumes from there" if kept else "")
+            )
             code = 128 + number
         except BrokenPipeError:
             code = FAILED  # nobody reads standard output any more
@@ -70,11 +79,16 @@ class Program(click.Group):
         sys.stderr.flush()
         raise SystemExit(code or DONE)
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+    def format_commands(
+        self, ctx: click.Context, formatter: click.HelpFormatter
+    ) -> None:
         """List the commands by section, each with its first sentence in full."""
         for section in ("Sweeps", "Results of a sweep", "One run", "Studies"):
-            rows = [(f"{made.name:<11}", made.get_short_help_str(limit=1000))
-                    for made in COMMANDS if made.section == section]  # fmt: skip
+            rows = [
+                (f"{made.name:<11}", made.get_short_help_str(limit=1000))
+                for made in COMMANDS
+                if made.section == section
+            ]
             with formatter.section(section):
                 formatter.write_dl(rows)
 
@@ -86,15 +100,26 @@ def _terminate(number: int, frame: Any) -> NoReturn:
 SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}
 
 
-@click.group(cls=Program, commands=COMMANDS, invoke_without_command=True, context_settings=SETTINGS)
-@option("--verbose", is_flag=True, help="With --version: also show libraries and the processor.")
+@click.group(
+    cls=Program,
+    commands=COMMANDS,
+    invoke_without_command=True,
+    context_settings=SETTINGS,
+)
+@option(
+    "--verbose",
+    is_flag=True,
+    help="With --version: also show libraries and the processor.",
+)
 @option("--version", is_flag=True, help="Show the version and exit.")
 @click.pass_context
 def main(context: click.Context, verbose: bool, version: bool) -> None:
-    """Parameter sweeps of rattlebacks: sample bodies, integrate, classify the runs, write Parquet.
+    """Parameter sweeps of rattlebacks: sample bodies, integrate, classify the runs,
+    write Parquet.
 
-    Exit codes: 0 done, 1 failed, 2 the command or the config is wrong, 3 done but some runs have
-    a status other than ok, 75 stopped early on purpose, 130 interrupted, 143 terminated.
+    Exit codes: 0 done, 1 failed, 2 the command or the config is wrong, 3 done but some
+    runs have a status other than ok, 75 stopped early on purpose, 130 interrupted, 143
+    terminated.
 
     docs/columns.md explains the columns of the tables, docs/types.md the types of runs.
     """

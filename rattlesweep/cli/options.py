@@ -1,4 +1,6 @@
-"""What commands share: their class, their options, and the types of the values of these."""
+"""What commands share: their class, their options, and the types of the values of
+these.
+"""
 # ruff: noqa: D102, D103 - names and types say it
 
 import json
@@ -62,7 +64,9 @@ def to_json(data: Any) -> str:
 
 
 def probe(*files: Path | None) -> None:
-    """Raise an OutputError before the work begins if files cannot be written after it."""
+    """Raise an OutputError before the work begins if files cannot be written after
+    it.
+    """
     from rattlesweep.sweeps.files import probe_directory
 
     for path in filter(None, files):
@@ -78,7 +82,9 @@ def pick(given: dict[str, Any], *names: str) -> dict[str, Any]:
 
 
 class Kind(click.ParamType):  # type: ignore[type-arg]
-    """The type of values that a function, perhaps at ``module:function``, reads or refuses."""
+    """The type of values that a function, perhaps at ``module:function``, reads or
+    refuses.
+    """
 
     def __init__(self, name: str, read: Callable[[str], Any] | str) -> None:
         self.name, self._read = name, read
@@ -86,12 +92,18 @@ class Kind(click.ParamType):  # type: ignore[type-arg]
     def convert(self, value: Any, param: click.Parameter | None, ctx: Any) -> Any:
         if not isinstance(value, str):
             return value
-        read = pkgutil.resolve_name(self._read) if isinstance(self._read, str) else self._read
+        read = (
+            pkgutil.resolve_name(self._read)
+            if isinstance(self._read, str)
+            else self._read
+        )
         try:
             return read(value)
         except ValueError as error:
             flag = "" if param is None else max(param.opts, key=len)
-            raise ConfigError(f"{flag} {one_line(value)}".strip() + f": {error}") from None
+            raise ConfigError(
+                f"{flag} {one_line(value)}".strip() + f": {error}"
+            ) from None
 
 
 def _number(kind: type[int] | type[float], low: float, high: float, text: str) -> float:
@@ -106,13 +118,17 @@ def _numbers(example: str, low: float, high: float, text: str) -> tuple[float, .
     """Read numbers between commas, as many as in an example."""
     with suppress(ValueError):
         values = tuple(map(float, text.split(",")))
-        if len(values) == 1 + example.count(",") and all(low <= x <= high for x in values):
+        if len(values) == 1 + example.count(",") and all(
+            low <= x <= high for x in values
+        ):
             return values
     raise ValueError(f"give numbers from {low:g} to {high:g}, as in {example}")
 
 
 def _measured(kind: str, text: str) -> float | str:
-    """Read a number, or a quantity in SI units, which stays a text; or a word if no kind is set."""
+    """Read a number, or a quantity in SI units, which stays a text; or a word if no
+    kind is set.
+    """
     with suppress(ValueError):
         return float(text)
     if kind:
@@ -142,38 +158,59 @@ THREADS = Kind("n", partial(_number, int, 1, MOST_THREADS))
 SHARE = Kind("share", partial(_number, float, 0, 1))
 DPI = Kind("dpi", partial(_number, float, 20, 600))
 TIME = Kind("time", seconds_of)
-NAMES = Kind("a,b,...", lambda text: tuple(x.strip() for x in text.split(",") if x.strip()))
+NAMES = Kind(
+    "a,b,...", lambda text: tuple(x.strip() for x in text.split(",") if x.strip())
+)
 SIZE = Kind("w,h", partial(_numbers, "7,4.5", 1, 24))
 LIMITS = Kind("low,high", partial(_numbers, "0.01,0.1", -1e12, 1e12))
 VECTOR = Kind("x,y,z", partial(_numbers, "0,0,-1", -1e12, 1e12))
 _MEASURED = ("spin", "time", "length", "energy")
-SPIN, DURATION, LENGTH, ENERGY = (Kind(kind, partial(_measured, kind)) for kind in _MEASURED)
+SPIN, DURATION, LENGTH, ENERGY = (
+    Kind(kind, partial(_measured, kind)) for kind in _MEASURED
+)
 DAMPING = Kind("sigma", partial(_measured, "torque per spin"))
-MASS, HEIGHT, ANGLE = (Kind(k, partial(quantity, kind=k)) for k in ("mass", "length", "angle"))
-# Repeated here, as the modules that define these words are slow to import; a test compares them.
+MASS, HEIGHT, ANGLE = (
+    Kind(k, partial(quantity, kind=k)) for k in ("mass", "length", "angle")
+)
+# Repeated here, as the modules that define these words are slow to import; a test
+# compares them.
 PRESETS = Choice(["GH", "KL"])
 MODELS = Choice(["full", "reduced", "gh"])
 ACCURACIES = Choice(["draft", "standard", "reference"])
-KINDS = Choice(["fractions", "times", "ratio", "map", "reversals", "distribution", "scatter"])
+KINDS = Choice(
+    ["fractions", "times", "ratio", "map", "reversals", "distribution", "scatter"]
+)
 
 
 def stack(*decorators: Decorator) -> Decorator:
-    return lambda function: reduce(lambda made, each: each(made), reversed(decorators), function)
+    return lambda function: reduce(
+        lambda made, each: each(made), reversed(decorators), function
+    )
 
 
 def group(*rows: tuple[str, Any, str]) -> Decorator:
-    """Return one decorator for several options, each a name, a type (None: a flag) and a help."""
-    return stack(*(option(name, type=kind, is_flag=kind is None, default=None, help=words)
-                   for name, kind, words in rows))  # fmt: skip
+    """Return one decorator for several options, each a name, a type (None: a flag) and
+    a help.
+    """
+    return stack(
+        *(
+            option(name, type=kind, is_flag=kind is None, default=None, help=words)
+            for name, kind, words in rows
+        )
+    )
 
 
-def output(help: str = "Output directory; overrides the config's.", **settings: Any) -> Decorator:
+def output(
+    help: str = "Output directory; overrides the config's.", **settings: Any
+) -> Decorator:
     return option("-o", "--output", type=Kind("dir", _directory), help=help, **settings)
 
 
 def file(name: str, *endings: str, help: str, **settings: Any) -> Decorator:
     names = ("-o", name) if name == "--output" else (name,)
-    return option(*names, type=Kind("file", partial(_file, endings)), help=help, **settings)
+    return option(
+        *names, type=Kind("file", partial(_file, endings)), help=help, **settings
+    )
 
 
 def path(name: str, **settings: Any) -> Decorator:
@@ -181,21 +218,46 @@ def path(name: str, **settings: Any) -> Decorator:
 
 
 directory = path("directory")
-overrides = option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Override a key "
-                   "of the config, as in bodies.samples=10; may be repeated.")  # fmt: skip
+overrides = option(
+    "--set",
+    "overrides",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="Override a key of the config, as in bodies.samples=10; may be repeated.",
+)
 sweep = stack(path("config"), output(), overrides)
-threads = option("-j", "--threads", type=THREADS, help="Threads; by default one per processor.")
+threads = option(
+    "-j", "--threads", type=THREADS, help="Threads; by default one per processor."
+)
 title = option("--title", metavar="TEXT", help="Title of the page.")
 as_json = option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
-quiet = option("-q", "--quiet", is_flag=True, help="Print no progress, summaries or warnings.")
-figure = file("--figure", *PICTURES, help="Also draw a figure, an .svg, .png or .pdf file.")
-data = file("--data", ".csv", ".parquet", help="Also write the numbers, as .csv or .parquet.")
-t_end = group(("--t-end", DURATION, "Horizon, in sqrt(a/g) or as in 20s; by default 5 t_rGH, or "
-               "that of the sweep."))  # fmt: skip
-from_time = group(("--from-time", DURATION, "Time of the first row, in sqrt(a/g) or as in 2s."))
-where = option("--where", metavar="CONDITION", help="Only runs that meet a pandas query, as in "
-               "'type == \"SW\" and K_r < 0.005'.")  # fmt: skip
-which = stack(group(("--case", int, "Case of the run."), ("--sample", int, "Its sample.")), where)
+quiet = option(
+    "-q", "--quiet", is_flag=True, help="Print no progress, summaries or warnings."
+)
+figure = file(
+    "--figure", *PICTURES, help="Also draw a figure, an .svg, .png or .pdf file."
+)
+data = file(
+    "--data", ".csv", ".parquet", help="Also write the numbers, as .csv or .parquet."
+)
+t_end = group(
+    (
+        "--t-end",
+        DURATION,
+        "Horizon, in sqrt(a/g) or as in 20s; by default 5 t_rGH, or that of the sweep.",
+    )
+)
+from_time = group(
+    ("--from-time", DURATION, "Time of the first row, in sqrt(a/g) or as in 2s.")
+)
+where = option(
+    "--where",
+    metavar="CONDITION",
+    help="Only runs that meet a pandas query, as in 'type == \"SW\" and K_r < 0.005'.",
+)
+which = stack(
+    group(("--case", int, "Case of the run."), ("--sample", int, "Its sample.")), where
+)
 
 _BODY: tuple[tuple[str, Any, str], ...] = (
     ("--preset", PRESETS, "The body of Garcia and Hubbard, or of Kane and Levinson."),
@@ -210,27 +272,61 @@ _BODY: tuple[tuple[str, Any, str], ...] = (
     ("--c", LENGTH, "Vertical semi-axis of an ellipsoid, in a, or as in 2cm."),
     ("--mass", MASS, "Instead of all these, a body in SI units: mass, as in 85g."),
     ("--height", HEIGHT, "Height of the centre of mass over the contact."),
-    ("--inertia", several("ixx,iyy,izz,ixy unit", "moment of inertia", 3, 4, 5, 6),
-     "Inertia about the centre of mass, as in '2,16,17,-0.2 kg cm^2'."),
-    ("--radii", several("r1,r2 unit", "length", 2), "Principal radii of curvature at the "
-     "bottom, as in '50,1.5 cm'."),
-    ("--axes-angle", ANGLE, "Angle from the x axis of --inertia to the first of --radii."),
+    (
+        "--inertia",
+        several("ixx,iyy,izz,ixy unit", "moment of inertia", 3, 4, 5, 6),
+        "Inertia about the centre of mass, as in '2,16,17,-0.2 kg cm^2'.",
+    ),
+    (
+        "--radii",
+        several("r1,r2 unit", "length", 2),
+        "Principal radii of curvature at the bottom, as in '50,1.5 cm'.",
+    ),
+    (
+        "--axes-angle",
+        ANGLE,
+        "Angle from the x axis of --inertia to the first of --radii.",
+    ),
     ("--z-up", None, "The z axis of --inertia points up."),
-    ("--half-ellipsoid", several("length,width,height", "length", 3), "Instead of height, "
-     "inertia and radii: a solid half ellipsoid, flat side up, as in 12cm,3cm,12mm."),
-    ("--skew", ANGLE, "Angle by which its axes of inertia are turned, clockwise from above."),
-    ("--weights", MASS, "Mass of each of two equal weights on its flat side, not in --mass."),
-    ("--at", several("x,y", "length", 2), "Place of one weight, along and across from the "
-     "middle, as in 45,-9mm; the other lies opposite."),
-    ("--wall", HEIGHT, "Thickness of an open shell, as in 2mm; without it the body is solid."),
-)  # fmt: skip
+    (
+        "--half-ellipsoid",
+        several("length,width,height", "length", 3),
+        "Instead of height, "
+        "inertia and radii: a solid half ellipsoid, flat side up, as in 12cm,3cm,12mm.",
+    ),
+    (
+        "--skew",
+        ANGLE,
+        "Angle by which its axes of inertia are turned, clockwise from above.",
+    ),
+    (
+        "--weights",
+        MASS,
+        "Mass of each of two equal weights on its flat side, not in --mass.",
+    ),
+    (
+        "--at",
+        several("x,y", "length", 2),
+        "Place of one weight, along and across from the "
+        "middle, as in 45,-9mm; the other lies opposite.",
+    ),
+    (
+        "--wall",
+        HEIGHT,
+        "Thickness of an open shell, as in 2mm; without it the body is solid.",
+    ),
+)
 BODY = [name[2:].replace("-", "_") for name, *_ in _BODY]
 body = group(*_BODY)
 dissipation = group(
-    ("--sigma", DAMPING, "Dissipation by a torque -sigma omega, in M a^2 sqrt(g/a), or as in "
-     "'1e-4 N m s'."),
+    (
+        "--sigma",
+        DAMPING,
+        "Dissipation by a torque -sigma omega, in M a^2 sqrt(g/a), or as in "
+        "'1e-4 N m s'.",
+    ),
     ("--rolling", LENGTH, "Lever of the rolling resistance, in a, or as in 50um."),
-)  # fmt: skip
+)
 SPIN_DEFAULTS = {"n_i": 0.1, "omega_xy0": 0.01}
 spin = group(
     ("--n-i", SPIN, "Initial spin, in sqrt(g/a) or as in 60rpm.  [default: 0.1]"),
@@ -239,11 +335,23 @@ spin = group(
 launch = stack(
     spin,
     group(
-        ("--psi", Kind("direction", partial(_measured, "")), "Direction of the oscillation: "
-         "relevant, pitch, roll, or degrees.  [default: relevant]"),
-        ("--omega", VECTOR, "Instead of these, a full state: angular velocity along the body's "
-         "axes, in sqrt(g/a)."),
-        ("--u", VECTOR, "Vertical unit vector along the body's axes.  [default: 0,0,-1]"),
+        (
+            "--psi",
+            Kind("direction", partial(_measured, "")),
+            "Direction of the oscillation: "
+            "relevant, pitch, roll, or degrees.  [default: relevant]",
+        ),
+        (
+            "--omega",
+            VECTOR,
+            "Instead of these, a full state: angular velocity along the body's "
+            "axes, in sqrt(g/a).",
+        ),
+        (
+            "--u",
+            VECTOR,
+            "Vertical unit vector along the body's axes.  [default: 0,0,-1]",
+        ),
     ),
     dissipation,
     t_end,
@@ -253,13 +361,17 @@ launch = stack(
         ("--dt-step", float, "Step of a fixed-step method.  [default: 0.002]"),
         ("--accuracy", ACCURACIES, "Instead of a method and its tolerance."),
     ),
-)  # fmt: skip
+)
 rows = stack(
     group(
-        ("--points", int, "Number of rows, evenly spaced up to the horizon.  "
-         "[default: 2001, or 20 per pitch period if that is more]"),
+        (
+            "--points",
+            int,
+            "Number of rows, evenly spaced up to the horizon.  "
+            "[default: 2001, or 20 per pitch period if that is more]",
+        ),
         ("--dt", DURATION, "Spacing of the rows in time."),
         ("--steps", None, "One row per accepted step."),
     ),
     from_time,
-)  # fmt: skip
+)

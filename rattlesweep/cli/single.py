@@ -13,7 +13,15 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.options import DONE, SOME_FAILED, command, pick, probe, say, to_json
+from rattlesweep.cli.options import (
+    DONE,
+    SOME_FAILED,
+    command,
+    pick,
+    probe,
+    say,
+    to_json,
+)
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.text import align, counted
 
@@ -23,10 +31,13 @@ if TYPE_CHECKING:
     from rattlesweep.physics.body import Rattleback
 
 
-@command("One run", "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3",
-         "rattlesweep body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg --n-i 60rpm",
-         "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
-         "--radii '50,1.5 cm' --n-i 60rpm")  # fmt: skip
+@command(
+    "One run",
+    "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3",
+    "rattlesweep body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg --n-i 60rpm",
+    "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
+    "--radii '50,1.5 cm' --n-i 60rpm",
+)
 @options.body
 @options.spin
 @options.dissipation
@@ -34,18 +45,24 @@ if TYPE_CHECKING:
 def body(as_json: bool, **given: Any) -> None:
     """Print the derived quantities of a body: modes, thresholds, reversal times.
 
-    Spin and oscillation matter for the reversal times only. A body in SI units gets all quantities
-    in both systems, with g = 9.81 m/s^2.
+    Spin and oscillation matter for the reversal times only. A body in SI units gets all
+    quantities in both systems, with g = 9.81 m/s^2.
     """
     from rattlesweep.analysis.derived import derived, make_body
     from rattlesweep.api.arrays import number
 
     made = make_body(pick(given, *options.BODY))
     launch = options.SPIN_DEFAULTS | pick(given, *given)
-    numbers: dict[str, Any] = {name: number(name, x, made.units) for name, x in launch.items()}
+    numbers: dict[str, Any] = {
+        name: number(name, x, made.units) for name, x in launch.items()
+    }
     values = derived(made, **numbers)
     if as_json:
-        si = {q.name: dict(zip(("value", "unit"), q.in_si, strict=True)) for q in values if q.in_si}
+        si = {
+            q.name: dict(zip(("value", "unit"), q.in_si, strict=True))
+            for q in values
+            if q.in_si
+        }
         units = {"units": asdict(made.units), "si": si} if made.units else {}
         click.echo(to_json({q.name: q.value for q in values} | units))
         return
@@ -53,7 +70,9 @@ def body(as_json: bool, **given: Any) -> None:
     for q in values:
         value = "none" if q.value is None else f"{q.value:.10g}"
         shown = (f"{q.in_si[0]:.5g}", q.in_si[1]) if q.in_si else ("", "")
-        lines.append((q.name, value, q.unit, *(shown if made.units else ()), q.description))
+        lines.append(
+            (q.name, value, q.unit, *(shown if made.units else ()), q.description)
+        )
     click.echo(align(lines, "<><><" if made.units else "<><"))
 
 
@@ -61,7 +80,9 @@ def _list_channels(context: click.Context, _: click.Parameter, names: Any) -> An
     if names == ("list",):
         from rattlesweep.analysis.onerun.channels import CHANNELS
 
-        click.echo(align([(c.name, c.unit, c.description) for c in CHANNELS.values()], "<"))
+        click.echo(
+            align([(c.name, c.unit, c.description) for c in CHANNELS.values()], "<")
+        )
         context.exit()
     if names == ():
         raise ConfigError("--channels: give at least one name")
@@ -70,40 +91,57 @@ def _list_channels(context: click.Context, _: click.Parameter, names: Any) -> An
 
 series = options.stack(
     options.rows,
-    option("--channels", type=options.NAMES, callback=_list_channels, help="Columns, and panels of "
-           "the figure; 'list' prints all of them.  [default: t,n]"),
-    options.file("--output", ".parquet", ".csv", help="A .parquet or .csv file instead of CSV on "
-                 "standard output."),
+    option(
+        "--channels",
+        type=options.NAMES,
+        callback=_list_channels,
+        help="Columns, and panels of "
+        "the figure; 'list' prints all of them.  [default: t,n]",
+    ),
+    options.file(
+        "--output",
+        ".parquet",
+        ".csv",
+        help="A .parquet or .csv file instead of CSV on standard output.",
+    ),
     options.figure,
     options.quiet,
-)  # fmt: skip
+)
 
 
-@command("One run", "rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
-         "--channels t,n,E_p,E_r --output run.parquet --figure run.svg",
-         "rattlesweep trajectory --preset GH --omega 0.02,0,-0.3 --u 0.01,0,-1 "
-         "--t-end 500")  # fmt: skip
+@command(
+    "One run",
+    "rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
+    "--channels t,n,E_p,E_r --output run.parquet --figure run.svg",
+    "rattlesweep trajectory --preset GH --omega 0.02,0,-0.3 --u 0.01,0,-1 --t-end 500",
+)
 @options.body
 @options.launch
 @option("--model", type=options.MODELS, default="full", help="Equations of motion.")
-@option("--e-p0", type=options.ENERGY, help="Initial energy of the pitch in the reduced model, "
-        "in M g a, or as in 0.5mJ.")  # fmt: skip
+@option(
+    "--e-p0",
+    type=options.ENERGY,
+    help="Initial energy of the pitch in the reduced model, in M g a, or as in 0.5mJ.",
+)
 @option("--e-r0", type=options.ENERGY, help="Energy of the roll, likewise.")
 @series
 def trajectory(**given: Any) -> int:
     """Integrate one launch, past its reversals, as a time series.
 
-    Prints CSV unless a file or a figure is requested, and the reversal times on standard error. A
-    reversal takes the spin from beyond a quarter of its initial value (of n_0 for a tap) to beyond
-    a quarter on the other side.
+    Prints CSV unless a file or a figure is requested, and the reversal times on
+    standard error. A reversal takes the spin from beyond a quarter of its initial value
+    (of n_0 for a tap) to beyond a quarter on the other side.
     """
     probe(given["output"], given["figure"])
     run = _prepared(given)
     return _follow(run, **given)
 
 
-@command("One run", "rattlesweep replay out/quickstart --where 'type == \"SW\" and K_r < 0.005' "
-         "--output sw.csv")  # fmt: skip
+@command(
+    "One run",
+    "rattlesweep replay out/quickstart --where 'type == \"SW\" and K_r < 0.005' "
+    "--output sw.csv",
+)
 @options.directory
 @options.which
 @options.t_end
@@ -116,12 +154,17 @@ def replay(directory: Path, **given: Any) -> int:
     from rattlesweep.api.single import prepare_stored
 
     probe(given["output"], given["figure"])
-    run, prepared = prepare_stored(directory, **pick(given, "case", "sample", "where", "t_end"))
+    run, prepared = prepare_stored(
+        directory, **pick(given, "case", "sample", "where", "t_end")
+    )
     return _follow(prepared, run.proof, **given)
 
 
-@command("One run", "rattlesweep show --preset GH --n-i -0.1 --output spin.html",
-         "rattlesweep show out/quickstart --where 'type == \"SW\"' -o wobble.html")  # fmt: skip
+@command(
+    "One run",
+    "rattlesweep show --preset GH --n-i -0.1 --output spin.html",
+    "rattlesweep show out/quickstart --where 'type == \"SW\"' -o wobble.html",
+)
 @options.path("directory", required=False)
 @options.which
 @options.body
@@ -131,25 +174,34 @@ def replay(directory: Path, **given: Any) -> int:
 @options.title
 @options.file("--output", ".html", required=True, help="An .html file.")
 @options.quiet
-def show(directory: Path | None, title: str | None, output: Path, quiet: bool, **given: Any) -> int:
+def show(
+    directory: Path | None, title: str | None, output: Path, quiet: bool, **given: Any
+) -> int:
     """Write an HTML page on which the body of one run rolls on the plane.
 
-    The run is a launch of a body, or a stored run of DIRECTORY, chosen as in `replay`. The page
-    needs a browser but no network.
+    The run is a launch of a body, or a stored run of DIRECTORY, chosen as in `replay`.
+    The page needs a browser but no network.
     """
     from rattlesweep.api.single import page_of, prepare_stored
 
     probe(output)
-    which, rows = pick(given, "case", "sample", "where"), pick(given, "points", "from_time")
+    which, rows = (
+        pick(given, "case", "sample", "where"),
+        pick(given, "points", "from_time"),
+    )
     proof = ""
     if directory is not None:
         t_end = given.pop("t_end")
         for name in pick(given, *given):
-            raise ConfigError(f"--{name.replace('_', '-')}: a stored run has its own; leave it out")
+            raise ConfigError(
+                f"--{name.replace('_', '-')}: a stored run has its own; leave it out"
+            )
         found, run = prepare_stored(directory, t_end, **which)
         proof, title = found.proof, title or found.title
     elif which:
-        raise ConfigError("--case, --sample and --where choose a run of a DIRECTORY; give it")
+        raise ConfigError(
+            "--case, --sample and --where choose a run of a DIRECTORY; give it"
+        )
     else:
         title = title or (f"Rattleback {given['preset']}" if given["preset"] else None)
         run = _prepared(given)
@@ -164,15 +216,24 @@ def _prepared(given: dict[str, Any]) -> PreparedRun:
     from rattlesweep.analysis.derived import make_body
     from rattlesweep.api.single import LAUNCH, prepare_launch
 
-    made, launch = make_body(pick(given, *options.BODY)), pick(given, *LAUNCH, "e_p0", "e_r0")
+    made, launch = (
+        make_body(pick(given, *options.BODY)),
+        pick(given, *LAUNCH, "e_p0", "e_r0"),
+    )
     defaults = {} if {"omega", "u"} & launch.keys() else options.SPIN_DEFAULTS
     return prepare_launch(made, **{**defaults, **launch})
 
 
 def _follow(
-    run: PreparedRun, proof: str = "", *, channels: tuple[str, ...] | None,
-    output: Path | None, figure: Path | None, quiet: bool, **given: Any,
-) -> int:  # fmt: skip
+    run: PreparedRun,
+    proof: str = "",
+    *,
+    channels: tuple[str, ...] | None,
+    output: Path | None,
+    figure: Path | None,
+    quiet: bool,
+    **given: Any,
+) -> int:
     """Integrate a run, and write its files or print CSV; a figure has its own rows."""
     from rattlesweep.analysis.onerun.course import Course, save, write_csv
     from rattlesweep.api.single import rows_of
@@ -190,7 +251,9 @@ def _follow(
 
 
 def _say_outcome(course: Course, quiet: bool, proof: str) -> int:
-    """Print the reversals of a run, also in seconds if it has a size; return the exit code."""
+    """Print the reversals of a run, also in seconds if it has a size; return the exit
+    code.
+    """
     ended = course.follower
     if not quiet:
         text = f"{proof}\n".lstrip() + _times(course.reversals, "reversal")
@@ -213,18 +276,23 @@ def _times(times: list[float], word: str) -> str:
     return f"{counted(len(times), word)} at {shown}" if times else f"no {word}s"
 
 
-@command("One run", "rattlesweep fit configs/fit/stone.yaml configs/fit/data.csv --figure fit.svg")
+@command(
+    "One run",
+    "rattlesweep fit configs/fit/stone.yaml configs/fit/data.csv --figure fit.svg",
+)
 @options.path("stone")
 @options.path("data")
 @options.figure
 @options.as_json
 @options.quiet
-def fit(stone: Path, data: Path, figure: Path | None, as_json: bool, quiet: bool) -> None:
+def fit(
+    stone: Path, data: Path, figure: Path | None, as_json: bool, quiet: bool
+) -> None:
     """Fit parameters of a stone to an angle or spin from a video, or to reversal times.
 
-    STONE is a YAML file with the keys body, launch, dissipation and free. DATA is a CSV or Parquet
-    table with t_s and angle_deg or spin_rpm, or with reversal_s. Prints each free parameter with
-    its 95 % interval. docs/fit.md explains both files.
+    STONE is a YAML file with the keys body, launch, dissipation and free. DATA is a CSV
+    or Parquet table with t_s and angle_deg or spin_rpm, or with reversal_s. Prints each
+    free parameter with its 95 % interval. docs/fit.md explains both files.
     """
     from rattlesweep.api.single import fit
 
@@ -234,7 +302,9 @@ def fit(stone: Path, data: Path, figure: Path | None, as_json: bool, quiet: bool
         found = fit(data=data, **given)
     except ConfigError as error:
         # Messages about the data begin with their path.
-        about = tuple(f"{stone}: " * (not x.startswith(str(data))) + x for x in error.messages)
+        about = tuple(
+            f"{stone}: " * (not x.startswith(str(data))) + x for x in error.messages
+        )
         raise ConfigError(about) from None
     names = ("values", "intervals", "in_si", "noise", "noise_unit", "rows", "remarks")
     told = {name: getattr(found, name) for name in names}
@@ -271,7 +341,12 @@ def _read_stone(path: Path) -> dict[str, Any]:
         body = _stone(dict(given.body))
     except ValueError as error:
         raise ConfigError(places.line(("body",), one_line(str(error), 300))) from None
-    return {"body": body, "free": given.free, "launch": given.launch, **vars(given.dissipation)}
+    return {
+        "body": body,
+        "free": given.free,
+        "launch": given.launch,
+        **vars(given.dissipation),
+    }
 
 
 def _stone(given: dict[str, Any]) -> Rattleback:
@@ -290,15 +365,22 @@ def _stone(given: dict[str, Any]) -> Rattleback:
         make = Rattleback.half_ellipsoid
     elif {"mass", "f_sd"} & given.keys():
         make = Rattleback.from_si if "mass" in given else Rattleback.shell_dumbbell
-    needed = {name: one.default is one.empty for name, one in signature(make).parameters.items()}
+    needed = {
+        name: one.default is one.empty
+        for name, one in signature(make).parameters.items()
+    }
     if "preset" in given:
         make = one_body(given.pop("preset")).replace
         needed = dict.fromkeys((*PARAMETERS, "c"), False)
     for name in given:
         if name not in needed:
-            raise ConfigError(not_one_of(name, (*needed, "preset", "shape", "mass", "f_sd")))
+            raise ConfigError(
+                not_one_of(name, (*needed, "preset", "shape", "mass", "f_sd"))
+            )
     for name in needed:
         if needed[name] and name not in given:
-            others = ", or give preset, shape, mass or f_sd" if make is Rattleback else ""
+            others = (
+                ", or give preset, shape, mass or f_sd" if make is Rattleback else ""
+            )
             raise ConfigError(f"the key {name} is missing; add it{others}")
     return make(**given)

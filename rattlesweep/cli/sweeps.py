@@ -1,4 +1,6 @@
-"""Commands that plan, run, check and show sweeps, and studies made of several sweeps."""
+"""Commands that plan, run, check and show sweeps, and studies made of several
+sweeps.
+"""
 
 from __future__ import annotations
 
@@ -41,8 +43,12 @@ def init(config: Path) -> None:
     if config.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"{config}: the name of a config ends in .yaml")
     if config.exists():
-        raise ConfigError(f"{config}: exists already; choose another name, or remove it first")
-    text = (files("rattlesweep.sweeps.config") / "starter.yaml").read_text(encoding="utf-8")
+        raise ConfigError(
+            f"{config}: exists already; choose another name, or remove it first"
+        )
+    text = (files("rattlesweep.sweeps.config") / "starter.yaml").read_text(
+        encoding="utf-8"
+    )
     # In quotes, as YAML would read some names as numbers.
     text = text.replace("name: NAME", f"name: {json.dumps(config.stem)}")
     text = text.replace("NAME", config.stem)
@@ -52,17 +58,22 @@ def init(config: Path) -> None:
     click.echo(config)
 
 
-@command("Sweeps", "rattlesweep plan configs/steady.yaml --check",
-         "rattlesweep plan configs/steady.yaml --set bodies.samples=100000")  # fmt: skip
+@command(
+    "Sweeps",
+    "rattlesweep plan configs/steady.yaml --check",
+    "rattlesweep plan configs/steady.yaml --set bodies.samples=100000",
+)
 @options.sweep
 @options.threads
 @option("--check", is_flag=True, help="Only check the config, without a forecast.")
 @options.as_json
-def plan(config: Path, threads: int | None, check: bool, as_json: bool, **given: Any) -> None:
+def plan(
+    config: Path, threads: int | None, check: bool, as_json: bool, **given: Any
+) -> None:
     """Check a config and forecast the time and disk space of its sweep.
 
-    Prints the number of runs, or each mistake in the config with its line. Integrates a sample of
-    the runs for about two seconds and writes nothing.
+    Prints the number of runs, or each mistake in the config with its line. Integrates a
+    sample of the runs for about two seconds and writes nothing.
     """
     made, where = _planned(config, **given)
     found = None if check else _forecast(made, where, threads)
@@ -76,30 +87,56 @@ def plan(config: Path, threads: int | None, check: bool, as_json: bool, **given:
         click.echo(found.words)
 
 
-@command("Sweeps", "rattlesweep run configs/quickstart.yaml --set bodies.samples=100",
-         "rattlesweep run configs/steady.yaml --shard 0/4 --output out/steady-0")  # fmt: skip
+@command(
+    "Sweeps",
+    "rattlesweep run configs/quickstart.yaml --set bodies.samples=100",
+    "rattlesweep run configs/steady.yaml --shard 0/4 --output out/steady-0",
+)
 @options.sweep
 @options.threads
-@option("--engine", type=click.Choice(["local", "dask"]), default="local", help="Where to compute.")
-@option("--scheduler", metavar="ADDRESS", help="Dask scheduler; by default one is started.")
+@option(
+    "--engine",
+    type=click.Choice(["local", "dask"]),
+    default="local",
+    help="Where to compute.",
+)
+@option(
+    "--scheduler", metavar="ADDRESS", help="Dask scheduler; by default one is started."
+)
 @option("--shard", type=SHARD, help="Compute shard I of N only, with I from 0 to N-1.")
-@option("--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m.")
+@option(
+    "--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m."
+)
 @option("--retry-failed", is_flag=True, help="Repeat runs whose status is not ok.")
 @option("--dry-run", is_flag=True, help="Print the forecast, as `plan` does, and stop.")
-@option("--compile-only", is_flag=True, help="Compile the kernels, as in an image, and stop.")
+@option(
+    "--compile-only",
+    is_flag=True,
+    help="Compile the kernels, as in an image, and stop.",
+)
 @options.quiet
 @option("-v", "--verbose", is_flag=True, help="Report where the time went.")
 def run(
-    config: Path, output: Path | None, overrides: tuple[str, ...], threads: int | None, engine: str,
-    scheduler: str | None, dry_run: bool, compile_only: bool, quiet: bool, verbose: bool,
+    config: Path,
+    output: Path | None,
+    overrides: tuple[str, ...],
+    threads: int | None,
+    engine: str,
+    scheduler: str | None,
+    dry_run: bool,
+    compile_only: bool,
+    quiet: bool,
+    verbose: bool,
     **how: Any,
-) -> int:  # fmt: skip
+) -> int:
     """Run a sweep, or resume one that was stopped.
 
     Prints one row per case.
     """
     if scheduler is not None and engine != "dask":
-        raise ConfigError("--scheduler ADDRESS: works only with --engine dask; give that too")
+        raise ConfigError(
+            "--scheduler ADDRESS: works only with --engine dask; give that too"
+        )
     import numpy as np
 
     from rattlesweep.sweeps.block import load_kernel, prepare_runs
@@ -131,7 +168,9 @@ def run(
         now = f"{result.done:,} of them done now in {result.seconds:.1f} s"
         say(f"{counted(result.runs, 'run')} in {where}, {now}")
     if verbose:
-        say(f"{result.seconds:.2f} s in all, {result.kernel_seconds:.2f} s of integration")
+        say(
+            f"{result.seconds:.2f} s in all, {result.kernel_seconds:.2f} s of integration"
+        )
     if result.stopped is not None:
         kept = f"{result.runs:,} runs are kept, and the same command resumes from there"
         say(f"stopped: {result.stopped}; {kept}")
@@ -139,7 +178,9 @@ def run(
     if not quiet and result.missing:
         say(f"{counted(result.missing, 'run')} of other shards are not in {where} yet")
     if result.failed:
-        words = ", ".join(f"{count:,} {word}" for word, count in sorted(result.failed.items()))
+        words = ", ".join(
+            f"{count:,} {word}" for word, count in sorted(result.failed.items())
+        )
         say(f"{counted(sum(result.failed.values()), 'run')} failed: {words}")
         return options.SOME_FAILED
     return DONE
@@ -162,41 +203,57 @@ def status(directory: Path, as_json: bool) -> int:
 
 @command("Sweeps", "rattlesweep verify out/quickstart --recompute 100")
 @options.directory
-@option("--recompute", type=options.NUMBER, default=0, help="Also repeat N random runs.")
+@option(
+    "--recompute", type=options.NUMBER, default=0, help="Also repeat N random runs."
+)
 @options.threads
 @options.as_json
 def verify(directory: Path, recompute: int, threads: int | None, as_json: bool) -> int:
     """Check that an output directory is complete and consistent.
 
-    Prints one line per problem and exits with 1 if there is any. Repeated runs are compared bit for
-    bit. To repair a directory, use `rattlesweep run`, which repeats damaged runs.
+    Prints one line per problem and exits with 1 if there is any. Repeated runs are
+    compared bit for bit. To repair a directory, use `rattlesweep run`, which repeats
+    damaged runs.
     """
     from rattlesweep.sweeps.verify import verify as check
 
     seed = secrets.randbelow(2**32)
     with Bar.of_command() as bar:
-        found = check(directory, recompute, seed, threads, report=bar.counting("verifying"))
+        found = check(
+            directory, recompute, seed, threads, report=bar.counting("verifying")
+        )
     click.echo(to_json(asdict(found)) if as_json else found.words)
     return options.FAILED if found.problems else DONE
 
 
-@command("Sweeps", "rattlesweep classify out/quickstart --set classify.sw_departure=0.1")
+@command(
+    "Sweeps", "rattlesweep classify out/quickstart --set classify.sw_departure=0.1"
+)
 @options.directory
-@option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Set a threshold, as in "
-        "classify.sw_departure=0.1; may be repeated.")  # fmt: skip
+@option(
+    "--set",
+    "overrides",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="Set a threshold, as in classify.sw_departure=0.1; may be repeated.",
+)
 def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     """Classify stored runs by other thresholds, without integrating.
 
-    Rewrites the types and the summary, and prints one row per case. Without --set, or by
-    `rattlesweep run`, the thresholds of the config are restored.
+    Rewrites the types and the summary, and prints one row per case. Without --set, or
+    by `rattlesweep run`, the thresholds of the config are restored.
     """
     from rattlesweep.sweeps.classify import classify_stored
 
     done = classify_stored(directory, overrides)
     _print_summary(done.summary, directory)
     files = counted(done.files, "file")
-    say(f"{counted(done.changed, 'type')} changed; {files} and the summary written in {directory}")
-    say(f"thresholds: {', '.join(f'{key} {value:g}' for key, value in done.now.items())}")
+    say(
+        f"{counted(done.changed, 'type')} changed; {files} and the summary written in {directory}"
+    )
+    say(
+        f"thresholds: {', '.join(f'{key} {value:g}' for key, value in done.now.items())}"
+    )
 
 
 @command("Sweeps", "rattlesweep merge out/steady-0 out/steady-1 --output out/steady")
@@ -206,18 +263,22 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
 def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     """Merge the directories of one sweep's shards into one.
 
-    Exits with 75 if runs are still missing: merge other shards into the same output, or let
-    `rattlesweep run CONFIG --output DIR` compute the rest.
+    Exits with 75 if runs are still missing: merge other shards into the same output, or
+    let `rattlesweep run CONFIG --output DIR` compute the rest.
     """
     from rattlesweep.sweeps.merge import merge as join
 
     merged = join(list(directories), output)
     if not quiet:
         _print_summary(merged.summary, output)
-        say(f"{counted(merged.runs, 'run')} in {counted(merged.files, 'file')} in {output}")
+        say(
+            f"{counted(merged.runs, 'run')} in {counted(merged.files, 'file')} in {output}"
+        )
     if merged.missing:
-        say(f"{counted(merged.missing, 'run')} missing; merge the other shards into the same "
-            f"output, or `rattlesweep run CONFIG --output {output}`")  # fmt: skip
+        say(
+            f"{counted(merged.missing, 'run')} missing; merge the other shards into the same "
+            f"output, or `rattlesweep run CONFIG --output {output}`"
+        )
         return options.EARLY
     if merged.failed:
         say(f"{counted(merged.failed, 'run')} failed; see their column status")
@@ -225,21 +286,36 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     return DONE
 
 
-@command("Sweeps",
-         "rattlesweep slurm configs/steady.yaml --shards 100 --cpus 16 --time 4:00:00 > steady.sh",
-         "sbatch steady.sh")  # fmt: skip
+@command(
+    "Sweeps",
+    "rattlesweep slurm configs/steady.yaml --shards 100 --cpus 16 --time 4:00:00 > steady.sh",
+    "sbatch steady.sh",
+)
 @options.sweep
-@option("--shards", type=COUNT, required=True, help="Number of tasks, one for each shard.")
+@option(
+    "--shards", type=COUNT, required=True, help="Number of tasks, one for each shard."
+)
 @option("--time", "limit", type=LIMIT, default="4:00:00", help="Time limit of a task.")
 @option("--cpus", type=COUNT, default=1, help="CPUs per task.")
 @option("--mem", "memory", metavar="SIZE", default="2G", help="Memory per task.")
 @option("--partition", metavar="NAME", help="Partition of the cluster.")
-@option("--own-directories", "own", is_flag=True, help="Give each task a directory, DIR-I.")
-@option("--restarts", type=options.NUMBER, default=20, help="Most times that a task is requeued.")
+@option(
+    "--own-directories", "own", is_flag=True, help="Give each task a directory, DIR-I."
+)
+@option(
+    "--restarts",
+    type=options.NUMBER,
+    default=20,
+    help="Most times that a task is requeued.",
+)
 def slurm(
-    config: Path, output: Path | None, overrides: tuple[str, ...], shards: int, own: bool,
+    config: Path,
+    output: Path | None,
+    overrides: tuple[str, ...],
+    shards: int,
+    own: bool,
     **job: Any,
-) -> None:  # fmt: skip
+) -> None:
     """Print the script of a Slurm job array that runs a sweep, one shard per task.
 
     Tasks stop shortly before the time limit and resume after a restart.
@@ -251,7 +327,9 @@ def slurm(
     if not own:
         examine(made, where)
     if shards > made.runs:
-        raise ConfigError(f"--shards {shards}: there are only {counted(made.runs, 'run')}")
+        raise ConfigError(
+            f"--shards {shards}: there are only {counted(made.runs, 'run')}"
+        )
     place, job = where.absolute(), job | {"shards": shards, "own": own}
     click.echo(job_script(made, config.resolve(), place, overrides, **job), nl=False)
 
@@ -296,36 +374,68 @@ def _forecast(made: Plan, where: Path, threads: int | None) -> Forecast:
     return found
 
 
-@command("Results of a sweep",
-         "rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf",
-         "rattlesweep plot out/steady --kind scatter --x K_r --where 'type == \"R\" and t_r < 2e3'",
-         "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 "
-         "--select n_i=-0.45:0")  # fmt: skip
+@command(
+    "Results of a sweep",
+    "rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf",
+    "rattlesweep plot out/steady --kind scatter --x K_r --where 'type == \"R\" and t_r < 2e3'",
+    "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0",
+)
 @options.directory
-@option("--kind", type=options.KINDS, help="Kind of plot; by default what suits the sweep.")
-@option("--x", metavar="NAME", help="Abscissa: what the config varies; for a scatter any column.")
-@option("--quantity", metavar="COLUMN", help="Numeric column for a map or a distribution.")
-@option("--select", metavar="NAME=VALUES", multiple=True, help="Only runs with these values, as "
-        "in n_i=-0.3,-0.5 or theta=0.6:0.7; may be repeated.")  # fmt: skip
+@option(
+    "--kind", type=options.KINDS, help="Kind of plot; by default what suits the sweep."
+)
+@option(
+    "--x",
+    metavar="NAME",
+    help="Abscissa: what the config varies; for a scatter any column.",
+)
+@option(
+    "--quantity", metavar="COLUMN", help="Numeric column for a map or a distribution."
+)
+@option(
+    "--select",
+    metavar="NAME=VALUES",
+    multiple=True,
+    help="Only runs with these values, as "
+    "in n_i=-0.3,-0.5 or theta=0.6:0.7; may be repeated.",
+)
 @options.where
-@option("--log/--linear", default=None, help="Logarithmic or linear axes; by default by range.")
+@option(
+    "--log/--linear",
+    default=None,
+    help="Logarithmic or linear axes; by default by range.",
+)
 @option("--xlim", type=options.LIMITS, help="Limits of the abscissa.")
 @option("--ylim", type=options.LIMITS, help="Limits of the ordinate.")
 @option("--size", type=options.SIZE, help="Width and height in inches.")
-@option("--dpi", type=options.DPI, default=150.0, help="Dots per inch of a PNG, 20 to 600.")
-@option("--style", type=click.Path(path_type=Path), help="A Matplotlib style file (.mplstyle).")
+@option(
+    "--dpi", type=options.DPI, default=150.0, help="Dots per inch of a PNG, 20 to 600."
+)
+@option(
+    "--style",
+    type=click.Path(path_type=Path),
+    help="A Matplotlib style file (.mplstyle).",
+)
 @option("--title", help="Title of the figure; may hold formulas, as in '$n_i$'.")
-@options.file("--output", *options.PICTURES, multiple=True,
-              help="May be repeated; by default DIRECTORY/KIND.svg and .png.")  # fmt: skip
+@options.file(
+    "--output",
+    *options.PICTURES,
+    multiple=True,
+    help="May be repeated; by default DIRECTORY/KIND.svg and .png.",
+)
 @options.data
 def plot(
-    directory: Path, dpi: float, style: Path | None, output: tuple[Path, ...], data: Path | None,
+    directory: Path,
+    dpi: float,
+    style: Path | None,
+    output: tuple[Path, ...],
+    data: Path | None,
     **given: Any,
-) -> None:  # fmt: skip
+) -> None:
     """Plot a sweep: fractions of types, reversal times, a map of a grid.
 
-    Works at any time, even while the sweep is running. A map shows the mean of a column by colours,
-    a distribution its histogram. Prints the paths of the files it writes.
+    Works at any time, even while the sweep is running. A map shows the mean of a column
+    by colours, a distribution its histogram. Prints the paths of the files it writes.
     """
     from rattlesweep.analysis.layout import read_layout
     from rattlesweep.analysis.plots import choose_picture
@@ -335,7 +445,9 @@ def plot(
     looks = {name: given.pop(name) for name in ("title", "log", "size", "xlim", "ylim")}
     with styled(style):
         picture = choose_picture(read_layout(directory), **given)
-        paths = list(output) or [directory / f"{picture.name}{end}" for end in (".svg", ".png")]
+        paths = list(output) or [
+            directory / f"{picture.name}{end}" for end in (".svg", ".png")
+        ]
         save(picture.figure(**looks), paths, dpi)
     if data is not None:
         save_table(picture.table(), data)
@@ -344,15 +456,19 @@ def plot(
     say(f"{picture.name}: {counted(len(picture), 'run')}")
 
 
-@command("Results of a sweep", "rattlesweep report out/steady --title 'Steady direction'")
+@command(
+    "Results of a sweep", "rattlesweep report out/steady --title 'Steady direction'"
+)
 @options.directory
-@options.file("--output", ".html", ".htm", help="File to write; by default DIRECTORY/report.html.")
+@options.file(
+    "--output", ".html", ".htm", help="File to write; by default DIRECTORY/report.html."
+)
 @options.title
 def report(directory: Path, output: Path | None, title: str | None) -> None:
     """Write one self-contained HTML page about a sweep.
 
-    It holds the config, cases, figures, failures, cost and provenance. Works at any time, even
-    while the sweep is running. Prints the path of the page.
+    It holds the config, cases, figures, failures, cost and provenance. Works at any
+    time, even while the sweep is running. Prints the path of the page.
     """
     from rattlesweep.api import load
 
@@ -362,23 +478,36 @@ def report(directory: Path, output: Path | None, title: str | None) -> None:
     say(f"{len(page.content) / 1e6:.2f} MB")
 
 
-@command("Results of a sweep", "rattlesweep compare out/here out/there --figure differences.svg")
+@command(
+    "Results of a sweep",
+    "rattlesweep compare out/here out/there --figure differences.svg",
+)
 @options.path("a")
 @options.path("b")
 # t_r_error should cover 99.5 % of the runs.
-@option("--allow", type=options.SHARE, default=0.005, help="Share of runs that may be beyond.")
+@option(
+    "--allow",
+    type=options.SHARE,
+    default=0.005,
+    help="Share of runs that may be beyond.",
+)
 @options.figure
 @options.data
 @options.as_json
 def compare(
-    a: Path, b: Path, allow: float, figure: Path | None, data: Path | None, as_json: bool
+    a: Path,
+    b: Path,
+    allow: float,
+    figure: Path | None,
+    data: Path | None,
+    as_json: bool,
 ) -> int:
     """Compare two output directories of the same runs.
 
-    A and B may differ in tolerance, method, machine or version. Differences of t_r are relative to
-    their mean. "beyond" counts runs whose t_r differ by more than their errors, "types_sure"
-    those whose types differ although both are sure. Exits with 1 if there are such types, or if
-    the share of runs beyond is larger than --allow.
+    A and B may differ in tolerance, method, machine or version. Differences of t_r are
+    relative to their mean. "beyond" counts runs whose t_r differ by more than their
+    errors, "types_sure" those whose types differ although both are sure. Exits with 1
+    if there are such types, or if the share of runs beyond is larger than --allow.
     """
     from rattlesweep.analysis import compare as compared
     from rattlesweep.analysis.style import save_table
@@ -389,23 +518,27 @@ def compare(
         save_table(result.runs, data)
     if figure is not None:
         compared.save(result, figure)
-    click.echo(to_json(result.data) if as_json else compared.as_text(result, options.MOST_ROWS))
+    click.echo(
+        to_json(result.data) if as_json else compared.as_text(result, options.MOST_ROWS)
+    )
     if result.disagree(allow):
         say("the directories disagree")
         return options.FAILED
     return DONE
 
 
-@command("Results of a sweep", "rattlesweep sensitivity out/design --figure indices.svg")
+@command(
+    "Results of a sweep", "rattlesweep sensitivity out/design --figure indices.svg"
+)
 @options.directory
 @options.figure
 @options.as_json
 def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     """Estimate which parameters of the bodies t_r and the types depend on.
 
-    Prints first-order and total Sobol' indices for each case, with 95 % bootstrap intervals. The
-    sweep's config must have bodies.draw: saltelli. Indices of t_r need a case in which nearly all
-    runs reverse.
+    Prints first-order and total Sobol' indices for each case, with 95 % bootstrap
+    intervals. The sweep's config must have bodies.draw: saltelli. Indices of t_r need a
+    case in which nearly all runs reverse.
     """
     from rattlesweep.analysis import sensitivity as estimate
 
@@ -413,13 +546,17 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     found = estimate.sensitivity(directory)
     if figure is not None:
         estimate.save(found, figure)
-    click.echo(to_json(found) if as_json else estimate.as_text(found, options.MOST_ROWS))
+    click.echo(
+        to_json(found) if as_json else estimate.as_text(found, options.MOST_ROWS)
+    )
 
 
 @command("Studies", "rattlesweep paper --quick", "rattlesweep paper --only fig7,fig8")
 @options.output("Output directory; by default out/paper, or out/paper-quick.")
 @option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
-@option("--only", metavar="NAMES", help="Only these parts, such as fig7,fig8 or theory.")
+@option(
+    "--only", metavar="NAMES", help="Only these parts, such as fig7,fig8 or theory."
+)
 @options.threads
 @options.quiet
 def paper(
@@ -427,16 +564,20 @@ def paper(
 ) -> int:
     """Reproduce the figures of Kondo and Nakanishi (2017) and check their claims.
 
-    Prints a verdict on each claim. Writes data and pictures of the figures, and report.html, a
-    self-contained page. After a stop the same command resumes.
+    Prints a verdict on each claim. Writes data and pictures of the figures, and
+    report.html, a self-contained page. After a stop the same command resumes.
     """
     from rattlesweep.paper.reproduce import choose, closing_table, reproduce, tally
     from rattlesweep.paper.workspace import FULL, QUICK, Workspace
 
     names, start = choose(only), time.monotonic()
     directory = output or Path("out/paper-quick" if quick else "out/paper")
-    workspace = Workspace(directory, QUICK if quick else FULL, threads=threads,
-                          progress=False if quiet else None)  # fmt: skip
+    workspace = Workspace(
+        directory,
+        QUICK if quick else FULL,
+        threads=threads,
+        progress=False if quiet else None,
+    )
     with Bar.of_command(quiet) as bar:
         claims = reproduce(workspace, names, bar.stage)
     if not quiet:
@@ -445,41 +586,72 @@ def paper(
             say(f"{len(claims)} claims: {tally(claims)}")
         say(f"{directory / 'report.html'}; {time.monotonic() - start:.1f} s")
     if workspace.failed:
-        say(f"{counted(workspace.failed, 'run')} of the sweeps failed; see their column status")
+        say(
+            f"{counted(workspace.failed, 'run')} of the sweeps failed; see their column status"
+        )
         return options.SOME_FAILED
     return DONE
 
 
-@command("Studies", "rattlesweep tradeoff --quick", "rattlesweep tradeoff configs/tradeoff.yaml")
+@command(
+    "Studies",
+    "rattlesweep tradeoff --quick",
+    "rattlesweep tradeoff configs/tradeoff.yaml",
+)
 @options.path("config", required=False)
 @options.output()
-@option("--samples", type=COUNT, help="Number of bodies; by default enough for 2000 runs.")
+@option(
+    "--samples", type=COUNT, help="Number of bodies; by default enough for 2000 runs."
+)
 @option("--quick", is_flag=True, help="Fewer runs and methods: faster, but rough.")
 @options.overrides
 @options.threads
 @options.as_json
 def tradeoff(
-    config: Path | None, output: Path | None, samples: int | None, quick: bool,
-    overrides: tuple[str, ...], threads: int | None, as_json: bool,
-) -> None:  # fmt: skip
+    config: Path | None,
+    output: Path | None,
+    samples: int | None,
+    quick: bool,
+    overrides: tuple[str, ...],
+    threads: int | None,
+    as_json: bool,
+) -> None:
     """Measure speed against accuracy on this machine.
 
-    Integrates the same runs by several methods, settings and models. The runs are drawn from
-    CONFIG, by default shell-dumbbell bodies in both directions. Prints a table with the costs on
-    one thread and the cheapest setting for some errors of t_r; writes tradeoff.parquet, .svg, .png.
+    Integrates the same runs by several methods, settings and models. The runs are drawn
+    from CONFIG, by default shell-dumbbell bodies in both directions. Prints a table
+    with the costs on one thread and the cheapest setting for some errors of t_r; writes
+    tradeoff.parquet, .svg, .png.
     """
-    from rattlesweep.analysis.tradeoff import DEFAULT, FULL, QUICK, as_data, as_text, measure, save
+    from rattlesweep.analysis.tradeoff import (
+        DEFAULT,
+        FULL,
+        QUICK,
+        as_data,
+        as_text,
+        measure,
+        save,
+    )
     from rattlesweep.integrate.batch import available_threads
     from rattlesweep.sweeps.config.read import load_config, parse_config
     from rattlesweep.sweeps.files import probe_directory
 
-    loaded = load_config(config, overrides) if config else parse_config(DEFAULT, overrides)
-    base, directory = config and config.resolve().parent, output or Path(loaded.directory)
+    loaded = (
+        load_config(config, overrides) if config else parse_config(DEFAULT, overrides)
+    )
+    base, directory = (
+        config and config.resolve().parent,
+        output or Path(loaded.directory),
+    )
     probe_directory(directory)
     start, threads = time.monotonic(), threads or available_threads()
     settings, least = (QUICK, 300) if quick else (FULL, 2000)
     how: dict[str, Any] = {"samples": samples, "least": least, "threads": threads}
-    study = measure(loaded, base, settings=settings, **how, report=Bar.of_command().stage)
+    study = measure(
+        loaded, base, settings=settings, **how, report=Bar.of_command().stage
+    )
     files = save(study, directory)
     click.echo(to_json(as_data(study)) if as_json else as_text(study))
-    say(f"{', '.join(p.name for p in files)} in {directory}; {time.monotonic() - start:.1f} s")
+    say(
+        f"{', '.join(p.name for p in files)} in {directory}; {time.monotonic() - start:.1f} s"
+    )

@@ -26,11 +26,15 @@ from rattlesweep.integrate.task import Control
 from rattlesweep.physics import vectors
 
 N_WINDOWS = 64
-MAX_DAMPING = 0.1  # largest change of the amplitude's logarithm that a fixed step may cause
-# A reversal takes the spin from beyond this share of `Batch.scale` to beyond it on the other side.
-# If the spin has plateaus, any share from 0.05 to 0.5 counts the same reversals.
+MAX_DAMPING = (
+    0.1  # largest change of the amplitude's logarithm that a fixed step may cause
+)
+# A reversal takes the spin from beyond this share of `Batch.scale` to beyond it on the
+# other side. If the spin has plateaus, any share from 0.05 to 0.5 counts the same
+# reversals.
 PLATEAU_SHARE = 0.25
-# Observations that every kernel can record; and all of them, as only a tangent yields the last.
+# Observations that every kernel can record; and all of them, as only a tangent yields
+# the last.
 WATCHED = ("energy", "contact", "windows", "reversals", "volume")
 RECORDS = (*WATCHED, "lyapunov")
 
@@ -45,17 +49,25 @@ def problem_of(model: Model | None, adaptive: bool, width: int = LANES) -> Probl
 
 
 def workspace(tableau: Tableau, model: Model, threads: int) -> Floats:
-    """Return workspaces, shape (threads, size): rows of zeros that share no cache line."""
+    """Return workspaces, shape (threads, size): rows of zeros that share no cache
+    line.
+    """
     size = -(-Layout(model).rows(tableau, model) * LANES // 16) * 16
     flat = np.zeros(threads * size + 8)
     shift = (-flat.ctypes.data // 8) % 8
     found = flat[shift : shift + threads * size].reshape(threads, size)
-    # Without compilation, lanes reshape the workspace, so its size must be a multiple of LANES.
+    # Without compilation, lanes reshape the workspace, so its size must be a multiple
+    # of LANES.
     return found[:, : size // LANES * LANES] if config.DISABLE_JIT else found
 
 
-# Arguments whose types a kernel is compiled for: a workspace, a table, addresses, shared arrays.
-FLAT, TABLE, NO_PARTS = np.zeros(0), np.zeros((0, 1)), np.zeros(lanes.PARTS, dtype=np.int64)
+# Arguments whose types a kernel is compiled for: a workspace, a table, addresses,
+# shared arrays.
+FLAT, TABLE, NO_PARTS = (
+    np.zeros(0),
+    np.zeros((0, 1)),
+    np.zeros(lanes.PARTS, dtype=np.int64),
+)
 WHOLE = np.zeros(0, dtype=np.int64)
 RUNS = TABLE, TABLE, TABLE, TABLE, FLAT, np.zeros(1, dtype=np.bool_)
 SHARED = WHOLE, WHOLE, *RUNS, TABLE, TABLE.astype(np.int64), np.zeros((0, 1, 1)), TABLE
@@ -77,7 +89,9 @@ def attempt(tableau_name: str, model_name: str, extra: str = "") -> Kernel:
 
 def decide_closely(adaptive: bool) -> Kernel:
     """Return :func:`lanes.decide_closely`, which serves all models."""
-    return Kernel(lanes.decide_closely, (problem_of(None, adaptive), FLAT, 0, 1.0, False), INNER)
+    return Kernel(
+        lanes.decide_closely, (problem_of(None, adaptive), FLAT, 0, 1.0, False), INNER
+    )
 
 
 def drive() -> Kernel:
@@ -89,9 +103,11 @@ def drive() -> Kernel:
 def kernel(
     tableau_name: str, model_name: str, record: Collection[str] = ()
 ) -> Callable[[int, tuple[Any, ...]], None]:
-    """Return a kernel for a record, which takes the number of threads and the shared arrays.
+    """Return a kernel for a record, which takes the number of threads and the shared
+    arrays.
 
-    If threads cannot be started (:func:`parallel`), the work of all is done in this one.
+    If threads cannot be started (:func:`parallel`), the work of all is done in this
+    one.
     """
     tableau, model = METHODS[tableau_name], find_model(model_name)
     model = TANGENT if "lyapunov" in record else model
@@ -116,7 +132,8 @@ def kernel(
     return call
 
 
-# Whether GNU OpenMP had started threads when this process was forked; it cannot start any here.
+# Whether GNU OpenMP had started threads when this process was forked; it cannot start
+# any here.
 _forked = False
 # Numba's layer "workqueue" ends a process in which two threads start a kernel at once.
 _workqueue = threading.Lock()
@@ -124,7 +141,9 @@ _workqueue = threading.Lock()
 
 def _after_fork() -> None:
     global _forked, _workqueue
-    _workqueue = threading.Lock()  # the thread that held the old one does not exist here
+    _workqueue = (
+        threading.Lock()
+    )  # the thread that held the old one does not exist here
     with suppress(ValueError):  # no threads were started
         _forked = numba.threading_layer() == "omp" or _forked
 
@@ -134,13 +153,17 @@ if hasattr(os, "register_at_fork"):
 
 
 def parallel() -> bool:
-    """Return whether this process can start threads; SettingError if no layer can be loaded."""
+    """Return whether this process can start threads; SettingError if no layer can be
+    loaded.
+    """
     if _forked or config.DISABLE_JIT:
         return False
     try:
         numba.get_num_threads()
     except ValueError as error:
-        raise SettingError(f"NUMBA_THREADING_LAYER: {str(error).splitlines()[0]}") from error
+        raise SettingError(
+            f"NUMBA_THREADING_LAYER: {str(error).splitlines()[0]}"
+        ) from error
     return True
 
 
@@ -160,13 +183,17 @@ def holding(threads: int) -> Iterator[None]:
 
 
 def available_threads() -> int:
-    """Return the default number of threads: one for each processor this process may run on."""
+    """Return the default number of threads: one for each processor this process may run
+    on.
+    """
     return min(processors(), int(config.NUMBA_NUM_THREADS))
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Runs to integrate, in units of ``a`` and ``g``; the first axis of every array is the run."""
+    """Runs to integrate, in units of ``a`` and ``g``; the first axis of every array is
+    the run.
+    """
 
     y0: Floats  # initial states
     constants: Floats  # of the bodies
@@ -176,15 +203,19 @@ class Batch:
     relevant: Floats  # angular frequency of the relevant oscillation, or 0
     rate: Floats  # bound of the spin's rate in the first steps
     window: Floats  # length of the windows whose amplitudes are compared
-    # Time of the first comparison of amplitudes; in the first window, the next ones are at twice,
-    # four times, ... this time.
+    # Time of the first comparison of amplitudes; in the first window, the next ones are
+    # at twice, four times, ... this time.
     first_mark: Floats
-    scale: Floats  # modulus of the spin at launch, or of the spin that would hold all the energy
-    tapped: Flags  # launched without spin: zeros count once |n| has exceeded PLATEAU_SHARE of scale
-    # Square of the oscillation (as in Model.error) below which it only decays: a run ends if it is
-    # below after two windows without growth.  0 means that no run ends so.
+    # modulus of the spin at launch, or of the spin that would hold all the energy
+    scale: Floats
+    # launched without spin: zeros count once |n| has exceeded PLATEAU_SHARE of scale
+    tapped: Flags
+    # Square of the oscillation (as in Model.error) below which it only decays: a run
+    # ends if it is below after two windows without growth.  0 means that no run ends
+    # so.
     settled: Floats = field(default_factory=lambda: np.zeros(0))
-    # Share of the energy at launch below which a zero of the spin, with friction, is no reversal.
+    # Share of the energy at launch below which a zero of the spin, with friction, is no
+    # reversal.
     dead: Floats = field(default_factory=lambda: np.zeros(0))
 
     def __len__(self) -> int:
@@ -200,7 +231,9 @@ class Outcome:
     t_r: Floats  # first reversal
     n_end: Floats  # spin at t_end
     energy_drift: Floats  # at t_end, relative to energy_0
-    amp_growth: Floats  # largest growth of the relevant amplitude between comparisons, relative
+    amp_growth: (
+        Floats  # largest growth of the relevant amplitude between comparisons, relative
+    )
     n_departure: Floats  # largest loss of spin, relative to the launch
     energy_0: Floats  # energy at launch
     # These and n_turns are meaningful only if they were recorded.
@@ -215,11 +248,15 @@ class Outcome:
     n_turns: Integers
     y_end: Floats  # states at t_end, shape (runs, n_state)
     # These three have no rows if they were not recorded.
-    windows: Floats  # amplitude, least and largest spin in each window, shape (runs, 64, 3)
-    # Time and logarithm of the tangent's growth at the ends of the windows and of the run, shape
-    # (runs, 64, 2).  If a step ends several windows, only the row of the first is filled.
+    windows: (
+        Floats  # amplitude, least and largest spin in each window, shape (runs, 64, 3)
+    )
+    # Time and logarithm of the tangent's growth at the ends of the windows and of the
+    # run, shape (runs, 64, 2).  If a step ends several windows, only the row of the
+    # first is filled.
     growth: Floats
-    # Time of each reversal and largest modulus of the spin until the next, shape (runs, 8, 2).
+    # Time of each reversal and largest modulus of the spin until the next, shape (runs,
+    # 8, 2).
     reversals: Floats
     stopped: bool  # whether the kernel was stopped before all runs had ended
 
@@ -233,15 +270,25 @@ def has_settled(batch: Batch, outcome: Outcome) -> Flags:
 
 
 def integrate(
-    batch: Batch, tableau: Tableau, model: Model, *, tol: float = TOL, dt: float = DT,
-    max_steps: int = MAX_STEPS, record: frozenset[str] = frozenset(),
-    cost: Integers | None = None, threads: int | None = None, control: Control | None = None,
-) -> Outcome:  # fmt: skip
-    """Integrate every run to its first reversal, its horizon, or the time when it has settled.
+    batch: Batch,
+    tableau: Tableau,
+    model: Model,
+    *,
+    tol: float = TOL,
+    dt: float = DT,
+    max_steps: int = MAX_STEPS,
+    record: frozenset[str] = frozenset(),
+    cost: Integers | None = None,
+    threads: int | None = None,
+    control: Control | None = None,
+) -> Outcome:
+    """Integrate every run to its first reversal, its horizon, or the time when it has
+    settled.
 
-    If reversals are recorded, runs continue after a reversal.  The slopes of an ellipsoid that
-    rolls onto its side diverge; such a run is integrated again with :attr:`Model.anywhere`.  The
-    bits of a run depend neither on the number of threads nor on the other runs.
+    If reversals are recorded, runs continue after a reversal.  The slopes of an
+    ellipsoid that rolls onto its side diverge; such a run is integrated again with
+    :attr:`Model.anywhere`.  The bits of a run depend neither on the number of threads
+    nor on the other runs.
 
     Parameters
     ----------
@@ -266,13 +313,18 @@ def integrate(
         If Numba cannot load the threading layer that the environment names.
     """
     control = control or Control()
-    count = min(threads or available_threads(), config.NUMBA_NUM_THREADS) if parallel() else 1
+    count = (
+        min(threads or available_threads(), config.NUMBA_NUM_THREADS)
+        if parallel()
+        else 1
+    )
     price = batch.t_end * batch.swing if cost is None else cost.astype(float)
     control.start(count, price)
     result = np.full((len(batch), runs.FIRST_STATE + model.n_state), np.nan)
     counts = np.zeros((len(batch), len(runs.COUNTS)), dtype=np.int64)
     counts[:, runs.STATUS] = Status.STOPPED
-    # The columns of ``windows`` belong to windows, then to reversals, then to the tangent.
+    # The columns of ``windows`` belong to windows, then to reversals, then to the
+    # tangent.
     seen = 3 if "windows" in record else 0
     turned = seen + (2 if "reversals" in record else 0)
     width = turned + (2 if "lyapunov" in record else 0)
@@ -282,10 +334,19 @@ def integrate(
         flags = np.array([name in record for name in WATCHED])
         call = kernel(tableau.name, model.name, record)
         with holding(count):
-            call(count, (
-                control.shared, order, *run_arrays(batch, tableau, tol, dt, max_steps, price),
-                flags, result, counts, windows, control.progress,
-            ))  # fmt: skip
+            call(
+                count,
+                (
+                    control.shared,
+                    order,
+                    *run_arrays(batch, tableau, tol, dt, max_steps, price),
+                    flags,
+                    result,
+                    counts,
+                    windows,
+                    control.progress,
+                ),
+            )
     if not tableau.adaptive:
         coarse = is_coarse(tableau, dt, batch.relevant, result[:, runs.T_END])
         coarse &= counts[:, runs.STATUS] == Status.OK
@@ -300,28 +361,44 @@ def integrate(
         **found,
         y_end=result[:, runs.FIRST_STATE :],
         windows=windows[:, :, :3] if seen else np.zeros((0, N_WINDOWS, 3)),
-        growth=windows[:, :, turned:] if width > turned else np.zeros((0, N_WINDOWS, 2)),
-        reversals=windows[: len(batch) if turned > seen else 0, : runs.MOST_REVERSALS, seen:turned],
+        growth=windows[:, :, turned:]
+        if width > turned
+        else np.zeros((0, N_WINDOWS, 2)),
+        reversals=windows[
+            : len(batch) if turned > seen else 0, : runs.MOST_REVERSALS, seen:turned
+        ],
         stopped=bool((counts[:, runs.STATUS] == Status.STOPPED).any()),
     )
-    failed = np.isin(outcome.status, (Status.NONFINITE, Status.STEP_TOO_SMALL, Status.ENERGY))
+    failed = np.isin(
+        outcome.status, (Status.NONFINITE, Status.STEP_TOO_SMALL, Status.ENERGY)
+    )
     if model.anywhere is None or not failed.any():
         return outcome
-    # The repetition begins at the launch, so that a run depends on its own numbers alone.
+    # The repetition begins at the launch, so that a run depends on its own numbers
+    # alone.
     rows = np.flatnonzero(failed)
     again = take(batch, rows)
     y0, constants = vectors.from_slopes(again.y0, again.constants)
     control.repeat()
     other = integrate(
-        replace(again, y0=y0, constants=constants), tableau, model.anywhere, tol=tol, dt=dt,
-        max_steps=max_steps, record=record, threads=threads, control=control,
-    )  # fmt: skip
+        replace(again, y0=y0, constants=constants),
+        tableau,
+        model.anywhere,
+        tol=tol,
+        dt=dt,
+        max_steps=max_steps,
+        record=record,
+        threads=threads,
+        control=control,
+    )
     y_end = vectors.to_slopes(other.y_end)[:, : model.n_state]
     put(replace(other, y_end=y_end), outcome, rows)
     return replace(outcome, stopped=outcome.stopped or other.stopped)
 
 
-def is_coarse(tableau: Tableau, dt: float, relevant: Floats, t_end: Floats | float) -> Flags:
+def is_coarse(
+    tableau: Tableau, dt: float, relevant: Floats, t_end: Floats | float
+) -> Flags:
     """Return which runs damp or feed their oscillation too much with a fixed step.
 
     The energy need not drift visibly in such a run.
@@ -336,38 +413,61 @@ def stride(tableau: Tableau) -> int:
 
 
 def run_arrays(
-    batch: Batch, tableau: Tableau, tol: float, dt: float, max_steps: int,
+    batch: Batch,
+    tableau: Tableau,
+    tol: float,
+    dt: float,
+    max_steps: int,
     cost: Floats | float = 0.0,
-) -> tuple[Floats, ...]:  # fmt: skip
-    """Return the arrays that a kernel reads (see `lanes.runs`), from ``y0`` to ``options``."""
+) -> tuple[Floats, ...]:
+    """Return the arrays that a kernel reads (see `lanes.runs`), from ``y0`` to
+    ``options``.
+    """
     angle = min(1.0, lanes.FIRST_ANGLE * tol ** (1 / tableau.order))
     first = angle / batch.swing if tableau.adaptive else SUBSTEPS * dt
-    # Depth below which the method cannot tell the sign of an extremum, as a share of the swing.
+    # Depth below which the method cannot tell the sign of an extremum, as a share of
+    # the swing.
     coarse = np.maximum(1e-9, (dt * batch.swing) ** tableau.order)
     fuzz = 1e3 * tol if tableau.adaptive else coarse
     settled, dead = (x if len(x) else 0.0 for x in (batch.settled, batch.dead))
     far = PLATEAU_SHARE * batch.scale
     columns = np.broadcast_arrays(
-        batch.t_end, batch.swing, batch.window, batch.rate, first, cost, fuzz, batch.first_mark,
-        far, batch.tapped, settled, dead,
-    )  # fmt: skip
+        batch.t_end,
+        batch.swing,
+        batch.window,
+        batch.rate,
+        first,
+        cost,
+        fuzz,
+        batch.first_mark,
+        far,
+        batch.tapped,
+        settled,
+        dead,
+    )
     plan = np.column_stack(columns).astype(float)
-    options = np.array([1.0 / tol**2, stride(tableau) * dt, max_steps / stride(tableau)])
+    options = np.array(
+        [1.0 / tol**2, stride(tableau) * dt, max_steps / stride(tableau)]
+    )
     own = map(np.ascontiguousarray, (batch.y0, batch.constants, batch.probe))
     return *own, plan, options
 
 
 def exponents(growth: Floats) -> tuple[Floats, Floats]:
-    """Return finite-time Lyapunov exponents over each run and over its second half, (runs,).
+    """Return finite-time Lyapunov exponents over each run and over its second half,
+    (runs,).
 
-    They are slopes of :attr:`Outcome.growth`, in ``sqrt(g/a)``, and NaN where it is not finite.
-    The second is also NaN where half time falls within the first window.
+    They are slopes of :attr:`Outcome.growth`, in ``sqrt(g/a)``, and NaN where it is not
+    finite. The second is also NaN where half time falls within the first window.
     """
     row = np.arange(len(growth))
-    # A step that ends several windows fills the row of the first; move the empty rows to the end.
+    # A step that ends several windows fills the row of the first; move the empty rows
+    # to the end.
     order = np.argsort(~np.isfinite(growth[:, :, :1]), axis=1, kind="stable")
     growth = np.take_along_axis(growth, order, axis=1)
-    t, log = np.concatenate([np.zeros((len(row), 1, 2)), growth], axis=1).transpose(2, 0, 1)
+    t, log = np.concatenate([np.zeros((len(row), 1, 2)), growth], axis=1).transpose(
+        2, 0, 1
+    )
     last = np.isfinite(t).sum(axis=1) - 1
     end, grown = t[row, last], log[row, last]
     half = end / 2

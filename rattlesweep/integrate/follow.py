@@ -1,9 +1,11 @@
-"""One run followed past its reversals: its accepted steps, states at any times, all zeros.
+"""One run followed past its reversals: its accepted steps, states at any times, all
+zeros.
 
-:func:`record_steps` runs the sweep's kernel with one run in one lane, so that accepted steps and
-the first reversal have the same bits as in a sweep; but it stores every accepted step, and does not
-end the run at a reversal.  :func:`states_after` computes states at any times, each by one step of
-the method from the accepted step before it, so that no accepted step depends on them.
+:func:`record_steps` runs the sweep's kernel with one run in one lane, so that accepted
+steps and the first reversal have the same bits as in a sweep; but it stores every
+accepted step, and does not end the run at a reversal.  :func:`states_after` computes
+states at any times, each by one step of the method from the accepted step before it, so
+that no accepted step depends on them.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -32,20 +34,34 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, TOL, Tableau
 
 STEPS_PER_CALL = 2048  # a few milliseconds, after which Python can act on Ctrl-C
-# ``counts`` of :func:`record_steps`: whether the run has begun and ended, its status, and the
-# numbers of steps and zeros that the last call stored.
+# ``counts`` of :func:`record_steps`: whether the run has begun and ended, its status,
+# and the numbers of steps and zeros that the last call stored.
 BEGUN, ENDED, STATUS, N_STEPS, N_ZEROS, N_COUNTS = 0, 1, 2, 3, 4, 5
 # Columns of a stored step: time, its low part, then the state and its derivative.
 T, T_LOW, STATE = 0, 1, 2
 
 
-def record_steps(problem, parts, w, y0, constants, probe, plan, options,
-                 record, steps, zeros, counts, energies):  # fmt: skip
+def record_steps(
+    problem,
+    parts,
+    w,
+    y0,
+    constants,
+    probe,
+    plan,
+    options,
+    record,
+    steps,
+    zeros,
+    counts,
+    energies,
+):
     """Continue the run until the tables are full or it ends.
 
-    The arguments up to ``record`` are those of the kernel's ``work`` for one run, which stays in
-    the workspace between calls.  The others are outputs: ``steps``, where the run is and then the
-    ends of accepted steps; ``zeros``; ``counts``; ``energies`` at launch and in the last row.
+    The arguments up to ``record`` are those of the kernel's ``work`` for one run, which
+    stays in the workspace between calls.  The others are outputs: ``steps``, where the
+    run is and then the ends of accepted steps; ``zeros``; ``counts``; ``energies`` at
+    launch and in the last row.
     """
     widest_vectors()
     scale, dt, max_steps = options[0], options[1], options[2]
@@ -69,12 +85,16 @@ def record_steps(problem, parts, w, y0, constants, probe, plan, options,
             break
         call(parts[ATTEMPT], (problem, w, scale))
         if decide(problem, w, dt, max_steps) > 0:
-            status, move = call_for_pair(parts[DECIDE], (problem, w, 0, max_steps, False))
+            status, move = call_for_pair(
+                parts[DECIDE], (problem, w, 0, max_steps, False)
+            )
             if move == REVERSED:
                 if not runs.is_dead(lane):
                     zeros[found] = lane.t + (lane.h - lane.t_low)
                     found += 1
-                later, move = call_for_pair(parts[DECIDE], (problem, w, 0, max_steps, True))
+                later, move = call_for_pair(
+                    parts[DECIDE], (problem, w, 0, max_steps, True)
+                )
                 status = later if move == HOLD else status
             ended = status != OK or (move != HOLD and lane.last > 0.0)
         accepted = lane.accept > 0.0
@@ -88,9 +108,11 @@ def record_steps(problem, parts, w, y0, constants, probe, plan, options,
 
 
 def states_after(problem, parts, w, steps, which, offset, constants, out):
-    """Write the states a time ``offset`` after the rows ``which`` of ``steps`` to ``out``.
+    """Write the states a time ``offset`` after the rows ``which`` of ``steps`` to
+    ``out``.
 
-    Each is one step of the method in its own lane.  Components that ``steps`` lacks start at zero.
+    Each is one step of the method in its own lane.  Components that ``steps`` lacks
+    start at zero.
     """
     widest_vectors()
     for l in range(problem.lanes):
@@ -113,7 +135,9 @@ def states_after(problem, parts, w, steps, which, offset, constants, out):
 
 
 def observe(problem, states, constants, out):
-    """Write spin, energy, normal and tangential contact force in ``states`` to ``out``."""
+    """Write spin, energy, normal and tangential contact force in ``states`` to
+    ``out``.
+    """
     q = first_of(constants, problem.n_constants)
     for i in range(out.shape[1]):
         y = first_of(states[i], problem.n_state)
@@ -136,13 +160,17 @@ def states_recipe(model_name: str) -> Kernel:
     """Return :func:`states_after` of a model, which serves all methods."""
     problem = batches.problem_of(find_model(model_name), True)
     tables = batches.TABLE, batches.WHOLE, batches.FLAT, batches.FLAT, batches.TABLE
-    return Kernel(states_after, (problem, batches.NO_PARTS, batches.FLAT, *tables), OPTIONS)
+    return Kernel(
+        states_after, (problem, batches.NO_PARTS, batches.FLAT, *tables), OPTIONS
+    )
 
 
 def observe_recipe(model_name: str) -> Kernel:
     """Return :func:`observe` of a model."""
     problem = batches.problem_of(find_model(model_name), True)
-    return Kernel(observe, (problem, batches.TABLE, batches.FLAT, batches.TABLE), OPTIONS)
+    return Kernel(
+        observe, (problem, batches.TABLE, batches.FLAT, batches.TABLE), OPTIONS
+    )
 
 
 @dataclass(frozen=True)
@@ -155,18 +183,27 @@ class Samples:
 
 
 class Follower:
-    """Integrates a batch of one run past its reversals, as far as its states are requested.
+    """Integrates a batch of one run past its reversals, as far as its states are
+    requested.
 
-    With `attitude`, heading and contact point are integrated over the accepted steps.  `look` is
-    called with times and the result of :meth:`observe`: first for the launch, then for the accepted
-    steps.  If the step is fixed, only every eighth step counts as accepted.
+    With `attitude`, heading and contact point are integrated over the accepted steps.
+    `look` is called with times and the result of :meth:`observe`: first for the launch,
+    then for the accepted steps.  If the step is fixed, only every eighth step counts as
+    accepted.
     """
 
     def __init__(
-        self, batch: Batch, tableau: Tableau, model: Model, *, tol: float = TOL, dt: float = DT,
-        max_steps: int = MAX_STEPS, attitude: bool = False,
+        self,
+        batch: Batch,
+        tableau: Tableau,
+        model: Model,
+        *,
+        tol: float = TOL,
+        dt: float = DT,
+        max_steps: int = MAX_STEPS,
+        attitude: bool = False,
         look: Callable[[Floats, Floats], None] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.t, self.n_steps, self.status = 0.0, 0, Status.OK
         # Times of the spin's zeros so far, without those after which the body is dead.
         self.zeros = list[float]()
@@ -180,7 +217,7 @@ class Follower:
             (batches.decide_closely, tableau.adaptive),
             *((batches.attempt, tableau.name, each.name) for each in self._models),
             *((states_recipe, each.name) for each in self._models),
-        )  # fmt: skip
+        )
         steps, self._states = others[: len(self._models)], others[len(self._models) :]
         self._steps = [addresses_of(step) for step in steps]
         # No window ends, so no amplitudes are compared.
@@ -194,9 +231,12 @@ class Follower:
         )
         self._counts, self._energies = np.zeros(N_COUNTS, dtype=np.int64), np.zeros(2)
         self._zeros = np.zeros(256)
-        # Row 0 is where the last call ended.  The first call only stores the launch there.
+        # Row 0 is where the last call ended.  The first call only stores the launch
+        # there.
         self._table = np.zeros((1 + STEPS_PER_CALL, STATE + 2 * model.n_state))
-        self._kernel(*self._run, self._table[:1], self._zeros, self._counts, self._energies)
+        self._kernel(
+            *self._run, self._table[:1], self._zeros, self._counts, self._energies
+        )
         self._rows = 1
         self.energy_0 = float(self._energies[0])
         self._extra = np.zeros((1, self._models[-1].n_extra))
@@ -205,10 +245,14 @@ class Follower:
 
     def launch(self) -> Samples:
         """Return the state at time zero."""
-        return Samples(np.zeros(1), self._batch.y0.copy(), np.zeros((1, self._extra.shape[1])))
+        return Samples(
+            np.zeros(1), self._batch.y0.copy(), np.zeros((1, self._extra.shape[1]))
+        )
 
     def steps(self) -> Samples:
-        """Continue, and return the ends of the next accepted steps; none if the run has ended."""
+        """Continue, and return the ends of the next accepted steps; none if the run has
+        ended.
+        """
         if self.ended:
             return self._samples(0, 0)
         self._continue()
@@ -225,7 +269,8 @@ class Follower:
         return out
 
     def at(self, times: Floats) -> Samples:
-        """Return the states at increasing times, which must not precede those of the last call.
+        """Return the states at increasing times, which must not precede those of the
+        last call.
 
         Times after the end of the run are left out.
         """
@@ -240,10 +285,13 @@ class Follower:
                 offset = (part - ends[which]) + self._table[which, T_LOW]
                 out[done:upto] = self._between(0, which, offset)
                 if extra.size:
-                    # The moves are in the frame of the heading at the start of the step.
+                    # The moves are in the frame of the heading at the start of the
+                    # step.
                     moved, start = self._moves(which, offset), self._extra[which]
                     extra[done:upto, 0] = start[:, 0] + moved[:, 0]
-                    extra[done:upto, 1:] = start[:, 1:] + _rotated(start[:, 0], moved[:, 1:])
+                    extra[done:upto, 1:] = start[:, 1:] + _rotated(
+                        start[:, 0], moved[:, 1:]
+                    )
                 done = upto
             elif self.ended:
                 break
@@ -290,12 +338,16 @@ class Follower:
             self._look(found.t, self.observe(found.y))
 
     def _check_accuracy(self) -> None:
-        """Set the status that a sweep would give to a run whose numbers cannot be trusted."""
+        """Set the status that a sweep would give to a run whose numbers cannot be
+        trusted.
+        """
         drift = (float(self._energies[1]) - self.energy_0) / self.energy_0
         if not abs(drift) <= runs.MAX_ENERGY_DRIFT:
             self.status = Status.ENERGY if np.isfinite(drift) else Status.NONFINITE
         elif not self._tableau.adaptive:
-            coarse = batches.is_coarse(self._tableau, self._dt, self._batch.relevant, self.t)
+            coarse = batches.is_coarse(
+                self._tableau, self._dt, self._batch.relevant, self.t
+            )
             self.status = Status.COARSE if coarse[0] else Status.OK
 
 

@@ -6,15 +6,33 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """The status of a run; ``label`` is its word in the tables, ``meaning`` explains it."""
+    """The status of a run; ``label`` is its word in the tables, ``meaning`` explains
+    it.
+    """
 
     OK = 0, "ok", "integrated to the first reversal or to the horizon"
-    NONFINITE = 1, "nonfinite", "the state became infinite or NaN (usually a fixed step too long)"
+    NONFINITE = (
+        1,
+        "nonfinite",
+        "the state became infinite or NaN (usually a fixed step too long)",
+    )
     STEP_LIMIT = 2, "step_limit", "more steps than integrator.max_steps"
-    STEP_TOO_SMALL = 3, "step_too_small", "even the smallest step did not meet the tolerance"
-    ENERGY = 4, "energy", "energy was off by more than 1 %: the numbers cannot be trusted"
+    STEP_TOO_SMALL = (
+        3,
+        "step_too_small",
+        "even the smallest step did not meet the tolerance",
+    )
+    ENERGY = (
+        4,
+        "energy",
+        "energy was off by more than 1 %: the numbers cannot be trusted",
+    )
     NO_HORIZON = 5, "no_horizon", "the horizon in units of t_rGH is not a finite time"
-    COARSE = 6, "coarse_step", "the fixed step damped or fed the oscillation by more than 10 %"
+    COARSE = (
+        6,
+        "coarse_step",
+        "the fixed step damped or fed the oscillation by more than 10 %",
+    )
     STOPPED = 7, "stopped", "interrupted before the run began or ended; never stored"
 
     label: str

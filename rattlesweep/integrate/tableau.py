@@ -1,6 +1,7 @@
 """Explicit Runge-Kutta methods as data, from which `lanes.step` generates the steps.
 
-NumPy is not imported here, since `--help` and configs need the names of the methods without it.
+NumPy is not imported here, since `--help` and configs need the names of the methods
+without it.
 """
 
 from __future__ import annotations
@@ -23,19 +24,24 @@ MAX_STEPS = 100_000_000
 
 @dataclass(frozen=True)
 class Tableau:
-    """Butcher tableau of an explicit method; rows hold the non-zero coefficients by index."""
+    """Butcher tableau of an explicit method; rows hold the non-zero coefficients by
+    index.
+    """
 
     name: str
     order: int  # of the solution that is propagated
     a: tuple[Row, ...]  # a_ij of each stage i; row 0 is empty
     b: Row  # weights of the solution
-    # Weights of the error estimates: no row for a fixed step, one for an embedded pair, two for
-    # DOP853.  The index len(a) is that of the derivative at the end of the step.
+    # Weights of the error estimates: no row for a fixed step, one for an embedded pair,
+    # two for DOP853.  The index len(a) is that of the derivative at the end of the
+    # step.
     errors: tuple[Row, ...]
 
     @property
     def stages(self) -> int:
-        """Return the number of stages, without the derivative at the end of the step."""
+        """Return the number of stages, without the derivative at the end of the
+        step.
+        """
         return len(self.a)
 
     @property
@@ -44,7 +50,8 @@ class Tableau:
         return bool(self.errors)
 
     def damping(self, z: Floats) -> Floats:
-        """Return ``-ln |R(i z)|``, by which a step damps an oscillation of ``z`` radians a step.
+        """Return ``-ln |R(i z)|``, by which a step damps an oscillation of ``z``
+        radians a step.
 
         ``R`` is the stability function.  The result is negative where steps amplify.
         """
@@ -57,7 +64,9 @@ class Tableau:
         for _ in range(self.stages):
             power = power * 1j * np.asarray(z)
             value = value + power * sum(b * weights[j] for j, b in self.b.items())
-            weights = np.array([sum(a * weights[j] for j, a in row.items()) for row in self.a])
+            weights = np.array(
+                [sum(a * weights[j] for j, a in row.items()) for row in self.a]
+            )
         with np.errstate(divide="ignore"):
             rate: Floats = -np.log(np.abs(value))
         return rate
@@ -86,7 +95,14 @@ DOPRI5 = Tableau(
     ),
     b={0: 35 / 384, 2: 500 / 1113, 3: 125 / 192, 4: -2187 / 6784, 5: 11 / 84},
     errors=(
-        {0: 71 / 57600, 2: -71 / 16695, 3: 71 / 1920, 4: -17253 / 339200, 5: 22 / 525, 6: -1 / 40},
+        {
+            0: 71 / 57600,
+            2: -71 / 16695,
+            3: 71 / 1920,
+            4: -17253 / 339200,
+            5: 22 / 525,
+            6: -1 / 40,
+        },
     ),
 )
 

@@ -1,7 +1,8 @@
-"""Compiled calls in their own threads, so that the main thread receives Ctrl-C and can stop them.
+"""Compiled calls in their own threads, so that the main thread receives Ctrl-C and can
+stop them.
 
-Each call receives the :class:`Control` that stops it, and passes it on to kernels.  Other compiled
-loops check ``control.flag[0]`` regularly.
+Each call receives the :class:`Control` that stops it, and passes it on to kernels.
+Other compiled loops check ``control.flag[0]`` regularly.
 """
 
 import threading
@@ -17,21 +18,28 @@ from numpy.typing import NDArray
 from rattlesweep.arrays import Floats
 
 T = TypeVar("T")
-POLL = 0.05  # seconds between two checks of a running call, in every wait of the package
+POLL = (
+    0.05  # seconds between two checks of a running call, in every wait of the package
+)
 PATIENCE = 0.5  # seconds for which a stop waits; a compilation takes longer
 
 
 @dataclass
 class Control:
-    """Link to a running kernel, or to several in turn: reports progress and can stop it."""
+    """Link to a running kernel, or to several in turn: reports progress and can stop
+    it.
+    """
 
-    # For the present kernel: next place in the queue and stop flag; a row of progress for each
-    # thread (see `lanes.kernel.work`); expected cost of all runs.
-    shared: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, dtype=np.int64))
+    # For the present kernel: next place in the queue and stop flag; a row of progress
+    # for each thread (see `lanes.kernel.work`); expected cost of all runs.
+    shared: NDArray[np.int64] = field(
+        default_factory=lambda: np.zeros(2, dtype=np.int64)
+    )
     progress: Floats = field(default_factory=lambda: np.zeros((1, 8)))
     _cost: float = 0.0
-    # Largest share done so far; number of runs that earlier kernels ended; the shares of the work
-    # between which this kernel works, and whether the runs that it ends count as done.
+    # Largest share done so far; number of runs that earlier kernels ended; the shares
+    # of the work between which this kernel works, and whether the runs that it ends
+    # count as done.
     _most: float = 0.0
     _ended: int = 0
     _span: tuple[float, float] = (0.0, 1.0)
@@ -42,7 +50,8 @@ class Control:
         self.shared[1] = 1
 
     def stage(self, low: float, high: float, *, ends: bool = False) -> None:
-        """Announce a kernel that does the part of the work between the shares ``low`` and ``high``.
+        """Announce a kernel that does the part of the work between the shares ``low``
+        and ``high``.
 
         ``ends`` says whether its runs count as done when they end.
         """
@@ -59,13 +68,17 @@ class Control:
         self._ended += runs
 
     def start(self, threads: int, cost: Floats) -> None:
-        """Announce the start of a kernel: the number of its threads, the expected cost of runs."""
+        """Announce the start of a kernel: the number of its threads, the expected cost
+        of runs.
+        """
         self._cost = float(cost.sum())
         self.progress, self.shared[0] = np.zeros((threads, 8)), 0
 
     @property
     def flag(self) -> NDArray[np.int64]:
-        """Return an array of one element for compiled loops; a stop request makes it nonzero."""
+        """Return an array of one element for compiled loops; a stop request makes it
+        nonzero.
+        """
         return self.shared[1:]
 
     @property
@@ -76,7 +89,8 @@ class Control:
     @property
     def done(self) -> float:
         """Return the share of the work done so far, from 0 to 1, which never falls."""
-        # A run that has just ended counts twice until its thread next reports on its lanes.
+        # A run that has just ended counts twice until its thread next reports on its
+        # lanes.
         now = min(self._cost, float(self.progress[:, :2].sum()))
         low, high = self._span
         share = low + (high - low) * (now / self._cost if self._cost else 0.0)
@@ -92,12 +106,15 @@ class Control:
 class Task(threading.Thread, Generic[T]):
     """One call in a daemon thread, which starts at once."""
 
-    def __init__(self, call: Callable[[Control], T], control: Control | None = None) -> None:
+    def __init__(
+        self, call: Callable[[Control], T], control: Control | None = None
+    ) -> None:
         super().__init__(daemon=True)
         self.control = control or Control()
         self.seconds = 0.0
         self._call = call
-        # After Ctrl-C in `join`, Python 3.11 reports a running thread as ended; a future is safe.
+        # After Ctrl-C in `join`, Python 3.11 reports a running thread as ended; a
+        # future is safe.
         self._future: futures.Future[T] = futures.Future()
         self.start()
 
@@ -118,11 +135,15 @@ class Task(threading.Thread, Generic[T]):
         futures.wait([self._future], patience)
 
     def value(self) -> T:
-        """Return the result of the call or raise its error; raise TimeoutError before it ends."""
+        """Return the result of the call or raise its error; raise TimeoutError before
+        it ends.
+        """
         return self._future.result(timeout=0)
 
     def wait(self, tick: Callable[[Control], None] = lambda control: None) -> T:
-        """Wait for the result; call `tick` every `POLL` seconds, which may raise to stop it."""
+        """Wait for the result; call `tick` every `POLL` seconds, which may raise to
+        stop it.
+        """
         try:
             while not futures.wait([self._future], POLL).done:
                 tick(self.control)
@@ -133,9 +154,11 @@ class Task(threading.Thread, Generic[T]):
 
 
 def side_by_side(calls: Sequence[Callable[[Control], T]], threads: int) -> list[T]:
-    """Make calls in a number of threads, and return their results in the order of the calls.
+    """Make calls in a number of threads, and return their results in the order of the
+    calls.
 
-    All share one control.  Ctrl-C or the first error stops all of them and is raised here.
+    All share one control.  Ctrl-C or the first error stops all of them and is raised
+    here.
     """
     control, left, results = Control(), iter(enumerate(calls)), dict[int, T]()
     errors: list[BaseException] = []

@@ -29,7 +29,9 @@ MOST = 0.9
 
 @dataclass(frozen=True)
 class Count:
-    """How many meet a criterion; true if all do.  ``unsure`` ones fail within their error."""
+    """How many meet a criterion; true if all do.  ``unsure`` ones fail within their
+    error.
+    """
 
     hits: int
     total: int
@@ -39,27 +41,37 @@ class Count:
         return 0 < self.hits == self.total
 
     def __add__(self, other: Count) -> Count:
-        return Count(self.hits + other.hits, self.total + other.total, self.unsure + other.unsure)
+        return Count(
+            self.hits + other.hits, self.total + other.total, self.unsure + other.unsure
+        )
 
     def __str__(self) -> str:
         return f"{self.hits:,} of {self.total:,}"
 
 
 def every(mask: Any, possible: Any = False) -> Count:
-    """Count the true values, and the false ones that are `possible` within sampling error."""
+    """Count the true values, and the false ones that are `possible` within sampling
+    error.
+    """
     mask = np.asarray(mask, dtype=bool)
-    return Count(int(mask.sum()), mask.size, int((~mask & np.asarray(possible, bool)).sum()))
+    return Count(
+        int(mask.sum()), mask.size, int((~mask & np.asarray(possible, bool)).sum())
+    )
 
 
 def rises(
     frame: pd.DataFrame, value: str, by: str, within: Sequence[str], *, sign: int = 1
 ) -> Count:
-    """Count the groups ``within`` which `value` rises with abs(``by``); with sign -1, falls."""
+    """Count the groups ``within`` which `value` rises with abs(``by``); with sign -1,
+    falls.
+    """
     columns = [value, f"{value}_low", f"{value}_high"]
     rising, possible = [], []
     for _, own in frame.groupby(list(within)):
         if len(own) > 1:
-            values, *ends = (sign * own.sort_values(by, key=np.abs)[columns]).to_numpy().T
+            values, *ends = (
+                (sign * own.sort_values(by, key=np.abs)[columns]).to_numpy().T
+            )
             low, high = np.sort(ends, axis=0)
             up = np.diff(values) > 0 if sign > 0 else np.diff(values) >= 0
             rising.append(up.all())
@@ -82,7 +94,9 @@ def span(values: Any) -> tuple[float, float]:
 
 @cache
 def read_table(name: str) -> dict[str, dict[str, Any]]:
-    """Return the rows of ``NAME.yaml`` by their id, with names of functions resolved."""
+    """Return the rows of ``NAME.yaml`` by their id, with names of functions
+    resolved.
+    """
     path = Path(__file__).with_name(f"{name}.yaml")
     rows: dict[str, dict[str, Any]] = YAML(typ="safe").load(path)
     for row in rows.values():
@@ -92,7 +106,9 @@ def read_table(name: str) -> dict[str, dict[str, Any]]:
 
 
 def judge(made: Made, *, theory: bool, few: bool = False) -> list[dict[str, Any]]:
-    """Judge the claims whose parts were made and, with `theory`, those about formulas."""
+    """Judge the claims whose parts were made and, with `theory`, those about
+    formulas.
+    """
     return [
         {"id": name} | judge_claim(claim, made, few)
         for name, claim in read_table("claims").items()
@@ -101,24 +117,37 @@ def judge(made: Made, *, theory: bool, few: bool = False) -> list[dict[str, Any]
 
 
 def judge_claim(claim: Mapping[str, Any], made: Made, few: bool) -> dict[str, Any]:
-    """Measure a claim, a row of ``claims.yaml``, and return the rest of a row of the table.
+    """Measure a claim, a row of ``claims.yaml``, and return the rest of a row of the
+    table.
 
-    Its function ``measure`` takes the tables to checks, one for each of the ``criteria``, of which
-    the first is the headline, and to numbers by name (or to None: too few samples).  Of these
-    ``value`` decides, and ``low`` to ``high`` is its interval.
+    Its function ``measure`` takes the tables to checks, one for each of the
+    ``criteria``, of which the first is the headline, and to numbers by name (or to
+    None: too few samples).  Of these ``value`` decides, and ``low`` to ``high`` is its
+    interval.
     """
     criteria = claim["criteria"]
-    row = {"where": claim["where"], "words": claim["words"], "headline": criteria[0],
-           "checks": len(criteria), **dict.fromkeys(("value", "low", "high"))}  # fmt: skip
+    row = {
+        "where": claim["where"],
+        "words": claim["words"],
+        "headline": criteria[0],
+        "checks": len(criteria),
+        **dict.fromkeys(("value", "low", "high")),
+    }
     found = claim["measure"](made)
     if found is None:
         words = "not measured: too few runs of a kind"
-        return row | {"measured": words, "verdict": UNDECIDED, "held": 0, "evidence": ""}
+        return row | {
+            "measured": words,
+            "verdict": UNDECIDED,
+            "held": 0,
+            "evidence": "",
+        }
     checks, numbers = found
     for name, (between, words) in claim.get("lists", {}).items():
         numbers[name] = between.join(words.format(**own) for own in numbers[name])
     told = [
-        f"{words}: {'yes' if check else 'no'}" + (f", {check}" if isinstance(check, Count) else "")
+        f"{words}: {'yes' if check else 'no'}"
+        + (f", {check}" if isinstance(check, Count) else "")
         for words, check in zip(criteria, checks, strict=True)
     ]
     leeway = claim.get("leeway", "")
@@ -132,20 +161,24 @@ def judge_claim(claim: Mapping[str, Any], made: Made, few: bool) -> dict[str, An
         "verdict": verdict,
         "held": sum(map(bool, checks)),
         "evidence": f"Checks, headline first: {'; '.join(told)}. {notes}".strip(),
-        **{k: float(v) for k, v in values.items() if v is not None and math.isfinite(v)},
+        **{
+            k: float(v) for k, v in values.items() if v is not None and math.isfinite(v)
+        },
     }
 
 
 def verdict_of(checks: Sequence[object], few: bool, leeway: bool) -> str:
     """Return the verdict on a claim.
 
-    It *agrees* if all checks hold, and *disagrees* if the headline fails; else it holds *partly*,
-    as it does where the paper's words leave room and nine in ten meet the headline.  With ``few``
-    samples, failing checks within their error leave *too few samples to tell*.
+    It *agrees* if all checks hold, and *disagrees* if the headline fails; else it holds
+    *partly*, as it does where the paper's words leave room and nine in ten meet the
+    headline.  With ``few`` samples, failing checks within their error leave *too few
+    samples to tell*.
     """
     head = checks[0]
     possible = [
-        bool(c) or (few and isinstance(c, Count) and c.hits + c.unsure == c.total) for c in checks
+        bool(c) or (few and isinstance(c, Count) and c.hits + c.unsure == c.total)
+        for c in checks
     ]
     if all(checks):
         return "agree"

@@ -1,4 +1,6 @@
-"""Random bodies of the set SD: Fig. 3, frequencies (T4), and Fig. 4, torque coefficients (T5)."""
+"""Random bodies of the set SD: Fig. 3, frequencies (T4), and Fig. 4, torque
+coefficients (T5).
+"""
 
 import threading
 from functools import partial
@@ -21,9 +23,11 @@ from rattlesweep.sweeps.config.schema import SdSource
 
 LEVELS = 2001  # points of a cumulative distribution
 CHUNK = 100_000  # bodies counted at a time
-# The paper's lower bound of omega_p/omega_r (Methods), and its colour code of nine decades.
+# The paper's lower bound of omega_p/omega_r (Methods), and its colour code of nine
+# decades.
 BOUND, DECADES = 1.3, 9
-# The binned axes of Fig. 4(b).  Not named in the paper; no body of Table I lies outside.
+# The binned axes of Fig. 4(b).  Not named in the paper; no body of Table I lies
+# outside.
 ENDS, BINS = {"K_p": (0.0, 7.0), "K_r": (0.0, 0.4)}, 200
 EDGES = {name: np.linspace(*ends, BINS + 1) for name, ends in ENDS.items()}
 CLOSE = 0.02  # distance at which two distributions look the same in print
@@ -31,8 +35,12 @@ MUCH = 10.0  # ratio that counts as "much larger"
 
 
 def drawn_bodies(first: int, last: int) -> tuple[Floats, ...]:
-    """Return ``alpha, beta, gamma, theta, phi, xi`` of the bodies from `first` to `last`."""
-    b = bodies_at(draw_points(2017, np.arange(first, last)), ranges_of(SdSource(source="sd")))
+    """Return ``alpha, beta, gamma, theta, phi, xi`` of the bodies from `first` to
+    `last`.
+    """
+    b = bodies_at(
+        draw_points(2017, np.arange(first, last)), ranges_of(SdSource(source="sd"))
+    )
     return b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi
 
 
@@ -43,9 +51,13 @@ def drawn_modes(samples: int) -> theory.Modes:
 
 
 def cumulative(**values: Floats) -> pd.DataFrame:
-    """Return quantiles of the values at evenly spaced levels, the column ``probability``."""
+    """Return quantiles of the values at evenly spaced levels, the column
+    ``probability``.
+    """
     probability = np.linspace(0, 1, LEVELS)
-    columns = {n: np.quantile(v, probability, method="inverted_cdf") for n, v in values.items()}
+    columns = {
+        n: np.quantile(v, probability, method="inverted_cdf") for n, v in values.items()
+    }
     return pd.DataFrame({"probability": probability} | columns)
 
 
@@ -53,18 +65,32 @@ def frequencies(ws: Workspace) -> Tables:
     """Return the tables ``cumulative`` and ``summary`` (one row) of Fig. 3."""
     found = drawn_modes(ws.sizes.fig3_bodies)
     ratio = found.omega_p / found.omega_r
-    row = {"samples": len(ratio), "below": (ratio <= BOUND).sum(), "ratio_bound": ratio_bound()}
+    row = {
+        "samples": len(ratio),
+        "below": (ratio <= BOUND).sum(),
+        "ratio_bound": ratio_bound(),
+    }
     for mode in "pr":
-        exact, zeroth = getattr(found, f"omega_{mode}"), getattr(found, f"omega_{mode}0")
+        exact, zeroth = (
+            getattr(found, f"omega_{mode}"),
+            getattr(found, f"omega_{mode}0"),
+        )
         row[f"distance_{mode}"] = ks_2samp(exact, zeroth, method="asymp").statistic
         off = np.quantile(np.abs(zeroth / exact - 1), (0.5, 0.99))
         row[f"off_median_{mode}"], row[f"off_p99_{mode}"] = off
-    values = {n: getattr(found, n) for n in ("omega_p", "omega_r", "omega_p0", "omega_r0")}
-    return {"cumulative": cumulative(**values, ratio=ratio), "summary": pd.DataFrame([row])}
+    values = {
+        n: getattr(found, n) for n in ("omega_p", "omega_r", "omega_p0", "omega_r0")
+    }
+    return {
+        "cumulative": cumulative(**values, ratio=ratio),
+        "summary": pd.DataFrame([row]),
+    }
 
 
 def ratio_bound() -> float:
-    """Return the infimum of ``omega_p / omega_r`` over the ranges of the paper's Table I."""
+    """Return the infimum of ``omega_p / omega_r`` over the ranges of the paper's Table
+    I.
+    """
     ranges = SdSource(source="sd").ranges
     alpha, beta = shell_dumbbell(ranges.gamma[1], ranges.f_sd[0])
     xi = -np.radians(ranges.minus_xi_deg[0])
@@ -87,50 +113,84 @@ def draw_frequencies(tables: Tables) -> Figure:
     level = values["probability"]
     figure = new_figure(4.6, 3.6)
     axes = figure.add_subplot()
-    # The curves nearly coincide: draw the approximation dark, dashed and thin on a broad pale line.
+    # The curves nearly coincide: draw the approximation dark, dashed and thin on a
+    # broad pale line.
     for mode, colour, dark in (("p", SKY, "#003F66"), ("r", ORANGE, "#7A2E00")):
-        axes.plot(values[f"omega_{mode}"], level, color=colour, linewidth=3.2,
-                  solid_capstyle="butt", label=rf"$\omega_{mode}$")  # fmt: skip
-        axes.plot(values[f"omega_{mode}0"], level, color=dark, linewidth=1.1, linestyle=(0, (4, 2)),
-                  label=rf"$\omega_{{{mode}0}}$")  # fmt: skip
-    axes.set(xlim=(0, 1.02 * values["omega_p"].iloc[-1]), ylim=(0, 1.03),
-             xlabel=r"$\omega\,/\,\tilde\omega$", ylabel="cumulative distribution")  # fmt: skip
+        axes.plot(
+            values[f"omega_{mode}"],
+            level,
+            color=colour,
+            linewidth=3.2,
+            solid_capstyle="butt",
+            label=rf"$\omega_{mode}$",
+        )
+        axes.plot(
+            values[f"omega_{mode}0"],
+            level,
+            color=dark,
+            linewidth=1.1,
+            linestyle=(0, (4, 2)),
+            label=rf"$\omega_{{{mode}0}}$",
+        )
+    axes.set(
+        xlim=(0, 1.02 * values["omega_p"].iloc[-1]),
+        ylim=(0, 1.03),
+        xlabel=r"$\omega\,/\,\tilde\omega$",
+        ylabel="cumulative distribution",
+    )
     axes.legend(loc="upper right", bbox_to_anchor=(0.99, 0.9), ncols=2)
     inset = axes.inset_axes((0.6, 0.19, 0.36, 0.42))
     inset.plot(values["ratio"], level, color=GREEN, linewidth=1.6)
     inset.axvline(BOUND, color="#444444", linewidth=0.8, linestyle=":")
     # The last percent of the ratios would fill half of the axis.
-    inset.set(xlim=(0, np.ceil(np.interp(0.995, level, values["ratio"]))), ylim=(0, 1.05))
+    inset.set(
+        xlim=(0, np.ceil(np.interp(0.995, level, values["ratio"]))), ylim=(0, 1.05)
+    )
     inset.set_xlabel(r"$\omega_p/\omega_r$", labelpad=1)
     inset.tick_params(labelsize=7.5)
     return figure
 
 
 def coefficients(ws: Workspace) -> Tables:
-    """Return ``cumulative``, ``density`` (bins that hold bodies) and ``summary`` of Fig. 4."""
+    """Return ``cumulative``, ``density`` (bins that hold bodies) and ``summary`` of
+    Fig. 4.
+    """
     samples, total = ws.sizes.fig4_bodies, ws.sizes.fig4_density
     found = drawn_modes(samples)
     counts, below = count_bodies(total, ws.settings.get("threads"))
     i, j = np.nonzero(counts)
     density = {
-        "i": i, "j": j, "K_p_low": EDGES["K_p"][i], "K_p_high": EDGES["K_p"][i + 1],
-        "K_r_low": EDGES["K_r"][j], "K_r_high": EDGES["K_r"][j + 1],
-        "count": counts[i, j], "relative_frequency": counts[i, j] / total,
-    }  # fmt: skip
+        "i": i,
+        "j": j,
+        "K_p_low": EDGES["K_p"][i],
+        "K_p_high": EDGES["K_p"][i + 1],
+        "K_r_low": EDGES["K_r"][j],
+        "K_r_high": EDGES["K_r"][j + 1],
+        "count": counts[i, j],
+        "relative_frequency": counts[i, j] / total,
+    }
     return {
-        "cumulative": cumulative(K_p=found.K_p, K_r=found.K_r, ratio=found.K_p / found.K_r),
+        "cumulative": cumulative(
+            K_p=found.K_p, K_r=found.K_r, ratio=found.K_p / found.K_r
+        ),
         "density": pd.DataFrame(density),
-        "summary": pd.DataFrame([{"samples": samples, "density_samples": total, "below": below}]),
+        "summary": pd.DataFrame(
+            [{"samples": samples, "density_samples": total, "below": below}]
+        ),
     }
 
 
 def count_bodies(total: int, threads: int | None = None) -> tuple[Integers, int]:
-    """Count bodies by ``K_p, K_r``, shape (bins, bins), and those below the bound of the ratio."""
+    """Count bodies by ``K_p, K_r``, shape (bins, bins), and those below the bound of
+    the ratio.
+    """
     counts, lock = np.zeros(BINS**2, np.int64), threading.Lock()
 
     def part(first: int, control: Control) -> int:
         alpha, beta, _, theta, phi, xi = drawn_bodies(first, min(first + CHUNK, total))
-        square_p, square_r, *pair = theory.torque_coefficients(alpha, beta, theta, phi, xi)
+        square_p, square_r, *pair = theory.torque_coefficients(
+            alpha, beta, theta, phi, xi
+        )
         i, j = (
             ((values - low) * (BINS / (high - low))).astype(np.int64)
             for values, (low, high) in zip(pair, ENDS.values(), strict=True)
@@ -153,14 +213,27 @@ def coefficient_claim(made: Made) -> Measured:
     level = data["probability"].to_numpy()
     # Order statistics: the median's place is binomial.
     half = 0.98 / np.sqrt(row["samples"])
-    low, median, high = np.interp([0.5 - half, 0.5, 0.5 + half], level, data["ratio"]).tolist()
-    decades = np.log10(own["density"]["relative_frequency"].agg(["min", "max"])).to_list()
-    checks = [median >= MUCH, data["ratio"][0] > 1, -DECADES <= decades[0] <= decades[1] <= 0]
+    low, median, high = np.interp(
+        [0.5 - half, 0.5, 0.5 + half], level, data["ratio"]
+    ).tolist()
+    decades = np.log10(
+        own["density"]["relative_frequency"].agg(["min", "max"])
+    ).to_list()
+    checks = [
+        median >= MUCH,
+        data["ratio"][0] > 1,
+        -DECADES <= decades[0] <= decades[1] <= 0,
+    ]
     return checks, {
-        "value": median, "low": low, "high": high, "samples": row["samples"],
-        "total": row["density_samples"], "least": data["ratio"][0], "decades": decades,
+        "value": median,
+        "low": low,
+        "high": high,
+        "samples": row["samples"],
+        "total": row["density_samples"],
+        "least": data["ratio"][0],
+        "decades": decades,
         **{name: np.interp(0.5, level, data[name]) for name in ("K_p", "K_r")},
-    }  # fmt: skip
+    }
 
 
 def draw_coefficients(tables: Tables) -> Figure:
@@ -169,17 +242,35 @@ def draw_coefficients(tables: Tables) -> Figure:
     upper, lower = figure.subplots(2, 1, height_ratios=(1, 1.25))
     values, density = tables["cumulative"], tables["density"]
     for name, colour, style in (("K_p", BLUE, "-"), ("K_r", VERMILION, (0, (5, 1.5)))):
-        upper.plot(values[name], values["probability"], color=colour, linestyle=style,
-                   linewidth=1.8, label=f"${name}$")  # fmt: skip
+        upper.plot(
+            values[name],
+            values["probability"],
+            color=colour,
+            linestyle=style,
+            linewidth=1.8,
+            label=f"${name}$",
+        )
     # Over decades, as K_r is steep on the axis of K_p.
-    upper.set(xscale="log", xlim=(1e-4, 10.0), ylim=(0, 1.03), xlabel="$K_p$,  $K_r$",
-              ylabel="cumulative distribution")  # fmt: skip
+    upper.set(
+        xscale="log",
+        xlim=(1e-4, 10.0),
+        ylim=(0, 1.03),
+        xlabel="$K_p$,  $K_r$",
+        ylabel="cumulative distribution",
+    )
     upper.legend()
     upper.set_title("(a)", loc="left")
     shown = np.full((BINS, BINS), np.nan)
     shown[density["i"], density["j"]] = np.log10(density["relative_frequency"])
-    picture = lower.pcolormesh(EDGES["K_p"], EDGES["K_r"], shown.T, cmap="viridis",
-                               vmin=-DECADES, vmax=0, rasterized=True)  # fmt: skip
+    picture = lower.pcolormesh(
+        EDGES["K_p"],
+        EDGES["K_r"],
+        shown.T,
+        cmap="viridis",
+        vmin=-DECADES,
+        vmax=0,
+        rasterized=True,
+    )
     bar = figure.colorbar(picture, ax=lower, ticks=range(-DECADES, 1), pad=0.02)
     bar.set_label(r"$\log_{10} P(K_p, K_r)$")
     lower.set(xlabel="$K_p$", ylabel="$K_r$")

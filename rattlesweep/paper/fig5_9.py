@@ -1,4 +1,6 @@
-"""Single runs of GH: Fig. 5, first reversals (G1 to G3); Fig. 9, three long runs (L1 to L4)."""
+"""Single runs of GH: Fig. 5, first reversals (G1 to G3); Fig. 9, three long runs (L1 to
+L4).
+"""
 
 from dataclasses import replace
 from functools import partial
@@ -11,10 +13,25 @@ from numba import vectorize
 from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from rattlesweep.analysis.style import BLUE, THEORY, VERMILION, add_legend, new_figure, value_text
+from rattlesweep.analysis.style import (
+    BLUE,
+    THEORY,
+    VERMILION,
+    add_legend,
+    new_figure,
+    value_text,
+)
 from rattlesweep.api import modes, reversal_time_gh, simulate
 from rattlesweep.paper.claim import Measured, every
-from rattlesweep.paper.workspace import Made, Tables, Workspace, draw_spin, follow, records, thinned
+from rattlesweep.paper.workspace import (
+    Made,
+    Tables,
+    Workspace,
+    draw_spin,
+    follow,
+    records,
+    thinned,
+)
 from rattlesweep.physics import full, reduced
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.vectors import smooth_volume
@@ -31,15 +48,26 @@ LAUNCH: dict[str, Any] = {"n_i": 0.1, "omega_xy0": OMEGA_XY0}
 T_END = 20_000.0
 # Initial E_r of the reduced model, whose initial E_p is that of the launch.
 E_R0 = 3e-5
-# At 1e-9 the reversals of the first run are up to 7 % early.  DOP853 at 1e-13, Verner's method at
-# 1e-12 and RK4 with the paper's step agree on all of them to 0.1.
+# At 1e-9 the reversals of the first run are up to 7 % early.  DOP853 at 1e-13, Verner's
+# method at 1e-12 and RK4 with the paper's step agree on all of them to 0.1.
 TOL, REDUCED_TOL = 1e-13, 1e-12
-# A zero of the spin within this many roll periods of the one before is the same reversal.
+# A zero of the spin within this many roll periods of the one before is the same
+# reversal.
 ONE_REVERSAL = 5
-# Parts of a run's second half; their scatter gives the error of the mean rate of phase volume.
+# Parts of a run's second half; their scatter gives the error of the mean rate of phase
+# volume.
 PARTS = 10
 STATE = ("u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z")
-CHANNELS = ("n", "n_reduced", "E_p", "E_r", "energy_drift", "F_normal", "F_tangential", *STATE)
+CHANNELS = (
+    "n",
+    "n_reduced",
+    "E_p",
+    "E_r",
+    "energy_drift",
+    "F_normal",
+    "F_tangential",
+    *STATE,
+)
 volume_rate = vectorize(smooth_volume.py_func)
 
 
@@ -49,23 +77,44 @@ def reversals(_: Workspace) -> Tables:
     tables: dict[str, pd.DataFrame] = {}
     rows = []
     for name, (n_i, t_end) in ENDS.items():
-        found = follow(body, "n", "n_gh", *COMPONENTS, n_i=n_i, omega_xy0=OMEGA_XY0,
-                       t_end=t_end, tol=1e-12)  # fmt: skip
+        found = follow(
+            body,
+            "n",
+            "n_gh",
+            *COMPONENTS,
+            n_i=n_i,
+            omega_xy0=OMEGA_XY0,
+            t_end=t_end,
+            tol=1e-12,
+        )
         tables[name] = found.table
         omega = modes(body).omega_p if n_i > 0 else modes(body).omega_r
         t_rgh = reversal_time_gh(body, n_i, OMEGA_XY0)
-        rows.append({"run": name, "n_i": n_i, "t_r": found.zeros[0], "zeros": len(found.zeros),
-                     "t_rgh": t_rgh, "period": 2 * np.pi / float(omega)})  # fmt: skip
+        rows.append(
+            {
+                "run": name,
+                "n_i": n_i,
+                "t_r": found.zeros[0],
+                "zeros": len(found.zeros),
+                "t_rgh": t_rgh,
+                "period": 2 * np.pi / float(omega),
+            }
+        )
     return tables | {"runs": pd.DataFrame(rows)}
 
 
 def reversal(made: Made, *, name: str, printed: int, when: str) -> Measured:
-    """Measure the reversal time, and whether Garcia and Hubbard's solution is earlier or later."""
+    """Measure the reversal time, and whether Garcia and Hubbard's solution is earlier
+    or later.
+    """
     run = next(row for row in records(made["fig5"]["runs"]) if row["run"] == name)
     found = "earlier" if run["t_rgh"] < run["t_r"] else "later"
     return [abs(run["t_r"] - printed) <= 0.5, found == when], {
-        **run, "value": run["t_r"], "when": found, "gap": abs(run["t_rgh"] / run["t_r"] - 1),
-    }  # fmt: skip
+        **run,
+        "value": run["t_r"],
+        "when": found,
+        "gap": abs(run["t_rgh"] / run["t_r"] - 1),
+    }
 
 
 # Claims G1 and G2.
@@ -87,17 +136,27 @@ def envelope_claim(made: Made) -> Measured:
         rows.append(names | dip | {"top": big["top"], "top_t": big["top_t"]})
         near = series[(series["t"] - t_r).abs() < 10 * period]
         ratios += [frequency(near, name) * period / (2 * np.pi) for name in COMPONENTS]
-    checks += [rows[1]["top"] > rows[0]["top"], max(abs(ratio - 1) for ratio in ratios) <= 0.1]
+    checks += [
+        rows[1]["top"] > rows[0]["top"],
+        max(abs(ratio - 1) for ratio in ratios) <= 0.1,
+    ]
     return checks, {
-        "value": rows[1]["top"] / rows[0]["top"], "shapes": rows,
+        "value": rows[1]["top"] / rows[0]["top"],
+        "shapes": rows,
         "ratios": [{"ratio": ratio} for ratio in ratios],
-    }  # fmt: skip
+    }
 
 
-def envelope(run: pd.DataFrame, component: str, t_r: float, period: float) -> dict[str, float]:
-    """Return extremes of the envelope (the largest modulus within a period) and their times."""
+def envelope(
+    run: pd.DataFrame, component: str, t_r: float, period: float
+) -> dict[str, float]:
+    """Return extremes of the envelope (the largest modulus within a period) and their
+    times.
+    """
     t = run["t"].to_numpy()
-    size = maximum_filter1d(run[component].abs().to_numpy(), round(period / (t[1] - t[0])))
+    size = maximum_filter1d(
+        run[component].abs().to_numpy(), round(period / (t[1] - t[0]))
+    )
     left = int(np.argmax(np.where(t < t_r, size, -1)))
     right = int(np.argmax(np.where(t >= t_r, size, -1)))
     # The minimum is as wide as the filter: take its middle.
@@ -118,27 +177,45 @@ def frequency(run: pd.DataFrame, component: str) -> float:
 
 
 def draw_reversals(tables: Tables) -> Figure:
-    """Draw (a) on the left and (b) on the right, with the spin above the oscillations."""
+    """Draw (a) on the left and (b) on the right, with the spin above the
+    oscillations.
+    """
     figure = new_figure(9.2, 6.0)
     # omega_x and omega_y share their scale, so that (a) and (b) can be compared.
-    most = 1.1 * max(tables[name][[*COMPONENTS]].abs().to_numpy().max() for name in ENDS)
+    most = 1.1 * max(
+        tables[name][[*COMPONENTS]].abs().to_numpy().max() for name in ENDS
+    )
     axes = figure.subplots(3, 2, sharex="col")
     for letter, run, column in zip("ab", records(tables["runs"]), axes.T, strict=True):
         series = thinned(tables[run["run"]], "n_gh", n=900, omega_x=900, omega_y=900)
         t, n_i, t_r, spin = series["t"], run["n_i"], run["t_r"], column[0]
         draw_spin(spin, series, linewidth=1.1, label="full dynamics")
-        spin.plot(t, series["n_gh"], label=r"Garcia and Hubbard, $\overline{n}(t)$", **THEORY)
+        spin.plot(
+            t, series["n_gh"], label=r"Garcia and Hubbard, $\overline{n}(t)$", **THEORY
+        )
         for axis, name in zip(column[1:], COMPONENTS, strict=True):
             axis.plot(t, series[name], color=BLUE, linewidth=0.5)
-            axis.set(ylim=(-most, most), ylabel=rf"$\omega_{name[-1]}$ / $\tilde\omega$")
+            axis.set(
+                ylim=(-most, most), ylabel=rf"$\omega_{name[-1]}$ / $\tilde\omega$"
+            )
         for k, axis in enumerate(column, start=1):
-            axis.axvline(t_r, color=VERMILION, linewidth=0.9, linestyle=":",
-                         label="first reversal")  # fmt: skip
+            axis.axvline(
+                t_r,
+                color=VERMILION,
+                linewidth=0.9,
+                linestyle=":",
+                label="first reversal",
+            )
             axis.set_title(f"({letter}-{k})", loc="left")
         # This place is free, because the spin has the other sign after a reversal.
         symbol = f"t_{{r{'u' if n_i > 0 else 's'}}}"
-        spin.text(t_r + 0.02 * t.iloc[-1], 0.85 * n_i, f"${symbol} = {t_r:.1f}$",
-                  color="#A33B00", va="center")  # fmt: skip
+        spin.text(
+            t_r + 0.02 * t.iloc[-1],
+            0.85 * n_i,
+            f"${symbol} = {t_r:.1f}$",
+            color="#A33B00",
+            va="center",
+        )
         launch = f"{value_text('n_i', n_i)}, {value_text('omega_xy0', OMEGA_XY0)}"
         spin.set(title=f"GH, {launch}", xlim=(0, t.iloc[-1]))
         column[-1].set_xlabel(spin.get_xlabel())
@@ -148,38 +225,69 @@ def draw_reversals(tables: Tables) -> Figure:
 
 
 def long_runs(ws: Workspace) -> Tables:
-    """Return the tables ``spin`` (thinned) and ``runs`` (Lyapunov exponents of longer runs)."""
+    """Return the tables ``spin`` (thinned) and ``runs`` (Lyapunov exponents of longer
+    runs).
+    """
     bodies = [replace(Rattleback.gh(), theta=theta) for theta in THETAS]
-    longer = simulate(bodies, **LAUNCH, **ws.settings, tol=TOL, t_end=ws.sizes.exponents_t_end,
-                      record=["lyapunov", "reversals"])  # fmt: skip
+    longer = simulate(
+        bodies,
+        **LAUNCH,
+        **ws.settings,
+        tol=TOL,
+        t_end=ws.sizes.exponents_t_end,
+        record=["lyapunov", "reversals"],
+    )
     spin, rows = [], []
     for body, beyond in zip(bodies, records(longer), strict=True):
         found = follow(body, *CHANNELS, **LAUNCH, t_end=T_END, e_r0=E_R0, tol=TOL)
-        simple = follow(body, "n", "energy_drift", "C_I", model="reduced", dt=1.0, **LAUNCH,
-                        t_end=T_END, e_r0=E_R0, tol=REDUCED_TOL)  # fmt: skip
+        simple = follow(
+            body,
+            "n",
+            "energy_drift",
+            "C_I",
+            model="reduced",
+            dt=1.0,
+            **LAUNCH,
+            t_end=T_END,
+            e_r0=E_R0,
+            tol=REDUCED_TOL,
+        )
         table, c_i = found.table, simple.table["C_I"]
         period = 2 * np.pi / float(modes(body).omega_r)
         # The first zero of each reversal.
-        starts = found.zeros[np.diff(found.zeros, prepend=-np.inf) > ONE_REVERSAL * period]
-        # The first interval is the transition from the launch to the motion that follows.
+        starts = found.zeros[
+            np.diff(found.zeros, prepend=-np.inf) > ONE_REVERSAL * period
+        ]
+        # The first interval is the transition from the launch to the motion that
+        # follows.
         first, *gaps = np.diff(starts)
         whole = np.diff(simple.zeros)
         casimir = averaged_casimir(table, body, period)[table["t"] >= starts[0]]
         ratio = table["F_tangential"] / table["F_normal"]
         most, least = ratio.argmax(), table["F_normal"].argmin()
-        rows.append({
-            "theta": body.theta, "second": starts[1], "first": first, "mean": np.mean(gaps),
-            "scatter": np.std(gaps, ddof=1) / np.mean(gaps),
-            "whole": whole.mean(), "uneven": whole.std() / whole.mean(),
-            "drift": table["energy_drift"].abs().max(), "moves": np.ptp(casimir.dropna()),
-            "drift_reduced": simple.table["energy_drift"].abs().max(), "moves_reduced": np.ptp(c_i),
-            "ratio_max": ratio[most], "ratio_t": table["t"][most],
-            "normal_min": table["F_normal"][least], "normal_t": table["t"][least],
-            **volume_numbers(table, body),
-            **{name: beyond[name] for name in ("t_end", "lyapunov_late")},
-            "growth": beyond["lyapunov_late"] * beyond["t_end"] / 2,
-            "chaotic": bool(is_chaotic(beyond["lyapunov_late"], beyond["t_end"])),
-        })  # fmt: skip
+        rows.append(
+            {
+                "theta": body.theta,
+                "second": starts[1],
+                "first": first,
+                "mean": np.mean(gaps),
+                "scatter": np.std(gaps, ddof=1) / np.mean(gaps),
+                "whole": whole.mean(),
+                "uneven": whole.std() / whole.mean(),
+                "drift": table["energy_drift"].abs().max(),
+                "moves": np.ptp(casimir.dropna()),
+                "drift_reduced": simple.table["energy_drift"].abs().max(),
+                "moves_reduced": np.ptp(c_i),
+                "ratio_max": ratio[most],
+                "ratio_t": table["t"][most],
+                "normal_min": table["F_normal"][least],
+                "normal_t": table["t"][least],
+                **volume_numbers(table, body),
+                **{name: beyond[name] for name in ("t_end", "lyapunov_late")},
+                "growth": beyond["lyapunov_late"] * beyond["t_end"] / 2,
+                "chaotic": bool(is_chaotic(beyond["lyapunov_late"], beyond["t_end"])),
+            }
+        )
         spin.append(thinned(table, n=1100, n_reduced=550).assign(theta=body.theta))
     return {"spin": pd.concat(spin, ignore_index=True), "runs": pd.DataFrame(rows)}
 
@@ -187,24 +295,36 @@ def long_runs(ws: Workspace) -> Tables:
 def averaged_casimir(table: pd.DataFrame, body: Rattleback, period: float) -> pd.Series:
     """Return C_I (Eq. 51) of the energies averaged over a period of the roll."""
     width, found = round(period / table["t"][1]), modes(body)
-    pitch, roll = (uniform_filter1d(table[name].to_numpy(), width) for name in ("E_p", "E_r"))
+    pitch, roll = (
+        uniform_filter1d(table[name].to_numpy(), width) for name in ("E_p", "E_r")
+    )
     values = pd.Series(reduced.casimir(pitch, roll, float(found.K_p), float(found.K_r)))
     # The last half period has no complete average.
     return values[: -(width // 2)].reindex(table.index)
 
 
 def volume_numbers(table: pd.DataFrame, body: Rattleback) -> dict[str, float]:
-    """Return extremes and mean rate of the logarithm of the phase volume along a run."""
+    """Return extremes and mean rate of the logarithm of the phase volume along a
+    run.
+    """
     constants = full.constants(*(getattr(body, name) for name in PARAMETERS))
     t, state = table["t"].to_numpy(), table[[*STATE]].to_numpy().T
-    volume = cumulative_trapezoid(volume_rate(*state, *constants, 0.0, 0.0), t, initial=0)
+    volume = cumulative_trapezoid(
+        volume_rate(*state, *constants, 0.0, 0.0), t, initial=0
+    )
     half = t[-1] / 2
-    rates = np.diff(np.interp(np.linspace(half, t[-1], PARTS + 1), t, volume)) * PARTS / half
+    rates = (
+        np.diff(np.interp(np.linspace(half, t[-1], PARTS + 1), t, volume))
+        * PARTS
+        / half
+    )
     return {
-        "volume_low": volume.min(), "volume_high": volume.max(),
-        "volume_late": volume[t >= half].max(), "rate": rates.mean(),
+        "volume_low": volume.min(),
+        "volume_high": volume.max(),
+        "volume_late": volume[t >= half].max(),
+        "rate": rates.mean(),
         "error": rates.std(ddof=1) / np.sqrt(PARTS),
-    }  # fmt: skip
+    }
 
 
 def kinds_claim(made: Made) -> Measured:
@@ -220,11 +340,18 @@ def kinds_claim(made: Made) -> Measured:
         not c["chaotic"],
     ]
     doubling = np.log(2) / c["lyapunov_late"]
-    narrow = {"doubling": doubling, "gaps": doubling / c["mean"], "scatter": c["scatter"]}
+    narrow = {
+        "doubling": doubling,
+        "gaps": doubling / c["mean"],
+        "scatter": c["scatter"],
+    }
     return checks, {
-        "value": b["lyapunov_late"], "runs": [a, b, c], "second": b["second"], "t_end": b["t_end"],
+        "value": b["lyapunov_late"],
+        "runs": [a, b, c],
+        "second": b["second"],
+        "t_end": b["t_end"],
         "narrow": [narrow] if c["chaotic"] else [],
-    }  # fmt: skip
+    }
 
 
 def invariant_claim(made: Made) -> Measured:
@@ -239,9 +366,13 @@ def invariant_claim(made: Made) -> Measured:
         every(rows["moves"] > 1),
     ]
     return checks, {
-        "value": rows["moves"].min(), "energy": most["drift_reduced"], "drift": most["drift"],
-        "casimir": most["moves_reduced"], "uneven": most["uneven"], "moved": records(rows),
-    }  # fmt: skip
+        "value": rows["moves"].min(),
+        "energy": most["drift_reduced"],
+        "drift": most["drift"],
+        "casimir": most["moves_reduced"],
+        "uneven": most["uneven"],
+        "moved": records(rows),
+    }
 
 
 def force_claim(made: Made) -> Measured:
@@ -261,8 +392,12 @@ def volume_claim(made: Made) -> Measured:
         every(rows["rate"] < -2 * rows["error"]),
     ]
     value, half = rows["rate"][1], 2 * rows["error"][1]
-    return checks, {"value": value, "low": value - half, "high": value + half,
-                    "runs": records(rows)}  # fmt: skip
+    return checks, {
+        "value": value,
+        "low": value - half,
+        "high": value + half,
+        "runs": records(rows),
+    }
 
 
 def draw_long_runs(tables: Tables) -> Figure:

@@ -1,11 +1,13 @@
-"""Figs. 6 and 8: times of reversal in the unsteady and in the steady direction (U, S6 to S8).
+"""Figs. 6 and 8: times of reversal in the unsteady and in the steady direction (U, S6
+to S8).
 
-In all claims, a mean agrees with the formula if it is within a tenth of a decade of the line (a
-factor of 1.26), which is the size of a symbol on the paper's logarithmic axes.
+In all claims, a mean agrees with the formula if it is within a tenth of a decade of the
+line (a factor of 1.26), which is the size of a symbol on the paper's logarithmic axes.
 
-Runs of type SW and runs that reverse late are integrated again to record the extremes of the spin
-in 64 windows of time.  The onset of wobbling, or of a reversal, is the middle of the first window
-in which the loss of spin, 1 - n/n_i, exceeds half of the largest loss in the run.
+Runs of type SW and runs that reverse late are integrated again to record the extremes
+of the spin in 64 windows of time.  The onset of wobbling, or of a reversal, is the
+middle of the first window in which the loss of spin, 1 - n/n_i, exceeds half of the
+largest loss in the run.
 """
 
 from typing import Any
@@ -18,7 +20,14 @@ from rattlesweep.analysis.style import GREY, SERIES, add_legend, new_figure, val
 from rattlesweep.api import growth_rates, modes
 from rattlesweep.arrays import Floats
 from rattlesweep.paper.claim import Measured, every, rises, span
-from rattlesweep.paper.workspace import Made, Tables, Workspace, draw_spin, follow, records
+from rattlesweep.paper.workspace import (
+    Made,
+    Tables,
+    Workspace,
+    draw_spin,
+    follow,
+    records,
+)
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweeps.types import Z95
 
@@ -35,12 +44,16 @@ PLATEAU = 0.1
 
 def unsteady(ws: Workspace) -> Tables:
     """Return the tables ``times`` of Fig. 6(a) and ``spin`` of (b)."""
-    found = follow(Rattleback.gh(), "n", "omega_x", n_i=N_I, omega_xy0=OMEGA_XY0, t_end=T_END)
+    found = follow(
+        Rattleback.gh(), "n", "omega_x", n_i=N_I, omega_xy0=OMEGA_XY0, t_end=T_END
+    )
     return {"times": times(ws.sweep("unsteady"), "K_p"), "spin": found.table}
 
 
 def steady(ws: Workspace) -> Tables:
-    """Return the tables ``times`` of Fig. 8 and ``windows``, with one row for each point."""
+    """Return the tables ``times`` of Fig. 8 and ``windows``, with one row for each
+    point.
+    """
     runs = ws.sweep("steady")
     back = runs["type"] == "R"
     ratio = (runs["t_r"] / runs["t_rgh"]).where(back)
@@ -49,35 +62,62 @@ def steady(ws: Workspace) -> Tables:
     growth = roll / (runs["n_i"].abs() * runs["K_r_body"] / 2)
     chosen = runs[(runs["type"] == "SW") | late]
     seen = in_windows(ws.again(chosen, ws.sizes.windows, "windows")).reindex(runs.index)
-    onset, centre = seen["onset"].where(~back), (seen["centre"] / runs["n_i"]).where(~back)
+    onset, centre = (
+        seen["onset"].where(~back),
+        (seen["centre"] / runs["n_i"]).where(~back),
+    )
     points = runs.assign(
-        late=late, back=runs["t_r"].where(back), ratio=ratio, ratio_prompt=ratio.where(~late),
-        growth_late=growth.where(late), growth_prompt=growth.where(back & ~late),
-        plateau=seen["kept"] / runs["t_r"].where(back), onset=onset,
+        late=late,
+        back=runs["t_r"].where(back),
+        ratio=ratio,
+        ratio_prompt=ratio.where(~late),
+        growth_late=growth.where(late),
+        growth_prompt=growth.where(back & ~late),
+        plateau=seen["kept"] / runs["t_r"].where(back),
+        onset=onset,
         onset_late=onset > LATE_FROM * runs["t_rgh"],
-        centre=centre, centre_between=centre.between(0, 1, inclusive="neither"),
-    ).groupby("case")  # fmt: skip
+        centre=centre,
+        centre_between=centre.between(0, 1, inclusive="neither"),
+    ).groupby("case")
     windows = points.agg(
         **{name: (name, "first") for name in ("K_r", "n_i", "omega_xy0")},
-        reversed=("back", "count"), t_r_median=("back", "median"), late=("late", "sum"),
-        ratio_std=("ratio", "std"), ratio_std_prompt=("ratio_prompt", "std"),
-        growth_late=("growth_late", "median"), growth_prompt=("growth_prompt", "median"),
-        followed=("plateau", "count"), plateau=("plateau", "median"),
-        wobbling=("onset", "count"), onset_median=("onset", "median"),
-        onset_late=("onset_late", "sum"), centre_between=("centre_between", "sum"),
-        centre_median=("centre", "median"), centre_low=("centre", "min"),
+        reversed=("back", "count"),
+        t_r_median=("back", "median"),
+        late=("late", "sum"),
+        ratio_std=("ratio", "std"),
+        ratio_std_prompt=("ratio_prompt", "std"),
+        growth_late=("growth_late", "median"),
+        growth_prompt=("growth_prompt", "median"),
+        followed=("plateau", "count"),
+        plateau=("plateau", "median"),
+        wobbling=("onset", "count"),
+        onset_median=("onset", "median"),
+        onset_late=("onset_late", "sum"),
+        centre_between=("centre_between", "sum"),
+        centre_median=("centre", "median"),
+        centre_low=("centre", "min"),
         centre_high=("centre", "max"),
-    )  # fmt: skip
+    )
     return {"times": times(runs, "K_r"), "windows": windows}
 
 
 def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
-    """Return, for each point, reversal times and the theory's line at the mean ``n_0``."""
-    rows = runs.assign(back=runs["t_r"].where(runs["type"] == "R")).groupby("case").agg(
-        **{name: (name, "first") for name in (target, "n_i", "omega_xy0")},
-        runs=("n_0", "size"), reversed=("back", "count"), t_r_mean=("back", "mean"),
-        t_r_std=("back", "std"), t_r_sem=("back", "sem"), n_0_mean=("n_0", "mean"),
-    )  # fmt: skip
+    """Return, for each point, reversal times and the theory's line at the mean
+    ``n_0``.
+    """
+    rows = (
+        runs.assign(back=runs["t_r"].where(runs["type"] == "R"))
+        .groupby("case")
+        .agg(
+            **{name: (name, "first") for name in (target, "n_i", "omega_xy0")},
+            runs=("n_0", "size"),
+            reversed=("back", "count"),
+            t_r_mean=("back", "mean"),
+            t_r_std=("back", "std"),
+            t_r_sem=("back", "sem"),
+            n_0_mean=("n_0", "mean"),
+        )
+    )
     n_0, mean, std = rows["n_0_mean"], rows["t_r_mean"], rows["t_r_std"]
     line = 2 * np.arctanh(rows["n_i"].abs() / n_0) / (n_0 * rows[target])
     rows["t_rgh_line"] = line
@@ -89,22 +129,31 @@ def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
         ("ratio", mean / line, error / line),
         ("scatter", std / mean, spread / mean),
     ):
-        rows[name], rows[f"{name}_low"], rows[f"{name}_high"] = value, value - half, value + half
+        rows[name], rows[f"{name}_low"], rows[f"{name}_high"] = (
+            value,
+            value - half,
+            value + half,
+        )
     return rows
 
 
 def in_windows(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return onset, end of the plateau and mean spin from the onset on, NaN where there is none."""
+    """Return onset, end of the plateau and mean spin from the onset on, NaN where there
+    is none.
+    """
     found = pd.DataFrame(np.nan, index=runs.index, columns=["onset", "kept", "centre"])
     names = ["n_i", "window_t", "window_n_min", "window_n_max"]
-    for place, n_i, step, least, most in runs.reindex(columns=names).dropna().itertuples():
+    for place, n_i, step, least, most in (
+        runs.reindex(columns=names).dropna().itertuples()
+    ):
         # The loss at the extreme nearest to zero, or beyond zero.
         loss = 1 - (most if n_i < 0 else least) / n_i
         half = loss.max() / 2
         kept = first_above(loss, PLATEAU, step)
         found.loc[place] = (
             first_above(loss, half, step),
-            # The run ended within the window of the loss: the plateau lasts until its beginning.
+            # The run ended within the window of the loss: the plateau lasts until its
+            # beginning.
             len(loss) * step if np.isnan(kept) else kept,
             ((least + most) / 2)[np.argmax(loss > half) :].mean(),
         )
@@ -112,7 +161,9 @@ def in_windows(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def first_above(loss: Floats, level: float, step: float) -> float:
-    """Return the middle of the first window with a loss above a level; NaN if there is none."""
+    """Return the middle of the first window with a loss above a level; NaN if there is
+    none.
+    """
     above = np.flatnonzero(loss > level)
     return (float(above[0]) + 0.5) * step if above.size else np.nan
 
@@ -123,22 +174,33 @@ def close(ratio: pd.Series) -> pd.Series:
 
 
 def beside_formula(points: pd.DataFrame, coefficient: str) -> Measured:
-    """Measure whether means are near the formula and inversely proportional to the coefficient."""
+    """Measure whether means are near the formula and inversely proportional to the
+    coefficient.
+    """
     within = (points["ratio_low"] < SYMBOL) & (points["ratio_high"] > 1 / SYMBOL)
     slopes = [
         float(np.polyfit(np.log(own[coefficient]), np.log(own["t_r_mean"]), 1)[0])
         for _, own in points.groupby(["n_i", "omega_xy0"])
         if len(own) > 1
     ]
-    row = records(points.sort_values("ratio", key=lambda ratio: np.abs(np.log(ratio))))[-1]
+    row = records(points.sort_values("ratio", key=lambda ratio: np.abs(np.log(ratio))))[
+        -1
+    ]
     value, low, high = (row[name] for name in ("ratio", "ratio_low", "ratio_high"))
-    checks = [every(close(points["ratio"]), within), max(abs(s + 1) for s in slopes) < 0.1]
+    checks = [
+        every(close(points["ratio"]), within),
+        max(abs(s + 1) for s in slopes) < 0.1,
+    ]
     return checks, {
-        "value": value, "low": low, "high": high, "slopes": span(slopes),
-        "least": points["ratio"].min(), "largest": points["ratio"].max(),
+        "value": value,
+        "low": low,
+        "high": high,
+        "slopes": span(slopes),
+        "least": points["ratio"].min(),
+        "largest": points["ratio"].max(),
         "farthest": f"{value:.3f} [{low:.3f}, {high:.3f}] at {coefficient} = "
         f"{row[coefficient]:.3g}, n_i = {row['n_i']:g}, omega_xy0 = {row['omega_xy0']:g}",
-    }  # fmt: skip
+    }
 
 
 def unsteady_formula(made: Made) -> Measured:
@@ -151,14 +213,19 @@ def unsteady_formula(made: Made) -> Measured:
         for r in points[~close(points["ratio"])].itertuples()
     )
     return [*checks, every(points["scatter"] < 0.1, points["scatter_low"] < 0.1)], {
-        **numbers, "ten": every((points["ratio"] - 1).abs() < 0.1),
-        "scatter": span(points["scatter"]), "outside": outside or "none",
-    }  # fmt: skip
+        **numbers,
+        "ten": every((points["ratio"] - 1).abs() < 0.1),
+        "scatter": span(points["scatter"]),
+        "outside": outside or "none",
+    }
 
 
 def large_spin(made: Made) -> Measured:
     """Measure U2: at large spin or oscillation reversals are later and scatter more."""
-    points, series = made["fig6"]["times"].dropna(subset=["ratio"]), made["fig6"]["spin"]
+    points, series = (
+        made["fig6"]["times"].dropna(subset=["ratio"]),
+        made["fig6"]["spin"],
+    )
     beyond = points.query("abs(n_i) >= 0.4")
     until = series[: int(np.argmax(series["n"] < 0))]
     spin, own = (swing_frequency(until["t"], until[name]) for name in ("n", "omega_x"))
@@ -174,14 +241,21 @@ def large_spin(made: Made) -> Measured:
         abs(spin / own - 1) < 0.1,
     ]
     return checks, beside_formula(points, "K_p")[1] | {
-        "value": points["ratio"].max(), "low": None, "high": None, "fast": span(beyond["ratio"]),
-        "spin": spin, "span": np.ptp(until["n"]), "multiple": spin / own,
+        "value": points["ratio"].max(),
+        "low": None,
+        "high": None,
+        "fast": span(beyond["ratio"]),
+        "spin": spin,
+        "span": np.ptp(until["n"]),
+        "multiple": spin / own,
         "pitch": own / float(modes(Rattleback.gh()).omega_p),
-    }  # fmt: skip
+    }
 
 
 def swing_frequency(t: pd.Series, n: pd.Series) -> float:
-    """Return the angular frequency above 0.5 at which the spectrum of ``n`` is strongest."""
+    """Return the angular frequency above 0.5 at which the spectrum of ``n`` is
+    strongest.
+    """
     power = np.abs(np.fft.rfft((n - n.mean()) * np.hanning(len(n))))
     omega = 2 * np.pi * np.fft.rfftfreq(len(n), t.iloc[1] - t.iloc[0])
     # Frequencies below 0.5 belong to the slow change of the spin itself.
@@ -189,7 +263,9 @@ def swing_frequency(t: pd.Series, n: pd.Series) -> float:
 
 
 def steady_formula(made: Made) -> Measured:
-    """Measure S6: the formula also holds in the steady direction at small spin and oscillation."""
+    """Measure S6: the formula also holds in the steady direction at small spin and
+    oscillation.
+    """
     sizes = made["fig8"]["times"].dropna(subset=["ratio"]).query("abs(n_i) <= 0.2")
     large, curves = sizes.query("omega_xy0 > 0.01"), ("n_i", "K_r")
     checks, numbers = beside_formula(sizes.query("omega_xy0 <= 0.01"), "K_r")
@@ -203,7 +279,9 @@ def steady_formula(made: Made) -> Measured:
 
 def late_reversals(made: Made) -> Measured | None:
     """Measure S7: at fast spins and small K_r some runs reverse late and abruptly."""
-    beyond = made["fig8"]["windows"].query("abs(n_i) >= 0.3").dropna(subset=["ratio_std"])
+    beyond = (
+        made["fig8"]["windows"].query("abs(n_i) >= 0.3").dropna(subset=["ratio_std"])
+    )
     low, high = beyond.query("K_r < 0.03"), beyond.query("K_r > 0.06")
     # Points with more than a few late reversals.
     many = low.query("late >= 0.03 * reversed")
@@ -224,15 +302,22 @@ def late_reversals(made: Made) -> Measured | None:
         every(kept["plateau"] > 0.9, kept["followed"] < 2 * FEW),
     ]
     return checks, {
-        "value": float(spread / calm), "spread": spread, "calm": calm,
+        "value": float(spread / calm),
+        "spread": spread,
+        "calm": calm,
         "kept": kept["plateau"].median(),
-        "late": [f"{own['late'].sum():.0f} of {own['reversed'].sum():.0f}" for own in (low, high)],
+        "late": [
+            f"{own['late'].sum():.0f} of {own['reversed'].sum():.0f}"
+            for own in (low, high)
+        ],
         "growth": [many[f"growth_{name}"].median() for name in ("late", "prompt")],
-    }  # fmt: skip
+    }
 
 
 def onset_of_wobbling(made: Made) -> Measured | None:
-    """Measure S8: wobbling begins about when other runs reverse; None with too few runs."""
+    """Measure S8: wobbling begins about when other runs reverse; None with too few
+    runs.
+    """
     onset = made["fig8"]["windows"]
     points = onset.query(f"wobbling >= {FEW} and reversed >= {FEW}")
     if points.empty:
@@ -242,10 +327,14 @@ def onset_of_wobbling(made: Made) -> Measured | None:
     slow = onset.query("K_r < 0.03 and abs(n_i) >= 0.3")
     late = slow["onset_late"].sum() / max(1, slow["wobbling"].sum())
     return [every(ratio.between(0.5, 2), few), every([late > 0], True)], {
-        "value": ratio.median(), "low": ratio.min(), "high": ratio.max(), "points": len(ratio),
-        "fine": int(close(ratio).sum()), "late": late,
+        "value": ratio.median(),
+        "low": ratio.min(),
+        "high": ratio.max(),
+        "points": len(ratio),
+        "fine": int(close(ratio).sum()),
+        "late": late,
         "sizes": records(ratio.groupby(points["omega_xy0"]).median().reset_index()),
-    }  # fmt: skip
+    }
 
 
 def draw_times(tables: Tables) -> Figure:
@@ -257,21 +346,43 @@ def draw_times(tables: Tables) -> Figure:
     means = values[["t_r_mean", "t_rgh_line"]].to_numpy()
     for axis, n_i in zip(axes, sorted(values["n_i"].unique(), key=abs), strict=False):
         own = values[values["n_i"] == n_i].sort_values(coefficient)
-        axis.plot([], [], color=GREY, linewidth=1.1, label=f"$t_{{rGH{sign}}}$ at the mean $n_0$")
-        for (size, rows), (colour, marker) in zip(own.groupby("omega_xy0"), SERIES, strict=False):
+        axis.plot(
+            [],
+            [],
+            color=GREY,
+            linewidth=1.1,
+            label=f"$t_{{rGH{sign}}}$ at the mean $n_0$",
+        )
+        for (size, rows), (colour, marker) in zip(
+            own.groupby("omega_xy0"), SERIES, strict=False
+        ):
             x, mean, std = rows[coefficient], rows["t_r_mean"], rows["t_r_std"]
             axis.plot(x, rows["t_rgh_line"], color=colour, linewidth=1.1, zorder=2)
             # On a logarithmic axis a bar that reaches zero has no lower end.
             bars: Any = [np.minimum(std, 0.999 * mean), std]
             axis.errorbar(
-                x, mean, yerr=bars, color=colour, marker=marker, markersize=5, linestyle="none",
-                markerfacecolor="white", markeredgewidth=1.2, elinewidth=0.9, capsize=2.2,
-                zorder=3, label=value_text("omega_xy0", size),
-            )  # fmt: skip
-        axis.set(xscale="log", yscale="log", xlabel=f"${coefficient}$",
-                 xlim=(own[coefficient].min() / 1.35, own[coefficient].max() * 1.35),
-                 ylim=(np.nanmin(means) / 2.5, np.nanmax(means) * 2.5),
-                 title=value_text("n_i", n_i))  # fmt: skip
+                x,
+                mean,
+                yerr=bars,
+                color=colour,
+                marker=marker,
+                markersize=5,
+                linestyle="none",
+                markerfacecolor="white",
+                markeredgewidth=1.2,
+                elinewidth=0.9,
+                capsize=2.2,
+                zorder=3,
+                label=value_text("omega_xy0", size),
+            )
+        axis.set(
+            xscale="log",
+            yscale="log",
+            xlabel=f"${coefficient}$",
+            xlim=(own[coefficient].min() / 1.35, own[coefficient].max() * 1.35),
+            ylim=(np.nanmin(means) / 2.5, np.nanmax(means) * 2.5),
+            title=value_text("n_i", n_i),
+        )
         # On a short logarithmic axis the labels between decades overlap.
         axis.tick_params(axis="x", which="minor", labelbottom=False)
         axis.grid(visible=True)

@@ -1,4 +1,6 @@
-"""Fig. 7: types in the steady direction (S1 to S5, S9b); a supplement on friction (C1)."""
+"""Fig. 7: types in the steady direction (S1 to S5, S9b); a supplement on friction
+(C1).
+"""
 
 from collections.abc import Sequence
 from itertools import product
@@ -9,9 +11,23 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rattlesweep.analysis.style import SERIES, TYPE_STYLE, add_legend, new_figure, value_text
+from rattlesweep.analysis.style import (
+    SERIES,
+    TYPE_STYLE,
+    add_legend,
+    new_figure,
+    value_text,
+)
 from rattlesweep.paper.claim import Count, Measured, every, rises, share, span
-from rattlesweep.paper.workspace import Made, Tables, Workspace, draw_spin, follow, records, thinned
+from rattlesweep.paper.workspace import (
+    Made,
+    Tables,
+    Workspace,
+    draw_spin,
+    follow,
+    records,
+    thinned,
+)
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweeps.types import is_chaotic, wilson
 
@@ -20,11 +36,22 @@ POINT = ["K_r", "n_i", "omega_xy0"]
 SHOWN = ("R", "SW", "SS", "unclassified")
 # Examples of (b): the runs to choose from, the column to sort them by, and the title.
 EXAMPLES = {
-    "spin_ss": ("type == 'SS' and n_i == -0.5 and omega_xy0 == 0.1", "n_end", "(b-1) SS"),
-    "spin_sw": ("type == 'SW' and n_i == -0.4 and omega_xy0 == 0.01", "n_departure", "(b-2) SW"),
-    "spin_chaotic": ("chaotic and K_r == 0.0041 and n_i == -0.5", "lyapunov_late",
-                     "(b-3) SW, chaotic"),
-}  # fmt: skip
+    "spin_ss": (
+        "type == 'SS' and n_i == -0.5 and omega_xy0 == 0.1",
+        "n_end",
+        "(b-1) SS",
+    ),
+    "spin_sw": (
+        "type == 'SW' and n_i == -0.4 and omega_xy0 == 0.01",
+        "n_departure",
+        "(b-2) SW",
+    ),
+    "spin_chaotic": (
+        "chaotic and K_r == 0.0041 and n_i == -0.5",
+        "lyapunov_late",
+        "(b-3) SW, chaotic",
+    ),
+}
 # Range for "only several Type SS samples out of 8000 samples".
 SEVERAL = (1, 20)
 
@@ -42,7 +69,12 @@ def draw_share(axis: Axes, rows: pd.DataFrame, by: str, name: str, **look: Any) 
     """Draw a share with its interval against a column."""
     value = rows[f"fraction_{name}"]
     bars = [value - rows[f"fraction_{name}_low"], rows[f"fraction_{name}_high"] - value]
-    marks: Any = {"markersize": 5, "markerfacecolor": "white", "linewidth": 0.9, "zorder": 3}
+    marks: Any = {
+        "markersize": 5,
+        "markerfacecolor": "white",
+        "linewidth": 0.9,
+        "zorder": 3,
+    }
     axis.errorbar(rows[by], value, yerr=np.maximum(bars, 0), **(marks | look))
 
 
@@ -64,14 +96,21 @@ def fractions(runs: pd.DataFrame) -> pd.DataFrame:
     """Count the types of every case."""
     past, steady = runs["n_c1"].abs() < runs["n_i"].abs(), runs["type"] == "SS"
     found = runs[POINT].assign(
-        runs=1, bondi=past, ss_only=steady & ~past, bondi_only=past & ~steady,
+        runs=1,
+        bondi=past,
+        ss_only=steady & ~past,
+        bondi_only=past & ~steady,
         **{name: runs["type"] == name for name in SHOWN},
-    )  # fmt: skip
-    return with_shares(found.groupby(POINT, sort=False).sum().reset_index(), ["bondi", *SHOWN])
+    )
+    return with_shares(
+        found.groupby(POINT, sort=False).sum().reset_index(), ["bondi", *SHOWN]
+    )
 
 
 def settled(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return where spins of type SS end; ``gain`` is 1 if all energy has gone into the spin."""
+    """Return where spins of type SS end; ``gain`` is 1 if all energy has gone into the
+    spin.
+    """
     # Within 1 % of Bondi's threshold the oscillation has not decayed by the horizon.
     near = runs["n_c1"].abs() > 0.99 * runs["n_i"].abs()
     beyond = runs["n_end"] / runs["n_i"] - 1
@@ -80,7 +119,9 @@ def settled(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def examples(runs: pd.DataFrame) -> Tables:
-    """Return the table ``examples`` and the thinned spin of each example found in the sweep."""
+    """Return the table ``examples`` and the thinned spin of each example found in the
+    sweep.
+    """
     rows, tables = [], {}
     for name, (condition, by, _) in EXAMPLES.items():
         chosen = runs.query(condition).sort_values([by, "K_r", "sample"])
@@ -89,20 +130,31 @@ def examples(runs: pd.DataFrame) -> Tables:
         # The most chaotic run; for the other examples, the median run.
         run = chosen.iloc[-1 if name == "spin_chaotic" else (len(chosen) - 1) // 2]
         shown = min(20_000.0, run["t_end"])
-        found = follow(Rattleback(*map(float, run[list(PARAMETERS)])), "n", n_i=run["n_i"],
-                       omega_xy0=run["omega_xy0"], t_end=shown)  # fmt: skip
+        found = follow(
+            Rattleback(*map(float, run[list(PARAMETERS)])),
+            "n",
+            n_i=run["n_i"],
+            omega_xy0=run["omega_xy0"],
+            t_end=shown,
+        )
         tables[name] = thinned(found.table, n=1100)
         kept = run[[*POINT, "sample", "t_end", "lyapunov_late"]]
         rows.append({"example": name, **kept, "shown": shown})
     return tables | {"examples": pd.DataFrame(rows)}
 
 
-def pooled(frame: pd.DataFrame, *names: str, by: Sequence[str] = ("n_i", "omega_xy0")) -> Any:
-    """Count ``hits``, the runs of some types, over all K_r; ``half`` is 1 for the larger K_r."""
+def pooled(
+    frame: pd.DataFrame, *names: str, by: Sequence[str] = ("n_i", "omega_xy0")
+) -> Any:
+    """Count ``hits``, the runs of some types, over all K_r; ``half`` is 1 for the
+    larger K_r.
+    """
     middle = np.sqrt(frame["K_r"].min() * frame["K_r"].max())
     half = (frame["K_r"] >= middle).astype(int)
     frame = frame.assign(half=half, hits=frame[list(names)].sum(axis=1))
-    return with_shares(frame.groupby(list(by))[["hits", "runs"]].sum().reset_index(), ["hits"])
+    return with_shares(
+        frame.groupby(list(by))[["hits", "runs"]].sum().reset_index(), ["hits"]
+    )
 
 
 def steady_spin(made: Made) -> Measured:
@@ -116,45 +168,70 @@ def steady_spin(made: Made) -> Measured:
     top = records(frame.nlargest(1, "fraction_SS"))[0]
     most = share(int(slowest["R"].sum()), int(slowest["runs"].sum()))
     checks = [
-        every([frame.query("abs(n_i) <= 0.2")["SS"].sum() == 0]) + every(each > 0, True),
+        every([frame.query("abs(n_i) <= 0.2")["SS"].sum() == 0])
+        + every(each > 0, True),
         every([most["value"] >= 0.99], most["high"] >= 0.99),
         rises(by_spin[by_spin["hits"] > 0], "fraction_hits", "n_i", ["omega_xy0"]),
         rises(by_spin, "fraction_hits", "omega_xy0", ["n_i"], sign=-1),
         rises(halves, "fraction_hits", "half", ["n_i", "omega_xy0"], sign=-1),
     ]
     return checks, {
-        "value": top["fraction_SS"], "low": top["fraction_SS_low"], "high": top["fraction_SS_high"],
-        "K_r": top["K_r"], "n_i": top["n_i"], "slowest": slowest["n_i"].iloc[0],
+        "value": top["fraction_SS"],
+        "low": top["fraction_SS_low"],
+        "high": top["fraction_SS_high"],
+        "K_r": top["K_r"],
+        "n_i": top["n_i"],
+        "slowest": slowest["n_i"].iloc[0],
         "reversing": most["share"],
-        "by_spin": records(by_spin.groupby("n_i", as_index=False)["fraction_hits"].max()),
-    }  # fmt: skip
+        "by_spin": records(
+            by_spin.groupby("n_i", as_index=False)["fraction_hits"].max()
+        ),
+    }
 
 
 def wobbling(made: Made) -> Measured:
     """Measure S2: from which spin on SW appears, and its share."""
     frame = made["fig7"]["fractions"]
     slow, beyond = frame.query("abs(n_i) <= 0.3"), frame.query("abs(n_i) >= 0.4")
-    halves = [pooled(own, "SW", by=("n_i", "omega_xy0", "half")) for own in (slow, beyond)]
-    around, both = pooled(beyond, "SW"), pooled(beyond, "SW", "unclassified")["fraction_hits"]
+    halves = [
+        pooled(own, "SW", by=("n_i", "omega_xy0", "half")) for own in (slow, beyond)
+    ]
+    around, both = (
+        pooled(beyond, "SW"),
+        pooled(beyond, "SW", "unclassified")["fraction_hits"],
+    )
     by_spin = pooled(frame, "SW").groupby("n_i")["fraction_hits"]
     checks = [
         every([frame.query("abs(n_i) <= 0.1")["SW"].sum() > 0], True),
-        *(rises(own, "fraction_hits", "half", ["n_i", "omega_xy0"], sign=-1) for own in halves),
-        every(around["fraction_hits"].between(0.15, 0.25),
-              (around["fraction_hits_high"] >= 0.15) & (around["fraction_hits_low"] <= 0.25)),
-    ]  # fmt: skip
+        *(
+            rises(own, "fraction_hits", "half", ["n_i", "omega_xy0"], sign=-1)
+            for own in halves
+        ),
+        every(
+            around["fraction_hits"].between(0.15, 0.25),
+            (around["fraction_hits_high"] >= 0.15)
+            & (around["fraction_hits_low"] <= 0.25),
+        ),
+    ]
     return checks, {
         **share(int(beyond["SW"].sum()), int(beyond["runs"].sum())),
-        "single": span(beyond["fraction_SW"]), "both": span(both), "both_mean": both.mean(),
+        "single": span(beyond["fraction_SW"]),
+        "both": span(both),
+        "both_mean": both.mean(),
         "mean": around["fraction_hits"].mean(),
         "by_spin": records(by_spin.agg(["min", "max"]).reset_index()),
-    }  # fmt: skip
+    }
 
 
 def threshold(made: Made) -> Measured:
-    """Measure S3: at the smallest oscillation, runs are SS exactly past Bondi's threshold."""
+    """Measure S3: at the smallest oscillation, runs are SS exactly past Bondi's
+    threshold.
+    """
     own = made["fig7"]["fractions"].query("omega_xy0 <= 0.001")
-    wrong, runs = int(own[["ss_only", "bondi_only"]].sum().sum()), int(own["runs"].sum())
+    wrong, runs = (
+        int(own[["ss_only", "bondi_only"]].sum().sum()),
+        int(own["runs"].sum()),
+    )
     numbers = {"wrong": wrong, "runs": runs, "SS": int(own["SS"].sum())}
     return [Count(runs - wrong, runs)], share(wrong, runs) | numbers
 
@@ -163,25 +240,40 @@ def large_oscillation(made: Made) -> Measured:
     """Measure S4: at a large oscillation some bodies past the threshold are not SS."""
     frame = made["fig7"]["fractions"]
     size = frame["omega_xy0"].max()
-    large, least = frame.query("omega_xy0 == @size"), frame.query("omega_xy0 == omega_xy0.min()")
+    large, least = (
+        frame.query("omega_xy0 == @size"),
+        frame.query("omega_xy0 == omega_xy0.min()"),
+    )
     hits, runs = map(int, large.query("n_i == -0.3")[["SS", "runs"]].sum())
     more, fewer = (pooled(own.query("abs(n_i) >= 0.4"), "SS") for own in (least, large))
     decided, past = share(hits, runs), int(large["bondi_only"].sum())
     checks = [
         past > 0,
-        every([SEVERAL[0] <= 8000 * decided["value"] <= SEVERAL[1]],
-              8000 * decided["low"] <= SEVERAL[1] and 8000 * decided["high"] >= SEVERAL[0]),
-        every(fewer["fraction_hits"] < more["fraction_hits"],
-              fewer["fraction_hits_low"] < more["fraction_hits_high"]),
-    ]  # fmt: skip
+        every(
+            [SEVERAL[0] <= 8000 * decided["value"] <= SEVERAL[1]],
+            8000 * decided["low"] <= SEVERAL[1]
+            and 8000 * decided["high"] >= SEVERAL[0],
+        ),
+        every(
+            fewer["fraction_hits"] < more["fraction_hits"],
+            fewer["fraction_hits_low"] < more["fraction_hits_high"],
+        ),
+    ]
     return checks, {
-        **decided, "bondi_only": past, "bondi": int(large["bondi"].sum()), "omega_xy0": size,
-        "hits": hits, "runs": runs, "most": decided["high"] * runs,
-    }  # fmt: skip
+        **decided,
+        "bondi_only": past,
+        "bondi": int(large["bondi"].sum()),
+        "omega_xy0": size,
+        "hits": hits,
+        "runs": runs,
+        "most": decided["high"] * runs,
+    }
 
 
 def wobbling_chaos(made: Made) -> Measured | None:
-    """Measure S5: which wobbling runs are chaotic; None if there are no slow or no fast ones."""
+    """Measure S5: which wobbling runs are chaotic; None if there are no slow or no fast
+    ones.
+    """
     runs = made["fig7"]["chaos"]
     calm, fast = runs.query("abs(n_i) <= 0.4"), runs.query("n_i == -0.5")
     if calm.empty or fast.empty:
@@ -193,52 +285,97 @@ def wobbling_chaos(made: Made) -> Measured | None:
         for part in (calm, below, above, fast.query("K_r == @least"))
     )
     overlap = wilson(many, small)[1] > wilson(few, large)[0]
-    checks = [Count(total - hits, total), every([many > 0], True),
-              every([many * large > few * small], overlap)]  # fmt: skip
+    checks = [
+        Count(total - hits, total),
+        every([many > 0], True),
+        every([many * large > few * small], overlap),
+    ]
     return checks, {
-        **share(hits, total), "hits": hits, "runs": total,
-        "middle": middle, "small": f"{many} of {small}", "large": f"{few} of {large}",
-        "K_r": least, "least": f"{lowest[0]} of {lowest[1]}, {share(*lowest)['share']}",
-    }  # fmt: skip
+        **share(hits, total),
+        "hits": hits,
+        "runs": total,
+        "middle": middle,
+        "small": f"{many} of {small}",
+        "large": f"{few} of {large}",
+        "K_r": least,
+        "least": f"{lowest[0]} of {lowest[1]}, {share(*lowest)['share']}",
+    }
 
 
 def settled_spins(made: Made) -> Measured | None:
-    """Measure S9b: where spins of SS end and where SW wobbles; None if either type is missing."""
-    settled, wobbling = made["fig7"]["settled"], made["fig8"]["windows"].query("wobbling > 0")
+    """Measure S9b: where spins of SS end and where SW wobbles; None if either type is
+    missing.
+    """
+    settled, wobbling = (
+        made["fig7"]["settled"],
+        made["fig8"]["windows"].query("wobbling > 0"),
+    )
     far = settled.query("not near")
     if far.empty or wobbling.empty:
         return None
     faster = every(far["beyond"] > 0)
-    between = Count(int(wobbling["centre_between"].sum()), int(wobbling["wobbling"].sum()))
+    between = Count(
+        int(wobbling["centre_between"].sum()), int(wobbling["wobbling"].sum())
+    )
     medians = far.groupby(["n_i", "omega_xy0"])[["beyond", "gain"]].median()
     sizes = medians.groupby("omega_xy0")["beyond"].median().reset_index()
     return [faster, every((medians["gain"] - 1).abs() < 0.1), between], {
-        "value": wobbling["centre_median"].median(), "low": wobbling["centre_low"].min(),
-        "high": wobbling["centre_high"].max(), "faster": faster, "between": between,
-        "near": len(settled) - len(far), "beyond": records(sizes), "most": far["beyond"].max(),
+        "value": wobbling["centre_median"].median(),
+        "low": wobbling["centre_low"].min(),
+        "high": wobbling["centre_high"].max(),
+        "faster": faster,
+        "between": between,
+        "near": len(settled) - len(far),
+        "beyond": records(sizes),
+        "most": far["beyond"].max(),
         "gain": medians["gain"].median(),
-    }  # fmt: skip
+    }
 
 
 def draw_types(tables: Tables) -> Figure:
-    """Draw (a), with a column for each spin and a row for each oscillation, and (b), if any."""
+    """Draw (a), with a column for each spin and a row for each oscillation, and (b), if
+    any.
+    """
     values, shown = tables["fractions"].sort_values("K_r"), records(tables["examples"])
-    spins, sizes = sorted(values["n_i"].unique(), key=abs), sorted(values["omega_xy0"].unique())
+    spins, sizes = (
+        sorted(values["n_i"].unique(), key=abs),
+        sorted(values["omega_xy0"].unique()),
+    )
     heights = [1.75 * len(sizes) + 0.7, *([2.4] if shown else [])]
     figure = new_figure(2.1 * len(spins) + 0.6, sum(heights))
-    upper, *lower = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
-    axes = upper.subplots(len(sizes), len(spins), sharex=True, sharey=True, squeeze=False)
+    upper, *lower = figure.subfigures(
+        len(heights), 1, height_ratios=heights, squeeze=False
+    )[:, 0]
+    axes = upper.subplots(
+        len(sizes), len(spins), sharex=True, sharey=True, squeeze=False
+    )
     for spin, size in product(spins, sizes):
         rows = values[(values["n_i"] == spin) & (values["omega_xy0"] == size)]
         axis = axes[sizes.index(size), spins.index(spin)]
-        axis.plot(rows["K_r"], rows["fraction_bondi"], color="black", marker="^", markersize=3.4,
-                  linestyle="none", label=r"$|n_{c1}| < |n_i|$ (Bondi)", zorder=4)  # fmt: skip
+        axis.plot(
+            rows["K_r"],
+            rows["fraction_bondi"],
+            color="black",
+            marker="^",
+            markersize=3.4,
+            linestyle="none",
+            label=r"$|n_{c1}| < |n_i|$ (Bondi)",
+            zorder=4,
+        )
         for name in SHOWN:
             mark = TYPE_STYLE[name]
             # A cross has no face to leave white.
             look = {"markerfacecolor": mark.colour} if mark.marker == "x" else {}
-            draw_share(axis, rows, "K_r", name, color=mark.colour, marker=mark.marker,
-                       label=mark.label, **look)  # fmt: skip
+            draw_share(
+                axis,
+                rows,
+                "K_r",
+                name,
+                color=mark.colour,
+                marker=mark.marker,
+                label=mark.label,
+                **look,
+            )
         axis.grid(visible=True, axis="y")
         axis.set(xlabel="$K_r$", ylabel=f"{value_text('omega_xy0', size)}\nfraction")
         axis.set_title(value_text("n_i", spin) if size == sizes[0] else "")
@@ -247,32 +384,46 @@ def draw_types(tables: Tables) -> Figure:
     axes[0, 0].tick_params(axis="x", which="minor", labelbottom=False)
     axes[0, 0].set(xscale="log", ylim=(-0.04, 1.04), yticks=[0, 0.5, 1])
     axes[0, 0].set_title("(a)", loc="left")
-    upper.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
+    upper.legend(
+        *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5
+    )
     if shown:
         below = lower[0].subplots(1, len(shown), squeeze=False)[0]
         for axis, row in zip(below, shown, strict=True):
             draw_spin(axis, tables[row["example"]], 0.7)
-            point = ", ".join(value_text(name, row[name]) for name in ("n_i", "omega_xy0", "K_r"))
+            point = ", ".join(
+                value_text(name, row[name]) for name in ("n_i", "omega_xy0", "K_r")
+            )
             axis.set_title(f"{EXAMPLES[row['example']][2]}\n{point}")
     return figure
 
 
 def friction(ws: Workspace) -> Tables:
-    """Return the table ``shares``: how many bodies reverse in which direction, by sigma."""
+    """Return the table ``shares``: how many bodies reverse in which direction, by
+    sigma.
+    """
     runs = ws.sweep("friction")
     turns = runs.pivot_table("n_turns", ["sigma", "sample"], "n_i").dropna()
     unsteady, steady = turns[0.3] > 0, turns[-0.3] > 0
     found = pd.DataFrame(
-        {"runs": 1, "one_way": unsteady & ~steady, "both": unsteady & steady,
-         "neither": ~unsteady & ~steady, "steady_only": ~unsteady & steady,
-         "unsteady": unsteady, "twice": turns[0.3] > 1}
-    )  # fmt: skip
+        {
+            "runs": 1,
+            "one_way": unsteady & ~steady,
+            "both": unsteady & steady,
+            "neither": ~unsteady & ~steady,
+            "steady_only": ~unsteady & steady,
+            "unsteady": unsteady,
+            "twice": turns[0.3] > 1,
+        }
+    )
     rows = found.groupby("sigma").sum().reset_index()
     return {"shares": with_shares(rows, ["one_way", "both", "neither"])}
 
 
 def one_way(made: Made) -> Measured:
-    """Measure C1: the share of bodies that reverse in one direction only, by friction."""
+    """Measure C1: the share of bodies that reverse in one direction only, by
+    friction.
+    """
     rows = made["friction"]["shares"]
     top = records(rows.nlargest(1, "fraction_one_way"))[0]
     value, low, high = (top[f"fraction_one_way{end}"] for end in ("", "_low", "_high"))
@@ -284,22 +435,40 @@ def one_way(made: Made) -> Measured:
         every(least > 0.5, most > 0.5),
     ]
     return checks, {
-        "value": value, "low": low, "high": high, "rows": records(rows),
+        "value": value,
+        "low": low,
+        "high": high,
+        "rows": records(rows),
         "runs": int(rows["runs"].max()),
         "twice": records(rows.assign(share=rows["twice"] / rows["runs"])),
-    }  # fmt: skip
+    }
 
 
 def draw_friction(tables: Tables) -> Figure:
     """Draw the shares of the bodies against sigma."""
     figure = new_figure(5.4, 3.6)
     axis = figure.add_subplot()
-    names = {"both": "in both", "one_way": "in the unsteady direction only",
-             "neither": "in neither"}  # fmt: skip
+    names = {
+        "both": "in both",
+        "one_way": "in the unsteady direction only",
+        "neither": "in neither",
+    }
     for (name, words), (colour, marker) in zip(names.items(), SERIES, strict=False):
-        draw_share(axis, tables["shares"], "sigma", name, color=colour, marker=marker, label=words)
-    axis.set(xscale="log", ylim=(-0.03, 1.03), ylabel="share of the bodies that reverse",
-             xlabel=r"$\sigma$ / $M a^2 \tilde\omega$")  # fmt: skip
+        draw_share(
+            axis,
+            tables["shares"],
+            "sigma",
+            name,
+            color=colour,
+            marker=marker,
+            label=words,
+        )
+    axis.set(
+        xscale="log",
+        ylim=(-0.03, 1.03),
+        ylabel="share of the bodies that reverse",
+        xlabel=r"$\sigma$ / $M a^2 \tilde\omega$",
+    )
     axis.grid(visible=True)
     add_legend(figure, axis.get_legend_handles_labels()[0])
     return figure

@@ -1,7 +1,8 @@
 """Claims about formulas (T1 to T3, T6 to T8, S9), measured without any run.
 
-A formula that the package itself uses is checked by a second computation: torque coefficients from
-their definition by eigenvectors, growth rates from the linearised full dynamics.
+A formula that the package itself uses is checked by a second computation: torque
+coefficients from their definition by eigenvectors, growth rates from the linearised
+full dynamics.
 """
 
 from dataclasses import replace
@@ -24,7 +25,9 @@ SAMPLES = 2000
 
 
 def wide_bodies() -> tuple[Floats, ...]:
-    """Return bodies far beyond the set SD: any inertia, any skew angle, nearly any surface."""
+    """Return bodies far beyond the set SD: any inertia, any skew angle, nearly any
+    surface.
+    """
     rng = np.random.default_rng(2017)
     largest = 10 ** rng.uniform(-1, 2, SAMPLES)
     alpha, beta = shell_dumbbell(largest, rng.uniform(0.01, 0.49, SAMPLES))
@@ -32,40 +35,70 @@ def wide_bodies() -> tuple[Floats, ...]:
     gamma = alpha - beta + (largest - (alpha - beta)) * rng.uniform(0, 1, SAMPLES)
     theta = rng.uniform(0.05, 0.99, SAMPLES)
     phi = theta * 10 ** rng.uniform(-3, -0.01, SAMPLES)
-    return alpha, beta, gamma, theta, phi, -np.radians(rng.uniform(0.01, 89.99, SAMPLES))
+    return (
+        alpha,
+        beta,
+        gamma,
+        theta,
+        phi,
+        -np.radians(rng.uniform(0.01, 89.99, SAMPLES)),
+    )
 
 
 # Printed numbers of the body GH (angles in degrees), and how many decimals they have.
-PRINTED = {"K_p": (0.553, 3), "K_r": (0.0967, 4), "omega_p": (1.44, 2), "omega_r": (0.602, 3),
-           "psi_p": (-17, 0), "psi_r": (88, 0)}  # fmt: skip
+PRINTED = {
+    "K_p": (0.553, 3),
+    "K_r": (0.0967, 4),
+    "omega_p": (1.44, 2),
+    "omega_r": (0.602, 3),
+    "psi_p": (-17, 0),
+    "psi_r": (88, 0),
+}
 # Half a unit in the last digit of GH in Table I, where xi is in degrees.
-ROUNDING = {"alpha": 5e-3, "beta": 5e-4, "theta": 5e-5, "phi": 5e-5, "xi": np.radians(5e-3)}
+ROUNDING = {
+    "alpha": 5e-3,
+    "beta": 5e-4,
+    "theta": 5e-5,
+    "phi": 5e-5,
+    "xi": np.radians(5e-3),
+}
 
 
 def gh_numbers(**parameters: Any) -> dict[str, float]:
     """Return the numbers in :data:`PRINTED` for GH with some parameters changed."""
     found = modes(replace(Rattleback.gh(), **parameters))
     values = {name: float(getattr(found, name)) for name in PRINTED}
-    return values | {name: float(np.degrees(values[name])) for name in ("psi_p", "psi_r")}
+    return values | {
+        name: float(np.degrees(values[name])) for name in ("psi_p", "psi_r")
+    }
 
 
 def as_printed(found: dict[str, float]) -> dict[str, bool]:
     """Return which of the numbers round to the printed ones."""
-    return {name: round(found[name], digits) == value for name, (value, digits) in PRINTED.items()}
+    return {
+        name: round(found[name], digits) == value
+        for name, (value, digits) in PRINTED.items()
+    }
 
 
 def garcia_hubbard(_: Made) -> Measured:
-    """Measure T1: the numbers of GH, and their ranges over all bodies that Table I rounds to GH."""
+    """Measure T1: the numbers of GH, and their ranges over all bodies that Table I
+    rounds to GH.
+    """
     body, found = Rattleback.gh(), gh_numbers()
     corners = [
-        gh_numbers(**{
-            name: getattr(body, name) + step for name, step in zip(ROUNDING, steps, strict=True)
-        })
+        gh_numbers(
+            **{
+                name: getattr(body, name) + step
+                for name, step in zip(ROUNDING, steps, strict=True)
+            }
+        )
         for steps in product(*((-half, half) for half in ROUNDING.values()))
-    ]  # fmt: skip
+    ]
     ends = {name: span([corner[name] for corner in corners]) for name in PRINTED}
     within = [
-        ends[name][0] < value + 0.5 * 10.0**-digits and ends[name][1] > value - 0.5 * 10.0**-digits
+        ends[name][0] < value + 0.5 * 10.0**-digits
+        and ends[name][1] > value - 0.5 * 10.0**-digits
         for name, (value, digits) in PRINTED.items()
     ]
     # 0.03 rad is 1.719 degrees, which Table I would print as 1.72.
@@ -73,9 +106,12 @@ def garcia_hubbard(_: Made) -> Measured:
     five = [same for name, same in as_printed(found).items() if name != "K_r"]
     checks = [every(within), every([*as_printed(other).values()]), every(five)]
     return checks, {
-        **found, "value": found["K_r"], "low": ends["K_r"][0], "high": ends["K_r"][1],
+        **found,
+        "value": found["K_r"],
+        "low": ends["K_r"][0],
+        "high": ends["K_r"][1],
         "other": other["K_r"],
-    }  # fmt: skip
+    }
 
 
 def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
@@ -105,7 +141,9 @@ def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
 
 
 def identities(_: Made) -> Measured:
-    """Measure T2: the ratio, the difference and the signs of the torque coefficients."""
+    """Measure T2: the ratio, the difference and the signs of the torque
+    coefficients.
+    """
     body = tuple(np.hstack([drawn_bodies(0, SAMPLES), wide_bodies()]))
     alpha, beta, _gamma, theta, phi, xi = body
     found = by_definition(body)
@@ -117,15 +155,24 @@ def identities(_: Made) -> Measured:
         "trace": difference - found["trace"],
     }
     scale = found["K_p"] * found["magnified"]
-    largest = {name: float(np.max(np.abs(values) / scale)) for name, values in off.items()}
+    largest = {
+        name: float(np.max(np.abs(values) / scale)) for name, values in off.items()
+    }
     signs = found["K_p"] * found["K_r"] > 0
     printed = float(np.max(np.abs(found["printed"] / difference)))
-    checks = [largest["ratio"] < EXACT, largest["difference"] < EXACT, every(signs),
-              abs(printed - 1) < EXACT]  # fmt: skip
+    checks = [
+        largest["ratio"] < EXACT,
+        largest["difference"] < EXACT,
+        every(signs),
+        abs(printed - 1) < EXACT,
+    ]
     return checks, {
-        **largest, "value": max(largest.values()), "positive": np.mean(signs),
-        "bodies": len(alpha), "printed": printed,
-    }  # fmt: skip
+        **largest,
+        "value": max(largest.values()),
+        "positive": np.mean(signs),
+        "bodies": len(alpha),
+        "printed": printed,
+    }
 
 
 def limits(_: Made) -> Measured:
@@ -142,11 +189,17 @@ def limits(_: Made) -> Measured:
         (tall.K_r / small, lever * alpha / beta),
     )
     off = [float(np.max(np.abs(values / limit - 1))) for values, limit in pairs]
-    return [value < 1e-8 for value in off], {"off": off, "value": max(off), "bodies": SAMPLES}
+    return [value < 1e-8 for value in off], {
+        "off": off,
+        "value": max(off),
+        "bodies": SAMPLES,
+    }
 
 
 def ellipsoid(centre: float, b2: Floats, c2: Floats) -> dict[str, Floats]:
-    """Return the parameters of an ellipsoid with semi-axes c, b and 1, or of its lower half."""
+    """Return the parameters of an ellipsoid with semi-axes c, b and 1, or of its lower
+    half.
+    """
     height, vertical = 1 - centre, 1 / 5 - centre**2
     return {
         "alpha": (b2 / 5 + vertical) / height**2 + 1,
@@ -157,10 +210,14 @@ def ellipsoid(centre: float, b2: Floats, c2: Floats) -> dict[str, Floats]:
 
 
 def ellipsoids(_: Made) -> Measured:
-    """Measure T6: pitch faster than roll for uniform ellipsoids and their lower halves."""
+    """Measure T6: pitch faster than roll for uniform ellipsoids and their lower
+    halves.
+    """
     excess, off = [], []
     for centre, factor, p, q in ((0.0, 35, 1, 6), (3 / 8, 25 / 16 * 92, 4, 9)):
-        first, second = 10.0 ** np.random.default_rng(2017).uniform(-6, 4, (2, 2 * SAMPLES))
+        first, second = 10.0 ** np.random.default_rng(2017).uniform(
+            -6, 4, (2, 2 * SAMPLES)
+        )
         c2 = (1 - centre) * (1 + first)
         b2 = c2 * (1 + second)
         found = theory.modes(**ellipsoid(centre, b2, c2), xi=0.0)
@@ -170,16 +227,22 @@ def ellipsoids(_: Made) -> Measured:
         off.append(np.abs(pitch - roll - closed) / pitch)
     more, formula = np.concatenate(excess), float(np.max(off))
     return [every(more > 0), formula < EXACT], {
-        "shapes": len(more), "value": float(more.min()), "formula": formula,
-    }  # fmt: skip
+        "shapes": len(more),
+        "value": float(more.min()),
+        "formula": formula,
+    }
 
 
 def growth_slopes(body: tuple[Floats, ...]) -> tuple[Floats, Floats]:
-    """Return the slopes of the growth rates of pitch and roll at n = 0, ``w M'(0) v / (w v)``."""
+    """Return the slopes of the growth rates of pitch and roll at n = 0, ``w M'(0) v /
+    (w v)``.
+    """
     constants = full.constants(*body)
     change = (steady.matrix(constants, 1.0) - steady.matrix(constants, -1.0)) / 2
     values, right = np.linalg.eig(steady.matrix(constants, 0.0))
-    slopes = np.einsum("...ji,...ik,...kj->...j", np.linalg.inv(right), change, right).real
+    slopes = np.einsum(
+        "...ji,...ik,...kj->...j", np.linalg.inv(right), change, right
+    ).real
     ranked = np.take_along_axis(slopes, np.argsort(-values.imag, axis=-1), -1)
     return ranked[..., 0], ranked[..., 1]
 
@@ -192,24 +255,32 @@ def slow_spin(_: Made) -> Measured:
         found = theory.modes(alpha, beta, theta, phi, xi)
         magnified = found.omega_p**2 / (found.omega_p**2 - found.omega_r**2)
         pitch, roll = growth_slopes(body)
-        # At small K_r larger terms cancel in the slope, so the error is measured against K_p.
+        # At small K_r larger terms cancel in the slope, so the error is measured
+        # against K_p.
         rest = np.abs([pitch - found.K_p / 2, roll + found.K_r / 2])
         off = [*np.max(rest / (found.K_p * magnified), axis=1).tolist(), *off]
     # Eq. 75 with n = S, E_p = (I/2) P^2, E_r = (I/2) R^2, t = (2/K_r) tau.
     p, r, s = np.random.default_rng(2017).normal(size=(3, SAMPLES))
-    rates = reduced.rhs.py_func(s, gamma / 2 * p**2, gamma / 2 * r**2, found.K_p, found.K_r, gamma)
+    rates = reduced.rhs.py_func(
+        s, gamma / 2 * p**2, gamma / 2 * r**2, found.K_p, found.K_r, gamma
+    )
     spin, pitch, roll = (2 / found.K_r * np.asarray(rate) for rate in rates)
     ratio = (found.omega_p / found.omega_r) ** 2
     wanted = np.stack([ratio * p * s, -r * s, r**2 - ratio * p**2])
     rest = np.stack([pitch / (gamma * p), roll / (gamma * r), spin]) - wanted
     field = float(np.max(np.abs(rest) / np.linalg.norm(wanted, axis=0)))
     return [value < EXACT for value in (*off, field)], {
-        "off": off, "field": field, "value": max(*off, field), "bodies": SAMPLES,
-    }  # fmt: skip
+        "off": off,
+        "field": field,
+        "value": max(*off, field),
+        "bodies": SAMPLES,
+    }
 
 
 def reversal_times(_: Made) -> Measured:
-    """Measure T8: Garcia and Hubbard's times against the skew angle, and their ratio."""
+    """Measure T8: Garcia and Hubbard's times against the skew angle, and their
+    ratio.
+    """
     alpha, beta, _gamma, theta_, phi, xi = body = drawn_bodies(0, SAMPLES)
     n_i, n_0 = 0.1, 0.11
 
@@ -222,22 +293,32 @@ def reversal_times(_: Made) -> Measured:
     small, largest = 2.0**-20, np.radians(SdRanges().minus_xi_deg[1])
     slope = float(np.abs(np.log2(times(-2 * small) / times(-small)) + 1).max())
     exact, (unsteady, in_steady) = by_definition(body), times(xi)
-    off = float((np.abs(in_steady / unsteady / exact["ratio"] - 1) / exact["magnified"]).max())
+    off = float(
+        (np.abs(in_steady / unsteady / exact["ratio"] - 1) / exact["magnified"]).max()
+    )
     far = times(-largest) * largest / (times(-small) * small)
     return [slope < 1e-6, off < EXACT], {
-        "value": slope, "slope": slope, "ratio": off, "bodies": SAMPLES,
+        "value": slope,
+        "slope": slope,
+        "ratio": off,
+        "bodies": SAMPLES,
         "far": (float(far.min()), float(far.max())),
-    }  # fmt: skip
+    }
 
 
-# Spins in units of Bondi's threshold, and whether the steady spin should be stable there.
+# Spins in units of Bondi's threshold, and whether the steady spin should be stable
+# there.
 NEAR = ((0.1, False), (0.5, False), (1 - 1e-5, False), (1 + 1e-5, True))
 FAR = ((1.5, True), (4.0, True))
 ANGLES = (0.01, 1.0, 6.0, 20.0, 45.0, 70.0, 89.0)
 
 
-def contradictions(body: tuple[Floats, ...], spins: tuple[tuple[float, bool], ...]) -> Count:
-    """Count how often eigenvalues contradict Bondi's threshold, at the skew angles ``ANGLES``."""
+def contradictions(
+    body: tuple[Floats, ...], spins: tuple[tuple[float, bool], ...]
+) -> Count:
+    """Count how often eigenvalues contradict Bondi's threshold, at the skew angles
+    ``ANGLES``.
+    """
     alpha, beta, gamma, theta_, phi, _ = body
     threshold = theory.bondi_threshold(alpha, beta, gamma, theta_, phi)
     exists = np.isfinite(threshold)
@@ -253,16 +334,26 @@ def contradictions(body: tuple[Floats, ...], spins: tuple[tuple[float, bool], ..
 def bondi(_: Made) -> Measured:
     """Measure S9: Bondi's threshold and the exact steady solution."""
     bodies = drawn_bodies(0, SAMPLES), wide_bodies()
-    sd_near, sd_far, near, far = (contradictions(*trial) for trial in product(bodies, (NEAR, FAR)))
+    sd_near, sd_far, near, far = (
+        contradictions(*trial) for trial in product(bodies, (NEAR, FAR))
+    )
     spins = np.random.default_rng(2017).normal(size=2 * SAMPLES).tolist()
     both = np.concatenate([full.constants(*body) for body in bodies], axis=1)
     moved = max(
         max(map(abs, full.rhs.py_func(0.0, 0.0, 0.0, 0.0, spin, *constants)))
         for spin, constants in zip(spins, both.T.tolist(), strict=True)
     )
-    checks = [not sd_near.hits + near.hits and moved == 0, not sd_far.hits, not far.hits]
+    checks = [
+        not sd_near.hits + near.hits and moved == 0,
+        not sd_far.hits,
+        not far.hits,
+    ]
     return checks, {
-        "sd": sd_near + sd_far, "near": near, "far": far, "moved": moved,
-        "value": far.hits / far.total, "angles": ", ".join(map("{:g}".format, ANGLES)),
+        "sd": sd_near + sd_far,
+        "near": near,
+        "far": far,
+        "moved": moved,
+        "value": far.hits / far.total,
+        "angles": ", ".join(map("{:g}".format, ANGLES)),
         "bodies": SAMPLES,
-    }  # fmt: skip
+    }

@@ -22,18 +22,26 @@ from rattlesweep.sweeps.provenance import machine, now, versions
 # The name that selects the claims about formulas alone.
 THEORY = "theory"
 KINDS = ("svg", "png")
-# Matplotlib's settings: ticks inward, as in the paper, and titles at a fixed height, since placing
-# them automatically takes a sixth of the drawing time.
+# Matplotlib's settings: ticks inward, as in the paper, and titles at a fixed height,
+# since placing them automatically takes a sixth of the drawing time.
 LOOK: Any = {
-    "xtick.direction": "in", "ytick.direction": "in", "xtick.top": True, "ytick.right": True,
-    "axes.titlesize": 10, "axes.titlepad": 4, "axes.titley": 1.0, "grid.color": FAINT,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "xtick.top": True,
+    "ytick.right": True,
+    "axes.titlesize": 10,
+    "axes.titlepad": 4,
+    "axes.titley": 1.0,
+    "grid.color": FAINT,
     "grid.linewidth": 0.6,
-}  # fmt: skip
+}
 VERDICTS = ("agree", "partly", "disagree", UNDECIDED)
 
 
 def choose(names: str | None) -> list[str]:
-    """Return the requested parts, such as ``fig8,fig7``, in the paper's order; None selects all."""
+    """Return the requested parts, such as ``fig8,fig7``, in the paper's order; None
+    selects all.
+    """
     known = [*read_table("parts"), THEORY]
     wanted = known if names is None else [word.strip() for word in names.split(",")]
     check_names("--only", wanted, known)
@@ -41,9 +49,13 @@ def choose(names: str | None) -> list[str]:
 
 
 def reproduce(
-    workspace: Workspace, names: Sequence[str], begin: Callable[[str], None] = lambda title: None
+    workspace: Workspace,
+    names: Sequence[str],
+    begin: Callable[[str], None] = lambda title: None,
 ) -> list[dict[str, Any]]:
-    """Compute and draw parts, write the report, and return the claims that were judged."""
+    """Compute and draw parts, write the report, and return the claims that were
+    judged.
+    """
     parts = {name: part for name, part in read_table("parts").items() if name in names}
     directory, sizes = workspace.directory, workspace.sizes
     made: dict[str, Tables] = {}
@@ -55,7 +67,10 @@ def reproduce(
         for table, rows in made[name].items():
             save_table(rows, directory / f"{name}_{table}.parquet")
         with styled(), mpl.rc_context(LOOK):
-            save(part["draw"](made[name]), [directory / f"{name}.{kind}" for kind in KINDS])
+            save(
+                part["draw"](made[name]),
+                [directory / f"{name}.{kind}" for kind in KINDS],
+            )
         seconds[name] = f"{time.perf_counter() - start:.1f} s"
     claims = judge(made, theory=THEORY in names, few=sizes.samples < FULL.samples)
     save_table(pd.DataFrame(claims), directory / "claims.parquet")
@@ -63,12 +78,21 @@ def reproduce(
     page = render("claims.md.j2", version=version("rattlesweep"), **words)
     replace_file(directory / "claims.md", page)
     figures = [
-        (name, part, list(made[name]),
-         embedded(*((directory / f"{name}.{kind}").read_bytes() for kind in KINDS)))
+        (
+            name,
+            part,
+            list(made[name]),
+            embedded(*((directory / f"{name}.{kind}").read_bytes() for kind in KINDS)),
+        )
         for name, part in parts.items()
-    ]  # fmt: skip
+    ]
     middle = {"figures": "Figures"} if figures else {}
-    sections = {"claims": "Claims", **middle, "run": "How it was made", "settings": "Settings"}
+    sections = {
+        "claims": "Claims",
+        **middle,
+        "run": "How it was made",
+        "settings": "Settings",
+    }
     sweeps = [path.name for path in sorted(directory.glob("sweeps/*"))]
     page = render(
         "paper.html.j2",
@@ -80,7 +104,9 @@ def reproduce(
         figures=figures,
         failed=workspace.failed,
         parts=[*seconds.items()],
-        settings=config_yaml(asdict(sizes) | {name: sweep_config(name, sizes) for name in sweeps}),
+        settings=config_yaml(
+            asdict(sizes) | {name: sweep_config(name, sizes) for name in sweeps}
+        ),
         **words,
     )
     replace_file(directory / "report.html", page)
@@ -90,7 +116,9 @@ def reproduce(
 def tally(claims: Sequence[dict[str, Any]]) -> str:
     """Return the number of claims by verdict, as text."""
     counts = Counter(claim["verdict"] for claim in claims)
-    return ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
+    return ", ".join(
+        f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict]
+    )
 
 
 def closing_table(claims: Sequence[dict[str, Any]]) -> str:

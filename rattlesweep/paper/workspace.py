@@ -1,4 +1,6 @@
-"""What all parts share: the directory with its sweeps, sample counts, single runs, drawing."""
+"""What all parts share: the directory with its sweeps, sample counts, single runs,
+drawing.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,7 +28,9 @@ LAUNCH = ["alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0", "p
 
 @dataclass(frozen=True)
 class Sizes:
-    """Sample counts and the length of a run; the defaults are the paper's if it has any."""
+    """Sample counts and the length of a run; the defaults are the paper's if it has
+    any.
+    """
 
     fig3_bodies: int = 1_000_000
     fig4_bodies: int = 100_000  # of (a)
@@ -40,25 +44,38 @@ class Sizes:
 
 FULL = Sizes()
 QUICK = Sizes(
-    fig3_bodies=50_000, fig4_density=2_000_000, samples=30, lyapunov=200, friction=60,
+    fig3_bodies=50_000,
+    fig4_density=2_000_000,
+    samples=30,
+    lyapunov=200,
+    friction=60,
     exponents_t_end=50_000.0,
-)  # fmt: skip
+)
 
 
 class Workspace:
-    """An output directory whose sweeps resume; the rest takes seconds and is recomputed."""
+    """An output directory whose sweeps resume; the rest takes seconds and is
+    recomputed.
+    """
 
     def __init__(self, directory: Path, sizes: Sizes = FULL, **settings: Any) -> None:
-        """Create or open the directory; `settings` are `threads` and `progress` of its sweeps."""
+        """Create or open the directory; `settings` are `threads` and `progress` of its
+        sweeps.
+        """
         probe_directory(directory)
         self.directory, self.sizes, self.settings = directory, sizes, settings
         self.failed = 0
         self._sweeps: dict[str, pd.DataFrame] = {}
 
     def sweep(self, name: str) -> pd.DataFrame:
-        """Run or resume the sweep ``sweeps/NAME``, and return its runs with status ``ok``."""
+        """Run or resume the sweep ``sweeps/NAME``, and return its runs with status
+        ``ok``.
+        """
         if name not in self._sweeps:
-            config, output = sweep_config(name, self.sizes), self.directory / "sweeps" / name
+            config, output = (
+                sweep_config(name, self.sizes),
+                self.directory / "sweeps" / name,
+            )
             found = api.sweep(config, output=output, **self.settings)
             runs, cases = self._good(found.read()), found.summary.set_index("case")
             for target in map(str, cases[["K_p", "K_r"]].dropna(axis=1, how="all")):
@@ -68,7 +85,9 @@ class Workspace:
         return self._sweeps[name]
 
     def again(self, runs: pd.DataFrame, most: int, record: str) -> pd.DataFrame:
-        """Integrate runs once more with ``record``; if more than `most`, an even selection."""
+        """Integrate runs once more with ``record``; if more than `most`, an even
+        selection.
+        """
         runs = runs.iloc[:: max(1, -(-len(runs) // most))]
         if runs.empty:
             return runs
@@ -83,16 +102,24 @@ class Workspace:
 
 def sweep_config(name: str, sizes: Sizes) -> dict[str, Any]:
     """Return the config of the sweep ``steady``, ``unsteady`` or ``friction``."""
-    config: dict[str, Any] = YAML(typ="safe").load(Path(__file__).with_name(f"{name}.yaml"))
-    config["bodies"]["samples"] = sizes.friction if name == "friction" else sizes.samples
+    config: dict[str, Any] = YAML(typ="safe").load(
+        Path(__file__).with_name(f"{name}.yaml")
+    )
+    config["bodies"]["samples"] = (
+        sizes.friction if name == "friction" else sizes.samples
+    )
     return config
 
 
-def follow(body: Rattleback, *channels: str, dt: float = 0.05, **launch: Any) -> Trajectory:
+def follow(
+    body: Rattleback, *channels: str, dt: float = 0.05, **launch: Any
+) -> Trajectory:
     """Integrate one run past its reversals; raise OutputError if it fails."""
     found = api.trajectory(body, channels=("t", *channels), dt=dt, **launch)
     if found.status != "ok":
-        raise OutputError(f"{body}: the run ended at t = {found.t_end:g} with {found.status}")
+        raise OutputError(
+            f"{body}: the run ended at t = {found.t_end:g} with {found.status}"
+        )
     return found
 
 
@@ -103,7 +130,9 @@ def thinned(run: pd.DataFrame, *beside: str, **bins: int) -> pd.DataFrame:
     return rows[["t", *beside, *bins]].reset_index(drop=True)
 
 
-def draw_spin(axis: Axes, series: pd.DataFrame, linewidth: float = 0.8, label: str = "") -> None:
+def draw_spin(
+    axis: Axes, series: pd.DataFrame, linewidth: float = 0.8, label: str = ""
+) -> None:
     """Draw the spin against time, and a line at zero if it reverses."""
     axis.plot(series["t"], series["n"], color=BLUE, linewidth=linewidth, label=label)
     if series["n"].min() < 0 < series["n"].max():

@@ -57,7 +57,9 @@ class Rattleback:
             if (name, value) != ("c", None):
                 _require_number(name, value)
         if not isinstance(self.units, Units | None):
-            raise ValueError(f"units: {str(self.units)[:40]} is not a Units; see from_si")
+            raise ValueError(
+                f"units: {str(self.units)[:40]} is not a Units; see from_si"
+            )
         for _, sentence in violations(**values):
             raise ValueError(sentence)
 
@@ -68,8 +70,11 @@ class Rattleback:
 
     @classmethod
     def kl(cls) -> Rattleback:
-        """Return the ellipsoid of Kane and Levinson (1982): semi-axes 20, 3, 2 cm; 1 kg."""
-        # Moments of inertia about the long and the short axis of the surface, and their product.
+        """Return the ellipsoid of Kane and Levinson (1982): semi-axes 20, 3, 2 cm; 1
+        kg.
+        """
+        # Moments of inertia about the long and the short axis of the surface, and their
+        # product.
         along, across, product = 2.0, 16.0, -0.2
         mean, half = (across + along) / 2, math.hypot((across - along) / 2, product)
         alpha, beta, gamma = mean + half + 1, mean - half + 1, 17.0
@@ -81,7 +86,9 @@ class Rattleback:
     def shell_dumbbell(
         cls, *, gamma: float, f_sd: float, theta: float, phi: float, xi: float
     ) -> Rattleback:
-        """Return a shell-dumbbell body (Eqs. 62-67); ValueError unless ``0 < f_sd < 0.5``."""
+        """Return a shell-dumbbell body (Eqs. 62-67); ValueError unless ``0 < f_sd <
+        0.5``.
+        """
         _require_number("gamma", gamma)
         _require_number("f_sd", f_sd)
         if not 0 < f_sd < 0.5:
@@ -90,10 +97,17 @@ class Rattleback:
 
     @classmethod
     def from_si(
-        cls, *, mass: float | str, inertia: Sequence[float] | Sequence[Sequence[float]] | str,
-        height: float | str, radii: Sequence[float | str] | str, axes_angle: float | str = 0.0,
-        c: float | str | None = None, gravity: float | str = si.GRAVITY, z_up: bool = False,
-    ) -> Rattleback:  # fmt: skip
+        cls,
+        *,
+        mass: float | str,
+        inertia: Sequence[float] | Sequence[Sequence[float]] | str,
+        height: float | str,
+        radii: Sequence[float | str] | str,
+        axes_angle: float | str = 0.0,
+        c: float | str | None = None,
+        gravity: float | str = si.GRAVITY,
+        z_up: bool = False,
+    ) -> Rattleback:
         """Return a body given in SI units.
 
         Every quantity may be a number in SI units or a text such as ``"85 g"``.
@@ -133,26 +147,40 @@ class Rattleback:
         (11.59, 0.03, 0.0319)
         """
         m, a = si.size(mass, "mass", "mass"), si.size(height, "length", "height")
-        lengths = [si.size(x, "length", "radii") for x in si.two_lengths(radii, "radii")]
+        lengths = [
+            si.size(x, "length", "radii") for x in si.two_lengths(radii, "radii")
+        ]
         if not a < min(lengths):
-            raise ValueError(f"radii: {min(lengths):g} m is not above the height {a:g} m")
+            raise ValueError(
+                f"radii: {min(lengths):g} m is not above the height {a:g} m"
+            )
         tensor = np.array(si.components(inertia))
         angle = si.number(axes_angle, "angle", "axes_angle")
         if z_up:  # a downward z axis reverses the sense of angles
             tensor[3], angle = -tensor[3], -angle
-        values = {k: float(v) for k, v in si.parameters(m, tensor, a, lengths, angle).items()}
+        values = {
+            k: float(v) for k, v in si.parameters(m, tensor, a, lengths, angle).items()
+        }
         semi_axis = None if c is None else si.number(c, "length", "c") / a
         units = Units(m, a, si.size(gravity, "acceleration", "gravity"))
         return cls(**values, c=semi_axis, units=units)
 
     @classmethod
     def half_ellipsoid(
-        cls, *, length: float | str, width: float | str, height: float | str, mass: float | str,
-        skew: float | str = 0.0, weights: float | str | None = None,
-        at: Sequence[float | str] | str | None = None, wall: float | str | None = None,
+        cls,
+        *,
+        length: float | str,
+        width: float | str,
+        height: float | str,
+        mass: float | str,
+        skew: float | str = 0.0,
+        weights: float | str | None = None,
+        at: Sequence[float | str] | str | None = None,
+        wall: float | str | None = None,
         gravity: float | str = si.GRAVITY,
-    ) -> Rattleback:  # fmt: skip
-        """Return a half ellipsoid of uniform density, solid or hollow, with its flat side up.
+    ) -> Rattleback:
+        """Return a half ellipsoid of uniform density, solid or hollow, with its flat
+        side up.
 
         Every quantity may be a number in SI units or a text such as ``"12 cm"``.
 
@@ -195,14 +223,23 @@ class Rattleback:
         if weights is not None and at is not None:
             x, y = si.two_lengths(at, "at")
             if not (2 * x / sizes["length"]) ** 2 + (2 * y / sizes["width"]) ** 2 <= 1:
-                raise ValueError(f"at: ({x:g} m, {y:g} m) is beyond the edge of the flat side")
+                raise ValueError(
+                    f"at: ({x:g} m, {y:g} m) is beyond the edge of the flat side"
+                )
             sizes |= {"weights": si.size(weights, "mass", "weights"), "x": x, "y": y}
         if wall is not None:
             sizes["wall"] = si.size(wall, "length", "wall")
-        sizes |= {"mass": si.size(mass, "mass", "mass"), "skew": si.size(skew, "angle", "skew")}
-        found = {name: float(value) for name, value in si.half_ellipsoid(**sizes).items()}
+        sizes |= {
+            "mass": si.size(mass, "mass", "mass"),
+            "skew": si.size(skew, "angle", "skew"),
+        }
+        found = {
+            name: float(value) for name, value in si.half_ellipsoid(**sizes).items()
+        }
         if not found["theta"] < 1:
-            raise ValueError("height: the body tips over; make it lower, or longer and wider")
+            raise ValueError(
+                "height: the body tips over; make it lower, or longer and wider"
+            )
         if found["xi"] == 0:
             raise ValueError("skew: both directions are alike; give a skew or weights")
         g = si.size(gravity, "acceleration", "gravity")
@@ -213,17 +250,24 @@ class Rattleback:
         return replace(self, **parameters)
 
     def mirrored(self) -> Rattleback:
-        """Return the mirror image, whose steady and unsteady directions are exchanged."""
+        """Return the mirror image, whose steady and unsteady directions are
+        exchanged.
+        """
         return replace(self, xi=-self.xi)
 
 
-PRESETS: dict[str, Callable[[], Rattleback]] = {"GH": Rattleback.gh, "KL": Rattleback.kl}
+PRESETS: dict[str, Callable[[], Rattleback]] = {
+    "GH": Rattleback.gh,
+    "KL": Rattleback.kl,
+}
 MAX_INERTIA = 1e6  # in M a^2
 
 
 def _require_number(name: str, value: Any) -> None:
     if not isinstance(value, Real):
-        raise ValueError(f"{name}: {str(value)[:40]} ({type(value).__name__}) is not a number")
+        raise ValueError(
+            f"{name}: {str(value)[:40]} ({type(value).__name__}) is not a number"
+        )
 
 
 def shell_dumbbell(gamma: T, f_sd: T) -> tuple[T, T]:
@@ -232,45 +276,92 @@ def shell_dumbbell(gamma: T, f_sd: T) -> tuple[T, T]:
 
 
 def violations(
-    alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike,
-    theta: ArrayLike, phi: ArrayLike, xi: ArrayLike, c: ArrayLike | None = None,
-) -> Iterator[tuple[int, str]]:  # fmt: skip
-    """Yield the index of the first body that breaks a rule, and a message, for each broken rule.
+    alpha: ArrayLike,
+    beta: ArrayLike,
+    gamma: ArrayLike,
+    theta: ArrayLike,
+    phi: ArrayLike,
+    xi: ArrayLike,
+    c: ArrayLike | None = None,
+) -> Iterator[tuple[int, str]]:
+    """Yield the index of the first body that breaks a rule, and a message, for each
+    broken rule.
 
-    Arguments are numbers or arrays over bodies; ``c`` is NaN, or None for all, for a paraboloid.
+    Arguments are numbers or arrays over bodies; ``c`` is NaN, or None for all, for a
+    paraboloid.
     """
     alpha, beta, gamma, theta, phi, xi = (
-        np.atleast_1d(np.asarray(x, float)) for x in (alpha, beta, gamma, theta, phi, xi)
+        np.atleast_1d(np.asarray(x, float))
+        for x in (alpha, beta, gamma, theta, phi, xi)
     )
     c = np.broadcast_to(np.asarray(np.nan if c is None else c, float), alpha.shape)
     i_xx, i_yy = alpha - 1, beta - 1
-    # Shell-dumbbell bodies have I_zz = I_xx + I_yy, and half of them exceed it by rounding.
+    # Shell-dumbbell bodies have I_zz = I_xx + I_yy, and half of them exceed it by
+    # rounding.
     slack = 1e-12 * (alpha + gamma)
-    values = {"alpha": alpha, "beta": beta, "gamma": gamma, "theta": theta, "phi": phi, "xi": xi,
-              "c": c, "i_xx": i_xx, "yy_zz": i_yy + gamma, "xx_yy": i_xx + i_yy}  # fmt: skip
+    values = {
+        "alpha": alpha,
+        "beta": beta,
+        "gamma": gamma,
+        "theta": theta,
+        "phi": phi,
+        "xi": xi,
+        "c": c,
+        "i_xx": i_xx,
+        "yy_zz": i_yy + gamma,
+        "xx_yy": i_xx + i_yy,
+    }
     rules = (
-        *((np.isfinite(values[name]), f"{name} is not a finite number") for name in PARAMETERS),
+        *(
+            (np.isfinite(values[name]), f"{name} is not a finite number")
+            for name in PARAMETERS
+        ),
         (~np.isinf(c), "c is not a finite number"),
-        (np.maximum(alpha, gamma) <= MAX_INERTIA,
-         f"a moment of inertia is out of range; at most {MAX_INERTIA:g} M a^2 is allowed"),
-        ((phi > 0) & (theta < 1),
-         "theta is {theta:g} and phi {phi:g}; 0 < phi < theta < 1 is needed, or it tips over"),
-        (phi < theta, "phi {phi:g} is not below theta {theta:g}; 0 < phi < theta < 1 is needed"),
+        (
+            np.maximum(alpha, gamma) <= MAX_INERTIA,
+            f"a moment of inertia is out of range; at most {MAX_INERTIA:g} M a^2 is allowed",
+        ),
+        (
+            (phi > 0) & (theta < 1),
+            "theta is {theta:g} and phi {phi:g}; 0 < phi < theta < 1 is needed, or it tips over",
+        ),
+        (
+            phi < theta,
+            "phi {phi:g} is not below theta {theta:g}; 0 < phi < theta < 1 is needed",
+        ),
         (beta > 1, "beta is {beta:g}; alpha > beta > 1 is needed"),
-        (alpha > beta, "alpha {alpha:g} is not above beta {beta:g}; alpha > beta > 1 is needed"),
+        (
+            alpha > beta,
+            "alpha {alpha:g} is not above beta {beta:g}; alpha > beta > 1 is needed",
+        ),
         (gamma > 0, "gamma is {gamma:g}; it must be positive"),
-        ((xi != 0) & (np.abs(xi) < np.pi / 2),
-         "the skew angle xi is {xi:g} rad; -pi/2 < xi < 0 is needed, or xi > 0 for a mirror image"),
-        (i_xx <= i_yy + gamma + slack, "no body has this inertia: I_xx = alpha - 1 = {i_xx:g} "
-         "exceeds I_yy + I_zz = {yy_zz:g}"),
-        (gamma <= i_xx + i_yy + slack, "no body has this inertia: I_zz = gamma = {gamma:g} "
-         "exceeds I_xx + I_yy = {xx_yy:g}"),
-        # Lying on its side, the ellipsoid has its centre of mass at the height sqrt(c/theta).
-        (~(c <= theta), "c {c:g} is not above theta {theta:g}: the ellipsoid would tip onto its "
-         "side"),
-    )  # fmt: skip
+        (
+            (xi != 0) & (np.abs(xi) < np.pi / 2),
+            "the skew angle xi is {xi:g} rad; -pi/2 < xi < 0 is needed, or xi > 0 for a mirror image",
+        ),
+        (
+            i_xx <= i_yy + gamma + slack,
+            "no body has this inertia: I_xx = alpha - 1 = {i_xx:g} "
+            "exceeds I_yy + I_zz = {yy_zz:g}",
+        ),
+        (
+            gamma <= i_xx + i_yy + slack,
+            "no body has this inertia: I_zz = gamma = {gamma:g} "
+            "exceeds I_xx + I_yy = {xx_yy:g}",
+        ),
+        # Lying on its side, the ellipsoid has its centre of mass at the height
+        # sqrt(c/theta).
+        (
+            ~(c <= theta),
+            "c {c:g} is not above theta {theta:g}: the ellipsoid would tip onto its "
+            "side",
+        ),
+    )
     for good, message in rules:
         bad = np.flatnonzero(~good)
         if bad.size:
             first = int(bad[0])
-            yield first, message.format(**{name: x[first] for name, x in values.items()})
+            yield (
+                first,
+                message.format(**{name: x[first] for name, x in values.items()}),
+            )

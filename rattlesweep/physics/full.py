@@ -1,20 +1,22 @@
-"""The full dynamics (Eqs. 4, 8, 10 and 11) in five variables, and the track on the plane.
+"""The full dynamics (Eqs. 4, 8, 10 and 11) in five variables, and the track on the
+plane.
 
-Equation numbers in this package are those of Kondo and Nakanishi, Phys. Rev. E 95, 062207 (2017),
-and the units are M = a = g = 1.
+Equation numbers in this package are those of Kondo and Nakanishi, Phys. Rev. E 95,
+062207 (2017), and the units are M = a = g = 1.
 
 The body stands on its lower surface, so that ``u_z < 0``, and the slope
 
     p = u_x / u_z,   q = u_y / u_z,   u = -(p, q, 1) / sqrt(1 + p^2 + q^2)
 
-describes the vertical unit vector.  The state is ``(p, q, a, b, c)`` with ``(a, b, c) = omega``, so
-that quantities that are small near the steady spin are stored as small numbers.  For the same
-reason the surface enters as ``C = B - 1`` with ``B = R(xi) Theta^-1 R^-1(xi)``: subtracting 1 from
-``B`` would lose nine digits at ``theta = 1 - 1e-9``.
+describes the vertical unit vector.  The state is ``(p, q, a, b, c)`` with ``(a, b, c) =
+omega``, so that quantities that are small near the steady spin are stored as small
+numbers.  For the same reason the surface enters as ``C = B - 1`` with ``B = R(xi)
+Theta^-1 R^-1(xi)``: subtracting 1 from ``B`` would lose nine digits at ``theta = 1 -
+1e-9``.
 
-The heading is the angle of the horizontal part ``h_1`` of the body's x axis from its direction at
-the start.  ``h_1`` and ``u x h_1`` at the start are the axes of the plane, with the origin at the
-contact point.
+The heading is the angle of the horizontal part ``h_1`` of the body's x axis from its
+direction at the start.  ``h_1`` and ``u x h_1`` at the start are the axes of the plane,
+with the origin at the contact point.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -30,18 +32,26 @@ N_STATE = 5
 N_CONSTANTS = 6
 N_EXTRA = 3  # heading and the two co-ordinates of the contact point on the plane
 
-# With 'nnan' and 'ninf' LLVM would remove tests for non-finite states; with 'reassoc' and 'arcp'
-# the last bits would depend on how often a function is optimised.
+# With 'nnan' and 'ninf' LLVM would remove tests for non-finite states; with 'reassoc'
+# and 'arcp' the last bits would depend on how often a function is optimised.
 FASTMATH = {"contract", "nsz"}
 # Nothing calls these functions from C, and wrappers for it take time to compile.
-scalar = njit(fastmath=FASTMATH, error_model="numpy", forceinline=True, no_cfunc_wrapper=True)
+scalar = njit(
+    fastmath=FASTMATH, error_model="numpy", forceinline=True, no_cfunc_wrapper=True
+)
 
 
 def constants(
-    alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike,
-    theta: ArrayLike, phi: ArrayLike, xi: ArrayLike,
-) -> Floats:  # fmt: skip
-    """Return ``I_xx, I_yy, I_zz, C_xx, C_xy, C_yy`` of bodies, shape (6, ...) (Eqs. 6 and 14)."""
+    alpha: ArrayLike,
+    beta: ArrayLike,
+    gamma: ArrayLike,
+    theta: ArrayLike,
+    phi: ArrayLike,
+    xi: ArrayLike,
+) -> Floats:
+    """Return ``I_xx, I_yy, I_zz, C_xx, C_xy, C_yy`` of bodies, shape (6, ...) (Eqs. 6
+    and 14).
+    """
     alpha, beta, gamma, theta, phi, xi = np.broadcast_arrays(
         *(np.asarray(x, float) for x in (alpha, beta, gamma, theta, phi, xi))
     )
@@ -54,17 +64,20 @@ def constants(
 
 @scalar
 def slope_rate(p, q, a, b, c):
-    """Return the derivatives of ``p, q`` (Eq. 10 for the slope) and ``m = p b - q a``."""
+    """Return the derivatives of ``p, q`` (Eq. 10 for the slope) and ``m = p b - q
+    a``.
+    """
     m = p * b - q * a
     return q * c - b - p * m, a - p * c - q * m, m
 
 
 @scalar
 def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):
-    """Return the contact of the paraboloid (Eqs. 4 and 8): ``fx, fy, rise, wx, wy, wz, u_z``.
+    """Return the contact of the paraboloid (Eqs. 4 and 8): ``fx, fy, rise, wx, wy, wz,
+    u_z``.
 
-    The contact point is ``r = (p + fx, q + fy, 1 - rise)``.  In ``w = r x omega - dr/dt`` the terms
-    that cancel are left out.
+    The contact point is ``r = (p + fx, q + fy, 1 - rise)``.  In ``w = r x omega -
+    dr/dt`` the terms that cancel are left out.
     """
     fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
     x, y = p + fx, q + fy
@@ -79,15 +92,18 @@ def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):
 
 @scalar
 def solve(x, y, z, ix, iy, iz, tx, ty, tz, product):
-    """Return ``J^-1 T`` with the matrix ``J`` on the left side of Eq. 11, and the inverse used.
+    """Return ``J^-1 T`` with the matrix ``J`` on the left side of Eq. 11, and the
+    inverse used.
 
     ``J = D - r r^T`` with ``D = I + r^2``; by the formula of Sherman and Morrison
-    ``J^-1 T = D^-1 (T + r s)`` with ``s = r.D^-1 T / (1 - r.D^-1 r)``.  For a long ``r`` numerator
-    and denominator of ``s`` cancel, so they are written with ``1 - r^2/d = I/d`` and with the
-    ``product`` ``r.T``, which callers compute without the parts of ``T`` normal to ``r``.
+    ``J^-1 T = D^-1 (T + r s)`` with ``s = r.D^-1 T / (1 - r.D^-1 r)``.  For a long
+    ``r`` numerator and denominator of ``s`` cancel, so they are written with ``1 -
+    r^2/d = I/d`` and with the ``product`` ``r.T``, which callers compute without the
+    parts of ``T`` normal to ``r``.
 
     The second value ``(dyz, dzx, dxy, along, ivol)`` solves for another torque ``h``:
-    ``s = along (x dyz h_x + y dzx h_y + z dxy h_z)`` and ``D^-1 = ivol diag(dyz, dzx, dxy)``.
+    ``s = along (x dyz h_x + y dzx h_y + z dxy h_z)`` and ``D^-1 = ivol diag(dyz, dzx,
+    dxy)``.
     """
     r2 = x * x + y * y + z * z
     dx, dy, dz = ix + r2, iy + r2, iz + r2
@@ -98,20 +114,26 @@ def solve(x, y, z, ix, iy, iz, tx, ty, tz, product):
     inv = 1.0 / (det * vol)
     s = (product * vol - (sx * tx + sy * ty + sz * tz)) * vol * inv
     ivol = det * inv
-    rates = (tx + x * s) * dyz * ivol, (ty + y * s) * dzx * ivol, (tz + z * s) * dxy * ivol
+    rates = (
+        (tx + x * s) * dyz * ivol,
+        (ty + y * s) * dzx * ivol,
+        (tz + z * s) * dxy * ivol,
+    )
     return rates, (dyz, dzx, dxy, r2 * vol * inv, ivol)
 
 
 @scalar
 def acceleration(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz):
-    """Return ``domega/dt`` (Eq. 11 with a further torque ``(lx, ly, lz)``), and the inverse used.
+    """Return ``domega/dt`` (Eq. 11 with a further torque ``(lx, ly, lz)``), and the
+    inverse used.
 
     The bracket of Eq. 11 is ``omega x w``.
     """
     x, y, z = p + fx, q + fy, 1.0 - rise
     twist = fx * q - fy * p
     kx, ky, kz = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
-    # Torque about the contact point: gyroscopic, by the motion of the contact point, by gravity.
+    # Torque about the contact point: gyroscopic, by the motion of the contact point, by
+    # gravity.
     gx, gy, gz = (iy - iz) * b * c + lx, (iz - ix) * c * a + ly, (ix - iy) * a * b + lz
     tx = gx + (y * kz - z * ky) + uz * (fy + q * rise)
     ty = gy + (z * kx - x * kz) - uz * (fx + p * rise)
@@ -124,7 +146,9 @@ def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
     """Return the time derivative of the state (Eqs. 10 and 11)."""
     dp, dq, m = slope_rate(p, q, a, b, c)
     fx, fy, rise, wx, wy, wz, uz = paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy)
-    rates, _ = acceleration(p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz)
+    rates, _ = acceleration(
+        p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz
+    )
     return (dp, dq) + rates  # noqa: RUF005
 
 
@@ -136,19 +160,29 @@ def spin(p, q, a, b, c):
 
 @scalar
 def spin_rate(p, q, da, db, dc):
-    """Return ``dn/dt = u . domega/dt``; the other term, ``(u x omega) . omega``, is zero."""
+    """Return ``dn/dt = u . domega/dt``; the other term, ``(u x omega) . omega``, is
+    zero.
+    """
     return -(p * da + q * db + dc) / sqrt(1.0 + p * p + q * q)
 
 
 @scalar
 def oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy):
     """Return twice the energy of the oscillation to second order, in ``M g a``."""
-    return (ix + 1.0) * a * a + (iy + 1.0) * b * b + cxx * p * p + 2.0 * cxy * p * q + cyy * q * q
+    return (
+        (ix + 1.0) * a * a
+        + (iy + 1.0) * b * b
+        + cxx * p * p
+        + 2.0 * cxy * p * q
+        + cyy * q * q
+    )
 
 
 @scalar
 def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return the energy in ``M g a``, zero upright at rest; the potential loses no digits there."""
+    """Return the energy in ``M g a``, zero upright at rest; the potential loses no
+    digits there.
+    """
     fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
     x, y = p + fx, q + fy
     z = 1.0 - 0.5 * (x * p + y * q)
@@ -157,15 +191,19 @@ def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
     root = sqrt(1.0 + tilt)
     lift = tilt / (1.0 + root)
     potential = 0.5 * (fx * p + fy * q + lift * lift) / root
-    return 0.5 * (ix * a * a + iy * b * b + iz * c * c + vx * vx + vy * vy + vz * vz) + potential
+    return (
+        0.5 * (ix * a * a + iy * b * b + iz * c * c + vx * vx + vy * vy + vz * vz)
+        + potential
+    )
 
 
 @scalar
 def force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz):
-    """Return ``F . u`` and ``|F - (F . u) u|`` of the contact force (Eq. 1), in ``M g``.
+    """Return ``F . u`` and ``|F - (F . u) u|`` of the contact force (Eq. 1), in ``M
+    g``.
 
-    The contact point ``r = (x, y, z)`` has the derivative ``(xd, yd, zd)``, and ``v = r x omega``.
-    ``F . u`` is negative where the plane would have to pull.
+    The contact point ``r = (x, y, z)`` has the derivative ``(xd, yd, zd)``, and ``v = r
+    x omega``. ``F . u`` is negative where the plane would have to pull.
     """
     # dv/dt in space: the derivative in the body frame plus omega x v (Eqs. 3 and 9).
     gx = (yd * c - zd * b) + (y * dc - z * db) + (b * vz - c * vy)
@@ -178,7 +216,9 @@ def force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz):
 
 @scalar
 def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return the normal and the tangential contact force in ``M g``; see :func:`force`."""
+    """Return the normal and the tangential contact force in ``M g``; see
+    :func:`force`.
+    """
     dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
     x, y = p + cxx * p + cxy * q, q + cxy * p + cyy * q
     z = 1.0 - 0.5 * (x * p + y * q)
@@ -187,15 +227,19 @@ def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
     zd = -(x * dp + y * dq)
     vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
     uz = -1.0 / sqrt(1.0 + p * p + q * q)
-    return force(p * uz, q * uz, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz)
+    return force(
+        p * uz, q * uz, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz
+    )
 
 
 @scalar
 def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):
-    """Return the rates of the heading and of the contact point's co-ordinates on the plane.
+    """Return the rates of the heading and of the contact point's co-ordinates on the
+    plane.
 
-    With the x axis ``e``, the rate of the heading is the vertical part of ``e x (omega x e)`` over
-    ``1 - (e . u)^2``.  The contact point has the velocity ``dr/dt + v`` with ``v`` of Eq. 3.
+    With the x axis ``e``, the rate of the heading is the vertical part of ``e x (omega
+    x e)`` over ``1 - (e . u)^2``.  The contact point has the velocity ``dr/dt + v``
+    with ``v`` of Eq. 3.
     """
     uy = q * uz
     square = uy * uy + uz * uz
@@ -213,14 +257,18 @@ def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):
 
 
 def to_vectors(state: Floats) -> tuple[Floats, Floats]:
-    """Return ``u`` and ``omega``, both of shape (3, ...), of states of shape (5, ...)."""
+    """Return ``u`` and ``omega``, both of shape (3, ...), of states of shape (5,
+    ...).
+    """
     p, q = state[0], state[1]
     slope = np.stack([p, q, np.ones_like(p)])
     return -slope / np.sqrt(1 + p * p + q * q), np.array(state[2:])
 
 
 def from_vectors(u: ArrayLike, omega: ArrayLike) -> Floats:
-    """Return states (5, ...) of ``u`` and ``omega``, (3, ...); raise ValueError if u_z >= 0."""
+    """Return states (5, ...) of ``u`` and ``omega``, (3, ...); raise ValueError if u_z
+    >= 0.
+    """
     u, omega = np.asarray(u, float), np.asarray(omega, float)
     if np.any(~(u[2] < 0)):
         raise ValueError("u_z must be negative: the body stands on its lower surface")
@@ -228,14 +276,16 @@ def from_vectors(u: ArrayLike, omega: ArrayLike) -> Floats:
 
 
 def quaternion(u: Floats, heading: Floats) -> Floats:
-    """Return unit quaternions (4, ...), scalar first, from the body's frame to the plane's axes.
+    """Return unit quaternions (4, ...), scalar first, from the body's frame to the
+    plane's axes.
 
     `u` has the shape (3, ...), `heading` (...).  The result is continuous in time.
     """
     ux, uy, uz = u
     root = np.sqrt(uy * uy + uz * uz)
-    # The rotation at heading zero has the rows h_1, h_2 and u, with root and h_2y = uz / root on
-    # its diagonal.  Near the upright position it is half a turn about x, so q1 is the safe pivot.
+    # The rotation at heading zero has the rows h_1, h_2 and u, with root and h_2y = uz
+    # / root on its diagonal.  Near the upright position it is half a turn about x, so
+    # q1 is the safe pivot.
     h2y, h2z = uz / root, -uy / root
     pivot = 0.5 * np.sqrt(1 + root - h2y - uz)
     w = (uy - h2z) / (4 * pivot)

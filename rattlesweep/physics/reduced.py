@@ -1,7 +1,7 @@
 """The reduced dynamics in three variables (Eqs. 47-49).
 
-The state is ``(n, E_p, E_r)``, the spin and the energies of pitch and roll averaged over the
-oscillations; the constants are ``(K_p, K_r, I_eff)``.
+The state is ``(n, E_p, E_r)``, the spin and the energies of pitch and roll averaged
+over the oscillations; the constants are ``(K_p, K_r, I_eff)``.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -28,15 +28,24 @@ def energy(n, e_p, e_r, k_p, k_r, inertia):
 
 
 def casimir(e_p: ArrayLike, e_r: ArrayLike, K_p: ArrayLike, K_r: ArrayLike) -> Floats:
-    """Return the conserved Casimir invariant ``C_I`` (Eq. 51), infinite if an energy is zero."""
+    """Return the conserved Casimir invariant ``C_I`` (Eq. 51), infinite if an energy is
+    zero.
+    """
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(e_p) / np.asarray(K_p) + np.log(e_r) / np.asarray(K_r))
 
 
 def mode_energies(
-    alpha: Floats, beta: Floats, psi_p: Floats, psi_r: Floats, omega_xy0: ArrayLike, psi: ArrayLike
+    alpha: Floats,
+    beta: Floats,
+    psi_p: Floats,
+    psi_r: Floats,
+    omega_xy0: ArrayLike,
+    psi: ArrayLike,
 ) -> tuple[Floats, Floats]:
-    """Return the energies of pitch and roll at launch (Eqs. 68 and 69), in ``M g a``."""
+    """Return the energies of pitch and roll at launch (Eqs. 68 and 69), in ``M g
+    a``.
+    """
 
     def along(direction: Floats, other: Floats) -> Floats:
         # The modes are orthogonal in the metric J = diag(alpha, beta) (Eq. 18).

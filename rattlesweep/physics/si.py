@@ -11,20 +11,32 @@ from rattlesweep.arrays import Floats
 from rattlesweep.units import KINDS, quantities, quantity
 
 GRAVITY = 9.81  # on Earth, in m/s^2
-MAX_TILT = 1e-3  # angle between the z axis and a principal axis, in radians, for rounded inputs
-LIMITS = {"mass": (1e-9, 1e9, "kg"), "length": (1e-9, 1e6, "m"),
-          "acceleration": (1e-6, 1e6, "m/s^2"), "angle": (-1.57, 1.57, "rad")}  # fmt: skip
-"""Smallest and largest accepted value of each kind; products of these do not overflow."""
-NATURAL = {"time": "sqrt(a/g)", "length": "a", "energy": "M g a",
-           "torque per spin": "M a^2 sqrt(g/a)"}  # fmt: skip
+# angle between the z axis and a principal axis, in radians, for rounded inputs
+MAX_TILT = 1e-3
+LIMITS = {
+    "mass": (1e-9, 1e9, "kg"),
+    "length": (1e-9, 1e6, "m"),
+    "acceleration": (1e-6, 1e6, "m/s^2"),
+    "angle": (-1.57, 1.57, "rad"),
+}
+"""Smallest and largest accepted value of each kind; products of these do not overflow.
+"""
+NATURAL = {
+    "time": "sqrt(a/g)",
+    "length": "a",
+    "energy": "M g a",
+    "torque per spin": "M a^2 sqrt(g/a)",
+}
 """Units of the body that kinds of quantities are measured in."""
 
 
 @dataclass(frozen=True)
 class Units:
-    """Units of a body: ``M`` in kg, ``a`` (height of the centre of mass) in m, ``g`` in m/s^2.
+    """Units of a body: ``M`` in kg, ``a`` (height of the centre of mass) in m, ``g`` in
+    m/s^2.
 
-    Each is a number, or an array with one for each of several bodies; a mass may be NaN, unknown.
+    Each is a number, or an array with one for each of several bodies; a mass may be
+    NaN, unknown.
     """
 
     mass: Any
@@ -38,26 +50,34 @@ class Units:
         return time if np.ndim(time) else float(time)
 
     def natural(self, value: float | Floats, kind: str) -> Floats:
-        """Return SI quantities of a kind (:data:`rattlesweep.units.KINDS`) in these units."""
+        """Return SI quantities of a kind (:data:`rattlesweep.units.KINDS`) in these
+        units.
+        """
         if kind == "spin":
             return np.asarray(value * self.time)
         return np.asarray(value / self.sizes[NATURAL[kind]][0])
 
     @property
     def sizes(self) -> dict[str, tuple[Any, str]]:
-        """Return the size of each unit that rattlesweep writes, and the SI unit of that size."""
+        """Return the size of each unit that rattlesweep writes, and the SI unit of that
+        size.
+        """
         m, a, g, t = self.mass, self.length, self.gravity, self.time
         return {
-            "sqrt(a/g)": (t, "s"), "sqrt(g/a)": (1 / t, "rad/s"), "a": (a, "m"),
-            "M g": (m * g, "N"), "M g a": (m * g * a, "J"),
+            "sqrt(a/g)": (t, "s"),
+            "sqrt(g/a)": (1 / t, "rad/s"),
+            "a": (a, "m"),
+            "M g": (m * g, "N"),
+            "M g a": (m * g * a, "J"),
             "M a^2 sqrt(g/a)": (m * (a * a) / t, "N m s"),
-        }  # fmt: skip
+        }
 
 
 def number(value: float | str, kind: str, name: str) -> float:
     """Return a number in SI units, given as such or as a text such as ``"85 g"``.
 
-    Raise ValueError, with the `name` of the value, if the text is not of a `kind` of `units.KINDS`.
+    Raise ValueError, with the `name` of the value, if the text is not of a `kind` of
+    `units.KINDS`.
     """
     try:
         return quantity(value, kind) if isinstance(value, str) else float(value)
@@ -69,16 +89,22 @@ def number(value: float | str, kind: str, name: str) -> float:
 
 
 def size(value: float | str, kind: str, name: str) -> float:
-    """Return a :func:`number`; raise ValueError if it is outside the `LIMITS` of its kind."""
+    """Return a :func:`number`; raise ValueError if it is outside the `LIMITS` of its
+    kind.
+    """
     found = number(value, kind, name)
     low, high, unit = LIMITS[kind]
     if not low <= found <= high:
-        raise ValueError(f"{name} is {found:g}; from {low:g} to {high:g} {unit} is allowed")
+        raise ValueError(
+            f"{name} is {found:g}; from {low:g} to {high:g} {unit} is allowed"
+        )
     return found
 
 
 def two_lengths(value: str | Sequence[float | str], name: str) -> list[float]:
-    """Return two lengths in m, given as numbers, as texts, or as one text ``"45, -9 mm"``."""
+    """Return two lengths in m, given as numbers, as texts, or as one text ``"45, -9
+    mm"``.
+    """
     try:
         if isinstance(value, str):
             return quantities(value, "length", 2)
@@ -90,12 +116,17 @@ def two_lengths(value: str | Sequence[float | str], name: str) -> list[float]:
 
 
 def parameters(
-    mass: ArrayLike, inertia: ArrayLike, height: ArrayLike, radii: ArrayLike, axes_angle: ArrayLike
+    mass: ArrayLike,
+    inertia: ArrayLike,
+    height: ArrayLike,
+    radii: ArrayLike,
+    axes_angle: ArrayLike,
 ) -> dict[str, Floats]:
     """Return ``alpha, beta, gamma, theta, phi, xi`` of bodies, shape (...).
 
-    Arguments are in SI units: `inertia` holds ``I_xx, I_yy, I_zz, I_xy``, shape (..., 4), and
-    `radii` two radii of curvature, shape (..., 2), the first in the direction `axes_angle`.
+    Arguments are in SI units: `inertia` holds ``I_xx, I_yy, I_zz, I_xy``, shape (...,
+    4), and `radii` two radii of curvature, shape (..., 2), the first in the direction
+    `axes_angle`.
     """
     mass, height, radii = (np.asarray(x, float) for x in (mass, height, radii))
     xx, yy, zz, xy = np.moveaxis(np.asarray(inertia, float), -1, 0)
@@ -106,14 +137,21 @@ def parameters(
     xi = np.remainder(np.asarray(axes_angle, float) + turned - axis_of_alpha, np.pi)
     unit = mass * height**2
     return {
-        "alpha": (mean + half) / unit + 1, "beta": (mean - half) / unit + 1, "gamma": zz / unit,
-        "theta": height / radii.min(axis=-1), "phi": height / radii.max(axis=-1),
+        "alpha": (mean + half) / unit + 1,
+        "beta": (mean - half) / unit + 1,
+        "gamma": zz / unit,
+        "theta": height / radii.min(axis=-1),
+        "phi": height / radii.max(axis=-1),
         "xi": np.where(xi > np.pi / 2, xi - np.pi, xi),
-    }  # fmt: skip
+    }
 
 
-def components(inertia: Sequence[float] | Sequence[Sequence[float]] | str) -> tuple[float, ...]:
-    """Return ``I_xx, I_yy, I_zz, I_xy`` of a tensor, given as a matrix or three to six numbers."""
+def components(
+    inertia: Sequence[float] | Sequence[Sequence[float]] | str,
+) -> tuple[float, ...]:
+    """Return ``I_xx, I_yy, I_zz, I_xy`` of a tensor, given as a matrix or three to six
+    numbers.
+    """
     try:
         if isinstance(inertia, str):
             inertia = quantities(inertia, "moment of inertia", 3, 4, 5, 6)
@@ -125,8 +163,10 @@ def components(inertia: Sequence[float] | Sequence[Sequence[float]] | str) -> tu
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     slack = 1e-6 * np.abs(tensor).max(initial=0)
     if tensor.shape != (3, 3) or not np.abs(tensor - tensor.T).max() <= slack < np.inf:
-        raise ValueError("inertia: a finite symmetric 3 x 3 matrix is needed, or (ixx, iyy, izz, "
-                         "ixy, ixz, iyz), of which the last three may be left out")  # fmt: skip
+        raise ValueError(
+            "inertia: a finite symmetric 3 x 3 matrix is needed, or (ixx, iyy, izz, "
+            "ixy, ixz, iyz), of which the last three may be left out"
+        )
     moments = np.linalg.eigvalsh(tensor)
     if moments[0] <= 0 or moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
         listed = ", ".join(f"{moment:g}" for moment in moments)
@@ -136,30 +176,44 @@ def components(inertia: Sequence[float] | Sequence[Sequence[float]] | str) -> tu
     coupling = np.hypot(tensor[0, 2], tensor[1, 2])
     tilt = coupling / max(abs(zz - xx), abs(zz - yy), 1e-300)
     if tilt > MAX_TILT:
-        raise ValueError(f"inertia: the z axis is off a principal axis by {tilt:.2g} rad")
+        raise ValueError(
+            f"inertia: the z axis is off a principal axis by {tilt:.2g} rad"
+        )
     return float(xx), float(yy), float(zz), float(tensor[0, 1])
 
 
 def half_ellipsoid(
-    length: ArrayLike, width: ArrayLike, height: ArrayLike, mass: ArrayLike,
-    skew: ArrayLike = 0.0, *, weights: ArrayLike = 0.0, x: ArrayLike = 0.0, y: ArrayLike = 0.0,
+    length: ArrayLike,
+    width: ArrayLike,
+    height: ArrayLike,
+    mass: ArrayLike,
+    skew: ArrayLike = 0.0,
+    *,
+    weights: ArrayLike = 0.0,
+    x: ArrayLike = 0.0,
+    y: ArrayLike = 0.0,
     wall: ArrayLike = np.inf,
-) -> dict[str, Floats]:  # fmt: skip
-    """Return the parameters, ``c``, total ``mass`` and ``height`` ``a`` of half ellipsoids.
+) -> dict[str, Floats]:
+    """Return the parameters, ``c``, total ``mass`` and ``height`` ``a`` of half
+    ellipsoids.
 
-    Arguments are those of :meth:`rattlesweep.physics.body.Rattleback.half_ellipsoid` in SI units,
-    with ``at = (x, y)``; an infinite ``wall`` stands for a solid.
+    Arguments are those of :meth:`rattlesweep.physics.body.Rattleback.half_ellipsoid` in
+    SI units, with ``at = (x, y)``; an infinite ``wall`` stands for a solid.
     """
     length, width, height, mass, skew, weights, x, y, wall = np.broadcast_arrays(
-        *(np.asarray(v, float) for v in (length, width, height, mass, skew, weights, x, y, wall))
+        *(
+            np.asarray(v, float)
+            for v in (length, width, height, mass, skew, weights, x, y, wall)
+        )
     )
     outer = np.stack([length / 2, width / 2, height])
     inner = np.maximum(outer - wall, 0.0)
     hollow = (inner / outer).prod(axis=0)  # share of the volume
     both = 2 * weights
     total = mass + both
-    # Moments about the middle of the flat side, of a solid less its cavity: depth of the centre of
-    # mass, then inertia along axes to the right, towards the viewer and down.
+    # Moments about the middle of the flat side, of a solid less its cavity: depth of
+    # the centre of mass, then inertia along axes to the right, towards the viewer and
+    # down.
     depth, mean, own, vertical = 0.0, 0.0, 0.0, 0.0
     for (p, q, h), share in ((outer, 1.0), (inner, -hollow)):
         m = mass * share / (1 - hollow)
@@ -170,7 +224,12 @@ def half_ellipsoid(
     mean = mean + both * (x**2 + y**2) / 2 - total * depth**2
     half = own * np.cos(2 * skew) + both * (y**2 - x**2) / 2
     vertical = vertical + both * (x**2 + y**2)
-    inertia = [mean + half, mean - half, vertical, own * np.sin(2 * skew) + both * x * y]
+    inertia = [
+        mean + half,
+        mean - half,
+        vertical,
+        own * np.sin(2 * skew) + both * x * y,
+    ]
     radii = np.moveaxis(outer[:2] ** 2 / height, 0, -1)
     found = parameters(total, np.stack(inertia, axis=-1), a, radii, np.zeros(a.shape))
     return {**found, "c": height / a, "mass": total, "height": a}

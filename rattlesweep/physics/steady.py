@@ -1,20 +1,22 @@
 """Linear stability of the steady vertical spin, exact in the spin.
 
-Around ``u = (0, 0, -1)``, ``omega = (0, 0, -n)`` the slope and the horizontal angular velocity
-``(p, q, omega_x, omega_y)`` obey a linear system.  Its eigenvalues are the growth rates and
-frequencies of the two modes; its left eigenvectors measure the amplitude of one mode alone.
+Around ``u = (0, 0, -1)``, ``omega = (0, 0, -n)`` the slope and the horizontal angular
+velocity ``(p, q, omega_x, omega_y)`` obey a linear system.  Its eigenvalues are the
+growth rates and frequencies of the two modes; its left eigenvectors measure the
+amplitude of one mode alone.
 
 For the slope alone the system is of second order, ``P(lambda) s = 0`` with
 
     P = [[beta lambda^2 + d_p lambda + k_pp,  g_p lambda + k_pq],
          [g_q lambda + k_qp,  alpha lambda^2 + d_q lambda + k_qq]],
 
-and ``det P`` is a product of two real quadratics, one for each mode.  Their linear coefficients are
-minus twice the growth rates, so that small growth rates are found as small numbers.
+and ``det P`` is a product of two real quadratics, one for each mode.  Their linear
+coefficients are minus twice the growth rates, so that small growth rates are found as
+small numbers.
 
-All arithmetic is on real numbers and rounds in one way only, as IEEE 754 prescribes.  Products of
-complex numbers in NumPy are fused on some processors, and the last bits of LAPACK differ with its
-build.
+All arithmetic is on real numbers and rounds in one way only, as IEEE 754 prescribes.
+Products of complex numbers in NumPy are fused on some processors, and the last bits of
+LAPACK differ with its build.
 """
 
 from dataclasses import dataclass
@@ -31,11 +33,13 @@ Pair = tuple[Floats, Floats]
 Pairs = tuple[Pair, Pair]
 Coefficients = tuple[Floats, Floats, Floats, Floats]
 
-# Spins at which both modes must decay: shares of the way, in n^2, from n_0 to the threshold.
+# Spins at which both modes must decay: shares of the way, in n^2, from n_0 to the
+# threshold.
 SHARES = (0.0, 0.25, 0.5)
 MAX_SLOPE = 0.1
 EPS = np.finfo(float).eps
-# Newton's method converges in a few steps to a simple root, but only linearly to a double root.
+# Newton's method converges in a few steps to a simple root, but only linearly to a
+# double root.
 MAX_NEWTON_STEPS = 100
 POLISHING_STEPS = 2
 JACOBI_SWEEPS = 6
@@ -44,13 +48,14 @@ JACOBI_SWEEPS = 6
 def matrix(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Floats:
     """Return the matrix, shape (..., 4, 4), that acts on ``(p, q, omega_x, omega_y)``.
 
-    Bodies are given by :func:`rattlesweep.physics.full.constants`, shape (6, ...).  Under a torque
-    ``-sigma omega`` the spin falls, and eigenvalues are rates only while it falls slowly.
+    Bodies are given by :func:`rattlesweep.physics.full.constants`, shape (6, ...).
+    Under a torque ``-sigma omega`` the spin falls, and eigenvalues are rates only while
+    it falls slowly.
     """
     system = _System(constants, n, sigma)
     c, zero, one = system.c, np.zeros_like(system.c), np.ones_like(system.c)
-    # Rows of coefficients of (p, q, omega_x, omega_y): the linear Eq. 10, then P s = 0 with
-    # omega_x = dq/dt + c p, omega_y = c q - dp/dt.
+    # Rows of coefficients of (p, q, omega_x, omega_y): the linear Eq. 10, then P s = 0
+    # with omega_x = dq/dt + c p, omega_y = c q - dp/dt.
     dp, dq = np.stack([zero, c, zero, -one]), np.stack([-c, zero, one, zero])
     k_p = np.stack([system.k_pp, system.k_pq, zero, zero])
     k_q = np.stack([system.k_qp, system.k_qq, zero, zero])
@@ -61,10 +66,11 @@ def matrix(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Floats:
 
 @dataclass(frozen=True)
 class SteadyModes:
-    """Eigenvalues (growth rate plus i times frequency) and left eigenvectors of the two modes.
+    """Eigenvalues (growth rate plus i times frequency) and left eigenvectors of the two
+    modes.
 
-    A probe is a left eigenvector of length 1, shape (..., 4).  The modulus of its product with
-    ``(p, q, omega_x, omega_y)`` measures the amplitude of its mode.
+    A probe is a left eigenvector of length 1, shape (..., 4).  The modulus of its
+    product with ``(p, q, omega_x, omega_y)`` measures the amplitude of its mode.
     """
 
     pitch: Complexes
@@ -73,11 +79,13 @@ class SteadyModes:
     roll_probe: Complexes
 
 
-def steady_modes(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> SteadyModes:
+def steady_modes(
+    constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0
+) -> SteadyModes:
     """Return the modes at a spin; arguments as for :func:`matrix`.
 
-    The pitch is the mode of higher frequency.  Of a conjugate pair the eigenvalue with positive
-    frequency is returned; of two real eigenvalues the larger one.
+    The pitch is the mode of higher frequency.  Of a conjugate pair the eigenvalue with
+    positive frequency is returned; of two real eigenvalues the larger one.
     """
     system = _System(constants, n, sigma)
     pitch, roll = _leading(system)
@@ -85,43 +93,59 @@ def steady_modes(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Ste
     return SteadyModes(*(_complex(*x) for x in (pitch, roll, pitch_probe, roll_probe)))
 
 
-def growth(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> tuple[Floats, Floats]:
-    """Return the growth rates of the pitch and roll amplitudes (Eq. 74 gives the small-n limit)."""
+def growth(
+    constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0
+) -> tuple[Floats, Floats]:
+    """Return the growth rates of the pitch and roll amplitudes (Eq. 74 gives the
+    small-n limit).
+    """
     (pitch, _), (roll, _) = _leading(_System(constants, n, sigma))
     return pitch[()], roll[()]
 
 
 def transient_growth(constants: Floats, n: ArrayLike) -> Floats:
-    """Return a bound, 1 or more, on the factor by which a decaying oscillation's energy may rise.
+    """Return a bound, 1 or more, on the factor by which a decaying oscillation's energy
+    may rise.
 
-    For ``dx/dt = A x`` with eigenvectors ``V`` of length 1 and no growing mode, the bound is
-    ``cond(V)^2`` (Trefethen and Embree, Spectra and Pseudospectra, 2005, sec. 14) in the norm of
-    :func:`full.oscillation`: the ratio of the extreme eigenvalues of ``V^* V``.
+    For ``dx/dt = A x`` with eigenvectors ``V`` of length 1 and no growing mode, the
+    bound is ``cond(V)^2`` (Trefethen and Embree, Spectra and Pseudospectra, 2005, sec.
+    14) in the norm of :func:`full.oscillation`: the ratio of the extreme eigenvalues of
+    ``V^* V``.
     """
     system = _System(constants, n, 0.0)
     columns = []
     for pair in quadratics(*system.quartic()):
         upper, lower = roots(*pair)
-        (one, imaginary), (other, _) = system.right_vector(*upper), system.right_vector(*lower)
-        # A unitary matrix turns a conjugate pair into its real and imaginary parts times sqrt(2).
+        (one, imaginary), (other, _) = (
+            system.right_vector(*upper),
+            system.right_vector(*lower),
+        )
+        # A unitary matrix turns a conjugate pair into its real and imaginary parts
+        # times sqrt(2).
         oscillates = upper[1] > 0
         other = np.where(oscillates, imaginary, other)
         squares = [system.energy(x, x) for x in (one, other)]
         mean = (squares[0] + squares[1]) / 2
         for x, square in zip((one, other), squares, strict=True):
             columns.append(x / np.sqrt(np.where(oscillates, mean, square)))
-    sizes = symmetric_eigenvalues([[system.energy(x, y) for y in columns] for x in columns])
+    sizes = symmetric_eigenvalues(
+        [[system.energy(x, y) for y in columns] for x in columns]
+    )
     with np.errstate(divide="ignore"):
         bound: Floats = np.max(sizes, axis=0) / np.maximum(np.min(sizes, axis=0), 0.0)
     return bound
 
 
-def settled_oscillation(constants: Floats, n_0: Floats, n_c: Floats, rate: Floats) -> Floats:
-    """Return the oscillation below which a run is certain to decay to its steady spin, (runs,).
+def settled_oscillation(
+    constants: Floats, n_0: Floats, n_c: Floats, rate: Floats
+) -> Floats:
+    """Return the oscillation below which a run is certain to decay to its steady spin,
+    (runs,).
 
-    It is measured by :func:`full.oscillation`, and is 0 where no decay is certain.  `constants` has
-    the shape (6, runs), the others (runs,): `n_0` is the spin that would hold all the energy, `n_c`
-    the threshold of stability or NaN, `rate` the smallest rate that counts as decay.
+    It is measured by :func:`full.oscillation`, and is 0 where no decay is certain.
+    `constants` has the shape (6, runs), the others (runs,): `n_0` is the spin that
+    would hold all the energy, `n_c` the threshold of stability or NaN, `rate` the
+    smallest rate that counts as decay.
 
     The decay is certain (docs/types.md) if
 
@@ -133,16 +157,21 @@ def settled_oscillation(constants: Floats, n_0: Floats, n_c: Floats, rate: Float
     - the present slope is at most 0.1, since linear theory leaves out terms of third order.
     """
     settled = np.zeros(len(n_0))
-    rows = np.flatnonzero((n_0 * n_c > 0) & (np.abs(n_0) > np.abs(n_c)) & np.isfinite(rate))
+    rows = np.flatnonzero(
+        (n_0 * n_c > 0) & (np.abs(n_0) > np.abs(n_c)) & np.isfinite(rate)
+    )
     constants, n_0, n_c, rate = constants[:, rows], n_0[rows], n_c[rows], rate[rows]
     square = n_0**2 - n_c**2
     certain = np.ones(len(rows), dtype=bool)
     for share in SHARES:
-        pitch, roll = growth(constants, np.copysign(np.sqrt(n_0**2 - share * square), n_0))
+        pitch, roll = growth(
+            constants, np.copysign(np.sqrt(n_0**2 - share * square), n_0)
+        )
         certain &= (pitch < 2 * roll) & (roll < -rate)
     constants, square, rows = constants[:, certain], square[certain], rows[certain]
     _, _, _, cxx, cxy, cyy = constants
-    # The smaller eigenvalue of C, without cancellation: the determinant over the larger one.
+    # The smaller eigenvalue of C, without cancellation: the determinant over the larger
+    # one.
     apart = np.sqrt((cxx - cyy) * (cxx - cyy) + 4 * cxy * cxy)
     softest = 2 * _determinant(cxx, cxy, cyy) / (cxx + cyy + apart)
     largest = SHARES[-1] * np.minimum(constants[2] * square, softest)
@@ -171,16 +200,26 @@ class _System:
         self.k_qp = (1 + c2) * cxy + sigma * c - fall * (1 + cxx)
 
     def quartic(self) -> Coefficients:
-        """Return the coefficients a3 to a0 of ``det P / (alpha beta)``, free of cancellation."""
-        (ix, iy, iz, cxx, cxy, cyy), c, sigma, h = self.constants, self.c, self.sigma, self.h
+        """Return the coefficients a3 to a0 of ``det P / (alpha beta)``, free of
+        cancellation.
+        """
+        (ix, iy, iz, cxx, cxy, cyy), c, sigma, h = (
+            self.constants,
+            self.c,
+            self.sigma,
+            self.h,
+        )
         c2, skew, square = c * c, c * cxy * (ix - iy), _determinant(cxx, cxy, cyy)
-        # The falling spin adds to the torque through the contact point, by these factors.
+        # The falling spin adds to the torque through the contact point, by these
+        # factors.
         x, y = 1 + (1 + cxx) / iz, 1 + (1 + cyy) / iz
         a3 = skew + sigma * (self.alpha + self.beta)
         a2 = self.beta * self.k_qq + self.alpha * self.k_pp
         a2 = a2 + c2 * (square - h * (cxx + cyy) + h * h) + sigma * sigma
         a1 = c2 * skew + sigma * (
-            self.kept_p + self.kept_q + c2 * (2 * cxy * cxy / iz - (cyy - h) * x - (cxx - h) * y)
+            self.kept_p
+            + self.kept_q
+            + c2 * (2 * cxy * cxy / iz - (cyy - h) * x - (cxx - h) * y)
         )
         a0 = (
             (1 + c2) * ((1 + c2) * square + c2 * (cxx * (iz - iy) + cyy * (iz - ix)))
@@ -194,10 +233,16 @@ class _System:
         """Return ``P_pp, P_pq, P_qp, P_qq`` at an eigenvalue ``re + i im``."""
         square, twice = re * re - im * im, 2 * re * im
         return (
-            (self.beta * square + self.d_p * re + self.k_pp, self.beta * twice + self.d_p * im),
+            (
+                self.beta * square + self.d_p * re + self.k_pp,
+                self.beta * twice + self.d_p * im,
+            ),
             (self.g_p * re + self.k_pq, self.g_p * im),
             (self.g_q * re + self.k_qp, self.g_q * im),
-            (self.alpha * square + self.d_q * re + self.k_qq, self.alpha * twice + self.d_q * im),
+            (
+                self.alpha * square + self.d_q * re + self.k_qq,
+                self.alpha * twice + self.d_q * im,
+            ),
         )
 
     def left_vector(self, re: Floats, im: Floats) -> Pair:
@@ -205,14 +250,19 @@ class _System:
         (ix, iy, iz, cxx, _, cyy), c = self.constants, self.c
         pp, pq, qp, qq = self.elements(re, im)
         u, v = _null_vector(pp, qp, pq, qq)
-        # The rows of P s = 0 are -beta and alpha times the equations of omega_y and omega_x.
+        # The rows of P s = 0 are -beta and alpha times the equations of omega_y and
+        # omega_x.
         p = _product(u, (self.beta * re + self.d_p, self.beta * im))
         q = _product(v, (self.alpha * re + self.d_q, self.alpha * im))
         p_v, q_u = c * (iy - iz - cxx), c * (iz - ix + cyy)
-        parts = [[p[k] + p_v * v[k], q[k] + q_u * u[k], self.alpha * v[k], -self.beta * u[k]]
-                 for k in (0, 1)]  # fmt: skip
+        parts = [
+            [p[k] + p_v * v[k], q[k] + q_u * u[k], self.alpha * v[k], -self.beta * u[k]]
+            for k in (0, 1)
+        ]
         length = np.sqrt(sum(x * x for part in parts for x in part))
-        real, imaginary = (np.stack([x / length for x in part], axis=-1) for part in parts)
+        real, imaginary = (
+            np.stack([x / length for x in part], axis=-1) for part in parts
+        )
         return real, imaginary
 
     def right_vector(self, re: Floats, im: Floats) -> Pair:
@@ -234,7 +284,9 @@ class _System:
 
 
 def _leading(system: _System) -> tuple[Pair, Pair]:
-    (one, low_1), (two, low_2) = (roots(*pair) for pair in quadratics(*system.quartic()))
+    (one, low_1), (two, low_2) = (
+        roots(*pair) for pair in quadratics(*system.quartic())
+    )
     swap = (two[1] > one[1]) | ((two[1] == one[1]) & (two[0] > one[0]))
     (re, im), (re_2, im_2) = choose(swap, two, one), choose(swap, one, two)
     # Where nothing oscillates, the two largest roots may belong to the same quadratic.
@@ -254,8 +306,10 @@ def _complex(re: Floats, im: Floats) -> Complexes:
 
 def _null_vector(a: Pair, b: Pair, c: Pair, d: Pair) -> tuple[Pair, Pair]:
     """Return ``x, y`` with ``a x + b y = c x + d y = 0``, from the larger row."""
-    first, second = (x[0] * x[0] + x[1] * x[1] + y[0] * y[0] + y[1] * y[1]
-                     for x, y in ((a, b), (c, d)))  # fmt: skip
+    first, second = (
+        x[0] * x[0] + x[1] * x[1] + y[0] * y[0] + y[1] * y[1]
+        for x, y in ((a, b), (c, d))
+    )
     lower = second > first
     (re, im), y = choose(lower, c, a), choose(lower, d, b)
     # If P = 0, any vector is a solution.
@@ -264,22 +318,27 @@ def _null_vector(a: Pair, b: Pair, c: Pair, d: Pair) -> tuple[Pair, Pair]:
 
 
 def _determinant(cxx: Floats, cxy: Floats, cyy: Floats) -> Floats:
-    """Return ``C_xx C_yy - C_xy^2`` to rounding, even where the two products nearly cancel."""
+    """Return ``C_xx C_yy - C_xy^2`` to rounding, even where the two products nearly
+    cancel.
+    """
     one, one_low = two_product(cxx, cyy)
     other, other_low = two_product(cxy, cxy)
     return (one - other) + (one_low - other_low)
 
 
 def quadratics(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Pairs:
-    """Factor ``z^4 + a3 z^3 + a2 z^2 + a1 z + a0`` into two real quadratics ``z^2 + b z + c``.
+    """Factor ``z^4 + a3 z^3 + a2 z^2 + a1 z + a0`` into two real quadratics ``z^2 + b z
+    + c``.
 
-    The result is ``(b1, c1), (b2, c2)`` with ``|c1| >= |c2|``.  Newton's method finds the sum ``s``
-    of the constant terms as a root of Ferrari's resolvent cubic.  Two of its steps for all four
-    coefficients then remove the rounding errors of the small ones.
+    The result is ``(b1, c1), (b2, c2)`` with ``|c1| >= |c2|``.  Newton's method finds
+    the sum ``s`` of the constant terms as a root of Ferrari's resolvent cubic.  Two of
+    its steps for all four coefficients then remove the rounding errors of the small
+    ones.
     """
     s = _resolvent_root(a3, a2, a1, a0)
-    # Squared differences of b and of c, and the product of the differences.  The square that is
-    # larger relative to its rounding error gives one difference; division gives the other.
+    # Squared differences of b and of c, and the product of the differences.  The square
+    # that is larger relative to its rounding error gives one difference; division gives
+    # the other.
     apart_b, size_b = a3 * a3 - 4 * (a2 - s), a3 * a3 + 4 * (np.abs(a2) + np.abs(s))
     apart_c, size_c = s * s - 4 * a0, s * s + 4 * np.abs(a0)
     product = a3 * s - 2 * a1
@@ -288,7 +347,10 @@ def quadratics(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Pairs:
     apart = np.where(apart > 4 * EPS * size, apart, 0.0)
     root = np.sqrt(apart)
     other = np.where(apart > 0, product, 0.0) / np.where(apart > 0, root, 1.0)
-    difference_b, difference_c = np.where(by_c, other, root), np.where(by_c, root, other)
+    difference_b, difference_c = (
+        np.where(by_c, other, root),
+        np.where(by_c, root, other),
+    )
     # The first quadratic has the larger constant term.
     turn = np.where(s * difference_c < 0, -1.0, 1.0)
     difference_b, difference_c = turn * difference_b, turn * difference_c
@@ -309,19 +371,25 @@ def _resolvent_root(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Floats:
 
     bend = a2 * a2 - 3 * (linear - 4 * a0)
     radius = np.maximum(np.sqrt(np.abs(bend)), (np.abs(a2) + np.sqrt(np.abs(a0))) / 10)
-    # Where the cubic is positive both at its inflection and at its minimum, its only root lies
-    # below; otherwise the largest root lies above the minimum.  Steps from beyond the root, such as
-    # from a2/3 + 2/3 radius if all three roots are real, all go the same way.
+    # Where the cubic is positive both at its inflection and at its minimum, its only
+    # root lies below; otherwise the largest root lies above the minimum.  Steps from
+    # beyond the root, such as from a2/3 + 2/3 radius if all three roots are real, all
+    # go the same way.
     least = (a2 + np.sqrt(np.maximum(bend, 0.0))) / 3
     size = (np.abs(least) + np.abs(a2)) * (least * least + 4 * np.abs(a0))
-    noise = 8 * EPS * (size + np.abs(linear * least) + np.abs(a1 * a1) + np.abs(a3 * a3 * a0))
+    noise = (
+        8
+        * EPS
+        * (size + np.abs(linear * least) + np.abs(a1 * a1) + np.abs(a3 * a3 * a0))
+    )
     side = np.where((cubic(a2 / 3) > 0) & (cubic(least) > noise), -1.0, 1.0)
     s: Floats = (a2 + 2 * side * radius) / 3
     for step in range(MAX_NEWTON_STEPS):
         slope = (3 * s - 2 * a2) * s + (linear - 4 * a0)
         there = s - cubic(s) / np.where(slope != 0, slope, 1.0)
         there = np.where(side > 0, np.maximum(there, least), there)
-        # Only the first step may go outwards; an iteration that has ended stays where it is.
+        # Only the first step may go outwards; an iteration that has ended stays where
+        # it is.
         there = np.where((side * there < side * s) | (step == 0), there, s)
         if np.array_equal(there, s):
             break
@@ -330,18 +398,24 @@ def _resolvent_root(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Floats:
 
 
 def _polish(found: Pairs, quartic: Coefficients) -> Pairs:
-    """Take a step of Newton's method for the coefficients of both quadratics (Bairstow)."""
+    """Take a step of Newton's method for the coefficients of both quadratics
+    (Bairstow).
+    """
     (b1, c1), (b2, c2) = found
     r3, r2, r1, r0 = residuals = _residuals(found, quartic)
     b, c, rest = b1 - b2, c1 - c2, r2 - b1 * r3
     e0, e1 = r0 - c1 * rest, r1 - c1 * r3 - b1 * rest
-    # The resultant is zero where the quadratics have a common root; they then stay as they are.
+    # The resultant is zero where the quadratics have a common root; they then stay as
+    # they are.
     resultant = c * c - b1 * b * c + c1 * b * b
-    inverse = np.where(resultant != 0, 1.0, 0.0) / np.where(resultant != 0, resultant, 1.0)
+    inverse = np.where(resultant != 0, 1.0, 0.0) / np.where(
+        resultant != 0, resultant, 1.0
+    )
     db1 = (b * e0 - c * e1) * inverse
     dc1 = ((b1 * b - c) * e0 - c1 * b * e1) * inverse
     step = (b1 + db1, c1 + dc1), (b2 + (r3 - db1), c2 + (rest - dc1 + b * db1))
-    # Near a common root a step may consist of rounding errors; one that leads away is not taken.
+    # Near a common root a step may consist of rounding errors; one that leads away is
+    # not taken.
     scale = np.sqrt(np.abs(c1) + b1 * b1 + b2 * b2)
 
     def size(residuals: Coefficients) -> Floats:
@@ -381,9 +455,11 @@ def roots(b: Floats, c: Floats) -> Pairs:
 
 
 def symmetric_eigenvalues(matrix: list[list[Floats]]) -> list[Floats]:
-    """Return the eigenvalues of symmetric matrices, given by rows, in no particular order.
+    """Return the eigenvalues of symmetric matrices, given by rows, in no particular
+    order.
 
-    The method is that of Jacobi (Golub and Van Loan, Matrix Computations, 4th ed., sec. 8.5).
+    The method is that of Jacobi (Golub and Van Loan, Matrix Computations, 4th ed., sec.
+    8.5).
     """
     a = [list(row) for row in matrix]
     places = range(len(a))

@@ -1,20 +1,22 @@
-"""Ellipsoidal surface and friction, which a real stone adds to :mod:`rattlesweep.physics.full`.
+"""Ellipsoidal surface and friction, which a real stone adds to
+:mod:`rattlesweep.physics.full`.
 
-The ellipsoid has the vertical semi-axis ``c`` and the curvatures ``theta, phi`` at its bottom; its
-centre lies ``c`` above the lowest point.  With ``B = 1 + C`` and ``s = (p, q).B(p, q)`` its contact
-point is
+The ellipsoid has the vertical semi-axis ``c`` and the curvatures ``theta, phi`` at its
+bottom; its centre lies ``c`` above the lowest point.  With ``B = 1 + C`` and ``s = (p,
+q).B(p, q)`` its contact point is
 
     r = (e B(p, q), 1 - c (1 - e)),    e = 1 / sqrt(1 + s / c),
 
-which for ``1/c = 0`` is that of the paraboloid.  The further constant of a body is ``k = 1/c``.
+which for ``1/c = 0`` is that of the paraboloid.  The further constant of a body is ``k
+= 1/c``.
 
-Friction consists of two couples: ``-sigma omega`` (Kane and Levinson 1982, Eqs. 47-49), and the
-rolling resistance ``-lever F_n omega_t / sqrt(omega_t^2 + eps^2)`` with the part ``omega_t`` of
-``omega`` in the plane and the normal force ``F_n``.  Their work is the sixth variable of the state;
-energy minus work is conserved.
+Friction consists of two couples: ``-sigma omega`` (Kane and Levinson 1982, Eqs. 47-49),
+and the rolling resistance ``-lever F_n omega_t / sqrt(omega_t^2 + eps^2)`` with the
+part ``omega_t`` of ``omega`` in the plane and the normal force ``F_n``.  Their work is
+the sixth variable of the state; energy minus work is conserved.
 
-Functions that take a ``surface`` work for :func:`paraboloid_contact`, :func:`ellipsoid` and
-:func:`carried_ellipsoid`.
+Functions that take a ``surface`` work for :func:`paraboloid_contact`, :func:`ellipsoid`
+and :func:`carried_ellipsoid`.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -34,7 +36,9 @@ SMOOTHING = 1e-4  # eps, in sqrt(g/a): below it rolling resistance becomes visco
 
 
 def inverse_semi_axis(c: ArrayLike | None) -> Floats:
-    """Return ``1/c``, or 0 for paraboloids, whose ``c`` is None or NaN; shape of ``c``."""
+    """Return ``1/c``, or 0 for paraboloids, whose ``c`` is None or NaN; shape of
+    ``c``.
+    """
     values = np.asarray(np.nan if c is None else c, float)
     return np.where(np.isnan(values), 0.0, 1.0 / values)
 
@@ -66,7 +70,9 @@ def shape_at(p, q, cxx, cxy, cyy, k):
 
 @scalar
 def ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):
-    """Return the contact of the ellipsoid; see :func:`rattlesweep.physics.full.paraboloid`."""
+    """Return the contact of the ellipsoid; see
+    :func:`rattlesweep.physics.full.paraboloid`.
+    """
     e, rise = shape_at(p, q, cxx, cxy, cyy, k)
     return ellipsoid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise)
 
@@ -76,7 +82,9 @@ def frictionless_rhs(surface, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
     """Return the time derivative of the state without friction."""
     dp, dq, m = slope_rate(p, q, a, b, c)
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
-    rates, _ = acceleration(p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz)
+    rates, _ = acceleration(
+        p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz
+    )
     return (dp, dq) + rates  # noqa: RUF005
 
 
@@ -88,7 +96,9 @@ def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
 
 @scalar
 def corrected_rise(p, q, cxx, cxy, cyy, k, rise):
-    """Return ``e`` and ``rise`` by one step of Newton's method from a nearby ``rise``."""
+    """Return ``e`` and ``rise`` by one step of Newton's method from a nearby
+    ``rise``.
+    """
     s = (p + (cxx * p + cxy * q)) * p + (q + (cxy * p + cyy * q)) * q
     e = 1.0 - k * rise
     step = (0.5 * e) * (s * (e * e) - (rise + rise * e))
@@ -99,12 +109,16 @@ def corrected_rise(p, q, cxx, cxy, cyy, k, rise):
 def rise_rate(p, q, dp, dq, cxx, cxy, cyy, k, rise):
     """Return the derivative of ``rise``."""
     e, _ = corrected_rise(p, q, cxx, cxy, cyy, k, rise)
-    return e * (e * e) * ((p + (cxx * p + cxy * q)) * dp + (q + (cxy * p + cyy * q)) * dq)
+    return (
+        e * (e * e) * ((p + (cxx * p + cxy * q)) * dp + (q + (cxy * p + cyy * q)) * dq)
+    )
 
 
 @scalar
 def carried_ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):
-    """Do as :func:`ellipsoid`, without a root: ``k`` is ``1/c`` and an approximate ``rise``."""
+    """Do as :func:`ellipsoid`, without a root: ``k`` is ``1/c`` and an approximate
+    ``rise``.
+    """
     inverse, near = k
     e, rise = corrected_rise(p, q, cxx, cxy, cyy, inverse, near)
     return ellipsoid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, inverse, e, rise)
@@ -112,7 +126,9 @@ def carried_ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):
 
 @scalar
 def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
-    """Return the energy of an ellipsoid; see :func:`rattlesweep.physics.full.energy`."""
+    """Return the energy of an ellipsoid; see
+    :func:`rattlesweep.physics.full.energy`.
+    """
     gx, gy = cxx * p + cxy * q, cxy * p + cyy * q
     tilt = p * p + q * q
     s = tilt + gx * p + gy * q
@@ -123,12 +139,17 @@ def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
     root = sqrt(1.0 + tilt)
     lift = tilt / (1.0 + root)
     potential = 0.5 * (gx * p + gy * q + lift * lift - k * half * half) / root
-    return 0.5 * (ix * a * a + iy * b * b + iz * c * c + vx * vx + vy * vy + vz * vz) + potential
+    return (
+        0.5 * (ix * a * a + iy * b * b + iz * c * c + vx * vx + vy * vy + vz * vz)
+        + potential
+    )
 
 
 @scalar
 def force_at(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz):
-    """Return the contact force at ``r = (x, y, z)``, where ``dr/dt = r x omega - w``."""
+    """Return the contact force at ``r = (x, y, z)``, where ``dr/dt = r x omega -
+    w``.
+    """
     vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
     dx, dy, dz = vx - wx, vy - wy, vz - wz
     return force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, dx, dy, dz, vx, vy, vz)
@@ -136,7 +157,9 @@ def force_at(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz):
 
 @scalar
 def surface_force(surface, p, q, a, b, c, dp, dq, da, db, dc, cxx, cxy, cyy, k):
-    """Return the contact force in a state whose derivative is given; see `full.contact_force`."""
+    """Return the contact force in a state whose derivative is given; see
+    `full.contact_force`.
+    """
     m = p * b - q * a
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
     x, y, z = p + fx, q + fy, 1.0 - rise
@@ -157,12 +180,18 @@ def paraboloid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):
 
 
 @scalar
-def viscous_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-    """Return the time derivative of the state and of the work under ``-sigma omega`` alone."""
+def viscous_rhs(
+    surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+):
+    """Return the time derivative of the state and of the work under ``-sigma omega``
+    alone.
+    """
     dp, dq, m = slope_rate(p, q, a, b, c)
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
     lx, ly, lz = -sigma * a, -sigma * b, -sigma * c
-    rates, _ = acceleration(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz)
+    rates, _ = acceleration(
+        p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz
+    )
     return (dp, dq) + rates + (lx * a + ly * b + lz * c,)  # noqa: RUF005
 
 
@@ -191,15 +220,19 @@ def solve_again(r, h, solved):
     """Return ``J^-1 h``, where ``solved`` is the second value of `full.solve`."""
     (x, y, z), (hx, hy, hz), (dyz, dzx, dxy, along, ivol) = r, h, solved
     s = (x * dyz * hx + y * dzx * hy + z * dxy * hz) * along
-    return (hx + x * s) * dyz * ivol, (hy + y * s) * dzx * ivol, (hz + z * s) * dxy * ivol
+    return (
+        (hx + x * s) * dyz * ivol,
+        (hy + y * s) * dzx * ivol,
+        (hz + z * s) * dxy * ivol,
+    )
 
 
 @scalar
 def resistance(u, omega, r, normal, lever, eps, solved):
     """Return what rolling resistance takes from ``domega/dt``, and the power it takes.
 
-    With the part ``h`` of ``omega`` in the plane, the first is
-    ``lever F_n J^-1 h / sqrt(h^2 + eps^2)``.  The normal force ``F_n`` is the one with resistance,
+    With the part ``h`` of ``omega`` in the plane, the first is ``lever F_n J^-1 h /
+    sqrt(h^2 + eps^2)``.  The normal force ``F_n`` is the one with resistance,
     ``normal`` the one without.
     """
     h = horizontal(u, omega)
@@ -213,7 +246,9 @@ def resistance(u, omega, r, normal, lever, eps, solved):
 
 
 @scalar
-def rolling_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+def rolling_rhs(
+    surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+):
     """Return the time derivative of the state and of the work under both couples."""
     dp, dq, m = slope_rate(p, q, a, b, c)
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
@@ -223,5 +258,8 @@ def rolling_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigm
     )
     u, omega, r = (p * uz, q * uz, uz), (a, b, c), (p + fx, q + fy, 1.0 - rise)
     normal, _ = force_at(*u, *omega, *rates, *r, wx, wy, wz)
-    (da, db, dc), (ra, rb, rc, loss) = rates, resistance(u, omega, r, normal, lever, eps, solved)
+    (da, db, dc), (ra, rb, rc, loss) = (
+        rates,
+        resistance(u, omega, r, normal, lever, eps, solved),
+    )
     return dp, dq, da - ra, db - rb, dc - rc, lx * a + ly * b + lz * c - loss

@@ -1,8 +1,10 @@
-"""Tangent dynamics: the evolution of a small difference between two runs of `physics.full`.
+"""Tangent dynamics: the evolution of a small difference between two runs of
+`physics.full`.
 
-The norm of a tangent is an energy (:func:`square`).  In two directions a difference neither grows
-nor decays exponentially: along the flow, where it is a delay, and across the surface of constant
-energy.  So only the transverse part is measured: it lies in that surface, normal to the flow.
+The norm of a tangent is an energy (:func:`square`).  In two directions a difference
+neither grows nor decays exponentially: along the flow, where it is a delay, and across
+the surface of constant energy.  So only the transverse part is measured: it lies in
+that surface, normal to the flow.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -12,12 +14,15 @@ from rattlesweep.physics.full import oscillation, paraboloid, scalar, solve
 
 
 @scalar
-def rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
+def rate(
+    p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy
+):
     """Return the derivative of a tangent ``(p1, q1, a1, b1, c1)`` under ``full.rhs``.
 
-    Names that end in 1 are derivatives along the tangent.  Differentiating ``J domega = T`` with
-    ``J = D - r r^T`` gives ``J domega1 = T1 - J1 domega``.  The product of the right side with
-    ``r`` is taken from the identity ``r . (I domega - g) = 0``, in which nothing cancels.
+    Names that end in 1 are derivatives along the tangent.  Differentiating ``J domega =
+    T`` with ``J = D - r r^T`` gives ``J domega1 = T1 - J1 domega``.  The product of the
+    right side with ``r`` is taken from the identity ``r . (I domega - g) = 0``, in
+    which nothing cancels.
     """
     m = p * b - q * a
     m1 = p1 * b + p * b1 - q1 * a - q * a1
@@ -30,8 +35,24 @@ def rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx,
     rise1 = x * p1 + y * q1
     twist = fx * q - fy * p
     twist1 = fx1 * q + fx * q1 - fy1 * p - fy * p1
-    wx1 = fy1 * c + fy * c1 + rise1 * b + rise * b1 + p1 * m + p * m1 - (cxx * dp1 + cxy * dq1)
-    wy1 = q1 * m + q * m1 - rise1 * a - rise * a1 - fx1 * c - fx * c1 - (cxy * dp1 + cyy * dq1)
+    wx1 = (
+        fy1 * c
+        + fy * c1
+        + rise1 * b
+        + rise * b1
+        + p1 * m
+        + p * m1
+        - (cxx * dp1 + cxy * dq1)
+    )
+    wy1 = (
+        q1 * m
+        + q * m1
+        - rise1 * a
+        - rise * a1
+        - fx1 * c
+        - fx * c1
+        - (cxy * dp1 + cyy * dq1)
+    )
     wz1 = c1 * twist + c * twist1 - 2.0 * (m1 * rise + m * rise1)
     kx, ky, kz = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
     kx1 = b1 * wz + b * wz1 - c1 * wy - c * wy1
@@ -55,9 +76,13 @@ def rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx,
     ty += y1 * along + y * along1 - longer * db
     tz += z * along1 - rise1 * along - longer * dc
     product = (
-        x * gx1 + y * gy1 + z * gz1
-        + x1 * (gx - ix * da) + y1 * (gy - iy * db) - rise1 * (gz - iz * dc)
-    )  # fmt: skip
+        x * gx1
+        + y * gy1
+        + z * gz1
+        + x1 * (gx - ix * da)
+        + y1 * (gy - iy * db)
+        - rise1 * (gz - iz * dc)
+    )
     rates, _ = solve(x, y, z, ix, iy, iz, tx, ty, tz, product)
     return (dp1, dq1) + rates  # noqa: RUF005
 
@@ -69,8 +94,8 @@ def gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
     x, y = p + fx, q + fy
     z = 1.0 - 0.5 * (x * p + y * q)
     vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
-    # Derivative of the kinetic energy by the contact point, and below that of the height
-    # (1 + (x p + y q)/2) / sqrt(1 + p^2 + q^2) by the slope.
+    # Derivative of the kinetic energy by the contact point, and below that of the
+    # height (1 + (x p + y q)/2) / sqrt(1 + p^2 + q^2) by the slope.
     rx, ry, rz = b * vz - c * vy, c * vx - a * vz, a * vy - b * vx
     tilt = p * p + q * q
     square = 1.0 + tilt
@@ -87,14 +112,20 @@ def gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
 
 @scalar
 def square(p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
-    """Return the squared norm, in ``M g a``: twice the energy with ``B = 1 + C``, far from zero."""
+    """Return the squared norm, in ``M g a``: twice the energy with ``B = 1 + C``, far
+    from zero.
+    """
     slope = p1 * p1 + q1 * q1
     return oscillation(p1, q1, a1, b1, ix, iy, cxx, cxy, cyy) + slope + iz * c1 * c1
 
 
 @scalar
-def transverse(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
-    """Return the part of a tangent in the surface of constant energy and normal to the flow."""
+def transverse(
+    p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy
+):
+    """Return the part of a tangent in the surface of constant energy and normal to the
+    flow.
+    """
     ep, eq, ea, eb, ec = gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
     # The inverse of the norm's matrix applied to the gradient.
     bxx, byy = 1.0 + cxx, 1.0 + cyy
@@ -108,14 +139,25 @@ def transverse(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz
     # At rest there is no flow, and nothing is removed.
     speed = square(dp, dq, da, db, dc, ix, iy, iz, cxx, cxy, cyy) + 1e-290
     late = (
-        dp * (bxx * p1 + cxy * q1) + dq * (cxy * p1 + byy * q1)
-        + (ix + 1.0) * da * a1 + (iy + 1.0) * db * b1 + iz * dc * c1
-    ) / speed  # fmt: skip
-    return p1 - late * dp, q1 - late * dq, a1 - late * da, b1 - late * db, c1 - late * dc
+        dp * (bxx * p1 + cxy * q1)
+        + dq * (cxy * p1 + byy * q1)
+        + (ix + 1.0) * da * a1
+        + (iy + 1.0) * db * b1
+        + iz * dc * c1
+    ) / speed
+    return (
+        p1 - late * dp,
+        q1 - late * dq,
+        a1 - late * da,
+        b1 - late * db,
+        c1 - late * dc,
+    )
 
 
 @scalar
 def seed(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return a tangent that favours no mode: its slopes and rates have equal energies."""
+    """Return a tangent that favours no mode: its slopes and rates have equal
+    energies.
+    """
     p, q = 1.0 / sqrt(1.0 + cxx), 1.0 / sqrt(1.0 + cyy)
     return p, q, 1.0 / sqrt(ix + 1.0), 1.0 / sqrt(iy + 1.0), 0.0

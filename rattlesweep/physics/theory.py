@@ -1,7 +1,8 @@
 """The theory of Garcia and Hubbard as given by Kondo and Nakanishi (2017), vectorised.
 
-Formulas are rewritten so that nothing cancels where the paper's own forms would lose all digits.
-Angles are in radians, frequencies in ``sqrt(g/a)``, times in ``sqrt(a/g)``.  Arguments broadcast.
+Formulas are rewritten so that nothing cancels where the paper's own forms would lose
+all digits. Angles are in radians, frequencies in ``sqrt(g/a)``, times in ``sqrt(a/g)``.
+Arguments broadcast.
 """
 
 from dataclasses import dataclass
@@ -12,12 +13,14 @@ from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Flags, Floats
 
-NO_SPIN = 1e-15  # a spin below this share of the angular velocity is a zero with rounding errors
+# a spin below this share of the angular velocity is a zero with rounding errors
+NO_SPIN = 1e-15
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Small oscillations without spin: the faster mode (pitch) and the slower one (roll).
+    """Small oscillations without spin: the faster mode (pitch) and the slower one
+    (roll).
 
     Attributes
     ----------
@@ -75,16 +78,23 @@ def torque_coefficients(
 def modes(
     alpha: ArrayLike, beta: ArrayLike, theta: ArrayLike, phi: ArrayLike, xi: ArrayLike
 ) -> Modes:
-    """Return the two modes of bodies; ``K_p`` and ``K_r`` are positive for ``xi < 0``."""
-    alpha, beta, theta, phi, xi = (np.asarray(x, float) for x in (alpha, beta, theta, phi, xi))
+    """Return the two modes of bodies; ``K_p`` and ``K_r`` are positive for ``xi <
+    0``.
+    """
+    alpha, beta, theta, phi, xi = (
+        np.asarray(x, float) for x in (alpha, beta, theta, phi, xi)
+    )
     roll, pitch = (1 - theta) / theta, (1 - phi) / phi
     h11, h12, h22 = hessian(alpha, beta, theta, phi, xi)
     square_p, square_r, K_p, K_r = torque_coefficients(alpha, beta, theta, phi, xi)
-    # The eigenvectors of H are (cos, sin) and (-sin, cos) of chi; omega_perp is J^-1/2 times them.
+    # The eigenvectors of H are (cos, sin) and (-sin, cos) of chi; omega_perp is J^-1/2
+    # times them.
     chi = np.arctan2(2 * h12, h11 - h22) / 2
     sin, cos = np.sin(chi), np.cos(chi)
-    psi = (np.arctan2(sin * np.sqrt(alpha), cos * np.sqrt(beta)),
-           np.arctan2(cos * np.sqrt(alpha), -sin * np.sqrt(beta)))  # fmt: skip
+    psi = (
+        np.arctan2(sin * np.sqrt(alpha), cos * np.sqrt(beta)),
+        np.arctan2(cos * np.sqrt(alpha), -sin * np.sqrt(beta)),
+    )
     # psi and psi + pi are the same direction.
     psi_p, psi_r = (np.where(x > np.pi / 2, x - np.pi, x) for x in psi)
     psi_p, psi_r = (np.where(x <= -np.pi / 2, x + np.pi, x) for x in (psi_p, psi_r))
@@ -93,12 +103,20 @@ def modes(
 
 
 def inertia_along(alpha: ArrayLike, beta: ArrayLike, psi: ArrayLike) -> Floats:
-    """Return the moment of inertia about the line along ``psi`` through the contact point."""
-    return np.asarray(np.asarray(alpha) * np.cos(psi) ** 2 + np.asarray(beta) * np.sin(psi) ** 2)
+    """Return the moment of inertia about the line along ``psi`` through the contact
+    point.
+    """
+    return np.asarray(
+        np.asarray(alpha) * np.cos(psi) ** 2 + np.asarray(beta) * np.sin(psi) ** 2
+    )
 
 
 def oscillation_speed(
-    alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike
+    alpha: ArrayLike,
+    beta: ArrayLike,
+    gamma: ArrayLike,
+    omega_xy0: ArrayLike,
+    psi: ArrayLike,
 ) -> Floats:
     """Return ``w``, in ``sqrt(g/a)``, such that ``n_0^2 = n_i^2 + w^2`` (Eq. 72).
 
@@ -109,12 +127,16 @@ def oscillation_speed(
 
 
 def unsteady(K_p: ArrayLike, n_i: ArrayLike) -> Flags:
-    """Return whether the pitch grows: for ``n_i > 0``, or for ``n_i < 0`` if ``xi > 0``."""
+    """Return whether the pitch grows: for ``n_i > 0``, or for ``n_i < 0`` if ``xi >
+    0``.
+    """
     return np.asarray(np.asarray(K_p) * np.asarray(n_i) > 0)
 
 
 def growth_rates(K_p: ArrayLike, K_r: ArrayLike, n: ArrayLike) -> tuple[Floats, Floats]:
-    """Return the growth rates of the pitch and roll amplitudes at a small spin (Eq. 74)."""
+    """Return the growth rates of the pitch and roll amplitudes at a small spin (Eq.
+    74).
+    """
     n = np.asarray(n, float)
     return n * np.asarray(K_p) / 2, -n * np.asarray(K_r) / 2
 
@@ -122,7 +144,9 @@ def growth_rates(K_p: ArrayLike, K_r: ArrayLike, n: ArrayLike) -> tuple[Floats, 
 def damping_rates(
     alpha: ArrayLike, beta: ArrayLike, modes: Modes, sigma: ArrayLike
 ) -> tuple[Floats, Floats]:
-    """Return the rates at which a torque ``-sigma omega`` damps the amplitudes without spin."""
+    """Return the rates at which a torque ``-sigma omega`` damps the amplitudes without
+    spin.
+    """
     twice = (2 * inertia_along(alpha, beta, psi) for psi in (modes.psi_p, modes.psi_r))
     pitch, roll = (np.asarray(sigma) / inertia for inertia in twice)
     return pitch, roll
@@ -143,12 +167,17 @@ def two_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
 
 
 def bondi_threshold(
-    alpha: ArrayLike, beta: ArrayLike, gamma: ArrayLike, theta: ArrayLike, phi: ArrayLike
+    alpha: ArrayLike,
+    beta: ArrayLike,
+    gamma: ArrayLike,
+    theta: ArrayLike,
+    phi: ArrayLike,
 ) -> Floats:
     """Return Bondi's threshold ``n_c1 < 0`` (Eq. 73), NaN where there is none.
 
-    The steady spin is stable for ``n < n_c1``, or ``n > -n_c1`` if ``xi > 0``, as far as a second
-    threshold, if there is one; :func:`rattlesweep.physics.steady.growth` is exact.
+    The steady spin is stable for ``n < n_c1``, or ``n > -n_c1`` if ``xi > 0``, as far
+    as a second threshold, if there is one; :func:`rattlesweep.physics.steady.growth` is
+    exact.
     """
     alpha, beta, gamma, theta, phi = np.broadcast_arrays(
         *(np.asarray(x, float) for x in (alpha, beta, gamma, theta, phi))
@@ -168,7 +197,9 @@ def bondi_threshold(
     denominator = b + (b1 + a1 - s_low - p_low)
     with np.errstate(divide="ignore", invalid="ignore"):
         square = -(1 - theta) * (1 - phi) / denominator
-        return np.where((denominator < 0) & np.isfinite(square), -np.sqrt(np.abs(square)), np.nan)
+        return np.where(
+            (denominator < 0) & np.isfinite(square), -np.sqrt(np.abs(square)), np.nan
+        )
 
 
 @dataclass(frozen=True)
@@ -188,11 +219,16 @@ class GarciaHubbard:
     def t_rgh(self) -> Floats:
         """Return the time for reversal (Eqs. 56 and 58); NaN without an initial spin.
 
-        ``ln((n_0 + n)/(n_0 - n))`` is written as ``2 asinh(n/w)``, since ``n_0^2 - n^2 = w^2``.
+        ``ln((n_0 + n)/(n_0 - n))`` is written as ``2 asinh(n/w)``, since ``n_0^2 - n^2
+        = w^2``.
         """
         n = np.abs(self.n_i)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            time = 2 * np.arcsinh(n / self.speed) / (np.hypot(n, self.speed) * np.abs(self.K))
+            time = (
+                2
+                * np.arcsinh(n / self.speed)
+                / (np.hypot(n, self.speed) * np.abs(self.K))
+            )
         return np.where(n == 0, np.nan, time)
 
     def spin(self, t: ArrayLike) -> Floats:
@@ -205,17 +241,21 @@ class GarciaHubbard:
 def garcia_hubbard(
     body: Any, modes: Modes, n_i: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike
 ) -> GarciaHubbard:
-    """Return the solution for a launch of one body, or of arrays of bodies, along ``psi``."""
+    """Return the solution for a launch of one body, or of arrays of bodies, along
+    ``psi``.
+    """
     speed = oscillation_speed(body.alpha, body.beta, body.gamma, omega_xy0, psi)
     grows = np.where(unsteady(modes.K_p, n_i), modes.K_p, modes.K_r)
     return GarciaHubbard(grows, np.asarray(n_i, float), speed)
 
 
 def direction(modes: Modes, n_i: ArrayLike, psi: str | float) -> Floats:
-    """Return the direction of the horizontal angular velocity at launch, in radians (Eq. 70).
+    """Return the direction of the horizontal angular velocity at launch, in radians
+    (Eq. 70).
 
-    `psi` is ``pitch``, ``roll``, a number of degrees, or ``relevant``: the roll for spins in the
-    steady direction, otherwise the pitch, which is also what a tap on an end excites.
+    `psi` is ``pitch``, ``roll``, a number of degrees, or ``relevant``: the roll for
+    spins in the steady direction, otherwise the pitch, which is also what a tap on an
+    end excites.
     """
     if psi == "relevant":
         pitch = unsteady(modes.K_p, n_i) | (np.asarray(n_i) == 0)
@@ -226,17 +266,25 @@ def direction(modes: Modes, n_i: ArrayLike, psi: str | float) -> Floats:
 
 
 def full_state(n_i: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike) -> Floats:
-    """Return upright states of :mod:`rattlesweep.physics.full`, shape (..., 5) (Eqs. 68, 69)."""
+    """Return upright states of :mod:`rattlesweep.physics.full`, shape (..., 5) (Eqs.
+    68, 69).
+    """
     n_i, omega_xy0, psi = np.broadcast_arrays(n_i, omega_xy0, psi)
     zero = np.zeros(n_i.shape)
     # u points up and the z axis down: n = u . omega = -omega_z.
-    return np.stack([zero, zero, omega_xy0 * np.cos(psi), omega_xy0 * np.sin(psi), -n_i], axis=-1)
+    return np.stack(
+        [zero, zero, omega_xy0 * np.cos(psi), omega_xy0 * np.sin(psi), -n_i], axis=-1
+    )
 
 
-def spin_and_oscillation(omega: ArrayLike, u: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    """Return ``n = u . omega``, and modulus and direction of ``omega - n u``, each of shape (...).
+def spin_and_oscillation(
+    omega: ArrayLike, u: ArrayLike
+) -> tuple[Floats, Floats, Floats]:
+    """Return ``n = u . omega``, and modulus and direction of ``omega - n u``, each of
+    shape (...).
 
-    `omega` and `u` have the shape (..., 3).  The direction is an angle from the x axis, in radians.
+    `omega` and `u` have the shape (..., 3).  The direction is an angle from the x axis,
+    in radians.
     """
     omega, u = np.asarray(omega, float), np.asarray(u, float)
     n = (omega * u).sum(axis=-1)

@@ -1,19 +1,21 @@
 """Ellipsoids in any position, and the rate at which the flow changes phase volume.
 
-An ellipsoid that rolls onto its side leaves the slopes of :mod:`rattlesweep.physics.full`.  Here
-the state is ``(v_x, v_y, v_z, a, b, c, work)``: a vector along the vertical, of any length, the
-angular velocity and the work of friction.  With ``u = v/|v|``, ``B = 1 + C`` and ``k = 1/c`` the
-ellipsoid of :mod:`rattlesweep.physics.stone` touches the plane at
+An ellipsoid that rolls onto its side leaves the slopes of
+:mod:`rattlesweep.physics.full`.  Here the state is ``(v_x, v_y, v_z, a, b, c, work)``:
+a vector along the vertical, of any length, the angular velocity and the work of
+friction.  With ``u = v/|v|``, ``B = 1 + C`` and ``k = 1/c`` the ellipsoid of
+:mod:`rattlesweep.physics.stone` touches the plane at
 
     r = (-B (u_x, u_y) / rho, 1 - (1 + u_z/rho) / k),    rho^2 = u_z^2 + k s,
     s = (u_x, u_y).B (u_x, u_y),
 
-and for ``k = 0`` and ``u_z < 0`` so does the paraboloid.  The constants are those with friction.
+and for ``k = 0`` and ``u_z < 0`` so does the paraboloid.  The constants are those with
+friction.
 
-Phase volume is the product of the volumes of ``u``, which only turns, and of ``omega``.  It changes
-at the relative rate ``tr d(J^-1 T)/domega`` with ``J`` and ``T``, the right side of Eq. 11, as in
-:func:`rattlesweep.physics.full.solve`.  With ``w = W omega`` and the gyroscopic and viscous
-part ``G``,
+Phase volume is the product of the volumes of ``u``, which only turns, and of ``omega``.
+It changes at the relative rate ``tr d(J^-1 T)/domega`` with ``J`` and ``T``, the right
+side of Eq. 11, as in :func:`rattlesweep.physics.full.solve`.  With ``w = W omega`` and
+the gyroscopic and viscous part ``G``,
 
     dT/domega = G + (r.w) 1 - w r^T + omega (W^T r)^T - (r.omega) W,
     J^-1 = ivol (diag(dyz, dzx, dxy) + along s s^T),    s = (x dyz, y dzx, z dxy).
@@ -29,7 +31,14 @@ import numpy as np
 from rattlesweep.arrays import Floats
 from rattlesweep.physics import full, stone
 from rattlesweep.physics.full import acceleration, scalar
-from rattlesweep.physics.stone import dot, force_at, horizontal, resistance, solve_again, triple
+from rattlesweep.physics.stone import (
+    dot,
+    force_at,
+    horizontal,
+    resistance,
+    solve_again,
+    triple,
+)
 
 N_STATE = 7
 
@@ -47,7 +56,8 @@ def contact(ux, uy, uz, cxx, cxy, cyy, k):
     bx, by = ux + cxx * ux + cxy * uy, uy + cxy * ux + cyy * uy
     s = bx * ux + by * uy
     rho = sqrt(uz * uz + k * s)
-    # Nothing cancels in the first form if u_z < 0, also for k = 0, nor in the second otherwise.
+    # Nothing cancels in the first form if u_z < 0, also for k = 0, nor in the second
+    # otherwise.
     rise = s / (rho * (rho - uz)) if uz < 0.0 else (1.0 + uz / rho) / k
     return (-bx / rho, -by / rho, 1.0 - rise), rho
 
@@ -74,15 +84,29 @@ def moving(u, omega, r, rho, cxx, cxy, cyy, k):
 
 @scalar
 def smooth_rates(u, omega, r, rho, surface, inertia, sigma):
-    """Return, without rolling resistance: ``domega/dt``, the normal force, ``w``, ``solved``."""
+    """Return, without rolling resistance: ``domega/dt``, the normal force, ``w``,
+    ``solved``.
+    """
     (ux, uy, uz), (a, b, c), (x, y, z) = u, omega, r
     w = moving(u, omega, r, rho, *surface)
-    # At slope zero gravity acts along z only; the torque r x (u_x, u_y, 0) of the rest is added.
+    # At slope zero gravity acts along z only; the torque r x (u_x, u_y, 0) of the rest
+    # is added.
     rates, solved = acceleration(
-        0.0, 0.0, a, b, c, *inertia,
-        -sigma * a - z * uy, -sigma * b + z * ux, -sigma * c + x * uy - y * ux,
-        x, y, 1.0 - z, *w, uz,
-    )  # fmt: skip
+        0.0,
+        0.0,
+        a,
+        b,
+        c,
+        *inertia,
+        -sigma * a - z * uy,
+        -sigma * b + z * ux,
+        -sigma * c + x * uy - y * ux,
+        x,
+        y,
+        1.0 - z,
+        *w,
+        uz,
+    )
     normal, _ = force_at(*u, *omega, *rates, *r, *w)
     return rates, normal, w, solved
 
@@ -92,8 +116,13 @@ def rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, e
     """Return the time derivative of the state (Eqs. 10 and 11, with friction)."""
     u, omega, surface = unit(vx, vy, vz), (a, b, c), (cxx, cxy, cyy, k)
     r, rho = contact(*u, *surface)
-    rates, normal, _, solved = smooth_rates(u, omega, r, rho, surface, (ix, iy, iz), sigma)
-    (da, db, dc), (ra, rb, rc, loss) = rates, resistance(u, omega, r, normal, lever, eps, solved)
+    rates, normal, _, solved = smooth_rates(
+        u, omega, r, rho, surface, (ix, iy, iz), sigma
+    )
+    (da, db, dc), (ra, rb, rc, loss) = (
+        rates,
+        resistance(u, omega, r, normal, lever, eps, solved),
+    )
     power = -sigma * (a * a + b * b + c * c) - loss
     dv = vy * c - vz * b, vz * a - vx * c, vx * b - vy * a
     return dv + (da - ra, db - rb, dc - rc, power)  # noqa: RUF005
@@ -107,7 +136,9 @@ def spin(vx, vy, vz, a, b, c, work):
 
 @scalar
 def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-    """Return the energy minus the work of friction, in ``M g a``; zero at rest upright."""
+    """Return the energy minus the work of friction, in ``M g a``; zero at rest
+    upright.
+    """
     ux, uy, uz = unit(vx, vy, vz)
     (x, y, z), _ = contact(ux, uy, uz, cxx, cxy, cyy, k)
     vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
@@ -116,8 +147,12 @@ def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
 
 
 @scalar
-def contact_force(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-    """Return the contact force in ``M g``; see :func:`rattlesweep.physics.full.force`."""
+def contact_force(
+    vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+):
+    """Return the contact force in ``M g``; see
+    :func:`rattlesweep.physics.full.force`.
+    """
     f = rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps)
     u, omega = unit(vx, vy, vz), (a, b, c)
     r, rho = contact(*u, cxx, cxy, cyy, k)
@@ -145,18 +180,28 @@ def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):
     diagonal = part * (dyz + dzx + dxy) - dot(w, s) + dot(r, wd)
     diagonal = diagonal - rolled * (dyz * wxx + dzx * wyy + dxy * wzz)
     rank_one = (
-        (iy - iz) * sx * (sy * c + sz * b) + (iz - ix) * sy * (sz * a + sx * c)
+        (iy - iz) * sx * (sy * c + sz * b)
+        + (iz - ix) * sy * (sz * a + sx * c)
         + (ix - iy) * sz * (sx * b + sy * a)
-        + part * dot(s, s) - dot(w, s) * dot(r, s)
-        + dot(s, omega) * dot(r, ws) - rolled * dot(s, ws)
-    )  # fmt: skip
+        + part * dot(s, s)
+        - dot(w, s) * dot(r, s)
+        + dot(s, omega) * dot(r, ws)
+        - rolled * dot(s, ws)
+    )
     return ivol * (diagonal + along * rank_one)
 
 
 @scalar
 def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-    """Return the rate of phase volume with the resistance ``share J^-1 h``, in ``sqrt(g/a)``."""
-    u, omega, surface, inertia = unit(vx, vy, vz), (a, b, c), (cxx, cxy, cyy, k), (ix, iy, iz)
+    """Return the rate of phase volume with the resistance ``share J^-1 h``, in
+    ``sqrt(g/a)``.
+    """
+    u, omega, surface, inertia = (
+        unit(vx, vy, vz),
+        (a, b, c),
+        (cxx, cxy, cyy, k),
+        (ix, iy, iz),
+    )
     r, rho = contact(*u, *surface)
     x, y, z = r
     _, normal, _, solved = smooth_rates(u, omega, r, rho, surface, inertia, sigma)
@@ -166,14 +211,19 @@ def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
     root = sqrt(dot(h, h) + eps * eps)
     below = root + lever * triple(u, r, j)
     share = lever * normal / below
-    # The normal force is quadratic in omega, so its central difference along j is exact.
+    # The normal force is quadratic in omega, so its central difference along j is
+    # exact.
     more, less = (a + ja, b + jb, c + jc), (a - ja, b - jb, c - jc)
     _, ahead, _, _ = smooth_rates(u, more, r, rho, surface, inertia, sigma)
     _, behind, _, _ = smooth_rates(u, less, r, rho, surface, inertia, sigma)
     g = horizontal(u, j)
     wider = dot(h, g) / root + lever * triple(u, r, solve_again(r, g, solved))
     s = x * dyz, y * dzx, z * dxy
-    flat = dyz * (1.0 - u[0] * u[0]) + dzx * (1.0 - u[1] * u[1]) + dxy * (1.0 - u[2] * u[2])
+    flat = (
+        dyz * (1.0 - u[0] * u[0])
+        + dzx * (1.0 - u[1] * u[1])
+        + dxy * (1.0 - u[2] * u[2])
+    )
     trace = ivol * (flat + along * dot(s, horizontal(u, s)))
     lost = share * trace + (0.5 * lever * (ahead - behind) - share * wider) / below
     smooth = smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma)
@@ -181,15 +231,21 @@ def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
 
 
 def from_slopes(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
-    """Return states (runs, 7) and constants (runs, 10) of runs in slopes, with friction or not."""
+    """Return states (runs, 7) and constants (runs, 10) of runs in slopes, with friction
+    or not.
+    """
     u, omega = full.to_vectors(y[:, : full.N_STATE].T)
     work, loss = y[:, full.N_STATE :], constants[:, stone.N_CONSTANTS :]
     if not work.size:
         work = np.zeros((len(y), 1))
         loss = np.tile([0.0, 0.0, stone.SMOOTHING], (len(y), 1))
-    return np.hstack([u.T, omega.T, work]), np.hstack([constants[:, : stone.N_CONSTANTS], loss])
+    return np.hstack([u.T, omega.T, work]), np.hstack(
+        [constants[:, : stone.N_CONSTANTS], loss]
+    )
 
 
 def to_slopes(y: Floats) -> Floats:
-    """Return slopes, angular velocity and work, shape (runs, 6), of states (runs, 7)."""
+    """Return slopes, angular velocity and work, shape (runs, 6), of states (runs,
+    7).
+    """
     return np.hstack([y[:, :2] / y[:, 2:3], y[:, 3:]])

@@ -1,4 +1,6 @@
-"""The cost of runs: expected from theory for blocks and progress, measured for forecasts."""
+"""The cost of runs: expected from theory for blocks and progress, measured for
+forecasts.
+"""
 
 import io
 import time
@@ -18,17 +20,23 @@ from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.text import clock, counted
 
-RUNS_PER_CASE, RUNS_ALONE = 16, 256  # sampled for the expected cost of a case, or of the only one
+RUNS_PER_CASE, RUNS_ALONE = (
+    16,
+    256,
+)  # sampled for the expected cost of a case, or of the only one
 MOST_CASES = 2_000  # cases whose cost is computed; it is interpolated between them
 SEED = 20170427
 EXPECTED = 20_000  # runs of a forecast whose cost is expected from theory
-# Runs of a first pilot, which sets the size of the second one, and the largest number of steps.
+# Runs of a first pilot, which sets the size of the second one, and the largest number
+# of steps.
 FIRST, FIRST_STEPS = 128, 20_000
 LEAST, MOST = 256, 8_192  # bounds for the number of runs of the second pilot
 
 
 def expected_cost(launches: Launches, model: str) -> Floats:
-    """Return the expected cost of runs: radians of phase up to the horizon, 0 without one."""
+    """Return the expected cost of runs: radians of phase up to the horizon, 0 without
+    one.
+    """
     if model == "gh":
         return np.ones(len(launches.t_end))
     rate = launches.modes.omega_p
@@ -37,15 +45,22 @@ def expected_cost(launches: Launches, model: str) -> Floats:
     return np.nan_to_num(launches.t_end * rate, posinf=0.0, neginf=0.0)
 
 
-def sample_keys(plan: Plan, per_case: int, cases: Integers) -> tuple[Plan, Integers, Integers]:
-    """Return a plan that is quick to prepare some runs of some cases, and the keys of these."""
+def sample_keys(
+    plan: Plan, per_case: int, cases: Integers
+) -> tuple[Plan, Integers, Integers]:
+    """Return a plan that is quick to prepare some runs of some cases, and the keys of
+    these.
+    """
     bodies, count = plan.config.bodies, min(plan.samples, per_case)
     chosen = np.arange(count)  # the first of random bodies are as good as any
     if not isinstance(bodies, SdSource):
         random = np.random.default_rng(SEED)
-        chosen = np.sort(random.choice(plan.samples, count, replace=False, shuffle=False))
+        chosen = np.sort(
+            random.choice(plan.samples, count, replace=False, shuffle=False)
+        )
     elif bodies.target is not None:
-        # Bodies are drawn by chunks; a smaller plan has smaller chunks of the same bodies.
+        # Bodies are drawn by chunks; a smaller plan has smaller chunks of the same
+        # bodies.
         fewer = bodies.model_copy(update={"samples": count})
         smaller = make_plan(plan.config.model_copy(update={"bodies": fewer}))
         plan = replace(smaller, cases=plan.cases)
@@ -77,16 +92,24 @@ class Forecast:
 
     runs: int
     threads: int
-    seconds: float  # time of the kernel for all runs, without drawing bodies and compiling
-    low: float  # low and high: 95 % interval, wider if some runs were too long for the pilot
+    seconds: (
+        float  # time of the kernel for all runs, without drawing bodies and compiling
+    )
+    # low and high: 95 % interval, wider if some runs were too long for the pilot
+    low: float
     high: float
     bytes: int  # size of the files
-    decides: str | None  # key that makes the sweep skip runs; the figures are for all runs
+    decides: (
+        str | None
+    )  # key that makes the sweep skip runs; the figures are for all runs
 
     @property
     def words(self) -> str:
         """The forecast as a line of text."""
-        most, threads = "at most " if self.decides else "", counted(self.threads, "thread")
+        most, threads = (
+            "at most " if self.decides else "",
+            counted(self.threads, "thread"),
+        )
         power = min(4, int(np.log10(max(self.bytes, 1)) // 3))
         size = f"{self.bytes / 1000**power:.3g} {('B', 'kB', 'MB', 'GB', 'TB')[power]}"
         left = f"\n{self.decides} leaves runs out; how many is not known before"
@@ -111,19 +134,40 @@ def forecast(plan: Plan, threads: int | None = None, seconds: float = 2.0) -> Fo
     rng = np.random.default_rng(SEED)
 
     def measure(count: int, most: int) -> tuple[Any, ...]:
-        # Drawn in proportion to expected cost, so that the mean of steps / cost is the sweep's.
-        drawn, times = np.unique(rng.choice(len(cost), count, p=shares), return_counts=True)
+        # Drawn in proportion to expected cost, so that the mean of steps / cost is the
+        # sweep's.
+        drawn, times = np.unique(
+            rng.choice(len(cost), count, p=shares), return_counts=True
+        )
         part, settings = take(launches, drawn), config.integrator
-        batch, outcome, start = make_batch(part, config.model), None, time.perf_counter()
+        batch, outcome, start = (
+            make_batch(part, config.model),
+            None,
+            time.perf_counter(),
+        )
         steps, cut = np.ones(len(drawn)), np.zeros(len(drawn), bool)
         if batch is not None:
-            capped = settings.model_copy(update={"max_steps": min(most, settings.max_steps)})
-            outcome = run_batch(config.model_copy(update={"integrator": capped}), batch, available)
-            steps, cut = np.maximum(outcome.n_steps, 1.0), outcome.status == Status.STEP_LIMIT
+            capped = settings.model_copy(
+                update={"max_steps": min(most, settings.max_steps)}
+            )
+            outcome = run_batch(
+                config.model_copy(update={"integrator": capped}), batch, available
+            )
+            steps, cut = (
+                np.maximum(outcome.n_steps, 1.0),
+                outcome.status == Status.STEP_LIMIT,
+            )
         columns = columns_of(config, part, batch, outcome)
         rate = float(steps.sum()) / max(time.perf_counter() - start, 1e-6)
         table = build_table(columns, plan.schema)
-        return table, times / count, steps, steps / np.maximum(cost[drawn], 1e-300), cut, rate
+        return (
+            table,
+            times / count,
+            steps,
+            steps / np.maximum(cost[drawn], 1e-300),
+            cut,
+            rate,
+        )
 
     _, _, steps, *_, rate = measure(FIRST, FIRST_STEPS)
     budget = max(rate * seconds, 1e4)
@@ -133,7 +177,10 @@ def forecast(plan: Plan, threads: int | None = None, seconds: float = 2.0) -> Fo
     upper, mean = np.where(cut, ratio.max(), ratio), float(weight @ ratio)
     error = 1.96 * np.sqrt(float(weight @ (ratio - mean) ** 2) / count)
     all_runs = float(cost.mean()) * plan.runs / (rate * threads / available)
-    low, high = all_runs * max(0.0, mean - error), float(all_runs * (weight @ upper + error))
+    low, high = (
+        all_runs * max(0.0, mean - error),
+        float(all_runs * (weight @ upper + error)),
+    )
     middle = all_runs * float(weight @ (ratio + upper)) / 2
     half = len(table) // 2
     whole_size, half_size = _file_size(table), _file_size(table.slice(0, half))

@@ -1,7 +1,8 @@
 """The engine of many machines: the workers of a Dask cluster compute blocks.
 
-The driver, which is this process, sends out blocks and writes the tables that come back, so that
-workers need no disk in common with it.  When a worker is lost, others compute its blocks.
+The driver, which is this process, sends out blocks and writes the tables that come
+back, so that workers need no disk in common with it.  When a worker is lost, others
+compute its blocks.
 """
 
 from __future__ import annotations
@@ -38,18 +39,34 @@ CONNECT_TIMEOUT = 5.0  # seconds for the first contact with a scheduler
 ANSWER_TIMEOUT = 20.0  # seconds for a scheduler's answer, or a table on its way
 REFRESH = 2.0  # seconds between two requests for the list of workers
 WORKER_TIMEOUT = 120.0  # seconds without any worker
-NUMERIC = ("rattlesweep", "numpy", "numba", "llvmlite", "scipy")  # the bits depend on them
-LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
+NUMERIC = (
+    "rattlesweep",
+    "numpy",
+    "numba",
+    "llvmlite",
+    "scipy",
+)  # the bits depend on them
+LOGGERS = (
+    "distributed",
+    "distributed.client",
+    "tornado",
+    "tornado.application",
+    "asyncio",
+)
 
 
 def make_engine(scheduler: str | None, threads: int | None = None) -> Engine:
-    """Return an engine that uses the workers of a scheduler, or starts some on this machine."""
+    """Return an engine that uses the workers of a scheduler, or starts some on this
+    machine.
+    """
     try:
         from distributed import Security
 
         security = Security.temporary() if scheduler is None else None
     except ImportError as error:
-        raise ConfigError(f"--engine dask: needs Dask ({error}); `pip install '.[dask]'`") from None
+        raise ConfigError(
+            f"--engine dask: needs Dask ({error}); `pip install '.[dask]'`"
+        ) from None
     for name in LOGGERS:  # errors that matter are raised here, in one sentence
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler:
@@ -57,7 +74,11 @@ def make_engine(scheduler: str | None, threads: int | None = None) -> Engine:
             pass  # so that an address is refused before the output directory is created
 
     def engine(job: Job, blocks: Iterator[Keys]) -> None:
-        with connected(scheduler) if scheduler else embedded(security, threads or 2) as client:
+        with (
+            connected(scheduler)
+            if scheduler
+            else embedded(security, threads or 2) as client
+        ):
             # Workers that share this machine's cache then find the kernels compiled.
             Task(lambda _: load_kernel(job.plan.config)).wait(lambda _: job.tick())
             _spread(job, blocks, client, threads)
@@ -79,7 +100,9 @@ def connected(address: str) -> Iterator[Client]:
             await comm.close()
 
     try:
-        asyncio.run(shake_hands())  # Dask's client hangs if another program listens there
+        asyncio.run(
+            shake_hands()
+        )  # Dask's client hangs if another program listens there
         client = Client(address, timeout=ANSWER_TIMEOUT, set_as_default=False)
     except Exception as error:  # the other side may send anything
         raise OutputError(
@@ -95,36 +118,55 @@ def connected(address: str) -> Iterator[Client]:
 
 @contextmanager
 def embedded(security: Any, threads: int) -> Iterator[Client]:
-    """Start workers of so many threads on this machine, closed to other users by TLS."""
+    """Start workers of so many threads on this machine, closed to other users by
+    TLS.
+    """
     import dask
     from distributed import Client, LocalCluster
 
     workers = max(1, available_threads() // threads)
-    closed = {f"distributed.{part}.http.routes": list[str]() for part in ("scheduler", "worker")}
-    # A terminal sends Ctrl-C to all processes.  Children that start while it is blocked ignore it.
-    resource_tracker.ensure_running()  # otherwise the first child starts it, which unblocks it
+    closed = {
+        f"distributed.{part}.http.routes": list[str]()
+        for part in ("scheduler", "worker")
+    }
+    # A terminal sends Ctrl-C to all processes.  Children that start while it is blocked
+    # ignore it.
+    # otherwise the first child starts it, which unblocks it
+    resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     with dask.config.set(closed):
         try:
             cluster = LocalCluster(
-                n_workers=workers, threads_per_worker=max(2, threads), host="127.0.0.1",
-                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}, dashboard_address=None,
-                memory_limit=0, security=security, silence_logs=logging.CRITICAL,
-            )  # fmt: skip
+                n_workers=workers,
+                threads_per_worker=max(2, threads),
+                host="127.0.0.1",
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+                dashboard_address=None,
+                memory_limit=0,
+                security=security,
+                silence_logs=logging.CRITICAL,
+            )
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         with cluster, Client(cluster, set_as_default=False) as client:
             yield client
 
 
-def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | None) -> None:
+def _spread(
+    job: Job, blocks: Iterator[Keys], client: Client, threads: int | None
+) -> None:
     """Send out blocks and write the rows that come back, until all are done."""
     import dask
 
-    flying: dict[Future, tuple[Keys, str]] = {}  # blocks sent out, with the worker meant for each
+    flying: dict[
+        Future, tuple[Keys, str]
+    ] = {}  # blocks sent out, with the worker meant for each
     again: list[Keys] = []  # blocks that were lost with their worker
     workers: dict[str, int] = {}  # threads by address
-    refresh, seen = 0.0, time.monotonic()  # time of the next list of workers, and of the last one
+    refresh, seen = (
+        0.0,
+        time.monotonic(),
+    )  # time of the next list of workers, and of the last one
     order = {"versions": versions(), "threads": threads, "plan": pickle.dumps(job.plan)}
     # If all workers that have the result of this task are lost, Dask computes it again.
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
@@ -150,7 +192,12 @@ def _spread(job: Job, blocks: Iterator[Keys], client: Client, threads: int | Non
                 load = Counter(address for _, address in flying.values())
                 address = min(workers, key=load.__getitem__)
                 future = client.submit(
-                    do_block, shared, *keys, workers=address, allow_other_workers=True, pure=False
+                    do_block,
+                    shared,
+                    *keys,
+                    workers=address,
+                    allow_other_workers=True,
+                    pure=False,
                 )
                 flying[future] = keys, address
             if workers and not flying:
@@ -184,7 +231,9 @@ _kernel = threading.Lock()  # one kernel at a time in a process
 _unpack = lru_cache(maxsize=1)(pickle.loads)
 
 
-def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[pa.Table, float]:
+def do_block(
+    order: dict[str, Any], case: Integers, sample: Integers
+) -> tuple[pa.Table, float]:
     """Compute a block on a worker; return its rows, and the seconds of the kernel."""
     from distributed import Status, get_worker
 
@@ -199,7 +248,9 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[p
     try:
         ours, theirs = versions(), order["versions"]
         if other := [name for name in NUMERIC if ours[name] != theirs[name]]:
-            differ = "; ".join(f"{name} {ours[name]} there, {theirs[name]} here" for name in other)
+            differ = "; ".join(
+                f"{name} {ours[name]} there, {theirs[name]} here" for name in other
+            )
             told = f"its results would differ in their last bits: {differ}"
             raise OutputError(f"{told}; give all workers the driver's environment")
         plan = _unpack(order["plan"])
@@ -218,9 +269,15 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[p
     except ConfigError:
         raise
     except Exception as error:
-        words = str(error) if isinstance(error, OutputError) else f"{type(error).__name__}: {error}"
+        words = (
+            str(error)
+            if isinstance(error, OutputError)
+            else f"{type(error).__name__}: {error}"
+        )
         me = f"the worker at {worker.address} on {socket.gethostname()}"
-        raise OutputError(f"{me}: {one_line(words, 500)}") from None  # a cause may not be picklable
+        raise OutputError(
+            f"{me}: {one_line(words, 500)}"
+        ) from None  # a cause may not be picklable
 
 
 def _result(future: Future, keys: Keys) -> tuple[pa.Table, float]:
@@ -233,7 +290,9 @@ def _result(future: Future, keys: Keys) -> tuple[pa.Table, float]:
         return pa.table({}), 0.0
     except (ConfigError, OutputError):
         raise
-    except Exception as error:  # workers are lost again and again, or have another environment
+    except (
+        Exception
+    ) as error:  # workers are lost again and again, or have another environment
         words = one_line(f"{type(error).__name__}: {error}", 200)
         raise OutputError(
             f"the block that begins with case {keys[0][0]}, sample {keys[1][0]} cannot be done "

@@ -1,7 +1,7 @@
 """Sweeps that leave runs out: `stop` and `bodies.refine`.
 
-Both decide in waves.  Each wave follows from the rows of the waves before it alone, so the wanted
-runs do not depend on who computed them, or in which order.
+Both decide in waves.  Each wave follows from the rows of the waves before it alone, so
+the wanted runs do not depend on who computed them, or in which order.
 """
 
 from __future__ import annotations
@@ -23,14 +23,17 @@ from rattlesweep.units import Quantity
 
 FIRST_WAVE = 400  # samples of each case in the first wave of `stop`
 NEXT_WAVE = 0.1  # size of each later wave as a share of the samples so far
-# Quantile of the normal distribution for 97 %; with that of 95 %, some cases stop too early.
+# Quantile of the normal distribution for 97 %; with that of 95 %, some cases stop too
+# early.
 Z = 2.1700903775845606
 FEWEST = 5  # values that an axis needs before some are left out
 Array = NDArray[Any]
 
 
 def wanted_runs(design: Design, found: Found) -> Flags:
-    """Return the wanted runs, as far as the rows so far tell; shape (cases, samples)."""
+    """Return the wanted runs, as far as the rows so far tell; shape (cases,
+    samples).
+    """
     if design.config.stop is not None:
         return _wanted_samples(design.config.stop, found)
     if design.config.deciding_key:
@@ -44,7 +47,10 @@ def _wanted_samples(stop: Stop, found: Found) -> Flags:
     wanted = np.zeros((cases, samples), dtype=bool)
     active, end = np.arange(cases), 0
     while len(active) and end < samples:
-        first, end = end, min(samples, max(FIRST_WAVE, end + math.ceil(NEXT_WAVE * end)))
+        first, end = (
+            end,
+            min(samples, max(FIRST_WAVE, end + math.ceil(NEXT_WAVE * end))),
+        )
         wanted[active, first:end] = True
         if (found.code[active, first:end] == MISSING).any():
             break
@@ -57,7 +63,9 @@ def _are_known(stop: Stop, found: Found, cases: Integers, samples: int) -> Flags
     code, known = found.code[cases, :samples], np.ones(len(cases), bool)
     if stop.fraction is not None:
         for number in range(len(TYPES)):
-            low, high = wilson((code == number).sum(axis=1), (code < FAILED).sum(axis=1), Z)
+            low, high = wilson(
+                (code == number).sum(axis=1), (code < FAILED).sum(axis=1), Z
+            )
             known &= (high - low) / 2 <= stop.fraction
     if stop.t_r is not None:
         times = np.ma.masked_where(code != R, found.value[cases, :samples])
@@ -67,7 +75,9 @@ def _are_known(stop: Stop, found: Found, cases: Integers, samples: int) -> Flags
 
 
 class Refining:
-    """Start from every 2^levels-th value of a grid, and halve cells whose runs differ."""
+    """Start from every 2^levels-th value of a grid, and halve cells whose runs
+    differ.
+    """
 
     def __init__(self, design: Design) -> None:
         config, bodies = design.config, design.config.bodies
@@ -75,21 +85,38 @@ class Refining:
         names = ["n_i", "omega_xy0"] if config.spin else []
         names += ["sigma", "rolling"] if config.dissipation else []
         held = {name: {getattr(case, name) for case in design.cases} for name in names}
-        launches = {name: _in_units_of_bodies(config.settings[name], held[name]) for name in names}
-        self.shape = tuple(len(values) for values in (launches | bodies.varying).values())
-        # The coarse grid has at least two steps along an axis, unless that has few values.
+        launches = {
+            name: _in_units_of_bodies(config.settings[name], held[name])
+            for name in names
+        }
+        self.shape = tuple(
+            len(values) for values in (launches | bodies.varying).values()
+        )
+        # The coarse grid has at least two steps along an axis, unless that has few
+        # values.
         most = 1 << bodies.refine.levels
-        self.strides = [1 if n < FEWEST else min(most, 1 << ((n - 1) // 2).bit_length() - 1)
-                        for n in self.shape]  # fmt: skip
+        self.strides = [
+            1 if n < FEWEST else min(most, 1 << ((n - 1) // 2).bit_length() - 1)
+            for n in self.shape
+        ]
         self._refined = [axis for axis, stride in enumerate(self.strides) if stride > 1]
         if not self._refined:
-            raise ConfigError(f"bodies.refine: no axis has {FEWEST} values or more to leave out")
+            raise ConfigError(
+                f"bodies.refine: no axis has {FEWEST} values or more to leave out"
+            )
         by, self._tol = bodies.refine.by, bodies.refine.tol
         if by not in design.schema.names:
-            raise ConfigError(f"bodies.refine.by: there is no column {by} in these runs")
-        # A directory that has grown may number its cases in another order than the axes.
-        numbers = {tuple(getattr(case, k) for k in names): case.index for case in design.cases}
-        self._order = np.array([numbers[values] for values in product(*launches.values())])
+            raise ConfigError(
+                f"bodies.refine.by: there is no column {by} in these runs"
+            )
+        # A directory that has grown may number its cases in another order than the
+        # axes.
+        numbers = {
+            tuple(getattr(case, k) for k in names): case.index for case in design.cases
+        }
+        self._order = np.array(
+            [numbers[values] for values in product(*launches.values())]
+        )
 
     def grid(self, values: Array) -> Array:
         """Return values by (case, sample) as an array along the axes."""
@@ -103,8 +130,13 @@ class Refining:
         return values
 
     def wanted(self, found: Found) -> Flags:
-        """Return the wanted runs, as far as the rows so far tell; shape (cases, samples)."""
-        code, value = self.grid(found.code), self.grid(found.value) if found.column else None
+        """Return the wanted runs, as far as the rows so far tell; shape (cases,
+        samples).
+        """
+        code, value = (
+            self.grid(found.code),
+            self.grid(found.value) if found.column else None,
+        )
         wanted = np.zeros(self.shape, dtype=bool)
         wanted[np.ix_(*map(_ticks, self.shape, self.strides))] = True
         while not (code[wanted] == MISSING).any():
@@ -125,7 +157,9 @@ class Refining:
     def _halved(
         self, stride: list[int], half: list[int], code: Array, value: Floats | None
     ) -> Iterator[tuple[Integers, ...]]:
-        """Yield the points that halve those cells, with sides `stride`, whose runs differ."""
+        """Yield the points that halve those cells, with sides `stride`, whose runs
+        differ.
+        """
         ticks = [_ticks(n, s) for n, s in zip(self.shape, stride, strict=True)]
         corners = np.ix_(*ticks)
         # By cell: largest and smallest type, and whether all corners have a row.
@@ -149,13 +183,17 @@ class Refining:
         return product(*sides)
 
     def _bends(self, ticks: list[Integers], value: Floats) -> Flags:
-        """Return the cells with a corner that lies off the line through its neighbours."""
+        """Return the cells with a corner that lies off the line through its
+        neighbours.
+        """
         bends = np.zeros(value.shape, dtype=bool)
         for axis in self._refined:
             v, gaps = np.moveaxis(value, axis, -1), np.diff(ticks[axis])
             left, right, middle = gaps[:-1], gaps[1:], v[..., 1:-1]
             line = (v[..., :-2] * right + v[..., 2:] * left) / (left + right)
-            off = np.abs(middle - line) > self._tol * np.maximum(np.abs(middle), np.abs(line))
+            off = np.abs(middle - line) > self._tol * np.maximum(
+                np.abs(middle), np.abs(line)
+            )
             np.moveaxis(bends, axis, -1)[..., 1:-1] |= off
         for axis in self._refined:
             bends = _over(np.logical_or, bends, np.arange(len(ticks[axis])), axis)
@@ -163,19 +201,27 @@ class Refining:
 
 
 def nearest_rows(stored: Stored) -> Iterator[tuple[int, Integers]]:
-    """Yield each case of a refined sweep with the row nearest to each sample, -1 for none yet."""
+    """Yield each case of a refined sweep with the row nearest to each sample, -1 for
+    none yet.
+    """
     refining, is_stored = Refining(stored), stored.find().done
     row = np.where(is_stored, np.cumsum(is_stored).reshape(is_stored.shape) - 1, -1)
-    index = nearest(refining.grid(is_stored), [stride > 1 for stride in refining.strides])
+    index = nearest(
+        refining.grid(is_stored), [stride > 1 for stride in refining.strides]
+    )
     yield from enumerate(refining.runs(refining.grid(row)[tuple(index)]))
 
 
 def nearest(known: Flags, refined: Sequence[bool]) -> Integers:
-    """Return the nearest known point of each point of a grid, moving along `refined` axes only."""
+    """Return the nearest known point of each point of a grid, moving along `refined`
+    axes only.
+    """
     from scipy.ndimage import distance_transform_edt
 
     apart = np.where(refined, 1.0, 1e6)
-    index = distance_transform_edt(~known, apart, return_distances=False, return_indices=True)
+    index = distance_transform_edt(
+        ~known, apart, return_distances=False, return_indices=True
+    )
     some = known.any(axis=tuple(np.flatnonzero(refined)), keepdims=True)
     return np.where(some, index, np.indices(known.shape))
 
@@ -185,10 +231,14 @@ def _in_units_of_bodies(
 ) -> list[float | None]:
     """Return values of a config, some of which have units, as the cases hold them."""
     given = sorted(value for value in values if isinstance(value, Quantity))
-    others = held.difference(value for value in values if not isinstance(value, Quantity))
+    others = held.difference(
+        value for value in values if not isinstance(value, Quantity)
+    )
     # Bodies of one size convert all by one factor, so the order stays.
     natural = dict(zip(given, sorted(others, key=lambda x: x or 0.0), strict=True))
-    return [natural[value] if isinstance(value, Quantity) else value for value in values]
+    return [
+        natural[value] if isinstance(value, Quantity) else value for value in values
+    ]
 
 
 def _ticks(length: int, stride: int) -> Integers:

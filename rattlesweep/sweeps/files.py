@@ -19,7 +19,9 @@ def as_path(value: Any, name: str) -> Path:
 
 
 def probe_directory(path: Path) -> None:
-    """Create a directory if need be; raise an OutputError if no file can be written there."""
+    """Create a directory if need be; raise an OutputError if no file can be written
+    there.
+    """
     with explained(f"cannot write in {path}"):
         path.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=path).close()
@@ -33,7 +35,9 @@ def replace_file(path: Path, data: bytes) -> None:
 
 @contextlib.contextmanager
 def streamed_file(path: Path) -> Iterator[BinaryIO]:
-    """Open a file that appears at `path`, whole and on disk, once the body has succeeded."""
+    """Open a file that appears at `path`, whole and on disk, once the body has
+    succeeded.
+    """
     # Readers of a whole directory skip hidden files.
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     with explained(f"cannot write {path}"):
@@ -44,7 +48,9 @@ def streamed_file(path: Path) -> Iterator[BinaryIO]:
                 os.fsync(file.fileno())
             os.replace(temporary, path)
             folder = os.open(path.parent, os.O_RDONLY)
-            with contextlib.suppress(OSError):  # some network file systems cannot sync a folder
+            with contextlib.suppress(
+                OSError
+            ):  # some network file systems cannot sync a folder
                 os.fsync(folder)
             os.close(folder)
         finally:
@@ -54,7 +60,9 @@ def streamed_file(path: Path) -> Iterator[BinaryIO]:
 
 @contextlib.contextmanager
 def explained(failure: str) -> Iterator[None]:
-    """Turn an OSError into an OutputError: `failure`, such as "cannot read X", and the reason."""
+    """Turn an OSError into an OutputError: `failure`, such as "cannot read X", and the
+    reason.
+    """
     try:
         yield
     except OSError as error:

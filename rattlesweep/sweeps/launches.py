@@ -1,4 +1,6 @@
-"""Runs before their integration: bodies, launches, theory, horizons, and the kernel's batch."""
+"""Runs before their integration: bodies, launches, theory, horizons, and the kernel's
+batch.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,10 +22,15 @@ from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.units import Quantity
 
-WINDOW_PERIODS = 2.0  # periods of the slower mode that a window has at least; see docs/types.md
+WINDOW_PERIODS = (
+    2.0  # periods of the slower mode that a window has at least; see docs/types.md
+)
 MARK_PERIODS = 8.0  # periods after which amplitudes are compared for the first time
-LEAST_DECAY = 0.01  # relative fall of an amplitude by the horizon, at which a mode is decaying
-MOST_APART = 0.02  # relative change of the spin up to which the probes at launch separate the modes
+LEAST_DECAY = (
+    0.01  # relative fall of an amplitude by the horizon, at which a mode is decaying
+)
+# relative change of the spin up to which the probes at launch separate the modes
+MOST_APART = 0.02
 
 
 @dataclass(frozen=True)
@@ -44,11 +51,15 @@ class Launches:
     # The last three are None without dissipation.
     sigma: Floats | None = None
     rolling: Floats | None = None
-    dead: Floats | None = None  # fraction of the initial energy below which a body is dead
+    dead: Floats | None = (
+        None  # fraction of the initial energy below which a body is dead
+    )
 
     @property
     def spin_scale(self) -> Floats:
-        """Spin that later spins are compared with: ``|n_i|``, or ``n_0`` if that is zero."""
+        """Spin that later spins are compared with: ``|n_i|``, or ``n_0`` if that is
+        zero.
+        """
         return np.where(self.n_i == 0, self.n_0, np.abs(self.n_i))
 
 
@@ -71,7 +82,9 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
             return own
         given = [getattr(c, name) for c in plan.cases]
         own = np.array(given, float)[case]
-        return own if not isinstance(given[0], Quantity) else natural(own, given[0].kind)
+        return (
+            own if not isinstance(given[0], Quantity) else natural(own, given[0].kind)
+        )
 
     n_i, omega_xy0 = value("n_i"), value("omega_xy0")
     modes = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
@@ -82,7 +95,9 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     gh = theory.garcia_hubbard(b, modes, n_i, omega_xy0, psi)
     n_0 = gh.n_0
     if b.omega is not None and b.u is not None:
-        ix, iy, iz, *curvature = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
+        ix, iy, iz, *curvature = full.constants(
+            b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi
+        )
         # The energy of the oscillation includes that of the tilt, here to second order.
         p, q, x, y, _ = full.from_vectors(b.u.T, (b.omega - n_i[:, None] * b.u).T)
         speed = np.sqrt(full.oscillation.py_func(p, q, x, y, ix, iy, *curvature) / iz)
@@ -93,7 +108,9 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
         total = energy(*start, ix, iy, iz, *curvature, stone.inverse_semi_axis(b.c))
         n_0 = np.sqrt(2 * total / b.gamma)
     n_c1 = theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi)
-    n_c1 = np.where(b.xi > 0, -n_c1, n_c1)  # the steady direction of mirrored bodies is n > 0
+    n_c1 = np.where(
+        b.xi > 0, -n_c1, n_c1
+    )  # the steady direction of mirrored bodies is n > 0
     sigma = rolling = dead = None
     if config.dissipation:
         sigma, rolling = value("sigma"), value("rolling")
@@ -112,12 +129,27 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     if b.t_end is not None:
         t_end = np.where(np.isfinite(b.t_end), b.t_end, t_end)
     return Launches(
-        case, sample, b, n_i, omega_xy0, psi, modes, gh, n_0, n_c1, t_end, sigma, rolling, dead
+        case,
+        sample,
+        b,
+        n_i,
+        omega_xy0,
+        psi,
+        modes,
+        gh,
+        n_0,
+        n_c1,
+        t_end,
+        sigma,
+        rolling,
+        dead,
     )
 
 
 def model_of(config: Config) -> Model:
-    """Return the equations that a sweep integrates; not for the model gh, which has none."""
+    """Return the equations that a sweep integrates; not for the model gh, which has
+    none.
+    """
     if config.model != "full":
         return MODELS[config.model]
     surface = ELLIPSOID if config.bodies.ellipsoidal else FULL
@@ -164,14 +196,19 @@ def full_batch(launches: Launches) -> Batch:
         y0 = np.concatenate([y0, np.zeros((len(y0), 1))], axis=1)
     oscillation = b.gamma * (launches.gh.n_0**2 - launches.n_i**2)
     return Batch(
-        y0=y0, constants=np.stack([*constants, *more], axis=1),
+        y0=y0,
+        constants=np.stack([*constants, *more], axis=1),
         probe=np.concatenate([probe.real, probe.imag], axis=1),
-        t_end=launches.t_end, swing=2 * fastest, rate=2 * fastest * oscillation / b.gamma,
+        t_end=launches.t_end,
+        swing=2 * fastest,
+        rate=2 * fastest * oscillation / b.gamma,
         relevant=np.abs(np.where(pitch, modes.pitch.imag, modes.roll.imag)),
-        window=_windows(launches.t_end, slower), first_mark=MARK_PERIODS * 2 * np.pi / slower,
-        scale=launches.spin_scale, tapped=launches.n_i == 0,
+        window=_windows(launches.t_end, slower),
+        first_mark=MARK_PERIODS * 2 * np.pi / slower,
+        scale=launches.spin_scale,
+        tapped=launches.n_i == 0,
         dead=np.zeros(0) if launches.dead is None else launches.dead,
-    )  # fmt: skip
+    )
 
 
 def reduced_batch(launches: Launches) -> Batch:
@@ -185,23 +222,34 @@ def reduced_batch(launches: Launches) -> Batch:
         y0=np.stack([launches.n_i, e_p, e_r], axis=1),
         constants=np.stack([m.K_p, m.K_r, b.gamma], axis=1),
         probe=np.stack([pitch, ~pitch], axis=1).astype(float),
-        t_end=launches.t_end, swing=rate, relevant=np.zeros(len(rate)), rate=rate * n_0,
-        window=_windows(launches.t_end, np.full(len(rate), np.inf)), first_mark=launches.t_end,
-        scale=launches.spin_scale, tapped=launches.n_i == 0,
-    )  # fmt: skip
+        t_end=launches.t_end,
+        swing=rate,
+        relevant=np.zeros(len(rate)),
+        rate=rate * n_0,
+        window=_windows(launches.t_end, np.full(len(rate), np.inf)),
+        first_mark=launches.t_end,
+        scale=launches.spin_scale,
+        tapped=launches.n_i == 0,
+    )
 
 
 def _windows(t_end: Floats, slower: Floats) -> Floats:
-    """Return the lengths of windows; an infinite frequency gives as many as possible."""
-    parts = np.clip(np.floor(t_end * slower / (WINDOW_PERIODS * 2 * np.pi)), 1, N_WINDOWS)
+    """Return the lengths of windows; an infinite frequency gives as many as
+    possible.
+    """
+    parts = np.clip(
+        np.floor(t_end * slower / (WINDOW_PERIODS * 2 * np.pi)), 1, N_WINDOWS
+    )
     return np.where(np.isfinite(t_end), t_end / parts, 1.0)
 
 
 @dataclass(frozen=True)
 class Launch:
-    """One run, with the keys of a config (but ``dt_step``) and a default horizon of 5 t_rGH.
+    """One run, with the keys of a config (but ``dt_step``) and a default horizon of 5
+    t_rGH.
 
-    In the reduced model `e_p0` and `e_r0` replace the initial energies of the modes, in ``M g a``.
+    In the reduced model `e_p0` and `e_r0` replace the initial energies of the modes, in
+    ``M g a``.
     """
 
     body: Rattleback
@@ -221,7 +269,9 @@ class Launch:
 
 
 def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
-    """Return whether a launch is a full state; raise if it also has a spin, or lacks omega."""
+    """Return whether a launch is a full state; raise if it also has a spin, or lacks
+    omega.
+    """
     if omega is None and u is None:
         return False
     if given := " and ".join(name for name, value in spin.items() if value is not None):
@@ -233,26 +283,39 @@ def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
 
 
 def plan_of(run: Launch, source: TableBodies | None = None) -> Plan:
-    """Return the plan of one run, or of the bodies, launches and dissipation of a table."""
+    """Return the plan of one run, or of the bodies, launches and dissipation of a
+    table.
+    """
     if source is None:
         names = (*PARAMETERS, "c")  # without c, which is None, a NaN
-        source = TableBodies({name: np.array([getattr(run.body, name)], float) for name in names})
+        source = TableBodies(
+            {name: np.array([getattr(run.body, name)], float) for name in names}
+        )
     section = "spin"
     given: dict[str, Any] = {"n_i": run.n_i, "omega_xy0": run.omega_xy0, "psi": run.psi}
     if is_full_state(run.omega, run.u, given):
         section, given = "launch", {"omega": run.omega, "u": run.u}
     elif run.t_end is None and run.n_i == 0:
         raise ConfigError("t_end: missing; a launch without spin has no t_rGH")
-    config = parse_config({
-        "bodies": {"source": "table", "path": "the table is in memory", "surface": source.surface},
-        section: given,
-        "model": run.model,
-        "horizon": {"t_rgh": 5.0} if run.t_end is None else {"t": run.t_end},
-        "integrator": {"dt" if name == "dt_step" else name: value
-                       for name, value in run.integrator.items() if value is not None},
-        "dissipation": {"sigma": run.sigma, "rolling": run.rolling},
-        "record": list(run.record),
-    })  # fmt: skip
+    config = parse_config(
+        {
+            "bodies": {
+                "source": "table",
+                "path": "the table is in memory",
+                "surface": source.surface,
+            },
+            section: given,
+            "model": run.model,
+            "horizon": {"t_rgh": 5.0} if run.t_end is None else {"t": run.t_end},
+            "integrator": {
+                "dt" if name == "dt_step" else name: value
+                for name, value in run.integrator.items()
+                if value is not None
+            },
+            "dissipation": {"sigma": run.sigma, "rolling": run.rolling},
+            "record": list(run.record),
+        }
+    )
     return make_plan(config, rows=source)
 
 

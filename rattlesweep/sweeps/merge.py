@@ -31,9 +31,15 @@ class Merged(NamedTuple):
 
 
 def merge(directories: Sequence[Path], output: Path) -> Merged:
-    """Copy the runs of directories of one sweep into another, which is new or of the same sweep."""
-    if len({directory.resolve() for directory in (output, *directories)}) <= len(directories):
-        raise ConfigError("a directory is given twice; give each once, and another as --output")
+    """Copy the runs of directories of one sweep into another, which is new or of the
+    same sweep.
+    """
+    if len({directory.resolve() for directory in (output, *directories)}) <= len(
+        directories
+    ):
+        raise ConfigError(
+            "a directory is given twice; give each once, and another as --output"
+        )
     sources = [open_stored(directory) for directory in directories]
     if (output / MANIFEST).exists():
         sources.append(open_stored(output))
@@ -53,12 +59,19 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
             merged.folder.mkdir(exist_ok=True)
         new = []
         for path in [path for stored in sources for path in stored.files()]:
-            twin = merged.folder / path.name  # left by a merge that was killed, or the file itself
-            if not (twin.exists() and (twin.samefile(path) or filecmp.cmp(path, twin, False))):
+            twin = (
+                merged.folder / path.name
+            )  # left by a merge that was killed, or the file itself
+            if not (
+                twin.exists()
+                and (twin.samefile(path) or filecmp.cmp(path, twin, False))
+            ):
                 new.append(path)
         found = merged.find([*merged.files(), *new])
         if found.damaged:
-            raise OutputError(f"{found.damaged[0]} is damaged; do its runs again before merging")
+            raise OutputError(
+                f"{found.damaged[0]} is damaged; do its runs again before merging"
+            )
         if len(found.typed) > 1:
             differing = " and ".join(str(paths[0]) for paths in found.typed.values())
             told = "have types of different thresholds; run `rattlesweep classify`"
@@ -67,7 +80,9 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
         for path in new:
             target = free_path(merged.folder / path.name)
             try:
-                os.link(path, target)  # links are safe as files are never changed in place
+                os.link(
+                    path, target
+                )  # links are safe as files are never changed in place
             except OSError:
                 with open(path, "rb") as file, streamed_file(target) as copy:
                     shutil.copyfileobj(file, copy)

@@ -1,7 +1,8 @@
 """From a config to its cases and samples, and to the directory that holds their runs.
 
-A case is one combination of target, ``n_i``, ``omega_xy0`` and dissipation.  A run is one sample of
-a case and has the key ``(case, sample)``; its row follows from config and key alone.
+A case is one combination of target, ``n_i``, ``omega_xy0`` and dissipation.  A run is
+one sample of a case and has the key ``(case, sample)``; its row follows from config and
+key alone.
 """
 
 import hashlib
@@ -21,17 +22,42 @@ from rattlesweep.sweeps.bodies import Source
 from rattlesweep.sweeps.bodies.sources import make_source
 from rattlesweep.sweeps.bodies.table import LOSSES, TableBodies, check_value
 from rattlesweep.sweeps.columns import STATE, runs_schema
-from rattlesweep.sweeps.config.read import differences, fixed_part, physics_hash, resolved
+from rattlesweep.sweeps.config.read import (
+    differences,
+    fixed_part,
+    physics_hash,
+    resolved,
+)
 from rattlesweep.sweeps.config.schema import Config, SdSource, clashes
 from rattlesweep.sweeps.files import explained
-from rattlesweep.sweeps.provenance import LOCKS, at_work, command_line, machine, now, versions
-from rattlesweep.sweeps.stored import FOLDER, FORMAT, MANIFEST, Case, Design, Stored, open_stored
+from rattlesweep.sweeps.provenance import (
+    LOCKS,
+    at_work,
+    command_line,
+    machine,
+    now,
+    versions,
+)
+from rattlesweep.sweeps.stored import (
+    FOLDER,
+    FORMAT,
+    MANIFEST,
+    Case,
+    Design,
+    Stored,
+    open_stored,
+)
 from rattlesweep.units import Quantity
 
 MAX_RUNS = 10**9  # in a sweep, which holds one byte for each of them
 # Keys of the config that may have SI units, by the columns that they set.
-KEYS = {"n_i": "spin.n_i", "omega_xy0": "spin.omega_xy0", "t_end": "horizon.t",
-        "sigma": "dissipation.sigma", "rolling": "dissipation.rolling"}  # fmt: skip
+KEYS = {
+    "n_i": "spin.n_i",
+    "omega_xy0": "spin.omega_xy0",
+    "t_end": "horizon.t",
+    "sigma": "dissipation.sigma",
+    "rolling": "dissipation.rolling",
+}
 
 
 @dataclass(frozen=True)
@@ -46,8 +72,12 @@ class Plan(Design):
         return np.array([case.target for case in self.cases], float)
 
 
-def make_plan(config: Config, base: Path | None = None, rows: TableBodies | None = None) -> Plan:
-    """Return the plan of a config; its table is `rows`, or searched for here and in `base`."""
+def make_plan(
+    config: Config, base: Path | None = None, rows: TableBodies | None = None
+) -> Plan:
+    """Return the plan of a config; its table is `rows`, or searched for here and in
+    `base`.
+    """
     source = make_source(config, base, rows)
     table: Mapping[str, Floats] = {}
     if isinstance(source, TableBodies):
@@ -55,7 +85,10 @@ def make_plan(config: Config, base: Path | None = None, rows: TableBodies | None
     runs_schema(config.parts, config.model)  # refuses what the model cannot record
     values = _natural(config, source)
     targets: list[tuple[str | None, float | None]] = [(None, None)]
-    if isinstance(config.bodies, SdSource) and (aim := config.bodies.target) is not None:
+    if (
+        isinstance(config.bodies, SdSource)
+        and (aim := config.bodies.target) is not None
+    ):
         targets = [(aim.name, value) for value in aim.values]
     none: list[tuple[float | None, float | None]] = [(None, None)]
     launches = losses = none
@@ -81,7 +114,9 @@ def make_plan(config: Config, base: Path | None = None, rows: TableBodies | None
     plan = Plan(config, cases, source.samples, extra, source)
     if plan.runs > MAX_RUNS:
         told = f"{len(cases)} cases of {plan.samples} samples are {plan.runs:.3g} runs"
-        raise ConfigError(f"bodies: {told}; at most {MAX_RUNS:.0e} are possible in one sweep")
+        raise ConfigError(
+            f"bodies: {told}; at most {MAX_RUNS:.0e} are possible in one sweep"
+        )
     return plan
 
 
@@ -91,28 +126,40 @@ def _with_losses(config: Config, own: Mapping[str, list[float | str]]) -> Config
     for name in LOSSES:
         values, column = config.settings[name], f"column {name}"
         if None in values and name not in own:
-            raise ConfigError(f"dissipation.{name}: the table has no {column}; give a number")
+            raise ConfigError(
+                f"dissipation.{name}: the table has no {column}; give a number"
+            )
         if len(values) > 1 and name in own:
             told = f"there are several values, and the table has a {column}"
             raise ConfigError(f"dissipation.{name}: {told}; keep one of them")
-    config = config.model_copy(update={"dissipation": given.model_copy(update=dict(own))})
+    config = config.model_copy(
+        update={"dissipation": given.model_copy(update=dict(own))}
+    )
     if own and (wrong := [": ".join(one) for one in clashes(config)]):
-        raise ConfigError(f"bodies.path: with the table's columns: {one}" for one in wrong)
+        raise ConfigError(
+            f"bodies.path: with the table's columns: {one}" for one in wrong
+        )
     return config
 
 
 def _natural(config: Config, source: Source) -> dict[str, list[float | None]]:
-    """Return spins and losses in units of the bodies, or in SI units where the bodies differ."""
+    """Return spins and losses in units of the bodies, or in SI units where the bodies
+    differ.
+    """
     if not config.in_si:
         return config.settings
-    count = source.samples if isinstance(source, TableBodies) else min(source.samples, 64)
+    count = (
+        source.samples if isinstance(source, TableBodies) else min(source.samples, 64)
+    )
     units = source.bodies(np.nan, np.arange(count)).units
 
     def convert(name: str, value: float | None) -> float | None:
         if not isinstance(value, Quantity):
             return value
         told = f"{KEYS[name]}: {value.text}"
-        natural = np.atleast_1d(np.nan if units is None else units.natural(value, value.kind))
+        natural = np.atleast_1d(
+            np.nan if units is None else units.natural(value, value.kind)
+        )
         if np.isnan(natural).any():
             wanted = "give columns height_m and mass_kg, or a number in the bodies' own units"
             raise ConfigError(f"{told} needs the size of the bodies; {wanted}")
@@ -124,26 +171,40 @@ def _natural(config: Config, source: Source) -> dict[str, list[float | None]]:
     found = dict(config.settings)
     for name, given in config.settings.items():
         found[name] = [convert(name, value) for value in given]
-        if any(x is None and y is not None for x, y in zip(found[name], given, strict=True)):
+        if any(
+            x is None and y is not None for x, y in zip(found[name], given, strict=True)
+        ):
             if not all(isinstance(value, Quantity) for value in given):
                 told = "the sizes of the bodies differ, and some values have no unit"
-                raise ConfigError(f"{KEYS[name]}: {told}; give all of them with units, or none")
+                raise ConfigError(
+                    f"{KEYS[name]}: {told}; give all of them with units, or none"
+                )
             found[name] = given
     return found
 
 
-def _check_launches(config: Config, is_state: bool, n_i: Floats, own_end: Floats) -> None:
-    """Refuse launches that the model cannot have, or that have no horizon of any kind."""
+def _check_launches(
+    config: Config, is_state: bool, n_i: Floats, own_end: Floats
+) -> None:
+    """Refuse launches that the model cannot have, or that have no horizon of any
+    kind.
+    """
     model, horizon = config.model, config.horizon
     if model != "full" and is_state:
-        raise ConfigError(f"model: {model} begins with a spin; full states are for the model full")
+        raise ConfigError(
+            f"model: {model} begins with a spin; full states are for the model full"
+        )
     if model == "gh" and (n_i == 0).any():
-        raise ConfigError("model: gh begins with a spin, and n_i is 0; use full or reduced")
+        raise ConfigError(
+            "model: gh begins with a spin, and n_i is 0; use full or reduced"
+        )
     endless = (n_i == 0) & ~np.isfinite(own_end)
     if horizon.t is None and horizon.t_decay is None and endless.any():
         which = f" ({np.argmax(endless) + 1} of {len(n_i)})" if len(n_i) > 1 else ""
         told = f"missing; a launch without spin{which} has no t_rGH"
-        raise ConfigError(f"horizon.t: {told}, so give horizon: {{t: TIME}} in sqrt(a/g)")
+        raise ConfigError(
+            f"horizon.t: {told}, so give horizon: {{t: TIME}} in sqrt(a/g)"
+        )
 
 
 def stored_plan(stored: Stored) -> Plan:
@@ -153,7 +214,9 @@ def stored_plan(stored: Stored) -> Plan:
         base = stored.directory  # a directory may have been moved with its table
     plan = replace(make_plan(stored.config, Path(base)), cases=stored.cases)
     check_same(stored, describe(plan, stored.directory))
-    return replace(plan, config=plan.config.model_copy(update={"classify": stored.thresholds}))
+    return replace(
+        plan, config=plan.config.model_copy(update={"classify": stored.thresholds})
+    )
 
 
 def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> Stored:
@@ -165,7 +228,8 @@ def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> 
         keys = ("cases", "samples") if shard else ("cases", "samples", "config")
         if all(ours.manifest[key] == there.manifest[key] for key in keys):
             return there
-        # Shards that are at work know only the smaller sweep, whose summary they would write.
+        # Shards that are at work know only the smaller sweep, whose summary they would
+        # write.
         if shard and (others := at_work(directory, shard)):
             told = "is at work; the sweep can grow when it has ended"
             raise OutputError(f"{directory}: {others[0]} {told}")
@@ -175,8 +239,12 @@ def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> 
     return ours
 
 
-def examine(plan: Plan, directory: Path, base: Path | None = None) -> tuple[Stored | None, Stored]:
-    """Return the sweep that is in a directory, None without one, and what it must grow into."""
+def examine(
+    plan: Plan, directory: Path, base: Path | None = None
+) -> tuple[Stored | None, Stored]:
+    """Return the sweep that is in a directory, None without one, and what it must grow
+    into.
+    """
     ours = describe(plan, directory, base)
     if not (directory / MANIFEST).exists():
         check_empty(directory)
@@ -209,14 +277,23 @@ def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
         "cases": [case.dump() for case in plan.cases],
         "samples": plan.samples,
         "columns": [
-            [f.name, str(f.type), f.nullable,
-             *(f.metadata[word].decode() for word in (b"unit", b"description"))]
+            [
+                f.name,
+                str(f.type),
+                f.nullable,
+                *(f.metadata[word].decode() for word in (b"unit", b"description")),
+            ]
             for f in plan.extra
         ],
-        "versions": versions(), "machine": machine(), "command": command_line(),
-        "started": now(), "written": now(),
-    }  # fmt: skip
-    return Stored(plan.config, plan.cases, plan.samples, plan.extra, directory, manifest, key)
+        "versions": versions(),
+        "machine": machine(),
+        "command": command_line(),
+        "started": now(),
+        "written": now(),
+    }
+    return Stored(
+        plan.config, plan.cases, plan.samples, plan.extra, directory, manifest, key
+    )
 
 
 def check_same(one: Stored, other: Stored) -> None:
@@ -224,14 +301,18 @@ def check_same(one: Stored, other: Stored) -> None:
     if one.hash != other.hash:
         parts = (fixed_part(each.config) for each in (one, other))
         what = "; ".join(differences(*parts)[:3]) or "the table of bodies has changed"
-        raise ConfigError(f"{one.directory}: holds another sweep ({what}); give another output")
+        raise ConfigError(
+            f"{one.directory}: holds another sweep ({what}); give another output"
+        )
     if one.schema.names != other.schema.names:
         told = "another version of rattlesweep wrote its runs, with other columns; repeat them"
         raise ConfigError(f"{one.directory}: {told} in another directory")
 
 
 def check_empty(directory: Path) -> None:
-    """Raise a ConfigError if a directory holds files, unless a sweep has worked there."""
+    """Raise a ConfigError if a directory holds files, unless a sweep has worked
+    there.
+    """
     if directory.is_file():
         raise ConfigError(f"{directory}: is a file; give the path of a directory")
     if not directory.exists() or (directory / LOCKS).is_dir():
@@ -240,5 +321,7 @@ def check_empty(directory: Path) -> None:
         names = sorted(path.name for path in directory.iterdir())
     # Bodies of a DataFrame are written there before the sweep begins.
     if foreign := [name for name in names if not name.startswith((".", "bodies-"))]:
-        told = f"holds other files, such as {foreign[0]}; give an empty or new directory"
+        told = (
+            f"holds other files, such as {foreign[0]}; give an empty or new directory"
+        )
         raise ConfigError(f"{directory}: {told}")

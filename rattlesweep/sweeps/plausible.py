@@ -53,7 +53,9 @@ def plan_frame(
 def checked_plan(
     config: Config, base: Path | None = None, rows: TableBodies | None = None
 ) -> tuple[Plan, list[str]]:
-    """Return the plan of a config and warnings; raise a ConfigError if no run makes sense."""
+    """Return the plan of a config and warnings; raise a ConfigError if no run makes
+    sense.
+    """
     with config.locating():
         plan = make_plan(config, base, rows)
         warnings = check_physics(plan)
@@ -105,7 +107,9 @@ def _doubts(config: Config, launches: Launches, which: str) -> Iterator[str]:
 
 
 def _drawn_bodies(source: SdSource) -> TableBodies:
-    """Return bodies drawn by NumPy, without targets, for which the sampler may take hours."""
+    """Return bodies drawn by NumPy, without targets, for which the sampler may take
+    hours.
+    """
     ranges, target = ranges_of(source), source.target
     points = np.random.default_rng(SEED).random((len(ranges), BODIES_DRAWN))
     b = bodies_at(points, ranges)

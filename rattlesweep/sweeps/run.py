@@ -1,5 +1,6 @@
-"""Run a sweep: :func:`run_sweep` reads what is on disk, an engine such as :func:`local` computes
-the missing runs block by block, and :class:`Job` cuts the blocks, writes rows and reports progress.
+"""Run a sweep: :func:`run_sweep` reads what is on disk, an engine such as :func:`local`
+computes the missing runs block by block, and :class:`Job` cuts the blocks, writes rows
+and reports progress.
 """
 
 from __future__ import annotations
@@ -40,14 +41,20 @@ from rattlesweep.sweeps.types import with_types
 
 Keys = tuple[Integers, Integers]  # cases and samples of some runs
 Engine = Callable[["Job", Iterator[Keys]], None]
-"""Computes blocks of runs, and writes their rows by :meth:`Job.write`, in any order and grouping.
-When it is stopped, by Ctrl-C or :class:`OutOfTime`, it writes the rows that it has and raises the
-exception again."""
+"""Computes blocks of runs, and writes their rows by :meth:`Job.write`, in any order and
+grouping. When it is stopped, by Ctrl-C or :class:`OutOfTime`, it writes the rows that
+it has and raises the exception again."""
 
-BLOCK_SECONDS = 3.0  # target duration of a block, and so what a kill or a lost worker costs
-MAX_BLOCK_SECONDS = 30.0  # duration allowed where a shorter block would leave lanes idle
+BLOCK_SECONDS = (
+    3.0  # target duration of a block, and so what a kill or a lost worker costs
+)
+MAX_BLOCK_SECONDS = (
+    30.0  # duration allowed where a shorter block would leave lanes idle
+)
 FIRST_BLOCK_SECONDS = 0.3
-FIRST_RATE = 2e6  # expected cost that a thread does in a second, until blocks have been timed
+FIRST_RATE = (
+    2e6  # expected cost that a thread does in a second, until blocks have been timed
+)
 MAX_BLOCK_RUNS = 50_000  # a run takes a few hundred bytes while its block is computed
 RUNS_PER_LANE = 4  # in a block, so that all lanes are busy most of the time
 SCAN = 1 << 20  # runs scanned at a time for work left to do
@@ -63,7 +70,9 @@ class Progress:
     fraction: float  # of the expected cost, including rows that were on disk before
     runs: int  # done
     total: int  # wanted
-    left: float | None  # estimate in seconds; None before there is anything to base it on
+    left: (
+        float | None
+    )  # estimate in seconds; None before there is anything to base it on
 
 
 @dataclass(frozen=True)
@@ -78,11 +87,15 @@ class Shard:
         """Read ``I/N``, or raise a ValueError."""
         match = re.fullmatch(r"\s*(\d{1,6})\s*/\s*(\d{1,6})\s*", text)
         if not match or int(match[1]) >= int(match[2]):
-            raise ValueError("is not I/N; write it as in --shard 0/4, with I from 0 to N-1")
+            raise ValueError(
+                "is not I/N; write it as in --shard 0/4, with I from 0 to N-1"
+            )
         return cls(int(match[1]), int(match[2]))
 
     def runs(self, shape: tuple[int, ...]) -> Flags:
-        """Return the runs of the shard; neighbours cost alike and go to different shards."""
+        """Return the runs of the shard; neighbours cost alike and go to different
+        shards.
+        """
         case, sample = (np.arange(n) % self.count for n in shape)
         return np.asarray((case[:, None] + sample) % self.count == self.index)
 
@@ -92,22 +105,37 @@ class OutOfTime(BaseException):
 
 
 def run_sweep(
-    plan: Plan, directory: Path, *, base: Path | None = None, threads: int | None = None,
-    report: Callable[[Progress], None] = lambda progress: None, shard: Shard | None = None,
-    max_time: float | None = None, retry_failed: bool = False, engine: Engine | None = None,
-) -> Job:  # fmt: skip
-    """Compute the runs of a plan that are not on disk; a stop or `max_time` keeps ended runs."""
+    plan: Plan,
+    directory: Path,
+    *,
+    base: Path | None = None,
+    threads: int | None = None,
+    report: Callable[[Progress], None] = lambda progress: None,
+    shard: Shard | None = None,
+    max_time: float | None = None,
+    retry_failed: bool = False,
+    engine: Engine | None = None,
+) -> Job:
+    """Compute the runs of a plan that are not on disk; a stop or `max_time` keeps ended
+    runs.
+    """
     start, threads = time.monotonic(), threads or available_threads()
     if shard is not None and retry_failed:
-        raise ConfigError("--retry-failed: also repeats runs of other shards; leave out --shard")
+        raise ConfigError(
+            "--retry-failed: also repeats runs of other shards; leave out --shard"
+        )
     if shard is not None and (key := plan.config.deciding_key):
-        raise ConfigError(f"{key}: what is run next depends on all runs, so there are no shards")
+        raise ConfigError(
+            f"{key}: what is run next depends on all runs, so there are no shards"
+        )
     examine(plan, directory)  # refuse before anything is created there
     with explained(f"cannot write in {directory}"):
         directory.mkdir(parents=True, exist_ok=True)
     name = None if shard is None else f"shard-{shard.index}-of-{shard.count}"
     with contextlib.ExitStack() as held:
-        with locked(directory, MANIFEST_LOCK):  # one of several shards that start writes it
+        with locked(
+            directory, MANIFEST_LOCK
+        ):  # one of several shards that start writes it
             held.enter_context(hold(directory, name))
             stored = begin(plan, directory, base, name)
         plan = replace(plan, cases=stored.cases)
@@ -130,12 +158,20 @@ def run_sweep(
     return job
 
 
-def _mend(stored: Stored, thresholds: Classify, shard: Shard | None, retry_failed: bool) -> Found:
-    """Rename damaged files, type stale rows again, drop failed runs to retry; return the rest."""
+def _mend(
+    stored: Stored, thresholds: Classify, shard: Shard | None, retry_failed: bool
+) -> Found:
+    """Rename damaged files, type stale rows again, drop failed runs to retry; return
+    the rest.
+    """
     found, typed = stored.find(), thresholds.as_text
     with explained(f"cannot rename a file in {stored.folder}"):
-        found.damaged = [p.rename(free_path(p.with_suffix(".damaged"))) for p in found.damaged]
-    stale = {path for text, paths in found.typed.items() if text != typed for path in paths}
+        found.damaged = [
+            p.rename(free_path(p.with_suffix(".damaged"))) for p in found.damaged
+        ]
+    stale = {
+        path for text, paths in found.typed.items() if text != typed for path in paths
+    }
     if stale and shard is not None:
         raise ConfigError(
             f"{stored.directory}: its runs are typed by other thresholds than the config's; run "
@@ -168,7 +204,9 @@ def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> None:
         try:
             engine(job, job.blocks(wanted))
         except OutOfTime:
-            if not found.done[wanted].all():  # the last run may end just as the time is up
+            if not found.done[
+                wanted
+            ].all():  # the last run may end just as the time is up
                 early = "the time was up before any run had ended; allow more"
                 job.stopped = "the time is up" if job.done else early
                 return
@@ -181,7 +219,9 @@ def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> None:
 
 
 def local(job: Job, blocks: Iterator[Keys]) -> None:
-    """Compute blocks on this machine; meanwhile, write the block before and prepare the next."""
+    """Compute blocks on this machine; meanwhile, write the block before and prepare the
+    next.
+    """
     plan = job.plan
     loading = Task(lambda _: load_kernel(plan.config))
     tasks: list[Task[pa.Table]] = []  # blocks not yet written, at most two, in order
@@ -219,23 +259,33 @@ class Job:
     stored: Stored  # where rows are written
     found: Found  # what is on disk
     threads: int
-    report: Callable[[Progress], None] = lambda progress: None  # called a few times a second
+    report: Callable[[Progress], None] = lambda progress: (
+        None
+    )  # called a few times a second
     deadline: float = math.inf  # of `time.monotonic`
-    begun: float | None = None  # when the kernel was loaded: the rate leaves out compile time
+    begun: float | None = (
+        None  # when the kernel was loaded: the rate leaves out compile time
+    )
     runs: int = 0  # wanted runs that are on disk
     done: int = 0  # runs computed in this session
     kernel_seconds: float = 0.0
     seconds: float = 0.0
     stopped: str | None = None  # why the session ended early
-    summary: pa.Table | None = None  # one row a case; None unless the whole sweep is done
+    summary: pa.Table | None = (
+        None  # one row a case; None unless the whole sweep is done
+    )
     missing: int = 0  # runs of other shards that are not on disk
 
     def __post_init__(self) -> None:
         self._cost = case_costs(self.plan)  # expected, of one run of each case
         self._total = 0  # runs wanted
-        self._cost_wanted = self._cost_left = self._cost_done = 0.0  # done: in this session
+        self._cost_wanted = self._cost_left = self._cost_done = (
+            0.0  # done: in this session
+        )
         self._fraction = 0.0  # reported last
-        self._recent: deque[tuple[float, float]] = deque(maxlen=8)  # cost and seconds of blocks
+        self._recent: deque[tuple[float, float]] = deque(
+            maxlen=8
+        )  # cost and seconds of blocks
 
     @property
     def failed(self) -> Counter[str]:
@@ -243,14 +293,17 @@ class Job:
         return self.found.status - Counter(ok=self.found.status["ok"])
 
     def blocks(self, wanted: Flags) -> Iterator[Keys]:
-        """Yield the wanted runs that are not on disk in blocks of about the same duration."""
+        """Yield the wanted runs that are not on disk in blocks of about the same
+        duration.
+        """
         todo = wanted & ~self.found.done
         self._total = int(wanted.sum())
         self._cost_wanted = float(wanted.sum(axis=1) @ self._cost)
         self._cost_left = float(todo.sum(axis=1) @ self._cost)
         samples, flat, start = todo.shape[1], todo.reshape(-1), 0
         while start < flat.size:
-            # The indices of all runs at once would take eight times the memory of `todo`.
+            # The indices of all runs at once would take eight times the memory of
+            # `todo`.
             stop = start + SCAN
             index = start + np.flatnonzero(flat[start:stop])[:MAX_BLOCK_RUNS]
             start = stop
@@ -292,17 +345,26 @@ class Job:
             self._cost_done += cost
 
     def tick(self, keys: Keys | None = None, control: Control | None = None) -> None:
-        """Report progress, including the block under way; raise OutOfTime after the deadline."""
+        """Report progress, including the block under way; raise OutOfTime after the
+        deadline.
+        """
         now = time.monotonic()
         cost, ended = 0.0, 0  # what is done of the block under way
         if keys is not None and control is not None:
-            cost, ended = control.done * float(self._cost[keys[0]].sum()), control.runs_done
+            cost, ended = (
+                control.done * float(self._cost[keys[0]].sum()),
+                control.runs_done,
+            )
         left, done = max(0.0, self._cost_left - cost), self._cost_done + cost
         spent = 0.0 if self.begun is None else now - self.begun
-        if self._cost_wanted:  # a new wave raises the total, which must not lower the fraction
+        if (
+            self._cost_wanted
+        ):  # a new wave raises the total, which must not lower the fraction
             self._fraction = max(self._fraction, 1.0 - left / self._cost_wanted)
         seconds_left = left * spent / done if spent and done > 0 else None
-        self.report(Progress(self._fraction, self.runs + ended, self._total, seconds_left))
+        self.report(
+            Progress(self._fraction, self.runs + ended, self._total, seconds_left)
+        )
         if now >= self.deadline and (self.done or ended or spent >= GRACE):
             raise OutOfTime
 
@@ -310,10 +372,14 @@ class Job:
 @contextlib.contextmanager
 def _signals_deferred() -> Iterator[None]:
     """Defer Ctrl-C and SIGTERM to the end of the body."""
-    is_main = threading.current_thread() is threading.main_thread()  # only it receives signals
+    is_main = (
+        threading.current_thread() is threading.main_thread()
+    )  # only it receives signals
     numbers = (signal.SIGINT, signal.SIGTERM) if is_main else ()
     received: list[int] = []
-    handlers = {n: signal.signal(n, lambda number, _: received.append(number)) for n in numbers}
+    handlers = {
+        n: signal.signal(n, lambda number, _: received.append(number)) for n in numbers
+    }
     try:
         yield
     finally:
@@ -324,9 +390,13 @@ def _signals_deferred() -> Iterator[None]:
 
 
 def integrate_plan(
-    plan: Plan, threads: int | None = None, report: Callable[[float], None] = lambda fraction: None
+    plan: Plan,
+    threads: int | None = None,
+    report: Callable[[float], None] = lambda fraction: None,
 ) -> pa.Table:
-    """Return the rows of all runs of a plan, without a directory; `report` gets the share done."""
+    """Return the rows of all runs of a plan, without a directory; `report` gets the
+    share done.
+    """
     load_kernel(plan.config)
     tables = [plan.schema.remove_metadata().empty_table()]
     for start in range(0, plan.runs, RUNS_IN_MEMORY):

@@ -11,14 +11,23 @@ from pathlib import Path
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.plan import Plan
 
-MARGIN, MARGIN_SHARE = 300, 0.25  # seconds before the limit, or share of it if that is less
+MARGIN, MARGIN_SHARE = (
+    300,
+    0.25,
+)  # seconds before the limit, or share of it if that is less
 
 
 def limit_of(text: str) -> int:
-    """Read a limit as Slurm does, ``[days-]hours:minutes:seconds`` or minutes, in seconds."""
-    match = re.fullmatch(r"(?:(\d{1,4})-)?(\d{1,6}):(\d\d):(\d\d)|(\d{1,6})", text.strip())
+    """Read a limit as Slurm does, ``[days-]hours:minutes:seconds`` or minutes, in
+    seconds.
+    """
+    match = re.fullmatch(
+        r"(?:(\d{1,4})-)?(\d{1,6}):(\d\d):(\d\d)|(\d{1,6})", text.strip()
+    )
     if not match:
-        raise ValueError("is no time limit; write it as in 4:00:00, 90 (minutes) or 2-12:00:00")
+        raise ValueError(
+            "is no time limit; write it as in 4:00:00, 90 (minutes) or 2-12:00:00"
+        )
     days, hours, minutes, seconds, alone = (int(part or 0) for part in match.groups())
     total = 86400 * days + 3600 * hours + 60 * (minutes + alone) + seconds
     if total < 120:
@@ -27,13 +36,27 @@ def limit_of(text: str) -> int:
 
 
 def job_script(
-    plan: Plan, config: Path, output: Path, overrides: Sequence[str], *, shards: int, own: bool,
-    limit: int, cpus: int, memory: str, partition: str | None, restarts: int,
-) -> str:  # fmt: skip
-    """Return the script of a job array; with `own`, each shard writes to ``OUTPUT-I``."""
+    plan: Plan,
+    config: Path,
+    output: Path,
+    overrides: Sequence[str],
+    *,
+    shards: int,
+    own: bool,
+    limit: int,
+    cpus: int,
+    memory: str,
+    partition: str | None,
+    restarts: int,
+) -> str:
+    """Return the script of a job array; with `own`, each shard writes to
+    ``OUTPUT-I``.
+    """
     name, where, quote = plan.config.name, Path.cwd(), shlex.quote
     if any("\n" in f"{text}" for text in (name, config, output, where, *overrides)):
-        raise ConfigError("a name, path or override with a line break cannot stand in a script")
+        raise ConfigError(
+            "a name, path or override with a line break cannot stand in a script"
+        )
     if not re.fullmatch(r"(?i)\d+([KMGT]B?)?", memory):
         raise ConfigError(f"--mem {memory}: is not a size of memory; write it as in 4G")
     if partition is not None and not re.fullmatch(r"[\w.,+-]+", partition):

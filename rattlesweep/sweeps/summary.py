@@ -1,7 +1,7 @@
 """The summary, with one row a case, and the counts by cell from which it is made.
 
-A cell is a case, or a pixel of a map.  Rows are added one by one in the order of their keys, so
-that sums do not depend on how rows are spread over files.
+A cell is a case, or a pixel of a map.  Rows are added one by one in the order of their
+keys, so that sums do not depend on how rows are spread over files.
 """
 
 from __future__ import annotations
@@ -23,10 +23,27 @@ from rattlesweep.text import align
 from rattlesweep.units import Quantity
 
 # Columns that the counts are made of; not all runs have the later ones.
-COLUMNS = ("n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status", "near_tangencies",
-           "sigma", "rolling", "t_r_error", "type_sure", "contact_ratio_max",
-           "contact_normal_min", "t_r_s", "n_i_rpm")  # fmt: skip
-# Launches and losses by their names: the name and the size of the unit of the column in SI units.
+COLUMNS = (
+    "n_i",
+    "K_p",
+    "omega_p",
+    "n_c1",
+    "t_rgh",
+    "t_r",
+    "type",
+    "status",
+    "near_tangencies",
+    "sigma",
+    "rolling",
+    "t_r_error",
+    "type_sure",
+    "contact_ratio_max",
+    "contact_normal_min",
+    "t_r_s",
+    "n_i_rpm",
+)
+# Launches and losses by their names: the name and the size of the unit of the column in
+# SI units.
 SI = {name: (si, size) for si, (name, size, _) in WITH_UNITS.items() if name in VARIES}
 # Shares of runs that need a coefficient of friction above these.
 FRICTION = {"share_friction_above_0_3": 0.3, "share_friction_above_0_6": 0.6}
@@ -34,7 +51,9 @@ SENSITIVE = 1e-6  # relative error of t_r above which a run is sensitive
 
 
 def read_summary(stored: Stored) -> pa.Table:
-    """Return ``summary.parquet``, or a summary of the rows so far if there is no such file."""
+    """Return ``summary.parquet``, or a summary of the rows so far if there is no such
+    file.
+    """
     path = stored.directory / SUMMARY
     return tables.read_parquet(path) if path.exists() else summarise(stored)
 
@@ -52,7 +71,9 @@ def summarise(stored: Stored) -> pa.Table:
 
 
 def count_cases(stored: Stored) -> Counts:
-    """Count runs by case; in a refined sweep, each weighs as many points as it is nearest to."""
+    """Count runs by case; in a refined sweep, each weighs as many points as it is
+    nearest to.
+    """
     cases, names = len(stored.cases), ("case", *columns_for(stored.schema))
     counts = Counts(cases)
     for rows in stored.batches(names):
@@ -75,17 +96,19 @@ def columns_for(schema: pa.Schema) -> list[str]:
 class Counts(dict[str, Integers]):
     """Numbers of runs with some property, by its name, in arrays of shape (cells,).
 
-    Names are ``runs ok failed``, the types of runs that are ok, ``steady`` (runs in the steady
-    direction with a theory and without dissipation), ``bondi`` (those of them beyond Bondi's
-    threshold), ``near_tangencies`` (their sum), and, where the rows have the columns, ``sensitive
-    unsure`` and the names of shares in the summary.
+    Names are ``runs ok failed``, the types of runs that are ok, ``steady`` (runs in the
+    steady direction with a theory and without dissipation), ``bondi`` (those of them
+    beyond Bondi's threshold), ``near_tangencies`` (their sum), and, where the rows have
+    the columns, ``sensitive unsure`` and the names of shares in the summary.
     """
 
     def __init__(self, cells: int) -> None:
         super().__init__()
         self._cells = cells
         # Of type R, with the ratio t_r / t_rgh taken run by run; but t_rgh of all runs.
-        self.t_r, self.t_r_error, self.ratio, self.t_rgh = (Moments(cells) for _ in range(4))
+        self.t_r, self.t_r_error, self.ratio, self.t_rgh = (
+            Moments(cells) for _ in range(4)
+        )
         # In SI units, where the size of the bodies is known.
         self.t_r_s, self.n_i_rpm = Moments(cells), Moments(cells)
 
@@ -95,10 +118,16 @@ class Counts(dict[str, Integers]):
     @property
     def types(self) -> dict[str, Integers]:
         """Runs by type; D only with dissipation."""
-        return {name: self[name] for name in TYPES if name != TYPES[DEAD] or name in self}
+        return {
+            name: self[name] for name in TYPES if name != TYPES[DEAD] or name in self
+        }
 
-    def add(self, rows: pa.Table, cell: Integers, weight: Integers | None = None) -> None:
-        """Add runs to cells, each as often as its weight; a negative cell leaves a run out."""
+    def add(
+        self, rows: pa.Table, cell: Integers, weight: Integers | None = None
+    ) -> None:
+        """Add runs to cells, each as often as its weight; a negative cell leaves a run
+        out.
+        """
         weight = np.ones(len(cell), np.int64) if weight is None else weight
         numbers, values = _measured(rows)
         for name, number in numbers.items():
@@ -111,7 +140,9 @@ class Counts(dict[str, Integers]):
 
 
 def _measured(rows: pa.Table) -> tuple[dict[str, Flags | Integers], dict[str, Floats]]:
-    """Return the numbers that :class:`Counts` adds up, and the values that it averages, by run."""
+    """Return the numbers that :class:`Counts` adds up, and the values that it averages,
+    by run.
+    """
     names = {*columns_for(rows.schema)} - {"type", "status"}
     x = {name: tables.floats(rows.column(name)) for name in names}
     n_i, t_r, t_rgh, kind = x["n_i"], x["t_r"], x["t_rgh"], codes(rows.column("type"))
@@ -122,10 +153,13 @@ def _measured(rows: pa.Table) -> tuple[dict[str, Flags | Integers], dict[str, Fl
         types, steady = TYPES, steady & (x["sigma"] == 0) & (x["rolling"] == 0)
     reverses = ok & (kind == R) & np.isfinite(t_r)
     numbers: dict[str, Flags | Integers] = {
-        "runs": np.ones(len(ok), bool), "ok": ok, "failed": ~ok,
-        "steady": steady, "bondi": steady & (np.abs(x["n_c1"]) < np.abs(n_i)),
+        "runs": np.ones(len(ok), bool),
+        "ok": ok,
+        "failed": ~ok,
+        "steady": steady,
+        "bondi": steady & (np.abs(x["n_c1"]) < np.abs(n_i)),
         "near_tangencies": np.nan_to_num(x["near_tangencies"]).astype(np.int64),
-    }  # fmt: skip
+    }
     numbers |= {name: ok & (kind == code) for code, name in enumerate(types)}
     values = {"t_r": t_r, "ratio": share(t_r, t_rgh)}
     if "t_r_error" in names:
@@ -138,11 +172,15 @@ def _measured(rows: pa.Table) -> tuple[dict[str, Flags | Integers], dict[str, Fl
         numbers["share_lift_off"] = ok & (x["contact_normal_min"] < 0)
     values |= {name: x[name] for name in ("t_r_s",) if name in names}
     reversing = {name: np.where(reverses, own, np.nan) for name, own in values.items()}
-    return numbers, reversing | {name: x[name] for name in ("t_rgh", "n_i_rpm") if name in names}
+    return numbers, reversing | {
+        name: x[name] for name in ("t_rgh", "n_i_rpm") if name in names
+    }
 
 
 class Moments:
-    """Number, mean and deviation by cell, by differences, so that a large mean costs no digits."""
+    """Number, mean and deviation by cell, by differences, so that a large mean costs no
+    digits.
+    """
 
     def __init__(self, cells: int) -> None:
         self.count = np.zeros(cells, np.int64)
@@ -157,7 +195,9 @@ class Moments:
         # One by one and in order; np.bincount would sum each batch separately.
         np.add.at(self.count, cell, weight)
         np.add.at(self._sum, cell, weight * step)
-        with np.errstate(over="ignore"):  # the deviation is then infinite, and stored as null
+        with np.errstate(
+            over="ignore"
+        ):  # the deviation is then infinite, and stored as null
             np.add.at(self._squares, cell, weight * step**2)
 
     def means(self) -> Floats:
@@ -165,13 +205,17 @@ class Moments:
         return self._first + share(self._sum, self.count)
 
     def deviations(self) -> Floats:
-        """Return the sample standard deviations (divisor n - 1), NaN for fewer than two."""
+        """Return the sample standard deviations (divisor n - 1), NaN for fewer than
+        two.
+        """
         with np.errstate(over="ignore", invalid="ignore"):
             squares = self._squares - share(self._sum**2, np.maximum(self.count, 1))
             return np.sqrt(share(np.maximum(squares, 0), self.count - 1))
 
     def common(self) -> Floats:
-        """Return the value that all runs of a cell share to rounding, NaN without one."""
+        """Return the value that all runs of a cell share to rounding, NaN without
+        one.
+        """
         mean, apart = self.means(), np.nan_to_num(self.deviations())
         return np.where(apart <= 1e-12 * np.abs(mean), mean, np.nan)
 
@@ -183,7 +227,9 @@ class Moments:
 def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     """Return the summary of cases whose runs are counted."""
     schema, ok = tables.SUMMARY, counts["ok"]
-    columns: dict[str, Any] = {field.name: pa.nulls(len(cases), field.type) for field in schema}
+    columns: dict[str, Any] = {
+        field.name: pa.nulls(len(cases), field.type) for field in schema
+    }
     for name in ("K_p", "K_r"):
         targets = [case.target if case.target_name == name else None for case in cases]
         columns[name] = np.array(targets, float)
@@ -192,19 +238,26 @@ def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
         in_si = np.array([isinstance(getattr(case, name), Quantity) for case in cases])
         columns[name] = np.where(in_si, np.nan, values)
         columns[si] = np.where(in_si, values / size, np.nan)
-    columns |= {f"fraction_{name}": share(part, ok) for name, part in counts.types.items()}
+    columns |= {
+        f"fraction_{name}": share(part, ok) for name, part in counts.types.items()
+    }
     columns |= {name: counts[name] for name in ("runs", "failed", "near_tangencies")}
     columns |= {
         "case": np.arange(len(cases)),
         "fraction_bondi": share(counts["bondi"], counts["steady"]),
-        "t_r_mean": counts.t_r.means(), "t_r_std": counts.t_r.deviations(),
-        "t_rgh_mean": counts.t_rgh.means(), "t_r_mean_error": counts.t_r_error.means(),
-        "t_r_over_t_rgh_mean": counts.ratio.means(), "t_r_over_t_rgh_sem": counts.ratio.errors(),
+        "t_r_mean": counts.t_r.means(),
+        "t_r_std": counts.t_r.deviations(),
+        "t_rgh_mean": counts.t_rgh.means(),
+        "t_r_mean_error": counts.t_r_error.means(),
+        "t_r_over_t_rgh_mean": counts.ratio.means(),
+        "t_r_over_t_rgh_sem": counts.ratio.errors(),
         "t_r_s_mean": counts.t_r_s.means(),
-    }  # fmt: skip
+    }
     exact = columns["n_i_rpm"]
     columns["n_i_rpm"] = np.where(np.isnan(exact), counts.n_i_rpm.common(), exact)
-    columns |= {name: counts[name] for name in ("sensitive", "unsure") if name in counts}
+    columns |= {
+        name: counts[name] for name in ("sensitive", "unsure") if name in counts
+    }
     contact = (name for name in (*FRICTION, "share_lift_off") if name in counts)
     columns |= {name: share(counts[name], ok) for name in contact}
     return tables.build_table(columns, schema)
@@ -212,19 +265,31 @@ def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
 
 # Columns of the summary that are printed, with their headings and formats.
 _SHOWN = {
-    "n_i": ("n_i", ".4g"), "n_i_rpm": ("n_i (rpm)", ".4g"),
-    "omega_xy0": ("omega_xy0", ".4g"), "omega_xy0_rpm": ("omega_xy0 (rpm)", ".4g"),
-    "sigma": ("sigma", ".4g"), "sigma_N_m_s": ("sigma (N m s)", ".4g"),
-    "rolling": ("rolling", ".4g"), "rolling_m": ("rolling (m)", ".4g"), "runs": ("runs", "d"),
-    "fraction_R": ("R", ".3f"), "fraction_SS": ("SS", ".3f"), "fraction_SW": ("SW", ".3f"),
-    "fraction_unclassified": ("unclassified", ".3f"), "fraction_D": ("D", ".3f"),
-    "fraction_bondi": ("beyond Bondi", ".3f"), "t_r_mean": ("mean t_r", ".5g"),
+    "n_i": ("n_i", ".4g"),
+    "n_i_rpm": ("n_i (rpm)", ".4g"),
+    "omega_xy0": ("omega_xy0", ".4g"),
+    "omega_xy0_rpm": ("omega_xy0 (rpm)", ".4g"),
+    "sigma": ("sigma", ".4g"),
+    "sigma_N_m_s": ("sigma (N m s)", ".4g"),
+    "rolling": ("rolling", ".4g"),
+    "rolling_m": ("rolling (m)", ".4g"),
+    "runs": ("runs", "d"),
+    "fraction_R": ("R", ".3f"),
+    "fraction_SS": ("SS", ".3f"),
+    "fraction_SW": ("SW", ".3f"),
+    "fraction_unclassified": ("unclassified", ".3f"),
+    "fraction_D": ("D", ".3f"),
+    "fraction_bondi": ("beyond Bondi", ".3f"),
+    "t_r_mean": ("mean t_r", ".5g"),
     "t_r_s_mean": ("mean t_r (s)", ".5g"),
-    "t_r_over_t_rgh_mean": ("mean t_r/t_rGH", ".4f"), "sensitive": ("sensitive", "d"),
-    "unsure": ("type unsure", "d"), "share_friction_above_0_3": ("friction > 0.3", ".3f"),
-    "share_friction_above_0_6": ("friction > 0.6", ".3f"), "share_lift_off": ("lift-off", ".3f"),
+    "t_r_over_t_rgh_mean": ("mean t_r/t_rGH", ".4f"),
+    "sensitive": ("sensitive", "d"),
+    "unsure": ("type unsure", "d"),
+    "share_friction_above_0_3": ("friction > 0.3", ".3f"),
+    "share_friction_above_0_6": ("friction > 0.6", ".3f"),
+    "share_lift_off": ("lift-off", ".3f"),
     "failed": ("failed", "d"),
-}  # fmt: skip
+}
 
 
 def closing_table(summary: pa.Table) -> str:
@@ -235,7 +300,9 @@ def closing_table(summary: pa.Table) -> str:
     for row in summary.to_pylist():
         targets = [f"{k}={row[k]:.4g}" for k in ("K_p", "K_r") if row[k] is not None]
         values = ((row[name], form) for name, (_, form) in shown.items())
-        cells = ("-" if value is None else format(value, form) for value, form in values)
+        cells = (
+            "-" if value is None else format(value, form) for value, form in values
+        )
         lines.append([str(row["case"]), *(targets or ["-"]), *cells])
     return align(lines)
 
@@ -244,8 +311,13 @@ def absent_columns(summary: pa.Table) -> set[str]:
     """Return the columns to leave out, which are null or the same in all cases."""
     in_si = {"t_r_mean": "t_r_s_mean"} | {name: si for name, (si, _) in SI.items()}
     optional = ("sensitive", "unsure", "fraction_D", "share_lift_off", *FRICTION)
-    empty = {n: summary.column(n).null_count == len(summary) for n in (*optional, *in_si.values())}
+    empty = {
+        n: summary.column(n).null_count == len(summary)
+        for n in (*optional, *in_si.values())
+    }
     # Of a quantity in both systems, SI units are shown.
-    absent = {n for n in empty if empty[n]} | {n for n, si in in_si.items() if not empty[si]}
+    absent = {n for n in empty if empty[n]} | {
+        n for n, si in in_si.items() if not empty[si]
+    }
     losses = ("sigma", "rolling", "sigma_N_m_s", "rolling_m")
     return absent | {n for n in losses if len(summary.column(n).unique()) < 2}

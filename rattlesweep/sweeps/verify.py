@@ -38,13 +38,20 @@ class Status:
     def words(self) -> str:
         """The same as text."""
         data = self.data
-        share, size = data["runs"] / max(1, data["wanted"]), f"{data['bytes'] / 1e6:.1f} MB"
+        share, size = (
+            data["runs"] / max(1, data["wanted"]),
+            f"{data['bytes'] / 1e6:.1f} MB",
+        )
         runs = f"{data['runs']:,} of {data['wanted']:,} runs ({100 * share:.1f} %)"
         lines = [f"{self.title}: {runs}, {counted(data['files'], 'file')}, {size}"]
         for what in [key for key in ("status", "types") if data[key]]:
-            lines.append(f"{what}: {', '.join(f'{word} {n:,}' for word, n in data[what].items())}")
+            lines.append(
+                f"{what}: {', '.join(f'{word} {n:,}' for word, n in data[what].items())}"
+            )
         for session in data["at_work"]:
-            lines.append(f"at work: {session['shard'] or 'the whole sweep'}, {who(session)}")
+            lines.append(
+                f"at work: {session['shard'] or 'the whole sweep'}, {who(session)}"
+            )
         if not data["at_work"] and (last := data["last"]) is not None:
             how = "was killed" if last["how"] == "running" else f"ended: {last['how']}"
             lines.append(f"no process is at work; the last session, {who(last)}, {how}")
@@ -59,7 +66,9 @@ def status(directory: Path) -> Status:
         raise DamagedError(DAMAGED.format(found.damaged[0]))
     wanted = wanted_runs(stored, found)
     sessions, locks = read_sessions(directory), at_work(directory)
-    working = [session for lock, session in unfinished(sessions).items() if lock in locks]
+    working = [
+        session for lock, session in unfinished(sessions).items() if lock in locks
+    ]
     data = {
         "runs": found.rows,
         "wanted": int(wanted.sum()),
@@ -87,35 +96,54 @@ class Verified:
     @property
     def words(self) -> str:
         """The same as text."""
-        missing = f", {counted(self.missing, 'run')} not done yet" if self.missing else ""
-        lines = [f"{counted(self.runs, 'run')} in {counted(self.files, 'file')}{missing}"]
+        missing = (
+            f", {counted(self.missing, 'run')} not done yet" if self.missing else ""
+        )
+        lines = [
+            f"{counted(self.runs, 'run')} in {counted(self.files, 'file')}{missing}"
+        ]
         if self.recomputed:
             lines.append(f"{counted(self.recomputed, 'run')} computed again")
         lines += [f"problem: {problem}" for problem in self.problems[:MAX_SHOWN]]
         if (more := len(self.problems) - MAX_SHOWN) > 0:
             lines.append(f"and {counted(more, 'more problem')}")
-        found = counted(len(self.problems), "problem") if self.problems else "no problem found"
+        found = (
+            counted(len(self.problems), "problem")
+            if self.problems
+            else "no problem found"
+        )
         return "\n".join([*lines, found])
 
 
 def verify(
-    directory: Path, recompute: int = 0, seed: int = 0, threads: int | None = None,
+    directory: Path,
+    recompute: int = 0,
+    seed: int = 0,
+    threads: int | None = None,
     report: Callable[[float], None] = lambda share: None,
-) -> Verified:  # fmt: skip
-    """Compare the files of a directory with its manifest; integrate `recompute` runs again."""
+) -> Verified:
+    """Compare the files of a directory with its manifest; integrate `recompute` runs
+    again.
+    """
     stored = open_stored(directory)
     found, thresholds = stored.find(), stored.thresholds
     wanted, files = wanted_runs(stored, found), stored.files()
-    result = Verified(directory, found.rows, len(files), int((wanted & ~found.done).sum()))
+    result = Verified(
+        directory, found.rows, len(files), int((wanted & ~found.done).sum())
+    )
     problems = result.problems
     problems += map(DAMAGED.format, found.damaged)
     for text, paths in found.typed.items():
         if text != thresholds.as_text:
             told = "typed by other thresholds; run `rattlesweep classify` to type all alike"
-            problems.append(f"{counted(len(paths), 'file')}, such as {paths[0]}, {told}")
+            problems.append(
+                f"{counted(len(paths), 'file')}, such as {paths[0]}, {told}"
+            )
     plan = None
     if recompute:
-        from rattlesweep.sweeps.plan import stored_plan  # Numba, which the rest does without
+        from rattlesweep.sweeps.plan import (
+            stored_plan,
+        )  # Numba, which the rest does without
 
         try:
             plan = stored_plan(stored)
@@ -134,7 +162,9 @@ def verify(
             again = rows.take(here)
             # Runs that stopped at a smaller limit of steps would now go on.
             less = pc.less(again["n_steps"], stored.config.integrator.max_steps)
-            again = again.filter(pc.invert(pc.and_(pc.equal(again["status"], "step_limit"), less)))
+            again = again.filter(
+                pc.invert(pc.and_(pc.equal(again["status"], "step_limit"), less))
+            )
             for case, sample, names in differing_rows(plan, again, threads):
                 what = f"differs when computed again: {', '.join(names[:4])}"
                 problems.append(f"case {case} sample {sample} {what}")
@@ -155,7 +185,9 @@ def verify(
 def _row_problems(path: Path, rows: pa.Table, again: pa.Table) -> Iterator[str]:
     """Yield problems of the rows of a file; `again` are the rows, typed once more."""
     case, sample = keys_of(rows)
-    wrong = {"its rows are not in order": np.lexsort((sample, case)) != np.arange(len(case))}
+    wrong = {
+        "its rows are not in order": np.lexsort((sample, case)) != np.arange(len(case))
+    }
     for name in {"type", "type_sure"}.intersection(rows.schema.names):
         differ = rows.column(name).to_numpy() != again.column(name).to_numpy()
         wrong[f"{name} contradicts the columns it follows from"] = differ
@@ -168,7 +200,9 @@ def _row_problems(path: Path, rows: pa.Table, again: pa.Table) -> Iterator[str]:
 def differing_rows(
     plan: Plan, rows: pa.Table, threads: int | None = None
 ) -> Iterator[tuple[int, int, list[str]]]:
-    """Integrate stored runs again; yield case, sample and columns of the rows that differ."""
+    """Integrate stored runs again; yield case, sample and columns of the rows that
+    differ.
+    """
     from rattlesweep.sweeps.block import prepare_runs, start_block
 
     case, sample = keys_of(rows)
@@ -178,7 +212,11 @@ def differing_rows(
         return
     for k in range(len(rows)):
         one, other = again.slice(k, 1), rows.slice(k, 1)
-        names = [n for n in rows.schema.names if not same_bits(one.select([n]), other.select([n]))]
+        names = [
+            n
+            for n in rows.schema.names
+            if not same_bits(one.select([n]), other.select([n]))
+        ]
         if names:
             yield int(case[k]), int(sample[k]), names
 

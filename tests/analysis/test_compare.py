@@ -1,4 +1,6 @@
-"""Directories of the same runs differ as pandas finds, and those of others are refused."""
+"""Directories of the same runs differ as pandas finds, and those of others are
+refused.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,11 @@ import rattlesweep as rs
 
 CONFIG: dict[str, Any] = {
     "seed": 3,
-    "bodies": {"source": "sd", "samples": 8, "target": {"K_r": [0.02, 0.1], "rel_tol": 0.05}},
+    "bodies": {
+        "source": "sd",
+        "samples": 8,
+        "target": {"K_r": [0.02, 0.1], "rel_tol": 0.05},
+    },
     "spin": {"n_i": [-0.3, 0.4], "omega_xy0": [0.02, 0.1]},
     "horizon": {"t_rgh": 3, "t": 1500},
 }
@@ -54,22 +60,34 @@ def test_the_table_and_the_data_are_what_pandas_finds(sweeps, tmp_path):
     a, b = sweeps / "a", sweeps / "b"
     rows = joined(a, b)
     ok = (rows.status_a == "ok") & (rows.status_b == "ok")
-    rows["relative"] = ((rows.t_r_b - rows.t_r_a).abs() / (rows.t_r_a + rows.t_r_b) * 2).where(ok)
+    rows["relative"] = (
+        (rows.t_r_b - rows.t_r_a).abs() / (rows.t_r_a + rows.t_r_b) * 2
+    ).where(ok)
     rows["differs"] = ok & (rows.type_a != rows.type_b)
     data = tmp_path / "data.csv"
     found = told(a, b, "--data", data)
     assert found["missing"] == [0, 0]
-    assert any(words.startswith("integrator.tol: 1e-09 against 1e-07") for words in found["differ"])
+    assert any(
+        words.startswith("integrator.tol: 1e-09 against 1e-07")
+        for words in found["differ"]
+    )
     parts = [(case, rows[rows.case == case["case"]]) for case in found["cases"]]
     assert len(parts) == rows.case.nunique()
     for row, own in [*parts, (found["total"], rows)]:
         relative = own.relative.dropna()
         assert (row["runs"], row["reversing"]) == (len(own), len(relative))
-        assert (row["equal"], row["types"]) == ((relative == 0).sum(), own.differs.sum())
+        assert (row["equal"], row["types"]) == (
+            (relative == 0).sum(),
+            own.differs.sum(),
+        )
         assert row["failed"] == len(own) - ok[own.index].sum()
         assert row["beyond"] is row["types_sure"] is None
         for name, share in (("median", 0.5), ("p99", 0.99), ("worst", 1.0)):
-            exact = [np.quantile(relative, share, method="inverted_cdf")] if len(relative) else []
+            exact = (
+                [np.quantile(relative, share, method="inverted_cdf")]
+                if len(relative)
+                else []
+            )
             assert [row[name]] == (exact or [None])
     assert found["total"]["reversing"] > 30
     assert found["total"]["failed"] > 0
@@ -87,7 +105,9 @@ def with_errors(source: Path, target: Path, error: float, sure: bool = True) -> 
 
     def change(rows: pa.Table) -> pa.Table:
         t_r = rows.column("t_r").to_numpy()
-        rows = replaced(rows, "t_r_error", list(pa.array(error * t_r, from_pandas=True)))
+        rows = replaced(
+            rows, "t_r_error", list(pa.array(error * t_r, from_pandas=True))
+        )
         return replaced(rows, "type_sure", [sure] * len(rows))
 
     return edited(source, target, change)
@@ -97,7 +117,9 @@ def test_runs_beyond_both_errors_are_counted_and_listed_first(sweeps, tmp_path):
     a = with_errors(sweeps / "ea", tmp_path / "$a", 3e-8)
     b = with_errors(sweeps / "eb", tmp_path / "b$", 4e-8)
     rows = joined(a, b)
-    over = (rows.t_r_b - rows.t_r_a).abs() / np.hypot(rows.t_r_error_a, rows.t_r_error_b)
+    over = (rows.t_r_b - rows.t_r_a).abs() / np.hypot(
+        rows.t_r_error_a, rows.t_r_error_b
+    )
     beyond = int((over > 1).sum())
     share = beyond / over.notna().sum()
     assert 0.005 < share < 1
@@ -107,7 +129,10 @@ def test_runs_beyond_both_errors_are_counted_and_listed_first(sweeps, tmp_path):
     assert (first["case"], first["sample"]) == (worst["case"], worst["sample"])
     assert first["over_errors"] == pytest.approx(over.max())
     figure = tmp_path / "figure.svg"
-    assert invoke("compare", a, b, "--allow", share * 1.01, "--figure", figure).exit_code == 0
+    assert (
+        invoke("compare", a, b, "--allow", share * 1.01, "--figure", figure).exit_code
+        == 0
+    )
     assert figure.exists()
     assert invoke("compare", a, b, "--allow", share * 0.99).exit_code == 1
     # Without errors on both sides nothing is beyond them.
@@ -140,20 +165,33 @@ def test_of_partial_directories_what_both_have_is_compared(sweeps, tmp_path):
 def test_directories_of_other_runs_are_refused(sweeps, tmp_path):
     for key, part in (("seed", {"seed": 7}), ("horizon.t", {"horizon": {"t": 30.0}})):
         rs.sweep(CONFIG | part, output=tmp_path / key, threads=1)
-        done = invoke("compare", sweeps / "a", tmp_path / key, "--data", tmp_path / "x.csv")
+        done = invoke(
+            "compare", sweeps / "a", tmp_path / key, "--data", tmp_path / "x.csv"
+        )
         assert_refused(done, 2, f"{key}: ")
         assert not (tmp_path / "x.csv").exists()
 
 
 def test_tables_are_told_apart_by_their_rows(tmp_path):
     table = pd.DataFrame(
-        {"alpha": 13.04, "beta": 1.522, "gamma": 12.28, "theta": [0.82, 0.8], "phi": 0.036,
-         "xi": -0.03, "n_i": 0.1, "omega_xy0": 0.01, "t_end": 20.0}
-    )  # fmt: skip
+        {
+            "alpha": 13.04,
+            "beta": 1.522,
+            "gamma": 12.28,
+            "theta": [0.82, 0.8],
+            "phi": 0.036,
+            "xi": -0.03,
+            "n_i": 0.1,
+            "omega_xy0": 0.01,
+            "t_end": 20.0,
+        }
+    )
     for name, theta in (("one", 0.8), ("moved", 0.8), ("other", 0.81)):
         path = tmp_path / f"{name}.csv"
         table.assign(theta=[0.82, theta]).to_csv(path)
-        rs.sweep({"bodies": {"source": "table", "path": str(path)}}, output=tmp_path / name)
+        rs.sweep(
+            {"bodies": {"source": "table", "path": str(path)}}, output=tmp_path / name
+        )
     assert told(tmp_path / "one", tmp_path / "moved")["total"]["runs"] == 2
     done = invoke("compare", tmp_path / "one", tmp_path / "other")
     assert_refused(done, 2, "case 0, sample 1: theta: 0.8 against 0.81")

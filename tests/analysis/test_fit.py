@@ -1,4 +1,6 @@
-"""Fits find what made the data, with intervals; what is wrong with data is one sentence."""
+"""Fits find what made the data, with intervals; what is wrong with data is one
+sentence.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def test_the_command_prints_what_the_page_shows(tmp_path):
         name, value, low, high = line.split()[0], *map(float, line.split()[1:4])
         assert low < value < high
         assert low - (high - low) < TRUTH[name] < high + (high - low)
-    (tmp_path / "few.csv").write_text("".join(DATA.read_text().splitlines(keepends=True)[:80]))
+    (tmp_path / "few.csv").write_text(
+        "".join(DATA.read_text().splitlines(keepends=True)[:80])
+    )
     told = json.loads(invoke("fit", STONE, tmp_path / "few.csv", "--json", "-q").stdout)
     assert told["values"].keys() == told["intervals"].keys() == TRUTH.keys()
     rpm = 30 / math.pi / BODY.units.time
@@ -40,7 +44,9 @@ def test_the_command_prints_what_the_page_shows(tmp_path):
 
 
 def test_exact_data_give_the_truth_back():
-    table = rs.trajectory(BODY, **TRUTH, t_end=60, points=300, channels=["t", "n"]).table
+    table = rs.trajectory(
+        BODY, **TRUTH, t_end=60, points=300, channels=["t", "n"]
+    ).table
     table.loc[40:70, "n_rpm"] = np.nan
     spins = table[["t_s", "n_rpm"]]
     launch = {"n_i": 0.31, "omega_xy0": 0.03}
@@ -64,7 +70,9 @@ def test_reversal_times_tell_the_friction():
 
 def test_parameters_that_only_their_ratio_is_told_of_are_both_named():
     launch = {"n_i": 0.3, "omega_xy0": 1e-7}
-    data = rs.trajectory(BODY, **launch, sigma=4e-3, t_end=20, points=200).table[["t", "n"]]
+    data = rs.trajectory(BODY, **launch, sigma=4e-3, t_end=20, points=200).table[
+        ["t", "n"]
+    ]
     data["n"] += 1e-3 * np.random.default_rng(1).standard_normal(200)
     found = rs.fit(BODY, data, free=["sigma", "gamma"], launch=launch)
     assert "the data cannot tell sigma and gamma apart" in found.remarks[0]
@@ -85,22 +93,74 @@ def test_an_axis_is_followed_through_half_turns_and_gaps():
     [
         ("body: {preset: GH", "", "stone.yaml:"),
         ("body: {preset: XY}\nfree: [sigma]", "", "body: 'XY'"),
-        ("body: {preset: GH}\nfree: [signa]", "t,n\n0,1\n1,1\n", 'did you mean "sigma"?'),
-        ("body: {preset: GH}\nfree: [sigma]", "t_s,n_rpm\n0,1\n", "the body has no size"),
+        (
+            "body: {preset: GH}\nfree: [signa]",
+            "t,n\n0,1\n1,1\n",
+            'did you mean "sigma"?',
+        ),
+        (
+            "body: {preset: GH}\nfree: [sigma]",
+            "t_s,n_rpm\n0,1\n",
+            "the body has no size",
+        ),
         ("body: {preset: KL}\nfree: [sigma]", "t_s,n_rpm\n0,1\n0,2\n", "row 2"),
-        ("body: {preset: KL}\nfree: [sigma]", "t_s,n_rpm\n0,a\n", "row 1: n_rpm is a, not"),
-        ("body: {preset: KL}\nfree: [sigma]", "t_s,n_rpm\n", "no row has a value of n_rpm"),
-        ("body: {preset: KL}\nfree: [sigma]", "t_s,n_rpm\n0,1\n,2\n", "t_s has no finite"),
-        ("body: {preset: KL}\nfree: [sigma]", "t_s,angle_deg\n0,1\n1,\n", "1 value cannot"),
-        ("body: {preset: KL}\nfree: [sigma]", "reversal_s\n-1\n", "reversal_s is -1; the"),
-        ("body: {preset: KL}\nfree: [c]\nlanch: 1", "", 'stone.yaml:3: lanch: unknown key "lanch"'),
-        ("body: {shape: half_ellipsoid, lenght: 1 cm}\nfree: [c]", "", 'did you mean "length"?'),
-        ("body: {shape: half_ellipsoid, length: 1 cm}\nfree: [c]", "", "width is missing"),
-        ("body: {preset: KL}\nfree: [c]", "t_s,angle_deg\n0,inf\n1,\n", "no row has a value"),
-        ("body: {preset: KL, xi_deg: a}\nfree: [c]", "", "xi_deg: 'a deg' is not a number"),
-        ("body: {preset: KL}\nfree: []", "t_s,n_rpm\n0,1\n1,2\n", "no parameter is given"),
+        (
+            "body: {preset: KL}\nfree: [sigma]",
+            "t_s,n_rpm\n0,a\n",
+            "row 1: n_rpm is a, not",
+        ),
+        (
+            "body: {preset: KL}\nfree: [sigma]",
+            "t_s,n_rpm\n",
+            "no row has a value of n_rpm",
+        ),
+        (
+            "body: {preset: KL}\nfree: [sigma]",
+            "t_s,n_rpm\n0,1\n,2\n",
+            "t_s has no finite",
+        ),
+        (
+            "body: {preset: KL}\nfree: [sigma]",
+            "t_s,angle_deg\n0,1\n1,\n",
+            "1 value cannot",
+        ),
+        (
+            "body: {preset: KL}\nfree: [sigma]",
+            "reversal_s\n-1\n",
+            "reversal_s is -1; the",
+        ),
+        (
+            "body: {preset: KL}\nfree: [c]\nlanch: 1",
+            "",
+            'stone.yaml:3: lanch: unknown key "lanch"',
+        ),
+        (
+            "body: {shape: half_ellipsoid, lenght: 1 cm}\nfree: [c]",
+            "",
+            'did you mean "length"?',
+        ),
+        (
+            "body: {shape: half_ellipsoid, length: 1 cm}\nfree: [c]",
+            "",
+            "width is missing",
+        ),
+        (
+            "body: {preset: KL}\nfree: [c]",
+            "t_s,angle_deg\n0,inf\n1,\n",
+            "no row has a value",
+        ),
+        (
+            "body: {preset: KL, xi_deg: a}\nfree: [c]",
+            "",
+            "xi_deg: 'a deg' is not a number",
+        ),
+        (
+            "body: {preset: KL}\nfree: []",
+            "t_s,n_rpm\n0,1\n1,2\n",
+            "no parameter is given",
+        ),
     ],
-)  # fmt: skip
+)
 def test_bad_input_is_one_sentence(tmp_path, stone, data, words):
     (tmp_path / "stone.yaml").write_text(stone + "\n")
     (tmp_path / "data.csv").write_text(data)

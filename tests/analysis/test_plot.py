@@ -42,17 +42,29 @@ def spin(n_i: Any, omega_xy0: Any = 0.01) -> dict[str, Any]:
 
 NINE = {"linspace": [0.6, 0.98, 9]}
 SWEEPS: dict[str, dict[str, Any]] = {
-    "steady": {"bodies": bodies(K_r=[0.005, 0.02, 0.05, 0.1]),
-               "spin": spin([-0.5, -0.1], [0.01, 0.1])},
+    "steady": {
+        "bodies": bodies(K_r=[0.005, 0.02, 0.05, 0.1]),
+        "spin": spin([-0.5, -0.1], [0.01, 0.1]),
+    },
     "unsteady": {"bodies": bodies(K_p=[0.1, 0.3, 1.0]), "spin": spin([0.1, 0.4])},
-    "map": {"bodies": grid(theta=NINE), "spin": spin({"linspace": [-0.6, 0.6, 10]}),
-            "horizon": {"t": 300}},
+    "map": {
+        "bodies": grid(theta=NINE),
+        "spin": spin({"linspace": [-0.6, 0.6, 10]}),
+        "horizon": {"t": 300},
+    },
     "one": {"bodies": {"source": "preset", "name": "GH"}, "spin": spin(0.1)},
-    "stuck": {"bodies": grid(theta=NINE), "spin": spin({"linspace": [0.1, 0.8, 8]}),
-              "integrator": {"max_steps": 400}},
-    "turns": {"bodies": grid(theta=NINE), "spin": spin({"linspace": [-0.6, 0.6, 10]}),
-              "horizon": {"t": 300}, "record": ["reversals", "error"]},
-}  # fmt: skip
+    "stuck": {
+        "bodies": grid(theta=NINE),
+        "spin": spin({"linspace": [0.1, 0.8, 8]}),
+        "integrator": {"max_steps": 400},
+    },
+    "turns": {
+        "bodies": grid(theta=NINE),
+        "spin": spin({"linspace": [-0.6, 0.6, 10]}),
+        "horizon": {"t": 300},
+        "record": ["reversals", "error"],
+    },
+}
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +102,9 @@ def test_counts_and_moments_against_pandas(sweeps):
         ratio = reversed_["t_r"] / reversed_["t_rgh"]
         assert row["runs"] == len(cell) == 12
         for name in PLAIN:
-            assert row[f"fraction_{name}"] == pytest.approx((cell["type"] == name).mean())
+            assert row[f"fraction_{name}"] == pytest.approx(
+                (cell["type"] == name).mean()
+            )
         assert row["fraction_bondi"] == (cell["n_c1"].abs() < cell["n_i"].abs()).mean()
         for name, values in (("t_r", reversed_["t_r"]), ("ratio", ratio)):
             found = row[[f"{name}_mean", f"{name}_std", f"{name}_sem"]].tolist()
@@ -102,7 +116,12 @@ def test_counts_and_moments_against_pandas(sweeps):
 
 
 def test_the_right_picture_by_default(sweeps):
-    kinds = {"map": "map", "steady": "fractions", "unsteady": "times", "one": "distribution"}
+    kinds = {
+        "map": "map",
+        "steady": "fractions",
+        "unsteady": "times",
+        "one": "distribution",
+    }
     assert {name: picture(sweeps / name).name for name in kinds} == kinds
 
 
@@ -115,7 +134,9 @@ def test_nothing_that_varies_is_mixed(sweeps, kind, x):
 
 
 def test_areas_are_the_shares(sweeps):
-    shown = picture(sweeps / "steady", "fractions", select=["n_i=-0.5", "omega_xy0=0.01"])
+    shown = picture(
+        sweeps / "steady", "fractions", select=["n_i=-0.5", "omega_xy0=0.01"]
+    )
     (axes,) = drawn(shown).axes
     table = shown.table().sort_values("K_r")
     below = np.zeros(4)
@@ -142,7 +163,9 @@ def test_times_are_the_means_and_the_theory_is_dashed(sweeps):
 def test_a_single_abscissa_has_a_mark_for_the_theory(sweeps):
     (axes,) = drawn(picture(sweeps / "one", "times")).axes
     (run,) = rs.load(sweeps / "one").runs.itertuples()
-    assert [line.get_ydata() for line in axes.lines if line.get_marker() == "_"] == [[run.t_rgh]]
+    assert [line.get_ydata() for line in axes.lines if line.get_marker() == "_"] == [
+        [run.t_rgh]
+    ]
 
 
 def test_rounding_errors_are_no_oscillations():
@@ -154,9 +177,13 @@ def test_rounding_errors_are_no_oscillations():
 
 
 def test_no_turn_is_no_value_and_one_value_makes_no_scale(sweeps):
-    cells = drawn(picture(sweeps / "turns", "reversals")).axes[0].collections[1].get_array()
+    cells = (
+        drawn(picture(sweeps / "turns", "reversals")).axes[0].collections[1].get_array()
+    )
     table = rs.load(sweeps / "turns").runs.pivot(index="n_i", columns="theta")
-    np.testing.assert_array_equal(np.ma.getmaskarray(cells), table["reversals_sure"] == 0)
+    np.testing.assert_array_equal(
+        np.ma.getmaskarray(cells), table["reversals_sure"] == 0
+    )
     assert 0 < np.ma.count(cells) < cells.size
     *_, bar = drawn(picture(sweeps / "turns", "map", quantity="omega_xy0")).axes
     assert bar.get_yticks().tolist() == [0.01]
@@ -177,11 +204,15 @@ def test_a_map_shows_the_runs_and_bondis_line_between_them(sweeps):
     np.testing.assert_allclose(colours.compressed(), value[~np.isnan(value)])
     assert BONDI in legend_words(figure)
     for axes in (types, ratio):
-        (line, *_) = (c.get_paths()[0].vertices for c in axes.collections if hasattr(c, "levels"))
+        (line, *_) = (
+            c.get_paths()[0].vertices for c in axes.collections if hasattr(c, "levels")
+        )
         on = line[np.isin(line[:, 0].round(9), np.linspace(0.6, 0.98, 9).round(9))]
         assert len(on) > 3
         for theta, n_i in on:
-            exact = n_c1_squared(*(oracle.GH[k] for k in ("alpha", "beta", "gamma")), theta, 0.036)
+            exact = n_c1_squared(
+                *(oracle.GH[k] for k in ("alpha", "beta", "gamma")), theta, 0.036
+            )
             assert n_i == pytest.approx(-(float(exact) ** 0.5), rel=1e-5)
 
 
@@ -205,10 +236,26 @@ def test_data_style_title_size_and_defaults(sweeps, tmp_path):
     before = dict(mpl.rcParams)
     for ending, more in (("csv", ()), ("parquet", ("--output", tmp_path / "p.pdf"))):
         done = invoke(
-            "plot", copy, "--kind", "ratio", "--select", "K_r=0.005:0.02", "--select", "n_i=-0.5",
-            "--style", style, "--title", "Steady", "--size", "5,3", "--dpi", "100",
-            "--data", tmp_path / f"d.{ending}", *more,
-        )  # fmt: skip
+            "plot",
+            copy,
+            "--kind",
+            "ratio",
+            "--select",
+            "K_r=0.005:0.02",
+            "--select",
+            "n_i=-0.5",
+            "--style",
+            style,
+            "--title",
+            "Steady",
+            "--size",
+            "5,3",
+            "--dpi",
+            "100",
+            "--data",
+            tmp_path / f"d.{ending}",
+            *more,
+        )
         assert done.exit_code == 0, done.stderr
     assert dict(mpl.rcParams) == before
     # Equal pictures are equal files.
@@ -217,7 +264,10 @@ def test_data_style_title_size_and_defaults(sweeps, tmp_path):
     svg = (copy / "ratio.svg").read_text()
     assert "#ffff00" in svg
     assert "<!-- Steady -->" in svg
-    csv, parquet = pd.read_csv(tmp_path / "d.csv"), pd.read_parquet(tmp_path / "d.parquet")
+    csv, parquet = (
+        pd.read_csv(tmp_path / "d.csv"),
+        pd.read_parquet(tmp_path / "d.parquet"),
+    )
     pd.testing.assert_frame_equal(csv, parquet)
     assert (set(csv["K_r"]), set(csv["n_i"])) == ({0.005, 0.02}, {-0.5})
 
@@ -231,13 +281,27 @@ def test_a_long_condition_is_wrapped(sweeps):
 
 def test_a_scatter_shows_each_reversal_once(sweeps, tmp_path):
     target = tmp_path / "p.png", tmp_path / "d.parquet"
-    done = invoke("plot", sweeps / "steady", "--x", "K_p", "--select", "n_i=-0.5",
-                  "--output", target[0], "--data", target[1], "--dpi", 40)  # fmt: skip
+    done = invoke(
+        "plot",
+        sweeps / "steady",
+        "--x",
+        "K_p",
+        "--select",
+        "n_i=-0.5",
+        "--output",
+        target[0],
+        "--data",
+        target[1],
+        "--dpi",
+        40,
+    )
     assert done.exit_code == 0, done.stderr
     assert done.stdout == f"{target[0]}\n{target[1]}\n"
     runs = rs.load(sweeps / "steady").runs
     wanted = runs[(runs["n_i"] == -0.5) & runs["t_r"].notna()][["K_p", "t_r"]]
-    pd.testing.assert_frame_equal(pd.read_parquet(target[1]), wanted.reset_index(drop=True))
+    pd.testing.assert_frame_equal(
+        pd.read_parquet(target[1]), wanted.reset_index(drop=True)
+    )
     (axes,) = picture(sweeps / "steady", "scatter").figure().axes
     points, theory = axes.lines
     assert sorted(points.get_ydata()) == sorted(runs["t_r"].dropna())
@@ -257,7 +321,9 @@ def test_a_histogram_of_any_column_has_every_run_once(sweeps):
     assert table["near_tangencies_low"].iloc[0] % 1 == 0.5
     # A few values have a bar each, and so has a single one.
     for directory, values in (("steady", [0.01, 0.1]), ("unsteady", [0.01])):
-        table = picture(sweeps / directory, "distribution", quantity="omega_xy0").table()
+        table = picture(
+            sweeps / directory, "distribution", quantity="omega_xy0"
+        ).table()
         bars = table[table.runs > 0]
         middles = (bars["omega_xy0_low"] + bars["omega_xy0_high"]) / 2
         assert middles.tolist() == pytest.approx(values)
@@ -267,15 +333,27 @@ def test_bodies_of_a_known_size_are_shown_in_seconds_and_rpm(tmp_path):
     sizes = {"length": "12 cm", "width": "3 cm", "height": "12 mm", "mass": "60 g"}
     shape = {"source": "shape", "shape": "half_ellipsoid", **sizes, "skew": "4 deg"}
     n_i = ["-30 rpm", "30 rpm", "60 rpm"]
-    sweep = rs.sweep({"bodies": shape, "spin": {"n_i": n_i, "omega_xy0": ["6 rpm", "9 rpm"]},
-                      "horizon": {"t": "20 s"}}, output=tmp_path)  # fmt: skip
+    sweep = rs.sweep(
+        {
+            "bodies": shape,
+            "spin": {"n_i": n_i, "omega_xy0": ["6 rpm", "9 rpm"]},
+            "horizon": {"t": "20 s"},
+        },
+        output=tmp_path,
+    )
     runs = sweep.runs[sweep.runs.omega_xy0 < sweep.runs.omega_xy0.mean()]
     selected = [f"omega_xy0={runs.omega_xy0.iloc[0]}", "n_i_rpm=0:90"]
     shown = picture(tmp_path, "times", select=selected)
-    assert [axis.values.tolist() for axis in shown.layout.axes.values()] == [[30, 60], [6]]
+    assert [axis.values.tolist() for axis in shown.layout.axes.values()] == [
+        [30, 60],
+        [6],
+    ]
     figure = drawn(shown)
     (axes,) = figure.axes
-    assert (axes.get_xlabel(), figure.get_supylabel()) == ("$n_{i}$ (rpm)", "$t_{r}$ (s)")
+    assert (axes.get_xlabel(), figure.get_supylabel()) == (
+        "$n_{i}$ (rpm)",
+        "$t_{r}$ (s)",
+    )
     assert {x for line in axes.lines for x in line.get_xdata()} == {30, 60}
     means = runs[runs.n_i > 0].groupby("n_i_rpm").t_r_s.mean()
     assert shown.table()["t_r_s_mean"].tolist() == pytest.approx(means.tolist())
@@ -300,8 +378,12 @@ def test_filled_points_are_those_of_the_nearest_run_and_between_runs():
 
 def test_a_refined_map_is_whole_and_so_is_the_dataset(tmp_path):
     theta = {"linspace": [0.6, 0.98, 17]}
-    config = {"bodies": grid(theta=theta) | {"refine": {"levels": 2}}, "model": "gh",
-              "spin": spin({"linspace": [-0.6, 0.6, 18]}), "horizon": {"t": 300}}  # fmt: skip
+    config = {
+        "bodies": grid(theta=theta) | {"refine": {"levels": 2}},
+        "model": "gh",
+        "spin": spin({"linspace": [-0.6, 0.6, 18]}),
+        "horizon": {"t": 300},
+    }
     sweep = rs.sweep(config, output=tmp_path, threads=1)
     shown = picture(tmp_path)
     code, *_ = shown.shown()
@@ -309,15 +391,23 @@ def test_a_refined_map_is_whole_and_so_is_the_dataset(tmp_path):
     assert CODES["missing"] not in code
     runs = sweep.runs
     for row in runs.itertuples():
-        place = [np.argmin(np.abs(axis.values - getattr(row, axis.name))) for axis in shown.axes]
+        place = [
+            np.argmin(np.abs(axis.values - getattr(row, axis.name)))
+            for axis in shown.axes
+        ]
         assert code[tuple(place)] == CODES[row.type]
-    whole, part = (sweep.to_xarray(["type", "t_r"], fill=fill).squeeze() for fill in (True, False))
+    whole, part = (
+        sweep.to_xarray(["type", "t_r"], fill=fill).squeeze() for fill in (True, False)
+    )
     assert (part.type == "").sum() == code.size - len(runs)
     assert (whole.type != "").all()
-    # A condition leaves out the points that are filled from runs that it does not choose.
+    # A condition leaves out the points that are filled from runs that it does not
+    # choose.
     some, *_ = picture(tmp_path, where="n_i > 0").shown()
     assert (some == CODES["missing"]).any()
-    np.testing.assert_array_equal(some[some != CODES["missing"]], code[some != CODES["missing"]])
+    np.testing.assert_array_equal(
+        some[some != CODES["missing"]], code[some != CODES["missing"]]
+    )
 
 
 # With exit code 2, or 1 where it is said.

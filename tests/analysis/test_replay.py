@@ -1,4 +1,6 @@
-"""Stored runs again: found by number or condition, equal bit for bit, followed past reversals."""
+"""Stored runs again: found by number or condition, equal bit for bit, followed past
+reversals.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +22,13 @@ from rattlesweep.analysis.onerun.replay import find_run
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("replay") / "out"
     result = run(
-        "quickstart.yaml", output, "bodies.samples=8", "record=[windows]",
-        "bodies.target={K_r: [0.05], rel_tol: 0.1}", "spin.n_i=[-0.1, -0.5]",
-    )  # fmt: skip
+        "quickstart.yaml",
+        output,
+        "bodies.samples=8",
+        "record=[windows]",
+        "bodies.target={K_r: [0.05], rel_tol: 0.1}",
+        "spin.n_i=[-0.1, -0.5]",
+    )
     assert result.exit_code == 0
     return output
 
@@ -53,11 +59,29 @@ def test_a_run_is_chosen_by_a_condition_and_goes_to_files(sweep, tmp_path):
     text = "n_i == -0.5 and sample in (1, 3, 5)"
     stored = pd.read_parquet(sweep / "runs").query(text).iloc[0]
     table, figure = tmp_path / "run.parquet", tmp_path / "run.svg"
-    result = invoke("replay", sweep, "--where", text, "--points", 4, "--output", table,
-                    "--figure", figure, "--channels", "t,n,E_r", "-q")  # fmt: skip
+    result = invoke(
+        "replay",
+        sweep,
+        "--where",
+        text,
+        "--points",
+        4,
+        "--output",
+        table,
+        "--figure",
+        figure,
+        "--channels",
+        "t,n,E_r",
+        "-q",
+    )
     assert (result.exit_code, result.output) == (0, "")
-    found = rs.replay(sweep, int(stored["case"]), int(stored["sample"]), points=4,
-                      channels=["t", "n", "E_r"])  # fmt: skip
+    found = rs.replay(
+        sweep,
+        int(stored["case"]),
+        int(stored["sample"]),
+        points=4,
+        channels=["t", "n", "E_r"],
+    )
     pd.testing.assert_frame_equal(pd.read_parquet(table), found.table)
     assert figure.stat().st_size > 5000
 
@@ -69,11 +93,15 @@ def test_a_stored_number_that_is_not_what_comes_out_is_told(sweep, tmp_path):
     def change(table):
         keys = zip(table["case"].to_pylist(), table["sample"].to_pylist(), strict=True)
         t_r = zip(keys, table["t_r"].to_pylist(), strict=True)
-        return replaced(table, "t_r", [np.nextafter(t, np.inf) if k == key else t for k, t in t_r])
+        return replaced(
+            table, "t_r", [np.nextafter(t, np.inf) if k == key else t for k, t in t_r]
+        )
 
     output = edited(sweep, tmp_path / "out", change)
     words = f"{one.name} differs from its stored row in t_r;"
-    assert_refused(invoke("replay", output, "--case", case, "--sample", sample), 1, words)
+    assert_refused(
+        invoke("replay", output, "--case", case, "--sample", sample), 1, words
+    )
     gone = edited(sweep, tmp_path / "gone", lambda table: table[:0])
     for directory, why in ((output, words), (gone, "is not stored yet")):
         with pytest.raises(rs.OutputError, match=why):

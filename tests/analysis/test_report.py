@@ -1,4 +1,6 @@
-"""The page of a sweep: it is all there, it is safe, it needs nothing else, a browser shows it."""
+"""The page of a sweep: it is all there, it is safe, it needs nothing else, a browser
+shows it.
+"""
 
 from __future__ import annotations
 
@@ -18,18 +20,24 @@ from rattlesweep.sweeps.config.read import parse_config, physics_hash, read_yaml
 EVIL = "<script>alert(1)&lt;"
 STEADY: dict[str, Any] = {
     "name": "steady",
-    "bodies": {"source": "sd", "samples": 10, "target": {"K_r": [0.005, 0.02, 0.1],
-                                                         "rel_tol": 0.05}},
+    "bodies": {
+        "source": "sd",
+        "samples": 10,
+        "target": {"K_r": [0.005, 0.02, 0.1], "rel_tol": 0.05},
+    },
     "spin": {"n_i": [-0.5, -0.1], "omega_xy0": [0.01, 0.1]},
-}  # fmt: skip
+}
 MAP: dict[str, Any] = {
     "name": EVIL,
-    "bodies": {"source": "grid", "base": {"preset": "GH"},
-               "axes": {"theta": {"linspace": [0.6, 0.98, 9]}}},
+    "bodies": {
+        "source": "grid",
+        "base": {"preset": "GH"},
+        "axes": {"theta": {"linspace": [0.6, 0.98, 9]}},
+    },
     "spin": {"n_i": {"linspace": [-0.6, 0.6, 50]}, "omega_xy0": 0.01},
     "horizon": {"t": 300},
     "integrator": {"max_steps": 800},
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")

@@ -43,19 +43,27 @@ def test_a_design_gives_ishigamis_indices_within_their_intervals_and_those_of_sc
     swapped = [np.where(np.arange(3)[:, None] == k, b, a) for k in range(3)]
     f = np.array([ishigami(a), ishigami(b), *map(ishigami, swapped)])
     found = indices(f)
-    theirs = sobol_indices(func={"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}, n=2**12)
+    theirs = sobol_indices(
+        func={"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}, n=2**12
+    )
     first, total = ([row[name] for row in found] for name in ("first", "total"))
-    np.testing.assert_allclose(first, theirs.first_order.ravel(), rtol=1e-10, atol=1e-14)
+    np.testing.assert_allclose(
+        first, theirs.first_order.ravel(), rtol=1e-10, atol=1e-14
+    )
     np.testing.assert_allclose(total, theirs.total_order.ravel(), rtol=1e-10)
     for k, row in enumerate(found):
-        assert (row["first"], row["total"]) == pytest.approx((FIRST[k], TOTAL[k]), abs=0.03)
+        assert (row["first"], row["total"]) == pytest.approx(
+            (FIRST[k], TOTAL[k]), abs=0.03
+        )
         assert row["first_low"] - 0.01 <= FIRST[k] <= row["first_high"] + 0.01
         assert row["total_low"] - 0.01 <= TOTAL[k] <= row["total_high"] + 0.01
 
 
 @pytest.fixture(scope="module")
 def design(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The closed form over the ranges: everything reverses by the horizon but for small skew."""
+    """The closed form over the ranges: everything reverses by the horizon but for small
+    skew.
+    """
     output = tmp_path_factory.mktemp("design") / "out"
     sweep(output, CONFIG)
     return output
@@ -64,10 +72,14 @@ def design(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_command_prints_and_draws_what_theory_depends_on(design, tmp_path):
     text = invoke("sensitivity", design, "--figure", tmp_path / "f.svg")
     assert text.exit_code == 0, text.output
-    assert {line.split()[6] for line in text.stdout.splitlines()[1:6]} == set(PARAMETERS)
+    assert {line.split()[6] for line in text.stdout.splitlines()[1:6]} == set(
+        PARAMETERS
+    )
     assert (tmp_path / "f.svg").read_text().count("<svg") == 1
     data = json.loads(invoke("sensitivity", design, "--json").stdout)
-    rows = [row for row in data["indices"] if (row["case"], row["of"]) == (1, "log10 t_r")]
+    rows = [
+        row for row in data["indices"] if (row["case"], row["of"]) == (1, "log10 t_r")
+    ]
     assert [row["parameter"] for row in rows] == list(PARAMETERS)
     by = {row["parameter"]: row["total"] for row in rows}
     # t_rGH goes as 1/K_p, which the skew and phi make.
@@ -77,7 +89,9 @@ def test_the_command_prints_and_draws_what_theory_depends_on(design, tmp_path):
 
 
 def test_incomplete_groups_are_noted_and_too_many_refused(design, tmp_path):
-    """A run that does not reverse takes its group away, and too many must not be lost."""
+    """A run that does not reverse takes its group away, and too many must not be
+    lost.
+    """
 
     def without(share: float, rows: Any) -> Any:
         sample = np.asarray(rows["sample"])
@@ -86,18 +100,29 @@ def test_incomplete_groups_are_noted_and_too_many_refused(design, tmp_path):
         return replaced(rows, "type", types.tolist())
 
     few, many = (
-        sensitivity(edited(design, tmp_path / str(share), partial(without, share * MOST_MISSING)))
+        sensitivity(
+            edited(
+                design, tmp_path / str(share), partial(without, share * MOST_MISSING)
+            )
+        )
         for share in (0.5, 2)
     )
     assert any((row["case"], row["of"]) == (1, "t_r") for row in few["indices"])
-    assert {row["of"] for row in many["indices"] if row["case"] == 1} == {"P(R)", "P(SW)"}
+    assert {row["of"] for row in many["indices"] if row["case"] == 1} == {
+        "P(R)",
+        "P(SW)",
+    }
     assert any("do not represent the ranges" in note for note in many["notes"])
 
 
 @pytest.mark.parametrize(
     ("bodies", "code", "words"),
     [
-        ({"source": "sd", "samples": 28, "draw": "saltelli"}, 1, "more runs are needed"),
+        (
+            {"source": "sd", "samples": 28, "draw": "saltelli"},
+            1,
+            "more runs are needed",
+        ),
         ({"source": "sd", "samples": 20}, 2, "bodies.draw: saltelli"),
     ],
 )

@@ -1,4 +1,6 @@
-"""The page that moves: what it holds, what is drawn, and that its controls work in a browser."""
+"""The page that moves: what it holds, what is drawn, and that its controls work in a
+browser.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ from rattlesweep.sweeps.launches import Launch
 
 GH = rs.Rattleback.gh()
 T_END = 130.0
-needs_browser = pytest.mark.skipif(find_browser() is None, reason="no Chromium is installed")
+needs_browser = pytest.mark.skipif(
+    find_browser() is None, reason="no Chromium is installed"
+)
 
 
 @cache
@@ -47,7 +51,9 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def held(text: str) -> Any:
     """The data of a page."""
-    return json.loads(text.split('<script type="application/json" id="data">')[1].split("</")[0])
+    return json.loads(
+        text.split('<script type="application/json" id="data">')[1].split("</")[0]
+    )
 
 
 # The paraboloid of Eq. 4 in the paper's own form, z = 1 - s.R Theta R^-1.s / 2.
@@ -62,7 +68,9 @@ def turns(q: Any) -> Any:
 
 
 def lowest(matrix: Any) -> Any:
-    """Lowest point of the paraboloid in the body's frame, where its height has no slope."""
+    """Lowest point of the paraboloid in the body's frame, where its height has no
+    slope.
+    """
     s = np.linalg.solve(SURFACE, matrix[2, :2] / matrix[2, 2])
     return np.array([*s, 1 - 0.5 * s @ SURFACE @ s])
 
@@ -75,16 +83,23 @@ def test_the_page_holds_the_columns_and_names_no_address(page):
     for k, name in enumerate(data["columns"]):
         assert np.array_equal(table[:, k], found["columns"][name].astype(np.float32))
     # The name of a language, which is no address.
-    assert set(re.findall(r"https?://[^\s\"'`)]+", text)) == {"http://www.w3.org/1999/xhtml"}
+    assert set(re.findall(r"https?://[^\s\"'`)]+", text)) == {
+        "http://www.w3.org/1999/xhtml"
+    }
     assert "default-src 'none'" in text
     assert "The MIT License" in text
     # The largest page is below 5 MB.
-    many = {name: np.resize(column, show.MOST_ROWS) for name, column in found["columns"].items()}
+    many = {
+        name: np.resize(column, show.MOST_ROWS)
+        for name, column in found["columns"].items()
+    }
     assert len(show.make_page(found | {"columns": many}, "a", "b")) < 5e6
 
 
 def test_the_facts_of_a_body_of_known_size_are_in_its_units():
-    launch = Launch(KL := rs.Rattleback.kl(), n_i=0.2, omega_xy0=0.02, sigma=1e-3, t_end=150.0)
+    launch = Launch(
+        KL := rs.Rattleback.kl(), n_i=0.2, omega_xy0=0.02, sigma=1e-3, t_end=150.0
+    )
     run = PreparedRun.of(launch)
     facts = dict(show.make_scene(show.course_of(run, None))["facts"])
     t_rgh = rs.reversal_time_gh(KL, n_i=0.2, omega_xy0=0.02)
@@ -99,14 +114,18 @@ def test_words_cannot_become_markup(tmp_path):
     assert "alert('1')" not in text
     assert "&amp; @@data@@" in text
     found = scene(t_end=5.0) | {"facts": [("a", "</script><script>")]}
-    assert held(show.make_page(found, "a", "b").decode())["facts"] == [["a", "</script><script>"]]
+    assert held(show.make_page(found, "a", "b").decode())["facts"] == [
+        ["a", "</script><script>"]
+    ]
 
 
 def test_a_stored_run_is_shown_and_proved(tmp_path):
     output, path = tmp_path / "out", tmp_path / "new" / "r.html"
     assert run("gh.yaml", output, "spin.n_i=[0.1]").exit_code == 0
     t_r = float(rows(output)["t_r"].iloc[0])
-    result = invoke("show", output, "--where", 'type == "R"', "--output", path, "--t-end", 150)
+    result = invoke(
+        "show", output, "--where", 'type == "R"', "--output", path, "--t-end", 150
+    )
     assert result.exit_code == 0
     assert f"case 0, sample 0: t_r {t_r!r} " in result.stderr
     assert held(path.read_text())["reversals"] == [t_r]
@@ -114,7 +133,9 @@ def test_a_stored_run_is_shown_and_proved(tmp_path):
 
 @pytest.fixture(scope="module")
 def opened(page: Path) -> Iterator[Browser]:
-    """The page, once for the tests that follow: to draw it first takes most of their time."""
+    """The page, once for the tests that follow: to draw it first takes most of their
+    time.
+    """
     with browser() as one:
         one.open(page)
         yield one
@@ -162,8 +183,14 @@ def test_the_drawn_body_touches_the_plane_and_hardly_slips(still):
         "return [...p.q, ...p.contact, ...p.centre]; })"
     )
     now, before, after = np.array(poses).reshape(3, len(times), 10)
-    exact = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=T_END, times=times,
-                          channels=["trace_x", "trace_y"]).table.to_numpy()  # fmt: skip
+    exact = rs.trajectory(
+        GH,
+        n_i=0.1,
+        omega_xy0=0.01,
+        t_end=T_END,
+        times=times,
+        channels=["trace_x", "trace_y"],
+    ).table.to_numpy()
     assert np.abs(now[:, 4:6] - exact).max() < 1e-4 * np.ptp(exact, axis=0).max()
     slips, speeds = [], []
     for one, two, three in zip(now, before, after, strict=True):

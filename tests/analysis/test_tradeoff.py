@@ -41,7 +41,9 @@ def few(monkeypatch):
     monkeypatch.setattr(tradeoff, "REFERENCES", REFERENCES[1:] * 2)
 
 
-@pytest.fixture(scope="module", params=["few", pytest.param("all", marks=pytest.mark.slow)])
+@pytest.fixture(
+    scope="module", params=["few", pytest.param("all", marks=pytest.mark.slow)]
+)
 def study(request, tmp_path_factory):
     """Few settings or all, on a few runs."""
     config = load_config(small(tmp_path_factory.mktemp("study")))
@@ -66,8 +68,17 @@ def tradeoff_command(config, *options):
 def test_the_command_writes_a_table_and_equal_figures(tmp_path):
     for name in ("one", "two"):
         # Whatever the user's matplotlibrc says.
-        with mpl.rc_context({"font.size": 20, "axes.facecolor": "red"} if name == "two" else {}):
-            options = ("--output", tmp_path / name, "--samples", 2, "--set", "horizon.t=200")
+        with mpl.rc_context(
+            {"font.size": 20, "axes.facecolor": "red"} if name == "two" else {}
+        ):
+            options = (
+                "--output",
+                tmp_path / name,
+                "--samples",
+                2,
+                "--set",
+                "horizon.t=200",
+            )
             result = tradeoff_command(small(tmp_path), *options)
         assert result.exit_code == 0, result.stderr
     assert "12 runs" in result.stdout
@@ -81,8 +92,10 @@ def test_the_command_writes_a_table_and_equal_figures(tmp_path):
 @pytest.mark.usefixtures("few")
 def test_what_cannot_be_measured_is_one_sentence(tmp_path):
     steady = SMALL.replace("t_rgh: 5, t: 1000", "t: 1")
-    for path, words in ((small(tmp_path, steady), "no run of this config reverses"),
-                        (tmp_path / "none.yaml", "none.yaml")):  # fmt: skip
+    for path, words in (
+        (small(tmp_path, steady), "no run of this config reverses"),
+        (tmp_path / "none.yaml", "none.yaml"),
+    ):
         result = tradeoff_command(path, "--output", tmp_path / "o", "--samples", 1)
         last = result.stderr.splitlines()[-1]  # behind the stages
         assert (result.exit_code, last[:7], words in last) == (2, "error: ", True)
@@ -106,7 +119,9 @@ def test_the_error_falls_with_the_tolerance(study):
     assert standard.type_flips == 0
 
 
-@pytest.mark.parametrize("study", [pytest.param("all", marks=pytest.mark.slow)], indirect=True)
+@pytest.mark.parametrize(
+    "study", [pytest.param("all", marks=pytest.mark.slow)], indirect=True
+)
 def test_rk4_is_of_fourth_order_and_models_without_the_dynamics_are_wrong(study):
     own = {row.value: row for row in rows(study, "rk4")}
     # All runs are in both, so the same ones are compared.
@@ -122,8 +137,17 @@ def test_rk4_is_of_fourth_order_and_models_without_the_dynamics_are_wrong(study)
 def test_references_agree_with_an_oracle_and_leave_out_chaos():
     # Equations of motion written apart, in vectors.
     config, runs = draw_runs(
-        parse_config({**DEFAULT, "bodies": {"source": "preset", "name": "GH"},
-                      "spin": {"n_i": [0.1], "omega_xy0": [0.01]}}), None, 1, 1)  # fmt: skip
+        parse_config(
+            {
+                **DEFAULT,
+                "bodies": {"source": "preset", "name": "GH"},
+                "spin": {"n_i": [0.1], "omega_xy0": [0.01]},
+            }
+        ),
+        None,
+        1,
+        1,
+    )
     found = tradeoff.make_reference(config, runs)
     psi = oracle.relevant_psi(oracle.GH, 0.1)
     t_r, _ = oracle.first_reversal(oracle.GH, 0.1, 0.01, psi, 200.0)

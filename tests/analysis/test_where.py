@@ -12,10 +12,18 @@ from rattlesweep.errors import ConfigError
 
 N = 400
 SCHEMA = pa.schema(
-    [("case", pa.int32()), ("sample", pa.int64()), ("K_r", pa.float64()), ("t_r", pa.float64()),
-     ("t_rgh", pa.float64()), ("n_i", pa.float64()), ("type", pa.string()), ("sure", pa.bool_()),
-     ("window_n_min", pa.list_(pa.float64()))]
-)  # fmt: skip
+    [
+        ("case", pa.int32()),
+        ("sample", pa.int64()),
+        ("K_r", pa.float64()),
+        ("t_r", pa.float64()),
+        ("t_rgh", pa.float64()),
+        ("n_i", pa.float64()),
+        ("type", pa.string()),
+        ("sure", pa.bool_()),
+        ("window_n_min", pa.list_(pa.float64())),
+    ]
+)
 
 
 @pytest.fixture(scope="module")
@@ -24,13 +32,20 @@ def runs() -> pa.RecordBatch:
     random = np.random.default_rng(1)
     t_r = np.where(random.random(N) < 0.4, np.nan, 100 * random.random(N))
     columns = [
-        np.repeat(np.arange(4), N // 4), np.tile(np.arange(N // 4), 4),
-        np.resize([-0.5, -0.1, 0.1, np.nan], N), t_r, 100 * random.random(N),
-        np.resize([-0.3, 0.1, -0.1], N), np.resize(["R", "SS", "SW", None], N),
-        np.resize([True, False, None], N), [[0.0]] * N,
-    ]  # fmt: skip
-    arrays = [pa.array(values, field.type, from_pandas=True)
-              for values, field in zip(columns, SCHEMA, strict=True)]  # fmt: skip
+        np.repeat(np.arange(4), N // 4),
+        np.tile(np.arange(N // 4), 4),
+        np.resize([-0.5, -0.1, 0.1, np.nan], N),
+        t_r,
+        100 * random.random(N),
+        np.resize([-0.3, 0.1, -0.1], N),
+        np.resize(["R", "SS", "SW", None], N),
+        np.resize([True, False, None], N),
+        [[0.0]] * N,
+    ]
+    arrays = [
+        pa.array(values, field.type, from_pandas=True)
+        for values, field in zip(columns, SCHEMA, strict=True)
+    ]
     return pa.RecordBatch.from_arrays(arrays, schema=SCHEMA)
 
 
@@ -55,7 +70,9 @@ def test_conditions_mean_what_sql_means(runs: pa.RecordBatch, line: str) -> None
     for name in ("case", "sample"):
         assert found[name].to_pylist() == wanted[name].to_pylist()
     # No more is read than it names.
-    assert {*where.columns} == {name for name in SCHEMA.names if name in text.split('"')[0]}
+    assert {*where.columns} == {
+        name for name in SCHEMA.names if name in text.split('"')[0]
+    }
 
 
 WRONG = """
@@ -69,7 +86,9 @@ __import__('os').system('true') == 0 | .system is none of
 
 
 @pytest.mark.parametrize("line", WRONG.strip("\n").splitlines())
-def test_wrong_conditions_say_so_in_one_sentence(runs: pa.RecordBatch, line: str) -> None:
+def test_wrong_conditions_say_so_in_one_sentence(
+    runs: pa.RecordBatch, line: str
+) -> None:
     text, words = line.split(" | ") if line[0] != " " else ("", "empty")
     with pytest.raises(ConfigError) as refused:
         parse_where(text, SCHEMA).filter(runs)

@@ -12,7 +12,12 @@ import yaml
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config import read
-from rattlesweep.sweeps.config.read import load_config, parse_config, physics_hash, resolved
+from rattlesweep.sweeps.config.read import (
+    load_config,
+    parse_config,
+    physics_hash,
+    resolved,
+)
 from rattlesweep.sweeps.config.schema import ACCURACIES
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
@@ -72,7 +77,9 @@ def changed(old, new, text=EXAMPLE):
     return text.replace(old, new)
 
 
-@pytest.mark.parametrize("name", [*GOOD, *CONFIGS], ids=lambda name: getattr(name, "stem", name))
+@pytest.mark.parametrize(
+    "name", [*GOOD, *CONFIGS], ids=lambda name: getattr(name, "stem", name)
+)
 def test_configs_round_trip_and_fit_the_schema(name, path):
     path.write_text(GOOD[name] if name in GOOD else name.read_text())
     config = load_config(path)
@@ -84,7 +91,9 @@ def test_configs_round_trip_and_fit_the_schema(name, path):
     sets = ["seed=1", f"seed={config.seed}"]
     assert pickle.loads(pickle.dumps(config)) == config == load_config(path, sets)
     # PyYAML follows YAML 1.1, in which 1e-9 is text.
-    assert parse_config({"name": config.name} | yaml.safe_load(path.read_text())) == config
+    assert (
+        parse_config({"name": config.name} | yaml.safe_load(path.read_text())) == config
+    )
     for given in (data, read.read_yaml(path.read_text())[0]):
         jsonschema.Draft202012Validator(read.config_json_schema()).validate(given)
 
@@ -94,8 +103,12 @@ def test_settings_are_yaml_1_2_and_the_last_one_wins(path):
         assert load_config(path, [f"integrator.tol={text}"]).integrator.tol == 1e-9
     for text, seed in {"017": 17, "0o17": 15, "0x1f": 31, "'7'": 7}.items():
         assert load_config(path, [f"seed={text}"]).seed == seed
-    path.write_text(EXAMPLE.replace("name: steady-kr-quick\n", "").replace("output: ", "# "))
-    config = load_config(path, ["bodies.samples=10", "bodies.samples=20", "bodies.target="])
+    path.write_text(
+        EXAMPLE.replace("name: steady-kr-quick\n", "").replace("output: ", "# ")
+    )
+    config = load_config(
+        path, ["bodies.samples=10", "bodies.samples=20", "bodies.target="]
+    )
     assert (config.bodies.samples, config.bodies.target) == (20, None)
     # Without a name, a sweep is named after its file.
     assert config.directory == "out/c"
@@ -105,19 +118,31 @@ def test_settings_are_yaml_1_2_and_the_last_one_wins(path):
 @pytest.mark.parametrize(("law", "middle"), [("linspace", 0.0505), ("logspace", 0.01)])
 def test_values_are_spaced_where_they_can_be(law, middle):
     def spaced(*ends):
-        grid = {"source": "grid", "base": {"preset": "GH"}, "axes": {"phi": {law: ends}}}
+        grid = {
+            "source": "grid",
+            "base": {"preset": "GH"},
+            "axes": {"phi": {law: ends}},
+        }
         return parse_config({**SD, "bodies": grid}).bodies.varying["phi"]
 
     assert spaced(0.1, 0.1, 1) == [0.1]
     assert spaced(0.001, 0.1, 3) == pytest.approx([0.001, middle, 0.1], rel=1e-14)
-    for ends in ((0.1, 0.2, 1), (0.1, 0.1, 2), (0.1, 0.2), (0.1, 0.2, 2.5), (0.1, 0.2, np.inf)):
+    for ends in (
+        (0.1, 0.2, 1),
+        (0.1, 0.1, 2),
+        (0.1, 0.2),
+        (0.1, 0.2, 2.5),
+        (0.1, 0.2, np.inf),
+    ):
         with pytest.raises(ConfigError, match=r"write .linspace"):
             spaced(*ends)
 
 
 def test_values_with_units_stay_as_they_are_written(path):
     path.write_text(GOOD["shape"])
-    config = load_config(path, ["spin.n_i={linspace: [30 rpm, 90 rpm, 3]}", "horizon.t=20   s"])
+    config = load_config(
+        path, ["spin.n_i={linspace: [30 rpm, 90 rpm, 3]}", "horizon.t=20   s"]
+    )
     assert config.spin.n_i == pytest.approx([np.pi, 2 * np.pi, 3 * np.pi])
     data = resolved(pickle.loads(pickle.dumps(config)))
     assert data["spin"]["n_i"] == ["30.0 rpm", "60.0 rpm", "90.0 rpm"]
@@ -125,16 +150,31 @@ def test_values_with_units_stay_as_they_are_written(path):
 
 
 def test_defaults_are_table_one_and_the_papers_own_step():
-    ranges = {"gamma": [5, 15], "f_sd": [0.05, 0.15], "theta": [0.6, 0.95], "phi": [0.01, 0.1],
-              "minus_xi_deg": [0, 6]}  # fmt: skip
+    ranges = {
+        "gamma": [5, 15],
+        "f_sd": [0.05, 0.15],
+        "theta": [0.6, 0.95],
+        "phi": [0.01, 0.1],
+        "minus_xi_deg": [0, 6],
+    }
     expected = {
-        "name": "sweep", "seed": 0, "model": "full", "horizon": {"t_rgh": 5}, "record": [],
+        "name": "sweep",
+        "seed": 0,
+        "model": "full",
+        "horizon": {"t_rgh": 5},
+        "record": [],
         "bodies": {"source": "sd", "samples": 1000, "ranges": ranges, "draw": "random"},
         "spin": {"n_i": [0.1], "omega_xy0": [0.01], "psi": "relevant"},
-        "dissipation": {"sigma": [0], "rolling": [0]}, "output": "out/sweep",
+        "dissipation": {"sigma": [0], "rolling": [0]},
+        "output": "out/sweep",
         "integrator": {"method": "dop853", "tol": 1e-9, "max_steps": 100_000_000},
-        "classify": {"ss_growth": 1e-3, "sw_departure": 0.05, "early": False, "dead_energy": 0.01},
-    }  # fmt: skip
+        "classify": {
+            "ss_growth": 1e-3,
+            "sw_departure": 0.05,
+            "early": False,
+            "dead_energy": 0.01,
+        },
+    }
     # Null means not given; tuples and NumPy's numbers are accepted.
     spin = {"n_i": (np.float64(0.1),), "omega_xy0": np.array([0.01])}
     given = SD | {"stop": None, "seed": np.int64(0), "spin": spin}
@@ -144,7 +184,9 @@ def test_defaults_are_table_one_and_the_papers_own_step():
 
 def test_an_accuracy_is_a_method_and_its_tol_or_an_error_that_replaces_tol(path):
     for word, (method, tol) in ACCURACIES.items():
-        short = resolved(load_config(path, [f"integrator={{accuracy: {word}, max_steps: 7}}"]))
+        short = resolved(
+            load_config(path, [f"integrator={{accuracy: {word}, max_steps: 7}}"])
+        )
         assert short["integrator"] == {"method": method, "tol": tol, "max_steps": 7}
     asked = "integrator={method: verner98, accuracy: {t_r: 1.0e-6}}"
     config = load_config(path, [asked])
@@ -157,7 +199,8 @@ def test_an_accuracy_is_a_method_and_its_tol_or_an_error_that_replaces_tol(path)
     assert parse_config(data) == load_config(path, same)
 
 
-# A config of `GOOD` | the text to replace, or + to append | the new text | line, key and message.
+# A config of `GOOD` | the text to replace, or + to append | the new text | line, key
+# and message.
 REFUSED = r"""
 sd | samples: 1000 | sampels: 1000 | 5: bodies.sampels: unknown key "sampels"; did you mean "samples"?
 sd | model: full | zzz: full | 12: zzz: unknown key "zzz"; allowed are name, seed, bodies, stop, launch, spin, model, horizon,
@@ -194,22 +237,29 @@ shape | n_i: [60 rpm, 0.1] | n_i: {linspace: [1 rpm, 2 Hz, 3]} | 2: spin.n_i: wr
 shape | mass: [80 g, 90 g] | mass: 80 g | 1: bodies.samples: no key is a range, so all bodies are equal; leave
 """  # noqa: E501
 WHOLE = {
-    "bodies: {source: sd}\nspin:\n  n_i: %s\n  omega_xy0: %s\n" % (2 * (list(range(1, 402)),)):
-        "2: spin: the lists make 160801 cases; at most 100000 are possible",
+    "bodies: {source: sd}\nspin:\n  n_i: %s\n  omega_xy0: %s\n"
+    % (
+        2 * (list(range(1, 402)),)
+    ): "2: spin: the lists make 160801 cases; at most 100000 are possible",
     "bodies:\n\tsource: sd\n": "2: cannot be read as YAML (found character '\\t' that cannot",
     EXAMPLE + "---\na: 1\n": "18: cannot be read as YAML (but found another document);",
     "# nothing\n": "1: the file holds nothing; write key: value lines",
     "a: &a [*a]\n": "1: cannot be read as YAML (maximum recursion depth",
-    "record: [" + "1, " * 20_001 + "]": "1: cannot be read as YAML (more than 20000 values);",
-    "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(f"{b}: &{b} [{9 * f'*{a}, '}]\n"
-                                            for a, b in pairwise("abcdefghi")):
-        "1: cannot be read as YAML (more than 20000 values);",
+    "record: ["
+    + "1, " * 20_001
+    + "]": "1: cannot be read as YAML (more than 20000 values);",
+    "a: &a [1,1,1,1,1,1,1,1,1]\n"
+    + "".join(
+        f"{b}: &{b} [{9 * f'*{a}, '}]\n" for a, b in pairwise("abcdefghi")
+    ): "1: cannot be read as YAML (more than 20000 values);",
     "{" * 600: "1: cannot be read as YAML (maximum recursion depth",
-}  # fmt: skip
+}
 
 
 def variants(table, **more):
-    """Return the rows of a table like `REFUSED` as parameters: the changed config, and the rest."""
+    """Return the rows of a table like `REFUSED` as parameters: the changed config, and
+    the rest.
+    """
     found = []
     for line in table.strip().splitlines():
         name, old, new, *rest = line.replace(r"\n", "\n").split(" | ")
@@ -228,13 +278,20 @@ def test_a_bad_config_is_told_where_and_what(text, words, path):
 
 def test_all_mistakes_are_told_at_once_in_the_order_of_the_file_and_counted(path):
     text = changed("seed: 2017", "seed: x").replace("tol: 1e-9", "tol: 5")
-    path.write_text(text.replace("gamma: [5, 15]", "gamma: [15, 5]").replace("model:", "seed:"))
-    lines = [line.split(": ")[:2] for line in messages(path, "horizon.t=0", "spin.psi=up")]
+    path.write_text(
+        text.replace("gamma: [5, 15]", "gamma: [15, 5]").replace("model:", "seed:")
+    )
+    lines = [
+        line.split(": ")[:2] for line in messages(path, "horizon.t=0", "spin.psi=up")
+    ]
     assert lines == [
-        ["c.yaml:2", "seed"], ["c.yaml:6", "bodies.ranges.gamma"], ["c.yaml:12", "seed"],
-        ["c.yaml:14", "integrator.tol"], ["--set spin.psi=up", "spin.psi"],
+        ["c.yaml:2", "seed"],
+        ["c.yaml:6", "bodies.ranges.gamma"],
+        ["c.yaml:12", "seed"],
+        ["c.yaml:14", "integrator.tol"],
+        ["--set spin.psi=up", "spin.psi"],
         ["--set horizon.t=0", "horizon.t"],
-    ]  # fmt: skip
+    ]
     path.write_text(EXAMPLE + "".join(f"zzz{i}: 1\n" for i in range(50)))
     lines = messages(path)
     assert len(lines) == 21
@@ -244,9 +301,11 @@ def test_all_mistakes_are_told_at_once_in_the_order_of_the_file_and_counted(path
 def test_later_errors_get_the_place_of_their_key(path):
     read = load_config(path, ["spin.psi=pitch"])
     for message, place in (
-        ("bodies.target.max_draws: no", f"{path}:7: "), ("spin.omega_xy0[1]: no", f"{path}:10: "),
-        ("spin.psi: no", "--set spin.psi=pitch: "), ("steady: it holds runs", ""),
-    ):  # fmt: skip
+        ("bodies.target.max_draws: no", f"{path}:7: "),
+        ("spin.omega_xy0[1]: no", f"{path}:10: "),
+        ("spin.psi: no", "--set spin.psi=pitch: "),
+        ("steady: it holds runs", ""),
+    ):
         with pytest.raises(ConfigError) as caught, read.locating():
             raise ConfigError(message)
         assert caught.value.messages == [place + message]
@@ -257,8 +316,14 @@ def test_later_errors_get_the_place_of_their_key(path):
     [
         ("bodies.samples", "is not KEY=VALUE, such as bodies.samples=10"),
         ("spin.n_i.x=1", "n_i is not a mapping; set all of it"),
-        ("seed=[1", "cannot be read as YAML (expected ',' or ']', but got '<stream end>')"),
-        ("horizon.t=20 kg", 'horizon.t: "20 kg" is a mass; a time is needed, such as 2.5 s'),
+        (
+            "seed=[1",
+            "cannot be read as YAML (expected ',' or ']', but got '<stream end>')",
+        ),
+        (
+            "horizon.t=20 kg",
+            'horizon.t: "20 kg" is a mass; a time is needed, such as 2.5 s',
+        ),
     ],
 )
 def test_a_mistake_in_a_setting_names_the_setting(override, words, path):
@@ -288,10 +353,16 @@ def test_the_schema_describes_every_key_and_refuses_what_it_can():
         assert all(node["description"] for node in model["properties"].values())
     validator = jsonschema.Draft202012Validator(schema)
     assert validator.is_valid(SD)
-    bad = ({"bodies": {"source": "sdd"}}, {"sede": 3}, {"launch": {"omega": [0, 1]}},
-           {"integrator": {"method": "euler"}}, {"integrator": {"accuracy": {"t_r": 0.1}}},
-           {"bodies": {"source": "sd", "ranges": {"theta": [0.6, 1.2]}}}, {"seed": -1},
-           {"spin": {"n_i": {"linspce": [1, 2, 3]}, "omega_xy0": 1}})  # fmt: skip
+    bad = (
+        {"bodies": {"source": "sdd"}},
+        {"sede": 3},
+        {"launch": {"omega": [0, 1]}},
+        {"integrator": {"method": "euler"}},
+        {"integrator": {"accuracy": {"t_r": 0.1}}},
+        {"bodies": {"source": "sd", "ranges": {"theta": [0.6, 1.2]}}},
+        {"seed": -1},
+        {"spin": {"n_i": {"linspce": [1, 2, 3]}, "omega_xy0": 1}},
+    )
     assert [changes for changes in bad if validator.is_valid(SD | changes)] == []
 
 
@@ -299,27 +370,56 @@ def test_the_hash_changes_only_with_the_results_of_a_run(path):
     def hashed(*sets):
         return physics_hash(load_config(path, sets))
 
-    same = ("name=x", "output=y", "classify.ss_growth=0.5", "stop={t_r: 0.1}", "spin.n_i=[1, 2]",
-            "spin.omega_xy0=0.5", "bodies.samples=7", "bodies.target.K_r=[0.5]",
-            "integrator.max_steps=5")  # fmt: skip
+    same = (
+        "name=x",
+        "output=y",
+        "classify.ss_growth=0.5",
+        "stop={t_r: 0.1}",
+        "spin.n_i=[1, 2]",
+        "spin.omega_xy0=0.5",
+        "bodies.samples=7",
+        "bodies.target.K_r=[0.5]",
+        "integrator.max_steps=5",
+    )
     assert {hashed(one) for one in same} == {hashed()}
-    others = ("seed=1", "integrator.tol=1e-8", "record=[energy]", "model=gh", "classify.early=true",
-              "bodies.target={K_p: [0.01]}", "bodies.target=null", "bodies.target.rel_tol=0.1",
-              "dissipation.sigma=0.1", "dissipation.rolling=0.1", "horizon.t=9", "spin.psi=pitch",
-              "bodies.ranges.gamma=[5, 6]", "bodies.c=3")  # fmt: skip
+    others = (
+        "seed=1",
+        "integrator.tol=1e-8",
+        "record=[energy]",
+        "model=gh",
+        "classify.early=true",
+        "bodies.target={K_p: [0.01]}",
+        "bodies.target=null",
+        "bodies.target.rel_tol=0.1",
+        "dissipation.sigma=0.1",
+        "dissipation.rolling=0.1",
+        "horizon.t=9",
+        "spin.psi=pitch",
+        "bodies.ranges.gamma=[5, 6]",
+        "bodies.c=3",
+    )
     assert len({hashed(), *map(hashed, others)}) == len(others) + 1
     assert hashed("dissipation.sigma=0.1") == hashed("dissipation.sigma=[0, 0.2]")
     assert hashed("record=[energy, contact]") == hashed("record=[contact,energy]")
     grid = "bodies={source: grid, base: {preset: GH}, axes: %s}"
     axes = ("{theta: [0.7], phi: [0.1]}", "{phi: [0.1], theta: [0.7]}")
-    assert hashed(grid % axes[0]) == hashed(grid % axes[1]) != hashed(grid % "{theta: [0.7]}")
+    assert (
+        hashed(grid % axes[0])
+        == hashed(grid % axes[1])
+        != hashed(grid % "{theta: [0.7]}")
+    )
 
 
 def test_differences_name_keys_and_both_values(path):
     one = load_config(path)
-    two = load_config(path, ["bodies.samples=10", "integrator={method: rk4, dt: 0.002}"])
-    others = ['integrator.method: "dop853" against "rk4"', "integrator.tol: 1e-09 against not set",
-              "integrator.dt: not set against 0.002"]  # fmt: skip
+    two = load_config(
+        path, ["bodies.samples=10", "integrator={method: rk4, dt: 0.002}"]
+    )
+    others = [
+        'integrator.method: "dop853" against "rk4"',
+        "integrator.tol: 1e-09 against not set",
+        "integrator.dt: not set against 0.002",
+    ]
     every = ["bodies.samples: 1000 against 10", *others]
     assert read.differences(resolved(one), resolved(two)) == every
     assert read.differences(read.fixed_part(one), read.fixed_part(two)) == others

@@ -16,7 +16,16 @@ from rattlesweep.sweeps.config.schema import SdSource
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.plausible import check_physics
 
-JARGON = ("Traceback", "pydantic", "ruamel", "http", "<class", "object at", "<text>", "<other>")
+JARGON = (
+    "Traceback",
+    "pydantic",
+    "ruamel",
+    "http",
+    "<class",
+    "object at",
+    "<text>",
+    "<other>",
+)
 TEXTS = [
     *GOOD.values(),
     GOOD["sd"].replace("  target:", "  # target:"),
@@ -26,24 +35,92 @@ TEXTS = [
     "      linspace: [0.6, 0.9, 1000]\n    phi:\n      logspace: [0.01, 0.1, 1000]\n"
     "spin:\n  n_i:\n    - 0.1\n    - -0.1\n  omega_xy0: 1e-3\nseed: 7\n",
 ]
-KEYS = sorted({*re.findall(r"[A-Za-z_]\w*(?=:)", " ".join(TEXTS)), "alpha", "K_p", "xi"})
+KEYS = sorted(
+    {*re.findall(r"[A-Za-z_]\w*(?=:)", " ".join(TEXTS)), "alpha", "K_p", "xi"}
+)
 WILD = [
-    *("", "~", "null", "true", "no", "0", "-0", "-0.0", "1e308", "1e-308", "5e-324", "1e999"),
+    *(
+        "",
+        "~",
+        "null",
+        "true",
+        "no",
+        "0",
+        "-0",
+        "-0.0",
+        "1e308",
+        "1e-308",
+        "5e-324",
+        "1e999",
+    ),
     *(".nan", ".inf", "-.inf", "9223372036854775807", "9223372036854775808", "1e15"),
     *("1000000000000", "0x7f", "0o17", "0b2", "1_000", "1e3", "+1.", ".5", "12:30:45"),
     *("2001-12-14", "2001-12-14t21:59:43Z", '"1"', "'x", '"\\U0001F600"', '"\\uD800"'),
-    *('"\\x00"', "\u00e9", "\u2028", "\u202e", "\u65e5\u672c", "\U0001f600", "*a", "&a 1", "&a"),
-    *("!!int 1", "!x", "!!int x", "!!python/object:os.system x", "!!binary aGk=", "<<: *a"),
-    *("{<<: {a: 1}}", "{}", "[]", "[[]]", "{a: {b: {c: 1}}}", "[1, 2", "{a: 1", "]", "? a", "- 1"),
-    *("|", ">", "| \n  a\n", "@", "`", "%", "#", "a: b: c", "a #b", "[" * 40, "{a: " * 40),
+    *(
+        '"\\x00"',
+        "\u00e9",
+        "\u2028",
+        "\u202e",
+        "\u65e5\u672c",
+        "\U0001f600",
+        "*a",
+        "&a 1",
+        "&a",
+    ),
+    *(
+        "!!int 1",
+        "!x",
+        "!!int x",
+        "!!python/object:os.system x",
+        "!!binary aGk=",
+        "<<: *a",
+    ),
+    *(
+        "{<<: {a: 1}}",
+        "{}",
+        "[]",
+        "[[]]",
+        "{a: {b: {c: 1}}}",
+        "[1, 2",
+        "{a: 1",
+        "]",
+        "? a",
+        "- 1",
+    ),
+    *(
+        "|",
+        ">",
+        "| \n  a\n",
+        "@",
+        "`",
+        "%",
+        "#",
+        "a: b: c",
+        "a #b",
+        "[" * 40,
+        "{a: " * 40,
+    ),
     *("[" * 3000, "- " * 2000, "x" * 100_000, "9" * 5000, "[" + "1, " * 5_000 + "1]"),
     *("0." + "1" * 5000, "1e" + "9" * 50),
     *("{linspace: [0, 1, 1000000000000]}", "{linspace: [0.1, 0.2, 1000000]}"),
     *("{linspace: [0.1, 0.1000000001, 1000000]}", "{linspace: [-1e308, 1e308, 3]}"),
-    *("{logspace: [1, 0, 3]}", "[0.5, 0.5]", "[0.1, 0.2]", "[0.2, 0.1]", "[0, 0]", "sd", "rk4"),
-    *("[1e-300, 1e-299]", "[0.999999999, 0.9999999999]", "{t: 1e-300}", "{t_rgh: 1e300}"),
+    *(
+        "{logspace: [1, 0, 3]}",
+        "[0.5, 0.5]",
+        "[0.1, 0.2]",
+        "[0.2, 0.1]",
+        "[0, 0]",
+        "sd",
+        "rk4",
+    ),
+    *(
+        "[1e-300, 1e-299]",
+        "[0.999999999, 0.9999999999]",
+        "{t: 1e-300}",
+        "{t_rgh: 1e300}",
+    ),
     *("{method: rk4, dt: 1e-300}", "{method: rk4, dt: 1e300}"),
-]  # fmt: skip
+]
 KINDS = [*3 * ["number"], *2 * ["value"], "key", "twice", "drop", "more", "alien"]
 
 
@@ -53,8 +130,12 @@ def mutated(pick):
     for _ in range(pick.choice([1, 1, 1, 2, 2, 3, 4])):
         lines = text.split("\n")
         place = pick.randrange(len(lines))
-        words = list(re.finditer(r"(?<!\w)[A-Za-z_]\w*+(?=:)", text)) or [re.match("", text)]
-        found = list(re.finditer(r"(?<=: )[^,}\]\n]+|(?<=[\[ ])[-\d.e]+", text)) or words
+        words = list(re.finditer(r"(?<!\w)[A-Za-z_]\w*+(?=:)", text)) or [
+            re.match("", text)
+        ]
+        found = (
+            list(re.finditer(r"(?<=: )[^,}\]\n]+|(?<=[\[ ])[-\d.e]+", text)) or words
+        )
         word, value = pick.choice(words), pick.choice(found)
 
         def put(new, at, text=text):
@@ -62,12 +143,19 @@ def mutated(pick):
 
         match pick.choice(KINDS):
             case "number" if re.fullmatch(r"-?\d*\.?\d+(e-?\d+)?", value[0]):
-                text = put(f"{float(value[0]) * 10 ** pick.uniform(-1.5, 1.5):.3g}", value)
+                text = put(
+                    f"{float(value[0]) * 10 ** pick.uniform(-1.5, 1.5):.3g}", value
+                )
             case "value":
                 text = put(pick.choice(WILD), value)
             case "key":
                 key, i = word[0], pick.randrange(len(word[0]) + 1)
-                near = [key[:i] + key[i + 1 :], key[:i] + "x" + key[i:], key.upper(), key[::-1]]
+                near = [
+                    key[:i] + key[i + 1 :],
+                    key[:i] + "x" + key[i:],
+                    key.upper(),
+                    key[::-1],
+                ]
                 text = put(pick.choice(KEYS + near), word)
             case "twice":
                 text = "\n".join([*lines[:place], lines[place], *lines[place:]])
@@ -104,7 +192,8 @@ def refused(path, *overrides):
     lines = []
     try:
         config = load_config(path, overrides)
-        # As in `checked_plan`, but without the sampler, which may take long for a target.
+        # As in `checked_plan`, but without the sampler, which may take long for a
+        # target.
         with config.locating():
             plan = make_plan(config, path.parent)
         warnings = check_physics(plan)
@@ -127,7 +216,9 @@ def test_changed_configs(directory, start, count):
     for number in range(start, start + count):
         pick = random.Random(number)
         path.write_bytes(mutated(pick))
-        key = pick.choice([*KEYS, "bodies.samples", "spin.n_i", "horizon.t", "integrator.tol"])
+        key = pick.choice(
+            [*KEYS, "bodies.samples", "spin.n_i", "horizon.t", "integrator.tol"]
+        )
         sets = [f"{key}{pick.choice(['=', '', ' = ', '.x='])}{pick.choice(WILD)}"]
         try:
             told += refused(path, *sets[: number % 8 == 0])

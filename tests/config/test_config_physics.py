@@ -14,7 +14,8 @@ from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.plausible import check_physics, checked_plan
 
 DRAWN = "bodies: {source: sd}\n" + SPIN
-# As `REFUSED` in test_config: a config, the text to replace, the new text, verdict, message.
+# As `REFUSED` in test_config: a config, the text to replace, the new text, verdict,
+# message.
 CASES = r"""
 preset | + | horizon: {t_rgh: 0.5} | warned | 3: horizon.t_rgh: the horizon comes before t_rGH, the reversal time of theory, in the only run, so few will be of type R; give t_rgh above 1
 drawn | + | horizon: {t: 100} | warned | 3: horizon.t: the horizon comes before t_rGH, the reversal time of theory, in all of 4096 runs drawn from the ranges
@@ -37,7 +38,9 @@ shell | [contact, energy]\n | [error]\nmodel: gh\n | refused | 5: record: the mo
 
 
 def judged(path):
-    """Return whether a config is refused, and the messages; no bodies are drawn for targets."""
+    """Return whether a config is refused, and the messages; no bodies are drawn for
+    targets.
+    """
     config = load_config(path)
     try:
         if isinstance(config.bodies, SdSource):
@@ -65,7 +68,9 @@ def test_messages_about_nonsense_have_place_and_numbers(
         assert len(line) < 500
 
 
-@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem
+)
 def test_the_projects_own_configs_make_sense(path):
     assert judged(path) == (False, [])
 

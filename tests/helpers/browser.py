@@ -15,14 +15,28 @@ from pathlib import Path
 from select import select
 from typing import Any
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+NAMES = (
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome",
+)
 # Software rendering draws the same on machines without a graphics card.
 FLAGS = (
-    "--headless=new", "--no-sandbox", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-extensions", "--disable-dev-shm-usage",
-    "--force-color-profile=srgb", "--remote-debugging-pipe", "--use-gl=angle",
-    "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-)  # fmt: skip
+    "--headless=new",
+    "--no-sandbox",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-extensions",
+    "--disable-dev-shm-usage",
+    "--force-color-profile=srgb",
+    "--remote-debugging-pipe",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+)
 PATIENCE = 120.0
 
 
@@ -46,7 +60,12 @@ class Browser:
 
     def call(self, method: str, **params: Any) -> Any:
         self._number += 1
-        message = {"id": self._number, "method": method, "params": params, **self._session}
+        message = {
+            "id": self._number,
+            "method": method,
+            "params": params,
+            **self._session,
+        }
         os.write(self._to, json.dumps(message).encode() + b"\0")
         while (answer := self._read()).get("id") != self._number:
             self._note(answer.get("method"), answer.get("params", {}))
@@ -68,12 +87,19 @@ class Browser:
     def _note(self, method: str | None, params: dict[str, Any]) -> None:
         if method == "Network.requestWillBeSent":
             self.requests.append(params["request"]["url"])
-        elif method in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"):
+        elif method in (
+            "Runtime.consoleAPICalled",
+            "Runtime.exceptionThrown",
+            "Log.entryAdded",
+        ):
             self.console.append(json.dumps(params))
 
     def run(self, expression: str) -> Any:
         answer = self.call(
-            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
+            "Runtime.evaluate",
+            expression=expression,
+            returnByValue=True,
+            awaitPromise=True,
         )
         if "exceptionDetails" in answer:
             raise RuntimeError(f"{expression}: {answer['exceptionDetails']}")
@@ -88,12 +114,21 @@ class Browser:
 
     def frame(self) -> None:
         """Wait until the page has drawn its changes."""
-        self.run("new Promise((f) => requestAnimationFrame(() => requestAnimationFrame(f)))")
+        self.run(
+            "new Promise((f) => requestAnimationFrame(() => requestAnimationFrame(f)))"
+        )
 
     def open(self, path: Path) -> None:
-        """Load a file into a small window that prefers reduced motion, and wait for it."""
-        self.call("Emulation.setDeviceMetricsOverride", width=340, height=460,
-                  deviceScaleFactor=1, mobile=False)  # fmt: skip
+        """Load a file into a small window that prefers reduced motion, and wait for
+        it.
+        """
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=340,
+            height=460,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         features = [{"name": "prefers-reduced-motion", "value": "reduce"}]
         self.call("Emulation.setEmulatedMedia", features=features)
         self.call("Page.navigate", url=path.resolve().as_uri())
@@ -103,10 +138,18 @@ class Browser:
 
     def key(self, key: str) -> None:
         """Press and release " " or "End"."""
-        code, number, text = ("Space", 32, {"text": key}) if key == " " else (key, 35, {})
+        code, number, text = (
+            ("Space", 32, {"text": key}) if key == " " else (key, 35, {})
+        )
         for kind, more in (("keyDown", text), ("keyUp", {})):
-            self.call("Input.dispatchKeyEvent", type=kind, key=key, code=code,
-                      windowsVirtualKeyCode=number, **more)  # fmt: skip
+            self.call(
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=key,
+                code=code,
+                windowsVirtualKeyCode=number,
+                **more,
+            )
 
     def click(self, selector: str) -> None:
         """Scroll to an element and click its centre."""
@@ -117,11 +160,20 @@ class Browser:
             "return [b.x + b.width / 2, b.y + b.height / 2]; })()"
         )
         for kind, buttons in (("mousePressed", 1), ("mouseReleased", 0)):
-            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left",
-                      buttons=buttons, clickCount=1)  # fmt: skip
+            self.call(
+                "Input.dispatchMouseEvent",
+                type=kind,
+                x=x,
+                y=y,
+                button="left",
+                buttons=buttons,
+                clickCount=1,
+            )
 
     def screenshot(self) -> bytes:
-        return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+        return base64.b64decode(
+            self.call("Page.captureScreenshot", format="png")["data"]
+        )
 
 
 @contextmanager
@@ -136,9 +188,12 @@ def browser() -> Iterator[Browser]:
     shell = f'exec "$@" 3<&{read_end} 4>&{write_end}'
     process = subprocess.Popen(
         ["bash", "-c", shell, "bash", program, *FLAGS, f"--user-data-dir={profile}"],
-        pass_fds=(read_end, write_end), stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
-    )  # fmt: skip
+        pass_fds=(read_end, write_end),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
     os.close(read_end)
     os.close(write_end)
     try:

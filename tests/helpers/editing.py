@@ -18,7 +18,9 @@ def edited(source: Path, target: Path, change: Callable[[pa.Table], pa.Table]) -
         table = pq.ParquetFile(path).read()
         rows = change(table)
         rows = rows.replace_schema_metadata(table.schema.metadata)
-        pq.write_table(rows, path, write_page_checksum=True) if len(rows) else path.unlink()
+        pq.write_table(rows, path, write_page_checksum=True) if len(
+            rows
+        ) else path.unlink()
     return target
 
 

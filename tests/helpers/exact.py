@@ -6,17 +6,23 @@ from mpmath import mp
 
 
 def exactly(function, sqrt=mp.sqrt, **others):
-    """Return a formula, and all that it calls, with another square root and other globals."""
+    """Return a formula, and all that it calls, with another square root and other
+    globals.
+    """
     formula = function.py_func
     names, known = formula.__code__.co_names, formula.__globals__
 
     def plain(value):
         if isinstance(value, ModuleType):
             there = vars(value)
-            return SimpleNamespace(**{name: plain(there[name]) for name in names if name in there})
+            return SimpleNamespace(
+                **{name: plain(there[name]) for name in names if name in there}
+            )
         return exactly(value, sqrt, **others) if hasattr(value, "py_func") else value
 
     called = {name: plain(known[name]) for name in names if name in known}
-    closure = tuple(CellType(plain(cell.cell_contents)) for cell in formula.__closure__ or ())
+    closure = tuple(
+        CellType(plain(cell.cell_contents)) for cell in formula.__closure__ or ()
+    )
     variables = known | called | {"sqrt": sqrt} | others
     return FunctionType(formula.__code__, variables, closure=closure or None)

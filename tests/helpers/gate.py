@@ -1,7 +1,7 @@
 """A gate for the blocks of Dask workers, which preload this module.
 
-A block passes when ``RATTLESWEEP_TESTS_GATE`` contains a file ``open`` or ``ticket``; a ticket is
-used up.  Files inside ``RATTLESWEEP_TESTS_CLOSED`` cannot be opened.
+A block passes when ``RATTLESWEEP_TESTS_GATE`` contains a file ``open`` or ``ticket``; a
+ticket is used up.  Files inside ``RATTLESWEEP_TESTS_CLOSED`` cannot be opened.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ def _held(plan: Any, *prepared: Any) -> Any:
 
 
 def _refuse(event: str, args: tuple[Any, ...]) -> None:
-    if event in ("open", "os.listdir", "os.scandir", "os.mkdir") and str(args[0]).startswith(
-        str(_closed)
-    ):
+    if event in ("open", "os.listdir", "os.scandir", "os.mkdir") and str(
+        args[0]
+    ).startswith(str(_closed)):
         raise PermissionError(f"a worker looks at {args[0]}")
 
 

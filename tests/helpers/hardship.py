@@ -1,6 +1,7 @@
 """Small sweeps that are killed or hit by faults, and checks of what they leave behind.
 
-Each runs in a process that is forked, within 50 ms, from a server with all modules loaded.
+Each runs in a process that is forked, within 50 ms, from a server with all modules
+loaded.
 """
 
 from __future__ import annotations
@@ -46,14 +47,20 @@ class Ended:
     @property
     def sentence(self) -> bool:
         """Whether standard error explains the failure in one line."""
-        lines = [x for x in self.err.splitlines() if not x.startswith(("note: ", "warning: "))]
+        lines = [
+            x
+            for x in self.err.splitlines()
+            if not x.startswith(("note: ", "warning: "))
+        ]
         explained = len(lines) == 1 and lines[0].startswith("error: ")
         return explained and "internal error" not in self.err
 
 
 @cache
 def _nursery() -> tuple[Any, Path, Any]:
-    """Return the fork server, a folder for the output of its children, and their numbers."""
+    """Return the fork server, a folder for the output of its children, and their
+    numbers.
+    """
     os.environ["RATTLESWEEP_TESTS_NURSERY"] = "1"
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
     context = multiprocessing.get_context("forkserver")
@@ -64,15 +71,17 @@ def _nursery() -> tuple[Any, Path, Any]:
 class Child:
     """A `rattlesweep` command in a process of its own.
 
-    Keywords: ``calls``, arguments of `syscalls.Calls`; ``hold``, the number of blocks to finish
-    before waiting for SIGUSR1; ``rows``, runs per block.
+    Keywords: ``calls``, arguments of `syscalls.Calls`; ``hold``, the number of blocks
+    to finish before waiting for SIGUSR1; ``rows``, runs per block.
     """
 
     def __init__(self, *args: Any, **how: Any) -> None:
         context, folder, numbers = _nursery()
         self._out = folder / f"{next(numbers)}"
         texts = [str(a) for a in args]
-        self._process = context.Process(target=become, args=(texts, self._out, how), daemon=True)
+        self._process = context.Process(
+            target=become, args=(texts, self._out, how), daemon=True
+        )
         self._process.start()
         self.pid = self._process.pid
 
@@ -105,7 +114,9 @@ def rows_of(directory: Path) -> pa.Table:
 
 
 def check_equal(directory: Path, expected: Path) -> None:
-    """Check that two directories agree to the last bit, and that one is intact and clean."""
+    """Check that two directories agree to the last bit, and that one is intact and
+    clean.
+    """
     assert same_bits(rows_of(directory), rows_of(expected))
     summaries = [(d / "summary.parquet").read_bytes() for d in (directory, expected)]
     assert summaries[0] == summaries[1]
@@ -118,7 +129,8 @@ def check_equal(directory: Path, expected: Path) -> None:
 
 
 def check_whole(directory: Path, *expected: Path) -> int:
-    """Check that visible files are intact, no run appears twice, and each row is an expected one.
+    """Check that visible files are intact, no run appears twice, and each row is an
+    expected one.
 
     Return the number of rows.
     """

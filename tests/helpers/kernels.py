@@ -20,36 +20,50 @@ take = pick = arrays.take
 
 
 def methods(*quick):
-    """Parametrise ``method``; methods that are not named compile kernels and are slow tests."""
+    """Parametrise ``method``; methods that are not named compile kernels and are slow
+    tests.
+    """
     return pytest.mark.parametrize(
         "method",
-        [pytest.param(m, marks=[] if m.name in quick else [pytest.mark.slow])
-         for m in METHODS.values()],
+        [
+            pytest.param(m, marks=[] if m.name in quick else [pytest.mark.slow])
+            for m in METHODS.values()
+        ],
         ids=METHODS,
-    )  # fmt: skip
+    )
 
 
 def _columns(body, *others):
-    """Return the six parameters of bodies and other columns, broadcast to one length."""
+    """Return the six parameters of bodies and other columns, broadcast to one
+    length.
+    """
     columns = np.broadcast_arrays(*(body[name] for name in PARAMETERS), *others)
     columns = [np.atleast_1d(np.asarray(x, dtype=float)) for x in columns]
     return dict(zip(PARAMETERS, columns[:6], strict=True)), columns[6:]
 
 
 def _modes(body):
-    return theory.modes(*(body[name] for name in ("alpha", "beta", "theta", "phi", "xi")))
+    return theory.modes(
+        *(body[name] for name in ("alpha", "beta", "theta", "phi", "xi"))
+    )
 
 
 def _batch(n_i, t_end, **own):
     """Return a batch with N_WINDOWS windows per horizon, without marks or taps."""
     return batch.Batch(
-        t_end=t_end, window=t_end / N_WINDOWS, first_mark=t_end, scale=np.abs(n_i),
-        tapped=np.zeros(len(t_end), bool), **own,
-    )  # fmt: skip
+        t_end=t_end,
+        window=t_end / N_WINDOWS,
+        first_mark=t_end,
+        scale=np.abs(n_i),
+        tapped=np.zeros(len(t_end), bool),
+        **own,
+    )
 
 
 def full_batch(body, n_i, omega_xy0=0.01, psi="relevant", t_end=1000.0):
-    """Return a batch of the full model; ``psi`` in radians or a word of `theory.direction`."""
+    """Return a batch of the full model; ``psi`` in radians or a word of
+    `theory.direction`.
+    """
     body, (n_i, omega_xy0, t_end) = _columns(body, n_i, omega_xy0, t_end)
     modes = _modes(body)
     psi = theory.direction(modes, n_i, psi) if isinstance(psi, str) else psi
@@ -57,7 +71,9 @@ def full_batch(body, n_i, omega_xy0=0.01, psi="relevant", t_end=1000.0):
     found = steady.steady_modes(constants, n_i)
     pitch = (modes.K_p * n_i > 0)[:, None]
     probe = np.where(pitch, found.pitch_probe, found.roll_probe)
-    speed = theory.oscillation_speed(body["alpha"], body["beta"], body["gamma"], omega_xy0, psi)
+    speed = theory.oscillation_speed(
+        body["alpha"], body["beta"], body["gamma"], omega_xy0, psi
+    )
     return _batch(
         n_i,
         t_end,
@@ -101,7 +117,9 @@ def assert_same(a, b, skip=()):
     for name, value in vars(a).items():
         if name not in (*skip, "stopped"):
             other = getattr(b, name)
-            assert (value.shape, value.tobytes()) == (other.shape, other.tobytes()), name
+            assert (value.shape, value.tobytes()) == (other.shape, other.tobytes()), (
+                name
+            )
 
 
 def mode_energies(body, n_i, omega_xy0):
@@ -115,7 +133,9 @@ def mode_energies(body, n_i, omega_xy0):
 
 @cache
 def attempt(method, model):
-    """Return the generated step of a method and a model, which its first call compiles."""
+    """Return the generated step of a method and a model, which its first call
+    compiles.
+    """
     return njit(**stages.OPTIONS)(stages.write_attempt(METHODS[method], MODELS[model]))
 
 

@@ -34,8 +34,11 @@ def warm() -> None:
     """Load everything that a command needs, in the process that is forked."""
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         Path("warm.yaml").write_text(TINY)
-        for args in (("run", "warm.yaml", "--output", "warm"), ("classify", "warm"),
-                     ("merge", "warm", "--output", "merged")):  # fmt: skip
+        for args in (
+            ("run", "warm.yaml", "--output", "warm"),
+            ("classify", "warm"),
+            ("merge", "warm", "--output", "merged"),
+        ):
             with (
                 contextlib.redirect_stdout(io.StringIO()),
                 contextlib.redirect_stderr(io.StringIO()),
@@ -58,7 +61,8 @@ def become(args: list[str], out: Path, how: dict[str, Any]) -> None:
         for handle in (1, 2):
             path = out.with_suffix(f".{handle}")
             os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), handle)
-        # fsync matters after a power cut, not after a kill, and would take most of the time.
+        # fsync matters after a power cut, not after a kill, and would take most of the
+        # time.
         os.fsync = os.fstat  # type: ignore[assignment]
         runner.MAX_BLOCK_RUNS = how.get("rows", ROWS)
         if "hold" in how:
@@ -83,7 +87,9 @@ def _hold(blocks: int) -> None:
     honest, passed, released = block.compute, [], []
     signal.signal(signal.SIGUSR1, lambda *_: released.append(True))
 
-    def held(config: Any, schema: Any, prepared: Any, threads: int, control: Any) -> Any:
+    def held(
+        config: Any, schema: Any, prepared: Any, threads: int, control: Any
+    ) -> Any:
         while len(passed) >= blocks and not released:
             if control.stopping:
                 return schema.remove_metadata().empty_table()

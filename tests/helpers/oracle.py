@@ -1,9 +1,10 @@
-"""Slow and simple oracles, taken directly from Kondo & Nakanishi (2017), in NumPy and SciPy.
+"""Slow and simple oracles, taken directly from Kondo & Nakanishi (2017), in NumPy and
+SciPy.
 
-This module does not import `rattlesweep`.  Units M = a = g = 1.  A *body* is a mapping or an object
-with ``alpha, beta, gamma, theta, phi, xi`` (xi in radians); the state is ``y = (u, omega)``, six
-numbers in the body-fixed principal axes, ``z`` pointing down at rest.  Equations are numbered as
-in the paper.
+This module does not import `rattlesweep`.  Units M = a = g = 1.  A *body* is a mapping
+or an object with ``alpha, beta, gamma, theta, phi, xi`` (xi in radians); the state is
+``y = (u, omega)``, six numbers in the body-fixed principal axes, ``z`` pointing down at
+rest.  Equations are numbered as in the paper.
 """
 
 import math
@@ -14,8 +15,14 @@ import numpy as np
 from scipy.integrate import DOP853, solve_ivp
 from scipy.optimize import brentq
 
-GH = {"alpha": 13.04, "beta": 1.522, "gamma": 12.28, "theta": 0.6429, "phi": 0.0360,
-      "xi": -math.radians(1.72)}  # fmt: skip
+GH = {
+    "alpha": 13.04,
+    "beta": 1.522,
+    "gamma": 12.28,
+    "theta": 0.6429,
+    "phi": 0.0360,
+    "xi": -math.radians(1.72),
+}
 
 PARAMETERS = tuple(GH)
 EPS = np.array([[0.0, 1.0], [-1.0, 0.0]])  # Eq. 16
@@ -55,7 +62,8 @@ def _matrices(alpha, beta, gamma, theta, phi, xi):
 
 
 def matrices(body):
-    """Return R Theta R^-1, R Theta^-1 R^-1 (from the principal radii), and the inertia I about G.
+    """Return R Theta R^-1, R Theta^-1 R^-1 (from the principal radii), and the inertia
+    I about G.
 
     I is in units of M a^2: Eq. 14 solved for I_xx, I_yy, I_zz.
     """
@@ -86,7 +94,11 @@ def rhs(t, y, body):
     _, _, inert = matrices(body)
     rx = matrix_of(r)
     left = inert - rx @ rx  # the matrix of  dw -> I dw - r x (r x dw)
-    right = -cross(w, inert @ w) + cross(r, cross(dr, w) + cross(w, cross(r, w))) + cross(r, u)
+    right = (
+        -cross(w, inert @ w)
+        + cross(r, cross(dr, w) + cross(w, cross(r, w)))
+        + cross(r, u)
+    )
     return np.concatenate([du, np.linalg.solve(left, right)])
 
 
@@ -101,7 +113,9 @@ def spin_rate(y, body):
 
 
 def energy(y, body):
-    """Return the energy; the potential is zero at u = (0, 0, -1), where G is at height 1."""
+    """Return the energy; the potential is zero at u = (0, 0, -1), where G is at height
+    1.
+    """
     u, w = y[:3], y[3:]
     r = contact_point(u, body)
     v = cross(r, w)
@@ -129,7 +143,14 @@ def force_components(y, body):
 def launch(body, n_i, omega_xy0, psi):
     """Return y(0): Eqs. 68 and 69."""
     return np.array(
-        [0.0, 0.0, -1.0, omega_xy0 * math.cos(psi), omega_xy0 * math.sin(psi), -float(n_i)]
+        [
+            0.0,
+            0.0,
+            -1.0,
+            omega_xy0 * math.cos(psi),
+            omega_xy0 * math.sin(psi),
+            -float(n_i),
+        ]
     )
 
 
@@ -142,7 +163,9 @@ def h_matrix(body):
 
 
 def modes(body):
-    """Return the modes by `eigh`, K_p and K_r by Eqs. 33 and 35, psi in (-pi/2, pi/2]."""
+    """Return the modes by `eigh`, K_p and K_r by Eqs. 33 and 35, psi in (-pi/2,
+    pi/2].
+    """
     alpha, beta = get(body, "alpha"), get(body, "beta")
     jp = np.diag([alpha**0.5, beta**0.5])
     jm = np.diag([alpha**-0.5, beta**-0.5])
@@ -172,7 +195,14 @@ def advance(body, y0, dt, rtol=1e-12, atol=1e-15):
     if dt == 0.0:
         return np.array(y0, dtype=float)
     sol = solve_ivp(
-        rhs, (0.0, dt), y0, "DOP853", args=(body,), rtol=rtol, atol=atol, max_step=abs(dt) / 4
+        rhs,
+        (0.0, dt),
+        y0,
+        "DOP853",
+        args=(body,),
+        rtol=rtol,
+        atol=atol,
+        max_step=abs(dt) / 4,
     )
     assert sol.success, sol.message
     return sol.y[:, -1]
@@ -181,8 +211,9 @@ def advance(body, y0, dt, rtol=1e-12, atol=1e-15):
 def _first_bracket(ts, s, sign, rate, value):
     """Return (a, b) around the first zero of a function with samples s at ts, or None.
 
-    Two zeros may lie between two samples that are within ten second differences of zero: if the
-    function turns back there, its sign at the extremum decides, a zero of the derivative ``rate``.
+    Two zeros may lie between two samples that are within ten second differences of
+    zero: if the function turns back there, its sign at the extremum decides, a zero of
+    the derivative ``rate``.
     """
     near = 10.0 * np.max(np.abs(np.diff(s, 2))) + 1e-15
     for k in range(len(ts) - 1):
@@ -197,16 +228,27 @@ def _first_bracket(ts, s, sign, rate, value):
     return None
 
 
-def first_reversal(body, n_i, omega_xy0, psi, t_end, rtol=1e-12, atol=1e-15, samples=64):
+def first_reversal(
+    body, n_i, omega_xy0, psi, t_end, rtol=1e-12, atol=1e-15, samples=64
+):
     """Return `first_zero` of a launch."""
-    return first_zero(body, launch(body, n_i, omega_xy0, psi), t_end, rtol, atol, samples)
+    return first_zero(
+        body, launch(body, n_i, omega_xy0, psi), t_end, rtol, atol, samples
+    )
 
 
 def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, samples=64):
-    """Return ``(t_r, y(t_r))`` at the spin's first zero, or ``(None, y(t_end))`` without one."""
+    """Return ``(t_r, y(t_r))`` at the spin's first zero, or ``(None, y(t_end))``
+    without one.
+    """
     sign = math.copysign(1.0, spin(y0))
     solver = DOP853(
-        lambda t, y: rhs(t, y, body), 0.0, np.array(y0, dtype=float), t_end, rtol=rtol, atol=atol
+        lambda t, y: rhs(t, y, body),
+        0.0,
+        np.array(y0, dtype=float),
+        t_end,
+        rtol=rtol,
+        atol=atol,
     )
     while solver.status == "running":
         y_old = solver.y.copy()
@@ -224,7 +266,9 @@ def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, samples=64):
         def state(t, t_old=t_old, y_old=y_old):
             return advance(body, y_old, t - t_old, rtol, atol)
 
-        bracket = _first_bracket(ts, s, sign, lambda t, d=dense: spin_rate(d(t), body), value)
+        bracket = _first_bracket(
+            ts, s, sign, lambda t, d=dense: spin_rate(d(t), body), value
+        )
         if bracket is not None:
             a, b = bracket
             exact = spin(state(a)) * sign > 0.0 >= spin(state(b)) * sign
@@ -235,7 +279,9 @@ def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, samples=64):
 
 
 def jacobian_spin(body, n):
-    """Return the Jacobian in (u_x, u_y, omega_x, omega_y) at steady spin n, by complex step."""
+    """Return the Jacobian in (u_x, u_y, omega_x, omega_y) at steady spin n, by complex
+    step.
+    """
     y0 = np.array([0.0, 0.0, -1.0, 0.0, 0.0, -float(n)], dtype=complex)
     which = [0, 1, 3, 4]
     h = 1e-40

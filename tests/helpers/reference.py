@@ -1,8 +1,9 @@
-"""The paper's six-variable equations (vertical unit vector and angular velocity), at any precision.
+"""The paper's six-variable equations (vertical unit vector and angular velocity), at
+any precision.
 
-This module does not import `rattlesweep` and shares nothing with its kernels: it has other
-variables, solves the 3x3 system by cofactors, and computes in longdoubles or mpmath numbers.
-Units M = a = g = 1.
+This module does not import `rattlesweep` and shares nothing with its kernels: it has
+other variables, solves the 3x3 system by cofactors, and computes in longdoubles or
+mpmath numbers. Units M = a = g = 1.
 """
 
 import numpy as np
@@ -26,18 +27,31 @@ def trigonometry(angle, exact):
 
 
 def constants(parameters, exact=False):
-    """Return the inertia, radii B and curvatures A of bodies from rows of six parameters."""
+    """Return the inertia, radii B and curvatures A of bodies from rows of six
+    parameters.
+    """
     alpha, beta, gamma, theta, phi, xi = real(np.transpose(parameters), exact)
     c, s = trigonometry(xi, exact)
     # R(xi) diag R(xi)^-1 of the principal radii and of the principal curvatures.
-    radii = [c * c / theta + s * s / phi, c * s * (1 / theta - 1 / phi),
-             s * s / theta + c * c / phi]  # fmt: skip
-    curvatures = [c * c * theta + s * s * phi, c * s * (theta - phi), s * s * theta + c * c * phi]
+    radii = [
+        c * c / theta + s * s / phi,
+        c * s * (1 / theta - 1 / phi),
+        s * s / theta + c * c / phi,
+    ]
+    curvatures = [
+        c * c * theta + s * s * phi,
+        c * s * (theta - phi),
+        s * s * theta + c * c * phi,
+    ]
     return np.stack([alpha - 1, beta - 1, gamma, *radii, *curvatures])
 
 
 def cross(a, b):
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
 
 
 def add(*vectors):
@@ -73,16 +87,20 @@ def rhs(y, q):
     cxx, cxy, cxz = myy * mzz - myz * myz, mxz * myz - mxy * mzz, mxy * myz - mxz * myy
     cyy, cyz, czz = mxx * mzz - mxz * mxz, mxy * mxz - mxx * myz, mxx * myy - mxy * mxy
     det = mxx * cxx + mxy * cxy + mxz * cxz
-    return np.stack([
-        *du,
-        (cxx * t[0] + cxy * t[1] + cxz * t[2]) / det,
-        (cxy * t[0] + cyy * t[1] + cyz * t[2]) / det,
-        (cxz * t[0] + cyz * t[1] + czz * t[2]) / det,
-    ])  # fmt: skip
+    return np.stack(
+        [
+            *du,
+            (cxx * t[0] + cxy * t[1] + cxz * t[2]) / det,
+            (cxy * t[0] + cyy * t[1] + cyz * t[2]) / det,
+            (cxz * t[0] + cyz * t[1] + czz * t[2]) / det,
+        ]
+    )
 
 
 def step(y, h, q, columns=8):
-    """Return the state after a step of the extrapolated midpoint rule, of order 2 * columns."""
+    """Return the state after a step of the extrapolated midpoint rule, of order 2 *
+    columns.
+    """
     f0 = rhs(y, q)
     table = []
     for j in range(1, columns + 1):

@@ -1,4 +1,6 @@
-"""Random bodies for the tests of formulas: columns of the six parameters, shape (6, size)."""
+"""Random bodies for the tests of formulas: columns of the six parameters, shape (6,
+size).
+"""
 
 import numpy as np
 import oracle
@@ -40,17 +42,24 @@ def any_body(size, seed):
 def far_outside(size, seed):
     """Draw bodies near the ends of all ranges, combined at random."""
     rng = np.random.default_rng(seed)
-    f_sd = np.choose(rng.integers(0, 3, size), [
-        log_uniform(rng, 1e-9, 0.5, size), 0.5 - log_uniform(rng, 1e-9, 0.5, size) / 2,
-        rng.uniform(0.05, 0.45, size),
-    ])  # fmt: skip
+    f_sd = np.choose(
+        rng.integers(0, 3, size),
+        [
+            log_uniform(rng, 1e-9, 0.5, size),
+            0.5 - log_uniform(rng, 1e-9, 0.5, size) / 2,
+            rng.uniform(0.05, 0.45, size),
+        ],
+    )
     alpha, beta, gamma = dumbbells(log_uniform(rng, 1e-2, 1e3, size), f_sd)
-    # Every third has alpha within 1e-9..1e-1 of beta, and any gamma that a body can have.
+    # Every third has alpha within 1e-9..1e-1 of beta, and any gamma that a body can
+    # have.
     near = np.arange(size) % 3 == 0
     alpha = np.where(near, beta * (1 + log_uniform(rng, 1e-9, 1e-1, size)), alpha)
     gamma = np.where(near, rng.uniform(alpha - beta, alpha + beta - 2), gamma)
     flat = rng.uniform(size=size) < 0.6
-    theta = np.where(flat, 1 - log_uniform(rng, 1e-9, 0.5, size), rng.uniform(0.05, 0.99, size))
+    theta = np.where(
+        flat, 1 - log_uniform(rng, 1e-9, 0.5, size), rng.uniform(0.05, 0.99, size)
+    )
     phi = theta * log_uniform(rng, 1e-4, 0.9, size)
     deep = rng.uniform(size=size) < 0.3
     degrees = np.where(deep, rng.uniform(1, 89, size), log_uniform(rng, 1e-8, 89, size))

@@ -1,9 +1,9 @@
 """Ellipsoids and friction from the laws of mechanics, in NumPy and SciPy.
 
-This module does not import `rattlesweep`.  The unknowns are the angular acceleration and the
-contact force.  Newton's law for the centre of mass, Euler's law about it and the rolling condition
-are six linear equations for them.  Units M = a = g = 1; the state is ``(u, omega, work)``,
-body-fixed components, ``z`` down at rest.
+This module does not import `rattlesweep`.  The unknowns are the angular acceleration
+and the contact force.  Newton's law for the centre of mass, Euler's law about it and
+the rolling condition are six linear equations for them.  Units M = a = g = 1; the state
+is ``(u, omega, work)``, body-fixed components, ``z`` down at rest.
 """
 
 import math
@@ -27,10 +27,14 @@ def ellipsoid(theta, phi, xi, c):
 
 
 def contact(u, du, body):
-    """Return the contact point from the centre of mass, and its rate in the body's frame."""
+    """Return the contact point from the centre of mass, and its rate in the body's
+    frame.
+    """
     if body.get("c") is None:
         return oracle.contact_point(u, body), oracle.contact_point_dot(u, du, body)
-    centre, e = ellipsoid(*(oracle.get(body, name) for name in ("theta", "phi", "xi", "c")))
+    centre, e = ellipsoid(
+        *(oracle.get(body, name) for name in ("theta", "phi", "xi", "c"))
+    )
     # The outward normal at the contact points down.
     s = np.sqrt(u @ e @ u)
     return centre - e @ u / s, -e @ du / s + e @ u * (u @ e @ du) / s**3
@@ -77,12 +81,22 @@ def energy(y, body):
 def follow(body, u, omega, t_end, sigma=0.0, rolling=0.0, tol=1e-13):
     """Return SciPy's solution from a state, with dense output."""
     y0 = np.concatenate([u, omega, [0.0]])
-    return solve_ivp(rhs, (0, t_end), y0, "DOP853", dense_output=True, rtol=tol, atol=1e-3 * tol,
-                     args=(body, sigma, rolling))  # fmt: skip
+    return solve_ivp(
+        rhs,
+        (0, t_end),
+        y0,
+        "DOP853",
+        dense_output=True,
+        rtol=tol,
+        atol=1e-3 * tol,
+        args=(body, sigma, rolling),
+    )
 
 
 def first_zero(found, value, samples=40_000):
-    """Return the time of the first zero of a vectorised function of the state, or None."""
+    """Return the time of the first zero of a vectorised function of the state, or
+    None.
+    """
     times = np.linspace(0, found.t[-1], samples)
     values = value(found.sol(times))
     changes = np.flatnonzero(values[1:] * values[:-1] < 0)
@@ -93,5 +107,7 @@ def first_zero(found, value, samples=40_000):
 
 
 KL_HEIGHT = 0.01  # m
-KL_INERTIA = np.array([[2, -0.2, 0], [-0.2, 16, 0], [0, 0, 17]]) * 1e-4  # kg m^2, mass 1 kg
+KL_INERTIA = (
+    np.array([[2, -0.2, 0], [-0.2, 16, 0], [0, 0, 17]]) * 1e-4
+)  # kg m^2, mass 1 kg
 KL_GRAVITY, KL_TILT = 9.81, math.radians(0.5)

@@ -31,7 +31,9 @@ PROGRAM = Path(sys.executable).with_name("rattlesweep")
 
 
 def invoke(*args: Any) -> Any:
-    """Run a command in this process, and raise any exception that it does not handle."""
+    """Run a command in this process, and raise any exception that it does not
+    handle.
+    """
     result = CliRunner().invoke(cli.main, [str(a) for a in args])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
@@ -39,7 +41,9 @@ def invoke(*args: Any) -> Any:
     return result
 
 
-def run(config: str | Path, output: Path, *sets: str, options: tuple[Any, ...] = ()) -> Any:
+def run(
+    config: str | Path, output: Path, *sets: str, options: tuple[Any, ...] = ()
+) -> Any:
     """Run a shipped config, or one at a path."""
     chosen = [part for text in sets for part in ("--set", text)]
     return invoke("run", CONFIGS / config, "--output", output, *chosen, *options)
@@ -66,7 +70,9 @@ def prepared(plan: Plan) -> tuple[Launches, Batch]:
     return launches, batch
 
 
-def sweep(output: Path, config: str | Path | dict[str, Any], *sets: str, **options: Any) -> Any:
+def sweep(
+    output: Path, config: str | Path | dict[str, Any], *sets: str, **options: Any
+) -> Any:
     """Run a config without the command line; `options` are those of `run_sweep`."""
     return run_sweep(plan_of(config, *sets), output, **options)
 
@@ -91,7 +97,9 @@ def proved(output: Path, recompute: int = 0) -> str:
 
 
 def content_hash(output: Path) -> str:
-    """Return a hash of all rows, sorted by key, which does not depend on their files."""
+    """Return a hash of all rows, sorted by key, which does not depend on their
+    files.
+    """
     sink = pa.BufferOutputStream()
     pq.write_table(open_stored(output).read().combine_chunks(), sink)
     return hashlib.sha256(sink.getvalue()).hexdigest()

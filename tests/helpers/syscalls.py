@@ -1,7 +1,7 @@
 """System calls on the directory of a sweep: all are counted, and one of them does harm.
 
-The first write to each file takes only half of the data, as the system is allowed to do, so that
-kills and faults also find half-written files.
+The first write to each file takes only half of the data, as the system is allowed to
+do, so that kills and faults also find half-written files.
 """
 
 from __future__ import annotations
@@ -18,8 +18,18 @@ from typing import Any
 
 import pyarrow.parquet as pq
 
-CHANGES = ("create", "write", "truncate", "fsync", "rename", "unlink", "mkdir", "rmdir", "lock",
-           "link")  # fmt: skip
+CHANGES = (
+    "create",
+    "write",
+    "truncate",
+    "fsync",
+    "rename",
+    "unlink",
+    "mkdir",
+    "rmdir",
+    "lock",
+    "link",
+)
 READS = ("read", "list", "stat")
 # Calls that may fail with each error. A full disk still deletes files.
 MAY_FAIL = {
@@ -33,7 +43,9 @@ class Calls:
     root: str
     kinds: tuple[str, ...]  # kinds of calls that are counted
     at: int | None = None  # index of the call that does harm
-    number: int | None = None  # errno of the failure; None sends a signal before the call
+    number: int | None = (
+        None  # errno of the failure; None sends a signal before the call
+    )
     sent: int = signal.SIGKILL  # the signal
     for_good: bool = False  # whether all later calls fail, too
     log: str | None = None  # file for one line ``kind path`` per call
@@ -62,14 +74,23 @@ class Calls:
         if isinstance(path, int):
             return self._paths.get(path)
         text = os.path.abspath(os.fspath(path))
-        return text if text == self.root or text.startswith(self.root + os.sep) else None
+        return (
+            text if text == self.root or text.startswith(self.root + os.sep) else None
+        )
 
     def install(self) -> None:
         for name, kind in (
-            ("replace", "rename"), ("rename", "rename"), ("unlink", "unlink"),
-            ("remove", "unlink"), ("mkdir", "mkdir"), ("rmdir", "rmdir"),
-            ("listdir", "list"), ("scandir", "list"), ("fsync", "fsync"), ("stat", "stat"),
-        ):  # fmt: skip
+            ("replace", "rename"),
+            ("rename", "rename"),
+            ("unlink", "unlink"),
+            ("remove", "unlink"),
+            ("mkdir", "mkdir"),
+            ("rmdir", "rmdir"),
+            ("listdir", "list"),
+            ("scandir", "list"),
+            ("fsync", "fsync"),
+            ("stat", "stat"),
+        ):
             setattr(os, name, self._before(kind, getattr(os, name)))
         link = os.link
         os.link = lambda path, to: (self.come("link", self.mine(to)), link(path, to))[1]
@@ -136,7 +157,9 @@ class _Raw(io.RawIOBase):
 
     def write(self, data: Any) -> int:
         self._calls.come("write", self._calls.mine(self._handle))
-        part = data if self._begun or len(data) < 2 else memoryview(data)[: len(data) // 2]
+        part = (
+            data if self._begun or len(data) < 2 else memoryview(data)[: len(data) // 2]
+        )
         self._begun = True
         return os.write(self._handle, part)
 

@@ -1,7 +1,8 @@
 """Theory of Kondo & Nakanishi (2017) in mpmath, in the paper's own form.
 
-Inputs are doubles (or mpf) and count as exact.  It computes with 120 digits, because n_0 - |n_i|
-can be tiny, and rounds to 50.  Units M = a = g = 1.  This module does not import `rattlesweep`.
+Inputs are doubles (or mpf) and count as exact.  It computes with 120 digits, because
+n_0 - |n_i| can be tiny, and rounds to 50.  Units M = a = g = 1.  This module does not
+import `rattlesweep`.
 """
 
 from mpmath import mp
@@ -26,7 +27,9 @@ def _exact(*values):
 
 
 def n_c1_squared(alpha, beta, gamma, theta, phi):
-    """Return the square of n_c1 (Eq. 73), which may be negative; None for a zero divisor."""
+    """Return the square of n_c1 (Eq. 73), which may be negative; None for a zero
+    divisor.
+    """
     with mp.workdps(WORK):
         a, b, c, th, ph = _exact(alpha, beta, gamma, theta, phi)
         den = 2 - (th + ph) - (a + b - c) * (th + ph - 2 * th * ph)
@@ -34,12 +37,16 @@ def n_c1_squared(alpha, beta, gamma, theta, phi):
 
 
 def reference(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0):
-    """Return all quantities of the theory for a launch along the relevant mode, as mpf or None.
+    """Return all quantities of the theory for a launch along the relevant mode, as mpf
+    or None.
 
-    ``t_rgh`` follows the paper's formula and so is negative where K < 0; psi is in (-pi/2, pi/2].
+    ``t_rgh`` follows the paper's formula and so is negative where K < 0; psi is in
+    (-pi/2, pi/2].
     """
     with mp.workdps(WORK):
-        a, b, c, th, ph, x, n, w = _exact(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0)
+        a, b, c, th, ph, x, n, w = _exact(
+            alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0
+        )
         eps = mp.matrix([[0, 1], [-1, 0]])
         jp = mp.diag([mp.sqrt(a), mp.sqrt(b)])
         jm = mp.diag([1 / mp.sqrt(a), 1 / mp.sqrt(b)])
@@ -57,7 +64,9 @@ def reference(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0):
         psi, k = {}, {}
         for mode, col in (("p", 1), ("r", 0)):
             ket = vectors[:, col]
-            assert mp.norm(h * ket - om2[mode] * ket) < mp.mpf(10) ** (-WORK + 20) * mp.norm(h)
+            assert mp.norm(h * ket - om2[mode] * ket) < mp.mpf(10) ** (
+                -WORK + 20
+            ) * mp.norm(h)
             omega = jm * ket  # |omega> = J^-1/2 |tilde omega>
             if omega[0] < 0 or (omega[0] == 0 and omega[1] < 0):
                 omega = -omega
@@ -93,7 +102,8 @@ def reference(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0):
 
 
 def spin_matrix(alpha, beta, gamma, theta, phi, xi, n):
-    """Return the matrix of the equations linearised about u = (0, 0, -1), omega = (0, 0, -n).
+    """Return the matrix of the equations linearised about u = (0, 0, -1), omega = (0,
+    0, -n).
 
     In (u_x, u_y, omega_x, omega_y), with B = R Theta^-1 R^-1 and r_perp = -B u_perp:
 
@@ -117,8 +127,10 @@ def spin_matrix(alpha, beta, gamma, theta, phi, xi, n):
 def _eigenvalues(matrix):
     found, _ = mp.eig(matrix)
     # Remove rounding errors from imaginary parts that are zero.
-    found = [mp.mpc(v.real, 0) if abs(v.imag) < mp.mpf(10) ** -40 * abs(v) else mp.mpc(v)
-             for v in found]  # fmt: skip
+    found = [
+        mp.mpc(v.real, 0) if abs(v.imag) < mp.mpf(10) ** -40 * abs(v) else mp.mpc(v)
+        for v in found
+    ]
     return [_rounded(v) for v in sorted(found, key=lambda v: (-v.imag, -v.real))]
 
 
@@ -128,24 +140,29 @@ def _blocks(uu, uw, wu, ww):
     for i in range(2):
         for j in range(2):
             m[i, j], m[i, j + 2], m[i + 2, j], m[i + 2, j + 2] = (
-                uu[i, j], uw[i, j], wu[i, j], ww[i, j]
-            )  # fmt: skip
+                uu[i, j],
+                uw[i, j],
+                wu[i, j],
+                ww[i, j],
+            )
     return m
 
 
 def steady_eigenvalues(constants, n, sigma=0.0):
     """Return the four eigenvalues of a steady spin, by decreasing imaginary part.
 
-    ``constants`` are those of `full.constants`.  The torque ``-sigma omega`` makes the spin fall at
-    the rate ``sigma n / gamma``.
+    ``constants`` are those of `full.constants`.  The torque ``-sigma omega`` makes the
+    spin fall at the rate ``sigma n / gamma``.
     """
     with mp.workdps(WORK):
-        ix, iy, iz, cxx, cxy, cyy, n, sigma = _exact(*(float(x) for x in (*constants, n, sigma)))
+        ix, iy, iz, cxx, cxy, cyy, n, sigma = _exact(
+            *(float(x) for x in (*constants, n, sigma))
+        )
         c, fall = -n, sigma * n / iz
         curved = mp.matrix([[cxx, cxy], [cxy, cyy]])
         turn = mp.matrix([[0, 1], [-1, 0]])
-        # For the slope s and the horizontal omega: ds/dt = c turn s - turn omega, f = C s,
-        # w = c turn f - C ds/dt, and J domega/dt as below.
+        # For the slope s and the horizontal omega: ds/dt = c turn s - turn omega, f = C
+        # s, w = c turn f - C ds/dt, and J domega/dt as below.
         su, sw = c * turn, -turn
         wu, ww = c * turn * curved - curved * su, -curved * sw
         gyro = mp.matrix([[0, c * (iy - iz)], [c * (iz - ix), 0]])

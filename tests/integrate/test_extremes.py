@@ -1,4 +1,5 @@
-"""Extreme parameters: agreement with an independent integrator, or a status that says why not.
+"""Extreme parameters: agreement with an independent integrator, or a status that says
+why not.
 
 benchmarks/extremes.py compares many more, at 1e-12.
 """
@@ -19,15 +20,25 @@ SD = {"alpha": 10.0, "beta": 2.0, "gamma": 10.0, "theta": 0.8, "phi": 0.05, "xi"
 def ask(change, n_i, omega_xy0, t_end, **integrator):
     """Return the outcome of a run of GH with some parameters changed."""
     body = rs.Rattleback(**(GH | change))
-    return rs.simulate(body, n_i=n_i, omega_xy0=omega_xy0, t_end=t_end, threads=1, **integrator)
+    return rs.simulate(
+        body, n_i=n_i, omega_xy0=omega_xy0, t_end=t_end, threads=1, **integrator
+    )
 
 
 @pytest.mark.parametrize(
     ("change", "n_i", "omega_xy0", "t_end"),
-    [({}, 0.5, 3.0, 10.0), ({}, 1e-6, 0.01, 10.0), ({}, 5.0, 0.01, 6.0), (SD, -0.1, 0.5, 60.0),
-     (FLAT, 0.1, 0.01, 150.0), (LONG_ROLL, 0.1, 0.01, 12.0), (OVERDAMPED, -0.1, 0.3, 60.0),
-     ({"beta": 13.04 - 1e-9}, 0.1, 0.1, 60.0), ({"xi": -1e-5}, 0.1, 0.1, 60.0)],
-)  # fmt: skip
+    [
+        ({}, 0.5, 3.0, 10.0),
+        ({}, 1e-6, 0.01, 10.0),
+        ({}, 5.0, 0.01, 6.0),
+        (SD, -0.1, 0.5, 60.0),
+        (FLAT, 0.1, 0.01, 150.0),
+        (LONG_ROLL, 0.1, 0.01, 12.0),
+        (OVERDAMPED, -0.1, 0.3, 60.0),
+        ({"beta": 13.04 - 1e-9}, 0.1, 0.1, 60.0),
+        ({"xi": -1e-5}, 0.1, 0.1, 60.0),
+    ],
+)
 def test_extremes_agree_with_the_oracle(change, n_i, omega_xy0, t_end):
     found = ask(change, n_i, omega_xy0, t_end)
     y0 = oracle.launch(GH | change, n_i, omega_xy0, found.psi)
@@ -42,13 +53,22 @@ def test_extremes_agree_with_the_oracle(change, n_i, omega_xy0, t_end):
 
 @pytest.mark.parametrize(
     ("change", "n_i", "omega_xy0", "t_end", "kind"),
-    [({}, -2.0, 0.01, 1e4, "SS"), ({}, -3.0, 1e-12, 1e4, "SS"), (SD, -3.0, 1e-12, 2e4, "SS"),
-     ({"xi": 0.03}, 2.0, 0.01, 1e4, "SS"), (FLAT, -1.0, 0.01, 1e4, "SS"),
-     (OVERDAMPED, -1.7, 1e-12, 2e3, "SS"), (OVERDAMPED, -10.0, 1e-6, 2e3, "SS"),
-     ({}, -1.0, 0.01, 1e3, "SW"), ({}, -1.0, 0.01, 1e4, "SW")],
-)  # fmt: skip
+    [
+        ({}, -2.0, 0.01, 1e4, "SS"),
+        ({}, -3.0, 1e-12, 1e4, "SS"),
+        (SD, -3.0, 1e-12, 2e4, "SS"),
+        ({"xi": 0.03}, 2.0, 0.01, 1e4, "SS"),
+        (FLAT, -1.0, 0.01, 1e4, "SS"),
+        (OVERDAMPED, -1.7, 1e-12, 2e3, "SS"),
+        (OVERDAMPED, -10.0, 1e-6, 2e3, "SS"),
+        ({}, -1.0, 0.01, 1e3, "SW"),
+        ({}, -1.0, 0.01, 1e4, "SW"),
+    ],
+)
 def test_types_of_long_runs(change, n_i, omega_xy0, t_end, kind):
-    """Rolls that decay by many orders of magnitude or are overdamped; a spin that wobbles."""
+    """Rolls that decay by many orders of magnitude or are overdamped; a spin that
+    wobbles.
+    """
     found = ask(change, n_i, omega_xy0, t_end)
     assert (found.status, found.type) == ("ok", kind)
 

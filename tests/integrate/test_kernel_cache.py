@@ -1,4 +1,6 @@
-"""Kernels on disk: other processes find them, only in folders that nobody else can write."""
+"""Kernels on disk: other processes find them, only in folders that nobody else can
+write.
+"""
 
 import errno
 import json
@@ -51,7 +53,9 @@ def place(monkeypatch, tmp_path):
 
 
 def again(name="small"):
-    """Return the kernel's value as for a new process, and whether it was stored before."""
+    """Return the kernel's value as for a new process, and whether it was stored
+    before.
+    """
     compile._loaded.clear()
     compile.cache_folder.cache_clear()
     stored = is_stored(small, name)
@@ -129,7 +133,11 @@ def test_a_private_temporary_folder_is_removed_with_its_process(tmp_path):
     nowhere = "/proc/nowhere"
     temporary = tmp_path / "temporary"
     temporary.mkdir()
-    env = {"NUMBA_CACHE_DIR": nowhere, "XDG_CACHE_HOME": nowhere, "TMPDIR": str(temporary)}
+    env = {
+        "NUMBA_CACHE_DIR": nowhere,
+        "XDG_CACHE_HOME": nowhere,
+        "TMPDIR": str(temporary),
+    }
     code = (
         "import test_kernel_cache as t; "
         "print(t.again(), t.load_kernels((t.small, 'small'))[0](-4), t.compile.cache_folder())"
@@ -161,18 +169,33 @@ def test_a_damaged_file_is_compiled_again(place):
 def python(code, **environment):
     """Run code in a fresh process that can import this file."""
     return subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=900, check=False,
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=900,
+        check=False,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)} | environment,
-    )  # fmt: skip
+    )
 
 
 def test_ctrl_c_ends_a_command_that_compiles_and_its_processes(tmp_path):
     cache = tmp_path / "cache"
-    command = [sys.executable, "-m", "rattlesweep", "run", str(CONFIG), "--output", "out"]
+    command = [
+        sys.executable,
+        "-m",
+        "rattlesweep",
+        "run",
+        str(CONFIG),
+        "--output",
+        "out",
+    ]
     with subprocess.Popen(
-        command, cwd=tmp_path, stderr=subprocess.PIPE, text=True,
+        command,
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
         env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
-    ) as process:  # fmt: skip
+    ) as process:
         said = ""
         while "compiling a kernel" not in said:
             said = process.stderr.readline()
@@ -184,7 +207,11 @@ def test_ctrl_c_ends_a_command_that_compiles_and_its_processes(tmp_path):
     assert "Traceback" not in rest
 
     def compiling():
-        return [path for path in Path("/proc").glob("[0-9]*/environ") if str(cache) in text(path)]
+        return [
+            path
+            for path in Path("/proc").glob("[0-9]*/environ")
+            if str(cache) in text(path)
+        ]
 
     for _ in range(600):
         if not compiling():
@@ -222,17 +249,23 @@ def fork(layer):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
-@pytest.mark.parametrize("layer", ["omp", pytest.param("workqueue", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "layer", ["omp", pytest.param("workqueue", marks=pytest.mark.slow)]
+)
 def test_threads_and_forked_processes_integrate(layer):
-    done = python(f"import test_kernel_cache as t; t.fork({layer!r})", NUMBA_THREADING_LAYER=layer)
+    done = python(
+        f"import test_kernel_cache as t; t.fork({layer!r})", NUMBA_THREADING_LAYER=layer
+    )
     assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.parametrize(
     ("setting", "said"),
-    [("NUMBA_NUM_THREADS=0", "it must be a whole number from 1 to 4096"),
-     ("NUMBA_THREADING_LAYER=nonsense", "layer requested 'nonsense' is unknown")],
-)  # fmt: skip
+    [
+        ("NUMBA_NUM_THREADS=0", "it must be a whole number from 1 to 4096"),
+        ("NUMBA_THREADING_LAYER=nonsense", "layer requested 'nonsense' is unknown"),
+    ],
+)
 def test_an_impossible_setting_is_reported_in_one_sentence(setting, said, tmp_path):
     code = (
         f"import sys; sys.argv = ['rattlesweep', 'run', {str(CONFIG)!r}, '--output', "
@@ -246,7 +279,9 @@ def test_an_impossible_setting_is_reported_in_one_sentence(setting, said, tmp_pa
 
 
 def both():
-    """Print the outcome of a run with all records and its trajectory; for a fresh process."""
+    """Print the outcome of a run with all records and its trajectory; for a fresh
+    process.
+    """
     batch = kernels.full_batch(oracle.GH, [-0.1], 0.01, t_end=10.0)
     records = frozenset(["energy", "contact", "windows", "reversals", "lyapunov"])
     out = integrate(batch, METHODS["dop853"], FULL, threads=1, record=records)
@@ -261,6 +296,8 @@ def test_a_run_can_be_stepped_through_in_python():
     code = "import test_kernel_cache as t; t.both()"
     compiled, plain = (python(code, NUMBA_DISABLE_JIT=flag) for flag in "01")
     assert plain.returncode == 0, plain.stderr
-    (numbers, *steps), (others, *same_steps) = (json.loads(p.stdout) for p in (compiled, plain))
+    (numbers, *steps), (others, *same_steps) = (
+        json.loads(p.stdout) for p in (compiled, plain)
+    )
     assert same_steps == steps
     np.testing.assert_allclose(others, numbers, rtol=0, atol=1e-12)

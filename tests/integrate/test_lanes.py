@@ -1,4 +1,6 @@
-"""The lane kernel: reversal times, first zeros, identical bits, statuses, observations."""
+"""The lane kernel: reversal times, first zeros, identical bits, statuses,
+observations.
+"""
 
 import dataclasses
 import time
@@ -48,7 +50,9 @@ def shell_dumbbells(count, seed):
 def mixed(count, seed=7, t_end=40.0):
     """Runs of different bodies and lengths, some with a reversal."""
     rng = np.random.default_rng(seed)
-    return kernels.full_batch(*shell_dumbbells(count, seed), t_end=rng.uniform(2, t_end, count))
+    return kernels.full_batch(
+        *shell_dumbbells(count, seed), t_end=rng.uniform(2, t_end, count)
+    )
 
 
 @every_method
@@ -60,20 +64,26 @@ def test_gh_reversal_times_at_defaults(method):
     assert np.array_equal(out.t_r, out.t_end)
     assert out.n_end == pytest.approx([0, 0], abs=1e-14)
     assert np.abs(out.energy_drift).max() < 1e-7
-    after = [full.energy(*y, *q) for y, q in zip(out.y_end, runs.constants, strict=True)]
+    after = [
+        full.energy(*y, *q) for y, q in zip(out.y_end, runs.constants, strict=True)
+    ]
     assert out.energy_drift == pytest.approx(after / out.energy_0 - 1, abs=1e-14)
     assert out.n_departure == pytest.approx([1, 1])
     assert (out.amp_growth > 1).all()
 
 
-@pytest.mark.parametrize(("count", "seed"), [(9, 23), pytest.param(40, 11, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("count", "seed"), [(9, 23), pytest.param(40, 11, marks=pytest.mark.slow)]
+)
 def test_random_bodies_reverse_when_the_oracle_says(count, seed):
     body, n_i, omega = shell_dumbbells(count, seed=seed)
     omega[: count // 2] = 0.1
     e_p, e_r = kernels.mode_energies(body, n_i, omega)
     modes = theory.modes(*(body[x] for x in ("alpha", "beta", "theta", "phi", "xi")))
     speed = np.sqrt(2 * (e_p + e_r) / body["gamma"])
-    t_gh = theory.GarciaHubbard(np.where(n_i > 0, modes.K_p, modes.K_r), n_i, speed).t_rgh
+    t_gh = theory.GarciaHubbard(
+        np.where(n_i > 0, modes.K_p, modes.K_r), n_i, speed
+    ).t_rgh
     # Early reversals are awaited; other runs only show that none comes early.
     t_end = np.where(t_gh < 40, 1.3 * t_gh, 10.0)
     out = integrate(kernels.full_batch(body, n_i, omega, t_end=t_end), DOP853, FULL)
@@ -81,7 +91,13 @@ def test_random_bodies_reverse_when_the_oracle_says(count, seed):
     for k in range(count):
         one = {name: float(value[k]) for name, value in body.items()}
         t_r, y = oracle.first_reversal(
-            one, n_i[k], omega[k], oracle.relevant_psi(one, n_i[k]), t_end[k], 1e-10, samples=12
+            one,
+            n_i[k],
+            omega[k],
+            oracle.relevant_psi(one, n_i[k]),
+            t_end[k],
+            1e-10,
+            samples=12,
         )
         expected[k] = np.nan if t_r is None else t_r
         assert out.y_end[k] == pytest.approx(full.from_vectors(y[:3], y[3:]), abs=1e-7)
@@ -106,7 +122,8 @@ def test_threads_order_and_other_runs_do_not_matter(method):
         kernels.assert_same(alone, kernels.pick(whole, [k]))
 
 
-# GH launched with 0.1 along the pitch: the spin just touches zero (`oracle.first_reversal`).
+# GH launched with 0.1 along the pitch: the spin just touches zero
+# (`oracle.first_reversal`).
 TOUCH, T_TOUCH, T_NEXT = 0.00663381740279008, 1.967217, 3.13791070912
 
 
@@ -116,7 +133,9 @@ def test_no_first_zero_is_missed_around_the_touch(name, tol):
     # Launches on both sides on a logarithmic scale, with dips from 1e-4 to 1e-15 deep.
     away = np.logspace(-13, -2, 100) * TOUCH
     n_i = np.concatenate([TOUCH - away, TOUCH + away])
-    out = integrate(kernels.full_batch(GH, n_i, 0.1, t_end=6.0), METHODS[name], FULL, tol=tol)
+    out = integrate(
+        kernels.full_batch(GH, n_i, 0.1, t_end=6.0), METHODS[name], FULL, tol=tol
+    )
     assert_status(out, Status.OK)
     late = out.t_r > 2.5
     wrong = late != (n_i > TOUCH)
@@ -165,22 +184,34 @@ def test_nonfinite_states_end_at_once_and_leave_the_neighbours_alone(method):
 
 
 def records_of(method):
-    """Return all records, without tangents for RK4, whose kernel takes long to compile."""
+    """Return all records, without tangents for RK4, whose kernel takes long to
+    compile.
+    """
     return [name for name in RECORDS if method is DOP853 or name != "lyapunov"]
 
 
 @both_kinds
 def test_recording_changes_nothing_else(method):
     runs = mixed(70)
-    extra = ("energy_drift_max", "contact_ratio_max", "contact_normal_min", "windows", "growth",
-             "volume_rate")  # fmt: skip
+    extra = (
+        "energy_drift_max",
+        "contact_ratio_max",
+        "contact_normal_min",
+        "windows",
+        "growth",
+        "volume_rate",
+    )
     # With reversals recorded, runs continue after the first.
     others = tuple(name for name in records_of(method) if name != "reversals")
     plain = integrate(runs, method, FULL, dt=0.01)
     for record in (*((name,) for name in others), others):
         out = integrate(runs, method, FULL, dt=0.01, record=frozenset(record))
         kernels.assert_same(out, plain, skip=extra)
-        assert out.windows.shape == (70 if "windows" in record else 0, kernels.N_WINDOWS, 3)
+        assert out.windows.shape == (
+            70 if "windows" in record else 0,
+            kernels.N_WINDOWS,
+            3,
+        )
 
 
 @both_kinds
@@ -193,19 +224,29 @@ def test_records_are_those_of_the_trajectory(method):
     out = integrate(runs, method, FULL, record=frozenset(records_of(method)))
     assert_status(out, Status.OK)
     assert (out.t_end == t_end).all()
-    # Only the ends of steps are observed, and adaptive steps are a large part of a swing long.
+    # Only the ends of steps are observed, and adaptive steps are a large part of a
+    # swing long.
     force, amplitude, spin = (0.01, 0.005, 0.02) if method is RK4 else (0.15, 0.08, 0.2)
     t = np.linspace(0, t_end, 1601)
     for k in range(len(launches)):
         y0 = oracle.launch(GH, n_i[k], omega[k], oracle.relevant_psi(GH, n_i[k]))
         y = solve_ivp(
-            oracle.rhs, (0, t_end), y0, "DOP853", args=(GH,), rtol=1e-11, atol=1e-14, t_eval=t
+            oracle.rhs,
+            (0, t_end),
+            y0,
+            "DOP853",
+            args=(GH,),
+            rtol=1e-11,
+            atol=1e-14,
+            t_eval=t,
         ).y
         normal, tangential = np.array([oracle.force_components(x, GH) for x in y.T]).T
         ratio = (tangential / normal).max()
         assert out.contact_ratio_max[k] == pytest.approx(ratio, rel=force)
         assert out.contact_ratio_max[k] <= ratio * (1 + 1e-4)
-        assert 1 - out.contact_normal_min[k] == pytest.approx(1 - normal.min(), rel=force)
+        assert 1 - out.contact_normal_min[k] == pytest.approx(
+            1 - normal.min(), rel=force
+        )
         n = np.sum(y[:3] * y[3:], axis=0)
         small = np.concatenate([y[:2] / y[2], y[3:5]])
         size = np.hypot(runs.probe[k, :4] @ small, runs.probe[k, 4:] @ small)
@@ -221,14 +262,18 @@ def test_records_are_those_of_the_trajectory(method):
     assert (out.energy_drift_max >= np.abs(out.energy_drift)).all()
     assert out.energy_drift_max.max() < 1e-8
     assert out.energy_0 == pytest.approx(
-        [oracle.energy(oracle.launch(GH, n, w, oracle.relevant_psi(GH, n)), GH)
-         for n, w in launches], rel=1e-12,
-    )  # fmt: skip
+        [
+            oracle.energy(oracle.launch(GH, n, w, oracle.relevant_psi(GH, n)), GH)
+            for n, w in launches
+        ],
+        rel=1e-12,
+    )
 
 
 @both_kinds
 def test_stop_ends_a_long_batch_soon_and_keeps_what_was_done(method):
-    # Stable in its steady direction, so there is no reversal.  The longest runs start first.
+    # Stable in its steady direction, so there is no reversal.  The longest runs start
+    # first.
     t_end = np.where(np.arange(LANES + 8) < 3, 1e7, 5.0)
     runs = kernels.full_batch(GH, -1.5, 0.001, t_end=t_end)
     job = Task(lambda control: integrate(runs, method, FULL, control=control))
@@ -241,7 +286,9 @@ def test_stop_ends_a_long_batch_soon_and_keeps_what_was_done(method):
     assert time.monotonic() - asked < 1
     out = job.value()
     assert out.stopped
-    assert [Status(s) for s in out.status] == [Status.STOPPED] * 3 + [Status.OK] * (LANES + 5)
+    assert [Status(s) for s in out.status] == [Status.STOPPED] * 3 + [Status.OK] * (
+        LANES + 5
+    )
     assert np.isnan(out.t_end[:3]).all()
     assert np.isnan(out.t_r).all()
     assert (out.t_end[3:] == 5).all()
@@ -255,7 +302,9 @@ def test_reduced_model_with_one_mode_is_the_formula(method):
     e_p, e_r = kernels.mode_energies(body, n_i, omega)
     modes = theory.modes(*(body[x] for x in ("alpha", "beta", "theta", "phi", "xi")))
     speed = np.sqrt(2 * (e_p + e_r) / body["gamma"])
-    expected = theory.GarciaHubbard(np.where(n_i > 0, modes.K_p, modes.K_r), n_i, speed).t_rgh
+    expected = theory.GarciaHubbard(
+        np.where(n_i > 0, modes.K_p, modes.K_r), n_i, speed
+    ).t_rgh
     runs = kernels.reduced_batch(body, n_i, e_p, e_r, t_end=2 * expected)
     out = integrate(runs, method, REDUCED, dt=0.02)
     assert_status(out, Status.OK)

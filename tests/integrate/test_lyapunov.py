@@ -1,4 +1,6 @@
-"""The largest Lyapunov exponent: tangents against 60 digits, exponents against growth rates."""
+"""The largest Lyapunov exponent: tangents against 60 digits, exponents against growth
+rates.
+"""
 
 import kernels
 import numpy as np
@@ -22,8 +24,14 @@ def bodies_and_states(size, seed):
     for k in range(size):
         theta = (rng.uniform(0.3, 0.99), 1 - 1e-9)[k % 2]
         phi = (rng.uniform(0.01, 0.1), 1e-3, 1e-4)[k % 3]
-        body = (rng.uniform(3, 15), rng.uniform(1.1, 2.5), rng.uniform(3, 15), theta, phi,
-                rng.uniform(-0.1, 0.1))  # fmt: skip
+        body = (
+            rng.uniform(3, 15),
+            rng.uniform(1.1, 2.5),
+            rng.uniform(3, 15),
+            theta,
+            phi,
+            rng.uniform(-0.1, 0.1),
+        )
         scale = (1e-6, 1e-2, 0.3, 3.0)[k % 4]
         state = rng.standard_normal(5) * [scale, scale, scale, scale, 1.0]
         yield full.constants(*body), state, rng.standard_normal(5)
@@ -33,10 +41,12 @@ def derivative(function, at, along, *constants):
     """Return the derivative of a function along a direction, to about 40 digits."""
     h = mp.mpf(10) ** -20
     ends = [
-        function(*(mp.mpf(y) + s * h * mp.mpf(v) for y, v in zip(at, along, strict=True)),
-                 *map(mp.mpf, constants))
+        function(
+            *(mp.mpf(y) + s * h * mp.mpf(v) for y, v in zip(at, along, strict=True)),
+            *map(mp.mpf, constants),
+        )
         for s in (1, -1)
-    ]  # fmt: skip
+    ]
     return [(a - b) / (2 * h) for a, b in zip(*ends, strict=True)]
 
 
@@ -71,12 +81,15 @@ def test_tolerance_and_threads():
     n_i, omega = [-0.1, -0.1, -0.05, 0.1, -0.5], [0.01, 0.003, 0.01, 0.001, 0.3]
     runs = kernels.full_batch(GH, n_i, omega, t_end=[700.0, 900, 1000, 150, 100])
     runs = kernels.join(*[runs] * 8)
-    fine, rough = (integrate(runs, DOP853, FULL, tol=t, record=LYAPUNOV) for t in (1e-11, 1e-8))
+    fine, rough = (
+        integrate(runs, DOP853, FULL, tol=t, record=LYAPUNOV) for t in (1e-11, 1e-8)
+    )
     whole, late = exponents(fine.growth)
     assert np.isfinite(late).all()
     assert exponents(rough.growth)[0] == pytest.approx(whole, abs=2e-5)
     one, two = (
-        integrate(runs, DOP853, FULL, tol=1e-11, record=LYAPUNOV, threads=k) for k in (1, 2)
+        integrate(runs, DOP853, FULL, tol=1e-11, record=LYAPUNOV, threads=k)
+        for k in (1, 2)
     )
     kernels.assert_same(one, two)
     kernels.assert_same(one, fine)
@@ -92,4 +105,6 @@ def test_exponents_are_the_slopes_of_the_growth():
     growth[4, ::3] = [[1, 1], [4, 4], [6, 8]]  # steps longer than a window
     whole, late = exponents(growth)
     assert whole == pytest.approx([1.5, 1, 2, np.nan, 8 / 6], nan_ok=True)
-    assert late == pytest.approx([2, (5 - 1.25) / 2.5, np.nan, np.nan, 5 / 3], nan_ok=True)
+    assert late == pytest.approx(
+        [2, (5 - 1.25) / 2.5, np.nan, np.nan, 5 / 3], nan_ok=True
+    )

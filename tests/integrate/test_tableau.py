@@ -9,7 +9,8 @@ import pytest
 
 from rattlesweep.integrate.tableau import METHODS
 
-# A rooted tree is the sorted tuple of the trees that hang from its root; () is a lone root.
+# A rooted tree is the sorted tuple of the trees that hang from its root; () is a lone
+# root.
 
 
 @cache
@@ -29,7 +30,9 @@ def trees(order):
 
 
 def forests(nodes, largest):
-    """Every multiset of trees with ``nodes`` nodes in all, none larger than ``largest``."""
+    """Every multiset of trees with ``nodes`` nodes in all, none larger than
+    ``largest``.
+    """
     if nodes == 0:
         yield ()
         return
@@ -41,7 +44,9 @@ def forests(nodes, largest):
 
 
 def matrix(tableau):
-    """``a`` and ``b`` as arrays, with the derivative at the end of the step as a last stage."""
+    """``a`` and ``b`` as arrays, with the derivative at the end of the step as a last
+    stage.
+    """
     a = np.stack([weights(row, tableau) for row in (*tableau.a, tableau.b)])
     return a, a[-1]
 
@@ -54,7 +59,9 @@ def weights(row, tableau):
 
 
 def defects(a, b, order):
-    """Return the defect of each condition of one order, times the density of its tree."""
+    """Return the defect of each condition of one order, times the density of its
+    tree.
+    """
 
     def stage(tree):
         return math.prod((a @ stage(branch) for branch in tree), start=np.ones(len(a)))
@@ -76,7 +83,9 @@ def test_every_order_condition_holds_up_to_the_order_and_no_further(tableau):
     assert order_of(a, b) == tableau.order
 
 
-@pytest.mark.parametrize(("name", "orders"), [("rk4", []), ("dopri5", [4]), ("dop853", [5, 3])])
+@pytest.mark.parametrize(
+    ("name", "orders"), [("rk4", []), ("dopri5", [4]), ("dop853", [5, 3])]
+)
 def test_embedded_solutions_have_their_orders(name, orders):
     a, b = matrix(METHODS[name])
     errors = METHODS[name].errors
@@ -87,6 +96,10 @@ def test_damping_of_an_oscillation():
     z = np.array([0.1, 0.2, 0.4])
     exact = -0.5 * np.log1p(-(z**6) / 72 + z**8 / 576)
     np.testing.assert_allclose(METHODS["rk4"].damping(z), exact, rtol=1e-6)
-    assert METHODS["rk4"].damping(np.array(2.83)) < 0 < METHODS["rk4"].damping(np.array(2.82))
+    assert (
+        METHODS["rk4"].damping(np.array(2.83))
+        < 0
+        < METHODS["rk4"].damping(np.array(2.82))
+    )
     for tableau in METHODS.values():
         assert abs(tableau.damping(np.array(0.1))) < 0.1 ** (tableau.order + 2)

@@ -1,4 +1,6 @@
-"""One run as a time series: the sweep's own steps and reversals, states at any times."""
+"""One run as a time series: the sweep's own steps and reversals, states at any
+times.
+"""
 
 import tracemalloc
 
@@ -30,7 +32,9 @@ def follow(batch, method=DOP853, model=FULL, **options):
     parts = [follower.launch()]
     while not follower.ended:
         parts.append(follower.steps())
-    return follower, *(np.concatenate([getattr(p, name) for p in parts]) for name in "ty")
+    return follower, *(
+        np.concatenate([getattr(p, name) for p in parts]) for name in "ty"
+    )
 
 
 @every_method
@@ -82,7 +86,9 @@ def test_channels_of_the_state_agree_with_the_oracle():
         assert row.n == pytest.approx(oracle.spin(y), abs=1e-15)
         assert row.energy == pytest.approx(oracle.energy(y, oracle.GH), rel=1e-12)
         r = oracle.contact_point(u, oracle.GH)
-        assert [row.contact_x, row.contact_y, row.contact_z] == pytest.approx(r, abs=1e-14)
+        assert [row.contact_x, row.contact_y, row.contact_z] == pytest.approx(
+            r, abs=1e-14
+        )
         force = oracle.force_components(y, oracle.GH)
         assert (row.F_normal, row.F_tangential) == pytest.approx(force, abs=1e-12)
         casimir = oracle.reduced_C_I([0, row.E_p, row.E_r], modes.K_p, modes.K_r)
@@ -109,14 +115,21 @@ def test_attitude_and_trace_agree_with_rigid_body_kinematics():
     q0 = table.loc[0, ["q0", "q1", "q2", "q3"]].to_numpy()
     start = oracle.launch(oracle.GH, 0.3, 0.1, oracle.relevant_psi(oracle.GH, 0.3))
     found = solve_ivp(
-        rhs, (0, t_end), np.concatenate([start, q0, [0, 0, 0]]), method="DOP853",
-        t_eval=table["t"], rtol=1e-11, atol=1e-13,
-    ).y  # fmt: skip
+        rhs,
+        (0, t_end),
+        np.concatenate([start, q0, [0, 0, 0]]),
+        method="DOP853",
+        t_eval=table["t"],
+        rtol=1e-11,
+        atol=1e-13,
+    ).y
     state = ["u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z"]
     assert table[state].to_numpy() == pytest.approx(found[:6].T, abs=1e-8)
     quaternions = table[["q0", "q1", "q2", "q3"]].to_numpy()
     assert quaternions == pytest.approx(found[6:10].T, abs=1e-8)
-    assert table[["trace_x", "trace_y"]].to_numpy() == pytest.approx(found[10:12].T, abs=1e-8)
+    assert table[["trace_x", "trace_y"]].to_numpy() == pytest.approx(
+        found[10:12].T, abs=1e-8
+    )
     assert np.abs(found[12]).max() < 1e-9
     # The heading is that of the x axis in the plane.
     ahead = Rotation.from_quat(quaternions, scalar_first=True).apply([1, 0, 0])

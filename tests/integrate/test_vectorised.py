@@ -19,20 +19,26 @@ pytestmark = pytest.mark.skipif(
     platform.machine() not in ("x86_64", "AMD64"), reason="reads x86 assembly"
 )
 
-# Arithmetic on doubles, with (v...) or without AVX: "sd" on one number, "pd" on a full register.
+# Arithmetic on doubles, with (v...) or without AVX: "sd" on one number, "pd" on a full
+# register.
 ARITHMETIC = re.compile(
-    r"^\s+v?(add|sub|mul|div|sqrt|min|max|cmp\w*|ucomi|comi|fn?m(?:add|sub)\d*)([sp])d\s", re.M
+    r"^\s+v?(add|sub|mul|div|sqrt|min|max|cmp\w*|ucomi|comi|fn?m(?:add|sub)\d*)([sp])d\s",
+    re.M,
 )
 SLOW = {"div", "sqrt"}
 # A step takes seconds to compile: a few are always checked, the others in slow tests.
 QUICK = {("dop853", "full"), ("rk4", "full_tangent")}
 kinds = pytest.mark.parametrize(
     ("method", "model"),
-    [pytest.param(m, model, marks=[] if (m, model) in QUICK else [pytest.mark.slow])
-     for m in METHODS for model in MODELS],
-)  # fmt: skip
+    [
+        pytest.param(m, model, marks=[] if (m, model) in QUICK else [pytest.mark.slow])
+        for m in METHODS
+        for model in MODELS
+    ],
+)
 models = pytest.mark.parametrize(
-    "model", [pytest.param(m, marks=[] if m == "full" else [pytest.mark.slow]) for m in MODELS]
+    "model",
+    [pytest.param(m, marks=[] if m == "full" else [pytest.mark.slow]) for m in MODELS],
 )
 
 PIECES = {
@@ -53,7 +59,9 @@ def piece(name, method, model):
     """Return the machine code of a piece of a kernel."""
     problem = typeof(kernels.problem(method, model))
     if name == "attempt":
-        return assembly(kernels.attempt(method, model), (problem, float64[::1], float64))
+        return assembly(
+            kernels.attempt(method, model), (problem, float64[::1], float64)
+        )
     function, arguments = PIECES[name]
     return assembly(function, (problem, *arguments))
 
@@ -69,7 +77,9 @@ def counts(text):
 
 
 def assert_vectorised(text):
-    """Check that no operation is scalar, and that no load or store is masked with AVX2."""
+    """Check that no operation is scalar, and that no load or store is masked with
+    AVX2.
+    """
     found = counts(text)
     assert found["p", False] + found["p", True] > 0 or re.search(r"%[xyz]mm", text)
     assert found["s", False] == found["s", True] == 0, found
@@ -84,7 +94,10 @@ def test_attempt_is_vectorised(method, model):
     text = piece("attempt", method, model)
     assert_vectorised(text)
     # Every stage of the full model divides and takes a root.
-    assert not model.startswith("full") or counts(text)["p", True] >= METHODS[method].stages
+    assert (
+        not model.startswith("full")
+        or counts(text)["p", True] >= METHODS[method].stages
+    )
 
 
 @kinds

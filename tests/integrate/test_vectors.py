@@ -1,4 +1,6 @@
-"""Ellipsoids that roll onto their side, and beyond: the variables of `physics.vectors`."""
+"""Ellipsoids that roll onto their side, and beyond: the variables of
+`physics.vectors`.
+"""
 
 import kernels
 import numpy as np
@@ -19,14 +21,23 @@ DOP853 = METHODS["dop853"]
 
 
 def rollers(samples, **others):
-    """Return a sweep of low ellipsoids, most of which roll onto their side, and its batch."""
-    plan = plan_of({
-        "seed": 2017,
-        "bodies": {"source": "sd", "samples": samples, "surface": "ellipsoid", "c": 2},
-        "spin": {"n_i": -0.5, "omega_xy0": 0.01},
-        "horizon": {"t_rgh": 5, "t": 20000},
-        **others,
-    })  # fmt: skip
+    """Return a sweep of low ellipsoids, most of which roll onto their side, and its
+    batch.
+    """
+    plan = plan_of(
+        {
+            "seed": 2017,
+            "bodies": {
+                "source": "sd",
+                "samples": samples,
+                "surface": "ellipsoid",
+                "c": 2,
+            },
+            "spin": {"n_i": -0.5, "omega_xy0": 0.01},
+            "horizon": {"t_rgh": 5, "t": 20000},
+            **others,
+        }
+    )
     launches, batch = prepared(plan)
     return plan.config, launches, batch
 
@@ -47,7 +58,9 @@ def test_equations_are_those_of_mechanics_in_any_position():
         np.testing.assert_allclose(got[3:6], wanted, rtol=0, atol=1e-11 * scale)
         assert got[6] == pytest.approx(power, rel=1e-10, abs=1e-12)
         total = stone_oracle.energy(y, body)
-        assert VECTORS.energy(*v, *omega, 0.3, *q) == pytest.approx(total - 0.3, abs=1e-11)
+        assert VECTORS.energy(*v, *omega, 0.3, *q) == pytest.approx(
+            total - 0.3, abs=1e-11
+        )
         normal, tangential = VECTORS.contact(*v, *omega, 0.3, *q)
         assert normal == pytest.approx(force @ y[:3], abs=1e-10 * scale)
         across = np.linalg.norm(force - (force @ y[:3]) * y[:3])
@@ -62,15 +75,22 @@ def test_runs_go_on_past_the_side_as_the_oracle_says():
     assert (out.status == Status.OK).all()
     assert abs(out.energy_drift).max() < 1e-6
     k = int(np.argmin(out.t_r))
-    body = {name: getattr(launches.bodies, name)[rows[k]] for name in (*PARAMETERS, "c")}
+    body = {
+        name: getattr(launches.bodies, name)[rows[k]] for name in (*PARAMETERS, "c")
+    }
     u, omega = full.to_vectors(batch.y0[rows[k]])
     found = stone_oracle.follow(body, u, omega, 1.01 * out.t_r[k], tol=1e-11)
     assert found.y[2].max() > 0
     zero = stone_oracle.first_zero(found, lambda y: np.sum(y[:3] * y[3:6], axis=0))
     assert out.t_r[k] == pytest.approx(zero, rel=1e-8)
     # A row is the same in any batch, and with reversals recorded.
-    kernels.assert_same(run_batch(config, kernels.take(batch, rows[[1]])), kernels.pick(out, [1]))
+    kernels.assert_same(
+        run_batch(config, kernels.take(batch, rows[[1]])), kernels.pick(out, [1])
+    )
     both = integrate(
-        kernels.take(batch, rows), DOP853, ELLIPSOID, record=frozenset(["reversals", "volume"])
+        kernels.take(batch, rows),
+        DOP853,
+        ELLIPSOID,
+        record=frozenset(["reversals", "volume"]),
     )
     np.testing.assert_array_equal(both.t_r, out.t_r)

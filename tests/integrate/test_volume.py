@@ -20,7 +20,9 @@ DOP853, RK4 = METHODS["dop853"], METHODS["rk4"]
 VOLUME = frozenset(["volume"])
 
 
-@pytest.mark.parametrize("model", [FULL, ELLIPSOID, *FRICTION.values()], ids=lambda m: m.name)
+@pytest.mark.parametrize(
+    "model", [FULL, ELLIPSOID, *FRICTION.values()], ids=lambda m: m.name
+)
 def test_rate_is_the_trace_of_the_derivative_over_omega(model):
     rhs, h = exactly(model.rhs), mp.mpf(10) ** -20
     for body, u, omega, sigma, rolling in random_bodies(24, 7):
@@ -31,13 +33,19 @@ def test_rate_is_the_trace_of_the_derivative_over_omega(model):
         with mp.workdps(50):
             y, wanted = [mp.mpf(float(x)) for x in state], mp.mpf(0)
             for i in (2, 3, 4):
-                ends = [rhs(*y[:i], y[i] + s * h, *y[i + 1 :], *map(mp.mpf, map(float, q)))[i]
-                        for s in (1, -1)]  # fmt: skip
+                ends = [
+                    rhs(*y[:i], y[i] + s * h, *y[i + 1 :], *map(mp.mpf, map(float, q)))[
+                        i
+                    ]
+                    for s in (1, -1)
+                ]
                 wanted += (ends[0] - ends[1]) / (2 * h)
         assert got == pytest.approx(float(wanted), rel=1e-10, abs=1e-13)
         if body["c"] is not None and model.name.endswith("rolling"):
             there = vectors.from_slopes(np.array([state]), np.array([q]))
-            other = VECTORS.volume(*(3 * there[0][0, :3]), *there[0][0, 3:], *there[1][0])
+            other = VECTORS.volume(
+                *(3 * there[0][0, :3]), *there[0][0, 3:], *there[1][0]
+            )
             assert other == pytest.approx(got, rel=1e-9, abs=1e-12)
 
 
@@ -58,8 +66,9 @@ def logarithm_of_volume(body, y0, t_end, steps):
     start = [mp.mpf(float(x)) for x in y0]
     columns = [start] + [
         [x + s * h * d for x, d in zip(start, axis, strict=True)]
-        for axis in directions(start[:3]) for s in (1, -1)
-    ]  # fmt: skip
+        for axis in directions(start[:3])
+        for s in (1, -1)
+    ]
     y, step = np.array(columns, dtype=object).T, np.array([mp.mpf(t_end) / steps] * 11)
     for _ in range(steps):
         y = reference.step(y, step, q)
@@ -75,11 +84,21 @@ def logarithm_of_volume(body, y0, t_end, steps):
 def test_mean_rate_is_that_of_a_small_volume(count):
     rng, t_end = np.random.default_rng(4), 1.0
     for row in table_one(count, 44).T:
-        body, n, w, psi = mapping(row), rng.uniform(-0.5, 0.5), rng.uniform(0.1, 0.5), 0.7
+        body, n, w, psi = (
+            mapping(row),
+            rng.uniform(-0.5, 0.5),
+            rng.uniform(0.1, 0.5),
+            0.7,
+        )
         run = rs.simulate(
-            rs.Rattleback(**body), n_i=n, omega_xy0=w, psi=np.degrees(psi), t_end=t_end, tol=1e-12,
+            rs.Rattleback(**body),
+            n_i=n,
+            omega_xy0=w,
+            psi=np.degrees(psi),
+            t_end=t_end,
+            tol=1e-12,
             record=["volume", "reversals"],
-        )  # fmt: skip
+        )
         with mp.workdps(30):
             wanted = logarithm_of_volume(body, oracle.launch(body, n, w, psi), t_end, 6)
         assert run.volume_rate * t_end == pytest.approx(wanted, rel=1e-6)
@@ -88,18 +107,29 @@ def test_mean_rate_is_that_of_a_small_volume(count):
 def test_rate_near_a_steady_spin():
     body = rs.Rattleback.gh().replace(theta=0.82)
     modes = rs.modes(body)
-    run = rs.simulate(body, n_i=-0.1, omega_xy0=1e-5, t_end=300, record=["volume", "lyapunov"])
+    run = rs.simulate(
+        body, n_i=-0.1, omega_xy0=1e-5, t_end=300, record=["volume", "lyapunov"]
+    )
     assert run.volume_rate == pytest.approx(-0.1 * (modes.K_p - modes.K_r), rel=1e-8)
 
 
 def test_accuracy_is_that_of_the_method():
     runs = kernels.full_batch(mapping(GH), [0.3, -0.3], 0.1, t_end=30.0)
-    rates = [integrate(runs, DOP853, FULL, tol=t, record=VOLUME).volume_rate
-             for t in (1e-13, 1e-9)]  # fmt: skip
+    rates = [
+        integrate(runs, DOP853, FULL, tol=t, record=VOLUME).volume_rate
+        for t in (1e-13, 1e-9)
+    ]
     assert rates[1] == pytest.approx(rates[0], rel=1e-7)
-    off = [abs(integrate(runs, RK4, FULL, dt=dt, record=VOLUME).volume_rate[1] - rates[0][1])
-           for dt in (0.1, 0.05)]  # fmt: skip
+    off = [
+        abs(
+            integrate(runs, RK4, FULL, dt=dt, record=VOLUME).volume_rate[1]
+            - rates[0][1]
+        )
+        for dt in (0.1, 0.05)
+    ]
     assert off[0] / off[1] == pytest.approx(16, rel=0.4)
     # There is no rate for a failed run, nor if it is not recorded.
-    assert np.isnan(integrate(runs, DOP853, FULL, record=VOLUME, max_steps=9).volume_rate).all()
+    assert np.isnan(
+        integrate(runs, DOP853, FULL, record=VOLUME, max_steps=9).volume_rate
+    ).all()
     assert np.isnan(integrate(runs, DOP853, FULL).volume_rate).all()

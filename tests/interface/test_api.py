@@ -1,4 +1,6 @@
-"""The Python interface that the contract names: runs, one or many, theory, and bad arguments."""
+"""The Python interface that the contract names: runs, one or many, theory, and bad
+arguments.
+"""
 
 import doctest
 import shutil
@@ -22,7 +24,9 @@ BODIES = [
     GH.mirrored(),
     rs.Rattleback.shell_dumbbell(gamma=10, f_sd=0.1, theta=0.8, phi=0.05, xi=-0.05),
 ]
-FRAME = pd.DataFrame([vars(body) for body in BODIES], ["gh", "mirror", "sd"])[list(PARAMETERS)]
+FRAME = pd.DataFrame([vars(body) for body in BODIES], ["gh", "mirror", "sd"])[
+    list(PARAMETERS)
+]
 LAUNCH: dict[str, Any] = {"n_i": 0.1, "omega_xy0": 0.01}
 
 
@@ -36,9 +40,22 @@ def test_the_examples_in_the_package_are_true(tmp_path, monkeypatch):
 
 
 def test_every_name_is_there():
-    contract = {"Rattleback", "modes", "reversal_time_gh", "bondi_threshold", "growth_rates",
-                "simulate", "trajectory", "sweep", "load", "replay", "show", "fit", "ConfigError",
-                "OutputError"}  # fmt: skip
+    contract = {
+        "Rattleback",
+        "modes",
+        "reversal_time_gh",
+        "bondi_threshold",
+        "growth_rates",
+        "simulate",
+        "trajectory",
+        "sweep",
+        "load",
+        "replay",
+        "show",
+        "fit",
+        "ConfigError",
+        "OutputError",
+    }
     assert contract <= set(dir(rs)) == set(rs.__all__) == {*api.__all__, "__version__"}
 
 
@@ -65,12 +82,22 @@ def test_a_table_of_runs_has_the_bits_of_single_runs():
     assert (runs.attrs["shape"], len(runs)) == ((2, 3, 3), 18)
     for place, (i, j, k) in enumerate(np.ndindex(2, 3, 3)):
         row = runs.iloc[place]
-        assert (row.n_i, row.omega_xy0, row.theta) == (n_i[i], omega[j], BODIES[k].theta)
+        assert (row.n_i, row.omega_xy0, row.theta) == (
+            n_i[i],
+            omega[j],
+            BODIES[k].theta,
+        )
         one = rs.simulate(BODIES[k], n_i=n_i[i], omega_xy0=omega[j], t_end=60.0)
         for name, value in one.to_dict().items():
-            assert row[name] == value or (pd.isna(row[name]) and value is None), (place, name)
+            assert row[name] == value or (pd.isna(row[name]) and value is None), (
+                place,
+                name,
+            )
     pd.testing.assert_frame_equal(rs.simulate(BODIES, **launches, threads=2), runs)
-    assert (runs.attrs["units"]["t_end"], runs.attrs["units"]["xi"]) == ("sqrt(a/g)", "rad")
+    assert (runs.attrs["units"]["t_end"], runs.attrs["units"]["xi"]) == (
+        "sqrt(a/g)",
+        "rad",
+    )
     assert "unsteady" in runs.attrs["descriptions"]["n_i"]
     none = rs.simulate(GH, n_i=[], omega_xy0=0.1)
     assert (list(none), len(none), none.attrs["shape"]) == (list(runs), 0, (0,))
@@ -82,11 +109,13 @@ def test_tables_of_bodies():
     for bodies in (BODIES, FRAME.to_dict("list")):
         same = rs.simulate(bodies, n_i=0.2, omega_xy0=0.1, t_end=30)
         pd.testing.assert_frame_equal(same, runs.reset_index(drop=True))
-    # Runs are a table of bodies with their launches; horizons of those that reversed are unknown.
+    # Runs are a table of bodies with their launches; horizons of those that reversed
+    # are unknown.
     again, still = rs.simulate(runs), runs.t_r.isna()
     pd.testing.assert_frame_equal(again[still], runs[still])
     assert np.array_equal(again.t_r[~still], runs.t_r[~still])
-    # Other launches are not along the old directions, nor do they end with the old runs.
+    # Other launches are not along the old directions, nor do they end with the old
+    # runs.
     other = rs.simulate(runs, n_i=-0.2, omega_xy0=0.1)
     assert np.array_equal(other.psi, rs.simulate(BODIES, n_i=-0.2, omega_xy0=0.1).psi)
     assert (other.t_end > 30).any()
@@ -114,7 +143,12 @@ def test_a_trajectory_is_used_like_a_table(tmp_path):
     looks = {"from_time": 140, "points": 30}
     shown = path.show(title="Rattleback GH", **looks)
     assert shown == rs.show("GH", **LAUNCH, t_end=150, **looks)
-    lossy = {"n_i": "60 rpm", "omega_xy0": "6 rpm", "sigma": "1e-6 N m s", "t_end": "1 s"}
+    lossy = {
+        "n_i": "60 rpm",
+        "omega_xy0": "6 rpm",
+        "sigma": "1e-6 N m s",
+        "t_end": "1 s",
+    }
     assert "n_i 60 rpm, ω_xy0 6 rpm, σ 1e−06 N m s" in title_of("KL", **lossy)
     reduced = title_of("GH", **LAUNCH, model="reduced", e_p0=1e-6, e_r0=2e-7, t_end=9)
     assert reduced.endswith("n_i 0.1 √(g/a), E_p0 1e−06, E_r0 2e−07")
@@ -131,7 +165,9 @@ def test_theory_takes_arrays():
     for bodies, shape in ((BODIES, (3,)), (FRAME, (3,)), (array, (3, 1))):
         for name, values in vars(rs.modes(bodies)).items():
             assert values.shape == shape
-            assert values.ravel().tolist() == [getattr(rs.modes(body), name) for body in BODIES]
+            assert values.ravel().tolist() == [
+                getattr(rs.modes(body), name) for body in BODIES
+            ]
         assert rs.bondi_threshold(bodies).shape == shape
     n_i = np.array([0.1, -0.1, 0.3, -2.0])
     times, rates = rs.reversal_time_gh(array, n_i, 0.01), rs.growth_rates(array, n_i)
@@ -144,13 +180,31 @@ def test_theory_takes_arrays():
 BAD: list[tuple[Any, str]] = [
     (lambda: GH.replace(theta="0.6"), r"theta: 0.6 \(str\) is not a number"),
     (lambda: rs.trajectory(3, **LAUNCH), r"body: 3 \(int\) is not a body"),
-    (lambda: rs.trajectory("GH", n_i=[0.1], omega_xy0=1), r"n_i: one number .* of shape \(1,\)"),
-    (lambda: rs.trajectory("GH", points=2.5, **LAUNCH), r"points: 2.5 .* is not a whole number"),
-    (lambda: rs.trajectory("GH", **LAUNCH, tend=1), 'arguments: "tend" .* did you mean "t_end"'),
-    (lambda: rs.trajectory("GH", **LAUNCH, t_end=1).plot("a.gif"), "path a.gif: the name must end"),
-    (lambda: rs.reversal_time_gh(GH, [0.1, 0], 0.1), "n_i: a launch without spin, n_i = 0, has"),
+    (
+        lambda: rs.trajectory("GH", n_i=[0.1], omega_xy0=1),
+        r"n_i: one number .* of shape \(1,\)",
+    ),
+    (
+        lambda: rs.trajectory("GH", points=2.5, **LAUNCH),
+        r"points: 2.5 .* is not a whole number",
+    ),
+    (
+        lambda: rs.trajectory("GH", **LAUNCH, tend=1),
+        'arguments: "tend" .* did you mean "t_end"',
+    ),
+    (
+        lambda: rs.trajectory("GH", **LAUNCH, t_end=1).plot("a.gif"),
+        "path a.gif: the name must end",
+    ),
+    (
+        lambda: rs.reversal_time_gh(GH, [0.1, 0], 0.1),
+        "n_i: a launch without spin, n_i = 0, has",
+    ),
     (lambda: rs.sweep(3), "give a dict"),
-    (lambda: rs.fit("GH", {"t": [0], "n": [1]}, free=3, launch=LAUNCH), "free: 3 .* not a name"),
+    (
+        lambda: rs.fit("GH", {"t": [0], "n": [1]}, free=3, launch=LAUNCH),
+        "free: 3 .* not a name",
+    ),
     (lambda: rs.replay("x", 1.5, 0), r"case: 1.5 \(float\) is not a whole"),
 ]
 
@@ -160,7 +214,10 @@ BAD_RUNS: list[tuple[dict[str, Any], str]] = [
     ({"omega": (0, 0, 1)}, "n_i and omega_xy0 given with a full state"),
     ({"n_i": "60 rpm"}, "n_i: 60 rpm has a unit, but the body has no size"),
     ({"n_i": True}, r"n_i: True \(bool\) is not a number"),
-    ({"n_i": [[1], [1, 2]]}, r"n_i: \[\[1\], \[1, 2\]\] \(list\) is not a number or an array"),
+    (
+        {"n_i": [[1], [1, 2]]},
+        r"n_i: \[\[1\], \[1, 2\]\] \(list\) is not a number or an array",
+    ),
     ({"n_i": "60"}, r"n_i: '60' \(str\) has no unit; a spin is needed, such as 60 rpm"),
     ({"methd": "rk4"}, 'arguments: "methd" is not one of .* did you mean "method"'),
     ({"record": 3}, r"record: 3 \(int\) is not a name or a list of names"),
@@ -176,7 +233,10 @@ BAD_RUNS: list[tuple[dict[str, Any], str]] = [
 ]
 BAD_TRAJECTORIES: list[tuple[dict[str, Any], str]] = [
     ({"channels": ["t", "omga_x"]}, "did you mean .omega_x"),
-    ({"channels": ["u_x"], "model": "reduced"}, "of the model reduced: .u_x. is not one of"),
+    (
+        {"channels": ["u_x"], "model": "reduced"},
+        "of the model reduced: .u_x. is not one of",
+    ),
     ({"points": 5, "dt": 0.1}, "more than one is given"),
     ({"dt": np.nan}, "must be finite"),
     ({"dt": 1e-9}, "more than 100,000,000 rows"),
@@ -190,7 +250,9 @@ BAD += [
 ]
 
 
-@pytest.mark.parametrize(("wrong", "words"), BAD + BAD_RUNS, ids=lambda case: str(case)[:20])
+@pytest.mark.parametrize(
+    ("wrong", "words"), BAD + BAD_RUNS, ids=lambda case: str(case)[:20]
+)
 def test_bad_arguments_get_a_sentence(wrong, words):
     good = {"body": GH, "n_i": 0.1, "omega_xy0": 0.1, "t_end": 1.0}
     with pytest.raises(ValueError, match=words) as told:

@@ -1,4 +1,6 @@
-"""What is wrong is said in a sentence, with the right exit code, and leaves nothing behind."""
+"""What is wrong is said in a sentence, with the right exit code, and leaves nothing
+behind.
+"""
 
 import shlex
 import tempfile
@@ -10,7 +12,9 @@ from hypothesis import strategies as st
 from refusal import refused
 from sweeping import HEAD, ROW, invoke, tree
 
-CONFIG = "bodies: {source: preset, name: GH}\nspin: {n_i: 0.1, omega_xy0: 0.01}\nmodel: gh\n"
+CONFIG = (
+    "bodies: {source: preset, name: GH}\nspin: {n_i: 0.1, omega_xy0: 0.01}\nmodel: gh\n"
+)
 
 
 @pytest.fixture
@@ -72,7 +76,9 @@ def test_wrong_arguments(line, here):
 
 
 def test_a_file_that_cannot_be(here):
-    command = invoke("trajectory", "--preset", "GH", "--output", "/proc/nowhere/run.csv")
+    command = invoke(
+        "trajectory", "--preset", "GH", "--output", "/proc/nowhere/run.csv"
+    )
     refused(command, 1, "cannot write in /proc/nowhere")
 
 
@@ -97,18 +103,28 @@ NUMBER = st.floats(1e-6, 2) | st.floats(-2, 2) | st.floats(1e-300, 1e300)
 SHARE, SKEW = st.floats(1e-3, 0.999), st.floats(-1.5, -1e-6) | st.floats(1e-6, 1.5)
 GOOD_BODY = st.builds(
     lambda g, f, theta, k, xi: (1 + (1 - f) * g, 1 + f * g, g, theta, theta * k, xi),
-    st.floats(1.01, 50), st.floats(0.001, 0.499), SHARE, SHARE, SKEW,
-)  # fmt: skip
-POSSIBLE = st.tuples(st.just(True), GOOD_BODY, st.floats(-3, 3).filter(bool), st.floats(1e-12, 3))
+    st.floats(1.01, 50),
+    st.floats(0.001, 0.499),
+    SHARE,
+    SHARE,
+    SKEW,
+)
+POSSIBLE = st.tuples(
+    st.just(True), GOOD_BODY, st.floats(-3, 3).filter(bool), st.floats(1e-12, 3)
+)
 ANY = st.tuples(st.just(False), st.tuples(*[NUMBER] * 6), NUMBER, NUMBER)
 
 
 @settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=25,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(st.sampled_from(["full", "reduced", "gh"]), POSSIBLE | ANY)
 def test_any_possible_body_runs_and_others_are_refused(here, model, table):
-    """Tables are checked by row; what passes the check is integrated, and no number is not one."""
+    """Tables are checked by row; what passes the check is integrated, and no number is
+    not one.
+    """
     possible, body, n_i, omega = table
     (here / "t.csv").write_text(f"{HEAD}\n{','.join(map(repr, body))}\n")
     (here / "c.yaml").write_text(

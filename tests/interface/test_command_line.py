@@ -18,10 +18,38 @@ from rattlesweep.integrate.model import MODELS
 from rattlesweep.physics.body import PRESETS
 from rattlesweep.sweeps.config.read import load_config
 
-HEAVY = {"numpy", "numba", "scipy", "pandas", "pyarrow", "pydantic", "tqdm", "matplotlib"}
-COMMANDS = {"run", "classify", "body", "trajectory", "tradeoff", "paper", "plan", "status",
-            "verify", "merge", "replay", "show", "plot", "report", "slurm", "schema", "compare",
-            "sensitivity", "init", "fit"}  # fmt: skip
+HEAVY = {
+    "numpy",
+    "numba",
+    "scipy",
+    "pandas",
+    "pyarrow",
+    "pydantic",
+    "tqdm",
+    "matplotlib",
+}
+COMMANDS = {
+    "run",
+    "classify",
+    "body",
+    "trajectory",
+    "tradeoff",
+    "paper",
+    "plan",
+    "status",
+    "verify",
+    "merge",
+    "replay",
+    "show",
+    "plot",
+    "report",
+    "slurm",
+    "schema",
+    "compare",
+    "sensitivity",
+    "init",
+    "fit",
+}
 
 
 def test_help_lists_every_command_with_a_whole_sentence():
@@ -30,7 +58,9 @@ def test_help_lists_every_command_with_a_whole_sentence():
     assert set(cli.main.commands) == COMMANDS
     assert "..." not in sections
     for name in COMMANDS:
-        assert re.search(rf"Examples?:\n +rattlesweep {name}\b", invoke(name, "--help").stdout)
+        assert re.search(
+            rf"Examples?:\n +rattlesweep {name}\b", invoke(name, "--help").stdout
+        )
         flags = {flag: p for p in cli.main.commands[name].params for flag in p.opts}
         for short, long in (("-o", "--output"), ("-j", "--threads"), ("-q", "--quiet")):
             assert flags.get(long) is flags.get(short), (name, long)
@@ -54,7 +84,9 @@ def test_help_and_refusals_load_nothing_heavy():
 
 
 def test_choices_are_those_of_the_registries():
-    assert [*options.MODELS.choices][:-1] == [m for m in MODELS if m in options.MODELS.choices]
+    assert [*options.MODELS.choices][:-1] == [
+        m for m in MODELS if m in options.MODELS.choices
+    ]
     assert list(options.KINDS.choices) == list(KINDS)
     assert list(options.PRESETS.choices) == list(PRESETS)
 
@@ -63,7 +95,9 @@ def test_version():
     told = invoke("--version", "--verbose").stdout.split("\n", 1)
     assert {"numpy", "numba", "llvmlite", "cpu"} <= json.loads(told[1]).keys()
     for program in ([PROGRAM], [sys.executable, "-m", "rattlesweep"]):
-        said = subprocess.run([*program, "--version"], capture_output=True, text=True).stdout
+        said = subprocess.run(
+            [*program, "--version"], capture_output=True, text=True
+        ).stdout
         assert said == f"{told[0]}\n" == f"rattlesweep, version {rs.__version__}\n"
 
 
@@ -75,23 +109,34 @@ def test_a_wrong_environment_is_one_sentence(monkeypatch):
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no such device")
 def test_a_standard_output_that_takes_nothing_is_one_sentence():
     command = f"{PROGRAM} body --preset GH > /dev/full"
-    done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, shell=True, capture_output=True, text=True, check=False
+    )
     told = "error: cannot write to standard output: No space left on device\n"
     assert (done.returncode, done.stderr) == (1, told)
 
 
 def test_a_command_that_prints_nothing_needs_no_standard_output(tmp_path):
-    (tmp_path / "c.yaml").write_text("model: gh\nbodies: {source: preset, name: GH}\n"
-                                     "spin: {n_i: 0.1, omega_xy0: 0.1}\noutput: out\n")  # fmt: skip
+    (tmp_path / "c.yaml").write_text(
+        "model: gh\nbodies: {source: preset, name: GH}\n"
+        "spin: {n_i: 0.1, omega_xy0: 0.1}\noutput: out\n"
+    )
     command = f"{PROGRAM} run c.yaml -q >&- 2>&-"
-    assert subprocess.run(command, shell=True, cwd=tmp_path, check=False).returncode == 0
+    assert (
+        subprocess.run(command, shell=True, cwd=tmp_path, check=False).returncode == 0
+    )
     assert (tmp_path / "out" / "summary.parquet").exists()
 
 
 def test_a_reader_that_has_gone_is_told_nothing():
     command = f"{PROGRAM} schema | head -1; echo ${{PIPESTATUS[0]}}"
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
-    assert (done.stdout, done.stderr) in (("{\n1\n", ""), ("{\n0\n", ""))  # it may be quicker
+    done = subprocess.run(
+        ["bash", "-c", command], capture_output=True, text=True, check=False
+    )
+    assert (done.stdout, done.stderr) in (
+        ("{\n1\n", ""),
+        ("{\n0\n", ""),
+    )  # it may be quicker
 
 
 def test_a_bar_is_shown_in_a_terminal_only(monkeypatch, capfd):
@@ -115,6 +160,8 @@ def test_init_writes_a_config_that_is_valid(name, tmp_path, monkeypatch):
 
 
 def test_body_says_what_the_python_interface_says():
-    found = json.loads(invoke("body", "--preset", "GH", "--n-i", "-0.1", "--json").stdout)
+    found = json.loads(
+        invoke("body", "--preset", "GH", "--n-i", "-0.1", "--json").stdout
+    )
     assert vars(rs.modes("GH")).items() <= found.items()
     assert found["t_rgh"] == rs.reversal_time_gh("GH", -0.1, 0.01)

@@ -1,4 +1,6 @@
-"""The pages of docs/ that are written from the code are current and true; imports obey the plan."""
+"""The pages of docs/ that are written from the code are current and true; imports obey
+the plan.
+"""
 
 import importlib.util
 import re
@@ -26,18 +28,24 @@ def make(monkeypatch):
     return module
 
 
-def test_the_pages_are_current_and_old_ones_are_told(make, tmp_path, monkeypatch, capsys):
+def test_the_pages_are_current_and_old_ones_are_told(
+    make, tmp_path, monkeypatch, capsys
+):
     assert make.main() == 0
     assert capsys.readouterr().err == ""
     for name in ("columns.md", "config.md"):
-        (tmp_path / name).write_text((ROOT / "docs" / name).read_text().replace("first", "last"))
+        (tmp_path / name).write_text(
+            (ROOT / "docs" / name).read_text().replace("first", "last")
+        )
     monkeypatch.setattr(make, "DOCS", tmp_path)
     assert make.main() == 1
     assert "run python docs/make_reference.py" in capsys.readouterr().err
 
 
 def test_every_example_is_valid(make):
-    """Each example of a section is a part of a config; it is tried with the rest that it needs."""
+    """Each example of a section is a part of a config; it is tried with the rest that
+    it needs.
+    """
     for path, examples in make.EXAMPLES.items():
         for part in map(YAML(typ="safe").load, examples):
             spin = {"spin": {"n_i": 0.1, "omega_xy0": 0.01}}
@@ -49,7 +57,9 @@ def test_every_example_is_valid(make):
 def test_the_config_at_the_head_and_the_table_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = (ROOT / "docs" / "config.md").read_text()
-    (tmp_path / "head.yaml").write_text(re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)[0])
+    (tmp_path / "head.yaml").write_text(
+        re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)[0]
+    )
     assert make_plan(load_config("head.yaml")).runs == 27_000
     (csv,) = re.findall(r"```csv\n(.*?)```", text, re.DOTALL)
     (tmp_path / "bodies.csv").write_text(csv)
@@ -70,11 +80,16 @@ def test_links_between_pages_lead_somewhere(page):
         assert file.exists(), f"{page}: {path}"
         if anchor and file.suffix == ".md":
             heads = re.findall(r"^#+ (.*)$", file.read_text(), re.MULTILINE)
-            slugs = {re.sub(r"[^\w\- ]", "", h.lower()).strip().replace(" ", "-") for h in heads}
+            slugs = {
+                re.sub(r"[^\w\- ]", "", h.lower()).strip().replace(" ", "-")
+                for h in heads
+            }
             assert anchor[1:] in slugs, f"{page}: {path}{anchor}"
 
 
 def test_the_contracts_of_imports_hold():
     program = Path(sys.executable).with_name("lint-imports")
-    done = subprocess.run([program, "--no-cache"], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run(
+        [program, "--no-cache"], cwd=ROOT, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stdout + done.stderr

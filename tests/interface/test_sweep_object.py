@@ -15,7 +15,11 @@ PARAMETERS = ["alpha", "beta", "gamma", "theta", "phi", "xi"]
 def sd(tmp_path_factory):
     """Two targets, two spins in descending order, five bodies each."""
     config = {
-        "bodies": {"source": "sd", "samples": 5, "target": {"K_r": [0.1, 0.03], "rel_tol": 0.1}},
+        "bodies": {
+            "source": "sd",
+            "samples": 5,
+            "target": {"K_r": [0.1, 0.03], "rel_tol": 0.1},
+        },
         "spin": {"n_i": [0.3, -0.3], "omega_xy0": 0.1},
         "horizon": {"t": 50},
         "record": ["energy", "windows"],
@@ -27,11 +31,14 @@ def sd(tmp_path_factory):
 def grid(tmp_path_factory):
     """A map of GH's body by two parameters and the spin."""
     config = {
-        "bodies": {"source": "grid", "base": {"preset": "GH"},
-                   "axes": {"theta": [0.8, 0.6, 0.7], "minus_xi_deg": [1, 2]}},
+        "bodies": {
+            "source": "grid",
+            "base": {"preset": "GH"},
+            "axes": {"theta": [0.8, 0.6, 0.7], "minus_xi_deg": [1, 2]},
+        },
         "spin": {"n_i": [0.2, 0.4], "omega_xy0": 0.1},
         "horizon": {"t": 40},
-    }  # fmt: skip
+    }
     return rs.sweep(config, output=tmp_path_factory.mktemp("grid") / "out", threads=1)
 
 
@@ -73,18 +80,38 @@ def test_other_thresholds_and_back(sd):
 
 @pytest.mark.parametrize(
     ("call", "words"),
-    [(lambda s: s.read("t_R"), r'columns: "t_R" is not one of .*did you mean "t_r"\?'),
-     (lambda s: s.read(where="tpye == 'R'"), "where tpye == 'R': .tpye. is not one of"),
-     (lambda s: s.plot(path="a.gif"), "path a.gif: the name must end in .svg, .png, .pdf"),
-     (lambda s: s.plot(select={"n_i": 0.7}), "^select n_i=0.7: n_i has no value 0.7"),
-     (lambda s: s.show(), "which run. give case and sample, or where"),
-     (lambda s: s.plot(size=3), r"size: 3 \(int\) is not a pair of numbers"),
-     (lambda s: s.plot(xlim="x"), r"xlim: 'x' \(str\) is not a number"),
-     (lambda s: s.to_xarray(where=3), "^where 3: it is no condition"),
-     (lambda s: s.verify(recompute=-1), r"recompute: -1 \(int\) is not a whole number from 0"),
-     (lambda s: s.report("report.pdf"), "path report.pdf: the name must end in .html"),
-     (lambda s: rs.sweep("c.yaml", seed=1), "seed: keys go with a DataFrame only")],
-)  # fmt: skip
+    [
+        (
+            lambda s: s.read("t_R"),
+            r'columns: "t_R" is not one of .*did you mean "t_r"\?',
+        ),
+        (
+            lambda s: s.read(where="tpye == 'R'"),
+            "where tpye == 'R': .tpye. is not one of",
+        ),
+        (
+            lambda s: s.plot(path="a.gif"),
+            "path a.gif: the name must end in .svg, .png, .pdf",
+        ),
+        (
+            lambda s: s.plot(select={"n_i": 0.7}),
+            "^select n_i=0.7: n_i has no value 0.7",
+        ),
+        (lambda s: s.show(), "which run. give case and sample, or where"),
+        (lambda s: s.plot(size=3), r"size: 3 \(int\) is not a pair of numbers"),
+        (lambda s: s.plot(xlim="x"), r"xlim: 'x' \(str\) is not a number"),
+        (lambda s: s.to_xarray(where=3), "^where 3: it is no condition"),
+        (
+            lambda s: s.verify(recompute=-1),
+            r"recompute: -1 \(int\) is not a whole number from 0",
+        ),
+        (
+            lambda s: s.report("report.pdf"),
+            "path report.pdf: the name must end in .html",
+        ),
+        (lambda s: rs.sweep("c.yaml", seed=1), "seed: keys go with a DataFrame only"),
+    ],
+)
 def test_bad_arguments_get_a_sentence_and_nothing_is_written(sd, call, words):
     before = sorted(sd.directory.rglob("*"))
     with pytest.raises(rs.ConfigError, match=words):
@@ -96,7 +123,10 @@ def test_a_map_is_a_dataset_of_its_axes(grid):
     data = grid.to_xarray()
     assert dict(data.sizes) == {"n_i": 2, "omega_xy0": 1, "theta": 3, "minus_xi_deg": 2}
     assert data.theta.values.tolist() == [0.6, 0.7, 0.8]
-    assert (data.n_i.attrs["units"], data.minus_xi_deg.attrs["units"]) == ("sqrt(g/a)", "degree")
+    assert (data.n_i.attrs["units"], data.minus_xi_deg.attrs["units"]) == (
+        "sqrt(g/a)",
+        "degree",
+    )
     assert data.t_r.attrs["units"] == "sqrt(a/g)"
     assert data.t_r.attrs["long_name"].startswith("first zero")
     assert {"theta", "n_i", "case", "sample"} & set(data.data_vars) == set()

@@ -29,7 +29,9 @@ def command(*args: Any) -> Any:
 def test_prints_csv_that_gives_the_same_numbers_back():
     channels = ["t", "n", "C_I", "u_x"]
     result = command("--points", 14, "--channels", ",".join(channels))
-    run = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=130, points=14, channels=channels)
+    run = rs.trajectory(
+        GH, n_i=0.1, omega_xy0=0.01, t_end=130, points=14, channels=channels
+    )
     assert np.array_equal(read_csv(result.stdout), run.table, equal_nan=True)
     assert "1 reversal at 112.09387" in result.stderr
     assert command("--points", 14, "-q").stderr == ""
@@ -41,10 +43,13 @@ def test_prints_csv_that_gives_the_same_numbers_back():
         (["--dt", 10], {"dt": 10.0}),
         (["--steps"], {"steps": True}),
         (["--psi", "30", "--points", 5], {"psi": 30.0, "points": 5}),
-        (["--omega", "0.02,0,-0.3"], {"omega": (0.02, 0, -0.3), "n_i": None, "omega_xy0": None}),
+        (
+            ["--omega", "0.02,0,-0.3"],
+            {"omega": (0.02, 0, -0.3), "n_i": None, "omega_xy0": None},
+        ),
     ],
     ids=str,
-)  # fmt: skip
+)
 def test_options_mean_what_they_say(options, wanted):
     printed = read_csv(command(*options).stdout)
     run = rs.trajectory(GH, **({"n_i": 0.1, "omega_xy0": 0.01, "t_end": 130} | wanted))
@@ -56,10 +61,18 @@ def test_files_hold_the_table_and_say_which_run_it_is(tmp_path):
     result = command("--output", target, "--channels", names)
     assert (result.exit_code, result.stdout) == (0, "")
     table = pq.read_table(target)
-    run = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=130, channels=names.split(","))
-    assert np.array_equal(table.to_pandas().to_numpy(), run.table.to_numpy(), equal_nan=True)
+    run = rs.trajectory(
+        GH, n_i=0.1, omega_xy0=0.01, t_end=130, channels=names.split(",")
+    )
+    assert np.array_equal(
+        table.to_pandas().to_numpy(), run.table.to_numpy(), equal_nan=True
+    )
     about = json.loads(table.schema.metadata[b"rattlesweep.run"])
-    assert (about["theta"], about["t_end"], about["integrator"]["tol"]) == (0.6429, 130.0, 1e-9)
+    assert (about["theta"], about["t_end"], about["integrator"]["tol"]) == (
+        0.6429,
+        130.0,
+        1e-9,
+    )
 
 
 def test_zeros_of_one_swing_are_one_reversal():
@@ -73,4 +86,7 @@ def test_contact_that_no_real_body_keeps_is_said():
     lost = command("--n-i", 1, "--omega-xy0", 3, "--steps", "--channels", "t,F_normal")
     table = read_csv(lost.stdout)
     first = table["t"][np.argmax(table["F_normal"] < 0)]
-    assert f"warning: contact would be lost at t = {first:.4g}, where the normal" in lost.stderr
+    assert (
+        f"warning: contact would be lost at t = {first:.4g}, where the normal"
+        in lost.stderr
+    )

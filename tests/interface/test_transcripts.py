@@ -1,6 +1,8 @@
-"""Commands print what is kept in `tests/net/transcripts.txt`; executed, this file writes it anew.
+"""Commands print what is kept in `tests/net/transcripts.txt`; executed, this file
+writes it anew.
 
-Seconds, sizes, dates, processes and paths are masked, and numbers rounded to five digits.
+Seconds, sizes, dates, processes and paths are masked, and numbers rounded to five
+digits.
 """
 
 from __future__ import annotations
@@ -57,14 +59,18 @@ def masked(text: str) -> str:
     text = re.sub(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?(\.\d+)?", "DATE", text)
     text = re.sub(r"process \d+ on \S+,", "process N on HOST,", text)
     text = re.sub(r"\b[\d.]+ (s|ms|kB|MB|GB)\b", r"N \1", text)
-    text = re.sub(r"-?\d+\.\d{5,}(e[+-]\d+)?", lambda number: f"{float(number[0]):.5g}", text)
+    text = re.sub(
+        r"-?\d+\.\d{5,}(e[+-]\d+)?", lambda number: f"{float(number[0]):.5g}", text
+    )
     return re.sub(r"(?<!\+)\b\d+ steps", "N steps", text)
 
 
 def make() -> str:
     """Run the commands in the working directory and return their transcript."""
     for name, text in FILES.items():
-        Path(name).write_text(f"name: {Path(name).stem}\n" * (name != "bad.yaml") + text)
+        Path(name).write_text(
+            f"name: {Path(name).stem}\n" * (name != "bad.yaml") + text
+        )
     found = []
     for line in COMMANDS.strip().splitlines():
         args = shlex.split(line)
@@ -72,7 +78,9 @@ def make() -> str:
         result = CliRunner().invoke(main, args, prog_name="rattlesweep")
         if not isinstance(result.exception, SystemExit | None):
             raise result.exception
-        told = [f"! {each}\n" for each in result.stderr.splitlines() if each != COMPILING]
+        told = [
+            f"! {each}\n" for each in result.stderr.splitlines() if each != COMPILING
+        ]
         shown = masked("".join([f"$ rattlesweep {line}\n", result.stdout, *told]))
         found.append(f"{shown}[{result.exit_code}]\n")
     return "\n".join(found)
@@ -82,7 +90,9 @@ def test_commands_print_what_is_kept(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.argv", [])
     monkeypatch.setenv("COLUMNS", "80")
-    for one, other in zip(make().split("\n$ "), FILE.read_text().split("\n$ "), strict=True):
+    for one, other in zip(
+        make().split("\n$ "), FILE.read_text().split("\n$ "), strict=True
+    ):
         assert one == other
 
 

@@ -1,4 +1,6 @@
-"""The pages of docs/ say what is: their commands are executed, in order, as a reader would."""
+"""The pages of docs/ say what is: their commands are executed, in order, as a reader
+would.
+"""
 
 import json
 import re
@@ -20,16 +22,22 @@ def here(tmp_path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def blocks(page: str, language: str) -> list[str]:
-    """Code blocks of a page that are to be executed: those whose fence says just the language."""
+    """Code blocks of a page that are to be executed: those whose fence says just the
+    language.
+    """
     text = (ROOT / "docs" / page).read_text()
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
 def execute(page: str, about: str = "") -> int:
-    """Do what the shell blocks of a page say that hold some words; how many commands that are."""
+    """Do what the shell blocks of a page say that hold some words; how many commands
+    that are.
+    """
     commands = 0
     for block in (block for block in blocks(page, "sh") if about in block):
-        heredoc = re.compile(r"^python - <<'PYTHON'\n(.*?)^PYTHON\n", re.MULTILINE | re.DOTALL)
+        heredoc = re.compile(
+            r"^python - <<'PYTHON'\n(.*?)^PYTHON\n", re.MULTILINE | re.DOTALL
+        )
         for place, part in enumerate(heredoc.split(block)):
             if place % 2:
                 exec(part, {})
@@ -46,13 +54,27 @@ def execute(page: str, about: str = "") -> int:
 
 def test_the_tutorial_from_install_to_a_map(here: Path):
     assert execute("tutorial.md") >= 12
-    wanted = {"unsteady.parquet", "unsteady.svg", "steady.csv", "steady.svg", "rattleback.html",
-              "fractions.png", "wobble.parquet", "wobble.svg", "first.html", "map.png"}  # fmt: skip
+    wanted = {
+        "unsteady.parquet",
+        "unsteady.svg",
+        "steady.csv",
+        "steady.svg",
+        "rattleback.html",
+        "fractions.png",
+        "wobble.parquet",
+        "wobble.svg",
+        "first.html",
+        "map.png",
+    }
     assert all((here / name).stat().st_size > 500 for name in wanted)
 
 
-def test_from_a_ruler_and_a_scale_to_seconds(here: Path, capsys: pytest.CaptureFixture[str]):
-    """What the page shows is what its commands print, but for last digits and numbers of steps."""
+def test_from_a_ruler_and_a_scale_to_seconds(
+    here: Path, capsys: pytest.CaptureFixture[str]
+):
+    """What the page shows is what its commands print, but for last digits and numbers
+    of steps.
+    """
 
     def plain(text: str) -> str:
         text = re.sub(r"\d+ steps", "N steps", text)

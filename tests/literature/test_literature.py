@@ -23,15 +23,22 @@ THEIRS = json.loads(Path(__file__).with_name("theirs.json").read_text(encoding="
 
 
 class Stone:
-    """A half ellipsoid by its tensor of inertia, in the axes of those who described it (z up)."""
+    """A half ellipsoid by its tensor of inertia, in the axes of those who described it
+    (z up).
+    """
 
     def __init__(self, mass, inertia, axes, centre, gravity=9.81):
         long, wide, deep = axes
         height = deep - centre
         self.body = rs.Rattleback.from_si(
-            mass=mass, inertia=inertia, height=height, c=deep, gravity=gravity, z_up=True,
+            mass=mass,
+            inertia=inertia,
+            height=height,
+            c=deep,
+            gravity=gravity,
+            z_up=True,
             radii=(long**2 / deep, wide**2 / deep),
-        )  # fmt: skip
+        )
         x = np.array([*np.linalg.eigh(np.array(inertia)[:2, :2])[1][:, 1], 0.0])
         z = np.array([0.0, 0.0, -1.0])
         self.axes = np.array([x, np.cross(z, x), z])
@@ -39,19 +46,34 @@ class Stone:
         self.friction = mass * height**2 / self.time
 
     def run(self, up, omega, times, sigma=0.0):
-        """Return angular velocities (rad/s), the vertical, and zeros of the spin in seconds."""
+        """Return angular velocities (rad/s), the vertical, and zeros of the spin in
+        seconds.
+        """
         found = rs.trajectory(
-            self.body, u=self.axes @ up, omega=self.axes @ omega * self.time, tol=1e-13,
-            t_end=times[-1] / self.time, times=times / self.time, sigma=sigma / self.friction,
+            self.body,
+            u=self.axes @ up,
+            omega=self.axes @ omega * self.time,
+            tol=1e-13,
+            t_end=times[-1] / self.time,
+            times=times / self.time,
+            sigma=sigma / self.friction,
             channels=["t", "omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z"],
-        )  # fmt: skip
+        )
         rows = found.table
-        rates = rows[["omega_x", "omega_y", "omega_z"]].to_numpy() @ self.axes / self.time
-        return rates, rows[["u_x", "u_y", "u_z"]].to_numpy() @ self.axes, found.zeros * self.time
+        rates = (
+            rows[["omega_x", "omega_y", "omega_z"]].to_numpy() @ self.axes / self.time
+        )
+        return (
+            rates,
+            rows[["u_x", "u_y", "u_z"]].to_numpy() @ self.axes,
+            found.zeros * self.time,
+        )
 
 
 def tilted(alpha, beta):
-    """Return the vertical in the stone for angles of Kane and Levinson, and of Kuypers."""
+    """Return the vertical in the stone for angles of Kane and Levinson, and of
+    Kuypers.
+    """
     flat = math.cos(alpha)
     return np.array([-flat * math.sin(beta), math.sin(alpha), flat * math.cos(beta)])
 
@@ -73,18 +95,25 @@ def test_the_stone_of_physics_atlas(spin):
     centre = 3 * deep / 8
     across = mass * (wide**2 + deep**2) / 5 - mass * centre**2
     along = mass * (long**2 + deep**2) / 5 - mass * centre**2
-    turn = np.array([[math.cos(skew), -math.sin(skew)], [math.sin(skew), math.cos(skew)]])
+    turn = np.array(
+        [[math.cos(skew), -math.sin(skew)], [math.sin(skew), math.cos(skew)]]
+    )
     inertia = np.diag([0.0, 0.0, mass * (long**2 + wide**2) / 5])
     inertia[:2, :2] = turn @ np.diag([across, along]) @ turn.T
     stone = Stone(mass, inertia, (long, wide, deep), centre)
-    # The shape itself; its skew has the paper's sign, which is that of the mirrored stone.
+    # The shape itself; its skew has the paper's sign, which is that of the mirrored
+    # stone.
     shape = rs.Rattleback.half_ellipsoid(
         length=2 * long, width=2 * wide, height=deep, mass=mass, skew=skew
     )
     for name in ("alpha", "beta", "gamma", "theta", "phi", "c"):
-        assert getattr(shape, name) == pytest.approx(getattr(stone.body, name), rel=1e-12)
+        assert getattr(shape, name) == pytest.approx(
+            getattr(stone.body, name), rel=1e-12
+        )
     assert shape.xi == pytest.approx(-stone.body.xi, rel=1e-12)
-    rates, up, zeros = stone.run([0, 0, 1], [0.01, 0.01, float(spin)], np.arange(1.0, 13.0))
+    rates, up, zeros = stone.run(
+        [0, 0, 1], [0.01, 0.01, float(spin)], np.arange(1.0, 13.0)
+    )
     theirs = THEIRS["atlas"][spin]
     assert abs((rates * up).sum(axis=1) - theirs["spin"]).max() < 1e-7
     assert zeros[:3] == pytest.approx(theirs["zeros"], abs=2e-7)
@@ -94,9 +123,14 @@ def test_the_stone_of_physics_atlas(spin):
     ("name", "omega"), [("spun", (0.01, -0.02, -2.0)), ("pushed", (0.01, -1.0, -0.02))]
 )
 def test_wittensteins_stone(name, omega):
-    """Half an ellipsoid, semi-axes golden ratio, 1 and 1 m, of 0.1 kg, with two weights of 50 g."""
-    inertia = [[0.05796875, -0.025, 0.0], [-0.025, 0.0903294297749979, 0.0],
-               [0.0, 0.0, 0.12236067977499791]]  # fmt: skip
+    """Half an ellipsoid, semi-axes golden ratio, 1 and 1 m, of 0.1 kg, with two weights
+    of 50 g.
+    """
+    inertia = [
+        [0.05796875, -0.025, 0.0],
+        [-0.025, 0.0903294297749979, 0.0],
+        [0.0, 0.0, 0.12236067977499791],
+    ]
     stone = Stone(0.2, inertia, ((1 + math.sqrt(5)) / 2, 1.0, 1.0), 0.1875)
     times = np.linspace(0, 69, 6901)
     rates, _, _ = stone.run([0, 0, 1], omega, times)
@@ -107,11 +141,15 @@ def test_wittensteins_stone(name, omega):
 
 
 def test_kuypers_stone_with_friction():
-    """His angles over 8 s; the drawing lacks a scale, so a line is fitted and the rest compared."""
+    """His angles over 8 s; the drawing lacks a scale, so a line is fitted and the rest
+    compared.
+    """
     turn, inertia = 0.1, np.diag([0.0, 0.0, 1.7e-3])
     c, s = math.cos(turn), math.sin(turn)
-    inertia[:2, :2] = [[2e-4 * c * c + 16e-4 * s * s, -14e-4 * s * c],
-                       [-14e-4 * s * c, 2e-4 * s * s + 16e-4 * c * c]]  # fmt: skip
+    inertia[:2, :2] = [
+        [2e-4 * c * c + 16e-4 * s * s, -14e-4 * s * c],
+        [-14e-4 * s * c, 2e-4 * s * s + 16e-4 * c * c],
+    ]
     stone = Stone(1.0, inertia, (0.2, 0.03, 0.02), 1e-3)
     times = np.linspace(0, 8, 80_001)
     rates, up, _ = stone.run(tilted(-0.02, -0.02), [0, 0, -8.0], times, sigma=1e-4)

@@ -1,4 +1,6 @@
-"""The table of claims: how a verdict is made, measures on made-up tables, the paper's own words."""
+"""The table of claims: how a verdict is made, measures on made-up tables, the paper's
+own words.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rattlesweep.paper.claim import UNDECIDED, Count, every, judge, judge_claim, read_table
+from rattlesweep.paper.claim import (
+    UNDECIDED,
+    Count,
+    every,
+    judge,
+    judge_claim,
+    read_table,
+)
 from rattlesweep.paper.fig6_8 import times
 from rattlesweep.paper.reproduce import closing_table
 
@@ -22,8 +31,14 @@ CLAIMS, PARTS = read_table("claims"), read_table("parts")
 def judgement(*checks, few=False, **numbers):
     """Judge a claim that was checked so."""
     criteria = [f"check {k}" for k in range(len(checks))]
-    claim = {"where": "", "words": "words", "criteria": criteria, "measured": "measured",
-             "notes": "End.", "measure": lambda made: (checks, numbers)}  # fmt: skip
+    claim = {
+        "where": "",
+        "words": "words",
+        "criteria": criteria,
+        "measured": "measured",
+        "notes": "End.",
+        "measure": lambda made: (checks, numbers),
+    }
     return {"id": "T1"} | judge_claim(claim, {}, few)
 
 
@@ -43,7 +58,9 @@ def test_few_samples_cannot_tell_what_lies_within_their_error():
     within, beyond = Count(8, 10, unsure=2), Count(8, 10, unsure=1)
     # With the paper's own number of samples a check that fails has failed.
     assert [judgement(True, c)["verdict"] for c in (within, beyond)] == ["partly"] * 2
-    found = [judgement(True, c, few=True)["verdict"] for c in (within, beyond, True, False)]
+    found = [
+        judgement(True, c, few=True)["verdict"] for c in (within, beyond, True, False)
+    ]
     assert found == [UNDECIDED, "partly", "agree", "partly"]
     assert judgement(within, False, few=True)["verdict"] == UNDECIDED
     assert judgement(beyond, True, few=True)["verdict"] == "disagree"
@@ -52,10 +69,14 @@ def test_few_samples_cannot_tell_what_lies_within_their_error():
 
 
 def test_every_claim_is_one_row():
-    listed = ("T1 T2 T3 T4 T5 T6 T7 T8 G1 G2 G3 U1 U2 S1 S2 S3 S4 S5 S6 S7 S8 S9 S9b C1 "
-              "L1 L2 L3 L4")  # fmt: skip
+    listed = (
+        "T1 T2 T3 T4 T5 T6 T7 T8 G1 G2 G3 U1 U2 S1 S2 S3 S4 S5 S6 S7 S8 S9 S9b C1 "
+        "L1 L2 L3 L4"
+    )
     assert list(CLAIMS) == listed.split()
-    assert {part for claim in CLAIMS.values() for part in claim.get("parts", ())} == set(PARTS)
+    assert {
+        part for claim in CLAIMS.values() for part in claim.get("parts", ())
+    } == set(PARTS)
     assert judge({}, theory=False) == []
 
 
@@ -65,9 +86,20 @@ def u1(ratio=1.0, scatter=0.01, **options):
     k, n, w = (np.repeat(axis.ravel(), 9) for axis in axes)
     n_0 = np.hypot(n, w)
     t_r = ratio * 2 * np.arctanh(n / n_0) / (n_0 * k)
-    spread = np.tile(np.linspace(-1, 1, 9) / np.linspace(-1, 1, 9).std(ddof=1), len(k) // 9)
-    runs = pd.DataFrame({"case": np.arange(len(k)) // 9, "K_p": k, "n_i": n, "omega_xy0": w,
-                         "n_0": n_0, "type": "R", "t_r": t_r * (1 + scatter * spread)})  # fmt: skip
+    spread = np.tile(
+        np.linspace(-1, 1, 9) / np.linspace(-1, 1, 9).std(ddof=1), len(k) // 9
+    )
+    runs = pd.DataFrame(
+        {
+            "case": np.arange(len(k)) // 9,
+            "K_p": k,
+            "n_i": n,
+            "omega_xy0": w,
+            "n_0": n_0,
+            "type": "R",
+            "t_r": t_r * (1 + scatter * spread),
+        }
+    )
     made = {"fig6": {"times": times(runs, "K_p")}}
     return judge_claim(CLAIMS["U1"], made, options.get("few", False))
 
@@ -84,8 +116,15 @@ def test_verdicts_follow_the_measurement():
 
 
 EXCERPTS = Path(__file__).with_name("paper_excerpts.tex").read_text()
-WORDS = {"lesssim": "<~", "gtrsim": ">~", "approx": "~", "ll": "<<", "gg": ">>", "le": "<=",
-         "circ": "deg"}  # fmt: skip
+WORDS = {
+    "lesssim": "<~",
+    "gtrsim": ">~",
+    "approx": "~",
+    "ll": "<<",
+    "gg": ">>",
+    "le": "<=",
+    "circ": "deg",
+}
 
 
 def plain(text, *, tex=False):
@@ -97,7 +136,9 @@ def plain(text, *, tex=False):
         text = re.sub(r"\\(textit|text|bm|[, ])", "", text)
         text = re.sub(r"\\([a-zA-Z]+)", lambda m: WORDS.get(m[1], m[1]), text)
         text = re.sub(r"[{}$`]|''", "", text)
-        text = re.sub(r"\|(\w+)\|", r"abs(\1)", text).replace("abs(omega_xy0)", "omega_xy0")
+        text = re.sub(r"\|(\w+)\|", r"abs(\1)", text).replace(
+            "abs(omega_xy0)", "omega_xy0"
+        )
     return re.sub(r'[\s"]', "", text)
 
 
@@ -112,7 +153,9 @@ def test_what_stands_between_quotation_marks_is_the_papers():
 
 
 def cited_figures(text):
-    """Return numbers of figures that a text cites: ``Fig. 7(a)``, ``Figs. 6 to 8``, ``fig7``."""
+    """Return numbers of figures that a text cites: ``Fig. 7(a)``, ``Figs. 6 to 8``,
+    ``fig7``.
+    """
     spelt = re.findall(r"\bFigs?\. (\d+)(?:\(\w\))?(?:(?:,| to| and) (\d+))?", text)
     named = re.findall(r"\bfig(\d+)(?:_\w+)?\b", text)
     return {int(n) for pair in spelt for n in pair if n} | set(map(int, named))

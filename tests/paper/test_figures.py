@@ -1,4 +1,6 @@
-"""Claims on formulas, random bodies (Figs. 3, 4), single runs (5, 9) and friction, small."""
+"""Claims on formulas, random bodies (Figs. 3, 4), single runs (5, 9) and friction,
+small.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,14 @@ from rattlesweep.sweeps.config.schema import SdRanges
 
 @pytest.fixture(scope="module")
 def ws(tmp_path_factory):
-    sizes = Sizes(fig3_bodies=40_000, fig4_bodies=20_000, fig4_density=1_500_000, samples=30,
-                  friction=20, exponents_t_end=2000.0)  # fmt: skip
+    sizes = Sizes(
+        fig3_bodies=40_000,
+        fig4_bodies=20_000,
+        fig4_density=1_500_000,
+        samples=30,
+        friction=20,
+        exponents_t_end=2000.0,
+    )
     return Workspace(tmp_path_factory.mktemp("paper"), sizes, threads=2)
 
 
@@ -116,21 +124,35 @@ def test_distributions_are_those_of_the_defining_matrix(random_bodies, ws):
     assert (data.diff().dropna() >= 0).all().all()
     alpha, beta, _, th, phi, xi = fig3_4.drawn_bodies(0, ws.sizes.fig3_bodies)
     ratio = np.sqrt(formulas.by_definition((alpha, beta, alpha, th, phi, xi))["ratio"])
-    assert data["ratio"].iloc[[0, -1]].tolist() == pytest.approx([ratio.min(), ratio.max()])
+    assert data["ratio"].iloc[[0, -1]].tolist() == pytest.approx(
+        [ratio.min(), ratio.max()]
+    )
     middle = data[data["probability"] == 0.5].iloc[0]
-    for name, values in (("ratio", ratio), ("omega_p0", np.sqrt((1 / phi - 1) / alpha)),
-                         ("omega_r0", np.sqrt((1 / th - 1) / beta))):  # fmt: skip
+    for name, values in (
+        ("ratio", ratio),
+        ("omega_p0", np.sqrt((1 / phi - 1) / alpha)),
+        ("omega_r0", np.sqrt((1 / th - 1) / beta)),
+    ):
         assert middle[name] == pytest.approx(np.median(values), rel=1e-3)
 
 
 def test_claims_and_what_they_need(random_bodies):
     rows = {c["id"]: c for c in judge(random_bodies, theory=True)}
     assert {name: row["verdict"] for name, row in rows.items()} == {
-        "T1": "agree", "T2": "partly", "T3": "agree", "T4": "partly", "T5": "agree",
-        "T6": "agree", "T7": "agree", "T8": "agree", "S9": "partly",
-    }  # fmt: skip
+        "T1": "agree",
+        "T2": "partly",
+        "T3": "agree",
+        "T4": "partly",
+        "T5": "agree",
+        "T6": "agree",
+        "T7": "agree",
+        "T8": "agree",
+        "S9": "partly",
+    }
     for row in rows.values():
-        assert row["evidence"].startswith(f"Checks, headline first: {row['headline']}: ")
+        assert row["evidence"].startswith(
+            f"Checks, headline first: {row['headline']}: "
+        )
         assert (row["low"] or 0) <= row["value"]
         assert row["high"] is None or row["value"] <= row["high"]
 
@@ -148,14 +170,18 @@ def test_t1_is_within_the_rounding_of_table_i(monkeypatch):
 
 def test_no_body_is_below_the_least_ratio_of_the_frequencies():
     bound = fig3_4.ratio_bound()
-    assert bound == pytest.approx(np.sqrt((0.05 * 15 + 1) / (0.95 * 15 + 1) * 9 * 1.5), rel=1e-12)
+    assert bound == pytest.approx(
+        np.sqrt((0.05 * 15 + 1) / (0.95 * 15 + 1) * 9 * 1.5), rel=1e-12
+    )
     ends = np.array(list(dict(SdRanges()).values()))
     corner = np.array([15, 0.05, 0.6, 0.1, 0.0])[:, None]
     shares = np.random.default_rng(2).uniform(size=(5, 20_000))
     for squeeze in (1.0, 1e-3):
         inward = np.where(corner == ends[:, :1], 1, -1) * squeeze * np.diff(ends)
         gamma, f_sd, th, phi, xi = corner + inward * shares
-        found = theory.modes((1 - f_sd) * gamma + 1, f_sd * gamma + 1, th, phi, -np.radians(xi))
+        found = theory.modes(
+            (1 - f_sd) * gamma + 1, f_sd * gamma + 1, th, phi, -np.radians(xi)
+        )
         least = (found.omega_p / found.omega_r).min()
         assert least > bound
     assert least < 1.001 * bound
@@ -178,7 +204,14 @@ def off(module, name, **factors):
     ("wrong", "names"),
     [
         (off(theory, "modes", K_p=1 + 1e-7), ["T3", "T7"]),
-        ((theory, "bondi_threshold", lambda *a, f=theory.bondi_threshold: 1.0001 * f(*a)), ["S9"]),
+        (
+            (
+                theory,
+                "bondi_threshold",
+                lambda *a, f=theory.bondi_threshold: 1.0001 * f(*a),
+            ),
+            ["S9"],
+        ),
         ((full.rhs, "py_func", lambda *_: (0.0, 0.0, 1e-12, 0.0, 0.0)), ["S9"]),
         (off(formulas, "ellipsoid", alpha=1.1), ["T6"]),
         (off(formulas, "by_definition", K_r=1.001), ["T2"]),

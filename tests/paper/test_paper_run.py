@@ -27,16 +27,21 @@ def made(tmp_path_factory):
     directory = tmp_path_factory.mktemp("paper")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(command, "save", lambda figure, paths: draw(figure, *paths))
-        claims = reproduce(Workspace(directory, SMALL, threads=2), ["fig6", "fig7", "fig8"])
+        claims = reproduce(
+            Workspace(directory, SMALL, threads=2), ["fig6", "fig7", "fig8"]
+        )
     return SimpleNamespace(
-        directory=directory, claims=claims,
+        directory=directory,
+        claims=claims,
         **{name: runs_of(directory, name) for name in ("steady", "unsteady")},
         table=lambda name: pq.read_table(directory / f"{name}.parquet").to_pandas(),
-    )  # fmt: skip
+    )
 
 
 def draw(figure, svg, png):
-    """Save one of the two pictures; `test_the_command_makes_what_is_asked_for` has both."""
+    """Save one of the two pictures; `test_the_command_makes_what_is_asked_for` has
+    both.
+    """
     save(figure, [svg])
     png.touch()
 
@@ -56,13 +61,15 @@ def test_the_sweeps_are_those_of_the_shipped_configs(name):
 
 
 @pytest.mark.parametrize(
-    ("figure", "sweep", "name"), [("fig6", "unsteady", "K_p"), ("fig8", "steady", "K_r")]
+    ("figure", "sweep", "name"),
+    [("fig6", "unsteady", "K_p"), ("fig8", "steady", "K_r")],
 )
 def test_points_of_figs_6_and_8_are_means_of_the_stored_runs(made, figure, sweep, name):
     runs, points = getattr(made, sweep), made.table(f"{figure}_times")
     cases = runs.groupby("case")
     assert len(points) == cases.ngroups
-    # NaN where the run does not reverse, and so in the mean of none and the deviation of one.
+    # NaN where the run does not reverse, and so in the mean of none and the deviation
+    # of one.
     back = runs["t_r"].where(runs["type"] == "R").groupby(runs["case"])
     np.testing.assert_array_equal(points["reversed"], back.count())
     np.testing.assert_allclose(points["t_r_mean"], back.mean(), rtol=1e-13)
@@ -78,10 +85,14 @@ def test_fractions_of_fig_7_are_counts_of_the_stored_runs(made):
     cases = runs["case"]
     assert (points["runs"] == SMALL.samples).all()
     for name in ("R", "SS", "SW", "unclassified"):
-        np.testing.assert_array_equal(points[name], (runs["type"] == name).groupby(cases).sum())
+        np.testing.assert_array_equal(
+            points[name], (runs["type"] == name).groupby(cases).sum()
+        )
         share = points[f"fraction_{name}"]
         np.testing.assert_allclose(share, points[name] / SMALL.samples)
-        assert share.between(points[f"fraction_{name}_low"], points[f"fraction_{name}_high"]).all()
+        assert share.between(
+            points[f"fraction_{name}_low"], points[f"fraction_{name}_high"]
+        ).all()
     past = (runs["n_c1"].abs() < runs["n_i"].abs()).groupby(cases).sum()
     np.testing.assert_array_equal(points["bondi"], past)
     both = points["bondi"] - points["bondi_only"]
@@ -95,8 +106,11 @@ def test_every_claim_of_the_sweeps_is_in_the_tables(made):
     assert table.column("id").to_pylist() == ids
     # Four samples of a point are too few.
     assert "too few samples to tell" in table.column("verdict").to_pylist()
-    rows = [line for line in (made.directory / "claims.md").read_text().splitlines()
-            if line.startswith("| ") and not line.startswith("| |")]  # fmt: skip
+    rows = [
+        line
+        for line in (made.directory / "claims.md").read_text().splitlines()
+        if line.startswith("| ") and not line.startswith("| |")
+    ]
     assert [row.split("|")[1].strip() for row in rows] == ids
     assert {row.count("|") for row in rows} == {5}
 
@@ -140,9 +154,13 @@ def test_the_command_makes_what_is_asked_for(tmp_path):
     assert "G2   agree (2 of 2): GH, n_i = -0.1" in done.stdout
     assert "report.html" in done.stderr
     assert {p.name for p in out.iterdir()} == {
-        "claims.md", "claims.parquet", "report.html", "fig5.png", "fig5.svg",
+        "claims.md",
+        "claims.parquet",
+        "report.html",
+        "fig5.png",
+        "fig5.svg",
         *(f"fig5_{table}.parquet" for table in ("runs", "steady", "unsteady")),
-    }  # fmt: skip
+    }
 
 
 def test_the_command_refuses_in_one_sentence(tmp_path):
@@ -160,7 +178,10 @@ def test_the_full_size_says_of_the_paper_what_the_docs_say(tmp_path):
     """Minutes: 240,000 runs, and Lyapunov exponents of what wobbles."""
     workspace = Workspace(tmp_path)
     claims = reproduce(workspace, choose(None))
-    rows = re.findall(r"^\| (\w+) \| (agree|partly|disagree),", (ROOT / "benchmarks" / "claims.md")
-                      .read_text(), re.MULTILINE)  # fmt: skip
+    rows = re.findall(
+        r"^\| (\w+) \| (agree|partly|disagree),",
+        (ROOT / "benchmarks" / "claims.md").read_text(),
+        re.MULTILINE,
+    )
     assert {claim["id"]: claim["verdict"] for claim in claims} == dict(rows)
     assert workspace.failed == 0

@@ -1,4 +1,6 @@
-"""For small oscillations, a run is of type SS exactly if its spin exceeds Bondi's threshold."""
+"""For small oscillations, a run is of type SS exactly if its spin exceeds Bondi's
+threshold.
+"""
 
 import pytest
 
@@ -9,11 +11,18 @@ import rattlesweep as rs
 @pytest.mark.parametrize(
     ("bodies", "runs"),
     [({"samples": 100, "target": {"K_r": [0.01, 0.03, 0.1]}}, 900)]
-    + [pytest.param(*case, marks=pytest.mark.slow) for case in (
-        ({"samples": 560, "target": {"K_r": [0.01, 0.03, 0.1]}}, 5040), ({"samples": 400}, 1200))],
+    + [
+        pytest.param(*case, marks=pytest.mark.slow)
+        for case in (
+            ({"samples": 560, "target": {"K_r": [0.01, 0.03, 0.1]}}, 5040),
+            ({"samples": 400}, 1200),
+        )
+    ],
     ids=str,
-)  # fmt: skip
-def test_every_run_of_small_oscillations_agrees_with_the_threshold(bodies, runs, tmp_path):
+)
+def test_every_run_of_small_oscillations_agrees_with_the_threshold(
+    bodies, runs, tmp_path
+):
     config = {
         "seed": 2017,
         "bodies": {"source": "sd", **bodies},

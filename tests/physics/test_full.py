@@ -1,4 +1,6 @@
-"""The full dynamics in slopes against the paper's six variables, in doubles and at 60 digits."""
+"""The full dynamics in slopes against the paper's six variables, in doubles and at 60
+digits.
+"""
 
 import itertools
 
@@ -41,7 +43,9 @@ class Paper:
         self.du, self.domega = d[:3], d[3:]
         self.r, self.dr = reference.contact(self.u, self.du, q)
         # p = u_x/u_z, q = u_y/u_z
-        slopes = [(self.du[i] - x * self.du[2]) / upright for i, x in enumerate((p, q_))]
+        slopes = [
+            (self.du[i] - x * self.du[2]) / upright for i, x in enumerate((p, q_))
+        ]
         self.rates = [*slopes, *self.domega]
 
     def energy(self):
@@ -51,7 +55,9 @@ class Paper:
 
     def force(self):
         w, r, cross = self.omega, self.r, reference.cross
-        f = reference.add(cross(self.dr, w), cross(r, self.domega), cross(w, cross(r, w)), self.u)
+        f = reference.add(
+            cross(self.dr, w), cross(r, self.domega), cross(w, cross(r, w)), self.u
+        )
         along = dot(f, self.u)
         return along, mp.norm([x - along * y for x, y in zip(f, self.u, strict=True)])
 
@@ -62,24 +68,41 @@ def states(size, seed):
     for _ in range(size):
         slope, rate = 10 ** rng.uniform(-8, 0, 2)
         yield np.concatenate(
-            [slope * rng.normal(size=2), rate * rng.normal(size=2), rng.uniform(-5, 5, 1)]
+            [
+                slope * rng.normal(size=2),
+                rate * rng.normal(size=2),
+                rng.uniform(-5, 5, 1),
+            ]
         )
 
 
 BODIES = [*any_body(30, 11).T.tolist(), *table_one(30, 11).T.tolist()]
 CASES = list(zip(BODIES, states(60, 12), strict=True))
 
-# theta and phi at the ends of their ranges, slopes from 1e-150 to steep, with and without spin.
+# theta and phi at the ends of their ranges, slopes from 1e-150 to steep, with and
+# without spin.
 EXTREMES = [
-    ((*inertia, *surface), np.array([0.3 * slope, -1.1 * slope, 0.7 * rate, 0.9 * rate, n]))
+    (
+        (*inertia, *surface),
+        np.array([0.3 * slope, -1.1 * slope, 0.7 * rate, 0.9 * rate, n]),
+    )
     for inertia in [(13.04, 1.522, 12.28), (1.3 + 3e-9, 1.3, 0.5)]
-    for surface in itertools.product((0.7, 1 - 1e-9), (0.05, 1e-4), (-1e-6, -0.03, -1.2))
-    for slope, rate, n in [(1e-150, 1e-150, -0.2), (1e-150, 1e-2, 0.2), (1e-2, 1e-150, 1e-150),
-                           (1e-8, 1e-6, 3.0), (0.2, 0.7, -40.0)]
-]  # fmt: skip
+    for surface in itertools.product(
+        (0.7, 1 - 1e-9), (0.05, 1e-4), (-1e-6, -0.03, -1.2)
+    )
+    for slope, rate, n in [
+        (1e-150, 1e-150, -0.2),
+        (1e-150, 1e-2, 0.2),
+        (1e-2, 1e-150, 1e-150),
+        (1e-8, 1e-6, 3.0),
+        (0.2, 0.7, -40.0),
+    ]
+]
 
 
-@pytest.mark.parametrize("cases", [CASES[::2], EXTREMES[::3]], ids=["random", "extreme"])
+@pytest.mark.parametrize(
+    "cases", [CASES[::2], EXTREMES[::3]], ids=["random", "extreme"]
+)
 def test_formulas_are_the_papers(cases):
     """At 60 digits the compiled formulas and the paper's six variables agree to 50."""
     for parameters, state in cases:
@@ -91,7 +114,9 @@ def test_formulas_are_the_papers(cases):
                 assert abs(one - two) <= small * abs(two)
             assert abs(mp_spin(*arguments[:5]) / dot(paper.u, paper.omega) - 1) < small
             rate = dot(paper.u, paper.domega)
-            assert abs(mp_spin_rate(*arguments[:2], *paper.domega) - rate) <= small * abs(rate)
+            assert abs(
+                mp_spin_rate(*arguments[:2], *paper.domega) - rate
+            ) <= small * abs(rate)
             normal, tangential = mp_force(*arguments)
             normal_p, tangential_p = paper.force()
             assert abs(normal - normal_p) <= small * (1 + abs(normal_p))
@@ -108,7 +133,9 @@ def errors(parameters, state):
     got = full.rhs(*map(float, state), *full.constants(*parameters))
     with mp.workdps(DIGITS):
         wanted = Paper(parameters, state).rates
-        return [float(abs(mp.mpf(g) - w) / abs(w)) for g, w in zip(got, wanted, strict=True)]
+        return [
+            float(abs(mp.mpf(g) - w) / abs(w)) for g, w in zip(got, wanted, strict=True)
+        ]
 
 
 def test_relative_accuracy_in_the_extremes():
@@ -122,7 +149,9 @@ def test_relative_accuracy_in_the_extremes():
 
 
 def test_mirrored_bodies_move_in_mirror_images():
-    """The x-z plane reflects polar u to (u_x, -u_y, u_z), axial omega to (-w_x, w_y, -w_z)."""
+    """The x-z plane reflects polar u to (u_x, -u_y, u_z), axial omega to (-w_x, w_y,
+    -w_z).
+    """
     image = np.array([1, -1, -1, 1, -1])
     for parameters, state in CASES:
         one = full.constants(*parameters)
@@ -132,6 +161,8 @@ def test_mirrored_bodies_move_in_mirror_images():
         assert np.array_equal(full.rhs(*(image * state), *two), image * rates)
         assert full.energy(*(image * state), *two) == full.energy(*state, *one)
         assert full.spin(*(image * state)) == -full.spin(*state)
-        assert full.contact_force(*(image * state), *two) == full.contact_force(*state, *one)
+        assert full.contact_force(*(image * state), *two) == full.contact_force(
+            *state, *one
+        )
         # Without the reflection the rates differ.
         assert not np.array_equal(full.rhs(*state, *two), rates)

@@ -1,4 +1,6 @@
-"""Bodies in SI units: their parameters, what is refused, and quantities given as text."""
+"""Bodies in SI units: their parameters, what is refused, and quantities given as
+text.
+"""
 
 import json
 import math
@@ -12,8 +14,12 @@ from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.si import half_ellipsoid
 from rattlesweep.units import KINDS, quantity
 
-STONE = {"mass": 1.0, "inertia": (2e-4, 16e-4, 17e-4, -0.2e-4), "height": 0.01,
-         "radii": (2.0, 0.045)}  # fmt: skip
+STONE = {
+    "mass": 1.0,
+    "inertia": (2e-4, 16e-4, 17e-4, -0.2e-4),
+    "height": 0.01,
+    "radii": (2.0, 0.045),
+}
 """Kane and Levinson's: semi-axes 20, 3, 2 cm; the radii are 20^2/2 and 3^2/2 cm."""
 HALF = {"length": 0.12, "width": 0.03, "height": 0.012, "mass": 0.06, "skew": 0.05}
 
@@ -34,9 +40,12 @@ def test_kane_and_levinsons_body():
     without = rs.Rattleback(*numbers(body), c=2.0)
     assert (body, repr(body)) == (without, repr(without))
     text = rs.Rattleback.from_si(
-        mass="1000 g", inertia=STONE["inertia"], height="1cm", radii=("200 cm", "45 mm"),
+        mass="1000 g",
+        inertia=STONE["inertia"],
+        height="1cm",
+        radii=("200 cm", "45 mm"),
         axes_angle="0 deg",
-    )  # fmt: skip
+    )
     assert numbers(text) == pytest.approx(numbers(body), rel=1e-14)
 
 
@@ -46,7 +55,9 @@ def test_any_axes_and_any_order_of_the_radii(angle, order):
     """A body turned about the vertical is the same body."""
     gh = rs.Rattleback.gh()
     mass, a = 0.2, 0.013
-    axes = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    axes = np.array(
+        [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
+    )
     plane = axes @ np.diag([gh.alpha - 1, gh.beta - 1]) @ axes.T * mass * a**2
     tensor = np.zeros((3, 3))
     tensor[:2, :2], tensor[2, 2] = plane, gh.gamma * mass * a**2
@@ -68,17 +79,49 @@ def test_any_axes_and_any_order_of_the_radii(angle, order):
     ("make", "wrong", "words"),
     [
         ("from_si", {"mass": 0.0}, "mass is 0; from 1e-09 to 1e.09 kg is allowed"),
-        ("from_si", {"height": "12 kg"}, "height: '12 kg' is a mass; a length is needed, such as"),
-        ("from_si", {"inertia": (1e-4, 1e-4, 9e-4)}, "no body has the principal moments 0.0001, 0"),
+        (
+            "from_si",
+            {"height": "12 kg"},
+            "height: '12 kg' is a mass; a length is needed, such as",
+        ),
+        (
+            "from_si",
+            {"inertia": (1e-4, 1e-4, 9e-4)},
+            "no body has the principal moments 0.0001, 0",
+        ),
         ("from_si", {"inertia": (1, 2)}, "a finite symmetric 3 x 3 matrix is needed"),
-        ("from_si", {"inertia": (2e-4, 16e-4, 17e-4, 0, 1e-5)}, "is off a principal axis by"),
-        ("from_si", {"inertia": "60,900 g cm^2"}, "inertia: '60,900 g cm.2' has 2 numbers"),
-        ("from_si", {"radii": (1e300, 0.1)}, "radii is 1e.300; from 1e-09 to 1e.06 m is allowed"),
-        ("from_si", {"radii": (0.005, 0.1)}, "radii: 0.005 m is not above the height 0.01 m"),
-        ("from_si", {"c": "2 mm"}, r"c 0.2 is not above theta 0\.222222: the ellipsoid would"),
+        (
+            "from_si",
+            {"inertia": (2e-4, 16e-4, 17e-4, 0, 1e-5)},
+            "is off a principal axis by",
+        ),
+        (
+            "from_si",
+            {"inertia": "60,900 g cm^2"},
+            "inertia: '60,900 g cm.2' has 2 numbers",
+        ),
+        (
+            "from_si",
+            {"radii": (1e300, 0.1)},
+            "radii is 1e.300; from 1e-09 to 1e.06 m is allowed",
+        ),
+        (
+            "from_si",
+            {"radii": (0.005, 0.1)},
+            "radii: 0.005 m is not above the height 0.01 m",
+        ),
+        (
+            "from_si",
+            {"c": "2 mm"},
+            r"c 0.2 is not above theta 0\.222222: the ellipsoid would",
+        ),
         ("half_ellipsoid", {"height": 0.02}, "height: the body tips over"),
         ("half_ellipsoid", {"weights": 0.01}, "weights and at belong together"),
-        ("half_ellipsoid", {"weights": 0.01, "at": (0.06, 0.01)}, "beyond the edge of the flat"),
+        (
+            "half_ellipsoid",
+            {"weights": 0.01, "at": (0.06, 0.01)},
+            "beyond the edge of the flat",
+        ),
         ("half_ellipsoid", {"weights": 0.01, "at": "45 mm"}, "at: '45 mm' has 1 num"),
     ],
 )
@@ -102,7 +145,9 @@ def integrated(length, width, height, mass, skew, weights, x, y, wall=np.inf):
     nodes, shares = np.polynomial.legendre.leggauss(12)
     cosines, of_cosines = np.polynomial.legendre.leggauss(60)
     turn = 2 * np.pi * np.arange(240) / 240
-    r, cosine, turn = np.meshgrid((nodes + 1) / 2, (cosines + 1) / 2, turn, indexing="ij")
+    r, cosine, turn = np.meshgrid(
+        (nodes + 1) / 2, (cosines + 1) / 2, turn, indexing="ij"
+    )
     sine = np.sqrt(1 - cosine**2)
     directions = np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine])
     axes = np.array([length / 2, width / 2, height])[:, None, None, None]
@@ -122,7 +167,10 @@ def integrated(length, width, height, mass, skew, weights, x, y, wall=np.inf):
     centre = points @ masses / total
     a = height - centre[2]
     points -= centre[:, None]
-    tensor = np.eye(3) * (masses * (points**2).sum(axis=0)).sum() - (masses * points) @ points.T
+    tensor = (
+        np.eye(3) * (masses * (points**2).sum(axis=0)).sum()
+        - (masses * points) @ points.T
+    )
     (smaller, larger), axes = np.linalg.eigh(tensor[:2, :2])
     flatter, bent = sorted([height / (length / 2) ** 2, height / (width / 2) ** 2])
     across = 0.0 if length < width else np.pi / 2
@@ -130,10 +178,16 @@ def integrated(length, width, height, mass, skew, weights, x, y, wall=np.inf):
     xi -= np.pi * np.round(xi / np.pi)
     unit = total * a**2
     return {
-        "alpha": larger / unit + 1, "beta": smaller / unit + 1, "gamma": tensor[2, 2] / unit,
-        "theta": a * bent, "phi": a * flatter, "xi": xi, "c": height / a, "mass": total,
+        "alpha": larger / unit + 1,
+        "beta": smaller / unit + 1,
+        "gamma": tensor[2, 2] / unit,
+        "theta": a * bent,
+        "phi": a * flatter,
+        "xi": xi,
+        "c": height / a,
+        "mass": total,
         "height": a,
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize("stone", STONES.values(), ids=STONES.keys())
@@ -146,7 +200,11 @@ def test_half_ellipsoids_agree_with_quadrature(stone):
 
 QUANTITIES = {
     "length": {"12mm": 0.012, "1.5e1 mm": 0.015, "1 in": 0.0254, "20 µm": 2e-5},
-    "moment of inertia": {"2.1 kg*cm**2": 2.1e-4, "2.1 kg·cm²": 2.1e-4, "2.1 g mm2": 2.1e-9},
+    "moment of inertia": {
+        "2.1 kg*cm**2": 2.1e-4,
+        "2.1 kg·cm²": 2.1e-4,
+        "2.1 g mm2": 2.1e-9,
+    },
     "angle": {"-1.5 deg": -math.pi / 120, "90°": math.pi / 2},
     "spin": {"60 rpm": 2 * math.pi, "1 turn/s": 2 * math.pi},
 }
@@ -164,28 +222,52 @@ def test_quantities(kind):
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [("mm", "is not a number with a unit; a length is needed, such as 12 mm"),
-     ("12", "has no unit"), ("12 foo", "has the unit foo"), ("12 mm^3", "is another quantity"),
-     ("1,2 cm", "has 2 numbers, not 1")],
-)  # fmt: skip
+    [
+        ("mm", "is not a number with a unit; a length is needed, such as 12 mm"),
+        ("12", "has no unit"),
+        ("12 foo", "has the unit foo"),
+        ("12 mm^3", "is another quantity"),
+        ("1,2 cm", "has 2 numbers, not 1"),
+    ],
+)
 def test_texts_that_are_no_length_are_refused(text, words):
     with pytest.raises(ValueError, match=words):
         quantity(text, "length")
 
 
-OPTIONS = ("--mass", "1kg", "--height", "1cm", "--inertia", "2,16,17,-0.2 kg cm^2",
-           "--radii", "200,4.5 cm")  # fmt: skip
+OPTIONS = (
+    "--mass",
+    "1kg",
+    "--height",
+    "1cm",
+    "--inertia",
+    "2,16,17,-0.2 kg cm^2",
+    "--radii",
+    "200,4.5 cm",
+)
 
 
 def test_body_prints_both_systems():
-    shown = invoke("body", *OPTIONS, "--n-i", "60rpm", "--c", "2cm", "--sigma", "1e-4 N m s",
-                   "--json")  # fmt: skip
+    shown = invoke(
+        "body",
+        *OPTIONS,
+        "--n-i",
+        "60rpm",
+        "--c",
+        "2cm",
+        "--sigma",
+        "1e-4 N m s",
+        "--json",
+    )
     assert shown.exit_code == 0, shown.stderr
     data = json.loads(shown.stdout)
     second = math.sqrt(0.01 / 9.81)
     assert data["n_i"] == pytest.approx(2 * math.pi * second)
     assert data["si"]["n_i"] == {"value": pytest.approx(60.0), "unit": "rpm"}
-    assert data["si"]["t_rgh"] == {"value": pytest.approx(data["t_rgh"] * second), "unit": "s"}
+    assert data["si"]["t_rgh"] == {
+        "value": pytest.approx(data["t_rgh"] * second),
+        "unit": "s",
+    }
     assert data["si"]["c"] == {"value": pytest.approx(0.02), "unit": "m"}
     # Over M a^2 sqrt(g/a), as in docs/dynamics.md.
     assert data["sigma"] == pytest.approx(1e-4 / (1e-4 * math.sqrt(981)), rel=1e-14)

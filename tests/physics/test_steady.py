@@ -1,4 +1,6 @@
-"""The linear system about the steady spin against the full dynamics and 50-digit eigenvalues."""
+"""The linear system about the steady spin against the full dynamics and 50-digit
+eigenvalues.
+"""
 
 import os
 import subprocess
@@ -26,7 +28,9 @@ BODIES = [GH, *SD.T[:5].tolist(), *WIDE.T[:5].tolist()]
 
 @pytest.mark.parametrize("n", SPINS)
 def test_matrix_is_the_jacobian_of_the_full_dynamics_of_the_oracle_and_of_the_paper(n):
-    """Differences of the compiled formulas at 60 digits, free of rounding and truncation."""
+    """Differences of the compiled formulas at 60 digits, free of rounding and
+    truncation.
+    """
     rhs = exactly(full.rhs)
     # (u_x, u_y) = -(p, q) to first order.
     turn = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -56,10 +60,14 @@ def test_matrix_is_the_jacobian_of_the_full_dynamics_of_the_oracle_and_of_the_pa
 
 
 def test_eigenvalues_of_extreme_bodies_at_any_spin_and_any_loss():
-    """With a hundred digits, growth rates down to 1e-20 of the frequency are known exactly."""
+    """With a hundred digits, growth rates down to 1e-20 of the frequency are known
+    exactly.
+    """
     size = 120
     rng = np.random.default_rng(31)
-    bodies = np.concatenate([far_outside(size // 2, 32), any_body(size // 2, 33)], axis=1)
+    bodies = np.concatenate(
+        [far_outside(size // 2, 32), any_body(size // 2, 33)], axis=1
+    )
     constants = full.constants(*bodies)
     n = rng.choice([-1, 1], size) * log_uniform(rng, 1e-6, 10, size)
     sigma = np.where(rng.random(size) < 0.5, log_uniform(rng, 1e-6, 100, size), 0.0)
@@ -67,7 +75,9 @@ def test_eigenvalues_of_extreme_bodies_at_any_spin_and_any_loss():
     found = steady.steady_modes(constants, n, sigma)
     errors, overdamped = [], 0
     for k in range(size):
-        pitch, roll, *others = theory_mp.steady_eigenvalues(constants[:, k], n[k], sigma[k])
+        pitch, roll, *others = theory_mp.steady_eigenvalues(
+            constants[:, k], n[k], sigma[k]
+        )
         for got, exact in ((found.pitch[k], pitch), (found.roll[k], roll)):
             overdamped += exact.imag == 0
             # Two eigenvalues that are close are less well conditioned.
@@ -94,7 +104,10 @@ def test_probes_are_left_eigenvectors_of_extreme_bodies():
                 steady.steady_modes(constants, n, sigma),
             )
             scale = np.abs(matrix).max(axis=(1, 2))[:, None]
-            for value, probe in ((found.pitch, found.pitch_probe), (found.roll, found.roll_probe)):
+            for value, probe in (
+                (found.pitch, found.pitch_probe),
+                (found.roll, found.roll_probe),
+            ):
                 rest = (probe[:, None, :] @ matrix)[:, 0] - value[:, None] * probe
                 assert np.all(np.abs(rest) < 2e-10 * scale)
                 assert np.median(np.abs(rest) / scale) < 1e-16
@@ -121,7 +134,9 @@ print(hashlib.sha256(b"".join(part.tobytes() for part in found)).hexdigest())
 
 
 def test_bits_depend_neither_on_the_linear_algebra_library_nor_on_the_processor():
-    """OpenBLAS with kernels for several processors, NumPy without those for this one."""
+    """OpenBLAS with kernels for several processors, NumPy without those for this
+    one.
+    """
     extensions = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
     found = set()
     for change in (
@@ -176,11 +191,14 @@ def test_oscillations_settle_if_every_spin_that_they_may_reach_is_stable():
     there = np.isfinite(n_c1)
     assert 10 < there.sum() < len(there)
     for part in (-1.5, 0.5, 1.0):  # the unsteady direction, below the threshold, at it
-        assert np.all(steady.settled_oscillation(constants, part * n_c1, n_c1, slow) == 0)
+        assert np.all(
+            steady.settled_oscillation(constants, part * n_c1, n_c1, slow) == 0
+        )
     found = steady.settled_oscillation(constants, 1.5 * n_c1, n_c1, slow)
     assert np.array_equal(found > 0, there)
-    # The largest rise takes the spin half-way to the threshold, or tilts the body to a slope of
-    # sqrt(1/2) in the direction of the least curvature; the present slope is at most 0.1.
+    # The largest rise takes the spin half-way to the threshold, or tilts the body to a
+    # slope of sqrt(1/2) in the direction of the least curvature; the present slope is
+    # at most 0.1.
     rise = steady.transient_growth(constants[:, there], 1.5 * n_c1[there])
     way = constants[2, there] * 1.25 * n_c1[there] ** 2
     lean = (1 - SD[3, there]) / SD[3, there]

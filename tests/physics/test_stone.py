@@ -22,12 +22,29 @@ def random_bodies(count, seed):
         gamma, f_sd = rng.uniform(3, 20), rng.uniform(0.05, 0.3)
         alpha, beta = shell_dumbbell(gamma, f_sd)
         theta = rng.uniform(0.15, 0.95)
-        body = dict(zip(PARAMETERS, (alpha, beta, gamma, theta, rng.uniform(0.004, 0.8) * theta,
-                                     -math.radians(rng.uniform(0.1, 9))), strict=True))  # fmt: skip
+        body = dict(
+            zip(
+                PARAMETERS,
+                (
+                    alpha,
+                    beta,
+                    gamma,
+                    theta,
+                    rng.uniform(0.004, 0.8) * theta,
+                    -math.radians(rng.uniform(0.1, 9)),
+                ),
+                strict=True,
+            )
+        )
         body["c"] = None if k % 4 == 0 else theta * (1 + rng.lognormal(0, 1.5))
         tilt, turn = rng.uniform(0, 0.3), rng.uniform(0, 2 * math.pi)
-        u = np.array([math.sin(tilt) * math.cos(turn), math.sin(tilt) * math.sin(turn),
-                      -math.cos(tilt)])  # fmt: skip
+        u = np.array(
+            [
+                math.sin(tilt) * math.cos(turn),
+                math.sin(tilt) * math.sin(turn),
+                -math.cos(tilt),
+            ]
+        )
         yield body, u, rng.normal(0, 0.4, 3), rng.uniform(0, 0.1), rng.uniform(0, 0.01)
 
 
@@ -60,32 +77,49 @@ def test_equations_are_those_of_mechanics(model):
         p, q_slope = state[:2]
         du = np.cross(u, omega)
         slope = (du[:2] * u[2] - u[:2] * du[2]) / u[2] ** 2
-        np.testing.assert_allclose(got[:2], slope, rtol=0, atol=1e-13 * (1 + abs(slope).max()))
+        np.testing.assert_allclose(
+            got[:2], slope, rtol=0, atol=1e-13 * (1 + abs(slope).max())
+        )
         normal, tangential = model.contact(*state, *q)
         assert normal == pytest.approx(force @ u, abs=1e-11 * scale)
         across = np.linalg.norm(force - (force @ u) * u)
         assert tangential == pytest.approx(across, abs=1e-11 * scale)
         work = 0.3 if model.n_state == 6 else 0.0
         total = stone_oracle.energy(y, body) - work
-        assert model.energy(*state, *q) == pytest.approx(total, abs=1e-13 * (1 + abs(total)))
+        assert model.energy(*state, *q) == pytest.approx(
+            total, abs=1e-13 * (1 + abs(total))
+        )
         if model.n_state == 6:
             assert got[5] == pytest.approx(power, rel=1e-10, abs=1e-13)
         fx, fy, rise, *_ = model.touch(
-            p, q_slope, *omega, *got[:2], p * omega[1] - q_slope * omega[0], *q[3 : 3 + 4]
+            p,
+            q_slope,
+            *omega,
+            *got[:2],
+            p * omega[1] - q_slope * omega[0],
+            *q[3 : 3 + 4],
         )
         r, _ = stone_oracle.contact(u, du, body)
         np.testing.assert_allclose([p + fx, q_slope + fy, 1 - rise], r, atol=1e-12)
 
 
-@pytest.mark.parametrize("model", [m for m in MODELS if m.n_carried], ids=lambda model: model.name)
+@pytest.mark.parametrize(
+    "model", [m for m in MODELS if m.n_carried], ids=lambda model: model.name
+)
 def test_carried_functions_of_a_step(model):
-    """Start and rate are those of the contact point, and errors enter squared; at 60 digits."""
+    """Start and rate are those of the contact point, and errors enter squared; at 60
+    digits.
+    """
     assert model.n_carried == 1
-    start, carried, plain = map(exactly, (model.carried_start, model.carried_rhs, model.rhs))
+    start, carried, plain = map(
+        exactly, (model.carried_start, model.carried_rhs, model.rhs)
+    )
     for body, u, omega, sigma, rolling in random_bodies(12, 6):
         body, sigma, rolling = of_model(model, body, sigma, rolling)
         with mp.workdps(60):
-            y = [mp.mpf(x) for x in [*full.from_vectors(u, omega), 0.3][: model.n_state]]
+            y = [
+                mp.mpf(x) for x in [*full.from_vectors(u, omega), 0.3][: model.n_state]
+            ]
             q = [mp.mpf(float(x)) for x in constants_of(model, body, sigma, rolling)]
             (rise,) = start(*y, *q)
             wanted = plain(*y, *q)
@@ -93,22 +127,30 @@ def test_carried_functions_of_a_step(model):
             assert max(abs(a - b) for a, b in zip(got, wanted, strict=True)) < 1e-50
             h = mp.mpf(10) ** -25
             ahead, behind = (
-                start(*(a + s * b for a, b in zip(y, wanted, strict=True)), *q)[0] for s in (h, -h)
+                start(*(a + s * b for a, b in zip(y, wanted, strict=True)), *q)[0]
+                for s in (h, -h)
             )
             assert abs((ahead - behind) / (2 * h) - rate) < 1e-30
             # An error of the rise enters squared.
             off = rise * (1 + mp.mpf(10) ** -8)
             other = carried(*y, off, *q)
-            assert max(abs(a - b) for a, b in zip(other, (*got, rate), strict=True)) < 1e-12
+            assert (
+                max(abs(a - b) for a, b in zip(other, (*got, rate), strict=True))
+                < 1e-12
+            )
 
 
 def kl_state(omega_3):
-    """Return Kane and Levinson's launch in our frame and units: ``u``, ``omega``, one second."""
+    """Return Kane and Levinson's launch in our frame and units: ``u``, ``omega``, one
+    second.
+    """
     tilt = stone_oracle.KL_TILT
     _, vectors = np.linalg.eigh(stone_oracle.KL_INERTIA)
     x = vectors[:, 1] * np.sign(vectors[1, 1])
     z = np.array([0, 0, 1.0])
     frame = np.array([x, np.cross(z, x), z])
-    down = np.array([-math.cos(tilt) * math.sin(tilt), math.sin(tilt), math.cos(tilt) ** 2])
+    down = np.array(
+        [-math.cos(tilt) * math.sin(tilt), math.sin(tilt), math.cos(tilt) ** 2]
+    )
     second = math.sqrt(stone_oracle.KL_GRAVITY / stone_oracle.KL_HEIGHT)
     return frame @ -down, frame @ [0, 0, omega_3 / second], second

@@ -20,16 +20,24 @@ SETS = {"table I": table_one(60, 1), "far outside": far_outside(300, 2)}
 
 
 class Case:
-    """Bodies and launches, the results of the package for them, and the exact values by name."""
+    """Bodies and launches, the results of the package for them, and the exact values by
+    name.
+    """
 
     def __init__(self, bodies):
-        self.alpha, self.beta, self.gamma, self.theta, self.phi, self.xi = self.bodies = bodies
+        self.alpha, self.beta, self.gamma, self.theta, self.phi, self.xi = (
+            self.bodies
+        ) = bodies
         self.n, self.w = launches(np.random.default_rng(5), bodies.shape[1])
         self.modes = theory.modes(self.alpha, self.beta, self.theta, self.phi, self.xi)
-        self.exact = [theory_mp.reference(*row) for row in rows([*bodies, self.n, self.w])]
-        # Ratio of the squared frequencies to their difference: a relative change of the parameters
-        # by epsilon changes K and psi by this times epsilon.
-        h11, h12, h22 = theory.hessian(self.alpha, self.beta, self.theta, self.phi, self.xi)
+        self.exact = [
+            theory_mp.reference(*row) for row in rows([*bodies, self.n, self.w])
+        ]
+        # Ratio of the squared frequencies to their difference: a relative change of the
+        # parameters by epsilon changes K and psi by this times epsilon.
+        h11, h12, h22 = theory.hessian(
+            self.alpha, self.beta, self.theta, self.phi, self.xi
+        )
         self.condition = (h11 + h22) / np.hypot(h11 - h22, 2 * h12)
 
     def error(self, name, got=None):
@@ -67,8 +75,12 @@ def test_modes(case):
 
 
 def test_launches(case):
-    own, psi = (np.where(case.n > 0, getattr(case.modes, x + "_p"), getattr(case.modes, x + "_r"))
-                for x in ("K", "psi"))  # fmt: skip
+    own, psi = (
+        np.where(
+            case.n > 0, getattr(case.modes, x + "_p"), getattr(case.modes, x + "_r")
+        )
+        for x in ("K", "psi")
+    )
     speed = theory.oscillation_speed(case.alpha, case.beta, case.gamma, case.w, psi)
     with mp.workdps(90):
         wanted = []
@@ -76,18 +88,25 @@ def test_launches(case):
         for row, exact in zip(columns, case.exact, strict=True):
             a, b, c, n_i, omega = map(mp.mpf, row)
             psi = exact["psi_p"] if n_i > 0 else exact["psi_r"]
-            wanted.append(mp.sqrt((a * mp.cos(psi) ** 2 + b * mp.sin(psi) ** 2) / c) * omega)
+            wanted.append(
+                mp.sqrt((a * mp.cos(psi) ** 2 + b * mp.sin(psi) ** 2) / c) * omega
+            )
             # n_0^2 = n_i^2 + speed^2 is the paper's n_0 to 50 digits.
             assert abs(mp.hypot(n_i, wanted[-1]) / exact["n_0"] - 1) < mp.mpf(10) ** -48
     assert relative_error(speed, wanted).max() < 1e-12
-    assert case.error("t_rgh", theory.GarciaHubbard(own, case.n, speed).t_rgh).max() < 1e-12
+    assert (
+        case.error("t_rgh", theory.GarciaHubbard(own, case.n, speed).t_rgh).max()
+        < 1e-12
+    )
     pitch, roll = theory.growth_rates(case.modes.K_p, case.modes.K_r, case.n)
     assert case.error("growth_pitch", pitch).max() < 1e-12
     assert case.error("growth_roll", roll).max() < 1e-12
 
 
 def threshold_errors(*body):
-    """Check that the threshold is NaN exactly where there is none; return relative errors."""
+    """Check that the threshold is NaN exactly where there is none; return relative
+    errors.
+    """
     got = theory.bondi_threshold(*body)
     squares = [theory_mp.n_c1_squared(*row) for row in rows(body)]
     exists = np.array([s is not None and s > 0 for s in squares])
@@ -106,7 +125,8 @@ def test_bondi_threshold(case):
 
 @pytest.mark.parametrize("kind", ["general", "shell-dumbbell"])
 def test_bondi_threshold_where_its_denominator_vanishes(kind):
-    # The last parameter solves for a zero, and is then moved by some of its rounding errors.
+    # The last parameter solves for a zero, and is then moved by some of its rounding
+    # errors.
     rng, size = np.random.default_rng(3), 300
     steps = np.round(np.sign(rng.normal(size=size)) * log_uniform(rng, 1, 1e12, size))
     steps[: size // 3] = rng.integers(-2, 3, size // 3)
@@ -118,7 +138,9 @@ def test_bondi_threshold_where_its_denominator_vanishes(kind):
         gamma = alpha + beta - (2 - s) / (s - 2 * m)
         gamma += steps * np.spacing(gamma)
     else:
-        alpha, beta, gamma = dumbbells(rng.uniform(5, 15, size), rng.uniform(0.05, 0.15, size))
+        alpha, beta, gamma = dumbbells(
+            rng.uniform(5, 15, size), rng.uniform(0.05, 0.15, size)
+        )
         theta = rng.uniform(0.55, 0.66, size)
         phi = (2 - 3 * theta) / (3 - 4 * theta)
         phi += steps * np.spacing(phi)
@@ -148,8 +170,12 @@ def test_gh_solution_is_the_papers():
         t = part * found.t_rgh
         got = found.spin(t)
         wanted = [paper_spin(*row) for row in rows([t, k, n, speed])]
-        error = np.array([float(abs(g - r)) for g, r in zip(got.tolist(), wanted, strict=True)])
+        error = np.array(
+            [float(abs(g - r)) for g, r in zip(got.tolist(), wanted, strict=True)]
+        )
         # A rounding error of t changes the spin by its rate.
         rate = 0.5 * k * (n_0 + abs(got)) * (n_0 - abs(got))
-        assert np.all(error < 40 * EPS * (np.abs(got) + rate * np.maximum(t, found.t_rgh))), part
+        assert np.all(
+            error < 40 * EPS * (np.abs(got) + rate * np.maximum(t, found.t_rgh))
+        ), part
         assert np.all(error < 1e-12 * n_0), part

@@ -26,9 +26,12 @@ from rattlesweep.sweeps.config.schema import Target
 
 SPIN = {"n_i": -0.1, "omega_xy0": 0.01}
 TABLE_I = {
-    "gamma": [5, 15], "f_sd": [0.05, 0.15], "theta": [0.6, 0.95], "phi": [0.01, 0.1],
+    "gamma": [5, 15],
+    "f_sd": [0.05, 0.15],
+    "theta": [0.6, 0.95],
+    "phi": [0.01, 0.1],
     "minus_xi_deg": [0, 6],
-}  # fmt: skip
+}
 RANGES = np.array(list(TABLE_I.values()), dtype=float)
 GRID = {"source": "grid", "base": {"preset": "GH"}}
 
@@ -57,7 +60,9 @@ def refusal(bodies: dict[str, Any]) -> str:
     return line
 
 
-words = st.integers(0, 2**63 - 1) | st.integers(0, 3) | st.integers(2**63 - 3, 2**63 - 1)
+words = (
+    st.integers(0, 2**63 - 1) | st.integers(0, 3) | st.integers(2**63 - 3, 2**63 - 1)
+)
 signed = st.integers(-(2**63), 2**63 - 1)
 
 
@@ -73,10 +78,16 @@ def test_the_bits_are_those_of_numpys_philox(seed, word, sample, draw):
 
 
 def sobol(samples: Any, seed: int = 7) -> np.ndarray:
-    """Return the points of the unit cube from which bodies of a Sobol' sequence are made."""
-    b = plan(drawn(20_000, draw="sobol"), seed=seed).source.bodies(math.nan, np.asarray(samples))
+    """Return the points of the unit cube from which bodies of a Sobol' sequence are
+    made.
+    """
+    b = plan(drawn(20_000, draw="sobol"), seed=seed).source.bodies(
+        math.nan, np.asarray(samples)
+    )
     low, high = RANGES.T[:, :, None]
-    points = (np.stack([b.gamma, b.f_sd, b.theta, b.phi, -np.degrees(b.xi)]) - low) / (high - low)
+    points = (np.stack([b.gamma, b.f_sd, b.theta, b.phi, -np.degrees(b.xi)]) - low) / (
+        high - low
+    )
     points[4] = 1 - points[4]
     return points
 
@@ -84,12 +95,15 @@ def sobol(samples: Any, seed: int = 7) -> np.ndarray:
 def test_a_sequence_is_scipys_and_fills_every_cell_equally():
     theirs = qmc.Sobol(5, rng=np.random.default_rng((7, 0))).random(64).T
     np.testing.assert_allclose(sobol(range(64)), theirs, atol=1e-12)
-    # Unlike random points, 2^k of them have one in each of 2^k equal parts of every range.
+    # Unlike random points, 2^k of them have one in each of 2^k equal parts of every
+    # range.
     cells = np.sort(np.floor(256 * sobol(range(256))), axis=1)
     assert np.array_equal(cells, np.tile(np.arange(256), (5, 1)))
 
 
-@pytest.mark.parametrize(("name", "values"), [("K_r", [0.0041, 0.1]), ("K_p", [0.05, 2.34])])
+@pytest.mark.parametrize(
+    ("name", "values"), [("K_r", [0.0041, 0.1]), ("K_p", [0.05, 2.34])]
+)
 def test_targets_are_met(name, values):
     made = plan(drawn(100, target={name: values, "rel_tol": 2e-3}))
     for value in values:
@@ -97,7 +111,9 @@ def test_targets_are_met(name, values):
         found = getattr(theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi), name)
         assert (np.abs(found - value) <= 2e-3 * value * (1 + 1e-12)).all()
         assert np.ptp(found) > 1e-3 * value
-        for values_, (low, high) in zip((b.gamma, b.f_sd, b.theta, b.phi), RANGES, strict=False):
+        for values_, (low, high) in zip(
+            (b.gamma, b.f_sd, b.theta, b.phi), RANGES, strict=False
+        ):
             assert low <= values_.min() <= values_.max() <= high
 
 
@@ -105,7 +121,9 @@ def test_targets_are_met(name, values):
     "own", [{}, {"target": {"K_r": [0.03, 0.1], "rel_tol": 0.05}}, {"draw": "sobol"}]
 )
 def test_a_body_depends_on_seed_target_and_sample_alone(own):
-    """It depends neither on the chunk in which it is drawn nor on the order of the samples."""
+    """It depends neither on the chunk in which it is drawn nor on the order of the
+    samples.
+    """
     n = CHUNK + 50
     config, rng = drawn(n, **own), np.random.default_rng(1)
     for value in own["target"]["K_r"] if "target" in own else [math.nan]:
@@ -114,15 +132,27 @@ def test_a_body_depends_on_seed_target_and_sample_alone(own):
         for picks in ([n - 1], [0], rng.choice(n, 200)):
             assert np.array_equal(bodies_of(fresh, value, picks), whole[:, picks])
     # More samples, and more targets before or between them, do not change the bodies.
-    wider = {"target": own["target"] | {"K_r": [0.02, 0.03, 0.05, 0.1]}} if "target" in own else {}
-    more = bodies_of(plan(config | wider | {"samples": 2 * n}, seed=3), value, np.arange(n))
+    wider = (
+        {"target": own["target"] | {"K_r": [0.02, 0.03, 0.05, 0.1]}}
+        if "target" in own
+        else {}
+    )
+    more = bodies_of(
+        plan(config | wider | {"samples": 2 * n}, seed=3), value, np.arange(n)
+    )
     assert np.array_equal(more, whole)
-    assert not np.isin(bodies_of(plan(config | {"samples": 20}, seed=4), value), whole).any()
+    assert not np.isin(
+        bodies_of(plan(config | {"samples": 20}, seed=4), value), whole
+    ).any()
 
 
-@pytest.mark.parametrize("semi_axis", [{}, {"c": [1.5, 4]}], ids=["seven", "eight with c"])
+@pytest.mark.parametrize(
+    "semi_axis", [{}, {"c": [1.5, 4]}], ids=["seven", "eight with c"]
+)
 def test_samples_of_a_group_differ_in_one_parameter_each(semi_axis):
-    """Saltelli's design: two points, and the first with each parameter of the second in turn."""
+    """Saltelli's design: two points, and the first with each parameter of the second in
+    turn.
+    """
     names = ["gamma", "f_sd", "theta", "phi", "xi", *semi_axis]
     n, group = len(names), len(names) + 2
     made = plan(drawn(group * 512, draw="saltelli", **semi_axis))
@@ -138,21 +168,31 @@ def test_samples_of_a_group_differ_in_one_parameter_each(semi_axis):
 def test_a_body_does_not_depend_on_threads(monkeypatch):
     target, drawn_by = Target(K_r=[0.05], rel_tol=0.01), set()
     for threads in (1, 2, 3):
-        monkeypatch.setattr(sources, "available_threads", lambda threads=threads: threads)
+        monkeypatch.setattr(
+            sources, "available_threads", lambda threads=threads: threads
+        )
         drawn_by.add(draw_points(1, np.arange(301), RANGES, target, 0.05).tobytes())
     assert len(drawn_by) == 1
 
 
 def test_an_impossible_target_is_refused():
     line = refusal(drawn(10**6, target={"K_p": [0.1, 1e-9], "max_draws": 20_000}))
-    assert line.startswith("bodies.target.K_p: 1e-09 was not met to 0.001 in 20000 draws")
+    assert line.startswith(
+        "bodies.target.K_p: 1e-09 was not met to 0.001 in 20000 draws"
+    )
 
 
 def test_the_first_axis_of_a_grid_varies_slowest():
-    axes = {"theta": {"linspace": [0.6, 0.9, 4]}, "phi": [0.02, 0.036], "xi_deg": [-1, -3]}
+    axes = {
+        "theta": {"linspace": [0.6, 0.9, 4]},
+        "phi": [0.02, 0.036],
+        "xi_deg": [-1, -3],
+    }
     made = plan(GRID | {"axes": axes})
     b = bodies_of(made)
-    grid = np.meshgrid([0.6, 0.7, 0.8, 0.9], [0.02, 0.036], np.radians([-1, -3]), indexing="ij")
+    grid = np.meshgrid(
+        [0.6, 0.7, 0.8, 0.9], [0.02, 0.036], np.radians([-1, -3]), indexing="ij"
+    )
     np.testing.assert_allclose(b[3:], [values.ravel() for values in grid], rtol=1e-15)
     assert (b[0] == 13.04).all()
     assert np.array_equal(bodies_of(made, samples=[3, 9]), b[:, [3, 9]])
@@ -164,9 +204,14 @@ def table(directory: Any, text: str) -> dict[str, Any]:
 
 
 def test_tables_are_csv_or_parquet_and_found_beside_their_config(tmp_path, monkeypatch):
-    source = table(tmp_path, f"{HEAD},comment\n{ROW},first\n9.3,2.1,9.4,0.81,0.07,-0.02,second\n")
+    source = table(
+        tmp_path, f"{HEAD},comment\n{ROW},first\n9.3,2.1,9.4,0.81,0.07,-0.02,second\n"
+    )
     b = bodies_of(plan(source))
-    assert b.T.tolist() == [[float(x) for x in ROW.split(",")], [9.3, 2.1, 9.4, 0.81, 0.07, -0.02]]
+    assert b.T.tolist() == [
+        [float(x) for x in ROW.split(",")],
+        [9.3, 2.1, 9.4, 0.81, 0.07, -0.02],
+    ]
     path = tmp_path / "b.parquet"
     pd.read_csv(tmp_path / "b.csv").to_parquet(path)
     assert np.array_equal(bodies_of(plan({"source": "table", "path": str(path)})), b)
@@ -179,22 +224,52 @@ def test_tables_are_csv_or_parquet_and_found_beside_their_config(tmp_path, monke
 
 STATE = f"{HEAD},omega_x,omega_y,omega_z,u_x,u_y,u_z"
 BAD_TABLES = {
-    "missing column": ("alpha,beta,gamma,theta,phi\n1,2,3,4,5\n", "the column xi is missing"),
-    "text cell": (f"{HEAD}\n{ROW}\n13,1.5,12,abc,0.1,-0.1\n", "row 2: theta is 'abc'; a finite"),
-    "empty cell": (f"{HEAD}\n{ROW}\n13,1.5,12,,0.1,-0.1\n", "row 2: theta is empty; a finite"),
-    "n_i alone": (f"{HEAD},n_i\n{ROW},0.1\n", "the column omega_xy0 is missing; a launch has n_i"),
-    "u too long": (f"{STATE}\n{ROW},0,0,1,0,0.5,-1\n",
-                   "row 1: u must be a vector of length 1"),
-    "at rest": (f"{STATE}\n{ROW},0,0,0,0,0,-1\n",
-                "row 1: the body stands upright and at rest; give"),
-    "repeated": (f"{HEAD},theta\n{ROW},0.7\n", "the column theta is repeated; keep one"),
-    "a cell more in each row": (f"{HEAD}\n{ROW},\n{ROW},\n", "cannot be read as a table (CSV par"),
+    "missing column": (
+        "alpha,beta,gamma,theta,phi\n1,2,3,4,5\n",
+        "the column xi is missing",
+    ),
+    "text cell": (
+        f"{HEAD}\n{ROW}\n13,1.5,12,abc,0.1,-0.1\n",
+        "row 2: theta is 'abc'; a finite",
+    ),
+    "empty cell": (
+        f"{HEAD}\n{ROW}\n13,1.5,12,,0.1,-0.1\n",
+        "row 2: theta is empty; a finite",
+    ),
+    "n_i alone": (
+        f"{HEAD},n_i\n{ROW},0.1\n",
+        "the column omega_xy0 is missing; a launch has n_i",
+    ),
+    "u too long": (
+        f"{STATE}\n{ROW},0,0,1,0,0.5,-1\n",
+        "row 1: u must be a vector of length 1",
+    ),
+    "at rest": (
+        f"{STATE}\n{ROW},0,0,0,0,0,-1\n",
+        "row 1: the body stands upright and at rest; give",
+    ),
+    "repeated": (
+        f"{HEAD},theta\n{ROW},0.7\n",
+        "the column theta is repeated; keep one",
+    ),
+    "a cell more in each row": (
+        f"{HEAD}\n{ROW},\n{ROW},\n",
+        "cannot be read as a table (CSV par",
+    ),
     "no rows": (f"{HEAD}\n", "the table has no rows; give at least one body"),
-    "no height": (f"{HEAD},n_i_rpm\n{ROW},60\n", "the column height_m is missing; n_i_rpm needs "),
-    "result": (f"{HEAD},type\n{ROW},granite\n", "the column type has the name of a result; rename"),
-    "degrees": (f"{HEAD},n_i,omega_xy0,psi\n{ROW},1,0.1,30\n",
-                "row 1: psi is 30; from -6.28319 to 6.28319 rad is allowed"),
-}  # fmt: skip
+    "no height": (
+        f"{HEAD},n_i_rpm\n{ROW},60\n",
+        "the column height_m is missing; n_i_rpm needs ",
+    ),
+    "result": (
+        f"{HEAD},type\n{ROW},granite\n",
+        "the column type has the name of a result; rename",
+    ),
+    "degrees": (
+        f"{HEAD},n_i,omega_xy0,psi\n{ROW},1,0.1,30\n",
+        "row 1: psi is 30; from -6.28319 to 6.28319 rad is allowed",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", BAD_TABLES)
@@ -223,14 +298,20 @@ def test_a_table_is_identified_by_its_content(tmp_path):
     assert [*csv.carried] == [*same.carried] == ["name"]
     first = csv.content_hash
     assert first == same.content_hash == pickle.loads(pickle.dumps(csv)).content_hash
-    for old, new in (("0.1", "0.3"), ("one", "two"), ("omega_xy0,name", "omega_xy0,label")):
+    for old, new in (
+        ("0.1", "0.3"),
+        ("one", "two"),
+        ("omega_xy0,name", "omega_xy0,label"),
+    ):
         other = plan(table(tmp_path, text.replace(old, new))).source
         assert other.content_hash != first
 
 
 @pytest.mark.parametrize("psi", ["relevant", 30.0])
 def test_an_output_table_is_a_valid_input_and_gives_the_same_results(psi, tmp_path):
-    """Runs that reversed take the config's horizon; the others end when they ended before."""
+    """Runs that reversed take the config's horizon; the others end when they ended
+    before.
+    """
     data = {
         "bodies": drawn(6, target={"K_r": [0.03, 0.1], "rel_tol": 0.05}),
         "spin": {"n_i": [-0.4, 0.1], "omega_xy0": 0.01, "psi": psi},

@@ -1,4 +1,6 @@
-"""The Dask engine, on a cluster of threads if that is enough, otherwise of processes."""
+"""The Dask engine, on a cluster of threads if that is enough, otherwise of
+processes.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,12 @@ SWEEP: dict[str, Any] = {
 }
 AXES = {"theta": {"linspace": [0.6, 0.95, 33]}}
 REFINED = SWEEP | {
-    "bodies": {"source": "grid", "base": {"preset": "GH"}, "axes": AXES, "refine": {"levels": 3}},
+    "bodies": {
+        "source": "grid",
+        "base": {"preset": "GH"},
+        "axes": AXES,
+        "refine": {"levels": 3},
+    },
     "spin": {"n_i": {"linspace": [-0.5, -0.1, 9]}, "omega_xy0": 0.01},
 }
 ENDLESS = SWEEP | {"horizon": {"t": 1e10}, "spin": {"n_i": -0.9, "omega_xy0": 1e-3}}
@@ -62,9 +69,14 @@ def cluster() -> Iterator[str]:
 
     path = sys.path[:]
     with LocalCluster(
-        n_workers=2, threads_per_worker=2, processes=False, protocol="tcp", host="127.0.0.1",
-        dashboard_address="127.0.0.1:0", memory_limit=0,
-    ) as it:  # fmt: skip
+        n_workers=2,
+        threads_per_worker=2,
+        processes=False,
+        protocol="tcp",
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+        memory_limit=0,
+    ) as it:
         sys.path[:] = path  # without the scratch directories of workers
         yield it.scheduler_address
 
@@ -81,9 +93,16 @@ class Cluster:
         }
         file = place / "scheduler.json"
         self.scheduler = self._start(
-            "scheduler", "--host", "127.0.0.1", "--port", "0", "--dashboard-address",
-            "127.0.0.1:0", "--scheduler-file", str(file),
-        )  # fmt: skip
+            "scheduler",
+            "--host",
+            "127.0.0.1",
+            "--port",
+            "0",
+            "--dashboard-address",
+            "127.0.0.1:0",
+            "--scheduler-file",
+            str(file),
+        )
         # Dask does not write it in one step.
         wait_until(lambda: file.exists() and file.read_text().endswith("}"))
         self.address = json.loads(file.read_text())["address"]
@@ -92,8 +111,17 @@ class Cluster:
         """Start a worker, and wait until it has registered."""
         from distributed import Client
 
-        process = self._start("worker", self.address, "--host", "127.0.0.1", "--nthreads", "2",
-                              "--no-nanny", "--no-dashboard", **environment)  # fmt: skip
+        process = self._start(
+            "worker",
+            self.address,
+            "--host",
+            "127.0.0.1",
+            "--nthreads",
+            "2",
+            "--no-nanny",
+            "--no-dashboard",
+            **environment,
+        )
         with Client(self.address, timeout=NEVER, set_as_default=False) as client:
             client.wait_for_workers(len(self.processes) - 1, timeout=NEVER)
         return process
@@ -103,9 +131,13 @@ class Cluster:
         with open(self.place / f"{len(self.processes)}.log", "wb") as log:
             process = subprocess.Popen(
                 [Path(sys.executable).with_name("dask"), *command],
-                env=self._environment | variables, cwd=self.place, start_new_session=True,
-                stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-            )  # fmt: skip
+                env=self._environment | variables,
+                cwd=self.place,
+                start_new_session=True,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+            )
         self.processes.append(process)
         return process
 
@@ -143,12 +175,18 @@ def test_rows_are_those_of_the_local_engine(name, cluster, tmp_path):
     assert rows_of(tmp_path / "dask").equals(rows_of(tmp_path / "local"))
 
 
-def test_losses_of_workers_and_of_the_scheduler(own_cluster, gate, tmp_path, plain, monkeypatch):
-    """Workers need no disk in common; a killed one costs nothing; the other cases are sentences."""
+def test_losses_of_workers_and_of_the_scheduler(
+    own_cluster, gate, tmp_path, plain, monkeypatch
+):
+    """Workers need no disk in common; a killed one costs nothing; the other cases are
+    sentences.
+    """
     it, output, closed = own_cluster, tmp_path / "out", tmp_path / "closed"
     with monkeypatch.context() as patch:
         patch.setattr(daskengine, "WORKER_TIMEOUT", 1.0)
-        with pytest.raises(OutputError, match=f"{it.address} has had no worker for 1 s"):
+        with pytest.raises(
+            OutputError, match=f"{it.address} has had no worker for 1 s"
+        ):
             sweep(output, SWEEP, engine=make_engine(it.address))
     (gate / "open").touch()
     closed.mkdir()
@@ -162,14 +200,18 @@ def test_losses_of_workers_and_of_the_scheduler(own_cluster, gate, tmp_path, pla
     config |= {"bodies": {"source": "table", "path": str(closed / "bodies.csv")}}
 
     def kill(progress: Progress) -> None:
-        if progress.runs >= 40:  # it holds blocks; the other does its own, and then those
+        if (
+            progress.runs >= 40
+        ):  # it holds blocks; the other does its own, and then those
             mortal.kill()
 
     result = sweep(closed / "out", config, engine=make_engine(it.address), report=kill)
     assert mortal.wait(NEVER) == -signal.SIGKILL
     assert result.done == 80
     names = ["n_i", "alpha", "t_end", "n_end", "energy_drift", "status"]
-    here, there = (t.select(names).sort_by("n_end") for t in (rows_of(closed / "out"), plain))
+    here, there = (
+        t.select(names).sort_by("n_end") for t in (rows_of(closed / "out"), plain)
+    )
     assert here.equals(there)
     (gate / "open").unlink()
 
@@ -177,7 +219,9 @@ def test_losses_of_workers_and_of_the_scheduler(own_cluster, gate, tmp_path, pla
         if progress.runs == 10:  # the gate holds the other blocks
             it.scheduler.kill()
 
-    with pytest.raises(OutputError, match=f"the scheduler at {it.address} is lost; completed"):
+    with pytest.raises(
+        OutputError, match=f"the scheduler at {it.address} is lost; completed"
+    ):
         sweep(output, SWEEP, engine=make_engine(it.address), report=behead)
     assert sweep(output, SWEEP).done == 70
     assert rows_of(output).equals(plain)
@@ -203,7 +247,10 @@ def test_a_stop_keeps_the_blocks_that_are_done_and_frees_the_workers(
 
     engine = make_engine(cluster, threads=1)
     if how == "time":
-        assert sweep(output, SWEEP, engine=engine, max_time=1e-9).stopped == "the time is up"
+        assert (
+            sweep(output, SWEEP, engine=engine, max_time=1e-9).stopped
+            == "the time is up"
+        )
         # Of blocks that would take hours, too.
         assert sweep(endless, ENDLESS, engine=engine, max_time=1e-9).stopped is not None
     elif how == "interrupt":
@@ -222,8 +269,12 @@ def test_a_stop_keeps_the_blocks_that_are_done_and_frees_the_workers(
 
 def test_worker_of_another_version_is_refused(cluster, tmp_path, monkeypatch):
     ours = daskengine.versions()
-    answers = iter([ours | {"numba": "0.1"}])  # the driver's; workers are threads of this process
-    monkeypatch.setattr(daskengine, "versions", lambda: next(answers, ours | {"numba": "0.2"}))
+    answers = iter(
+        [ours | {"numba": "0.1"}]
+    )  # the driver's; workers are threads of this process
+    monkeypatch.setattr(
+        daskengine, "versions", lambda: next(answers, ours | {"numba": "0.2"})
+    )
     sentence = r"^the worker at tcp://127\S+ on \S+: its results would differ .*: numba 0.2 there"
     with pytest.raises(OutputError, match=sentence):
         sweep(tmp_path, SWEEP, engine=make_engine(cluster))
@@ -237,7 +288,9 @@ def test_worker_of_another_version_is_refused(cluster, tmp_path, monkeypatch):
         ("do_block", r"^the block that begins with case 0, sample \d+ cannot be done"),
     ],
 )
-def test_blocks_that_cannot_be_done_are_one_sentence(name, words, cluster, tmp_path, monkeypatch):
+def test_blocks_that_cannot_be_done_are_one_sentence(
+    name, words, cluster, tmp_path, monkeypatch
+):
     def fails(*args: Any) -> None:
         raise MemoryError("no room")
 
@@ -253,7 +306,9 @@ def test_address_where_nobody_is_is_told(tmp_path, monkeypatch):
         silent.listen()
         port = silent.getsockname()[1]
         for address in ("nonsense", f"tcp://127.0.0.1:{port}"):
-            with pytest.raises(OutputError, match=f"^--scheduler {address}: no Dask scheduler"):
+            with pytest.raises(
+                OutputError, match=f"^--scheduler {address}: no Dask scheduler"
+            ):
                 sweep(tmp_path, SWEEP, engine=make_engine(address))
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ConfigError, match=r"pip install '\.\[dask\]'"):

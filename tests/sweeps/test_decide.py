@@ -95,7 +95,9 @@ def test_stopped_again_and_again_in_any_order_with_harm(name, done, tmp_path):
     dice, stops = random.Random(3), 0
     while True:
         try:
-            sweeping.sweep(tmp_path, CONFIGS[name], engine=cut(160, dice.randint(1, 3), dice))
+            sweeping.sweep(
+                tmp_path, CONFIGS[name], engine=cut(160, dice.randint(1, 3), dice)
+            )
             break
         except Stop:
             stops += 1
@@ -103,7 +105,10 @@ def test_stopped_again_and_again_in_any_order_with_harm(name, done, tmp_path):
         now = status(tmp_path)
         assert now.data["runs"] < now.data["wanted"] or stops % 2 == 0
         assert verify(tmp_path).problems == []
-        assert summarise(open_stored(tmp_path))["runs"].to_numpy().sum() == now.data["runs"]
+        assert (
+            summarise(open_stored(tmp_path))["runs"].to_numpy().sum()
+            == now.data["runs"]
+        )
         if stops % 4 == 1:
             (tmp_path / "manifest.json").unlink()
         if stops % 5 == 2:
@@ -141,12 +146,19 @@ def test_the_summary_is_that_of_the_grid_and_not_of_its_boundaries(full, done):
 
 def test_spins_with_units_are_refined_like_plain_ones(tmp_path):
     theta = {"linspace": [0.3, 0.6, 17]}
-    bodies = GRID | {"base": {"preset": "KL"}, "axes": {"theta": theta}, "refine": {"levels": 2}}
+    bodies = GRID | {
+        "base": {"preset": "KL"},
+        "axes": {"theta": theta},
+        "refine": {"levels": 2},
+    }
     spin = {"n_i": ["-60 rpm", "20 rpm", -0.1, "-30 rpm"], "omega_xy0": ["5 rpm", 0.1]}
     sweeping.sweep(tmp_path / "rpm", MAP | {"bodies": bodies, "spin": spin})
     stored = open_stored(tmp_path / "rpm")
     cases = stored.cases
-    spin = {"n_i": [case.n_i for case in cases[::2]], "omega_xy0": [c.omega_xy0 for c in cases[:2]]}
+    spin = {
+        "n_i": [case.n_i for case in cases[::2]],
+        "omega_xy0": [c.omega_xy0 for c in cases[:2]],
+    }
     sweeping.sweep(tmp_path / "plain", MAP | {"bodies": bodies, "spin": spin})
     plain = open_stored(tmp_path / "plain").read()
     assert len(plain) < 8 * 17
@@ -157,7 +169,11 @@ def test_refused_where_nothing_can_be_left_out_or_recorded():
     few = GRID | {"axes": {"theta": [0.6, 0.7, 0.8]}, "refine": {}}
     for bodies, spin, words in (
         (few, {"n_i": 0.1, "omega_xy0": 0.1}, "no axis has 5 values or more"),
-        (GRID | {"refine": {"by": "lyapunov"}}, MAP["spin"], r"refine\.by: there is no column"),
+        (
+            GRID | {"refine": {"by": "lyapunov"}},
+            MAP["spin"],
+            r"refine\.by: there is no column",
+        ),
     ):
         plan = plan_of(MAP, bodies=bodies, spin=spin)
         with pytest.raises(ConfigError, match=words):
@@ -174,7 +190,10 @@ def test_a_refined_directory_becomes_the_whole_grid(full, done, tmp_path):
 def test_every_case_is_known_well_enough_and_no_case_long_before(done):
     whole = done["stop"]
     proved(whole, recompute=30)
-    summary, runs = pd.read_parquet(whole / "summary.parquet"), pd.read_parquet(whole / "runs")
+    summary, runs = (
+        pd.read_parquet(whole / "summary.parquet"),
+        pd.read_parquet(whole / "runs"),
+    )
     assert len(set(summary.runs)) > 1
     assert (summary.runs >= FIRST_WAVE).all()
     for case, own in runs.groupby("case"):
@@ -185,7 +204,9 @@ def test_every_case_is_known_well_enough_and_no_case_long_before(done):
             assert (high - low) / 2 <= 0.03, (case, kind)
         fewer = own[own["sample"] < len(own) / 1.5]
         if len(fewer) >= FIRST_WAVE:
-            parts = [wilson((fewer.type == kind).sum(), len(fewer)) for kind in ("R", "SW")]
+            parts = [
+                wilson((fewer.type == kind).sum(), len(fewer)) for kind in ("R", "SW")
+            ]
             assert max(high - low for low, high in parts) / 2 > 0.03
 
 

@@ -22,14 +22,21 @@ from rattlesweep.sweeps.launches import model_of
 SIGMA, ROLLING = [0.0, 0.05, 0.2], [0.0, 1e-3]
 # The kernel that knows all of it, as in test_stones.
 CONFIG: dict[str, Any] = {
-    "bodies": {"source": "grid", "base": {"preset": "GH"}, "c": 3,
-               "axes": {"minus_xi_deg": [1, 2, 4], "theta": [0.64, 0.8]}},
+    "bodies": {
+        "source": "grid",
+        "base": {"preset": "GH"},
+        "c": 3,
+        "axes": {"minus_xi_deg": [1, 2, 4], "theta": [0.64, 0.8]},
+    },
     "spin": {"n_i": [0.3, -0.3], "omega_xy0": 0.05},
     "dissipation": {"sigma": SIGMA, "rolling": ROLLING},
     "horizon": {"t": 300},
     "record": ["reversals"],
-}  # fmt: skip
-GH = {"bodies": {"source": "preset", "name": "GH"}, "spin": {"n_i": 0.2, "omega_xy0": 0.05}}
+}
+GH = {
+    "bodies": {"source": "preset", "name": "GH"},
+    "spin": {"n_i": 0.2, "omega_xy0": 0.05},
+}
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +66,9 @@ def test_columns_are_those_of_each_run(swept, tmp_path):
     runs = swept.runs
     sigma, rolling = runs.sigma, runs["rolling"]
     assert runs.status.eq("ok").all()
-    assert sorted(set(zip(sigma, rolling, strict=True))) == [(s, r) for s in SIGMA for r in ROLLING]
+    assert sorted(set(zip(sigma, rolling, strict=True))) == [
+        (s, r) for s in SIGMA for r in ROLLING
+    ]
     free = (sigma == 0) & (rolling == 0)
     assert (runs.energy_left[free] == 1).all()
     assert (runs.energy_left[~free] < 1).all()
@@ -123,25 +132,35 @@ def test_a_larger_share_kills_earlier(tmp_path):
     alive = rs.sweep(one, output=tmp_path / "alive").runs.iloc[0]
     assert alive.type == "R"
     share = min(0.99, 1.001 * alive.energy_left)
-    dead = rs.sweep(one | {"classify": {"dead_energy": share}}, output=tmp_path / "dead").runs
+    dead = rs.sweep(
+        one | {"classify": {"dead_energy": share}}, output=tmp_path / "dead"
+    ).runs
     assert (dead.type[0], dead.t_end[0]) == ("D", alive.t_end)
     assert np.isnan(dead.t_r[0])
 
 
 def test_the_runs_of_a_sweep_are_a_table_that_says_it_row_by_row(tmp_path, swept):
-    source = {"source": "table", "path": str(swept.directory / "runs"), "surface": "ellipsoid"}
+    source = {
+        "source": "table",
+        "path": str(swept.directory / "runs"),
+        "surface": "ellipsoid",
+    }
     config = {"bodies": source, "horizon": {"t": 300}, "record": ["reversals"]}
     losses = plan_of(config).config.dissipation
     assert losses.sigma == losses.rolling == ["table"]
     again = rs.sweep(config, output=tmp_path / "out")
     names = ["sigma", "rolling", "t_r", "n_turns", "growth", "type", "energy_left"]
-    pd.testing.assert_frame_equal(swept.runs[names], again.runs[names], check_exact=True)
+    pd.testing.assert_frame_equal(
+        swept.runs[names], again.runs[names], check_exact=True
+    )
     assert again.summary.sigma.isna().all()
     proved(again.directory, recompute=5)
 
 
 def test_what_all_rows_share_is_that_of_the_config(tmp_path):
-    same = plan_of(table(tmp_path, f"{HEAD},sigma,rolling", f"{ROW},0.1,0", f"{ROW},0.1,0")).config
+    same = plan_of(
+        table(tmp_path, f"{HEAD},sigma,rolling", f"{ROW},0.1,0", f"{ROW},0.1,0")
+    ).config
     assert (same.dissipation.sigma, same.dissipation.rolling) == ([0.1], [0])
     assert model_of(same).name == "full_viscous"
     # A column counts in the place of the config's number, and another key with it.
@@ -155,13 +174,25 @@ def test_what_all_rows_share_is_that_of_the_config(tmp_path):
 # name: (column and value of a table, its config, words)
 REFUSED_TABLES: dict[str, tuple[str, str, dict[str, Any], str]] = {
     "long lever": ("rolling", "2", {}, "row 1: rolling is 2; from 0 to 1 a is allowed"),
-    "several too": ("sigma", "0.1", {"dissipation": {"sigma": [0, 1]}},
-                    "dissipation.sigma: there are several values, and the table has a column "),
-    "reduced": ("sigma", "0.1", {"model": "reduced"},
-                "bodies.path: with the table's columns: dissipation: the model reduced conserves"),
-    "no decay": ("sigma", "0", {"horizon": {"t_decay": 1}},
-                 "horizon.t_decay: t_decay times gamma/sigma is not a finite time in the only run"),
-}  # fmt: skip
+    "several too": (
+        "sigma",
+        "0.1",
+        {"dissipation": {"sigma": [0, 1]}},
+        "dissipation.sigma: there are several values, and the table has a column ",
+    ),
+    "reduced": (
+        "sigma",
+        "0.1",
+        {"model": "reduced"},
+        "bodies.path: with the table's columns: dissipation: the model reduced conserves",
+    ),
+    "no decay": (
+        "sigma",
+        "0",
+        {"horizon": {"t_decay": 1}},
+        "horizon.t_decay: t_decay times gamma/sigma is not a finite time in the only run",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", REFUSED_TABLES)

@@ -1,4 +1,6 @@
-"""`classify.early`: runs end once their type is certainly SS, and nothing else changes."""
+"""`classify.early`: runs end once their type is certainly SS, and nothing else
+changes.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +19,11 @@ from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.run import Shard
 
 SETS = (
-    "bodies.samples=12", "bodies.target={K_r: [0.0041, 0.02], rel_tol: 0.1}",
-    "spin.n_i=[-0.2, -0.5, 0.4]", "record=[energy, windows]",
-)  # fmt: skip
+    "bodies.samples=12",
+    "bodies.target={K_r: [0.0041, 0.02], rel_tol: 0.1}",
+    "spin.n_i=[-0.2, -0.5, 0.4]",
+    "record=[energy, windows]",
+)
 EARLY = "classify.early=true"
 
 
@@ -78,7 +82,9 @@ def test_for_the_mirror_image(tmp_path):
         table = pd.DataFrame([body], columns=list(PARAMETERS))
         spin = {"n_i": -0.5 * sign, "omega_xy0": 0.001}
         config = {"spin": spin, "horizon": {"t": 2000.0}, "classify": {"early": True}}
-        found.append(rs.sweep(table, output=tmp_path / str(sign), **config).runs.iloc[0])
+        found.append(
+            rs.sweep(table, output=tmp_path / str(sign), **config).runs.iloc[0]
+        )
     assert [run.type for run in found] == ["SS"] * 2
     early, mirrored = found
     assert early.t_end < 1000

@@ -1,4 +1,6 @@
-"""`record: [error]` and `accuracy: {t_r}`: errors of reversal times, and types that are sure."""
+"""`record: [error]` and `accuracy: {t_r}`: errors of reversal times, and types that are
+sure.
+"""
 
 from __future__ import annotations
 
@@ -31,9 +33,13 @@ from rattlesweep.sweeps.types import SS, SW, UNCLASSIFIED, R, sure_types
 from rattlesweep.sweeps.verify import same_bits
 
 SETS = (
-    "record=[error]", "seed=8", "bodies.samples=8", "bodies.target={K_r: [0.02], rel_tol: 0.1}",
-    "spin.n_i=[-0.1, -0.5, 0.2]", "horizon={t_rgh: 5, t: 3000}",
-)  # fmt: skip
+    "record=[error]",
+    "seed=8",
+    "bodies.samples=8",
+    "bodies.target={K_r: [0.02], rel_tol: 0.1}",
+    "spin.n_i=[-0.1, -0.5, 0.2]",
+    "horizon={t_rgh: 5, t: 3000}",
+)
 GOAL = "integrator={accuracy: {t_r: 1.0e-7}}"
 
 
@@ -54,7 +60,9 @@ def told(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory) -> Path:
     """A sweep with a goal for the errors of reversal times."""
-    return sweep(tmp_path_factory.mktemp("kept") / "out", GOAL, "record=[]").stored.directory
+    return sweep(
+        tmp_path_factory.mktemp("kept") / "out", GOAL, "record=[]"
+    ).stored.directory
 
 
 def rows_of(directory: Path) -> pa.Table:
@@ -68,21 +76,30 @@ def rows_of(directory: Path) -> pa.Table:
         (R, False, 50.0, 1.0, (0.0, 0.0), False),
         (SS, False, 1e-5, 1e-6, (2e-3, 1e-8), False),
         (SW, False, 300.0, 0.4, (90.0, 0.01), True),
-        (SW, False, 300.0, 0.4, (4e3, 0.01), False),  # its companion may not have grown at all
+        (
+            SW,
+            False,
+            300.0,
+            0.4,
+            (4e3, 0.01),
+            False,
+        ),  # its companion may not have grown at all
         (SW, False, 300.0, 0.99, (90.0, 0.02), False),  # may cross zero
         (SW, False, 300.0, 0.4, (90.0, np.nan), False),  # its companion failed
         (UNCLASSIFIED, False, np.nan, 0.01, (np.nan, 0.001), True),
     ],
 )
 def test_sure_types(code, reversal, growth, departure, errors, sure):
-    observed, told = ([np.array([v]) for v in pair] for pair in ((growth, departure), errors))
+    observed, told = (
+        [np.array([v]) for v in pair] for pair in ((growth, departure), errors)
+    )
     codes, reversals = np.array([code], np.int8), np.array([reversal])
     found = sure_types(codes, reversals, observed, told, plan_of().config.classify)
     assert found.tolist() == [sure]
 
 
-# An ordinary body with its spin, and one of a delayed loss of stability: docs/accuracy.md has its
-# story.
+# An ordinary body with its spin, and one of a delayed loss of stability:
+# docs/accuracy.md has its story.
 BODIES = """alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0
 9.545489698418077,1.6720679189491787,9.217557617367255,0.9371833135368323,0.0752860292708197,\
 -0.053164759101669096,-0.1,0.01
@@ -120,7 +137,9 @@ def test_columns_and_nulls(told, tmp_path):
     assert ((share > 5e-10) & (share <= 1)).all()
     # Without it, all other columns have the same bits.
     sweep(tmp_path, "record=[]")
-    assert rows_of(tmp_path).equals(rows.drop_columns([column.name for column in RUNS["error"]]))
+    assert rows_of(tmp_path).equals(
+        rows.drop_columns([column.name for column in RUNS["error"]])
+    )
 
 
 def test_runs_have_the_error_that_is_asked_for(kept, told):
@@ -154,12 +173,18 @@ def test_one_content_however_it_is_cut_and_mended(goal, told, kept, tmp_path):
             assert failed[name].null_count == len(failed) == report.failed["step_limit"]
     for name in ("shards", "limits"):
         assert proved(tmp_path / name, recompute=8) == content_hash(whole)
-        assert read_summary(open_stored(tmp_path / name)).equals(read_summary(open_stored(whole)))
+        assert read_summary(open_stored(tmp_path / name)).equals(
+            read_summary(open_stored(whole))
+        )
 
 
-@pytest.mark.parametrize(("goal", "after"), [("", 0), ("", 1), (GOAL, 0), (GOAL, 1), (GOAL, 2)])
+@pytest.mark.parametrize(
+    ("goal", "after"), [("", 0), ("", 1), (GOAL, 0), (GOAL, 1), (GOAL, 2)]
+)
 def test_a_stop_leaves_whole_rows(goal, after, told, kept, monkeypatch):
-    """The stop comes before companions are integrated, before runs, or before repetitions."""
+    """The stop comes before companions are integrated, before runs, or before
+    repetitions.
+    """
     plan, control = plan_of(*([goal] if goal else [])), Control()
     real, calls = error.integrate, []
 
@@ -196,17 +221,25 @@ def test_classify_tells_again_which_types_are_sure(told, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("surface", "losses"), [({}, {"rolling": [3e-5, 1e-4]}), ({"c": [1.0, 1.5]}, {"sigma": 1e-4})]
+    ("surface", "losses"),
+    [({}, {"rolling": [3e-5, 1e-4]}), ({"c": [1.0, 1.5]}, {"sigma": 1e-4})],
 )
-def test_errors_with_kinks_and_of_ellipsoids_are_within_their_estimates(surface, losses):
+def test_errors_with_kinks_and_of_ellipsoids_are_within_their_estimates(
+    surface, losses
+):
     config = {
-        "bodies": {"source": "sd", "samples": 16} | surface, "dissipation": losses,
+        "bodies": {"source": "sd", "samples": 16} | surface,
+        "dissipation": losses,
         "spin": {"n_i": [-0.7, 0.2, 0.7, 1.0], "omega_xy0": [0.01, 0.3]},
         "horizon": {"t_rgh": 5, "t": 500},
-    }  # fmt: skip
-    told = sweeping.plan_of(config | {"integrator": {"tol": 1e-12}, "record": ["error"]})
+    }
+    told = sweeping.plan_of(
+        config | {"integrator": {"tol": 1e-12}, "record": ["error"]}
+    )
     true = sweeping.plan_of(config | {"integrator": {"tol": 1e-14}})
-    rows, best = (compute(p.config, p.schema, prepared(p)).to_pandas() for p in (told, true))
+    rows, best = (
+        compute(p.config, p.schema, prepared(p)).to_pandas() for p in (told, true)
+    )
     off = (rows["t_r"] - best["t_r"]).abs().dropna()
     assert len(off) > 20
     assert (off <= rows["t_r_error"][off.index]).mean() > 0.98

@@ -1,8 +1,9 @@
 """A committed sweep: the numbers of today are those of the day it was made.
 
-Exact to the last bit on the type of processor and the versions that `tests/golden/make.py` ran
-with. Elsewhere, within tolerances that were measured by compiling the kernels for a processor
-without fused multiply-add: reversal times differed by 6e-8 at most, and by 1e-15 in the median.
+Exact to the last bit on the type of processor and the versions that
+`tests/golden/make.py` ran with. Elsewhere, within tolerances that were measured by
+compiling the kernels for a processor without fused multiply-add: reversal times
+differed by 6e-8 at most, and by 1e-15 in the median.
 """
 
 from __future__ import annotations
@@ -26,19 +27,44 @@ from rattlesweep.sweeps.verify import same_bits
 HERE = Path(__file__).parents[1] / "golden"
 GOLDEN = HERE / "golden.parquet"
 
-# Of what was measured times ten or more: relative and absolute. End states and drifts are rounding
-# itself, and compared on their own scale.
+# Of what was measured times ten or more: relative and absolute. End states and drifts
+# are rounding itself, and compared on their own scale.
 CLOSE = {
-    "t_r": (1e-6, 0), "t_end": (1e-6, 0), "n_end": (0, 1e-6), "n_departure": (1e-4, 1e-7),
-    "n_steps": (1e-2, 0), "energy_drift": (0, 1e-7), "contact_ratio_max": (1e-2, 0),
+    "t_r": (1e-6, 0),
+    "t_end": (1e-6, 0),
+    "n_end": (0, 1e-6),
+    "n_departure": (1e-4, 1e-7),
+    "n_steps": (1e-2, 0),
+    "energy_drift": (0, 1e-7),
+    "contact_ratio_max": (1e-2, 0),
     "contact_normal_min": (0, 1e-3),
-}  # fmt: skip
-THEORY = ("alpha", "beta", "gamma", "theta", "phi", "xi", "f_sd", "n_i", "omega_xy0", "psi",
-          "omega_p", "omega_r", "K_p", "K_r", "n_c1", "n_0", "t_rgh", "energy_0")  # fmt: skip
+}
+THEORY = (
+    "alpha",
+    "beta",
+    "gamma",
+    "theta",
+    "phi",
+    "xi",
+    "f_sd",
+    "n_i",
+    "omega_xy0",
+    "psi",
+    "omega_p",
+    "omega_r",
+    "K_p",
+    "K_r",
+    "n_c1",
+    "n_0",
+    "t_rgh",
+    "energy_0",
+)
 
 
 def assert_close(now: pd.DataFrame, then: pd.DataFrame) -> None:
-    """Compare all numbers, and those of sensitive runs (docs/accuracy.md) within their errors."""
+    """Compare all numbers, and those of sensitive runs (docs/accuracy.md) within their
+    errors.
+    """
     assert list(now.columns) == list(then.columns)
     for name in ("case", "sample", "type", "status", "near_tangencies"):
         assert now[name].equals(then[name]), name
@@ -55,10 +81,14 @@ def assert_close(now: pd.DataFrame, then: pd.DataFrame) -> None:
 
 
 def test_the_golden_sweep_comes_out_again(tmp_path):
-    now = open_stored(rs.sweep(HERE / "golden.yaml", output=tmp_path / "out").directory).read()
+    now = open_stored(
+        rs.sweep(HERE / "golden.yaml", output=tmp_path / "out").directory
+    ).read()
     golden = pq.read_table(GOLDEN)
     origin = json.loads(golden.schema.metadata[b"origin"])
-    same = all(origin["versions"][n] == versions()[n] for n in ("numpy", "numba", "llvmlite"))
+    same = all(
+        origin["versions"][n] == versions()[n] for n in ("numpy", "numba", "llvmlite")
+    )
     if same and origin["machine"]["cpu"] == machine()["cpu"]:
         assert same_bits(now, golden)
     then = golden.to_pandas()
@@ -73,7 +103,10 @@ def test_on_another_type_of_processor(tmp_path):
     target = tmp_path / "generic.parquet"
     environment = {**os.environ, "NUMBA_CPU_NAME": "generic"}
     subprocess.run(
-        [sys.executable, HERE / "make.py", target], env=environment, check=True, timeout=900
+        [sys.executable, HERE / "make.py", target],
+        env=environment,
+        check=True,
+        timeout=900,
     )
     now, then = pd.read_parquet(target), pd.read_parquet(GOLDEN)
     assert not now.equals(then)

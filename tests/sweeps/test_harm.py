@@ -1,7 +1,7 @@
 """Kills and faults at every system call of a command on its directory.
 
-After each, readers see intact files, and repeating the command gives the expected rows and summary
-and leaves nothing else behind.
+After each, readers see intact files, and repeating the command gives the expected rows
+and summary and leaves nothing else behind.
 """
 
 from __future__ import annotations
@@ -17,7 +17,15 @@ from typing import Any
 
 import pyarrow as pa
 import pytest
-from hardship import OTHER_TYPES, Ended, check_equal, check_whole, command, files_of, tiny
+from hardship import (
+    OTHER_TYPES,
+    Ended,
+    check_equal,
+    check_whole,
+    command,
+    files_of,
+    tiny,
+)
 from syscalls import CHANGES, MAY_FAIL
 
 from rattlesweep.sweeps.columns import read_parquet, write_parquet
@@ -34,7 +42,9 @@ SCENES = ("run", "classify", "retry", "merge", "grow", "refine", "stop")
 
 @dataclass(frozen=True)
 class Scene:
-    """A command on the directory ``{out}``, which starts as a copy of `before` each time."""
+    """A command on the directory ``{out}``, which starts as a copy of `before` each
+    time.
+    """
 
     before: Path | None
     args: tuple[Any, ...]
@@ -52,12 +62,21 @@ class Scene:
 
 
 def make_scene(name: str, folder: Path) -> Scene:
-    """Make one of `SCENES` on a sweep of two blocks; more blocks repeat the same calls."""
+    """Make one of `SCENES` on a sweep of two blocks; more blocks repeat the same
+    calls.
+    """
     config, rows = tiny(folder), 12
     if name in ("refine", "stop"):
-        changes = {"bodies": GRID, "spin": SPINS} if name == "refine" else {"bodies": SD}
-        lines = [changes.get(line.split(":")[0], line) for line in config.read_text().splitlines()]
-        config.write_text("\n".join(lines) + "\n" + "stop: {fraction: 0.04}\n" * (name == "stop"))
+        changes = (
+            {"bodies": GRID, "spin": SPINS} if name == "refine" else {"bodies": SD}
+        )
+        lines = [
+            changes.get(line.split(":")[0], line)
+            for line in config.read_text().splitlines()
+        ]
+        config.write_text(
+            "\n".join(lines) + "\n" + "stop: {fraction: 0.04}\n" * (name == "stop")
+        )
         rows = 20 if name == "refine" else 400
     run = ("run", config, "--output", "{out}", "-q")
 
@@ -98,10 +117,16 @@ def fail_some(directory: Path) -> None:
 
 
 def at_every_call(
-    name: str, folder: Path, kinds: tuple[str, ...], judge: Callable[[Ended], bool], stride: int,
+    name: str,
+    folder: Path,
+    kinds: tuple[str, ...],
+    judge: Callable[[Ended], bool],
+    stride: int,
     **harm: Any,
-) -> None:  # fmt: skip
-    """Harm a command at one call after another; each time check, repeat it and check again."""
+) -> None:
+    """Harm a command at one call after another; each time check, repeat it and check
+    again.
+    """
     scene, output, log = make_scene(name, folder), folder / "out", folder / "log"
     scene.begin(output)
     done = scene.run(output, calls={"root": output, "kinds": kinds, "log": log})
@@ -112,7 +137,9 @@ def at_every_call(
     known = (scene.after, *([scene.before] if scene.before else []))
     for at in range(stride // 2, len(calls), stride):
         scene.begin(output)
-        done = scene.run(output, calls={"root": output, "kinds": kinds, "at": at, **harm})
+        done = scene.run(
+            output, calls={"root": output, "kinds": kinds, "at": at, **harm}
+        )
         where = f"{harm} at call {at}, {calls[at]}: {done}"
         assert judge(done), where
         if output.exists():
@@ -129,7 +156,9 @@ def test_killed_at_every_call(name, stride, tmp_path):
 
 
 def fails(done: Ended) -> bool:
-    """Whether a fault was explained in one line; session records may fail in silence."""
+    """Whether a fault was explained in one line; session records may fail in
+    silence.
+    """
     return done.code == 0 or (done.code == 1 and done.sentence)
 
 
@@ -140,7 +169,13 @@ def test_faults_at_every_call(name, number, stride, tmp_path):
     # A full disk stays full, but an I/O error may happen once and anywhere.
     kinds = MAY_FAIL[number]
     at_every_call(
-        name, tmp_path, kinds, fails, stride, number=number, for_good=number == errno.ENOSPC
+        name,
+        tmp_path,
+        kinds,
+        fails,
+        stride,
+        number=number,
+        for_good=number == errno.ENOSPC,
     )
 
 
@@ -153,7 +188,9 @@ def test_faults_at_every_call(name, number, stride, tmp_path):
 def test_stopped_at_every_call(name, number, code, word, stride, tmp_path):
     def stopped(done: Ended) -> bool:
         # The number of runs is unknown at the start and left out at the end.
-        message = rf"{word}(; \d+ runs are kept, and the same command resumes from there)?\n"
+        message = (
+            rf"{word}(; \d+ runs are kept, and the same command resumes from there)?\n"
+        )
         return done.code == code and re.fullmatch(message, done.err) is not None
 
     at_every_call(name, tmp_path, CHANGES, stopped, stride, sent=number)
@@ -164,7 +201,9 @@ def test_calls_are_harmed_as_asked_and_files_are_synced(tmp_path):
     scene, output = make_scene("run", tmp_path), tmp_path / "out"
     log, calls = tmp_path / "log", {"root": output, "kinds": CHANGES}
     scene.run(output, calls=calls | {"log": log})
-    lines = [line for line in log.read_text().splitlines() if line.split()[0] in CHANGES]
+    lines = [
+        line for line in log.read_text().splitlines() if line.split()[0] in CHANGES
+    ]
     at = next(k for k, line in enumerate(lines) if line.startswith("write runs/.case"))
     shutil.rmtree(output)
     assert scene.run(output, calls=calls | {"at": at + 1}).code == -9

@@ -22,7 +22,11 @@ from rattlesweep.sweeps.verify import same_bits
 
 # Under the full model, of runs that take from 200 to 20,000 steps.
 FULL: dict[str, Any] = {
-    "bodies": {"source": "sd", "samples": 8, "target": {"K_r": [0.02, 0.1], "rel_tol": 0.1}},
+    "bodies": {
+        "source": "sd",
+        "samples": 8,
+        "target": {"K_r": [0.02, 0.1], "rel_tol": 0.1},
+    },
     "spin": {"n_i": [-0.1, -0.3, -0.5], "omega_xy0": 0.01},
     "horizon": {"t_rgh": 3, "t": 2000},
     "record": ["windows"],
@@ -45,11 +49,16 @@ class Stop(Exception):
 
 
 def cut(rows: int, most: int = 10**9, dice: random.Random | None = None) -> Any:
-    """Return an engine for blocks of `rows` runs, which gives up after `most` blocks."""
+    """Return an engine for blocks of `rows` runs, which gives up after `most`
+    blocks.
+    """
 
     def engine(work: Job, blocks: Iterator[Keys]) -> None:
         case, sample = (np.concatenate(part) for part in zip(*blocks, strict=True))
-        parts = [(case[k : k + rows], sample[k : k + rows]) for k in range(0, len(case), rows)]
+        parts = [
+            (case[k : k + rows], sample[k : k + rows])
+            for k in range(0, len(case), rows)
+        ]
         if dice is not None:
             dice.shuffle(parts)
         local(work, iter(parts[:most]))
@@ -86,7 +95,9 @@ def test_in_memory(whole):
 
 
 def test_shards_in_one_directory(whole, tmp_path):
-    results = [sweep(tmp_path, shard=Shard(index, 3), engine=cut(5)) for index in (2, 0, 1)]
+    results = [
+        sweep(tmp_path, shard=Shard(index, 3), engine=cut(5)) for index in (2, 0, 1)
+    ]
     check_equal(tmp_path, whole)
     assert [result.runs for result in results] == [RUNS // 3] * 3
     assert [result.missing for result in results] == [32, 16, 0]
@@ -97,7 +108,11 @@ def test_broken_off_again_and_again_moved_and_harmed(whole, tmp_path):
     dice, output, stops = random.Random(3), tmp_path / "0", 0
     while True:
         try:
-            sweep(output, engine=cut(5, 2, dice), threads=1 + stops % 2 % available_threads())
+            sweep(
+                output,
+                engine=cut(5, 2, dice),
+                threads=1 + stops % 2 % available_threads(),
+            )
             break
         except Stop:
             stops += 1
@@ -144,7 +159,11 @@ STEPS = {
     "samples too": (SMALL, changed(SMALL, spin=SPIN, bodies={"samples": 13})),
     "in samples, cases and targets": (
         AIMED,
-        changed(AIMED, bodies={"samples": 40, "target": TARGET | {"K_r": [0.05, 0.1]}}, spin=SPIN),
+        changed(
+            AIMED,
+            bodies={"samples": 40, "target": TARGET | {"K_r": [0.05, 0.1]}},
+            spin=SPIN,
+        ),
     ),
     "of a sequence": (
         changed(SMALL, bodies={"draw": "sobol"}),
@@ -158,7 +177,9 @@ def by_key(directory: Path) -> Any:
     stored = open_stored(directory)
     rows = stored.read()
     table = rows.to_pandas()
-    table["target"] = np.array([case.target or 0.0 for case in stored.cases])[table.case]
+    table["target"] = np.array([case.target or 0.0 for case in stored.cases])[
+        table.case
+    ]
     order = ["target", "n_i", "omega_xy0", "sample"]
     return table.sort_values(order, ignore_index=True).drop(columns="case")
 
@@ -177,8 +198,14 @@ def test_is_as_if_begun_with_more(small, more, tmp_path):
 
 REFUSED = {
     "fewer samples": (changed(SMALL, bodies={"samples": 11}), "a sweep can only grow"),
-    "a case less": (changed(SMALL, spin={"n_i": [-0.1, 0.3]}), "holds runs with n_i 0.2"),
-    "another seed too": (changed(LARGE, seed=1), "holds another sweep (seed: 0 against 1)"),
+    "a case less": (
+        changed(SMALL, spin={"n_i": [-0.1, 0.3]}),
+        "holds runs with n_i 0.2",
+    ),
+    "another seed too": (
+        changed(LARGE, seed=1),
+        "holds another sweep (seed: 0 against 1)",
+    ),
     "another tolerance": (SMALL | {"integrator": {"tol": 1e-8}}, "integrator.tol: "),
 }
 

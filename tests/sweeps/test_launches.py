@@ -45,7 +45,9 @@ def test_an_upright_state_is_the_launch_with_its_spin(tmp_path):
 
 @pytest.fixture(scope="module")
 def tilted(tmp_path_factory) -> tuple[Path, pd.DataFrame, np.ndarray]:
-    """A sweep of random states from a table: directory, runs, and states for the oracle."""
+    """A sweep of random states from a table: directory, runs, and states for the
+    oracle.
+    """
     random = np.random.default_rng(3)
     rows = []
     for n in (0.3, -0.3, 0.2, -0.2, 0.4, 0.1, 0.05):
@@ -66,7 +68,9 @@ def test_tilted_states_reverse_when_the_oracle_does(tilted):
     assert runs.t_r.notna().sum() >= 3
     for k in (0, 5):
         t_r, _ = oracle.first_zero(BODY, states[k], T_END, samples=12)
-        assert runs.t_r[k] == pytest.approx(np.nan if t_r is None else t_r, rel=1e-8, nan_ok=True)
+        assert runs.t_r[k] == pytest.approx(
+            np.nan if t_r is None else t_r, rel=1e-8, nan_ok=True
+        )
         assert runs.n_i[k] == pytest.approx(oracle.spin(states[k]), rel=1e-14)
     # The energy includes that of the tilt.
     rest = oracle.energy(np.array([0, 0, -1.0, 0, 0, 0]), BODY)
@@ -81,17 +85,27 @@ def test_n_0_is_the_spin_with_all_the_energy_of_a_state(body, tmp_path):
     """The energy includes the translation: a body of small curvature swings far out."""
     bodies = {"source": "preset", "name": "GH"} | body
     tilt = [0.0, 0.1, -math.sqrt(0.99)]
-    for u, omega in ((tilt, [0, 0, -0.3]), ([0, 0, -1], [0.02, 0.1, 0.2]), (tilt, [0.1, 0.2, 0])):
+    for u, omega in (
+        (tilt, [0, 0, -0.3]),
+        ([0, 0, -1], [0.02, 0.1, 0.2]),
+        (tilt, [0.1, 0.2, 0]),
+    ):
         launch = {"omega": omega, "u": u}
         config = {"launch": launch, "horizon": {"t": 1}, "record": ["energy"]}
-        run = rs.sweep({"bodies": bodies, **config}, output=tmp_path / str(omega)).runs.iloc[0]
-        assert run.n_0 == pytest.approx(math.sqrt(2 * run.energy_0 / run.gamma), rel=1e-14)
+        run = rs.sweep(
+            {"bodies": bodies, **config}, output=tmp_path / str(omega)
+        ).runs.iloc[0]
+        assert run.n_0 == pytest.approx(
+            math.sqrt(2 * run.energy_0 / run.gamma), rel=1e-14
+        )
 
 
 def test_a_sweep_of_states_can_be_repeated(tilted, tmp_path):
     directory, runs, _ = tilted
     source = {"source": "table", "path": str(directory / "runs")}
-    again = rs.sweep({"bodies": source, "horizon": {"t": T_END}}, output=tmp_path / "again").runs
+    again = rs.sweep(
+        {"bodies": source, "horizon": {"t": T_END}}, output=tmp_path / "again"
+    ).runs
     pd.testing.assert_frame_equal(again, runs, check_exact=True)
     proved(directory, recompute=7)
     replay = "replay", directory, "--where", "u_x > -1 and omega_z < 1", "--points", 2
@@ -99,18 +113,30 @@ def test_a_sweep_of_states_can_be_repeated(tilted, tmp_path):
 
 
 def tapped_oracle(omega_xy0: float, psi: float, t_end: float) -> tuple[float, float]:
-    """Return when a tapped body's spin first leaves zero, and its first zero after that."""
+    """Return when a tapped body's spin first leaves zero, and its first zero after
+    that.
+    """
     y0 = oracle.launch(BODY, 0.0, omega_xy0, psi)
     inertia = BODY["alpha"] * math.cos(psi) ** 2 + BODY["beta"] * math.sin(psi) ** 2
     far = PLATEAU_SHARE * omega_xy0 * math.sqrt(inertia / BODY["gamma"])
-    path = solve_ivp(oracle.rhs, (0, t_end), y0, args=(BODY,), method="DOP853", rtol=1e-12,
-                     atol=1e-15, dense_output=True)  # fmt: skip
+    path = solve_ivp(
+        oracle.rhs,
+        (0, t_end),
+        y0,
+        args=(BODY,),
+        method="DOP853",
+        rtol=1e-12,
+        atol=1e-15,
+        dense_output=True,
+    )
     times = np.arange(0.0, t_end, 0.01)
     y = path.sol(times)
     n = np.sum(y[:3] * y[3:], axis=0)
     begin = int(np.argmax(np.abs(n) > far))
     turn = begin + int(np.argmax(n[begin:] * n[begin] <= 0))
-    zero = brentq(lambda t: oracle.spin(path.sol(t)), times[turn - 1], times[turn], xtol=1e-13)
+    zero = brentq(
+        lambda t: oracle.spin(path.sol(t)), times[turn - 1], times[turn], xtol=1e-13
+    )
     return times[begin], zero
 
 

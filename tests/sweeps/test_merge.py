@@ -18,7 +18,11 @@ from rattlesweep.sweeps.run import Shard
 CONFIG: dict[str, Any] = {
     "name": "shards",
     "seed": 11,
-    "bodies": {"source": "sd", "samples": 30, "target": {"K_r": [0.03, 0.1], "rel_tol": 0.1}},
+    "bodies": {
+        "source": "sd",
+        "samples": 30,
+        "target": {"K_r": [0.03, 0.1], "rel_tol": 0.1},
+    },
     "spin": {"n_i": [-0.1, -0.5, 0.2], "omega_xy0": [0.01, 0.1]},
     "model": "gh",
 }
@@ -35,7 +39,9 @@ def merge(*directories: Path, to: Path) -> Any:
 
 
 def files(directory: Path) -> dict[str, bytes]:
-    return {name: data for name, data in tree(directory).items() if ".locks" not in name}
+    return {
+        name: data for name, data in tree(directory).items() if ".locks" not in name
+    }
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +71,9 @@ def test_shards_come_to_the_same_table_and_stay_as_they_are(plain, thirds, tmp_p
     assert [files(third) for third in thirds] == before
 
 
-def test_a_missing_shard_is_said_and_run_or_merge_does_the_rest(plain, thirds, tmp_path):
+def test_a_missing_shard_is_said_and_run_or_merge_does_the_rest(
+    plain, thirds, tmp_path
+):
     result = merge(*thirds[:2], to=tmp_path / "a")
     assert result.exit_code == 75
     assert "120 runs missing; merge the other shards" in result.stderr
@@ -84,7 +92,11 @@ def test_a_missing_shard_is_said_and_run_or_merge_does_the_rest(plain, thirds, t
     [
         ({"seed": 12}, 2, "holds another sweep (seed: 1"),
         ({"classify": {"sw_departure": 0.2}}, 2, "types of different thresholds"),
-        ({"spin": {"n_i": [0.2, -0.1], "omega_xy0": 0.1}}, 1, "numbers its cases differently"),
+        (
+            {"spin": {"n_i": [0.2, -0.1], "omega_xy0": 0.1}},
+            1,
+            "numbers its cases differently",
+        ),
     ],
 )
 def test_only_shards_of_one_config_are_joined(changes, code, word, thirds, tmp_path):
@@ -114,4 +126,6 @@ def test_output_must_be_new(plain, thirds, tmp_path):
     before = tree(tmp_path / "used")
     assert_refused(merge(plain, to=tmp_path / "used"), 2, "holds another sweep (seed")
     assert tree(tmp_path / "used") == before
-    assert_refused(merge(tmp_path / "none", to=tmp_path / "out"), 2, "is not an output directory")
+    assert_refused(
+        merge(tmp_path / "none", to=tmp_path / "out"), 2, "is not an output directory"
+    )

@@ -21,9 +21,13 @@ CONFIG: dict[str, Any] = {
     "horizon": {"t_rgh": 5, "t": 2000},
 }
 GRID = {
-    "source": "grid", "base": {"preset": "GH"},
-    "axes": {"theta": {"linspace": [0.6, 0.9, 400]}, "phi": {"linspace": [0.02, 0.036, 400]}},
-}  # fmt: skip
+    "source": "grid",
+    "base": {"preset": "GH"},
+    "axes": {
+        "theta": {"linspace": [0.6, 0.9, 400]},
+        "phi": {"linspace": [0.02, 0.036, 400]},
+    },
+}
 
 
 def test_it_says_what_the_plan_takes(tmp_path):
@@ -33,7 +37,10 @@ def test_it_says_what_the_plan_takes(tmp_path):
     assert 0 <= found.low <= found.seconds <= found.high
     assert json.loads(json.dumps(vars(found), allow_nan=False))["runs"] == 2000
     text = replace(found, seconds=190.0, low=170.0, high=210.0, bytes=12_300_000).words
-    assert text == "2,000 runs: 3:10 with 2 threads (95 %: 2:50 to 3:30), up to 12.3 MB on disk"
+    assert (
+        text
+        == "2,000 runs: 3:10 with 2 threads (95 %: 2:50 to 3:30), up to 12.3 MB on disk"
+    )
     rows = integrate_plan(plan)
     write_parquet(rows, tmp_path / "a")
     assert found.bytes == pytest.approx((tmp_path / "a").stat().st_size, rel=0.5)
@@ -50,7 +57,10 @@ def test_it_says_what_the_plan_takes(tmp_path):
     [
         {"bodies": {"source": "sd", "samples": 10**8}, "model": "gh"},
         {"bodies": {"source": "sd", "samples": 1}},
-        {"bodies": {"source": "sd", "samples": 200_000}, "horizon": {"t_rgh": 5}},  # a heavy tail
+        {
+            "bodies": {"source": "sd", "samples": 200_000},
+            "horizon": {"t_rgh": 5},
+        },  # a heavy tail
         {"bodies": GRID | {"refine": {"levels": 4}}},
     ],
 )

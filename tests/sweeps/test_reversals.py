@@ -1,4 +1,6 @@
-"""`record: [reversals]`: every reversal up to the horizon, as a trajectory counts them."""
+"""`record: [reversals]`: every reversal up to the horizon, as a trajectory counts
+them.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,11 @@ from sweeping import invoke, proved
 import rattlesweep as rs
 
 CONFIG: dict[str, Any] = {
-    "bodies": {"source": "grid", "base": {"preset": "GH"}, "axes": {"theta": [0.64, 0.8, 0.9]}},
+    "bodies": {
+        "source": "grid",
+        "base": {"preset": "GH"},
+        "axes": {"theta": [0.64, 0.8, 0.9]},
+    },
     "spin": {"n_i": [0.2, -0.2, 0, 0.5], "omega_xy0": 0.1, "psi": "pitch"},
     "horizon": {"t": 900},
 }
@@ -50,12 +56,16 @@ def test_they_are_those_of_the_trajectory(sweep):
 
 def test_the_first_one_and_the_type_are_as_without(sweep, tmp_path):
     runs, plain = rs.load(sweep).runs, rs.sweep(CONFIG, output=tmp_path).runs
-    pd.testing.assert_frame_equal(runs[["t_r", "type"]], plain[["t_r", "type"]], check_exact=True)
+    pd.testing.assert_frame_equal(
+        runs[["t_r", "type"]], plain[["t_r", "type"]], check_exact=True
+    )
     assert not set(NEW) & set(plain)
     # What does not reverse is the same to the last bit.
     still = plain.t_r.isna()
     assert still.any()
-    pd.testing.assert_frame_equal(runs[plain.columns][still], plain[still], check_exact=True)
+    pd.testing.assert_frame_equal(
+        runs[plain.columns][still], plain[still], check_exact=True
+    )
 
 
 def test_commands_know_the_columns(sweep):
@@ -76,20 +86,32 @@ def test_failed_runs_have_no_count_and_keep_their_first_zero(tmp_path):
 def test_turns_are_sure_as_far_as_a_looser_integration_confirms_them(sweep, tmp_path):
     """The second turn of this body comes at another time at every tolerance."""
     config = {
-        "bodies": {"source": "grid", "base": {"preset": "GH"}, "axes": {"xi_deg": [-1.96304065]}},
-        "spin": {"n_i": -0.2, "omega_xy0": 0.01}, "dissipation": {"sigma": 0.003},
-        "horizon": {"t_decay": 5}, "record": ["reversals", "error"],
-    }  # fmt: skip
+        "bodies": {
+            "source": "grid",
+            "base": {"preset": "GH"},
+            "axes": {"xi_deg": [-1.96304065]},
+        },
+        "spin": {"n_i": -0.2, "omega_xy0": 0.01},
+        "dissipation": {"sigma": 0.003},
+        "horizon": {"t_decay": 5},
+        "record": ["reversals", "error"],
+    }
     (run,) = rs.sweep(config, output=tmp_path / "one").runs.itertuples()
     assert run.n_turns > run.reversals_sure == 1
     assert run.reversal_times_error[0] == run.t_r_error < 1e-6
     assert (run.reversal_times_error[1:] > 1e-3 * run.turn_times[1:]).all()
-    # What is recorded without errors stays as it is, and tighter turns lie within their errors.
+    # What is recorded without errors stays as it is, and tighter turns lie within their
+    # errors.
     both = {"record": ["reversals", "windows", "error"]}
-    runs, plain = rs.sweep(CONFIG | both, output=tmp_path / "many").runs, rs.load(sweep).runs
+    runs, plain = (
+        rs.sweep(CONFIG | both, output=tmp_path / "many").runs,
+        rs.load(sweep).runs,
+    )
     pd.testing.assert_frame_equal(runs[list(plain)], plain, check_exact=True)
     tight = CONFIG | {"record": ["reversals"], "integrator": {"tol": 1e-12}}
     better = rs.sweep(tight, output=tmp_path / "tight").runs
     for one, true in zip(runs.itertuples(), better.turn_times, strict=True):
         k = int(one.reversals_sure)
-        assert (np.abs(one.turn_times[:k] - true[:k]) <= one.reversal_times_error[:k]).all()
+        assert (
+            np.abs(one.turn_times[:k] - true[:k]) <= one.reversal_times_error[:k]
+        ).all()

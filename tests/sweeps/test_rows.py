@@ -19,7 +19,12 @@ from sweeping import sweep
 from rattlesweep.errors import DamagedError, OutputError
 from rattlesweep.sweeps import columns as units
 from rattlesweep.sweeps import stored as stored_module
-from rattlesweep.sweeps.columns import build_table, read_parquet, runs_schema, write_parquet
+from rattlesweep.sweeps.columns import (
+    build_table,
+    read_parquet,
+    runs_schema,
+    write_parquet,
+)
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.files import replace_file, streamed_file
 from rattlesweep.sweeps.stored import Case, Stored, open_stored
@@ -36,7 +41,9 @@ CONFIG: dict[str, Any] = {
 SCHEMA = runs_schema(("energy", "contact", "windows"))
 
 
-def random_columns(case: np.ndarray, sample: np.ndarray, seed: int = 1) -> dict[str, Any]:
+def random_columns(
+    case: np.ndarray, sample: np.ndarray, seed: int = 1
+) -> dict[str, Any]:
     """Columns of every kind, with nulls wherever the schema allows them."""
     rng = np.random.default_rng(seed)
     n = len(case)
@@ -53,7 +60,9 @@ def random_columns(case: np.ndarray, sample: np.ndarray, seed: int = 1) -> dict[
         elif pa.types.is_integer(field.type):
             columns[field.name] = rng.integers(0, 3, n)
         elif pa.types.is_list(field.type):
-            columns[field.name] = units.ragged(rng.normal(size=(n, 5)), rng.integers(-1, 6, n))
+            columns[field.name] = units.ragged(
+                rng.normal(size=(n, 5)), rng.integers(-1, 6, n)
+            )
     status = (rng.random(n) < 0.1).astype(np.int8)
     columns["status"] = (status, ["ok", "diverged"])
     columns["type"] = (np.where(status == 0, rng.integers(0, 2, n), -1), ["R", "SS"])
@@ -68,7 +77,9 @@ def random_rows(cases: int, samples: int) -> pa.Table:
 
 def scatter(directory: Path, table: pa.Table, parts: Any) -> Stored:
     """Write rows to files; ``parts`` has the number of the file of each row."""
-    config = parse_config({**CONFIG, "model": "full", "record": ["energy", "contact", "windows"]})
+    config = parse_config(
+        {**CONFIG, "model": "full", "record": ["energy", "contact", "windows"]}
+    )
     stored = Stored(config, CASES, 400, (), directory, {}, "sweep")
     (directory / "runs").mkdir(parents=True)
     for part in np.unique(parts):
@@ -116,7 +127,9 @@ def test_equal_tables_give_equal_files_that_anybody_may_read(tmp_path):
 
 @pytest.mark.parametrize("piece", [50, 10**6])
 @pytest.mark.parametrize("files", [1, 7, 90])
-def test_rows_come_back_in_order_however_they_lie_in_files(files, piece, tmp_path, monkeypatch):
+def test_rows_come_back_in_order_however_they_lie_in_files(
+    files, piece, tmp_path, monkeypatch
+):
     monkeypatch.setattr(stored_module, "BATCH_ROWS", piece)
     table = random_rows(5, 400)
     parts = np.random.default_rng(files).integers(0, files, len(table))
@@ -129,7 +142,9 @@ def test_rows_come_back_in_order_however_they_lie_in_files(files, piece, tmp_pat
 def test_what_is_there_is_found(tmp_path):
     table = random_rows(5, 400)
     there = np.random.default_rng(1).random(len(table)) < 0.3
-    stored = scatter(tmp_path, table.filter(pa.array(there)), np.arange(there.sum()) // 100)
+    stored = scatter(
+        tmp_path, table.filter(pa.array(there)), np.arange(there.sum()) // 100
+    )
     found = stored.find()
     assert np.array_equal(found.done.ravel(), there)
     assert found.status["ok"] == found.types.total() < found.rows == there.sum()
@@ -167,7 +182,9 @@ def test_the_runs_of_a_damaged_file_are_to_do(harm, stored):
 def flip(path: Path, column: str) -> None:
     """Change a bit in the last page of a column."""
     group = pq.read_metadata(path).row_group(0)
-    chunk = group.column(next(k for k in range(99) if group.column(k).path_in_schema == column))
+    chunk = group.column(
+        next(k for k in range(99) if group.column(k).path_in_schema == column)
+    )
     data = bytearray(path.read_bytes())
     first = chunk.dictionary_page_offset or chunk.data_page_offset
     data[first + chunk.total_compressed_size - 3] ^= 1
@@ -227,5 +244,7 @@ def test_what_is_no_part_of_the_sweep_is_refused(stored):
     with pytest.raises(OutputError, match=r"holds runs beyond 5 cases of 300 samples"):
         replace(stored, samples=300).find()
     shutil.copy(before[-1], before[-1].with_name("zz.parquet"))
-    with pytest.raises(OutputError, match=r"zz\.parquet holds runs that are stored twice"):
+    with pytest.raises(
+        OutputError, match=r"zz\.parquet holds runs that are stored twice"
+    ):
         stored.find()

@@ -16,7 +16,17 @@ import pyarrow.parquet as pq
 import pytest
 import sweeping
 from refusal import assert_refused
-from sweeping import PROGRAM, content_hash, manifest, plan_of, proved, rows, run, sweep, tree
+from sweeping import (
+    PROGRAM,
+    content_hash,
+    manifest,
+    plan_of,
+    proved,
+    rows,
+    run,
+    sweep,
+    tree,
+)
 
 import rattlesweep as rs
 from rattlesweep.sweeps.columns import SUMMARY, runs_schema, same_schema
@@ -28,15 +38,18 @@ SMALL = {
     "million.yaml": ("bodies.samples=1", "bodies.target.rel_tol=0.05"),
     "quickstart.yaml": ("bodies.samples=4",),
     "reversals.yaml": (
-        "bodies.axes={minus_xi_deg: [1, 2]}", "spin.n_i=[-0.3, 0.3]", "horizon.t=99",
+        "bodies.axes={minus_xi_deg: [1, 2]}",
+        "spin.n_i=[-0.3, 0.3]",
+        "horizon.t=99",
     ),
     "steady.yaml": ("bodies.samples=1", "bodies.target.rel_tol=0.05"),
     "unsteady.yaml": ("bodies.samples=2", "bodies.target.rel_tol=0.05"),
-}  # fmt: skip
+}
 MIXED = (
-    "bodies.samples=40", "bodies.target={K_r: [0.01, 0.1], rel_tol: 0.1}",
+    "bodies.samples=40",
+    "bodies.target={K_r: [0.01, 0.1], rel_tol: 0.1}",
     "spin.n_i=[-0.1, -0.3, -0.5]",
-)  # fmt: skip
+)
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +92,10 @@ def test_the_manifest_is_enough_to_run_it_again(mixed, tmp_path):
     said = manifest(mixed)
     assert said["started"]
     assert said["command"]
-    assert said["versions"].items() >= {("rattlesweep", rs.__version__), ("numpy", np.__version__)}
+    assert said["versions"].items() >= {
+        ("rattlesweep", rs.__version__),
+        ("numpy", np.__version__),
+    }
     assert {"cpu", "processors", "system"} <= said["machine"].keys()
     config = parse_config(said["config"]).model_dump(exclude_none=True)
     again = tmp_path / "again"
@@ -95,8 +111,12 @@ def test_the_manifest_is_enough_to_run_it_again(mixed, tmp_path):
 
 def test_runs_that_fail_are_rows_with_a_status_and_the_exit_code_says_so(tmp_path):
     output = tmp_path / "out"
-    sets = ("bodies.samples=3", "bodies.target.rel_tol=0.1", "integrator={method: rk4, dt: 3}",
-            "record=[energy, contact, windows]")  # fmt: skip
+    sets = (
+        "bodies.samples=3",
+        "bodies.target.rel_tol=0.1",
+        "integrator={method: rk4, dt: 3}",
+        "record=[energy, contact, windows]",
+    )
     result = run("quickstart.yaml", output, *sets)
     assert result.exit_code == 3
     frame, summary = rows(output), pd.read_parquet(output / "summary.parquet")
@@ -145,11 +165,18 @@ assert task.is_alive()
 print("drawn", end="", flush=True)
 task.control.stop()
 """
-    own = {"NUMBA_THREADING_LAYER": "workqueue", "PYTHONPATH": os.pathsep.join(sys.path)}
+    own = {
+        "NUMBA_THREADING_LAYER": "workqueue",
+        "PYTHONPATH": os.pathsep.join(sys.path),
+    }
     done = subprocess.run(
-        [sys.executable, "-c", code], env=os.environ | own, capture_output=True, text=True,
-        check=False, timeout=600,
-    )  # fmt: skip
+        [sys.executable, "-c", code],
+        env=os.environ | own,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=600,
+    )
     assert (done.returncode, done.stdout) == (0, "drawn"), done.stderr
 
 
@@ -157,8 +184,16 @@ task.control.stop()
 @pytest.mark.parametrize("wait", [1.0, 2.5, 5.0])
 def test_ctrl_c_is_heard_while_kernels_compile(wait, tmp_path):
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    command = [PROGRAM, "run", sweeping.CONFIGS / "quickstart.yaml", "-o", tmp_path / "out"]
-    child = subprocess.Popen(command, env=environment, text=True, stderr=subprocess.PIPE)
+    command = [
+        PROGRAM,
+        "run",
+        sweeping.CONFIGS / "quickstart.yaml",
+        "-o",
+        tmp_path / "out",
+    ]
+    child = subprocess.Popen(
+        command, env=environment, text=True, stderr=subprocess.PIPE
+    )
     time.sleep(wait)
     child.send_signal(signal.SIGINT)
     _, said = child.communicate(timeout=60)
@@ -179,7 +214,9 @@ def test_ten_million_bodies_of_the_closed_form_in_bounded_memory(tmp_path):
         "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
     )
     command = [PROGRAM, "run", tmp_path / "c.yaml", "--output", tmp_path / "out", "-q"]
-    kilobytes = int(subprocess.check_output([sys.executable, "-c", code, *command], timeout=1200))
+    kilobytes = int(
+        subprocess.check_output([sys.executable, "-c", code, *command], timeout=1200)
+    )
     assert kilobytes * (1 if sys.platform == "darwin" else 1024) < 1.5e9
     summary = pd.read_parquet(tmp_path / "out" / "summary.parquet")
     assert (summary.runs.tolist(), summary.fraction_R.tolist()) == ([count], [1.0])

@@ -18,7 +18,9 @@ from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.slurm import job_script, limit_of
 
-PROGRAM, SHELLCHECK = (Path(sys.executable).with_name(n) for n in ("rattlesweep", "shellcheck"))
+PROGRAM, SHELLCHECK = (
+    Path(sys.executable).with_name(n) for n in ("rattlesweep", "shellcheck")
+)
 SWEEP = """\
 name: an array
 seed: 5
@@ -27,7 +29,14 @@ spin: {n_i: [-0.1, 0.2], omega_xy0: 0.01}
 horizon: {t: 300}
 integrator: {method: rk4, dt: 0.001}
 """
-TASK = {"shards": 3, "own": False, "limit": 3600, "cpus": 2, "memory": "1024M", "restarts": 4}
+TASK = {
+    "shards": 3,
+    "own": False,
+    "limit": 3600,
+    "cpus": 2,
+    "memory": "1024M",
+    "restarts": 4,
+}
 
 
 @pytest.fixture
@@ -41,11 +50,15 @@ def home(tmp_path):
 
 def script(home: Path, *overrides: str, **task: Any) -> str:
     config, task = home / "sweep.yaml", TASK | {"partition": None} | task
-    return job_script(make_plan(load_config(config)), config, home / "out", overrides, **task)
+    return job_script(
+        make_plan(load_config(config)), config, home / "out", overrides, **task
+    )
 
 
 class Cluster:
-    """Environment of a task: variables, the disk of a node, a `scontrol` that logs its calls."""
+    """Environment of a task: variables, the disk of a node, a `scontrol` that logs its
+    calls.
+    """
 
     def __init__(self, place: Path) -> None:
         self.place, self.notes = place, place / "scontrol.log"
@@ -60,17 +73,27 @@ class Cluster:
         return path
 
     def stub(self, text: str, body: str) -> str:
-        """Return the script with another program instead of rattlesweep, whose output is kept."""
+        """Return the script with another program instead of rattlesweep, whose output
+        is kept.
+        """
         told = f'[[ $1 == --version ]] && {{ echo "rattlesweep {rs.__version__}"; exit; }}\n'
         path = self.put("rattlesweep", told + body)
         assert str(PROGRAM) in text
-        return text.replace(str(PROGRAM), str(path)).replace("--quiet >/dev/null", "--quiet")
+        return text.replace(str(PROGRAM), str(path)).replace(
+            "--quiet >/dev/null", "--quiet"
+        )
 
-    def start(self, text: str, index: int = 0, **variables: str) -> subprocess.Popen[str]:
-        """Start a task as Slurm's daemon does: from a copy of the script, in its own session."""
+    def start(
+        self, text: str, index: int = 0, **variables: str
+    ) -> subprocess.Popen[str]:
+        """Start a task as Slurm's daemon does: from a copy of the script, in its own
+        session.
+        """
         copy = self.place / "slurm_script"
         copy.write_text(text)
-        environment = {k: v for k, v in os.environ.items() if not k.startswith(("SLURM", "NUMBA"))}
+        environment = {
+            k: v for k, v in os.environ.items() if not k.startswith(("SLURM", "NUMBA"))
+        }
         environment |= {
             "PATH": f"{self.place}/tools:/usr/bin:/bin",
             "SLURM_ARRAY_JOB_ID": "100",
@@ -80,9 +103,15 @@ class Cluster:
             **variables,
         }
         return subprocess.Popen(
-            ["/bin/bash", copy], env=environment, cwd=self.place, start_new_session=True,
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        )  # fmt: skip
+            ["/bin/bash", copy],
+            env=environment,
+            cwd=self.place,
+            start_new_session=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
 
     def run(self, text: str, index: int = 0, **variables: str) -> tuple[int, str]:
         task = self.start(text, index, **variables)
@@ -99,21 +128,44 @@ def cluster(tmp_path):
 
 
 def test_script_asks_for_what_it_was_told_and_is_clean(home, cluster):
-    text = script(home, "seed=7", shards=8, cpus=16, limit=26 * 3600 + 1800, partition="short")
-    head = [line.removeprefix("#SBATCH ") for line in text.splitlines() if "#SBATCH" in line]
+    text = script(
+        home, "seed=7", shards=8, cpus=16, limit=26 * 3600 + 1800, partition="short"
+    )
+    head = [
+        line.removeprefix("#SBATCH ") for line in text.splitlines() if "#SBATCH" in line
+    ]
     assert head == [
-        "--job-name=an-array", "--array=0-7", "--ntasks=1", "--cpus-per-task=16",
-        "--time=26:30:00", "--signal=B:USR1@150", "--requeue", "--open-mode=append",
-        "--output=an-array-%A_%a.log", "--mem=1024M", "--partition=short",
-    ]  # fmt: skip
+        "--job-name=an-array",
+        "--array=0-7",
+        "--ntasks=1",
+        "--cpus-per-task=16",
+        "--time=26:30:00",
+        "--signal=B:USR1@150",
+        "--requeue",
+        "--open-mode=append",
+        "--output=an-array-%A_%a.log",
+        "--mem=1024M",
+        "--partition=short",
+    ]
     # Slurm may warn up to a minute early; the run stops by itself before even that.
     assert f"--max-time {26 * 3600 + 1800 - 300}s" in text
-    command = [SHELLCHECK, "-o", "all", "-e", "SC2250,SC2310,SC2312", cluster.put("script", text)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    command = [
+        SHELLCHECK,
+        "-o",
+        "all",
+        "-e",
+        "SC2250,SC2310,SC2312",
+        cluster.put("script", text),
+    ]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=120
+    )
     assert done.stdout + done.stderr == ""
     with pytest.raises(ConfigError, match="a b: is not the name of a partition"):
         script(home, partition="a b")
-    with pytest.raises(ConfigError, match="--mem lots: is not a size of memory; write it as in 4G"):
+    with pytest.raises(
+        ConfigError, match="--mem lots: is not a size of memory; write it as in 4G"
+    ):
         script(home, memory="lots")
     with pytest.raises(ConfigError, match="with a line break cannot stand in a script"):
         script(home, "spin.n_i=0.1\n")
@@ -131,11 +183,24 @@ def test_program_gets_its_shard_threads_and_time(home, cluster):
     at = lines.index("run")
     assert code == 0
     assert lines[at : at + 13] == [
-        "run", str(home / "sweep.yaml"), "--output", str(home / "out"), "--set", "name=x'y z",
-        "--shard", "2/3", "--threads", "2", "--max-time", "3300s", "--quiet",
-    ]  # fmt: skip
-    assert {f"NUMBA_CACHE_DIR={cluster.place}/rattlesweep-{os.getuid()}",
-            "NUMBA_NUM_THREADS=2"} <= set(lines)  # fmt: skip
+        "run",
+        str(home / "sweep.yaml"),
+        "--output",
+        str(home / "out"),
+        "--set",
+        "name=x'y z",
+        "--shard",
+        "2/3",
+        "--threads",
+        "2",
+        "--max-time",
+        "3300s",
+        "--quiet",
+    ]
+    assert {
+        f"NUMBA_CACHE_DIR={cluster.place}/rattlesweep-{os.getuid()}",
+        "NUMBA_NUM_THREADS=2",
+    } <= set(lines)
     text = script(home, own=True)
     assert "{0..2} --output" in text
     assert f"{home}/out-1\n" in cluster.run(cluster.stub(text, 'echo "$4"\n'), 1)[1]
@@ -151,14 +216,18 @@ def test_exit_codes_pass_on_and_what_ran_out_of_time_is_queued_again(home, clust
     assert cluster.requeued() == ["requeue 100_1"]
     code, log = cluster.run(text, 1, SLURM_RESTART_COUNT="4")  # not for ever
     assert (code, len(cluster.requeued())) == (75, 1)
-    assert "error: task 100_1 is not done after 4 restarts; submit the script again" in log
+    assert (
+        "error: task 100_1 is not done after 4 restarts; submit the script again" in log
+    )
     cluster.put("scontrol", "exit 1\n")
     code, log = cluster.run(text, 1)
     assert code == 75
     assert "could not be put into the queue again" in log
 
 
-@pytest.mark.parametrize(("number", "code", "again"), [("USR1", 0, True), ("TERM", 143, False)])
+@pytest.mark.parametrize(
+    ("number", "code", "again"), [("USR1", 0, True), ("TERM", 143, False)]
+)
 def test_signals_reach_the_program_and_only_a_warning_means_again(
     number, code, again, home, cluster
 ):

@@ -1,4 +1,6 @@
-"""Ellipsoids and dissipation from the config to the tables: bodies, columns, types, bad input."""
+"""Ellipsoids and dissipation from the config to the tables: bodies, columns, types, bad
+input.
+"""
 
 from __future__ import annotations
 
@@ -31,25 +33,38 @@ def test_drawn_bodies_have_semi_axes_from_their_range_and_stay_the_same_otherwis
     assert 1.5 <= c.min() < 1.6 < 3.9 < c.max() < 4
     assert len(set(c.tolist())) == 300
     assert set(c_of(source | {"c": 3}).tolist()) == {3}
-    whole, flat = (plan_of({"bodies": s, "spin": SPIN}).source.bodies(np.nan, np.arange(300))
-                   for s in (source | {"c": [1.5, 4]}, source))  # fmt: skip
+    whole, flat = (
+        plan_of({"bodies": s, "spin": SPIN}).source.bodies(np.nan, np.arange(300))
+        for s in (source | {"c": [1.5, 4]}, source)
+    )
     for name in PARAMETERS:
         assert np.array_equal(getattr(whole, name), getattr(flat, name))
 
 
 def test_presets_grids_and_tables(tmp_path):
-    kl, grid = {"source": "preset", "name": "KL"}, GRID | {"axes": {"theta": [0.6, 0.7]}}
+    kl, grid = (
+        {"source": "preset", "name": "KL"},
+        GRID | {"axes": {"theta": [0.6, 0.7]}},
+    )
     (tmp_path / "b.csv").write_text(f"{HEAD},c\n{ROW},\n{ROW},1.5\n")
     table = {"source": "table", "path": str(tmp_path / "b.csv")}
     for source, expected in (
-        (kl, [2.0]), (kl | {"c": 3.0}, [3.0]), (GH | {"surface": "ellipsoid", "c": 1.5}, [1.5]),
-        (grid | {"c": [1, 2, 4]}, [1, 2, 4, 1, 2, 4]), (grid | {"c": 5}, [5, 5]),
+        (kl, [2.0]),
+        (kl | {"c": 3.0}, [3.0]),
+        (GH | {"surface": "ellipsoid", "c": 1.5}, [1.5]),
+        (grid | {"c": [1, 2, 4]}, [1, 2, 4, 1, 2, 4]),
+        (grid | {"c": 5}, [5, 5]),
         (grid | {"c": {"logspace": [1, 4, 3]}}, [1, 2, 4, 1, 2, 4]),
         (grid | {"axes": {"c": [1, 2]}}, [1, 2]),
-        (table | {"surface": "ellipsoid"}, [np.nan, 1.5]), (table | {"c": 9}, [9, 1.5]),
-    ):  # fmt: skip
+        (table | {"surface": "ellipsoid"}, [np.nan, 1.5]),
+        (table | {"c": 9}, [9, 1.5]),
+    ):
         np.testing.assert_array_equal(c_of(source), expected)
-    for source in (kl | {"surface": "paraboloid"}, grid, table | {"surface": "paraboloid"}):
+    for source in (
+        kl | {"surface": "paraboloid"},
+        grid,
+        table | {"surface": "paraboloid"},
+    ):
         assert c_of(source) is None
 
 
@@ -62,8 +77,15 @@ def test_runs_against_mechanics():
         losses = (sigma * (k % 3 > 0), 0.3 * rolling * (k % 2))
         scenes.append((body, u, omega * [0.3, 0.3, 1], *losses))
     bodies, u, omega, sigma, rolling = zip(*scenes, strict=True)
-    runs = rs.simulate([rs.Rattleback(**body) for body in bodies], u=u, omega=omega, t_end=15.0,
-                       sigma=sigma, rolling=rolling, tol=1e-13)  # fmt: skip
+    runs = rs.simulate(
+        [rs.Rattleback(**body) for body in bodies],
+        u=u,
+        omega=omega,
+        t_end=15.0,
+        sigma=sigma,
+        rolling=rolling,
+        tol=1e-13,
+    )
     assert 0 < runs.t_r.notna().sum() < 12
     for (body, u, omega, *losses), run in zip(scenes, runs.itertuples(), strict=True):
         end = stone_oracle.follow(body, u, omega, run.t_end, *losses).y[:, -1]
@@ -71,7 +93,9 @@ def test_runs_against_mechanics():
 
 
 def test_kane_and_levinsons_stone_reverses_when_theirs_does():
-    """The spin's first zero after their launch: 2.684647045 s; the paraboloid's: 2.6597 s."""
+    """The spin's first zero after their launch: 2.684647045 s; the paraboloid's: 2.6597
+    s.
+    """
     u, omega, second = kl_state(-5.0)
     both = [rs.Rattleback.kl(), replace(rs.Rattleback.kl(), c=None)]
     t_r = rs.simulate(both, u=u, omega=omega, t_end=200.0, tol=1e-13).t_r / second

@@ -12,7 +12,16 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import sweeping
-from hardship import Child, Ended, check_equal, check_whole, command, files_of, tiny, wait_until
+from hardship import (
+    Child,
+    Ended,
+    check_equal,
+    check_whole,
+    command,
+    files_of,
+    tiny,
+    wait_until,
+)
 from sweeping import plan_of
 
 from rattlesweep.errors import ConfigError, OutputError
@@ -80,9 +89,12 @@ def test_one_writer_a_shard(tiny_sweep, tmp_path):
     first = Child(*args, "0/3", hold=0)
     wait_until(lambda: first.ended() or at_work(tmp_path, first.pid))
     for other in (
-        (*args, "0/3"), (*args, "3/4"), args[:-1], ("classify", tmp_path),
+        (*args, "0/3"),
+        (*args, "3/4"),
+        args[:-1],
+        ("classify", tmp_path),
         ("merge", tmp_path, "--output", tmp_path / "merged"),
-    ):  # fmt: skip
+    ):
         done = command(*other)
         assert (done.code, done.out, done.sentence) == (1, "", True)
         assert f"{tmp_path}: shard-0-of-3 is in use by `rattlesweep run" in done.err
@@ -114,11 +126,19 @@ def test_ctrl_c_is_heard_within_a_block_and_while_bodies_are_drawn(tmp_path):
     easy = "K_r: [0.02, 0.1], rel_tol: 0.1"
     hard = f"K_r: 0.1, rel_tol: 1e-9, max_draws: {4 * 10**12}"
     integrating, drawing = (
-        Child("run", sweeping.CONFIGS / "quickstart.yaml", "--output", tmp_path / str(k),
-              "--set", f"bodies={{source: sd, samples: 1500, target: {{{target}}}}}",
-              "--set", "spin.n_i=[-0.3, -0.5]", rows=runner.MAX_BLOCK_RUNS)
+        Child(
+            "run",
+            sweeping.CONFIGS / "quickstart.yaml",
+            "--output",
+            tmp_path / str(k),
+            "--set",
+            f"bodies={{source: sd, samples: 1500, target: {{{target}}}}}",
+            "--set",
+            "spin.n_i=[-0.3, -0.5]",
+            rows=runner.MAX_BLOCK_RUNS,
+        )
         for k, target in enumerate((easy, hard))
-    )  # fmt: skip
+    )
     wait_until(lambda: integrating.ended() or files_of(tmp_path / "0"))
     for child in (integrating, drawing):
         child.kill(signal.SIGINT)
@@ -137,8 +157,12 @@ def often(monkeypatch):
 
 
 def test_the_runs_of_a_stopped_block_are_kept(often, tmp_path):
-    # At this tolerance the block lasts long enough to be stopped, even on a busy machine.
-    config = CONFIG | {"bodies": {"source": "sd", "samples": 60}, "integrator": {"tol": 1e-13}}
+    # At this tolerance the block lasts long enough to be stopped, even on a busy
+    # machine.
+    config = CONFIG | {
+        "bodies": {"source": "sd", "samples": 60},
+        "integrator": {"tol": 1e-13},
+    }
     output, kept = tmp_path / "out", 0
     for more in (1, 20):
 
@@ -191,12 +215,24 @@ def test_what_is_refused_changes_nothing(name, words, tmp_path):
 
 def test_a_sweep_grows_when_no_other_shard_is_at_work(tiny_sweep, tmp_path):
     config, _ = tiny_sweep
-    args = ("run", config, "--output", tmp_path / "out", "-q", "--shard", "0/2", "--set")
+    args = (
+        "run",
+        config,
+        "--output",
+        tmp_path / "out",
+        "-q",
+        "--shard",
+        "0/2",
+        "--set",
+    )
     assert sweeping.invoke(*args, "bodies.samples=2").exit_code == 0
     with hold(tmp_path / "out", "shard-1-of-2"):
         done = sweeping.invoke(*args, "bodies.samples=4")
         assert done.exit_code == 1
-        assert "shard-1-of-2 is at work; the sweep can grow when it has ended" in done.stderr
+        assert (
+            "shard-1-of-2 is at work; the sweep can grow when it has ended"
+            in done.stderr
+        )
     assert sweeping.invoke(*args, "bodies.samples=4").exit_code == 0
 
 
@@ -220,11 +256,18 @@ def test_blocks_are_each_run_once_in_order(seed, monkeypatch):
     blocks = []
     for keys in work.blocks(np.ones((40, 500), bool)):
         blocks.append(keys)
-        work.time_block(keys, float(work._cost[keys[0]].sum()) / 1e7)  # as many costs a second
+        work.time_block(
+            keys, float(work._cost[keys[0]].sum()) / 1e7
+        )  # as many costs a second
     case, sample = (np.concatenate(part) for part in zip(*blocks, strict=True))
     assert np.array_equal(np.stack([case, sample]), np.nonzero(~work.found.done))
     sizes = [len(block[0]) for block in blocks]
-    assert runner.RUNS_PER_LANE * runner.LANES * 2 <= min(sizes[1:-1]) <= max(sizes) <= 3000
+    assert (
+        runner.RUNS_PER_LANE * runner.LANES * 2
+        <= min(sizes[1:-1])
+        <= max(sizes)
+        <= 3000
+    )
 
 
 @pytest.mark.parametrize("waves", [1, 3])

@@ -1,4 +1,6 @@
-"""The summary agrees with pandas, and does not depend on how runs are spread over files."""
+"""The summary agrees with pandas, and does not depend on how runs are spread over
+files.
+"""
 
 from __future__ import annotations
 
@@ -28,14 +30,20 @@ CASES = (
 )
 
 
-def fill(directory: Path, size: int, rows: int = 1000, seed: int = 1, cases: Any = CASES) -> Any:
-    """Write the same rows to files of `size` rows, and return them as a stored sweep."""
+def fill(
+    directory: Path, size: int, rows: int = 1000, seed: int = 1, cases: Any = CASES
+) -> Any:
+    """Write the same rows to files of `size` rows, and return them as a stored
+    sweep.
+    """
     case = np.sort(np.random.default_rng(seed).integers(0, 3, rows))
     sample = np.arange(rows) - np.searchsorted(case, case)
     return write(directory, random_columns(case, sample, seed), size, cases)
 
 
-def write(directory: Path, columns: dict[str, Any], size: int = 10**9, cases: Any = CASES) -> Any:
+def write(
+    directory: Path, columns: dict[str, Any], size: int = 10**9, cases: Any = CASES
+) -> Any:
     table = build_table(columns, SCHEMA)
     config: Any = SimpleNamespace(parts=[], model="full", deciding_key=None)
     stored = Stored(config, cases, 1, (), directory, {}, "sweep")
@@ -55,7 +63,10 @@ def oracle(runs: pd.DataFrame) -> dict[str, float]:
     bondi = runs["n_c1"].abs() < runs["n_i"].abs()
     return {
         "runs": len(runs),
-        **{f"fraction_{t}": (ok["type"] == t).mean() for t in ("R", "SS", "SW", "unclassified")},
+        **{
+            f"fraction_{t}": (ok["type"] == t).mean()
+            for t in ("R", "SS", "SW", "unclassified")
+        },
         "fraction_bondi": (bondi & steady).sum() / steady.sum(),
         "t_r_mean": reversals.mean(),
         "t_r_std": reversals.std(),
@@ -67,9 +78,13 @@ def oracle(runs: pd.DataFrame) -> dict[str, float]:
     }
 
 
-@pytest.mark.parametrize(("seed", "size", "rows"), [(1, 300, 2000), (2, 1 << 18, (1 << 17) + 5)])
+@pytest.mark.parametrize(
+    ("seed", "size", "rows"), [(1, 300, 2000), (2, 1 << 18, (1 << 17) + 5)]
+)
 def test_against_pandas(tmp_path, seed, size, rows):
-    stored = fill(tmp_path, size, rows, seed=seed)  # the second case has more than a row group
+    stored = fill(
+        tmp_path, size, rows, seed=seed
+    )  # the second case has more than a row group
     summary = summarise(stored)
     assert same_schema(summary.schema, SUMMARY)
     runs = pd.read_parquet(tmp_path / "runs")
@@ -118,7 +133,10 @@ def test_bondi_share(n_c1, n_i, omega_p, expected, tmp_path):
     for sign in (1, -1):  # mirror images are steady where n is positive
         columns = random_columns(np.zeros(3, int), np.arange(3))
         spins = {"n_c1": sign * np.array(n_c1), "n_i": sign * np.array(n_i)}
-        columns |= spins | {"omega_p": np.array(omega_p, float), "K_p": np.full(3, sign * 0.3)}
+        columns |= spins | {
+            "omega_p": np.array(omega_p, float),
+            "K_p": np.full(3, sign * 0.3),
+        }
         summary = summarise(write(tmp_path / str(sign), columns, cases=CASES[:1]))
         assert summary["fraction_bondi"].to_pylist() == [expected]
 
@@ -137,8 +155,12 @@ def test_moments_do_not_lose_digits_over_many_pieces():
     for start in range(0, 3000, 37):
         moments.add(cell[start : start + 37], values[start : start + 37])
     parts = [values[cell == k] for k in range(5)]
-    assert moments.means()[:5] == pytest.approx([part.mean() for part in parts], rel=1e-14)
-    assert moments.deviations()[:5] == pytest.approx([p.std(ddof=1) for p in parts], rel=1e-12)
+    assert moments.means()[:5] == pytest.approx(
+        [part.mean() for part in parts], rel=1e-14
+    )
+    assert moments.deviations()[:5] == pytest.approx(
+        [p.std(ddof=1) for p in parts], rel=1e-12
+    )
     assert np.isnan([moments.means()[5], moments.errors()[5]]).all()
 
 
@@ -146,7 +168,9 @@ def test_wilson_against_scipy():
     part, whole = np.array([0, 7, 1, 245, 1, 0]), np.array([7, 7, 7, 1000, 1, 0])
     low, high = wilson(part, whole)
     for k in range(5):
-        expected = scipy.stats.binomtest(part[k], whole[k]).proportion_ci(0.95, method="wilson")
+        expected = scipy.stats.binomtest(part[k], whole[k]).proportion_ci(
+            0.95, method="wilson"
+        )
         assert (low[k], high[k]) == pytest.approx(tuple(expected), abs=1e-12)
     assert np.isnan([low[5], high[5]]).all()
     assert (low[0], high[1]) == (0, 1)
@@ -154,17 +178,27 @@ def test_wilson_against_scipy():
 
 def test_shares_are_those_of_the_rows(tmp_path):
     config = {
-        "bodies": {"source": "sd", "samples": 12}, "record": ["contact"],
-        "spin": {"n_i": [0.2, 1.0], "omega_xy0": [0.01, 0.5]}, "horizon": {"t": 60},
-    }  # fmt: skip
+        "bodies": {"source": "sd", "samples": 12},
+        "record": ["contact"],
+        "spin": {"n_i": [0.2, 1.0], "omega_xy0": [0.01, 0.5]},
+        "horizon": {"t": 60},
+    }
     sweep = rs.sweep(config, output=tmp_path)
-    runs, summary = sweep.runs[sweep.runs.status == "ok"], sweep.summary.set_index("case")
+    runs, summary = (
+        sweep.runs[sweep.runs.status == "ok"],
+        sweep.summary.set_index("case"),
+    )
     ratio, normal = runs.contact_ratio_max, runs.contact_normal_min
-    for name, true in (("friction_above_0_3", ratio > 0.3), ("friction_above_0_6", ratio > 0.6),
-                       ("lift_off", normal < 0)):  # fmt: skip
+    for name, true in (
+        ("friction_above_0_3", ratio > 0.3),
+        ("friction_above_0_6", ratio > 0.6),
+        ("lift_off", normal < 0),
+    ):
         share = summary[f"share_{name}"]
         assert share.tolist() == pytest.approx(true.groupby(runs.case).mean().tolist())
         assert share.nunique() > 1
     head = closing_table(summarise(open_stored(tmp_path))).splitlines()[0]
-    assert all(words in head for words in ("friction > 0.3", "friction > 0.6", "lift-off"))
+    assert all(
+        words in head for words in ("friction > 0.3", "friction > 0.6", "lift-off")
+    )
     assert not list(verify(tmp_path).problems)

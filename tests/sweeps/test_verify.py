@@ -56,7 +56,9 @@ def change(output: Path, column: str, function: Any) -> Path:
     path = files_of(output)[1]
     table = read_parquet(path)
     place = table.schema.get_field_index(column)
-    values = pa.array(function(table[column].to_pylist()), table.schema.field(place).type)
+    values = pa.array(
+        function(table[column].to_pylist()), table.schema.field(place).type
+    )
     changed = table.set_column(place, table.schema.field(place), values)
     rewrite(path, changed, open_stored(output).thresholds.as_text)
     return path
@@ -65,7 +67,12 @@ def change(output: Path, column: str, function: Any) -> Path:
 def test_what_is_whole_has_no_problems(whole):
     before = sweeping.tree(whole)
     found = verify(whole, recompute=25, seed=3)
-    assert (found.problems, found.runs, found.missing, found.recomputed) == ([], RUNS, 0, 25)
+    assert (found.problems, found.runs, found.missing, found.recomputed) == (
+        [],
+        RUNS,
+        0,
+        25,
+    )
     assert found.words.splitlines()[-1] == "no problem found"
     assert verify(whole, recompute=10**6).recomputed == RUNS
     assert sweeping.tree(whole) == before
@@ -74,15 +81,25 @@ def test_what_is_whole_has_no_problems(whole):
 @pytest.mark.parametrize(
     ("column", "function", "words"),
     [
-        ("type", lambda v: ["SS"] * len(v), "type contradicts the columns it follows from"),
-        ("type_sure", lambda v: [not x for x in v], "type_sure contradicts the columns"),
+        (
+            "type",
+            lambda v: ["SS"] * len(v),
+            "type contradicts the columns it follows from",
+        ),
+        (
+            "type_sure",
+            lambda v: [not x for x in v],
+            "type_sure contradicts the columns",
+        ),
         ("sample", lambda v: [v[1], v[0], *v[2:]], "its rows are not in order"),
     ],
 )
 def test_columns_that_contradict_each_other(column, function, words, output):
     path = change(output, column, function)
     problems = verify(output).problems
-    assert any(text.startswith(str(path)) and words in text for text in problems), problems
+    assert any(text.startswith(str(path)) and words in text for text in problems), (
+        problems
+    )
 
 
 def test_a_last_bit_is_found_by_computing_again(output):
@@ -110,20 +127,30 @@ def test_what_is_lost_or_damaged(output, whole):
     summary = output / "summary.parquet"
     table = read_parquet(summary)
     other = table.set_column(5, table.schema.field(5), [pa.array([1, 2])])
-    for harm in (lambda: write_parquet(other, summary), lambda: summary.write_bytes(b""),
-                 lambda: summary.unlink()):  # fmt: skip
+    for harm in (
+        lambda: write_parquet(other, summary),
+        lambda: summary.write_bytes(b""),
+        lambda: summary.unlink(),
+    ):
         harm()
         (problem,) = verify(output).problems
-        assert problem.startswith(f"{summary} is missing, damaged or contradicts the runs")
+        assert problem.startswith(
+            f"{summary} is missing, damaged or contradicts the runs"
+        )
     sweep(output)
     check_equal(output, whole)
 
 
 def test_the_body_table_that_is_gone_or_has_changed(tmp_path):
     table = tmp_path / "bodies.csv"
-    table.write_text("alpha,beta,gamma,theta,phi,xi\n13.04,1.522,12.28,0.6429,0.036,-0.03\n")
-    config = {"bodies": {"source": "table", "path": str(table)}, "spin": CONFIG["spin"],
-              "model": "gh"}  # fmt: skip
+    table.write_text(
+        "alpha,beta,gamma,theta,phi,xi\n13.04,1.522,12.28,0.6429,0.036,-0.03\n"
+    )
+    config = {
+        "bodies": {"source": "table", "path": str(table)},
+        "spin": CONFIG["spin"],
+        "model": "gh",
+    }
     sweep(tmp_path / "out", config)
     assert verify(tmp_path / "out", recompute=2).problems == []
     table.write_text(table.read_text().replace("0.6429", "0.65"))
@@ -140,10 +167,14 @@ def test_a_manifest_that_is_damaged_is_made_again(key, output, whole):
     data = json.loads(path.read_bytes())
     path.write_text("" if key is None else json.dumps(data | {key: 0}))
     for look in (open_stored, verify, status, sweep):
-        with pytest.raises(DamagedError, match=r"manifest\.json is damaged .*move it away, and"):
+        with pytest.raises(
+            DamagedError, match=r"manifest\.json is damaged .*move it away, and"
+        ):
             look(output)
     path.unlink()
-    with pytest.raises(ConfigError, match=r"is not an output directory: it has no manifest\.json"):
+    with pytest.raises(
+        ConfigError, match=r"is not an output directory: it has no manifest\.json"
+    ):
         verify(output)
     assert sweep(output).done == 0
     check_equal(output, whole)
@@ -167,7 +198,9 @@ def test_types_follow_their_thresholds_and_come_back(output, whole):
     before = rows_of(whole)
     found = classify_stored(output, [OTHER])
     after = rows_of(output)
-    assert found.changed == pc.sum(pc.not_equal(before["type"], after["type"])).as_py() > 0
+    assert (
+        found.changed == pc.sum(pc.not_equal(before["type"], after["type"])).as_py() > 0
+    )
     assert found.files == len(files_of(whole))
     assert found.now["sw_departure"] == 1e-6
     names = [name for name in before.schema.names if name not in ("type", "type_sure")]
@@ -190,7 +223,10 @@ def test_a_killed_classify(then, output, whole):
     for path, data in files.items():
         path.write_bytes(data)
     (problem,) = verify(output).problems[:1]
-    assert "typed by other thresholds; run `rattlesweep classify` to type all alike" in problem
+    assert (
+        "typed by other thresholds; run `rattlesweep classify` to type all alike"
+        in problem
+    )
     with pytest.raises(ConfigError, match="before its shards go on"):
         sweep(output, shard=Shard(0, 2))
     if then == "run":

@@ -54,7 +54,11 @@ class View:
 
     @property
     def work(self) -> Floats:
-        return self.y[full.N_STATE] if len(self.y) > full.N_STATE else np.zeros(self.y.shape[1])
+        return (
+            self.y[full.N_STATE]
+            if len(self.y) > full.N_STATE
+            else np.zeros(self.y.shape[1])
+        )
 
     @cached_property
     def vectors(self) -> tuple[Floats, Floats]:
@@ -64,9 +68,9 @@ class View:
     def modes(self) -> tuple[Floats, Floats]:
         """The energies of pitch and roll, the modes of the body without spin.
 
-        Let ``e`` be an eigenvector of Eq. 23, ``omega`` the angular velocity less the spin,
-        and ``tilt`` the angle whose rate it is (Eq. 16).  Then the energy of a mode is
-        ``((e.J^1/2 omega)^2 + omega_j^2 (e.J^1/2 tilt)^2) / 2``.
+        Let ``e`` be an eigenvector of Eq. 23, ``omega`` the angular velocity less the
+        spin, and ``tilt`` the angle whose rate it is (Eq. 16).  Then the energy of a
+        mode is ``((e.J^1/2 omega)^2 + omega_j^2 (e.J^1/2 tilt)^2) / 2``.
         """
         if len(self.y) < full.N_STATE:  # the reduced model
             return self.y[1], self.y[2]
@@ -119,38 +123,109 @@ CHANNELS: dict[str, Channel] = {
     for channel in (
         Channel("t", TIME, "time", BOTH, lambda v: v.samples.t),
         Channel("n", RATE, "spin u . omega", BOTH, lambda v: v.seen[0]),
-        *_components("u_x u_y u_z", "1", "vertical unit vector, body's {}",
-                     lambda v: v.vectors[0]),
-        *_components("omega_x omega_y omega_z", RATE, "angular velocity, body's {}",
-                     lambda v: v.vectors[1]),
+        *_components(
+            "u_x u_y u_z",
+            "1",
+            "vertical unit vector, body's {}",
+            lambda v: v.vectors[0],
+        ),
+        *_components(
+            "omega_x omega_y omega_z",
+            RATE,
+            "angular velocity, body's {}",
+            lambda v: v.vectors[1],
+        ),
         Channel("energy", ENERGY, "energy", BOTH, lambda v: v.seen[1] + v.work),
-        Channel("energy_drift", "1", "energy less the work over the launch's energy, minus 1", BOTH,
-                lambda v: v.seen[1] / v.follower.energy_0 - 1),
-        Channel("work", ENERGY, "work of the dissipation, negative", FULL, lambda v: v.work),
-        Channel("E_p", ENERGY, "energy of the pitch, not averaged over its period", BOTH,
-                lambda v: v.modes[0]),
-        Channel("E_r", ENERGY, "energy of the roll, not averaged over its period", BOTH,
-                lambda v: v.modes[1]),
-        Channel("C_I", "1", "Casimir invariant ln(E_p)/K_p + ln(E_r)/K_r", BOTH,
-                lambda v: v.casimir),
-        *_components("contact_x contact_y contact_z", "a",
-                     "contact point from the centre of mass, body's {}",
-                     lambda v: contact_point(v.y, v.constants)),
-        *_components("trace_x trace_y", "a", "contact point on the plane, from the first one",
-                     lambda v: v.samples.extra.T[1:], "attitude"),
-        Channel("F_normal", FORCE, "contact force along the vertical", FULL, lambda v: v.seen[2]),
-        Channel("F_tangential", FORCE, "contact force in the plane", FULL, lambda v: v.seen[3]),
-        Channel("yaw", "rad", "heading of the body's x axis from the start, turns counted", FULL,
-                lambda v: v.samples.extra[:, 0], "attitude"),
-        *_components("q0 q1 q2 q3", "1",
-                     "attitude, unit quaternion from body to plane, scalar first",
-                     lambda v: quaternion(v.vectors[0], v.samples.extra[:, 0]), "attitude"),
-        Channel("n_reduced", RATE, "spin of the reduced model beside", FULL,
-                lambda v: v.beside.y[:, 0], "reduced"),
-        Channel("n_gh", RATE, "spin of Garcia and Hubbard's solution", BOTH,
-                lambda v: v.launches.gh.spin(v.samples.t)),
+        Channel(
+            "energy_drift",
+            "1",
+            "energy less the work over the launch's energy, minus 1",
+            BOTH,
+            lambda v: v.seen[1] / v.follower.energy_0 - 1,
+        ),
+        Channel(
+            "work", ENERGY, "work of the dissipation, negative", FULL, lambda v: v.work
+        ),
+        Channel(
+            "E_p",
+            ENERGY,
+            "energy of the pitch, not averaged over its period",
+            BOTH,
+            lambda v: v.modes[0],
+        ),
+        Channel(
+            "E_r",
+            ENERGY,
+            "energy of the roll, not averaged over its period",
+            BOTH,
+            lambda v: v.modes[1],
+        ),
+        Channel(
+            "C_I",
+            "1",
+            "Casimir invariant ln(E_p)/K_p + ln(E_r)/K_r",
+            BOTH,
+            lambda v: v.casimir,
+        ),
+        *_components(
+            "contact_x contact_y contact_z",
+            "a",
+            "contact point from the centre of mass, body's {}",
+            lambda v: contact_point(v.y, v.constants),
+        ),
+        *_components(
+            "trace_x trace_y",
+            "a",
+            "contact point on the plane, from the first one",
+            lambda v: v.samples.extra.T[1:],
+            "attitude",
+        ),
+        Channel(
+            "F_normal",
+            FORCE,
+            "contact force along the vertical",
+            FULL,
+            lambda v: v.seen[2],
+        ),
+        Channel(
+            "F_tangential",
+            FORCE,
+            "contact force in the plane",
+            FULL,
+            lambda v: v.seen[3],
+        ),
+        Channel(
+            "yaw",
+            "rad",
+            "heading of the body's x axis from the start, turns counted",
+            FULL,
+            lambda v: v.samples.extra[:, 0],
+            "attitude",
+        ),
+        *_components(
+            "q0 q1 q2 q3",
+            "1",
+            "attitude, unit quaternion from body to plane, scalar first",
+            lambda v: quaternion(v.vectors[0], v.samples.extra[:, 0]),
+            "attitude",
+        ),
+        Channel(
+            "n_reduced",
+            RATE,
+            "spin of the reduced model beside",
+            FULL,
+            lambda v: v.beside.y[:, 0],
+            "reduced",
+        ),
+        Channel(
+            "n_gh",
+            RATE,
+            "spin of Garcia and Hubbard's solution",
+            BOTH,
+            lambda v: v.launches.gh.spin(v.samples.t),
+        ),
     )
-}  # fmt: skip
+}
 
 
 def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:
@@ -158,12 +233,16 @@ def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:
     own = [channel.name for channel in CHANNELS.values() if model in channel.models]
     names = list(dict.fromkeys(names))
     if unknown := [name for name in names if name not in own]:
-        raise ConfigError(f"channels of the model {model}: {not_one_of(unknown[0], own)}")
+        raise ConfigError(
+            f"channels of the model {model}: {not_one_of(unknown[0], own)}"
+        )
     return tuple(CHANNELS[name] for name in names)
 
 
 def in_si(channels: Iterable[Channel], units: Units | None) -> dict[str, Channel]:
-    """Return by their plain names the channels that exist in SI units, such as ``t_s`` of ``t``."""
+    """Return by their plain names the channels that exist in SI units, such as ``t_s``
+    of ``t``.
+    """
     found, sizes = {}, {} if units is None else units.sizes
     for channel in channels:
         size, unit = sizes.get(channel.unit, (math.nan, ""))

@@ -1,4 +1,6 @@
-"""One run as a table of channels, computed chunk by chunk: in memory, as Parquet or CSV."""
+"""One run as a table of channels, computed chunk by chunk: in memory, as Parquet or
+CSV.
+"""
 # ruff: noqa: D102 - the names are enough
 
 from __future__ import annotations
@@ -29,7 +31,13 @@ from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps import columns
 from rattlesweep.sweeps.columns import DAMPING, build_table
 from rattlesweep.sweeps.files import streamed_file
-from rattlesweep.sweeps.launches import Launch, model_of, reduced_batch, single_run, with_energies
+from rattlesweep.sweeps.launches import (
+    Launch,
+    model_of,
+    reduced_batch,
+    single_run,
+    with_energies,
+)
 
 if TYPE_CHECKING:
     from rattlesweep.integrate.batch import Batch
@@ -41,9 +49,13 @@ CHUNK = 8192  # rows in memory at once
 PER_PERIOD, LEAST_ROWS = 20, 2001  # default rows in a period of the pitch, and in all
 MOST_ROWS = 10**8
 BESIDE_TOL = 1e-10  # of the reduced model, which differs from the full one by far more
-LIFTS = ("contact would be lost at t = {:.4g}, where the normal force becomes negative; the model "
-         "keeps the body on the plane all the same")  # fmt: skip
-SLIPS = "rolling without slip needs a coefficient of friction above 1 from t = {:.4g} on"
+LIFTS = (
+    "contact would be lost at t = {:.4g}, where the normal force becomes negative; the model "
+    "keeps the body on the plane all the same"
+)
+SLIPS = (
+    "rolling without slip needs a coefficient of friction above 1 from t = {:.4g} on"
+)
 
 
 @dataclass(frozen=True)
@@ -54,13 +66,20 @@ class PreparedRun:
     launches: Launches
     batch: Batch | None
     units: Units | None = None  # if the size of the body is known
-    energies: tuple[float | None, float | None] = (None, None)  # E_p, E_r of the reduced model
+    energies: tuple[float | None, float | None] = (
+        None,
+        None,
+    )  # E_p, E_r of the reduced model
 
     def __post_init__(self) -> None:
         if self.batch is None:
-            raise ConfigError("model: gh has no trajectory; the others have the channel n_gh")
+            raise ConfigError(
+                "model: gh has no trajectory; the others have the channel n_gh"
+            )
         if not (math.isfinite(self.t_end) and self.t_end > 0):
-            raise ConfigError(f"t_end: {self.t_end:g} is no finite, positive time; give t_end")
+            raise ConfigError(
+                f"t_end: {self.t_end:g} is no finite, positive time; give t_end"
+            )
 
     @classmethod
     def of(cls, launch: Launch) -> PreparedRun:
@@ -83,7 +102,9 @@ class PreparedRun:
 
     @cached_property
     def launch(self) -> dict[str, float]:
-        return {x: float(getattr(self.launches, x)[0]) for x in ("n_i", "omega_xy0", "psi")}
+        return {
+            x: float(getattr(self.launches, x)[0]) for x in ("n_i", "omega_xy0", "psi")
+        }
 
     @property
     def integrator(self) -> dict[str, Any]:
@@ -94,56 +115,102 @@ class PreparedRun:
     @property
     def title(self) -> str:
         """The run in one line."""
-        names = {"alpha": "α", "beta": "β", "gamma": "γ", "theta": "θ", "phi": "φ", "c": "c"}
-        body = ", ".join(f"{names[x]} {v:.4g}" for x, v in self.body.items() if x in names)
-        rate, unit = (30 / math.pi / self.units.time, "rpm") if self.units else (1.0, "√(g/a)")
-        n_i, omega_xy0 = (f"{rate * self.launch[name]:.4g} {unit}" for name in ("n_i", "omega_xy0"))
+        names = {
+            "alpha": "α",
+            "beta": "β",
+            "gamma": "γ",
+            "theta": "θ",
+            "phi": "φ",
+            "c": "c",
+        }
+        body = ", ".join(
+            f"{names[x]} {v:.4g}" for x, v in self.body.items() if x in names
+        )
+        rate, unit = (
+            (30 / math.pi / self.units.time, "rpm") if self.units else (1.0, "√(g/a)")
+        )
+        n_i, omega_xy0 = (
+            f"{rate * self.launch[name]:.4g} {unit}" for name in ("n_i", "omega_xy0")
+        )
         line = f"{body}, ξ {math.degrees(self.body['xi']):.4g}°; n_i {n_i}"
         # Given energies of both modes replace the oscillation of the reduced model.
         if self.model == "full" or None in self.energies:
             line += f", ω_xy0 {omega_xy0}"
         energies = zip(("E_p0", "E_r0"), self.energies, strict=True)
-        line += "".join(f", {name} {value:.4g}" for name, value in energies if value is not None)
+        line += "".join(
+            f", {name} {value:.4g}" for name, value in energies if value is not None
+        )
         return ", ".join(filter(None, (line, self.losses))).replace("-", "−")
 
     @property
     def losses(self) -> str:
         """The losses that are not zero, in words."""
-        own = (("σ", DAMPING, self.launches.sigma), ("rolling", "a", self.launches.rolling))
-        return ", ".join(f"{name} {self.with_unit(of[0], unit)}" for name, unit, of in own
-                         if of is not None and of[0] > 0)  # fmt: skip
+        own = (
+            ("σ", DAMPING, self.launches.sigma),
+            ("rolling", "a", self.launches.rolling),
+        )
+        return ", ".join(
+            f"{name} {self.with_unit(of[0], unit)}"
+            for name, unit, of in own
+            if of is not None and of[0] > 0
+        )
 
     def with_unit(self, value: float, unit: str) -> str:
-        """Return a value with its unit, converted to SI if the size of the body is known."""
-        size, name = self.units.sizes[unit] if self.units else (1.0, unit.replace("sqrt", "√"))
+        """Return a value with its unit, converted to SI if the size of the body is
+        known.
+        """
+        size, name = (
+            self.units.sizes[unit] if self.units else (1.0, unit.replace("sqrt", "√"))
+        )
         return f"{size * value:.6g} {name}"
 
-    def even_rows(self, per_period: int, least: int, most: int, start: float | None = None) -> int:
-        """Return the number of rows that gives `per_period` in each period of the pitch."""
+    def even_rows(
+        self, per_period: int, least: int, most: int, start: float | None = None
+    ) -> int:
+        """Return the number of rows that gives `per_period` in each period of the
+        pitch.
+        """
         shown = self.t_end - (start or 0.0)
         pitch = float(self.launches.modes.omega_p[0]) if self.model == "full" else 0.0
-        return min(max(least, math.ceil(shown * pitch / (2 * math.pi) * per_period) + 1), most)
+        return min(
+            max(least, math.ceil(shown * pitch / (2 * math.pi) * per_period) + 1), most
+        )
 
     def row_times(
-        self, points: int | None, dt: float | None, steps: bool, times: Any, start: float | None
+        self,
+        points: int | None,
+        dt: float | None,
+        steps: bool,
+        times: Any,
+        start: float | None,
     ) -> Floats | None:
         """Return the times of the rows from `start` on; None for those of the steps."""
         first, t_end = start or 0.0, self.t_end
         if sum(way is not None for way in (points, dt, steps or None, times)) > 1:
-            raise ConfigError("points, dt, steps, times: more than one is given; keep one")
+            raise ConfigError(
+                "points, dt, steps, times: more than one is given; keep one"
+            )
         if not 0 <= first < t_end:
-            raise ConfigError(f"from_time {first:g}: must be from 0 to t_end = {t_end:g}")
+            raise ConfigError(
+                f"from_time {first:g}: must be from 0 to t_end = {t_end:g}"
+            )
         if steps:
             return None
         if times is not None:
             wanted: Floats = np.array(times, float, ndmin=1)
-            rising = wanted.ndim == 1 and wanted.size > 0 and (np.diff(wanted) > 0).all()
+            rising = (
+                wanted.ndim == 1 and wanted.size > 0 and (np.diff(wanted) > 0).all()
+            )
             if not (rising and wanted[0] >= 0 and wanted[-1] <= t_end):
-                raise ConfigError("times: must be a list of increasing numbers from 0 to t_end = "
-                                  f"{t_end:g}")  # fmt: skip
+                raise ConfigError(
+                    "times: must be a list of increasing numbers from 0 to t_end = "
+                    f"{t_end:g}"
+                )
             return wanted[wanted >= first]
         if dt is None:
-            count = points or self.even_rows(PER_PERIOD, LEAST_ROWS, MOST_ROWS + 1, start)
+            count = points or self.even_rows(
+                PER_PERIOD, LEAST_ROWS, MOST_ROWS + 1, start
+            )
         else:
             count = int(min((t_end - first) / dt, MOST_ROWS)) + 2
         if count > MOST_ROWS:
@@ -153,20 +220,36 @@ class PreparedRun:
 
 
 class Course:
-    """A trajectory that is integrated while iterating over the chunks of its columns."""
+    """A trajectory that is integrated while iterating over the chunks of its
+    columns.
+    """
 
     def __init__(
-        self, run: PreparedRun, channels: Sequence[str] = ("t", "n"), *, points: int | None = None,
-        dt: float | None = None, steps: bool = False, times: Any = None,
+        self,
+        run: PreparedRun,
+        channels: Sequence[str] = ("t", "n"),
+        *,
+        points: int | None = None,
+        dt: float | None = None,
+        steps: bool = False,
+        times: Any = None,
         from_time: float | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         chosen = choose(channels, run.model)
         needs = {channel.needs for channel in chosen}
         if "reduced" in needs and run.launches.bodies.omega is not None:
-            raise ConfigError("channels: the reduced model begins with a spin and an oscillation, "
-                              "not with a full state")  # fmt: skip
-        if run.model == "full" and run.energies != (None, None) and "reduced" not in needs:
-            raise ConfigError("e_p0 and e_r0 belong to the reduced model; no channel needs it")
+            raise ConfigError(
+                "channels: the reduced model begins with a spin and an oscillation, "
+                "not with a full state"
+            )
+        if (
+            run.model == "full"
+            and run.energies != (None, None)
+            and "reduced" not in needs
+        ):
+            raise ConfigError(
+                "e_p0 and e_r0 belong to the reduced model; no channel needs it"
+            )
         self.run, self.si = run, in_si(chosen, run.units)
         self.channels = (*chosen, *self.si.values())
         self.times = run.row_times(points, dt, steps, times, from_time)
@@ -178,10 +261,14 @@ class Course:
         assert run.batch is not None
         self._constants, setting = run.batch.constants[0], run.integrator
         self.follower = Follower(
-            run.batch, METHODS[setting.pop("method")], model_of(run.config), **setting,
-            max_steps=run.config.integrator.max_steps, attitude="attitude" in needs,
+            run.batch,
+            METHODS[setting.pop("method")],
+            model_of(run.config),
+            **setting,
+            max_steps=run.config.integrator.max_steps,
+            attitude="attitude" in needs,
             look=self._look,
-        )  # fmt: skip
+        )
         self._beside = None
         if "reduced" in needs:
             beside = with_energies(reduced_batch(run.launches), *run.energies)
@@ -191,14 +278,21 @@ class Course:
         """Yield columns by name, at most :data:`CHUNK` rows at a time."""
         for samples in self._samples():
             beside = None if self._beside is None else self._beside.at(samples.t)
-            view = View(self.run.launches, self._constants, self.follower, samples, beside)
-            yield {channel.name: channel.size * channel.of(view) for channel in self.channels}
+            view = View(
+                self.run.launches, self._constants, self.follower, samples, beside
+            )
+            yield {
+                channel.name: channel.size * channel.of(view)
+                for channel in self.channels
+            }
 
     def columns(self) -> dict[str, Floats]:
         """Integrate to the end, and return the whole columns."""
         none = {channel.name: np.zeros(0) for channel in self.channels}
         chunks = [none, *self]
-        return {name: np.concatenate([chunk[name] for chunk in chunks]) for name in none}
+        return {
+            name: np.concatenate([chunk[name] for chunk in chunks]) for name in none
+        }
 
     def _samples(self) -> Iterator[Samples]:
         follower = self.follower
@@ -222,7 +316,9 @@ class Course:
             follower.steps()
 
     def _look(self, t: Floats, seen: Floats) -> None:
-        """Collect reversals and warnings from the accepted steps, and first from the launch."""
+        """Collect reversals and warnings from the accepted steps, and first from the
+        launch.
+        """
         n, _, normal, tangential = seen
         with np.errstate(all="ignore"):  # a failing run may overflow
             far = np.abs(n) > PLATEAU_SHARE * self.run.launches.spin_scale[0]
@@ -269,9 +365,20 @@ def write_csv(course: Course, file: BinaryIO) -> None:
 
 
 def _schema(course: Course) -> pa.Schema:
-    """Return the schema of a run, whose metadata describe body, launch and integrator."""
+    """Return the schema of a run, whose metadata describe body, launch and
+    integrator.
+    """
     run = course.run
-    about = {**run.body, **run.launch, "model": run.model, "t_end": run.t_end,
-             "rattlesweep": version("rattlesweep"), "integrator": run.integrator}  # fmt: skip
-    fields = [columns.field(c.name, columns.F64, c.unit, c.description) for c in course.channels]
+    about = {
+        **run.body,
+        **run.launch,
+        "model": run.model,
+        "t_end": run.t_end,
+        "rattlesweep": version("rattlesweep"),
+        "integrator": run.integrator,
+    }
+    fields = [
+        columns.field(c.name, columns.F64, c.unit, c.description)
+        for c in course.channels
+    ]
     return pa.schema(fields, metadata={"rattlesweep.run": json.dumps(about)})

@@ -13,15 +13,23 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.files import as_path
 
-PER_PERIOD, LEAST, MOST = 24, 2001, 400_001  # points in a period of the pitch, and in all
+PER_PERIOD, LEAST, MOST = (
+    24,
+    2001,
+    400_001,
+)  # points in a period of the pitch, and in all
 MARKS = 12  # turns to mark; if there are more, only the first is marked
 MODELS = {"full": "full dynamics", "reduced": "reduced model"}
-BESIDE = {"n_gh": ("Garcia and Hubbard", INK, "--"),
-          "n_reduced": ("reduced model", VERMILION, "-.")}  # fmt: skip
+BESIDE = {
+    "n_gh": ("Garcia and Hubbard", INK, "--"),
+    "n_reduced": ("reduced model", VERMILION, "-."),
+}
 SHOWN = {"full": ("n", "omega_x", "omega_y"), "reduced": ("n", "E_p", "E_r")}
 
 
-def course_of(run: PreparedRun, shown: Sequence[str] | None, start: float | None) -> Course:
+def course_of(
+    run: PreparedRun, shown: Sequence[str] | None, start: float | None
+) -> Course:
     """Return a run with the channels to be drawn, and the theory beside its spin."""
     names = ["t", *(SHOWN[run.model] if shown is None else shown)]
     if "n" in names:
@@ -41,14 +49,23 @@ def shown(figure: Figure, path: str | Path | None = None) -> Figure:
     return figure
 
 
-def draw(columns: Mapping[str, Floats], course: Course, path: str | Path | None = None) -> Figure:
-    """Return a figure of the columns of a finished course, in SI units if its size is known."""
-    data = {name: columns[course.si[name].name if name in course.si else name]
-            for name in columns if name in CHANNELS}  # fmt: skip
+def draw(
+    columns: Mapping[str, Floats], course: Course, path: str | Path | None = None
+) -> Figure:
+    """Return a figure of the columns of a finished course, in SI units if its size is
+    known.
+    """
+    data = {
+        name: columns[course.si[name].name if name in course.si else name]
+        for name in columns
+        if name in CHANNELS
+    }
     units = {name: course.si.get(name, CHANNELS[name]).unit for name in data}
     t, size = data["t"], course.si["t"].size if "t" in course.si else 1.0
     if not len(t):
-        raise ConfigError(f"the run ends at t = {course.follower.t:g}, before its first row")
+        raise ConfigError(
+            f"the run ends at t = {course.follower.t:g}, before its first row"
+        )
     over = {"t", *BESIDE} if "n" in data else {"t"}
     panels = [name for name in data if name not in over]
     turns = [time * size for time in course.reversals if time * size >= t[0]]
@@ -73,7 +90,9 @@ def draw(columns: Mapping[str, Floats], course: Course, path: str | Path | None 
             words = "turn" if len(turns) == 1 else f"{len(turns)} turns, the first"
             words += f" at {turns[0]:.6g}" + (" s" if "t" in course.si else "")
             axes[0].plot([], [], color=GREY, linestyle=":", label=words)
-        axes[0].legend(loc="upper right", ncols=2, fontsize=8, frameon=True, edgecolor="none")
+        axes[0].legend(
+            loc="upper right", ncols=2, fontsize=8, frameon=True, edgecolor="none"
+        )
         axes[-1].set(xlim=(t[0], t[-1]), xlabel=style.label("t", units["t"]))
         figure.align_ylabels(axes)
         figure.suptitle(course.run.title.replace("; ", "\n"), fontsize=9)

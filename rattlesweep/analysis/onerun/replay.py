@@ -48,16 +48,22 @@ class StoredRun:
         row = self.values
         if row["status"] != "ok":
             return f"{self.name}: status {row['status']} as stored, bit for bit"
-        error = f" +- {row['t_r_error']:.2g}" if row.get("t_r_error") is not None else ""
+        error = (
+            f" +- {row['t_r_error']:.2g}" if row.get("t_r_error") is not None else ""
+        )
         t_r = "no reversal" if row["t_r"] is None else f"t_r {row['t_r']!r}{error}"
         return f"{self.name}: {t_r} and type {row['type']} as stored, bit for bit"
 
     def prove(self) -> None:
-        """Integrate the run as the sweep did; raise an OutputError if its row differs."""
+        """Integrate the run as the sweep did; raise an OutputError if its row
+        differs.
+        """
         for _, _, names in differing_rows(self._planned[0], self.row, threads=1):
             listed = ", ".join(names[:6]) + " and others" * (len(names) > 6)
-            raise OutputError(f"{self.name} differs from its stored row in {listed}; see "
-                              "rattlesweep verify")  # fmt: skip
+            raise OutputError(
+                f"{self.name} differs from its stored row in {listed}; see "
+                "rattlesweep verify"
+            )
 
     @cached_property
     def _planned(self) -> tuple[Plan, Launches]:
@@ -70,7 +76,9 @@ class StoredRun:
         return take(self._planned[1].bodies.units, 0)  # type: ignore[arg-type]
 
     def prepare(self, t_end: float | None = None) -> PreparedRun:
-        """Return the run up to ``t_end`` or the sweep's horizon, with its own tolerance."""
+        """Return the run up to ``t_end`` or the sweep's horizon, with its own
+        tolerance.
+        """
         launches, config = self._planned[1], self.stored.config
         if t_end is not None:
             launches = replace(launches, t_end=np.array([t_end]))
@@ -78,11 +86,16 @@ class StoredRun:
             tolerance = {"accuracy": None, "tol": self.values["tol"]}
             own = config.integrator.model_copy(update=tolerance)
             config = config.model_copy(update={"integrator": own})
-        return PreparedRun(config, launches, make_batch(launches, config.model), self.units)
+        return PreparedRun(
+            config, launches, make_batch(launches, config.model), self.units
+        )
 
 
 def find_run(
-    directory: Path, case: int | None = None, sample: int | None = None, where: str | None = None
+    directory: Path,
+    case: int | None = None,
+    sample: int | None = None,
+    where: str | None = None,
 ) -> StoredRun:
     """Return the run of a case and a sample, or the first that meets a condition."""
     stored = open_stored(directory)
@@ -91,12 +104,18 @@ def find_run(
     condition = None if where is None else parse_where(where, stored.schema)
     mine = (pc.field("case") == case) & (pc.field("sample") == sample)
     for rows in stored.batches():
-        found = pa.table(condition.filter(rows)) if condition else pa.table(rows).filter(mine)
+        found = (
+            pa.table(condition.filter(rows))
+            if condition
+            else pa.table(rows).filter(mine)
+        )
         if len(found):
             return StoredRun(stored, found.slice(0, 1))
     if case is None or sample is None:
         raise ConfigError(f"where {where}: {directory} stores no such run")
     if not (0 <= case < len(stored.cases) and 0 <= sample < stored.samples):
         last = f"{len(stored.cases) - 1} and the samples 0 to {stored.samples - 1}"
-        raise ConfigError(f"case {case}, sample {sample}: {directory} has the cases 0 to {last}")
+        raise ConfigError(
+            f"case {case}, sample {sample}: {directory} has the cases 0 to {last}"
+        )
     raise OutputError(f"case {case}, sample {sample} is not stored yet in {directory}")

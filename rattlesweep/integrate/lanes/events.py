@@ -1,12 +1,13 @@
 """Search for the first zero of the spin within a step.
 
-The spin grazes zero before it reverses, so a pair of zeros often lies inside one step.  A step that
-may contain a zero is held: the lane goes back to its start and tries shorter steps from there, each
-as accurate as the method.  The step is cut into pieces that are short compared with a swing of the
-spin.  A piece whose ends differ in sign has a zero.  In a piece where the spin falls at the start
-and rises at the end, the minimum is searched until a bound shows that it is positive or a negative
-value is found.  Newton's method then finds the zero in its bracket.  The step that is finally
-accepted is the one first tried, unless it ends at a zero.
+The spin grazes zero before it reverses, so a pair of zeros often lies inside one step.
+A step that may contain a zero is held: the lane goes back to its start and tries
+shorter steps from there, each as accurate as the method.  The step is cut into pieces
+that are short compared with a swing of the spin.  A piece whose ends differ in sign has
+a zero.  In a piece where the spin falls at the start and rises at the end, the minimum
+is searched until a bound shows that it is positive or a negative value is found.
+Newton's method then finds the zero in its bracket.  The step that is finally accepted
+is the one first tried, unless it ends at a zero.
 """
 
 # mypy: disable-error-code="no-any-return, no-untyped-def"
@@ -20,21 +21,25 @@ from rattlesweep.physics.full import scalar
 
 # Modes of a lane.
 STEP, SCAN, MINIMUM, ROOT, REDO = 0, 1, 2, 3, 4
-# Moves of the search: go back and try ``lane.h_next``, accept the step just tried, or accept it as
-# a step that ends at a zero.
+# Moves of the search: go back and try ``lane.h_next``, accept the step just tried, or
+# accept it as a step that ends at a zero.
 HOLD, TAKE, REVERSED = 0, 1, 2
 PIECE_ANGLE = 0.5  # longest piece, in radians of the fastest swing
-# Steps are at most a dozen radians, or so much longer than a swing that no search can succeed.
+# Steps are at most a dozen radians, or so much longer than a swing that no search can
+# succeed.
 MAX_PIECES, MAX_TRIES = 4096.0, 60
 _CLEAR, _DIP, _ZERO = 0, 1, 2
-# A further move: the end of the next piece is known already.  It replaces recursion, which makes a
-# cached kernel crash when it is loaded, even if two functions share it (Numba 0.68).
+# A further move: the end of the next piece is known already.  It replaces recursion,
+# which makes a cached kernel crash when it is loaded, even if two functions share it
+# (Numba 0.68).
 _KNOWN = 3
 
 
 @njit(**INNER)
 def _judge(start: Point, end: Point, sign: float) -> int:
-    """Return whether a piece can hold a zero; times ``sign``, the spin is positive at its start."""
+    """Return whether a piece can hold a zero; times ``sign``, the spin is positive at
+    its start.
+    """
     if sign * end.n <= 0.0:
         return _ZERO
     down, up = sign * start.rate, sign * end.rate
@@ -48,9 +53,11 @@ def _judge(start: Point, end: Point, sign: float) -> int:
 
 @scalar
 def may_reverse(h, n0, n1, rate1, rate_max):
-    """Return whether a step of size ``h`` between spins ``n0`` and ``n1`` may hold a zero."""
-    # To reach zero and come back, the spin needs a path of |n0| + |n1|, at most h * max|rate|;
-    # twice the largest recent rate is a safe bound.
+    """Return whether a step of size ``h`` between spins ``n0`` and ``n1`` may hold a
+    zero.
+    """
+    # To reach zero and come back, the spin needs a path of |n0| + |n1|, at most h *
+    # max|rate|; twice the largest recent rate is a safe bound.
     recent, now = 0.9 * rate_max, abs(rate1)
     recent = now if now > recent else recent
     return (abs(n0) + abs(n1) < 2.0 * h * recent) | (n0 * n1 <= 0.0)
@@ -68,7 +75,9 @@ def search(lane: Any, tried: Point) -> int:
         return _close_in(lane, tried)
     if lane.mode == STEP:
         lane.full, lane.full_next = tried, lane.h_next
-        lane.pieces = min(MAX_PIECES, max(1.0, ceil(tried.h * lane.swing / PIECE_ANGLE)))
+        lane.pieces = min(
+            MAX_PIECES, max(1.0, ceil(tried.h * lane.swing / PIECE_ANGLE))
+        )
         lane.piece = 1.0
         lane.lo = Point(0.0, lane.n0, lane.rate0)
         lane.mode = SCAN
@@ -82,7 +91,9 @@ def search(lane: Any, tried: Point) -> int:
 
 @njit(**INNER)
 def search_on(lane: Any, h: float) -> int:
-    """Continue the search after the zero at ``h`` in the same step, for one in the other sense."""
+    """Continue the search after the zero at ``h`` in the same step, for one in the
+    other sense.
+    """
     lane.sign = -lane.sign
     lane.mode = SCAN
     if lane.beyond.h == lane.end.h:
@@ -94,7 +105,9 @@ def search_on(lane: Any, h: float) -> int:
 
 @njit(**INNER)
 def _scan(lane: Any, tried: float) -> int:
-    """Decide on the piece from LO to END, and on later ones as long as their ends are known."""
+    """Decide on the piece from LO to END, and on later ones as long as their ends are
+    known.
+    """
     while True:
         verdict = _judge(lane.lo, lane.end, lane.sign)
         if verdict != _CLEAR:
@@ -111,7 +124,9 @@ def _scan(lane: Any, tried: float) -> int:
 
 @njit(**INNER)
 def _next_piece(lane: Any, tried: float) -> int:
-    """Go to the piece after END: try its end, or take the step, or return _KNOWN with END set."""
+    """Go to the piece after END: try its end, or take the step, or return _KNOWN with
+    END set.
+    """
     lane.lo = lane.end
     lane.piece += 1.0
     lane.mode = SCAN
@@ -131,7 +146,9 @@ def _next_piece(lane: Any, tried: float) -> int:
 
 @njit(**INNER)
 def _close_in(lane: Any, tried: Point) -> int:
-    """Narrow the bracket LO..HI of a minimum until the sign of the spin there is certain."""
+    """Narrow the bracket LO..HI of a minimum until the sign of the spin there is
+    certain.
+    """
     if lane.sign * tried.n <= 0.0:
         lane.hi = tried
         return _start_root(lane)
@@ -156,7 +173,9 @@ def _close_in(lane: Any, tried: Point) -> int:
 
 @njit(**INNER)
 def _towards_minimum(lane: Any) -> float:
-    """Return the next point to try in LO..HI: by a secant of the rate, every third time halfway."""
+    """Return the next point to try in LO..HI: by a secant of the rate, every third time
+    halfway.
+    """
     lo, hi = lane.lo, lane.hi
     share = 0.5 if lane.tries % 3.0 == 2.0 else lo.rate / (lo.rate - hi.rate)
     return lo.h + min(0.98, max(0.02, share)) * (hi.h - lo.h)
@@ -173,7 +192,9 @@ def _start_root(lane: Any) -> int:
 
 @njit(**INNER)
 def _polish(lane: Any, tried: Point) -> int:
-    """Take a step of Newton's method in the bracket LO..HI, until steps are rounding errors."""
+    """Take a step of Newton's method in the bracket LO..HI, until steps are rounding
+    errors.
+    """
     h, n, rate = tried
     if lane.sign * n > 0.0:
         lane.lo = tried
@@ -187,8 +208,14 @@ def _polish(lane: Any, tried: Point) -> int:
         newton = abs(n / rate) if rate != 0.0 else full
     else:
         newton = abs(guess - h)
-    if n == 0.0 or newton < 1e-14 * full or hi - lo < 1e-15 * full or lane.tries >= MAX_TRIES:
-        # Beyond the zero the spin goes rate^2 / (2 n'') deep, with n'' at most SWING * RATE_MAX.
+    if (
+        n == 0.0
+        or newton < 1e-14 * full
+        or hi - lo < 1e-15 * full
+        or lane.tries >= MAX_TRIES
+    ):
+        # Beyond the zero the spin goes rate^2 / (2 n'') deep, with n'' at most SWING *
+        # RATE_MAX.
         if rate * rate < 2.0 * lane.fuzz * lane.rate_max**2:
             lane.near += 1.0
         return REVERSED

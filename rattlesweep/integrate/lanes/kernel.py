@@ -1,14 +1,15 @@
 """The lane kernel: many runs at once, each with its own step.
 
-A thread holds :data:`~rattlesweep.integrate.lanes.lane.LANES` runs.  Every turn tries one step on
-all of them (the generated ``attempt``) and decides on all of them, in loops over lanes that
-vectorise.  It looks closer only at lanes where something is due: a rejection, a possible zero of
-the spin, the end of a window or of the run.  A lane whose run has ended takes the next run from a
-queue that all threads share.  The arithmetic of a run depends on its own numbers alone, so it
-yields the same bits in any lane, thread and batch.
+A thread holds :data:`~rattlesweep.integrate.lanes.lane.LANES` runs.  Every turn tries
+one step on all of them (the generated ``attempt``) and decides on all of them, in loops
+over lanes that vectorise.  It looks closer only at lanes where something is due: a
+rejection, a possible zero of the spin, the end of a window or of the run.  A lane whose
+run has ended takes the next run from a queue that all threads share.  The arithmetic of
+a run depends on its own numbers alone, so it yields the same bits in any lane, thread
+and batch.
 
-``attempt`` is compiled for each method and model, :func:`decide_closely` once for all models.  Both
-are called by their addresses (``parts``), in sweeps and in trajectories.
+``attempt`` is compiled for each method and model, :func:`decide_closely` once for all
+models.  Both are called by their addresses (``parts``), in sweeps and in trajectories.
 """
 
 # mypy: ignore-errors
@@ -35,21 +36,26 @@ STEP_LIMIT, STEP_TOO_SMALL = int(Status.STEP_LIMIT), int(Status.STEP_TOO_SMALL)
 # Indices into ``parts``: the addresses of ``attempt`` and of :func:`decide_closely`.
 ATTEMPT, DECIDE, PARTS = 0, 1, 2
 
-# Step size control.  Errors are squared and in units of the tolerance.
-# First step for a tolerance of 1, and least step, in radians of the fastest swing of the spin.
+# Step size control.  Errors are squared and in units of the tolerance. First step for a
+# tolerance of 1, and least step, in radians of the fastest swing of the spin.
 FIRST_ANGLE, LEAST_ANGLE = 6.0, 1e-9
 SAFETY, SAFETY_REJECTED = 0.95, 0.85
-# Least ratio of two steps after a rejection; the least error limits the ratio to 7.3 otherwise.
+# Least ratio of two steps after a rejection; the least error limits the ratio to 7.3
+# otherwise.
 SHRINK, LEAST_ERROR = 0.2, 1e-30
-OFFSET = np.uint64((1023 << 52) - (1023 << 46))  # for `rough_root` of 1, where 1023 << 52 is 1.0
+OFFSET = np.uint64(
+    (1023 << 52) - (1023 << 46)
+)  # for `rough_root` of 1, where 1023 << 52 is 1.0
 
 
 def decide_closely(problem, w, l, max_steps, on):
-    """Decide on the step tried on lane ``l``, where something is due; return a status and a move.
+    """Decide on the step tried on lane ``l``, where something is due; return a status
+    and a move.
 
-    The problem has no model.  If ``on`` is true, the step tried ends at a zero of the spin, and the
-    search continues after it.  The status is OK if the run goes on.  The move is HOLD (the step is
-    not taken), TAKE, or REVERSED (the step is taken and ends at a zero).
+    The problem has no model.  If ``on`` is true, the step tried ends at a zero of the
+    spin, and the search continues after it.  The status is OK if the run goes on.  The
+    move is HOLD (the step is not taken), TAKE, or REVERSED (the step is taken and ends
+    at a zero).
     """
     lane = lane_of(problem, w, l)
     if on:
@@ -59,7 +65,8 @@ def decide_closely(problem, w, l, max_steps, on):
     if lane.mode == STEP and lane.accept == 0.0:
         lane.rejected += 1.0
         lane.held = 1.0
-        # If the error is NaN, the comparison below is false, and the step shrinks by SHRINK.
+        # If the error is NaN, the comparison below is false, and the step shrinks by
+        # SHRINK.
         ratio = SAFETY_REJECTED / sqrt(sqrt(sqrt(sqrt(lane.error + LEAST_ERROR))))
         lane.h_next = lane.h * (ratio if ratio > SHRINK else SHRINK)
         status = OK
@@ -78,7 +85,9 @@ def decide_closely(problem, w, l, max_steps, on):
             lane.arm = 0.0
             lane.sign = 1.0 if lane.n1 > 0.0 else -1.0
             lane.rate_max = lane.arm_rate
-    elif lane.mode != STEP or may_reverse(lane.h, lane.n0, lane.n1, lane.rate1, lane.rate_max):
+    elif lane.mode != STEP or may_reverse(
+        lane.h, lane.n0, lane.n1, lane.rate1, lane.rate_max
+    ):
         move = events.search(lane, Point(lane.h, lane.n1, lane.rate1))
     lane.accept = 0.0 if move == HOLD else 1.0
     return STEP_LIMIT if move != HOLD and lane.steps >= max_steps else OK, move
@@ -86,9 +95,11 @@ def decide_closely(problem, w, l, max_steps, on):
 
 @njit(**INNER)
 def rough_root(x):
-    """Return roughly ``x^(1/64)`` of a positive number, by dividing its bits as a logarithm.
+    """Return roughly ``x^(1/64)`` of a positive number, by dividing its bits as a
+    logarithm.
 
-    The result is 0 to 6.2 % too large, as ``1 + m`` replaces ``2^m``, and rises with ``x``.
+    The result is 0 to 6.2 % too large, as ``1 + m`` replaces ``2^m``, and rises with
+    ``x``.
     """
     bits = np.float64(x).view(np.uint64) >> np.uint64(6)
     return np.uint64(bits + OFFSET).view(np.float64)
@@ -96,7 +107,9 @@ def rough_root(x):
 
 @njit(**INNER)
 def decide(problem, w, dt, max_steps):
-    """Decide on the step tried on every lane, and return how many lanes need a closer look."""
+    """Decide on the step tried on every lane, and return how many lanes need a closer
+    look.
+    """
     widest_vectors()
     special = 0
     for l in range(problem.lanes):
@@ -104,7 +117,8 @@ def decide(problem, w, dt, max_steps):
         h = lane.h
         accept = lane.error <= 1.0
         if problem.adaptive:
-            # PI control of low gain (docs/design.md); no growth right after a rejection.
+            # PI control of low gain (docs/design.md); no growth right after a
+            # rejection.
             root = rough_root(lane.error + LEAST_ERROR)
             ratio = SAFETY * lane.root0 / (root * root)
             lane.root = root
@@ -161,7 +175,8 @@ def commit(problem, w):
         lane.t_low = (t1 - t0) - part
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        # Steps of a search stay within the step it began with; others must not pass the horizon.
+        # Steps of a search stay within the step it began with; others must not pass the
+        # horizon.
         h_next = lane.h_next
         searching = 1.0 if lane.mode > 0.0 else 0.0
         left = (lane.t_end - lane.t) + 1e290 * searching
@@ -191,14 +206,32 @@ def watch(problem, w, windows, record):
             lane.volume += lane.h * lane.volume_rate1
 
 
-def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, options,
-         record, result, counts, windows, progress):  # fmt: skip
-    """Integrate runs of the queue in one thread, until the queue is empty or Python asks to stop.
+def work(
+    problem,
+    thread,
+    parts,
+    w,
+    shared,
+    order,
+    y0,
+    constants,
+    probe,
+    plan,
+    options,
+    record,
+    result,
+    counts,
+    windows,
+    progress,
+):
+    """Integrate runs of the queue in one thread, until the queue is empty or Python
+    asks to stop.
 
-    ``thread`` is the row of ``progress`` that it writes: the expected cost of its runs that have
-    ended, the part done of the expected cost of those in its lanes, and the number of runs that
-    have ended.  ``parts`` are addresses, ``w`` is the thread's workspace, ``order`` the queue, and
-    ``shared`` holds the next place in the queue and the stop flag.
+    ``thread`` is the row of ``progress`` that it writes: the expected cost of its runs
+    that have ended, the part done of the expected cost of those in its lanes, and the
+    number of runs that have ended.  ``parts`` are addresses, ``w`` is the thread's
+    workspace, ``order`` the queue, and ``shared`` holds the next place in the queue and
+    the stop flag.
     """
     widest_vectors()
     scale, dt, max_steps = options[0], options[1], options[2]
@@ -209,7 +242,9 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
         place = fetch_add(shared, 0, 1)
         if place < total:
             run = order[place]
-            problem.start(lane_of(problem, w, l), run, y0, constants, probe, plan, record)
+            problem.start(
+                lane_of(problem, w, l), run, y0, constants, probe, plan, record
+            )
             busy += 1
         else:
             runs.idle(lane_of(problem, w, l))
@@ -228,12 +263,16 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
                     lane.h_next = 0.0
                     runs.hold_back(lane)
                     continue
-                status, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, False))
+                status, move = call_for_pair(
+                    parts[DECIDE], (problem, w, l, max_steps, False)
+                )
                 t = lane.t + (lane.h - lane.t_low)
                 if move == REVERSED and record[runs.REC_REVERSALS]:
                     # Go on after the zero, in the same step.
                     runs.note_zero(lane, t)
-                    later, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, True))
+                    later, move = call_for_pair(
+                        parts[DECIDE], (problem, w, l, max_steps, True)
+                    )
                     status = later if move == HOLD else status
                 reversal = move == REVERSED
                 ended = status != OK or reversal
@@ -245,12 +284,16 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
                     ended = runs.settled(lane, plan[run, runs.SETTLED])
                 if ended:
                     lane.steps += 1.0
-                    problem.finish(lane, status, reversal, t, run, result, counts, windows, record)
+                    problem.finish(
+                        lane, status, reversal, t, run, result, counts, windows, record
+                    )
                     progress[thread, 0] += plan[run, runs.COST]
                     progress[thread, 2] += 1.0
                     place = fetch_add(shared, 0, 1)
                     if place < total:
-                        problem.start(lane, order[place], y0, constants, probe, plan, record)
+                        problem.start(
+                            lane, order[place], y0, constants, probe, plan, record
+                        )
                     else:
                         runs.idle(lane)
                         busy -= 1
@@ -269,12 +312,17 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
                 lane = lane_of(problem, w, l)
                 run = int(lane.run)
                 if run >= 0:
-                    under_way += min(1.0, lane.t / plan[run, runs.HORIZON]) * plan[run, runs.COST]
+                    under_way += (
+                        min(1.0, lane.t / plan[run, runs.HORIZON])
+                        * plan[run, runs.COST]
+                    )
             progress[thread, 1] = under_way
     progress[thread, 1] = 0.0
 
 
 def drive(address, parts, threads, w, shared):
-    """Call :func:`work` by its address on each thread, so that one driver serves all problems."""
+    """Call :func:`work` by its address on each thread, so that one driver serves all
+    problems.
+    """
     for thread in prange(threads):
         call(address, (thread, parts, w[thread]) + shared)  # noqa: RUF005

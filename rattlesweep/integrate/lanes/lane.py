@@ -1,20 +1,22 @@
 """Lanes: many runs side by side in one workspace, as compiled code sees them.
 
-The workspace is one flat array of rows, each of which holds one number of every lane, so that loops
-over lanes vectorise.  (With several arrays, LLVM would have to prove that they do not overlap.)  In
-compiled code a lane reads as a record: ``lane.t_end``, ``lane.y1 = lane.y``.  A field is the lane's
-number in one row, or the tuple of its numbers in consecutive rows.
+The workspace is one flat array of rows, each of which holds one number of every lane,
+so that loops over lanes vectorise.  (With several arrays, LLVM would have to prove that
+they do not overlap.)  In compiled code a lane reads as a record: ``lane.t_end``,
+``lane.y1 = lane.y``.  A field is the lane's number in one row, or the tuple of its
+numbers in consecutive rows.
 
-:func:`gather` and :func:`scatter` replace hundreds of indexed reads, products and sums.  Typing and
-lowering these would take Numba most of the time that a kernel takes to compile.
+:func:`gather` and :func:`scatter` replace hundreds of indexed reads, products and sums.
+Typing and lowering these would take Numba most of the time that a kernel takes to
+compile.
 
-Each operation written as LLVM code has a Python twin, which runs with ``NUMBA_DISABLE_JIT=1``, so
-that a debugger can step through a kernel.
+Each operation written as LLVM code has a Python twin, which runs with
+``NUMBA_DISABLE_JIT=1``, so that a debugger can step through a kernel.
 
 Only this module uses private interfaces of Numba (tried with 0.68.1): ``cgutils``,
-``AttributeTemplate``, ``to_fixed_tuple``; ``make_array``, ``make_tuple``, ``get_dummy_value``,
-``get_constant_generic``, ``resolve_value_type`` and ``call_conv`` of contexts; ``library`` and
-``fndesc`` of overloads.
+``AttributeTemplate``, ``to_fixed_tuple``; ``make_array``, ``make_tuple``,
+``get_dummy_value``, ``get_constant_generic``, ``resolve_value_type`` and ``call_conv``
+of contexts; ``library`` and ``fndesc`` of overloads.
 """
 
 # mypy: disable-error-code="no-untyped-call, no-untyped-def, misc"
@@ -36,16 +38,24 @@ from rattlesweep.integrate.tableau import Tableau
 
 LANES = 1 if config.DISABLE_JIT else 32  # measured by benchmarks/kernel.py --lanes
 DOUBLE = ir.DoubleType()
-# Options of functions that only compiled functions call.  Wrappers for Python and C, which would
-# take time to compile, are left out; a call from Python would crash the process.
+# Options of functions that only compiled functions call.  Wrappers for Python and C,
+# which would take time to compile, are left out; a call from Python would crash the
+# process.
 INNER: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 INNER |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 # first_of(array, length): the first numbers of an array, as a tuple.
-first_of = (lambda array, length: tuple(array[:length])) if config.DISABLE_JIT else to_fixed_tuple
+first_of = (
+    (lambda array, length: tuple(array[:length]))
+    if config.DISABLE_JIT
+    else to_fixed_tuple
+)
 
 
-def intrinsic(signature_of: Callable[..., Any], python: Callable[..., Any]) -> Callable[..., Any]:
-    """Make an intrinsic of a function that writes LLVM code; without compilation, use ``python``.
+def intrinsic(
+    signature_of: Callable[..., Any], python: Callable[..., Any]
+) -> Callable[..., Any]:
+    """Make an intrinsic of a function that writes LLVM code; without compilation, use
+    ``python``.
 
     ``signature_of`` returns the signature for the types of the arguments.
     """
@@ -68,13 +78,18 @@ def _fetch_add(array, index, value):
 
 
 @intrinsic(
-    lambda typingctx, array, index, value: types.int64(array, types.intp, types.int64), _fetch_add
+    lambda typingctx, array, index, value: types.int64(array, types.intp, types.int64),
+    _fetch_add,
 )
 def fetch_add(context, builder, signature, args):
-    """Add ``value`` to ``array[index]`` (int64) atomically, and return the value before."""
+    """Add ``value`` to ``array[index]`` (int64) atomically, and return the value
+    before.
+    """
     kind, index = signature.args[0], [args[1]]
     array = context.make_array(kind)(context, builder, args[0])
-    pointer = cgutils.get_item_pointer(context, builder, kind, array, index, wraparound=False)
+    pointer = cgutils.get_item_pointer(
+        context, builder, kind, array, index, wraparound=False
+    )
     return builder.atomic_rmw("add", pointer, args[2], "monotonic")
 
 
@@ -103,8 +118,12 @@ def addresses_of(*compiled: Any) -> Any:
     """Return the addresses of compiled functions, which the caller must keep alive."""
     if config.DISABLE_JIT:
         return np.array(compiled, object)
-    results = [result for function in compiled for result in function.overloads.values()]
-    return np.array([r.library.get_pointer_to_function(r.fndesc.llvm_func_name) for r in results])
+    results = [
+        result for function in compiled for result in function.overloads.values()
+    ]
+    return np.array(
+        [r.library.get_pointer_to_function(r.fndesc.llvm_func_name) for r in results]
+    )
 
 
 def _calling(result: Any) -> Any:
@@ -126,13 +145,15 @@ def _calling(result: Any) -> Any:
     return call
 
 
-# Call the compiled function at an address with a tuple of arguments; the second returns a pair of
-# integers.
+# Call the compiled function at an address with a tuple of arguments; the second returns
+# a pair of integers.
 call, call_for_pair = _calling(types.none), _calling(types.UniTuple(types.intp, 2))
 
 
 class Point(NamedTuple):
-    """A point within a step: its time from the start of the step, the spin and the spin's rate."""
+    """A point within a step: its time from the start of the step, the spin and the
+    spin's rate.
+    """
 
     h: float
     n: float
@@ -141,43 +162,51 @@ class Point(NamedTuple):
 
 # Fields of a lane, in the order of their rows; flags are 1 or 0.
 FIELDS = (
-    # Index of the run or -1; time, its low part in a compensated sum, horizon; numbers of accepted
-    # and rejected steps, and of extrema of the spin whose sign the method could not decide.
+    # Index of the run or -1; time, its low part in a compensated sum, horizon; numbers
+    # of accepted and rejected steps, and of extrema of the spin whose sign the method
+    # could not decide.
     ("number", "run t t_low t_end steps rejected near"),
-    # The step tried: size, squared error, `rough_root` of it and of the step before; spin and rate
-    # at both ends, squared amplitude at the end; whether it is the last, whether it repeats a
-    # rejected one.
+    # The step tried: size, squared error, `rough_root` of it and of the step before;
+    # spin and rate at both ends, squared amplitude at the end; whether it is the last,
+    # whether it repeats a rejected one.
     ("number", "h error root root0 n0 rate0 n1 rate1 amplitude last held"),
-    # Whether the lane needs a closer look; whether it takes the step; size of the next step.
+    # Whether the lane needs a closer look; whether it takes the step; size of the next
+    # step.
     ("number", "due accept h_next"),
-    # Fastest angular frequency of the spin; its largest recent rate; its value and sign at launch;
-    # the smallest sign * n since.
+    # Fastest angular frequency of the spin; its largest recent rate; its value and sign
+    # at launch; the smallest sign * n since.
     ("number", "swing rate_max n_launch sign n_least"),
-    # Modulus beyond which the spin counts as being on one side; for a run launched without spin the
-    # same until it gets there, else 0; the bound of the spin's rate from there on.
+    # Modulus beyond which the spin counts as being on one side; for a run launched
+    # without spin the same until it gets there, else 0; the bound of the spin's rate
+    # from there on.
     ("number", "far arm arm_rate"),
-    # Search in a held step (events.py): mode; number of pieces and the present one; tries; depth of
-    # an undecided extremum, relative to the swing; the step as first tried and the size of the one
-    # after it; ends of the piece and of the bracket in it; the point after the bracketed zero.
+    # Search in a held step (events.py): mode; number of pieces and the present one;
+    # tries; depth of an undecided extremum, relative to the swing; the step as first
+    # tried and the size of the one after it; ends of the piece and of the bracket in
+    # it; the point after the bracketed zero.
     ("number", "mode pieces piece tries fuzz"),
     ("point", "full"),
     ("number", "full_next"),
     ("point", "lo end hi beyond"),
-    # Squared amplitudes: largest since the last comparison, smallest of those compared, largest
-    # growth, number of comparisons, smallest that counts; next time at which a comparison or the
-    # end of a window is due; time of the next comparison within the first window.
+    # Squared amplitudes: largest since the last comparison, smallest of those compared,
+    # largest growth, number of comparisons, smallest that counts; next time at which a
+    # comparison or the end of a window is due; time of the next comparison within the
+    # first window.
     ("number", "a_max a_min growth compared a_floor next mark"),
-    # Length, end and number of the window; largest squared amplitude and extremes of the spin.
+    # Length, end and number of the window; largest squared amplitude and extremes of
+    # the spin.
     ("number", "window window_end window_no window_a_max window_n_min window_n_max"),
     # Energy at launch and its largest drift; extremes of the contact forces.
     ("number", "energy0 drift_max ratio_max normal_min"),
-    # Times of the first zero of the spin, and of the first one since the spin was last far (-1 for
-    # none); the side it was on, the number of changes of side, the largest spin since the last.
+    # Times of the first zero of the spin, and of the first one since the spin was last
+    # far (-1 for none); the side it was on, the number of changes of side, the largest
+    # spin since the last.
     ("number", "t_zero t_pending side reversals n_after"),
-    # Logarithm of phase volume, its rate over the step; share of the energy below which a body is
-    # dead; exponent of the power of two taken out of the tangent.
+    # Logarithm of phase volume, its rate over the step; share of the energy below which
+    # a body is dead; exponent of the power of two taken out of the tangent.
     ("number", "volume volume_rate1 dead shift"),
-    # State and derivative at both ends of the step; last the tangents and the state of a stage.
+    # State and derivative at both ends of the step; last the tangents and the state of
+    # a stage.
     ("state", "y f y1 f1"),
     ("constants", "constants"),
     ("probe", "probe"),
@@ -188,19 +217,31 @@ FIELDS = (
 class Layout:
     """Rows of a workspace: the first row of each field is an attribute of its name.
 
-    ``fields`` has the first row and the Numba type by name; ``stages`` is the first row of the
-    stages after the first.  Without a model, the layout has the fields that all models share.
+    ``fields`` has the first row and the Numba type by name; ``stages`` is the first row
+    of the stages after the first.  Without a model, the layout has the fields that all
+    models share.
     """
 
     def __init__(self, model: Model | None) -> None:
         n, constants, probe = (
             (model.n_state, model.n_constants, model.n_probe) if model else (0, 0, 0)
         )
-        counts = {"number": 1, "point": 3, "state": n, "constants": constants, "probe": probe}
+        counts = {
+            "number": 1,
+            "point": 3,
+            "state": n,
+            "constants": constants,
+            "probe": probe,
+        }
         counts["tangent"] = n if model and model.rate else 0
-        found = {kind: types.UniTuple(types.float64, n) if n else types.Tuple(())
-                 for kind, n in counts.items()}  # fmt: skip
-        found |= {"number": types.float64, "point": types.NamedUniTuple(types.float64, 3, Point)}
+        found = {
+            kind: types.UniTuple(types.float64, n) if n else types.Tuple(())
+            for kind, n in counts.items()
+        }
+        found |= {
+            "number": types.float64,
+            "point": types.NamedUniTuple(types.float64, 3, Point),
+        }
         self.fields: dict[str, tuple[int, Any]] = {}
         self.stages = 0
         for kind, names in FIELDS:
@@ -222,14 +263,19 @@ class Layout:
 class Problem:
     """What a kernel is compiled for: a model, the kind of method, the number of lanes.
 
-    For compiled functions it is an argument without data, and its attributes, among them those of
-    the model, are constants.  Hooks are the functions that differ for models with a tangent.
+    For compiled functions it is an argument without data, and its attributes, among
+    them those of the model, are constants.  Hooks are the functions that differ for
+    models with a tangent.
     """
 
     known: ClassVar[dict[str, Problem]] = {}
 
     def __init__(
-        self, model: Model | None, adaptive: bool, lanes: int = LANES, **hooks: Callable[..., Any]
+        self,
+        model: Model | None,
+        adaptive: bool,
+        lanes: int = LANES,
+        **hooks: Callable[..., Any],
     ) -> None:
         if model is not None:
             vars(self).update(vars(model) | hooks)
@@ -245,7 +291,9 @@ class Problem:
 
 
 class ProblemType(types.Type):
-    """Numba's type of a problem, which it knows by name, since types are stored on disk."""
+    """Numba's type of a problem, which it knows by name, since types are stored on
+    disk.
+    """
 
     def __init__(self, problem: str) -> None:
         self.problem = problem
@@ -256,7 +304,8 @@ class ProblemType(types.Type):
         return getattr(Problem.known[self.problem], name)
 
 
-# Without members a problem takes no argument in machine code, so `kernel.drive` leaves it out.
+# Without members a problem takes no argument in machine code, so `kernel.drive` leaves
+# it out.
 @extending.register_model(ProblemType)
 class _ProblemModel(extending.models.StructModel):
     def __init__(self, manager: Any, problem: ProblemType) -> None:
@@ -289,7 +338,9 @@ class _Attributes(AttributeTemplate):
 
 
 @extending.lower_getattr_generic(ProblemType)
-def _get_attribute(context: Any, builder: Any, problem: ProblemType, _: Any, name: str) -> Any:
+def _get_attribute(
+    context: Any, builder: Any, problem: ProblemType, _: Any, name: str
+) -> Any:
     value = problem.value_of(name)
     if callable(value):
         return context.get_dummy_value()
@@ -363,10 +414,16 @@ class _Cells(NamedTuple):
         products = [self.product(*term) for term in wanted.terms]
         # Two chains of sums have half the latency of one.
         chains = [products[i::2] for i in range(min(2, len(products)))]
-        total = reduce(self.builder.fadd, (reduce(self.builder.fadd, chain) for chain in chains))
+        total = reduce(
+            self.builder.fadd, (reduce(self.builder.fadd, chain) for chain in chains)
+        )
         if wanted.factor is not None:
             total = self.builder.fmul(self.product(wanted.share, wanted.factor), total)
-        return total if wanted.row is None else self.builder.fadd(self.read(wanted.row), total)
+        return (
+            total
+            if wanted.row is None
+            else self.builder.fadd(self.read(wanted.row), total)
+        )
 
 
 def _cells(context: Any, builder: Any, lane: LaneType, value: Any) -> _Cells:
@@ -389,7 +446,9 @@ def _get(context: Any, builder: Any, lane: LaneType, value: Any, name: str) -> A
     cells, (row, kind) = _cells(context, builder, lane, value), lane.field(name)
     if kind is types.float64:
         return cells.read(row)
-    return context.make_tuple(builder, kind, [cells.read(row + i) for i in range(len(kind))])
+    return context.make_tuple(
+        builder, kind, [cells.read(row + i) for i in range(len(kind))]
+    )
 
 
 @extending.lower_setattr_generic(LaneType)
@@ -403,7 +462,9 @@ def _set(context: Any, builder: Any, signature: Any, args: Any, name: str) -> No
         cells.write(row + i, builder.extract_value(args[1], i))
 
 
-@intrinsic(lambda typingctx, problem, w, l: LaneType(problem)(problem, w, types.intp), Lane)
+@intrinsic(
+    lambda typingctx, problem, w, l: LaneType(problem)(problem, w, types.intp), Lane
+)
 def lane_of(context, builder, signature, args):
     """Return lane ``l`` of a workspace ``w``."""
     made = cgutils.create_struct_proxy(signature.return_type)(context, builder)
@@ -429,7 +490,9 @@ def clear(context, builder, signature, args):
 
 
 class Sum(NamedTuple):
-    """``w[row] + share * w[factor] * (a * w[i] + b * w[j] + ...)``; what is None is left out."""
+    """``w[row] + share * w[factor] * (a * w[i] + b * w[j] + ...)``; what is None is
+    left out.
+    """
 
     row: int | None
     terms: tuple[tuple[float, int], ...]
@@ -437,7 +500,9 @@ class Sum(NamedTuple):
     share: float = 1.0
 
     def value(self, w: Any) -> Any:
-        """Return the value for the cells of a lane, in the order of the compiled code."""
+        """Return the value for the cells of a lane, in the order of the compiled
+        code.
+        """
         products = [number * w[row] for number, row in self.terms]
         total = sum(products[1::2], start=0.0) + sum(products[::2], start=0.0)
         if self.factor is not None:
@@ -445,26 +510,44 @@ class Sum(NamedTuple):
         return total if self.row is None else w[self.row] + total
 
 
-def sums(count: int, terms: dict[int, float], start: int | None = None, *scale: Any) -> list[Sum]:
-    """Return sums for ``count`` components; ``terms`` are coefficients by the first row of each."""
-    shifted = [tuple((number, row + i) for row, number in terms.items()) for i in range(count)]
-    return [Sum(None if start is None else start + i, shifted[i], *scale) for i in range(count)]
+def sums(
+    count: int, terms: dict[int, float], start: int | None = None, *scale: Any
+) -> list[Sum]:
+    """Return sums for ``count`` components; ``terms`` are coefficients by the first row
+    of each.
+    """
+    shifted = [
+        tuple((number, row + i) for row, number in terms.items()) for i in range(count)
+    ]
+    return [
+        Sum(None if start is None else start + i, shifted[i], *scale)
+        for i in range(count)
+    ]
 
 
 def gather(lanes: int, values: Sequence[int | Sum], constants: Sequence[int]) -> Any:
-    """Return ``read(w, l)``, which returns the values and then the constants as a tuple.
+    """Return ``read(w, l)``, which returns the values and then the constants as a
+    tuple.
 
-    Constants are read first, and single cells before sums: the last bits depend on this order.
+    Constants are read first, and single cells before sums: the last bits depend on this
+    order.
     """
     wanted = [*values, *constants]
-    order = sorted(range(len(wanted)), key=lambda i: (i < len(values), isinstance(wanted[i], Sum)))
+    order = sorted(
+        range(len(wanted)), key=lambda i: (i < len(values), isinstance(wanted[i], Sum))
+    )
 
     def python(w: Any, l: int) -> tuple[float, ...]:
         cells = w.reshape(-1, lanes)[:, l]
-        return tuple(cells[one] if isinstance(one, int) else one.value(cells) for one in wanted)
+        return tuple(
+            cells[one] if isinstance(one, int) else one.value(cells) for one in wanted
+        )
 
     @intrinsic(
-        lambda typingctx, w, l: types.UniTuple(types.float64, len(wanted))(w, types.intp), python
+        lambda typingctx, w, l: types.UniTuple(types.float64, len(wanted))(
+            w, types.intp
+        ),
+        python,
     )
     def read(context, builder, signature, args):
         array = context.make_array(signature.args[0])(context, builder, args[0])
@@ -477,7 +560,9 @@ def gather(lanes: int, values: Sequence[int | Sum], constants: Sequence[int]) ->
 
 
 def scatter(lanes: int, rows: Sequence[int]) -> Any:
-    """Return ``write(w, l, values)``, which writes a tuple to the rows of lane ``l``."""
+    """Return ``write(w, l, values)``, which writes a tuple to the rows of lane
+    ``l``.
+    """
     values = types.UniTuple(types.float64, len(rows))
 
     def python(w: Any, l: int, given: tuple[float, ...]) -> None:

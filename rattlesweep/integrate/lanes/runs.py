@@ -1,8 +1,8 @@
 """A run in a lane: its start, the ends of its windows, its end.
 
-A run may carry a tangent, which is scaled by a power of two when it has become very long or short.
-Barriers keep the arithmetic of the tangent apart from that of the state, whose bits are then the
-same as without a tangent.
+A run may carry a tangent, which is scaled by a power of two when it has become very
+long or short. Barriers keep the arithmetic of the tangent apart from that of the state,
+whose bits are then the same as without a tangent.
 """
 
 # mypy: ignore-errors
@@ -21,28 +21,57 @@ from rattlesweep.integrate.lanes.lane import (
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.full import FASTMATH
 
-# The arrays that a kernel reads and writes have one row for each run.  Columns of ``result`` are
-# attributes of an Outcome, followed by the state at the end.
-RESULT = ("t_end", "t_r", "n_end", "energy_drift", "amp_growth", "n_departure", "energy_0",
-          "energy_drift_max", "contact_ratio_max", "contact_normal_min", "volume_rate")  # fmt: skip
-T_END, T_R, GROWTH, DEPARTURE = map(RESULT.index, ("t_end", "t_r", "amp_growth", "n_departure"))
+# The arrays that a kernel reads and writes have one row for each run.  Columns of
+# ``result`` are attributes of an Outcome, followed by the state at the end.
+RESULT = (
+    "t_end",
+    "t_r",
+    "n_end",
+    "energy_drift",
+    "amp_growth",
+    "n_departure",
+    "energy_0",
+    "energy_drift_max",
+    "contact_ratio_max",
+    "contact_normal_min",
+    "volume_rate",
+)
+T_END, T_R, GROWTH, DEPARTURE = map(
+    RESULT.index, ("t_end", "t_r", "amp_growth", "n_departure")
+)
 FIRST_STATE = len(RESULT)
 # Columns of ``counts``, also attributes of an Outcome.
 COUNTS = ("status", "n_steps", "near_tangencies", "n_rejected", "n_turns")
 STATUS, STEPS = 0, 1
 # Columns of ``plan``, which `batch.run_arrays` fills from the attributes of a Batch.
-HORIZON, SWING, WINDOW, RATE, FIRST_STEP, COST, FUZZ, FIRST_MARK = 0, 1, 2, 3, 4, 5, 6, 7
+HORIZON, SWING, WINDOW, RATE, FIRST_STEP, COST, FUZZ, FIRST_MARK = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+    6,
+    7,
+)
 FAR, TAPPED, SETTLED, DEAD = 8, 9, 10, 11
-# ``options`` holds 1 / tol^2, fixed step and maximum number of steps, of SUBSTEPS substeps each if
-# the step is fixed.  ``record`` holds the flags:
-REC_ENERGY, REC_CONTACT, REC_WINDOWS, REC_REVERSALS, REC_VOLUME, N_RECORD = 0, 1, 2, 3, 4, 5
+# ``options`` holds 1 / tol^2, fixed step and maximum number of steps, of SUBSTEPS
+# substeps each if the step is fixed.  ``record`` holds the flags:
+REC_ENERGY, REC_CONTACT, REC_WINDOWS, REC_REVERSALS, REC_VOLUME, N_RECORD = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+)
 MOST_REVERSALS = 8  # reversals that are stored, each in a row of the run's ``windows``
 
 OK, NONFINITE, ENERGY = int(Status.OK), int(Status.NONFINITE), int(Status.ENERGY)
 MAX_ENERGY_DRIFT = 0.01
 TINY = 1e-290
-# Least squared amplitude that counts, as a share of the first: a mode that has decayed by 1e-9 is
-# lost in the rounding errors of the other.
+# Least squared amplitude that counts, as a share of the first: a mode that has decayed
+# by 1e-9 is lost in the rounding errors of the other.
 FLOOR = 1e-18
 UNKNOWN_RATE = 1e290  # bound of the spin's rate with which every step may reverse
 # The norm of a tangent stays between 2^-SHIFT and 2^SHIFT.
@@ -59,7 +88,9 @@ def energy_at(lane, y):
 
 @njit(fastmath=FASTMATH, **INNER)
 def derive(lane):
-    """Set the derivative at the start of the step, and return the spin and its rate there."""
+    """Set the derivative at the start of the step, and return the spin and its rate
+    there.
+    """
     y = lane.y
     f = lane.problem.rhs(*(y + lane.constants))
     lane.f = f
@@ -68,7 +99,9 @@ def derive(lane):
 
 @njit(**INNER)
 def compare(lane):
-    """Compare the largest amplitude since the last comparison with the smallest before that."""
+    """Compare the largest amplitude since the last comparison with the smallest before
+    that.
+    """
     largest = max(lane.a_max, lane.a_floor, TINY)
     if lane.compared > 0.0:
         lane.growth = max(lane.growth, largest / lane.a_min)
@@ -113,7 +146,9 @@ def pass_marks(lane, t, run, windows, record):
 
 @njit(fastmath=FASTMATH, **INNER)
 def settled(lane, most):
-    """Return whether no amplitude grew in two windows and the oscillation is at most ``most``."""
+    """Return whether no amplitude grew in two windows and the oscillation is at most
+    ``most``.
+    """
     if most == 0.0 or lane.window_no < 2.0 or lane.growth > 1.0 or lane.t_zero >= 0.0:
         return False
     _, oscillation = lane.problem.error(*(lane.y1 + lane.y1 + lane.constants))
@@ -138,7 +173,9 @@ def observe_contact(lane, y):
 
 @njit(**INNER)
 def is_dead(lane):
-    """Return whether, after the step just tried, too little energy is left for a reversal."""
+    """Return whether, after the step just tried, too little energy is left for a
+    reversal.
+    """
     # With friction the last component of the state is the work, which is negative.
     return lane.dead > 0.0 and 1.0 + lane.y1[-1] / lane.energy0 < lane.dead
 
@@ -157,7 +194,9 @@ def note_zero(lane, t):
 
 @njit(**INNER)
 def note_side(lane, windows, record):
-    """Count a reversal once the spin is far on the other side, and store its largest modulus."""
+    """Count a reversal once the spin is far on the other side, and store its largest
+    modulus.
+    """
     run = int(lane.run)
     at = 3 if record[REC_WINDOWS] else 0
     n = lane.n1
@@ -219,7 +258,9 @@ def start(lane, run, y0, constants, probe, plan, record):
 
 @njit(**INNER)
 def idle(lane):
-    """Empty a lane: in a spinning state and with steps of size zero, no zero and no end is due."""
+    """Empty a lane: in a spinning state and with steps of size zero, no zero and no end
+    is due.
+    """
     clear(lane)
     lane.run = -1.0
     lane.y, lane.constants, lane.probe = lane.problem.idle
@@ -268,7 +309,13 @@ def finish(lane, status, reversal, t, run, result, counts, windows, record):
     if record[REC_VOLUME] and status == OK:
         rate = (lane.volume + lane.h * lane.volume_rate1) / t
     found = t, t_r, n, drift, growth, departure
-    seen = energy0, max(lane.drift_max, abs(drift)), lane.ratio_max, lane.normal_min, rate
+    seen = (
+        energy0,
+        max(lane.drift_max, abs(drift)),
+        lane.ratio_max,
+        lane.normal_min,
+        rate,
+    )
     for i, value in enumerate(found + seen + lane.y1):
         result[run, i] = value
     counts[run, STATUS] = status
@@ -290,14 +337,18 @@ def advance(problem, w):
 def start_tangent(lane):
     """Give a lane the model's first tangent, made transverse and of norm 1."""
     lane.v = lane.problem.seed(*(lane.y + lane.constants))
-    p, q, a, b, c = lane.problem.transverse(*(lane.y + lane.f + lane.v + lane.constants))
+    p, q, a, b, c = lane.problem.transverse(
+        *(lane.y + lane.f + lane.v + lane.constants)
+    )
     norm = sqrt(lane.problem.square(p, q, a, b, c, *lane.constants))
     v = p / norm, q / norm, a / norm, b / norm, c / norm
     lane.v = v
-    # All components but the last are read again.  This decides which products are fused, and so
-    # keeps the last bits of the exponents.
+    # All components but the last are read again.  This decides which products are
+    # fused, and so keeps the last bits of the exponents.
     barrier()
-    lane.g = lane.problem.rate(*(lane.y + lane.f + lane.v[:-1] + v[-1:] + lane.constants))
+    lane.g = lane.problem.rate(
+        *(lane.y + lane.f + lane.v[:-1] + v[-1:] + lane.constants)
+    )
     lane.shift = 0.0
 
 
@@ -341,7 +392,9 @@ def start_both(lane, run, y0, constants, probe, plan, record):
 
 @njit(fastmath=FASTMATH, **INNER)
 def note_tangent(lane, t, run, windows):
-    """Store the time and the tangent's growth in the last two columns of the window's row."""
+    """Store the time and the tangent's growth in the last two columns of the window's
+    row.
+    """
     k = min(int(lane.window_no), windows.shape[1] - 1)
     barrier()
     windows[run, k, windows.shape[2] - 2] = t
@@ -352,7 +405,9 @@ def note_tangent(lane, t, run, windows):
 
 @njit(**INNER)
 def pass_marks_both(lane, t, run, windows, record):
-    """Do as :func:`pass_marks`, and store the tangent's growth at the end of a window."""
+    """Do as :func:`pass_marks`, and store the tangent's growth at the end of a
+    window.
+    """
     if t >= lane.window_end:
         note_tangent(lane, t, run, windows)
     pass_marks(lane, t, run, windows, record)

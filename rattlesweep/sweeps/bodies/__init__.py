@@ -12,10 +12,12 @@ from rattlesweep.physics.si import Units
 
 @dataclass(frozen=True)
 class Bodies:
-    """Bodies of some runs, with the launches, horizons and dissipation that a table gives.
+    """Bodies of some runs, with the launches, horizons and dissipation that a table
+    gives.
 
-    Where these are None, and where `t_end` is NaN, the config applies.  `f_sd` is NaN unless the
-    body is a shell-dumbbell, `c` is NaN for a paraboloid.  `carried` has further columns of runs.
+    Where these are None, and where `t_end` is NaN, the config applies.  `f_sd` is NaN
+    unless the body is a shell-dumbbell, `c` is NaN for a paraboloid.  `carried` has
+    further columns of runs.
     """
 
     alpha: Floats
@@ -50,4 +52,6 @@ class Source(Protocol):
         """Columns that the bodies add to the runs."""
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
-        """Return the bodies of samples in any order; `target` is NaN where a run has none."""
+        """Return the bodies of samples in any order; `target` is NaN where a run has
+        none.
+        """

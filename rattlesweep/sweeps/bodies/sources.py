@@ -1,12 +1,14 @@
-"""Sources of bodies: drawn from ranges, a preset, a grid or a shape; for tables see `table`.
+"""Sources of bodies: drawn from ranges, a preset, a grid or a shape; for tables see
+`table`.
 
-A random point of the unit cube is a function of ``(seed, word, sample, draw)`` alone, so any sample
-can be drawn by itself.  The word encodes the target; `draw` counts the attempts to meet it.  The
-bits are those of ``numpy.random.Philox(key=(seed, word), counter=(2 draw, sample, 0, 0))`` (Philox
-4x64-10, Salmon et al., SC'11); creating NumPy's objects would take too long.
+A random point of the unit cube is a function of ``(seed, word, sample, draw)`` alone,
+so any sample can be drawn by itself.  The word encodes the target; `draw` counts the
+attempts to meet it.  The bits are those of ``numpy.random.Philox(key=(seed, word),
+counter=(2 draw, sample, 0, 0))`` (Philox 4x64-10, Salmon et al., SC'11); creating
+NumPy's objects would take too long.
 
-Points of a scrambled Sobol' sequence (Owen, J. Complexity 14, 466, 1998) fill the ranges more
-evenly than random ones; each is a function of the seed and its number.
+Points of a scrambled Sobol' sequence (Owen, J. Complexity 14, 466, 1998) fill the
+ranges more evenly than random ones; each is a function of the seed and its number.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -36,8 +38,17 @@ from rattlesweep.sweeps.columns import MEASURED
 from rattlesweep.sweeps.config.schema import Config, SdSource, ShapeSource, Target
 
 # Units of the sizes of a shape in the names of columns.
-SIZES = {"length": "m", "width": "m", "height": "m", "mass": "kg", "skew": "rad", "weights": "kg"}
-CHUNK = 4096  # samples that are drawn together, and cached for the other cases of a target
+SIZES = {
+    "length": "m",
+    "width": "m",
+    "height": "m",
+    "mass": "kg",
+    "skew": "rad",
+    "weights": "kg",
+}
+CHUNK = (
+    4096  # samples that are drawn together, and cached for the other cases of a target
+)
 
 
 def make_source(config: Config, base: Path | None, rows: TableBodies | None) -> Source:
@@ -68,19 +79,26 @@ def make_source(config: Config, base: Path | None, rows: TableBodies | None) -> 
     for name, sign in (("xi_deg", 1), ("minus_xi_deg", -1)):
         if name in axes:
             axes["xi"] = sign * np.radians(axes.pop(name))
-    # Each rule is linear in each parameter, so a grid that breaks a rule breaks it at a corner.
-    corners = GridBodies(given, {name: np.array([x.min(), x.max()]) for name, x in axes.items()})
+    # Each rule is linear in each parameter, so a grid that breaks a rule breaks it at a
+    # corner.
+    corners = GridBodies(
+        given, {name: np.array([x.min(), x.max()]) for name, x in axes.items()}
+    )
     where = "bodies.axes" if axes else "bodies.overrides"
     _check(corners.bodies(np.nan, np.arange(corners.samples)), where)
     return GridBodies(given, axes, units)
 
 
 def _check(bodies: Bodies, where: str, sizes: dict[str, Floats] | None = None) -> None:
-    """Raise a ConfigError if a body is impossible; of several, name it by `sizes` or parameters."""
+    """Raise a ConfigError if a body is impossible; of several, name it by `sizes` or
+    parameters.
+    """
     names = PARAMETERS if bodies.c is None else (*PARAMETERS, "c")
     columns = {name: getattr(bodies, name) for name in names}
     for place, message in violations(**columns):
-        values = (f"{name} {values[place]:g}" for name, values in (sizes or columns).items())
+        values = (
+            f"{name} {values[place]:g}" for name, values in (sizes or columns).items()
+        )
         which = f"at {', '.join(values)}: " if len(bodies.alpha) > 1 else ""
         raise ConfigError(f"{where}: {which}{message}")
 
@@ -89,7 +107,10 @@ class GridBodies:
     """A base body with some parameters varied over the product of axes."""
 
     def __init__(
-        self, base: dict[str, float], axes: dict[str, Floats], units: si.Units | None = None
+        self,
+        base: dict[str, float],
+        axes: dict[str, Floats],
+        units: si.Units | None = None,
     ) -> None:
         self._base, self._axes, self._units = base, axes, units
         self._shape = tuple(map(len, axes.values()))
@@ -104,19 +125,25 @@ class GridBodies:
             values[name] = axis[place]
         columns = {name: np.full(sample.shape, value) for name, value in values.items()}
         if "alpha" not in columns:
-            columns["alpha"], columns["beta"] = shell_dumbbell(columns["gamma"], columns["f_sd"])
+            columns["alpha"], columns["beta"] = shell_dumbbell(
+                columns["gamma"], columns["f_sd"]
+            )
         return Bodies(**columns, units=self._units)  # type: ignore[arg-type]
 
 
 class ShapeBodies:
-    """Bodies of a simple shape and a known size; sizes with a range are drawn for each sample."""
+    """Bodies of a simple shape and a known size; sizes with a range are drawn for each
+    sample.
+    """
 
     def __init__(self, seed: int, source: ShapeSource) -> None:
         self._seed, self._source = seed, source
         self._ranges = np.array(list(source.sizes.values()))
         self.samples = (source.samples or 1000) if source.drawn else 1
         # The rules for bodies are monotonic in each size, so the corners suffice.
-        sizes = dict(zip(source.sizes, np.array(list(product(*self._ranges))).T, strict=True))
+        sizes = dict(
+            zip(source.sizes, np.array(list(product(*self._ranges))).T, strict=True)
+        )
         corners = self._shaped(sizes)
         _check(corners, "bodies", sizes)
         self.fields = run_fields(corners.units, corners.carried)
@@ -127,19 +154,29 @@ class ShapeBodies:
         points = np.zeros((len(low), len(sample)))
         if self._source.drawn:
             points = draw_points(self._seed, sample)[: len(low)]
-        return self._shaped(dict(zip(self._source.sizes, low + (high - low) * points, strict=True)))
+        return self._shaped(
+            dict(zip(self._source.sizes, low + (high - low) * points, strict=True))
+        )
 
     def _shaped(self, sizes: dict[str, Floats]) -> Bodies:
-        """Return bodies of some sizes; those that are drawn become columns of the runs."""
+        """Return bodies of some sizes; those that are drawn become columns of the
+        runs.
+        """
         found = half_ellipsoid(**sizes, **self._source.fixed)
         mass, a = found.pop("mass"), found.pop("height")
         units, kept = si.Units(mass, a), {"mass_kg": mass, "height_m": a}
-        kept |= {f"shape_{name}_{SIZES[name]}": sizes[name] for name in self._source.drawn}
-        return Bodies(**found, f_sd=np.full(mass.shape, np.nan), units=units, carried=kept)
+        kept |= {
+            f"shape_{name}_{SIZES[name]}": sizes[name] for name in self._source.drawn
+        }
+        return Bodies(
+            **found, f_sd=np.full(mass.shape, np.nan), units=units, carried=kept
+        )
 
 
 class SdBodies:
-    """Shell-dumbbell bodies drawn from ranges, as a function of seed, target and sample alone."""
+    """Shell-dumbbell bodies drawn from ranges, as a function of seed, target and sample
+    alone.
+    """
 
     def __init__(self, seed: int, source: SdSource) -> None:
         self.samples = source.samples
@@ -151,16 +188,25 @@ class SdBodies:
         return SdBodies, (self._seed, self._source)
 
     def check_targets(self) -> None:
-        """Draw a few bodies for each target; raise a ConfigError if one is out of reach."""
+        """Draw a few bodies for each target; raise a ConfigError if one is out of
+        reach.
+        """
         target = self._source.target
         for value in target.values if target else ():
-            draw_points(self._seed, np.arange(min(self.samples, 16)), self._ranges, target, value)
+            draw_points(
+                self._seed,
+                np.arange(min(self.samples, 16)),
+                self._ranges,
+                target,
+                value,
+            )
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some samples for their targets, in any order."""
         if self._source.target is None and self._source.draw == "random":
             return bodies_at(draw_points(self._seed, sample), self._ranges)
-        # Draws for a target are slow, and a sequence is made in order: both go by whole chunks.
+        # Draws for a target are slow, and a sequence is made in order: both go by whole
+        # chunks.
         points = np.empty((6, len(sample)))
         chunk, place = np.divmod(sample, CHUNK)
         # NaN, for no target, is unequal to itself, so the cache would never find it.
@@ -174,19 +220,25 @@ class SdBodies:
         first, stop = number * CHUNK, min((number + 1) * CHUNK, self.samples)
         source, ranges = self._source, self._ranges
         if source.draw == "random":
-            return draw_points(self._seed, np.arange(first, stop), ranges, source.target, value)
+            return draw_points(
+                self._seed, np.arange(first, stop), ranges, source.target, value
+            )
         group = source.group if source.draw == "saltelli" else 1
         points = sequence_points(len(ranges), self._seed, first, stop, group)
         return np.pad(points, ((0, 6 - len(points)), (0, 0)))
 
 
 def ranges_of(source: SdSource) -> Floats:
-    """Return the ranges of the parameters, of the shape (5, 2), or (6, 2) with ``c``."""
+    """Return the ranges of the parameters, of the shape (5, 2), or (6, 2) with
+    ``c``.
+    """
     return np.array([*dict(source.ranges).values(), *([source.c] if source.c else [])])
 
 
 def _shell_parameters(u, ranges):
-    """Return ``gamma, f_sd, theta, phi, xi`` at a point ``u`` of the unit cube, or at many."""
+    """Return ``gamma, f_sd, theta, phi, xi`` at a point ``u`` of the unit cube, or at
+    many.
+    """
     gamma = ranges[0, 0] + (ranges[0, 1] - ranges[0, 0]) * u[0]
     f_sd = ranges[1, 0] + (ranges[1, 1] - ranges[1, 0]) * u[1]
     theta = ranges[2, 0] + (ranges[2, 1] - ranges[2, 0]) * u[2]
@@ -197,22 +249,34 @@ def _shell_parameters(u, ranges):
 
 
 def bodies_at(points: Floats, ranges: Floats) -> Bodies:
-    """Return bodies at points of the unit cube, one row for each of `ranges` or more."""
+    """Return bodies at points of the unit cube, one row for each of `ranges` or
+    more.
+    """
     gamma, f_sd, theta, phi, xi = cast("Any", _shell_parameters)(points, ranges)
-    c = None if len(ranges) < 6 else ranges[5, 0] + (ranges[5, 1] - ranges[5, 0]) * points[5]
+    c = (
+        None
+        if len(ranges) < 6
+        else ranges[5, 0] + (ranges[5, 1] - ranges[5, 0]) * points[5]
+    )
     return Bodies(*shell_dumbbell(gamma, f_sd), gamma, theta, phi, xi, f_sd, c)
 
 
-def sequence_points(dimensions: int, seed: int, first: int, stop: int, group: int = 1) -> Floats:
-    """Return points `first` to `stop` of a Sobol' sequence, or of Saltelli's groups of points."""
+def sequence_points(
+    dimensions: int, seed: int, first: int, stop: int, group: int = 1
+) -> Floats:
+    """Return points `first` to `stop` of a Sobol' sequence, or of Saltelli's groups of
+    points.
+    """
     # scipy.stats takes longer to import than all the rest.
     from scipy.stats import qmc
 
     if group > 1:
-        # One point of twice the dimensions is a pair; a group is both, and the first with each
-        # coordinate in turn taken from the second.
+        # One point of twice the dimensions is a pair; a group is both, and the first
+        # with each coordinate in turn taken from the second.
         number, place = np.divmod(np.arange(first, stop), group)
-        pairs = sequence_points(2 * dimensions, seed, int(number[0]), int(number[-1]) + 1)
+        pairs = sequence_points(
+            2 * dimensions, seed, int(number[0]), int(number[-1]) + 1
+        )
         one, other = np.split(pairs[:, number - number[0]], 2)
         swapped = (place == 1) | (place == 2 + np.arange(dimensions)[:, None])
         return np.where(swapped, other, one)
@@ -226,18 +290,30 @@ def sequence_points(dimensions: int, seed: int, first: int, stop: int, group: in
 
 
 def draw_points(
-    seed: int, samples: Integers, ranges: Floats | None = None,
-    target: Target | None = None, value: float = np.nan,
-) -> Floats:  # fmt: skip
-    """Return a random point for each sample, at which the body meets the target's `value`."""
+    seed: int,
+    samples: Integers,
+    ranges: Floats | None = None,
+    target: Target | None = None,
+    value: float = np.nan,
+) -> Floats:
+    """Return a random point for each sample, at which the body meets the target's
+    `value`.
+    """
     points = np.full((6, samples.size), np.nan)
     word, aim = 0, (0, 0.0, 0.0, 1)  # without a target, the first draw is taken
     if target is not None:
         # The 64 bits of the value, with the sign bit set for K_p.
         word = int(np.float64(-value if target.name == "K_p" else value).view(np.int64))
-        aim = (1 if target.name == "K_p" else 2, float(value), target.rel_tol, target.max_draws)
+        aim = (
+            1 if target.name == "K_p" else 2,
+            float(value),
+            target.rel_tol,
+            target.max_draws,
+        )
     # These arrays have the types that the sampler is compiled for.
-    within = np.array(np.zeros((5, 2)) if ranges is None else ranges, dtype=float, order="C")
+    within = np.array(
+        np.zeros((5, 2)) if ranges is None else ranges, dtype=float, order="C"
+    )
     settings = (seed, np.array(samples, dtype=np.int64), word, within, *aim, points)
     draw = load_kernels((sampler,))[0]
     if target is None:
@@ -249,8 +325,8 @@ def draw_points(
 
     threads = available_threads()
     edges = np.linspace(0, samples.size, threads + 1).astype(int).tolist()
-    # Python's threads, as Numba's pool aborts the process if another kernel runs meanwhile; and the
-    # main thread stays free to notice Ctrl-C.
+    # Python's threads, as Numba's pool aborts the process if another kernel runs
+    # meanwhile; and the main thread stays free to notice Ctrl-C.
     side_by_side([partial(part, *ends) for ends in pairwise(edges)], threads)
     if (unmet := np.isnan(points[0])).any():
         raise ConfigError(
@@ -281,9 +357,22 @@ _UNIT = 2.0**-53
 
 
 def _draw(
-    first, last, stop, seed, samples, word, ranges, which, target, rel_tol, max_draws, points
+    first,
+    last,
+    stop,
+    seed,
+    samples,
+    word,
+    ranges,
+    which,
+    target,
+    rel_tol,
+    max_draws,
+    points,
 ):
-    """Fill in points, NaN if none meets the target; `which`: 0 no target, 1 K_p, 2 K_r."""
+    """Fill in points, NaN if none meets the target; `which`: 0 no target, 1 K_p, 2
+    K_r.
+    """
     for i in range(first, last):
         if stop[0]:
             return
@@ -311,7 +400,9 @@ def uniforms(seed, word, sample, draw):
 
 @njit(nogil=True)
 def _philox(key0, key1, c0, c1):
-    """Return four multiples of 2^-53 in [0, 1) for a key and a counter of 64-bit words."""
+    """Return four multiples of 2^-53 in [0, 1) for a key and a counter of 64-bit
+    words.
+    """
     c2 = c3 = np.uint64(0)
     for _ in range(10):
         high0, low0 = _multiply(_M0, c0)
@@ -319,8 +410,12 @@ def _philox(key0, key1, c0, c1):
         c0, c1, c2, c3 = high1 ^ c1 ^ key0, low1, high0 ^ c3 ^ key1, low0
         key0 += _W0
         key1 += _W1
-    return (float(c0 >> _SHIFT) * _UNIT, float(c1 >> _SHIFT) * _UNIT,
-            float(c2 >> _SHIFT) * _UNIT, float(c3 >> _SHIFT) * _UNIT)  # fmt: skip
+    return (
+        float(c0 >> _SHIFT) * _UNIT,
+        float(c1 >> _SHIFT) * _UNIT,
+        float(c2 >> _SHIFT) * _UNIT,
+        float(c3 >> _SHIFT) * _UNIT,
+    )
 
 
 @njit(nogil=True)

@@ -1,7 +1,7 @@
 """Bodies from the rows of a table: a CSV file, Parquet or a DataFrame.
 
-A row has a body, by its parameters or by the columns of :data:`SI_BODY`, and optionally a launch, a
-horizon and dissipation.  Columns of other names are copied to the runs.
+A row has a body, by its parameters or by the columns of :data:`SI_BODY`, and optionally
+a launch, a horizon and dissipation.  Columns of other names are copied to the runs.
 """
 
 from __future__ import annotations
@@ -43,11 +43,19 @@ OMEGA, U = ("omega_x", "omega_y", "omega_z"), ("u_x", "u_y", "u_z")
 COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, "t_end", "psi", "f_sd", "c", *LOSSES)
 """Columns that determine a run, in units of the body."""
 SI_BODY = ("mass_kg", "height_m", "ixx_kg_m2", "iyy_kg_m2", "izz_kg_m2", "r1_m", "r2_m")
-"""Mass, height of the centre of mass, inertia about it, radii of curvature at the bottom."""
-BODY_DEFAULTS = {"mass_kg": np.nan, "ixy_kg_m2": 0.0, "axes_angle_deg": 0.0,
-                 "gravity_m_s2": si.GRAVITY}  # fmt: skip
-"""Mass, product of inertia, angle from the x axis to the direction of r1, and gravity."""
-WITH_UNITS = {  # the column in units of the body, the size of the unit, and the kind of quantity
+"""Mass, height of the centre of mass, inertia about it, radii of curvature at the
+bottom.
+"""
+BODY_DEFAULTS = {
+    "mass_kg": np.nan,
+    "ixy_kg_m2": 0.0,
+    "axes_angle_deg": 0.0,
+    "gravity_m_s2": si.GRAVITY,
+}
+"""Mass, product of inertia, angle from the x axis to the direction of r1, and gravity.
+"""
+# the column in units of the body, the size of the unit, and the kind of quantity
+WITH_UNITS = {
     "xi_deg": ("xi", np.pi / 180, ""),
     "psi_deg": ("psi", np.pi / 180, ""),
     "n_i_rpm": ("n_i", np.pi / 30, "spin"),
@@ -65,7 +73,9 @@ KEPT = {  # also copied to the runs: unit and description
     "gravity_m_s2": ("m/s^2", "gravity g"),
 }
 RESULTS = {column.name for part in (*RUNS.values(), STATE, MEASURED) for column in part}
-TAKEN = {c.name for part in ("keys", "result", "observation") for c in RUNS[part]} - {*INPUT}
+TAKEN = {c.name for part in ("keys", "result", "observation") for c in RUNS[part]} - {
+    *INPUT
+}
 """Names of results, which columns of the user's own must not have."""
 LARGE = 3e8  # bytes of a file that takes seconds to read
 SPEEDS = (-schema.MAX_SPEED, schema.MAX_SPEED, "sqrt(g/a)")
@@ -105,13 +115,23 @@ class TableBodies:
 
     @property
     def losses(self) -> dict[str, list[float | str]]:
-        """Dissipation columns of the table: their number if all rows share it, else "table"."""
-        own = {name: np.unique(self.columns[name]) for name in LOSSES if name in self.columns}
-        return {name: [float(v[0]) if len(v) == 1 else TABLE] for name, v in own.items()}
+        """Dissipation columns of the table: their number if all rows share it, else
+        "table".
+        """
+        own = {
+            name: np.unique(self.columns[name])
+            for name in LOSSES
+            if name in self.columns
+        }
+        return {
+            name: [float(v[0]) if len(v) == 1 else TABLE] for name, v in own.items()
+        }
 
     @property
     def surface(self) -> str | None:
-        """The surface of bodies of which some have a semi-axis c; None if there are none."""
+        """The surface of bodies of which some have a semi-axis c; None if there are
+        none.
+        """
         return "ellipsoid" if np.isfinite(self.columns.get("c", np.nan)).any() else None
 
     @cached_property
@@ -121,7 +141,9 @@ class TableBodies:
         for name, values in sorted((self.columns | self.carried).items()):
             digest.update(f"{name}\0{values.dtype.kind}\0{len(values)}\0".encode())
             is_text = values.dtype.kind == "O"
-            digest.update(repr(values.tolist()).encode() if is_text else values.tobytes())
+            digest.update(
+                repr(values.tolist()).encode() if is_text else values.tobytes()
+            )
         return digest.hexdigest()
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
@@ -130,7 +152,11 @@ class TableBodies:
         columns.setdefault("f_sd", np.full(len(sample), np.nan))
         for name, parts in (("omega", OMEGA), ("u", U)) if "u_x" in columns else ():
             columns[name] = np.stack([columns.pop(part) for part in parts], axis=1)
-        return Bodies(**columns, units=take(self.units, sample), carried=take(self.carried, sample))
+        return Bodies(
+            **columns,
+            units=take(self.units, sample),
+            carried=take(self.carried, sample),
+        )
 
     def with_surface(self, source: TableSource) -> TableBodies:
         """Return these bodies with the surface that a config gives them."""
@@ -142,15 +168,26 @@ class TableBodies:
         if source.ellipsoidal:
             columns["c"] = c if source.c is None else np.where(np.isnan(c), source.c, c)
             if np.isnan(columns["c"]).all():
-                raise ConfigError("bodies.c: the key is missing, and the table has no column c")
-            _refuse("bodies", violations(**{name: columns[name] for name in (*PARAMETERS, "c")}))
+                raise ConfigError(
+                    "bodies.c: the key is missing, and the table has no column c"
+                )
+            _refuse(
+                "bodies",
+                violations(**{name: columns[name] for name in (*PARAMETERS, "c")}),
+            )
         return TableBodies(columns, self.units, self.carried)
 
 
-def run_fields(units: Units | None, carried: Mapping[str, NDArray[Any]]) -> tuple[pa.Field, ...]:
-    """Return the columns of runs for carried values, and those of bodies of a known size."""
+def run_fields(
+    units: Units | None, carried: Mapping[str, NDArray[Any]]
+) -> tuple[pa.Field, ...]:
+    """Return the columns of runs for carried values, and those of bodies of a known
+    size.
+    """
     kinds = {"i": I64, "f": F64, "O": TEXT}
-    own = (field(name, kinds[x.dtype.kind], *about(name)) for name, x in carried.items())
+    own = (
+        field(name, kinds[x.dtype.kind], *about(name)) for name, x in carried.items()
+    )
     return (*own, *(MEASURED if units else ()))
 
 
@@ -161,37 +198,50 @@ def unknown_columns(names: Iterable[str]) -> list[str]:
 
 
 def about(name: str) -> tuple[str, str]:
-    """Return unit and description of a column that is copied from the bodies to the runs."""
+    """Return unit and description of a column that is copied from the bodies to the
+    runs.
+    """
     if shape := re.fullmatch(r"shape_(\w+)_(m|kg|rad)", name):
         return shape[2], f"{shape[1]} of the shape"
     return KEPT.get(name, ("1", "copied from the bodies"))
 
 
 def read_bodies(path: str, base: Path | None = None) -> TableBodies:
-    """Read bodies from CSV, Parquet or a folder of Parquet files, here or relative to `base`."""
+    """Read bodies from CSV, Parquet or a folder of Parquet files, here or relative to
+    `base`.
+    """
     where = f"bodies.path: {one_line(path, 200)}"
     file = Path(path) if base is None or os.path.exists(path) else base / path
     if not (os.path.isdir(file) or os.path.isfile(file)):
         what = "is not a file" if os.path.exists(file) else "no such file"
         raise ConfigError(f"{where}: {what}; give the path of a CSV or Parquet table")
     try:
-        size = sum(x.stat().st_size for x in (file.rglob("*") if file.is_dir() else [file]))
+        size = sum(
+            x.stat().st_size for x in (file.rglob("*") if file.is_dir() else [file])
+        )
         if size > LARGE:
-            print(f"reading {one_line(path, 200)}, {size / 1e9:.1f} GB", file=sys.stderr)
+            print(
+                f"reading {one_line(path, 200)}, {size / 1e9:.1f} GB", file=sys.stderr
+            )
         if file.is_dir() or file.suffix.lower() in (".parquet", ".pq"):
             table = pq.read_table(file, page_checksum_verification=True)
         else:
-            # Types are inferred from the first block, so one block takes the whole file.
+            # Types are inferred from the first block, so one block takes the whole
+            # file.
             options = csv.ReadOptions(block_size=min(size + 1, 2**31 - 1))
             convert = csv.ConvertOptions(strings_can_be_null=True)
             table = csv.read_csv(file, options, convert_options=convert)
             table = table.rename_columns([name.strip() for name in table.column_names])
     except Exception as error:  # pyarrow raises many kinds
         raise _unreadable(where, error) from None
-    if {"case", "sample"} <= {*table.column_names}:  # the runs of a sweep, with their results
+    if {"case", "sample"} <= {
+        *table.column_names
+    }:  # the runs of a sweep, with their results
         table = table.sort_by([("case", "ascending"), ("sample", "ascending")])
     elif taken := [name for name in table.column_names if name in TAKEN]:
-        raise ConfigError(f"{where}: the column {taken[0]} has the name of a result; rename it")
+        raise ConfigError(
+            f"{where}: the column {taken[0]} has the name of a result; rename it"
+        )
     return _bodies(table, where)
 
 
@@ -211,8 +261,12 @@ def _unreadable(where: str, error: Exception) -> ConfigError:
 
 def _bodies(table: pa.Table, where: str) -> TableBodies:
     """Return the bodies of a table; messages of errors begin with `where`."""
-    if repeated := [name for name, times in Counter(table.column_names).items() if times > 1]:
-        raise ConfigError(f"{where}: the column {one_line(repeated[0])} is repeated; keep one")
+    if repeated := [
+        name for name, times in Counter(table.column_names).items() if times > 1
+    ]:
+        raise ConfigError(
+            f"{where}: the column {one_line(repeated[0])} is repeated; keep one"
+        )
     if not table.num_rows:
         raise ConfigError(f"{where}: the table has no rows; give at least one body")
     given = dict(zip(table.column_names, table.columns, strict=True))
@@ -230,14 +284,18 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
     units = _without_units(columns, where)
     _require(PARAMETERS, columns, where, f"a body has {' '.join(PARAMETERS)}")
     if state := columns.keys() & {*OMEGA, *U}:
-        _require((*OMEGA, *U), columns, where, f"a full state has {' '.join((*OMEGA, *U))}")
+        _require(
+            (*OMEGA, *U), columns, where, f"a full state has {' '.join((*OMEGA, *U))}"
+        )
     elif columns.keys() & {*LAUNCH}:
         _require(LAUNCH, columns, where, "a launch has n_i and omega_xy0")
     impossible = violations(**{name: columns[name] for name in PARAMETERS})
     _refuse(where, [*_out_of_bounds(columns), *impossible])
     if "t_r" in columns and "t_end" in columns:
         # The t_end of a run that reversed is its reversal time, not its horizon.
-        columns["t_end"] = np.where(np.isfinite(columns["t_r"]), np.nan, columns["t_end"])
+        columns["t_end"] = np.where(
+            np.isfinite(columns["t_r"]), np.nan, columns["t_end"]
+        )
     used = {"", *INPUT, *RESULTS} - KEPT.keys()
     carried = {name: _own(name, x) for name, x in given.items() if name not in used}
     columns = {name: columns[name] for name in COLUMNS if name in columns}
@@ -252,7 +310,9 @@ def _numbers(column: pa.ChunkedArray) -> Floats:
 
     if pa.types.is_temporal(column.type) or pa.types.is_boolean(column.type):
         return np.full(len(column), np.nan)
-    if pa.types.is_floating(column.type):  # avoids pandas, which is slow for many columns
+    if pa.types.is_floating(
+        column.type
+    ):  # avoids pandas, which is slow for many columns
         return np.array(column, float)
     return np.array(pd.to_numeric(column.to_pandas(), errors="coerce"), float)
 
@@ -263,13 +323,22 @@ def _own(name: str, column: pa.ChunkedArray) -> NDArray[Any]:
     whole = types.is_integer(kind) and kind != pa.uint64() and name not in KEPT
     if whole and not column.null_count:
         return np.asarray(column).astype(np.int64)
-    if name in KEPT or types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind):
+    if (
+        name in KEPT
+        or types.is_integer(kind)
+        or types.is_floating(kind)
+        or types.is_decimal(kind)
+    ):
         return _numbers(column)
-    return np.array([x if x is None else str(x) for x in column.to_pylist()], dtype=object)
+    return np.array(
+        [x if x is None else str(x) for x in column.to_pylist()], dtype=object
+    )
 
 
 def _without_units(columns: dict[str, Floats], where: str) -> Units | None:
-    """Add the columns that those with units determine; return the bodies' units if known."""
+    """Add the columns that those with units determine; return the bodies' units if
+    known.
+    """
     made: dict[str, Floats] = {}
     units: Units | None = None
     rows = max(map(len, columns.values()), default=0)
@@ -278,37 +347,56 @@ def _without_units(columns: dict[str, Floats], where: str) -> Units | None:
         units = Units(full["mass_kg"], full["height_m"], full["gravity_m_s2"])
     if columns.keys() & {*SI_BODY[2:], "ixy_kg_m2", "axes_angle_deg"}:
         _require(SI_BODY, columns, where, f"a body in SI units has {' '.join(SI_BODY)}")
-        tensor = np.stack([full[f"i{x}_kg_m2"] for x in ("xx", "yy", "zz", "xy")], axis=1)
+        tensor = np.stack(
+            [full[f"i{x}_kg_m2"] for x in ("xx", "yy", "zz", "xy")], axis=1
+        )
         radii = np.stack([full["r1_m"], full["r2_m"]], axis=1)
         angle = np.radians(full["axes_angle_deg"])
         made = si.parameters(full["mass_kg"], tensor, full["height_m"], radii, angle)
     for name, (plain, size, kind) in WITH_UNITS.items():
         if name in columns:
-            sizes = {"": (), "torque per spin": ("mass_kg", "height_m")}.get(kind, ("height_m",))
+            sizes = {"": (), "torque per spin": ("mass_kg", "height_m")}.get(
+                kind, ("height_m",)
+            )
             _require(sizes, columns, where, f"{name} needs it")
             value = columns[name] * size
-            made[plain] = value = units.natural(value, kind) if units and kind else value
+            made[plain] = value = (
+                units.natural(value, kind) if units and kind else value
+            )
             # The runs of a sweep have both n_i and n_i_rpm.
-            if plain in columns and not (kind and np.allclose(columns[plain], value, 1e-9, 0.0)):
-                raise ConfigError(f"{where}: {plain} and {name} are one quantity; keep one")
-    # Columns without units take precedence, so that the runs of a sweep are repeated exactly.
+            if plain in columns and not (
+                kind and np.allclose(columns[plain], value, 1e-9, 0.0)
+            ):
+                raise ConfigError(
+                    f"{where}: {plain} and {name} are one quantity; keep one"
+                )
+    # Columns without units take precedence, so that the runs of a sweep are repeated
+    # exactly.
     columns |= made | columns
     return units
 
 
 def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
-    """Return spin, oscillation and u of full states; messages of errors begin with `where`."""
+    """Return spin, oscillation and u of full states; messages of errors begin with
+    `where`.
+    """
     omega, u = (np.stack([columns[x] for x in names], axis=1) for names in (OMEGA, U))
     u = schema.normalised(u)
     at_rest = ~omega.any(axis=1) & (u[:, 2] == -1)
     rules = {schema.NO_UNIT_VECTOR: np.isnan(u[:, 0]), schema.AT_REST: at_rest}
-    _refuse(where, ((row, message) for message, bad in rules.items() for row in _first(bad)))
+    _refuse(
+        where, ((row, message) for message, bad in rules.items() for row in _first(bad))
+    )
     n_i, omega_xy0, psi = spin_and_oscillation(omega, u)
-    return {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi} | dict(zip(U, u.T, strict=True))
+    return {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi} | dict(
+        zip(U, u.T, strict=True)
+    )
 
 
 def check_value(name: str, values: Floats) -> RowProblem | None:
-    """Return the place of the first value out of bounds and a message; NaN is in bounds."""
+    """Return the place of the first value out of bounds and a message; NaN is in
+    bounds.
+    """
     low, high, unit = BOUNDS.get(name, (-np.inf, np.inf, ""))
     for place in _first((values < low) | (values > high)):
         allowed = f"from {low:g} to {high:g} {unit} is allowed"
@@ -319,7 +407,11 @@ def check_value(name: str, values: Floats) -> RowProblem | None:
 def _out_of_bounds(columns: dict[str, Floats]) -> Iterator[RowProblem]:
     for name, values in columns.items():
         # Full states may have no oscillation.
-        broken = None if name == "omega_xy0" and "u_x" in columns else check_value(name, values)
+        broken = (
+            None
+            if name == "omega_xy0" and "u_x" in columns
+            else check_value(name, values)
+        )
         if broken:
             yield broken[0], f"{name} is {values[broken[0]]:g}; {broken[1]}"
 
@@ -329,14 +421,20 @@ def _first(bad: Flags) -> list[int]:
 
 
 def _refuse(where: str, problems: Iterable[RowProblem]) -> None:
-    """Raise a ConfigError with the first problem of each of up to five rows, if there are any."""
+    """Raise a ConfigError with the first problem of each of up to five rows, if there
+    are any.
+    """
     first: dict[int, str] = {}
     for row, message in problems:
         first.setdefault(row, message)
     if first:
-        raise ConfigError(f"{where}: row {row + 1}: {first[row]}" for row in sorted(first)[:5])
+        raise ConfigError(
+            f"{where}: row {row + 1}: {first[row]}" for row in sorted(first)[:5]
+        )
 
 
-def _require(names: Iterable[str], columns: Iterable[str], where: str, wanted: str) -> None:
+def _require(
+    names: Iterable[str], columns: Iterable[str], where: str, wanted: str
+) -> None:
     if missing := [name for name in names if name not in columns]:
         raise ConfigError(f"{where}: the column {missing[0]} is missing; {wanted}")

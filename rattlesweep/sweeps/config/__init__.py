@@ -15,11 +15,15 @@ def describe(value: Any) -> str:
     """Return a value of a config in the words of a message."""
     if isinstance(value, list | dict):
         return "a list" if isinstance(value, list) else "a mapping"
-    return "nothing" if value is None else one_line(json.dumps(value, ensure_ascii=False))
+    return (
+        "nothing" if value is None else one_line(json.dumps(value, ensure_ascii=False))
+    )
 
 
 def hint(text: Any, names: Iterable[str], otherwise: str) -> str:
-    """Return ``did you mean NAME?`` if a text is close to one of `names`, else `otherwise`."""
+    """Return ``did you mean NAME?`` if a text is close to one of `names`, else
+    `otherwise`.
+    """
     known = {name.casefold(): name for name in names}
     near = difflib.get_close_matches(str(text)[:40].casefold(), known, 1)
     return f"did you mean {describe(known[near[0]])}?" if near else otherwise
@@ -34,13 +38,17 @@ def not_one_of(value: Any, names: Iterable[str]) -> str:
 
 @dataclass(frozen=True)
 class Places:
-    """Places of keys: a line of `file`, or a ``--set`` text.  All instances compare equal."""
+    """Places of keys: a line of `file`, or a ``--set`` text.  All instances compare
+    equal.
+    """
 
     file: str | None = field(default=None, compare=False)
     origins: Mapping[Key, int | str] = field(default_factory=dict, compare=False)
 
     def origin(self, key: Key) -> int | str | None:
-        """Return the place of a key, or of the innermost section around it that has one."""
+        """Return the place of a key, or of the innermost section around it that has
+        one.
+        """
         while key and key not in self.origins:
             key = key[:-1]
         return self.origins.get(key)
@@ -49,6 +57,8 @@ class Places:
         """Return ``file:line: key: message``."""
         origin = origin or self.origin(key)
         place = f"{self.file}:{origin}" if isinstance(origin, int) else origin
-        name = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key)
+        name = "".join(
+            f"[{part}]" if isinstance(part, int) else f".{part}" for part in key
+        )
         name = one_line(name.removeprefix("."), 200)
         return ": ".join(part for part in (place, name, message) if part)

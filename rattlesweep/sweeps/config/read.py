@@ -22,9 +22,11 @@ MAX_VALUES = 20_000  # a few aliases can expand to far more values than a file h
 MAX_TOLD = 20  # problems that are listed
 # Converters by the YAML type; values of other types, such as dates, stay text.
 SCALARS: dict[str, Callable[[str], Any]] = {
-    "null": lambda _: None, "bool": lambda text: text.lower() == "true",
-    "int": lambda text: int(text, 0), "float": float,
-}  # fmt: skip
+    "null": lambda _: None,
+    "bool": lambda text: text.lower() == "true",
+    "int": lambda text: int(text, 0),
+    "float": float,
+}
 
 T = TypeVar("T", bound=Base)
 Problem = tuple[int | str | None, Key, str]  # line or --set text, key, message
@@ -33,8 +35,8 @@ Problem = tuple[int | str | None, Key, str]  # line or --set text, key, message
 def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Config:
     """Read a config file (YAML 1.2); a config without a name is named after its file.
 
-    `overrides` are texts such as ``bodies.samples=10``; of several for one key the last wins.  A
-    ConfigError lists all mistakes, one a line: ``file:line: key: message``.
+    `overrides` are texts such as ``bodies.samples=10``; of several for one key the last
+    wins.  A ConfigError lists all mistakes, one a line: ``file:line: key: message``.
     """
     data, places, problems = read_file(path)
     stem = "".join(c if c.isprintable() and c != "\\" else "_" for c in Path(path).stem)
@@ -44,14 +46,20 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
     return checked(Config, data, places, problems)
 
 
-def read_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], Places, list[Problem]]:
-    """Return the mapping in a YAML file, the places of its keys, and problems such as repeats."""
+def read_file(
+    path: str | os.PathLike[str],
+) -> tuple[dict[str, Any], Places, list[Problem]]:
+    """Return the mapping in a YAML file, the places of its keys, and problems such as
+    repeats.
+    """
     file = one_line(os.fspath(path), 200)
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or one_line(str(error), 200)
-        raise ConfigError(f"{file}: {reason}; give the path of a config in UTF-8") from None
+        raise ConfigError(
+            f"{file}: {reason}; give the path of a config in UTF-8"
+        ) from None
     data, lines, problems = read_yaml(text)
     if not isinstance(data, dict):
         empty = (1, (), f"the file holds {describe(data)}; write key: value lines")
@@ -61,11 +69,15 @@ def read_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], Places, lis
 
 
 def parse_config(data: Mapping[str, Any], overrides: Sequence[str] = ()) -> Config:
-    """Check a config given as Python data, which may have tuples and NumPy arrays and numbers."""
+    """Check a config given as Python data, which may have tuples and NumPy arrays and
+    numbers.
+    """
     try:
         text = json.dumps({**data}, default=lambda x: getattr(x, "tolist", x.__str__)())
     except TypeError as error:
-        raise ConfigError(f"the config is not plain data ({error}); give a dict") from None
+        raise ConfigError(
+            f"the config is not plain data ({error}); give a dict"
+        ) from None
     plain, places = json.loads(text), Places()
     for override in overrides:
         places = _override(plain, places, override)
@@ -82,18 +94,36 @@ def config_json_schema() -> dict[str, Any]:
 
 def resolved(config: Config) -> dict[str, Any]:
     """Return the config as JSON data with all defaults filled in."""
-    return config.model_dump(mode="json", exclude_none=True) | {"output": config.directory}
+    return config.model_dump(mode="json", exclude_none=True) | {
+        "output": config.directory
+    }
 
 
 def fixed_part(config: Config) -> dict[str, Any]:
-    """Return the part of a config that determines the results of a run with a given key."""
+    """Return the part of a config that determines the results of a run with a given
+    key.
+    """
     # With dissipation, dead_energy decides which zeros of the spin are reversals.
-    types = {"ss_growth", "sw_departure", *([] if config.dissipation else ["dead_energy"])}
+    types = {
+        "ss_growth",
+        "sw_departure",
+        *([] if config.dissipation else ["dead_energy"]),
+    }
     # A table is identified by its content, not by its path.
     bodies = {"samples": True, "refine": True, "path": True, "target": {"K_p", "K_r"}}
     # A run that ends within max_steps does not depend on it.
-    free: Any = {"bodies": bodies, "spin": {"n_i", "omega_xy0"}, "integrator": {"max_steps"}}
-    free |= {"classify": types, "name": True, "output": True, "stop": True, "dissipation": True}
+    free: Any = {
+        "bodies": bodies,
+        "spin": {"n_i", "omega_xy0"},
+        "integrator": {"max_steps"},
+    }
+    free |= {
+        "classify": types,
+        "name": True,
+        "output": True,
+        "stop": True,
+        "dissipation": True,
+    }
     part = config.model_dump(mode="json", exclude_none=True, exclude=free)
     if target := getattr(config.bodies, "target", None):
         part["bodies"]["target"]["coefficient"] = target.name
@@ -102,11 +132,15 @@ def fixed_part(config: Config) -> dict[str, Any]:
 
 def physics_hash(config: Config) -> str:
     """Return the SHA-256, in hex, of the :func:`fixed_part` of a config."""
-    text = json.dumps(fixed_part(config), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    text = json.dumps(
+        fixed_part(config), sort_keys=True, separators=(",", ":"), allow_nan=False
+    )
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def differences(a: Mapping[str, Any], b: Mapping[str, Any], *, within: str = "") -> list[str]:
+def differences(
+    a: Mapping[str, Any], b: Mapping[str, Any], *, within: str = ""
+) -> list[str]:
     """Return a line for each dotted key in which two configs (plain data) differ."""
     found = []
     for key in {**a, **b}:
@@ -120,7 +154,9 @@ def differences(a: Mapping[str, Any], b: Mapping[str, Any], *, within: str = "")
 
 
 def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
-    """Return the data of a YAML text, the line of each key and list item, and the problems."""
+    """Return the data of a YAML text, the line of each key and list item, and the
+    problems.
+    """
     lines: dict[Key, int] = {}
     problems: list[Problem] = []
 
@@ -129,7 +165,12 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
         if len(lines) > MAX_VALUES:
             raise ValueError(f"more than {MAX_VALUES} values")
         if isinstance(node, SequenceNode):
-            lines.update({(*key, i): item.start_mark.line + 1 for i, item in enumerate(node.value)})
+            lines.update(
+                {
+                    (*key, i): item.start_mark.line + 1
+                    for i, item in enumerate(node.value)
+                }
+            )
             return [convert(item, (*key, i)) for i, item in enumerate(node.value)]
         if not isinstance(node, MappingNode):
             with suppress(ValueError):
@@ -140,7 +181,9 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
             word = name.value if isinstance(name, ScalarNode) else "?"
             line, child = name.start_mark.line + 1, (*key, word)
             if word in data:
-                message = f"the key is repeated (first in line {lines[child]}); keep one"
+                message = (
+                    f"the key is repeated (first in line {lines[child]}); keep one"
+                )
                 problems.append((line, child, message))
             else:
                 lines[child] = line
@@ -151,8 +194,12 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
         # The parser written in C follows YAML 1.1.
         root = YAML(typ="safe", pure=True).compose(text)
         return None if root is None else convert(root, ()), lines, problems
-    except Exception as error:  # malformed text raises ValueError, RecursionError, IndexError ...
-        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+    except (
+        Exception
+    ) as error:  # malformed text raises ValueError, RecursionError, IndexError ...
+        mark = getattr(error, "problem_mark", None) or getattr(
+            error, "context_mark", None
+        )
         words = str(getattr(error, "problem", None) or error or type(error).__name__)
         advice = "check brackets, quotes and indents"
         message = f"cannot be read as YAML ({one_line(words, 200)}); {advice}"
@@ -160,7 +207,9 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
 
 
 def checked(model: type[T], data: Any, places: Places, problems: list[Problem]) -> T:
-    """Return data as a model, or raise a ConfigError with its problems and those found before."""
+    """Return data as a model, or raise a ConfigError with its problems and those found
+    before.
+    """
     wrong: list[tuple[Key, str]] = []
     try:
         found = model.model_validate(data)
@@ -168,14 +217,20 @@ def checked(model: type[T], data: Any, places: Places, problems: list[Problem]) 
         wrong = [_problem(one, data) for one in error.errors(include_url=False)]
     else:
         if isinstance(found, Config):
-            wrong = [(tuple(name.split(".")), message) for name, message in clashes(found)]
+            wrong = [
+                (tuple(name.split(".")), message) for name, message in clashes(found)
+            ]
             found._places = places
     problems += [(places.origin(key), key, message) for key, message in wrong]
     if not problems:
         return found
     # In the order of the file, followed by those of --set.
     problems.sort(key=lambda one: one[0] if isinstance(one[0], int) else math.inf)
-    lines = [*dict.fromkeys(places.line(key, words, origin) for origin, key, words in problems)]
+    lines = [
+        *dict.fromkeys(
+            places.line(key, words, origin) for origin, key, words in problems
+        )
+    ]
     more = [f"and {len(lines) - MAX_TOLD} more"] if len(lines) > MAX_TOLD else []
     raise ConfigError([*lines[:MAX_TOLD], *more])
 
@@ -223,7 +278,9 @@ def _problem(error: Any, data: Any) -> tuple[Key, str]:
         return key, f"unknown key {describe(key[-1])}; {advice}"
     if kind == "literal_error":
         return key, not_one_of(value, re.findall(r"'(\w+)'", error["ctx"]["expected"]))
-    words = re.sub(r" or instance of \w+| after validation|Value error, ", "", error["msg"])
+    words = re.sub(
+        r" or instance of \w+| after validation|Value error, ", "", error["msg"]
+    )
     words = words.replace("Input", "it").replace("List", "it")
     words = re.sub(r"0\.0{4,}\d+", lambda number: f"{float(number[0]):g}", words)
     if kind == "value_error":
