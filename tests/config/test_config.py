@@ -49,7 +49,8 @@ GOOD = {
     "grid": "bodies: {source: grid, base: {preset: GH}, "
     "axes: {theta: {linspace: [0.6, 0.99, 200]}, phi: [0.02, 0.036]}}\n" + SPIN,
     "shell": "bodies: {source: grid, base: {gamma: 10, f_sd: 0.1, theta: 0.7, "
-    "phi: 0.05, xi_deg: -3}, axes: {f_sd: [0.1, 0.2], minus_xi_deg: {logspace: [0.01, 1, 3]}}}\n"
+    "phi: 0.05, xi_deg: -3}, axes: {f_sd: [0.1, 0.2], "
+    "minus_xi_deg: {logspace: [0.01, 1, 3]}}}\n"
     "spin: {n_i: [0.1, -0.1], omega_xy0: 0.01, psi: 30}\n"
     "integrator: {method: rk4, dt: 0.002}\nhorizon: {t: 3.0e4}\n"
     "record: [contact, energy]\n",
