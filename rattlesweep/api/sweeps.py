@@ -100,7 +100,7 @@ class Sweep:
         """
         import pyarrow as pa
 
-        from rattlesweep.analysis.layout import parse_where
+        from rattlesweep.analysis.where import parse_where
 
         stored = self._stored
         schema = stored.schema
