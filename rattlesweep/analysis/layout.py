@@ -371,7 +371,8 @@ def make_dataset(
     dataset.attrs = {
         "title": layout.stored.config.name,
         "source": f"rattlesweep {version('rattlesweep')}",
-        "comment": "units: mass M, height a of the centre of mass at rest, and gravity g are 1",
+        "comment": "units: mass M, height a of the centre of mass at rest, and "
+        "gravity g are 1",
         "references": "Kondo and Nakanishi, Phys. Rev. E 95, 062207 (2017)",
         "config_hash": layout.stored.hash,
     }
