@@ -197,7 +197,8 @@ class _Evaluation:
         _check_numbers("a sign", operand)
         if isinstance(node.op, ast.UAdd):
             return operand
-        return operator.mul(operand, -1)
+        subtract = ARITHMETIC[ast.Sub][1]
+        return subtract(0, operand)
 
     def arithmetic(self, node: ast.BinOp) -> Value:
         """Return the result of arithmetic on numbers and columns of numbers."""
