@@ -5,9 +5,11 @@ these.
 
 import json
 import pkgutil
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial, reduce
+from importlib.abc import MetaPathFinder
 from pathlib import Path
 from typing import Any
 
@@ -33,12 +35,39 @@ class Command(click.Command):
 
     def invoke(self, ctx: click.Context) -> None:
         check_settings()
+        if self.section == "Sweeps":
+            start_without_pandas()
         with listening(Bar.of_command(bool(ctx.params.get("quiet"))).compiling):
             code = super().invoke(ctx)
         ctx.exit(code or DONE)
 
 
 COMMANDS: list[Command] = []
+
+
+class _NoPandas(MetaPathFinder):
+    """A finder of modules that says of pandas that it is not installed."""
+
+    def find_spec(self, name: str, *_: object) -> None:
+        if name == "pandas":
+            raise ModuleNotFoundError(name)
+
+
+def start_without_pandas() -> None:
+    """Keep pyarrow from importing pandas, which takes a third of a short command.
+
+    With its first array pyarrow looks for pandas, and so imports it, only to recognise
+    its types.  If that fails, it looks again where it needs pandas.
+    """
+    import pyarrow as pa
+
+    if "pandas" not in sys.modules:
+        finder = _NoPandas()
+        sys.meta_path.insert(0, finder)
+        try:
+            pa.array([0.0])
+        finally:
+            sys.meta_path.remove(finder)
 
 
 def command(section: str, *examples: str) -> Callable[[Callable[..., Any]], Command]:

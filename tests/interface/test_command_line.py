@@ -83,6 +83,38 @@ def test_help_and_refusals_load_nothing_heavy():
     subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
 
 
+def test_a_sweep_loads_neither_pandas_nor_matplotlib(tmp_path):
+    (tmp_path / "c.yaml").write_text(
+        "bodies: {source: preset, name: GH}\n"
+        "spin: {n_i: [0.1, -0.1], omega_xy0: 0.1}\nmodel: gh\noutput: out\n"
+    )
+    code = """if True:
+        import sys
+        from rattlesweep import cli
+        commands = (
+            "run c.yaml",
+            "run c.yaml --set seed=0",
+            "status out",
+            "verify out --recompute 1",
+            "classify out",
+            "merge out --output merged",
+            "plan c.yaml",
+        )
+        for line in commands:
+            try:
+                cli.main(line.split())
+            except SystemExit as end:
+                assert end.code == 0, line
+            loaded = {"pandas", "matplotlib", "tqdm"} & set(sys.modules)
+            assert not loaded, (line, loaded)
+        # What needs pandas still gets it.
+        import pyarrow
+        assert pyarrow.table({"a": [1]}).to_pandas().a.tolist() == [1]
+    """
+    command = [sys.executable, "-c", code]
+    subprocess.run(command, cwd=tmp_path, capture_output=True, check=True)
+
+
 def test_choices_are_those_of_the_registries():
     assert [*options.MODELS.choices][:-1] == [
         m for m in MODELS if m in options.MODELS.choices
