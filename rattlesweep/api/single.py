@@ -234,7 +234,9 @@ def simulate(
         "arguments", integrator, (*LAUNCH, "record", "threads", "progress")
     )
     check_count("threads", threads)
-    if arguments.is_frame(body) and (unused := unknown_columns(map(str, body))):
+    if arguments.is_table(body) and (
+        unused := unknown_columns(arguments.column_names(body))
+    ):
         warnings.warn(
             f"bodies: columns not used: {', '.join(unused)}", ConfigWarning, 2
         )

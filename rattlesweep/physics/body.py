@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from numbers import Real
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rattlesweep.arrays import Floats
 from rattlesweep.physics import si
@@ -82,18 +82,46 @@ class Rattleback:
         units = Units(mass=1.0, length=0.01)
         return cls(alpha, beta, gamma, 2 / 3**2, 2 / 20**2, xi, c=2.0, units=units)
 
+    @overload
     @classmethod
     def shell_dumbbell(
         cls, *, gamma: float, f_sd: float, theta: float, phi: float, xi: float
-    ) -> Rattleback:
-        """Return a shell-dumbbell body (Eqs. 62-67); ValueError unless ``0 < f_sd <
+    ) -> Rattleback: ...
+
+    @overload
+    @classmethod
+    def shell_dumbbell(
+        cls,
+        *,
+        gamma: ArrayLike,
+        f_sd: ArrayLike,
+        theta: ArrayLike,
+        phi: ArrayLike,
+        xi: ArrayLike,
+    ) -> NDArray[np.object_]: ...
+
+    @classmethod
+    def shell_dumbbell(
+        cls, *, gamma: Any, f_sd: Any, theta: Any, phi: Any, xi: Any
+    ) -> Rattleback | NDArray[np.object_]:
+        """Return a shell-dumbbell body (Eqs. 62-67), or an array of them for arrays.
+
+        Arrays are broadcast by NumPy's rules.  Raise ValueError unless ``0 < f_sd <
         0.5``.
         """
-        _require_number("gamma", gamma)
-        _require_number("f_sd", f_sd)
-        if not 0 < f_sd < 0.5:
-            raise ValueError(f"f_sd is {f_sd:g}; it must lie between 0 and 0.5")
-        return cls(*shell_dumbbell(gamma, f_sd), gamma, theta, phi, xi)
+        given = {"gamma": gamma, "f_sd": f_sd, "theta": theta, "phi": phi, "xi": xi}
+        if all(np.ndim(value) == 0 for value in given.values()):
+            _require_number("gamma", gamma)
+            _require_number("f_sd", f_sd)
+            if not 0 < f_sd < 0.5:
+                raise ValueError(f"f_sd is {f_sd:g}; it must lie between 0 and 0.5")
+            return cls(*shell_dumbbell(gamma, f_sd), gamma, theta, phi, xi)
+        columns = np.broadcast_arrays(*given.values())
+        bodies = np.empty(columns[0].shape, dtype=object)
+        for place in np.ndindex(bodies.shape):
+            values = (column[place] for column in columns)
+            bodies[place] = cls.shell_dumbbell(**dict(zip(given, values, strict=True)))
+        return bodies
 
     @classmethod
     def from_si(
