@@ -94,7 +94,8 @@ def _doubts(config: Config, launches: Launches, which: str) -> Iterator[str]:
     early = t_end < t_rgh  # false without spin, where t_rGH is NaN
     if endless.any():
         name, unit = ("t_rgh", "t_rGH") if horizon.t_rgh else ("t_decay", "gamma/sigma")
-        problem = f"{name} times {unit} is not a finite time in {told(endless)}; give t as well"
+        problem = f"{name} times {unit} is not a finite time in {told(endless)}"
+        problem += "; give t as well"
         if endless.all():
             raise ConfigError(f"horizon.{name}: {problem}")
         yield f"horizon.{name}: {problem}"
@@ -123,8 +124,8 @@ def _drawn_bodies(source: SdSource) -> TableBodies:
             if abs(value - np.clip(value, low, high)) > target.rel_tol * value:
                 where = f"{BODIES_DRAWN} bodies drawn from the ranges"
                 raise ConfigError(
-                    f"bodies.target.{target.name}: {value:g} is out of reach: in {where} "
-                    f"{target.name} lies between {low:.4g} and {high:.4g}"
+                    f"bodies.target.{target.name}: {value:g} is out of reach: in "
+                    f"{where} {target.name} lies between {low:.4g} and {high:.4g}"
                 )
     return TableBodies(
         {k: column for k, column in vars(b).items() if isinstance(column, np.ndarray)}

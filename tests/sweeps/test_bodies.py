@@ -367,7 +367,7 @@ def test_tables_in_memory_may_have_the_papers_own_parameters():
         runs = rs.simulate(columns, **launch)
         assert runs.f_sd.tolist() == PAPERS["f_sd"]
         np.testing.assert_allclose(runs.t_r, expected.t_r, rtol=1e-9)
-    with pytest.raises(ConfigError, match="row 2: f_sd is 0.6; above 0 and below 0.5"):
+    with pytest.raises(ConfigError, match=r"row 2: f_sd is 0\.6; above 0 and below"):
         rs.simulate(PAPERS | degrees | {"f_sd": [0.1, 0.6]}, **launch)
     with pytest.raises(ConfigError, match="the column phi is missing; a body has gam"):
         rs.simulate({k: v for k, v in PAPERS.items() if k != "phi"} | degrees)

@@ -230,13 +230,11 @@ def is_output(names: Iterable[str]) -> bool:
 def frame_bodies(frame: Frame) -> TableBodies:
     """Return the bodies of a table in memory, such as a DataFrame."""
     try:
-        if isinstance(frame, pa.Table):
-            table = frame
-        elif hasattr(frame, "to_arrow"):  # of Polars
-            table = frame.to_arrow()
-        else:
+        if hasattr(frame, "index"):  # pandas, whose index would become a column
             table = pa.Table.from_pandas(frame, preserve_index=False)
-    except (pa.ArrowException, AttributeError, TypeError, ValueError) as error:
+        else:
+            table = pa.table(frame)
+    except (pa.ArrowException, TypeError, ValueError) as error:
         raise unreadable("bodies", error) from None
     return _bodies(table, "bodies")
 
