@@ -40,6 +40,11 @@ def small(name):
     return Kernel(plus_ten, (-3,), {})
 
 
+def forget_folders():
+    compile.cache_folder.cache_clear()
+    compile._stored_folder.cache_clear()
+
+
 @pytest.fixture
 def place(monkeypatch, tmp_path):
     """An empty cache, with this process' own kernels forgotten."""
@@ -47,9 +52,9 @@ def place(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
     monkeypatch.setattr(compile, "_loaded", {})
-    compile.cache_folder.cache_clear()
+    forget_folders()
     yield tmp_path / "cache"
-    compile.cache_folder.cache_clear()
+    forget_folders()
 
 
 def again(name="small"):
@@ -57,7 +62,7 @@ def again(name="small"):
     before.
     """
     compile._loaded.clear()
-    compile.cache_folder.cache_clear()
+    forget_folders()
     stored = is_stored(small, name)
     return load_kernels((small, name))[0](-3), stored
 
@@ -79,9 +84,12 @@ import json
 from rattlesweep.integrate import compile
 from rattlesweep.integrate.batch import kernel, load_kernels
 heard = []
-with compile.listening(lambda: heard.append("compiled")):
+with compile.listening(heard.append):
     kernel("dop853", "full")
-hits = {str(key[0].__name__): len(made.stats.cache_hits) for key, made in compile._loaded.items()}
+hits = {
+    order[0].__name__: len(compiled.stats.cache_hits)
+    for order, compiled in compile._loaded.items()
+}
 print(json.dumps([heard, hits]))
 """
 
@@ -140,7 +148,9 @@ def test_a_private_temporary_folder_is_removed_with_its_process(tmp_path):
     }
     code = (
         "import test_kernel_cache as t; "
-        "print(t.again(), t.load_kernels((t.small, 'small'))[0](-4), t.compile.cache_folder())"
+        "first = t.again(); "
+        "(plus_ten,) = t.load_kernels((t.small, 'small')); "
+        "print(first, plus_ten(-4), t.compile.cache_folder())"
     )
     done = python(code, **env)
     assert done.returncode == 0, done.stderr
@@ -157,6 +167,47 @@ def test_a_kernel_stays_in_memory_where_the_disk_is_full(place, monkeypatch):
     monkeypatch.setattr(numba.core.caching.IndexDataCacheFile, "save", fail)
     assert again() == (13, False)
     assert not list(place.rglob("*.nb?"))
+
+
+def test_a_kernel_is_compiled_where_no_other_process_starts(place, monkeypatch):
+    def fail(*args, **kwargs):
+        raise OSError(errno.ENOEXEC, "Exec format error")
+
+    monkeypatch.setattr(subprocess, "Popen", fail)
+    assert again() == (13, False)
+    assert again() == (13, True)
+
+
+def test_a_user_without_a_home_compiles_into_a_temporary_folder(place, monkeypatch):
+    def nowhere(*args):
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    monkeypatch.setattr("platformdirs.user_cache_dir", nowhere)
+    heard = []
+    with compile.listening(heard.append):
+        assert again() == (13, False)
+    assert compile.cache_folder().parent.name.startswith("rattlesweep-")
+    # The listener hears that later runs will not find the kernel.
+    assert heard == [False]
+
+
+def test_a_listener_hears_that_kernels_are_stored(place):
+    heard = []
+    with compile.listening(heard.append):
+        again()
+        again()
+    assert heard == [True]
+
+
+def test_an_error_of_numba_is_not_hidden_by_a_slow_start(place, monkeypatch):
+    def fail(*args, **kwargs):
+        raise AttributeError("this version of Numba has no such method")
+
+    monkeypatch.setattr(compile, "CODE", "raise SystemExit(1)")
+    monkeypatch.setattr(numba.core.caching.FunctionCache, "save_overload", fail)
+    with pytest.raises(AttributeError, match="no such method"):
+        again()
 
 
 def test_a_damaged_file_is_compiled_again(place):
