@@ -1,5 +1,4 @@
-"""Slow and simple oracles, taken directly from Kondo & Nakanishi (2017), in NumPy and
-SciPy.
+"""Slow and simple oracles from Kondo & Nakanishi (2017), in NumPy and SciPy.
 
 This module does not import `rattlesweep`.  Units M = a = g = 1.  A *body* is a mapping
 or an object with ``alpha, beta, gamma, theta, phi, xi`` (xi in radians); the state is
@@ -62,8 +61,9 @@ def _matrices(alpha, beta, gamma, theta, phi, xi):
 
 
 def matrices(body):
-    """Return R Theta R^-1, R Theta^-1 R^-1 (from the principal radii), and the inertia
-    I about G.
+    """Return R Theta R^-1, R Theta^-1 R^-1 and the inertia I about G.
+
+    The second is made of the principal radii.
 
     I is in units of M a^2: Eq. 14 solved for I_xx, I_yy, I_zz.
     """
@@ -113,9 +113,7 @@ def spin_rate(y, body):
 
 
 def energy(y, body):
-    """Return the energy; the potential is zero at u = (0, 0, -1), where G is at height
-    1.
-    """
+    """Return the energy, with the potential zero at u = (0, 0, -1)."""
     u, w = y[:3], y[3:]
     r = contact_point(u, body)
     v = cross(r, w)
@@ -163,9 +161,7 @@ def h_matrix(body):
 
 
 def modes(body):
-    """Return the modes by `eigh`, K_p and K_r by Eqs. 33 and 35, psi in (-pi/2,
-    pi/2].
-    """
+    """Return the modes by `eigh`, K_p and K_r by Eqs. 33, 35, psi in (-pi/2, pi/2]."""
     alpha, beta = get(body, "alpha"), get(body, "beta")
     jp = np.diag([alpha**0.5, beta**0.5])
     jm = np.diag([alpha**-0.5, beta**-0.5])
@@ -238,9 +234,7 @@ def first_reversal(
 
 
 def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, samples=64):
-    """Return ``(t_r, y(t_r))`` at the spin's first zero, or ``(None, y(t_end))``
-    without one.
-    """
+    """Return ``(t_r, y(t_r))`` at the spin's first zero, or ``(None, y(t_end))``."""
     sign = math.copysign(1.0, spin(y0))
     solver = DOP853(
         lambda t, y: rhs(t, y, body),
@@ -279,8 +273,9 @@ def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, samples=64):
 
 
 def jacobian_spin(body, n):
-    """Return the Jacobian in (u_x, u_y, omega_x, omega_y) at steady spin n, by complex
-    step.
+    """Return the Jacobian in (u_x, u_y, omega_x, omega_y) at a steady spin.
+
+    It is taken by a complex step.
     """
     y0 = np.array([0.0, 0.0, -1.0, 0.0, 0.0, -float(n)], dtype=complex)
     which = [0, 1, 3, 4]

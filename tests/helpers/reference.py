@@ -1,5 +1,4 @@
-"""The paper's six-variable equations (vertical unit vector and angular velocity), at
-any precision.
+"""The paper's six-variable equations (u and omega), at any precision.
 
 This module does not import `rattlesweep` and shares nothing with its kernels: it has
 other variables, solves the 3x3 system by cofactors, and computes in longdoubles or
@@ -27,9 +26,7 @@ def trigonometry(angle, exact):
 
 
 def constants(parameters, exact=False):
-    """Return the inertia, radii B and curvatures A of bodies from rows of six
-    parameters.
-    """
+    """Return inertia, radii B and curvatures A of bodies from rows of parameters."""
     alpha, beta, gamma, theta, phi, xi = real(np.transpose(parameters), exact)
     c, s = trigonometry(xi, exact)
     # R(xi) diag R(xi)^-1 of the principal radii and of the principal curvatures.
@@ -98,8 +95,9 @@ def rhs(y, q):
 
 
 def step(y, h, q, columns=8):
-    """Return the state after a step of the extrapolated midpoint rule, of order 2 *
-    columns.
+    """Return the state after a step of the extrapolated midpoint rule.
+
+    Its order is 2 * columns.
     """
     f0 = rhs(y, q)
     table = []

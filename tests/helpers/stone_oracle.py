@@ -27,9 +27,7 @@ def ellipsoid(theta, phi, xi, c):
 
 
 def contact(u, du, body):
-    """Return the contact point from the centre of mass, and its rate in the body's
-    frame.
-    """
+    """Return the contact point from the centre of mass, and its rate in the body."""
     if body.get("c") is None:
         return oracle.contact_point(u, body), oracle.contact_point_dot(u, du, body)
     centre, e = ellipsoid(
@@ -94,9 +92,7 @@ def follow(body, u, omega, t_end, sigma=0.0, rolling=0.0, tol=1e-13):
 
 
 def first_zero(found, value, samples=40_000):
-    """Return the time of the first zero of a vectorised function of the state, or
-    None.
-    """
+    """Return the first zero of a vectorised function of the state, or None."""
     times = np.linspace(0, found.t[-1], samples)
     values = value(found.sol(times))
     changes = np.flatnonzero(values[1:] * values[:-1] < 0)

@@ -27,9 +27,7 @@ def _exact(*values):
 
 
 def n_c1_squared(alpha, beta, gamma, theta, phi):
-    """Return the square of n_c1 (Eq. 73), which may be negative; None for a zero
-    divisor.
-    """
+    """Return n_c1 squared (Eq. 73), which may be negative; None for a zero divisor."""
     with mp.workdps(WORK):
         a, b, c, th, ph = _exact(alpha, beta, gamma, theta, phi)
         den = 2 - (th + ph) - (a + b - c) * (th + ph - 2 * th * ph)
@@ -37,8 +35,7 @@ def n_c1_squared(alpha, beta, gamma, theta, phi):
 
 
 def reference(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0):
-    """Return all quantities of the theory for a launch along the relevant mode, as mpf
-    or None.
+    """Return all quantities for a launch along the relevant mode, as mpf or None.
 
     ``t_rgh`` follows the paper's formula and so is negative where K < 0; psi is in
     (-pi/2, pi/2].
@@ -102,8 +99,9 @@ def reference(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0):
 
 
 def spin_matrix(alpha, beta, gamma, theta, phi, xi, n):
-    """Return the matrix of the equations linearised about u = (0, 0, -1), omega = (0,
-    0, -n).
+    """Return the matrix of the equations linearised about the steady spin.
+
+    It is u = (0, 0, -1), omega = (0, 0, -n).
 
     In (u_x, u_y, omega_x, omega_y), with B = R Theta^-1 R^-1 and r_perp = -B u_perp:
 

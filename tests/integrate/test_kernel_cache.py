@@ -1,6 +1,4 @@
-"""Kernels on disk: other processes find them, only in folders that nobody else can
-write.
-"""
+"""Kernels on disk: where they are stored, who may write there, who finds them."""
 
 import errno
 import json
@@ -58,9 +56,7 @@ def place(monkeypatch, tmp_path):
 
 
 def again(name="small"):
-    """Return the kernel's value as for a new process, and whether it was stored
-    before.
-    """
+    """Return a kernel's value as in a new process, and whether it was stored before."""
     compile._loaded.clear()
     forget_folders()
     stored = is_stored(small, name)
@@ -330,9 +326,7 @@ def test_an_impossible_setting_is_reported_in_one_sentence(setting, said, tmp_pa
 
 
 def both():
-    """Print the outcome of a run with all records and its trajectory; for a fresh
-    process.
-    """
+    """Print a run with all records and its trajectory; for a fresh process."""
     batch = kernels.full_batch(oracle.GH, [-0.1], 0.01, t_end=10.0)
     records = frozenset(["energy", "contact", "windows", "reversals", "lyapunov"])
     out = integrate(batch, METHODS["dop853"], FULL, threads=1, record=records)

@@ -1,6 +1,4 @@
-"""For small oscillations, a run is of type SS exactly if its spin exceeds Bondi's
-threshold.
-"""
+"""A run with small oscillations is SS exactly if its spin exceeds Bondi's threshold."""
 
 import pytest
 

@@ -1,6 +1,4 @@
-"""The full dynamics in slopes against the paper's six variables, in doubles and at 60
-digits.
-"""
+"""The full dynamics in slopes against the paper's six variables, also at 60 digits."""
 
 import itertools
 
@@ -149,9 +147,7 @@ def test_relative_accuracy_in_the_extremes():
 
 
 def test_mirrored_bodies_move_in_mirror_images():
-    """The x-z plane reflects polar u to (u_x, -u_y, u_z), axial omega to (-w_x, w_y,
-    -w_z).
-    """
+    """The x-z plane reflects u to (u_x, -u_y, u_z), omega to (-w_x, w_y, -w_z)."""
     image = np.array([1, -1, -1, 1, -1])
     for parameters, state in CASES:
         one = full.constants(*parameters)

@@ -1,6 +1,4 @@
-"""The linear system about the steady spin against the full dynamics and 50-digit
-eigenvalues.
-"""
+"""The linear system about the steady spin against dynamics and 50-digit eigenvalues."""
 
 import os
 import subprocess
@@ -28,9 +26,7 @@ BODIES = [GH, *SD.T[:5].tolist(), *WIDE.T[:5].tolist()]
 
 @pytest.mark.parametrize("n", SPINS)
 def test_matrix_is_the_jacobian_of_the_full_dynamics_of_the_oracle_and_of_the_paper(n):
-    """Differences of the compiled formulas at 60 digits, free of rounding and
-    truncation.
-    """
+    """Differences at 60 digits are free of rounding and truncation."""
     rhs = exactly(full.rhs)
     # (u_x, u_y) = -(p, q) to first order.
     turn = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -60,9 +56,7 @@ def test_matrix_is_the_jacobian_of_the_full_dynamics_of_the_oracle_and_of_the_pa
 
 
 def test_eigenvalues_of_extreme_bodies_at_any_spin_and_any_loss():
-    """With a hundred digits, growth rates down to 1e-20 of the frequency are known
-    exactly.
-    """
+    """A hundred digits give growth rates down to 1e-20 of the frequency exactly."""
     size = 120
     rng = np.random.default_rng(31)
     bodies = np.concatenate(
@@ -134,9 +128,7 @@ print(hashlib.sha256(b"".join(part.tobytes() for part in found)).hexdigest())
 
 
 def test_bits_depend_neither_on_the_linear_algebra_library_nor_on_the_processor():
-    """OpenBLAS with kernels for several processors, NumPy without those for this
-    one.
-    """
+    """OpenBLAS with other processors' kernels, NumPy without those for this one."""
     extensions = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
     found = set()
     for change in (

@@ -91,7 +91,7 @@ def test_equations_are_those_of_mechanics(model):
         )
         if model.n_state == 6:
             assert got[5] == pytest.approx(power, rel=1e-10, abs=1e-13)
-        fx, fy, rise, *_ = model.touch(
+        fx, fy, rise, *_ = model.surface.contact(
             p,
             q_slope,
             *omega,
@@ -107,9 +107,7 @@ def test_equations_are_those_of_mechanics(model):
     "model", [m for m in MODELS if m.n_carried], ids=lambda model: model.name
 )
 def test_carried_functions_of_a_step(model):
-    """Start and rate are those of the contact point, and errors enter squared; at 60
-    digits.
-    """
+    """Start and rate are those of the contact point, at 60 digits."""
     assert model.n_carried == 1
     start, carried, plain = map(
         exactly, (model.carried_start, model.carried_rhs, model.rhs)
@@ -141,9 +139,7 @@ def test_carried_functions_of_a_step(model):
 
 
 def kl_state(omega_3):
-    """Return Kane and Levinson's launch in our frame and units: ``u``, ``omega``, one
-    second.
-    """
+    """Return Kane and Levinson's launch in our units: ``u``, ``omega``, a second."""
     tilt = stone_oracle.KL_TILT
     _, vectors = np.linalg.eigh(stone_oracle.KL_INERTIA)
     x = vectors[:, 1] * np.sign(vectors[1, 1])

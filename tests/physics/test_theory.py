@@ -20,9 +20,7 @@ SETS = {"table I": table_one(60, 1), "far outside": far_outside(300, 2)}
 
 
 class Case:
-    """Bodies and launches, the results of the package for them, and the exact values by
-    name.
-    """
+    """Bodies and launches, the package's results, and the exact values by name."""
 
     def __init__(self, bodies):
         self.alpha, self.beta, self.gamma, self.theta, self.phi, self.xi = (
@@ -104,9 +102,7 @@ def test_launches(case):
 
 
 def threshold_errors(*body):
-    """Check that the threshold is NaN exactly where there is none; return relative
-    errors.
-    """
+    """Check where the threshold is NaN, and return the relative errors elsewhere."""
     got = theory.bondi_threshold(*body)
     squares = [theory_mp.n_c1_squared(*row) for row in rows(body)]
     exists = np.array([s is not None and s > 0 for s in squares])
