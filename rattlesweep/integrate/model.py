@@ -273,6 +273,7 @@ def _frictionless(on: Surface) -> Model:
         energy=on.energy,
         contact=contact,
         surface=on,
+        volume=_volume if on.quadric else None,
         anywhere=VECTORS if on.closed else None,
     )
     if on.carried is None:
@@ -333,7 +334,7 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
         error=_error_with_friction,
         energy=energy,
         contact=contact,
-        volume=_volume_with_friction,
+        volume=_volume_with_friction if on.quadric else None,
     )
     if on.carried is None:
         return model

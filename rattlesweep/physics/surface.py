@@ -35,11 +35,12 @@ class Surface:
     """
 
     name: str
-    n_shape: int
     contact: Formula  # contact(p, q, a, b, c, dp, dq, m, *shape): see full.paraboloid
     energy: Formula  # energy(p, q, a, b, c, ix, iy, iz, *shape)
+    # Whether `physics.vectors` knows the surface: paraboloids and ellipsoids.
+    quadric: bool = False
     # Whether the slope diverges where the body rolls onto its side.  Such a run goes on
-    # in the variables of `physics.vectors`, which knows paraboloids and ellipsoids.
+    # in the variables of `physics.vectors`.
     closed: bool = False
     carried: Carried | None = None
 
@@ -55,16 +56,15 @@ class Friction:
     rhs: Formula  # rhs(contact, y, inertia, shape, loss): derivative of y, with work
 
 
-PARABOLOID = Surface("full", 3, contact=full.paraboloid, energy=full.energy)
+PARABOLOID = Surface("full", contact=full.paraboloid, energy=full.energy, quadric=True)
 ELLIPSOID = Surface(
     "ellipsoid",
-    4,
     contact=stone.ellipsoid,
     energy=stone.energy,
+    quadric=True,
     closed=True,
     carried=Carried(stone.rise_at, stone.rise_rate, stone.carried_ellipsoid),
 )
-SURFACES = PARABOLOID, ELLIPSOID
 
 VISCOUS = Friction("viscous", stone.viscous_rhs)
 ROLLING = Friction("rolling", stone.rolling_rhs)

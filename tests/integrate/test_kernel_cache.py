@@ -103,12 +103,12 @@ def test_other_sources_have_another_folder(place, monkeypatch, tmp_path):
     for room in ("integrate", "physics"):
         shutil.copytree(compile.PACKAGE / room, package / room)
     monkeypatch.setattr(compile, "PACKAGE", package)
-    own = compile.source_hash.__wrapped__()
-    assert own != compile.source_hash()  # another checkout
-    assert compile.source_hash.__wrapped__() == own
+    copied = compile.source_hash.__wrapped__()
+    assert copied != compile.source_hash()  # another checkout
+    assert compile.source_hash.__wrapped__() == copied
     source = package / "physics" / "full.py"
     source.write_text(source.read_text() + "\n")
-    assert compile.source_hash.__wrapped__() != own
+    assert compile.source_hash.__wrapped__() != copied
 
 
 UNSAFE = {
@@ -126,9 +126,9 @@ def test_an_unsafe_folder_is_neither_read_nor_written(unsafe, place):
     before = [path.read_bytes() for path in files]
     UNSAFE[unsafe](folder)
     assert again() == (13, False)
-    found = compile.cache_folder()
+    folder = compile.cache_folder()
     # The user's own cache is used instead of the one that was named.
-    assert found.parent == place.parent / "user" / "rattlesweep"
+    assert folder.parent == place.parent / "user" / "rattlesweep"
     assert [path.read_bytes() for path in files] == before
     assert again() == (13, True)
 
@@ -331,8 +331,8 @@ def both():
     records = frozenset(["energy", "contact", "windows", "reversals", "lyapunov"])
     out = integrate(batch, METHODS["dop853"], FULL, threads=1, record=records)
     follower = Follower(batch, METHODS["dop853"], FULL, attitude=True)
-    found = follower.at(np.linspace(0.0, 10.0, 7))
-    values = out.y_end, out.n_departure, out.windows, found.y, found.extra
+    samples = follower.at(np.linspace(0.0, 10.0, 7))
+    values = out.y_end, out.n_departure, out.windows, samples.y, samples.extra
     numbers = np.concatenate([value[np.isfinite(value)] for value in values])
     print(json.dumps([numbers.tolist(), out.n_steps.tolist(), follower.n_steps]))
 
@@ -341,8 +341,8 @@ def test_a_run_can_be_stepped_through_in_python():
     code = "import test_kernel_cache as t; t.both()"
     compiled, plain = (python(code, NUMBA_DISABLE_JIT=flag) for flag in "01")
     assert plain.returncode == 0, plain.stderr
-    (numbers, *steps), (others, *same_steps) = (
+    (numbers, *steps), (plain_numbers, *same_steps) = (
         json.loads(p.stdout) for p in (compiled, plain)
     )
     assert same_steps == steps
-    np.testing.assert_allclose(others, numbers, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(plain_numbers, numbers, rtol=0, atol=1e-12)

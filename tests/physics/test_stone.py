@@ -19,7 +19,8 @@ def random_bodies(count, seed):
     """Bodies, states and friction coefficients; every fourth body is a paraboloid."""
     rng = np.random.default_rng(seed)
     for k in range(count):
-        gamma, f_sd = rng.uniform(3, 20), rng.uniform(0.05, 0.3)
+        gamma = rng.uniform(3, 20)
+        f_sd = rng.uniform(0.05, 0.3)
         alpha, beta = shell_dumbbell(gamma, f_sd)
         theta = rng.uniform(0.15, 0.95)
         body = dict(
@@ -37,7 +38,8 @@ def random_bodies(count, seed):
             )
         )
         body["c"] = None if k % 4 == 0 else theta * (1 + rng.lognormal(0, 1.5))
-        tilt, turn = rng.uniform(0, 0.3), rng.uniform(0, 2 * math.pi)
+        tilt = rng.uniform(0, 0.3)
+        turn = rng.uniform(0, 2 * math.pi)
         u = np.array(
             [
                 math.sin(tilt) * math.cos(turn),
@@ -131,9 +133,9 @@ def test_carried_functions_of_a_step(model):
             assert abs((ahead - behind) / (2 * h) - rate) < 1e-30
             # An error of the rise enters squared.
             off = rise * (1 + mp.mpf(10) ** -8)
-            other = carried(*y, off, *q)
+            nearly = carried(*y, off, *q)
             assert (
-                max(abs(a - b) for a, b in zip(other, (*got, rate), strict=True))
+                max(abs(a - b) for a, b in zip(nearly, (*got, rate), strict=True))
                 < 1e-12
             )
 
