@@ -5,10 +5,12 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 
 import pytest
+from packaging.requirements import Requirement
 from refusal import assert_refused
-from sweeping import PROGRAM, invoke
+from sweeping import PROGRAM, ROOT, invoke
 
 import rattlesweep as rs
 from rattlesweep import cli, text
@@ -121,6 +123,15 @@ def test_choices_are_those_of_the_registries():
     ]
     assert list(options.KINDS.choices) == list(KINDS)
     assert list(options.PRESETS.choices) == list(PRESETS)
+
+
+@pytest.mark.parametrize("too_old", ["filelock 3.23", "pint 0.24.3", "matplotlib 3.8"])
+def test_versions_that_fail_are_not_installed(too_old):
+    """They lack an argument, refuse a text with an error of their own, need NumPy 1."""
+    name, version = too_old.split()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    bounds = {bound.name: bound for bound in map(Requirement, project["dependencies"])}
+    assert version not in bounds[name].specifier
 
 
 def test_version():
