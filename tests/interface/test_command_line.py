@@ -15,10 +15,11 @@ from sweeping import PROGRAM, ROOT, invoke
 import rattlesweep as rs
 from rattlesweep import cli, text
 from rattlesweep.analysis.plots import KINDS
-from rattlesweep.cli import options
 from rattlesweep.integrate.model import MODELS
+from rattlesweep.names import ACCURACY_NAMES, MODEL_NAMES, PLOT_NAMES, PRESET_NAMES
 from rattlesweep.physics.body import PRESETS
 from rattlesweep.sweeps.config.read import load_config
+from rattlesweep.sweeps.config.schema import ACCURACIES
 
 HEAVY = {
     "numpy",
@@ -118,11 +119,10 @@ def test_a_sweep_loads_neither_pandas_nor_matplotlib(tmp_path):
 
 
 def test_choices_are_those_of_the_registries():
-    assert [*options.MODELS.choices][:-1] == [
-        m for m in MODELS if m in options.MODELS.choices
-    ]
-    assert list(options.KINDS.choices) == list(KINDS)
-    assert list(options.PRESETS.choices) == list(PRESETS)
+    assert [model for model in MODELS if model in MODEL_NAMES] == [*MODEL_NAMES[:-1]]
+    assert list(PLOT_NAMES) == list(KINDS)
+    assert list(PRESET_NAMES) == list(PRESETS)
+    assert list(ACCURACY_NAMES) == list(ACCURACIES)
 
 
 @pytest.mark.parametrize("too_old", ["filelock 3.23", "pint 0.24.3", "matplotlib 3.8"])
