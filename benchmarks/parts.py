@@ -35,10 +35,11 @@ from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.steady import steady_modes
 from rattlesweep.sweeps.block import columns_of, run_batch
-from rattlesweep.sweeps.columns import build_table, runs_schema, write_parquet
+from rattlesweep.sweeps.columns import build_table, runs_schema
 from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.config.schema import Config, Integrator
 from rattlesweep.sweeps.launches import Launches, full_batch, prepare, reduced_batch
+from rattlesweep.sweeps.parquet import write_parquet
 from rattlesweep.sweeps.plan import make_plan
 
 if TYPE_CHECKING:

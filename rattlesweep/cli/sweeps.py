@@ -161,7 +161,7 @@ def run(
     with Bar.of_command(quiet) as bar:
         result = run_sweep(made, where, report=bar, **how)
     where = result.stored.directory
-    for path in result.found.damaged:
+    for path in result.damaged:
         say(f"note: a file was damaged and is now {path}; its runs were repeated")
     if not quiet:
         _print_summary(result.summary, where)
@@ -194,7 +194,7 @@ def status(directory: Path, as_json: bool) -> int:
 
     Exits with 3 if some runs have a status other than ok.
     """
-    from rattlesweep.sweeps.verify import status as count_rows
+    from rattlesweep.sweeps.status import status as count_rows
 
     found = count_rows(directory)
     click.echo(to_json(found.data) if as_json else found.words)

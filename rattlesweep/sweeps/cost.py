@@ -2,7 +2,6 @@
 forecasts.
 """
 
-import io
 import time
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,9 +13,10 @@ from rattlesweep.arrays import Floats, Integers, take
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.status import Status
 from rattlesweep.sweeps.block import columns_of, load_kernel, run_batch
-from rattlesweep.sweeps.columns import build_table, encode
+from rattlesweep.sweeps.columns import build_table
 from rattlesweep.sweeps.config.schema import SdSource
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
+from rattlesweep.sweeps.parquet import encode
 from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.text import clock, counted
 
@@ -190,8 +190,7 @@ def forecast(plan: Plan, threads: int | None = None, seconds: float = 2.0) -> Fo
 
 
 def _file_size(table: pa.Table) -> int:
-    encode(table, sink := io.BytesIO())
-    return sink.tell()
+    return len(encode(table))
 
 
 def _time(seconds: float) -> str:

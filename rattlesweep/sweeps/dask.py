@@ -28,8 +28,9 @@ from rattlesweep.errors import ConfigError, OutputError, one_line
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.task import POLL, Task
 from rattlesweep.sweeps.block import load_kernel, prepare_runs, start_block
+from rattlesweep.sweeps.job import Job, Keys, OutOfTime
 from rattlesweep.sweeps.provenance import versions
-from rattlesweep.sweeps.run import Engine, Job, Keys, OutOfTime
+from rattlesweep.sweeps.run import Engine
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -209,8 +210,7 @@ def _spread(
                 if len(table) < len(keys[0]):
                     again.append(keys)
                 else:
-                    job.time_block(keys, seconds)
-                    job.write(table)
+                    job.write(table, seconds)
             job.tick()
     finally:
         flying.clear()  # Dask cancels tasks without a reference to their future

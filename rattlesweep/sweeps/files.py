@@ -1,14 +1,18 @@
 """Files that appear whole or not at all, and errors of the system in words."""
 
 import contextlib
+import errno
 import os
 import secrets
+import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from rattlesweep.errors import ConfigError, OutputError, one_line
+
+MOST_BYTES = 1 << 29  # of a file that is read as a whole
 
 
 def as_path(value: Any, name: str) -> Path:
@@ -27,6 +31,27 @@ def probe_directory(path: Path) -> None:
         tempfile.TemporaryFile(dir=path).close()
 
 
+def open_regular(path: Path, limit: int | None = None) -> BinaryIO:
+    """Open a file to read; raise an OSError for what is not a file, or is too large.
+
+    A pipe would wait for its writer, and ``/dev/zero`` never ends.
+    """
+    status = os.stat(path)
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(errno.EINVAL, "Not a regular file", str(path))
+    if limit is not None and status.st_size > limit:
+        raise OSError(errno.EFBIG, os.strerror(errno.EFBIG), str(path))
+    return open(path, "rb")
+
+
+def read_regular(path: Path, limit: int = MOST_BYTES) -> bytes:
+    """Return the contents of a file, with the errors of :func:`open_regular`."""
+    with open_regular(path, limit) as file:
+        return file.read()
+
+
 def replace_file(path: Path, data: bytes) -> None:
     """Write `data` to `path` in one step; see :func:`streamed_file`."""
     with streamed_file(path) as file:
@@ -34,12 +59,13 @@ def replace_file(path: Path, data: bytes) -> None:
 
 
 @contextlib.contextmanager
-def streamed_file(path: Path) -> Iterator[BinaryIO]:
-    """Open a file that appears at `path`, whole and on disk, once the body has
-    succeeded.
+def streamed_file(path: Path, staging: Path | None = None) -> Iterator[BinaryIO]:
+    """Open a file that appears at `path`, whole and on disk, after the body.
+
+    Until then it is a hidden file in the folder `staging`, by default its own.
     """
-    # Readers of a whole directory skip hidden files.
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+    folder = path.parent if staging is None else staging
+    temporary = folder / f".{path.name}.{secrets.token_hex(4)}.tmp"
     with explained(f"cannot write {path}"):
         try:
             with open(temporary, "xb") as file:
@@ -47,15 +73,23 @@ def streamed_file(path: Path) -> Iterator[BinaryIO]:
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(temporary, path)
-            folder = os.open(path.parent, os.O_RDONLY)
-            with contextlib.suppress(
-                OSError
-            ):  # some network file systems cannot sync a folder
-                os.fsync(folder)
-            os.close(folder)
+            _sync_folder(path.parent)
         finally:
             with contextlib.suppress(OSError):  # it is gone if the rename succeeded
                 temporary.unlink()
+
+
+def _sync_folder(path: Path) -> None:
+    """Write the names in a folder to disk, if the system can.
+
+    Windows cannot open a folder, and some network file systems cannot sync one.
+    """
+    with contextlib.suppress(OSError):
+        folder = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 @contextlib.contextmanager

@@ -30,14 +30,8 @@ from rattlesweep.sweeps.config.read import (
 )
 from rattlesweep.sweeps.config.schema import Config, SdSource, clashes
 from rattlesweep.sweeps.files import explained
-from rattlesweep.sweeps.provenance import (
-    LOCKS,
-    at_work,
-    command_line,
-    machine,
-    now,
-    versions,
-)
+from rattlesweep.sweeps.locks import LOCKS, at_work
+from rattlesweep.sweeps.provenance import command_line, machine, now, versions
 from rattlesweep.sweeps.stored import (
     FOLDER,
     FORMAT,

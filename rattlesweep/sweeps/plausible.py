@@ -15,11 +15,11 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
 from rattlesweep.sweeps.bodies.sources import SdBodies, bodies_at, ranges_of
 from rattlesweep.sweeps.bodies.table import TableBodies, frame_bodies, unknown_columns
-from rattlesweep.sweeps.columns import write_parquet
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.sweeps.files import probe_directory
 from rattlesweep.sweeps.launches import Launches, prepare
+from rattlesweep.sweeps.parquet import write_parquet
 from rattlesweep.sweeps.plan import Plan, examine, make_plan
 
 if TYPE_CHECKING:

@@ -17,6 +17,7 @@ from rattlesweep.physics.theory import unsteady
 from rattlesweep.sweeps import columns as tables
 from rattlesweep.sweeps.bodies.table import WITH_UNITS
 from rattlesweep.sweeps.decide import nearest_rows
+from rattlesweep.sweeps.parquet import read_parquet, write_parquet
 from rattlesweep.sweeps.stored import SUMMARY, VARIES, Case, Stored
 from rattlesweep.sweeps.types import DEAD, TYPES, R, codes, share
 from rattlesweep.text import align
@@ -55,13 +56,13 @@ def read_summary(stored: Stored) -> pa.Table:
     file.
     """
     path = stored.directory / SUMMARY
-    return tables.read_parquet(path) if path.exists() else summarise(stored)
+    return read_parquet(path) if path.exists() else summarise(stored)
 
 
 def write_summary(stored: Stored) -> pa.Table:
     """Write ``summary.parquet`` from the rows, and return it."""
     table = summarise(stored)
-    tables.write_parquet(table, stored.directory / SUMMARY)
+    write_parquet(table, stored.directory / SUMMARY)
     return table
 
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from sweeping import plan_of
 
-from rattlesweep.sweeps.columns import write_parquet
 from rattlesweep.sweeps.cost import expected_cost, forecast, sample_keys
 from rattlesweep.sweeps.launches import prepare
+from rattlesweep.sweeps.parquet import write_parquet
 from rattlesweep.sweeps.run import integrate_plan
 
 CONFIG: dict[str, Any] = {
