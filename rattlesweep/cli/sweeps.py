@@ -21,7 +21,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.text import Bar, counted
 
 if TYPE_CHECKING:
-    from rattlesweep.sweeps.cost import Forecast
+    from rattlesweep.sweeps.forecast import Forecast
     from rattlesweep.sweeps.plan import Plan
 
 SHARD = Kind("i/n", "rattlesweep.sweeps.run:Shard.parse")
@@ -161,7 +161,7 @@ def run(
     with Bar.of_command(quiet) as bar:
         result = run_sweep(made, where, report=bar, **how)
     where = result.stored.directory
-    for path in result.damaged:
+    for path in result.found.damaged:
         say(f"note: a file was damaged and is now {path}; its runs were repeated")
     if not quiet:
         _print_summary(result.summary, where)
@@ -194,7 +194,7 @@ def status(directory: Path, as_json: bool) -> int:
 
     Exits with 3 if some runs have a status other than ok.
     """
-    from rattlesweep.sweeps.status import status as count_rows
+    from rattlesweep.sweeps.verify import status as count_rows
 
     found = count_rows(directory)
     click.echo(to_json(found.data) if as_json else found.words)
@@ -365,9 +365,9 @@ def _planned(
 
 
 def _forecast(made: Plan, where: Path, threads: int | None) -> Forecast:
-    from rattlesweep.sweeps.cost import forecast
+    from rattlesweep.sweeps.forecast import forecast
 
-    found = forecast(made, threads)
+    found = forecast(made, threads, startup=time.process_time())
     place = next(p for p in (where.absolute(), *where.absolute().parents) if p.exists())
     if found.bytes > (free := shutil.disk_usage(place).free):
         say(f"warning: {place} has only {free / 1e9:.1f} GB free")

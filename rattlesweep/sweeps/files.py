@@ -12,7 +12,7 @@ from typing import Any, BinaryIO
 
 from rattlesweep.errors import ConfigError, OutputError, one_line
 
-MOST_BYTES = 1 << 29  # of a file that is read as a whole
+MOST_BYTES = 1 << 28  # of a file that is read as a whole
 
 
 def as_path(value: Any, name: str) -> Path:
@@ -31,25 +31,27 @@ def probe_directory(path: Path) -> None:
         tempfile.TemporaryFile(dir=path).close()
 
 
-def open_regular(path: Path, limit: int | None = None) -> BinaryIO:
-    """Open a file to read; raise an OSError for what is not a file, or is too large.
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file to read; raise an OSError for what is no file.
 
-    A pipe would wait for its writer, and ``/dev/zero`` never ends.
+    A pipe may never end, and a device may never stop.
     """
-    status = os.stat(path)
-    if stat.S_ISDIR(status.st_mode):
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    if not stat.S_ISREG(status.st_mode):
-        raise OSError(errno.EINVAL, "Not a regular file", str(path))
-    if limit is not None and status.st_size > limit:
-        raise OSError(errno.EFBIG, os.strerror(errno.EFBIG), str(path))
+    mode = os.stat(path).st_mode
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise OSError(errno.EINVAL, "it is not a regular file")
     return open(path, "rb")
 
 
 def read_regular(path: Path, limit: int = MOST_BYTES) -> bytes:
-    """Return the contents of a file, with the errors of :func:`open_regular`."""
-    with open_regular(path, limit) as file:
-        return file.read()
+    """Return the bytes of a file, at most `limit`, or raise an OSError that says why.
+
+    Only regular files are read; see :func:`open_regular`.
+    """
+    with open_regular(path) as file:
+        data = file.read(limit + 1)
+    if len(data) > limit:
+        raise OSError(errno.EFBIG, f"it is larger than {limit / 1e6:g} MB")
+    return data
 
 
 def replace_file(path: Path, data: bytes) -> None:

@@ -14,8 +14,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from types import FrameType
 
 import numpy as np
@@ -131,7 +130,6 @@ class Job:
     # One row a case; None unless the whole sweep is done.
     summary: pa.Table | None = None
     missing: int = 0  # runs of other shards that are not on disk
-    damaged: list[Path] = field(default_factory=list)  # files that were set aside
 
     def __post_init__(self) -> None:
         self._costs = Costs(case_costs(self.plan))

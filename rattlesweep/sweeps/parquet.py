@@ -91,8 +91,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
         raise
     except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
         if isinstance(error, OSError) and error.errno is not None:
-            what = os.strerror(error.errno)
-            raise OutputError(f"cannot read {path}: {what}") from error
+            raise OutputError(f"cannot read {path}: {reason(error)}") from error
         raise DamagedError(f"{path} is damaged: {reason(error)}") from error
 
 

@@ -92,7 +92,8 @@ def _doubts(config: Config, launches: Launches, which: str) -> Iterator[str]:
     early = t_end < t_rgh  # false without spin, where t_rGH is NaN
     if endless.any():
         name, unit = ("t_rgh", "t_rGH") if horizon.t_rgh else ("t_decay", "gamma/sigma")
-        problem = f"{name} times {unit} is not a finite time in {told(endless)}; give t as well"
+        where = told(endless)
+        problem = f"{name} times {unit} is not a finite time in {where}; give t as well"
         if endless.all():
             raise ConfigError(f"horizon.{name}: {problem}")
         yield f"horizon.{name}: {problem}"
@@ -119,9 +120,9 @@ def _drawn_bodies(source: SdSource) -> TableBodies:
         low, high = np.nanmin(found), np.nanmax(found)
         for value in target.values:
             if abs(value - np.clip(value, low, high)) > target.rel_tol * value:
-                where = f"{BODIES_DRAWN} bodies drawn from the ranges"
                 raise ConfigError(
-                    f"bodies.target.{target.name}: {value:g} is out of reach: in {where} "
+                    f"bodies.target.{target.name}: {value:g} is out of reach: in "
+                    f"{BODIES_DRAWN} bodies drawn from the ranges "
                     f"{target.name} lies between {low:.4g} and {high:.4g}"
                 )
     return TableBodies(

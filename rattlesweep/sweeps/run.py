@@ -85,7 +85,7 @@ def run_sweep(
     retry_failed: bool = False,
     engine: Engine | None = None,
 ) -> Job:
-    """Compute the runs of a plan that are not on disk; a stop keeps those that ended."""
+    """Compute the runs of a plan that are not on disk; a stop keeps what has ended."""
     start = time.monotonic()
     threads = threads or available_threads()
     _check_shard(plan, shard, retry_failed)
@@ -100,9 +100,9 @@ def run_sweep(
             stored = begin(plan, directory, base, name)
         plan = replace(plan, cases=stored.cases)
         record = held.enter_context(session(directory, name, threads))
-        found, damaged = _mend(stored, plan.config.classify, shard, retry_failed)
+        found = _mend(stored, plan.config.classify, shard, retry_failed)
         deadline = math.inf if max_time is None else start + max_time
-        job = Job(plan, stored, found, threads, report, deadline, damaged=damaged)
+        job = Job(plan, stored, found, threads, report, deadline)
         try:
             _compute_missing(job, shard, engine or local)
             if job.stopped is None:
@@ -134,14 +134,15 @@ def _check_shard(plan: Plan, shard: Shard | None, retry_failed: bool) -> None:
 
 def _mend(
     stored: Stored, thresholds: Classify, shard: Shard | None, retry_failed: bool
-) -> tuple[Found, list[Path]]:
+) -> Found:
     """Make the rows on disk those to start from.
 
     Damaged files are set aside, stale types are made anew, and failed runs are dropped
-    if they are to be repeated. Return what is then on disk, and the damaged files.
+    if they are to be repeated. Return what is then on disk, and the damaged files where
+    they now are.
     """
     found = stored.find()
-    damaged = stored.set_aside(found.damaged)
+    found.damaged = stored.set_aside(found.damaged)
     typed = thresholds.as_text
     stale: set[Path] = set()
     for text, paths in found.typed.items():
@@ -153,7 +154,7 @@ def _mend(
         raise ConfigError(f"{stored.directory}: {what}; {advice}")
     retry = retry_failed and found.rows > found.status["ok"]
     if not stale and not retry:
-        return found, damaged
+        return found
     stored.drop_summary()
     for path in stored.files():
         if retry or path in stale:
@@ -164,9 +165,9 @@ def _mend(
             if path in stale or len(kept) < len(rows):
                 rewrite(path, kept, typed)
     # Look again: what the first look found is not what is there now.
-    found = stored.find()
-    damaged += stored.set_aside(found.damaged)
-    return found, damaged
+    again = stored.find()
+    again.damaged = found.damaged + stored.set_aside(again.damaged)
+    return again
 
 
 def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> None:
@@ -174,9 +175,8 @@ def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> None:
     plan = job.plan
     found = job.found
     while True:  # once, or once for each wave of `stop` and `bodies.refine`
-        if shard is None:
-            wanted = wanted_runs(plan, found)
-        else:
+        wanted = wanted_runs(plan, found)
+        if shard is not None:
             wanted = shard.runs(plan.shape)
         job.runs = int((wanted & found.done).sum())
         if found.done[wanted].all():

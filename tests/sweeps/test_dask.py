@@ -275,7 +275,8 @@ def test_worker_of_another_version_is_refused(cluster, tmp_path, monkeypatch):
     monkeypatch.setattr(
         daskengine, "versions", lambda: next(answers, ours | {"numba": "0.2"})
     )
-    sentence = r"^the worker at tcp://127\S+ on \S+: its results would differ .*: numba 0.2 there"
+    worker = r"^the worker at tcp://127\S+ on \S+"
+    sentence = rf"{worker}: its results would differ .*: numba 0.2 there"
     with pytest.raises(OutputError, match=sentence):
         sweep(tmp_path, SWEEP, engine=make_engine(cluster))
     assert not list(tmp_path.glob("runs/*"))

@@ -204,7 +204,7 @@ def test_an_io_error_is_no_damage_and_rows_are_stored_once(name, tmp_path):
     scene = make_scene("retry", tmp_path)
     output = tmp_path / "out"
     if name != "retry":
-        changed = scene.args[:-1] + ("--set", OTHER_TYPES)
+        changed = (*scene.args[:-1], "--set", OTHER_TYPES)
         after = Path(shutil.copytree(scene.after, tmp_path / "after"))
         scene = Scene(scene.after, changed, after)
         assert scene.run(after).code == 0

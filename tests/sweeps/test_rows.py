@@ -17,8 +17,9 @@ import pytest
 from editing import replaced
 from sweeping import sweep
 
+from rattlesweep import quantities as units
 from rattlesweep.errors import DamagedError, OutputError
-from rattlesweep.sweeps import columns as units
+from rattlesweep.sweeps import columns as tables
 from rattlesweep.sweeps import stored as stored_module
 from rattlesweep.sweeps.columns import (
     build_table,
@@ -60,7 +61,7 @@ def random_columns(
         elif pa.types.is_integer(field.type):
             columns[field.name] = rng.integers(0, 3, n)
         elif pa.types.is_list(field.type):
-            columns[field.name] = units.ragged(
+            columns[field.name] = tables.ragged(
                 rng.normal(size=(n, 5)), rng.integers(-1, 6, n)
             )
     status = (rng.random(n) < 0.1).astype(np.int8)
@@ -89,7 +90,7 @@ def scatter(directory: Path, table: pa.Table, parts: Any) -> Stored:
 
 def test_every_column_says_what_it_is() -> None:
     rates = (units.TIME, units.RATE, units.ENERGY, units.FORCE)
-    for column in (*runs_schema(units.RECORD_PARTS), *units.SUMMARY):
+    for column in (*runs_schema(tables.RECORD_PARTS), *tables.SUMMARY):
         unit = column.metadata[b"unit"].decode()
         in_si = {"s", "rpm", "N m s", "m"}
         assert unit in {"1", "rad", "a", "M a^2 sqrt(g/a)", *rates, *in_si}, column.name
