@@ -18,7 +18,6 @@ from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.decide import wanted_runs
 from rattlesweep.sweeps.parquet import read_parquet
 from rattlesweep.sweeps.status import set_aside
-from rattlesweep.sweeps.status import status as status
 from rattlesweep.sweeps.stored import (
     IS_DAMAGED,
     SUMMARY,
