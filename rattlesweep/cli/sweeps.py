@@ -276,8 +276,8 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
         say(f"{runs} in {counted(merged.files, 'file')} in {output}")
     if merged.missing:
         say(
-            f"{counted(merged.missing, 'run')} missing; merge the other shards into the "
-            f"same output, or `rattlesweep run CONFIG --output {output}`"
+            f"{counted(merged.missing, 'run')} missing; merge the other shards into "
+            f"the same output, or `rattlesweep run CONFIG --output {output}`"
         )
         return options.EARLY
     if merged.failed:
