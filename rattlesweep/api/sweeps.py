@@ -100,7 +100,7 @@ class Sweep:
         """
         import pyarrow as pa
 
-        from rattlesweep.analysis.layout import parse_where
+        from rattlesweep.analysis.where import parse_where
 
         stored = self._stored
         schema = stored.schema
@@ -290,15 +290,16 @@ def sweep(
     Parameters
     ----------
     config : path, mapping or DataFrame
-        A config file, its content, or a table of bodies.  The table has the columns ``alpha beta
-        gamma theta phi xi`` and optionally ``n_i omega_xy0 psi t_end`` (angles in radians), or
-        those in SI units; it is kept in the output directory.
+        A config file, its content, or a table of bodies.  The table has the columns
+        ``alpha beta gamma theta phi xi`` and optionally ``n_i omega_xy0 psi t_end``
+        (angles in radians), or those in SI units; it is kept in the output directory.
     output : path, optional
         Output directory, which overrides the config's.
     threads, progress
         As for ``simulate``.
     **keys
-        For a DataFrame, the other keys of the config, such as ``spin``, ``horizon``, ``record``.
+        For a DataFrame, the other keys of the config, such as ``spin``, ``horizon``,
+        ``record``.
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.config.read import load_config, parse_config

@@ -1,8 +1,10 @@
 """Files that appear whole or not at all, and errors of the system in words."""
 
 import contextlib
+import errno
 import os
 import secrets
+import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,6 +27,22 @@ def probe_directory(path: Path) -> None:
     with explained(f"cannot write in {path}"):
         path.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=path).close()
+
+
+def read_regular(path: Path, limit: int) -> bytes:
+    """Return the bytes of a file, or raise an OSError that says why it cannot be read.
+
+    Only regular files of at most `limit` bytes are read: a pipe may never end, and a
+    device may never stop.
+    """
+    mode = path.stat().st_mode
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise OSError(errno.EINVAL, "it is not a regular file")
+    with open(path, "rb") as file:
+        data = file.read(limit + 1)
+    if len(data) > limit:
+        raise OSError(errno.EFBIG, f"it is larger than {limit / 1e6:g} MB")
+    return data
 
 
 def replace_file(path: Path, data: bytes) -> None:
