@@ -13,7 +13,7 @@ from rattlesweep.api import arrays as arguments
 from rattlesweep.api.arrays import (
     check_count,
     check_names,
-    is_frame,
+    is_table,
     names_of,
     to_frame,
 )
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rattlesweep.analysis.compare import Comparison
+    from rattlesweep.sweeps.bodies.table import Frame
     from rattlesweep.sweeps.stored import Stored
     from rattlesweep.sweeps.verify import Verified
 
@@ -277,7 +278,7 @@ def load(directory: str | Path) -> Sweep:
 
 
 def sweep(
-    config: str | Path | Mapping[str, Any] | pd.DataFrame,
+    config: str | Path | Mapping[str, Any] | Frame,
     *,
     output: str | Path | None = None,
     threads: int | None = None,
@@ -309,7 +310,7 @@ def sweep(
 
     check_count("threads", threads)
     target, base = None if output is None else as_path(output, "output"), None
-    if is_frame(config):
+    if is_table(config):
         plan, target, base, doubts = plan_frame(config, target, keys)
     else:
         for key in keys:
