@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from rattlesweep.sweeps.run import Progress
+    from rattlesweep.sweeps.job import Progress
 
 COMPILING = (
     "compiling a kernel for this machine (about 15 s); it is kept for later runs"

@@ -21,9 +21,10 @@ from rattlesweep.text import Bar, counted
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from rattlesweep.sweeps.cost import Forecast
+    from rattlesweep.sweeps.forecast import Forecast
+    from rattlesweep.sweeps.job import Job
     from rattlesweep.sweeps.plan import Plan
-    from rattlesweep.sweeps.run import Engine, Job, Shard
+    from rattlesweep.sweeps.run import Engine, Shard
 
 SHARD = Kind("i/n", "rattlesweep.sweeps.run:Shard.parse")
 LIMIT = Kind("time", "rattlesweep.sweeps.slurm:limit_of")
@@ -233,7 +234,7 @@ def status(directory: Path, as_json: bool) -> int:
 
     Exits with 3 if some runs have a status other than ok.
     """
-    from rattlesweep.sweeps.verify import status as count_rows
+    from rattlesweep.sweeps.status import status as count_rows
 
     counts = count_rows(directory)
     click.echo(to_json(counts.data) if as_json else counts.words)
@@ -418,9 +419,9 @@ def _planned(
 
 def _forecast(planned: Plan, directory: Path, threads: int | None) -> Forecast:
     """Return the forecast of a sweep, and warn if the disk is too small for it."""
-    from rattlesweep.sweeps.cost import forecast
+    from rattlesweep.sweeps.forecast import forecast
 
-    expected = forecast(planned, threads)
+    expected = forecast(planned, threads, startup=time.process_time())
     parents = (directory.absolute(), *directory.absolute().parents)
     place = next(parent for parent in parents if parent.exists())
     free = shutil.disk_usage(place).free
