@@ -62,9 +62,13 @@ def make_source(config: Config, base: Path | None, rows: TableBodies | None) -> 
         return (rows or read_bodies(bodies.path, base)).with_surface(bodies)
     preset: str | None
     if bodies.source == "preset":
-        preset, given, varying = bodies.name, bodies.overrides.given(), {}
+        preset, given, varying = bodies.name, bodies.overrides.parameters, {}
     else:
-        preset, given, varying = bodies.base.preset, bodies.base.given(), bodies.varying
+        preset, given, varying = (
+            bodies.base.preset,
+            bodies.base.parameters,
+            bodies.varying,
+        )
     axes = {name: np.array(values, float) for name, values in varying.items()}
     units: si.Units | None = None
     if preset is not None:
