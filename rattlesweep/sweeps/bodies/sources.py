@@ -334,9 +334,10 @@ def draw_points(
     side_by_side([partial(part, *ends) for ends in pairwise(edges)], threads)
     if (unmet := np.isnan(points[0])).any():
         raise ConfigError(
-            f"bodies.target.{target.name}: {value:g} was not met to {target.rel_tol:g} in "
-            f"{target.max_draws} draws of sample {samples[np.argmax(unmet)]}; choose another "
-            "target, wider ranges, a larger rel_tol or more max_draws"
+            f"bodies.target.{target.name}: {value:g} was not met to "
+            f"{target.rel_tol:g} in {target.max_draws} draws of sample "
+            f"{samples[np.argmax(unmet)]}; choose another target, wider ranges, a "
+            "larger rel_tol or more max_draws"
         )
     return points
 

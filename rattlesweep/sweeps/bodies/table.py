@@ -7,6 +7,7 @@ a launch, a horizon and dissipation.  Columns of other names are copied to the r
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -217,7 +218,7 @@ def about(name: str) -> tuple[str, str]:
 def read_bodies(path: str, base: Path | None = None) -> TableBodies:
     """Read bodies from CSV, Parquet or a folder of Parquet files, here or in `base`."""
     file = Path(path)
-    if base is not None and not file.exists():
+    if base is not None and not os.path.exists(file):
         file = base / path
     where = f"bodies.path: {one_line(path, 200)}"
     table = read_table(file, where)

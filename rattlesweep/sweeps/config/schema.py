@@ -21,6 +21,7 @@ from rattlesweep.sweeps.columns import REFINABLE
 from rattlesweep.sweeps.config import Places
 from rattlesweep.sweeps.config.values import (
     UNIQUE,
+    Count,
     OneOf,
     OrText,
     Pair,
@@ -38,7 +39,6 @@ from rattlesweep.units import Quantity
 
 MAX_CASES = 100_000
 TABLE = "table"  # stands for values that the rows of a table give
-COUNT = {"ge": 1, "le": 2**62}
 PATH = {"min_length": 1, "pattern": r"^[^\x00]*$"}
 
 
@@ -189,7 +189,7 @@ class Target(Base):
     rel_tol: float = key(
         1e-3, "Largest relative distance from the target.", gt=0, le=0.5
     )
-    max_draws: Whole = key(10**6, "Draws after which a sample is given up.", **COUNT)
+    max_draws: Count = key(10**6, "Draws after which a sample is given up.")
 
     @property
     def name(self) -> Literal["K_r", "K_p"]:
@@ -206,7 +206,7 @@ class SdSource(Surfaced):
     """Shell-dumbbell bodies, drawn at random from ranges."""
 
     source: Literal["sd"] = key(..., "Draw shell-dumbbell bodies at random.")
-    samples: Whole = key(1000, "Bodies per case.", **COUNT)
+    samples: Count = key(1000, "Bodies per case.")
     ranges: SdRanges = key(SdRanges, "Ranges of the uniform draws.")
     draw: Draw = key(
         "random", "sobol: more even; saltelli: for `rattlesweep sensitivity`."
@@ -405,9 +405,7 @@ class ShapeSource(Base):
     wall: Length | None = key(
         None, "Thickness of an open shell, else it is solid; a number is in m."
     )
-    samples: Whole | None = key(
-        None, "Bodies per case (1000) if a key is a range.", **COUNT
-    )
+    samples: Count | None = key(None, "Bodies per case (1000) if a key is a range.")
 
     ellipsoidal: ClassVar[bool] = True  # as is its bottom
     has_size: ClassVar[bool] = True
@@ -610,7 +608,7 @@ class Integrator(Base):
         None, "Adaptive: error per step (default 1e-09).", ge=1e-15, le=0.01
     )
     dt: float | None = key(None, "Fixed: step in sqrt(a/g) (default 0.002).", gt=0)
-    max_steps: Whole = key(MAX_STEPS, "Steps after which a run is given up.", **COUNT)
+    max_steps: Count = key(MAX_STEPS, "Steps after which a run is given up.")
 
     @property
     def goal(self) -> float | None:

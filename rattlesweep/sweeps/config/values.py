@@ -26,6 +26,7 @@ def _whole(value: Any) -> Any:
 
 
 Whole = Annotated[int, BeforeValidator(_whole)]
+Count = Annotated[int, Field(ge=1, le=2**62), BeforeValidator(_whole)]
 
 
 @dataclass(frozen=True)
@@ -130,10 +131,13 @@ def _spaced(value: dict[str, Any]) -> list[float | str]:
     }
     try:
         [(law, (low, high, count))] = value.items()
-        (first, unit), (last, other_unit) = split(str(low)), split(str(high))
+        first, unit = split(str(low))
+        last, other_unit = split(str(high))
         whole = 1 <= count <= MAX_AXIS and count == int(count)
         # One value if the ends are equal, else two or more.
         if unit != other_unit or not whole or (count == 1) != (first == last):
+            raise ValueError(wanted)
+        if first is None or last is None:
             raise ValueError(wanted)
         with np.errstate(all="ignore"):
             values = laws[law](first, last, int(count))
