@@ -76,9 +76,8 @@ class Bar(AbstractContextManager["Bar"]):
 
     def __call__(self, progress: Any) -> None:
         left = "" if progress.left is None else f", {clock(progress.left)} left"
-        self._show(
-            progress.fraction, f"{progress.runs:,} of {progress.total:,} runs", left
-        )
+        # Without their total, which would make a second share: runs differ in cost.
+        self._show(progress.fraction, f"{progress.runs:,} runs done", left)
 
     def counting(self, what: str) -> Callable[[float], None]:
         return lambda fraction: self._show(fraction, what)
