@@ -304,8 +304,8 @@ def integrate(
     record : frozenset of str
         Further observations, from :data:`RECORDS`.
     cost : ndarray, shape (runs,), optional
-        Expected cost of the runs in any unit, by default from their horizons.  The most expensive
-        runs start first.
+        Expected cost of the runs in any unit, by default from their horizons.  The
+        most expensive runs start first.
     threads : int, optional
         Number of threads, by default :func:`available_threads`.
     control : Control, optional
