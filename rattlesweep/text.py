@@ -85,8 +85,8 @@ class Bar(AbstractContextManager["Bar"]):
         left = ""
         if progress.left is not None:
             left = f", {clock(progress.left)} left"
-        runs = f"{progress.runs:,} of {progress.total:,} runs"
-        self._show(progress.fraction, runs, left)
+        # Without their total, which would make a second share: runs differ in cost.
+        self._show(progress.fraction, f"{progress.runs:,} runs done", left)
 
     def counting(self, what: str) -> Callable[[float], None]:
         """Return a function that shows how much of some work is done."""
