@@ -7,12 +7,10 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from tqdm import tqdm
-
-    from rattlesweep.sweeps.job import Progress
 
 COMPILING = (
     "compiling a kernel for this machine (about 15 s); it is kept for later runs"
@@ -23,6 +21,22 @@ COMPILING_ONCE = (
 )
 DELAY = 0.5  # seconds after which a bar appears, so that short work shows none
 LINE_EVERY = 60.0  # seconds between lines of progress where there is no terminal
+
+
+class Progress(Protocol):
+    """How far a sweep is, as its job reports it."""
+
+    @property
+    def fraction(self) -> float:
+        """Fraction of the expected cost that is done."""
+
+    @property
+    def runs(self) -> int:
+        """Number of runs that are done."""
+
+    @property
+    def left(self) -> float | None:
+        """Seconds that are left, None if they cannot be told yet."""
 
 
 def align(lines: Sequence[Sequence[str]], sides: str = ">") -> str:
