@@ -10,11 +10,12 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
@@ -33,6 +34,10 @@ FLAG = pa.bool_()
 TEXT = pa.string()
 # "element" is Parquet's own name, with which a schema is read as it was written.
 SERIES = pa.list_(pa.field("element", F64))
+
+
+# A column before it is written: an array, or codes with their words, where -1 is null.
+Values: TypeAlias = "NDArray[Any] | pa.Array | tuple[NDArray[Any], Sequence[str]]"
 
 
 def field(
@@ -470,12 +475,12 @@ STATE_GROUP = Group(
     "state",
     "Launches from a full state",
     (
-        must("omega_x", F64, "omega_x"),
-        must("omega_y", F64, "omega_y"),
-        must("omega_z", F64, "omega_z"),
-        must("u_x", F64, "u_x"),
-        must("u_y", F64, "u_y"),
-        must("u_z", F64, "u_z"),
+        must("omega_x", F64, "state.omega_x"),
+        must("omega_y", F64, "state.omega_y"),
+        must("omega_z", F64, "state.omega_z"),
+        must("u_x", F64, "state.u_x"),
+        must("u_y", F64, "state.u_y"),
+        must("u_z", F64, "state.u_z"),
     ),
 )
 SIZE_GROUP = Group(
@@ -635,25 +640,23 @@ def runs_schema(
     return pa.schema([*fields, *extra])
 
 
-def same_schema(one: pa.Schema, other: pa.Schema) -> bool:
+def same_schema(schema: pa.Schema, expected: pa.Schema) -> bool:
     """Return whether schemas agree in names, types, nullability and units."""
-    units = [
-        [(f.metadata or {}).get(b"unit", b"") for f in schema]
-        for schema in (one, other)
-    ]
-    return one.equals(other) and units[0] == units[1]
+    return schema.equals(expected) and _units(schema) == _units(expected)
 
 
-def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
-    """Return a table of arrays, where NaN is null, or of codes with words, where -1 is
-    null.
-    """
-    arrays = [_to_arrow(columns[field.name], field.type) for field in schema]
+def _units(schema: pa.Schema) -> list[bytes]:
+    return [(column.metadata or {}).get(b"unit", b"") for column in schema]
+
+
+def build_table(columns: Mapping[str, Values], schema: pa.Schema) -> pa.Table:
+    """Return a table of columns, where NaN and infinity become null."""
+    arrays = [_to_arrow(columns[column.name], column.type) for column in schema]
     table = pa.Table.from_arrays(arrays, schema=schema.remove_metadata())
-    for field in table.schema:
-        if not field.nullable and table.column(field.name).null_count:
+    for column in table.schema:
+        if not column.nullable and table.column(column.name).null_count:
             raise ValueError(
-                f"internal error: column {field.name} has rows that are not finite"
+                f"internal error: column {column.name} has rows that are not finite"
             )
     return table
 
@@ -661,13 +664,16 @@ def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
 def ragged(values: Floats, counts: Integers) -> pa.Array:
     """Return a column of lists ``values[i, :counts[i]]``, null for a negative count."""
     offsets = np.cumsum(np.append(0, np.maximum(counts, 0)), dtype=np.int32)
-    kept = _to_arrow(values[np.arange(values.shape[1]) < counts[:, None]], F64)
-    return pa.ListArray.from_arrays(pa.array(offsets), kept, mask=pa.array(counts < 0))
+    is_listed = np.arange(values.shape[1]) < counts[:, None]
+    listed = _to_arrow(values[is_listed], F64)
+    is_null = pa.array(counts < 0)
+    return pa.ListArray.from_arrays(pa.array(offsets), listed, mask=is_null)
 
 
-def _to_arrow(values: Any, kind: pa.DataType) -> pa.Array:
+def _to_arrow(values: Values, kind: pa.DataType) -> pa.Array:
     if isinstance(values, tuple):
         codes, words = values
+        # The code -1 is the last of these.
         values = np.array([*words, None], dtype=object)[codes]
     if isinstance(values, pa.Array | pa.ChunkedArray):
         return values.cast(kind)

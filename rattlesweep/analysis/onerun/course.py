@@ -50,8 +50,8 @@ PER_PERIOD, LEAST_ROWS = 20, 2001  # default rows in a period of the pitch, and 
 MOST_ROWS = 10**8
 BESIDE_TOL = 1e-10  # of the reduced model, which differs from the full one by far more
 LIFTS = (
-    "contact would be lost at t = {:.4g}, where the normal force becomes negative; the model "
-    "keeps the body on the plane all the same"
+    "contact would be lost at t = {:.4g}, where the normal force becomes negative; the "
+    "model keeps the body on the plane all the same"
 )
 SLIPS = (
     "rolling without slip needs a coefficient of friction above 1 from t = {:.4g} on"
@@ -91,7 +91,7 @@ class PreparedRun:
 
     @property
     def t_end(self) -> float:
-        return float(self.launches.t_end[0])
+        return float(self.launches.horizon[0])
 
     @cached_property
     def body(self) -> dict[str, float]:
