@@ -47,9 +47,6 @@ def field(
     return pa.field(name, kind, nullable, metadata={"unit": unit, "description": words})
 
 
-required = partial(field, nullable=False)
-
-
 @dataclass(frozen=True)
 class Column:
     """A column of `runs`, and where its value comes from.
@@ -535,82 +532,6 @@ def define(name: str) -> Definition:
         return COLUMNS[name].definition
     return Definition(name, "1", name)
 
-
-# Columns of `summary` in order; fractions are of the runs with status ok.
-SUMMARY = pa.schema(
-    (
-        required("case", I32, "1", "number of the case, from 0"),
-        field("K_p", F64, "1", "target of K_p, where the case has one"),
-        field("K_r", F64, "1", "target of K_r, where the case has one"),
-        field("n_i", F64, RATE, "initial spin; null where rows differ"),
-        field("omega_xy0", F64, RATE, "initial rate; null where rows differ"),
-        required("runs", I64, "1", "number of stored runs"),
-        # Null unless the size of the bodies is known.
-        field("n_i_rpm", F64, "rpm", "initial spin; null where rows differ"),
-        # Null unless given in these units, and the sizes of the bodies differ.
-        field("omega_xy0_rpm", F64, "rpm", "initial oscillation"),
-        field("sigma_N_m_s", F64, "N m s", "torque -sigma omega"),
-        field("rolling_m", F64, "m", "lever of the rolling resistance"),
-        field("fraction_R", F64, "1", "fraction of type R"),
-        field("fraction_SS", F64, "1", "fraction of type SS"),
-        field("fraction_SW", F64, "1", "fraction of type SW"),
-        field("fraction_unclassified", F64, "1", "fraction of unclassified runs"),
-        field(
-            "fraction_bondi",
-            F64,
-            "1",
-            "fraction beyond Bondi's threshold; null: unsteady spins",
-        ),
-        field("t_r_mean", F64, TIME, "mean t_r of type R"),
-        field(
-            "t_r_s_mean", F64, "s", "mean t_r of type R in seconds, if sizes are known"
-        ),
-        field(
-            "t_r_std", F64, TIME, "sample standard deviation (n - 1) of t_r of type R"
-        ),
-        field("t_rgh_mean", F64, TIME, "mean t_rgh of the runs that have one"),
-        field(
-            "t_r_over_t_rgh_mean", F64, "1", "mean of t_r / t_rgh over runs of type R"
-        ),
-        field("t_r_over_t_rgh_sem", F64, "1", "standard error of that mean"),
-        required("failed", I64, "1", "number of runs with a status other than ok"),
-        required("near_tangencies", I64, "1", "sum of near_tangencies over the runs"),
-        # Null unless errors are recorded.
-        field(
-            "sensitive", I64, "1", "number of runs of type R with t_r_error > 1e-6 t_r"
-        ),
-        field("unsure", I64, "1", "number of runs whose type is not sure"),
-        field("t_r_mean_error", F64, TIME, "mean t_r_error of type R"),
-        # Null without dissipation.
-        field("fraction_D", F64, "1", "fraction of type D"),
-        field(
-            "sigma",
-            F64,
-            DAMPING,
-            "torque -sigma omega; null: no dissipation, or rows differ",
-        ),
-        field("rolling", F64, "a", "lever of the rolling resistance; null likewise"),
-        # Null unless contact is recorded.
-        field(
-            "share_friction_above_0_3",
-            F64,
-            "1",
-            "fraction with contact_ratio_max > 0.3",
-        ),
-        field(
-            "share_friction_above_0_6",
-            F64,
-            "1",
-            "fraction with contact_ratio_max > 0.6",
-        ),
-        field(
-            "share_lift_off",
-            F64,
-            "1",
-            "fraction with contact_normal_min < 0, which would lift off",
-        ),
-    )
-)
 
 # Columns with few distinct values, which dictionary encoding makes smaller.
 REPEATING = {
