@@ -23,13 +23,14 @@ from rattlesweep.sweeps.bodies import Source
 from rattlesweep.sweeps.bodies.sources import make_source
 from rattlesweep.sweeps.bodies.table import LOSSES, TableBodies, check_value
 from rattlesweep.sweeps.columns import STATE, runs_schema
+from rattlesweep.sweeps.config.clashes import clashes
 from rattlesweep.sweeps.config.read import (
     differences,
     fixed_part,
     physics_hash,
     resolved,
 )
-from rattlesweep.sweeps.config.schema import Config, SdSource, clashes
+from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.locks import LOCKS, at_work
 from rattlesweep.sweeps.provenance import command_line, machine, now, versions
