@@ -53,6 +53,8 @@ def quantities(text: str, kind: str, *counts: int) -> list[float]:
     `counts`.
     """
     needed = f"{_article(kind)} is needed, such as {KINDS[kind][1]}"
+    if counts == (1,) and with_point(text):
+        raise ValueError(f"has a decimal comma; write {with_point(text)}")
     values, units = zip(*map(split, text.split(",")), strict=True)
     if None in values:
         raise ValueError(f"is not a number with a unit; {needed}")
@@ -72,6 +74,16 @@ def quantities(text: str, kind: str, *counts: int) -> list[float]:
             raise ValueError(f"is {next(others, 'another quantity')}; {needed}")
         found.append(value * size)
     return found
+
+
+def with_point(text: str) -> str | None:
+    """Return a number with a decimal comma, and its unit, with a point; else None."""
+    match = re.fullmatch(
+        r"\s*([+-]?\d*),(\d+(?:[eE][+-]?\d+)?(?:\s*[^\s\d,].*)?)", text
+    )
+    if match is None:
+        return None
+    return f"{match[1] or 0}.{match[2]}"
 
 
 def split(text: str) -> tuple[float | None, str]:

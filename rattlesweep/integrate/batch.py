@@ -277,6 +277,7 @@ def integrate(
     tol: float = TOL,
     dt: float = DT,
     max_steps: int = MAX_STEPS,
+    longest_step: Floats | None = None,
     record: frozenset[str] = frozenset(),
     cost: Integers | None = None,
     threads: int | None = None,
@@ -295,13 +296,16 @@ def integrate(
     tol, dt : float
         Largest error of a step of adaptive methods, in the energy norm, relative to the
         oscillation; step of the other methods, in ``sqrt(a/g)``.
+    longest_step : ndarray, shape (runs,), optional
+        Largest step of each run with an adaptive method; by default, only the error
+        limits steps.
     max_steps : int
         Number of steps after which a run ends with `Status.STEP_LIMIT`.
     record : frozenset of str
         Further observations, from :data:`RECORDS`.
     cost : ndarray, shape (runs,), optional
-        Expected cost of the runs in any unit, by default from their horizons.  The most expensive
-        runs start first.
+        Expected cost of the runs in any unit, by default from their horizons.  The
+        most expensive runs start first.
     threads : int, optional
         Number of threads, by default :func:`available_threads`.
     control : Control, optional
@@ -318,6 +322,7 @@ def integrate(
         if parallel()
         else 1
     )
+    longest = np.full(len(batch), np.inf) if longest_step is None else longest_step
     price = batch.t_end * batch.swing if cost is None else cost.astype(float)
     control.start(count, price)
     result = np.full((len(batch), runs.FIRST_STATE + model.n_state), np.nan)
@@ -339,7 +344,7 @@ def integrate(
                 (
                     control.shared,
                     order,
-                    *run_arrays(batch, tableau, tol, dt, max_steps, price),
+                    *run_arrays(batch, tableau, tol, dt, max_steps, price, longest),
                     flags,
                     result,
                     counts,
@@ -387,6 +392,7 @@ def integrate(
         tol=tol,
         dt=dt,
         max_steps=max_steps,
+        longest_step=longest[rows],
         record=record,
         threads=threads,
         control=control,
@@ -419,6 +425,7 @@ def run_arrays(
     dt: float,
     max_steps: int,
     cost: Floats | float = 0.0,
+    longest_step: Floats | float = np.inf,
 ) -> tuple[Floats, ...]:
     """Return the arrays that a kernel reads (see `lanes.runs`), from ``y0`` to
     ``options``.
@@ -444,6 +451,7 @@ def run_arrays(
         batch.tapped,
         settled,
         dead,
+        longest_step,
     )
     plan = np.column_stack(columns).astype(float)
     options = np.array(

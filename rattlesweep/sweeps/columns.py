@@ -1,31 +1,25 @@
-"""The columns of the tables `runs` (a row per run) and `summary` (a row per case), and
-Parquet.
+"""The columns of the tables `runs` (a row per run) and `summary` (a row per case).
 
 The names are fixed, so that scripts written against today's tables read next year's.
-Each page of a file has a checksum, which every reader here verifies.
 """
 
-import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.errors import ConfigError, DamagedError, OutputError
+from rattlesweep.errors import ConfigError
 from rattlesweep.quantities import DAMPING as DAMPING
 from rattlesweep.quantities import ENERGY as ENERGY
 from rattlesweep.quantities import FORCE as FORCE
 from rattlesweep.quantities import MEASURES, QUANTITIES, Definition
 from rattlesweep.quantities import RATE as RATE
 from rattlesweep.quantities import TIME as TIME
-from rattlesweep.sweeps.files import reason, streamed_file
 
 F64 = pa.float64()
 I32 = pa.int32()
@@ -533,20 +527,6 @@ def define(name: str) -> Definition:
     return Definition(name, "1", name)
 
 
-# Columns with few distinct values, which dictionary encoding makes smaller.
-REPEATING = {
-    "case",
-    "n_i",
-    "omega_xy0",
-    "type",
-    "status",
-    "near_tangencies",
-    "window_t",
-}
-# Rows, about 30 MB decoded, so that readers can stream a large file.
-ROW_GROUP = 1 << 17
-
-
 def runs_schema(
     record: Collection[str] = (), model: str = "full", extra: Iterable[pa.Field] = ()
 ) -> pa.Schema:
@@ -606,50 +586,3 @@ def _to_arrow(values: Values, kind: pa.DataType) -> pa.Array:
 def floats(column: pa.Array) -> Floats:
     """Return a column of numbers; null is NaN."""
     return np.asarray(column.to_numpy(zero_copy_only=False).astype(float))
-
-
-def write_parquet(
-    table: pa.Table, path: Path, metadata: Mapping[str, str] | None = None
-) -> None:
-    """Write a table with metadata; equal tables give equal files."""
-    # Page boundaries depend on those of chunks.
-    table = table.combine_chunks().replace_schema_metadata(dict(metadata or {}) or None)
-    with streamed_file(path) as file:
-        encode(table, file)
-
-
-def encode(table: pa.Table, sink: Any) -> None:
-    """Write a table as Parquet with page checksums to an open file."""
-    repeating = [name for name in table.schema.names if name in REPEATING]
-    pq.write_table(
-        table,
-        sink,
-        row_group_size=ROW_GROUP,
-        version="2.6",
-        compression="zstd",
-        use_dictionary=repeating,
-        write_page_checksum=True,
-    )
-
-
-def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """Return the rows of a Parquet file, with its metadata.
-
-    Raise a DamagedError if its contents contradict their checksums, or an OutputError.
-    """
-    try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            rows = file.read(None if columns is None else list(columns))
-            if len(rows) != file.metadata.num_rows:
-                raise pa.ArrowInvalid("its footer contradicts itself")
-            return rows
-    except MemoryError:
-        # Arrow's own is also an ArrowException, but does not mean the file is damaged
-        raise
-    except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
-        # For damaged pages and footers Arrow raises an OSError without a number.
-        if isinstance(error, OSError) and error.errno is not None:
-            raise OutputError(
-                f"cannot read {path}: {os.strerror(error.errno)}"
-            ) from error
-        raise DamagedError(f"{path} is damaged: {reason(error)}") from error

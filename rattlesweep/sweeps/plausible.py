@@ -20,11 +20,11 @@ from rattlesweep.sweeps.bodies.table import (
     frame_bodies,
     unknown_columns,
 )
-from rattlesweep.sweeps.columns import write_parquet
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.sweeps.files import probe_directory
 from rattlesweep.sweeps.launches import Launches, prepare
+from rattlesweep.sweeps.parquet import write_parquet
 from rattlesweep.sweeps.plan import Plan, examine, make_plan
 
 MOST_RUNS = 4096  # runs that are judged

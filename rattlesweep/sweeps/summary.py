@@ -19,6 +19,7 @@ from rattlesweep.quantities import DAMPING, LENGTH, MEASURES, RATE, TIME
 from rattlesweep.sweeps import columns as tables
 from rattlesweep.sweeps.columns import F64, I32, I64, Values
 from rattlesweep.sweeps.decide import nearest_rows
+from rattlesweep.sweeps.parquet import read_parquet, write_parquet
 from rattlesweep.sweeps.skipped import estimate
 from rattlesweep.sweeps.stored import SUMMARY, VARIES, Case, Stored
 from rattlesweep.sweeps.types import DEAD, TYPES, R, codes, share
@@ -61,13 +62,13 @@ SENSITIVE = 1e-6  # relative error of t_r above which a run is sensitive
 def read_summary(stored: Stored) -> pa.Table:
     """Return ``summary.parquet``, or where it is missing, a summary of the rows."""
     path = stored.directory / SUMMARY
-    return tables.read_parquet(path) if path.exists() else summarise(stored)
+    return read_parquet(path) if path.exists() else summarise(stored)
 
 
 def write_summary(stored: Stored) -> pa.Table:
     """Write ``summary.parquet`` from the rows, and return it."""
     table = summarise(stored)
-    tables.write_parquet(table, stored.directory / SUMMARY)
+    write_parquet(table, stored.directory / SUMMARY)
     return table
 
 

@@ -33,7 +33,7 @@ run c.yaml --set 'bodies={source: table, path: t.csv}' | row 2: phi 0.6 is not b
 run c.yaml --set 'bodies={source: sd, target: {K_r: 7}}' | 7 is out of reach
 plan c.yaml --set 'bodies={source: sd, target: {K_r: 7}}' | 7 is out of reach
 run c.yaml --set bodies.samples | is not KEY=VALUE
-run c.yaml --set integrator.max_steps=0 | 0 is given; it should be greater
+run c.yaml --set integrator.max_steps=0 | 0 is given; a value of at least 1
 run c.yaml --set 'bodies={source: sd, samples: 100000000000}' | runs; at most 1e+09 are possible
 run c.yaml --output '' | --output: the directory has no name
 run c.yaml --scheduler tcp://host:8786 | --scheduler ADDRESS: works only with --engine dask
@@ -64,7 +64,7 @@ body --preset GH --n-i 60rpm | n_i: 60rpm has a unit, but the body has no size
 body --mass 1kg --height 1cm --inertia '1,2 kg m^2' | has 2 numbers, not 3 or 4 or 5 or 6
 body --preset GH --phi 0.7 | phi 0.7 is not below theta 0.6429
 init mine.txt | the name of a config ends in .yaml
-"""
+"""  # noqa: E501
 
 
 @pytest.mark.parametrize("line", WRONG.strip().splitlines())
@@ -128,7 +128,8 @@ def test_any_possible_body_runs_and_others_are_refused(here, model, table):
     possible, body, n_i, omega = table
     (here / "t.csv").write_text(f"{HEAD}\n{','.join(map(repr, body))}\n")
     (here / "c.yaml").write_text(
-        f"bodies: {{source: table, path: t.csv}}\nspin: {{n_i: {n_i!r}, omega_xy0: {omega!r}}}\n"
+        "bodies: {source: table, path: t.csv}\n"
+        f"spin: {{n_i: {n_i!r}, omega_xy0: {omega!r}}}\n"
         f"horizon: {{t: 9}}\nmodel: {model}\nintegrator: {{max_steps: 200000}}\n"
     )
     with tempfile.TemporaryDirectory() as directory:

@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from editing import replaced
 from sweeping import sweep
 
 from rattlesweep import quantities as units
@@ -23,13 +24,12 @@ from rattlesweep.sweeps import stored as stored_module
 from rattlesweep.sweeps import summary
 from rattlesweep.sweeps.columns import (
     build_table,
-    read_parquet,
     runs_schema,
-    write_parquet,
 )
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.files import replace_file, streamed_file
-from rattlesweep.sweeps.stored import Case, Stored, open_stored
+from rattlesweep.sweeps.parquet import read_parquet, write_parquet
+from rattlesweep.sweeps.stored import Case, Stored, metadata, open_stored
 from rattlesweep.sweeps.verify import same_bits
 
 CASES = tuple(Case(k, None, None, -0.1 * (k + 1), 0.01) for k in range(5))
@@ -98,8 +98,12 @@ def test_every_column_says_what_it_is() -> None:
         assert len(column.metadata[b"description"]) > 5, column.name
 
 
-def test_a_file_is_whole_or_not_there(tmp_path):
+def test_a_file_is_whole_or_not_there(tmp_path, monkeypatch):
     path = tmp_path / "a"
+
+    def refuse() -> None:
+        raise PermissionError("a folder")
+
     replace_file(path, b"one")
 
     def broken() -> None:
@@ -111,6 +115,13 @@ def test_a_file_is_whole_or_not_there(tmp_path):
         broken()
     assert path.read_bytes() == b"one"
     assert os.listdir(tmp_path) == ["a"]
+    # Windows cannot open a folder.
+    honest = os.open
+    monkeypatch.setattr(
+        os, "open", lambda path, *a: refuse() if path == tmp_path else honest(path, *a)
+    )
+    replace_file(path, b"three")
+    assert path.read_bytes() == b"three"
     with pytest.raises(OutputError, match=r"cannot write .*: No such file"):
         replace_file(tmp_path / "none" / "a", b"")
 
@@ -205,13 +216,11 @@ def test_no_flipped_bit_changes_a_number_or_loses_a_row(count, tmp_path):
         place = dice.randrange(dice.choice([0, len(data) // 2]), len(data))
         changed[place] ^= 1 << dice.randrange(8)
         path.write_bytes(changed)
-        try:
-            if not stored.find().damaged:
-                assert same_bits(stored.read(), before)
-                continue
-        except OutputError:
-            pass
-        told += 1
+        # What is damaged is told apart from what is foreign, so that `run` mends it.
+        if stored.find().damaged:
+            told += 1
+        else:
+            assert same_bits(stored.read(), before)
     assert told > count / 4
 
 
@@ -243,6 +252,12 @@ def test_what_is_no_part_of_the_sweep_is_refused(stored):
         with pytest.raises(OutputError, match=rf"\.parquet {words}"):
             stored.find()
         new.unlink()
+    for name, value in (("case", -1), ("sample", -1), ("case", 5), ("sample", 400)):
+        changed = replaced(some, name, [value] * len(some))
+        write_parquet(changed, stored.folder / "zz.parquet", metadata(some))
+        with pytest.raises(OutputError, match=r"zz.* beyond 5 cases of 400 samples"):
+            stored.find()
+        (stored.folder / "zz.parquet").unlink()
     with pytest.raises(OutputError, match=r"holds runs beyond 5 cases of 300 samples"):
         replace(stored, samples=300).find()
     shutil.copy(before[-1], before[-1].with_name("zz.parquet"))

@@ -18,7 +18,8 @@ from test_rows import SCHEMA, random_columns
 import rattlesweep as rs
 from rattlesweep.sweeps import stored as stored_module
 from rattlesweep.sweeps import summary as summary_module
-from rattlesweep.sweeps.columns import build_table, read_parquet, same_schema
+from rattlesweep.sweeps.columns import build_table, same_schema
+from rattlesweep.sweeps.parquet import read_parquet
 from rattlesweep.sweeps.stored import Case, Stored, open_stored
 from rattlesweep.sweeps.summary import (
     Moments,

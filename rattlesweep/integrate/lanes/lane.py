@@ -171,8 +171,8 @@ FIELDS = (
     # whether it repeats a rejected one.
     ("number", "h error root root0 n0 rate0 n1 rate1 amplitude last held"),
     # Whether the lane needs a closer look; whether it takes the step; size of the next
-    # step.
-    ("number", "due accept h_next"),
+    # step; largest size of any step.
+    ("number", "due accept h_next h_longest"),
     # Fastest angular frequency of the spin; its largest recent rate; its value and sign
     # at launch; the smallest sign * n since.
     ("number", "swing rate_max n_launch sign n_least"),

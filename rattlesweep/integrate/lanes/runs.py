@@ -54,7 +54,7 @@ HORIZON, SWING, WINDOW, RATE, FIRST_STEP, COST, FUZZ, FIRST_MARK = (
     6,
     7,
 )
-FAR, TAPPED, SETTLED, DEAD = 8, 9, 10, 11
+FAR, TAPPED, SETTLED, DEAD, LONGEST = 8, 9, 10, 11, 12
 # ``options`` holds 1 / tol^2, fixed step and maximum number of steps, of SUBSTEPS
 # substeps each if the step is fixed.  ``record`` holds the flags:
 REC_ENERGY, REC_CONTACT, REC_WINDOWS, REC_REVERSALS, REC_VOLUME, N_RECORD = (
@@ -251,6 +251,7 @@ def start(lane, run, y0, constants, probe, plan, record):
         observe_contact(lane, lane.y)
     lane.fuzz = plan[run, FUZZ]
     lane.dead = plan[run, DEAD]
+    lane.h_longest = plan[run, LONGEST]
     if plan[run, FIRST_STEP] >= lane.t_end:
         lane.last = 1.0
     lane.h = lane.h_next = min(plan[run, FIRST_STEP], lane.t_end)
