@@ -5,12 +5,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
-from rattlesweep.physics import full, steady, theory
+from rattlesweep.physics import full, steady, stone, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
+from rattlesweep.physics.readings import turning_friction
 from rattlesweep.physics.theory import direction, garcia_hubbard
 
 RATE, TIME = "sqrt(g/a)", "sqrt(a/g)"
+# A coefficient of friction that a smooth stone on a smooth table may lack.
+COMMON_FRICTION = 0.3
+SLIPS_AT_REVERSAL = (
+    "to reverse without slip this launch needs a coefficient of friction of about "
+    "{:.2g}; with less the body slips, which is not modelled"
+)
 
 
 class Quantity(NamedTuple):
@@ -25,6 +33,19 @@ class Quantity(NamedTuple):
     in_si: (
         tuple[float, str] | None
     )  # value and SI unit, if the size of the body is known
+
+
+def needed_friction(body: Rattleback, psi: Floats, n_0: Floats) -> float:
+    """Return about the coefficient of friction that rolling needs at a reversal.
+
+    There all of the energy, that of the spin `n_0`, is in the oscillation along `psi`.
+    NaN if the body would tip over.
+    """
+    surface = [body.theta, body.phi, body.xi]
+    constants = full.constants(body.alpha, body.beta, body.gamma, *surface)
+    if body.c is not None:
+        constants = np.append(constants, stone.inverse_semi_axis(body.c))
+    return turning_friction(constants, float(psi), float(0.5 * body.gamma * n_0**2))
 
 
 def derived(
@@ -42,6 +63,7 @@ def derived(
     b, m = body, theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
     psi = direction(m, n_i, "relevant")
     gh = garcia_hubbard(b, m, n_i, omega_xy0, psi)
+    friction = needed_friction(body, psi, gh.n_0)
     lossy = sigma > 0 or rolling > 0
     # With losses no spin is steady; with rolling resistance no small oscillation grows.
     n_c1 = float(theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi))
@@ -84,6 +106,7 @@ def derived(
             TIME,
             "Garcia and Hubbard's reversal time in the spin's direction",
         ),
+        ("friction", friction, "1", "friction that rolling needs where it reverses"),
         ("growth_pitch", small[0], RATE, "growth rate of the pitch, small spin"),
         ("growth_roll", small[1], RATE, "growth rate of the roll, small spin"),
         ("growth_pitch_exact", exact[0], RATE, "growth rate of the pitch at n_i"),

@@ -21,10 +21,10 @@ from rattlesweep.cli.options import (
     to_json,
 )
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.text import align, counted
+from rattlesweep.text import Bar, align, counted
 
 if TYPE_CHECKING:
-    from rattlesweep.analysis.fit import Fit
+    from rattlesweep.analysis.fit.result import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.physics.body import Rattleback
 
@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 @command(
     "One run",
     "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3",
-    "rattlesweep body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg --n-i 60rpm",
+    "rattlesweep body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg "
+    "--n-i 60rpm",
     "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
     "--radii '50,1.5 cm' --n-i 60rpm",
 )
@@ -46,7 +47,11 @@ def body(as_json: bool, **given: Any) -> None:
     Spin and oscillation matter for the reversal times only. A body in SI units gets all
     quantities in both systems, with g = 9.81 m/s^2.
     """
-    from rattlesweep.analysis.derived import derived
+    from rattlesweep.analysis.derived import (
+        COMMON_FRICTION,
+        SLIPS_AT_REVERSAL,
+        derived,
+    )
     from rattlesweep.api.arrays import number, require_units
 
     made = _body_of(given)
@@ -57,6 +62,9 @@ def body(as_json: bool, **given: Any) -> None:
         name: number(name, x, made.units) for name, x in launch.items()
     }
     values = derived(made, **numbers)
+    friction = {q.name: q.value for q in values}["friction"]
+    if friction is not None and friction > COMMON_FRICTION:
+        say(f"warning: {SLIPS_AT_REVERSAL.format(friction)}")
     if as_json:
         si = {
             q.name: dict(zip(("value", "unit"), q.in_si, strict=True))
@@ -287,11 +295,12 @@ def _say_outcome(course: Course, quiet: bool, proof: str) -> int:
     if not quiet:
         text = f"{proof}\n".lstrip() + _times(course.reversals, "reversal")
         if (units := course.run.units) is not None and course.reversals:
-            text += f" ({', '.join(f'{t * units.time:.4g} s' for t in course.reversals[:8])})"
+            seconds = [f"{t * units.time:.4g} s" for t in course.reversals[:8]]
+            text += f" ({', '.join(seconds)})"
         if ended.zeros != course.reversals:
             text += f" ({_times(ended.zeros, 'zero crossing')})"
-        seconds = "" if units is None else f" ({ended.t * units.time:.4g} s)"
-        say(f"{text}; {ended.n_steps} steps to t = {ended.t:g}{seconds}")
+        end = "" if units is None else f" ({ended.t * units.time:.4g} s)"
+        say(f"{text}; {ended.n_steps} steps to t = {ended.t:g}{end}")
         if course.warning:
             say(f"warning: {course.warning}")
     if ended.status.label != "ok":
@@ -323,12 +332,13 @@ def fit(
     or Parquet table with t_s and angle_deg or spin_rpm, or with reversal_s. Prints each
     free parameter with its 95 % interval. docs/fit.md explains both files.
     """
-    from rattlesweep.api.single import fit
+    from rattlesweep.api.single import fit_with_progress
 
     probe(figure)
     given = _read_stone(stone)
     try:
-        found = fit(data=data, **given)
+        with Bar.of_command(quiet) as bar:
+            found = fit_with_progress(bar, data=data, **given)
     except ConfigError as error:
         # Messages about the data begin with their path.
         about = tuple(
@@ -347,15 +357,17 @@ def fit(
 
 
 def _fit_table(found: Fit) -> str:
-    from rattlesweep.analysis.fit import PARAMETERS
+    from rattlesweep.analysis.fit.problem import PARAMETERS
 
     lines = [["", "value", "low", "high", "unit", "", "low", "high", "unit", ""]]
     for name, value in found.values.items():
-        unit, _, _, description = PARAMETERS[name]
+        parameter = PARAMETERS[name]
         numbers = map("{:.6g}".format, (value, *found.intervals[name]))
         *si, si_unit = found.in_si.get(name, ("", "", "", ""))
         shown = [f"{number:.5g}" if si_unit else "" for number in si]
-        lines.append([name, *numbers, unit, *shown, si_unit, description])
+        lines.append(
+            [name, *numbers, parameter.unit, *shown, si_unit, parameter.description]
+        )
     return align(lines, "<>>><>>><<")
 
 

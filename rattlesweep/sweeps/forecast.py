@@ -186,7 +186,7 @@ def forecast(
         seconds=middle,
         # Where others use the processors now, they may stop, or as many more come.
         low=min(middle, FASTER * share * low),
-        high=SLOWER * high / share,
+        high=SLOWER * (2 - share) * high,
         bytes=_files_size(pilot.table, plan.runs),
         decides=plan.config.deciding_key,
     )
