@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from dataclasses import asdict
-from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,12 +51,13 @@ def body(as_json: bool, **given: Any) -> None:
         COMMON_FRICTION,
         SLIPS_AT_REVERSAL,
         derived,
-        make_body,
     )
-    from rattlesweep.api.arrays import number
+    from rattlesweep.api.arrays import number, require_units
 
-    made = make_body(pick(given, *options.BODY))
-    launch = options.SPIN_DEFAULTS | pick(given, *given)
+    made = _body_of(given)
+    launch = pick(given, *given)
+    require_units(launch, made.units, _flag)
+    launch = options.SPIN_DEFAULTS | launch
     numbers: dict[str, Any] = {
         name: number(name, x, made.units) for name, x in launch.items()
     }
@@ -221,14 +220,43 @@ def show(
     return _say_outcome(course, quiet, proof)
 
 
+def _flag(name: str) -> str:
+    """Return an argument as an option of a command."""
+    if name == "shape":
+        return "--half-ellipsoid"
+    return f"--{name.replace('_', '-')}"
+
+
+def _body_of(given: dict[str, Any]) -> Rattleback:
+    """Return the body that the options of a command describe."""
+    from rattlesweep.sweeps.bodies.making import body_from
+    from rattlesweep.units import require_unit
+
+    values = pick(given, *options.BODY)
+    if "half_ellipsoid" in values:
+        values["shape"] = "half_ellipsoid"
+        lengths = values.pop("half_ellipsoid")
+        values["length"], values["width"], values["height"] = lengths
+    has_size = bool({"shape", "mass"} & values.keys())
+    semi_axis = values.get("c")
+    if has_size:
+        require_unit("--c", semi_axis, "length")
+    elif isinstance(semi_axis, str):
+        raise ConfigError(
+            "--c has a unit, but the body has no size; give a number in a"
+        )
+    # The types of the options have refused numbers without a unit, and read the others.
+    return body_from(values, _flag, in_si=True)
+
+
 def _prepared(given: dict[str, Any]) -> PreparedRun:
-    from rattlesweep.analysis.derived import make_body
+    from rattlesweep.api.arrays import require_units
     from rattlesweep.api.single import LAUNCH, prepare_launch
 
-    made, launch = (
-        make_body(pick(given, *options.BODY)),
-        pick(given, *LAUNCH, "e_p0", "e_r0"),
-    )
+    made = _body_of(given)
+    launch = pick(given, *LAUNCH, "e_p0", "e_r0")
+    times = {name: given.get(name) for name in ("dt", "from_time")}
+    require_units(launch | times, made.units, _flag)
     defaults = {} if {"omega", "u"} & launch.keys() else options.SPIN_DEFAULTS
     return prepare_launch(made, **{**defaults, **launch})
 
@@ -345,55 +373,22 @@ def _fit_table(found: Fit) -> str:
 
 def _read_stone(path: Path) -> dict[str, Any]:
     """Return the arguments of :func:`rattlesweep.fit` in a YAML file."""
+    from rattlesweep.api.arrays import require_units
+    from rattlesweep.sweeps.bodies.making import body_from
     from rattlesweep.sweeps.config.read import checked, read_file
     from rattlesweep.sweeps.config.schema import Stone
 
     data, places, problems = read_file(path)
-    given = checked(Stone, data, places, problems)
+    stone = checked(Stone, data, places, problems)
+    losses = vars(stone.dissipation)
+    section = "body"
     try:
-        body = _stone(dict(given.body))
-    except ValueError as error:
-        raise ConfigError(places.line(("body",), one_line(str(error), 300))) from None
-    return {
-        "body": body,
-        "free": given.free,
-        "launch": given.launch,
-        **vars(given.dissipation),
-    }
-
-
-def _stone(given: dict[str, Any]) -> Rattleback:
-    """Return the body of a mapping; raise a ValueError if a key is wrong or missing."""
-    from rattlesweep.api.arrays import one_body
-    from rattlesweep.physics import si
-    from rattlesweep.physics.body import PARAMETERS, Rattleback
-    from rattlesweep.sweeps.config import not_one_of
-
-    if "xi_deg" in given:
-        given["xi"] = si.number(f"{given.pop('xi_deg')} deg", "angle", "xi_deg")
-    make: Callable[..., Rattleback] = Rattleback
-    if "shape" in given:
-        if (shape := given.pop("shape")) != "half_ellipsoid":
-            raise ConfigError(f"shape: {not_one_of(shape, ['half_ellipsoid'])}")
-        make = Rattleback.half_ellipsoid
-    elif {"mass", "f_sd"} & given.keys():
-        make = Rattleback.from_si if "mass" in given else Rattleback.shell_dumbbell
-    needed = {
-        name: one.default is one.empty
-        for name, one in signature(make).parameters.items()
-    }
-    if "preset" in given:
-        make = one_body(given.pop("preset")).replace
-        needed = dict.fromkeys((*PARAMETERS, "c"), False)
-    for name in given:
-        if name not in needed:
-            raise ConfigError(
-                not_one_of(name, (*needed, "preset", "shape", "mass", "f_sd"))
-            )
-    for name in needed:
-        if needed[name] and name not in given:
-            others = (
-                ", or give preset, shape, mass or f_sd" if make is Rattleback else ""
-            )
-            raise ConfigError(f"the key {name} is missing; add it{others}")
-    return make(**given)
+        body = body_from(stone.body)
+        section = "launch"
+        require_units(stone.launch, body.units)
+        section = "dissipation"
+        require_units(losses, body.units)
+    except ConfigError as error:
+        message = one_line(str(error), 300)
+        raise ConfigError(places.line((section,), message)) from None
+    return {"body": body, "free": stone.free, "launch": stone.launch, **losses}
