@@ -39,11 +39,11 @@ VERDICTS = ("agree", "partly", "disagree", UNDECIDED)
 
 
 def choose(names: str | None) -> list[str]:
-    """Return the requested parts, such as ``fig8,fig7``, in the paper's order; None
-    selects all.
-    """
+    """Return parts, such as ``fig8,fig7``, in the paper's order; None selects all."""
     known = [*read_table("parts"), THEORY]
-    wanted = known if names is None else [word.strip() for word in names.split(",")]
+    if names is None:
+        return known
+    wanted = [name.strip() for name in names.split(",")]
     check_names("--only", wanted, known)
     return [name for name in known if name in wanted]
 
@@ -53,61 +53,51 @@ def reproduce(
     names: Sequence[str],
     begin: Callable[[str], None] = lambda title: None,
 ) -> list[dict[str, Any]]:
-    """Compute and draw parts, write the report, and return the claims that were
-    judged.
-    """
-    parts = {name: part for name, part in read_table("parts").items() if name in names}
-    directory, sizes = workspace.directory, workspace.sizes
-    made: dict[str, Tables] = {}
-    seconds = {}
-    for name, part in parts.items():
+    """Compute and draw parts, write the report, and return the judged claims."""
+    chosen = {name: part for name, part in read_table("parts").items() if name in names}
+    directory = workspace.directory
+    sizes = workspace.sizes
+    tables: dict[str, Tables] = {}
+    seconds = []
+    figures = []
+    for name, part in chosen.items():
         begin(part["title"])
         start = time.perf_counter()
-        made[name] = part["data"](workspace)
-        for table, rows in made[name].items():
+        tables[name] = part["data"](workspace)
+        for table, rows in tables[name].items():
             save_table(rows, directory / f"{name}_{table}.parquet")
+        paths = [directory / f"{name}.{kind}" for kind in KINDS]
         with styled(), mpl.rc_context(LOOK):
-            save(
-                part["draw"](made[name]),
-                [directory / f"{name}.{kind}" for kind in KINDS],
-            )
-        seconds[name] = f"{time.perf_counter() - start:.1f} s"
-    claims = judge(made, theory=THEORY in names, few=sizes.samples < FULL.samples)
+            save(part["draw"](tables[name]), paths)
+        seconds.append((name, f"{time.perf_counter() - start:.1f} s"))
+        picture = embedded(*(path.read_bytes() for path in paths))
+        figures.append((name, part, list(tables[name]), picture))
+
+    claims = judge(tables, theory=THEORY in names, few=sizes.samples < FULL.samples)
     save_table(pd.DataFrame(claims), directory / "claims.parquet")
-    words = {"claims": claims, "tally": tally(claims), "quick": sizes != FULL}
-    page = render("claims.md.j2", version=version("rattlesweep"), **words)
+    verdicts = {"claims": claims, "tally": tally(claims), "quick": sizes != FULL}
+    page = render("claims.md.j2", version=version("rattlesweep"), **verdicts)
     replace_file(directory / "claims.md", page)
-    figures = [
-        (
-            name,
-            part,
-            list(made[name]),
-            embedded(*((directory / f"{name}.{kind}").read_bytes() for kind in KINDS)),
-        )
-        for name, part in parts.items()
-    ]
-    middle = {"figures": "Figures"} if figures else {}
-    sections = {
-        "claims": "Claims",
-        **middle,
-        "run": "How it was made",
-        "settings": "Settings",
-    }
-    sweeps = [path.name for path in sorted(directory.glob("sweeps/*"))]
+
+    sections = [("claims", "Claims")]
+    if figures:
+        sections.append(("figures", "Figures"))
+    sections += [("run", "How it was made"), ("settings", "Settings")]
+    settings = asdict(sizes)
+    for path in sorted(directory.glob("sweeps/*")):
+        settings[path.name] = sweep_config(path.name, sizes)
     page = render(
         "paper.html.j2",
         title="Rattleback dynamics and its reversal time of rotation: recomputed",
-        sections=[*sections.items()],
+        sections=sections,
         finished=now(),
         versions=versions() | {"matplotlib": version("matplotlib")},
         machine=machine(),
         figures=figures,
         failed=workspace.failed,
-        parts=[*seconds.items()],
-        settings=config_yaml(
-            asdict(sizes) | {name: sweep_config(name, sizes) for name in sweeps}
-        ),
-        **words,
+        parts=seconds,
+        settings=config_yaml(settings),
+        **verdicts,
     )
     replace_file(directory / "report.html", page)
     return claims
@@ -125,7 +115,8 @@ def closing_table(claims: Sequence[dict[str, Any]]) -> str:
     """Return the claims and the measurements as text for a terminal."""
     lines = []
     for claim in claims:
-        says = f"{claim['verdict']} ({claim['held']} of {claim['checks']}): {claim['words']}"
-        for key, text in ((claim["id"], says), ("", f"found: {claim['measured']}")):
-            lines.append(f"{key:<4} {shorten(text, 105, placeholder=' ...')}")
+        verdict = f"{claim['verdict']} ({claim['held']} of {claim['checks']})"
+        says = shorten(f"{verdict}: {claim['words']}", 105, placeholder=" ...")
+        measured = shorten(f"found: {claim['measured']}", 105, placeholder=" ...")
+        lines += [f"{claim['id']:<4} {says}", f"     {measured}"]
     return "\n".join(lines)
