@@ -184,9 +184,9 @@ def forecast(
         runs=plan.runs,
         threads=threads,
         seconds=middle,
-        # Where others use the processors now, they may stop, or as many more come.
+        # Where others use the processors now, they may stop, or many more may come.
         low=min(middle, FASTER * share * low),
-        high=SLOWER * (2 - share) * high,
+        high=SLOWER * (3 - 2 * share) * high,
         bytes=_files_size(pilot.table, plan.runs),
         decides=plan.config.deciding_key,
     )
