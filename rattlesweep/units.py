@@ -6,6 +6,10 @@ from __future__ import annotations
 
 import re
 from functools import cache
+from numbers import Real
+from typing import Any
+
+from rattlesweep.errors import ConfigError
 
 # Kinds of quantities: the SI unit, and an example.
 KINDS = {
@@ -108,6 +112,21 @@ def seconds_of(text: str) -> float:
     if not 0 < seconds < 1e10:
         raise ValueError("is out of range; give a time above zero and below 1e10 s")
     return seconds
+
+
+def require_unit(name: str, value: Any, kind: str) -> None:
+    """Raise a ConfigError if a value is a number without a unit, or has such numbers.
+
+    Zero is the same in all units.
+    """
+    if isinstance(value, list | tuple):
+        for item in value:
+            require_unit(name, item, kind)
+    elif isinstance(value, Real) and value != 0:
+        raise ConfigError(
+            f"{name}: {value:g} has no unit, and the body has a size; give "
+            f"{_article(kind)} with its unit, such as {KINDS[kind][1]}"
+        )
 
 
 def _article(noun: str) -> str:

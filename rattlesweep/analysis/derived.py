@@ -1,7 +1,6 @@
-"""A body from command-line options, and the quantities that theory derives from it."""
+"""The quantities that theory derives from a body and its launch."""
 
 import math
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,7 +8,7 @@ import numpy as np
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, stone, theory
-from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
+from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.readings import turning_friction
 from rattlesweep.physics.theory import direction, garcia_hubbard
 
@@ -34,44 +33,6 @@ class Quantity(NamedTuple):
     in_si: (
         tuple[float, str] | None
     )  # value and SI unit, if the size of the body is known
-
-
-def make_body(given: dict[str, Any]) -> Rattleback:
-    """Return the body that command-line options describe."""
-    told = (
-        " ".join(sorted(f"--{name.replace('_', '-')}" for name in given)) or "no option"
-    )
-    if "xi_deg" in given and "xi" not in given:
-        given["xi"] = math.radians(given.pop("xi_deg"))
-    if isinstance(c := given.get("c"), str) and "mass" not in given:
-        raise ConfigError(
-            "--c has a unit, but the body has no size; give a number in a"
-        )
-    try:
-        if "preset" in given:
-            return replace(PRESETS[given.pop("preset")](), **given)
-        if "f_sd" in given:
-            given.pop("c", None)
-            body: Rattleback = Rattleback.shell_dumbbell(**given)
-            return replace(body, c=c)
-        if "half_ellipsoid" in given:
-            sizes = zip(
-                ("length", "width", "height"), given.pop("half_ellipsoid"), strict=True
-            )
-            return Rattleback.half_ellipsoid(**dict(sizes), **given)
-        if "mass" in given:
-            given |= {"c": c * given["height"]} if isinstance(c, float) else {}
-            return Rattleback.from_si(**given)
-        return Rattleback(**given)
-    except (TypeError, KeyError):
-        raise ConfigError(
-            f"{told} given, which does not describe one body; give --preset, or "
-            f"--gamma --f-sd --theta --phi --xi, or --{' --'.join(PARAMETERS)}, or "
-            "--mass --height --inertia --radii, or --half-ellipsoid --mass, and do not "
-            "mix them"
-        ) from None
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
 
 
 def needed_friction(body: Rattleback, psi: Floats, n_0: Floats) -> float:

@@ -133,7 +133,7 @@ class Sample:
         config = self._plan.config
         batch = make_batch(launches, config.model)
         if batch is None:
-            count = len(launches.t_end)
+            count = len(launches.horizon)
             columns = columns_of(config, launches, None, None)
             return np.ones(count), np.zeros(count, bool), columns
         settings = config.integrator

@@ -100,7 +100,11 @@ def test_an_axis_is_followed_through_half_turns_and_gaps():
     ("stone", "data", "words"),
     [
         ("body: {preset: GH", "", "stone.yaml:"),
-        ("body: {preset: XY}\nfree: [sigma]", "", "body: 'XY'"),
+        (
+            "body: {preset: XY}\nfree: [sigma]",
+            "",
+            'body: preset: "XY" is not one of GH, KL',
+        ),
         (
             "body: {preset: GH}\nfree: [signa]",
             "t,n\n0,1\n1,1\n",
@@ -160,7 +164,7 @@ def test_an_axis_is_followed_through_half_turns_and_gaps():
         (
             "body: {preset: KL, xi_deg: a}\nfree: [c]",
             "",
-            "xi_deg: 'a deg' is not a number",
+            "xi_deg: 'a' is not a number",
         ),
         (
             "body: {preset: KL}\nfree: []",

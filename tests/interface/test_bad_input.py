@@ -55,8 +55,16 @@ verify c -j 99999 | --threads 99999: give a whole number from 1 to 4096
 verify c --recompute x | --recompute x: give a whole number from 0
 compare c c --allow x | --allow x: give a number from 0 to 1
 slurm c.yaml --shards 1 --mem lots | --mem lots: is not a size of memory; write it as in 4G
-fit s.yaml t.csv | body: the key alpha is missing; add it, or give preset
-body | --preset
+fit s.yaml t.csv | body: alpha is missing; add it, or give preset, shape, mass or f_sd
+body | --alpha is missing; add it, or give --preset, --half-ellipsoid, --mass or --f-sd
+body --preset GH --mass 60g | "--mass" is not one of --alpha, --beta, --gamma, --theta, --phi, --xi, --c, --preset,
+body --preset KL --n-i 60 | --n-i: 60 has no unit, and the body has a size; give a spin with its unit, such as 60 rpm
+body --preset KL --n-i 0.1 | --n-i: 0.1 has no unit
+trajectory --preset KL --n-i 60rpm --t-end 20 | --t-end: 20 has no unit
+trajectory --preset KL --n-i 60rpm --sigma 1e-4 | --sigma: 0.0001 has no unit
+trajectory --preset KL --n-i 60rpm --dt 1 | --dt: 1 has no unit
+body --half-ellipsoid 12cm,3cm,12mm --mass 60 | --mass 60: has no unit
+body --mass 1kg --height 1cm --inertia '2,16,17 kg cm^2' --radii '200,4.5 cm' --c 2 | --c: 2 has no unit
 trajectory --preset GH --channels '' | --channels: give at least one name
 run c.yaml --set 'bodies={source: sd, target: {}}' | neither K_r nor K_p is given
 body --mass '12 mm' | --mass 12 mm: is a length; a mass is needed, such as 85 g

@@ -29,8 +29,9 @@ from sweeping import (
 )
 
 import rattlesweep as rs
-from rattlesweep.sweeps.columns import SUMMARY, runs_schema, same_schema
+from rattlesweep.sweeps.columns import runs_schema, same_schema
 from rattlesweep.sweeps.config.read import parse_config
+from rattlesweep.sweeps.summary import SCHEMA
 
 SMALL = {
     "gh.yaml": (),
@@ -73,7 +74,7 @@ def test_shipped_configs_run_and_leave_what_the_contract_says(name, tmp_path):
     assert files[0] == "case00000-sample000000000.parquet"
     schema = runs_schema(plan_of(name).config.parts)
     assert same_schema(pq.read_schema(output / "runs" / files[0]), schema)
-    assert same_schema(pq.read_schema(output / "summary.parquet"), SUMMARY)
+    assert same_schema(pq.read_schema(output / "summary.parquet"), SCHEMA)
     assert len(frame) == said["samples"] * len(said["cases"])
     assert frame["sample"].tolist() == [*range(said["samples"])] * len(said["cases"])
     assert frame.case.is_monotonic_increasing
