@@ -93,7 +93,7 @@ class PreparedRun:
 
     @property
     def t_end(self) -> float:
-        return float(self.launches.t_end[0])
+        return float(self.launches.horizon[0])
 
     @cached_property
     def body(self) -> dict[str, float]:
