@@ -16,9 +16,8 @@ from rattlesweep.physics.steady import settled_oscillation, steady_modes
 from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.bodies.table import TableBodies
 from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.config.schema import Config, Horizon, State
+from rattlesweep.sweeps.config.schema import Config, State
 from rattlesweep.sweeps.plan import Plan, make_plan
-from rattlesweep.units import Quantity
 
 # Periods of the slower mode that a window has at least; see docs/types.md.
 WINDOW_PERIODS = 2.0
@@ -107,7 +106,7 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
         gh=gh,
         n_0=n_0,
         n_c1=n_c1,
-        horizon=_horizon(config.horizon, bodies, gh.t_rgh, sigma),
+        horizon=_horizon(config, bodies, gh.t_rgh, sigma),
         sigma=sigma,
         rolling=rolling,
         dead=dead,
@@ -128,17 +127,12 @@ def _value(name: str, plan: Plan, case: Integers, bodies: Bodies) -> Floats:
     of_rows: Floats | None = getattr(bodies, name)
     if of_rows is not None:
         return of_rows
-    of_cases = [getattr(each, name) for each in plan.cases]
-    values = np.array(of_cases, float)[case]
-    if isinstance(of_cases[0], Quantity):
-        return _natural(values, of_cases[0].kind, bodies)
-    return values
-
-
-def _natural(value: float | Floats, kind: str, bodies: Bodies) -> Floats:
-    """Return a quantity in SI units in the units of each body."""
+    settings = [each.setting(name) for each in plan.cases]
+    in_si = [setting.si for setting in settings]
+    if in_si[0] is None:
+        return np.array([setting.natural for setting in settings], float)[case]
     assert bodies.units is not None
-    return bodies.units.natural(value, kind)
+    return bodies.units.natural(np.array(in_si, float)[case], in_si[0].kind)
 
 
 def _direction(
@@ -185,18 +179,19 @@ def _constants_of(bodies: Bodies) -> Floats:
 
 
 def _horizon(
-    horizon: Horizon, bodies: Bodies, t_rgh: Floats, sigma: Floats | None
+    config: Config, bodies: Bodies, t_rgh: Floats, sigma: Floats | None
 ) -> Floats:
     """Return the smallest of the config's horizons, or a table's own."""
+    horizon = config.horizon
     earliest = np.full(len(t_rgh), np.inf)
     if horizon.t_rgh is not None:
         # fmin ignores NaN, the t_rGH of launches that have none.
         earliest = np.fmin(earliest, horizon.t_rgh * t_rgh)
-    if isinstance(horizon.t, Quantity):
-        natural = _natural(horizon.t, horizon.t.kind, bodies)
-        earliest = np.minimum(earliest, natural)
-    elif horizon.t is not None:
-        earliest = np.minimum(earliest, horizon.t)
+    (t,) = config.settings["t_end"]
+    if t.si is not None and bodies.units is not None:
+        earliest = np.minimum(earliest, bodies.units.natural(t.si, t.si.kind))
+    if t.natural is not None:
+        earliest = np.minimum(earliest, t.natural)
     if horizon.t_decay is not None and sigma is not None:
         with np.errstate(divide="ignore"):
             decay = horizon.t_decay * bodies.gamma / sigma

@@ -35,7 +35,7 @@ from rattlesweep.sweeps.config.values import (
     pair_of_lengths,
     quantity_or,
 )
-from rattlesweep.units import Quantity
+from rattlesweep.units import Quantity, Setting
 
 MAX_CASES = 100_000
 TABLE = "table"  # stands for values that the rows of a table give
@@ -658,6 +658,15 @@ def _word_as_list(value: Any) -> Any:
     return value
 
 
+def _setting(value: Any) -> Setting:
+    """Return a value of a config as a setting."""
+    if isinstance(value, Quantity):
+        return Setting(si=value)
+    if value == TABLE:
+        return Setting()
+    return Setting(value)
+
+
 class Config(Base):
     """A sweep: its bodies, launches, integration, and output."""
 
@@ -750,10 +759,8 @@ class Config(Base):
         return [*self.record, *(name for name, present in groups.items() if present)]
 
     @property
-    def settings(self) -> dict[str, list[float | None]]:
-        """Values by the column that they set, as `Quantity` if with units; None for a
-        table's.
-        """
+    def settings(self) -> dict[str, list[Setting]]:
+        """Values by the column that they set, empty where a table has them."""
         settings: dict[str, list[Any]] = {
             "sigma": self.dissipation.sigma,
             "rolling": self.dissipation.rolling,
@@ -762,17 +769,12 @@ class Config(Base):
         if self.spin is not None:
             settings["n_i"] = self.spin.n_i
             settings["omega_xy0"] = self.spin.omega_xy0
-        return {
-            name: [None if value == TABLE else value for value in values]
-            for name, values in settings.items()
-        }
+        return {name: list(map(_setting, x)) for name, x in settings.items()}
 
     @property
     def in_si(self) -> bool:
         """Whether some values have units, so that they depend on the bodies' sizes."""
-        return any(
-            isinstance(value, Quantity) for value in chain(*self.settings.values())
-        )
+        return any(value.si is not None for value in chain(*self.settings.values()))
 
     @property
     def directory(self) -> str:
