@@ -15,8 +15,9 @@ from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
 from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.bodies.table import TableBodies
+from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.config.schema import Config, State
+from rattlesweep.sweeps.config.schema import DIRECTIONS, Config, State, TableSource
 from rattlesweep.sweeps.plan import Plan, make_plan
 
 # Periods of the slower mode that a window has at least; see docs/types.md.
@@ -360,41 +361,55 @@ def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
     return True
 
 
-def plan_of(run: Launch, source: TableBodies | None = None) -> Plan:
-    """Return the plan of one run, or of the bodies, launches and dissipation of a
-    table.
-    """
-    if source is None:
-        names = (*PARAMETERS, "c")  # without c, which is None, a NaN
-        source = TableBodies(
-            {name: np.array([getattr(run.body, name)], float) for name in names}
-        )
-    section = "spin"
-    given: dict[str, Any] = {"n_i": run.n_i, "omega_xy0": run.omega_xy0, "psi": run.psi}
-    if is_full_state(run.omega, run.u, given):
-        section, given = "launch", {"omega": run.omega, "u": run.u}
+def directions(columns: Mapping[str, Floats], psi: str) -> Floats:
+    """Return the directions of the oscillations of rows, by a word for the mode."""
+    if psi not in DIRECTIONS:
+        raise ConfigError(f"psi: {not_one_of(psi, DIRECTIONS)}, or give degrees")
+    names = ("alpha", "beta", "theta", "phi", "xi")
+    modes = theory.modes(*(columns[name] for name in names))
+    return theory.direction(modes, columns["n_i"], psi)
+
+
+def plan_of(run: Launch) -> Plan:
+    """Return the plan of one run."""
+    names = (*PARAMETERS, "c")  # without c, which is None, a NaN
+    rows = TableBodies(
+        {name: np.array([getattr(run.body, name)], float) for name in names}
+    )
+    spin = {"n_i": run.n_i, "omega_xy0": run.omega_xy0, "psi": run.psi}
+    if is_full_state(run.omega, run.u, spin):
+        launch: dict[str, Any] = {"launch": {"omega": run.omega, "u": run.u}}
     elif run.t_end is None and run.n_i == 0:
         raise ConfigError("t_end: missing; a launch without spin has no t_rGH")
+    else:
+        launch = {"spin": spin}
+    horizon = {"t_rgh": 5.0} if run.t_end is None else {"t": run.t_end}
+    losses = {"sigma": run.sigma, "rolling": run.rolling}
+    keys = {"horizon": horizon, "dissipation": losses, **launch}
+    return plan_of_rows(rows, run.model, run.integrator, run.record, keys)
+
+
+def plan_of_rows(
+    rows: TableBodies,
+    model: str,
+    integrator: Mapping[str, Any],
+    record: Sequence[str],
+    keys: Mapping[str, Any],
+) -> Plan:
+    """Return the plan of bodies in memory, by default up to 5 t_rGH.
+
+    `keys` are further keys of a config; without them, the rows have launches.
+    """
+    steps = {
+        "dt" if name == "dt_step" else name: value
+        for name, value in integrator.items()
+        if value is not None
+    }
     config = parse_config(
-        {
-            "bodies": {
-                "source": "table",
-                "path": "the table is in memory",
-                "surface": source.surface,
-            },
-            section: given,
-            "model": run.model,
-            "horizon": {"t_rgh": 5.0} if run.t_end is None else {"t": run.t_end},
-            "integrator": {
-                "dt" if name == "dt_step" else name: value
-                for name, value in run.integrator.items()
-                if value is not None
-            },
-            "dissipation": {"sigma": run.sigma, "rolling": run.rolling},
-            "record": list(run.record),
-        }
+        {"model": model, "integrator": steps, "record": list(record), **keys},
+        bodies=TableSource.in_memory(rows.surface),
     )
-    return make_plan(config, rows=source)
+    return make_plan(config, rows=rows)
 
 
 def single_run(run: Launch) -> tuple[Config, Launches, Batch | None]:

@@ -17,7 +17,12 @@ from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.config import Key, Places, describe
 from rattlesweep.sweeps.config.clashes import clashes
 from rattlesweep.sweeps.config.problems import problem_of
-from rattlesweep.sweeps.config.schema import Base, Config, SdSource
+from rattlesweep.sweeps.config.schema import (
+    Base,
+    Config,
+    SdSource,
+    TableSource,
+)
 from rattlesweep.sweeps.files import read_regular, reason
 
 MAX_BYTES = 1_000_000  # of a file
@@ -72,8 +77,15 @@ def read_file(
     return data, Places(file, {(): 1, **lines}), problems
 
 
-def parse_config(data: Mapping[str, Any], overrides: Sequence[str] = ()) -> Config:
-    """Check a config given as Python data, which may have tuples and NumPy's types."""
+def parse_config(
+    data: Mapping[str, Any],
+    overrides: Sequence[str] = (),
+    bodies: TableSource | None = None,
+) -> Config:
+    """Check a config given as Python data, which may have tuples and NumPy's types.
+
+    `bodies` is the section of bodies that are in memory.
+    """
 
     def as_plain(value: Any) -> Any:
         if hasattr(value, "tolist"):
@@ -89,6 +101,8 @@ def parse_config(data: Mapping[str, Any], overrides: Sequence[str] = ()) -> Conf
     plain, places = json.loads(text), Places()
     for override in overrides:
         places = _override(plain, places, override)
+    if bodies is not None:
+        plain["bodies"] = bodies
     return checked(Config, plain, places, [])
 
 

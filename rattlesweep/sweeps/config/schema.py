@@ -282,6 +282,11 @@ class TableSource(Surfaced):
     )
     c: SemiAxis | None = parameter("c")
 
+    @classmethod
+    def in_memory(cls, surface: str | None) -> Self:
+        """Return the source of a table without a path, whose rows are at hand."""
+        return cls.model_construct(source="table", path="", surface=surface)
+
 
 class GridBase(Overrides):
     """The body whose parameters are varied: a preset, six parameters, or a
