@@ -76,11 +76,10 @@ def checked_plan(
 def check_physics(plan: Plan) -> list[str]:
     """Return warnings about a plan; raise a ConfigError if no run of it makes sense."""
     config = plan.config
-    judged = min(plan.runs, MOST_RUNS)
     which = f"the {plan.runs} runs"
     with config.locating(), np.errstate(all="ignore"):
         if isinstance(config.bodies, SdSource):
-            which = f"{judged} runs drawn from the ranges"
+            which = f"{MOST_RUNS} runs drawn from the ranges"
             plan = replace(plan, source=_drawn_bodies(config.bodies), samples=MOST_RUNS)
         elif plan.runs > MOST_RUNS:
             which = f"{MOST_RUNS} of the {plan.runs} runs"
