@@ -350,7 +350,13 @@ def make_dataset(
     )
     # The axis of a target holds the requested values, the column those of the bodies.
     frame = frame.rename(columns={name: f"{name}_body" for name in axes})
-    dataset: xarray.Dataset = frame.to_xarray()
+    try:
+        dataset: xarray.Dataset = frame.to_xarray()
+    except ImportError:
+        raise OutputError(
+            "to_xarray needs xarray, which is not installed; run "
+            "pip install 'rattlesweep[xarray]'"
+        ) from None
     done = np.isin(np.arange(len(index)), place[shown]).reshape(
         [*dataset.sizes.values()]
     )
