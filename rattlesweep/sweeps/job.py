@@ -47,7 +47,7 @@ GRACE = 5.0  # seconds past the deadline that a session may take to end its firs
 # Samples of each case in the first pass over the cases. Each later pass has GROWTH
 # times as many samples before it. These are powers of 2, so that bodies that are drawn
 # by chunks are drawn once.
-FIRST_PASS = 64
+FIRST_PASS = 4
 GROWTH = 4
 PRIOR_RUNS = 8  # runs of a case after which its measured cost outweighs the expected
 
