@@ -15,6 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
+from rattlesweep.names import AccuracyName, ModelName, PresetName
 from rattlesweep.physics.si import LIMITS
 from rattlesweep.quantities import MAX_TIME, QUANTITIES
 from rattlesweep.sweeps.columns import REFINABLE
@@ -132,7 +133,6 @@ PRESET_MEANING = (
     "GH: the body of Garcia and Hubbard (1988); KL: that of Kane and Levinson (1982)."
 )
 SIZED_PRESETS = ("KL",)
-Preset = Literal["GH", "KL"]
 Surface = Literal["paraboloid", "ellipsoid"]
 Draw = Literal["random", "sobol", "saltelli"]
 
@@ -255,7 +255,7 @@ class PresetSource(Surfaced):
     texts = ("name",)
 
     source: Literal["preset"] = key(..., "Use one named body.")
-    name: Preset = key(..., PRESET_MEANING)
+    name: PresetName = key(..., PRESET_MEANING)
     overrides: Overrides = key(Overrides, "Parameters that replace the preset's.")
     c: SemiAxis | None = parameter("c")
 
@@ -293,7 +293,7 @@ class GridBase(Overrides):
     shell-dumbbell body.
     """
 
-    preset: Preset | None = key(None, PRESET_MEANING)
+    preset: PresetName | None = key(None, PRESET_MEANING)
     f_sd: ShellShare | None = parameter("f_sd")
 
 
@@ -587,7 +587,7 @@ class Stop(Base):
 
 
 # Method and tol of each word; docs/accuracy.md has their errors.
-ACCURACIES = {
+ACCURACIES: dict[AccuracyName, tuple[str, float]] = {
     "draft": ("dop853", 1e-6),
     "standard": ("dop853", TOL),
     "reference": ("verner98", 1e-12),
@@ -653,7 +653,6 @@ RECORDS = (
     "error",
     "reversals",
 )
-MODELS = ("full", "reduced", "gh")
 
 
 def _word_as_list(value: Any) -> Any:
@@ -689,7 +688,7 @@ class Config(Base):
     )
     launch: State | None = key(None, "Full initial state, in place of `spin`.")
     spin: Spin | None = key(None, "Launches, unless `launch` or a table gives them.")
-    model: Annotated[str, OneOf(MODELS)] = key(
+    model: ModelName = key(
         "full", "full: five variables; reduced: three; gh: a closed formula."
     )
     horizon: Horizon = key(
