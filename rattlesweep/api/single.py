@@ -218,7 +218,7 @@ def simulate(
         launched_from,
         unknown_columns,
     )
-    from rattlesweep.sweeps.launches import Launch, is_full_state, plan_of
+    from rattlesweep.sweeps.launches import directions, is_full_state, plan_of_rows
     from rattlesweep.sweeps.run import integrate_plan
 
     arguments.check_names(
@@ -244,31 +244,21 @@ def simulate(
     full = is_full_state(omega, u, spin | {"psi": psi})
     if full:
         arrays |= arguments.full_states(omega, u, units)
-    direction = "relevant"
-    if isinstance(psi, str):
-        direction = psi
-    elif psi is not None:
+    if psi is not None and not isinstance(psi, str):
         arrays["psi"] = np.radians(numbers("psi", psi))
     columns, shape = arguments.broadcast(_launched(columns, arrays, psi))
     columns = {name: column.ravel() for name, column in columns.items()}
     if full:
         columns |= launched_from(columns, "launch")
-
-    # The rows bring their own bodies, spins and oscillations, which replace these.
-    settings = Launch(
-        Rattleback.gh(),
-        n_i=1.0,
-        omega_xy0=1.0,
-        psi=direction,
-        model=model,
-        integrator=integrator,
-        record=arguments.names_of("record", record),
-    )
+    elif isinstance(psi, str):
+        columns["psi"] = directions(columns, psi)
     units = arguments.column_units(columns)
     sizes = {name: columns.pop(name) for name in arguments.SIZE if name in columns}
     if units is None:
         sizes = {}
-    plan = plan_of(settings, TableBodies(columns, units, sizes))
+    rows = TableBodies(columns, units, sizes)
+    names = arguments.names_of("record", record)
+    plan = plan_of_rows(rows, model, integrator, names, {})
     if not shape:
         threads = 1
     with Bar.of_call(progress) as bar, listening(bar.compiling):

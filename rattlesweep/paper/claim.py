@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -30,7 +30,7 @@ MOST = 0.9
 
 @dataclass(frozen=True)
 class Count:
-    """How many meet a criterion, and how many fail within their error."""
+    """How many meet a criterion, true if all do; ``unsure`` ones fail within error."""
 
     hits: int
     total: int
@@ -41,19 +41,15 @@ class Count:
 
     def __add__(self, other: Count) -> Count:
         return Count(
-            self.hits + other.hits,
-            self.total + other.total,
-            self.unsure + other.unsure,
+            self.hits + other.hits, self.total + other.total, self.unsure + other.unsure
         )
 
     def __str__(self) -> str:
         return f"{self.hits:,} of {self.total:,}"
 
 
-def every(
-    mask: ArrayLike | pd.Series, possible: ArrayLike | pd.Series = False
-) -> Count:
-    """Count the true values, and the false ones that are `possible` within error."""
+def every(mask: ArrayLike, possible: ArrayLike = False) -> Count:
+    """Count true values, and false ones that are `possible` within sampling error."""
     holds = np.asarray(mask, dtype=bool)
     unsure = ~holds & np.asarray(possible, dtype=bool)
     return Count(int(holds.sum()), holds.size, int(unsure.sum()))
@@ -62,40 +58,55 @@ def every(
 def rises(
     frame: pd.DataFrame, value: str, by: str, within: Sequence[str], *, sign: int = 1
 ) -> Count:
-    """Count the groups in which `value` rises with abs(``by``); with sign -1, falls."""
+    """Count the groups in which a value rises (with sign -1, falls) with a column.
+
+    The groups share the columns ``within``; `value` is ordered by abs(``by``).
+    """
     columns = [value, f"{value}_low", f"{value}_high"]
     rising = []
     possible = []
     for _, group in frame.groupby(list(within)):
         if len(group) < 2:
             continue
-        ordered = sign * group.sort_values(by, key=np.abs)[columns].to_numpy()
-        steps = np.diff(ordered[:, 0])
-        # Equal neighbours are no rise, but no contradiction to a fall.
-        up = steps > 0 if sign > 0 else steps >= 0
-        low, high = np.sort(ordered[:, 1:], axis=1).T
+        ordered = group.sort_values(by, key=np.abs)[columns]
+        values, *ends = (sign * ordered).to_numpy().T
+        low, high = np.sort(ends, axis=0)
+        steps = np.diff(values)
+        up = steps > 0
+        if sign < 0:  # a value that stays is said to fall
+            up = steps >= 0
         rising.append(up.all())
         possible.append((up | (high[1:] > low[:-1])).all())
     return every(rising, possible)
 
 
-def share(hits: int, runs: int) -> dict[str, Any]:
+class Share(TypedDict):
+    """A share, its 95 % interval, and all three as text."""
+
+    value: float
+    low: float
+    high: float
+    share: str
+
+
+def share(hits: int, runs: int) -> Share:
     """Return a share and its 95 % interval as numbers, and as the text ``share``."""
     low, high = map(float, wilson(hits, runs))
-    value = hits / runs if runs else np.nan
+    value = np.nan
+    if runs:
+        value = hits / runs
     text = f"{value:.2%} [{low:.2%}, {high:.2%}]"
     return {"value": value, "low": low, "high": high, "share": text}
 
 
-def span(values: Iterable[Any]) -> tuple[Any, Any]:
+def span(values: Iterable[float]) -> tuple[float, float]:
     """Return the smallest and the largest value."""
-    values = list(values)
     return min(values), max(values)
 
 
 @cache
 def read_table(name: str) -> dict[str, dict[str, Any]]:
-    """Return the rows of ``NAME.yaml`` by their id, with their functions."""
+    """Return the rows of ``NAME.yaml`` by id, with names of functions resolved."""
     path = Path(__file__).with_name(f"{name}.yaml")
     rows: dict[str, dict[str, Any]] = YAML(typ="safe").load(path)
     for row in rows.values():
@@ -105,13 +116,13 @@ def read_table(name: str) -> dict[str, dict[str, Any]]:
 
 
 def judge(made: Made, *, theory: bool, few: bool = False) -> list[dict[str, Any]]:
-    """Judge the claims whose parts were made and, with `theory`, those on formulas."""
+    """Judge the claims whose parts were made; with `theory`, those about formulas."""
     judged = []
     for name, claim in read_table("claims").items():
-        is_ready = theory
+        can_judge = theory
         if "parts" in claim:
-            is_ready = made.keys() >= set(claim["parts"])
-        if is_ready:
+            can_judge = made.keys() >= set(claim["parts"])
+        if can_judge:
             judged.append({"id": name} | judge_claim(claim, made, few))
     return judged
 
@@ -126,14 +137,12 @@ def judge_claim(claim: Mapping[str, Any], made: Made, few: bool) -> dict[str, An
     interval.
     """
     criteria = claim["criteria"]
-    row: dict[str, Any] = {
+    row = {
         "where": claim["where"],
         "words": claim["words"],
         "headline": criteria[0],
         "checks": len(criteria),
-        "value": None,
-        "low": None,
-        "high": None,
+        **dict.fromkeys(("value", "low", "high")),
     }
     measurement = claim["measure"](made)
     if measurement is None:
@@ -144,37 +153,35 @@ def judge_claim(claim: Mapping[str, Any], made: Made, few: bool) -> dict[str, An
             "evidence": "",
         }
     checks, numbers = measurement
+    # Some numbers are lists of rows, which the claim's own format makes into text.
     for name, (between, form) in claim.get("lists", {}).items():
         numbers[name] = between.join(form.format(**entry) for entry in numbers[name])
-    evidence = [
-        f"{criterion}: {_answer(check)}"
-        for criterion, check in zip(criteria, checks, strict=True)
-    ]
+    sentences = list(map(_answer, criteria, checks))
     leeway = claim.get("leeway", "")
     verdict = verdict_of(checks, few, leeway=bool(leeway))
     if verdict == "partly" and not checks[0]:
-        evidence.append(
+        sentences.append(
             f"the headline fails, but the paper's words leave room: {leeway}"
         )
     notes = claim.get("notes", "").format(**numbers)
-    for name in ("value", "low", "high"):
-        number = numbers.get(name)
-        if number is not None and math.isfinite(number):
-            row[name] = float(number)
+    values = {name: numbers.get(name) for name in ("value", "low", "high")}
     return row | {
         "measured": claim["measured"].format(**numbers),
         "verdict": verdict,
         "held": sum(map(bool, checks)),
-        "evidence": f"Checks, headline first: {'; '.join(evidence)}. {notes}".strip(),
+        "evidence": f"Checks, headline first: {'; '.join(sentences)}. {notes}".strip(),
+        **{
+            k: float(v) for k, v in values.items() if v is not None and math.isfinite(v)
+        },
     }
 
 
-def _answer(check: object) -> str:
-    """Return whether a check holds, and for how many, as text."""
+def _answer(criterion: str, check: object) -> str:
+    """Return a criterion with its answer, and with the count if there is one."""
     answer = "yes" if check else "no"
     if isinstance(check, Count):
-        answer += f", {check}"
-    return answer
+        answer = f"{answer}, {check}"
+    return f"{criterion}: {answer}"
 
 
 def verdict_of(checks: Sequence[object], few: bool, leeway: bool) -> str:
@@ -186,9 +193,9 @@ def verdict_of(checks: Sequence[object], few: bool, leeway: bool) -> str:
     samples to tell*.
     """
     head = checks[0]
+    possible = [bool(check) or (few and _may_hold(check)) for check in checks]
     if all(checks):
         return "agree"
-    possible = [_is_possible(check, few) for check in checks]
     if all(possible) or (possible[0] and not head):
         return UNDECIDED
     most = isinstance(head, Count) and head.hits >= MOST * head.total > 0
@@ -197,8 +204,6 @@ def verdict_of(checks: Sequence[object], few: bool, leeway: bool) -> str:
     return "disagree"
 
 
-def _is_possible(check: object, few: bool) -> bool:
-    """Return whether a check holds, or with few samples may hold within their error."""
-    if few and isinstance(check, Count):
-        return bool(check) or check.hits + check.unsure == check.total
-    return bool(check)
+def _may_hold(check: object) -> bool:
+    """Return whether a count that fails may hold within its sampling error."""
+    return isinstance(check, Count) and check.hits + check.unsure == check.total

@@ -1,4 +1,4 @@
-"""Random bodies: Fig. 3, frequencies (T4), and Fig. 4, torque coefficients (T5)."""
+"""Random bodies of SD: Fig. 3, frequencies (T4), and Fig. 4, coefficients (T5)."""
 
 import threading
 from functools import partial
@@ -21,9 +21,11 @@ from rattlesweep.sweeps.config.schema import SdSource
 
 LEVELS = 2001  # points of a cumulative distribution
 CHUNK = 100_000  # bodies counted at a time
-BOUND = 1.3  # the paper's lower bound of omega_p/omega_r (Methods)
-DECADES = 9  # of the paper's colour code
-# The binned axes of Fig. 4(b).  The paper does not state them; no body of Table I lies
+# The paper's lower bound of omega_p/omega_r (Methods), and its colour code of nine
+# decades.
+BOUND = 1.3
+DECADES = 9
+# The binned axes of Fig. 4(b).  Not named in the paper; no body of Table I lies
 # outside.
 ENDS = {"K_p": (0.0, 7.0), "K_r": (0.0, 0.4)}
 BINS = 200
@@ -33,17 +35,11 @@ MUCH = 10.0  # ratio that counts as "much larger"
 
 
 def drawn_bodies(first: int, last: int) -> tuple[Floats, ...]:
-    """Return ``alpha, beta, gamma, theta, phi, xi`` of some bodies, by number."""
-    points = draw_points(2017, np.arange(first, last))
-    bodies = bodies_at(points, ranges_of(SdSource(source="sd")))
-    return (
-        bodies.alpha,
-        bodies.beta,
-        bodies.gamma,
-        bodies.theta,
-        bodies.phi,
-        bodies.xi,
+    """Return ``alpha, beta, gamma, theta, phi, xi`` of some of the random bodies."""
+    b = bodies_at(
+        draw_points(2017, np.arange(first, last)), ranges_of(SdSource(source="sd"))
     )
+    return b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi
 
 
 def drawn_modes(samples: int) -> theory.Modes:
@@ -53,12 +49,12 @@ def drawn_modes(samples: int) -> theory.Modes:
 
 
 def cumulative(**values: Floats) -> pd.DataFrame:
-    """Return quantiles of the values at evenly spaced levels, ``probability``."""
+    """Return quantiles of values at the levels of the column ``probability``."""
     probability = np.linspace(0, 1, LEVELS)
-    columns = {"probability": probability}
-    for name, sample in values.items():
-        columns[name] = np.quantile(sample, probability, method="inverted_cdf")
-    return pd.DataFrame(columns)
+    columns = {
+        n: np.quantile(v, probability, method="inverted_cdf") for n, v in values.items()
+    }
+    return pd.DataFrame({"probability": probability} | columns)
 
 
 def frequencies(ws: Workspace) -> Tables:
@@ -70,16 +66,15 @@ def frequencies(ws: Workspace) -> Tables:
         "below": (ratio <= BOUND).sum(),
         "ratio_bound": ratio_bound(),
     }
-    values = {}
     for mode in "pr":
         exact = getattr(modes, f"omega_{mode}")
         zeroth = getattr(modes, f"omega_{mode}0")
         row[f"distance_{mode}"] = ks_2samp(exact, zeroth, method="asymp").statistic
-        off = np.abs(zeroth / exact - 1)
-        row[f"off_median_{mode}"] = np.quantile(off, 0.5)
-        row[f"off_p99_{mode}"] = np.quantile(off, 0.99)
-        values[f"omega_{mode}"] = exact
-        values[f"omega_{mode}0"] = zeroth
+        off = np.quantile(np.abs(zeroth / exact - 1), (0.5, 0.99))
+        row[f"off_median_{mode}"], row[f"off_p99_{mode}"] = off
+    values = {
+        n: getattr(modes, n) for n in ("omega_p", "omega_r", "omega_p0", "omega_r0")
+    }
     return {
         "cumulative": cumulative(**values, ratio=ratio),
         "summary": pd.DataFrame([row]),
@@ -153,7 +148,6 @@ def coefficients(ws: Workspace) -> Tables:
     samples = ws.sizes.fig4_bodies
     total = ws.sizes.fig4_density
     modes = drawn_modes(samples)
-    ratio = modes.K_p / modes.K_r
     counts, below = count_bodies(total, ws.settings.get("threads"))
     i, j = np.nonzero(counts)
     density = {
@@ -166,43 +160,41 @@ def coefficients(ws: Workspace) -> Tables:
         "count": counts[i, j],
         "relative_frequency": counts[i, j] / total,
     }
-    row = {"samples": samples, "density_samples": total, "below": below}
     return {
-        "cumulative": cumulative(K_p=modes.K_p, K_r=modes.K_r, ratio=ratio),
+        "cumulative": cumulative(
+            K_p=modes.K_p, K_r=modes.K_r, ratio=modes.K_p / modes.K_r
+        ),
         "density": pd.DataFrame(density),
-        "summary": pd.DataFrame([row]),
+        "summary": pd.DataFrame(
+            [{"samples": samples, "density_samples": total, "below": below}]
+        ),
     }
 
 
 def count_bodies(total: int, threads: int | None = None) -> tuple[Integers, int]:
-    """Count bodies by ``K_p, K_r``, shape (bins, bins), and those below ``BOUND``."""
+    """Count bodies by ``K_p, K_r``, shape (bins, bins), and those below the bound."""
     counts = np.zeros(BINS**2, np.int64)
     lock = threading.Lock()
 
     def count_chunk(first: int, control: Control) -> int:
-        last = min(first + CHUNK, total)
-        alpha, beta, _, theta, phi, xi = drawn_bodies(first, last)
-        square_p, square_r, k_p, k_r = theory.torque_coefficients(
+        alpha, beta, _, theta, phi, xi = drawn_bodies(first, min(first + CHUNK, total))
+        square_p, square_r, *pair = theory.torque_coefficients(
             alpha, beta, theta, phi, xi
         )
-        i = bin_of(k_p, ENDS["K_p"])
-        j = bin_of(k_r, ENDS["K_r"])
+        i, j = (
+            ((values - low) * (BINS / (high - low))).astype(np.int64)
+            for values, (low, high) in zip(pair, ENDS.values(), strict=True)
+        )
         inside = (i < BINS) & (j < BINS)
-        chunk = np.bincount((BINS * i + j)[inside], minlength=BINS**2)
+        bodies_in_bins = np.bincount((BINS * i + j)[inside], minlength=BINS**2)
         with lock:
-            np.add(counts, chunk, out=counts)
+            np.add(counts, bodies_in_bins, out=counts)
         return int((np.sqrt(square_p / square_r) < BOUND).sum())
 
     drawn_bodies(0, 0)  # compiles the sampler, if need be, in one thread
     calls = [partial(count_chunk, first) for first in range(0, total, CHUNK)]
     below = sum(side_by_side(calls, threads or available_threads()))
     return counts.reshape(BINS, BINS), below
-
-
-def bin_of(values: Floats, ends: tuple[float, float]) -> Integers:
-    """Return the bin of each value between two ends, which may lie above the last."""
-    low, high = ends
-    return ((values - low) * (BINS / (high - low))).astype(np.int64)
 
 
 def coefficient_claim(made: Made) -> Measured:
@@ -213,10 +205,12 @@ def coefficient_claim(made: Made) -> Measured:
     level = data["probability"].to_numpy()
     # Order statistics: the median's place is binomial.
     half = 0.98 / np.sqrt(row["samples"])
-    places = [0.5 - half, 0.5, 0.5 + half]
-    low, median, high = np.interp(places, level, data["ratio"]).tolist()
-    frequency = tables["density"]["relative_frequency"]
-    decades = np.log10(frequency.agg(["min", "max"])).to_list()
+    low, median, high = np.interp(
+        [0.5 - half, 0.5, 0.5 + half], level, data["ratio"]
+    ).tolist()
+    decades = np.log10(
+        tables["density"]["relative_frequency"].agg(["min", "max"])
+    ).to_list()
     checks = [
         median >= MUCH,
         data["ratio"][0] > 1,
@@ -230,8 +224,7 @@ def coefficient_claim(made: Made) -> Measured:
         "total": row["density_samples"],
         "least": data["ratio"][0],
         "decades": decades,
-        "K_p": np.interp(0.5, level, data["K_p"]),
-        "K_r": np.interp(0.5, level, data["K_r"]),
+        **{name: np.interp(0.5, level, data[name]) for name in ("K_p", "K_r")},
     }
 
 

@@ -1,4 +1,4 @@
-"""Runs of GH: Fig. 5, first reversals (G1 to G3); Fig. 9, long runs (L1 to L4)."""
+"""Single runs of GH: Fig. 5, first reversals (G1-G3); Fig. 9, long runs (L1-L4)."""
 
 from dataclasses import replace
 from functools import partial
@@ -50,9 +50,11 @@ E_R0 = 3e-5
 # method at 1e-12 and RK4 with the paper's step agree on all of them to 0.1.
 TOL = 1e-13
 REDUCED_TOL = 1e-12
-# A zero of the spin within this many roll periods of the last is the same reversal.
+# A zero of the spin within this many roll periods of the one before is the same
+# reversal.
 ONE_REVERSAL = 5
-# Parts of a run's second half, whose scatter is the error of the mean rate of volume.
+# Parts of a run's second half; their scatter gives the error of the mean rate of phase
+# volume.
 PARTS = 10
 STATE = ("u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z")
 CHANNELS = (
@@ -85,16 +87,18 @@ def reversals(_: Workspace) -> Tables:
             tol=1e-12,
         )
         tables[name] = run.table
+        # The relevant mode is the pitch in the unsteady direction, else the roll.
         omega = modes(body).omega_r
         if n_i > 0:
             omega = modes(body).omega_p
+        t_rgh = reversal_time_gh(body, n_i, OMEGA_XY0)
         rows.append(
             {
                 "run": name,
                 "n_i": n_i,
                 "t_r": run.zeros[0],
                 "zeros": len(run.zeros),
-                "t_rgh": reversal_time_gh(body, n_i, OMEGA_XY0),
+                "t_rgh": t_rgh,
                 "period": 2 * np.pi / float(omega),
             }
         )
@@ -102,15 +106,13 @@ def reversals(_: Workspace) -> Tables:
 
 
 def reversal(made: Made, *, name: str, printed: int, when: str) -> Measured:
-    """Measure the reversal time, and when Garcia and Hubbard's solution reverses."""
+    """Measure a reversal time, and whether Garcia and Hubbard's is earlier or later."""
     run = next(row for row in records(made["fig5"]["runs"]) if row["run"] == name)
-    theirs = "later"
-    if run["t_rgh"] < run["t_r"]:
-        theirs = "earlier"
-    return [abs(run["t_r"] - printed) <= 0.5, theirs == when], {
+    theory = "earlier" if run["t_rgh"] < run["t_r"] else "later"
+    return [abs(run["t_r"] - printed) <= 0.5, theory == when], {
         **run,
         "value": run["t_r"],
-        "when": theirs,
+        "when": theory,
         "gap": abs(run["t_rgh"] / run["t_r"] - 1),
     }
 
@@ -122,33 +124,36 @@ steady_claim = partial(reversal, name="steady", printed=810, when="later")
 
 def envelope_claim(made: Made) -> Measured:
     """Measure G3: the amplitudes of omega_x and omega_y around the reversals."""
-    checks: list[object] = []
-    shapes = []
+    checks = []
+    rows = []
     ratios = []
     for panel, run in zip("ab", records(made["fig5"]["runs"]), strict=True):
         series = made["fig5"][run["run"]]
         t_r = run["t_r"]
         period = run["period"]
-        # The component that grows to the reversal, and the one that dips there.
-        main, minor = COMPONENTS
+        # In (a) omega_x is largest at the reversal and omega_y has a dip; in (b) the
+        # two swap their roles.
+        main, dipping = COMPONENTS
         if panel == "b":
-            minor, main = COMPONENTS
+            dipping, main = COMPONENTS
         big = envelope(series, main, t_r, period)
-        dip = envelope(series, minor, t_r, period)
-        late = (big["top_t"] - t_r) / period
-        off = (dip["low_t"] - t_r) / period
+        dip = envelope(series, dipping, t_r, period)
+        late, off = ((t - t_r) / period for t in (big["top_t"], dip["low_t"]))
         deep = dip["low"] / min(dip["left"], dip["right"])
         checks += [abs(late) <= 2, abs(off) <= 2 and deep <= 0.75]
-        names = {"part": panel, "main": main, "other": minor, "late": late, "off": off}
-        shapes.append(names | dip | {"top": big["top"], "top_t": big["top_t"]})
+        names = {"part": panel, "main": main, "other": dipping}
+        times = {"late": late, "off": off}
+        top = {"top": big["top"], "top_t": big["top_t"]}
+        rows.append(names | times | dip | top)
         near = series[(series["t"] - t_r).abs() < 10 * period]
         ratios += [frequency(near, name) * period / (2 * np.pi) for name in COMPONENTS]
-    first, second = shapes
-    checks.append(second["top"] > first["top"])
-    checks.append(max(abs(ratio - 1) for ratio in ratios) <= 0.1)
+    checks += [
+        rows[1]["top"] > rows[0]["top"],
+        max(abs(ratio - 1) for ratio in ratios) <= 0.1,
+    ]
     return checks, {
-        "value": second["top"] / first["top"],
-        "shapes": shapes,
+        "value": rows[1]["top"] / rows[0]["top"],
+        "shapes": rows,
         "ratios": [{"ratio": ratio} for ratio in ratios],
     }
 
@@ -156,10 +161,11 @@ def envelope_claim(made: Made) -> Measured:
 def envelope(
     run: pd.DataFrame, component: str, t_r: float, period: float
 ) -> dict[str, float]:
-    """Return extremes of the envelope (the largest modulus in a period), with times."""
+    """Return extremes of the envelope, the largest modulus in a period, and times."""
     t = run["t"].to_numpy()
-    width = round(period / (t[1] - t[0]))
-    size = maximum_filter1d(run[component].abs().to_numpy(), width)
+    size = maximum_filter1d(
+        run[component].abs().to_numpy(), round(period / (t[1] - t[0]))
+    )
     left = int(np.argmax(np.where(t < t_r, size, -1)))
     right = int(np.argmax(np.where(t >= t_r, size, -1)))
     # The minimum is as wide as the filter: take its middle.
@@ -213,7 +219,8 @@ def draw_reversals(tables: Tables) -> Figure:
             )
             axis.set_title(f"({letter}-{k})", loc="left")
         # This place is free, because the spin has the other sign after a reversal.
-        symbol = "t_{ru}" if n_i > 0 else "t_{rs}"
+        direction = "u" if n_i > 0 else "s"
+        symbol = f"t_{{r{direction}}}"
         spin.text(
             t_r + 0.02 * t.iloc[-1],
             0.85 * n_i,
@@ -230,7 +237,7 @@ def draw_reversals(tables: Tables) -> Figure:
 
 
 def long_runs(ws: Workspace) -> Tables:
-    """Return the tables ``spin`` (thinned) and ``runs`` (with Lyapunov exponents)."""
+    """Return ``spin`` (thinned) and ``runs`` (with the exponents of longer runs)."""
     bodies = [replace(Rattleback.gh(), theta=theta) for theta in THETAS]
     longer = simulate(
         bodies,
@@ -257,11 +264,12 @@ def long_runs(ws: Workspace) -> Tables:
             tol=REDUCED_TOL,
         )
         table = run.table
+        c_i = simple.table["C_I"]
         period = 2 * np.pi / float(modes(body).omega_r)
         # The first zero of each reversal.
-        is_first = np.diff(run.zeros, prepend=-np.inf) > ONE_REVERSAL * period
-        starts = run.zeros[is_first]
-        # The first interval leads from the launch to the motion that follows.
+        starts = run.zeros[np.diff(run.zeros, prepend=-np.inf) > ONE_REVERSAL * period]
+        # The first interval is the transition from the launch to the motion that
+        # follows.
         first, *gaps = np.diff(starts)
         whole = np.diff(simple.zeros)
         casimir = averaged_casimir(table, body, period)[table["t"] >= starts[0]]
@@ -280,14 +288,13 @@ def long_runs(ws: Workspace) -> Tables:
                 "drift": table["energy_drift"].abs().max(),
                 "moves": np.ptp(casimir.dropna()),
                 "drift_reduced": simple.table["energy_drift"].abs().max(),
-                "moves_reduced": np.ptp(simple.table["C_I"]),
+                "moves_reduced": np.ptp(c_i),
                 "ratio_max": ratio[most],
                 "ratio_t": table["t"][most],
                 "normal_min": table["F_normal"][least],
                 "normal_t": table["t"][least],
                 **volume_numbers(table, body),
-                "t_end": beyond["t_end"],
-                "lyapunov_late": beyond["lyapunov_late"],
+                **{name: beyond[name] for name in ("t_end", "lyapunov_late")},
                 "growth": beyond["lyapunov_late"] * beyond["t_end"] / 2,
                 "chaotic": bool(is_chaotic(beyond["lyapunov_late"], beyond["t_end"])),
             }
@@ -299,24 +306,29 @@ def long_runs(ws: Workspace) -> Tables:
 def averaged_casimir(table: pd.DataFrame, body: Rattleback, period: float) -> pd.Series:
     """Return C_I (Eq. 51) of the energies averaged over a period of the roll."""
     width = round(period / table["t"][1])
-    pitch = uniform_filter1d(table["E_p"].to_numpy(), width)
-    roll = uniform_filter1d(table["E_r"].to_numpy(), width)
-    both = modes(body)
-    values = pd.Series(reduced.casimir(pitch, roll, float(both.K_p), float(both.K_r)))
+    mode = modes(body)
+    pitch, roll = (
+        uniform_filter1d(table[name].to_numpy(), width) for name in ("E_p", "E_r")
+    )
+    values = pd.Series(reduced.casimir(pitch, roll, float(mode.K_p), float(mode.K_r)))
     # The last half period has no complete average.
     return values[: -(width // 2)].reindex(table.index)
 
 
 def volume_numbers(table: pd.DataFrame, body: Rattleback) -> dict[str, float]:
-    """Return extremes and mean rate of the logarithm of the phase volume of a run."""
+    """Return extremes and mean rate of the logarithm of a run's phase volume."""
     constants = full.constants(*(getattr(body, name) for name in PARAMETERS))
     t = table["t"].to_numpy()
     state = table[[*STATE]].to_numpy().T
-    rate = volume_rate(*state, *constants, 0.0, 0.0)
-    volume = cumulative_trapezoid(rate, t, initial=0)
+    volume = cumulative_trapezoid(
+        volume_rate(*state, *constants, 0.0, 0.0), t, initial=0
+    )
     half = t[-1] / 2
-    edges = np.linspace(half, t[-1], PARTS + 1)
-    rates = np.diff(np.interp(edges, t, volume)) * PARTS / half
+    rates = (
+        np.diff(np.interp(np.linspace(half, t[-1], PARTS + 1), t, volume))
+        * PARTS
+        / half
+    )
     return {
         "volume_low": volume.min(),
         "volume_high": volume.max(),
@@ -338,22 +350,17 @@ def kinds_claim(made: Made) -> Measured:
         c["mean"] < 0.5 * c["whole"] and c["first"] > 2 * c["mean"],
         not c["chaotic"],
     ]
-    doubts = []
+    doubling = np.log(2) / c["lyapunov_late"]
+    narrow = []
     if c["chaotic"]:
-        doubling = np.log(2) / c["lyapunov_late"]
-        doubts.append(
-            {
-                "doubling": doubling,
-                "gaps": doubling / c["mean"],
-                "scatter": c["scatter"],
-            }
-        )
+        gaps = doubling / c["mean"]
+        narrow = [{"doubling": doubling, "gaps": gaps, "scatter": c["scatter"]}]
     return checks, {
         "value": b["lyapunov_late"],
         "runs": [a, b, c],
         "second": b["second"],
         "t_end": b["t_end"],
-        "narrow": doubts,
+        "narrow": narrow,
     }
 
 

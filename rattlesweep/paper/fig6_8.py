@@ -1,4 +1,5 @@
-"""Figs. 6 and 8: times of reversal in both directions (U1, U2, S6 to S8).
+"""Figs. 6 and 8: times of reversal in the unsteady and in the steady direction (U, S6
+to S8).
 
 In all claims, a mean agrees with the formula if it is within a tenth of a decade of the
 line (a factor of 1.26), which is the size of a symbol on the paper's logarithmic axes.
@@ -8,8 +9,6 @@ of the spin in 64 windows of time.  The onset of wobbling, or of a reversal, is 
 middle of the first window in which the loss of spin, 1 - n/n_i, exceeds half of the
 largest loss in the run.
 """
-
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -45,13 +44,14 @@ PLATEAU = 0.1
 
 def unsteady(ws: Workspace) -> Tables:
     """Return the tables ``times`` of Fig. 6(a) and ``spin`` of (b)."""
-    launch = {"n_i": N_I, "omega_xy0": OMEGA_XY0, "t_end": T_END}
-    run = follow(Rattleback.gh(), "n", "omega_x", **launch)
+    run = follow(
+        Rattleback.gh(), "n", "omega_x", n_i=N_I, omega_xy0=OMEGA_XY0, t_end=T_END
+    )
     return {"times": times(ws.sweep("unsteady"), "K_p"), "spin": run.table}
 
 
 def steady(ws: Workspace) -> Tables:
-    """Return the tables ``times`` of Fig. 8 and ``windows``, with a row for a point."""
+    """Return the tables ``times`` of Fig. 8 and ``windows``, with a row a point."""
     runs = ws.sweep("steady")
     back = runs["type"] == "R"
     ratio = (runs["t_r"] / runs["t_rgh"]).where(back)
@@ -69,7 +69,7 @@ def steady(ws: Workspace) -> Tables:
         ratio_prompt=ratio.where(~late),
         growth_late=growth.where(late),
         growth_prompt=growth.where(back & ~late),
-        plateau=seen["plateau"] / runs["t_r"].where(back),
+        plateau=seen["kept"] / runs["t_r"].where(back),
         onset=onset,
         onset_late=onset > LATE_FROM * runs["t_rgh"],
         centre=centre,
@@ -98,16 +98,19 @@ def steady(ws: Workspace) -> Tables:
 
 
 def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
-    """Return reversal times of each point, and the formula at the mean ``n_0``."""
-    runs = runs.assign(back=runs["t_r"].where(runs["type"] == "R"))
-    rows = runs.groupby("case").agg(
-        **{name: (name, "first") for name in (target, "n_i", "omega_xy0")},
-        runs=("n_0", "size"),
-        reversed=("back", "count"),
-        t_r_mean=("back", "mean"),
-        t_r_std=("back", "std"),
-        t_r_sem=("back", "sem"),
-        n_0_mean=("n_0", "mean"),
+    """Return, for each point, reversal times and the theory's line at the mean n_0."""
+    rows = (
+        runs.assign(back=runs["t_r"].where(runs["type"] == "R"))
+        .groupby("case")
+        .agg(
+            **{name: (name, "first") for name in (target, "n_i", "omega_xy0")},
+            runs=("n_0", "size"),
+            reversed=("back", "count"),
+            t_r_mean=("back", "mean"),
+            t_r_std=("back", "std"),
+            t_r_sem=("back", "sem"),
+            n_0_mean=("n_0", "mean"),
+        )
     )
     n_0 = rows["n_0_mean"]
     mean = rows["t_r_mean"]
@@ -129,25 +132,28 @@ def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
 
 
 def in_windows(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return onset, plateau and mean spin from the onset on, NaN if there is none."""
-    columns = ["onset", "plateau", "centre"]
-    events = pd.DataFrame(np.nan, index=runs.index, columns=columns)
+    """Return onset, end of the plateau and mean spin from the onset on; NaN: none."""
+    columns = ["onset", "kept", "centre"]
+    seen = pd.DataFrame(np.nan, index=runs.index, columns=columns)
     names = ["n_i", "window_t", "window_n_min", "window_n_max"]
-    whole = runs.reindex(columns=names).dropna()
-    for place, n_i, step, least, most in whole.itertuples():
+    for place, n_i, step, least, most in (
+        runs.reindex(columns=names).dropna().itertuples()
+    ):
         # The loss at the extreme nearest to zero, or beyond zero.
-        nearest = most if n_i < 0 else least
+        nearest = least
+        if n_i < 0:
+            nearest = most
         loss = 1 - nearest / n_i
         half = loss.max() / 2
-        plateau = first_above(loss, PLATEAU, step)
-        if np.isnan(plateau):
-            # The run ended within the window of the loss: the plateau lasts until its
-            # beginning.
-            plateau = len(loss) * step
+        end_of_plateau = first_above(loss, PLATEAU, step)
+        if np.isnan(end_of_plateau):
+            # The run ended within the window of the loss, so the plateau lasts until
+            # that window begins.
+            end_of_plateau = len(loss) * step
         onset = first_above(loss, half, step)
         centre = ((least + most) / 2)[np.argmax(loss > half) :].mean()
-        events.loc[place] = (onset, plateau, centre)
-    return events
+        seen.loc[place] = (onset, end_of_plateau, centre)
+    return seen
 
 
 def first_above(loss: Floats, level: float, step: float) -> float:
@@ -164,25 +170,20 @@ def close(ratio: pd.Series) -> pd.Series:
 
 
 def beside_formula(points: pd.DataFrame, coefficient: str) -> Measured:
-    """Measure whether means are near the formula, and inverse to the coefficient."""
+    """Measure whether means are near the formula and as 1 over the coefficient."""
     within = (points["ratio_low"] < SYMBOL) & (points["ratio_high"] > 1 / SYMBOL)
-    slopes = []
-    for _, curve in points.groupby(["n_i", "omega_xy0"]):
-        if len(curve) > 1:
-            x = np.log(curve[coefficient])
-            slopes.append(float(np.polyfit(x, np.log(curve["t_r_mean"]), 1)[0]))
-    by_distance = points.sort_values("ratio", key=lambda ratio: np.abs(np.log(ratio)))
-    farthest = records(by_distance)[-1]
-    value = farthest["ratio"]
-    low = farthest["ratio_low"]
-    high = farthest["ratio_high"]
-    place = (
-        f"{coefficient} = {farthest[coefficient]:.3g}, n_i = {farthest['n_i']:g}, "
-        f"omega_xy0 = {farthest['omega_xy0']:g}"
-    )
+    slopes = [
+        float(np.polyfit(np.log(curve[coefficient]), np.log(curve["t_r_mean"]), 1)[0])
+        for _, curve in points.groupby(["n_i", "omega_xy0"])
+        if len(curve) > 1
+    ]
+    row = records(points.sort_values("ratio", key=lambda ratio: np.abs(np.log(ratio))))[
+        -1
+    ]
+    value, low, high = (row[name] for name in ("ratio", "ratio_low", "ratio_high"))
     checks = [
         every(close(points["ratio"]), within),
-        max(abs(slope + 1) for slope in slopes) < 0.1,
+        max(abs(s + 1) for s in slopes) < 0.1,
     ]
     return checks, {
         "value": value,
@@ -191,7 +192,9 @@ def beside_formula(points: pd.DataFrame, coefficient: str) -> Measured:
         "slopes": span(slopes),
         "least": points["ratio"].min(),
         "largest": points["ratio"].max(),
-        "farthest": f"{value:.3f} [{low:.3f}, {high:.3f}] at {place}",
+        "farthest": f"{value:.3f} [{low:.3f}, {high:.3f}] at "
+        f"{coefficient} = {row[coefficient]:.3g}, "
+        f"n_i = {row['n_i']:g}, omega_xy0 = {row['omega_xy0']:g}",
     }
 
 
@@ -200,16 +203,16 @@ def unsteady_formula(made: Made) -> Measured:
     points = made["fig6"]["times"].query("abs(n_i) <= 0.2 and omega_xy0 <= 0.01")
     points = points.dropna(subset=["ratio"])
     checks, numbers = beside_formula(points, "K_p")
-    outside = [
-        f"K_p = {row.K_p:g} at n_i = {row.n_i:g}, omega_xy0 = {row.omega_xy0:g} "
-        f"({row.ratio:.2f})"
-        for row in points[~close(points["ratio"])].itertuples()
-    ]
+    outside = ", ".join(
+        f"K_p = {r.K_p:g} at n_i = {r.n_i:g}, "
+        f"omega_xy0 = {r.omega_xy0:g} ({r.ratio:.2f})"
+        for r in points[~close(points["ratio"])].itertuples()
+    )
     return [*checks, every(points["scatter"] < 0.1, points["scatter_low"] < 0.1)], {
         **numbers,
         "ten": every((points["ratio"] - 1).abs() < 0.1),
         "scatter": span(points["scatter"]),
-        "outside": ", ".join(outside) or "none",
+        "outside": outside or "none",
     }
 
 
@@ -220,7 +223,7 @@ def large_spin(made: Made) -> Measured:
     beyond = points.query("abs(n_i) >= 0.4")
     until = series[: int(np.argmax(series["n"] < 0))]
     spin = swing_frequency(until["t"], until["n"])
-    pitch = swing_frequency(until["t"], until["omega_x"])
+    swing = swing_frequency(until["t"], until["omega_x"])
     within_size = ("n_i", "K_p")
     within_spin = ("omega_xy0", "K_p")
     checks = [
@@ -231,7 +234,7 @@ def large_spin(made: Made) -> Measured:
         every(beyond["ratio"] > SYMBOL, beyond["ratio_high"] > SYMBOL),
         rises(beyond, "t_r_mean", "n_i", within_spin)
         + rises(beyond, "t_r_std", "n_i", within_spin),
-        abs(spin / pitch - 1) < 0.1,
+        abs(spin / swing - 1) < 0.1,
     ]
     return checks, beside_formula(points, "K_p")[1] | {
         "value": points["ratio"].max(),
@@ -240,13 +243,13 @@ def large_spin(made: Made) -> Measured:
         "fast": span(beyond["ratio"]),
         "spin": spin,
         "span": np.ptp(until["n"]),
-        "multiple": spin / pitch,
-        "pitch": pitch / float(modes(Rattleback.gh()).omega_p),
+        "multiple": spin / swing,
+        "pitch": swing / float(modes(Rattleback.gh()).omega_p),
     }
 
 
 def swing_frequency(t: pd.Series, n: pd.Series) -> float:
-    """Return the angular frequency above 0.5 of the strongest oscillation of ``n``."""
+    """Return the angular frequency above 0.5 where the spectrum of n is strongest."""
     power = np.abs(np.fft.rfft((n - n.mean()) * np.hanning(len(n))))
     omega = 2 * np.pi * np.fft.rfftfreq(len(n), t.iloc[1] - t.iloc[0])
     # Frequencies below 0.5 belong to the slow change of the spin itself.
@@ -254,7 +257,7 @@ def swing_frequency(t: pd.Series, n: pd.Series) -> float:
 
 
 def steady_formula(made: Made) -> Measured:
-    """Measure S6: the formula also holds for slow spins in the steady direction."""
+    """Measure S6: in the steady direction the formula holds for slow small launches."""
     sizes = made["fig8"]["times"].dropna(subset=["ratio"]).query("abs(n_i) <= 0.2")
     large = sizes.query("omega_xy0 > 0.01")
     curves = ("n_i", "K_r")
@@ -269,8 +272,9 @@ def steady_formula(made: Made) -> Measured:
 
 def late_reversals(made: Made) -> Measured | None:
     """Measure S7: at fast spins and small K_r some runs reverse late and abruptly."""
-    beyond = made["fig8"]["windows"].query("abs(n_i) >= 0.3")
-    beyond = beyond.dropna(subset=["ratio_std"])
+    beyond = (
+        made["fig8"]["windows"].query("abs(n_i) >= 0.3").dropna(subset=["ratio_std"])
+    )
     low = beyond.query("K_r < 0.03")
     high = beyond.query("K_r > 0.06")
     # Points with more than a few late reversals.
@@ -306,7 +310,7 @@ def late_reversals(made: Made) -> Measured | None:
 
 
 def onset_of_wobbling(made: Made) -> Measured | None:
-    """Measure S8: wobbling begins when other runs reverse; None with too few runs."""
+    """Measure S8: wobbling begins when other runs reverse; None: too few runs."""
     onset = made["fig8"]["windows"]
     points = onset.query(f"wobbling >= {FEW} and reversed >= {FEW}")
     if points.empty:
@@ -330,29 +334,35 @@ def draw_times(tables: Tables) -> Figure:
     """Draw a panel for each of five spins and, for Fig. 6, the run of (b)."""
     values = tables["times"]
     spin = tables.get("spin")
-    # Fig. 8, of the steady direction, has no run beside its panels.
-    coefficient = "K_r"
-    direction = "s"
-    sign = "-"
-    if spin is not None:
-        coefficient = "K_p"
-        direction = "u"
-        sign = "+"
+    # Only Fig. 6, of the unsteady direction, has a single run.
+    coefficient = "K_p"
+    direction = "u"
+    sign = "+"
+    if spin is None:
+        coefficient = "K_r"
+        direction = "s"
+        sign = "-"
     figure = new_figure(9.2, 6.15)
     axes = list(figure.subplots(2, 3).ravel())
     means = values[["t_r_mean", "t_rgh_line"]].to_numpy()
     for axis, n_i in zip(axes, sorted(values["n_i"].unique(), key=abs), strict=False):
-        curves = values[values["n_i"] == n_i].sort_values(coefficient)
-        label = f"$t_{{rGH{sign}}}$ at the mean $n_0$"
-        axis.plot([], [], color=GREY, linewidth=1.1, label=label)
-        sizes = curves.groupby("omega_xy0")
-        for (size, rows), (colour, marker) in zip(sizes, SERIES, strict=False):
+        points = values[values["n_i"] == n_i].sort_values(coefficient)
+        axis.plot(
+            [],
+            [],
+            color=GREY,
+            linewidth=1.1,
+            label=f"$t_{{rGH{sign}}}$ at the mean $n_0$",
+        )
+        for (size, rows), (colour, marker) in zip(
+            points.groupby("omega_xy0"), SERIES, strict=False
+        ):
             x = rows[coefficient]
             mean = rows["t_r_mean"]
             std = rows["t_r_std"]
             axis.plot(x, rows["t_rgh_line"], color=colour, linewidth=1.1, zorder=2)
             # On a logarithmic axis a bar that reaches zero has no lower end.
-            bars: Any = [np.minimum(std, 0.999 * mean), std]
+            bars = np.array([np.minimum(std, 0.999 * mean), std])
             axis.errorbar(
                 x,
                 mean,
@@ -372,10 +382,7 @@ def draw_times(tables: Tables) -> Figure:
             xscale="log",
             yscale="log",
             xlabel=f"${coefficient}$",
-            xlim=(
-                curves[coefficient].min() / 1.35,
-                curves[coefficient].max() * 1.35,
-            ),
+            xlim=(points[coefficient].min() / 1.35, points[coefficient].max() * 1.35),
             ylim=(np.nanmin(means) / 2.5, np.nanmax(means) * 2.5),
             title=value_text("n_i", n_i),
         )

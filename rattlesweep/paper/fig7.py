@@ -1,4 +1,4 @@
-"""Fig. 7: types in the steady direction (S1 to S5, S9b); friction (C1)."""
+"""Fig. 7: types in the steady direction (S1-S5, S9b); supplement: friction (C1)."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -67,26 +67,28 @@ def draw_share(axis: Axes, rows: pd.DataFrame, by: str, name: str, **look: Any) 
     """Draw a share with its interval against a column."""
     value = rows[f"fraction_{name}"]
     bars = [value - rows[f"fraction_{name}_low"], rows[f"fraction_{name}_high"] - value]
-    marks: Any = {
-        "markersize": 5,
-        "markerfacecolor": "white",
-        "linewidth": 0.9,
-        "zorder": 3,
-    }
-    axis.errorbar(rows[by], value, yerr=np.maximum(bars, 0), **(marks | look))
+    look = {"markerfacecolor": "white"} | look
+    axis.errorbar(
+        rows[by],
+        value,
+        yerr=np.maximum(bars, 0),
+        markersize=5,
+        linewidth=0.9,
+        zorder=3,
+        **look,
+    )
 
 
 def types(ws: Workspace) -> Tables:
     """Return the tables of Fig. 7 and of its claims."""
     runs = ws.sweep("steady")
-    wobbling = runs[runs["type"] == "SW"]
-    exponents = ws.again(wobbling, ws.sizes.lyapunov, "lyapunov")
-    runs = runs.join(exponents.reindex(columns=["lyapunov", "lyapunov_late"]))
+    tested = ws.again(runs[runs["type"] == "SW"], ws.sizes.lyapunov, "lyapunov")
+    runs = runs.join(tested.reindex(columns=["lyapunov", "lyapunov_late"]))
     runs["chaotic"] = is_chaotic(runs["lyapunov_late"], runs["t_end"])
     return {
         "fractions": fractions(runs),
         "settled": settled(runs[runs["type"] == "SS"]),
-        "chaos": runs.loc[exponents.index],
+        "chaos": runs.loc[tested.index],
         **examples(runs),
     }
 
@@ -95,19 +97,20 @@ def fractions(runs: pd.DataFrame) -> pd.DataFrame:
     """Count the types of every case."""
     past = runs["n_c1"].abs() < runs["n_i"].abs()
     steady = runs["type"] == "SS"
-    counted = runs[POINT].assign(
+    counts = runs[POINT].assign(
         runs=1,
         bondi=past,
         ss_only=steady & ~past,
         bondi_only=past & ~steady,
         **{name: runs["type"] == name for name in SHOWN},
     )
-    rows = counted.groupby(POINT, sort=False).sum().reset_index()
-    return with_shares(rows, ["bondi", *SHOWN])
+    return with_shares(
+        counts.groupby(POINT, sort=False).sum().reset_index(), ["bondi", *SHOWN]
+    )
 
 
 def settled(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return where spins of type SS end; ``gain`` is 1 if all energy is spin then."""
+    """Return where spins of type SS end; ``gain`` is 1 if all energy became spin."""
     # Within 1 % of Bondi's threshold the oscillation has not decayed by the horizon.
     near = runs["n_c1"].abs() > 0.99 * runs["n_i"].abs()
     beyond = runs["n_end"] / runs["n_i"] - 1
@@ -129,9 +132,14 @@ def examples(runs: pd.DataFrame) -> Tables:
             place = -1
         run = chosen.iloc[place]
         shown = min(20_000.0, run["t_end"])
-        body = Rattleback(*map(float, run[list(PARAMETERS)]))
-        launch = {"n_i": run["n_i"], "omega_xy0": run["omega_xy0"], "t_end": shown}
-        tables[name] = thinned(follow(body, "n", **launch).table, n=1100)
+        series = follow(
+            Rattleback(*map(float, run[list(PARAMETERS)])),
+            "n",
+            n_i=run["n_i"],
+            omega_xy0=run["omega_xy0"],
+            t_end=shown,
+        )
+        tables[name] = thinned(series.table, n=1100)
         numbers = run[[*POINT, "sample", "t_end", "lyapunov_late"]]
         rows.append({"example": name, **numbers, "shown": shown})
     return tables | {"examples": pd.DataFrame(rows)}
@@ -144,8 +152,9 @@ def pooled(
     middle = np.sqrt(frame["K_r"].min() * frame["K_r"].max())
     half = (frame["K_r"] >= middle).astype(int)
     frame = frame.assign(half=half, hits=frame[list(names)].sum(axis=1))
-    rows = frame.groupby(list(by))[["hits", "runs"]].sum().reset_index()
-    return with_shares(rows, ["hits"])
+    return with_shares(
+        frame.groupby(list(by))[["hits", "runs"]].sum().reset_index(), ["hits"]
+    )
 
 
 def steady_spin(made: Made) -> Measured:
@@ -154,10 +163,10 @@ def steady_spin(made: Made) -> Measured:
     slowest = frame[frame["n_i"] == frame["n_i"].max()]
     beyond = frame.query("abs(n_i) >= 0.3")
     by_spin = pooled(frame, "SS")
+    largest = by_spin.groupby("n_i")[["fraction_hits"]].max()
     halves = pooled(beyond, "SS", by=("n_i", "omega_xy0", "half"))
     each = pooled(beyond.query("omega_xy0 <= 0.01"), "SS")["hits"]
     top = records(frame.nlargest(1, "fraction_SS"))[0]
-    largest = by_spin.groupby("n_i")["fraction_hits"].max()
     most = share(int(slowest["R"].sum()), int(slowest["runs"].sum()))
     checks = [
         every([frame.query("abs(n_i) <= 0.2")["SS"].sum() == 0])
@@ -184,22 +193,17 @@ def wobbling(made: Made) -> Measured:
     frame = made["fig7"]["fractions"]
     slow = frame.query("abs(n_i) <= 0.3")
     beyond = frame.query("abs(n_i) >= 0.4")
-    falls = [
-        rises(
-            pooled(spins, "SW", by=("n_i", "omega_xy0", "half")),
-            "fraction_hits",
-            "half",
-            ["n_i", "omega_xy0"],
-            sign=-1,
-        )
-        for spins in (slow, beyond)
-    ]
+    by_half = ("n_i", "omega_xy0", "half")
+    halves = [pooled(cases, "SW", by=by_half) for cases in (slow, beyond)]
     around = pooled(beyond, "SW")
     both = pooled(beyond, "SW", "unclassified")["fraction_hits"]
     by_spin = pooled(frame, "SW").groupby("n_i")["fraction_hits"]
     checks = [
         every([frame.query("abs(n_i) <= 0.1")["SW"].sum() > 0], True),
-        *falls,
+        *(
+            rises(counts, "fraction_hits", "half", ["n_i", "omega_xy0"], sign=-1)
+            for counts in halves
+        ),
         every(
             around["fraction_hits"].between(0.15, 0.25),
             (around["fraction_hits_high"] >= 0.15)
@@ -217,11 +221,11 @@ def wobbling(made: Made) -> Measured:
 
 
 def threshold(made: Made) -> Measured:
-    """Measure S3: at the smallest oscillation, SS runs are those past the threshold."""
-    smallest = made["fig7"]["fractions"].query("omega_xy0 <= 0.001")
-    wrong = int(smallest[["ss_only", "bondi_only"]].sum().sum())
-    runs = int(smallest["runs"].sum())
-    numbers = {"wrong": wrong, "runs": runs, "SS": int(smallest["SS"].sum())}
+    """Measure S3: at the smallest oscillation, SS is just past Bondi's threshold."""
+    cases = made["fig7"]["fractions"].query("omega_xy0 <= 0.001")
+    wrong = int(cases[["ss_only", "bondi_only"]].sum().sum())
+    runs = int(cases["runs"].sum())
+    numbers = {"wrong": wrong, "runs": runs, "SS": int(cases["SS"].sum())}
     return [Count(runs - wrong, runs)], share(wrong, runs) | numbers
 
 
@@ -260,7 +264,7 @@ def large_oscillation(made: Made) -> Measured:
 
 
 def wobbling_chaos(made: Made) -> Measured | None:
-    """Measure S5: which wobbling runs are chaotic; None without slow or fast ones."""
+    """Measure S5: which wobbling runs are chaotic; None: no slow or no fast ones."""
     runs = made["fig7"]["chaos"]
     calm = runs.query("abs(n_i) <= 0.4")
     fast = runs.query("n_i == -0.5")
@@ -268,10 +272,12 @@ def wobbling_chaos(made: Made) -> Measured | None:
         return None
     middle = np.sqrt(runs["K_r"].min() * runs["K_r"].max())
     least = fast["K_r"].min()
-    hits, total = chaotic_of(calm)
-    many, small = chaotic_of(fast.query("K_r < @middle"))
-    few, large = chaotic_of(fast.query("K_r >= @middle"))
-    lowest = chaotic_of(fast.query("K_r == @least"))
+    below = fast.query("K_r < @middle")
+    above = fast.query("K_r >= @middle")
+    (hits, total), (many, small), (few, large), lowest = (
+        (int(group["chaotic"].sum()), len(group))
+        for group in (calm, below, above, fast.query("K_r == @least"))
+    )
     overlap = wilson(many, small)[1] > wilson(few, large)[0]
     checks = [
         Count(total - hits, total),
@@ -290,21 +296,17 @@ def wobbling_chaos(made: Made) -> Measured | None:
     }
 
 
-def chaotic_of(runs: pd.DataFrame) -> tuple[int, int]:
-    """Return how many runs are chaotic, and how many runs there are."""
-    return int(runs["chaotic"].sum()), len(runs)
-
-
 def settled_spins(made: Made) -> Measured | None:
-    """Measure S9b: where SS ends and where SW wobbles; None if a type is missing."""
+    """Measure S9b: where spins of SS end and SW wobbles; None if a type is missing."""
     settled = made["fig7"]["settled"]
     wobbling = made["fig8"]["windows"].query("wobbling > 0")
     far = settled.query("not near")
     if far.empty or wobbling.empty:
         return None
     faster = every(far["beyond"] > 0)
-    hits = int(wobbling["centre_between"].sum())
-    between = Count(hits, int(wobbling["wobbling"].sum()))
+    between = Count(
+        int(wobbling["centre_between"].sum()), int(wobbling["wobbling"].sum())
+    )
     medians = far.groupby(["n_i", "omega_xy0"])[["beyond", "gain"]].median()
     sizes = medians.groupby("omega_xy0")["beyond"].median().reset_index()
     return [faster, every((medians["gain"] - 1).abs() < 0.1), between], {
@@ -321,7 +323,7 @@ def settled_spins(made: Made) -> Measured | None:
 
 
 def draw_types(tables: Tables) -> Figure:
-    """Draw (a), with a column for a spin and a row for an oscillation, and (b)."""
+    """Draw (a), a column for each spin and a row for each oscillation, and (b)."""
     values = tables["fractions"].sort_values("K_r")
     shown = records(tables["examples"])
     spins = sorted(values["n_i"].unique(), key=abs)
@@ -351,10 +353,9 @@ def draw_types(tables: Tables) -> Figure:
         )
         for name in SHOWN:
             mark = TYPE_STYLE[name]
-            look = {}
-            if mark.marker == "x":
-                # A cross has no face to leave white.
-                look["markerfacecolor"] = mark.colour
+            face = "white"
+            if mark.marker == "x":  # a cross has no face to leave white
+                face = mark.colour
             draw_share(
                 axis,
                 rows,
@@ -363,7 +364,7 @@ def draw_types(tables: Tables) -> Figure:
                 color=mark.colour,
                 marker=mark.marker,
                 label=mark.label,
-                **look,
+                markerfacecolor=face,
             )
         axis.grid(visible=True, axis="y")
         axis.set(xlabel="$K_r$", ylabel=f"{value_text('omega_xy0', size)}\nfraction")
@@ -389,12 +390,12 @@ def draw_types(tables: Tables) -> Figure:
 
 
 def friction(ws: Workspace) -> Tables:
-    """Return the table ``shares``: how many bodies reverse in which direction."""
+    """Return the table ``shares``: how many bodies reverse which way, by sigma."""
     runs = ws.sweep("friction")
     turns = runs.pivot_table("n_turns", ["sigma", "sample"], "n_i").dropna()
     unsteady = turns[0.3] > 0
     steady = turns[-0.3] > 0
-    bodies = pd.DataFrame(
+    ways = pd.DataFrame(
         {
             "runs": 1,
             "one_way": unsteady & ~steady,
@@ -405,7 +406,7 @@ def friction(ws: Workspace) -> Tables:
             "twice": turns[0.3] > 1,
         }
     )
-    rows = bodies.groupby("sigma").sum().reset_index()
+    rows = ways.groupby("sigma").sum().reset_index()
     return {"shares": with_shares(rows, ["one_way", "both", "neither"])}
 
 
@@ -413,9 +414,7 @@ def one_way(made: Made) -> Measured:
     """Measure C1: the share of bodies that reverse in one direction only."""
     rows = made["friction"]["shares"]
     top = records(rows.nlargest(1, "fraction_one_way"))[0]
-    value = top["fraction_one_way"]
-    low = top["fraction_one_way_low"]
-    high = top["fraction_one_way_high"]
+    value, low, high = (top[f"fraction_one_way{end}"] for end in ("", "_low", "_high"))
     still = rows[(rows["unsteady"] > rows["runs"] / 2) & (rows["sigma"] >= 0.008)]
     least, most = wilson(still["one_way"], still["unsteady"])
     checks = [
@@ -437,12 +436,12 @@ def draw_friction(tables: Tables) -> Figure:
     """Draw the shares of the bodies against sigma."""
     figure = new_figure(5.4, 3.6)
     axis = figure.add_subplot()
-    labels = {
+    names = {
         "both": "in both",
         "one_way": "in the unsteady direction only",
         "neither": "in neither",
     }
-    for (name, label), (colour, marker) in zip(labels.items(), SERIES, strict=False):
+    for (name, label), (colour, marker) in zip(names.items(), SERIES, strict=False):
         draw_share(
             axis,
             tables["shares"],

@@ -25,7 +25,9 @@ SAMPLES = 2000
 
 
 def wide_bodies() -> tuple[Floats, ...]:
-    """Return bodies far beyond the set SD: any inertia, skew angle, most surfaces."""
+    """Return bodies far beyond the set SD: any inertia, any skew angle, nearly any
+    surface.
+    """
     rng = np.random.default_rng(2017)
     largest = 10 ** rng.uniform(-1, 2, SAMPLES)
     alpha, beta = shell_dumbbell(largest, rng.uniform(0.01, 0.49, SAMPLES))
@@ -33,8 +35,14 @@ def wide_bodies() -> tuple[Floats, ...]:
     gamma = alpha - beta + (largest - (alpha - beta)) * rng.uniform(0, 1, SAMPLES)
     theta = rng.uniform(0.05, 0.99, SAMPLES)
     phi = theta * 10 ** rng.uniform(-3, -0.01, SAMPLES)
-    xi = -np.radians(rng.uniform(0.01, 89.99, SAMPLES))
-    return alpha, beta, gamma, theta, phi, xi
+    return (
+        alpha,
+        beta,
+        gamma,
+        theta,
+        phi,
+        -np.radians(rng.uniform(0.01, 89.99, SAMPLES)),
+    )
 
 
 # Printed numbers of the body GH (angles in degrees), and how many decimals they have.
@@ -58,55 +66,54 @@ ROUNDING = {
 
 def gh_numbers(**parameters: Any) -> dict[str, float]:
     """Return the numbers in :data:`PRINTED` for GH with some parameters changed."""
-    both = modes(replace(Rattleback.gh(), **parameters))
-    values = {name: float(getattr(both, name)) for name in PRINTED}
-    for name in ("psi_p", "psi_r"):
-        values[name] = float(np.degrees(values[name]))
-    return values
+    body_modes = modes(replace(Rattleback.gh(), **parameters))
+    values = {name: float(getattr(body_modes, name)) for name in PRINTED}
+    return values | {
+        name: float(np.degrees(values[name])) for name in ("psi_p", "psi_r")
+    }
 
 
-def as_printed(values: dict[str, float]) -> dict[str, bool]:
+def as_printed(numbers: dict[str, float]) -> dict[str, bool]:
     """Return which of the numbers round to the printed ones."""
     return {
-        name: round(values[name], digits) == value
+        name: round(numbers[name], digits) == value
         for name, (value, digits) in PRINTED.items()
     }
 
 
 def garcia_hubbard(_: Made) -> Measured:
-    """Measure T1: the numbers of GH, and their ranges over bodies that round to GH."""
+    """Measure T1: the numbers of GH, and of all bodies that Table I rounds to GH."""
     body = Rattleback.gh()
-    exact = gh_numbers()
+    numbers = gh_numbers()
     corners = []
     for steps in product(*((-half, half) for half in ROUNDING.values())):
-        corner = {
-            name: getattr(body, name) + step
-            for name, step in zip(ROUNDING, steps, strict=True)
-        }
+        moved = zip(ROUNDING, steps, strict=True)
+        corner = {name: getattr(body, name) + step for name, step in moved}
         corners.append(gh_numbers(**corner))
     ends = {name: span([corner[name] for corner in corners]) for name in PRINTED}
-    within = []
-    for name, (value, digits) in PRINTED.items():
-        low, high = ends[name]
-        half = 0.5 * 10.0**-digits
-        within.append(low < value + half and high > value - half)
+    within = [
+        ends[name][0] < value + 0.5 * 10.0**-digits
+        and ends[name][1] > value - 0.5 * 10.0**-digits
+        for name, (value, digits) in PRINTED.items()
+    ]
     # 0.03 rad is 1.719 degrees, which Table I would print as 1.72.
-    rounded = gh_numbers(xi=-0.03)
-    five = [same for name, same in as_printed(exact).items() if name != "K_r"]
-    checks = [every(within), every([*as_printed(rounded).values()]), every(five)]
+    skewed = gh_numbers(xi=-0.03)
+    five = [same for name, same in as_printed(numbers).items() if name != "K_r"]
+    checks = [every(within), every([*as_printed(skewed).values()]), every(five)]
     return checks, {
-        **exact,
-        "value": exact["K_r"],
+        **numbers,
+        "value": numbers["K_r"],
         "low": ends["K_r"][0],
         "high": ends["K_r"][1],
-        "other": rounded["K_r"],
+        "other": skewed["K_r"],
     }
 
 
 def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
     """Return torque coefficients from eigenvectors, by Eqs. 33 and 35."""
     alpha, beta, _, theta, phi, xi = body
-    cos, sin = np.cos(xi + np.pi / 2), np.sin(xi + np.pi / 2)
+    cos = np.cos(xi + np.pi / 2)
+    sin = np.sin(xi + np.pi / 2)
     rotation = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
     stiff = np.stack([1 / theta, 1 / phi], -1)[..., None] * np.eye(2)
     root = np.sqrt(np.stack([alpha, beta], -1))
@@ -133,22 +140,20 @@ def identities(_: Made) -> Measured:
     """Measure T2: ratio, difference and signs of the torque coefficients."""
     body = tuple(np.hstack([drawn_bodies(0, SAMPLES), wide_bodies()]))
     alpha, beta, _gamma, theta, phi, xi = body
-    defined = by_definition(body)
-    k_p = defined["K_p"]
-    k_r = defined["K_r"]
+    exact = by_definition(body)
     closed = -0.5 * np.sin(2 * xi) * (1 / beta - 1 / alpha) * (1 / phi - 1 / theta)
-    difference = k_p - k_r
+    difference = exact["K_p"] - exact["K_r"]
     off = {
-        "ratio": k_p - k_r * defined["ratio"],
+        "ratio": exact["K_p"] - exact["K_r"] * exact["ratio"],
         "difference": difference - closed,
-        "trace": difference - defined["trace"],
+        "trace": difference - exact["trace"],
     }
-    scale = k_p * defined["magnified"]
+    scale = exact["K_p"] * exact["magnified"]
     largest = {
         name: float(np.max(np.abs(values) / scale)) for name, values in off.items()
     }
-    signs = k_p * k_r > 0
-    printed = float(np.max(np.abs(defined["printed"] / difference)))
+    signs = exact["K_p"] * exact["K_r"] > 0
+    printed = float(np.max(np.abs(exact["printed"] / difference)))
     checks = [
         largest["ratio"] < EXACT,
         largest["difference"] < EXACT,
@@ -167,7 +172,8 @@ def identities(_: Made) -> Measured:
 def limits(_: Made) -> Measured:
     """Measure T3: the limits phi -> 0 and theta -> 1."""
     alpha, beta, _gamma, theta, phi, _xi = drawn_bodies(0, SAMPLES)
-    xi, small = -(2.0**-26), np.array(2.0**-36)
+    xi = -(2.0**-26)
+    small = np.array(2.0**-36)
     lever = -xi * (1 / beta - 1 / alpha)
     flat = theory.modes(alpha, beta, theta, small, xi)
     tall = theory.modes(alpha, beta, 1 - small, phi, xi)
@@ -186,7 +192,7 @@ def limits(_: Made) -> Measured:
 
 
 def ellipsoid(centre: float, b2: Floats, c2: Floats) -> dict[str, Floats]:
-    """Return the parameters of an ellipsoid with semi-axes c, b, 1, or of its half."""
+    """Return the parameters of an ellipsoid of semi-axes c, b, 1, or of its half."""
     height = 1 - centre
     vertical = 1 / 5 - centre**2
     return {
@@ -198,17 +204,18 @@ def ellipsoid(centre: float, b2: Floats, c2: Floats) -> dict[str, Floats]:
 
 
 def ellipsoids(_: Made) -> Measured:
-    """Measure T6: pitch is faster than roll for uniform ellipsoids and their halves."""
+    """Measure T6: pitch is faster than roll for uniform ellipsoids and half ones."""
     excess = []
     off = []
     for centre, factor, p, q in ((0.0, 35, 1, 6), (3 / 8, 25 / 16 * 92, 4, 9)):
-        rng = np.random.default_rng(2017)
-        first, second = 10.0 ** rng.uniform(-6, 4, (2, 2 * SAMPLES))
+        first, second = 10.0 ** np.random.default_rng(2017).uniform(
+            -6, 4, (2, 2 * SAMPLES)
+        )
         c2 = (1 - centre) * (1 + first)
         b2 = c2 * (1 + second)
-        both = theory.modes(**ellipsoid(centre, b2, c2), xi=0.0)
-        pitch = both.omega_p0**2
-        roll = both.omega_r0**2
+        modes = theory.modes(**ellipsoid(centre, b2, c2), xi=0.0)
+        pitch = modes.omega_p0**2
+        roll = modes.omega_r0**2
         excess.append(pitch / roll - 1)
         closed = factor * (b2 - c2) / ((p * b2 + q) * (p * c2 + q))
         off.append(np.abs(pitch - roll - closed) / pitch)
@@ -222,7 +229,9 @@ def ellipsoids(_: Made) -> Measured:
 
 
 def growth_slopes(body: tuple[Floats, ...]) -> tuple[Floats, Floats]:
-    """Return slopes of the growth rates at n = 0, ``w M'(0) v / (w v)``."""
+    """Return the slopes of the growth rates of pitch and roll at n = 0, ``w M'(0) v /
+    (w v)``.
+    """
     constants = full.constants(*body)
     change = (steady.matrix(constants, 1.0) - steady.matrix(constants, -1.0)) / 2
     values, right = np.linalg.eig(steady.matrix(constants, 0.0))
@@ -238,20 +247,20 @@ def slow_spin(_: Made) -> Measured:
     off: list[float] = []
     for body in (wide_bodies(), drawn_bodies(0, SAMPLES)):
         alpha, beta, gamma, theta, phi, xi = body
-        both = theory.modes(alpha, beta, theta, phi, xi)
-        magnified = both.omega_p**2 / (both.omega_p**2 - both.omega_r**2)
+        modes = theory.modes(alpha, beta, theta, phi, xi)
+        magnified = modes.omega_p**2 / (modes.omega_p**2 - modes.omega_r**2)
         pitch, roll = growth_slopes(body)
         # At small K_r larger terms cancel in the slope, so the error is measured
         # against K_p.
-        rest = np.abs([pitch - both.K_p / 2, roll + both.K_r / 2])
-        off = [*np.max(rest / (both.K_p * magnified), axis=1).tolist(), *off]
+        rest = np.abs([pitch - modes.K_p / 2, roll + modes.K_r / 2])
+        off = [*np.max(rest / (modes.K_p * magnified), axis=1).tolist(), *off]
     # Eq. 75 with n = S, E_p = (I/2) P^2, E_r = (I/2) R^2, t = (2/K_r) tau.
     p, r, s = np.random.default_rng(2017).normal(size=(3, SAMPLES))
     rates = reduced.rhs.py_func(
-        s, gamma / 2 * p**2, gamma / 2 * r**2, both.K_p, both.K_r, gamma
+        s, gamma / 2 * p**2, gamma / 2 * r**2, modes.K_p, modes.K_r, gamma
     )
-    spin, pitch, roll = (2 / both.K_r * np.asarray(rate) for rate in rates)
-    ratio = (both.omega_p / both.omega_r) ** 2
+    spin, pitch, roll = (2 / modes.K_r * np.asarray(rate) for rate in rates)
+    ratio = (modes.omega_p / modes.omega_r) ** 2
     wanted = np.stack([ratio * p * s, -r * s, r**2 - ratio * p**2])
     rest = np.stack([pitch / (gamma * p), roll / (gamma * r), spin]) - wanted
     field = float(np.max(np.abs(rest) / np.linalg.norm(wanted, axis=0)))
@@ -264,25 +273,25 @@ def slow_spin(_: Made) -> Measured:
 
 
 def reversal_times(_: Made) -> Measured:
-    """Measure T8: Garcia and Hubbard's times against the skew angle; their ratio."""
-    body = drawn_bodies(0, SAMPLES)
-    alpha, beta, _gamma, theta_, phi, xi = body
+    """Measure T8: Garcia and Hubbard's times against the skew, and their ratio."""
+    alpha, beta, _gamma, theta_, phi, xi = body = drawn_bodies(0, SAMPLES)
     n_i = 0.1
     n_0 = 0.11
 
     def times(xi: Floats | float) -> Floats:
         """Return t_rGH+ and t_rGH- (Eqs. 56 and 58), shape (2, samples)."""
-        both = theory.modes(alpha, beta, theta_, phi, xi)
+        modes = theory.modes(alpha, beta, theta_, phi, xi)
         time = np.log((n_0 + n_i) / (n_0 - n_i)) / n_0
-        return np.stack([time / both.K_p, time / both.K_r])
+        return np.stack([time / modes.K_p, time / modes.K_r])
 
     small = 2.0**-20
     largest = np.radians(SdRanges().minus_xi_deg[1])
     slope = float(np.abs(np.log2(times(-2 * small) / times(-small)) + 1).max())
     exact = by_definition(body)
-    unsteady, in_steady = times(xi)
-    deviation = np.abs(in_steady / unsteady / exact["ratio"] - 1)
-    off = float((deviation / exact["magnified"]).max())
+    (unsteady, in_steady) = times(xi)
+    off = float(
+        (np.abs(in_steady / unsteady / exact["ratio"] - 1) / exact["magnified"]).max()
+    )
     far = times(-largest) * largest / (times(-small) * small)
     return [slope < 1e-6, off < EXACT], {
         "value": slope,
@@ -303,7 +312,7 @@ ANGLES = (0.01, 1.0, 6.0, 20.0, 45.0, 70.0, 89.0)
 def contradictions(
     body: tuple[Floats, ...], spins: tuple[tuple[float, bool], ...]
 ) -> Count:
-    """Count how often eigenvalues contradict Bondi's threshold, at some angles."""
+    """Count how often eigenvalues contradict Bondi's threshold, over ``ANGLES``."""
     alpha, beta, gamma, theta_, phi, _ = body
     threshold = theory.bondi_threshold(alpha, beta, gamma, theta_, phi)
     exists = np.isfinite(threshold)

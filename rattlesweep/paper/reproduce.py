@@ -39,7 +39,7 @@ VERDICTS = ("agree", "partly", "disagree", UNDECIDED)
 
 
 def choose(names: str | None) -> list[str]:
-    """Return parts, such as ``fig8,fig7``, in the paper's order; None selects all."""
+    """Return the requested parts, such as ``fig8,fig7``, in the paper's order."""
     known = [*read_table("parts"), THEORY]
     if names is None:
         return known
@@ -54,49 +54,46 @@ def reproduce(
     begin: Callable[[str], None] = lambda title: None,
 ) -> list[dict[str, Any]]:
     """Compute and draw parts, write the report, and return the judged claims."""
-    chosen = {name: part for name, part in read_table("parts").items() if name in names}
+    figures = {name: row for name, row in read_table("parts").items() if name in names}
     directory = workspace.directory
     sizes = workspace.sizes
     tables: dict[str, Tables] = {}
-    seconds = []
-    figures = []
-    for name, part in chosen.items():
-        begin(part["title"])
+    seconds = {}
+    embedded_figures = []
+    for name, figure in figures.items():
+        begin(figure["title"])
         start = time.perf_counter()
-        tables[name] = part["data"](workspace)
+        tables[name] = figure["data"](workspace)
         for table, rows in tables[name].items():
             save_table(rows, directory / f"{name}_{table}.parquet")
         paths = [directory / f"{name}.{kind}" for kind in KINDS]
         with styled(), mpl.rc_context(LOOK):
-            save(part["draw"](tables[name]), paths)
-        seconds.append((name, f"{time.perf_counter() - start:.1f} s"))
+            save(figure["draw"](tables[name]), paths)
         picture = embedded(*(path.read_bytes() for path in paths))
-        figures.append((name, part, list(tables[name]), picture))
-
+        embedded_figures.append((name, figure, list(tables[name]), picture))
+        seconds[name] = f"{time.perf_counter() - start:.1f} s"
     claims = judge(tables, theory=THEORY in names, few=sizes.samples < FULL.samples)
     save_table(pd.DataFrame(claims), directory / "claims.parquet")
     verdicts = {"claims": claims, "tally": tally(claims), "quick": sizes != FULL}
     page = render("claims.md.j2", version=version("rattlesweep"), **verdicts)
     replace_file(directory / "claims.md", page)
-
-    sections = [("claims", "Claims")]
+    sections = {"claims": "Claims"}
     if figures:
-        sections.append(("figures", "Figures"))
-    sections += [("run", "How it was made"), ("settings", "Settings")]
-    settings = asdict(sizes)
-    for path in sorted(directory.glob("sweeps/*")):
-        settings[path.name] = sweep_config(path.name, sizes)
+        sections["figures"] = "Figures"
+    sections |= {"run": "How it was made", "settings": "Settings"}
+    sweeps = [path.name for path in sorted(directory.glob("sweeps/*"))]
+    configs = {name: sweep_config(name, sizes) for name in sweeps}
     page = render(
         "paper.html.j2",
         title="Rattleback dynamics and its reversal time of rotation: recomputed",
-        sections=sections,
+        sections=[*sections.items()],
         finished=now(),
         versions=versions() | {"matplotlib": version("matplotlib")},
         machine=machine(),
-        figures=figures,
+        figures=embedded_figures,
         failed=workspace.failed,
-        parts=seconds,
-        settings=config_yaml(settings),
+        parts=[*seconds.items()],
+        settings=config_yaml(asdict(sizes) | configs),
         **verdicts,
     )
     replace_file(directory / "report.html", page)
@@ -115,8 +112,9 @@ def closing_table(claims: Sequence[dict[str, Any]]) -> str:
     """Return the claims and the measurements as text for a terminal."""
     lines = []
     for claim in claims:
-        verdict = f"{claim['verdict']} ({claim['held']} of {claim['checks']})"
-        says = shorten(f"{verdict}: {claim['words']}", 105, placeholder=" ...")
-        measured = shorten(f"found: {claim['measured']}", 105, placeholder=" ...")
-        lines += [f"{claim['id']:<4} {says}", f"     {measured}"]
+        held = f"{claim['held']} of {claim['checks']}"
+        verdict = f"{claim['verdict']} ({held}): {claim['words']}"
+        measured = f"found: {claim['measured']}"
+        for key, text in ((claim["id"], verdict), ("", measured)):
+            lines.append(f"{key:<4} {shorten(text, 105, placeholder=' ...')}")
     return "\n".join(lines)

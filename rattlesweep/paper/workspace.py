@@ -1,4 +1,4 @@
-"""What all parts share: the directory with its sweeps, sample counts, single runs."""
+"""What all parts share: the directory of sweeps, sample counts, runs, drawing."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ LAUNCH = ["alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0", "p
 
 @dataclass(frozen=True)
 class Sizes:
-    """Sample counts and the length of a run; the paper's, where it states them."""
+    """Sample counts and the length of a run; the defaults are the paper's, if any."""
 
     fig3_bodies: int = 1_000_000
     fig4_bodies: int = 100_000  # of (a)
@@ -50,10 +50,10 @@ QUICK = Sizes(
 
 
 class Workspace:
-    """An output directory whose sweeps resume; the rest takes seconds."""
+    """An output directory whose sweeps resume; the rest is computed each time."""
 
     def __init__(self, directory: Path, sizes: Sizes = FULL, **settings: Any) -> None:
-        """Create or open the directory; `settings` are those of its sweeps."""
+        """Create or open the directory, with `threads` and `progress` of its sweeps."""
         probe_directory(directory)
         self.directory = directory
         self.sizes = sizes
@@ -62,14 +62,13 @@ class Workspace:
         self._sweeps: dict[str, pd.DataFrame] = {}
 
     def sweep(self, name: str) -> pd.DataFrame:
-        """Run or resume the sweep ``sweeps/NAME``, and return its runs that are ok."""
+        """Run or resume the sweep ``sweeps/NAME``; return its runs of status ``ok``."""
         if name not in self._sweeps:
             config = sweep_config(name, self.sizes)
             output = self.directory / "sweeps" / name
             sweep = api.sweep(config, output=output, **self.settings)
             runs = self._good(sweep.read())
             cases = sweep.summary.set_index("case")
-            # A target is a column of the cases, beside that of the bodies.
             for target in map(str, cases[["K_p", "K_r"]].dropna(axis=1, how="all")):
                 targets = runs["case"].map(cases[target])
                 runs = runs.assign(**{f"{target}_body": runs[target], target: targets})
@@ -77,12 +76,12 @@ class Workspace:
         return self._sweeps[name]
 
     def again(self, runs: pd.DataFrame, most: int, record: str) -> pd.DataFrame:
-        """Integrate at most `most` runs, evenly selected, again with ``record``."""
+        """Integrate runs once more with ``record``, or `most`, evenly chosen."""
         runs = runs.iloc[:: max(1, -(-len(runs) // most))]
         if runs.empty:
             return runs
-        results = api.simulate(runs[LAUNCH], **self.settings, record=[record])
-        return self._good(results).reindex(runs.index)
+        again = api.simulate(runs[LAUNCH], **self.settings, record=[record])
+        return self._good(again).reindex(runs.index)
 
     def _good(self, runs: pd.DataFrame) -> pd.DataFrame:
         good = runs["status"] == "ok"
@@ -92,12 +91,12 @@ class Workspace:
 
 def sweep_config(name: str, sizes: Sizes) -> dict[str, Any]:
     """Return the config of the sweep ``steady``, ``unsteady`` or ``friction``."""
-    path = Path(__file__).with_name(f"{name}.yaml")
-    config: dict[str, Any] = YAML(typ="safe").load(path)
-    samples = sizes.samples
+    config: dict[str, Any] = YAML(typ="safe").load(
+        Path(__file__).with_name(f"{name}.yaml")
+    )
+    config["bodies"]["samples"] = sizes.samples
     if name == "friction":
-        samples = sizes.friction
-    config["bodies"]["samples"] = samples
+        config["bodies"]["samples"] = sizes.friction
     return config
 
 

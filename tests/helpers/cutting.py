@@ -22,15 +22,16 @@ def cut(rows: int, most: int = 10**9, dice: random.Random | None = None) -> Any:
     """
 
     def engine(work: Job, blocks: Iterator[Keys]) -> None:
-        case, sample = (np.concatenate(part) for part in zip(*blocks, strict=True))
-        parts = [
-            (case[k : k + rows], sample[k : k + rows])
-            for k in range(0, len(case), rows)
-        ]
+        case, sample = (np.concatenate(keys) for keys in zip(*blocks, strict=True))
+        order = np.lexsort((sample, case))
+        pieces = []
+        for first in range(0, len(case), rows):
+            chosen = order[first : first + rows]
+            pieces.append((case[chosen], sample[chosen]))
         if dice is not None:
-            dice.shuffle(parts)
-        local(work, iter(parts[:most]))
-        if len(parts) > most:
+            dice.shuffle(pieces)
+        local(work, iter(pieces[:most]))
+        if len(pieces) > most:
             raise Stop
 
     return engine
