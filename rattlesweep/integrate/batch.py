@@ -90,7 +90,9 @@ def attempt(tableau_name: str, model_name: str, extra: str = "") -> Kernel:
 def decide_closely(adaptive: bool) -> Kernel:
     """Return :func:`lanes.decide_closely`, which serves all models."""
     return Kernel(
-        lanes.decide_closely, (problem_of(None, adaptive), FLAT, 0, 1.0, False), INNER
+        lanes.decide_closely,
+        (problem_of(None, adaptive), FLAT, 0, 1.0, lanes.SPIN),
+        INNER,
     )
 
 

@@ -20,7 +20,15 @@ from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.lanes import runs
 from rattlesweep.integrate.lanes.events import HOLD, REVERSED
-from rattlesweep.integrate.lanes.kernel import ATTEMPT, DECIDE, OK, commit, decide
+from rattlesweep.integrate.lanes.kernel import (
+    AFTER_ZERO,
+    ATTEMPT,
+    DECIDE,
+    OK,
+    SPIN,
+    commit,
+    decide,
+)
 from rattlesweep.integrate.lanes.lane import (
     addresses_of,
     call,
@@ -86,14 +94,14 @@ def record_steps(
         call(parts[ATTEMPT], (problem, w, scale))
         if decide(problem, w, dt, max_steps) > 0:
             status, move = call_for_pair(
-                parts[DECIDE], (problem, w, 0, max_steps, False)
+                parts[DECIDE], (problem, w, 0, max_steps, SPIN)
             )
             if move == REVERSED:
                 if not runs.is_dead(lane):
                     zeros[found] = lane.t + (lane.h - lane.t_low)
                     found += 1
                 later, move = call_for_pair(
-                    parts[DECIDE], (problem, w, 0, max_steps, True)
+                    parts[DECIDE], (problem, w, 0, max_steps, AFTER_ZERO)
                 )
                 status = later if move == HOLD else status
             ended = status != OK or (move != HOLD and lane.last > 0.0)

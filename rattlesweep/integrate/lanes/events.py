@@ -20,7 +20,7 @@ from rattlesweep.integrate.lanes.lane import INNER, Point
 from rattlesweep.physics.full import scalar
 
 # Modes of a lane.
-STEP, SCAN, MINIMUM, ROOT, REDO = 0, 1, 2, 3, 4
+STEP, SCAN, MINIMUM, ROOT, REDO, PEAK, RETAKE = 0, 1, 2, 3, 4, 5, 6
 # Moves of the search: go back and try ``lane.h_next``, accept the step just tried, or
 # accept it as a step that ends at a zero.
 HOLD, TAKE, REVERSED = 0, 1, 2
@@ -115,7 +115,7 @@ def _scan(lane: Any, tried: float) -> int:
             if verdict == _ZERO:
                 return _start_root(lane)
             lane.mode, lane.tries = MINIMUM, 0.0
-            lane.h_next = _towards_minimum(lane)
+            lane.h_next = _towards_extremum(lane)
             return HOLD
         move = _next_piece(lane, tried)
         if move != _KNOWN:
@@ -160,7 +160,7 @@ def _close_in(lane: Any, tried: Point) -> int:
     verdict = _judge(lane.lo, lane.hi, lane.sign)
     wide = lane.hi.h - lane.lo.h > 1e-12 * lane.full.h
     if verdict == _DIP and wide and lane.tries < MAX_TRIES:
-        lane.h_next = _towards_minimum(lane)
+        lane.h_next = _towards_extremum(lane)
         return HOLD
     # The ends of the bracket are nearer to the minimum than a last try in its middle.
     lowest = min(lane.sign * lane.lo.n, lane.sign * lane.hi.n)
@@ -172,7 +172,7 @@ def _close_in(lane: Any, tried: Point) -> int:
 
 
 @njit(**INNER)
-def _towards_minimum(lane: Any) -> float:
+def _towards_extremum(lane: Any) -> float:
     """Return the next point to try in LO..HI: by a secant of the rate, every third time
     halfway.
     """
@@ -221,3 +221,130 @@ def _polish(lane: Any, tried: Point) -> int:
         return REVERSED
     lane.h_next = guess
     return HOLD
+
+
+# Functions whose extremes are searched.
+RATIO, LIFT, SPIN = 0, 1, 2
+N_PEAKS = 3
+# An extreme is taken from the cubic through both ends of its bracket if it is higher
+# than them by less than this share; the cubic is then right to a tenth of that.
+RISE = 2e-4
+# Share of its height above the ends that the cubic may be wrong in a whole step.
+SLACK = 0.2
+FINE = 1e-5  # smallest relative excess over the largest value so far that counts
+MAX_CLIMBS = 12.0
+
+
+@scalar
+def height(start, end):
+    """Return the largest value between two points, of which the function rises and falls."""
+    length = end.h - start.h
+    rise, fall = length * start.rate, length * end.rate
+    step = end.n - start.n
+    # The cubic through both ends, at the place where the secant of the rates is zero.
+    share = rise / (rise - fall)
+    cubic = rise + fall - 2.0 * step
+    return start.n + share * (rise + share * (step - rise - cubic + share * cubic))
+
+
+@scalar
+def may_peak(start, end, largest):
+    """Return whether a function may exceed its largest value so far between two points."""
+    top = height(start, end)
+    ends = end.n if end.n > start.n else start.n
+    peak = (start.rate > 0.0) & (end.rate < 0.0)
+    return peak & (top + SLACK * (top - ends) > largest + FINE * abs(largest))
+
+
+@scalar
+def spin_points(lane):
+    """Return the modulus of the spin at both ends of the step; the first may be negative."""
+    side = 1.0 if lane.n1 > 0.0 else -1.0
+    start = Point(0.0, side * lane.n0, side * lane.rate0)
+    return start, Point(lane.h, side * lane.n1, side * lane.rate1)
+
+
+@scalar
+def least_peak(lane):
+    """Return the modulus that the spin must exceed for a new largest one of its turn."""
+    # After a zero, the turn counts once the spin is far on the other side.
+    after, far = lane.n_after, lane.far
+    within = after if lane.reversals > 0.0 else 1e290
+    return far if lane.t_pending >= 0.0 else within
+
+
+@njit(**INNER)
+def climb(lane: Any) -> int:
+    """Make one move of the search for extremes in a step that is to be taken.
+
+    The first move is made right after the step was tried.
+    """
+    if lane.mode == PEAK:
+        if lane.climbed == RATIO:
+            tried = lane.ratio1
+        elif lane.climbed == LIFT:
+            tried = lane.lift1
+        else:
+            _, tried = spin_points(lane)
+        if tried.rate > 0.0:
+            lane.lo = tried
+        else:
+            lane.hi = tried
+        lane.tries += 1.0
+        if _goes_on(lane):
+            return HOLD
+        # The step to take is tried again, since its end has been overwritten.
+        lane.mode = RETAKE
+        lane.h_next = lane.taken
+        return HOLD
+    if lane.mode == RETAKE:
+        lane.climbed += 1.0
+        lane.h_next = lane.taken_next
+    else:
+        lane.climbed = 0.0
+        lane.taken = lane.h
+        lane.taken_next = lane.h_next
+    while lane.climbed < N_PEAKS:
+        if _starts(lane) and _goes_on(lane):
+            return HOLD
+        lane.climbed += 1.0
+    lane.mode = STEP
+    return int(lane.move)
+
+
+@njit(**INNER)
+def _starts(lane: Any) -> bool:
+    """Return whether the function may have an extreme in the step, and set its bracket."""
+    if lane.climbed == RATIO:
+        lane.lo, lane.hi = lane.ratio0, lane.ratio1
+        largest = lane.ratio_max
+        possible = lane.lift0.n < 0.0 and lane.lift1.n < 0.0
+    elif lane.climbed == LIFT:
+        lane.lo, lane.hi = lane.lift0, lane.lift1
+        largest = -lane.normal_min
+        possible = True
+    else:
+        lane.lo, lane.hi = spin_points(lane)
+        largest = least_peak(lane)
+        possible = lane.lo.n > 0.0
+    lane.tries = 0.0
+    return possible and may_peak(lane.lo, lane.hi, largest)
+
+
+@njit(**INNER)
+def _goes_on(lane: Any) -> bool:
+    """Set the next point to try, or note the extreme between LO and HI if it is known."""
+    top = height(lane.lo, lane.hi)
+    ends = max(lane.lo.n, lane.hi.n)
+    if top - ends > RISE * abs(top) and lane.tries < MAX_CLIMBS:
+        lane.mode = PEAK
+        lane.h_next = _towards_extremum(lane)
+        return True
+    top = max(top, ends)
+    if lane.climbed == RATIO:
+        lane.ratio_max = max(lane.ratio_max, top)
+    elif lane.climbed == LIFT:
+        lane.normal_min = min(lane.normal_min, -top)
+    else:
+        lane.n_top = max(lane.n_top, top)
+    return False

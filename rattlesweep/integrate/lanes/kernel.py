@@ -19,7 +19,14 @@ import numpy as np
 from numba import njit, prange
 
 from rattlesweep.integrate.lanes import events, runs
-from rattlesweep.integrate.lanes.events import HOLD, REVERSED, STEP, TAKE, may_reverse
+from rattlesweep.integrate.lanes.events import (
+    HOLD,
+    PEAK,
+    REVERSED,
+    STEP,
+    TAKE,
+    may_reverse,
+)
 from rattlesweep.integrate.lanes.lane import (
     INNER,
     Point,
@@ -35,6 +42,8 @@ OK, NONFINITE = int(Status.OK), int(Status.NONFINITE)
 STEP_LIMIT, STEP_TOO_SMALL = int(Status.STEP_LIMIT), int(Status.STEP_TOO_SMALL)
 # Indices into ``parts``: the addresses of ``attempt`` and of :func:`decide_closely`.
 ATTEMPT, DECIDE, PARTS = 0, 1, 2
+# Stages of :func:`decide_closely`.
+SPIN, AFTER_ZERO, PEAKS = 0, 1, 2
 
 # Step size control.  Errors are squared and in units of the tolerance. First step for a
 # tolerance of 1, and least step, in radians of the fastest swing of the spin.
@@ -48,18 +57,22 @@ OFFSET = np.uint64(
 )  # for `rough_root` of 1, where 1023 << 52 is 1.0
 
 
-def decide_closely(problem, w, l, max_steps, on):
+def decide_closely(problem, w, l, max_steps, stage):
     """Decide on the step tried on lane ``l``, where something is due; return a status
     and a move.
 
-    The problem has no model.  If ``on`` is true, the step tried ends at a zero of the
-    spin, and the search continues after it.  The status is OK if the run goes on.  The
+    The problem has no model.  In the stage ``AFTER_ZERO``, the step tried ends at a zero
+    of the spin, and the search continues after it; in the stage ``PEAKS``, the step is
+    to be taken, and extremes in it are searched.  The status is OK if the run goes on.  The
     move is HOLD (the step is not taken), TAKE, or REVERSED (the step is taken and ends
     at a zero).
     """
     lane = lane_of(problem, w, l)
-    if on:
-        move = events.search_on(lane, lane.h)
+    if stage != SPIN:
+        if stage == PEAKS:
+            move = events.climb(lane)
+        else:
+            move = events.search_on(lane, lane.h)
         lane.accept = 0.0 if move == HOLD else 1.0
         return OK, move
     if lane.mode == STEP and lane.accept == 0.0:
@@ -132,6 +145,7 @@ def decide(problem, w, dt, max_steps):
             | (lane.mode > 0.0)
             | (lane.t + h >= lane.next)
             | (lane.steps >= max_steps)
+            | (lane.peak > 0.0)
             | (not accept)
         )
         lane.accept = 1.0 if accept else 0.0
@@ -157,6 +171,7 @@ def commit(problem, w):
         now, largest = lane.amplitude, lane.a_max
         lane.a_max = (now if now > largest else largest) + 0.0
         lane.root0 = lane.root
+        lane.peak = 0.0
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         accept = lane.accept
@@ -196,7 +211,9 @@ def watch(problem, w, windows, record):
             off = abs(runs.energy_at(lane, lane.y1) - lane.energy0)
             lane.drift_max = max(lane.drift_max, off / lane.energy0)
         if record[runs.REC_CONTACT]:
-            runs.observe_contact(lane, lane.y1)
+            runs.note_contact(lane)
+            lane.ratio0 = Point(0.0, lane.ratio1.n, lane.ratio1.rate)
+            lane.lift0 = Point(0.0, lane.lift1.n, lane.lift1.rate)
         if record[runs.REC_WINDOWS]:
             lane.window_n_min = min(lane.window_n_min, lane.n1)
             lane.window_n_max = max(lane.window_n_max, lane.n1)
@@ -204,6 +221,25 @@ def watch(problem, w, windows, record):
             runs.note_side(lane, windows, record)
         if record[runs.REC_VOLUME]:
             lane.volume += lane.h * lane.volume_rate1
+
+
+@njit(**INNER)
+def look_closer(problem, parts, w, l, max_steps, record):
+    """Decide on the step tried on lane ``l``; return a status and a move."""
+    lane = lane_of(problem, w, l)
+    if lane.mode < PEAK:
+        status, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, SPIN))
+        if move == REVERSED and record[runs.REC_REVERSALS]:
+            # Go on after the zero, in the same step.
+            runs.note_zero(lane, lane.t + (lane.h - lane.t_low))
+            later, move = call_for_pair(
+                parts[DECIDE], (problem, w, l, max_steps, AFTER_ZERO)
+            )
+            status = later if move == HOLD else status
+        if status != OK or move == HOLD or lane.peak == 0.0:
+            return status, move
+        lane.move = move
+    return call_for_pair(parts[DECIDE], (problem, w, l, max_steps, PEAKS))
 
 
 def work(
@@ -251,6 +287,10 @@ def work(
     turns = 0
     while busy > 0:
         call(parts[ATTEMPT], (problem, w, scale))
+        if record[runs.REC_CONTACT]:
+            runs.observe_contact(problem, w)
+        if record[runs.REC_REVERSALS]:
+            runs.observe_spin(problem, w)
         special = decide(problem, w, dt, max_steps)
         if special > 0:
             for l in range(problem.lanes):
@@ -263,17 +303,8 @@ def work(
                     lane.h_next = 0.0
                     runs.hold_back(lane)
                     continue
-                status, move = call_for_pair(
-                    parts[DECIDE], (problem, w, l, max_steps, False)
-                )
+                status, move = look_closer(problem, parts, w, l, max_steps, record)
                 t = lane.t + (lane.h - lane.t_low)
-                if move == REVERSED and record[runs.REC_REVERSALS]:
-                    # Go on after the zero, in the same step.
-                    runs.note_zero(lane, t)
-                    later, move = call_for_pair(
-                        parts[DECIDE], (problem, w, l, max_steps, True)
-                    )
-                    status = later if move == HOLD else status
                 reversal = move == REVERSED
                 ended = status != OK or reversal
                 if move == TAKE and lane.last > 0.0:

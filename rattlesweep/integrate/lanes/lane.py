@@ -114,6 +114,20 @@ def widest_vectors(context, builder, signature, args):
     return context.get_dummy_value()
 
 
+@intrinsic(
+    lambda typingctx, y, f, h: y(y, f, types.float64),
+    lambda y, f, h: tuple(a + h * b for a, b in zip(y, f, strict=True)),
+)
+def moved(context, builder, signature, args):
+    """Return the state ``y + h f``."""
+    y, f, h = args
+    components = []
+    for i in range(len(signature.return_type)):
+        change = builder.fmul(h, builder.extract_value(f, i))
+        components.append(builder.fadd(builder.extract_value(y, i), change))
+    return context.make_tuple(builder, signature.return_type, components)
+
+
 def addresses_of(*compiled: Any) -> Any:
     """Return the addresses of compiled functions, which the caller must keep alive."""
     if config.DISABLE_JIT:
@@ -200,8 +214,13 @@ FIELDS = (
     ("number", "energy0 drift_max ratio_max normal_min"),
     # Times of the first zero of the spin, and of the first one since the spin was last
     # far (-1 for none); the side it was on, the number of changes of side, the largest
-    # spin since the last.
-    ("number", "t_zero t_pending side reversals n_after"),
+    # spin since the last, the largest one found within the step.
+    ("number", "t_zero t_pending side reversals n_after n_top"),
+    # Whether the step may hold a new extreme; which function is climbed, the step to
+    # take after that, the size of the next one, and the move.
+    ("number", "peak climbed taken taken_next move"),
+    # Ratio of the contact forces, and normal force with a minus sign, at both ends.
+    ("point", "ratio0 ratio1 lift0 lift1"),
     # Logarithm of phase volume, its rate over the step; share of the energy below which
     # a body is dead; exponent of the power of two taken out of the tangent.
     ("number", "volume volume_rate1 dead shift"),

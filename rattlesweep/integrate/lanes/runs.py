@@ -10,16 +10,19 @@ from math import isfinite, log, nan, sqrt
 
 from numba import njit
 
+from rattlesweep.integrate.lanes.events import least_peak, may_peak, spin_points
 from rattlesweep.integrate.lanes.lane import (
     INNER,
     barrier,
     clear,
+    Point,
     first_of,
     lane_of,
+    moved,
     widest_vectors,
 )
 from rattlesweep.integrate.status import Status
-from rattlesweep.physics.full import FASTMATH
+from rattlesweep.physics.full import FASTMATH, scalar
 
 # The arrays that a kernel reads and writes have one row for each run.  Columns of
 # ``result`` are attributes of an Outcome, followed by the state at the end.
@@ -73,6 +76,7 @@ TINY = 1e-290
 # Least squared amplitude that counts, as a share of the first: a mode that has decayed
 # by 1e-9 is lost in the rounding errors of the other.
 FLOOR = 1e-18
+DIFFERENCE = 1e-7  # length of differences along the flow, in radians of the swing
 UNKNOWN_RATE = 1e290  # bound of the spin's rate with which every step may reverse
 # The norm of a tangent stays between 2^-SHIFT and 2^SHIFT.
 SHIFT, LOG_2 = 200, log(2.0)
@@ -163,12 +167,52 @@ def include_end(lane):
     lane.window_n_max = max(lane.window_n_max, lane.n1)
 
 
-@njit(fastmath=FASTMATH, **INNER)
-def observe_contact(lane, y):
-    """Update the extremes of the contact force with the state ``y``."""
+@scalar
+def contact_points(lane, h, y, f):
+    """Return ratio of the contact forces and negative normal force, with their rates."""
+    # The rates are differences along the flow; an error of them only moves the place
+    # at which an extreme is evaluated.
+    ahead = DIFFERENCE / lane.swing
     normal, tangential = lane.problem.contact(*(y + lane.constants))
-    lane.normal_min = min(lane.normal_min, normal)
-    lane.ratio_max = max(lane.ratio_max, tangential / abs(normal))
+    ratio = tangential / abs(normal)
+    y = moved(y, f, ahead)
+    later, tangential = lane.problem.contact(*(y + lane.constants))
+    ratio_rate = (tangential / abs(later) - ratio) / ahead
+    return Point(h, ratio, ratio_rate), Point(h, -normal, (normal - later) / ahead)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def observe_contact(problem, w):
+    """Compute the contact forces at the end of the step tried on every lane."""
+    widest_vectors()
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        ratio, lift = contact_points(lane, lane.h, lane.y1, lane.f1)
+        lane.ratio1 = ratio
+        lane.lift1 = lift
+        peak = may_peak(lane.ratio0, ratio, lane.ratio_max)
+        # Where the normal force is negative, the ratio has poles and no largest value.
+        peak &= (lane.lift0.n < 0.0) & (lift.n < 0.0)
+        peak |= may_peak(lane.lift0, lift, -lane.normal_min)
+        lane.peak += 1.0 if peak else 0.0
+
+
+@njit(**INNER)
+def note_contact(lane):
+    """Let the end of the step just tried count in the extremes of the contact forces."""
+    lane.ratio_max = max(lane.ratio_max, lane.ratio1.n)
+    lane.normal_min = min(lane.normal_min, -lane.lift1.n)
+
+
+@njit(**INNER)
+def observe_spin(problem, w):
+    """Compute whether the step tried on any lane may hold the largest spin of a turn."""
+    widest_vectors()
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        start, end = spin_points(lane)
+        peak = (start.n > 0.0) & may_peak(start, end, least_peak(lane))
+        lane.peak += 1.0 if peak else 0.0
 
 
 @njit(**INNER)
@@ -200,7 +244,9 @@ def note_side(lane, windows, record):
     run = int(lane.run)
     at = 3 if record[REC_WINDOWS] else 0
     n = lane.n1
-    if abs(n) > lane.far:
+    size = max(abs(n), lane.n_top)
+    lane.n_top = 0.0
+    if size > lane.far:
         side = 1.0 if n > 0.0 else -1.0
         # Without a pending zero the body was dead when the spin changed sign.
         if side * lane.side < 0.0 and lane.t_pending >= 0.0:
@@ -212,10 +258,10 @@ def note_side(lane, windows, record):
         lane.side = side
         lane.t_pending = -1.0
     k = int(lane.reversals) - 1
-    if k >= 0 and abs(n) > lane.n_after:
-        lane.n_after = abs(n)
+    if k >= 0 and size > lane.n_after:
+        lane.n_after = size
         if k < MOST_REVERSALS:
-            windows[run, k, at + 1] = abs(n)
+            windows[run, k, at + 1] = size
 
 
 @njit(**INNER)
@@ -248,7 +294,9 @@ def start(lane, run, y0, constants, probe, plan, record):
     lane.energy0 = energy_at(lane, lane.y)
     lane.normal_min = 1e290
     if record[REC_CONTACT]:
-        observe_contact(lane, lane.y)
+        lane.ratio1, lane.lift1 = contact_points(lane, 0.0, lane.y, lane.f)
+        note_contact(lane)
+        lane.ratio0, lane.lift0 = lane.ratio1, lane.lift1
     lane.fuzz = plan[run, FUZZ]
     lane.dead = plan[run, DEAD]
     if plan[run, FIRST_STEP] >= lane.t_end:
@@ -295,7 +343,7 @@ def finish(lane, status, reversal, t, run, result, counts, windows, record):
     if t - lane.window_no * lane.window > 0.9 * lane.window:
         close_window(lane, run, windows, record)
     if record[REC_CONTACT]:
-        observe_contact(lane, lane.y1)
+        note_contact(lane)
     t_r = t if reversal and status == OK and not is_dead(lane) else nan
     if record[REC_REVERSALS]:
         note_side(lane, windows, record)
