@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 from rattlesweep.sweeps.config.read import load_config
-from rattlesweep.sweeps.cost import forecast
+from rattlesweep.sweeps.forecast import forecast
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.run import run_sweep
 

@@ -35,10 +35,11 @@ from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.steady import steady_modes
 from rattlesweep.sweeps.block import columns_of, run_batch
-from rattlesweep.sweeps.columns import build_table, runs_schema, write_parquet
+from rattlesweep.sweeps.columns import build_table, runs_schema
 from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.config.schema import Config, Integrator
 from rattlesweep.sweeps.launches import Launches, full_batch, prepare, reduced_batch
+from rattlesweep.sweeps.parquet import write_parquet
 from rattlesweep.sweeps.plan import make_plan
 
 if TYPE_CHECKING:
@@ -284,20 +285,22 @@ def main(quick: bool) -> None:
         parts += steps(2000 if quick else 10_000)
         seconds = measure(parts, 3 if quick else 7)
     click.echo(
-        f"{len(launches.n_i)} runs to the horizon {HORIZON:g}, {found['t_end'].sum():.3g} units "
-        f"of time, {tries:.3g} steps tried; one thread, medians"
+        f"{len(launches.n_i)} runs to the horizon {HORIZON:g}, "
+        f"{found['t_end'].sum():.3g} units of time, {tries:.3g} steps tried; "
+        "one thread, medians"
     )
     click.echo(f"{'part':40}{'us':>10}{'of one':>8}{'ratio':>9}  to")
     price = {part.name: seconds[part.name] / part.runs * 1e6 for part in parts}
     for part in parts:
         ratio = price[part.name] / price[part.base]
         click.echo(
-            f"{part.name:40}{price[part.name]:10.4g}{part.unit:>8}{ratio:9.4f}  {part.base}"
+            f"{part.name:40}{price[part.name]:10.4g}{part.unit:>8}{ratio:9.4f}  "
+            f"{part.base}"
         )
     alone = 1 - tries * price[STEP] / (seconds["integration alone"] * 1e6)
     click.echo(
-        f"step control, search for zeros, windows, refilling: {100 * alone:.0f} % of the "
-        "integration; the rest is the steps"
+        "step control, search for zeros, windows, refilling: "
+        f"{100 * alone:.0f} % of the integration; the rest is the steps"
     )
 
 

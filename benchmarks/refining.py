@@ -1,18 +1,20 @@
-"""Runs that a refined map saves and cells that it misses, found from the runs of a full
-grid.
+"""What a refined map saves, misses and gets wrong, from the runs of a full grid.
 
 rattlesweep run configs/map_theta_spin.yaml
 python benchmarks/refining.py out/map-theta-spin --figure docs/map_refined.png
+python benchmarks/refining.py out/maps --means
 """
 
 from __future__ import annotations
 
 import argparse
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 from matplotlib.colors import ListedColormap
 from scipy.ndimage import label as islands
@@ -23,9 +25,14 @@ from rattlesweep.analysis.plots import CELLS, CODES
 from rattlesweep.arrays import Flags
 from rattlesweep.sweeps.config.read import parse_config, resolved
 from rattlesweep.sweeps.decide import wanted_runs
-from rattlesweep.sweeps.stored import Stored, open_stored
+from rattlesweep.sweeps.stored import FOLDER, Stored, open_stored
+from rattlesweep.sweeps.summary import summarise
 
 LEVELS = (2, 3, 4, 5)
+REFINEMENTS: list[dict[str, Any]] = [
+    *({"levels": levels} for levels in LEVELS),
+    {"levels": 4, "by": "t_r"},
+]
 
 
 def refined(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> Flags:
@@ -41,13 +48,52 @@ def refined(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> Flags:
     return found.done
 
 
+def summary_of(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> pd.DataFrame:
+    """Return the summary of a refined sweep, from the rows of the full grid."""
+    done = refined(rows, stored, refine)
+    data = resolved(stored.config)
+    config = parse_config(data | {"bodies": data["bodies"] | {"refine": refine}}, [])
+    with tempfile.TemporaryDirectory() as folder:
+        sweep = replace(stored, config=config, directory=Path(folder))
+        (sweep.directory / FOLDER).mkdir()
+        sweep.append(rows.take(np.flatnonzero(done)), "{}")
+        return summarise(sweep).to_pandas()
+
+
+def print_means(stored: Stored) -> None:
+    """Print how far the summaries of refined sweeps are off those of the full grid."""
+    rows = stored.read()
+    full = summarise(stored).to_pandas()
+    print("refine                   runs  column       mean error   worst")
+    for refine in REFINEMENTS:
+        refined_summary = summary_of(rows, stored, refine)
+        share = refined_summary.runs.sum() / full.runs.sum()
+        for name in ("fraction_R", "t_r_mean", "t_r_std"):
+            error = refined_summary[name] - full[name]
+            if name != "fraction_R":
+                error /= full[name]
+            print(
+                f"{in_words(refine):20} {share:8.3f}  {name:12} "
+                f"{error.mean():10.4f} {error.abs().max():7.4f}"
+            )
+
+
+def in_words(refine: dict[str, Any]) -> str:
+    """Return a refinement as it stands in a config."""
+    return ", ".join(f"{key}: {value}" for key, value in refine.items())
+
+
 def main() -> None:
     """Print a table of runs and missed cells; draw those of one refinement."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("full", type=Path)
     parser.add_argument("--figure", type=Path)
+    parser.add_argument("--means", action="store_true", help="compare the summaries")
     options = parser.parse_args()
     stored = open_stored(options.full)
+    if options.means:
+        print_means(stored)
+        return
     names = ["case", "sample", "type", "status", "t_r", "t_rgh"]
     rows = stored.read(names)
     spin = stored.config.spin
@@ -57,9 +103,10 @@ def main() -> None:
     ratio = rows.column("t_r").to_numpy() / rows.column("t_rgh").to_numpy()
     ratio = ratio.reshape(shape)
     print(
-        "refine                   runs  fewer  missed     islands  largest  t_r off by 5 %"
+        "refine                   runs  fewer  missed     islands  largest  "
+        "t_r off by 5 %"
     )
-    for refine in [{"levels": n} for n in LEVELS] + [{"levels": 4, "by": "t_r"}]:
+    for refine in REFINEMENTS:
         done = refined(rows, stored, refine).reshape(shape)
         missed, off, most, count = np.zeros(shape, bool), 0, 0, 0
         for k in range(shape[1]):
@@ -75,9 +122,9 @@ def main() -> None:
             most, count = max(most, int(sizes.max())), count + int((sizes > 0).sum())
             both = ~missed[:, k] & (code[:, k] == CODES["R"])
             off += int((np.abs(times.T / ratio[:, k] - 1)[both] > 0.05).sum())
-        words = ", ".join(f"{key}: {value}" for key, value in refine.items())
         print(
-            f"{words:20} {done.sum():8d} {done.size / done.sum():6.1f} {missed.sum():7d} "
+            f"{in_words(refine):20} {done.sum():8d} {done.size / done.sum():6.1f} "
+            f"{missed.sum():7d} "
             f"{count:11d} {most:8d} {off / (code == CODES['R']).sum():15.4f}"
         )
         if refine == {"levels": 4} and options.figure is not None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -122,26 +123,6 @@ COLUMNS_HEAD = """# Columns of the tables
 This page lists the columns of `runs/*.parquet`, with one row for each run, and of `summary.parquet`, with one row for each case. Units and meanings are also in the metadata of the files and in
 the `attrs` of DataFrames. `M`, `a` and `g` are 1. A `?` marks columns that may be null. NaN and infinity never occur.
 """
-
-PARTS = {
-    "keys": "Keys",
-    "body": "Body and launch",
-    "launch": "Body and launch",
-    "theory": "Theory",
-    "result": "Result",
-    "observation": "Result",
-    "STATE": "Launches from a full state",
-    "MEASURED": "Bodies in SI units",
-}
-"""Headings of the parts; parts with the same heading share a table."""
-
-ELSEWHERE = {
-    "tol": "`integrator: {accuracy: {t_r: ...}}`",
-    "turns": "`record: [reversals, error]`",
-    "surface": "`bodies: {surface: ellipsoid}`",
-    "dissipation": "`dissipation`",
-}
-"""Headings of parts that are not requested by a word in `record`."""
 
 TYPES_LINK = """## Types
 
@@ -347,39 +328,29 @@ def short(value: float) -> str:
 
 def columns_page() -> str:
     """Return the page of the columns."""
-    parts = [COLUMNS_HEAD, "## `runs`\n"]
-    asked = {
-        name: fields
-        for name, fields in columns.RUNS.items()
-        if name in columns.RECORD_PARTS
-    }
-    always = {
-        name: fields for name, fields in columns.RUNS.items() if name not in asked
-    }
-    extras = {
-        name: value
-        for name, value in vars(columns).items()
-        if isinstance(value, tuple) and value and isinstance(value[0], pa.Field)
-    }
-    tables: dict[str, tuple[pa.Field, ...]] = {}
-    for name, fields in (*always.items(), *extras.items()):
-        heading = PARTS.get(name, f"`{name.lower()}`: sweeps that ask for it")
-        tables[heading] = (*tables.get(heading, ()), *fields)
+    always = [group for group in columns.GROUPS if not group.optional]
+    optional = [group for group in columns.GROUPS if group.optional]
+    tables: dict[str, list[pa.Field]] = {}
+    for group in (*always, columns.STATE_GROUP, columns.SIZE_GROUP):
+        fields = tables.setdefault(group.heading, [])
+        fields += [column.field for column in group.columns]
+    lines = [COLUMNS_HEAD, "## `runs`\n"]
     for heading, fields in tables.items():
-        parts.append(f"### {heading}\n\n{fields_table(fields)}\n")
-    for name, fields in asked.items():
-        models = columns.RECORD_PARTS[name]
-        note = f"Not with `model: {'` or `'.join(models)}`.\n\n" if models else ""
-        words = ELSEWHERE.get(name, f"`record: [{name}]`")
-        parts.append(f"### {words}\n\n{note}{fields_table(fields)}\n")
-    parts.append(f"## `summary`\n\n{fields_table(columns.SUMMARY)}\n")
-    words = [(f"`{status.label}`", status.meaning) for status in Status]
-    parts.append(TYPES_LINK)
-    parts.append(f"## Status words\n\n{table([('word', 'meaning'), *words])}")
-    return "\n".join(parts)
+        lines.append(f"### {heading}\n\n{fields_table(fields)}\n")
+    for group in optional:
+        note = ""
+        if group.not_with:
+            note = f"Not with `model: {'` or `'.join(group.not_with)}`.\n\n"
+        fields = [column.field for column in group.columns]
+        lines.append(f"### {group.heading}\n\n{note}{fields_table(fields)}\n")
+    lines.append(f"## `summary`\n\n{fields_table(columns.SUMMARY)}\n")
+    statuses = [(f"`{status.label}`", status.meaning) for status in Status]
+    lines.append(TYPES_LINK)
+    lines.append(f"## Status words\n\n{table([('word', 'meaning'), *statuses])}")
+    return "\n".join(lines)
 
 
-def fields_table(fields: tuple[pa.Field, ...]) -> str:
+def fields_table(fields: Iterable[pa.Field]) -> str:
     """Return columns as a table."""
     rows = [("column", "type, unit", "meaning")]
     for f in fields:

@@ -13,6 +13,10 @@ from typing import Any
 COMPILING = (
     "compiling a kernel for this machine (about 15 s); it is kept for later runs"
 )
+COMPILING_ONCE = (
+    "compiling a kernel for this machine (about 15 s), for this run alone: "
+    "no private folder can keep it; NUMBA_CACHE_DIR names one"
+)
 DELAY = 0.5  # seconds after which a bar appears, so that short work shows none
 LINE_EVERY = (
     60.0  # seconds between lines of progress where standard error is not a terminal
@@ -87,10 +91,11 @@ class Bar(AbstractContextManager["Bar"]):
                 flush=True,
             )
 
-    def compiling(self) -> None:
-        """Say once that kernels are being compiled."""
+    def compiling(self, stored: bool) -> None:
+        """Say once that kernels are being compiled, and whether for later runs, too."""
         if (self._shown or self._lines) and not self._compiled:
-            print(COMPILING, file=sys.stderr, flush=True)
+            text = COMPILING if stored else COMPILING_ONCE
+            print(text, file=sys.stderr, flush=True)
         self._compiled = True
 
     def _show(self, fraction: float, text: str, left: str = "") -> None:

@@ -44,7 +44,8 @@ def make_body(given: dict[str, Any]) -> Rattleback:
             return replace(PRESETS[given.pop("preset")](), **given)
         if "f_sd" in given:
             given.pop("c", None)
-            return replace(Rattleback.shell_dumbbell(**given), c=c)
+            body: Rattleback = Rattleback.shell_dumbbell(**given)
+            return replace(body, c=c)
         if "half_ellipsoid" in given:
             sizes = zip(
                 ("length", "width", "height"), given.pop("half_ellipsoid"), strict=True
@@ -56,9 +57,10 @@ def make_body(given: dict[str, Any]) -> Rattleback:
         return Rattleback(**given)
     except (TypeError, KeyError):
         raise ConfigError(
-            f"{told} given, which does not describe one body; give --preset, or --gamma --f-sd "
-            f"--theta --phi --xi, or --{' --'.join(PARAMETERS)}, or --mass --height --inertia "
-            "--radii, or --half-ellipsoid --mass, and do not mix them"
+            f"{told} given, which does not describe one body; give --preset, or "
+            f"--gamma --f-sd --theta --phi --xi, or --{' --'.join(PARAMETERS)}, or "
+            "--mass --height --inertia --radii, or --half-ellipsoid --mass, and do not "
+            "mix them"
         ) from None
     except ValueError as error:
         raise ConfigError(str(error)) from None

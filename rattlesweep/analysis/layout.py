@@ -4,7 +4,6 @@ Dataset.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -18,8 +17,9 @@ import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from rattlesweep.analysis.where import Where, parse_where
 from rattlesweep.arrays import Flags, Floats, Integers
-from rattlesweep.errors import ConfigError, OutputError, one_line
+from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.columns import RUNS, TIME, floats
 from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.config.schema import BODY_KEYS, GridSource
@@ -36,65 +36,6 @@ NEAR = (
 )
 TARGETS = ("K_p", "K_r")
 LAUNCH = (*VARIES, *(name for name, _ in SI.values()))
-# Methods of columns that a condition may call; others might write files.
-METHODS = ("isna", "notna", "isin", "between")
-
-
-@dataclass(frozen=True)
-class Where:
-    """A condition such as ``type == "SW" and K_r < 0.005``, and the columns that it
-    reads.
-    """
-
-    text: str
-    columns: tuple[str, ...]
-
-    def filter(self, rows: pa.RecordBatch) -> pa.RecordBatch:
-        """Return the rows that meet the condition; raise a ConfigError if pandas
-        refuses it.
-        """
-        flags = {pa.bool_(): pd.BooleanDtype()}
-        frame = pa.table(rows.select(list(self.columns))).to_pandas(
-            types_mapper=flags.get
-        )
-        query = " ".join(self.text.split())
-        try:
-            for method in re.findall(
-                r"[^\d\s.]\w*\s*\.\s*([A-Za-z_]\w*)", _unquoted(query)
-            ):
-                if method not in METHODS:
-                    raise ValueError(f".{method} is none of .{', .'.join(METHODS)}")
-            with np.errstate(all="ignore"):
-                # Column names are the only names.
-                found = frame.eval(
-                    query, engine="python", local_dict={}, global_dict={}
-                )
-            if not (isinstance(found, pd.Series) and pd.api.types.is_bool_dtype(found)):
-                raise ValueError("it is no condition on columns")
-        except Exception as error:  # pandas raises exceptions of many classes
-            why = str([*error.args, ""][0])
-            if unknown := re.fullmatch(r"name '(\w+)' is not defined", why):
-                why = not_one_of(unknown[1], rows.schema.names)
-            told = f"where {one_line(self.text, 200)}: {one_line(why, 400)}"
-            form = 'write a pandas query, as in type == "SW" and K_r < 0.005'
-            raise ConfigError(f"{told}; {form}") from None
-        return rows.filter(pa.array(found.fillna(False).to_numpy(bool)))
-
-
-def parse_where(text: str, schema: pa.Schema) -> Where:
-    """Return a condition on the columns of a schema; raise a ConfigError if it is
-    invalid.
-    """
-    words = re.findall(r"[A-Za-z_]\w*", _unquoted(str(text)))
-    where = Where(str(text), tuple(name for name in schema.names if name in words))
-    where.filter(
-        pa.RecordBatch.from_pylist([], schema=schema)
-    )  # on no rows, to check the text
-    return where
-
-
-def _unquoted(text: str) -> str:
-    return re.sub(r"'[^']*'|\"[^\"]*\"", "''", text)
 
 
 @dataclass(frozen=True)
@@ -430,7 +371,8 @@ def make_dataset(
     dataset.attrs = {
         "title": layout.stored.config.name,
         "source": f"rattlesweep {version('rattlesweep')}",
-        "comment": "units: mass M, height a of the centre of mass at rest, and gravity g are 1",
+        "comment": "units: mass M, height a of the centre of mass at rest, and "
+        "gravity g are 1",
         "references": "Kondo and Nakanishi, Phys. Rev. E 95, 062207 (2017)",
         "config_hash": layout.stored.hash,
     }

@@ -16,9 +16,9 @@ from rattlesweep.analysis.plots import choose_picture, default_kind
 from rattlesweep.analysis.style import encode, styled
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.read import resolved
-from rattlesweep.sweeps.provenance import read_sessions
+from rattlesweep.sweeps.sessions import read_sessions
+from rattlesweep.sweeps.status import status
 from rattlesweep.sweeps.summary import absent_columns, count_cases, summary_table
-from rattlesweep.sweeps.verify import status
 
 DPI = 120
 MOST_SVG = (

@@ -22,10 +22,10 @@ from rattlesweep.units import quantity
 if TYPE_CHECKING:
     import pandas as pd
 
+    from rattlesweep.sweeps.bodies.table import Frame
 
-Bodies: TypeAlias = (
-    "Rattleback | str | Iterable[Any] | Mapping[str, Any] | pd.DataFrame"
-)
+
+Bodies: TypeAlias = "Rattleback | str | Iterable[Any] | Mapping[str, Any] | Frame"
 """A body or the name of a preset, a sequence or an array of these, or a table of
 bodies.
 """
@@ -63,7 +63,7 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
     """Return the columns of bodies as arrays of one shape, with `SIZE` if all sizes are
     known.
     """
-    if isinstance(bodies, Mapping) or is_frame(bodies):
+    if isinstance(bodies, Mapping) or is_table(bodies):
         return _table_columns(bodies)
     several = isinstance(bodies, Iterable) and not isinstance(bodies, str)
     given: Any = np.array(list(bodies) if several else bodies, object)  # type: ignore[arg-type]
@@ -83,16 +83,17 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
     }
 
 
-def _table_columns(bodies: Mapping[str, Any] | pd.DataFrame) -> dict[str, Floats]:
-    import pandas as pd
-
+def _table_columns(bodies: Mapping[str, Any] | Frame) -> dict[str, Floats]:
     from rattlesweep.sweeps.bodies.table import frame_bodies
 
-    try:
-        frame = pd.DataFrame(bodies)
-    except ValueError as error:
-        raise ConfigError(f"bodies: cannot be read as a table: {error}") from None
-    table = frame_bodies(frame)
+    if isinstance(bodies, Mapping):
+        import pandas as pd
+
+        try:
+            bodies = pd.DataFrame(bodies)
+        except ValueError as error:
+            raise ConfigError(f"bodies: cannot be read as a table: {error}") from None
+    table = frame_bodies(bodies)
     return table.columns | {
         name: table.carried[name] for name in SIZE if name in table.carried
     }
@@ -234,6 +235,18 @@ def broadcast(
         advice = "for all combinations, write one as a column, as in [[1], [2]]"
         raise ConfigError(f"the shapes do not broadcast: {shapes}; {advice}") from None
     return dict(zip(arrays, whole, strict=True)), whole[0].shape
+
+
+def is_table(value: Any) -> TypeGuard[Frame]:
+    """Return whether a value is a table of pandas, Polars or Arrow."""
+    # All of them hand over their columns by Arrow's protocol, which single columns have
+    # too.
+    return hasattr(value, "__arrow_c_stream__") and hasattr(value, "columns")
+
+
+def column_names(table: Frame) -> list[str]:
+    """Return the names of the columns of a table."""
+    return list(map(str, getattr(table, "column_names", table.columns)))
 
 
 def is_frame(value: Any) -> TypeGuard[pd.DataFrame]:

@@ -189,18 +189,21 @@ def simulate(
     Parameters
     ----------
     body : Rattleback, str, sequence or array of these, or DataFrame
-        A text is the name of a preset, ``"GH"`` or ``"KL"``.  A table, such as the runs of a sweep,
-        has the columns ``alpha beta gamma theta phi xi`` and may have ``n_i omega_xy0 psi t_end``,
-        which count unless `n_i` and `omega_xy0` are given; angles are in radians.
+        A text is the name of a preset, ``"GH"`` or ``"KL"``.  A table, such as the runs
+        of a sweep, has the columns ``alpha beta gamma theta phi xi`` and may have ``n_i
+        omega_xy0 psi t_end``, which count unless `n_i` and `omega_xy0` are given;
+        angles are in radians.
     n_i, omega_xy0 : array_like
-        Initial spin and oscillation, in ``sqrt(g/a)``; ``n_i=0`` is a tap, by default on the pitch.
+        Initial spin and oscillation, in ``sqrt(g/a)``; ``n_i=0`` is a tap, by default
+        on the pitch.
     omega, u : array_like, shape (..., 3)
-        A full state instead, along the body's axes: angular velocity, in ``sqrt(g/a)``, and
-        vertical unit vector, by default ``(0, 0, -1)`` (upright).
+        A full state instead, along the body's axes: angular velocity, in ``sqrt(g/a)``,
+        and vertical unit vector, by default ``(0, 0, -1)`` (upright).
     t_end : array_like, optional
         Horizon, in ``sqrt(a/g)``, by default 5 t_rGH of the spin's own direction.
     psi : array_like, optional
-        Direction of the oscillation: ``relevant`` (default), ``pitch``, ``roll``, or degrees.
+        Direction of the oscillation: ``relevant`` (default), ``pitch``, ``roll``, or
+        degrees.
     model : str
         ``full``, ``reduced`` or ``gh``.
     record : str or sequence of str
@@ -214,7 +217,8 @@ def simulate(
     progress : bool, optional
         Whether to show a bar, by default in a terminal and in a notebook.
     **integrator
-        ``method`` with ``tol`` or ``dt_step``, or an ``accuracy``: ``"draft"``, ``{"t_r": 1e-6}``.
+        ``method`` with ``tol`` or ``dt_step``, or an ``accuracy``: ``"draft"``,
+        ``{"t_r": 1e-6}``.
 
     Examples
     --------
@@ -234,7 +238,9 @@ def simulate(
         "arguments", integrator, (*LAUNCH, "record", "threads", "progress")
     )
     check_count("threads", threads)
-    if arguments.is_frame(body) and (unused := unknown_columns(map(str, body))):
+    if arguments.is_table(body) and (
+        unused := unknown_columns(arguments.column_names(body))
+    ):
         warnings.warn(
             f"bodies: columns not used: {', '.join(unused)}", ConfigWarning, 2
         )
@@ -307,14 +313,16 @@ def trajectory(
     Parameters
     ----------
     body, **launch
-        As for ``simulate``, for one body; also ``e_p0`` and ``e_r0``, the initial energies of
-        pitch and roll in the reduced model, in ``M g a``, by default those of the launch.
+        As for ``simulate``, for one body; also ``e_p0`` and ``e_r0``, the initial
+        energies of pitch and roll in the reduced model, in ``M g a``, by default those
+        of the launch.
     channels : sequence of str
-        Columns of the table; ``rattlesweep trajectory --channels list`` prints all of them.
+        Columns of the table; ``rattlesweep trajectory --channels list`` prints all of
+        them.
     points, dt, steps, times
-        One of them chooses the rows: a number of rows, evenly spaced (by default 2001, or 20 per
-        pitch period if that is more), one every ``dt``, one per accepted step, or increasing times.
-        Times are in ``sqrt(a/g)``.
+        One of them chooses the rows: a number of rows, evenly spaced (by default 2001,
+        or 20 per pitch period if that is more), one every ``dt``, one per accepted
+        step, or increasing times. Times are in ``sqrt(a/g)``.
     from_time : number or str, optional
         Time of the first row.
 
@@ -393,13 +401,15 @@ def fit(
     body : Rattleback or str
         What is known of the body; with a size if the data are in seconds.
     data : path, DataFrame or mapping of columns
-        ``t_s`` (or ``t_ms``) and ``angle_deg``, ``spin_rpm`` or ``n_rpm``; or ``reversal_s`` alone.
-        ``t`` and ``n`` are in the units of the body.  The angle is that of the long axis,
-        counterclockwise seen from above, and may jump by half turns; the spin is its central
-        difference, and n is ``u . omega``.  The launch is the first row, or time 0.
+        ``t_s`` (or ``t_ms``) and ``angle_deg``, ``spin_rpm`` or ``n_rpm``; or
+        ``reversal_s`` alone. ``t`` and ``n`` are in the units of the body.  The angle
+        is that of the long axis, counterclockwise seen from above, and may jump by half
+        turns; the spin is its central difference, and n is ``u . omega``.  The launch
+        is the first row, or time 0.
     free : sequence of str
-        Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, skew`` (which is ``-xi``),
-        ``xi, theta, phi, alpha, beta, gamma, c``.  The search begins at their given values.
+        Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, skew`` (which
+        is ``-xi``), ``xi, theta, phi, alpha, beta, gamma, c``.  The search begins at
+        their given values.
     launch : mapping
         ``n_i, omega_xy0, psi`` or ``omega, u``; free parameters may be left out.
     sigma, rolling : number or str

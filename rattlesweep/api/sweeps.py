@@ -13,7 +13,7 @@ from rattlesweep.api import arrays as arguments
 from rattlesweep.api.arrays import (
     check_count,
     check_names,
-    is_frame,
+    is_table,
     names_of,
     to_frame,
 )
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rattlesweep.analysis.compare import Comparison
+    from rattlesweep.sweeps.bodies.table import Frame
     from rattlesweep.sweeps.stored import Stored
     from rattlesweep.sweeps.verify import Verified
 
@@ -100,7 +101,7 @@ class Sweep:
         """
         import pyarrow as pa
 
-        from rattlesweep.analysis.layout import parse_where
+        from rattlesweep.analysis.where import parse_where
 
         stored = self._stored
         schema = stored.schema
@@ -277,7 +278,7 @@ def load(directory: str | Path) -> Sweep:
 
 
 def sweep(
-    config: str | Path | Mapping[str, Any] | pd.DataFrame,
+    config: str | Path | Mapping[str, Any] | Frame,
     *,
     output: str | Path | None = None,
     threads: int | None = None,
@@ -290,15 +291,16 @@ def sweep(
     Parameters
     ----------
     config : path, mapping or DataFrame
-        A config file, its content, or a table of bodies.  The table has the columns ``alpha beta
-        gamma theta phi xi`` and optionally ``n_i omega_xy0 psi t_end`` (angles in radians), or
-        those in SI units; it is kept in the output directory.
+        A config file, its content, or a table of bodies.  The table has the columns
+        ``alpha beta gamma theta phi xi`` and optionally ``n_i omega_xy0 psi t_end``
+        (angles in radians), or those in SI units; it is kept in the output directory.
     output : path, optional
         Output directory, which overrides the config's.
     threads, progress
         As for ``simulate``.
     **keys
-        For a DataFrame, the other keys of the config, such as ``spin``, ``horizon``, ``record``.
+        For a DataFrame, the other keys of the config, such as ``spin``, ``horizon``,
+        ``record``.
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.config.read import load_config, parse_config
@@ -308,7 +310,7 @@ def sweep(
 
     check_count("threads", threads)
     target, base = None if output is None else as_path(output, "output"), None
-    if is_frame(config):
+    if is_table(config):
         plan, target, base, doubts = plan_frame(config, target, keys)
     else:
         for key in keys:

@@ -21,7 +21,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.text import Bar, counted
 
 if TYPE_CHECKING:
-    from rattlesweep.sweeps.cost import Forecast
+    from rattlesweep.sweeps.forecast import Forecast
     from rattlesweep.sweeps.plan import Plan
 
 SHARD = Kind("i/n", "rattlesweep.sweeps.run:Shard.parse")
@@ -169,7 +169,8 @@ def run(
         say(f"{counted(result.runs, 'run')} in {where}, {now}")
     if verbose:
         say(
-            f"{result.seconds:.2f} s in all, {result.kernel_seconds:.2f} s of integration"
+            f"{result.seconds:.2f} s in all, "
+            f"{result.kernel_seconds:.2f} s of integration"
         )
     if result.stopped is not None:
         kept = f"{result.runs:,} runs are kept, and the same command resumes from there"
@@ -194,7 +195,7 @@ def status(directory: Path, as_json: bool) -> int:
 
     Exits with 3 if some runs have a status other than ok.
     """
-    from rattlesweep.sweeps.verify import status as count_rows
+    from rattlesweep.sweeps.status import status as count_rows
 
     found = count_rows(directory)
     click.echo(to_json(found.data) if as_json else found.words)
@@ -249,11 +250,11 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     _print_summary(done.summary, directory)
     files = counted(done.files, "file")
     say(
-        f"{counted(done.changed, 'type')} changed; {files} and the summary written in {directory}"
+        f"{counted(done.changed, 'type')} changed; {files} and the summary written in "
+        f"{directory}"
     )
-    say(
-        f"thresholds: {', '.join(f'{key} {value:g}' for key, value in done.now.items())}"
-    )
+    thresholds = [f"{key} {value:g}" for key, value in done.now.items()]
+    say(f"thresholds: {', '.join(thresholds)}")
 
 
 @command("Sweeps", "rattlesweep merge out/steady-0 out/steady-1 --output out/steady")
@@ -271,13 +272,12 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     merged = join(list(directories), output)
     if not quiet:
         _print_summary(merged.summary, output)
-        say(
-            f"{counted(merged.runs, 'run')} in {counted(merged.files, 'file')} in {output}"
-        )
+        runs = counted(merged.runs, "run")
+        say(f"{runs} in {counted(merged.files, 'file')} in {output}")
     if merged.missing:
         say(
-            f"{counted(merged.missing, 'run')} missing; merge the other shards into the same "
-            f"output, or `rattlesweep run CONFIG --output {output}`"
+            f"{counted(merged.missing, 'run')} missing; merge the other shards into "
+            f"the same output, or `rattlesweep run CONFIG --output {output}`"
         )
         return options.EARLY
     if merged.failed:
@@ -288,7 +288,8 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
 
 @command(
     "Sweeps",
-    "rattlesweep slurm configs/steady.yaml --shards 100 --cpus 16 --time 4:00:00 > steady.sh",
+    "rattlesweep slurm configs/steady.yaml --shards 100 --cpus 16 --time 4:00:00 "
+    "> steady.sh",
     "sbatch steady.sh",
 )
 @options.sweep
@@ -365,9 +366,9 @@ def _planned(
 
 
 def _forecast(made: Plan, where: Path, threads: int | None) -> Forecast:
-    from rattlesweep.sweeps.cost import forecast
+    from rattlesweep.sweeps.forecast import forecast
 
-    found = forecast(made, threads)
+    found = forecast(made, threads, startup=time.process_time())
     place = next(p for p in (where.absolute(), *where.absolute().parents) if p.exists())
     if found.bytes > (free := shutil.disk_usage(place).free):
         say(f"warning: {place} has only {free / 1e9:.1f} GB free")
@@ -376,8 +377,10 @@ def _forecast(made: Plan, where: Path, threads: int | None) -> Forecast:
 
 @command(
     "Results of a sweep",
-    "rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf",
-    "rattlesweep plot out/steady --kind scatter --x K_r --where 'type == \"R\" and t_r < 2e3'",
+    "rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 "
+    "--output ratio.pdf",
+    "rattlesweep plot out/steady --kind scatter --x K_r "
+    "--where 'type == \"R\" and t_r < 2e3'",
     "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0",
 )
 @options.directory
@@ -587,7 +590,8 @@ def paper(
         say(f"{directory / 'report.html'}; {time.monotonic() - start:.1f} s")
     if workspace.failed:
         say(
-            f"{counted(workspace.failed, 'run')} of the sweeps failed; see their column status"
+            f"{counted(workspace.failed, 'run')} of the sweeps failed; see their "
+            "column status"
         )
         return options.SOME_FAILED
     return DONE
@@ -653,5 +657,6 @@ def tradeoff(
     files = save(study, directory)
     click.echo(to_json(as_data(study)) if as_json else as_text(study))
     say(
-        f"{', '.join(p.name for p in files)} in {directory}; {time.monotonic() - start:.1f} s"
+        f"{', '.join(p.name for p in files)} in {directory}; "
+        f"{time.monotonic() - start:.1f} s"
     )

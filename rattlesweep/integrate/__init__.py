@@ -11,18 +11,13 @@ class SettingError(ValueError):
 
 def processors() -> int:
     """Return the number of processors that this process may run on."""
-    allowed = (
-        len(os.sched_getaffinity(0))
-        if hasattr(os, "sched_getaffinity")
-        else os.cpu_count()
-    )
-    return allowed or 1
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def check_settings() -> None:
-    """Raise SettingError if NUMBA_NUM_THREADS has a value with which importing Numba
-    fails.
-    """
+    """Raise SettingError if NUMBA_NUM_THREADS would make importing Numba fail."""
     text = os.environ.get("NUMBA_NUM_THREADS", "1")
     if not (text.strip().isdecimal() and 1 <= int(text) <= MOST_THREADS):
         raise SettingError(

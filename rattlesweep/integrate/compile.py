@@ -33,31 +33,29 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-# Functions import Numba where they need it, so that commands without a kernel start
-# faster.
+# Functions import Numba where they need it: commands without a kernel start faster.
 PACKAGE = Path(__file__).resolve().parents[1]
 PROCESSES = 2  # processes that compile at once
 
 
 class Kernel(NamedTuple):
-    """A function to compile for the types of ``arguments``, with ``options`` of
-    ``njit``.
-    """
+    """A function to compile for the types of its arguments."""
 
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
-    options: dict[str, Any]
-    files: tuple[
-        str, ...
-    ] = ()  # sources outside of integrate and physics that it depends on
+    options: dict[str, Any]  # of ``njit``
+    # Sources outside of integrate and physics that it depends on.
+    files: tuple[str, ...] = ()
 
 
 # A module-level function that returns a kernel for some names, each a string or a bool.
 Recipe = Callable[..., Kernel]
+# A recipe and its names.
+Order = tuple[Any, ...]
 
 
-def _hash(files: list[Path], *words: object) -> str:
-    digest = hashlib.sha256(repr(words).encode())
+def _hash(files: list[Path], *versions: object) -> str:
+    digest = hashlib.sha256(repr(versions).encode())
     for path in files:
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:16]
@@ -65,19 +63,15 @@ def _hash(files: list[Path], *words: object) -> str:
 
 @cache
 def source_hash() -> str:
-    """Return a hash of the kernels' sources, their folder, all versions and the
-    processor.
-    """
+    """Return a hash of the kernels' sources, their folder, versions and processor."""
     import llvmlite
     import numba
     from llvmlite import binding
     from numba import config
 
-    files = [
-        path
-        for room in ("integrate", "physics")
-        for path in (PACKAGE / room).rglob("*.py")
-    ]
+    files = list[Path]()
+    for room in ("integrate", "physics"):
+        files += (PACKAGE / room).rglob("*.py")
     name = config.CPU_NAME or binding.get_host_cpu_name()
     features = config.CPU_FEATURES or binding.get_host_cpu_features().flatten()
     versions = sys.version, numba.__version__, llvmlite.__version__
@@ -85,8 +79,7 @@ def source_hash() -> str:
 
 
 def is_private(folder: Path) -> bool:
-    """Create a folder if it is missing, and return whether only this user can change
-    its files.
+    """Create a folder if it is missing, and return whether only this user can write.
 
     The folder must be this user's with mode 0700.  Its parents must belong to this user
     or to root, and must not be writable by all unless they are sticky.
@@ -96,14 +89,36 @@ def is_private(folder: Path) -> bool:
         return True
     for parent in reversed(folder.parents):
         parent.mkdir(mode=0o700, exist_ok=True)
-        found = parent.stat()
-        shared = found.st_mode & stat.S_IWOTH and not found.st_mode & stat.S_ISVTX
-        if shared or found.st_uid not in (0, os.geteuid()):
+        owner = parent.stat()
+        shared = owner.st_mode & stat.S_IWOTH and not owner.st_mode & stat.S_ISVTX
+        if shared or owner.st_uid not in (0, os.geteuid()):
             return False
     folder.mkdir(mode=0o700, exist_ok=True)
-    found = folder.stat()
-    private = found.st_uid == os.geteuid() and stat.S_IMODE(found.st_mode) == 0o700
+    owner = folder.stat()
+    private = owner.st_uid == os.geteuid() and stat.S_IMODE(owner.st_mode) == 0o700
     return private and os.access(folder, os.W_OK)
+
+
+def _private_folder(root: Callable[[], str]) -> Path | None:
+    """Return the folder of these sources below a root, or None if it is not private."""
+    try:
+        folder = Path(root()).expanduser().resolve() / source_hash()
+        private = is_private(folder)
+    except (OSError, RuntimeError):  # RuntimeError: the user has no home directory
+        return None
+    return folder if private else None
+
+
+@cache
+def _stored_folder() -> Path | None:
+    """Return the folder in which later runs find kernels, or None if there is none."""
+    from platformdirs import user_cache_dir
+
+    if named := os.environ.get("NUMBA_CACHE_DIR"):
+        folder = _private_folder(lambda: named)
+        if folder is not None:
+            return folder
+    return _private_folder(lambda: user_cache_dir("rattlesweep"))
 
 
 @cache
@@ -113,17 +128,9 @@ def cache_folder() -> Path:
     It lies in ``$NUMBA_CACHE_DIR``, or else in the user's cache directory.  If neither
     is private, it is a temporary folder that is removed when this process ends.
     """
-    from platformdirs import user_cache_dir
-
-    for root in filter(
-        None, (os.environ.get("NUMBA_CACHE_DIR"), user_cache_dir("rattlesweep"))
-    ):
-        with suppress(
-            OSError, RuntimeError
-        ):  # RuntimeError: the user has no home directory
-            folder = Path(root).expanduser().resolve() / source_hash()
-            if is_private(folder):
-                return folder
+    stored = _stored_folder()
+    if stored is not None:
+        return stored
     temporary = Path(tempfile.mkdtemp(prefix="rattlesweep-"))
     atexit.register(shutil.rmtree, temporary, ignore_errors=True)
     folder = temporary / source_hash()
@@ -132,6 +139,7 @@ def cache_folder() -> Path:
 
 
 def _place(recipe: Recipe, *names: Any) -> Path:
+    """Return the folder of a kernel."""
     files = [_hash([Path(file)])[:8] for file in recipe(*names).files]
     return cache_folder() / "-".join([recipe.__name__, *map(str, names), *files])
 
@@ -139,61 +147,85 @@ def _place(recipe: Recipe, *names: Any) -> Path:
 def import_written(name: str, source: str) -> ModuleType:
     """Write a module into :func:`cache_folder`, import it and return it."""
     path = cache_folder() / f"{name}.py"
-    if name in sys.modules and getattr(sys.modules[name], "__file__", None) == str(
-        path
-    ):
-        return sys.modules[name]
+    imported = sys.modules.get(name)
+    if imported is not None and getattr(imported, "__file__", None) == str(path):
+        return imported
     if not path.exists() or path.read_text() != source:
-        written = path.with_suffix(f".{os.getpid()}")
-        written.write_text(source)
-        written.replace(path)
+        unfinished = path.with_suffix(f".{os.getpid()}")
+        unfinished.write_text(source)
+        unfinished.replace(path)
     spec = spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None  # noqa: PT018
+    module = module_from_spec(spec)
     # Numba finds the module of a stored function by name.
-    sys.modules[name] = module = module_from_spec(spec)
+    sys.modules[name] = module
     spec.loader.exec_module(module)
     return module
 
 
-_loaded: dict[tuple[Any, ...], Any] = {}
-_cache_dir = threading.Lock()  # held while Numba's setting CACHE_DIR is changed
+_loaded: dict[Order, Any] = {}
+_cache_dir = threading.Lock()
 
 
-def load_kernels(*wanted: tuple[Any, ...]) -> list[Any]:
-    """Return kernels, each given by a :data:`Recipe` and its names; compile those not
-    stored.
-    """
-    missing = [each for each in wanted if each not in _loaded]
-    _compile([each for each in missing if not is_stored(*each)])
-    for each in missing:
-        _loaded.setdefault(each, _load(*each))
-    return [_loaded[each] for each in wanted]
+def load_kernels(*wanted: Order) -> list[Any]:
+    """Return kernels, given by recipes and names; compile those not stored."""
+    missing = [order for order in wanted if order not in _loaded]
+    _compile([order for order in missing if not is_stored(*order)])
+    for order in missing:
+        _loaded.setdefault(order, _load(*order))
+    return [_loaded[order] for order in wanted]
 
 
 def _load(recipe: Recipe, *names: Any) -> Any:
     """Load a kernel, or compile it in this process if no other could."""
-    from numba import config, njit, typeof
+    from numba import config, njit
 
-    function, arguments, options, _ = recipe(*names)
+    kernel = recipe(*names)
     if config.DISABLE_JIT:
-        return function
-    signature, place = tuple(map(typeof, arguments)), _place(recipe, *names)
-    # After an error, such as a damaged file or a full disk, the kernel is compiled
-    # below in memory.
-    with suppress(Exception):
-        with _cache_dir:
-            before, config.CACHE_DIR = config.CACHE_DIR, str(place)
-            try:
-                compiled = njit(cache=True, **options)(function)
-            finally:
-                config.CACHE_DIR = before
-        # Numba uses another folder if it cannot write to this one.
-        if place in Path(compiled.stats.cache_path).parents:
-            compiled.compile(signature)
-            return compiled
+        return kernel.function
+    place = _place(recipe, *names)
+    try:
+        return _load_from(place, kernel)
+    except OSError:  # such as a full disk
+        pass
+    except Exception:
+        # A damaged file can raise anything.  Once it is gone, an error that is not one
+        # of the disk is an error of Numba, which must be seen: without it, every start
+        # would be as slow as the first.
+        shutil.rmtree(place, ignore_errors=True)
+        with suppress(OSError):
+            return _load_from(place, kernel)
+    # The kernel stays in memory.
     shutil.rmtree(place, ignore_errors=True)
-    compiled = njit(**options)(function)
-    compiled.compile(signature)
+    return _typed(njit(**kernel.options)(kernel.function), kernel)
+
+
+def _load_from(place: Path, kernel: Kernel) -> Any:
+    """Load a kernel from its folder, or compile it and store it there.
+
+    OSError is raised if nothing can be stored there.
+    """
+    from numba import config, njit
+
+    # Numba takes the folder of its files from a setting alone, at the time of `njit`.
+    with _cache_dir:
+        before = config.CACHE_DIR
+        config.CACHE_DIR = str(place)
+        try:
+            compiled = njit(cache=True, **kernel.options)(kernel.function)
+        finally:
+            config.CACHE_DIR = before
+    # Numba uses another folder, which may not be private, if it cannot write to this.
+    if place not in Path(compiled.stats.cache_path).parents:
+        raise OSError(f"{place} cannot be written")
+    return _typed(compiled, kernel)
+
+
+def _typed(compiled: Any, kernel: Kernel) -> Any:
+    """Compile a function for the types of its kernel's arguments, or load it so."""
+    from numba import typeof
+
+    compiled.compile(tuple(map(typeof, kernel.arguments)))
     return compiled
 
 
@@ -207,46 +239,30 @@ def is_stored(recipe: Recipe, *names: Any) -> bool:
 CODE = f"from {__name__} import compile_in_child; compile_in_child()"
 
 
-def _compile(wanted: list[tuple[Any, ...]]) -> None:
+def _compile(wanted: list[Order]) -> None:
     """Let other processes compile kernels, and wait for them.
 
     Each kernel has a lock, which is released when its process dies, so that no kernel
-    is compiled by two processes at once.
+    is compiled by two processes at once.  What the processes leave out is compiled in
+    this one by :func:`_load`.
     """
     from filelock import FileLock
 
     if not wanted:
         return
-    orders = [(recipe.__module__, recipe.__name__, names) for recipe, *names in wanted]
-    path = os.pathsep.join(
-        filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")])
-    )
-    own = {
-        "PYTHONPATH": path,
-        "PYTHONHASHSEED": "0",
-        "NUMBA_CACHE_DIR": str(cache_folder().parent),
-    }
-    nowhere = subprocess.DEVNULL
-    # -P: do not import a package of the same name from the working directory.
-    call = [sys.executable, "-P", "-c", CODE, json.dumps(orders)]
-    children: list[subprocess.Popen[bytes]] = []
     if _listeners:
-        _listeners[-1]()
+        _listeners[-1](_stored_folder() is not None)
+    children: list[subprocess.Popen[bytes]] = []
     try:
         for _ in range(min(PROCESSES, len(wanted))):
-            child = subprocess.Popen(
-                call,
-                env=os.environ | own,
-                stdin=subprocess.PIPE,
-                stdout=nowhere,
-                stderr=nowhere,
-            )
-            children.append(child)
+            # A Python inside another program may be unable to start itself.
+            with suppress(OSError):
+                children.append(_start_child(wanted))
         for child in children:
             child.wait()
-        for each in wanted:
+        for order in wanted:
             # Wait in case another command is compiling this kernel.
-            with suppress(OSError), FileLock(f"{_place(*each)}.lock"):
+            with suppress(OSError), FileLock(f"{_place(*order)}.lock"):
                 pass
     finally:
         for child in children:
@@ -254,30 +270,55 @@ def _compile(wanted: list[tuple[Any, ...]]) -> None:
             child.communicate()
 
 
+def _start_child(wanted: list[Order]) -> subprocess.Popen[bytes]:
+    """Start a process that compiles kernels."""
+    orders = [(recipe.__module__, recipe.__name__, names) for recipe, *names in wanted]
+    path = [str(PACKAGE.parent)]
+    if inherited := os.environ.get("PYTHONPATH"):
+        path.append(inherited)
+    settings = {
+        "PYTHONPATH": os.pathsep.join(path),
+        "PYTHONHASHSEED": "0",
+        "NUMBA_CACHE_DIR": str(cache_folder().parent),
+    }
+    # -P: do not import a package of the same name from the working directory.
+    return subprocess.Popen(
+        [sys.executable, "-P", "-c", CODE, json.dumps(orders)],
+        env=os.environ | settings,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def _end_with_parent() -> None:
+    """End this process when standard input ends, as it does when the parent dies."""
+    sys.stdin.read()
+    os._exit(1)  # sys.exit would end this thread alone
+
+
 def compile_in_child() -> None:
-    """Compile and store kernels in a process that does nothing else and ends with its
-    parent.
-    """
+    """Compile and store kernels in a process that does nothing else."""
     from filelock import FileLock, Timeout
 
     gc.disable()  # the process soon ends, so collecting garbage is lost time
-    # Standard input ends when the parent does.
-    threading.Thread(
-        target=lambda: os._exit(len(sys.stdin.read())), daemon=True
-    ).start()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     for module, name, names in json.loads(sys.argv[1]):
         recipe = getattr(import_module(module), name)
+        # A kernel whose lock is taken is being compiled by another process.
         with suppress(Timeout), FileLock(f"{_place(recipe, *names)}.lock", timeout=0):
             if not is_stored(recipe, *names):
                 _load(recipe, *names)
     os._exit(0)  # skips freeing the memory of LLVM, which takes a while
 
 
-_listeners: list[Callable[[], object]] = []
+# A listener is told whether later runs will find the kernels.
+Listener = Callable[[bool], object]
+_listeners: list[Listener] = []
 
 
 @contextmanager
-def listening(listener: Callable[[], object]) -> Iterator[None]:
+def listening(listener: Listener) -> Iterator[None]:
     """Call a listener before each compilation inside ``with``, in all threads."""
     _listeners.append(listener)
     try:

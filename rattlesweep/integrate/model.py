@@ -1,15 +1,17 @@
-"""Models: the equations of motion and observed quantities that kernels are compiled
-for.
+"""Models: the equations of motion and observed quantities that kernels are made for.
+
+The models of rolling bodies are made of a :class:`~rattlesweep.physics.surface.Surface`
+and, with friction, a law (:class:`~rattlesweep.physics.surface.Friction`).
 """
 
 # mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
-from rattlesweep.physics import full, reduced, stone, tangent, vectors
+from rattlesweep.physics import full, reduced, stone, surface, tangent, vectors
+from rattlesweep.physics.full import scalar
+from rattlesweep.physics.surface import Formula, Friction, Surface
 
 
 @dataclass(frozen=True)
@@ -24,68 +26,60 @@ class Model:
     n_state: int
     n_constants: int
     n_probe: int
-    rhs: Callable[..., Any]  # rhs(*y, *q): dy
-    spin: Callable[..., Any]  # spin(*y)
-    spin_rate: Callable[..., Any]  # spin_rate(*y, *dy)
-    amplitude: Callable[
-        ..., Any
-    ]  # amplitude(*y, *probe): of the relevant oscillation, squared
+    rhs: Formula  # rhs(*y, *q): dy
+    spin: Formula  # spin(*y)
+    spin_rate: Formula  # spin_rate(*y, *dy)
+    # amplitude(*y, *probe): square of the amplitude of the relevant oscillation
+    amplitude: Formula
     # error(*e, *y, *q): squares of the error e of a step and of the oscillation to
     # compare it with
-    error: Callable[..., Any]
-    energy: Callable[
-        ..., Any
-    ]  # energy(*y, *q): conserved; with friction, the energy minus work
-    contact: Callable[..., Any]  # contact(*y, *q): normal and tangential force
-    touch: Callable[..., Any] | None = (
-        None  # the contact, as physics.full.paraboloid returns it
-    )
-    volume: Callable[..., Any] | None = None  # volume(*y, *q): rate of phase volume
-    anywhere: Model | None = (
-        None  # the same equations in variables that exist in any position
-    )
-    n_extra: int = (
-        0  # number of components, the last ones, that the state of a sweep lacks
-    )
+    error: Formula
+    energy: Formula  # energy(*y, *q): conserved; with friction, the energy minus work
+    contact: Formula  # contact(*y, *q): normal and tangential force
+    surface: Surface | None = None
+    volume: Formula | None = None  # volume(*y, *q): rate of phase volume
+    # The same equations in variables that exist in any position.
+    anywhere: Model | None = None
+    # Number of components, the last ones, that the state of a sweep lacks.
+    n_extra: int = 0
     # Functions x of the state that are cheaper to integrate beside it than to compute
     # in each stage.  carried_start(*y, *q): x at the start of a step.  carried_rhs(*y,
     # *x, *q): dy and dx.
     n_carried: int = 0
-    carried_start: Callable[..., Any] | None = None
-    carried_rhs: Callable[..., Any] | None = None
+    carried_start: Formula | None = None
+    carried_rhs: Formula | None = None
     # For runs with a tangent v, a small difference.  rate(*y, *dy, *v, *q): dv.
     # seed(*y, *q): the first v.  transverse(*y, *dy, *v, *q): the part that is
     # measured.  square(*v, *q): |v|^2.
-    rate: Callable[..., Any] | None = None
-    seed: Callable[..., Any] | None = None
-    transverse: Callable[..., Any] | None = None
-    square: Callable[..., Any] | None = None
+    rate: Formula | None = None
+    seed: Formula | None = None
+    transverse: Formula | None = None
+    square: Formula | None = None
 
 
-def _compiled(model: str, **functions: Callable[..., Any]) -> dict[str, Any]:
-    """Return compiled functions; Numba makes symbols of their names, so these name the
-    model.
-    """
-    for name, function in functions.items():
-        function.__name__ = function.__qualname__ = f"{name}_{model}"
-    return {name: full.scalar(function) for name, function in functions.items()}
+# Bodies that roll without friction: slopes and angular velocity.
 
 
-@full.scalar
+@scalar
+def _spin_rate(p, q, a, b, c, dp, dq, da, db, dc):
+    return full.spin_rate(p, q, da, db, dc)
+
+
+@scalar
 def _amplitude(p, q, a, b, c, p0, q0, a0, b0, p1, q1, a1, b1):
     real = p0 * p + q0 * q + a0 * a + b0 * b
     imag = p1 * p + q1 * q + a1 * a + b1 * b
     return real * real + imag * imag
 
 
-@full.scalar
-def _error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
+@scalar
+def _error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k=0.0):
     step = full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy) + iz * ec * ec
     return step, full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
 
 
-@full.scalar
-def _volume(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
+@scalar
+def _volume(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k=0.0):
     return vectors.smooth_volume(
         -p, -q, -1.0, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, 0.0
     )
@@ -95,48 +89,50 @@ FULL = Model(
     "full",
     full.N_STATE,
     full.N_CONSTANTS,
-    8,
+    n_probe=8,
     rhs=full.rhs,
     spin=full.spin,
+    spin_rate=_spin_rate,
     amplitude=_amplitude,
     error=_error,
     energy=full.energy,
     contact=full.contact_force,
-    touch=full.paraboloid,
-    **_compiled(
-        "full",
-        spin_rate=lambda *v: full.spin_rate(*(v[:2] + v[7:])),
-        volume=lambda *v: _volume(*v, 0.0),
-    ),
+    surface=surface.PARABOLOID,
+    volume=_volume,
 )
 
-
-# The rise of an ellipsoid's contact point is integrated beside the state, since a
-# square root in each stage would take longer (docs/design.md).
-
-
-@full.scalar
-def _rise(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
-    _, rise = stone.shape_at(p, q, cxx, cxy, cyy, k)
-    return (rise,)
-
-
-@full.scalar
-def _rise_rhs(p, q, a, b, c, rise, ix, iy, iz, cxx, cxy, cyy, k):
-    surface = stone.carried_ellipsoid
-    f = stone.frictionless_rhs(
-        surface, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, (k, rise)
-    )
-    return f + (stone.rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)  # noqa: RUF005
+TANGENT = replace(
+    FULL,
+    name="full_tangent",
+    rate=tangent.rate,
+    seed=tangent.seed,
+    transverse=tangent.transverse,
+    square=tangent.square,
+)
+"""The full model with a tangent, for the largest Lyapunov exponent."""
 
 
-# The error of the spin is judged as if the oscillation had at least this share of its
-# energy.
+# Bodies that roll with friction: the state has the work as its sixth component.
+
+
+# The error of the spin is scaled as if the oscillation held at least this fraction of
+# the spin's energy.
 SPIN_KNOWN = 1e-14
 
 
-@full.scalar
-def _friction_error(
+@scalar
+def _size_and_weight(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
+    """Return the square of the oscillation, and the weight of the spin's error.
+
+    Friction changes the spin in every step; rounding errors of the spin must not reject
+    a step.
+    """
+    size = full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
+    return size, min(1.0, size / (SPIN_KNOWN * iz * c * c + 1e-290))
+
+
+@scalar
+def _error_with_friction(
     ep,
     eq,
     ea,
@@ -160,19 +156,79 @@ def _friction_error(
     lever,
     eps,
 ):
-    # Friction changes the spin in every step; rounding errors of the spin must not
-    # reject a step.
-    size = full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
-    known = min(1.0, size / (SPIN_KNOWN * iz * c * c + 1e-290))
-    return full.oscillation(
-        ep, eq, ea, eb, ix, iy, cxx, cxy, cyy
-    ) + known * iz * ec * ec, size
+    size, weight = _size_and_weight(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
+    step = full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy)
+    return step + weight * iz * ec * ec, size
 
 
-@full.scalar
-def _vectors_error(eu, ev, ew, ea, eb, ec, ework, u, v, w, a, *rest):
-    step, size = _friction_error(eu, ev, ea, eb, ec, ework, u, v, a, *rest)
-    return step + ew * ew, size
+@scalar
+def _spin_with_work(p, q, a, b, c, work):
+    return full.spin(p, q, a, b, c)
+
+
+@scalar
+def _spin_rate_with_work(p, q, a, b, c, work, dp, dq, da, db, dc, power):
+    return full.spin_rate(p, q, da, db, dc)
+
+
+@scalar
+def _amplitude_with_work(p, q, a, b, c, work, p0, q0, a0, b0, p1, q1, a1, b1):
+    return _amplitude(p, q, a, b, c, p0, q0, a0, b0, p1, q1, a1, b1)
+
+
+@scalar
+def _volume_with_friction(
+    p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+):
+    return vectors.volume(
+        -p, -q, -1.0, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+    )
+
+
+# Bodies in any position, with or without friction.
+
+
+@scalar
+def _vectors_spin_rate(vx, vy, vz, a, b, c, work, dvx, dvy, dvz, da, db, dc, power):
+    return vectors.spin(vx, vy, vz, da, db, dc, work)
+
+
+@scalar
+def _vectors_amplitude(vx, vy, vz, a, b, c, work, p0, q0, a0, b0, p1, q1, a1, b1):
+    # Near the upright position the slopes are -u_x and -u_y.
+    return _amplitude(-vx, -vy, a, b, c, p0, q0, a0, b0, p1, q1, a1, b1)
+
+
+@scalar
+def _vectors_error(
+    ex,
+    ey,
+    ez,
+    ea,
+    eb,
+    ec,
+    ework,
+    vx,
+    vy,
+    vz,
+    a,
+    b,
+    c,
+    work,
+    ix,
+    iy,
+    iz,
+    cxx,
+    cxy,
+    cyy,
+    k,
+    sigma,
+    lever,
+    eps,
+):
+    size, weight = _size_and_weight(vx, vy, a, b, c, ix, iy, iz, cxx, cxy, cyy)
+    step = full.oscillation(ex, ey, ea, eb, ix, iy, cxx, cxy, cyy)
+    return step + weight * iz * ec * ec + ez * ez, size
 
 
 VECTORS = Model(
@@ -182,145 +238,161 @@ VECTORS = Model(
     FULL.n_probe,
     rhs=vectors.rhs,
     spin=vectors.spin,
+    spin_rate=_vectors_spin_rate,
+    amplitude=_vectors_amplitude,
     error=_vectors_error,
     energy=vectors.energy,
     contact=vectors.contact_force,
     volume=vectors.volume,
-    **_compiled(
-        "vectors",
-        spin_rate=lambda *v: vectors.spin(*(v[:3] + v[10:])),
-        # Near the upright position the slopes are -u_x and -u_y.
-        amplitude=lambda u, v, w, a, b, c, work, *probe: _amplitude(
-            -u, -v, a, b, c, *probe
-        ),
-    ),
-)
-
-ELLIPSOID = replace(
-    FULL,
-    name="ellipsoid",
-    n_constants=stone.N_CONSTANTS,
-    rhs=stone.rhs,
-    energy=stone.energy,
-    contact=stone.contact_force,
-    touch=stone.ellipsoid,
-    volume=_volume,
-    anywhere=VECTORS,
-    n_carried=1,
-    carried_start=_rise,
-    carried_rhs=_rise_rhs,
-    **_compiled("ellipsoid", error=lambda *v: _error(*v[:-1])),
 )
 
 
-def _with_friction(plain: Model, kind: str, rhs_on: Callable[..., Any]) -> Model:
-    """Return the model of the same surface with friction; ``rhs_on`` is a function of
-    `stone`.
-    """
-    surface = stone.ellipsoid if plain is ELLIPSOID else stone.paraboloid_contact
-    plain_energy, end = plain.energy, 6 + plain.n_constants
+# Other surfaces and friction, from the records of `physics.surface`.
 
-    # A function among starred arguments would be of Numba's experimental first-class
-    # type.
-    def rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-        return rhs_on(
-            surface,
-            p,
-            q,
-            a,
-            b,
-            c,
-            work,
-            ix,
-            iy,
-            iz,
-            cxx,
-            cxy,
-            cyy,
-            k,
-            sigma,
-            lever,
-            eps,
-        )
 
-    def contact(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-        dp, dq, da, db, dc, _ = rhs_on(
-            surface,
-            p,
-            q,
-            a,
-            b,
-            c,
-            work,
-            ix,
-            iy,
-            iz,
-            cxx,
-            cxy,
-            cyy,
-            k,
-            sigma,
-            lever,
-            eps,
-        )
-        return stone.surface_force(
-            surface, p, q, a, b, c, dp, dq, da, db, dc, cxx, cxy, cyy, k
-        )
+def _frictionless(on: Surface) -> Model:
+    """Return the model of a surface with a further constant ``k``, without friction."""
+    touch = on.contact
 
-    def rise_rhs(
-        p, q, a, b, c, work, rise, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
-    ):
-        f = rhs_on(
-            stone.carried_ellipsoid,
-            p,
-            q,
-            a,
-            b,
-            c,
-            work,
-            ix,
-            iy,
-            iz,
-            cxx,
-            cxy,
-            cyy,
-            (k, rise),
-            sigma,
-            lever,
-            eps,
-        )
-        return f + (stone.rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)  # noqa: RUF005
+    @scalar
+    def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
+        shape = cxx, cxy, cyy, k
+        return stone.frictionless_rhs(touch, p, q, a, b, c, (ix, iy, iz), shape)
 
-    name = f"{plain.name}_{kind}"
-    functions = _compiled(
-        name,
+    @scalar
+    def contact(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
+        dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
+        shape = cxx, cxy, cyy, k
+        return stone.surface_force(touch, p, q, a, b, c, dp, dq, da, db, dc, shape)
+
+    model = replace(
+        FULL,
+        name=on.name,
+        n_constants=stone.N_CONSTANTS,
         rhs=rhs,
-        spin=lambda *v: full.spin(*v[:5]),
-        spin_rate=lambda *v: full.spin_rate(*(v[:2] + v[8:11])),
-        amplitude=lambda *v: _amplitude(*(v[:5] + v[6:])),
-        energy=lambda *v: plain_energy(*(v[:5] + v[6:end])) - v[5],
+        energy=on.energy,
         contact=contact,
-        volume=lambda p, q, *rest: vectors.volume(-p, -q, -1.0, *rest),
-        carried_start=lambda *v: _rise(*(v[:5] + v[6:13])),
-        carried_rhs=rise_rhs,
+        surface=on,
+        volume=_volume if on.quadric else None,
+        anywhere=VECTORS if on.closed else None,
     )
-    functions |= {
-        "n_state": stone.N_FRICTION_STATE,
-        "n_constants": stone.N_FRICTION_CONSTANTS,
-    }
-    return replace(plain, name=name, error=_friction_error, touch=surface, **functions)
+    if on.carried is None:
+        return model
+    start_at = on.carried.start
+    rate_at = on.carried.rate
+    carried_touch = on.carried.contact
 
+    @scalar
+    def start(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
+        return (start_at(p, q, cxx, cxy, cyy, k),)
+
+    @scalar
+    def carried_rhs(p, q, a, b, c, x, ix, iy, iz, cxx, cxy, cyy, k):
+        shape = cxx, cxy, cyy, k, x
+        f = stone.frictionless_rhs(carried_touch, p, q, a, b, c, (ix, iy, iz), shape)
+        dp, dq, _, _, _ = f
+        return f + (rate_at(p, q, dp, dq, *shape),)  # noqa: RUF005
+
+    return replace(model, n_carried=1, carried_start=start, carried_rhs=carried_rhs)
+
+
+def _with_friction(rolling: Model, law: Friction) -> Model:
+    """Return the model of the same surface with a law of friction."""
+    on = rolling.surface
+    assert on is not None
+    touch = on.contact
+    surface_energy = on.energy
+    law_rhs = law.rhs
+
+    @scalar
+    def rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+        y = p, q, a, b, c, work
+        shape = cxx, cxy, cyy, k
+        return law_rhs(touch, y, (ix, iy, iz), shape, (sigma, lever, eps))
+
+    @scalar
+    def contact(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+        y = p, q, a, b, c, work
+        shape = cxx, cxy, cyy, k
+        f = law_rhs(touch, y, (ix, iy, iz), shape, (sigma, lever, eps))
+        dp, dq, da, db, dc, _ = f
+        return stone.surface_force(touch, p, q, a, b, c, dp, dq, da, db, dc, shape)
+
+    @scalar
+    def energy(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+        return surface_energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k) - work
+
+    model = replace(
+        rolling,
+        name=f"{rolling.name}_{law.name}",
+        n_state=stone.N_FRICTION_STATE,
+        n_constants=stone.N_FRICTION_CONSTANTS,
+        rhs=rhs,
+        spin=_spin_with_work,
+        spin_rate=_spin_rate_with_work,
+        amplitude=_amplitude_with_work,
+        error=_error_with_friction,
+        energy=energy,
+        contact=contact,
+        volume=_volume_with_friction if on.quadric else None,
+    )
+    if on.carried is None:
+        return model
+    start_at = on.carried.start
+    rate_at = on.carried.rate
+    carried_touch = on.carried.contact
+
+    @scalar
+    def start(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+        return (start_at(p, q, cxx, cxy, cyy, k),)
+
+    @scalar
+    def carried_rhs(
+        p, q, a, b, c, work, x, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+    ):
+        y = p, q, a, b, c, work
+        shape = cxx, cxy, cyy, k, x
+        f = law_rhs(carried_touch, y, (ix, iy, iz), shape, (sigma, lever, eps))
+        dp, dq, _, _, _, _ = f
+        return f + (rate_at(p, q, dp, dq, *shape),)  # noqa: RUF005
+
+    return replace(model, carried_start=start, carried_rhs=carried_rhs)
+
+
+ELLIPSOID = _frictionless(surface.ELLIPSOID)
 
 FRICTION = {
-    (plain.name, name): _with_friction(plain, name, rhs)
-    for plain in (FULL, ELLIPSOID)
-    for name, rhs in (("viscous", stone.viscous_rhs), ("rolling", stone.rolling_rhs))
+    (rolling.name, law.name): _with_friction(rolling, law)
+    for rolling in (FULL, ELLIPSOID)
+    for law in surface.LAWS
 }
-"""Models with friction, by the name of the model without it and the kind of friction.
-"""
+"""Models with friction, by the names of the model without it and of the law."""
 
 
-@full.scalar
+# The reduced model.
+
+
+@scalar
+def _reduced_spin(n, e_p, e_r):
+    return n
+
+
+@scalar
+def _reduced_spin_rate(n, e_p, e_r, dn, de_p, de_r):
+    return dn
+
+
+@scalar
+def _reduced_amplitude(n, e_p, e_r, w_p, w_r):
+    return w_p * e_p + w_r * e_r
+
+
+@scalar
+def _reduced_contact(n, e_p, e_r, k_p, k_r, inertia):
+    return 1.0, 0.0
+
+
+@scalar
 def _reduced_error(dn, de_p, de_r, n, e_p, e_r, k_p, k_r, inertia):
     # Each energy is compared with itself: the decaying one determines what happens much
     # later.
@@ -334,55 +406,85 @@ REDUCED = Model(
     "reduced",
     reduced.N_STATE,
     reduced.N_CONSTANTS,
-    2,
+    n_probe=2,
     rhs=reduced.rhs,
+    spin=_reduced_spin,
+    spin_rate=_reduced_spin_rate,
+    amplitude=_reduced_amplitude,
     error=_reduced_error,
     energy=reduced.energy,
-    **_compiled(
-        "reduced",
-        spin=lambda n, e_p, e_r: n,
-        spin_rate=lambda n, e_p, e_r, dn, de_p, de_r: dn,
-        amplitude=lambda n, e_p, e_r, w_p, w_r: w_p * e_p + w_r * e_r,
-        contact=lambda *v: (1.0, 0.0),
-    ),
+    contact=_reduced_contact,
 )
+
+
+# Heading and contact point on the plane, which single steps add to the state.
+
+
+@scalar
+def _zero(*y):
+    return 0.0
+
+
+@scalar
+def _no_error(*values):
+    return 0.0, 1.0
 
 
 def _with_attitude(plain: Model) -> Model:
     """Return a model with heading and contact point on the plane, for single steps."""
-    n, own_rhs, touch = plain.n_state, plain.rhs, plain.touch
-    n_all = n + full.N_EXTRA
+    assert plain.surface is not None
+    touch, plain_rhs = plain.surface.contact, plain.rhs
 
-    def rhs(*v: float) -> Any:
-        y, constants = v[:n], v[n_all:]
-        p, q, a, b, c = y[:5]
-        f = own_rhs(*(y + constants))
+    @scalar
+    def rhs(p, q, a, b, c, heading, x, y, ix, iy, iz, *shape):
+        f = plain_rhs(p, q, a, b, c, ix, iy, iz, *shape)
+        contact = touch(p, q, a, b, c, f[0], f[1], p * b - q * a, *shape)
+        return f + full.track(p, q, a, b, c, heading, *contact)
+
+    @scalar
+    def rhs_with_work(
+        p,
+        q,
+        a,
+        b,
+        c,
+        work,
+        heading,
+        x,
+        y,
+        ix,
+        iy,
+        iz,
+        cxx,
+        cxy,
+        cyy,
+        k,
+        sigma,
+        lever,
+        eps,
+    ):
+        f = plain_rhs(
+            p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+        )
         m = p * b - q * a
-        # The constants of the surface follow those of inertia.
-        contact = touch(p, q, a, b, c, f[0], f[1], m, *constants[3:7])  # type: ignore[misc]
-        return f + full.track(p, q, a, b, c, v[n], *contact)
+        contact = touch(p, q, a, b, c, f[0], f[1], m, cxx, cxy, cyy, k)
+        return f + full.track(p, q, a, b, c, heading, *contact)
 
-    name = f"{plain.name}_attitude"
-    nothing = {word: lambda *v: 0.0 for word in ("spin", "spin_rate", "amplitude")}
-    functions = _compiled(name, rhs=rhs, error=lambda *v: (0.0, 1.0), **nothing)
-    functions |= {
-        "n_state": n_all,
-        "n_probe": 0,
-        "n_extra": full.N_EXTRA,
-        "n_carried": 0,
-    }
-    return replace(plain, name=name, **functions)
+    has_work = plain.n_state == stone.N_FRICTION_STATE
+    return replace(
+        plain,
+        name=f"{plain.name}_attitude",
+        n_state=plain.n_state + full.N_EXTRA,
+        n_probe=0,
+        n_extra=full.N_EXTRA,
+        n_carried=0,
+        rhs=rhs_with_work if has_work else rhs,
+        spin=_zero,
+        spin_rate=_zero,
+        amplitude=_zero,
+        error=_no_error,
+    )
 
-
-TANGENT = replace(
-    FULL,
-    name="full_tangent",
-    rate=tangent.rate,
-    seed=tangent.seed,
-    transverse=tangent.transverse,
-    square=tangent.square,
-)
-"""The full model with a tangent, for the largest Lyapunov exponent."""
 
 ATTITUDES = {
     plain.name: _with_attitude(plain) for plain in (FULL, ELLIPSOID, *FRICTION.values())

@@ -6,9 +6,7 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """The status of a run; ``label`` is its word in the tables, ``meaning`` explains
-    it.
-    """
+    """The status of a run: its word in tables (``label``) and an explanation."""
 
     OK = 0, "ok", "integrated to the first reversal or to the horizon"
     NONFINITE = (
@@ -41,5 +39,7 @@ class Status(IntEnum):
     def __new__(cls, value: int, label: str = "", meaning: str = "") -> Status:
         """Create a member with its label and meaning."""
         member = int.__new__(cls, value)
-        member._value_, member.label, member.meaning = value, label, meaning
+        member._value_ = value
+        member.label = label
+        member.meaning = meaning
         return member

@@ -1,5 +1,4 @@
-"""Compiled calls in their own threads, so that the main thread receives Ctrl-C and can
-stop them.
+"""Compiled calls in their own threads, so that Ctrl-C reaches the main thread.
 
 Each call receives the :class:`Control` that stops it, and passes it on to kernels.
 Other compiled loops check ``control.flag[0]`` regularly.
@@ -18,17 +17,14 @@ from numpy.typing import NDArray
 from rattlesweep.arrays import Floats
 
 T = TypeVar("T")
-POLL = (
-    0.05  # seconds between two checks of a running call, in every wait of the package
-)
+# Seconds between two checks of a running call, in every wait of the package.
+POLL = 0.05
 PATIENCE = 0.5  # seconds for which a stop waits; a compilation takes longer
 
 
 @dataclass
 class Control:
-    """Link to a running kernel, or to several in turn: reports progress and can stop
-    it.
-    """
+    """Link to a running kernel, or several in turn: reports progress, and stops it."""
 
     # For the present kernel: next place in the queue and stop flag; a row of progress
     # for each thread (see `lanes.kernel.work`); expected cost of all runs.
@@ -50,14 +46,15 @@ class Control:
         self.shared[1] = 1
 
     def stage(self, low: float, high: float, *, ends: bool = False) -> None:
-        """Announce a kernel that does the part of the work between the shares ``low``
-        and ``high``.
+        """Announce a kernel that does the work between the shares ``low`` and ``high``.
 
         ``ends`` says whether its runs count as done when they end.
         """
         self._ended = self.runs_done
-        self.progress, self._cost = np.zeros((1, 8)), 0.0
-        self._span, self._counts = (low, high), ends
+        self.progress = np.zeros((1, 8))
+        self._cost = 0.0
+        self._span = low, high
+        self._counts = ends
 
     def repeat(self) -> None:
         """Announce a kernel that repeats runs which the last one has counted."""
@@ -68,17 +65,14 @@ class Control:
         self._ended += runs
 
     def start(self, threads: int, cost: Floats) -> None:
-        """Announce the start of a kernel: the number of its threads, the expected cost
-        of runs.
-        """
+        """Announce the start of a kernel: its threads, the expected cost of runs."""
         self._cost = float(cost.sum())
-        self.progress, self.shared[0] = np.zeros((threads, 8)), 0
+        self.progress = np.zeros((threads, 8))
+        self.shared[0] = 0
 
     @property
     def flag(self) -> NDArray[np.int64]:
-        """Return an array of one element for compiled loops; a stop request makes it
-        nonzero.
-        """
+        """Return an array of one element, which a stop request makes nonzero."""
         return self.shared[1:]
 
     @property
@@ -93,14 +87,18 @@ class Control:
         # lanes.
         now = min(self._cost, float(self.progress[:, :2].sum()))
         low, high = self._span
-        share = low + (high - low) * (now / self._cost if self._cost else 0.0)
+        share = low
+        if self._cost:
+            share += (high - low) * now / self._cost
         self._most = max(self._most, share)
         return self._most
 
     @property
     def runs_done(self) -> int:
         """Return the number of runs that have ended."""
-        return self._ended + int(self.progress[:, 2].sum()) * self._counts
+        if not self._counts:
+            return self._ended
+        return self._ended + int(self.progress[:, 2].sum())
 
 
 class Task(threading.Thread, Generic[T]):
@@ -135,15 +133,11 @@ class Task(threading.Thread, Generic[T]):
         futures.wait([self._future], patience)
 
     def value(self) -> T:
-        """Return the result of the call or raise its error; raise TimeoutError before
-        it ends.
-        """
+        """Return the result of the call or raise its error; or TimeoutError."""
         return self._future.result(timeout=0)
 
     def wait(self, tick: Callable[[Control], None] = lambda control: None) -> T:
-        """Wait for the result; call `tick` every `POLL` seconds, which may raise to
-        stop it.
-        """
+        """Wait for the result; call `tick` every `POLL` seconds, which may raise."""
         try:
             while not futures.wait([self._future], POLL).done:
                 tick(self.control)
@@ -154,19 +148,22 @@ class Task(threading.Thread, Generic[T]):
 
 
 def side_by_side(calls: Sequence[Callable[[Control], T]], threads: int) -> list[T]:
-    """Make calls in a number of threads, and return their results in the order of the
-    calls.
+    """Make calls in a number of threads, and return their results in their order.
 
     All share one control.  Ctrl-C or the first error stops all of them and is raised
     here.
     """
-    control, left, results = Control(), iter(enumerate(calls)), dict[int, T]()
+    control = Control()
+    waiting = iter(enumerate(calls))
+    results = dict[int, T]()
     errors: list[BaseException] = []
 
     def work(control: Control) -> None:
         try:
-            while not control.stopping and (given := next(left, None)):
-                results[given[0]] = given[1](control)
+            for place, call in waiting:
+                if control.stopping:
+                    return
+                results[place] = call(control)
         except BaseException as error:
             errors.append(error)
             control.stop()

@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from numbers import Real
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rattlesweep.arrays import Floats
 from rattlesweep.physics import si
@@ -32,14 +32,16 @@ class Rattleback:
     xi : float
         Skew angle in radians, in (-pi/2, 0); in (0, pi/2) for a mirror image.
     c : float, optional
-        Vertical semi-axis of an ellipsoid, in ``a``, above ``theta``; the default is a paraboloid.
+        Vertical semi-axis of an ellipsoid, in ``a``, above ``theta``; the default is a
+        paraboloid.
     units : Units, optional
         SI size of the units, for bodies given in SI units.  Comparison ignores it.
 
     Raises
     ------
     ValueError
-        If a parameter is not a number or out of range, or if no mass distribution has this inertia.
+        If a parameter is not a number or out of range, or if no mass distribution has
+        this inertia.
     """
 
     alpha: float
@@ -82,18 +84,46 @@ class Rattleback:
         units = Units(mass=1.0, length=0.01)
         return cls(alpha, beta, gamma, 2 / 3**2, 2 / 20**2, xi, c=2.0, units=units)
 
+    @overload
     @classmethod
     def shell_dumbbell(
         cls, *, gamma: float, f_sd: float, theta: float, phi: float, xi: float
-    ) -> Rattleback:
-        """Return a shell-dumbbell body (Eqs. 62-67); ValueError unless ``0 < f_sd <
+    ) -> Rattleback: ...
+
+    @overload
+    @classmethod
+    def shell_dumbbell(
+        cls,
+        *,
+        gamma: ArrayLike,
+        f_sd: ArrayLike,
+        theta: ArrayLike,
+        phi: ArrayLike,
+        xi: ArrayLike,
+    ) -> NDArray[np.object_]: ...
+
+    @classmethod
+    def shell_dumbbell(
+        cls, *, gamma: Any, f_sd: Any, theta: Any, phi: Any, xi: Any
+    ) -> Rattleback | NDArray[np.object_]:
+        """Return a shell-dumbbell body (Eqs. 62-67), or an array of them for arrays.
+
+        Arrays are broadcast by NumPy's rules.  Raise ValueError unless ``0 < f_sd <
         0.5``.
         """
-        _require_number("gamma", gamma)
-        _require_number("f_sd", f_sd)
-        if not 0 < f_sd < 0.5:
-            raise ValueError(f"f_sd is {f_sd:g}; it must lie between 0 and 0.5")
-        return cls(*shell_dumbbell(gamma, f_sd), gamma, theta, phi, xi)
+        given = {"gamma": gamma, "f_sd": f_sd, "theta": theta, "phi": phi, "xi": xi}
+        if all(np.ndim(value) == 0 for value in given.values()):
+            _require_number("gamma", gamma)
+            _require_number("f_sd", f_sd)
+            if not 0 < f_sd < 0.5:
+                raise ValueError(f"f_sd is {f_sd:g}; it must lie between 0 and 0.5")
+            return cls(*shell_dumbbell(gamma, f_sd), gamma, theta, phi, xi)
+        columns = np.broadcast_arrays(*given.values())
+        bodies = np.empty(columns[0].shape, dtype=object)
+        for place in np.ndindex(bodies.shape):
+            values = (column[place] for column in columns)
+            bodies[place] = cls.shell_dumbbell(**dict(zip(given, values, strict=True)))
+        return bodies
 
     @classmethod
     def from_si(
@@ -115,34 +145,39 @@ class Rattleback:
         Parameters
         ----------
         mass, height, gravity : float or str
-            In kg, m and m/s^2; ``height`` is ``a``, from the contact up to the centre of mass.
+            In kg, m and m/s^2; ``height`` is ``a``, from the contact up to the centre
+            of mass.
         inertia : sequence of float, or str
-            Inertia tensor about the centre of mass in kg m^2, with z vertical: a 3 x 3 matrix, or
-            ``(ixx, iyy, izz, ixy, ixz, iyz)`` with ``ixy = -sum(m x y)``, of which the last three
-            may be left out, also as a text such as ``"60, 900, 920 g cm^2"``.
+            Inertia tensor about the centre of mass in kg m^2, with z vertical: a 3 x 3
+            matrix, or ``(ixx, iyy, izz, ixy, ixz, iyz)`` with ``ixy = -sum(m x y)``, of
+            which the last three may be left out, also as a text such as ``"60, 900, 920
+            g cm^2"``.
         radii : two floats or str
-            Principal radii of curvature at the bottom, in m, or a text such as ``"50, 1.5 cm"``.
+            Principal radii of curvature at the bottom, in m, or a text such as ``"50,
+            1.5 cm"``.
         axes_angle : float or str
-            Angle in radians, from the x axis towards the y axis, of the direction in which the
-            surface has the first radius.
+            Angle in radians, from the x axis towards the y axis, of the direction in
+            which the surface has the first radius.
         c : float or str, optional
-            Vertical semi-axis of an ellipsoid, in m.  Without it the surface is a paraboloid.
+            Vertical semi-axis of an ellipsoid, in m.  Without it the surface is a
+            paraboloid.
         z_up : bool
-            Whether the z axis points up, as in CAD programs.  It points down otherwise, so that
-            the y axis is clockwise from the x axis when seen from above.
+            Whether the z axis points up, as in CAD programs.  It points down otherwise,
+            so that the y axis is clockwise from the x axis when seen from above.
 
         Raises
         ------
         ValueError
-            If a value is not of the kind needed or is out of range, the z axis is not a principal
-            axis, or no body has such parameters.
+            If a value is not of the kind needed or is out of range, the z axis is not a
+            principal axis, or no body has such parameters.
 
         Examples
         --------
         >>> import rattlesweep as rs
         >>> moments = (6.0e-6, 9.0e-5, 9.2e-5)
         >>> stone = rs.Rattleback.from_si(
-        ...     mass="85 g", height="1 cm", radii="50, 1.5 cm", axes_angle=0.03, inertia=moments)
+        ...     mass="85 g", height="1 cm", radii="50, 1.5 cm", axes_angle=0.03,
+        ...     inertia=moments)
         >>> round(stone.alpha, 2), round(stone.xi, 2), round(stone.units.time, 4)
         (11.59, 0.03, 0.0319)
         """
@@ -191,22 +226,24 @@ class Rattleback:
         mass, gravity : float or str
             Mass in kg without the weights, and gravity in m/s^2.
         skew : float or str
-            Angle in radians by which the axes of inertia are turned against those of the surface,
-            clockwise when seen from above.  Without weights ``xi = -skew``.
+            Angle in radians by which the axes of inertia are turned against those of
+            the surface, clockwise when seen from above.  Without weights ``xi =
+            -skew``.
         weights : float or str, optional
             Mass in kg of each of two equal point weights on the flat side.
         at : two floats or str, optional
-            Position of one weight on the flat side, in m or as ``"45, -9 mm"``: to the right along
-            the length, then away from the viewer.  The other weight lies opposite.
+            Position of one weight on the flat side, in m or as ``"45, -9 mm"``: to the
+            right along the length, then away from the viewer.  The other weight lies
+            opposite.
         wall : float or str, optional
-            Thickness in m of an open shell, whose cavity is a half ellipsoid with axes shorter by
-            this.  Without it the body is solid.
+            Thickness in m of an open shell, whose cavity is a half ellipsoid with axes
+            shorter by this.  Without it the body is solid.
 
         Raises
         ------
         ValueError
-            If a value is not of the kind needed or is out of range, a weight lies off the flat
-            side, or no body has such parameters.
+            If a value is not of the kind needed or is out of range, a weight lies off
+            the flat side, or no body has such parameters.
 
         Examples
         --------
@@ -319,11 +356,13 @@ def violations(
         (~np.isinf(c), "c is not a finite number"),
         (
             np.maximum(alpha, gamma) <= MAX_INERTIA,
-            f"a moment of inertia is out of range; at most {MAX_INERTIA:g} M a^2 is allowed",
+            f"a moment of inertia is out of range; at most {MAX_INERTIA:g} M a^2 is "
+            "allowed",
         ),
         (
             (phi > 0) & (theta < 1),
-            "theta is {theta:g} and phi {phi:g}; 0 < phi < theta < 1 is needed, or it tips over",
+            "theta is {theta:g} and phi {phi:g}; 0 < phi < theta < 1 is needed, or it "
+            "tips over",
         ),
         (
             phi < theta,
@@ -337,7 +376,8 @@ def violations(
         (gamma > 0, "gamma is {gamma:g}; it must be positive"),
         (
             (xi != 0) & (np.abs(xi) < np.pi / 2),
-            "the skew angle xi is {xi:g} rad; -pi/2 < xi < 0 is needed, or xi > 0 for a mirror image",
+            "the skew angle xi is {xi:g} rad; -pi/2 < xi < 0 is needed, or xi > 0 for "
+            "a mirror image",
         ),
         (
             i_xx <= i_yy + gamma + slack,

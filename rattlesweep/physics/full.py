@@ -1,5 +1,4 @@
-"""The full dynamics (Eqs. 4, 8, 10 and 11) in five variables, and the track on the
-plane.
+"""The full dynamics (Eqs. 4, 8, 10, 11) in five variables, and the track on the plane.
 
 Equation numbers in this package are those of Kondo and Nakanishi, Phys. Rev. E 95,
 062207 (2017), and the units are M = a = g = 1.
@@ -49,14 +48,14 @@ def constants(
     phi: ArrayLike,
     xi: ArrayLike,
 ) -> Floats:
-    """Return ``I_xx, I_yy, I_zz, C_xx, C_xy, C_yy`` of bodies, shape (6, ...) (Eqs. 6
-    and 14).
-    """
+    """Return ``I_xx, I_yy, I_zz, C_xx, C_xy, C_yy``, shape (6, ...) (Eqs. 6, 14)."""
     alpha, beta, gamma, theta, phi, xi = np.broadcast_arrays(
         *(np.asarray(x, float) for x in (alpha, beta, gamma, theta, phi, xi))
     )
-    roll, pitch = (1 - theta) / theta, (1 - phi) / phi
-    s, c = np.sin(xi), np.cos(xi)
+    roll = (1 - theta) / theta
+    pitch = (1 - phi) / phi
+    s = np.sin(xi)
+    c = np.cos(xi)
     skew = -s * c * (theta - phi) / (theta * phi)
     curvature = c**2 * roll + s**2 * pitch, skew, s**2 * roll + c**2 * pitch
     return np.stack([alpha - 1, beta - 1, gamma, *curvature])
@@ -64,23 +63,23 @@ def constants(
 
 @scalar
 def slope_rate(p, q, a, b, c):
-    """Return the derivatives of ``p, q`` (Eq. 10 for the slope) and ``m = p b - q
-    a``.
-    """
+    """Return ``dp/dt, dq/dt`` (Eq. 10 for the slope) and ``m = p b - q a``."""
     m = p * b - q * a
     return q * c - b - p * m, a - p * c - q * m, m
 
 
 @scalar
-def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):
-    """Return the contact of the paraboloid (Eqs. 4 and 8): ``fx, fy, rise, wx, wy, wz,
-    u_z``.
+def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k=0.0):
+    """Return the contact (Eqs. 4 and 8): ``fx, fy, rise, wx, wy, wz, u_z``.
 
     The contact point is ``r = (p + fx, q + fy, 1 - rise)``.  In ``w = r x omega -
-    dr/dt`` the terms that cancel are left out.
+    dr/dt`` the terms that cancel are left out.  The constant ``k``, which other
+    surfaces have, is not used.
     """
-    fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
-    x, y = p + fx, q + fy
+    fx = cxx * p + cxy * q
+    fy = cxy * p + cyy * q
+    x = p + fx
+    y = q + fy
     rise = 0.5 * (x * p + y * q)
     twist = fx * q - fy * p
     wx = fy * c + rise * b + p * m - (cxx * dp + cxy * dq)
@@ -92,8 +91,7 @@ def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):
 
 @scalar
 def solve(x, y, z, ix, iy, iz, tx, ty, tz, product):
-    """Return ``J^-1 T`` with the matrix ``J`` on the left side of Eq. 11, and the
-    inverse used.
+    """Return ``J^-1 T``, with ``J`` on the left side of Eq. 11, and the inverse used.
 
     ``J = D - r r^T`` with ``D = I + r^2``; by the formula of Sherman and Morrison
     ``J^-1 T = D^-1 (T + r s)`` with ``s = r.D^-1 T / (1 - r.D^-1 r)``.  For a long
@@ -124,8 +122,9 @@ def solve(x, y, z, ix, iy, iz, tx, ty, tz, product):
 
 @scalar
 def acceleration(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz):
-    """Return ``domega/dt`` (Eq. 11 with a further torque ``(lx, ly, lz)``), and the
-    inverse used.
+    """Return ``domega/dt`` (Eq. 11) and the inverse used.
+
+    ``(lx, ly, lz)`` is a further torque.
 
     The bracket of Eq. 11 is ``omega x w``.
     """
@@ -160,9 +159,7 @@ def spin(p, q, a, b, c):
 
 @scalar
 def spin_rate(p, q, da, db, dc):
-    """Return ``dn/dt = u . domega/dt``; the other term, ``(u x omega) . omega``, is
-    zero.
-    """
+    """Return ``dn/dt = u . domega/dt``, as ``(u x omega) . omega`` is zero."""
     return -(p * da + q * db + dc) / sqrt(1.0 + p * p + q * q)
 
 
@@ -179,12 +176,15 @@ def oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy):
 
 
 @scalar
-def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return the energy in ``M g a``, zero upright at rest; the potential loses no
-    digits there.
+def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k=0.0):
+    """Return the energy in ``M g a``, which is zero upright at rest.
+
+    The potential loses no digits there.  The constant ``k`` is not used.
     """
-    fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
-    x, y = p + fx, q + fy
+    fx = cxx * p + cxy * q
+    fy = cxy * p + cyy * q
+    x = p + fx
+    y = q + fy
     z = 1.0 - 0.5 * (x * p + y * q)
     vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
     tilt = p * p + q * q
@@ -199,8 +199,7 @@ def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
 
 @scalar
 def force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz):
-    """Return ``F . u`` and ``|F - (F . u) u|`` of the contact force (Eq. 1), in ``M
-    g``.
+    """Return ``F . u`` and ``|F - (F . u) u|`` of the contact force (Eq. 1).
 
     The contact point ``r = (x, y, z)`` has the derivative ``(xd, yd, zd)``, and ``v = r
     x omega``. ``F . u`` is negative where the plane would have to pull.
@@ -216,11 +215,10 @@ def force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz):
 
 @scalar
 def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return the normal and the tangential contact force in ``M g``; see
-    :func:`force`.
-    """
+    """Return the normal and the tangential contact force, as :func:`force` does."""
     dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
-    x, y = p + cxx * p + cxy * q, q + cxy * p + cyy * q
+    x = p + cxx * p + cxy * q
+    y = q + cxy * p + cyy * q
     z = 1.0 - 0.5 * (x * p + y * q)
     xd = dp + cxx * dp + cxy * dq
     yd = dq + cxy * dp + cyy * dq
@@ -234,8 +232,7 @@ def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
 
 @scalar
 def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):
-    """Return the rates of the heading and of the contact point's co-ordinates on the
-    plane.
+    """Return the rates of the heading and of the contact point's place on the plane.
 
     With the x axis ``e``, the rate of the heading is the vertical part of ``e x (omega
     x e)`` over ``1 - (e . u)^2``.  The contact point has the velocity ``dr/dt + v``
@@ -252,32 +249,33 @@ def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):
     zd = x * b - y * a - wz
     first = xd / root
     second = (yd * uz - zd * uy) / root
-    cosine, sine = cos(heading), sin(heading)
+    cosine = cos(heading)
+    sine = sin(heading)
     return turn, cosine * first - sine * second, sine * first + cosine * second
 
 
 def to_vectors(state: Floats) -> tuple[Floats, Floats]:
-    """Return ``u`` and ``omega``, both of shape (3, ...), of states of shape (5,
-    ...).
-    """
-    p, q = state[0], state[1]
+    """Return ``u`` and ``omega``, both (3, ...), of states of shape (5, ...)."""
+    p = state[0]
+    q = state[1]
     slope = np.stack([p, q, np.ones_like(p)])
     return -slope / np.sqrt(1 + p * p + q * q), np.array(state[2:])
 
 
 def from_vectors(u: ArrayLike, omega: ArrayLike) -> Floats:
-    """Return states (5, ...) of ``u`` and ``omega``, (3, ...); raise ValueError if u_z
-    >= 0.
+    """Return states (5, ...) of ``u`` and ``omega``, (3, ...).
+
+    Raise ValueError where ``u_z >= 0``.
     """
-    u, omega = np.asarray(u, float), np.asarray(omega, float)
+    u = np.asarray(u, float)
+    omega = np.asarray(omega, float)
     if np.any(~(u[2] < 0)):
         raise ValueError("u_z must be negative: the body stands on its lower surface")
     return np.concatenate([u[:2] / u[2], omega])
 
 
 def quaternion(u: Floats, heading: Floats) -> Floats:
-    """Return unit quaternions (4, ...), scalar first, from the body's frame to the
-    plane's axes.
+    """Return unit quaternions (4, ...), scalar first, from the body to the plane.
 
     `u` has the shape (3, ...), `heading` (...).  The result is continuous in time.
     """
@@ -286,11 +284,13 @@ def quaternion(u: Floats, heading: Floats) -> Floats:
     # The rotation at heading zero has the rows h_1, h_2 and u, with root and h_2y = uz
     # / root on its diagonal.  Near the upright position it is half a turn about x, so
     # q1 is the safe pivot.
-    h2y, h2z = uz / root, -uy / root
+    h2y = uz / root
+    h2z = -uy / root
     pivot = 0.5 * np.sqrt(1 + root - h2y - uz)
     w = (uy - h2z) / (4 * pivot)
     y = -ux * uy / root / (4 * pivot)
     z = (ux - ux * uz / root) / (4 * pivot)
-    cosine, sine = np.cos(heading / 2), np.sin(heading / 2)
+    cosine = np.cos(heading / 2)
+    sine = np.sin(heading / 2)
     first = cosine * w - sine * z, cosine * pivot - sine * y
     return np.stack([*first, cosine * y + sine * pivot, cosine * z + sine * w])

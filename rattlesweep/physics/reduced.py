@@ -28,9 +28,7 @@ def energy(n, e_p, e_r, k_p, k_r, inertia):
 
 
 def casimir(e_p: ArrayLike, e_r: ArrayLike, K_p: ArrayLike, K_r: ArrayLike) -> Floats:
-    """Return the conserved Casimir invariant ``C_I`` (Eq. 51), infinite if an energy is
-    zero.
-    """
+    """Return the Casimir invariant ``C_I`` (Eq. 51); infinite if an energy is zero."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(e_p) / np.asarray(K_p) + np.log(e_r) / np.asarray(K_r))
 
@@ -43,13 +41,12 @@ def mode_energies(
     omega_xy0: ArrayLike,
     psi: ArrayLike,
 ) -> tuple[Floats, Floats]:
-    """Return the energies of pitch and roll at launch (Eqs. 68 and 69), in ``M g
-    a``.
-    """
+    """Return the energies of pitch and roll at launch (Eqs. 68, 69), in ``M g a``."""
 
     def along(direction: Floats, other: Floats) -> Floats:
         # The modes are orthogonal in the metric J = diag(alpha, beta) (Eq. 18).
-        c, s = np.cos(direction), np.sin(direction)
+        c = np.cos(direction)
+        s = np.sin(direction)
         product = alpha * c * np.cos(psi) + beta * s * np.sin(psi)
         norm = alpha * c * c + beta * s * s
         energy = 0.5 * np.asarray(omega_xy0) ** 2 * product**2 / norm

@@ -171,15 +171,26 @@ def components(
     if moments[0] <= 0 or moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
         listed = ", ".join(f"{moment:g}" for moment in moments)
         raise ValueError(f"inertia: no body has the principal moments {listed} kg m^2")
-    xx, yy, zz = np.diag(tensor)
-    # To first order, the angle between the z axis and a principal axis.
-    coupling = np.hypot(tensor[0, 2], tensor[1, 2])
-    tilt = coupling / max(abs(zz - xx), abs(zz - yy), 1e-300)
+    tilt = _tilt(tensor)
     if tilt > MAX_TILT:
         raise ValueError(
             f"inertia: the z axis is off a principal axis by {tilt:.2g} rad"
         )
-    return float(xx), float(yy), float(zz), float(tensor[0, 1])
+    return tuple(float(tensor[place]) for place in ((0, 0), (1, 1), (2, 2), (0, 1)))
+
+
+def _tilt(tensor: Floats) -> float:
+    """Return the angle between the z axis and the nearest principal axis, in radians.
+
+    A product of inertia turns two axes into each other by the more, the closer their
+    moments are.  So each product counts against the difference of its own two moments.
+    """
+    moments, axes = np.linalg.eigh(tensor[:2, :2])
+    products = np.abs(axes.T @ tensor[:2, 2])
+    # Products that are rounding errors turn nothing, however close the moments are.
+    products[products < 1e-12 * np.abs(tensor).max()] = 0.0
+    apart = np.abs(tensor[2, 2] - moments)
+    return float(np.hypot(*np.arctan2(2 * products, apart) / 2))
 
 
 def half_ellipsoid(

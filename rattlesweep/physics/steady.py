@@ -53,10 +53,13 @@ def matrix(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Floats:
     it falls slowly.
     """
     system = _System(constants, n, sigma)
-    c, zero, one = system.c, np.zeros_like(system.c), np.ones_like(system.c)
+    c = system.c
+    zero = np.zeros_like(system.c)
+    unity = np.ones_like(system.c)
     # Rows of coefficients of (p, q, omega_x, omega_y): the linear Eq. 10, then P s = 0
     # with omega_x = dq/dt + c p, omega_y = c q - dp/dt.
-    dp, dq = np.stack([zero, c, zero, -one]), np.stack([-c, zero, one, zero])
+    dp = np.stack([zero, c, zero, -unity])
+    dq = np.stack([-c, zero, unity, zero])
     k_p = np.stack([system.k_pp, system.k_pq, zero, zero])
     k_q = np.stack([system.k_qp, system.k_qq, zero, zero])
     da = c * dp - (system.d_q * dq + system.g_q * dp + k_q) / system.alpha
@@ -66,8 +69,9 @@ def matrix(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Floats:
 
 @dataclass(frozen=True)
 class SteadyModes:
-    """Eigenvalues (growth rate plus i times frequency) and left eigenvectors of the two
-    modes.
+    """Eigenvalues and left eigenvectors of the two modes.
+
+    An eigenvalue is the growth rate plus i times the frequency.
 
     A probe is a left eigenvector of length 1, shape (..., 4).  The modulus of its
     product with ``(p, q, omega_x, omega_y)`` measures the amplitude of its mode.
@@ -89,23 +93,21 @@ def steady_modes(
     """
     system = _System(constants, n, sigma)
     pitch, roll = _leading(system)
-    pitch_probe, roll_probe = system.left_vector(*pitch), system.left_vector(*roll)
+    pitch_probe = system.left_vector(*pitch)
+    roll_probe = system.left_vector(*roll)
     return SteadyModes(*(_complex(*x) for x in (pitch, roll, pitch_probe, roll_probe)))
 
 
 def growth(
     constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0
 ) -> tuple[Floats, Floats]:
-    """Return the growth rates of the pitch and roll amplitudes (Eq. 74 gives the
-    small-n limit).
-    """
+    """Return the growth rates of pitch and roll (for small spins those of Eq. 74)."""
     (pitch, _), (roll, _) = _leading(_System(constants, n, sigma))
     return pitch[()], roll[()]
 
 
 def transient_growth(constants: Floats, n: ArrayLike) -> Floats:
-    """Return a bound, 1 or more, on the factor by which a decaying oscillation's energy
-    may rise.
+    """Return a bound on the factor by which a decaying energy may rise, 1 or more.
 
     For ``dx/dt = A x`` with eigenvectors ``V`` of length 1 and no growing mode, the
     bound is ``cond(V)^2`` (Trefethen and Embree, Spectra and Pseudospectra, 2005, sec.
@@ -116,17 +118,15 @@ def transient_growth(constants: Floats, n: ArrayLike) -> Floats:
     columns = []
     for pair in quadratics(*system.quartic()):
         upper, lower = roots(*pair)
-        (one, imaginary), (other, _) = (
-            system.right_vector(*upper),
-            system.right_vector(*lower),
-        )
+        first, imaginary = system.right_vector(*upper)
+        second, _ = system.right_vector(*lower)
         # A unitary matrix turns a conjugate pair into its real and imaginary parts
         # times sqrt(2).
         oscillates = upper[1] > 0
-        other = np.where(oscillates, imaginary, other)
-        squares = [system.energy(x, x) for x in (one, other)]
+        second = np.where(oscillates, imaginary, second)
+        squares = [system.energy(x, x) for x in (first, second)]
         mean = (squares[0] + squares[1]) / 2
-        for x, square in zip((one, other), squares, strict=True):
+        for x, square in zip((first, second), squares, strict=True):
             columns.append(x / np.sqrt(np.where(oscillates, mean, square)))
     sizes = symmetric_eigenvalues(
         [[system.energy(x, y) for y in columns] for x in columns]
@@ -139,8 +139,7 @@ def transient_growth(constants: Floats, n: ArrayLike) -> Floats:
 def settled_oscillation(
     constants: Floats, n_0: Floats, n_c: Floats, rate: Floats
 ) -> Floats:
-    """Return the oscillation below which a run is certain to decay to its steady spin,
-    (runs,).
+    """Return the oscillation below which a run must decay to its steady spin, (runs,).
 
     It is measured by :func:`full.oscillation`, and is 0 where no decay is certain.
     `constants` has the shape (6, runs), the others (runs,): `n_0` is the spin that
@@ -149,18 +148,22 @@ def settled_oscillation(
 
     The decay is certain (docs/types.md) if
 
-    - both modes decay, the pitch at least twice as fast as the roll, at all spins down to half-way,
-      in ``n^2``, from `n_0` to `n_c`;
-    - the largest energy that the oscillation can reach, by :func:`transient_growth`, takes the spin
-      no further than half-way, and cannot tilt the body to a slope of ``1/sqrt(2)`` in its softest
-      direction;
-    - the present slope is at most 0.1, since linear theory leaves out terms of third order.
+    - both modes decay, the pitch at least twice as fast as the roll, at all spins down
+      to half-way, in ``n^2``, from `n_0` to `n_c`;
+    - the largest energy that the oscillation can reach, by :func:`transient_growth`,
+      takes the spin no further than half-way, and cannot tilt the body to a slope of
+      ``1/sqrt(2)`` in its softest direction;
+    - the present slope is at most 0.1, since linear theory leaves out terms of third
+      order.
     """
     settled = np.zeros(len(n_0))
     rows = np.flatnonzero(
         (n_0 * n_c > 0) & (np.abs(n_0) > np.abs(n_c)) & np.isfinite(rate)
     )
-    constants, n_0, n_c, rate = constants[:, rows], n_0[rows], n_c[rows], rate[rows]
+    constants = constants[:, rows]
+    n_0 = n_0[rows]
+    n_c = n_c[rows]
+    rate = rate[rows]
     square = n_0**2 - n_c**2
     certain = np.ones(len(rows), dtype=bool)
     for share in SHARES:
@@ -168,7 +171,9 @@ def settled_oscillation(
             constants, np.copysign(np.sqrt(n_0**2 - share * square), n_0)
         )
         certain &= (pitch < 2 * roll) & (roll < -rate)
-    constants, square, rows = constants[:, certain], square[certain], rows[certain]
+    constants = constants[:, certain]
+    square = square[certain]
+    rows = rows[certain]
     _, _, _, cxx, cxy, cyy = constants
     # The smaller eigenvalue of C, without cancellation: the determinant over the larger
     # one.
@@ -184,35 +189,42 @@ class _System:
     """The matrix ``P`` of the module's docstring; ``c = -n``."""
 
     def __init__(self, constants: Floats, n: ArrayLike, sigma: ArrayLike) -> None:
-        given = *constants, -np.asarray(n, float), np.asarray(sigma, float)
-        ix, iy, iz, cxx, cxy, cyy, c, sigma = np.broadcast_arrays(*given)
-        fall, c2 = -sigma * c / iz, c * c
-        self.constants, self.c, self.sigma = (ix, iy, iz, cxx, cxy, cyy), c, sigma
-        self.alpha, self.beta = ix + 1, iy + 1
+        ix, iy, iz, cxx, cxy, cyy, c, sigma = np.broadcast_arrays(
+            *constants, -np.asarray(n, float), np.asarray(sigma, float)
+        )
+        fall = -sigma * c / iz
+        c2 = c * c
+        self.constants = (ix, iy, iz, cxx, cxy, cyy)
+        self.c = c
+        self.sigma = sigma
+        self.alpha = ix + 1
+        self.beta = iy + 1
         self.h = ix + iy + 1 - iz
-        self.d_p, self.d_q = sigma + c * cxy, sigma - c * cxy
-        self.g_p, self.g_q = c * (cyy - self.h), c * (self.h - cxx)
+        self.d_p = sigma + c * cxy
+        self.d_q = sigma - c * cxy
+        self.g_p = c * (cyy - self.h)
+        self.g_q = c * (self.h - cxx)
         # k_pp and k_qq without losses.
         self.kept_p = (1 + c2) * cxx + (iz - ix) * c2
         self.kept_q = (1 + c2) * cyy + (iz - iy) * c2
-        self.k_pp, self.k_qq = self.kept_p + fall * cxy, self.kept_q - fall * cxy
+        self.k_pp = self.kept_p + fall * cxy
+        self.k_qq = self.kept_q - fall * cxy
         self.k_pq = (1 + c2) * cxy - sigma * c + fall * (1 + cyy)
         self.k_qp = (1 + c2) * cxy + sigma * c - fall * (1 + cxx)
 
     def quartic(self) -> Coefficients:
-        """Return the coefficients a3 to a0 of ``det P / (alpha beta)``, free of
-        cancellation.
-        """
-        (ix, iy, iz, cxx, cxy, cyy), c, sigma, h = (
-            self.constants,
-            self.c,
-            self.sigma,
-            self.h,
-        )
-        c2, skew, square = c * c, c * cxy * (ix - iy), _determinant(cxx, cxy, cyy)
+        """Return a3 to a0 of ``det P / (alpha beta)``, free of cancellation."""
+        ix, iy, iz, cxx, cxy, cyy = self.constants
+        c = self.c
+        sigma = self.sigma
+        h = self.h
+        c2 = c * c
+        skew = c * cxy * (ix - iy)
+        square = _determinant(cxx, cxy, cyy)
         # The falling spin adds to the torque through the contact point, by these
         # factors.
-        x, y = 1 + (1 + cxx) / iz, 1 + (1 + cyy) / iz
+        x = 1 + (1 + cxx) / iz
+        y = 1 + (1 + cyy) / iz
         a3 = skew + sigma * (self.alpha + self.beta)
         a2 = self.beta * self.k_qq + self.alpha * self.k_pp
         a2 = a2 + c2 * (square - h * (cxx + cyy) + h * h) + sigma * sigma
@@ -231,7 +243,8 @@ class _System:
 
     def elements(self, re: Floats, im: Floats) -> tuple[Pair, Pair, Pair, Pair]:
         """Return ``P_pp, P_pq, P_qp, P_qq`` at an eigenvalue ``re + i im``."""
-        square, twice = re * re - im * im, 2 * re * im
+        square = re * re - im * im
+        twice = 2 * re * im
         return (
             (
                 self.beta * square + self.d_p * re + self.k_pp,
@@ -247,21 +260,23 @@ class _System:
 
     def left_vector(self, re: Floats, im: Floats) -> Pair:
         """Return a left eigenvector of length 1, shape (..., 4)."""
-        (ix, iy, iz, cxx, _, cyy), c = self.constants, self.c
+        ix, iy, iz, cxx, _, cyy = self.constants
+        c = self.c
         pp, pq, qp, qq = self.elements(re, im)
         u, v = _null_vector(pp, qp, pq, qq)
         # The rows of P s = 0 are -beta and alpha times the equations of omega_y and
         # omega_x.
         p = _product(u, (self.beta * re + self.d_p, self.beta * im))
         q = _product(v, (self.alpha * re + self.d_q, self.alpha * im))
-        p_v, q_u = c * (iy - iz - cxx), c * (iz - ix + cyy)
-        parts = [
+        p_v = c * (iy - iz - cxx)
+        q_u = c * (iz - ix + cyy)
+        vectors = [
             [p[k] + p_v * v[k], q[k] + q_u * u[k], self.alpha * v[k], -self.beta * u[k]]
             for k in (0, 1)
         ]
-        length = np.sqrt(sum(x * x for part in parts for x in part))
+        length = np.sqrt(sum(x * x for vector in vectors for x in vector))
         real, imaginary = (
-            np.stack([x / length for x in part], axis=-1) for part in parts
+            np.stack([x / length for x in vector], axis=-1) for vector in vectors
         )
         return real, imaginary
 
@@ -270,37 +285,43 @@ class _System:
         pp, pq, qp, qq = self.elements(re, im)
         p, q = _null_vector(pp, pq, qp, qq)
         # omega_x = dq/dt + c p, omega_y = c q - dp/dt.
-        dp, dq, c = _product((re, im), p), _product((re, im), q), self.c
-        parts = ([p[k], q[k], dq[k] + c * p[k], c * q[k] - dp[k]] for k in (0, 1))
-        real, imaginary = map(np.stack, parts)
+        dp = _product((re, im), p)
+        dq = _product((re, im), q)
+        c = self.c
+        real, imaginary = (
+            np.stack([p[k], q[k], dq[k] + c * p[k], c * q[k] - dp[k]]) for k in (0, 1)
+        )
         return real, imaginary
 
-    def energy(self, one: Floats, other: Floats) -> Floats:
+    def energy(self, x: Floats, y: Floats) -> Floats:
         """Return the inner product whose square is :func:`full.oscillation`."""
         _, _, _, cxx, cxy, cyy = self.constants
-        (p, q, a, b), (p_1, q_1, a_1, b_1) = one, other
+        p, q, a, b = x
+        p_1, q_1, a_1, b_1 = y
         tilt = p * (cxx * p_1 + cxy * q_1) + q * (cxy * p_1 + cyy * q_1)
         return np.asarray(tilt + self.alpha * a * a_1 + self.beta * b * b_1)
 
 
 def _leading(system: _System) -> tuple[Pair, Pair]:
-    (one, low_1), (two, low_2) = (
+    (first, low_1), (second, low_2) = (
         roots(*pair) for pair in quadratics(*system.quartic())
     )
-    swap = (two[1] > one[1]) | ((two[1] == one[1]) & (two[0] > one[0]))
-    (re, im), (re_2, im_2) = choose(swap, two, one), choose(swap, one, two)
-    # Where nothing oscillates, the two largest roots may belong to the same quadratic.
+    swap = (second[1] > first[1]) | ((second[1] == first[1]) & (second[0] > first[0]))
+    re, im = choose(swap, second, first)
+    re_2, im_2 = choose(swap, first, second)
+    # Where nothing oscillates, the two largest roots may be of the same quadratic.
     low = np.where(swap, low_2[0], low_1[0])
     return (re, im), (np.where((im == 0) & (low > re_2), low, re_2), im_2)
 
 
-def _product(one: Pair, other: Pair) -> Pair:
-    return one[0] * other[0] - one[1] * other[1], one[0] * other[1] + one[1] * other[0]
+def _product(x: Pair, y: Pair) -> Pair:
+    return x[0] * y[0] - x[1] * y[1], x[0] * y[1] + x[1] * y[0]
 
 
 def _complex(re: Floats, im: Floats) -> Complexes:
     result = np.empty(np.shape(re), complex)
-    result.real, result.imag = re, im
+    result.real = re
+    result.imag = im
     return result[()]
 
 
@@ -311,24 +332,22 @@ def _null_vector(a: Pair, b: Pair, c: Pair, d: Pair) -> tuple[Pair, Pair]:
         for x, y in ((a, b), (c, d))
     )
     lower = second > first
-    (re, im), y = choose(lower, c, a), choose(lower, d, b)
+    re, im = choose(lower, c, a)
+    y = choose(lower, d, b)
     # If P = 0, any vector is a solution.
     y = np.where((first == 0) & (second == 0), 1.0, y[0]), y[1]
     return y, (-re, -im)
 
 
 def _determinant(cxx: Floats, cxy: Floats, cyy: Floats) -> Floats:
-    """Return ``C_xx C_yy - C_xy^2`` to rounding, even where the two products nearly
-    cancel.
-    """
-    one, one_low = two_product(cxx, cyy)
-    other, other_low = two_product(cxy, cxy)
-    return (one - other) + (one_low - other_low)
+    """Return ``C_xx C_yy - C_xy^2`` to rounding, also where the products cancel."""
+    direct, direct_low = two_product(cxx, cyy)
+    cross, cross_low = two_product(cxy, cxy)
+    return (direct - cross) + (direct_low - cross_low)
 
 
 def quadratics(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Pairs:
-    """Factor ``z^4 + a3 z^3 + a2 z^2 + a1 z + a0`` into two real quadratics ``z^2 + b z
-    + c``.
+    """Factor a quartic, ``z^4 + a3 z^3 + ... + a0``, into two real quadratics.
 
     The result is ``(b1, c1), (b2, c2)`` with ``|c1| >= |c2|``.  Newton's method finds
     the sum ``s`` of the constant terms as a root of Ferrari's resolvent cubic.  Two of
@@ -339,32 +358,36 @@ def quadratics(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Pairs:
     # Squared differences of b and of c, and the product of the differences.  The square
     # that is larger relative to its rounding error gives one difference; division gives
     # the other.
-    apart_b, size_b = a3 * a3 - 4 * (a2 - s), a3 * a3 + 4 * (np.abs(a2) + np.abs(s))
-    apart_c, size_c = s * s - 4 * a0, s * s + 4 * np.abs(a0)
+    apart_b = a3 * a3 - 4 * (a2 - s)
+    size_b = a3 * a3 + 4 * (np.abs(a2) + np.abs(s))
+    apart_c = s * s - 4 * a0
+    size_c = s * s + 4 * np.abs(a0)
     product = a3 * s - 2 * a1
     by_c = apart_c * size_b >= apart_b * size_c
-    apart, size = np.where(by_c, apart_c, apart_b), np.where(by_c, size_c, size_b)
+    apart = np.where(by_c, apart_c, apart_b)
+    size = np.where(by_c, size_c, size_b)
     apart = np.where(apart > 4 * EPS * size, apart, 0.0)
     root = np.sqrt(apart)
-    other = np.where(apart > 0, product, 0.0) / np.where(apart > 0, root, 1.0)
-    difference_b, difference_c = (
-        np.where(by_c, other, root),
-        np.where(by_c, root, other),
-    )
+    quotient = np.where(apart > 0, product, 0.0) / np.where(apart > 0, root, 1.0)
+    difference_b = np.where(by_c, quotient, root)
+    difference_c = np.where(by_c, root, quotient)
     # The first quadratic has the larger constant term.
     turn = np.where(s * difference_c < 0, -1.0, 1.0)
-    difference_b, difference_c = turn * difference_b, turn * difference_c
-    b1, b2 = (a3 + difference_b) / 2, (a3 - difference_b) / 2
+    difference_b = turn * difference_b
+    difference_c = turn * difference_c
+    b1 = (a3 + difference_b) / 2
+    b2 = (a3 - difference_b) / 2
     c1 = (s + difference_c) / 2
     c2 = a0 / np.where(c1 != 0, c1, 1.0)
-    found = (b1, c1), (b2, c2)
+    pairs = (b1, c1), (b2, c2)
     for _ in range(POLISHING_STEPS):
-        found = _polish(found, (a3, a2, a1, a0))
-    return found
+        pairs = _polish(pairs, (a3, a2, a1, a0))
+    return pairs
 
 
 def _resolvent_root(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Floats:
-    linear, constant = a1 * a3, a1 * a1 + a3 * a3 * a0
+    linear = a1 * a3
+    constant = a1 * a1 + a3 * a3 * a0
 
     def cubic(s: Floats) -> Floats:
         return np.asarray((s - a2) * (s * s - 4 * a0) + (linear * s - constant))
@@ -386,25 +409,28 @@ def _resolvent_root(a3: Floats, a2: Floats, a1: Floats, a0: Floats) -> Floats:
     s: Floats = (a2 + 2 * side * radius) / 3
     for step in range(MAX_NEWTON_STEPS):
         slope = (3 * s - 2 * a2) * s + (linear - 4 * a0)
-        there = s - cubic(s) / np.where(slope != 0, slope, 1.0)
-        there = np.where(side > 0, np.maximum(there, least), there)
+        s_next = s - cubic(s) / np.where(slope != 0, slope, 1.0)
+        s_next = np.where(side > 0, np.maximum(s_next, least), s_next)
         # Only the first step may go outwards; an iteration that has ended stays where
         # it is.
-        there = np.where((side * there < side * s) | (step == 0), there, s)
-        if np.array_equal(there, s):
+        inward = side * s_next < side * s
+        s_next = np.where(inward | (step == 0), s_next, s)
+        if np.array_equal(s_next, s):
             break
-        s = there
+        s = s_next
     return s
 
 
-def _polish(found: Pairs, quartic: Coefficients) -> Pairs:
-    """Take a step of Newton's method for the coefficients of both quadratics
-    (Bairstow).
-    """
-    (b1, c1), (b2, c2) = found
-    r3, r2, r1, r0 = residuals = _residuals(found, quartic)
-    b, c, rest = b1 - b2, c1 - c2, r2 - b1 * r3
-    e0, e1 = r0 - c1 * rest, r1 - c1 * r3 - b1 * rest
+def _polish(pairs: Pairs, quartic: Coefficients) -> Pairs:
+    """Take a step of Newton's method for all coefficients (Bairstow)."""
+    (b1, c1), (b2, c2) = pairs
+    residuals = _residuals(pairs, quartic)
+    r3, r2, r1, r0 = residuals
+    b = b1 - b2
+    c = c1 - c2
+    rest = r2 - b1 * r3
+    e0 = r0 - c1 * rest
+    e1 = r1 - c1 * r3 - b1 * rest
     # The resultant is zero where the quadratics have a common root; they then stay as
     # they are.
     resultant = c * c - b1 * b * c + c1 * b * b
@@ -424,16 +450,16 @@ def _polish(found: Pairs, quartic: Coefficients) -> Pairs:
 
     noise = 16 * EPS * np.square(scale * scale)
     good = size(_residuals(step, quartic)) <= size(residuals) + noise
-    return choose(good, step[0], found[0]), choose(good, step[1], found[1])
+    return choose(good, step[0], pairs[0]), choose(good, step[1], pairs[1])
 
 
-def choose(where: Flags, one: Pair, other: Pair) -> Pair:
-    """Return ``one`` where a condition is true and ``other`` elsewhere."""
-    return np.where(where, one[0], other[0]), np.where(where, one[1], other[1])
+def choose(where: Flags, x: Pair, y: Pair) -> Pair:
+    """Return ``x`` where a condition is true and ``y`` elsewhere."""
+    return np.where(where, x[0], y[0]), np.where(where, x[1], y[1])
 
 
-def _residuals(found: Pairs, quartic: Coefficients) -> Coefficients:
-    (b1, c1), (b2, c2) = found
+def _residuals(pairs: Pairs, quartic: Coefficients) -> Coefficients:
+    (b1, c1), (b2, c2) = pairs
     a3, a2, a1, a0 = quartic
     return a3 - b1 - b2, a2 - c1 - c2 - b1 * b2, a1 - b1 * c2 - b2 * c1, a0 - c1 * c2
 
@@ -445,7 +471,8 @@ def roots(b: Floats, c: Floats) -> Pairs:
     """
     half = -b / 2
     inside = half * half - c
-    root, real = np.sqrt(np.abs(inside)), inside >= 0
+    root = np.sqrt(np.abs(inside))
+    real = inside >= 0
     far = half + np.copysign(root, half)
     near = c / np.where(far != 0, far, 1.0)
     upper = np.where(real, np.maximum(far, near), half)
@@ -455,8 +482,7 @@ def roots(b: Floats, c: Floats) -> Pairs:
 
 
 def symmetric_eigenvalues(matrix: list[list[Floats]]) -> list[Floats]:
-    """Return the eigenvalues of symmetric matrices, given by rows, in no particular
-    order.
+    """Return the eigenvalues of symmetric matrices, given by rows, in any order.
 
     The method is that of Jacobi (Golub and Van Loan, Matrix Computations, 4th ed., sec.
     8.5).
@@ -471,11 +497,12 @@ def symmetric_eigenvalues(matrix: list[list[Floats]]) -> list[Floats]:
         cos = 1 / np.sqrt(1 + t * t)
         sin = t * cos
         shift = t * a[i][j]
-        a[i][i], a[j][j] = a[i][i] - shift, a[j][j] + shift
+        a[i][i] = a[i][i] - shift
+        a[j][j] = a[j][j] + shift
         a[i][j] = a[j][i] = np.zeros_like(t)
         for k in places:
             if k not in (i, j):
-                one, other = a[i][k], a[j][k]
-                a[i][k] = a[k][i] = cos * one - sin * other
-                a[j][k] = a[k][j] = sin * one + cos * other
+                x, y = a[i][k], a[j][k]
+                a[i][k] = a[k][i] = cos * x - sin * y
+                a[j][k] = a[k][j] = sin * x + cos * y
     return [a[i][i] for i in places]

@@ -1,5 +1,4 @@
-"""Ellipsoidal surface and friction, which a real stone adds to
-:mod:`rattlesweep.physics.full`.
+"""Ellipsoidal surface and friction: what a real stone adds to `physics.full`.
 
 The ellipsoid has the vertical semi-axis ``c`` and the curvatures ``theta, phi`` at its
 bottom; its centre lies ``c`` above the lowest point.  With ``B = 1 + C`` and ``s = (p,
@@ -15,8 +14,8 @@ and the rolling resistance ``-lever F_n omega_t / sqrt(omega_t^2 + eps^2)`` with
 part ``omega_t`` of ``omega`` in the plane and the normal force ``F_n``.  Their work is
 the sixth variable of the state; energy minus work is conserved.
 
-Functions that take a ``surface`` work for :func:`paraboloid_contact`, :func:`ellipsoid`
-and :func:`carried_ellipsoid`.
+Functions that take a ``contact`` and its constants ``shape`` work for every surface
+(:mod:`rattlesweep.physics.surface`).
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -26,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Floats
-from rattlesweep.physics.full import acceleration, force, paraboloid, scalar, slope_rate
+from rattlesweep.physics.full import acceleration, force, scalar, slope_rate
 
 N_CONSTANTS = 7
 N_FRICTION_STATE = 6
@@ -36,9 +35,7 @@ SMOOTHING = 1e-4  # eps, in sqrt(g/a): below it rolling resistance becomes visco
 
 
 def inverse_semi_axis(c: ArrayLike | None) -> Floats:
-    """Return ``1/c``, or 0 for paraboloids, whose ``c`` is None or NaN; shape of
-    ``c``.
-    """
+    """Return ``1/c``, or 0 for paraboloids, whose ``c`` is None or NaN."""
     values = np.asarray(np.nan if c is None else c, float)
     return np.where(np.isnan(values), 0.0, 1.0 / values)
 
@@ -46,10 +43,13 @@ def inverse_semi_axis(c: ArrayLike | None) -> Floats:
 @scalar
 def ellipsoid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise):
     """Return the contact of an ellipsoid from its ``e`` and ``rise = (1 - e) / k``."""
-    gx, gy = cxx * p + cxy * q, cxy * p + cyy * q
-    x0, y0 = p + gx, q + gy
+    gx = cxx * p + cxy * q
+    gy = cxy * p + cyy * q
+    x0 = p + gx
+    y0 = q + gy
     less = k * rise
-    fx, fy = e * gx - less * p, e * gy - less * q
+    fx = e * gx - less * p
+    fy = e * gy - less * q
     # Logarithmic derivative of 1 / e.
     fall = k * (e * e) * (x0 * dp + y0 * dq)
     lift = rise - less
@@ -70,35 +70,30 @@ def shape_at(p, q, cxx, cxy, cyy, k):
 
 @scalar
 def ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):
-    """Return the contact of the ellipsoid; see
-    :func:`rattlesweep.physics.full.paraboloid`.
-    """
+    """Return the contact of the ellipsoid, as :func:`full.paraboloid` does."""
     e, rise = shape_at(p, q, cxx, cxy, cyy, k)
     return ellipsoid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise)
 
 
 @scalar
-def frictionless_rhs(surface, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
+def frictionless_rhs(contact, p, q, a, b, c, inertia, shape):
     """Return the time derivative of the state without friction."""
     dp, dq, m = slope_rate(p, q, a, b, c)
-    fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
-    rates, _ = acceleration(
-        p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz
-    )
+    touch = contact(p, q, a, b, c, dp, dq, m, *shape)
+    rates, _ = acceleration(p, q, a, b, c, *inertia, 0.0, 0.0, 0.0, *touch)
     return (dp, dq) + rates  # noqa: RUF005
 
 
 @scalar
-def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
-    """Return the time derivative of an ellipsoid's state without friction."""
-    return frictionless_rhs(ellipsoid, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
+def rise_at(p, q, cxx, cxy, cyy, k):
+    """Return ``rise``, which steps carry, since each stage would need a root for it."""
+    _, rise = shape_at(p, q, cxx, cxy, cyy, k)
+    return rise
 
 
 @scalar
 def corrected_rise(p, q, cxx, cxy, cyy, k, rise):
-    """Return ``e`` and ``rise`` by one step of Newton's method from a nearby
-    ``rise``.
-    """
+    """Return ``e`` and ``rise`` by a step of Newton's method from a nearby ``rise``."""
     s = (p + (cxx * p + cxy * q)) * p + (q + (cxy * p + cyy * q)) * q
     e = 1.0 - k * rise
     step = (0.5 * e) * (s * (e * e) - (rise + rise * e))
@@ -115,21 +110,17 @@ def rise_rate(p, q, dp, dq, cxx, cxy, cyy, k, rise):
 
 
 @scalar
-def carried_ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):
-    """Do as :func:`ellipsoid`, without a root: ``k`` is ``1/c`` and an approximate
-    ``rise``.
-    """
-    inverse, near = k
-    e, rise = corrected_rise(p, q, cxx, cxy, cyy, inverse, near)
-    return ellipsoid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, inverse, e, rise)
+def carried_ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, near):
+    """Like :func:`ellipsoid`, but from an approximate ``rise``, without a root."""
+    e, rise = corrected_rise(p, q, cxx, cxy, cyy, k, near)
+    return ellipsoid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise)
 
 
 @scalar
 def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
-    """Return the energy of an ellipsoid; see
-    :func:`rattlesweep.physics.full.energy`.
-    """
-    gx, gy = cxx * p + cxy * q, cxy * p + cyy * q
+    """Return the energy of an ellipsoid, as :func:`full.energy` does."""
+    gx = cxx * p + cxy * q
+    gy = cxy * p + cyy * q
     tilt = p * p + q * q
     s = tilt + gx * p + gy * q
     rho = sqrt(1.0 + k * s)
@@ -147,51 +138,30 @@ def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
 
 @scalar
 def force_at(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz):
-    """Return the contact force at ``r = (x, y, z)``, where ``dr/dt = r x omega -
-    w``.
-    """
+    """Return the contact force at ``r = (x, y, z)``; ``dr/dt = r x omega - w``."""
     vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
     dx, dy, dz = vx - wx, vy - wy, vz - wz
     return force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, dx, dy, dz, vx, vy, vz)
 
 
 @scalar
-def surface_force(surface, p, q, a, b, c, dp, dq, da, db, dc, cxx, cxy, cyy, k):
-    """Return the contact force in a state whose derivative is given; see
-    `full.contact_force`.
-    """
+def surface_force(contact, p, q, a, b, c, dp, dq, da, db, dc, shape):
+    """Return the contact force, as :func:`full.contact_force`, from the derivative."""
     m = p * b - q * a
-    fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
+    fx, fy, rise, wx, wy, wz, uz = contact(p, q, a, b, c, dp, dq, m, *shape)
     x, y, z = p + fx, q + fy, 1.0 - rise
     return force_at(p * uz, q * uz, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz)
 
 
 @scalar
-def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):
-    """Return the contact force of an ellipsoid without friction."""
-    dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
-    return surface_force(ellipsoid, p, q, a, b, c, dp, dq, da, db, dc, cxx, cxy, cyy, k)
-
-
-@scalar
-def paraboloid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):
-    """Return the contact of the paraboloid; ``k`` is not used."""
-    return paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy)
-
-
-@scalar
-def viscous_rhs(
-    surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
-):
-    """Return the time derivative of the state and of the work under ``-sigma omega``
-    alone.
-    """
+def viscous_rhs(contact, y, inertia, shape, loss):
+    """Return the derivative of state and work under ``-sigma omega`` alone."""
+    p, q, a, b, c, _ = y
+    sigma, _, _ = loss
     dp, dq, m = slope_rate(p, q, a, b, c)
-    fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
+    touch = contact(p, q, a, b, c, dp, dq, m, *shape)
     lx, ly, lz = -sigma * a, -sigma * b, -sigma * c
-    rates, _ = acceleration(
-        p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz
-    )
+    rates, _ = acceleration(p, q, a, b, c, *inertia, lx, ly, lz, *touch)
     return (dp, dq) + rates + (lx * a + ly * b + lz * c,)  # noqa: RUF005
 
 
@@ -211,14 +181,17 @@ def horizontal(u, v):
 @scalar
 def triple(u, r, v):
     """Return ``u . (r x v)``."""
-    (x, y, z), (a, b, c) = r, v
+    x, y, z = r
+    a, b, c = v
     return u[0] * (y * c - z * b) + u[1] * (z * a - x * c) + u[2] * (x * b - y * a)
 
 
 @scalar
 def solve_again(r, h, solved):
     """Return ``J^-1 h``, where ``solved`` is the second value of `full.solve`."""
-    (x, y, z), (hx, hy, hz), (dyz, dzx, dxy, along, ivol) = r, h, solved
+    x, y, z = r
+    hx, hy, hz = h
+    dyz, dzx, dxy, along, ivol = solved
     s = (x * dyz * hx + y * dzx * hy + z * dxy * hz) * along
     return (
         (hx + x * s) * dyz * ivol,
@@ -246,20 +219,20 @@ def resistance(u, omega, r, normal, lever, eps, solved):
 
 
 @scalar
-def rolling_rhs(
-    surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
-):
-    """Return the time derivative of the state and of the work under both couples."""
+def rolling_rhs(contact, y, inertia, shape, loss):
+    """Return the derivative of state and work under both couples."""
+    p, q, a, b, c, _ = y
+    sigma, lever, eps = loss
     dp, dq, m = slope_rate(p, q, a, b, c)
-    fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
+    touch = contact(p, q, a, b, c, dp, dq, m, *shape)
+    fx, fy, rise, wx, wy, wz, uz = touch
     lx, ly, lz = -sigma * a, -sigma * b, -sigma * c
-    rates, solved = acceleration(
-        p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz
-    )
-    u, omega, r = (p * uz, q * uz, uz), (a, b, c), (p + fx, q + fy, 1.0 - rise)
+    rates, solved = acceleration(p, q, a, b, c, *inertia, lx, ly, lz, *touch)
+    u = (p * uz, q * uz, uz)
+    omega = (a, b, c)
+    r = (p + fx, q + fy, 1.0 - rise)
     normal, _ = force_at(*u, *omega, *rates, *r, wx, wy, wz)
-    (da, db, dc), (ra, rb, rc, loss) = (
-        rates,
-        resistance(u, omega, r, normal, lever, eps, solved),
-    )
-    return dp, dq, da - ra, db - rb, dc - rc, lx * a + ly * b + lz * c - loss
+    ra, rb, rc, taken = resistance(u, omega, r, normal, lever, eps, solved)
+    da, db, dc = rates
+    power = lx * a + ly * b + lz * c - taken
+    return dp, dq, da - ra, db - rb, dc - rc, power

@@ -1,5 +1,4 @@
-"""Tangent dynamics: the evolution of a small difference between two runs of
-`physics.full`.
+"""Tangent dynamics: a small difference between two runs of `physics.full`.
 
 The norm of a tangent is an energy (:func:`square`).  In two directions a difference
 neither grows nor decays exponentially: along the flow, where it is a delay, and across
@@ -29,9 +28,11 @@ def rate(
     dp1 = q1 * c + q * c1 - b1 - p1 * m - p * m1
     dq1 = a1 - p1 * c - p * c1 - q1 * m - q * m1
     fx, fy, rise, wx, wy, wz, uz = paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy)
-    fx1, fy1 = cxx * p1 + cxy * q1, cxy * p1 + cyy * q1
+    fx1 = cxx * p1 + cxy * q1
+    fy1 = cxy * p1 + cyy * q1
     x, y, z = p + fx, q + fy, 1.0 - rise
-    x1, y1 = p1 + fx1, q1 + fy1
+    x1 = p1 + fx1
+    y1 = q1 + fy1
     rise1 = x * p1 + y * q1
     twist = fx * q - fy * p
     twist1 = fx1 * q + fx * q1 - fy1 * p - fy * p1
@@ -63,8 +64,10 @@ def rate(
     gx1 = (iy - iz) * (b1 * c + b * c1)
     gy1 = (iz - ix) * (c1 * a + c * a1)
     gz1 = (ix - iy) * (a1 * b + a * b1)
-    px, py = fy + q * rise, fx + p * rise
-    px1, py1 = fy1 + q1 * rise + q * rise1, fx1 + p1 * rise + p * rise1
+    px = fy + q * rise
+    py = fx + p * rise
+    px1 = fy1 + q1 * rise + q * rise1
+    py1 = fx1 + p1 * rise + p * rise1
     tx = gx1 + (y1 * kz + y * kz1 + rise1 * ky - z * ky1) + (uz1 * px + uz * px1)
     ty = gy1 + (z * kx1 - rise1 * kx - x1 * kz - x * kz1) - (uz1 * py + uz * py1)
     tz = gz1 + (x1 * ky + x * ky1 - y1 * kx - y * kx1) + (uz1 * twist + uz * twist1)
@@ -90,8 +93,10 @@ def rate(
 @scalar
 def gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
     """Return the gradient of :func:`rattlesweep.physics.full.energy` over the state."""
-    fx, fy = cxx * p + cxy * q, cxy * p + cyy * q
-    x, y = p + fx, q + fy
+    fx = cxx * p + cxy * q
+    fy = cxy * p + cyy * q
+    x = p + fx
+    y = q + fy
     z = 1.0 - 0.5 * (x * p + y * q)
     vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
     # Derivative of the kinetic energy by the contact point, and below that of the
@@ -112,9 +117,7 @@ def gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
 
 @scalar
 def square(p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
-    """Return the squared norm, in ``M g a``: twice the energy with ``B = 1 + C``, far
-    from zero.
-    """
+    """Return the squared norm, in ``M g a``: twice the energy with ``B = 1 + C``."""
     slope = p1 * p1 + q1 * q1
     return oscillation(p1, q1, a1, b1, ix, iy, cxx, cxy, cyy) + slope + iz * c1 * c1
 
@@ -123,18 +126,19 @@ def square(p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):
 def transverse(
     p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy
 ):
-    """Return the part of a tangent in the surface of constant energy and normal to the
-    flow.
-    """
+    """Return the part of a tangent at constant energy and normal to the flow."""
     ep, eq, ea, eb, ec = gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
     # The inverse of the norm's matrix applied to the gradient.
-    bxx, byy = 1.0 + cxx, 1.0 + cyy
+    bxx = 1.0 + cxx
+    byy = 1.0 + cyy
     det = bxx * byy - cxy * cxy
-    hp, hq = (byy * ep - cxy * eq) / det, (bxx * eq - cxy * ep) / det
+    hp = (byy * ep - cxy * eq) / det
+    hq = (bxx * eq - cxy * ep) / det
     ha, hb, hc = ea / (ix + 1.0), eb / (iy + 1.0), ec / iz
     steep = ep * hp + eq * hq + ea * ha + eb * hb + ec * hc + 1e-290
     off = (ep * p1 + eq * q1 + ea * a1 + eb * b1 + ec * c1) / steep
-    p1, q1 = p1 - off * hp, q1 - off * hq
+    p1 = p1 - off * hp
+    q1 = q1 - off * hq
     a1, b1, c1 = a1 - off * ha, b1 - off * hb, c1 - off * hc
     # At rest there is no flow, and nothing is removed.
     speed = square(dp, dq, da, db, dc, ix, iy, iz, cxx, cxy, cyy) + 1e-290
@@ -156,8 +160,7 @@ def transverse(
 
 @scalar
 def seed(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return a tangent that favours no mode: its slopes and rates have equal
-    energies.
-    """
-    p, q = 1.0 / sqrt(1.0 + cxx), 1.0 / sqrt(1.0 + cyy)
+    """Return a tangent that favours no mode: slopes and rates of equal energies."""
+    p = 1.0 / sqrt(1.0 + cxx)
+    q = 1.0 / sqrt(1.0 + cyy)
     return p, q, 1.0 / sqrt(ix + 1.0), 1.0 / sqrt(iy + 1.0), 0.0

@@ -19,8 +19,7 @@ NO_SPIN = 1e-15
 
 @dataclass(frozen=True)
 class Modes:
-    """Small oscillations without spin: the faster mode (pitch) and the slower one
-    (roll).
+    """Small oscillations without spin: the faster mode (pitch) and the slower (roll).
 
     Attributes
     ----------
@@ -48,8 +47,10 @@ def hessian(
     alpha: Floats, beta: Floats, theta: Floats, phi: Floats, xi: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return ``H_11, H_12, H_22`` of the matrix ``H`` (Eq. 22), in ``g/a``."""
-    roll, pitch = (1 - theta) / theta, (1 - phi) / phi
-    sin, cos = np.sin(xi), np.cos(xi)
+    roll = (1 - theta) / theta
+    pitch = (1 - phi) / phi
+    sin = np.sin(xi)
+    cos = np.cos(xi)
     h11 = (sin**2 * roll + cos**2 * pitch) / alpha
     h22 = (cos**2 * roll + sin**2 * pitch) / beta
     h12 = sin * cos * ((theta - phi) / (theta * phi)) / np.sqrt(alpha * beta)
@@ -63,7 +64,8 @@ def torque_coefficients(
 
     Only arithmetic and ufuncs are used, so that samplers can compile it for scalars.
     """
-    roll, pitch = (1 - theta) / theta, (1 - phi) / phi
+    roll = (1 - theta) / theta
+    pitch = (1 - phi) / phi
     h11, h12, h22 = hessian(alpha, beta, theta, phi, xi)
     split = np.hypot(h11 - h22, 2 * h12)  # omega_p^2 - omega_r^2
     square_p = (h11 + h22 + split) / 2
@@ -78,19 +80,19 @@ def torque_coefficients(
 def modes(
     alpha: ArrayLike, beta: ArrayLike, theta: ArrayLike, phi: ArrayLike, xi: ArrayLike
 ) -> Modes:
-    """Return the two modes of bodies; ``K_p`` and ``K_r`` are positive for ``xi <
-    0``.
-    """
+    """Return the two modes of bodies; ``K_p, K_r > 0`` for ``xi < 0``."""
     alpha, beta, theta, phi, xi = (
         np.asarray(x, float) for x in (alpha, beta, theta, phi, xi)
     )
-    roll, pitch = (1 - theta) / theta, (1 - phi) / phi
+    roll = (1 - theta) / theta
+    pitch = (1 - phi) / phi
     h11, h12, h22 = hessian(alpha, beta, theta, phi, xi)
     square_p, square_r, K_p, K_r = torque_coefficients(alpha, beta, theta, phi, xi)
     # The eigenvectors of H are (cos, sin) and (-sin, cos) of chi; omega_perp is J^-1/2
     # times them.
     chi = np.arctan2(2 * h12, h11 - h22) / 2
-    sin, cos = np.sin(chi), np.cos(chi)
+    sin = np.sin(chi)
+    cos = np.cos(chi)
     psi = (
         np.arctan2(sin * np.sqrt(alpha), cos * np.sqrt(beta)),
         np.arctan2(cos * np.sqrt(alpha), -sin * np.sqrt(beta)),
@@ -103,9 +105,7 @@ def modes(
 
 
 def inertia_along(alpha: ArrayLike, beta: ArrayLike, psi: ArrayLike) -> Floats:
-    """Return the moment of inertia about the line along ``psi`` through the contact
-    point.
-    """
+    """Return the moment of inertia about the line along ``psi`` through the contact."""
     return np.asarray(
         np.asarray(alpha) * np.cos(psi) ** 2 + np.asarray(beta) * np.sin(psi) ** 2
     )
@@ -127,9 +127,7 @@ def oscillation_speed(
 
 
 def unsteady(K_p: ArrayLike, n_i: ArrayLike) -> Flags:
-    """Return whether the pitch grows: for ``n_i > 0``, or for ``n_i < 0`` if ``xi >
-    0``.
-    """
+    """Return whether the pitch grows: for ``n_i > 0``, or ``n_i < 0`` if ``xi > 0``."""
     return np.asarray(np.asarray(K_p) * np.asarray(n_i) > 0)
 
 
@@ -144,9 +142,7 @@ def growth_rates(K_p: ArrayLike, K_r: ArrayLike, n: ArrayLike) -> tuple[Floats, 
 def damping_rates(
     alpha: ArrayLike, beta: ArrayLike, modes: Modes, sigma: ArrayLike
 ) -> tuple[Floats, Floats]:
-    """Return the rates at which a torque ``-sigma omega`` damps the amplitudes without
-    spin.
-    """
+    """Return the rates at which ``-sigma omega`` damps the amplitudes without spin."""
     twice = (2 * inertia_along(alpha, beta, psi) for psi in (modes.psi_p, modes.psi_r))
     pitch, roll = (np.asarray(sigma) / inertia for inertia in twice)
     return pitch, roll
@@ -160,9 +156,13 @@ def _two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
 
 def two_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Return the product and its exact rounding error (Dekker 1971)."""
-    p, at, bt = a * b, 134217729.0 * a, 134217729.0 * b
-    ah, bh = at - (at - a), bt - (bt - b)
-    al, bl = a - ah, b - bh
+    p = a * b
+    at = 134217729.0 * a
+    bt = 134217729.0 * b
+    ah = at - (at - a)
+    bh = bt - (bt - b)
+    al = a - ah
+    bl = b - bh
     return p, ((ah * bh - p) + ah * bl + al * bh) + al * bl
 
 
@@ -241,17 +241,14 @@ class GarciaHubbard:
 def garcia_hubbard(
     body: Any, modes: Modes, n_i: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike
 ) -> GarciaHubbard:
-    """Return the solution for a launch of one body, or of arrays of bodies, along
-    ``psi``.
-    """
+    """Return the solution for a launch of a body, or of many, along ``psi``."""
     speed = oscillation_speed(body.alpha, body.beta, body.gamma, omega_xy0, psi)
     grows = np.where(unsteady(modes.K_p, n_i), modes.K_p, modes.K_r)
     return GarciaHubbard(grows, np.asarray(n_i, float), speed)
 
 
 def direction(modes: Modes, n_i: ArrayLike, psi: str | float) -> Floats:
-    """Return the direction of the horizontal angular velocity at launch, in radians
-    (Eq. 70).
+    """Return the direction of the horizontal angular velocity at launch (Eq. 70).
 
     `psi` is ``pitch``, ``roll``, a number of degrees, or ``relevant``: the roll for
     spins in the steady direction, otherwise the pitch, which is also what a tap on an
@@ -260,9 +257,9 @@ def direction(modes: Modes, n_i: ArrayLike, psi: str | float) -> Floats:
     if psi == "relevant":
         pitch = unsteady(modes.K_p, n_i) | (np.asarray(n_i) == 0)
         return np.where(pitch, modes.psi_p, modes.psi_r)
-    found = {"pitch": modes.psi_p, "roll": modes.psi_r}.get(str(psi))
-    shape = np.broadcast(modes.psi_p, n_i).shape
-    return np.broadcast_to(np.radians(float(psi)) if found is None else found, shape)
+    named = {"pitch": modes.psi_p, "roll": modes.psi_r}
+    angle = named[str(psi)] if psi in named else np.radians(float(psi))
+    return np.broadcast_to(angle, np.broadcast(modes.psi_p, n_i).shape)
 
 
 def full_state(n_i: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike) -> Floats:
@@ -280,13 +277,13 @@ def full_state(n_i: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike) -> Floats:
 def spin_and_oscillation(
     omega: ArrayLike, u: ArrayLike
 ) -> tuple[Floats, Floats, Floats]:
-    """Return ``n = u . omega``, and modulus and direction of ``omega - n u``, each of
-    shape (...).
+    """Return ``n = u . omega``, and modulus and direction of ``omega - n u``, (...).
 
     `omega` and `u` have the shape (..., 3).  The direction is an angle from the x axis,
     in radians.
     """
-    omega, u = np.asarray(omega, float), np.asarray(u, float)
+    omega = np.asarray(omega, float)
+    u = np.asarray(u, float)
     n = (omega * u).sum(axis=-1)
     n = np.where(np.abs(n) <= NO_SPIN * np.linalg.norm(omega, axis=-1), 0.0, n)
     rest = omega - n[..., None] * u

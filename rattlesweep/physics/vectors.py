@@ -53,7 +53,8 @@ def unit(vx, vy, vz):
 @scalar
 def contact(ux, uy, uz, cxx, cxy, cyy, k):
     """Return the contact point ``r`` and ``rho``."""
-    bx, by = ux + cxx * ux + cxy * uy, uy + cxy * ux + cyy * uy
+    bx = ux + cxx * ux + cxy * uy
+    by = uy + cxy * ux + cyy * uy
     s = bx * ux + by * uy
     rho = sqrt(uz * uz + k * s)
     # Nothing cancels in the first form if u_z < 0, also for k = 0, nor in the second
@@ -65,11 +66,14 @@ def contact(ux, uy, uz, cxx, cxy, cyy, k):
 @scalar
 def moving(u, omega, r, rho, cxx, cxy, cyy, k):
     """Return ``w = r x omega - dr/dt``, which is linear in ``omega``."""
-    (ux, uy, uz), (a, b, c), (x, y, z) = u, omega, r
+    ux, uy, uz = u
+    a, b, c = omega
+    x, y, z = r
     du = uy * c - uz * b
     dv = uz * a - ux * c
     dw = ux * b - uy * a
-    bx, by = du + cxx * du + cxy * dv, dv + cxy * du + cyy * dv
+    bx = du + cxx * du + cxy * dv
+    by = dv + cxy * du + cyy * dv
     # Half the derivative of s, and the logarithmic derivative of rho.
     g = ux * bx + uy * by
     fall = (uz * dw + k * g) / (rho * rho)
@@ -84,10 +88,10 @@ def moving(u, omega, r, rho, cxx, cxy, cyy, k):
 
 @scalar
 def smooth_rates(u, omega, r, rho, surface, inertia, sigma):
-    """Return, without rolling resistance: ``domega/dt``, the normal force, ``w``,
-    ``solved``.
-    """
-    (ux, uy, uz), (a, b, c), (x, y, z) = u, omega, r
+    """Return ``domega/dt`` without rolling resistance, ``F_n, w`` and ``solved``."""
+    ux, uy, uz = u
+    a, b, c = omega
+    x, y, z = r
     w = moving(u, omega, r, rho, *surface)
     # At slope zero gravity acts along z only; the torque r x (u_x, u_y, 0) of the rest
     # is added.
@@ -114,15 +118,15 @@ def smooth_rates(u, omega, r, rho, surface, inertia, sigma):
 @scalar
 def rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
     """Return the time derivative of the state (Eqs. 10 and 11, with friction)."""
-    u, omega, surface = unit(vx, vy, vz), (a, b, c), (cxx, cxy, cyy, k)
+    u = unit(vx, vy, vz)
+    omega = (a, b, c)
+    surface = (cxx, cxy, cyy, k)
     r, rho = contact(*u, *surface)
     rates, normal, _, solved = smooth_rates(
         u, omega, r, rho, surface, (ix, iy, iz), sigma
     )
-    (da, db, dc), (ra, rb, rc, loss) = (
-        rates,
-        resistance(u, omega, r, normal, lever, eps, solved),
-    )
+    da, db, dc = rates
+    ra, rb, rc, loss = resistance(u, omega, r, normal, lever, eps, solved)
     power = -sigma * (a * a + b * b + c * c) - loss
     dv = vy * c - vz * b, vz * a - vx * c, vx * b - vy * a
     return dv + (da - ra, db - rb, dc - rc, power)  # noqa: RUF005
@@ -136,9 +140,7 @@ def spin(vx, vy, vz, a, b, c, work):
 
 @scalar
 def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-    """Return the energy minus the work of friction, in ``M g a``; zero at rest
-    upright.
-    """
+    """Return the energy minus the work of friction, in ``M g a``; 0 at rest upright."""
     ux, uy, uz = unit(vx, vy, vz)
     (x, y, z), _ = contact(ux, uy, uz, cxx, cxy, cyy, k)
     vx, vy, vz = y * c - z * b, z * a - x * c, x * b - y * a
@@ -150,11 +152,10 @@ def energy(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
 def contact_force(
     vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
 ):
-    """Return the contact force in ``M g``; see
-    :func:`rattlesweep.physics.full.force`.
-    """
+    """Return the contact force in ``M g``, as :func:`full.force` does."""
     f = rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps)
-    u, omega = unit(vx, vy, vz), (a, b, c)
+    u = unit(vx, vy, vz)
+    omega = (a, b, c)
     r, rho = contact(*u, cxx, cxy, cyy, k)
     w = moving(u, omega, r, rho, cxx, cxy, cyy, k)
     return force_at(*u, *omega, f[3], f[4], f[5], *r, *w)
@@ -163,7 +164,9 @@ def contact_force(
 @scalar
 def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):
     """Return the rate of phase volume without rolling resistance, in ``sqrt(g/a)``."""
-    u, omega, surface = unit(vx, vy, vz), (a, b, c), (cxx, cxy, cyy, k)
+    u = unit(vx, vy, vz)
+    omega = (a, b, c)
+    surface = (cxx, cxy, cyy, k)
     r, rho = contact(*u, *surface)
     x, y, z = r
     _, _, w, solved = smooth_rates(u, omega, r, rho, surface, (ix, iy, iz), sigma)
@@ -175,15 +178,15 @@ def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):
     wxx, _, _ = moving(u, (1.0, 0.0, 0.0), r, rho, *surface)
     _, wyy, _ = moving(u, (0.0, 1.0, 0.0), r, rho, *surface)
     _, _, wzz = moving(u, (0.0, 0.0, 1.0), r, rho, *surface)
-    part = dot(r, w) - sigma
+    gain = dot(r, w) - sigma
     rolled = dot(r, omega)
-    diagonal = part * (dyz + dzx + dxy) - dot(w, s) + dot(r, wd)
+    diagonal = gain * (dyz + dzx + dxy) - dot(w, s) + dot(r, wd)
     diagonal = diagonal - rolled * (dyz * wxx + dzx * wyy + dxy * wzz)
     rank_one = (
         (iy - iz) * sx * (sy * c + sz * b)
         + (iz - ix) * sy * (sz * a + sx * c)
         + (ix - iy) * sz * (sx * b + sy * a)
-        + part * dot(s, s)
+        + gain * dot(s, s)
         - dot(w, s) * dot(r, s)
         + dot(s, omega) * dot(r, ws)
         - rolled * dot(s, ws)
@@ -193,15 +196,11 @@ def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):
 
 @scalar
 def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
-    """Return the rate of phase volume with the resistance ``share J^-1 h``, in
-    ``sqrt(g/a)``.
-    """
-    u, omega, surface, inertia = (
-        unit(vx, vy, vz),
-        (a, b, c),
-        (cxx, cxy, cyy, k),
-        (ix, iy, iz),
-    )
+    """Return the rate of phase volume with the resistance ``share J^-1 h``."""
+    u = unit(vx, vy, vz)
+    omega = (a, b, c)
+    surface = (cxx, cxy, cyy, k)
+    inertia = (ix, iy, iz)
     r, rho = contact(*u, *surface)
     x, y, z = r
     _, normal, _, solved = smooth_rates(u, omega, r, rho, surface, inertia, sigma)
@@ -213,7 +212,8 @@ def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
     share = lever * normal / below
     # The normal force is quadratic in omega, so its central difference along j is
     # exact.
-    more, less = (a + ja, b + jb, c + jc), (a - ja, b - jb, c - jc)
+    more = (a + ja, b + jb, c + jc)
+    less = (a - ja, b - jb, c - jc)
     _, ahead, _, _ = smooth_rates(u, more, r, rho, surface, inertia, sigma)
     _, behind, _, _ = smooth_rates(u, less, r, rho, surface, inertia, sigma)
     g = horizontal(u, j)
@@ -231,11 +231,13 @@ def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
 
 
 def from_slopes(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
-    """Return states (runs, 7) and constants (runs, 10) of runs in slopes, with friction
-    or not.
+    """Return states (runs, 7) and constants (runs, 10) of runs in slopes.
+
+    The runs may have friction or not.
     """
     u, omega = full.to_vectors(y[:, : full.N_STATE].T)
-    work, loss = y[:, full.N_STATE :], constants[:, stone.N_CONSTANTS :]
+    work = y[:, full.N_STATE :]
+    loss = constants[:, stone.N_CONSTANTS :]
     if not work.size:
         work = np.zeros((len(y), 1))
         loss = np.tile([0.0, 0.0, stone.SMOOTHING], (len(y), 1))
@@ -245,7 +247,5 @@ def from_slopes(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
 
 
 def to_slopes(y: Floats) -> Floats:
-    """Return slopes, angular velocity and work, shape (runs, 6), of states (runs,
-    7).
-    """
+    """Return slopes, angular velocity and work, (runs, 6), of states (runs, 7)."""
     return np.hstack([y[:, :2] / y[:, 2:3], y[:, 3:]])

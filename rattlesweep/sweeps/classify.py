@@ -10,10 +10,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.columns import read_parquet
 from rattlesweep.sweeps.config.read import parse_config, resolved
 from rattlesweep.sweeps.config.schema import Classify
-from rattlesweep.sweeps.provenance import hold
+from rattlesweep.sweeps.locks import hold
+from rattlesweep.sweeps.parquet import read_parquet
 from rattlesweep.sweeps.stored import Stored, open_stored, rewrite, typed_by
 from rattlesweep.sweeps.summary import write_summary
 from rattlesweep.sweeps.types import with_types

@@ -1,33 +1,30 @@
-"""The columns of the tables `runs` (a row per run) and `summary` (a row per case), and
-Parquet.
+"""The columns of the tables `runs` (a row per run) and `summary` (a row per case).
 
 The names are fixed, so that scripts written against today's tables read next year's.
-Each page of a file has a checksum, which every reader here verifies.
 """
 
-import os
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.errors import ConfigError, DamagedError, OutputError
-from rattlesweep.sweeps.files import reason, streamed_file
+from rattlesweep.errors import ConfigError
+from rattlesweep.quantities import DAMPING as DAMPING
+from rattlesweep.quantities import ENERGY as ENERGY
+from rattlesweep.quantities import FORCE as FORCE
+from rattlesweep.quantities import MEASURES, QUANTITIES, Definition
+from rattlesweep.quantities import RATE as RATE
+from rattlesweep.quantities import TIME as TIME
 
-TIME, RATE, ENERGY, FORCE = "sqrt(a/g)", "sqrt(g/a)", "M g a", "M g"
-DAMPING = "M a^2 sqrt(g/a)"
-F64, I32, I64, FLAG, TEXT = (
-    pa.float64(),
-    pa.int32(),
-    pa.int64(),
-    pa.bool_(),
-    pa.string(),
-)
+F64 = pa.float64()
+I32 = pa.int32()
+I64 = pa.int64()
+FLAG = pa.bool_()
+TEXT = pa.string()
 # "element" is Parquet's own name, with which a schema is read as it was written.
 SERIES = pa.list_(pa.field("element", F64))
 
@@ -35,251 +32,499 @@ SERIES = pa.list_(pa.field("element", F64))
 def field(
     name: str, kind: pa.DataType, unit: str, words: str, nullable: bool = True
 ) -> pa.Field:
-    """Return a column with its unit (``"1"`` for a pure number or a word) and its
-    meaning.
-    """
+    """Return a column with its unit (``"1"`` without one) and its meaning."""
     return pa.field(name, kind, nullable, metadata={"unit": unit, "description": words})
 
 
 required = partial(field, nullable=False)
 
-# Columns of `runs` in order, in groups.
-RUNS: dict[str, tuple[pa.Field, ...]] = {
-    "keys": (
-        required("case", I32, "1", "number of the case, from 0"),
-        required("sample", I64, "1", "number of the run within its case, from 0"),
-    ),
-    "body": (
-        required("alpha", F64, "1", "I_xx / (M a^2) + 1"),
-        required("beta", F64, "1", "I_yy / (M a^2) + 1"),
-        required("gamma", F64, "1", "I_zz / (M a^2)"),
-        required(
-            "theta", F64, "1", "larger principal curvature at the bottom, times a"
-        ),
-        required("phi", F64, "1", "smaller principal curvature at the bottom, times a"),
-        required(
-            "xi",
-            F64,
-            "rad",
-            "skew angle from the axes of inertia to those of curvature",
-        ),
-        field("f_sd", F64, "1", "I_yy / I_zz; null unless the source has it"),
-    ),
-    "launch": (
-        required(
-            "n_i", F64, RATE, "initial spin; positive: unsteady direction if xi < 0"
-        ),
-        required("omega_xy0", F64, RATE, "initial rate of the oscillation"),
-        field("psi", F64, "rad", "direction of the oscillation from the x axis"),
-    ),
-    "theory": (
-        field("omega_p", F64, RATE, "pitch frequency without spin"),
-        field("omega_r", F64, RATE, "roll frequency without spin"),
-        field("K_p", F64, "1", "asymmetric torque coefficient of pitch"),
-        field("K_r", F64, "1", "asymmetric torque coefficient of roll"),
-        field(
-            "n_c1",
-            F64,
-            RATE,
-            "Bondi's threshold spin of the steady direction; null: none",
-        ),
-        field("n_0", F64, RATE, "spin if all energy were spin"),
-        field(
-            "t_rgh",
-            F64,
-            TIME,
-            "reversal time of Garcia and Hubbard's theory; null: none",
-        ),
-    ),
-    "result": (
-        required("t_end", F64, TIME, "time reached"),
-        field(
-            "t_r",
-            F64,
-            TIME,
-            "first zero of the spin by t_end; null: none, or the body is dead",
-        ),
-        field(
-            "type", TEXT, "1", "R, SS, SW, unclassified or D; null if status is not ok"
-        ),
-        required("status", TEXT, "1", "ok, or a word for what went wrong"),
-        field(
-            "n_end",
-            F64,
-            RATE,
-            "spin at t_end; if classify.early ended the run, its limit",
-        ),
-        required("n_steps", I64, "1", "accepted steps of the integrator"),
-        field("energy_drift", F64, "1", "relative change of energy at t_end"),
-    ),
-    "observation": (
-        field(
-            "amp_growth",
-            F64,
-            "1",
-            "largest growth of the amplitude between two windows",
-        ),
-        field(
-            "n_departure",
-            F64,
-            "1",
-            "largest fractional loss of spin at any step, 1 - n/n_i",
-        ),
-        required(
-            "near_tangencies",
-            I32,
-            "1",
-            "extrema so near zero that the spin may cross it",
+
+@dataclass(frozen=True)
+class Column:
+    """A column of `runs`, and where its value comes from.
+
+    A name in :data:`rattlesweep.quantities.QUANTITIES` has its unit and meaning from
+    there; only the others are given here.
+    """
+
+    name: str
+    type: pa.DataType
+    # Dotted path from `block.Results` to the array over runs.
+    source: str
+    unit: str = "1"
+    meaning: str = ""
+    # Appended to the meaning: what a null means, or a sign.
+    note: str = ""
+    formula: str = ""
+    nullable: bool = True
+    # Whether `bodies.refine.by` may compare it.
+    refines: bool = False
+
+    @property
+    def definition(self) -> Definition:
+        """Symbol, unit and meaning."""
+        if self.name in QUANTITIES:
+            return QUANTITIES[self.name]
+        return Definition(self.name, self.unit, self.meaning, formula=self.formula)
+
+    @property
+    def field(self) -> pa.Field:
+        """The column of the Arrow schema."""
+        definition = self.definition
+        meaning = definition.meaning
+        if self.note:
+            meaning = f"{meaning}; {self.note}"
+        return field(self.name, self.type, definition.unit, meaning, self.nullable)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns that a sweep has together."""
+
+    name: str
+    # In the documentation; groups with one heading share a table.
+    heading: str
+    columns: tuple[Column, ...]
+    # Whether only sweeps that ask for the group have it.
+    optional: bool = False
+    # Models that do not have it.
+    not_with: tuple[str, ...] = ()
+
+
+must = partial(Column, nullable=False)
+
+# The columns of `runs` in order.
+GROUPS = (
+    Group(
+        "keys",
+        "Keys",
+        (
+            must("case", I32, "launches.case", meaning="number of the case, from 0"),
+            must(
+                "sample",
+                I64,
+                "launches.sample",
+                meaning="number of the run within its case, from 0",
+            ),
         ),
     ),
-    "surface": (
-        field(
-            "c",
-            F64,
-            "a",
-            "vertical semi-axis of the ellipsoid below; null: a paraboloid",
+    Group(
+        "body",
+        "Body and launch",
+        (
+            must("alpha", F64, "bodies.alpha"),
+            must("beta", F64, "bodies.beta"),
+            must("gamma", F64, "bodies.gamma"),
+            must("theta", F64, "bodies.theta"),
+            must("phi", F64, "bodies.phi"),
+            must("xi", F64, "bodies.xi"),
+            Column("f_sd", F64, "bodies.f_sd", note="null unless the source has it"),
         ),
     ),
-    "dissipation": (
-        required("sigma", F64, DAMPING, "torque -sigma omega"),
-        required("rolling", F64, "a", "lever of the rolling resistance"),
-        field(
-            "growth",
-            F64,
-            RATE,
-            "growth rate of the oscillation at n_i; null if rolling > 0",
+    Group(
+        "launch",
+        "Body and launch",
+        (
+            must(
+                "n_i",
+                F64,
+                "launches.n_i",
+                note="positive: unsteady direction if xi < 0",
+            ),
+            must("omega_xy0", F64, "launches.omega_xy0"),
+            Column("psi", F64, "launches.psi"),
         ),
-        field(
-            "n_growth",
-            F64,
-            RATE,
-            "spin at which growth balances damping; null if rolling > 0",
+    ),
+    Group(
+        "theory",
+        "Theory",
+        (
+            Column("omega_p", F64, "launches.modes.omega_p"),
+            Column("omega_r", F64, "launches.modes.omega_r"),
+            Column("K_p", F64, "launches.modes.K_p"),
+            Column("K_r", F64, "launches.modes.K_r"),
+            Column("n_c1", F64, "launches.n_c1", note="null: none"),
+            Column("n_0", F64, "launches.n_0"),
+            Column("t_rgh", F64, "launches.gh.t_rgh", note="null: none"),
         ),
-        field("energy_left", F64, "1", "fraction of the initial energy left at t_end"),
+    ),
+    Group(
+        "result",
+        "Result",
+        (
+            must("t_end", F64, "outcome.t_end", refines=True),
+            Column(
+                "t_r",
+                F64,
+                "outcome.t_r",
+                note="null: none, or the body is dead",
+                refines=True,
+            ),
+            Column(
+                "type",
+                TEXT,
+                "type",
+                meaning="R, SS, SW, unclassified or D; null if status is not ok",
+                refines=True,
+            ),
+            must("status", TEXT, "status", meaning="ok, or a word for what went wrong"),
+            Column(
+                "n_end",
+                F64,
+                "n_end",
+                RATE,
+                "spin at t_end; if classify.early ended the run, its limit",
+                refines=True,
+            ),
+            must(
+                "n_steps",
+                I64,
+                "outcome.n_steps",
+                meaning="accepted steps of the integrator",
+                refines=True,
+            ),
+            Column(
+                "energy_drift",
+                F64,
+                "outcome.energy_drift",
+                meaning="relative change of energy at t_end",
+                refines=True,
+            ),
+        ),
+    ),
+    Group(
+        "observation",
+        "Result",
+        (
+            Column(
+                "amp_growth",
+                F64,
+                "outcome.amp_growth",
+                meaning="largest growth of the amplitude between two windows",
+                refines=True,
+            ),
+            Column(
+                "n_departure",
+                F64,
+                "outcome.n_departure",
+                meaning="largest fractional loss of spin at any step, 1 - n/n_i",
+                refines=True,
+            ),
+            must(
+                "near_tangencies",
+                I32,
+                "outcome.near_tangencies",
+                meaning="extrema so near zero that the spin may cross it",
+            ),
+        ),
+    ),
+    Group(
+        "surface",
+        "`bodies: {surface: ellipsoid}`",
+        (Column("c", F64, "bodies.c", note="null: a paraboloid"),),
+        optional=True,
+    ),
+    Group(
+        "dissipation",
+        "`dissipation`",
+        (
+            must("sigma", F64, "launches.sigma"),
+            must("rolling", F64, "launches.rolling"),
+            Column(
+                "growth",
+                F64,
+                "growth",
+                RATE,
+                "growth rate of the oscillation at n_i; null if rolling > 0",
+            ),
+            Column(
+                "n_growth",
+                F64,
+                "n_growth",
+                RATE,
+                "spin at which growth balances damping; null if rolling > 0",
+            ),
+            Column(
+                "energy_left",
+                F64,
+                "energy_left",
+                meaning="fraction of the initial energy left at t_end",
+            ),
+        ),
+        optional=True,
+        not_with=("reduced", "gh"),
     ),
     # By the words of `record`; null for a run that failed at launch.
-    "energy": (
-        field("energy_0", F64, ENERGY, "energy at launch"),
-        field(
-            "energy_drift_max",
+    Group(
+        "energy",
+        "`record: [energy]`",
+        (
+            Column("energy_0", F64, "outcome.energy_0", ENERGY, "energy at launch"),
+            Column(
+                "energy_drift_max",
+                F64,
+                "outcome.energy_drift_max",
+                meaning="largest relative change of energy at any step",
+            ),
+        ),
+        optional=True,
+        not_with=("gh",),
+    ),
+    Group(
+        "contact",
+        "`record: [contact]`",
+        (
+            Column(
+                "contact_ratio_max",
+                F64,
+                "outcome.contact_ratio_max",
+                meaning="largest F_perp / F_parallel at the contact",
+                refines=True,
+            ),
+            Column(
+                "contact_normal_min",
+                F64,
+                "outcome.contact_normal_min",
+                FORCE,
+                "smallest F_parallel; negative: lift-off",
+            ),
+        ),
+        optional=True,
+        not_with=("reduced", "gh"),
+    ),
+    Group(
+        "windows",
+        "`record: [windows]`",
+        (
+            Column("window_t", F64, "batch.window", TIME, "length of one window"),
+            Column(
+                "window_amplitude",
+                SERIES,
+                "window_amplitude",
+                RATE,
+                "amplitude of the relevant mode, by window",
+            ),
+            Column(
+                "window_n_min", SERIES, "window_n_min", RATE, "smallest spin, by window"
+            ),
+            Column(
+                "window_n_max", SERIES, "window_n_max", RATE, "largest spin, by window"
+            ),
+        ),
+        optional=True,
+        not_with=("gh",),
+    ),
+    Group(
+        "lyapunov",
+        "`record: [lyapunov]`",
+        (
+            Column(
+                "lyapunov",
+                F64,
+                "lyapunov",
+                RATE,
+                "largest Lyapunov exponent over the whole run, or up to t_r",
+                refines=True,
+            ),
+            Column(
+                "lyapunov_late",
+                F64,
+                "lyapunov_late",
+                RATE,
+                "Lyapunov exponent of the second half; null: too short",
+            ),
+            Column(
+                "chaotic",
+                FLAG,
+                "chaotic",
+                meaning="lyapunov_late * t_end / 2 > 10; null: run too short",
+            ),
+        ),
+        optional=True,
+        not_with=("reduced", "gh"),
+    ),
+    Group(
+        "volume",
+        "`record: [volume]`",
+        (
+            Column(
+                "volume_rate",
+                F64,
+                "outcome.volume_rate",
+                RATE,
+                "mean rate of the logarithm of phase volume over the run",
+            ),
+        ),
+        optional=True,
+        not_with=("reduced", "gh"),
+    ),
+    Group(
+        "error",
+        "`record: [error]`",
+        (
+            Column(
+                "t_r_error",
+                F64,
+                "outcome.t_r_error",
+                TIME,
+                "estimated bound of the error of t_r; null: no t_r",
+            ),
+            Column(
+                "type_sure",
+                FLAG,
+                "type_sure",
+                meaning="whether the type is the same within the errors",
+            ),
+            Column(
+                "amp_growth_error",
+                F64,
+                "outcome.amp_growth_error",
+                meaning="estimated error of amp_growth; null: unknown",
+            ),
+            Column(
+                "n_departure_error",
+                F64,
+                "outcome.n_departure_error",
+                meaning="estimated error of n_departure; null: unknown",
+            ),
+        ),
+        optional=True,
+        not_with=("gh",),
+    ),
+    Group(
+        "tol",
+        "`integrator: {accuracy: {t_r: ...}}`",
+        (
+            Column(
+                "tol",
+                F64,
+                "outcome.tol",
+                meaning="tolerance at which the run was integrated",
+            ),
+        ),
+        optional=True,
+        not_with=("gh",),
+    ),
+    Group(
+        "reversals",
+        "`record: [reversals]`",
+        (
+            Column(
+                "n_turns",
+                I32,
+                "n_turns",
+                meaning="turns, from a spin beyond n_i/4 to beyond -n_i/4",
+                formula="number of turns",
+                refines=True,
+            ),
+            Column(
+                "turn_times",
+                SERIES,
+                "turn_times",
+                TIME,
+                "first zero in each of the first eight turns",
+            ),
+            Column(
+                "spin_after_turn",
+                SERIES,
+                "spin_after_turn",
+                RATE,
+                "largest absolute spin until the next turn",
+            ),
+        ),
+        optional=True,
+        not_with=("gh",),
+    ),
+    Group(
+        "turns",
+        "`record: [reversals, error]`",
+        (
+            Column(
+                "reversals_sure",
+                I32,
+                "reversals_sure",
+                meaning="first turns with an error below 1e-3; at most eight",
+                formula="number of confirmed turns",
+            ),
+            Column(
+                "reversal_times_error",
+                SERIES,
+                "reversal_times_error",
+                TIME,
+                "estimated error of turn_times; null: unknown",
+            ),
+        ),
+        optional=True,
+        not_with=("gh",),
+    ),
+)
+
+# Further columns of `runs` launched from a full state, and of bodies with a known size.
+STATE_GROUP = Group(
+    "state",
+    "Launches from a full state",
+    (
+        must("omega_x", F64, "omega_x"),
+        must("omega_y", F64, "omega_y"),
+        must("omega_z", F64, "omega_z"),
+        must("u_x", F64, "u_x"),
+        must("u_y", F64, "u_y"),
+        must("u_z", F64, "u_z"),
+    ),
+)
+SIZE_GROUP = Group(
+    "size",
+    "Bodies in SI units",
+    (
+        Column("t_r_s", F64, "t_r_s", "s", "t_r in seconds"),
+        must(
+            "n_i_rpm",
             F64,
-            "1",
-            "largest relative change of energy at any step",
+            "n_i_rpm",
+            "rpm",
+            "n_i in turns a minute, counterclockwise from above",
         ),
     ),
-    "contact": (
-        field(
-            "contact_ratio_max", F64, "1", "largest F_perp / F_parallel at the contact"
-        ),
-        field(
-            "contact_normal_min", F64, FORCE, "smallest F_parallel; negative: lift-off"
-        ),
-    ),
-    "windows": (
-        field("window_t", F64, TIME, "length of one window"),
-        field(
-            "window_amplitude",
-            SERIES,
-            RATE,
-            "amplitude of the relevant mode, by window",
-        ),
-        field("window_n_min", SERIES, RATE, "smallest spin, by window"),
-        field("window_n_max", SERIES, RATE, "largest spin, by window"),
-    ),
-    "lyapunov": (
-        field(
-            "lyapunov",
-            F64,
-            RATE,
-            "largest Lyapunov exponent over the whole run, or up to t_r",
-        ),
-        field(
-            "lyapunov_late",
-            F64,
-            RATE,
-            "Lyapunov exponent of the second half; null: too short",
-        ),
-        field(
-            "chaotic", FLAG, "1", "lyapunov_late * t_end / 2 > 10; null: run too short"
-        ),
-    ),
-    "volume": (
-        field(
-            "volume_rate",
-            F64,
-            RATE,
-            "mean rate of the logarithm of phase volume over the run",
-        ),
-    ),
-    "error": (
-        field(
-            "t_r_error", F64, TIME, "estimated bound of the error of t_r; null: no t_r"
-        ),
-        field("type_sure", FLAG, "1", "whether the type is the same within the errors"),
-        field(
-            "amp_growth_error", F64, "1", "estimated error of amp_growth; null: unknown"
-        ),
-        field(
-            "n_departure_error",
-            F64,
-            "1",
-            "estimated error of n_departure; null: unknown",
-        ),
-    ),
-    "tol": (field("tol", F64, "1", "tolerance at which the run was integrated"),),
-    "reversals": (
-        field("n_turns", I32, "1", "turns, from a spin beyond n_i/4 to beyond -n_i/4"),
-        field(
-            "turn_times", SERIES, TIME, "first zero in each of the first eight turns"
-        ),
-        field(
-            "spin_after_turn", SERIES, RATE, "largest absolute spin until the next turn"
-        ),
-    ),
-    # Where both errors and reversals are recorded.
-    "turns": (
-        field(
-            "reversals_sure",
-            I32,
-            "1",
-            "first turns with an error below 1e-3; at most eight",
-        ),
-        field(
-            "reversal_times_error",
-            SERIES,
-            TIME,
-            "estimated error of turn_times; null: unknown",
-        ),
-    ),
+)
+
+COLUMNS: dict[str, Column] = {
+    column.name: column
+    for group in (*GROUPS, STATE_GROUP, SIZE_GROUP)
+    for column in group.columns
 }
-# Further columns of `runs` launched from a full state.
-STATE: tuple[pa.Field, ...] = tuple(
-    required(
-        f"{vector}_{x}", F64, unit, f"initial {words}, component along the body's {x}"
-    )
-    for vector, unit, words in (
-        ("omega", RATE, "angular velocity"),
-        ("u", "1", "vertical vector"),
-    )
-    for x in "xyz"
-)
-# Further columns of `runs` of bodies with a known size.
-MEASURED: tuple[pa.Field, ...] = (
-    field("t_r_s", F64, "s", "t_r in seconds"),
-    required(
-        "n_i_rpm", F64, "rpm", "n_i in turns a minute, counterclockwise from above"
-    ),
-)
+"""All columns of `runs` that rattlesweep computes, by name."""
+
+REFINABLE = tuple(column.name for column in COLUMNS.values() if column.refines)
+"""Columns that `bodies.refine.by` may compare."""
+
+RUNS: dict[str, tuple[pa.Field, ...]] = {
+    group.name: tuple(column.field for column in group.columns) for group in GROUPS
+}
+STATE = tuple(column.field for column in STATE_GROUP.columns)
+MEASURED = tuple(column.field for column in SIZE_GROUP.columns)
 # Optional groups of columns, with the models that do not have them.
 RECORD_PARTS: dict[str, tuple[str, ...]] = {
-    **dict.fromkeys(
-        ("energy", "windows", "error", "tol", "reversals", "turns"), ("gh",)
-    ),
-    **dict.fromkeys(
-        ("contact", "lyapunov", "volume", "dissipation"), ("reduced", "gh")
-    ),
-    "surface": (),
+    group.name: group.not_with for group in GROUPS if group.optional
 }
+
+
+def define(name: str) -> Definition:
+    """Return the definition of a quantity, or of a column; of another name, that name.
+
+    A column in SI units, such as ``n_i_rpm``, has the symbol of its quantity.
+    """
+    if name in MEASURES and name not in QUANTITIES:
+        definition, measure = MEASURES[name]
+        return Definition(
+            name, measure.unit, definition.meaning, formula=definition.symbol
+        )
+    if name in QUANTITIES:
+        return QUANTITIES[name]
+    if name in COLUMNS:
+        return COLUMNS[name].definition
+    return Definition(name, "1", name)
+
+
 # Columns of `summary` in order; fractions are of the runs with status ok.
 SUMMARY = pa.schema(
     (
@@ -356,29 +601,19 @@ SUMMARY = pa.schema(
     )
 )
 
-# Columns with few distinct values, which dictionary encoding makes smaller.
-REPEATING = {
-    "case",
-    "n_i",
-    "omega_xy0",
-    "type",
-    "status",
-    "near_tangencies",
-    "window_t",
-}
-ROW_GROUP = (
-    1 << 17
-)  # rows, about 30 MB decoded, so that readers can stream a large file
-
 
 def runs_schema(
     record: Collection[str] = (), model: str = "full", extra: Iterable[pa.Field] = ()
 ) -> pa.Schema:
-    """Return the schema of `runs` with some of `RECORD_PARTS` and `extra` columns."""
-    if wrong := [part for part in sorted(record) if model in RECORD_PARTS[part]]:
-        raise ConfigError(f"record: the model {model!r} cannot record {wrong[0]!r}")
-    asked = [part for part in RUNS if part not in RECORD_PARTS or part in record]
-    return pa.schema([*(column for part in asked for column in RUNS[part]), *extra])
+    """Return the schema of `runs` with some optional groups and `extra` columns."""
+    refused = sorted(name for name in record if model in RECORD_PARTS[name])
+    if refused:
+        raise ConfigError(f"record: the model {model!r} cannot record {refused[0]!r}")
+    fields: list[pa.Field] = []
+    for group in GROUPS:
+        if not group.optional or group.name in record:
+            fields += RUNS[group.name]
+    return pa.schema([*fields, *extra])
 
 
 def same_schema(one: pa.Schema, other: pa.Schema) -> bool:
@@ -425,50 +660,3 @@ def _to_arrow(values: Any, kind: pa.DataType) -> pa.Array:
 def floats(column: pa.Array) -> Floats:
     """Return a column of numbers; null is NaN."""
     return np.asarray(column.to_numpy(zero_copy_only=False).astype(float))
-
-
-def write_parquet(
-    table: pa.Table, path: Path, metadata: Mapping[str, str] | None = None
-) -> None:
-    """Write a table with metadata; equal tables give equal files."""
-    # Page boundaries depend on those of chunks.
-    table = table.combine_chunks().replace_schema_metadata(dict(metadata or {}) or None)
-    with streamed_file(path) as file:
-        encode(table, file)
-
-
-def encode(table: pa.Table, sink: Any) -> None:
-    """Write a table as Parquet with page checksums to an open file."""
-    repeating = [name for name in table.schema.names if name in REPEATING]
-    pq.write_table(
-        table,
-        sink,
-        row_group_size=ROW_GROUP,
-        version="2.6",
-        compression="zstd",
-        use_dictionary=repeating,
-        write_page_checksum=True,
-    )
-
-
-def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """Return the rows of a Parquet file, with its metadata.
-
-    Raise a DamagedError if its contents contradict their checksums, or an OutputError.
-    """
-    try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            rows = file.read(None if columns is None else list(columns))
-            if len(rows) != file.metadata.num_rows:
-                raise pa.ArrowInvalid("its footer contradicts itself")
-            return rows
-    except MemoryError:
-        # Arrow's own is also an ArrowException, but does not mean the file is damaged
-        raise
-    except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
-        # For damaged pages and footers Arrow raises an OSError without a number.
-        if isinstance(error, OSError) and error.errno is not None:
-            raise OutputError(
-                f"cannot read {path}: {os.strerror(error.errno)}"
-            ) from error
-        raise DamagedError(f"{path} is damaged: {reason(error)}") from error

@@ -28,8 +28,9 @@ from rattlesweep.errors import ConfigError, OutputError, one_line
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.task import POLL, Task
 from rattlesweep.sweeps.block import load_kernel, prepare_runs, start_block
+from rattlesweep.sweeps.job import Job, Keys, OutOfTime
 from rattlesweep.sweeps.provenance import versions
-from rattlesweep.sweeps.run import Engine, Job, Keys, OutOfTime
+from rattlesweep.sweeps.run import Engine
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -106,8 +107,8 @@ def connected(address: str) -> Iterator[Client]:
         client = Client(address, timeout=ANSWER_TIMEOUT, set_as_default=False)
     except Exception as error:  # the other side may send anything
         raise OutputError(
-            f"--scheduler {address}: no Dask scheduler answers there ({type(error).__name__}); "
-            "give an address such as tcp://host:8786"
+            f"--scheduler {address}: no Dask scheduler answers there "
+            f"({type(error).__name__}); give an address such as tcp://host:8786"
         ) from error
     try:
         yield client
@@ -181,8 +182,9 @@ def _spread(
             elif now - seen > WORKER_TIMEOUT:
                 where = client.scheduler.address
                 raise OutputError(
-                    f"the scheduler at {where} has had no worker for {WORKER_TIMEOUT:.0f} s; start "
-                    f"some with `dask worker {where}`, and the same command resumes from there"
+                    f"the scheduler at {where} has had no worker for "
+                    f"{WORKER_TIMEOUT:.0f} s; start some with `dask worker {where}`, "
+                    "and the same command resumes from there"
                 )
             while len(flying) < BLOCKS_PER_WORKER * len(workers):
                 keys = again.pop() if again else next(blocks, None)
@@ -209,8 +211,7 @@ def _spread(
                 if len(table) < len(keys[0]):
                     again.append(keys)
                 else:
-                    job.time_block(keys, seconds)
-                    job.write(table)
+                    job.write(table, seconds)
             job.tick()
     finally:
         flying.clear()  # Dask cancels tasks without a reference to their future
@@ -222,8 +223,8 @@ def _workers(client: Client) -> dict[str, int]:
         if client.status == "running":
             return dict(client.sync(client.nthreads, callback_timeout=ANSWER_TIMEOUT))
     raise OutputError(
-        f"the scheduler at {client.scheduler.address} is lost; completed runs are kept, and with a "
-        "new one the same command resumes from there"
+        f"the scheduler at {client.scheduler.address} is lost; completed runs are "
+        "kept, and with a new one the same command resumes from there"
     )
 
 
@@ -295,7 +296,7 @@ def _result(future: Future, keys: Keys) -> tuple[pa.Table, float]:
     ) as error:  # workers are lost again and again, or have another environment
         words = one_line(f"{type(error).__name__}: {error}", 200)
         raise OutputError(
-            f"the block that begins with case {keys[0][0]}, sample {keys[1][0]} cannot be done "
-            f"({words}); the logs of the workers may say why"
+            f"the block that begins with case {keys[0][0]}, sample {keys[1][0]} cannot "
+            f"be done ({words}); the logs of the workers may say why"
         ) from error
     return table, seconds

@@ -138,7 +138,7 @@ class Refining:
             self.grid(found.value) if found.column else None,
         )
         wanted = np.zeros(self.shape, dtype=bool)
-        wanted[np.ix_(*map(_ticks, self.shape, self.strides))] = True
+        wanted[np.ix_(*map(ticks_of, self.shape, self.strides))] = True
         while not (code[wanted] == MISSING).any():
             before = wanted.copy()
             # Rows beyond this wave must not count.
@@ -160,7 +160,7 @@ class Refining:
         """Yield the points that halve those cells, with sides `stride`, whose runs
         differ.
         """
-        ticks = [_ticks(n, s) for n, s in zip(self.shape, stride, strict=True)]
+        ticks = [ticks_of(n, s) for n, s in zip(self.shape, stride, strict=True)]
         corners = np.ix_(*ticks)
         # By cell: largest and smallest type, and whether all corners have a row.
         most, least = code, np.where(code != MISSING, code, np.int8(127))
@@ -241,7 +241,7 @@ def _in_units_of_bodies(
     ]
 
 
-def _ticks(length: int, stride: int) -> Integers:
+def ticks_of(length: int, stride: int) -> Integers:
     """Return every `stride`-th index along an axis, and the last."""
     return np.unique(np.append(np.arange(0, length, stride), length - 1))
 

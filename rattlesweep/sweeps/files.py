@@ -1,14 +1,18 @@
 """Files that appear whole or not at all, and errors of the system in words."""
 
 import contextlib
+import errno
 import os
 import secrets
+import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from rattlesweep.errors import ConfigError, OutputError, one_line
+
+MOST_BYTES = 1 << 28  # of a file that is read as a whole
 
 
 def as_path(value: Any, name: str) -> Path:
@@ -27,6 +31,29 @@ def probe_directory(path: Path) -> None:
         tempfile.TemporaryFile(dir=path).close()
 
 
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file to read; raise an OSError for what is no file.
+
+    A pipe may never end, and a device may never stop.
+    """
+    mode = os.stat(path).st_mode
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise OSError(errno.EINVAL, "it is not a regular file")
+    return open(path, "rb")
+
+
+def read_regular(path: Path, limit: int = MOST_BYTES) -> bytes:
+    """Return the bytes of a file, at most `limit`, or raise an OSError that says why.
+
+    Only regular files are read; see :func:`open_regular`.
+    """
+    with open_regular(path) as file:
+        data = file.read(limit + 1)
+    if len(data) > limit:
+        raise OSError(errno.EFBIG, f"it is larger than {limit / 1e6:g} MB")
+    return data
+
+
 def replace_file(path: Path, data: bytes) -> None:
     """Write `data` to `path` in one step; see :func:`streamed_file`."""
     with streamed_file(path) as file:
@@ -34,12 +61,13 @@ def replace_file(path: Path, data: bytes) -> None:
 
 
 @contextlib.contextmanager
-def streamed_file(path: Path) -> Iterator[BinaryIO]:
-    """Open a file that appears at `path`, whole and on disk, once the body has
-    succeeded.
+def streamed_file(path: Path, staging: Path | None = None) -> Iterator[BinaryIO]:
+    """Open a file that appears at `path`, whole and on disk, after the body.
+
+    Until then it is a hidden file in the folder `staging`, by default its own.
     """
-    # Readers of a whole directory skip hidden files.
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+    folder = path.parent if staging is None else staging
+    temporary = folder / f".{path.name}.{secrets.token_hex(4)}.tmp"
     with explained(f"cannot write {path}"):
         try:
             with open(temporary, "xb") as file:
@@ -47,15 +75,23 @@ def streamed_file(path: Path) -> Iterator[BinaryIO]:
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(temporary, path)
-            folder = os.open(path.parent, os.O_RDONLY)
-            with contextlib.suppress(
-                OSError
-            ):  # some network file systems cannot sync a folder
-                os.fsync(folder)
-            os.close(folder)
+            _sync_folder(path.parent)
         finally:
             with contextlib.suppress(OSError):  # it is gone if the rename succeeded
                 temporary.unlink()
+
+
+def _sync_folder(path: Path) -> None:
+    """Write the names in a folder to disk, if the system can.
+
+    Windows cannot open a folder, and some network file systems cannot sync one.
+    """
+    with contextlib.suppress(OSError):
+        folder = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 @contextlib.contextmanager

@@ -14,8 +14,8 @@ import pyarrow as pa
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.decide import wanted_runs
 from rattlesweep.sweeps.files import explained, streamed_file
+from rattlesweep.sweeps.locks import hold
 from rattlesweep.sweeps.plan import check_empty, check_same
-from rattlesweep.sweeps.provenance import hold
 from rattlesweep.sweeps.stored import MANIFEST, free_path, open_stored
 from rattlesweep.sweeps.summary import write_summary
 

@@ -30,14 +30,8 @@ from rattlesweep.sweeps.config.read import (
 )
 from rattlesweep.sweeps.config.schema import Config, SdSource, clashes
 from rattlesweep.sweeps.files import explained
-from rattlesweep.sweeps.provenance import (
-    LOCKS,
-    at_work,
-    command_line,
-    machine,
-    now,
-    versions,
-)
+from rattlesweep.sweeps.locks import LOCKS, at_work
+from rattlesweep.sweeps.provenance import command_line, machine, now, versions
 from rattlesweep.sweeps.stored import (
     FOLDER,
     FORMAT,
@@ -102,8 +96,8 @@ def make_plan(
         launches = list(product(values["n_i"], values["omega_xy0"]))
         n_i = np.array(config.spin.n_i)
     else:
-        told = "missing; the table has no columns n_i and omega_xy0, so the config must give them"
-        raise ConfigError(f"spin: {told}")
+        lacks = "the table has no columns n_i and omega_xy0"
+        raise ConfigError(f"spin: missing; {lacks}, so the config must give them")
     is_state = "u_x" in table or ("n_i" not in table and config.launch is not None)
     _check_launches(config, is_state, n_i, own_end)
     if config.dissipation:
@@ -161,8 +155,11 @@ def _natural(config: Config, source: Source) -> dict[str, list[float | None]]:
             np.nan if units is None else units.natural(value, value.kind)
         )
         if np.isnan(natural).any():
-            wanted = "give columns height_m and mass_kg, or a number in the bodies' own units"
-            raise ConfigError(f"{told} needs the size of the bodies; {wanted}")
+            advice = "give columns height_m and mass_kg"
+            raise ConfigError(
+                f"{told} needs the size of the bodies; {advice}, or a number in the "
+                "bodies' own units"
+            )
         if broken := check_value(name, natural):
             own = f"is {natural[broken[0]]:g} in units of the body"
             raise ConfigError(f"{told} {own}; {broken[1]}")
@@ -305,8 +302,10 @@ def check_same(one: Stored, other: Stored) -> None:
             f"{one.directory}: holds another sweep ({what}); give another output"
         )
     if one.schema.names != other.schema.names:
-        told = "another version of rattlesweep wrote its runs, with other columns; repeat them"
-        raise ConfigError(f"{one.directory}: {told} in another directory")
+        raise ConfigError(
+            f"{one.directory}: another version of rattlesweep wrote its runs, with "
+            "other columns; repeat them in another directory"
+        )
 
 
 def check_empty(directory: Path) -> None:

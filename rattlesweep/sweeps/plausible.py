@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -14,16 +14,18 @@ from rattlesweep.arrays import Flags
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
 from rattlesweep.sweeps.bodies.sources import SdBodies, bodies_at, ranges_of
-from rattlesweep.sweeps.bodies.table import TableBodies, frame_bodies, unknown_columns
-from rattlesweep.sweeps.columns import write_parquet
+from rattlesweep.sweeps.bodies.table import (
+    Frame,
+    TableBodies,
+    frame_bodies,
+    unknown_columns,
+)
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.sweeps.files import probe_directory
 from rattlesweep.sweeps.launches import Launches, prepare
+from rattlesweep.sweeps.parquet import write_parquet
 from rattlesweep.sweeps.plan import Plan, examine, make_plan
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 MOST_RUNS = 4096  # runs that are judged
 BODIES_DRAWN = 65_536  # bodies drawn to find the range of a target's coefficient
@@ -31,7 +33,7 @@ SEED = 2017
 
 
 def plan_frame(
-    frame: pd.DataFrame, output: Path | None, keys: Mapping[str, Any]
+    frame: Frame, output: Path | None, keys: Mapping[str, Any]
 ) -> tuple[Plan, Path, Path, list[str]]:
     """Plan a sweep of a DataFrame, and store its rows in the output directory."""
     if "bodies" in keys:
@@ -92,7 +94,8 @@ def _doubts(config: Config, launches: Launches, which: str) -> Iterator[str]:
     early = t_end < t_rgh  # false without spin, where t_rGH is NaN
     if endless.any():
         name, unit = ("t_rgh", "t_rGH") if horizon.t_rgh else ("t_decay", "gamma/sigma")
-        problem = f"{name} times {unit} is not a finite time in {told(endless)}; give t as well"
+        problem = f"{name} times {unit} is not a finite time in {told(endless)}"
+        problem += "; give t as well"
         if endless.all():
             raise ConfigError(f"horizon.{name}: {problem}")
         yield f"horizon.{name}: {problem}"
@@ -121,8 +124,8 @@ def _drawn_bodies(source: SdSource) -> TableBodies:
             if abs(value - np.clip(value, low, high)) > target.rel_tol * value:
                 where = f"{BODIES_DRAWN} bodies drawn from the ranges"
                 raise ConfigError(
-                    f"bodies.target.{target.name}: {value:g} is out of reach: in {where} "
-                    f"{target.name} lies between {low:.4g} and {high:.4g}"
+                    f"bodies.target.{target.name}: {value:g} is out of reach: in "
+                    f"{where} {target.name} lies between {low:.4g} and {high:.4g}"
                 )
     return TableBodies(
         {k: column for k, column in vars(b).items() if isinstance(column, np.ndarray)}

@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain, count, zip_longest
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -25,30 +25,31 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.arrays import Flags, Integers
-from rattlesweep.errors import ConfigError, DamagedError, OutputError
+from rattlesweep.errors import ConfigError, DamagedError, OutputError, one_line
 from rattlesweep.sweeps.columns import (
     floats,
-    read_parquet,
     runs_schema,
     same_schema,
-    write_parquet,
 )
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Classify, Config
-from rattlesweep.sweeps.files import explained, reason, replace_file
+from rattlesweep.sweeps.files import explained, read_regular, reason, replace_file
+from rattlesweep.sweeps.parquet import read_parquet, write_parquet
 from rattlesweep.sweeps.types import TYPES, codes
 from rattlesweep.units import Quantity
 
-MANIFEST, SUMMARY, FOLDER = "manifest.json", "summary.parquet", "runs"
+MANIFEST = "manifest.json"
+SUMMARY = "summary.parquet"
+FOLDER = "runs"  # holds rows and nothing else: readers take all files there for data
+DAMAGED = "damaged"  # folder of the files that were damaged
 FORMAT = 3
-# Metadata of a file of rows: hash of the sweep, thresholds of the types, cases of the
-# rows.
-SWEEP, TYPED, CASES = "rattlesweep.sweep", "rattlesweep.classify", "rattlesweep.cases"
+# Metadata of a file of rows: hash of the sweep, thresholds of its types, its cases.
+SWEEP = "rattlesweep.sweep"
+TYPED = "rattlesweep.classify"
+CASES = "rattlesweep.cases"
 KEY = ("case", "sample")
-MISSING, FAILED = (
-    -1,
-    len(TYPES),
-)  # codes of runs that are not stored, and of those without a type
+MISSING = -1  # code of a run that is not stored
+FAILED = len(TYPES)  # code of a stored run without a type
 BATCH_ROWS = 1_000_000  # rows sorted at a time
 VARIES = {
     "n_i": "spin",
@@ -56,45 +57,59 @@ VARIES = {
     "sigma": "torque per spin",
     "rolling": "length",
 }
+IS_DAMAGED = "{} is damaged; `rattlesweep run` does its runs again"
 
 
 def open_stored(directory: Path | str) -> Stored:
     """Open an output directory; raise a ConfigError if it is none."""
-    path = (directory := Path(directory)) / MANIFEST
+    directory = Path(directory)
+    path = directory / MANIFEST
     try:
-        data = json.loads(path.read_bytes())
-        if data["format"] != FORMAT:
-            raise ValueError(
-                f"its format is {data['format']}, and this version reads {FORMAT}"
-            )
-        extra = tuple(
-            pa.field(
-                name,
-                pa.type_for_alias(kind),
-                nullable,
-                {"unit": unit, "description": words},
-            )
-            for name, kind, nullable, unit, words in data["columns"]
-        )
-        cases, samples = tuple(map(Case.load, data["cases"])), int(data["samples"])
-        if [case.index for case in cases] != list(range(len(cases))) or samples < 1:
-            raise ValueError("its cases are not numbered from 0, or have no samples")
-        config, key = parse_config(data["config"]), str(data["config_hash"])
-        return Stored(config, cases, samples, extra, directory, data, key)
+        return _load(directory, json.loads(read_regular(path)))
     except (FileNotFoundError, NotADirectoryError):
-        what = (
-            "it has no manifest.json"
-            if directory.is_dir()
-            else "there is no such directory"
-        )
+        what = "there is no such directory"
+        if directory.is_dir():
+            what = "it has no manifest.json"
         raise ConfigError(f"{directory} is not an output directory: {what}") from None
     except OSError as error:
         raise OutputError(f"cannot read {path}: {reason(error)}") from error
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+    except (
+        ValueError,
+        TypeError,
+        KeyError,
+        AttributeError,
+        OverflowError,
+        RecursionError,
+    ) as error:
+        why = reason(error)[:100]
         raise DamagedError(
-            f"{path} is damaged or of another version ({reason(error)[:100]}); move it away, and "
+            f"{path} is damaged or of another version ({why}); move it away, and "
             "`rattlesweep run` with the same config writes a new one"
         ) from error
+
+
+def _load(directory: Path, manifest: dict[str, Any]) -> Stored:
+    """Return the sweep that a manifest describes."""
+    if manifest["format"] != FORMAT:
+        is_format = f"its format is {manifest['format']}"
+        raise ValueError(f"{is_format}, and this version reads {FORMAT}")
+    extra = []
+    for name, kind, nullable, unit, description in manifest["columns"]:
+        meaning = {"unit": unit, "description": description}
+        extra.append(pa.field(name, pa.type_for_alias(kind), nullable, meaning))
+    cases = tuple(map(Case.load, manifest["cases"]))
+    samples = int(manifest["samples"])
+    if [case.index for case in cases] != list(range(len(cases))) or samples < 1:
+        raise ValueError("its cases are not numbered from 0, or have no samples")
+    return Stored(
+        config=parse_config(manifest["config"]),
+        cases=cases,
+        samples=samples,
+        extra=tuple(extra),
+        directory=directory,
+        manifest=manifest,
+        hash=str(manifest["config_hash"]),
+    )
 
 
 @dataclass(frozen=True)
@@ -102,19 +117,14 @@ class Design:
     """The runs of a sweep: a number of samples of each case."""
 
     config: Config  # with all defaults filled in
-    cases: tuple[
-        Case, ...
-    ]  # in a directory that has grown, not in the order of the config
+    # In a directory that has grown, cases are not in the order of the config.
+    cases: tuple[Case, ...]
     samples: int  # of each case
-    extra: tuple[
-        pa.Field, ...
-    ]  # columns that bodies and launches add to the usual ones
+    extra: tuple[pa.Field, ...]  # columns of bodies and launches beside the usual ones
 
     @cached_property
     def schema(self) -> pa.Schema:
-        """Arrow schema of the runs, with `unit` and `description` in each field's
-        metadata.
-        """
+        """Arrow schema of the runs; fields have metadata `unit` and `description`."""
         return runs_schema(self.config.parts, self.config.model, self.extra)
 
     @property
@@ -142,14 +152,11 @@ class Stored(Design):
 
     @property
     def thresholds(self) -> Classify:
-        """Thresholds of the types on disk, which ``rattlesweep classify`` may have
-        changed.
-        """
+        """Thresholds of the types on disk, which `classify` may have changed."""
         for path in self.files():
             with contextlib.suppress(DamagedError, ValueError):
-                return self.config.classify.model_copy(
-                    update=json.loads(typed_by(path) or "{}")
-                )
+                thresholds = json.loads(typed_by(path) or "{}")
+                return self.config.classify.model_copy(update=thresholds)
         return self.config.classify
 
     @property
@@ -170,33 +177,36 @@ class Stored(Design):
 
     def files(self) -> list[Path]:
         """Return the files of rows, sorted by name."""
-        with (
-            explained(f"cannot read {self.folder}"),
-            contextlib.suppress(FileNotFoundError),
-        ):
-            paths = sorted(self.folder.iterdir())
-            return [
-                p
-                for p in paths
-                if p.suffix == ".parquet" and not p.name.startswith(".")
-            ]
-        return []
+        return _visible(self.folder, ".parquet")
+
+    def damaged_files(self) -> list[Path]:
+        """Return the files that were damaged and have been set aside."""
+        return _visible(self.directory / DAMAGED, ".damaged")
+
+    def set_aside(self, paths: Sequence[Path]) -> list[Path]:
+        """Move damaged files out of the way of readers; return their new paths."""
+        folder = self.directory / DAMAGED
+        moved = []
+        with explained(f"cannot move a damaged file to {folder}"):
+            for path in paths:
+                folder.mkdir(exist_ok=True)
+                target = free_path(folder / f"{path.name}.damaged")
+                moved.append(path.rename(target))
+        return moved
 
     def append(self, table: pa.Table, typed: str) -> None:
         """Write rows, none of which is on disk, to a new file."""
         case, sample = keys_of(table.slice(0, 1))
         name = f"case{case[0]:05d}-sample{sample[0]:09d}.parquet"
-        words = {
+        labels = {
             SWEEP: self.hash,
             TYPED: typed,
             CASES: "\n".join(self._cases_of(table)),
         }
-        write_parquet(table, free_path(self.folder / name), words)
+        write_parquet(table, free_path(self.folder / name), labels, self.directory)
 
     def find(self, files: Iterable[Path] | None = None) -> Found:
-        """Read all files, or these; raise an OutputError for rows that are no part of
-        the sweep.
-        """
+        """Read all files, or these; raise an OutputError for rows of no use."""
         found = self.nothing_found()
         for path in self.files() if files is None else files:
             try:
@@ -204,42 +214,41 @@ class Stored(Design):
             except DamagedError:
                 found.damaged.append(path)
                 continue
-            if fault := self._fault(rows, found):
-                raise OutputError(
-                    f"{path} {fault}; move it away, or use another output"
-                )
+            fault = self._fault(rows, found)
+            if fault is not None:
+                advice = "move it away, or use another output"
+                raise OutputError(f"{path} {fault}; {advice}")
             found.add(rows)
             found.typed.setdefault(metadata(rows).get(TYPED, ""), []).append(path)
         return found
 
     def _fault(self, rows: pa.Table, found: Found) -> str | None:
-        """Return why the rows of a file cannot be added to those that were found
-        before.
-        """
-        words = metadata(rows)
-        if words.get(SWEEP) != self.hash:
+        """Return why the rows of a file cannot be added to those found before."""
+        labels = metadata(rows)
+        if labels.get(SWEEP) != self.hash:
             return "holds runs of another sweep"
         if not same_schema(rows.schema, self.schema):
             return "has the columns of another version of rattlesweep"
-        case, sample = keys_of(rows)
         if not len(rows):
             return "holds no runs"
-        if case.max() >= len(self.cases) or sample.max() >= self.samples:
-            return (
-                f"holds runs beyond {len(self.cases)} cases of {self.samples} samples"
-            )
-        if not set(self._cases_of(rows)) <= {*words.get(CASES, "").split("\n")}:
+        case, sample = keys_of(rows)
+        # A negative key would count from the end.
+        is_inside = (case >= 0) & (case < len(self.cases))
+        is_inside &= (sample >= 0) & (sample < self.samples)
+        if not is_inside.all():
+            limits = f"{len(self.cases)} cases of {self.samples} samples"
+            return f"holds runs beyond {limits}"
+        if not set(self._cases_of(rows)) <= {*labels.get(CASES, "").split("\n")}:
             return "numbers its cases differently"
-        stored = found.code[case, sample] != MISSING
-        if stored.any() or len(np.unique(_order(rows))) < len(rows):
+        is_stored = found.code[case, sample] != MISSING
+        if is_stored.any() or len(np.unique(_order(rows))) < len(rows):
             return "holds runs that are stored twice"
         return None
 
     def _cases_of(self, rows: pa.Table) -> list[str]:
-        return [
-            json.dumps(self.cases[n].dump())
-            for n in pc.unique(rows["case"]).to_pylist()
-        ]
+        """Return the cases of rows as they are in the metadata of a file."""
+        numbers = pc.unique(rows["case"]).to_pylist()
+        return [json.dumps(self.cases[number].dump()) for number in numbers]
 
     def count(self) -> int:
         """Return the number of rows on disk."""
@@ -249,20 +258,18 @@ class Stored(Design):
         """Return all rows, or some of their columns, in the order of their keys."""
         chosen = self.schema.names if names is None else names
         schema = pa.schema([self.schema.field(name) for name in chosen])
-        return pa.Table.from_batches(
-            self.batches(chosen), schema.remove_metadata()
-        ).cast(schema)
+        batches = self.batches(chosen)
+        return pa.Table.from_batches(batches, schema.remove_metadata()).cast(schema)
 
     def batches(self, names: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
-        """Yield the same rows in the same order, about `BATCH_ROWS` or one file at a
-        time.
-        """
+        """Yield the same rows in the same order, in pieces that fit into memory."""
         names = self.schema.names if names is None else list(names)
+        needed = list(dict.fromkeys([*names, *KEY]))
         first = {path: _order(read_parquet(path, KEY))[0] for path in self.files()}
         paths = sorted(first, key=first.__getitem__)
-        held: list[pa.Table] = []
+        held: list[pa.Table] = []  # rows that later files may have rows between
         for path, following in zip_longest(paths, paths[1:]):
-            rows = read_parquet(path, list(dict.fromkeys([*names, *KEY])))
+            rows = read_parquet(path, needed)
             held.append(rows.replace_schema_metadata(None))
             if following is not None and sum(map(len, held)) < BATCH_ROWS:
                 continue
@@ -270,29 +277,36 @@ class Stored(Design):
             order = _order(table)
             if (np.diff(order) < 0).any():
                 index = np.argsort(order)
-                table, order = table.take(index), order[index]
-            # No later file has rows before the first row of the next file.
-            ready = (
-                len(table)
-                if following is None
-                else np.searchsorted(order, first[following])
-            )
+                table = table.take(index)
+                order = order[index]
+            ready = len(table)
+            if following is not None:
+                # No later file has rows before the first row of the next file.
+                ready = int(np.searchsorted(order, first[following]))
             held = [table.slice(ready)]
             yield from table.slice(0, ready).select(names).to_batches()
 
 
+def _visible(folder: Path, suffix: str) -> list[Path]:
+    """Return the files of a folder with a suffix, sorted; none if it is missing."""
+    paths: list[Path] = []
+    with explained(f"cannot read {folder}"), contextlib.suppress(FileNotFoundError):
+        paths = sorted(folder.iterdir())
+    return [
+        path
+        for path in paths
+        if path.suffix == suffix and not path.name.startswith(".")
+    ]
+
+
 class Found:
-    """What the files of a directory contain, and the rows that a session adds to
-    them.
-    """
+    """What the files of a directory contain, and the rows that a session adds."""
 
     def __init__(self, shape: tuple[int, int], column: str | None = None) -> None:
-        self.code = np.full(
-            shape, MISSING, np.int8
-        )  # index in TYPES, FAILED or MISSING
-        self.value = np.full(
-            shape if column else (0, 0), np.nan
-        )  # of the column, if there is one
+        # Of each run, its index in TYPES, or FAILED or MISSING.
+        self.code = np.full(shape, MISSING, np.int8)
+        # Of each run, the value of the column that decides what runs are wanted.
+        self.value = np.full(shape if column else (0, 0), np.nan)
         self.column = column
         self.status: Counter[str] = Counter()  # runs by status
         self.typed: dict[str, list[Path]] = {}  # files by thresholds, as JSON
@@ -316,7 +330,8 @@ class Found:
 
     def add(self, rows: pa.Table) -> None:
         """Add rows."""
-        keys, kind = keys_of(rows), codes(rows.column("type"))
+        keys = keys_of(rows)
+        kind = codes(rows.column("type"))
         self.code[keys] = np.where(kind < 0, FAILED, kind)
         if self.column in rows.schema.names:
             self.value[keys] = floats(rows.column(self.column))
@@ -336,40 +351,56 @@ class Case:
     index: int = field(compare=False)
     target_name: str | None
     target: float | None
-    n_i: float | None
-    omega_xy0: float | None
+    n_i: float | None = None
+    omega_xy0: float | None = None
     sigma: float | None = None
     rolling: float | None = None
 
-    def dump(self) -> dict[str, Any]:
+    def dump(self) -> dict[str, str | float]:
         """Return the case as JSON data, without what is None."""
-        data = {"case": self.index, self.target_name: self.target}
-        values = ((name, getattr(self, name)) for name in VARIES)
-        data |= {name: getattr(value, "text", value) for name, value in values}
-        return {str(name): value for name, value in data.items() if value is not None}
+        data: dict[str, str | float] = {"case": self.index}
+        if self.target_name is not None and self.target is not None:
+            data[self.target_name] = self.target
+        for name in VARIES:
+            value = getattr(self, name)
+            if isinstance(value, Quantity):
+                data[name] = value.text
+            elif value is not None:
+                data[name] = value
+        return data
 
     @classmethod
     def load(cls, data: Mapping[str, Any]) -> Case:
-        """Return the case of such data."""
+        """Return the case of such data; raise a TypeError for other kinds of data."""
         name = next((name for name in ("K_p", "K_r") if name in data), None)
-        kinds = {name or "": "", **VARIES}
-        given = ((data.get(key), kind) for key, kind in kinds.items())
-        found = (Quantity(x, kind) if isinstance(x, str) else x for x, kind in given)
-        return cls(int(data["case"]), name, *found)
+        kinds = VARIES if name is None else {name: "", **VARIES}
+        values: dict[str, float] = {}
+        for key, kind in kinds.items():
+            value = data.get(key)
+            if isinstance(value, str):
+                values[key] = Quantity(value, kind)
+            elif isinstance(value, int | float) and not isinstance(value, bool):
+                values[key] = value
+            elif value is not None:
+                raise TypeError(f"{key} of a case is {one_line(repr(value), 30)}")
+        target = None if name is None else values.pop(name)
+        return cls(int(data["case"]), name, target, **values)
 
     def __str__(self) -> str:
-        values = list(self.dump().items())[1:]
-        return ", ".join(
-            f"{k} {x if isinstance(x, str) else f'{x:g}'}" for k, x in values
-        )
+        texts = []
+        for name, value in self.dump().items():
+            if name != "case":
+                texts.append(
+                    f"{name} {value}" if isinstance(value, str) else f"{name} {value:g}"
+                )
+        return ", ".join(texts)
 
 
 def rewrite(path: Path, rows: pa.Table, typed: str) -> None:
-    """Replace the rows of a file by others with its metadata; remove it if there are
-    none.
-    """
+    """Replace the rows of a file by others with its metadata, or by none at all."""
     if len(rows):
-        write_parquet(rows, path, metadata(rows) | {TYPED: typed})
+        labels = metadata(rows) | {TYPED: typed}
+        write_parquet(rows, path, labels, path.parent.parent)
     else:
         with explained(f"cannot remove {path}"):
             path.unlink()
@@ -382,10 +413,10 @@ def typed_by(path: Path) -> str:
 
 def metadata(rows: pa.Table) -> dict[str, str]:
     """Return the metadata of the file that rows were read from."""
-    words = rows.schema.metadata or {}
-    return {
-        k.decode(errors="replace"): v.decode(errors="replace") for k, v in words.items()
-    }
+    labels = {}
+    for name, value in (rows.schema.metadata or {}).items():
+        labels[name.decode(errors="replace")] = value.decode(errors="replace")
+    return labels
 
 
 def keys_of(rows: pa.Table) -> tuple[Integers, Integers]:
@@ -401,8 +432,10 @@ def _order(rows: pa.Table) -> Integers:
 
 
 def free_path(path: Path) -> Path:
-    """Return the path if no file has it, otherwise with a number appended to its
-    stem.
-    """
-    numbered = (path.with_stem(f"{path.stem}-{again}") for again in count(2))
-    return next(free for free in chain([path], numbered) if not free.exists())
+    """Return the path, with a number appended to its stem if a file has it."""
+    free = path
+    again = 1
+    while free.exists():
+        again += 1
+        free = path.with_stem(f"{path.stem}-{again}")
+    return free

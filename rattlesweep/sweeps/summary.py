@@ -17,6 +17,8 @@ from rattlesweep.physics.theory import unsteady
 from rattlesweep.sweeps import columns as tables
 from rattlesweep.sweeps.bodies.table import WITH_UNITS
 from rattlesweep.sweeps.decide import nearest_rows
+from rattlesweep.sweeps.parquet import read_parquet, write_parquet
+from rattlesweep.sweeps.skipped import estimate
 from rattlesweep.sweeps.stored import SUMMARY, VARIES, Case, Stored
 from rattlesweep.sweeps.types import DEAD, TYPES, R, codes, share
 from rattlesweep.text import align
@@ -47,6 +49,8 @@ COLUMNS = (
 SI = {name: (si, size) for si, (name, size, _) in WITH_UNITS.items() if name in VARIES}
 # Shares of runs that need a coefficient of friction above these.
 FRICTION = {"share_friction_above_0_3": 0.3, "share_friction_above_0_6": 0.6}
+# Times that are interpolated at the points that a refined sweep skips.
+INTERPOLATED = ("t_r", "t_r_s", "t_rgh", "t_r_error")
 SENSITIVE = 1e-6  # relative error of t_r above which a run is sensitive
 
 
@@ -55,13 +59,13 @@ def read_summary(stored: Stored) -> pa.Table:
     file.
     """
     path = stored.directory / SUMMARY
-    return tables.read_parquet(path) if path.exists() else summarise(stored)
+    return read_parquet(path) if path.exists() else summarise(stored)
 
 
 def write_summary(stored: Stored) -> pa.Table:
     """Write ``summary.parquet`` from the rows, and return it."""
     table = summarise(stored)
-    tables.write_parquet(table, stored.directory / SUMMARY)
+    write_parquet(table, stored.directory / SUMMARY)
     return table
 
 
@@ -71,21 +75,36 @@ def summarise(stored: Stored) -> pa.Table:
 
 
 def count_cases(stored: Stored) -> Counts:
-    """Count runs by case; in a refined sweep, each weighs as many points as it is
-    nearest to.
+    """Count runs by case; in a refined sweep, count all points of its grid.
+
+    A skipped point counts as the nearest run, with interpolated times.
     """
-    cases, names = len(stored.cases), ("case", *columns_for(stored.schema))
+    cases = len(stored.cases)
+    names = ("case", *columns_for(stored.schema))
     counts = Counts(cases)
     for rows in stored.batches(names):
         counts.add(rows, rows.column("case").to_numpy().astype(np.int64))
     if stored.config.deciding_key != "bodies.refine":
         return counts
-    weighted, runs = Counts(cases), stored.read(names)
-    for case, nearest in nearest_rows(stored):
-        row, weight = np.unique(nearest[nearest >= 0], return_counts=True)
-        weighted.add(runs.take(pa.array(row)), np.full(len(row), case), weight)
-    weighted |= {name: counts[name] for name in ("runs", "failed")}
-    return weighted
+    runs = stored.read(names)
+    nearest = np.stack([rows for _, rows in nearest_rows(stored)])
+    estimates = {
+        name: estimate(stored, tables.floats(runs.column(name)), nearest)
+        for name in INTERPOLATED
+        if name in names
+    }
+    points = Counts(cases)
+    for case, rows in enumerate(nearest):
+        has_run = rows >= 0
+        copies = runs.take(pa.array(rows[has_run]))
+        for name, values in estimates.items():
+            column = copies.column(name)
+            # The nearest run decides whether there is a time at all.
+            times = pa.array(values[case, has_run], mask=column.is_null().to_numpy())
+            copies = copies.set_column(copies.schema.get_field_index(name), name, times)
+        points.add(copies, np.full(len(copies), case))
+    points |= {name: counts[name] for name in ("runs", "failed")}
+    return points
 
 
 def columns_for(schema: pa.Schema) -> list[str]:
@@ -122,21 +141,16 @@ class Counts(dict[str, Integers]):
             name: self[name] for name in TYPES if name != TYPES[DEAD] or name in self
         }
 
-    def add(
-        self, rows: pa.Table, cell: Integers, weight: Integers | None = None
-    ) -> None:
-        """Add runs to cells, each as often as its weight; a negative cell leaves a run
-        out.
-        """
-        weight = np.ones(len(cell), np.int64) if weight is None else weight
+    def add(self, rows: pa.Table, cell: Integers) -> None:
+        """Add runs to cells; a negative cell leaves a run out."""
         numbers, values = _measured(rows)
         for name, number in numbers.items():
             into = self.setdefault(name, self[name])
-            np.add.at(into, cell[cell >= 0], (weight * number)[cell >= 0])
+            np.add.at(into, cell[cell >= 0], number[cell >= 0])
         for name, own in values.items():
             kept = (cell >= 0) & np.isfinite(own)
             moments: Moments = getattr(self, name)
-            moments.add(cell[kept], own[kept], weight[kept])
+            moments.add(cell[kept], own[kept])
 
 
 def _measured(rows: pa.Table) -> tuple[dict[str, Flags | Integers], dict[str, Floats]]:
@@ -186,19 +200,19 @@ class Moments:
         self.count = np.zeros(cells, np.int64)
         self._first, self._sum, self._squares = np.zeros((3, cells))
 
-    def add(self, cell: Integers, values: Floats, weight: Integers | int = 1) -> None:
-        """Add values to cells, each as often as its weight."""
+    def add(self, cell: Integers, values: Floats) -> None:
+        """Add values to cells."""
         new = np.flatnonzero(self.count[cell] == 0)
         cells, place = np.unique(cell[new], return_index=True)
         self._first[cells] = values[new[place]]
         step = values - self._first[cell]
         # One by one and in order; np.bincount would sum each batch separately.
-        np.add.at(self.count, cell, weight)
-        np.add.at(self._sum, cell, weight * step)
+        np.add.at(self.count, cell, 1)
+        np.add.at(self._sum, cell, step)
         with np.errstate(
             over="ignore"
         ):  # the deviation is then infinite, and stored as null
-            np.add.at(self._squares, cell, weight * step**2)
+            np.add.at(self._squares, cell, step**2)
 
     def means(self) -> Floats:
         """Return the means, NaN without values."""

@@ -1,85 +1,40 @@
-"""Inspect an output directory: its progress, and whether its contents are correct."""
+"""Whether the contents of an output directory are correct."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from rattlesweep.errors import ConfigError, DamagedError, OutputError
-from rattlesweep.sweeps.columns import read_parquet
+from rattlesweep.arrays import Flags, Floats
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.columns import floats
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.decide import wanted_runs
-from rattlesweep.sweeps.provenance import at_work, read_sessions, unfinished, who
-from rattlesweep.sweeps.stored import SUMMARY, keys_of, open_stored
+from rattlesweep.sweeps.parquet import read_parquet
+from rattlesweep.sweeps.status import set_aside
+from rattlesweep.sweeps.stored import (
+    IS_DAMAGED,
+    SUMMARY,
+    Found,
+    Stored,
+    keys_of,
+    open_stored,
+)
 from rattlesweep.sweeps.summary import summarise
 from rattlesweep.sweeps.types import with_types
 from rattlesweep.text import counted
+from rattlesweep.units import Quantity
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.plan import Plan
 
 MAX_SHOWN = 10  # problems that are printed
-DAMAGED = "{} is damaged; `rattlesweep run` does its runs again"
-
-
-@dataclass(frozen=True)
-class Status:
-    """Progress of a sweep; :func:`status` defines the keys of `data`."""
-
-    title: str
-    data: dict[str, Any]
-
-    @property
-    def words(self) -> str:
-        """The same as text."""
-        data = self.data
-        share, size = (
-            data["runs"] / max(1, data["wanted"]),
-            f"{data['bytes'] / 1e6:.1f} MB",
-        )
-        runs = f"{data['runs']:,} of {data['wanted']:,} runs ({100 * share:.1f} %)"
-        lines = [f"{self.title}: {runs}, {counted(data['files'], 'file')}, {size}"]
-        for what in [key for key in ("status", "types") if data[key]]:
-            lines.append(
-                f"{what}: {', '.join(f'{word} {n:,}' for word, n in data[what].items())}"
-            )
-        for session in data["at_work"]:
-            lines.append(
-                f"at work: {session['shard'] or 'the whole sweep'}, {who(session)}"
-            )
-        if not data["at_work"] and (last := data["last"]) is not None:
-            how = "was killed" if last["how"] == "running" else f"ended: {last['how']}"
-            lines.append(f"no process is at work; the last session, {who(last)}, {how}")
-        return "\n".join(lines)
-
-
-def status(directory: Path) -> Status:
-    """Count the rows of an output directory, and list the sessions at work there."""
-    stored = open_stored(directory)
-    found, files = stored.find(), stored.files()
-    if found.damaged:
-        raise DamagedError(DAMAGED.format(found.damaged[0]))
-    wanted = wanted_runs(stored, found)
-    sessions, locks = read_sessions(directory), at_work(directory)
-    working = [
-        session for lock, session in unfinished(sessions).items() if lock in locks
-    ]
-    data = {
-        "runs": found.rows,
-        "wanted": int(wanted.sum()),
-        "files": len(files),
-        "bytes": sum(path.stat().st_size for path in files),
-        "status": dict(found.status.most_common()),
-        "types": dict(found.types.most_common()),
-        "at_work": working,
-        "last": next((s for s in reversed(sessions) if s not in working), None),
-    }
-    return Status(f"{stored.manifest['name']} in {directory}", data)
 
 
 @dataclass
@@ -92,27 +47,28 @@ class Verified:
     missing: int = 0  # wanted runs that are not on disk
     recomputed: int = 0  # runs that were integrated again
     problems: list[str] = field(default_factory=list)  # a sentence each
+    damaged: list[str] = field(default_factory=list)  # files that were replaced
 
     @property
     def words(self) -> str:
         """The same as text."""
-        missing = (
-            f", {counted(self.missing, 'run')} not done yet" if self.missing else ""
-        )
-        lines = [
-            f"{counted(self.runs, 'run')} in {counted(self.files, 'file')}{missing}"
-        ]
+        size = f"{counted(self.runs, 'run')} in {counted(self.files, 'file')}"
+        if self.missing:
+            size += f", {counted(self.missing, 'run')} not done yet"
+        lines = [size]
         if self.recomputed:
             lines.append(f"{counted(self.recomputed, 'run')} computed again")
+        if self.damaged:
+            lines.append(f"damaged before: {set_aside(self.damaged)}")
         lines += [f"problem: {problem}" for problem in self.problems[:MAX_SHOWN]]
-        if (more := len(self.problems) - MAX_SHOWN) > 0:
-            lines.append(f"and {counted(more, 'more problem')}")
-        found = (
-            counted(len(self.problems), "problem")
-            if self.problems
-            else "no problem found"
-        )
-        return "\n".join([*lines, found])
+        hidden = len(self.problems) - MAX_SHOWN
+        if hidden > 0:
+            lines.append(f"and {counted(hidden, 'more problem')}")
+        if self.problems:
+            lines.append(counted(len(self.problems), "problem"))
+        else:
+            lines.append("no problem found")
+        return "\n".join(lines)
 
 
 def verify(
@@ -122,87 +78,155 @@ def verify(
     threads: int | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Verified:
-    """Compare the files of a directory with its manifest; integrate `recompute` runs
-    again.
-    """
+    """Compare files with the manifest; integrate `recompute` runs again."""
     stored = open_stored(directory)
-    found, thresholds = stored.find(), stored.thresholds
-    wanted, files = wanted_runs(stored, found), stored.files()
+    found = stored.find()
+    thresholds = stored.thresholds
+    missing = int((wanted_runs(stored, found) & ~found.done).sum())
+    damaged = [str(path) for path in stored.damaged_files()]
     result = Verified(
-        directory, found.rows, len(files), int((wanted & ~found.done).sum())
+        directory, found.rows, len(stored.files()), missing, damaged=damaged
     )
     problems = result.problems
-    problems += map(DAMAGED.format, found.damaged)
-    for text, paths in found.typed.items():
-        if text != thresholds.as_text:
-            told = "typed by other thresholds; run `rattlesweep classify` to type all alike"
-            problems.append(
-                f"{counted(len(paths), 'file')}, such as {paths[0]}, {told}"
-            )
+    problems += _problems_of_files(stored, found, missing)
     plan = None
     if recompute:
-        from rattlesweep.sweeps.plan import (
-            stored_plan,
-        )  # Numba, which the rest does without
+        # This imports Numba, which the rest does without.
+        from rattlesweep.sweeps.plan import stored_plan
 
         try:
             plan = stored_plan(stored)
         except ConfigError as error:  # the table of bodies is missing or has changed
             problems.append(str(error))
-    good = [path for paths in found.typed.values() for path in paths]
-    count, last = min(recompute, found.rows), 0
+    intact = [path for paths in found.typed.values() for path in paths]
+    count = min(recompute, found.rows)
     chosen = np.random.default_rng(seed).choice(found.rows, count, replace=False)
-    for number, path in enumerate(good):
-        report(number / len(good))
+    seen = 0
+    for number, path in enumerate(intact):
+        report(number / len(intact))
         rows = read_parquet(path)
-        problems += _row_problems(path, rows, with_types(rows, thresholds))
-        first, last = last, last + len(rows)
-        here = np.sort(chosen[(chosen >= first) & (chosen < last)]) - first
+        retyped = with_types(rows, thresholds)
+        problems += _problems_of_rows(path, rows, retyped, stored.config)
+        is_here = (chosen >= seen) & (chosen < seen + len(rows))
+        here = np.sort(chosen[is_here]) - seen
+        seen += len(rows)
         if len(here) and plan is not None:
-            again = rows.take(here)
-            # Runs that stopped at a smaller limit of steps would now go on.
-            less = pc.less(again["n_steps"], stored.config.integrator.max_steps)
-            again = again.filter(
-                pc.invert(pc.and_(pc.equal(again["status"], "step_limit"), less))
-            )
+            again = _repeatable(rows.take(here), stored.config.integrator.max_steps)
             for case, sample, names in differing_rows(plan, again, threads):
                 what = f"differs when computed again: {', '.join(names[:4])}"
                 problems.append(f"case {case} sample {sample} {what}")
             result.recomputed += len(again)
-    if not problems and not result.missing:
+    # Problems of the rows would make the summary wrong as well.
+    if not problems and not missing and not _is_summary_right(stored):
+        what = "is missing, damaged or contradicts the runs"
         path = directory / SUMMARY
-        try:
-            is_right = read_parquet(path).equals(summarise(stored))
-        except OutputError:
-            is_right = False
-        if not is_right:
-            told = "is missing, damaged or contradicts the runs"
-            problems.append(f"{path} {told}; `rattlesweep run` writes it again")
+        problems.append(f"{path} {what}; `rattlesweep run` writes it again")
     report(1.0)
     return result
 
 
-def _row_problems(path: Path, rows: pa.Table, again: pa.Table) -> Iterator[str]:
-    """Yield problems of the rows of a file; `again` are the rows, typed once more."""
+def _problems_of_files(stored: Stored, found: Found, missing: int) -> Iterator[str]:
+    """Yield problems that are seen without looking at the values of the rows."""
+    for path in found.damaged:
+        yield IS_DAMAGED.format(path)
+    thresholds = stored.thresholds.as_text
+    for text, paths in found.typed.items():
+        if text != thresholds:
+            files = f"{counted(len(paths), 'file')}, such as {paths[0]}"
+            advice = "run `rattlesweep classify` to type all alike"
+            yield f"{files}, typed by other thresholds; {advice}"
+    if found.damaged:
+        return
+    # A sweep begins with its folder, and its summary comes when all runs are there.
+    path = stored.directory / SUMMARY
+    if not stored.folder.is_dir():
+        yield f"{stored.folder} is gone; `rattlesweep run` does its runs again"
+    elif missing and path.exists():
+        lost = f"{counted(missing, 'run')} of them lost"
+        yield f"{path} is of all runs, {lost}; `rattlesweep run` does them again"
+
+
+def _is_summary_right(stored: Stored) -> bool:
+    try:
+        summary = read_parquet(stored.directory / SUMMARY)
+    except OutputError:
+        return False
+    return bool(summary.equals(summarise(stored)))
+
+
+def _repeatable(rows: pa.Table, max_steps: int) -> pa.Table:
+    """Leave out runs that ended at a smaller limit of steps, and would now go on."""
+    ended = pc.equal(rows["status"], "step_limit")
+    goes_on = pc.and_(ended, pc.less(rows["n_steps"], max_steps))
+    return rows.filter(pc.invert(goes_on))
+
+
+def _problems_of_rows(
+    path: Path, rows: pa.Table, retyped: pa.Table, config: Config
+) -> Iterator[str]:
+    """Yield problems of the rows of a file; `retyped` are the same, typed again."""
     case, sample = keys_of(rows)
-    wrong = {
-        "its rows are not in order": np.lexsort((sample, case)) != np.arange(len(case))
-    }
-    for name in {"type", "type_sure"}.intersection(rows.schema.names):
-        differ = rows.column(name).to_numpy() != again.column(name).to_numpy()
-        wrong[f"{name} contradicts the columns it follows from"] = differ
+    in_order = np.lexsort((sample, case)) == np.arange(len(case))
+    wrong: dict[str, Flags] = {"its rows are not in order": ~in_order}
+    for name in ("type", "type_sure"):
+        if name in rows.schema.names:
+            differs = rows.column(name).to_numpy() != retyped.column(name).to_numpy()
+            wrong[f"{name} contradicts the columns it follows from"] = differs
+    for column in rows.schema:
+        if pa.types.is_floating(column.type):
+            # What is not finite is stored as null.
+            values = floats(rows.column(column.name).drop_null())
+            if not np.isfinite(values).all():
+                infinite = ~np.isfinite(floats(rows.column(column.name).fill_null(0.0)))
+                wrong[f"{column.name} is not finite"] = infinite
+    wrong["t_end contradicts t_r or the horizon"] = _wrong_ends(rows, config)
     for what, which in wrong.items():
         if which.any():
             such = f"such as case {case[which][0]} sample {sample[which][0]}"
             yield f"{path}: {counted(int(which.sum()), 'run')}, {such}: {what}"
 
 
+def _wrong_ends(rows: pa.Table, config: Config) -> Flags:
+    """Return the runs whose last time is neither that of a reversal nor the horizon."""
+    t_end = floats(rows["t_end"])
+    t_r = floats(rows["t_r"])
+    is_ok = rows["status"].to_numpy() == "ok"
+    horizon = _horizons(rows, config)
+    reverses = np.isfinite(t_r)
+    is_end = np.where(reverses, t_end == t_r, t_end == horizon)
+    if "n_turns" in rows.schema.names:  # runs go on after a reversal
+        is_end = (t_end == horizon) & ~(t_r > t_end)
+    # Runs may end before, once they are settled, or at a reversal of a dead body.
+    if config.classify.early or config.dissipation:
+        is_end |= ~reverses & (t_end < horizon)
+    # A row of a table may have a horizon of its own.
+    is_end |= np.isnan(horizon) & ~reverses
+    wrong: Flags = (t_end > horizon) | (is_ok & ~is_end)
+    return wrong
+
+
+def _horizons(rows: pa.Table, config: Config) -> Floats:
+    """Return the horizons of runs, NaN where the rows and the config do not tell."""
+    horizon = config.horizon
+    if config.bodies.source == "table" or isinstance(horizon.t, Quantity):
+        return np.full(len(rows), np.nan)
+    t_end = np.full(len(rows), np.inf)
+    if horizon.t_rgh is not None:
+        # Launches without t_rGH have NaN, which fmin ignores.
+        t_end = np.fmin(t_end, horizon.t_rgh * floats(rows["t_rgh"]))
+    if horizon.t is not None:
+        t_end = np.minimum(t_end, horizon.t)
+    if horizon.t_decay is not None:
+        with np.errstate(divide="ignore"):
+            gamma = floats(rows["gamma"])
+            t_end = np.minimum(t_end, horizon.t_decay * gamma / floats(rows["sigma"]))
+    return t_end
+
+
 def differing_rows(
     plan: Plan, rows: pa.Table, threads: int | None = None
 ) -> Iterator[tuple[int, int, list[str]]]:
-    """Integrate stored runs again; yield case, sample and columns of the rows that
-    differ.
-    """
+    """Integrate stored runs again; yield case, sample and columns that differ."""
     from rattlesweep.sweeps.block import prepare_runs, start_block
 
     case, sample = keys_of(rows)
@@ -210,27 +234,32 @@ def differing_rows(
     rows = rows.select(plan.schema.names)
     if same_bits(again, rows):
         return
-    for k in range(len(rows)):
-        one, other = again.slice(k, 1), rows.slice(k, 1)
-        names = [
-            n
-            for n in rows.schema.names
-            if not same_bits(one.select([n]), other.select([n]))
-        ]
+    for place in range(len(rows)):
+        stored_row = rows.slice(place, 1)
+        repeated = again.slice(place, 1)
+        names = []
+        for name in rows.schema.names:
+            if not same_bits(stored_row.select([name]), repeated.select([name])):
+                names.append(name)
         if names:
-            yield int(case[k]), int(sample[k]), names
+            yield int(case[place]), int(sample[place]), names
 
 
-def same_bits(one: pa.Table, other: pa.Table) -> bool:
+def same_bits(first: pa.Table, second: pa.Table) -> bool:
     """Return whether two tables have the same values, and zeros of the same sign."""
-    return one.schema.names == other.schema.names and all(
-        a.equals(b) and _bits(a).equals(_bits(b))
-        for a, b in zip(one.columns, other.columns, strict=True)
-    )
+    if first.schema.names != second.schema.names:
+        return False
+    for column, twin in zip(first.columns, second.columns, strict=True):
+        if not column.equals(twin) or not _bits(column).equals(_bits(twin)):
+            return False
+    return True
 
 
 def _bits(column: pa.ChunkedArray) -> pa.Array:
+    """Return a column of floats, or of lists of them, as integers."""
     values = column.combine_chunks()
     if pa.types.is_list(values.type):
         values = values.flatten()
-    return values.view(pa.int64()) if pa.types.is_float64(values.type) else values
+    if pa.types.is_float64(values.type):
+        return values.view(pa.int64())
+    return values

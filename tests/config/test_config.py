@@ -1,6 +1,7 @@
 """Configs: which are accepted, which are refused, and with which messages."""
 
 import json
+import os
 import pickle
 from itertools import pairwise
 from pathlib import Path
@@ -47,10 +48,12 @@ GOOD = {
     "table": "bodies: {source: table, path: bodies.csv}\n",
     "grid": "bodies: {source: grid, base: {preset: GH}, "
     "axes: {theta: {linspace: [0.6, 0.99, 200]}, phi: [0.02, 0.036]}}\n" + SPIN,
-    "shell": "bodies: {source: grid, base: {gamma: 10, f_sd: 0.1, theta: 0.7, phi: 0.05, "
-    "xi_deg: -3}, axes: {f_sd: [0.1, 0.2], minus_xi_deg: {logspace: [0.01, 1, 3]}}}\n"
+    "shell": "bodies: {source: grid, base: {gamma: 10, f_sd: 0.1, theta: 0.7, "
+    "phi: 0.05, xi_deg: -3}, axes: {f_sd: [0.1, 0.2], "
+    "minus_xi_deg: {logspace: [0.01, 1, 3]}}}\n"
     "spin: {n_i: [0.1, -0.1], omega_xy0: 0.01, psi: 30}\n"
-    "integrator: {method: rk4, dt: 0.002}\nhorizon: {t: 3.0e4}\nrecord: [contact, energy]\n",
+    "integrator: {method: rk4, dt: 0.002}\nhorizon: {t: 3.0e4}\n"
+    "record: [contact, energy]\n",
     "shape": "bodies: {source: shape, length: 12cm, width: 0.03, height: 12 mm, "
     "mass: [80 g, 90 g], skew: -3 deg, samples: 4}\n"
     "spin: {n_i: [60 rpm, 0.1], omega_xy0: 6 rpm}\n",
@@ -241,13 +244,16 @@ WHOLE = {
     % (
         2 * (list(range(1, 402)),)
     ): "2: spin: the lists make 160801 cases; at most 100000 are possible",
-    "bodies:\n\tsource: sd\n": "2: cannot be read as YAML (found character '\\t' that cannot",
+    "bodies:\n\tsource: sd\n": "2: cannot be read as YAML (found character '\\t' that",
     EXAMPLE + "---\na: 1\n": "18: cannot be read as YAML (but found another document);",
     "# nothing\n": "1: the file holds nothing; write key: value lines",
     "a: &a [*a]\n": "1: cannot be read as YAML (maximum recursion depth",
     "record: ["
-    + "1, " * 20_001
-    + "]": "1: cannot be read as YAML (more than 20000 values);",
+    + "1, " * 200_000
+    + "]": "1: more than 20000 values; use linspace, logspace or a table",
+    "".join(
+        f"key{n}: 1\n" for n in range(50_000)
+    ): "1: more than 20000 values; use linspace, logspace or a table",
     "a: &a [1,1,1,1,1,1,1,1,1]\n"
     + "".join(
         f"{b}: &{b} [{9 * f'*{a}, '}]\n" for a, b in pairwise("abcdefghi")
@@ -334,6 +340,14 @@ def test_a_mistake_in_a_setting_names_the_setting(override, words, path):
 def test_files_and_data_that_cannot_be_read(path):
     assert "No such file or directory" in messages(path.with_name("no.yaml"))[0]
     assert "Is a directory" in messages(path.parent)[0]
+    pipe = path.with_name("pipe.yaml")
+    os.mkfifo(pipe)
+    assert ": it is not a regular file; give the path of a config" in messages(pipe)[0]
+    zeros = path.with_name("zeros.yaml")
+    zeros.symlink_to("/dev/zero")
+    assert "it is not a regular file" in messages(zeros)[0]
+    path.write_text("# " + "x" * 1_000_000)
+    assert messages(path)[0].startswith("c.yaml: it is larger than 1 MB; give")
     path.write_bytes(b"name: x\nname: caf\xe9\n")
     assert "can't decode byte 0xe9" in messages(path)[0]
     path.write_bytes(b"\xef\xbb\xbf" + EXAMPLE.encode())

@@ -81,5 +81,5 @@ def test_rows_of_a_table_are_judged_by_themselves(tmp_path):
     (tmp_path / "c.yaml").write_text("bodies: {source: table, path: t.csv}\n")
     fatal, [line] = judged(tmp_path / "c.yaml")
     assert not fatal
-    words = "c.yaml:1: bodies.path: the horizon comes before t_rGH, the reversal time of theory"
-    assert f"{words}, in all of the 2 runs, so few will be of type R" in line
+    words = "c.yaml:1: bodies.path: the horizon comes before t_rGH, the reversal time"
+    assert f"{words} of theory, in all of the 2 runs, so few will be of type R" in line

@@ -6,17 +6,19 @@ from mpmath import mp
 
 
 def exactly(function, sqrt=mp.sqrt, **others):
-    """Return a formula, and all that it calls, with another square root and other
-    globals.
-    """
+    """Return a formula, and all that it calls, with other globals."""
     formula = function.py_func
     names, known = formula.__code__.co_names, formula.__globals__
 
     def plain(value):
         if isinstance(value, ModuleType):
-            there = vars(value)
+            attributes = vars(value)
             return SimpleNamespace(
-                **{name: plain(there[name]) for name in names if name in there}
+                **{
+                    name: plain(attributes[name])
+                    for name in names
+                    if name in attributes
+                }
             )
         return exactly(value, sqrt, **others) if hasattr(value, "py_func") else value
 
@@ -25,4 +27,9 @@ def exactly(function, sqrt=mp.sqrt, **others):
         CellType(plain(cell.cell_contents)) for cell in formula.__closure__ or ()
     )
     variables = known | called | {"sqrt": sqrt} | others
-    return FunctionType(formula.__code__, variables, closure=closure or None)
+    return FunctionType(
+        formula.__code__,
+        variables,
+        argdefs=formula.__defaults__,
+        closure=closure or None,
+    )

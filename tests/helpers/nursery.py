@@ -17,8 +17,7 @@ from typing import Any
 from syscalls import Calls
 
 from rattlesweep import cli
-from rattlesweep.sweeps import block
-from rattlesweep.sweeps import run as runner
+from rattlesweep.sweeps import block, job
 
 ROWS = 6  # runs per block, so that small sweeps have several files
 TINY = """\
@@ -64,7 +63,7 @@ def become(args: list[str], out: Path, how: dict[str, Any]) -> None:
         # fsync matters after a power cut, not after a kill, and would take most of the
         # time.
         os.fsync = os.fstat  # type: ignore[assignment]
-        runner.MAX_BLOCK_RUNS = how.get("rows", ROWS)
+        job.MAX_BLOCK_RUNS = how.get("rows", ROWS)
         if "hold" in how:
             _hold(how["hold"])
         if "calls" in how:

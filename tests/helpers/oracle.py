@@ -1,5 +1,4 @@
-"""Slow and simple oracles, taken directly from Kondo & Nakanishi (2017), in NumPy and
-SciPy.
+"""Slow and simple oracles from Kondo & Nakanishi (2017), in NumPy and SciPy.
 
 This module does not import `rattlesweep`.  Units M = a = g = 1.  A *body* is a mapping
 or an object with ``alpha, beta, gamma, theta, phi, xi`` (xi in radians); the state is
@@ -30,7 +29,8 @@ EPS = np.array([[0.0, 1.0], [-1.0, 0.0]])  # Eq. 16
 
 def cross(a, b):
     """Return the vector product; NumPy's own takes ten times as long."""
-    (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
+    a0, a1, a2 = a.tolist()
+    b0, b1, b2 = b.tolist()
     return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
 
 
@@ -47,7 +47,8 @@ def get(body, name):
 
 def rotation(angle):
     """Return R(xi)."""
-    c, s = math.cos(angle), math.sin(angle)
+    c = math.cos(angle)
+    s = math.sin(angle)
     return np.array([[c, -s], [s, c]])
 
 
@@ -62,8 +63,9 @@ def _matrices(alpha, beta, gamma, theta, phi, xi):
 
 
 def matrices(body):
-    """Return R Theta R^-1, R Theta^-1 R^-1 (from the principal radii), and the inertia
-    I about G.
+    """Return R Theta R^-1, R Theta^-1 R^-1 and the inertia I about G.
+
+    The second is made of the principal radii.
 
     I is in units of M a^2: Eq. 14 solved for I_xx, I_yy, I_zz.
     """
@@ -87,7 +89,8 @@ def contact_point_dot(u, du, body):
 
 def rhs(t, y, body):
     """Return the dotted derivatives of (u, omega), real or complex: Eqs. 10 and 11."""
-    u, w = y[:3], y[3:]
+    u = y[:3]
+    w = y[3:]
     du = -cross(w, u)
     r = contact_point(u, body)
     dr = contact_point_dot(u, du, body)
@@ -113,10 +116,9 @@ def spin_rate(y, body):
 
 
 def energy(y, body):
-    """Return the energy; the potential is zero at u = (0, 0, -1), where G is at height
-    1.
-    """
-    u, w = y[:3], y[3:]
+    """Return the energy, with the potential zero at u = (0, 0, -1)."""
+    u = y[:3]
+    w = y[3:]
     r = contact_point(u, body)
     v = cross(r, w)
     return float(0.5 * (v @ v) + 0.5 * (w @ matrices(body)[2] @ w) + (-(r @ u) - 1.0))
@@ -124,7 +126,8 @@ def energy(y, body):
 
 def contact_force(y, body):
     """Return F of Eq. 1, F = dv/dt + u with v = r x omega, in body components."""
-    u, w = y[:3], y[3:]
+    u = y[:3]
+    w = y[3:]
     dy = rhs(0.0, y, body)
     r = contact_point(u, body)
     dr = contact_point_dot(u, dy[:3], body)
@@ -135,7 +138,8 @@ def contact_force(y, body):
 
 def force_components(y, body):
     """Return (F_par, F_perp) of the paper's footnote on friction."""
-    f, u = contact_force(y, body), y[:3]
+    f = contact_force(y, body)
+    u = y[:3]
     par = float(f @ u)
     return par, float(np.linalg.norm(f - par * u))
 
@@ -163,10 +167,9 @@ def h_matrix(body):
 
 
 def modes(body):
-    """Return the modes by `eigh`, K_p and K_r by Eqs. 33 and 35, psi in (-pi/2,
-    pi/2].
-    """
-    alpha, beta = get(body, "alpha"), get(body, "beta")
+    """Return the modes by `eigh`, K_p and K_r by Eqs. 33, 35, psi in (-pi/2, pi/2]."""
+    alpha = get(body, "alpha")
+    beta = get(body, "beta")
     jp = np.diag([alpha**0.5, beta**0.5])
     jm = np.diag([alpha**-0.5, beta**-0.5])
     h = h_matrix(body)
@@ -178,7 +181,8 @@ def modes(body):
         bracket = (ket @ jm @ EPS @ jp @ h @ ket) / (ket @ ket)
         x, y = jm @ ket  # |omega> = J^-1/2 |tilde omega>
         if x < 0.0 or (x == 0.0 and y < 0.0):
-            x, y = -x, -y
+            x = -x
+            y = -y
         out["omega_" + name] = math.sqrt(lam[col])
         out["psi_" + name] = math.atan2(y, x)
         out["K_" + name] = float(bracket if name == "p" else -bracket)
@@ -220,7 +224,8 @@ def _first_bracket(ts, s, sign, rate, value):
         if sign * s[k + 1] <= 0.0:
             return ts[k], ts[k + 1]
         if min(abs(s[k]), abs(s[k + 1])) <= near:
-            ra, rb = sign * rate(ts[k]), sign * rate(ts[k + 1])
+            ra = sign * rate(ts[k])
+            rb = sign * rate(ts[k + 1])
             if ra < 0.0 < rb:
                 te = brentq(rate, ts[k], ts[k + 1], xtol=1e-15, rtol=1e-14)
                 if sign * value(te) <= 0.0:
@@ -238,9 +243,7 @@ def first_reversal(
 
 
 def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, samples=64):
-    """Return ``(t_r, y(t_r))`` at the spin's first zero, or ``(None, y(t_end))``
-    without one.
-    """
+    """Return ``(t_r, y(t_r))`` at the spin's first zero, or ``(None, y(t_end))``."""
     sign = math.copysign(1.0, spin(y0))
     solver = DOP853(
         lambda t, y: rhs(t, y, body),
@@ -254,7 +257,8 @@ def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, samples=64):
         y_old = solver.y.copy()
         message = solver.step()
         assert solver.status != "failed", message
-        t_old, t_new = solver.t_old, solver.t
+        t_old = solver.t_old
+        t_new = solver.t
         dense = solver.dense_output()
         ts = np.linspace(t_old, t_new, samples + 1)
         ys = dense(ts)
@@ -279,8 +283,9 @@ def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, samples=64):
 
 
 def jacobian_spin(body, n):
-    """Return the Jacobian in (u_x, u_y, omega_x, omega_y) at steady spin n, by complex
-    step.
+    """Return the Jacobian in (u_x, u_y, omega_x, omega_y) at a steady spin.
+
+    It is taken by a complex step.
     """
     y0 = np.array([0.0, 0.0, -1.0, 0.0, 0.0, -float(n)], dtype=complex)
     which = [0, 1, 3, 4]

@@ -1,5 +1,4 @@
-"""The paper's six-variable equations (vertical unit vector and angular velocity), at
-any precision.
+"""The paper's six-variable equations (u and omega), at any precision.
 
 This module does not import `rattlesweep` and shares nothing with its kernels: it has
 other variables, solves the 3x3 system by cofactors, and computes in longdoubles or
@@ -27,9 +26,7 @@ def trigonometry(angle, exact):
 
 
 def constants(parameters, exact=False):
-    """Return the inertia, radii B and curvatures A of bodies from rows of six
-    parameters.
-    """
+    """Return inertia, radii B and curvatures A of bodies from rows of parameters."""
     alpha, beta, gamma, theta, phi, xi = real(np.transpose(parameters), exact)
     c, s = trigonometry(xi, exact)
     # R(xi) diag R(xi)^-1 of the principal radii and of the principal curvatures.
@@ -61,17 +58,24 @@ def add(*vectors):
 def contact(u, du, q):
     """Return the contact point and its rate: Eqs. 4 and 8."""
     bxx, bxy, byy, axx, axy, ayy = q[3:]
-    up, uq = u[0] / u[2], u[1] / u[2]
-    x, y = bxx * up + bxy * uq, bxy * up + byy * uq
-    fx, fy = axx * x + axy * y, axy * x + ayy * y
-    dp, dq = (du[0] - up * du[2]) / u[2], (du[1] - uq * du[2]) / u[2]
-    dx, dy = bxx * dp + bxy * dq, bxy * dp + byy * dq
+    up = u[0] / u[2]
+    uq = u[1] / u[2]
+    x = bxx * up + bxy * uq
+    y = bxy * up + byy * uq
+    fx = axx * x + axy * y
+    fy = axy * x + ayy * y
+    dp = (du[0] - up * du[2]) / u[2]
+    dq = (du[1] - uq * du[2]) / u[2]
+    dx = bxx * dp + bxy * dq
+    dy = bxy * dp + byy * dq
     return (x, y, 1 - (x * fx + y * fy) / 2), (dx, dy, -(fx * dx + fy * dy))
 
 
 def rhs(y, q):
     """Return the derivatives of (u, omega): Eqs. 10 and 11."""
-    u, w, (ix, iy, iz) = y[:3], y[3:], q[:3]
+    u = y[:3]
+    w = y[3:]
+    ix, iy, iz = q[:3]
     du = cross(u, w)
     r, dr = contact(u, du, q)
     x, y_, z = r
@@ -82,10 +86,18 @@ def rhs(y, q):
         cross(r, u),
     )
     # The matrix of dw -> I dw - r x (r x dw), inverted by its cofactors.
-    mxx, myy, mzz = ix + y_ * y_ + z * z, iy + x * x + z * z, iz + x * x + y_ * y_
-    mxy, mxz, myz = -x * y_, -x * z, -y_ * z
-    cxx, cxy, cxz = myy * mzz - myz * myz, mxz * myz - mxy * mzz, mxy * myz - mxz * myy
-    cyy, cyz, czz = mxx * mzz - mxz * mxz, mxy * mxz - mxx * myz, mxx * myy - mxy * mxy
+    mxx = ix + y_ * y_ + z * z
+    myy = iy + x * x + z * z
+    mzz = iz + x * x + y_ * y_
+    mxy = -x * y_
+    mxz = -x * z
+    myz = -y_ * z
+    cxx = myy * mzz - myz * myz
+    cxy = mxz * myz - mxy * mzz
+    cxz = mxy * myz - mxz * myy
+    cyy = mxx * mzz - mxz * mxz
+    cyz = mxy * mxz - mxx * myz
+    czz = mxx * myy - mxy * mxy
     det = mxx * cxx + mxy * cxy + mxz * cxz
     return np.stack(
         [
@@ -98,14 +110,16 @@ def rhs(y, q):
 
 
 def step(y, h, q, columns=8):
-    """Return the state after a step of the extrapolated midpoint rule, of order 2 *
-    columns.
+    """Return the state after a step of the extrapolated midpoint rule.
+
+    Its order is 2 * columns.
     """
     f0 = rhs(y, q)
     table = []
     for j in range(1, columns + 1):
         sub = h / (2 * j)
-        before, now = 0 * y, sub * f0
+        before = 0 * y
+        now = sub * f0
         for _ in range(2 * j - 1):
             before, now = now, before + 2 * sub * rhs(y + now, q)
         # Aitken-Neville extrapolation in the square of the substep.

@@ -27,9 +27,7 @@ def ellipsoid(theta, phi, xi, c):
 
 
 def contact(u, du, body):
-    """Return the contact point from the centre of mass, and its rate in the body's
-    frame.
-    """
+    """Return the contact point from the centre of mass, and its rate in the body."""
     if body.get("c") is None:
         return oracle.contact_point(u, body), oracle.contact_point_dot(u, du, body)
     centre, e = ellipsoid(
@@ -42,26 +40,29 @@ def contact(u, du, body):
 
 def forces(y, body, sigma=0.0, rolling=0.0):
     """Return the angular acceleration, the contact force and the power of friction."""
-    u, w = y[:3], y[3:6]
+    u = y[:3]
+    w = y[3:6]
     r, dr = contact(u, cross(u, w), body)
     inertia = oracle.matrices(body)[2]
     across = w - (u @ w) * u
     direction = across / np.sqrt(across @ across + SMOOTHING**2)
-    left, right = np.zeros((6, 6)), np.zeros(6)
+    left = np.zeros((6, 6))
+    right = np.zeros(6)
     # dv/dt of v = r x omega in space is F - u.
-    left[:3, :3], left[:3, 3:] = matrix_of(r), -np.eye(3)
+    left[:3, :3] = matrix_of(r)
+    left[:3, 3:] = -np.eye(3)
     right[:3] = -u - cross(dr, w) - cross(w, cross(r, w))
     # I domega/dt + omega x I omega = r x F - sigma omega - rolling (F.u) direction
     left[3:, :3] = inertia
     left[3:, 3:] = -matrix_of(r) + rolling * np.outer(direction, u)
     right[3:] = -cross(w, inertia @ w) - sigma * w
-    found = np.linalg.solve(left, right)
-    force = found[3:]
+    solution = np.linalg.solve(left, right)
+    force = solution[3:]
     if rolling and force @ u < 0:
         # A plane cannot pull, and without a force there is no rolling friction.
         return forces(y, body, sigma)
     power = -sigma * (w @ w) - rolling * (force @ u) * (direction @ w)
-    return found[:3], force, power
+    return solution[:3], force, power
 
 
 def rhs(t, y, body, sigma=0.0, rolling=0.0):
@@ -72,7 +73,8 @@ def rhs(t, y, body, sigma=0.0, rolling=0.0):
 
 def energy(y, body):
     """Return the energy; the potential is zero at rest."""
-    u, w = y[:3], y[3:6]
+    u = y[:3]
+    w = y[3:6]
     r, _ = contact(u, np.zeros(3), body)
     v = cross(r, w)
     return 0.5 * (v @ v + w @ oracle.matrices(body)[2] @ w) - r @ u - 1
@@ -94,15 +96,14 @@ def follow(body, u, omega, t_end, sigma=0.0, rolling=0.0, tol=1e-13):
 
 
 def first_zero(found, value, samples=40_000):
-    """Return the time of the first zero of a vectorised function of the state, or
-    None.
-    """
+    """Return the first zero of a vectorised function of the state, or None."""
     times = np.linspace(0, found.t[-1], samples)
     values = value(found.sol(times))
     changes = np.flatnonzero(values[1:] * values[:-1] < 0)
     if not changes.size:
         return None
-    a, b = times[changes[0]], times[changes[0] + 1]
+    a = times[changes[0]]
+    b = times[changes[0] + 1]
     return brentq(lambda t: value(found.sol(t)), a, b, xtol=1e-15)
 
 
@@ -110,4 +111,5 @@ KL_HEIGHT = 0.01  # m
 KL_INERTIA = (
     np.array([[2, -0.2, 0], [-0.2, 16, 0], [0, 0, 17]]) * 1e-4
 )  # kg m^2, mass 1 kg
-KL_GRAVITY, KL_TILT = 9.81, math.radians(0.5)
+KL_GRAVITY = 9.81
+KL_TILT = math.radians(0.5)

@@ -16,8 +16,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import pyarrow.parquet as pq
-
 CHANGES = (
     "create",
     "write",
@@ -30,7 +28,7 @@ CHANGES = (
     "lock",
     "link",
 )
-READS = ("read", "list", "stat")
+READS = ("read", "close", "list", "stat")
 # Calls that may fail with each error. A full disk still deletes files.
 MAY_FAIL = {
     errno.ENOSPC: ("create", "write", "fsync", "rename", "mkdir", "link"),
@@ -98,15 +96,6 @@ class Calls:
         os.open, os.close = self._open, self._close
         builtins.open = io.open = self._open_file  # type: ignore[assignment]
         fcntl.flock = self._flock  # type: ignore[assignment]
-        real, calls = pq.ParquetFile, self
-
-        class ParquetFile(real):  # type: ignore[misc,valid-type]
-            def __init__(self, source: Any, **options: Any) -> None:
-                if isinstance(source, str | os.PathLike):
-                    calls.come("read", calls.mine(source))
-                super().__init__(source, **options)
-
-        pq.ParquetFile = ParquetFile
 
     def _before(self, kind: str, call: Callable[..., Any]) -> Callable[..., Any]:
         def counted(path: Any = ".", *args: Any, **kwargs: Any) -> Any:
@@ -134,6 +123,8 @@ class Calls:
             return io.BufferedWriter(_Raw(self, self._open(path, flags, 0o666)))
         assert mine is None or mode == "rb", f"files opened as {mode} are not counted"
         self.come("read", mine)
+        if mine is not None:
+            return io.BufferedReader(_RawReader(self, mine))
         return _OPEN(path, mode, *args, **kwargs)
 
     def _flock(self, handle: Any, operation: int) -> None:
@@ -143,6 +134,22 @@ class Calls:
 
 
 _OPEN, _FLOCK = builtins.open, fcntl.flock
+
+
+class _RawReader(io.FileIO):
+    def __init__(self, calls: Calls, path: str) -> None:
+        super().__init__(path)
+        self._calls = calls
+        self._path = path
+
+    def readinto(self, buffer: Any) -> Any:
+        self._calls.come("read", self._path)
+        return super().readinto(buffer)
+
+    def close(self) -> None:
+        if not self.closed:
+            super().close()  # as in the system, which closes the file all the same
+            self._calls.come("close", self._path)
 
 
 class _Raw(io.RawIOBase):

@@ -7,7 +7,8 @@ import `rattlesweep`.
 
 from mpmath import mp
 
-WORK, OUT = 120, 50
+WORK = 120
+OUT = 50
 
 
 def _rounded(value):
@@ -18,7 +19,8 @@ def _rounded(value):
 
 
 def _rotation(angle):
-    c, s = mp.cos(angle), mp.sin(angle)
+    c = mp.cos(angle)
+    s = mp.sin(angle)
     return mp.matrix([[c, -s], [s, c]])
 
 
@@ -27,9 +29,7 @@ def _exact(*values):
 
 
 def n_c1_squared(alpha, beta, gamma, theta, phi):
-    """Return the square of n_c1 (Eq. 73), which may be negative; None for a zero
-    divisor.
-    """
+    """Return n_c1 squared (Eq. 73), which may be negative; None for a zero divisor."""
     with mp.workdps(WORK):
         a, b, c, th, ph = _exact(alpha, beta, gamma, theta, phi)
         den = 2 - (th + ph) - (a + b - c) * (th + ph - 2 * th * ph)
@@ -37,8 +37,7 @@ def n_c1_squared(alpha, beta, gamma, theta, phi):
 
 
 def reference(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0):
-    """Return all quantities of the theory for a launch along the relevant mode, as mpf
-    or None.
+    """Return all quantities for a launch along the relevant mode, as mpf or None.
 
     ``t_rgh`` follows the paper's formula and so is negative where K < 0; psi is in
     (-pi/2, pi/2].
@@ -61,12 +60,12 @@ def reference(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0):
             "r": (h[0, 0] + h[1, 1] - root) / 2,
         }
         _, vectors = mp.eigsy(h)  # ascending eigenvalues
-        psi, k = {}, {}
+        psi = {}
+        k = {}
         for mode, col in (("p", 1), ("r", 0)):
             ket = vectors[:, col]
-            assert mp.norm(h * ket - om2[mode] * ket) < mp.mpf(10) ** (
-                -WORK + 20
-            ) * mp.norm(h)
+            rest = mp.norm(h * ket - om2[mode] * ket)
+            assert rest < mp.mpf(10) ** (20 - WORK) * mp.norm(h)
             omega = jm * ket  # |omega> = J^-1/2 |tilde omega>
             if omega[0] < 0 or (omega[0] == 0 and omega[1] < 0):
                 omega = -omega
@@ -74,14 +73,15 @@ def reference(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0):
             # Eqs. 33 and 35
             bracket = (ket.T * jm * eps * jp * h * ket)[0] / (ket.T * ket)[0]
             k[mode] = bracket if mode == "p" else -bracket
-        own = "p" if n > 0 else "r"
-        wx, wy = w * mp.cos(psi[own]), w * mp.sin(psi[own])
+        relevant = "p" if n > 0 else "r"
+        wx = w * mp.cos(psi[relevant])
+        wy = w * mp.sin(psi[relevant])
         n_0 = mp.sqrt((a * wx**2 + b * wy**2 + c * n**2) / c)  # Eq. 72, omega_z = -n_i
         # Eqs. 56 and 58
-        if k[own] == 0 or n_0 == abs(n):
+        if k[relevant] == 0 or n_0 == abs(n):
             t_rgh = mp.inf
         else:
-            t_rgh = mp.log((n_0 + abs(n)) / (n_0 - abs(n))) / (n_0 * k[own])
+            t_rgh = mp.log((n_0 + abs(n)) / (n_0 - abs(n))) / (n_0 * k[relevant])
         square = n_c1_squared(alpha, beta, gamma, theta, phi)
         out = {
             "omega_p": mp.sqrt(om2["p"]),
@@ -102,8 +102,9 @@ def reference(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0):
 
 
 def spin_matrix(alpha, beta, gamma, theta, phi, xi, n):
-    """Return the matrix of the equations linearised about u = (0, 0, -1), omega = (0,
-    0, -n).
+    """Return the matrix of the equations linearised about the steady spin.
+
+    It is u = (0, 0, -1), omega = (0, 0, -n).
 
     In (u_x, u_y, omega_x, omega_y), with B = R Theta^-1 R^-1 and r_perp = -B u_perp:
 
@@ -114,24 +115,25 @@ def spin_matrix(alpha, beta, gamma, theta, phi, xi, n):
     with mp.workdps(WORK):
         a, b, c, th, ph, x, n = _exact(alpha, beta, gamma, theta, phi, xi, n)
         eps = mp.matrix([[0, 1], [-1, 0]])
-        one = mp.eye(2)
+        unity = mp.eye(2)
         ball = _rotation(x) * mp.diag([1 / th, 1 / ph]) * _rotation(x).T
         jinv = mp.diag([1 / a, 1 / b])
-        uu, uw = -n * eps, eps
+        uu = -n * eps
+        uw = eps
         gyro = mp.matrix([[0, c - b], [a - c, 0]])
-        wu = jinv * (-(n**2) * ball * eps + n**2 * eps * ball - eps * (one - ball))
+        wu = jinv * (-(n**2) * ball * eps + n**2 * eps * ball - eps * (unity - ball))
         ww = jinv * (n * gyro + n * ball * eps)
         return _blocks(uu, uw, wu, ww)
 
 
 def _eigenvalues(matrix):
-    found, _ = mp.eig(matrix)
-    # Remove rounding errors from imaginary parts that are zero.
-    found = [
-        mp.mpc(v.real, 0) if abs(v.imag) < mp.mpf(10) ** -40 * abs(v) else mp.mpc(v)
-        for v in found
-    ]
-    return [_rounded(v) for v in sorted(found, key=lambda v: (-v.imag, -v.real))]
+    values, _ = mp.eig(matrix)
+    for i, value in enumerate(values):
+        # Remove rounding errors from imaginary parts that are zero.
+        if abs(value.imag) < mp.mpf(10) ** -40 * abs(value):
+            values[i] = mp.mpc(value.real, 0)
+    values.sort(key=lambda value: (-mp.im(value), -mp.re(value)))
+    return [_rounded(mp.mpc(value)) for value in values]
 
 
 def _blocks(uu, uw, wu, ww):
@@ -139,12 +141,10 @@ def _blocks(uu, uw, wu, ww):
     m = mp.zeros(4)
     for i in range(2):
         for j in range(2):
-            m[i, j], m[i, j + 2], m[i + 2, j], m[i + 2, j + 2] = (
-                uu[i, j],
-                uw[i, j],
-                wu[i, j],
-                ww[i, j],
-            )
+            m[i, j] = uu[i, j]
+            m[i, j + 2] = uw[i, j]
+            m[i + 2, j] = wu[i, j]
+            m[i + 2, j + 2] = ww[i, j]
     return m
 
 
@@ -158,13 +158,16 @@ def steady_eigenvalues(constants, n, sigma=0.0):
         ix, iy, iz, cxx, cxy, cyy, n, sigma = _exact(
             *(float(x) for x in (*constants, n, sigma))
         )
-        c, fall = -n, sigma * n / iz
+        c = -n
+        fall = sigma * n / iz
         curved = mp.matrix([[cxx, cxy], [cxy, cyy]])
         turn = mp.matrix([[0, 1], [-1, 0]])
         # For the slope s and the horizontal omega: ds/dt = c turn s - turn omega, f = C
         # s, w = c turn f - C ds/dt, and J domega/dt as below.
-        su, sw = c * turn, -turn
-        wu, ww = c * turn * curved - curved * su, -curved * sw
+        su = c * turn
+        sw = -turn
+        wu = c * turn * curved - curved * su
+        ww = -curved * sw
         gyro = mp.matrix([[0, c * (iy - iz)], [c * (iz - ix), 0]])
         inverse = mp.diag([1 / (ix + 1), 1 / (iy + 1)])
         au = inverse * (-c * wu - turn * curved + fall * (mp.eye(2) + curved))

@@ -1,6 +1,4 @@
-"""Kernels on disk: other processes find them, only in folders that nobody else can
-write.
-"""
+"""Kernels on disk: where they are stored, who may write there, who finds them."""
 
 import errno
 import json
@@ -40,6 +38,11 @@ def small(name):
     return Kernel(plus_ten, (-3,), {})
 
 
+def forget_folders():
+    compile.cache_folder.cache_clear()
+    compile._stored_folder.cache_clear()
+
+
 @pytest.fixture
 def place(monkeypatch, tmp_path):
     """An empty cache, with this process' own kernels forgotten."""
@@ -47,17 +50,15 @@ def place(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
     monkeypatch.setattr(compile, "_loaded", {})
-    compile.cache_folder.cache_clear()
+    forget_folders()
     yield tmp_path / "cache"
-    compile.cache_folder.cache_clear()
+    forget_folders()
 
 
 def again(name="small"):
-    """Return the kernel's value as for a new process, and whether it was stored
-    before.
-    """
+    """Return a kernel's value as in a new process, and whether it was stored before."""
     compile._loaded.clear()
-    compile.cache_folder.cache_clear()
+    forget_folders()
     stored = is_stored(small, name)
     return load_kernels((small, name))[0](-3), stored
 
@@ -79,9 +80,12 @@ import json
 from rattlesweep.integrate import compile
 from rattlesweep.integrate.batch import kernel, load_kernels
 heard = []
-with compile.listening(lambda: heard.append("compiled")):
+with compile.listening(heard.append):
     kernel("dop853", "full")
-hits = {str(key[0].__name__): len(made.stats.cache_hits) for key, made in compile._loaded.items()}
+hits = {
+    order[0].__name__: len(compiled.stats.cache_hits)
+    for order, compiled in compile._loaded.items()
+}
 print(json.dumps([heard, hits]))
 """
 
@@ -99,12 +103,12 @@ def test_other_sources_have_another_folder(place, monkeypatch, tmp_path):
     for room in ("integrate", "physics"):
         shutil.copytree(compile.PACKAGE / room, package / room)
     monkeypatch.setattr(compile, "PACKAGE", package)
-    own = compile.source_hash.__wrapped__()
-    assert own != compile.source_hash()  # another checkout
-    assert compile.source_hash.__wrapped__() == own
+    copied = compile.source_hash.__wrapped__()
+    assert copied != compile.source_hash()  # another checkout
+    assert compile.source_hash.__wrapped__() == copied
     source = package / "physics" / "full.py"
     source.write_text(source.read_text() + "\n")
-    assert compile.source_hash.__wrapped__() != own
+    assert compile.source_hash.__wrapped__() != copied
 
 
 UNSAFE = {
@@ -122,9 +126,9 @@ def test_an_unsafe_folder_is_neither_read_nor_written(unsafe, place):
     before = [path.read_bytes() for path in files]
     UNSAFE[unsafe](folder)
     assert again() == (13, False)
-    found = compile.cache_folder()
+    folder = compile.cache_folder()
     # The user's own cache is used instead of the one that was named.
-    assert found.parent == place.parent / "user" / "rattlesweep"
+    assert folder.parent == place.parent / "user" / "rattlesweep"
     assert [path.read_bytes() for path in files] == before
     assert again() == (13, True)
 
@@ -140,7 +144,9 @@ def test_a_private_temporary_folder_is_removed_with_its_process(tmp_path):
     }
     code = (
         "import test_kernel_cache as t; "
-        "print(t.again(), t.load_kernels((t.small, 'small'))[0](-4), t.compile.cache_folder())"
+        "first = t.again(); "
+        "(plus_ten,) = t.load_kernels((t.small, 'small')); "
+        "print(first, plus_ten(-4), t.compile.cache_folder())"
     )
     done = python(code, **env)
     assert done.returncode == 0, done.stderr
@@ -157,6 +163,47 @@ def test_a_kernel_stays_in_memory_where_the_disk_is_full(place, monkeypatch):
     monkeypatch.setattr(numba.core.caching.IndexDataCacheFile, "save", fail)
     assert again() == (13, False)
     assert not list(place.rglob("*.nb?"))
+
+
+def test_a_kernel_is_compiled_where_no_other_process_starts(place, monkeypatch):
+    def fail(*args, **kwargs):
+        raise OSError(errno.ENOEXEC, "Exec format error")
+
+    monkeypatch.setattr(subprocess, "Popen", fail)
+    assert again() == (13, False)
+    assert again() == (13, True)
+
+
+def test_a_user_without_a_home_compiles_into_a_temporary_folder(place, monkeypatch):
+    def nowhere(*args):
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    monkeypatch.setattr("platformdirs.user_cache_dir", nowhere)
+    heard = []
+    with compile.listening(heard.append):
+        assert again() == (13, False)
+    assert compile.cache_folder().parent.name.startswith("rattlesweep-")
+    # The listener hears that later runs will not find the kernel.
+    assert heard == [False]
+
+
+def test_a_listener_hears_that_kernels_are_stored(place):
+    heard = []
+    with compile.listening(heard.append):
+        again()
+        again()
+    assert heard == [True]
+
+
+def test_an_error_of_numba_is_not_hidden_by_a_slow_start(place, monkeypatch):
+    def fail(*args, **kwargs):
+        raise AttributeError("this version of Numba has no such method")
+
+    monkeypatch.setattr(compile, "CODE", "raise SystemExit(1)")
+    monkeypatch.setattr(numba.core.caching.FunctionCache, "save_overload", fail)
+    with pytest.raises(AttributeError, match="no such method"):
+        again()
 
 
 def test_a_damaged_file_is_compiled_again(place):
@@ -279,15 +326,13 @@ def test_an_impossible_setting_is_reported_in_one_sentence(setting, said, tmp_pa
 
 
 def both():
-    """Print the outcome of a run with all records and its trajectory; for a fresh
-    process.
-    """
+    """Print a run with all records and its trajectory; for a fresh process."""
     batch = kernels.full_batch(oracle.GH, [-0.1], 0.01, t_end=10.0)
     records = frozenset(["energy", "contact", "windows", "reversals", "lyapunov"])
     out = integrate(batch, METHODS["dop853"], FULL, threads=1, record=records)
     follower = Follower(batch, METHODS["dop853"], FULL, attitude=True)
-    found = follower.at(np.linspace(0.0, 10.0, 7))
-    values = out.y_end, out.n_departure, out.windows, found.y, found.extra
+    samples = follower.at(np.linspace(0.0, 10.0, 7))
+    values = out.y_end, out.n_departure, out.windows, samples.y, samples.extra
     numbers = np.concatenate([value[np.isfinite(value)] for value in values])
     print(json.dumps([numbers.tolist(), out.n_steps.tolist(), follower.n_steps]))
 
@@ -296,8 +341,8 @@ def test_a_run_can_be_stepped_through_in_python():
     code = "import test_kernel_cache as t; t.both()"
     compiled, plain = (python(code, NUMBA_DISABLE_JIT=flag) for flag in "01")
     assert plain.returncode == 0, plain.stderr
-    (numbers, *steps), (others, *same_steps) = (
+    (numbers, *steps), (plain_numbers, *same_steps) = (
         json.loads(p.stdout) for p in (compiled, plain)
     )
     assert same_steps == steps
-    np.testing.assert_allclose(others, numbers, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(plain_numbers, numbers, rtol=0, atol=1e-12)

@@ -1,6 +1,7 @@
 """Coefficients of the methods against order conditions, and their damping."""
 
 import math
+from dataclasses import replace
 from functools import cache
 from itertools import combinations_with_replacement
 
@@ -30,9 +31,7 @@ def trees(order):
 
 
 def forests(nodes, largest):
-    """Every multiset of trees with ``nodes`` nodes in all, none larger than
-    ``largest``.
-    """
+    """Every multiset of trees with ``nodes`` nodes, none larger than ``largest``."""
     if nodes == 0:
         yield ()
         return
@@ -44,9 +43,7 @@ def forests(nodes, largest):
 
 
 def matrix(tableau):
-    """``a`` and ``b`` as arrays, with the derivative at the end of the step as a last
-    stage.
-    """
+    """``a`` and ``b`` as arrays; the last stage is the derivative at the step's end."""
     a = np.stack([weights(row, tableau) for row in (*tableau.a, tableau.b)])
     return a, a[-1]
 
@@ -59,9 +56,7 @@ def weights(row, tableau):
 
 
 def defects(a, b, order):
-    """Return the defect of each condition of one order, times the density of its
-    tree.
-    """
+    """Return the defects of the conditions of an order, times the trees' densities."""
 
     def stage(tree):
         return math.prod((a @ stage(branch) for branch in tree), start=np.ones(len(a)))
@@ -103,3 +98,22 @@ def test_damping_of_an_oscillation():
     )
     for tableau in METHODS.values():
         assert abs(tableau.damping(np.array(0.1))) < 0.1 ** (tableau.order + 2)
+
+
+@pytest.mark.parametrize(
+    ("field", "wrong", "said"),
+    [
+        ("c", (0.0, 0.5, 1.0), "3 nodes, 4 stages"),
+        ("a", ({}, {0: 0.5}, {1: 0.4}, {2: 1.0}), "row 2 of a: the sum is not 0.5"),
+        (
+            "a",
+            ({}, {1: 0.5}, {1: 0.5}, {2: 1.0}),
+            "row 1 of a: an index is not below 1",
+        ),
+        ("b", {0: 0.5, 3: 0.4}, "b: the sum is not 1"),
+        ("errors", ({0: 1.0, 4: 1.0},), "row 0 of errors: the sum is not 0"),
+    ],
+)
+def test_a_tableau_refuses_wrong_coefficients(field, wrong, said):
+    with pytest.raises(ValueError, match=said):
+        replace(METHODS["rk4"], **{field: wrong})

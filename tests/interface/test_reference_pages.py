@@ -12,8 +12,11 @@ import pytest
 from ruamel.yaml import YAML
 from sweeping import invoke
 
+from rattlesweep import quantities
+from rattlesweep.sweeps import columns
 from rattlesweep.sweeps.config.read import load_config, parse_config
 from rattlesweep.sweeps.plan import make_plan
+from rattlesweep.units import KINDS, quantity
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "docs" / "make_reference.py"
@@ -65,9 +68,29 @@ def test_the_config_at_the_head_and_the_table_run(tmp_path, monkeypatch):
     (tmp_path / "bodies.csv").write_text(csv)
     for source, output in (("bodies.csv", "out/one"), ("out/one/runs", "out/two")):
         (tmp_path / "table.yaml").write_text(
-            f"bodies: {{source: table, path: {source}}}\nhorizon: {{t: 50}}\noutput: {output}\n"
+            f"bodies: {{source: table, path: {source}}}\n"
+            "horizon: {t: 50}\n"
+            f"output: {output}\n"
         )
         assert invoke("run", "table.yaml").exit_code == 0
+
+
+def test_every_quantity_is_named_once_and_columns_agree():
+    for name, definition in quantities.QUANTITIES.items():
+        assert name == definition.name
+        assert definition.low < definition.high
+        assert not definition.kind or definition.kind in KINDS
+        if definition.measure is not None:
+            # Its unit is one of its kind.
+            measured = f"1 {definition.measure.unit}"
+            size = quantity(measured, definition.kind)
+            assert size == pytest.approx(definition.measure.size, rel=1e-15)
+    for column in columns.COLUMNS.values():
+        assert (column.name in quantities.QUANTITIES) != bool(column.meaning)
+        assert (
+            columns.define(column.name).unit == column.field.metadata[b"unit"].decode()
+        )
+    assert columns.define("n_i_rpm").symbol == "$n_{i}$"
 
 
 @pytest.mark.parametrize("page", sorted(p.name for p in (ROOT / "docs").glob("*.md")))

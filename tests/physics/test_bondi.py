@@ -1,6 +1,4 @@
-"""For small oscillations, a run is of type SS exactly if its spin exceeds Bondi's
-threshold.
-"""
+"""A run with small oscillations is SS exactly if its spin exceeds Bondi's threshold."""
 
 import pytest
 
@@ -30,12 +28,12 @@ def test_every_run_of_small_oscillations_agrees_with_the_threshold(
         "horizon": {"t_rgh": 5},
     }
     done = rs.sweep(config, output=tmp_path / "out")
-    found = done.runs
-    assert len(found) == runs
-    assert (found.status == "ok").all()
-    assert (found.type == "SS").sum() > runs / 60
-    threshold = found.n_c1.abs() < found.n_i.abs()  # false if there is no threshold
-    differ = found[(found.type == "SS") != threshold]
+    decided = done.runs
+    assert len(decided) == runs
+    assert (decided.status == "ok").all()
+    assert (decided.type == "SS").sum() > runs / 60
+    threshold = decided.n_c1.abs() < decided.n_i.abs()  # false if there is no threshold
+    differ = decided[(decided.type == "SS") != threshold]
     assert differ.empty, differ[["case", "sample", "n_i", "n_c1", "type"]].to_string()
     if "target" in bodies:
         assert (done.summary.fraction_SS == done.summary.fraction_bondi).all()

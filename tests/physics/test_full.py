@@ -1,6 +1,4 @@
-"""The full dynamics in slopes against the paper's six variables, in doubles and at 60
-digits.
-"""
+"""The full dynamics in slopes against the paper's six variables, also at 60 digits."""
 
 import itertools
 
@@ -38,9 +36,11 @@ class Paper:
         self.constants = [*q[:3], q[3] - 1, q[4], q[5] - 1]
         p, q_, *omega = (mp.mpf(x) for x in state)
         upright = -1 / mp.sqrt(1 + p * p + q_ * q_)
-        self.u, self.omega = (p * upright, q_ * upright, upright), omega
+        self.u = (p * upright, q_ * upright, upright)
+        self.omega = omega
         d = reference.rhs(np.array([*self.u, *omega]), q)
-        self.du, self.domega = d[:3], d[3:]
+        self.du = d[:3]
+        self.domega = d[3:]
         self.r, self.dr = reference.contact(self.u, self.du, q)
         # p = u_x/u_z, q = u_y/u_z
         slopes = [
@@ -49,12 +49,15 @@ class Paper:
         self.rates = [*slopes, *self.domega]
 
     def energy(self):
-        v, w = reference.cross(self.r, self.omega), self.omega
+        v = reference.cross(self.r, self.omega)
+        w = self.omega
         inertia = [i * x for i, x in zip(self.q[:3], w, strict=True)]
         return (dot(v, v) + dot(w, inertia)) / 2 - dot(self.r, self.u) - 1
 
     def force(self):
-        w, r, cross = self.omega, self.r, reference.cross
+        w = self.omega
+        r = self.r
+        cross = reference.cross
         f = reference.add(
             cross(self.dr, w), cross(r, self.domega), cross(w, cross(r, w)), self.u
         )
@@ -149,9 +152,7 @@ def test_relative_accuracy_in_the_extremes():
 
 
 def test_mirrored_bodies_move_in_mirror_images():
-    """The x-z plane reflects polar u to (u_x, -u_y, u_z), axial omega to (-w_x, w_y,
-    -w_z).
-    """
+    """The x-z plane reflects u to (u_x, -u_y, u_z), omega to (-w_x, w_y, -w_z)."""
     image = np.array([1, -1, -1, 1, -1])
     for parameters, state in CASES:
         one = full.constants(*parameters)

@@ -11,7 +11,7 @@ from sweeping import invoke
 
 import rattlesweep as rs
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.physics.si import half_ellipsoid
+from rattlesweep.physics.si import components, half_ellipsoid
 from rattlesweep.units import KINDS, quantity
 
 STONE = {
@@ -196,6 +196,38 @@ def test_half_ellipsoids_agree_with_quadrature(stone):
     for wall in (np.inf, 0.1 * stone[2], 0.4 * stone[2]):
         found = half_ellipsoid(*five, weights=weights, x=x, y=y, wall=wall)
         assert found == pytest.approx(integrated(*stone, wall), rel=1e-9)
+
+
+def turned_about_y(tilt, moments):
+    """Return an inertia tensor whose z axis is off a principal axis by an angle."""
+    c, s = math.cos(tilt), math.sin(tilt)
+    axes = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+    return axes @ np.diag(moments) @ axes.T
+
+
+@pytest.mark.parametrize("close", [1e-3, 0.02, 0.5])
+def test_a_vertical_off_a_principal_axis_is_refused_however_close_moments_are(close):
+    """A small product of inertia turns axes far if their moments are nearly equal."""
+    moments = [9e-5, 6e-6, 9e-5 * (1 + close * 0.06)]
+    stone = {"mass": "85 g", "height": "1 cm", "radii": "50, 1.5 cm"}
+    for turn in (0.0, 0.4):
+        c, s = math.cos(turn), math.sin(turn)
+        axes = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+        def tilted(tilt, axes=axes):
+            return axes @ turned_about_y(tilt, moments) @ axes.T
+
+        rs.Rattleback.from_si(**stone, axes_angle=0.1, inertia=tilted(0.9e-3))
+        for tilt in (1.1e-3, 0.04):
+            with pytest.raises(ValueError, match=f"by {tilt:.2g} rad"):
+                rs.Rattleback.from_si(**stone, axes_angle=0.1, inertia=tilted(tilt))
+    with pytest.raises(ValueError, match=r"off a principal axis by 0\.04 rad"):
+        components((9e-5, 6e-6, 9.2e-5, 0, 8e-8))
+    # Two equal moments have any axes between them, so a rounding error is no tilt.
+    equal = (9e-5, 6e-6, 9e-5)
+    assert components((*equal, 0, 1e-21)) == (*equal, 0)
+    with pytest.raises(ValueError, match=r"by 0\.79 rad"):
+        components((*equal, 0, 1e-9))
 
 
 QUANTITIES = {

@@ -1,6 +1,4 @@
-"""The linear system about the steady spin against the full dynamics and 50-digit
-eigenvalues.
-"""
+"""The linear system about the steady spin against dynamics and 50-digit eigenvalues."""
 
 import os
 import subprocess
@@ -22,15 +20,14 @@ EPS = np.finfo(float).eps
 SPINS = (-0.8, -0.5, -0.1, -1e-3, 1e-3, 0.1, 0.5, 0.8)
 
 
-SD, WIDE = table_one(30, 21), any_body(30, 22)
+SD = table_one(30, 21)
+WIDE = any_body(30, 22)
 BODIES = [GH, *SD.T[:5].tolist(), *WIDE.T[:5].tolist()]
 
 
 @pytest.mark.parametrize("n", SPINS)
 def test_matrix_is_the_jacobian_of_the_full_dynamics_of_the_oracle_and_of_the_paper(n):
-    """Differences of the compiled formulas at 60 digits, free of rounding and
-    truncation.
-    """
+    """Differences at 60 digits are free of rounding and truncation."""
     rhs = exactly(full.rhs)
     # (u_x, u_y) = -(p, q) to first order.
     turn = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -55,14 +52,12 @@ def test_matrix_is_the_jacobian_of_the_full_dynamics_of_the_oracle_and_of_the_pa
         assert np.abs(jacobian[4]).max() < 1e-15
         got = turn @ got @ turn
         paper = np.array(theory_mp.spin_matrix(*body, n).tolist(), dtype=float)
-        for other in (oracle.jacobian_spin(mapping(body), n), paper):
-            np.testing.assert_allclose(got, other, atol=1e-13 * size)
+        for expected in (oracle.jacobian_spin(mapping(body), n), paper):
+            np.testing.assert_allclose(got, expected, atol=1e-13 * size)
 
 
 def test_eigenvalues_of_extreme_bodies_at_any_spin_and_any_loss():
-    """With a hundred digits, growth rates down to 1e-20 of the frequency are known
-    exactly.
-    """
+    """A hundred digits give growth rates down to 1e-20 of the frequency exactly."""
     size = 120
     rng = np.random.default_rng(31)
     bodies = np.concatenate(
@@ -72,16 +67,17 @@ def test_eigenvalues_of_extreme_bodies_at_any_spin_and_any_loss():
     n = rng.choice([-1, 1], size) * log_uniform(rng, 1e-6, 10, size)
     sigma = np.where(rng.random(size) < 0.5, log_uniform(rng, 1e-6, 100, size), 0.0)
     n[:5] = 0.0
-    found = steady.steady_modes(constants, n, sigma)
-    errors, overdamped = [], 0
+    modes = steady.steady_modes(constants, n, sigma)
+    errors = []
+    overdamped = 0
     for k in range(size):
-        pitch, roll, *others = theory_mp.steady_eigenvalues(
+        pitch, roll, *conjugates = theory_mp.steady_eigenvalues(
             constants[:, k], n[k], sigma[k]
         )
-        for got, exact in ((found.pitch[k], pitch), (found.roll[k], roll)):
+        for got, exact in ((modes.pitch[k], pitch), (modes.roll[k], roll)):
             overdamped += exact.imag == 0
             # Two eigenvalues that are close are less well conditioned.
-            near = min(abs(exact - z) for z in (pitch, roll, *others) if z != exact)
+            near = min(abs(exact - z) for z in (pitch, roll, *conjugates) if z != exact)
             slack = 2e-14 * abs(exact) * max(1, abs(exact) / near)
             assert abs(complex(got) - exact) < slack, (k, got, exact)
             if exact.real != 0:
@@ -99,14 +95,12 @@ def test_probes_are_left_eigenvectors_of_extreme_bodies():
     constants = full.constants(*bodies)
     for n in (np.zeros(size), rng.uniform(-10, 10, size)):
         for sigma in (0.0, 0.1, 100.0):
-            matrix, found = (
-                steady.matrix(constants, n, sigma),
-                steady.steady_modes(constants, n, sigma),
-            )
+            matrix = steady.matrix(constants, n, sigma)
+            modes = steady.steady_modes(constants, n, sigma)
             scale = np.abs(matrix).max(axis=(1, 2))[:, None]
             for value, probe in (
-                (found.pitch, found.pitch_probe),
-                (found.roll, found.roll_probe),
+                (modes.pitch, modes.pitch_probe),
+                (modes.roll, modes.roll_probe),
             ):
                 rest = (probe[:, None, :] @ matrix)[:, 0] - value[:, None] * probe
                 assert np.all(np.abs(rest) < 2e-10 * scale)
@@ -134,11 +128,9 @@ print(hashlib.sha256(b"".join(part.tobytes() for part in found)).hexdigest())
 
 
 def test_bits_depend_neither_on_the_linear_algebra_library_nor_on_the_processor():
-    """OpenBLAS with kernels for several processors, NumPy without those for this
-    one.
-    """
+    """OpenBLAS with other processors' kernels, NumPy without those for this one."""
     extensions = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
-    found = set()
+    hashes = set()
     for change in (
         {"OPENBLAS_CORETYPE": "Haswell"},
         {"OPENBLAS_CORETYPE": "Prescott"},
@@ -151,8 +143,8 @@ def test_bits_depend_neither_on_the_linear_algebra_library_nor_on_the_processor(
             text=True,
         )
         assert done.returncode == 0, done.stderr
-        found.add(done.stdout)
-    assert len(found) == 1
+        hashes.add(done.stdout)
+    assert len(hashes) == 1
 
 
 def energy_norm(constants):
@@ -170,7 +162,7 @@ def energy_norm(constants):
 def test_no_decaying_oscillation_rises_above_its_bound():
     """The largest possible gain is the norm of the exponential of the matrix."""
     n_c1 = theory.bondi_threshold(*SD[:5])
-    found = []
+    gains = []
     for body, n in zip(SD.T, 1.2 * n_c1, strict=True):
         if np.isnan(n):
             continue
@@ -179,33 +171,36 @@ def test_no_decaying_oscillation_rises_above_its_bound():
         bound = float(steady.transient_growth(constants, n))
         matrix = root @ steady.matrix(constants, n) @ np.linalg.inv(root)
         powers = list(accumulate(repeat(expm(0.1 * matrix), 600), np.matmul))
-        found.append(np.linalg.norm(powers, 2, axis=(1, 2)).max() ** 2 / bound)
-    assert len(found) > 10
+        gains.append(np.linalg.norm(powers, 2, axis=(1, 2)).max() ** 2 / bound)
+    assert len(gains) > 10
     # The bound holds, and is not so loose that it says nothing.
-    assert 0.1 < max(found) < 1
+    assert 0.1 < max(gains) < 1
 
 
 def test_oscillations_settle_if_every_spin_that_they_may_reach_is_stable():
-    constants, n_c1 = full.constants(*SD), theory.bondi_threshold(*SD[:5])
+    constants = full.constants(*SD)
+    n_c1 = theory.bondi_threshold(*SD[:5])
     slow = np.full(SD.shape[1], 1e-12)
-    there = np.isfinite(n_c1)
-    assert 10 < there.sum() < len(there)
-    for part in (-1.5, 0.5, 1.0):  # the unsteady direction, below the threshold, at it
+    stable = np.isfinite(n_c1)
+    assert 10 < stable.sum() < len(stable)
+    # The unsteady direction, below the threshold, at it.
+    for factor in (-1.5, 0.5, 1.0):
         assert np.all(
-            steady.settled_oscillation(constants, part * n_c1, n_c1, slow) == 0
+            steady.settled_oscillation(constants, factor * n_c1, n_c1, slow) == 0
         )
-    found = steady.settled_oscillation(constants, 1.5 * n_c1, n_c1, slow)
-    assert np.array_equal(found > 0, there)
+    settled = steady.settled_oscillation(constants, 1.5 * n_c1, n_c1, slow)
+    assert np.array_equal(settled > 0, stable)
     # The largest rise takes the spin half-way to the threshold, or tilts the body to a
     # slope of sqrt(1/2) in the direction of the least curvature; the present slope is
     # at most 0.1.
-    rise = steady.transient_growth(constants[:, there], 1.5 * n_c1[there])
-    way = constants[2, there] * 1.25 * n_c1[there] ** 2
-    lean = (1 - SD[3, there]) / SD[3, there]
+    rise = steady.transient_growth(constants[:, stable], 1.5 * n_c1[stable])
+    way = constants[2, stable] * 1.25 * n_c1[stable] ** 2
+    lean = (1 - SD[3, stable]) / SD[3, stable]
     most = np.minimum(np.minimum(way, lean) / 2 / rise, lean / 100)
-    np.testing.assert_allclose(found[there], most, rtol=1e-9)
+    np.testing.assert_allclose(settled[stable], most, rtol=1e-9)
     # A decay below the rate does not count.
-    constants, n_c1 = constants[:, there], n_c1[there]
+    constants = constants[:, stable]
+    n_c1 = n_c1[stable]
     rates = -np.maximum(*steady.growth(constants, np.sqrt(1.625) * n_c1))  # half-way
     for factor in (0.99, 1.01):
         fast = steady.settled_oscillation(constants, 1.5 * n_c1, n_c1, factor * rates)

@@ -19,7 +19,8 @@ def random_bodies(count, seed):
     """Bodies, states and friction coefficients; every fourth body is a paraboloid."""
     rng = np.random.default_rng(seed)
     for k in range(count):
-        gamma, f_sd = rng.uniform(3, 20), rng.uniform(0.05, 0.3)
+        gamma = rng.uniform(3, 20)
+        f_sd = rng.uniform(0.05, 0.3)
         alpha, beta = shell_dumbbell(gamma, f_sd)
         theta = rng.uniform(0.15, 0.95)
         body = dict(
@@ -37,7 +38,8 @@ def random_bodies(count, seed):
             )
         )
         body["c"] = None if k % 4 == 0 else theta * (1 + rng.lognormal(0, 1.5))
-        tilt, turn = rng.uniform(0, 0.3), rng.uniform(0, 2 * math.pi)
+        tilt = rng.uniform(0, 0.3)
+        turn = rng.uniform(0, 2 * math.pi)
         u = np.array(
             [
                 math.sin(tilt) * math.cos(turn),
@@ -91,7 +93,7 @@ def test_equations_are_those_of_mechanics(model):
         )
         if model.n_state == 6:
             assert got[5] == pytest.approx(power, rel=1e-10, abs=1e-13)
-        fx, fy, rise, *_ = model.touch(
+        fx, fy, rise, *_ = model.surface.contact(
             p,
             q_slope,
             *omega,
@@ -107,9 +109,7 @@ def test_equations_are_those_of_mechanics(model):
     "model", [m for m in MODELS if m.n_carried], ids=lambda model: model.name
 )
 def test_carried_functions_of_a_step(model):
-    """Start and rate are those of the contact point, and errors enter squared; at 60
-    digits.
-    """
+    """Start and rate are those of the contact point, at 60 digits."""
     assert model.n_carried == 1
     start, carried, plain = map(
         exactly, (model.carried_start, model.carried_rhs, model.rhs)
@@ -133,17 +133,15 @@ def test_carried_functions_of_a_step(model):
             assert abs((ahead - behind) / (2 * h) - rate) < 1e-30
             # An error of the rise enters squared.
             off = rise * (1 + mp.mpf(10) ** -8)
-            other = carried(*y, off, *q)
+            nearly = carried(*y, off, *q)
             assert (
-                max(abs(a - b) for a, b in zip(other, (*got, rate), strict=True))
+                max(abs(a - b) for a, b in zip(nearly, (*got, rate), strict=True))
                 < 1e-12
             )
 
 
 def kl_state(omega_3):
-    """Return Kane and Levinson's launch in our frame and units: ``u``, ``omega``, one
-    second.
-    """
+    """Return Kane and Levinson's launch in our units: ``u``, ``omega``, a second."""
     tilt = stone_oracle.KL_TILT
     _, vectors = np.linalg.eigh(stone_oracle.KL_INERTIA)
     x = vectors[:, 1] * np.sign(vectors[1, 1])

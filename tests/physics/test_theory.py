@@ -20,14 +20,11 @@ SETS = {"table I": table_one(60, 1), "far outside": far_outside(300, 2)}
 
 
 class Case:
-    """Bodies and launches, the results of the package for them, and the exact values by
-    name.
-    """
+    """Bodies and launches, the package's results, and the exact values by name."""
 
     def __init__(self, bodies):
-        self.alpha, self.beta, self.gamma, self.theta, self.phi, self.xi = (
-            self.bodies
-        ) = bodies
+        self.bodies = bodies
+        self.alpha, self.beta, self.gamma, self.theta, self.phi, self.xi = bodies
         self.n, self.w = launches(np.random.default_rng(5), bodies.shape[1])
         self.modes = theory.modes(self.alpha, self.beta, self.theta, self.phi, self.xi)
         self.exact = [
@@ -75,12 +72,9 @@ def test_modes(case):
 
 
 def test_launches(case):
-    own, psi = (
-        np.where(
-            case.n > 0, getattr(case.modes, x + "_p"), getattr(case.modes, x + "_r")
-        )
-        for x in ("K", "psi")
-    )
+    unsteady = case.n > 0
+    grows = np.where(unsteady, case.modes.K_p, case.modes.K_r)
+    psi = np.where(unsteady, case.modes.psi_p, case.modes.psi_r)
     speed = theory.oscillation_speed(case.alpha, case.beta, case.gamma, case.w, psi)
     with mp.workdps(90):
         wanted = []
@@ -94,19 +88,15 @@ def test_launches(case):
             # n_0^2 = n_i^2 + speed^2 is the paper's n_0 to 50 digits.
             assert abs(mp.hypot(n_i, wanted[-1]) / exact["n_0"] - 1) < mp.mpf(10) ** -48
     assert relative_error(speed, wanted).max() < 1e-12
-    assert (
-        case.error("t_rgh", theory.GarciaHubbard(own, case.n, speed).t_rgh).max()
-        < 1e-12
-    )
+    gh = theory.GarciaHubbard(grows, case.n, speed)
+    assert case.error("t_rgh", gh.t_rgh).max() < 1e-12
     pitch, roll = theory.growth_rates(case.modes.K_p, case.modes.K_r, case.n)
     assert case.error("growth_pitch", pitch).max() < 1e-12
     assert case.error("growth_roll", roll).max() < 1e-12
 
 
 def threshold_errors(*body):
-    """Check that the threshold is NaN exactly where there is none; return relative
-    errors.
-    """
+    """Check where the threshold is NaN, and return the relative errors elsewhere."""
     got = theory.bondi_threshold(*body)
     squares = [theory_mp.n_c1_squared(*row) for row in rows(body)]
     exists = np.array([s is not None and s > 0 for s in squares])
@@ -127,14 +117,17 @@ def test_bondi_threshold(case):
 def test_bondi_threshold_where_its_denominator_vanishes(kind):
     # The last parameter solves for a zero, and is then moved by some of its rounding
     # errors.
-    rng, size = np.random.default_rng(3), 300
+    rng = np.random.default_rng(3)
+    size = 300
     steps = np.round(np.sign(rng.normal(size=size)) * log_uniform(rng, 1, 1e12, size))
     steps[: size // 3] = rng.integers(-2, 3, size // 3)
     if kind == "general":
-        theta, phi = rng.uniform(0.3, 0.6, size), rng.uniform(0.01, 0.29, size)
+        theta = rng.uniform(0.3, 0.6, size)
+        phi = rng.uniform(0.01, 0.29, size)
         beta = rng.uniform(1.5, 5, size)
         alpha = beta + rng.uniform(0.1, 3, size)
-        s, m = theta + phi, theta * phi
+        s = theta + phi
+        m = theta * phi
         gamma = alpha + beta - (2 - s) / (s - 2 * m)
         gamma += steps * np.spacing(gamma)
     else:
@@ -154,7 +147,8 @@ def paper_spin(t, k, n_i, speed):
     """Return the spin by Eqs. 55 and 57."""
     with mp.workdps(120):
         t, k, n_i, speed = (mp.mpf(x) for x in (t, k, n_i, speed))
-        n, n_0 = abs(n_i), mp.sqrt(n_i**2 + speed**2)
+        n = abs(n_i)
+        n_0 = mp.sqrt(n_i**2 + speed**2)
         fall = (n_0 + n) * mp.exp(-n_0 * k * t)
         rest = speed**2 / (n_0 + n)
         return mp.sign(n_i) * n_0 * (fall - rest) / (fall + rest)
@@ -165,17 +159,16 @@ def test_gh_solution_is_the_papers():
     n, speed = launches(rng, 80)
     k = log_uniform(rng, 1e-6, 1e3, 80)
     n_0 = np.hypot(n, speed)
-    found = theory.GarciaHubbard(k, n, speed)
-    for part in (0.0, 1e-3, 0.3, 0.9, 0.999, 1.001, 1.1, 2.0, 5.0):
-        t = part * found.t_rgh
-        got = found.spin(t)
+    gh = theory.GarciaHubbard(k, n, speed)
+    for share in (0.0, 1e-3, 0.3, 0.9, 0.999, 1.001, 1.1, 2.0, 5.0):
+        t = share * gh.t_rgh
+        got = gh.spin(t)
         wanted = [paper_spin(*row) for row in rows([t, k, n, speed])]
         error = np.array(
             [float(abs(g - r)) for g, r in zip(got.tolist(), wanted, strict=True)]
         )
         # A rounding error of t changes the spin by its rate.
         rate = 0.5 * k * (n_0 + abs(got)) * (n_0 - abs(got))
-        assert np.all(
-            error < 40 * EPS * (np.abs(got) + rate * np.maximum(t, found.t_rgh))
-        ), part
-        assert np.all(error < 1e-12 * n_0), part
+        late = np.maximum(t, gh.t_rgh)
+        assert np.all(error < 40 * EPS * (np.abs(got) + rate * late)), share
+        assert np.all(error < 1e-12 * n_0), share

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import polars as pl
+import pyarrow as pa
 import pytest
 import sweeping
 from hypothesis import example, given, settings
@@ -216,7 +218,8 @@ def test_tables_are_csv_or_parquet_and_found_beside_their_config(tmp_path, monke
     pd.read_csv(tmp_path / "b.csv").to_parquet(path)
     assert np.array_equal(bodies_of(plan({"source": "table", "path": str(path)})), b)
     (tmp_path / "c.yaml").write_text(
-        "bodies: {source: table, path: b.csv}\nspin: {n_i: 0.1, omega_xy0: 0.01}\nmodel: gh\n"
+        "bodies: {source: table, path: b.csv}\n"
+        "spin: {n_i: 0.1, omega_xy0: 0.01}\nmodel: gh\n"
     )
     monkeypatch.chdir("/")
     assert len(rs.sweep(tmp_path / "c.yaml", output=tmp_path / "out").runs) == 2
@@ -254,7 +257,7 @@ BAD_TABLES = {
     ),
     "a cell more in each row": (
         f"{HEAD}\n{ROW},\n{ROW},\n",
-        "cannot be read as a table (CSV par",
+        "cannot be read as a table: its header has 6 columns and a row 7, ",
     ),
     "no rows": (f"{HEAD}\n", "the table has no rows; give at least one body"),
     "no height": (
@@ -263,7 +266,33 @@ BAD_TABLES = {
     ),
     "result": (
         f"{HEAD},type\n{ROW},granite\n",
-        "the column type has the name of a result; rename",
+        "the column type has the name of a result, which the runs will have; rename",
+    ),
+    "a reversal time": (
+        f"{HEAD},t_r\n{ROW},7\n",
+        "the column t_r has the name of a result, which the runs will have; rename",
+    ),
+    "an error": (
+        f"{HEAD},t_r_error\n{ROW},7\n",
+        "the column t_r_error has the name of a result",
+    ),
+    "two separators": (
+        f"{HEAD};n_i\n{ROW};0.1\n",
+        "its first line has semicolons and commas; separate the columns by one of",
+    ),
+    "blanks": (
+        f"{HEAD}\n{ROW}\n".replace(",", " "),
+        "the columns of its first line are separated by blanks; separate them by",
+    ),
+    "decimal commas between commas": (
+        f"{HEAD}\n{ROW}\n".replace(".", ","),
+        "its header has 6 columns and a row 12, separated by commas; if commas are",
+    ),
+    "decimal commas and points": (
+        f"{HEAD}\n{ROW}\n{ROW.replace('.', ';')}\n".replace(",", "\t").replace(
+            ";", ","
+        ),
+        "line 3 has a decimal comma and line 2 a decimal point; write all numbers in",
     ),
     "degrees": (
         f"{HEAD},n_i,omega_xy0,psi\n{ROW},1,0.1,30\n",
@@ -287,6 +316,70 @@ def test_a_file_that_is_no_table_is_refused_by_name(tmp_path):
         (tmp_path / name).write_bytes(b"PAR1\0\xe9" + bytes(range(256)))
     for path in tmp_path.iterdir():
         assert path.name in refusal({"source": "table", "path": str(path)})
+
+
+def test_a_table_may_have_semicolons_or_tabs_and_decimal_commas(tmp_path):
+    """They are what spreadsheets write in languages with decimal commas."""
+    text = f"{HEAD},name\n{ROW},a\n9.3,2.1,9,0.81,0.07,-2e-2,b\n"
+    expected = plan(table(tmp_path, text)).source.content_hash
+    for separator in ("\t", ";"):
+        dialect = text.replace(",", separator)
+        assert plan(table(tmp_path, dialect)).source.content_hash == expected
+        comma = dialect.replace(".", ",")
+        assert plan(table(tmp_path, comma)).source.content_hash == expected
+        marked = "\ufeff" + comma.replace("\n", "\r\n")
+        assert plan(table(tmp_path, marked)).source.content_hash == expected
+
+
+def test_results_are_taken_from_tables_of_runs_alone():
+    body = {name: [getattr(rs.Rattleback.gh(), name)] for name in PARAMETERS}
+    frame = pd.DataFrame({**body, "n_i": 0.1, "omega_xy0": 0.01})
+    runs = rs.simulate(frame)
+    assert rs.simulate(runs).t_r.equals(runs.t_r)
+    for make in (rs.simulate, rs.sweep):
+        with pytest.raises(ConfigError, match="bodies: the column t_r has the name"):
+            make(frame.assign(t_r=7.0))
+
+
+PAPERS = {
+    "gamma": [10.0, 12.0],
+    "f_sd": [0.1, 0.12],
+    "theta": [0.8, 0.9],
+    "phi": [0.05, 0.06],
+}
+
+
+def test_tables_in_memory_may_have_the_papers_own_parameters():
+    """They give the same bodies as the function that takes these, for pandas, Polars
+    and Arrow.
+    """
+    bodies = rs.Rattleback.shell_dumbbell(**PAPERS, xi=[-0.01, -0.02])
+    launch = {"n_i": 0.3, "omega_xy0": 0.1}
+    expected = rs.simulate(bodies, **launch)
+    degrees = {"xi_deg": np.degrees([-0.01, -0.02])}
+    turned = {"minus_xi_deg": np.degrees([0.01, 0.02])}
+    for columns in (
+        PAPERS | degrees,
+        pd.DataFrame(PAPERS | degrees),
+        pl.DataFrame(PAPERS | turned),
+        pa.table(PAPERS | degrees),
+    ):
+        runs = rs.simulate(columns, **launch)
+        assert runs.f_sd.tolist() == PAPERS["f_sd"]
+        np.testing.assert_allclose(runs.t_r, expected.t_r, rtol=1e-9)
+    with pytest.raises(ConfigError, match=r"row 2: f_sd is 0\.6; above 0 and below"):
+        rs.simulate(PAPERS | degrees | {"f_sd": [0.1, 0.6]}, **launch)
+    with pytest.raises(ConfigError, match="the column phi is missing; a body has gam"):
+        rs.simulate({k: v for k, v in PAPERS.items() if k != "phi"} | degrees)
+
+
+def test_a_frame_of_polars_is_swept(tmp_path):
+    frame = pl.DataFrame(PAPERS | {"xi_deg": [-1.0, -2.0], "name": ["a", "b"]})
+    keys = {"spin": {"n_i": 0.3, "omega_xy0": 0.1}, "model": "gh"}
+    runs = rs.sweep(frame, output=tmp_path / "polars", **keys).runs
+    again = rs.sweep(frame.to_pandas(), output=tmp_path / "pandas", **keys).runs
+    assert runs.name.tolist() == ["a", "b"]
+    pd.testing.assert_frame_equal(runs, again)
 
 
 def test_a_table_is_identified_by_its_content(tmp_path):

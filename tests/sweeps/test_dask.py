@@ -22,9 +22,9 @@ from sweeping import CONFIGS, sweep
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps import dask as daskengine
-from rattlesweep.sweeps import run as runner
+from rattlesweep.sweeps import job as jobs
 from rattlesweep.sweeps.dask import make_engine
-from rattlesweep.sweeps.run import Progress
+from rattlesweep.sweeps.job import Progress
 from rattlesweep.sweeps.stored import Stored
 
 GATE = Path(__file__).parents[1] / "helpers" / "gate.py"
@@ -52,7 +52,7 @@ NEVER = 300  # seconds after which a test gives up waiting
 
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch):
-    monkeypatch.setattr(runner, "MAX_BLOCK_RUNS", 10)
+    monkeypatch.setattr(jobs, "MAX_BLOCK_RUNS", 10)
 
 
 @pytest.fixture(scope="module")
@@ -275,7 +275,8 @@ def test_worker_of_another_version_is_refused(cluster, tmp_path, monkeypatch):
     monkeypatch.setattr(
         daskengine, "versions", lambda: next(answers, ours | {"numba": "0.2"})
     )
-    sentence = r"^the worker at tcp://127\S+ on \S+: its results would differ .*: numba 0.2 there"
+    worker = r"^the worker at tcp://127\S+ on \S+"
+    sentence = rf"{worker}: its results would differ .*: numba 0.2 there"
     with pytest.raises(OutputError, match=sentence):
         sweep(tmp_path, SWEEP, engine=make_engine(cluster))
     assert not list(tmp_path.glob("runs/*"))

@@ -18,10 +18,11 @@ from test_invariance import Stop, cut
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.decide import FIRST_WAVE, nearest_rows, wanted_runs
 from rattlesweep.sweeps.run import integrate_plan
+from rattlesweep.sweeps.status import status
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.summary import summarise
 from rattlesweep.sweeps.types import wilson
-from rattlesweep.sweeps.verify import same_bits, status, verify
+from rattlesweep.sweeps.verify import same_bits, verify
 
 GRID: dict[str, Any] = {
     "source": "grid",

@@ -26,9 +26,11 @@ from hardship import (
     files_of,
     tiny,
 )
+from sweeping import invoke
 from syscalls import CHANGES, MAY_FAIL
 
-from rattlesweep.sweeps.columns import read_parquet, write_parquet
+from rattlesweep.sweeps import run
+from rattlesweep.sweeps.parquet import read_parquet, write_parquet
 from rattlesweep.sweeps.stored import metadata
 
 GRID = (
@@ -196,6 +198,54 @@ def test_stopped_at_every_call(name, number, code, word, stride, tmp_path):
     at_every_call(name, tmp_path, CHANGES, stopped, stride, sent=number)
 
 
+@pytest.mark.parametrize("name", ["retry", "classify by run"])
+def test_an_io_error_is_no_damage_and_rows_are_stored_once(name, tmp_path):
+    """An error at each read and close of the look after rows have changed."""
+    scene = make_scene("retry", tmp_path)
+    output = tmp_path / "out"
+    if name != "retry":
+        changed = (*scene.args[:-1], "--set", OTHER_TYPES)
+        after = Path(shutil.copytree(scene.after, tmp_path / "after"))
+        scene = Scene(scene.after, changed, after)
+        assert scene.run(after).code == 0
+    kinds = ("read", "close")
+    scene.begin(output)
+    log = tmp_path / "log"
+    scene.run(output, calls={"root": output, "kinds": kinds, "log": log})
+    lines = [x for x in log.read_text().splitlines() if x.split()[0] in kinds]
+    files = [place for place, line in enumerate(lines) if "runs/" in line]
+    assert len(files) > 20
+    for at in files[:: len(files) // 20]:
+        scene.begin(output)
+        harm = {"root": output, "kinds": kinds, "at": at, "number": errno.EIO}
+        done = scene.run(output, calls=harm)
+        assert (done.code, done.sentence) == (1, True), (lines[at], done)
+        assert "Input/output error" in done.err
+        assert not (output / "damaged").exists()
+        assert scene.run(output).code == 0
+        check_equal(output, scene.after)
+
+
+def test_damage_that_the_second_look_finds_is_mended(tmp_path, monkeypatch):
+    scene = make_scene("retry", tmp_path)
+    output = tmp_path / "out"
+    scene.begin(output)
+    honest = run.rewrite
+
+    def harmful(path: Path, rows: pa.Table, typed: str) -> None:
+        honest(path, rows, typed)
+        path.write_bytes(path.read_bytes()[:-1] + b"?")
+
+    monkeypatch.setattr(run, "rewrite", harmful)
+    result = invoke(*(str(x).replace("{out}", str(output)) for x in scene.args))
+    assert result.exit_code == 0
+    moved = sorted((output / "damaged").iterdir())
+    assert len(moved) == len(files_of(scene.before or output))
+    assert all(str(path) in result.stderr for path in moved)
+    shutil.rmtree(output / "damaged")
+    check_equal(output, scene.after)
+
+
 def test_calls_are_harmed_as_asked_and_files_are_synced(tmp_path):
     """Check `syscalls` itself: without harm the tests above would pass, too."""
     scene, output = make_scene("run", tmp_path), tmp_path / "out"
@@ -204,10 +254,10 @@ def test_calls_are_harmed_as_asked_and_files_are_synced(tmp_path):
     lines = [
         line for line in log.read_text().splitlines() if line.split()[0] in CHANGES
     ]
-    at = next(k for k, line in enumerate(lines) if line.startswith("write runs/.case"))
+    at = next(k for k, line in enumerate(lines) if line.startswith("write .case"))
     shutil.rmtree(output)
     assert scene.run(output, calls=calls | {"at": at + 1}).code == -9
-    (left,) = output.glob("runs/.*.tmp")
+    (left,) = output.glob(".*.tmp")
     assert 1000 < left.stat().st_size < 20_000  # half-written
     # A file is synced before its rename, and the folder after it.
     for place, line in enumerate(lines):
@@ -215,4 +265,6 @@ def test_calls_are_harmed_as_asked_and_files_are_synced(tmp_path):
         if kind == "rename":
             own = [x.split()[0] for x in lines[:place] if x.split()[1] == path]
             assert (own[0], {*own[1:-1]}, own[-1]) == ("create", {"write"}, "fsync")
-            assert lines[place + 1] == f"fsync {Path(path).parent}"
+            # Files of rows are written beside their folder, where no reader looks.
+            folder = "runs" if path.startswith(".case") else Path(path).parent
+            assert lines[place + 1] == f"fsync {folder}"

@@ -26,11 +26,13 @@ from sweeping import plan_of
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate import task
-from rattlesweep.sweeps import run as runner
-from rattlesweep.sweeps.provenance import hold, read_sessions
-from rattlesweep.sweeps.run import Job, Progress
+from rattlesweep.sweeps import job as jobs
+from rattlesweep.sweeps import stored as stores
+from rattlesweep.sweeps.job import Job, Progress
+from rattlesweep.sweeps.locks import hold
+from rattlesweep.sweeps.sessions import read_sessions
+from rattlesweep.sweeps.status import status
 from rattlesweep.sweeps.stored import Found, open_stored
-from rattlesweep.sweeps.verify import status
 
 GOES_ON = "the same command resumes from there"
 FEW = 40
@@ -132,10 +134,10 @@ def test_ctrl_c_is_heard_within_a_block_and_while_bodies_are_drawn(tmp_path):
             "--output",
             tmp_path / str(k),
             "--set",
-            f"bodies={{source: sd, samples: 1500, target: {{{target}}}}}",
+            f"bodies={{source: sd, samples: 6000, target: {{{target}}}}}",
             "--set",
             "spin.n_i=[-0.3, -0.5]",
-            rows=runner.MAX_BLOCK_RUNS,
+            rows=jobs.MAX_BLOCK_RUNS,
         )
         for k, target in enumerate((easy, hard))
     )
@@ -143,7 +145,7 @@ def test_ctrl_c_is_heard_within_a_block_and_while_bodies_are_drawn(tmp_path):
     for child in (integrating, drawing):
         child.kill(signal.SIGINT)
     done, kept = integrating.wait(), open_stored(tmp_path / "0").count()
-    assert 0 < kept < 6000
+    assert 0 < kept < 24_000
     assert f"interrupted; {kept:,} runs are kept, and {GOES_ON}\n" in done.err
     assert {path.name for path in (tmp_path / "0").rglob(".*")} == {".locks"}
     assert "interrupted" in (other := drawing.wait()).err
@@ -239,35 +241,111 @@ def test_a_sweep_grows_when_no_other_shard_is_at_work(tiny_sweep, tmp_path):
 def new_job(
     monkeypatch: Any, cost: Any, samples: int, report: Any = lambda p: None, **more: Any
 ) -> Job:
-    monkeypatch.setattr(runner, "case_costs", lambda plan: np.array(cost, float))
+    monkeypatch.setattr(jobs, "case_costs", lambda plan: np.array(cost, float))
     spin = {"n_i": np.linspace(-0.5, -0.1, len(cost)).tolist(), "omega_xy0": 0.01}
     plan = plan_of(CONFIG, bodies={"source": "sd", "samples": samples}, spin=spin)
     stored: Any = SimpleNamespace(append=lambda *args: None)
     return Job(plan, stored, Found((len(cost), samples)), 2, report, **more)
 
 
+def rows_of(case: Any, sample: Any, n_steps: Any) -> pa.Table:
+    columns = {"case": case, "sample": sample, "n_steps": n_steps}
+    labels = {"type": ["R"] * len(case), "status": ["ok"] * len(case)}
+    return pa.table(columns | labels)
+
+
+@pytest.mark.parametrize("spread", [False, True])
+@pytest.mark.parametrize(
+    "shape", [(1, 1), (1, 5000), (7, 300), (300, 7), (3, 64), (3, 65)]
+)
+def test_the_first_samples_of_every_case_come_first(shape, spread, monkeypatch):
+    monkeypatch.setattr(jobs, "SCAN", 1000)
+    todo = np.random.default_rng(1).random(shape) < 0.7
+    pieces = list(jobs.in_order(todo, spread))
+    case, sample = (np.concatenate(x) for x in zip(*pieces, strict=True))
+    assert sorted(zip(case, sample, strict=True)) == [
+        *zip(*np.nonzero(todo), strict=True)
+    ]
+    # Stopped anywhere, no case has more than about GROWTH times as many as another.
+    for stop in range(0, len(case), 97):
+        done = np.bincount(case[:stop], minlength=shape[0])
+        most = jobs.GROWTH * done.min() + jobs.FIRST_PASS
+        assert done.max() <= most * 1.3 + 10
+    # Each pass is in the order of the keys, and there are few of them.
+    order = case * shape[1] + sample
+    assert (np.diff(order) < 0).sum() <= 6
+
+
+def test_reading_what_passes_wrote_holds_few_files(monkeypatch, tmp_path):
+    monkeypatch.setattr(jobs, "MAX_BLOCK_RUNS", 100)
+    monkeypatch.setattr(stores, "BATCH_ROWS", 1)
+    config = CONFIG | {"bodies": {"source": "sd", "samples": 1000}, "model": "gh"}
+    spin = {"n_i": np.linspace(0.1, 0.5, 4).tolist(), "omega_xy0": 0.01}
+    sweeping.sweep(tmp_path, config | {"spin": spin, "horizon": {"t": 1000}})
+    held: list[int] = []
+    honest = pa.concat_tables
+
+    def counting(tables: list[pa.Table]) -> pa.Table:
+        held.append(sum(map(len, tables)))
+        return honest(tables)
+
+    monkeypatch.setattr(stores.pa, "concat_tables", counting)
+    rows = open_stored(tmp_path).read()
+    assert (len(files_of(tmp_path)), len(rows)) == (40, 4000)
+    assert rows["sample"].to_pylist() == [*range(1000)] * 4
+    assert max(held) < 1500
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_time_left_is_right_within_a_third_after_a_minute(seed, monkeypatch):
+    """Cases cost up to ten times more or less than expected, and runs vary too."""
+    dice = np.random.default_rng(seed)
+    expected = 10 ** dice.uniform(3, 5, 24)
+    actual = expected * 10 ** dice.uniform(-0.7, 1.0, 24)
+    seen: list[tuple[float, float]] = []
+    clock = [0.0]
+    monkeypatch.setattr(jobs.time, "monotonic", lambda: clock[0])
+
+    def note(progress: Progress) -> None:
+        if progress.left is not None:
+            seen.append((clock[0], progress.left))
+
+    samples = int(600 * 1e7 / actual.sum())  # ten minutes in all
+    work = new_job(monkeypatch, expected, samples, note, begun=0.0)
+    for case, sample in work.blocks(np.ones((24, samples), bool)):
+        steps = actual[case] * dice.exponential(1.0, len(case))
+        seconds = steps.sum() / 1e7 * dice.uniform(0.8, 1.2)
+        clock[0] += seconds
+        work.write(rows_of(case, sample, steps), seconds)
+        work.tick()
+    end = clock[0]
+    later = [(now, left) for now, left in seen if 60 <= now <= 0.97 * end]
+    assert len(later) > 50
+    assert all(abs(left / (end - now) - 1) < 0.3 for now, left in later)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_blocks_are_each_run_once_in_order(seed, monkeypatch):
-    monkeypatch.setattr(runner, "MAX_BLOCK_RUNS", 3000)
-    monkeypatch.setattr(runner, "SCAN", 7000)
+    monkeypatch.setattr(jobs, "MAX_BLOCK_RUNS", 3000)
+    monkeypatch.setattr(jobs, "SCAN", 7000)
     dice = np.random.default_rng(seed)
-    work = new_job(monkeypatch, 10 ** dice.uniform(2, 5, 40), 500)
+    cost = 10 ** dice.uniform(2, 5, 40)
+    work = new_job(monkeypatch, cost, 500)
     work.found.done[:] = dice.random((40, 500)) < 0.4
+    todo = ~work.found.done
     blocks = []
-    for keys in work.blocks(np.ones((40, 500), bool)):
-        blocks.append(keys)
-        work.time_block(
-            keys, float(work._cost[keys[0]].sum()) / 1e7
-        )  # as many costs a second
-    case, sample = (np.concatenate(part) for part in zip(*blocks, strict=True))
-    assert np.array_equal(np.stack([case, sample]), np.nonzero(~work.found.done))
-    sizes = [len(block[0]) for block in blocks]
-    assert (
-        runner.RUNS_PER_LANE * runner.LANES * 2
-        <= min(sizes[1:-1])
-        <= max(sizes)
-        <= 3000
-    )
+    for case, sample in work.blocks(np.ones((40, 500), bool)):
+        blocks.append((case, sample))
+        order = case * 500 + sample
+        assert (np.diff(order) > 0).all()  # as the rows of a file are
+        steps = cost[case]
+        work.write(rows_of(case, sample, steps), steps.sum() / 1e7)  # 1e7 a second
+    every = np.concatenate([np.stack(block) for block in blocks], axis=1)
+    assert len(every.T) == len(np.unique(every, axis=1).T) == todo.sum()
+    assert todo[tuple(every)].all()
+    sizes = [len(case) for case, _ in blocks]
+    assert min(sizes[:-1]) >= jobs.RUNS_PER_LANE * jobs.LANES * 2
+    assert max(sizes) <= 3000
 
 
 @pytest.mark.parametrize("waves", [1, 3])
@@ -280,8 +358,7 @@ def test_progress_never_falls_and_ends_at_one(waves, monkeypatch):
         wanted[:, : 50 * (wave + 1) // waves] = True
         for case, sample in work.blocks(wanted):
             work.tick()
-            columns = {"case": case, "sample": sample, "type": ["R"] * len(case)}
-            work.write(pa.table(columns | {"status": ["ok"] * len(case)}))
+            work.write(rows_of(case, sample, costs[case]))
             work.tick()
     fractions = [progress.fraction for progress in seen]
     assert fractions == sorted(fractions)

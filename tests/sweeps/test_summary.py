@@ -17,7 +17,8 @@ from test_rows import SCHEMA, random_columns
 
 import rattlesweep as rs
 from rattlesweep.sweeps import stored as stored_module
-from rattlesweep.sweeps.columns import SUMMARY, build_table, read_parquet, same_schema
+from rattlesweep.sweeps.columns import SUMMARY, build_table, same_schema
+from rattlesweep.sweeps.parquet import read_parquet
 from rattlesweep.sweeps.stored import Case, Stored, open_stored
 from rattlesweep.sweeps.summary import Moments, closing_table, summarise, write_summary
 from rattlesweep.sweeps.types import wilson
@@ -202,3 +203,35 @@ def test_shares_are_those_of_the_rows(tmp_path):
         words in head for words in ("friction > 0.3", "friction > 0.6", "lift-off")
     )
     assert not list(verify(tmp_path).problems)
+
+
+MAPS: dict[str, Any] = {
+    "bodies": {
+        "source": "grid",
+        "base": {"preset": "GH"},
+        "axes": {
+            "theta": {"linspace": [0.6, 0.97, 33]},
+            "phi": {"linspace": [0.01, 0.1, 17]},
+        },
+    },
+    "spin": {"n_i": [-0.3, 0.2], "omega_xy0": [0.01, 0.1]},
+    "model": "gh",
+    "horizon": {"t": 2000},
+}
+
+
+@pytest.mark.parametrize(
+    ("by", "of_mean", "of_deviation"), [("type", 0.004, 0.02), ("t_r", 0.004, 0.02)]
+)
+def test_means_of_a_refined_map_are_those_of_the_full_grid(
+    by, of_mean, of_deviation, tmp_path
+):
+    full = rs.sweep(MAPS, output=tmp_path / "full").summary
+    bodies = MAPS["bodies"] | {"refine": {"levels": 2, "by": by}}
+    sweep = rs.sweep(MAPS | {"bodies": bodies}, output=tmp_path / "refined")
+    refined = sweep.summary
+    assert refined.runs.sum() < 0.3 * full.runs.sum()
+    assert (refined.fraction_R - full.fraction_R).abs().max() < 0.01
+    for name in ("t_r_mean", "t_rgh_mean", "t_r_over_t_rgh_mean"):
+        assert (refined[name] / full[name] - 1).abs().max() < of_mean, name
+    assert (refined.t_r_std / full.t_r_std - 1).abs().max() < of_deviation

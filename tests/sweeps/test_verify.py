@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,15 @@ import pytest
 import sweeping
 from hardship import check_equal, files_of, rows_of
 
-from rattlesweep.errors import ConfigError, DamagedError
-from rattlesweep.sweeps import run as runner
+import rattlesweep as rs
+from rattlesweep.errors import ConfigError, DamagedError, OutputError
+from rattlesweep.sweeps import job as jobs
 from rattlesweep.sweeps.classify import classify_stored
-from rattlesweep.sweeps.columns import read_parquet, write_parquet
+from rattlesweep.sweeps.parquet import read_parquet, write_parquet
 from rattlesweep.sweeps.run import Shard
+from rattlesweep.sweeps.status import status
 from rattlesweep.sweeps.stored import open_stored, rewrite
-from rattlesweep.sweeps.verify import same_bits, status, verify
+from rattlesweep.sweeps.verify import same_bits, verify
 
 CONFIG: dict[str, Any] = {
     "name": "checked",
@@ -41,7 +44,7 @@ def sweep(output: Path, config: dict[str, Any] = CONFIG, **options: Any) -> Any:
 def whole(tmp_path_factory) -> Path:
     output = tmp_path_factory.mktemp("whole") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner, "MAX_BLOCK_RUNS", 20)
+        patch.setattr(jobs, "MAX_BLOCK_RUNS", 20)
         sweep(output)
     return output
 
@@ -102,6 +105,30 @@ def test_columns_that_contradict_each_other(column, function, words, output):
     )
 
 
+@pytest.mark.parametrize(
+    ("column", "function", "problem"),
+    [
+        ("n_end", lambda v: [float("inf"), *v[1:]], "n_end is not finite"),
+        ("t_end", lambda v: [0.5 * v[0], *v[1:]], "t_end contradicts t_r or the"),
+        ("t_end", lambda v: [2.0 * v[0], *v[1:]], "t_end contradicts t_r or the"),
+    ],
+)
+def test_values_that_no_run_can_have(column, function, problem, output):
+    path = change(output, column, function)
+    (sentence,) = [text for text in verify(output).problems if column in text]
+    assert sentence.startswith(f"{path}: 1 run, such as case 0 sample 20: {problem}")
+
+
+def test_rows_that_are_gone_are_a_problem(output, whole):
+    shutil.rmtree(output / "runs")
+    (problem,) = verify(output).problems
+    assert (
+        problem == f"{output / 'runs'} is gone; `rattlesweep run` does its runs again"
+    )
+    sweep(output)
+    check_equal(output, whole)
+
+
 def test_a_last_bit_is_found_by_computing_again(output):
     change(output, "n_end", lambda v: [float(np.nextafter(x, 9)) for x in v])
     assert verify(output).problems == []
@@ -115,14 +142,18 @@ def test_what_is_lost_or_damaged(output, whole):
     first, second, *_ = files_of(output)
     first.unlink()
     found = verify(output)
-    assert (found.problems, found.missing) == ([], 20)
+    (problem,) = found.problems
+    assert found.missing == 20
+    assert (
+        f"{output / 'summary.parquet'} is of all runs, 20 runs of them lost" in problem
+    )
     second.write_bytes(second.read_bytes()[:-5])
     assert verify(output).problems == [
         f"{second} is damaged; `rattlesweep run` does its runs again"
     ]
     assert second.exists()  # it only looks
     sweep(output)
-    second.with_suffix(".damaged").unlink()
+    (output / "damaged" / f"{second.name}.damaged").unlink()
     check_equal(output, whole)
     summary = output / "summary.parquet"
     table = read_parquet(summary)
@@ -161,6 +192,57 @@ def test_the_body_table_that_is_gone_or_has_changed(tmp_path):
     assert verify(tmp_path / "out").problems == []
 
 
+WRONG_CASES = [
+    {"case": 0, "n_i": [-0.1], "omega_xy0": 0.01},
+    {"case": 0, "n_i": {"a": 1}, "omega_xy0": 0.01},
+    {"case": [0], "n_i": -0.1, "omega_xy0": 0.01},
+    {"case": 0, "n_i": True, "omega_xy0": 0.01},
+]
+
+
+@pytest.mark.parametrize("case", WRONG_CASES)
+def test_a_case_of_a_manifest_has_numbers(case, output):
+    path = output / "manifest.json"
+    data = json.loads(path.read_bytes())
+    path.write_text(json.dumps(data | {"cases": [case, data["cases"][1]]}))
+    for look in (open_stored, verify, status, sweep):
+        with pytest.raises(DamagedError, match=r"manifest\.json is damaged "):
+            look(output)
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "runs/x.parquet"])
+def test_what_is_no_file_is_refused_at_once(name, output):
+    path = output / name
+    path.unlink(missing_ok=True)
+    os.mkfifo(path)  # to open it would wait for a writer
+    with pytest.raises(OutputError, match="it is not a regular file"):
+        verify(output)
+    path.unlink()
+    path.symlink_to("/dev/zero")  # it never ends
+    with pytest.raises(OutputError, match="it is not a regular file"):
+        verify(output)
+
+
+def test_a_file_may_be_too_large(output):
+    with open(output / "manifest.json", "ab") as file:
+        file.truncate(1 << 40)  # of which the disk holds nothing
+    with pytest.raises(OutputError, match=r"manifest\.json: it is larger than"):
+        status(output)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"shard": [1]}, {"seconds": []}, {"started": {}}, {"how": 3}]
+)
+def test_a_record_of_a_session_that_is_no_use_is_left_out(changes, output):
+    (path,) = (output / "sessions").iterdir()
+    data = json.loads(path.read_bytes())
+    path.write_text(json.dumps(data | changes))
+    os.mkfifo(output / "sessions" / "pipe.json")
+    assert status(output).data["last"] is None
+    assert rs.load(output).report(output / "report.html")
+    assert sweep(output).done == 0
+
+
 @pytest.mark.parametrize("key", ["samples", "columns", None])
 def test_a_manifest_that_is_damaged_is_made_again(key, output, whole):
     path = output / "manifest.json"
@@ -188,7 +270,7 @@ def test_rows_are_counted_and_the_last_session_is_told(output):
     assert "no process is at work; the last session, `" in now.words
     assert now.words.endswith("ended: complete")
     shutil.rmtree(output / "sessions")
-    assert "session" not in status(output).words
+    assert status(output).data["last"] is None
     files_of(output)[0].write_bytes(b"")
     with pytest.raises(DamagedError):
         status(output)

@@ -10,8 +10,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from rattlesweep.analysis.layout import parse_where
 from rattlesweep.analysis.onerun.course import PreparedRun
+from rattlesweep.analysis.where import parse_where
 from rattlesweep.arrays import take
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.physics.si import Units

@@ -7,38 +7,40 @@ a launch, a horizon and dissipation.  Columns of other names are copied to the r
 from __future__ import annotations
 
 import hashlib
-import os
 import re
-import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from dataclasses import field as default
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv as csv
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags, Floats, Integers, take
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics import si
-from rattlesweep.physics.body import PARAMETERS, violations
+from rattlesweep.physics.body import PARAMETERS, shell_dumbbell, violations
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import spin_and_oscillation
 from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT, field
 from rattlesweep.sweeps.config import schema
 from rattlesweep.sweeps.config.schema import TABLE, TableSource
+from rattlesweep.sweeps.tables import read_table, unreadable
 
 if TYPE_CHECKING:
     import pandas as pd
+    import polars as pl
 
-LAUNCH, LOSSES = ("n_i", "omega_xy0"), ("sigma", "rolling")
+Frame: TypeAlias = "pd.DataFrame | pl.DataFrame | pa.Table"
+"""A table in memory."""
+SHELL_DUMBBELL = ("gamma", "f_sd", "theta", "phi", "xi")
+LAUNCH = ("n_i", "omega_xy0")
+LOSSES = ("sigma", "rolling")
 OMEGA, U = ("omega_x", "omega_y", "omega_z"), ("u_x", "u_y", "u_z")
 COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, "t_end", "psi", "f_sd", "c", *LOSSES)
 """Columns that determine a run, in units of the body."""
@@ -57,6 +59,7 @@ BODY_DEFAULTS = {
 # the column in units of the body, the size of the unit, and the kind of quantity
 WITH_UNITS = {
     "xi_deg": ("xi", np.pi / 180, ""),
+    "minus_xi_deg": ("xi", -np.pi / 180, ""),
     "psi_deg": ("psi", np.pi / 180, ""),
     "n_i_rpm": ("n_i", np.pi / 30, "spin"),
     "omega_xy0_rpm": ("omega_xy0", np.pi / 30, "spin"),
@@ -73,11 +76,12 @@ KEPT = {  # also copied to the runs: unit and description
     "gravity_m_s2": ("m/s^2", "gravity g"),
 }
 RESULTS = {column.name for part in (*RUNS.values(), STATE, MEASURED) for column in part}
-TAKEN = {c.name for part in ("keys", "result", "observation") for c in RUNS[part]} - {
-    *INPUT
-}
-"""Names of results, which columns of the user's own must not have."""
-LARGE = 3e8  # bytes of a file that takes seconds to read
+TAKEN = {column.name for part in RUNS for column in RUNS[part] if part != "theory"}
+TAKEN |= {"t_r_s"}
+TAKEN -= {*INPUT} - {"t_r"}
+"""Names of results, which only tables of runs may have, as their values are replaced.
+"""
+KEYS = ("case", "sample")
 SPEEDS = (-schema.MAX_SPEED, schema.MAX_SPEED, "sqrt(g/a)")
 BOUNDS = {  # smallest and largest value, and their unit
     **dict.fromkeys(("n_i", *OMEGA), SPEEDS),
@@ -207,56 +211,32 @@ def about(name: str) -> tuple[str, str]:
 
 
 def read_bodies(path: str, base: Path | None = None) -> TableBodies:
-    """Read bodies from CSV, Parquet or a folder of Parquet files, here or relative to
-    `base`.
-    """
+    """Read bodies from CSV, Parquet or a folder of Parquet files, here or in `base`."""
+    file = Path(path)
+    if base is not None and not file.exists():
+        file = base / path
     where = f"bodies.path: {one_line(path, 200)}"
-    file = Path(path) if base is None or os.path.exists(path) else base / path
-    if not (os.path.isdir(file) or os.path.isfile(file)):
-        what = "is not a file" if os.path.exists(file) else "no such file"
-        raise ConfigError(f"{where}: {what}; give the path of a CSV or Parquet table")
-    try:
-        size = sum(
-            x.stat().st_size for x in (file.rglob("*") if file.is_dir() else [file])
-        )
-        if size > LARGE:
-            print(
-                f"reading {one_line(path, 200)}, {size / 1e9:.1f} GB", file=sys.stderr
-            )
-        if file.is_dir() or file.suffix.lower() in (".parquet", ".pq"):
-            table = pq.read_table(file, page_checksum_verification=True)
-        else:
-            # Types are inferred from the first block, so one block takes the whole
-            # file.
-            options = csv.ReadOptions(block_size=min(size + 1, 2**31 - 1))
-            convert = csv.ConvertOptions(strings_can_be_null=True)
-            table = csv.read_csv(file, options, convert_options=convert)
-            table = table.rename_columns([name.strip() for name in table.column_names])
-    except Exception as error:  # pyarrow raises many kinds
-        raise _unreadable(where, error) from None
-    if {"case", "sample"} <= {
-        *table.column_names
-    }:  # the runs of a sweep, with their results
-        table = table.sort_by([("case", "ascending"), ("sample", "ascending")])
-    elif taken := [name for name in table.column_names if name in TAKEN]:
-        raise ConfigError(
-            f"{where}: the column {taken[0]} has the name of a result; rename it"
-        )
+    table = read_table(file, where)
+    if {*KEYS} <= {*table.column_names}:
+        table = table.sort_by([(name, "ascending") for name in KEYS])
     return _bodies(table, where)
 
 
-def frame_bodies(frame: pd.DataFrame) -> TableBodies:
-    """Return the bodies of a DataFrame."""
+def is_output(names: Iterable[str]) -> bool:
+    """Return whether columns are those of runs, so that results may be among them."""
+    return {"case", "sample"} <= {*names} or {"type", "status", "n_steps"} <= {*names}
+
+
+def frame_bodies(frame: Frame) -> TableBodies:
+    """Return the bodies of a table in memory, such as a DataFrame."""
     try:
-        table = pa.Table.from_pandas(frame, preserve_index=False)
+        if hasattr(frame, "index"):  # pandas, whose index would become a column
+            table = pa.Table.from_pandas(frame, preserve_index=False)
+        else:
+            table = pa.table(frame)
     except (pa.ArrowException, TypeError, ValueError) as error:
-        raise _unreadable("bodies", error) from None
+        raise unreadable("bodies", error) from None
     return _bodies(table, "bodies")
-
-
-def _unreadable(where: str, error: Exception) -> ConfigError:
-    reason = one_line(str(error).split("\n")[0] or type(error).__name__, 200)
-    return ConfigError(f"{where}: cannot be read as a table ({reason})")
 
 
 def _bodies(table: pa.Table, where: str) -> TableBodies:
@@ -269,6 +249,13 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
         )
     if not table.num_rows:
         raise ConfigError(f"{where}: the table has no rows; give at least one body")
+    if not is_output(table.column_names):
+        for name in table.column_names:
+            if name in TAKEN:
+                raise ConfigError(
+                    f"{where}: the column {name} has the name of a result, which the "
+                    "runs will have; rename or drop it"
+                )
     given = dict(zip(table.column_names, table.columns, strict=True))
     columns = {name: _numbers(given[name]) for name in INPUT if name in given}
     problems: list[RowProblem] = []
@@ -282,6 +269,8 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
             problems.append((row, f"{name} is {shown}; a finite number is needed"))
     _refuse(where, [*problems, *_out_of_bounds(columns)])
     units = _without_units(columns, where)
+    if "f_sd" in columns and not {"alpha", "beta"} & columns.keys():
+        _add_shell_dumbbells(columns, where)
     _require(PARAMETERS, columns, where, f"a body has {' '.join(PARAMETERS)}")
     if state := columns.keys() & {*OMEGA, *U}:
         _require(
@@ -302,6 +291,21 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
     if state:
         columns |= launched_from(columns, where)
     return TableBodies(columns, units, carried)
+
+
+def _add_shell_dumbbells(columns: dict[str, Floats], where: str) -> None:
+    """Add the inertia of bodies that are given by the paper's parameters."""
+    _require(SHELL_DUMBBELL, columns, where, f"a body has {' '.join(SHELL_DUMBBELL)}")
+    f_sd = columns["f_sd"]
+    low, high, _ = schema.BODY_KEYS["f_sd"]
+    _refuse(
+        where,
+        (
+            (row, f"f_sd is {f_sd[row]:g}; above {low:g} and below {high:g} is needed")
+            for row in _first(~((low < f_sd) & (f_sd < high)))
+        ),
+    )
+    columns["alpha"], columns["beta"] = shell_dumbbell(columns["gamma"], f_sd)
 
 
 def _numbers(column: pa.ChunkedArray) -> Floats:

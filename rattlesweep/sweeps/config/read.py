@@ -17,8 +17,11 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.config import Key, Places, describe, hint, not_one_of
 from rattlesweep.sweeps.config.schema import SOURCES, TAGS, Base, Config, clashes
+from rattlesweep.sweeps.files import read_regular, reason
 
+MAX_BYTES = 1_000_000  # of a file
 MAX_VALUES = 20_000  # a few aliases can expand to far more values than a file has
+TOO_MANY = f"more than {MAX_VALUES} values; use linspace, logspace or a table"
 MAX_TOLD = 20  # problems that are listed
 # Converters by the YAML type; values of other types, such as dates, stay text.
 SCALARS: dict[str, Callable[[str], Any]] = {
@@ -54,11 +57,11 @@ def read_file(
     """
     file = one_line(os.fspath(path), 200)
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        text = read_regular(Path(path), MAX_BYTES).decode("utf-8-sig")
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or one_line(str(error), 200)
+        why = one_line(reason(error), 200)
         raise ConfigError(
-            f"{file}: {reason}; give the path of a config in UTF-8"
+            f"{file}: {why}; give the path of a config in UTF-8"
         ) from None
     data, lines, problems = read_yaml(text)
     if not isinstance(data, dict):
@@ -159,6 +162,10 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
     """
     lines: dict[Key, int] = {}
     problems: list[Problem] = []
+    # Each value but the first follows a comma or a new line.  The parser reads 5,000
+    # values in a second, so they are counted before.
+    if max(text.count(","), text.count("\n")) > MAX_VALUES:
+        return None, {}, [(1, (), TOO_MANY)]
 
     # ruamel.yaml's own conversion stops at the first repeated key and loses the lines.
     def convert(node: Node, key: Key) -> Any:

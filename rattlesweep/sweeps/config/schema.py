@@ -78,6 +78,8 @@ class Base(pydantic.BaseModel):
         "frozen": True,
         "strict": True,
         "allow_inf_nan": False,
+        # Models take 0.3 s to build, and a command needs one of them.
+        "defer_build": True,
     }
 
     @pydantic.model_validator(mode="before")
@@ -162,8 +164,9 @@ def _as_list(value: Any) -> Any:
             values = laws[law](low, high, int(n))
     if not np.isfinite(values).all():
         raise ValueError(
-            "write {linspace: [low, high, n]} or {logspace: [low, high, n]}, with ends in one unit,"
-            f" of one sign for logspace, and a whole number n up to {MAX_AXIS}"
+            "write {linspace: [low, high, n]} or {logspace: [low, high, n]}, with ends "
+            "in one unit, of one sign for logspace, and a whole number n up to "
+            f"{MAX_AXIS}"
         )
     return [f"{x!r} {unit}" if unit else x for x in values.tolist()]
 
@@ -830,7 +833,7 @@ class Stone(Base):
     body: dict[str, Any]
     free: list[str]
     launch: dict[str, Any] = {}
-    dissipation: Losses = Losses()
+    dissipation: Losses = Field(default_factory=Losses)
 
 
 def clashes(config: Config) -> Iterator[tuple[str, str]]:
@@ -996,8 +999,11 @@ def _body_clashes(bodies: AnySource) -> Iterator[tuple[str, str]]:
         needed = {"gamma", "theta", "phi", "xi"}
         needed |= {"alpha", "beta"} if base.f_sd is None else {"f_sd"}
         if base.given().keys() != (set() if base.preset else needed):
-            advice = "give a preset alone, or gamma theta phi xi with alpha beta or with f_sd"
-            yield "bodies.base", advice
+            yield (
+                "bodies.base",
+                "give a preset alone, or gamma theta phi xi with alpha beta or with "
+                "f_sd",
+            )
         for name in sorted(
             axes & ({"f_sd"} if base.f_sd is None else {"alpha", "beta"})
         ):

@@ -1,0 +1,100 @@
+"""Records of the processes that worked on a sweep: who, when, how long, how it ended.
+
+They are for information only: the sweep does not depend on whether they can be written,
+and one that cannot be read is left out.
+"""
+
+import contextlib
+import json
+import os
+import shlex
+import socket
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from rattlesweep.errors import OutputError
+from rattlesweep.sweeps.files import read_regular, replace_file
+from rattlesweep.sweeps.provenance import command_line, machine, now
+
+SESSIONS = "sessions"
+WHOLE = "whole"  # name of the lock of a process that works on all shards
+MOST_BYTES = 1 << 20  # of a record
+Session = dict[str, Any]
+# Types of the values that are used; any of them may be null.
+KINDS: dict[str, type | tuple[type, ...]] = {
+    "started": str,
+    "ended": str,
+    "how": str,  # running, complete, stopped, interrupted or failed
+    "shard": str,  # such as shard-0-of-4
+    "command": str,
+    "host": str,
+    "pid": int,
+    "threads": int,
+    "runs": int,  # that it has done
+    "seconds": (int, float),
+    "kernel_seconds": (int, float),
+}
+
+
+@contextlib.contextmanager
+def session(directory: Path, shard: str | None, threads: int) -> Iterator[Session]:
+    """Keep the record of this process; the body sets ``how`` to say how it ended."""
+    begin = datetime.now(UTC)
+    pid = os.getpid()
+    path = directory / SESSIONS / f"{begin:%Y%m%dT%H%M%S.%fZ}-{pid}.json"
+    record: Session = {
+        "started": begin.isoformat(),
+        "ended": None,
+        "how": "running",
+        "shard": shard,
+        "command": shlex.join(command_line()),
+        "host": socket.gethostname(),
+        "pid": pid,
+        "threads": threads,
+        "machine": machine(),
+    }
+    _write(path, record)
+    try:
+        yield record
+    except BaseException as error:
+        record["how"] = "failed" if isinstance(error, Exception) else "interrupted"
+        raise
+    finally:
+        record["ended"] = now()
+        _write(path, record)
+
+
+def _write(path: Path, record: Session) -> None:
+    with contextlib.suppress(OutputError, OSError):
+        path.parent.mkdir(exist_ok=True)
+        replace_file(path, json.dumps(record, indent=2).encode())
+
+
+def read_sessions(directory: Path) -> list[Session]:
+    """Return the records that can be read, the oldest first."""
+    sessions = []
+    for path in sorted((directory / SESSIONS).glob("*.json")):
+        with contextlib.suppress(OSError, ValueError, TypeError, RecursionError):
+            record = dict.fromkeys(KINDS) | json.loads(read_regular(path, MOST_BYTES))
+            if all(_is_usable(record[name], kind) for name, kind in KINDS.items()):
+                sessions.append(record)
+    return sessions
+
+
+def _is_usable(value: object, kind: type | tuple[type, ...]) -> bool:
+    return value is None or (isinstance(value, kind) and not isinstance(value, bool))
+
+
+def unfinished(sessions: list[Session]) -> dict[str, Session]:
+    """Return, by their locks, the last sessions that run or were killed."""
+    running = [session for session in sessions if session["how"] == "running"]
+    return {session["shard"] or WHOLE: session for session in running}
+
+
+def who(session: Session) -> str:
+    """Return the command and process of a session, in words."""
+    since = str(session["started"])[:19]
+    process = f"process {session['pid']} on {session['host']}, since {since} UTC"
+    return f"`{session['command']}` ({process})"

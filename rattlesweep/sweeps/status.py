@@ -1,0 +1,85 @@
+"""The progress of a sweep, at any time: its rows, and who is at work."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rattlesweep.errors import DamagedError
+from rattlesweep.sweeps.decide import wanted_runs
+from rattlesweep.sweeps.locks import at_work
+from rattlesweep.sweeps.sessions import read_sessions, unfinished, who
+from rattlesweep.sweeps.stored import IS_DAMAGED, open_stored
+from rattlesweep.text import counted
+
+
+@dataclass(frozen=True)
+class Status:
+    """Progress of a sweep; :func:`status` defines the keys of `data`."""
+
+    title: str
+    data: dict[str, Any]
+
+    @property
+    def words(self) -> str:
+        """The same as text."""
+        data = self.data
+        percent = 100 * data["runs"] / max(1, data["wanted"])
+        runs = f"{data['runs']:,} of {data['wanted']:,} runs ({percent:.1f} %)"
+        size = f"{data['bytes'] / 1e6:.1f} MB"
+        lines = [f"{self.title}: {runs}, {counted(data['files'], 'file')}, {size}"]
+        for kind in ("status", "types"):
+            if data[kind]:
+                lines.append(f"{kind}: {_counts(data[kind])}")
+        if data["damaged"]:
+            lines.append(f"damaged: {set_aside(data['damaged'])}")
+        for session in data["at_work"]:
+            shard = session["shard"] or "the whole sweep"
+            lines.append(f"at work: {shard}, {who(session)}")
+        last = data["last"]
+        if last is not None and not data["at_work"]:
+            how = f"ended: {last['how']}"
+            if last["how"] == "running":
+                how = "was killed"
+            lines.append(f"no process is at work; the last session, {who(last)}, {how}")
+        return "\n".join(lines)
+
+
+def _counts(numbers: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} {count:,}" for name, count in numbers.items())
+
+
+def set_aside(paths: list[str]) -> str:
+    """Return in words which damaged files were moved out of the way of readers."""
+    folder = Path(paths[0]).parent
+    files = counted(len(paths), "file")
+    return f"{files} in {folder}, replaced by new runs; delete it at will"
+
+
+def status(directory: Path) -> Status:
+    """Count the rows of an output directory, and list the sessions at work there."""
+    stored = open_stored(directory)
+    found = stored.find()
+    if found.damaged:
+        raise DamagedError(IS_DAMAGED.format(found.damaged[0]))
+    files = stored.files()
+    sessions = read_sessions(directory)
+    locks = at_work(directory)
+    working = [
+        session for lock, session in unfinished(sessions).items() if lock in locks
+    ]
+    idle = [session for session in sessions if session not in working]
+    data = {
+        "runs": found.rows,
+        "wanted": int(wanted_runs(stored, found).sum()),
+        "files": len(files),
+        "bytes": sum(path.stat().st_size for path in files),
+        "status": dict(found.status.most_common()),
+        "types": dict(found.types.most_common()),
+        "damaged": [str(path) for path in stored.damaged_files()],
+        "at_work": working,
+        "last": idle[-1] if idle else None,
+    }
+    return Status(f"{stored.manifest['name']} in {directory}", data)
