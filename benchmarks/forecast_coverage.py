@@ -1,9 +1,8 @@
-"""How often the 95 % interval of a forecast contains the time that the sweep then
-takes.
+"""How often the range of a forecast contains the time that the sweep then takes.
 
 Each trial forecasts and runs a shipped config, made small, with a seed of its own. The
-interval should contain the time in at least 90 % of 40 trials. Other work on the
-machine makes the times vary, so the load is printed as well.
+range should contain the time in at least 90 % of 40 trials. Other work on the machine
+makes the times vary, so the load is printed as well.
 
     python benchmarks/forecast_coverage.py --trials 40
 """
@@ -63,7 +62,7 @@ def main() -> None:
                 f"load {os.getloadavg()[0]:.1f}  {name}",
                 flush=True,
             )
-    print(f"{held} of {options.trials} intervals hold")
+    print(f"{held} of {options.trials} ranges hold")
 
 
 if __name__ == "__main__":

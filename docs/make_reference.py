@@ -18,7 +18,7 @@ from typing import Any
 import pyarrow as pa
 
 from rattlesweep.integrate.status import Status
-from rattlesweep.sweeps import columns
+from rattlesweep.sweeps import columns, summary
 from rattlesweep.sweeps.config.read import config_json_schema
 from rattlesweep.sweeps.config.schema import Config
 
@@ -343,7 +343,7 @@ def columns_page() -> str:
             note = f"Not with `model: {'` or `'.join(group.not_with)}`.\n\n"
         fields = [column.field for column in group.columns]
         lines.append(f"### {group.heading}\n\n{note}{fields_table(fields)}\n")
-    lines.append(f"## `summary`\n\n{fields_table(columns.SUMMARY)}\n")
+    lines.append(f"## `summary`\n\n{fields_table(summary.SCHEMA)}\n")
     statuses = [(f"`{status.label}`", status.meaning) for status in Status]
     lines.append(TYPES_LINK)
     lines.append(f"## Status words\n\n{table([('word', 'meaning'), *statuses])}")

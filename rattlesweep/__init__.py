@@ -1,5 +1,4 @@
-"""Parameter sweeps of rattlebacks: reversal times, types of motion, theory, Parquet
-tables.
+"""Parameter sweeps of rattlebacks: reversal times, types of motion, Parquet tables.
 
 >>> import rattlesweep as rs
 >>> gh = rs.Rattleback.gh()
@@ -10,7 +9,7 @@ tables.
 # ruff: noqa: F403, F405
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rattlesweep.api import *
@@ -39,9 +38,8 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    # Imported at first use: Numba alone takes half a second, and --help does not need
-    # it.
+def __getattr__(name: str) -> object:
+    # Imported at first use, as Numba takes half a second, which --help need not wait.
     if name == "__version__":
         from importlib.metadata import version
 

@@ -1,6 +1,6 @@
 """Types of arrays over runs, and rows of dataclasses that hold such arrays."""
 
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -15,27 +15,47 @@ T = TypeVar("T")
 
 
 def take(values: T, rows: NDArray[Any]) -> T:
-    """Return some rows of an array, or of each array in a dict or dataclass; empty ones
-    stay so.
+    """Return some rows of an array, or of each array in a dict or dataclass.
+
+    An array without rows holds what was not recorded, and stays so.
     """
-    found: Any = values
+    taken: object = values
     if isinstance(values, np.ndarray):
-        found = values[rows] if len(values) else values
+        if len(values):
+            taken = values[rows]
     elif isinstance(values, dict):
-        found = {name: take(part, rows) for name, part in values.items()}
-    elif is_dataclass(values):
-        parts = {
-            part.name: take(getattr(values, part.name), rows) for part in fields(values)
-        }
-        found = cast("Any", type(values))(**parts)
-    return cast("T", found)
+        taken = {name: take(value, rows) for name, value in values.items()}
+    elif is_dataclass(values) and not isinstance(values, type):
+        taken = replace(values, **_fields_of(values, rows))
+    return cast("T", taken)
+
+
+def _fields_of(values: Any, rows: NDArray[Any]) -> dict[str, Any]:
+    return {
+        field.name: take(getattr(values, field.name), rows) for field in fields(values)
+    }
 
 
 def put(values: T, into: T, rows: NDArray[Any]) -> None:
-    """Write the arrays of a dataclass into some rows of another dataclass of its
-    type.
-    """
-    for part in fields(values):  # type: ignore[arg-type]
-        target = getattr(into, part.name)
+    """Write the arrays of a dataclass into some rows of another one of its type."""
+    for field in fields(values):  # type: ignore[arg-type]
+        target = getattr(into, field.name)
         if isinstance(target, np.ndarray) and len(target):
-            target[rows] = getattr(values, part.name)
+            target[rows] = getattr(values, field.name)
+
+
+def scatter(values: T, rows: Flags) -> T:
+    """Return a dataclass whose arrays have a place for each of `rows`.
+
+    Those that are true get the entries of `values` in order, the others NaN or 0.
+    """
+    count = int(rows.sum())
+    wide: dict[str, NDArray[Any]] = {}
+    for field in fields(values):  # type: ignore[arg-type]
+        array = getattr(values, field.name)
+        if not isinstance(array, np.ndarray) or len(array) != count:
+            continue
+        fill = np.nan if array.dtype.kind == "f" else 0
+        wide[field.name] = np.full((len(rows), *array.shape[1:]), fill, array.dtype)
+        wide[field.name][rows] = array
+    return cast("T", replace(cast("Any", values), **wide))

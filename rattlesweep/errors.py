@@ -4,26 +4,24 @@ from collections.abc import Iterable
 
 
 def printable(text: str) -> str:
-    """Return text with its control characters escaped, so that any terminal can show
-    it.
-    """
+    """Return text with its control characters escaped, safe for any terminal."""
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
 
 
 def one_line(text: str, limit: int = 60) -> str:
     """Return text as one printable line, shortened to a limit."""
-    text = text if len(text) <= limit else text[: limit - 3] + "..."
+    if len(text) > limit:
+        text = text[: limit - 3] + "..."
     return printable(text).replace("\n", "\\n")
 
 
 class ConfigError(ValueError):
-    """A command, a config or an argument is wrong (exit code 2); one message for each
-    mistake.
-    """
+    """A command, a config or an argument is wrong (exit code 2), with all messages."""
 
     def __init__(self, messages: str | Iterable[str]) -> None:
-        lines = [messages] if isinstance(messages, str) else messages
-        self.messages = [one_line(line, 1000) for line in lines]
+        if isinstance(messages, str):
+            messages = [messages]
+        self.messages = [one_line(message, 1000) for message in messages]
         super().__init__(self.messages)
 
     def __str__(self) -> str:

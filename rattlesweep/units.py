@@ -6,6 +6,10 @@ from __future__ import annotations
 
 import re
 from functools import cache
+from numbers import Real
+from typing import Any
+
+from rattlesweep.errors import ConfigError
 
 # Kinds of quantities: the SI unit, and an example.
 KINDS = {
@@ -53,6 +57,8 @@ def quantities(text: str, kind: str, *counts: int) -> list[float]:
     `counts`.
     """
     needed = f"{_article(kind)} is needed, such as {KINDS[kind][1]}"
+    if counts == (1,) and with_point(text):
+        raise ValueError(f"has a decimal comma; write {with_point(text)}")
     values, units = zip(*map(split, text.split(",")), strict=True)
     if None in values:
         raise ValueError(f"is not a number with a unit; {needed}")
@@ -72,6 +78,16 @@ def quantities(text: str, kind: str, *counts: int) -> list[float]:
             raise ValueError(f"is {next(others, 'another quantity')}; {needed}")
         found.append(value * size)
     return found
+
+
+def with_point(text: str) -> str | None:
+    """Return a number with a decimal comma, and its unit, with a point; else None."""
+    match = re.fullmatch(
+        r"\s*([+-]?\d*),(\d+(?:[eE][+-]?\d+)?(?:\s*[^\s\d,].*)?)", text
+    )
+    if match is None:
+        return None
+    return f"{match[1] or 0}.{match[2]}"
 
 
 def split(text: str) -> tuple[float | None, str]:
@@ -96,6 +112,21 @@ def seconds_of(text: str) -> float:
     if not 0 < seconds < 1e10:
         raise ValueError("is out of range; give a time above zero and below 1e10 s")
     return seconds
+
+
+def require_unit(name: str, value: Any, kind: str) -> None:
+    """Raise a ConfigError if a value is a number without a unit, or has such numbers.
+
+    Zero is the same in all units.
+    """
+    if isinstance(value, list | tuple):
+        for item in value:
+            require_unit(name, item, kind)
+    elif isinstance(value, Real) and value != 0:
+        raise ConfigError(
+            f"{name}: {value:g} has no unit, and the body has a size; give "
+            f"{_article(kind)} with its unit, such as {KINDS[kind][1]}"
+        )
 
 
 def _article(noun: str) -> str:

@@ -1,17 +1,24 @@
-"""A body from command-line options, and the quantities that theory derives from it."""
+"""The quantities that theory derives from a body and its launch."""
 
 import math
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
-from rattlesweep.physics import full, steady, theory
-from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
+from rattlesweep.physics import full, steady, stone, theory
+from rattlesweep.physics.body import PARAMETERS, Rattleback
+from rattlesweep.physics.readings import turning_friction
 from rattlesweep.physics.theory import direction, garcia_hubbard
 
 RATE, TIME = "sqrt(g/a)", "sqrt(a/g)"
+# A coefficient of friction that a smooth stone on a smooth table may lack.
+COMMON_FRICTION = 0.3
+SLIPS_AT_REVERSAL = (
+    "to reverse without slip this launch needs a coefficient of friction of about "
+    "{:.2g}; with less the body slips, which is not modelled"
+)
 
 
 class Quantity(NamedTuple):
@@ -28,42 +35,17 @@ class Quantity(NamedTuple):
     )  # value and SI unit, if the size of the body is known
 
 
-def make_body(given: dict[str, Any]) -> Rattleback:
-    """Return the body that command-line options describe."""
-    told = (
-        " ".join(sorted(f"--{name.replace('_', '-')}" for name in given)) or "no option"
-    )
-    if "xi_deg" in given and "xi" not in given:
-        given["xi"] = math.radians(given.pop("xi_deg"))
-    if isinstance(c := given.get("c"), str) and "mass" not in given:
-        raise ConfigError(
-            "--c has a unit, but the body has no size; give a number in a"
-        )
-    try:
-        if "preset" in given:
-            return replace(PRESETS[given.pop("preset")](), **given)
-        if "f_sd" in given:
-            given.pop("c", None)
-            body: Rattleback = Rattleback.shell_dumbbell(**given)
-            return replace(body, c=c)
-        if "half_ellipsoid" in given:
-            sizes = zip(
-                ("length", "width", "height"), given.pop("half_ellipsoid"), strict=True
-            )
-            return Rattleback.half_ellipsoid(**dict(sizes), **given)
-        if "mass" in given:
-            given |= {"c": c * given["height"]} if isinstance(c, float) else {}
-            return Rattleback.from_si(**given)
-        return Rattleback(**given)
-    except (TypeError, KeyError):
-        raise ConfigError(
-            f"{told} given, which does not describe one body; give --preset, or "
-            f"--gamma --f-sd --theta --phi --xi, or --{' --'.join(PARAMETERS)}, or "
-            "--mass --height --inertia --radii, or --half-ellipsoid --mass, and do not "
-            "mix them"
-        ) from None
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
+def needed_friction(body: Rattleback, psi: Floats, n_0: Floats) -> float:
+    """Return about the coefficient of friction that rolling needs at a reversal.
+
+    There all of the energy, that of the spin `n_0`, is in the oscillation along `psi`.
+    NaN if the body would tip over.
+    """
+    surface = [body.theta, body.phi, body.xi]
+    constants = full.constants(body.alpha, body.beta, body.gamma, *surface)
+    if body.c is not None:
+        constants = np.append(constants, stone.inverse_semi_axis(body.c))
+    return turning_friction(constants, float(psi), float(0.5 * body.gamma * n_0**2))
 
 
 def derived(
@@ -81,6 +63,7 @@ def derived(
     b, m = body, theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
     psi = direction(m, n_i, "relevant")
     gh = garcia_hubbard(b, m, n_i, omega_xy0, psi)
+    friction = needed_friction(body, psi, gh.n_0)
     lossy = sigma > 0 or rolling > 0
     # With losses no spin is steady; with rolling resistance no small oscillation grows.
     n_c1 = float(theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi))
@@ -123,6 +106,7 @@ def derived(
             TIME,
             "Garcia and Hubbard's reversal time in the spin's direction",
         ),
+        ("friction", friction, "1", "friction that rolling needs where it reverses"),
         ("growth_pitch", small[0], RATE, "growth rate of the pitch, small spin"),
         ("growth_roll", small[1], RATE, "growth rate of the roll, small spin"),
         ("growth_pitch_exact", exact[0], RATE, "growth rate of the pitch at n_i"),

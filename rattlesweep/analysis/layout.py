@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from rattlesweep.analysis.where import Where, parse_where
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.columns import RUNS, TIME, floats
+from rattlesweep.sweeps.columns import RUNS, TIME, define, floats
 from rattlesweep.sweeps.config import not_one_of
-from rattlesweep.sweeps.config.schema import BODY_KEYS, GridSource
+from rattlesweep.sweeps.config.schema import GridSource
 from rattlesweep.sweeps.decide import FEWEST, nearest
 from rattlesweep.sweeps.stored import VARIES, Stored, open_stored
 from rattlesweep.sweeps.summary import SI, Counts, Moments, columns_for
@@ -350,7 +350,13 @@ def make_dataset(
     )
     # The axis of a target holds the requested values, the column those of the bodies.
     frame = frame.rename(columns={name: f"{name}_body" for name in axes})
-    dataset: xarray.Dataset = frame.to_xarray()
+    try:
+        dataset: xarray.Dataset = frame.to_xarray()
+    except ImportError:
+        raise OutputError(
+            "to_xarray needs xarray, which is not installed; run "
+            "pip install 'rattlesweep[xarray]'"
+        ) from None
     done = np.isin(np.arange(len(index)), place[shown]).reshape(
         [*dataset.sizes.values()]
     )
@@ -366,8 +372,8 @@ def make_dataset(
         dataset[key] = variable.dims, values, _about(column)
     known = {column.name: _about(column) for part in RUNS.values() for column in part}
     for name in axes:
-        words = BODY_KEYS[name][2] if name in BODY_KEYS else ""
-        dataset[name].attrs = known.get(name, {"units": "degree", "long_name": words})
+        degrees = {"units": "degree", "long_name": define(name).meaning}
+        dataset[name].attrs = known.get(name, degrees)
     dataset.attrs = {
         "title": layout.stored.config.name,
         "source": f"rattlesweep {version('rattlesweep')}",

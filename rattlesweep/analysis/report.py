@@ -106,7 +106,7 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
             (
                 word,
                 len(own),
-                f"{100 * len(own) / len(rows):.2g} %",
+                f"{100 * len(own) / len(rows):.3g} %",
                 f"case {own['case'].iloc[0]}, sample {own['sample'].iloc[0]}",
             )
             for word, own in rows[rows["status"] != "ok"].groupby("status")

@@ -124,7 +124,12 @@ def styled(style: Path | None = None) -> Iterator[None]:
     try:
         if style is not None:
             settings |= mpl.rc_params_from_file(str(style), True, False)
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise ConfigError(
+            f"--style {style}: {error.strerror}; give the path of a style file of "
+            "Matplotlib"
+        ) from None
+    except ValueError as error:
         raise ConfigError(f"--style {style}: {one_line(str(error), 300)}") from None
     with mpl.rc_context():
         mpl.rcdefaults()

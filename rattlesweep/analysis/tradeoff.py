@@ -119,7 +119,7 @@ def draw_runs(
     picks = np.linspace(0, plan.samples - 1, count).astype(np.int64)
     case, sample = np.meshgrid(np.arange(len(plan.cases)), picks, indexing="ij")
     runs = prepare(plan, case.ravel(), sample.ravel())
-    return config, take(runs, np.isfinite(runs.t_end) & (runs.t_end > 0))
+    return config, take(runs, np.isfinite(runs.horizon) & (runs.horizon > 0))
 
 
 def solve(
@@ -286,10 +286,12 @@ def as_text(study: Study) -> str:
     )
     return "\n".join(
         [
-            "{machine}, rattlesweep {rattlesweep}\n{runs} runs, {reversing_in_both} with a reversal in "
-            "both references; {compared} of them agree to 1e-8; {dropped} are left out, as the "
-            "references do not agree; these differ by {references_differ_median:.1e} (median)\ncosts "
-            "on one thread, of runs cut at t = {horizon:g}\n".format(
+            "{machine}, rattlesweep {rattlesweep}\n"
+            "{runs} runs, {reversing_in_both} with a reversal in both references; "
+            "{compared} of them agree to 1e-8; {dropped} are left out, as the "
+            "references do not agree; these differ by "
+            "{references_differ_median:.1e} (median)\n"
+            "costs on one thread, of runs cut at t = {horizon:g}\n".format(
                 horizon=HORIZON, **study.facts
             ),
             style.text_table(shown.to_dict("records"), ".3g"),
@@ -319,8 +321,9 @@ def save(study: Study, directory: Path) -> list[Path]:
         style.add_caption(
             figure,
             (
-                "Markers: median error; lines: up to the error that 99 % of the runs keep. {runs} runs "
-                "of {config}, {compared} with a sure reversal; {machine}, rattlesweep {rattlesweep}."
+                "Markers: median error; lines: up to the error that 99 % of the runs "
+                "keep. {runs} runs of {config}, {compared} with a sure reversal; "
+                "{machine}, rattlesweep {rattlesweep}."
             ).format(**study.facts),
         )
         style.save(figure, pictures)

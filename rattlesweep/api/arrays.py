@@ -6,7 +6,7 @@ units.
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import astuple
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
@@ -17,7 +17,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
 from rattlesweep.physics.si import GRAVITY, Units
-from rattlesweep.units import quantity
+from rattlesweep.units import quantity, require_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,10 +50,12 @@ OF_BODIES = (*PARAMETERS, "c", *SIZE)
 
 
 def one_body(body: Any, name: str = "body") -> Rattleback:
+    from rattlesweep.sweeps.bodies.making import body_from
+
     if isinstance(body, Rattleback):
         return body
     if isinstance(body, str) and body in PRESETS:
-        return PRESETS[body]()
+        return body_from({"preset": body})
     raise ConfigError(
         f"{name}: {kind_of(body)} is not a body; give a Rattleback, or GH or KL"
     )
@@ -157,6 +159,24 @@ def _floats(name: str, value: Any, units: Units | None) -> Floats:
             "--mass and --height)"
         )
     return np.asarray(np.where(is_text, units.natural(array, KINDS[name]), array))
+
+
+def require_units(
+    values: Mapping[str, Any],
+    units: Units | None,
+    spelled: Callable[[str], str] = str,
+) -> None:
+    """Refuse numbers without a unit, which a command or a file gives for a sized body.
+
+    A person who writes ``n_i: 60`` may mean rpm.  The numbers of Python calls are in
+    units of the body, as their documentation says.
+    """
+    if units is None:
+        return
+    for name, value in values.items():
+        # A full state has no form with units.
+        if name in KINDS and name != "omega":
+            require_unit(spelled(name), value, KINDS[name])
 
 
 def number(name: str, value: Any, units: Units | None = None) -> float | None:

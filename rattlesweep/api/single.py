@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
-    from rattlesweep.analysis.fit import Fit
+    from rattlesweep.analysis.fit.result import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.analysis.onerun.replay import StoredRun
     from rattlesweep.physics.si import Units
@@ -80,7 +80,7 @@ class Trajectory:
     takes the spin from beyond a quarter of its initial value to beyond a quarter on the
     other side.  `t_end` is the time reached, `n_steps` counts accepted steps, and
     `status` is ``ok`` or a word for what went wrong.  `warning` says where contact
-    would be lost, or rolling needs a coefficient of friction above 1.
+    would be lost, or rolling needs a coefficient of friction above 0.3, and how large.
     """
 
     def __init__(self, run: PreparedRun, channels: Sequence[str], **rows: Any) -> None:
@@ -390,6 +390,7 @@ def fit(
     launch: Mapping[str, Any] | None = None,
     sigma: Number = 0.0,
     rolling: Number = 0.0,
+    progress: bool | None = None,
 ) -> Fit:
     """Fit parameters of one run to a measured angle or spin, or to reversal times.
 
@@ -414,15 +415,38 @@ def fit(
         ``n_i, omega_xy0, psi`` or ``omega, u``; free parameters may be left out.
     sigma, rolling : number or str
         Dissipation, as for ``simulate``.
+    progress : bool, optional
+        Whether to show a bar, by default in a terminal and in a notebook.
     """
-    from rattlesweep.analysis.fit import check_free, fit_run, read_data
+    with Bar.of_call(progress) as bar:
+        return fit_with_progress(
+            bar, body, data, free=free, launch=launch, sigma=sigma, rolling=rolling
+        )
+
+
+def fit_with_progress(
+    bar: Bar,
+    body: Rattleback | str,
+    data: Any,
+    *,
+    free: Iterable[str],
+    launch: Mapping[str, Any] | None,
+    sigma: Number,
+    rolling: Number,
+) -> Fit:
+    """Fit as :func:`fit` does, and show the progress on a bar."""
+    from rattlesweep.analysis.fit.film import read_film
+    from rattlesweep.analysis.fit.search import check_free, fit_run
+    from rattlesweep.integrate.compile import listening
 
     if not isinstance(given := launch or {}, Mapping):
         raise ConfigError(f"launch: {arguments.kind_of(launch)} is not a mapping")
     arguments.check_names("launch", given, (*SPIN, "psi", "omega", "u"))
     run = launch_of(body, **given, sigma=sigma, rolling=rolling)
     names = check_free(run, arguments.names_of("free", free))
-    return fit_run(run, read_data(data, run.body.units), names)
+    film = read_film(data, run.body.units)
+    with listening(bar.compiling):
+        return fit_run(run, film, names, bar.counting("fit"))
 
 
 def page_of(

@@ -1,5 +1,4 @@
-"""The command line: all commands, their help, and failures as one sentence and an exit
-code.
+"""The command line: all commands, their help, and failures as sentences and exit codes.
 
 ``--help`` imports the modules of all commands, so these import what they call in their
 functions.
@@ -8,13 +7,22 @@ functions.
 import os
 import signal
 import sys
+from types import FrameType
 from typing import Any, NoReturn
 
 import click
 from click import option
 
 from rattlesweep.cli import single, sweeps
-from rattlesweep.cli.options import COMMANDS, DONE, FAILED, WRONG, say, to_json
+from rattlesweep.cli.options import (
+    COMMANDS,
+    DONE,
+    FAILED,
+    SECTIONS,
+    WRONG,
+    say,
+    to_json,
+)
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate import SettingError
 
@@ -24,10 +32,8 @@ __all__ = ["main", "single", "sweeps"]
 class Program(click.Group):
     """The group of all commands."""
 
-    def invoke(self, ctx: click.Context) -> Any:
-        """Run a command, and keep a Ctrl-C from click, which would print an empty
-        line.
-        """
+    def invoke(self, ctx: click.Context) -> object:
+        """Run a command; click would print an empty line at a Ctrl-C."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as stop:
@@ -36,37 +42,31 @@ class Program(click.Group):
     def main(self, *args: Any, **settings: Any) -> NoReturn:
         """Run a command, and end the process with its exit code."""
         # The next file to be opened would take the place of a closed stream.
-        sys.stdout = sys.stdout or os.fdopen(os.open(os.devnull, os.O_RDONLY), "w")
-        sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+        if sys.stdout is None:
+            sys.stdout = os.fdopen(os.open(os.devnull, os.O_RDONLY), "w")
+        if sys.stderr is None:
+            sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
         signal.signal(signal.SIGTERM, _terminate)
+        settings["standalone_mode"] = False
         try:
-            code = super().main(*args, **{**settings, "standalone_mode": False})
+            code = super().main(*args, **settings)
             sys.stdout.flush()
         except (click.Abort, KeyboardInterrupt) as error:
-            signal.signal(
-                signal.SIGINT, signal.SIG_DFL
-            )  # a second Ctrl-C ends the process
-            stop = error.__cause__ or error
-            number = stop.args[0] if stop.args else signal.SIGINT
-            kept = "; ".join(getattr(stop, "__notes__", []))
-            word = "interrupted" if number == signal.SIGINT else "terminated"
-            say(
-                word
-                + (f"; {kept}, and the same command resumes from there" if kept else "")
-            )
-            code = 128 + number
+            # A second Ctrl-C ends the process.
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            code = _interrupted(error)
         except BrokenPipeError:
             code = FAILED  # nobody reads standard output any more
         except click.ClickException as error:
-            message = error.format_message().rstrip(".")
-            context = getattr(error, "ctx", None)
-            more = f" (see `{context.command_path} --help`)" if context else ""
-            say(f"error: {message[:1].lower()}{message[1:]}{more}")
+            _say_usage(error)
             code = WRONG
-        except (ConfigError, SettingError, OutputError) as error:
+        except (ConfigError, SettingError) as error:
             for line in getattr(error, "messages", [str(error)]):
                 say(f"error: {line}")
-            code = FAILED if isinstance(error, OutputError) else WRONG
+            code = WRONG
+        except OutputError as error:
+            say(f"error: {error}")
+            code = FAILED
         except OSError as error:
             what = error.filename or "cannot write to standard output"
             say(f"error: {what}: {error.strerror or error}")
@@ -83,18 +83,43 @@ class Program(click.Group):
         self, ctx: click.Context, formatter: click.HelpFormatter
     ) -> None:
         """List the commands by section, each with its first sentence in full."""
-        for section in ("Sweeps", "Results of a sweep", "One run", "Studies"):
+        for section in SECTIONS:
             rows = [
-                (f"{made.name:<11}", made.get_short_help_str(limit=1000))
-                for made in COMMANDS
-                if made.section == section
+                (f"{command.name:<11}", command.get_short_help_str(limit=1000))
+                for command in COMMANDS
+                if command.section == section
             ]
             with formatter.section(section):
                 formatter.write_dl(rows)
 
 
-def _terminate(number: int, frame: Any) -> NoReturn:
+def _terminate(number: int, frame: FrameType | None) -> NoReturn:
     raise KeyboardInterrupt(number)
+
+
+def _interrupted(error: BaseException) -> int:
+    """Say which signal stopped the command and what is kept; return the exit code."""
+    stop = error.__cause__ or error
+    number = signal.SIGINT
+    if stop.args:
+        number = stop.args[0]
+    text = "interrupted" if number == signal.SIGINT else "terminated"
+    # Notes of the exception say what is kept.
+    notes = "; ".join(getattr(stop, "__notes__", []))
+    if notes:
+        text += f"; {notes}, and the same command resumes from there"
+    say(text)
+    return 128 + number
+
+
+def _say_usage(error: click.ClickException) -> None:
+    """Say in our style what click found wrong with the command."""
+    message = error.format_message().rstrip(".")
+    message = message[:1].lower() + message[1:]
+    context = getattr(error, "ctx", None)
+    if context is not None:
+        message += f" (see `{context.command_path} --help`)"
+    say(f"error: {message}")
 
 
 SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}

@@ -1,15 +1,14 @@
-"""What commands share: their class, their options, and the types of the values of
-these.
-"""
-# ruff: noqa: D102, D103 - names and types say it
+"""What commands share: their class, their options, and the types of option values."""
 
 import json
 import pkgutil
+import sys
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial, reduce
+from functools import partial
+from importlib.abc import MetaPathFinder
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import click
 from click import Choice, argument, option
@@ -18,11 +17,24 @@ from rattlesweep.errors import ConfigError, OutputError, one_line, printable
 from rattlesweep.integrate import MOST_THREADS, check_settings
 from rattlesweep.integrate.compile import listening
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.names import ACCURACY_NAMES, MODEL_NAMES, PLOT_NAMES, PRESET_NAMES
+from rattlesweep.quantities import QUANTITIES
 from rattlesweep.text import Bar
-from rattlesweep.units import quantities, quantity, seconds_of
+from rattlesweep.units import KINDS, quantities, quantity, seconds_of
 
-Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
-DONE, FAILED, WRONG, SOME_FAILED, EARLY = 0, 1, 2, 3, 75  # exit codes
+# A command returns its exit code, or None for success.
+Function: TypeAlias = Callable[..., int | None]
+Decorator: TypeAlias = Callable[[Function], Function]
+Given: TypeAlias = dict[str, Any]  # options by name, of the types that they declare
+
+# Exit codes.
+DONE = 0
+FAILED = 1
+WRONG = 2
+SOME_FAILED = 3
+EARLY = 75
+
+SECTIONS = ("Sweeps", "Results of a sweep", "One run", "Studies")
 MOST_ROWS = 20  # rows of a table that are printed
 
 
@@ -32,8 +44,12 @@ class Command(click.Command):
     section = ""
 
     def invoke(self, ctx: click.Context) -> None:
+        """Run the command, and report the compilation of kernels."""
         check_settings()
-        with listening(Bar.of_command(bool(ctx.params.get("quiet"))).compiling):
+        if self.section == "Sweeps":
+            start_without_pandas()
+        bar = Bar.of_command(bool(ctx.params.get("quiet")))
+        with listening(bar.compiling):
             code = super().invoke(ctx)
         ctx.exit(code or DONE)
 
@@ -41,17 +57,44 @@ class Command(click.Command):
 COMMANDS: list[Command] = []
 
 
-def command(section: str, *examples: str) -> Callable[[Callable[..., Any]], Command]:
+def command(section: str, *examples: str) -> Callable[[Function], Command]:
     """Make a function a command of a section, with examples at the end of its help."""
+    if section not in SECTIONS:
+        raise ValueError(f"no section {section}")
     epilog = "\n  ".join(["\b\nExamples:", *examples])
 
-    def make(function: Callable[..., Any]) -> Command:
-        made = click.command(cls=Command, epilog=epilog)(function)
-        made.section = section
-        COMMANDS.append(made)
-        return made
+    def register(function: Function) -> Command:
+        new = click.command(cls=Command, epilog=epilog)(function)
+        new.section = section
+        COMMANDS.append(new)
+        return new
 
-    return make
+    return register
+
+
+class _NoPandas(MetaPathFinder):
+    """A finder of modules that says of pandas that it is not installed."""
+
+    def find_spec(self, name: str, *_: object) -> None:
+        if name == "pandas":
+            raise ModuleNotFoundError(name)
+
+
+def start_without_pandas() -> None:
+    """Keep pyarrow from importing pandas, which takes a third of a short command.
+
+    With its first array pyarrow looks for pandas, and so imports it, only to recognise
+    its types.  If that fails, it looks again where it needs pandas.
+    """
+    import pyarrow as pa
+
+    if "pandas" not in sys.modules:
+        finder = _NoPandas()
+        sys.meta_path.insert(0, finder)
+        try:
+            pa.array([0.0])
+        finally:
+            sys.meta_path.remove(finder)
 
 
 def say(text: str) -> None:
@@ -59,85 +102,101 @@ def say(text: str) -> None:
     click.echo(printable(text), err=True)
 
 
-def to_json(data: Any) -> str:
+def to_json(data: object) -> str:
+    """Return data as JSON; what JSON does not know, such as a path, is a text."""
     return json.dumps(data, indent=2, allow_nan=False, default=str)
 
 
 def probe(*files: Path | None) -> None:
-    """Raise an OutputError before the work begins if files cannot be written after
-    it.
-    """
+    """Raise an OutputError before the work begins if a file cannot be written then."""
     from rattlesweep.sweeps.files import probe_directory
 
-    for path in filter(None, files):
+    for path in files:
+        if path is None:
+            continue
         if path.is_dir():
             raise OutputError(f"cannot write {path}: a directory is in the way")
         probe_directory(path.parent)
 
 
-def pick(given: dict[str, Any], *names: str) -> dict[str, Any]:
+def pick(given: Given, *names: str) -> Given:
     """Remove options from `given`, and return those that have a value."""
     taken = {name: given.pop(name) for name in names if name in given}
     return {name: value for name, value in taken.items() if value is not None}
 
 
 class Kind(click.ParamType):  # type: ignore[type-arg]
-    """The type of values that a function, perhaps at ``module:function``, reads or
-    refuses.
+    """The type of values that a function reads, or refuses with a ValueError.
+
+    The function may be named, as in ``module:function``, and is then imported when it
+    is needed.
     """
 
-    def __init__(self, name: str, read: Callable[[str], Any] | str) -> None:
-        self.name, self._read = name, read
+    def __init__(self, name: str, read: Callable[[str], object] | str) -> None:
+        self.name = name
+        self._read = read
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: Any) -> Any:
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> object:
+        """Return the value of a text; defaults are values already."""
         if not isinstance(value, str):
             return value
-        read = (
-            pkgutil.resolve_name(self._read)
-            if isinstance(self._read, str)
-            else self._read
-        )
+        read = self._read
+        if isinstance(read, str):
+            read = pkgutil.resolve_name(read)
         try:
             return read(value)
         except ValueError as error:
             flag = "" if param is None else max(param.opts, key=len)
-            raise ConfigError(
-                f"{flag} {one_line(value)}".strip() + f": {error}"
-            ) from None
+            what = f"{flag} {one_line(value)}".strip()
+            raise ConfigError(f"{what}: {error}") from None
 
 
-def _number(kind: type[int] | type[float], low: float, high: float, text: str) -> float:
+# Readers of single values, each with the refusal that its kind of value needs.
+
+
+def _whole(low: int, high: float, text: str) -> int:
     with suppress(ValueError):
-        if low <= (value := kind(text)) <= high:
-            return value
-    what = "whole number" if kind is int else "number"
-    raise ValueError(f"give a {what} from {low:g} to {high:g}")
+        if low <= int(text) <= high:
+            return int(text)
+    raise ValueError(f"give a whole number from {low:g} to {high:g}")
+
+
+def _number(low: float, high: float, text: str) -> float:
+    with suppress(ValueError):
+        if low <= float(text) <= high:
+            return float(text)
+    raise ValueError(f"give a number from {low:g} to {high:g}")
 
 
 def _numbers(example: str, low: float, high: float, text: str) -> tuple[float, ...]:
     """Read numbers between commas, as many as in an example."""
     with suppress(ValueError):
         values = tuple(map(float, text.split(",")))
-        if len(values) == 1 + example.count(",") and all(
-            low <= x <= high for x in values
-        ):
+        enough = len(values) == 1 + example.count(",")
+        if enough and all(low <= value <= high for value in values):
             return values
     raise ValueError(f"give numbers from {low:g} to {high:g}, as in {example}")
 
 
 def _measured(kind: str, text: str) -> float | str:
-    """Read a number, or a quantity in SI units, which stays a text; or a word if no
-    kind is set.
-    """
+    """Read a number, or check a quantity in SI units, which stays a text."""
     with suppress(ValueError):
         return float(text)
-    if kind:
-        quantity(text, kind)
+    quantity(text, kind)
     return text
 
 
-def several(metavar: str, kind: str, *counts: int) -> Kind:
-    return Kind(metavar, lambda text: quantities(text, kind, *counts))
+def _direction(text: str) -> float | str:
+    """Read degrees, or a word, which the launch checks."""
+    with suppress(ValueError):
+        return float(text)
+    return text
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def _directory(text: str) -> Path:
@@ -152,68 +211,106 @@ def _file(endings: tuple[str, ...], text: str) -> Path:
     return Path(text)
 
 
+def measured(kind: str, name: str = "") -> Kind:
+    """Return the type of a number in units of the body, or of one with a unit."""
+    return Kind(name or kind, partial(_measured, kind))
+
+
+def in_si(kind: str) -> Kind:
+    """Return the type of a quantity that needs a unit."""
+    return Kind(kind, partial(quantity, kind=kind))
+
+
+def several(metavar: str, kind: str, *counts: int) -> Kind:
+    """Return the type of quantities with one unit, as in ``2,16,17 kg cm^2``."""
+    return Kind(metavar, lambda text: quantities(text, kind, *counts))
+
+
 PICTURES = (".svg", ".png", ".pdf")
-COUNT, NUMBER = (Kind("n", partial(_number, int, least, 1e12)) for least in (1, 0))
-THREADS = Kind("n", partial(_number, int, 1, MOST_THREADS))
-SHARE = Kind("share", partial(_number, float, 0, 1))
-DPI = Kind("dpi", partial(_number, float, 20, 600))
+COUNT = Kind("n", partial(_whole, 1, 1e12))
+NUMBER = Kind("n", partial(_whole, 0, 1e12))
+THREADS = Kind("n", partial(_whole, 1, MOST_THREADS))
+SHARE = Kind("share", partial(_number, 0.0, 1.0))
+DPI = Kind("dpi", partial(_number, 20.0, 600.0))
 TIME = Kind("time", seconds_of)
-NAMES = Kind(
-    "a,b,...", lambda text: tuple(x.strip() for x in text.split(",") if x.strip())
-)
+NAMES = Kind("a,b,...", _names)
 SIZE = Kind("w,h", partial(_numbers, "7,4.5", 1, 24))
 LIMITS = Kind("low,high", partial(_numbers, "0.01,0.1", -1e12, 1e12))
 VECTOR = Kind("x,y,z", partial(_numbers, "0,0,-1", -1e12, 1e12))
-_MEASURED = ("spin", "time", "length", "energy")
-SPIN, DURATION, LENGTH, ENERGY = (
-    Kind(kind, partial(_measured, kind)) for kind in _MEASURED
-)
-DAMPING = Kind("sigma", partial(_measured, "torque per spin"))
-MASS, HEIGHT, ANGLE = (
-    Kind(k, partial(quantity, kind=k)) for k in ("mass", "length", "angle")
-)
-# Repeated here, as the modules that define these words are slow to import; a test
-# compares them.
-PRESETS = Choice(["GH", "KL"])
-MODELS = Choice(["full", "reduced", "gh"])
-ACCURACIES = Choice(["draft", "standard", "reference"])
-KINDS = Choice(
-    ["fractions", "times", "ratio", "map", "reversals", "distribution", "scatter"]
-)
+SPIN = measured("spin")
+DURATION = measured("time")
+LENGTH = measured("length")
+ENERGY = measured("energy")
+DAMPING = measured("torque per spin", "sigma")
+MASS = in_si("mass")
+HEIGHT = in_si("length")
+ANGLE = in_si("angle")
+PRESETS = Choice(PRESET_NAMES)
+MODELS = Choice(MODEL_NAMES)
+ACCURACIES = Choice(ACCURACY_NAMES)
+PLOTS = Choice(PLOT_NAMES)
+LIST_OF_METHODS = Choice(list(METHODS))
+
+# Groups of options.
+
+# A flag, the type of its value (None: it has none), and its help.
+Row: TypeAlias = "tuple[str, click.ParamType | type | None, str]"  # type: ignore[type-arg]
 
 
 def stack(*decorators: Decorator) -> Decorator:
-    return lambda function: reduce(
-        lambda made, each: each(made), reversed(decorators), function
-    )
+    """Return one decorator for several, listed in the order of the help."""
+
+    def decorate(function: Function) -> Function:
+        for decorator in reversed(decorators):
+            function = decorator(function)
+        return function
+
+    return decorate
 
 
-def group(*rows: tuple[str, Any, str]) -> Decorator:
-    """Return one decorator for several options, each a name, a type (None: a flag) and
-    a help.
-    """
-    return stack(
-        *(
-            option(name, type=kind, is_flag=kind is None, default=None, help=words)
-            for name, kind, words in rows
-        )
-    )
+def group(*rows: Row) -> Decorator:
+    """Return one decorator for several options without defaults."""
+    decorators = [
+        option(flag, type=kind, is_flag=kind is None, default=None, help=text)
+        for flag, kind, text in rows
+    ]
+    return stack(*decorators)
+
+
+def named(name: str, kind: Kind | type, more: str = "") -> Row:
+    """Return the row of an option for a quantity, explained as in the registry."""
+    quantity = QUANTITIES[name]
+    text = quantity.meaning[:1].upper() + quantity.meaning[1:]
+    if quantity.unit != "1":
+        text += f", in {quantity.unit}"
+    if isinstance(kind, Kind):
+        text += f", or as in '{KINDS[quantity.kind][1]}'"
+    return f"--{name.replace('_', '-')}", kind, f"{text}.{more}"
 
 
 def output(
-    help: str = "Output directory; overrides the config's.", **settings: Any
+    help: str = "Output directory; overrides the config's.", required: bool = False
 ) -> Decorator:
-    return option("-o", "--output", type=Kind("dir", _directory), help=help, **settings)
+    """Return the option of an output directory."""
+    kind = Kind("dir", _directory)
+    return option("-o", "--output", type=kind, help=help, required=required)
 
 
-def file(name: str, *endings: str, help: str, **settings: Any) -> Decorator:
+def file(
+    name: str,
+    *endings: str,
+    help: str,
+    required: bool = False,
+    multiple: bool = False,
+) -> Decorator:
+    """Return the option of a file to write, whose name has one of some endings."""
     names = ("-o", name) if name == "--output" else (name,)
-    return option(
-        *names, type=Kind("file", partial(_file, endings)), help=help, **settings
-    )
+    kind = Kind("file", partial(_file, endings))
+    return option(*names, type=kind, help=help, required=required, multiple=multiple)
 
 
 def path(name: str, **settings: Any) -> Decorator:
+    """Return an argument that is a path."""
     return argument(name, type=click.Path(path_type=Path), **settings)
 
 
@@ -245,10 +342,10 @@ t_end = group(
         "--t-end",
         DURATION,
         "Horizon, in sqrt(a/g) or as in 20s; by default 5 t_rGH, or that of the sweep.",
-    )
+    ),
 )
 from_time = group(
-    ("--from-time", DURATION, "Time of the first row, in sqrt(a/g) or as in 2s.")
+    ("--from-time", DURATION, "Time of the first row, in sqrt(a/g) or as in 2s."),
 )
 where = option(
     "--where",
@@ -256,20 +353,24 @@ where = option(
     help="Only runs that meet a pandas query, as in 'type == \"SW\" and K_r < 0.005'.",
 )
 which = stack(
-    group(("--case", int, "Case of the run."), ("--sample", int, "Its sample.")), where
+    group(
+        ("--case", int, "Case of the run."),
+        ("--sample", int, "Its sample."),
+    ),
+    where,
 )
 
-_BODY: tuple[tuple[str, Any, str], ...] = (
+_BODY: tuple[Row, ...] = (
     ("--preset", PRESETS, "The body of Garcia and Hubbard, or of Kane and Levinson."),
-    ("--alpha", float, "I_xx + 1, in M a^2."),
-    ("--beta", float, "I_yy + 1, in M a^2."),
-    ("--gamma", float, "I_zz, in M a^2."),
-    ("--f-sd", float, "I_yy/I_zz of a shell-dumbbell body; replaces alpha, beta."),
-    ("--theta", float, "Larger principal curvature, in 1/a."),
-    ("--phi", float, "Smaller principal curvature, in 1/a."),
-    ("--xi", float, "Skew angle in radians."),
-    ("--xi-deg", float, "Skew angle in degrees."),
-    ("--c", LENGTH, "Vertical semi-axis of an ellipsoid, in a, or as in 2cm."),
+    named("alpha", float),
+    named("beta", float),
+    named("gamma", float),
+    named("f_sd", float, "  Makes a shell-dumbbell body, without --alpha and --beta."),
+    named("theta", float),
+    named("phi", float),
+    named("xi", float),
+    ("--xi-deg", float, "The same in degrees."),
+    named("c", LENGTH),
     ("--mass", MASS, "Instead of all these, a body in SI units: mass, as in 85g."),
     ("--height", HEIGHT, "Height of the centre of mass over the contact."),
     (
@@ -291,8 +392,8 @@ _BODY: tuple[tuple[str, Any, str], ...] = (
     (
         "--half-ellipsoid",
         several("length,width,height", "length", 3),
-        "Instead of height, "
-        "inertia and radii: a solid half ellipsoid, flat side up, as in 12cm,3cm,12mm.",
+        "Instead of height, inertia and radii: a solid half ellipsoid, flat side up, "
+        "as in 12cm,3cm,12mm.",
     ),
     (
         "--skew",
@@ -307,8 +408,8 @@ _BODY: tuple[tuple[str, Any, str], ...] = (
     (
         "--at",
         several("x,y", "length", 2),
-        "Place of one weight, along and across from the "
-        "middle, as in 45,-9mm; the other lies opposite.",
+        "Place of one weight, along and across from the middle, as in 45,-9mm; the "
+        "other lies opposite.",
     ),
     (
         "--wall",
@@ -316,36 +417,28 @@ _BODY: tuple[tuple[str, Any, str], ...] = (
         "Thickness of an open shell, as in 2mm; without it the body is solid.",
     ),
 )
-BODY = [name[2:].replace("-", "_") for name, *_ in _BODY]
+BODY = [flag.removeprefix("--").replace("-", "_") for flag, _, _ in _BODY]
 body = group(*_BODY)
-dissipation = group(
-    (
-        "--sigma",
-        DAMPING,
-        "Dissipation by a torque -sigma omega, in M a^2 sqrt(g/a), or as in "
-        "'1e-4 N m s'.",
-    ),
-    ("--rolling", LENGTH, "Lever of the rolling resistance, in a, or as in 50um."),
-)
+dissipation = group(named("sigma", DAMPING), named("rolling", LENGTH))
 SPIN_DEFAULTS = {"n_i": 0.1, "omega_xy0": 0.01}
 spin = group(
-    ("--n-i", SPIN, "Initial spin, in sqrt(g/a) or as in 60rpm.  [default: 0.1]"),
-    ("--omega-xy0", SPIN, "Initial oscillation, likewise.  [default: 0.01]"),
+    named("n_i", SPIN, "  [default: 0.1]"),
+    named("omega_xy0", SPIN, "  [default: 0.01]"),
 )
 launch = stack(
     spin,
     group(
         (
             "--psi",
-            Kind("direction", partial(_measured, "")),
-            "Direction of the oscillation: "
-            "relevant, pitch, roll, or degrees.  [default: relevant]",
+            Kind("direction", _direction),
+            "Direction of the oscillation: relevant, pitch, roll, or degrees.  "
+            "[default: relevant]",
         ),
         (
             "--omega",
             VECTOR,
-            "Instead of these, a full state: angular velocity along the body's "
-            "axes, in sqrt(g/a).",
+            "Instead of these, a full state: angular velocity along the body's axes, "
+            "in sqrt(g/a).",
         ),
         (
             "--u",
@@ -356,7 +449,7 @@ launch = stack(
     dissipation,
     t_end,
     group(
-        ("--method", Choice(list(METHODS)), "Integrator.  [default: dop853]"),
+        ("--method", LIST_OF_METHODS, "Integrator.  [default: dop853]"),
         ("--tol", float, "Tolerance of an adaptive method.  [default: 1e-9]"),
         ("--dt-step", float, "Step of a fixed-step method.  [default: 0.002]"),
         ("--accuracy", ACCURACIES, "Instead of a method and its tolerance."),

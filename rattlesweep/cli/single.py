@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from dataclasses import asdict
-from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,10 +21,10 @@ from rattlesweep.cli.options import (
     to_json,
 )
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.text import align, counted
+from rattlesweep.text import Bar, align, counted
 
 if TYPE_CHECKING:
-    from rattlesweep.analysis.fit import Fit
+    from rattlesweep.analysis.fit.result import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.physics.body import Rattleback
 
@@ -34,7 +32,8 @@ if TYPE_CHECKING:
 @command(
     "One run",
     "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3",
-    "rattlesweep body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg --n-i 60rpm",
+    "rattlesweep body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg "
+    "--n-i 60rpm",
     "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
     "--radii '50,1.5 cm' --n-i 60rpm",
 )
@@ -48,15 +47,24 @@ def body(as_json: bool, **given: Any) -> None:
     Spin and oscillation matter for the reversal times only. A body in SI units gets all
     quantities in both systems, with g = 9.81 m/s^2.
     """
-    from rattlesweep.analysis.derived import derived, make_body
-    from rattlesweep.api.arrays import number
+    from rattlesweep.analysis.derived import (
+        COMMON_FRICTION,
+        SLIPS_AT_REVERSAL,
+        derived,
+    )
+    from rattlesweep.api.arrays import number, require_units
 
-    made = make_body(pick(given, *options.BODY))
-    launch = options.SPIN_DEFAULTS | pick(given, *given)
+    made = _body_of(given)
+    launch = pick(given, *given)
+    require_units(launch, made.units, _flag)
+    launch = options.SPIN_DEFAULTS | launch
     numbers: dict[str, Any] = {
         name: number(name, x, made.units) for name, x in launch.items()
     }
     values = derived(made, **numbers)
+    friction = {q.name: q.value for q in values}["friction"]
+    if friction is not None and friction > COMMON_FRICTION:
+        say(f"warning: {SLIPS_AT_REVERSAL.format(friction)}")
     if as_json:
         si = {
             q.name: dict(zip(("value", "unit"), q.in_si, strict=True))
@@ -212,14 +220,43 @@ def show(
     return _say_outcome(course, quiet, proof)
 
 
+def _flag(name: str) -> str:
+    """Return an argument as an option of a command."""
+    if name == "shape":
+        return "--half-ellipsoid"
+    return f"--{name.replace('_', '-')}"
+
+
+def _body_of(given: dict[str, Any]) -> Rattleback:
+    """Return the body that the options of a command describe."""
+    from rattlesweep.sweeps.bodies.making import body_from
+    from rattlesweep.units import require_unit
+
+    values = pick(given, *options.BODY)
+    if "half_ellipsoid" in values:
+        values["shape"] = "half_ellipsoid"
+        lengths = values.pop("half_ellipsoid")
+        values["length"], values["width"], values["height"] = lengths
+    has_size = bool({"shape", "mass"} & values.keys())
+    semi_axis = values.get("c")
+    if has_size:
+        require_unit("--c", semi_axis, "length")
+    elif isinstance(semi_axis, str):
+        raise ConfigError(
+            "--c has a unit, but the body has no size; give a number in a"
+        )
+    # The types of the options have refused numbers without a unit, and read the others.
+    return body_from(values, _flag, in_si=True)
+
+
 def _prepared(given: dict[str, Any]) -> PreparedRun:
-    from rattlesweep.analysis.derived import make_body
+    from rattlesweep.api.arrays import require_units
     from rattlesweep.api.single import LAUNCH, prepare_launch
 
-    made, launch = (
-        make_body(pick(given, *options.BODY)),
-        pick(given, *LAUNCH, "e_p0", "e_r0"),
-    )
+    made = _body_of(given)
+    launch = pick(given, *LAUNCH, "e_p0", "e_r0")
+    times = {name: given.get(name) for name in ("dt", "from_time")}
+    require_units(launch | times, made.units, _flag)
     defaults = {} if {"omega", "u"} & launch.keys() else options.SPIN_DEFAULTS
     return prepare_launch(made, **{**defaults, **launch})
 
@@ -258,11 +295,12 @@ def _say_outcome(course: Course, quiet: bool, proof: str) -> int:
     if not quiet:
         text = f"{proof}\n".lstrip() + _times(course.reversals, "reversal")
         if (units := course.run.units) is not None and course.reversals:
-            text += f" ({', '.join(f'{t * units.time:.4g} s' for t in course.reversals[:8])})"
+            seconds = [f"{t * units.time:.4g} s" for t in course.reversals[:8]]
+            text += f" ({', '.join(seconds)})"
         if ended.zeros != course.reversals:
             text += f" ({_times(ended.zeros, 'zero crossing')})"
-        seconds = "" if units is None else f" ({ended.t * units.time:.4g} s)"
-        say(f"{text}; {ended.n_steps} steps to t = {ended.t:g}{seconds}")
+        end = "" if units is None else f" ({ended.t * units.time:.4g} s)"
+        say(f"{text}; {ended.n_steps} steps to t = {ended.t:g}{end}")
         if course.warning:
             say(f"warning: {course.warning}")
     if ended.status.label != "ok":
@@ -294,12 +332,13 @@ def fit(
     or Parquet table with t_s and angle_deg or spin_rpm, or with reversal_s. Prints each
     free parameter with its 95 % interval. docs/fit.md explains both files.
     """
-    from rattlesweep.api.single import fit
+    from rattlesweep.api.single import fit_with_progress
 
     probe(figure)
     given = _read_stone(stone)
     try:
-        found = fit(data=data, **given)
+        with Bar.of_command(quiet) as bar:
+            found = fit_with_progress(bar, data=data, **given)
     except ConfigError as error:
         # Messages about the data begin with their path.
         about = tuple(
@@ -318,69 +357,38 @@ def fit(
 
 
 def _fit_table(found: Fit) -> str:
-    from rattlesweep.analysis.fit import PARAMETERS
+    from rattlesweep.analysis.fit.problem import PARAMETERS
 
     lines = [["", "value", "low", "high", "unit", "", "low", "high", "unit", ""]]
     for name, value in found.values.items():
-        unit, _, _, description = PARAMETERS[name]
+        parameter = PARAMETERS[name]
         numbers = map("{:.6g}".format, (value, *found.intervals[name]))
         *si, si_unit = found.in_si.get(name, ("", "", "", ""))
         shown = [f"{number:.5g}" if si_unit else "" for number in si]
-        lines.append([name, *numbers, unit, *shown, si_unit, description])
+        lines.append(
+            [name, *numbers, parameter.unit, *shown, si_unit, parameter.description]
+        )
     return align(lines, "<>>><>>><<")
 
 
 def _read_stone(path: Path) -> dict[str, Any]:
     """Return the arguments of :func:`rattlesweep.fit` in a YAML file."""
+    from rattlesweep.api.arrays import require_units
+    from rattlesweep.sweeps.bodies.making import body_from
     from rattlesweep.sweeps.config.read import checked, read_file
     from rattlesweep.sweeps.config.schema import Stone
 
     data, places, problems = read_file(path)
-    given = checked(Stone, data, places, problems)
+    stone = checked(Stone, data, places, problems)
+    losses = vars(stone.dissipation)
+    section = "body"
     try:
-        body = _stone(dict(given.body))
-    except ValueError as error:
-        raise ConfigError(places.line(("body",), one_line(str(error), 300))) from None
-    return {
-        "body": body,
-        "free": given.free,
-        "launch": given.launch,
-        **vars(given.dissipation),
-    }
-
-
-def _stone(given: dict[str, Any]) -> Rattleback:
-    """Return the body of a mapping; raise a ValueError if a key is wrong or missing."""
-    from rattlesweep.api.arrays import one_body
-    from rattlesweep.physics import si
-    from rattlesweep.physics.body import PARAMETERS, Rattleback
-    from rattlesweep.sweeps.config import not_one_of
-
-    if "xi_deg" in given:
-        given["xi"] = si.number(f"{given.pop('xi_deg')} deg", "angle", "xi_deg")
-    make: Callable[..., Rattleback] = Rattleback
-    if "shape" in given:
-        if (shape := given.pop("shape")) != "half_ellipsoid":
-            raise ConfigError(f"shape: {not_one_of(shape, ['half_ellipsoid'])}")
-        make = Rattleback.half_ellipsoid
-    elif {"mass", "f_sd"} & given.keys():
-        make = Rattleback.from_si if "mass" in given else Rattleback.shell_dumbbell
-    needed = {
-        name: one.default is one.empty
-        for name, one in signature(make).parameters.items()
-    }
-    if "preset" in given:
-        make = one_body(given.pop("preset")).replace
-        needed = dict.fromkeys((*PARAMETERS, "c"), False)
-    for name in given:
-        if name not in needed:
-            raise ConfigError(
-                not_one_of(name, (*needed, "preset", "shape", "mass", "f_sd"))
-            )
-    for name in needed:
-        if needed[name] and name not in given:
-            others = (
-                ", or give preset, shape, mass or f_sd" if make is Rattleback else ""
-            )
-            raise ConfigError(f"the key {name} is missing; add it{others}")
-    return make(**given)
+        body = body_from(stone.body)
+        section = "launch"
+        require_units(stone.launch, body.units)
+        section = "dissipation"
+        require_units(losses, body.units)
+    except ConfigError as error:
+        message = one_line(str(error), 300)
+        raise ConfigError(places.line((section,), message)) from None
+    return {"body": body, "free": stone.free, "launch": stone.launch, **losses}

@@ -1,6 +1,4 @@
-"""Commands that plan, run, check and show sweeps, and studies made of several
-sweeps.
-"""
+"""Commands that plan, run, check and show sweeps, and studies of several sweeps."""
 
 from __future__ import annotations
 
@@ -21,8 +19,12 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.text import Bar, counted
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from rattlesweep.sweeps.forecast import Forecast
+    from rattlesweep.sweeps.job import Job
     from rattlesweep.sweeps.plan import Plan
+    from rattlesweep.sweeps.run import Engine, Shard
 
 SHARD = Kind("i/n", "rattlesweep.sweeps.run:Shard.parse")
 LIMIT = Kind("time", "rattlesweep.sweeps.slurm:limit_of")
@@ -46,9 +48,8 @@ def init(config: Path) -> None:
         raise ConfigError(
             f"{config}: exists already; choose another name, or remove it first"
         )
-    text = (files("rattlesweep.sweeps.config") / "starter.yaml").read_text(
-        encoding="utf-8"
-    )
+    starter = files("rattlesweep.sweeps.config") / "starter.yaml"
+    text = starter.read_text(encoding="utf-8")
     # In quotes, as YAML would read some names as numbers.
     text = text.replace("name: NAME", f"name: {json.dumps(config.stem)}")
     text = text.replace("NAME", config.stem)
@@ -68,23 +69,38 @@ def init(config: Path) -> None:
 @option("--check", is_flag=True, help="Only check the config, without a forecast.")
 @options.as_json
 def plan(
-    config: Path, threads: int | None, check: bool, as_json: bool, **given: Any
+    config: Path,
+    output: Path | None,
+    overrides: tuple[str, ...],
+    threads: int | None,
+    check: bool,
+    as_json: bool,
 ) -> None:
     """Check a config and forecast the time and disk space of its sweep.
 
     Prints the number of runs, or each mistake in the config with its line. Integrates a
     sample of the runs for about two seconds and writes nothing.
     """
-    made, where = _planned(config, **given)
-    found = None if check else _forecast(made, where, threads)
-    size = {"cases": len(made.cases), "samples": made.samples, "runs": made.runs}
+    planned, directory = _planned(config, overrides, output)
+    forecast = None
+    if not check:
+        forecast = _forecast(planned, directory, threads)
     if as_json:
-        click.echo(to_json(size | (vars(found) if found else {})))
+        data = {
+            "cases": len(planned.cases),
+            "samples": planned.samples,
+            "runs": planned.runs,
+        }
+        if forecast is not None:
+            data |= vars(forecast)
+        click.echo(to_json(data))
         return
-    cases, samples, runs = (counted(number, name[:-1]) for name, number in size.items())
+    cases = counted(len(planned.cases), "case")
+    samples = counted(planned.samples, "sample")
+    runs = counted(planned.runs, "run")
     click.echo(f"{config} is valid: {cases} x {samples} = {runs}")
-    if found:
-        click.echo(found.words)
+    if forecast is not None:
+        click.echo(forecast.words)
 
 
 @command(
@@ -127,7 +143,9 @@ def run(
     compile_only: bool,
     quiet: bool,
     verbose: bool,
-    **how: Any,
+    shard: Shard | None,
+    max_time: float | None,
+    retry_failed: bool,
 ) -> int:
     """Run a sweep, or resume one that was stopped.
 
@@ -137,52 +155,73 @@ def run(
         raise ConfigError(
             "--scheduler ADDRESS: works only with --engine dask; give that too"
         )
-    import numpy as np
-
-    from rattlesweep.sweeps.block import load_kernel, prepare_runs
     from rattlesweep.sweeps.plan import examine
     from rattlesweep.sweeps.run import run_sweep
 
-    made, where = _planned(config, overrides, output, quiet)
+    planned, directory = _planned(config, overrides, output, quiet)
     if compile_only:
-        load_kernel(made.config)
-        prepare_runs(made, np.zeros(1, np.int64), np.zeros(1, np.int64))  # draws a body
-        say("the kernels are compiled")
+        _compile(planned)
         return DONE
     if dry_run:
-        examine(made, where)
-        click.echo(_forecast(made, where, threads).words)
+        examine(planned, directory)
+        click.echo(_forecast(planned, directory, threads).words)
         return DONE
+    workers: Engine | None = None
     if engine == "dask":
         from rattlesweep.sweeps.dask import make_engine
 
-        how["engine"] = make_engine(scheduler, threads)
-    how |= {"base": config.resolve().parent, "threads": threads}
+        workers = make_engine(scheduler, threads)
     with Bar.of_command(quiet) as bar:
-        result = run_sweep(made, where, report=bar, **how)
-    where = result.stored.directory
+        result = run_sweep(
+            planned,
+            directory,
+            base=config.resolve().parent,
+            engine=workers,
+            threads=threads,
+            shard=shard,
+            max_time=max_time,
+            retry_failed=retry_failed,
+            report=bar,
+        )
+    return _say_result(result, quiet, verbose)
+
+
+def _compile(planned: Plan) -> None:
+    """Compile the kernels of a sweep: those that integrate, and those that launch."""
+    import numpy as np
+
+    from rattlesweep.sweeps.block import load_kernel, prepare_runs
+
+    load_kernel(planned.config)
+    first = np.zeros(1, np.int64)
+    prepare_runs(planned, first, first)
+    say("the kernels are compiled")
+
+
+def _say_result(result: Job, quiet: bool, verbose: bool) -> int:
+    """Print what became of the runs of a sweep, and return the exit code."""
+    directory = result.stored.directory
     for path in result.found.damaged:
         say(f"note: a file was damaged and is now {path}; its runs were repeated")
     if not quiet:
-        _print_summary(result.summary, where)
+        _print_summary(result.summary, directory)
         now = f"{result.done:,} of them done now in {result.seconds:.1f} s"
-        say(f"{counted(result.runs, 'run')} in {where}, {now}")
+        say(f"{counted(result.runs, 'run')} in {directory}, {now}")
     if verbose:
-        say(
-            f"{result.seconds:.2f} s in all, "
-            f"{result.kernel_seconds:.2f} s of integration"
-        )
+        integration = f"{result.kernel_seconds:.2f} s of integration"
+        say(f"{result.seconds:.2f} s in all, {integration}")
     if result.stopped is not None:
-        kept = f"{result.runs:,} runs are kept, and the same command resumes from there"
-        say(f"stopped: {result.stopped}; {kept}")
+        resume = "are kept, and the same command resumes from there"
+        say(f"stopped: {result.stopped}; {result.runs:,} runs {resume}")
         return options.EARLY
     if not quiet and result.missing:
-        say(f"{counted(result.missing, 'run')} of other shards are not in {where} yet")
+        missing = counted(result.missing, "run")
+        say(f"{missing} of other shards are not in {directory} yet")
     if result.failed:
-        words = ", ".join(
-            f"{count:,} {word}" for word, count in sorted(result.failed.items())
-        )
-        say(f"{counted(sum(result.failed.values()), 'run')} failed: {words}")
+        total = counted(sum(result.failed.values()), "run")
+        by_status = sorted(result.failed.items())
+        counts = ", ".join(f"{count:,} {status}" for status, count in by_status)
+        say(f"{total} failed: {counts}")
         return options.SOME_FAILED
     return DONE
 
@@ -197,9 +236,11 @@ def status(directory: Path, as_json: bool) -> int:
     """
     from rattlesweep.sweeps.status import status as count_rows
 
-    found = count_rows(directory)
-    click.echo(to_json(found.data) if as_json else found.words)
-    return options.SOME_FAILED if set(found.data["status"]) - {"ok"} else DONE
+    counts = count_rows(directory)
+    click.echo(to_json(counts.data) if as_json else counts.words)
+    if set(counts.data["status"]) - {"ok"}:
+        return options.SOME_FAILED
+    return DONE
 
 
 @command("Sweeps", "rattlesweep verify out/quickstart --recompute 100")
@@ -220,11 +261,12 @@ def verify(directory: Path, recompute: int, threads: int | None, as_json: bool) 
 
     seed = secrets.randbelow(2**32)
     with Bar.of_command() as bar:
-        found = check(
-            directory, recompute, seed, threads, report=bar.counting("verifying")
-        )
-    click.echo(to_json(asdict(found)) if as_json else found.words)
-    return options.FAILED if found.problems else DONE
+        report = bar.counting("verifying")
+        verified = check(directory, recompute, seed, threads, report=report)
+    click.echo(to_json(asdict(verified)) if as_json else verified.words)
+    if verified.problems:
+        return options.FAILED
+    return DONE
 
 
 @command(
@@ -246,14 +288,12 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     """
     from rattlesweep.sweeps.classify import classify_stored
 
-    done = classify_stored(directory, overrides)
-    _print_summary(done.summary, directory)
-    files = counted(done.files, "file")
-    say(
-        f"{counted(done.changed, 'type')} changed; {files} and the summary written in "
-        f"{directory}"
-    )
-    thresholds = [f"{key} {value:g}" for key, value in done.now.items()]
+    classified = classify_stored(directory, overrides)
+    _print_summary(classified.summary, directory)
+    types = counted(classified.changed, "type")
+    files = counted(classified.files, "file")
+    say(f"{types} changed; {files} and the summary written in {directory}")
+    thresholds = [f"{key} {value:g}" for key, value in classified.now.items()]
     say(f"thresholds: {', '.join(thresholds)}")
 
 
@@ -275,9 +315,10 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
         runs = counted(merged.runs, "run")
         say(f"{runs} in {counted(merged.files, 'file')} in {output}")
     if merged.missing:
+        missing = counted(merged.missing, "run")
         say(
-            f"{counted(merged.missing, 'run')} missing; merge the other shards into "
-            f"the same output, or `rattlesweep run CONFIG --output {output}`"
+            f"{missing} missing; merge the other shards into the same output, or "
+            f"`rattlesweep run CONFIG --output {output}`"
         )
         return options.EARLY
     if merged.failed:
@@ -307,7 +348,7 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     "--restarts",
     type=options.NUMBER,
     default=20,
-    help="Most times that a task is requeued.",
+    help="Maximum number of requeues per task.",
 )
 def slurm(
     config: Path,
@@ -324,15 +365,22 @@ def slurm(
     from rattlesweep.sweeps.plan import examine
     from rattlesweep.sweeps.slurm import job_script
 
-    made, where = _planned(config, overrides, output)
+    planned, directory = _planned(config, overrides, output)
     if not own:
-        examine(made, where)
-    if shards > made.runs:
-        raise ConfigError(
-            f"--shards {shards}: there are only {counted(made.runs, 'run')}"
-        )
-    place, job = where.absolute(), job | {"shards": shards, "own": own}
-    click.echo(job_script(made, config.resolve(), place, overrides, **job), nl=False)
+        examine(planned, directory)
+    if shards > planned.runs:
+        runs = counted(planned.runs, "run")
+        raise ConfigError(f"--shards {shards}: there are only {runs}")
+    script = job_script(
+        planned,
+        config.resolve(),
+        directory.absolute(),
+        overrides,
+        shards=shards,
+        own=own,
+        **job,
+    )
+    click.echo(script, nl=False)
 
 
 @command("Sweeps", "rattlesweep schema > rattlesweep.schema.json")
@@ -343,36 +391,43 @@ def schema() -> None:
     click.echo(to_json(config_json_schema()))
 
 
-def _print_summary(summary: Any, directory: Path) -> None:
+def _print_summary(summary: pa.Table | None, directory: Path) -> None:
     from rattlesweep.sweeps.summary import closing_table
 
-    if summary is not None:
-        click.echo(closing_table(summary.slice(0, options.MOST_ROWS)))
-        if (more := len(summary) - options.MOST_ROWS) > 0:
-            say(f"{counted(more, 'more case')} in {directory / 'summary.parquet'}")
+    if summary is None:
+        return
+    click.echo(closing_table(summary.slice(0, options.MOST_ROWS)))
+    more = len(summary) - options.MOST_ROWS
+    if more > 0:
+        say(f"{counted(more, 'more case')} in {directory / 'summary.parquet'}")
 
 
 def _planned(
     path: Path, overrides: tuple[str, ...], output: Path | None, quiet: bool = False
 ) -> tuple[Plan, Path]:
+    """Return the plan of a config and its output directory; say what is doubtful."""
     from rattlesweep.sweeps.config.read import load_config
     from rattlesweep.sweeps.plausible import checked_plan
 
     config = load_config(path, overrides)
-    made, doubts = checked_plan(config, path.resolve().parent)
-    for doubt in () if quiet else doubts:
-        say(f"warning: {doubt}")
-    return made, output or Path(config.directory)
+    planned, doubts = checked_plan(config, path.resolve().parent)
+    if not quiet:
+        for doubt in doubts:
+            say(f"warning: {doubt}")
+    return planned, output or Path(config.directory)
 
 
-def _forecast(made: Plan, where: Path, threads: int | None) -> Forecast:
+def _forecast(planned: Plan, directory: Path, threads: int | None) -> Forecast:
+    """Return the forecast of a sweep, and warn if the disk is too small for it."""
     from rattlesweep.sweeps.forecast import forecast
 
-    found = forecast(made, threads, startup=time.process_time())
-    place = next(p for p in (where.absolute(), *where.absolute().parents) if p.exists())
-    if found.bytes > (free := shutil.disk_usage(place).free):
+    expected = forecast(planned, threads, startup=time.process_time())
+    parents = (directory.absolute(), *directory.absolute().parents)
+    place = next(parent for parent in parents if parent.exists())
+    free = shutil.disk_usage(place).free
+    if expected.bytes > free:
         say(f"warning: {place} has only {free / 1e9:.1f} GB free")
-    return found
+    return expected
 
 
 @command(
@@ -385,7 +440,7 @@ def _forecast(made: Plan, where: Path, threads: int | None) -> Forecast:
 )
 @options.directory
 @option(
-    "--kind", type=options.KINDS, help="Kind of plot; by default what suits the sweep."
+    "--kind", type=options.PLOTS, help="Kind of plot; by default what suits the sweep."
 )
 @option(
     "--x",
@@ -446,11 +501,11 @@ def plot(
 
     probe(*output, data)
     looks = {name: given.pop(name) for name in ("title", "log", "size", "xlim", "ylim")}
+    paths = list(output)
     with styled(style):
         picture = choose_picture(read_layout(directory), **given)
-        paths = list(output) or [
-            directory / f"{picture.name}{end}" for end in (".svg", ".png")
-        ]
+        if not paths:
+            paths = [directory / f"{picture.name}{end}" for end in (".svg", ".png")]
         save(picture.figure(**looks), paths, dpi)
     if data is not None:
         save_table(picture.table(), data)
@@ -521,9 +576,10 @@ def compare(
         save_table(result.runs, data)
     if figure is not None:
         compared.save(result, figure)
-    click.echo(
-        to_json(result.data) if as_json else compared.as_text(result, options.MOST_ROWS)
-    )
+    if as_json:
+        click.echo(to_json(result.data))
+    else:
+        click.echo(compared.as_text(result, options.MOST_ROWS))
     if result.disagree(allow):
         say("the directories disagree")
         return options.FAILED
@@ -546,12 +602,13 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     from rattlesweep.analysis import sensitivity as estimate
 
     probe(figure)
-    found = estimate.sensitivity(directory)
+    indices = estimate.sensitivity(directory)
     if figure is not None:
-        estimate.save(found, figure)
-    click.echo(
-        to_json(found) if as_json else estimate.as_text(found, options.MOST_ROWS)
-    )
+        estimate.save(indices, figure)
+    if as_json:
+        click.echo(to_json(indices))
+    else:
+        click.echo(estimate.as_text(indices, options.MOST_ROWS))
 
 
 @command("Studies", "rattlesweep paper --quick", "rattlesweep paper --only fig7,fig8")
@@ -573,14 +630,12 @@ def paper(
     from rattlesweep.paper.reproduce import choose, closing_table, reproduce, tally
     from rattlesweep.paper.workspace import FULL, QUICK, Workspace
 
-    names, start = choose(only), time.monotonic()
+    start = time.monotonic()
+    names = choose(only)
     directory = output or Path("out/paper-quick" if quick else "out/paper")
-    workspace = Workspace(
-        directory,
-        QUICK if quick else FULL,
-        threads=threads,
-        progress=False if quiet else None,
-    )
+    sizes = QUICK if quick else FULL
+    progress = False if quiet else None
+    workspace = Workspace(directory, sizes, threads=threads, progress=progress)
     with Bar.of_command(quiet) as bar:
         claims = reproduce(workspace, names, bar.stage)
     if not quiet:
@@ -589,10 +644,8 @@ def paper(
             say(f"{len(claims)} claims: {tally(claims)}")
         say(f"{directory / 'report.html'}; {time.monotonic() - start:.1f} s")
     if workspace.failed:
-        say(
-            f"{counted(workspace.failed, 'run')} of the sweeps failed; see their "
-            "column status"
-        )
+        runs = counted(workspace.failed, "run")
+        say(f"{runs} of the sweeps failed; see their column status")
         return options.SOME_FAILED
     return DONE
 
@@ -627,36 +680,33 @@ def tradeoff(
     with the costs on one thread and the cheapest setting for some errors of t_r; writes
     tradeoff.parquet, .svg, .png.
     """
-    from rattlesweep.analysis.tradeoff import (
-        DEFAULT,
-        FULL,
-        QUICK,
-        as_data,
-        as_text,
-        measure,
-        save,
-    )
+    from rattlesweep.analysis import tradeoff as study
     from rattlesweep.integrate.batch import available_threads
     from rattlesweep.sweeps.config.read import load_config, parse_config
     from rattlesweep.sweeps.files import probe_directory
 
-    loaded = (
-        load_config(config, overrides) if config else parse_config(DEFAULT, overrides)
-    )
-    base, directory = (
-        config and config.resolve().parent,
-        output or Path(loaded.directory),
-    )
+    start = time.monotonic()
+    base: Path | None = None
+    if config is None:
+        loaded = parse_config(study.DEFAULT, overrides)
+    else:
+        loaded = load_config(config, overrides)
+        base = config.resolve().parent
+    directory = output or Path(loaded.directory)
     probe_directory(directory)
-    start, threads = time.monotonic(), threads or available_threads()
-    settings, least = (QUICK, 300) if quick else (FULL, 2000)
-    how: dict[str, Any] = {"samples": samples, "least": least, "threads": threads}
-    study = measure(
-        loaded, base, settings=settings, **how, report=Bar.of_command().stage
+    measured = study.measure(
+        loaded,
+        base,
+        settings=study.QUICK if quick else study.FULL,
+        samples=samples,
+        least=300 if quick else 2000,
+        threads=threads or available_threads(),
+        report=Bar.of_command().stage,
     )
-    files = save(study, directory)
-    click.echo(to_json(as_data(study)) if as_json else as_text(study))
-    say(
-        f"{', '.join(p.name for p in files)} in {directory}; "
-        f"{time.monotonic() - start:.1f} s"
-    )
+    files = study.save(measured, directory)
+    if as_json:
+        click.echo(to_json(study.as_data(measured)))
+    else:
+        click.echo(study.as_text(measured))
+    names = ", ".join(path.name for path in files)
+    say(f"{names} in {directory}; {time.monotonic() - start:.1f} s")

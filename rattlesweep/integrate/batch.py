@@ -275,6 +275,7 @@ def integrate(
     tol: float = TOL,
     dt: float = DT,
     max_steps: int = MAX_STEPS,
+    longest_step: Floats | None = None,
     record: frozenset[str] = frozenset(),
     cost: Integers | None = None,
     threads: int | None = None,
@@ -292,6 +293,9 @@ def integrate(
     tol, dt : float
         Largest error of a step of adaptive methods, in the energy norm, relative to the
         oscillation; step of the other methods, in ``sqrt(a/g)``.
+    longest_step : ndarray, shape (runs,), optional
+        Largest step of each run with an adaptive method; by default, only the error
+        limits steps.
     max_steps : int
         Number of steps after which a run ends with `Status.STEP_LIMIT`.
     record : frozenset of str
@@ -313,6 +317,7 @@ def integrate(
     count = 1
     if parallel():
         count = min(threads or available_threads(), config.NUMBA_NUM_THREADS)
+    longest = np.full(len(batch), np.inf) if longest_step is None else longest_step
     price = batch.t_end * batch.swing if cost is None else cost.astype(float)
     control.start(count, price)
     result = np.full((len(batch), runs.FIRST_STATE + model.n_state), np.nan)
@@ -321,7 +326,7 @@ def integrate(
     recording = _recording(len(batch), record)
     if len(batch):
         order = np.argsort(-price, kind="stable")
-        arrays = run_arrays(batch, tableau, tol, dt, max_steps, price)
+        arrays = run_arrays(batch, tableau, tol, dt, max_steps, price, longest)
         outputs = result, counts, control.progress, *recording
         call = kernel(tableau.name, model.name, record)
         with holding(count):
@@ -341,6 +346,7 @@ def integrate(
         tol=tol,
         dt=dt,
         max_steps=max_steps,
+        longest_step=longest[rows],
         record=record,
         threads=threads,
         control=control,
@@ -424,6 +430,7 @@ def run_arrays(
     dt: float,
     max_steps: int,
     cost: Floats | float = 0.0,
+    longest_step: Floats | float = np.inf,
 ) -> tuple[Floats, ...]:
     """Return the arrays that a kernel reads, from ``y0`` to ``options``."""
     plan = np.zeros((len(batch), runs.N_PLAN))
@@ -432,6 +439,7 @@ def run_arrays(
     plan[:, runs.WINDOW] = batch.window
     plan[:, runs.RATE] = batch.rate
     plan[:, runs.COST] = cost
+    plan[:, runs.LONGEST] = longest_step
     plan[:, runs.FIRST_MARK] = batch.first_mark
     plan[:, runs.FAR] = PLATEAU_SHARE * batch.scale
     plan[:, runs.TAPPED] = batch.tapped

@@ -1,12 +1,16 @@
 """Compute a block: from the keys of its runs to their rows."""
 
-from functools import partial
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
-from rattlesweep.arrays import Integers, take
+from rattlesweep.arrays import Flags, Floats, Integers, scatter, take
 from rattlesweep.integrate import batch as integration
 from rattlesweep.integrate.batch import Batch, Outcome
 from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
@@ -15,7 +19,15 @@ from rattlesweep.integrate.tableau import DT, METHODS, TOL
 from rattlesweep.integrate.task import Control, Task
 from rattlesweep.physics import steady
 from rattlesweep.physics.theory import damping_rates, unsteady
-from rattlesweep.sweeps.columns import build_table, ragged
+from rattlesweep.sweeps.bodies import Bodies
+from rattlesweep.sweeps.columns import (
+    GROUPS,
+    SIZE_GROUP,
+    STATE_GROUP,
+    Values,
+    build_table,
+    ragged,
+)
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.error import Estimated, integrate_estimated
 from rattlesweep.sweeps.launches import (
@@ -29,15 +41,18 @@ from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.types import TYPES, classify, is_chaotic, sure_types
 
 Prepared = tuple[Launches, Batch | None]  # no batch for the closed form
+STATUS_WORDS = [status.label for status in Status]
 
 
 def load_kernel(config: Config) -> None:
     """Load the kernels that the runs of a config need."""
     if config.model == "gh":
         return
-    method, model = config.integrator.method, model_of(config).name
+    method = config.integrator.method
+    model = model_of(config).name
     integration.kernel(method, model, config.record)
-    if "error" in config.record:  # companions record nothing
+    if "error" in config.record:
+        # Companions record nothing.
         integration.kernel(method, model)
 
 
@@ -57,17 +72,17 @@ def compute(
     threads: int | None = None,
     control: Control | None = None,
 ) -> pa.Table:
-    """Integrate and type prepared runs; return the rows of those that ended before a
-    stop.
-    """
-    (launches, batch), outcome = prepared, None
+    """Integrate and type prepared runs; return the rows of those that ended."""
+    launches, batch = prepared
+    outcome = None
     if batch is not None:
         outcome = run_batch(config, batch, threads, control)
         if outcome.stopped:
             ended = outcome.status != Status.STOPPED
             if not ended.any():
                 return schema.remove_metadata().empty_table()
-            launches, batch = take(launches, ended), take(batch, ended)
+            launches = take(launches, ended)
+            batch = take(batch, ended)
             outcome = take(outcome, ended)
     return build_table(columns_of(config, launches, batch, outcome), schema)
 
@@ -85,142 +100,329 @@ def run_batch(
     threads: int | None = None,
     control: Control | None = None,
 ) -> Outcome:
-    """Integrate the runs that have a horizon; the others get the status
-    ``no_horizon``.
-    """
+    """Integrate the runs that have a horizon; others have the status ``no_horizon``."""
     has_horizon = np.isfinite(batch.t_end) & (batch.t_end > 0)
-    part = batch if has_horizon.all() else take(batch, has_horizon)
-    control, settings = control or Control(), config.integrator
-    if "error" in config.record:
-        outcome: Outcome = integrate_estimated(config, part, threads, control)
-    else:
-        outcome = integration.integrate(
-            part,
-            METHODS[settings.method],
-            model_of(config),
-            tol=settings.tol or TOL,
-            dt=settings.dt or DT,
-            max_steps=settings.max_steps,
-            record=frozenset(config.record),
-            threads=threads,
-            control=control,
-        )
     if has_horizon.all():
-        return outcome
-    wide = dict(vars(outcome))
-    for name, values in vars(outcome).items():
-        if name != "stopped" and len(values) == len(
-            part
-        ):  # what is not recorded is empty
-            fill = np.nan if values.dtype.kind == "f" else 0
-            wide[name] = np.full(
-                (len(batch), *values.shape[1:]), fill, dtype=values.dtype
-            )
-            wide[name][has_horizon] = values
-    wide["status"][~has_horizon], wide["t_end"][~has_horizon] = Status.NO_HORIZON, 0.0
-    return type(outcome)(**wide)
+        return _integrate(config, batch, threads, control)
+    outcome = _integrate(config, take(batch, has_horizon), threads, control)
+    outcome = scatter(outcome, has_horizon)
+    outcome.status[~has_horizon] = Status.NO_HORIZON
+    outcome.t_end[~has_horizon] = 0.0
+    return outcome
+
+
+def _integrate(
+    config: Config, batch: Batch, threads: int | None, control: Control | None
+) -> Outcome:
+    control = control or Control()
+    if "error" in config.record:
+        estimated: Outcome = integrate_estimated(config, batch, threads, control)
+        return estimated
+    settings = config.integrator
+    return integration.integrate(
+        batch,
+        METHODS[settings.method],
+        model_of(config),
+        tol=settings.tol or TOL,
+        dt=settings.dt or DT,
+        max_steps=settings.max_steps,
+        record=frozenset(config.record),
+        threads=threads,
+        control=control,
+    )
 
 
 def columns_of(
     config: Config, launches: Launches, batch: Batch | None, outcome: Outcome | None
-) -> dict[str, Any]:
-    """Return the columns of runs with their types; without an outcome, by the closed
-    form.
+) -> dict[str, Values]:
+    """Return the columns of runs; without an outcome, by the closed form.
+
+    Each column of :mod:`rattlesweep.sweeps.columns` names its source here.
     """
-    b = launches.bodies
-    columns = (
-        vars(b) | vars(launches.modes) | vars(launches) | {"t_rgh": launches.gh.t_rgh}
-    )
-    for vector, values in (("omega", b.omega), ("u", b.u)):
-        if values is not None:
-            columns |= {f"{vector}_{x}": values[:, k] for k, x in enumerate("xyz")}
-    if batch is None or outcome is None:
-        columns |= _closed_form(launches)
-    else:
-        columns |= _measured(config, launches, batch, outcome)
-    if b.units is not None:
-        columns["n_i_rpm"] = launches.n_i / b.units.time * 30 / np.pi
-        columns["t_r_s"] = columns["t_r"] * b.units.time
-    ok, observed = (
-        columns["status"] == Status.OK,
-        (columns["amp_growth"], columns["n_departure"]),
-    )
-    left = columns.get("energy_left")
-    codes = classify(ok, columns["t_r"], *observed, config.classify, left)
-    columns |= {
-        "type": (codes, TYPES),
-        "status": (columns["status"], [s.label for s in Status]),
-    }
-    if isinstance(outcome, Estimated):
-        errors = outcome.amp_growth_error, outcome.n_departure_error
-        sure = sure_types(
-            codes, outcome.reversal_sure, observed, errors, config.classify
-        )
-        columns["type_sure"] = pa.array(sure, mask=codes < 0)
-    return columns | b.carried
+    results = Results(config, launches, batch, outcome or closed_form(launches))
+    groups = [
+        group for group in GROUPS if not group.optional or group.name in config.parts
+    ]
+    if launches.bodies.omega is not None:
+        groups.append(STATE_GROUP)
+    if launches.bodies.units is not None:
+        groups.append(SIZE_GROUP)
+    columns: dict[str, Values] = {}
+    for group in groups:
+        for column in group.columns:
+            columns[column.name] = attrgetter(column.source)(results)
+    return columns | launches.bodies.carried
 
 
-def _closed_form(launches: Launches) -> dict[str, Any]:
-    finite, t_rgh = np.isfinite(launches.t_end), launches.gh.t_rgh
-    reverses = finite & (t_rgh <= launches.t_end)
-    t_end = np.where(reverses, t_rgh, np.where(finite, launches.t_end, 0.0))
+@dataclass(frozen=True)
+class ClosedForm:
+    """What Garcia and Hubbard's theory says of runs, by the names of an `Outcome`."""
+
+    t_end: Floats
+    t_r: Floats
+    n_end: Floats
+    energy_drift: Floats
+    amp_growth: Floats
+    n_departure: Floats
+    status: Integers
+    n_steps: Integers
+    near_tangencies: Integers
+
+
+def closed_form(launches: Launches) -> ClosedForm:
+    """Return the results of runs by the closed form, which has no steps."""
+    t_rgh = launches.gh.t_rgh
+    has_horizon = np.isfinite(launches.horizon)
+    reverses = has_horizon & (t_rgh <= launches.horizon)
+    t_end = np.where(has_horizon, launches.horizon, 0.0)
+    t_end = np.where(reverses, t_rgh, t_end)
     n_end = np.where(reverses, 0.0, launches.gh.spin(t_end))
-    none = np.zeros(len(t_end), dtype=np.int32)
-    # An unknown growth rules out SS: in the closed form the relevant oscillation only
-    # grows.
-    return {
-        "t_end": t_end,
-        "n_steps": none,
-        "near_tangencies": none,
-        "status": np.where(finite, Status.OK, Status.NO_HORIZON),
-        "t_r": np.where(reverses, t_rgh, np.nan),
-        "n_end": np.where(finite, n_end, np.nan),
-        "energy_drift": np.where(finite, 0.0, np.nan),
-        "amp_growth": np.full(len(t_end), np.nan),
-        "n_departure": np.where(finite, 1 - n_end / launches.n_i, np.nan),
-    }
+    none = np.zeros(len(t_end), dtype=np.int64)
+    return ClosedForm(
+        t_end=t_end,
+        t_r=np.where(reverses, t_rgh, np.nan),
+        n_end=np.where(has_horizon, n_end, np.nan),
+        energy_drift=np.where(has_horizon, 0.0, np.nan),
+        # An unknown growth rules out SS: here the relevant oscillation only grows.
+        amp_growth=np.full(len(t_end), np.nan),
+        n_departure=np.where(has_horizon, 1 - n_end / launches.n_i, np.nan),
+        status=np.where(has_horizon, Status.OK, Status.NO_HORIZON),
+        n_steps=none,
+        near_tangencies=none,
+    )
 
 
-def _measured(
-    config: Config, launches: Launches, batch: Batch, outcome: Outcome
-) -> dict[str, Any]:
-    ok, columns = outcome.status == Status.OK, dict(vars(outcome))
-    if config.classify.early:
-        # A run that settles turns all of its energy into spin.
-        spin = np.copysign(
-            np.sqrt(2 * outcome.energy_0 / launches.bodies.gamma), launches.n_i
+class State(NamedTuple):
+    """Components of full initial states along the bodies' axes."""
+
+    omega_x: Floats
+    omega_y: Floats
+    omega_z: Floats
+    u_x: Floats
+    u_y: Floats
+    u_z: Floats
+
+
+@dataclass(frozen=True)
+class Results:
+    """Runs with their results, and what follows from these.
+
+    A column of the rows is an attribute, or one of `launches`, `batch`, `outcome` or
+    `bodies`; see :attr:`rattlesweep.sweeps.columns.Column.source`.
+    """
+
+    config: Config
+    launches: Launches
+    batch: Batch | None
+    outcome: Outcome | ClosedForm
+
+    @property
+    def bodies(self) -> Bodies:
+        """The bodies of the runs."""
+        return self.launches.bodies
+
+    @property
+    def integrated(self) -> Outcome:
+        """The outcome of an integration, for columns that the closed form lacks."""
+        assert isinstance(self.outcome, Outcome)
+        return self.outcome
+
+    @property
+    def estimated(self) -> Estimated:
+        """The outcome with errors, for columns of `record: [error]`."""
+        assert isinstance(self.outcome, Estimated)
+        return self.outcome
+
+    @cached_property
+    def is_ok(self) -> Flags:
+        """Whether the integration of a run succeeded."""
+        return np.asarray(self.outcome.status == Status.OK)
+
+    @property
+    def status(self) -> tuple[Integers, Sequence[str]]:
+        """Index of the status of each run, and the words."""
+        return self.outcome.status, STATUS_WORDS
+
+    # ------------------------------------------------------------------ types
+
+    @cached_property
+    def type_codes(self) -> NDArray[np.int8]:
+        """Index of the type of each run, -1 without one."""
+        return classify(
+            self.is_ok,
+            self.outcome.t_r,
+            self.outcome.amp_growth,
+            self.outcome.n_departure,
+            self.config.classify,
+            self.energy_left if self.config.dissipation else None,
         )
-        columns["n_end"] = np.where(
-            integration.has_settled(batch, outcome), spin, columns["n_end"]
+
+    @property
+    def type(self) -> tuple[NDArray[np.int8], Sequence[str]]:
+        """Index of the type of each run, and the words."""
+        return self.type_codes, TYPES
+
+    @property
+    def type_sure(self) -> pa.Array:
+        """Whether the type is the same within the errors."""
+        outcome = self.estimated
+        is_sure = sure_types(
+            self.type_codes,
+            outcome.reversal_sure,
+            (outcome.amp_growth, outcome.n_departure),
+            (outcome.amp_growth_error, outcome.n_departure_error),
+            self.config.classify,
         )
-    if launches.sigma is not None and launches.rolling is not None:
-        b, m, sigma = launches.bodies, launches.modes, launches.sigma
-        pitch, kinks = unsteady(m.K_p, launches.n_i), launches.rolling > 0
-        growth = steady.growth(batch.constants[:, :6].T, launches.n_i, sigma)
-        loss = np.where(pitch, *damping_rates(b.alpha, b.beta, m, sigma))
-        n_growth = np.sign(launches.n_i) * 2 * loss / np.abs(launches.gh.K)
-        columns["growth"] = np.where(kinks, np.nan, np.where(pitch, *growth))
-        columns["n_growth"] = np.where(kinks, np.nan, n_growth)
+        return pa.array(is_sure, mask=self.type_codes < 0)
+
+    # ------------------------------------------------------ spins and energies
+
+    @property
+    def n_end(self) -> Floats:
+        """Spin at the end; where a run has settled, the spin with all of its energy."""
+        if self.batch is None or not self.config.classify.early:
+            return self.outcome.n_end
+        outcome = self.integrated
+        limit = np.sqrt(2 * outcome.energy_0 / self.bodies.gamma)
+        has_settled = integration.has_settled(self.batch, outcome)
+        return np.where(
+            has_settled, np.copysign(limit, self.launches.n_i), outcome.n_end
+        )
+
+    @property
+    def energy_left(self) -> Floats:
+        """Fraction of the initial energy that is left."""
         # The last component of the state is the work of the dissipation.
-        columns["energy_left"] = 1 + outcome.y_end[:, -1] / outcome.energy_0
-    if "lyapunov" in config.record:
-        columns["lyapunov"], late = integration.exponents(outcome.growth)
-        chaotic = pa.array(is_chaotic(late, outcome.t_end), mask=~np.isfinite(late))
-        columns |= {"lyapunov_late": late, "chaotic": chaotic}
-    if "reversals" in config.record:
-        turns = np.where(ok, outcome.n_turns, -1)
-        kept = np.minimum(turns, MOST_REVERSALS)
-        columns["n_turns"] = pa.array(turns.astype(np.int32), mask=~ok)
-        for k, name in enumerate(("turn_times", "spin_after_turn")):
-            columns[name] = ragged(outcome.reversals[:, :, k], kept)
-        if isinstance(outcome, Estimated):
-            columns["reversals_sure"] = pa.array(
-                outcome.turns_sure.astype(np.int32), mask=~ok
-            )
-            columns["reversal_times_error"] = ragged(outcome.turn_errors, kept)
-    if "windows" in config.record:
-        filled = np.isfinite(outcome.windows[:, :, 0]).sum(axis=1)
-        columns["window_t"] = batch.window
-        for k, name in enumerate(("window_amplitude", "window_n_min", "window_n_max")):
-            columns[name] = ragged(outcome.windows[:, :, k], filled)
-    return columns
+        work = self.integrated.y_end[:, -1]
+        return np.asarray(1 + work / self.integrated.energy_0)
+
+    @property
+    def growth(self) -> Floats:
+        """Growth rate of the relevant mode; rolling resistance has no linear rate."""
+        assert self.batch is not None
+        body_constants = self.batch.constants[:, :6].T
+        pitch_rate, roll_rate = steady.growth(
+            body_constants, self.launches.n_i, self._sigma
+        )
+        return self._if_viscous(np.where(self._pitch_grows, pitch_rate, roll_rate))
+
+    @property
+    def n_growth(self) -> Floats:
+        """Spin at which the growth of the relevant mode balances its damping."""
+        pitch_loss, roll_loss = damping_rates(
+            self.bodies.alpha, self.bodies.beta, self.launches.modes, self._sigma
+        )
+        loss = np.where(self._pitch_grows, pitch_loss, roll_loss)
+        direction = np.sign(self.launches.n_i)
+        return self._if_viscous(direction * 2 * loss / np.abs(self.launches.gh.K))
+
+    @property
+    def _pitch_grows(self) -> Flags:
+        return unsteady(self.launches.modes.K_p, self.launches.n_i)
+
+    @property
+    def _sigma(self) -> Floats:
+        assert self.launches.sigma is not None
+        return self.launches.sigma
+
+    def _if_viscous(self, values: Floats) -> Floats:
+        assert self.launches.rolling is not None
+        return np.where(self.launches.rolling > 0, np.nan, values)
+
+    # ---------------------------------------------------- launches and SI units
+
+    @cached_property
+    def state(self) -> State:
+        """Full initial states."""
+        assert self.bodies.omega is not None
+        assert self.bodies.u is not None
+        return State(*self.bodies.omega.T, *self.bodies.u.T)
+
+    @property
+    def _second(self) -> Floats:
+        """The unit of time in seconds."""
+        assert self.bodies.units is not None
+        return np.asarray(self.bodies.units.time)
+
+    @property
+    def n_i_rpm(self) -> Floats:
+        """Initial spin in turns a minute."""
+        return np.asarray(self.launches.n_i / self._second * 30 / np.pi)
+
+    @property
+    def t_r_s(self) -> Floats:
+        """Reversal time in seconds."""
+        return np.asarray(self.outcome.t_r * self._second)
+
+    # ------------------------------------------------------------ `record` keys
+
+    @cached_property
+    def exponents(self) -> tuple[Floats, Floats]:
+        """Lyapunov exponents of the whole run, and of its second half."""
+        return integration.exponents(self.integrated.growth)
+
+    @property
+    def lyapunov(self) -> Floats:
+        """Lyapunov exponent of the whole run."""
+        return self.exponents[0]
+
+    @property
+    def lyapunov_late(self) -> Floats:
+        """Lyapunov exponent of the second half."""
+        return self.exponents[1]
+
+    @property
+    def chaotic(self) -> pa.Array:
+        """Whether differences grew by more than `types.LEAST_GROWTH` in that half."""
+        late = self.lyapunov_late
+        flags = is_chaotic(late, self.outcome.t_end)
+        return pa.array(flags, mask=~np.isfinite(late))
+
+    @property
+    def window_amplitude(self) -> pa.Array:
+        """Largest amplitude in each window."""
+        return self._by_window(0)
+
+    @property
+    def window_n_min(self) -> pa.Array:
+        """Smallest spin in each window."""
+        return self._by_window(1)
+
+    @property
+    def window_n_max(self) -> pa.Array:
+        """Largest spin in each window."""
+        return self._by_window(2)
+
+    def _by_window(self, number: int) -> pa.Array:
+        windows = self.integrated.windows
+        is_filled = np.isfinite(windows[:, :, 0])
+        return ragged(windows[:, :, number], is_filled.sum(axis=1))
+
+    @property
+    def n_turns(self) -> pa.Array:
+        """Number of turns, null for a run that failed."""
+        return pa.array(self.integrated.n_turns.astype(np.int32), mask=~self.is_ok)
+
+    @property
+    def turn_times(self) -> pa.Array:
+        """Times of the first turns."""
+        return self._by_turn(self.integrated.reversals[:, :, 0])
+
+    @property
+    def spin_after_turn(self) -> pa.Array:
+        """Largest absolute spins after the first turns."""
+        return self._by_turn(self.integrated.reversals[:, :, 1])
+
+    @property
+    def reversals_sure(self) -> pa.Array:
+        """Number of first turns with a small error."""
+        return pa.array(self.estimated.turns_sure.astype(np.int32), mask=~self.is_ok)
+
+    @property
+    def reversal_times_error(self) -> pa.Array:
+        """Errors of the times of the first turns."""
+        return self._by_turn(self.estimated.turn_errors)
+
+    def _by_turn(self, values: Floats) -> pa.Array:
+        stored_turns = np.minimum(self.integrated.n_turns, MOST_REVERSALS)
+        return ragged(values, np.where(self.is_ok, stored_turns, -1))

@@ -3,13 +3,14 @@
 The names are fixed, so that scripts written against today's tables read next year's.
 """
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
@@ -29,14 +30,15 @@ TEXT = pa.string()
 SERIES = pa.list_(pa.field("element", F64))
 
 
+# A column before it is written: an array, or codes with their words, where -1 is null.
+Values: TypeAlias = "NDArray[Any] | pa.Array | tuple[NDArray[Any], Sequence[str]]"
+
+
 def field(
     name: str, kind: pa.DataType, unit: str, words: str, nullable: bool = True
 ) -> pa.Field:
     """Return a column with its unit (``"1"`` without one) and its meaning."""
     return pa.field(name, kind, nullable, metadata={"unit": unit, "description": words})
-
-
-required = partial(field, nullable=False)
 
 
 @dataclass(frozen=True)
@@ -464,12 +466,12 @@ STATE_GROUP = Group(
     "state",
     "Launches from a full state",
     (
-        must("omega_x", F64, "omega_x"),
-        must("omega_y", F64, "omega_y"),
-        must("omega_z", F64, "omega_z"),
-        must("u_x", F64, "u_x"),
-        must("u_y", F64, "u_y"),
-        must("u_z", F64, "u_z"),
+        must("omega_x", F64, "state.omega_x"),
+        must("omega_y", F64, "state.omega_y"),
+        must("omega_z", F64, "state.omega_z"),
+        must("u_x", F64, "state.u_x"),
+        must("u_y", F64, "state.u_y"),
+        must("u_z", F64, "state.u_z"),
     ),
 )
 SIZE_GROUP = Group(
@@ -525,83 +527,6 @@ def define(name: str) -> Definition:
     return Definition(name, "1", name)
 
 
-# Columns of `summary` in order; fractions are of the runs with status ok.
-SUMMARY = pa.schema(
-    (
-        required("case", I32, "1", "number of the case, from 0"),
-        field("K_p", F64, "1", "target of K_p, where the case has one"),
-        field("K_r", F64, "1", "target of K_r, where the case has one"),
-        field("n_i", F64, RATE, "initial spin; null where rows differ"),
-        field("omega_xy0", F64, RATE, "initial rate; null where rows differ"),
-        required("runs", I64, "1", "number of stored runs"),
-        # Null unless the size of the bodies is known.
-        field("n_i_rpm", F64, "rpm", "initial spin; null where rows differ"),
-        # Null unless given in these units, and the sizes of the bodies differ.
-        field("omega_xy0_rpm", F64, "rpm", "initial oscillation"),
-        field("sigma_N_m_s", F64, "N m s", "torque -sigma omega"),
-        field("rolling_m", F64, "m", "lever of the rolling resistance"),
-        field("fraction_R", F64, "1", "fraction of type R"),
-        field("fraction_SS", F64, "1", "fraction of type SS"),
-        field("fraction_SW", F64, "1", "fraction of type SW"),
-        field("fraction_unclassified", F64, "1", "fraction of unclassified runs"),
-        field(
-            "fraction_bondi",
-            F64,
-            "1",
-            "fraction beyond Bondi's threshold; null: unsteady spins",
-        ),
-        field("t_r_mean", F64, TIME, "mean t_r of type R"),
-        field(
-            "t_r_s_mean", F64, "s", "mean t_r of type R in seconds, if sizes are known"
-        ),
-        field(
-            "t_r_std", F64, TIME, "sample standard deviation (n - 1) of t_r of type R"
-        ),
-        field("t_rgh_mean", F64, TIME, "mean t_rgh of the runs that have one"),
-        field(
-            "t_r_over_t_rgh_mean", F64, "1", "mean of t_r / t_rgh over runs of type R"
-        ),
-        field("t_r_over_t_rgh_sem", F64, "1", "standard error of that mean"),
-        required("failed", I64, "1", "number of runs with a status other than ok"),
-        required("near_tangencies", I64, "1", "sum of near_tangencies over the runs"),
-        # Null unless errors are recorded.
-        field(
-            "sensitive", I64, "1", "number of runs of type R with t_r_error > 1e-6 t_r"
-        ),
-        field("unsure", I64, "1", "number of runs whose type is not sure"),
-        field("t_r_mean_error", F64, TIME, "mean t_r_error of type R"),
-        # Null without dissipation.
-        field("fraction_D", F64, "1", "fraction of type D"),
-        field(
-            "sigma",
-            F64,
-            DAMPING,
-            "torque -sigma omega; null: no dissipation, or rows differ",
-        ),
-        field("rolling", F64, "a", "lever of the rolling resistance; null likewise"),
-        # Null unless contact is recorded.
-        field(
-            "share_friction_above_0_3",
-            F64,
-            "1",
-            "fraction with contact_ratio_max > 0.3",
-        ),
-        field(
-            "share_friction_above_0_6",
-            F64,
-            "1",
-            "fraction with contact_ratio_max > 0.6",
-        ),
-        field(
-            "share_lift_off",
-            F64,
-            "1",
-            "fraction with contact_normal_min < 0, which would lift off",
-        ),
-    )
-)
-
-
 def runs_schema(
     record: Collection[str] = (), model: str = "full", extra: Iterable[pa.Field] = ()
 ) -> pa.Schema:
@@ -616,25 +541,23 @@ def runs_schema(
     return pa.schema([*fields, *extra])
 
 
-def same_schema(one: pa.Schema, other: pa.Schema) -> bool:
+def same_schema(schema: pa.Schema, expected: pa.Schema) -> bool:
     """Return whether schemas agree in names, types, nullability and units."""
-    units = [
-        [(f.metadata or {}).get(b"unit", b"") for f in schema]
-        for schema in (one, other)
-    ]
-    return one.equals(other) and units[0] == units[1]
+    return schema.equals(expected) and _units(schema) == _units(expected)
 
 
-def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
-    """Return a table of arrays, where NaN is null, or of codes with words, where -1 is
-    null.
-    """
-    arrays = [_to_arrow(columns[field.name], field.type) for field in schema]
+def _units(schema: pa.Schema) -> list[bytes]:
+    return [(column.metadata or {}).get(b"unit", b"") for column in schema]
+
+
+def build_table(columns: Mapping[str, Values], schema: pa.Schema) -> pa.Table:
+    """Return a table of columns, where NaN and infinity become null."""
+    arrays = [_to_arrow(columns[column.name], column.type) for column in schema]
     table = pa.Table.from_arrays(arrays, schema=schema.remove_metadata())
-    for field in table.schema:
-        if not field.nullable and table.column(field.name).null_count:
+    for column in table.schema:
+        if not column.nullable and table.column(column.name).null_count:
             raise ValueError(
-                f"internal error: column {field.name} has rows that are not finite"
+                f"internal error: column {column.name} has rows that are not finite"
             )
     return table
 
@@ -642,13 +565,16 @@ def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
 def ragged(values: Floats, counts: Integers) -> pa.Array:
     """Return a column of lists ``values[i, :counts[i]]``, null for a negative count."""
     offsets = np.cumsum(np.append(0, np.maximum(counts, 0)), dtype=np.int32)
-    kept = _to_arrow(values[np.arange(values.shape[1]) < counts[:, None]], F64)
-    return pa.ListArray.from_arrays(pa.array(offsets), kept, mask=pa.array(counts < 0))
+    is_listed = np.arange(values.shape[1]) < counts[:, None]
+    listed = _to_arrow(values[is_listed], F64)
+    is_null = pa.array(counts < 0)
+    return pa.ListArray.from_arrays(pa.array(offsets), listed, mask=is_null)
 
 
-def _to_arrow(values: Any, kind: pa.DataType) -> pa.Array:
+def _to_arrow(values: Values, kind: pa.DataType) -> pa.Array:
     if isinstance(values, tuple):
         codes, words = values
+        # The code -1 is the last of these.
         values = np.array([*words, None], dtype=object)[codes]
     if isinstance(values, pa.Array | pa.ChunkedArray):
         return values.cast(kind)

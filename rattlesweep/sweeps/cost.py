@@ -18,11 +18,11 @@ SEED = 20170427
 def expected_cost(launches: Launches, model: str) -> Floats:
     """Return the radians of phase of runs up to the horizon, 0 without one."""
     if model == "gh":
-        return np.ones(len(launches.t_end))
+        return np.ones(len(launches.horizon))
     rate = launches.modes.omega_p
     if model == "reduced":  # its steps follow the spin, not the oscillations
         rate = launches.gh.n_0 * np.abs(launches.modes.K_p)
-    return np.nan_to_num(launches.t_end * rate, posinf=0.0, neginf=0.0)
+    return np.nan_to_num(launches.horizon * rate, posinf=0.0, neginf=0.0)
 
 
 def sample_keys(

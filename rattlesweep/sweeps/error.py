@@ -14,6 +14,15 @@ small by chance; s, which has several components, is not.  C is P^2 in the unste
 direction, where runs that part are chaotic, and 0 in the other.  G is one swing of the
 spin if an extremum of the spin touches zero within the tolerance.
 
+**Swinging launches** hold most of their energy in the oscillation, often in the slower
+of two modes.  The tolerance is relative to both modes together.  So a companion would
+take steps up to the limit of stability, six radians of the faster mode, where the
+method damps this mode away, and where the errors of successive steps cancel each
+other.  In the shorter steps of the run they have the same sign and add up.  The
+difference d would then be far too small.  Therefore companions of these launches take
+steps of at most COMPANION_ANGLE.  In T, r is then at least (n_steps'/n_steps)^order,
+and the weight of s is SWINGING_SHARE, as these errors do not average out.
+
 With `accuracy: {t_r: ...}`, runs with a larger estimate are integrated again, a hundred
 times tighter, with the previous run as their companion; and then once more.  A
 companion that has parted from its own companion may be near the run by chance.  So T is
@@ -31,6 +40,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rattlesweep.arrays import Flags, Floats, Integers, put, take
+from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import Batch, Outcome, has_settled, integrate
 from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
 from rattlesweep.integrate.model import REDUCED, Model
@@ -47,42 +57,59 @@ class Fit(NamedTuple):
 
     floor: float = 0.5
     near: float = 10.0
-    slope: float = 12.0
+    slope: float = 10.5
     share: float = 0.0007
     power: float = 1.0
     looser: float = 2e3  # ratio of the companion's tolerance to the run's
 
 
-FITS = {"dop853": Fit(), "verner98": Fit(floor=0.2), "rk4": Fit(floor=0.0, share=0.003)}
-ELLIPSOID = Fit(slope=20.0, share=0.002)  # its large swings are harder to integrate
+FITS = {
+    "dop853": Fit(),
+    "dopri5": Fit(),
+    "verner98": Fit(floor=0.2),
+    "rk4": Fit(floor=0.0, share=0.003),
+}
+"""Constants by method; a method without them has no estimate."""
+# The large swings of an ellipsoid are harder to integrate.
+ELLIPSOID = Fit(slope=20.0, share=0.002)
 # Kinks lower the order of all methods, so a companion must be nearly as accurate as the
 # run.
 ROLLING = Fit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0)
+
 LEAST_LOOSER = 10.0  # smallest ratio of the companion's tolerance to the run's
 LOOSEST = 1e-5  # largest tolerance of a companion; at larger ones most runs part
 TIGHTEST = 1e-14  # tolerance below which rounding dominates the error of a step
 PARTED = 0.2  # distance at which two runs have become independent
-# loss of spin beyond which a run that has parted from its companion may reverse
-NEAR_ZERO = 0.8
-# least share of d that counts if the companion had parted from its own companion
+# Minimum weight of d when the companion itself had diverged from its own companion.
 REMEMBERED = 0.1
+# Loss of spin beyond which a run that has parted from its companion may reverse.
+NEAR_ZERO = 0.8
+
+# A launch is swinging if its oscillation has this many times the energy of its spin.
+SWINGING = 3.0
+COMPANION_ANGLE = 2.0  # longest step of its companion, in radians of the faster mode
+SWINGING_SHARE = 0.01  # weight of its distance s
+# Largest r from the numbers of steps: at 1 the companion is as accurate as the run.
+MOST_RATIO = 0.6
+
 TURN_PARTED = 5e-3  # relative difference of turns at which two runs have parted
 TURN_SLOPE = 50.0  # slope of the errors of turns
 SURE = 1e-3  # relative error below which a turn is sure, if those before it are
+
 # Tolerances for a given error: the first in units of it, the ratio of the next ones,
 # their number.
-FIRST_RUNG, RUNG, RUNGS = 0.3, 1e-2, 3
+FIRST_RUNG = 0.3
+RUNG = 1e-2
+RUNGS = 3
 # The loosest of these tolerances, and of their companions, where runs part early and so
 # tell best. With companions at 1e-5, runs agree by chance: 6 of 4,886 were off by more
 # than 1e-4.
-LOOSEST_RUNG, LOOSEST_OF_LADDER = 1e-6, 1e-4
-AGAIN = (
-    0.4,
-    0.1,
-)  # cost of each repetition, relative to that of all runs at the first tolerance
-DIFFER = (
-    10.0  # error of amp_growth and n_departure over their difference from the companion
-)
+LOOSEST_RUNG = 1e-6
+LOOSEST_OF_LADDER = 1e-4
+# Cost of each repetition, relative to that of all runs at the first tolerance.
+AGAIN = (0.4, 0.1)
+# Error of amp_growth and n_departure over their difference from the companion.
+DIFFER = 10.0
 
 
 @dataclass(frozen=True)
@@ -92,9 +119,8 @@ class Estimated(Outcome):
     t_r_error: Floats
     amp_growth_error: Floats
     n_departure_error: Floats
-    reversal_sure: (
-        Flags  # whether it is sure that a run reverses by its horizon, or does not
-    )
+    # Whether it is sure that a run reverses by its horizon, or does not.
+    reversal_sure: Flags
     tol: Floats  # NaN with a fixed step, like companion_tol
     companion_tol: Floats
     companion_t_r: Floats
@@ -107,75 +133,157 @@ class Estimated(Outcome):
 def integrate_estimated(
     config: Config, batch: Batch, threads: int | None, control: Control
 ) -> Estimated:
-    """Integrate companions and runs, then again, at tighter tolerances, runs of large
-    error.
-    """
-    settings, model = config.integrator, model_of(config)
-    tableau, goal = METHODS[settings.method], settings.goal or np.inf
-    (values, costs), turning = ladder(config), frozenset(config.record) & {"reversals"}
-    record, pair = frozenset(config.record) - turning, (values[1], values[0])
-    spans = np.cumsum([0.0, *costs, *(costs[:2] if turning else [])])
-    spans /= spans[-1]
-
-    def attempt(stage: int, rung: int, part: Batch, **asked: Any) -> Outcome:
-        is_last = stage == 1 and len(spans) == 3  # runs that end are then done
-        control.stage(*spans[stage : stage + 2], ends=is_last)
-        asked["tol" if tableau.adaptive else "dt"] = values[rung]
-        # A companion's limit of steps must not change the error of its run.
-        most = settings.max_steps if rung else max(settings.max_steps, MAX_STEPS)
-        asked |= {"threads": threads, "control": control, "max_steps": most}
-        return integrate(part, tableau, model, **asked)
-
-    companions = attempt(0, 0, batch)
+    """Integrate companions and runs, and again more tightly those of large error."""
+    stages = _Stages(config, threads, control)
+    companions = stages.integrate(batch, rung=0, record=frozenset())
     # Companions tell the cost of each run, so the longest begin first and no lane
     # waits.
-    runs = attempt(1, 1, batch, record=record, cost=companions.n_steps)
-    now = done = with_errors(config, batch, runs, companions, pair)
-    rows, part = np.arange(len(batch)), batch
-    for k in range(2, len(values)):
-        inaccurate = now.t_r_error > goal * now.t_r
-        missed = np.isnan(now.t_r) & np.isfinite(now.companion_t_r)
-        failed = ~np.isin(now.status, (Status.OK, Status.STEP_LIMIT, Status.STOPPED))
-        again = ((inaccurate | missed) & (now.status == Status.OK)) | failed
+    runs = stages.integrate(batch, 1, stages.record, companions.n_steps)
+    estimated = with_errors(config, batch, runs, companions, stages.settings(1))
+    _repeat_inaccurate(stages, batch, runs, estimated)
+    if stages.has_turns:
+        estimated = _with_later_turns(stages, batch, estimated)
+    stopped = bool((estimated.status == Status.STOPPED).any())
+    return replace(estimated, stopped=stopped)
+
+
+class _Stages:
+    """Integrations of a block one after another, each a stage of the control."""
+
+    def __init__(self, config: Config, threads: int | None, control: Control) -> None:
+        self.config = config
+        self.control = control
+        self.has_turns = "reversals" in config.record
+        # Turns are recorded last, in runs to the horizon.
+        self.record = frozenset(config.record) - {"reversals"}
+        self.rungs, costs = ladder(config)
+        if self.has_turns:
+            costs = [*costs, *costs[:2]]
+        ends = np.cumsum([0.0, *costs])
+        self._ends = ends / ends[-1]
+        self._stage = 0
+        self._threads = threads
+
+    def settings(self, rung: int) -> tuple[float, float]:
+        """Return the setting of the runs on a rung, and that of their companions."""
+        return self.rungs[rung], self.rungs[rung - 1]
+
+    def integrate(
+        self,
+        batch: Batch,
+        rung: int,
+        record: frozenset[str],
+        cost: Integers | None = None,
+    ) -> Outcome:
+        """Integrate runs with the setting of a rung; rung 0 has the companions."""
+        integrator = self.config.integrator
+        tableau = METHODS[integrator.method]
+        model = model_of(self.config)
+        # Runs that end are done if no later stage may repeat them.
+        is_last = self._stage == 1 and len(self._ends) == 3
+        begin, end = self._ends[self._stage : self._stage + 2]
+        self.control.stage(begin, end, ends=is_last)
+        self._stage += 1
+        max_steps = integrator.max_steps
+        longest_step = None
+        if rung == 0:
+            # A companion's limit of steps must not change the error of its run.
+            max_steps = max(max_steps, MAX_STEPS)
+            longest_step = longest_companion_steps(batch, model)
+        return integrate(
+            batch,
+            tableau,
+            model,
+            tol=self.rungs[rung] if tableau.adaptive else TOL,
+            dt=DT if tableau.adaptive else self.rungs[rung],
+            max_steps=max_steps,
+            longest_step=longest_step,
+            record=record,
+            cost=cost,
+            threads=self._threads,
+            control=self.control,
+        )
+
+    def count_ended(self, estimated: Estimated, goes_on: Flags) -> None:
+        """Tell the control how many runs do not go on to a later stage."""
+        ended = ~goes_on & (estimated.status != Status.STOPPED)
+        self.control.count_ended(int(ended.sum()))
+
+
+def _repeat_inaccurate(
+    stages: _Stages, batch: Batch, runs: Outcome, estimated: Estimated
+) -> None:
+    """Integrate runs again on tighter rungs, until their error is as small as asked.
+
+    The rows of repeated runs in `estimated` are replaced.
+    """
+    goal = stages.config.integrator.goal or np.inf
+    rows = np.arange(len(batch))
+    latest = estimated
+    for rung in range(2, len(stages.rungs)):
+        again = _misses(latest, goal)
         if not again.any():
             break
-        control.count_ended(int((~again & (now.status != Status.STOPPED)).sum()))
-        rows, before = rows[again], now.apart[again]
-        part, companions = take(part, again), take(runs, again)
-        runs = attempt(k, k, part, record=record, cost=companions.n_steps)
-        now = with_errors(
-            config, part, runs, companions, (values[k], values[k - 1]), before
+        stages.count_ended(latest, again)
+        rows = rows[again]
+        batch = take(batch, again)
+        companions = take(runs, again)
+        distance_before = latest.apart[again]
+        runs = stages.integrate(batch, rung, stages.record, companions.n_steps)
+        latest = with_errors(
+            stages.config,
+            batch,
+            runs,
+            companions,
+            stages.settings(rung),
+            distance_before,
         )
-        put(now, done, rows)
-    if turning:
-        none = np.full((len(batch), MOST_REVERSALS, 2), np.nan)
-        done = replace(done, reversals=none, turn_errors=none[:, :, 0].copy())
-        goes_on = (done.status == Status.OK) & (done.t_end < batch.t_end)
-        control.count_ended(int((~goes_on & (done.status != Status.STOPPED)).sum()))
-        part, first = take(batch, goes_on), take(done, goes_on)
-        companions = attempt(2, 0, part, record=turning)
-        runs = attempt(3, 1, part, record=record | turning, cost=companions.n_steps)
-        now = with_errors(config, part, runs, companions, pair)
-        now = _with_turns(
-            now, first, companions.reversals[:, :, 0], _scales(config, pair)
-        )
-        put(now, done, np.flatnonzero(goes_on))
-    return replace(done, stopped=bool((done.status == Status.STOPPED).any()))
+        put(latest, estimated, rows)
+
+
+def _misses(estimated: Estimated, goal: float) -> Flags:
+    """Return the runs that have failed, or whose reversal is not as good as asked."""
+    is_inaccurate = estimated.t_r_error > goal * estimated.t_r
+    # Only the companion reverses.
+    has_missed = np.isnan(estimated.t_r) & np.isfinite(estimated.companion_t_r)
+    is_ok = estimated.status == Status.OK
+    no_failure = (Status.OK, Status.STEP_LIMIT, Status.STOPPED)
+    has_failed = ~np.isin(estimated.status, no_failure)
+    misses: Flags = (is_inaccurate | has_missed) & is_ok | has_failed
+    return misses
+
+
+def _with_later_turns(stages: _Stages, batch: Batch, estimated: Estimated) -> Estimated:
+    """Integrate runs that ended at their first reversal to the horizon, with turns."""
+    empty = np.full((len(batch), MOST_REVERSALS, 2), np.nan)
+    estimated = replace(estimated, reversals=empty, turn_errors=empty[:, :, 0].copy())
+    goes_on = (estimated.status == Status.OK) & (estimated.t_end < batch.t_end)
+    stages.count_ended(estimated, goes_on)
+    batch = take(batch, goes_on)
+    to_reversal = take(estimated, goes_on)
+    turns = frozenset({"reversals"})
+    companions = stages.integrate(batch, 0, turns)
+    runs = stages.integrate(batch, 1, stages.record | turns, companions.n_steps)
+    settings = stages.settings(1)
+    to_horizon = with_errors(stages.config, batch, runs, companions, settings)
+    scale = _Scale(stages.config, settings)
+    to_horizon = _with_turns(to_horizon, to_reversal, companions, scale)
+    put(to_horizon, estimated, np.flatnonzero(goes_on))
+    return estimated
 
 
 def ladder(config: Config) -> tuple[list[float], list[float]]:
-    """Return tolerances (or steps) of companions, runs and repeated runs, and their
-    costs.
-    """
-    settings, tableau = config.integrator, METHODS[config.integrator.method]
+    """Return tolerances (or steps) of companions, runs and repetitions, and costs."""
+    integrator = config.integrator
+    tableau = METHODS[integrator.method]
     if not tableau.adaptive:
-        dt = settings.dt or DT
+        dt = integrator.dt or DT
         return [companion_setting(config, dt), dt], [0.5, 1.0]
-    if settings.goal is None:
-        tol = settings.tol or TOL
+    if integrator.goal is None:
+        tol = integrator.tol or TOL
         values = [companion_setting(config, tol), tol]
     else:
-        first = min(FIRST_RUNG * settings.goal, LOOSEST_RUNG)
+        first = min(FIRST_RUNG * integrator.goal, LOOSEST_RUNG)
         rungs = {max(first * RUNG**k, TIGHTEST) for k in range(RUNGS)}
         loosest = min(fit_of(config).looser * first, LOOSEST_OF_LADDER)
         values = [loosest, *sorted(rungs, reverse=True)]
@@ -186,12 +294,78 @@ def ladder(config: Config) -> tuple[list[float], list[float]]:
 
 
 def companion_setting(config: Config, value: float) -> float:
-    """Return the tolerance of a companion; for methods of fixed steps, twice the
-    step.
-    """
+    """Return a companion's tolerance; for methods of fixed steps, twice the step."""
     if not METHODS[config.integrator.method].adaptive:
         return 2.0 * value
     return max(LEAST_LOOSER * value, min(fit_of(config).looser * value, LOOSEST))
+
+
+def is_swinging(batch: Batch, model: Model) -> Flags:
+    """Return the launches that hold most of their energy in the oscillation."""
+    if model.name == REDUCED.name:  # its steps do not follow the oscillation
+        return np.zeros(len(batch), dtype=bool)
+    # The square of the spin that would have the energy of the oscillation.
+    oscillation = batch.rate / batch.swing
+    swinging: Flags = oscillation > SWINGING * batch.scale**2
+    return batch.tapped | swinging
+
+
+def longest_companion_steps(batch: Batch, model: Model) -> Floats:
+    """Return the longest steps that companions may take, in ``sqrt(a/g)``."""
+    # The spin swings at twice the frequency of the faster mode.
+    limit = 2.0 * COMPANION_ANGLE / batch.swing
+    return np.where(is_swinging(batch, model), limit, np.inf)
+
+
+class _Scale:
+    """Constants of an estimate, and the ratio of the errors of runs and companions.
+
+    `common` is the first term of the estimate, `ratio` is r.
+    """
+
+    def __init__(self, config: Config, settings: tuple[float, float]) -> None:
+        tableau = METHODS[config.integrator.method]
+        setting, companion_setting = settings
+        self.fit = fit_of(config)
+        self.order = tableau.order
+        self.adaptive = tableau.adaptive
+        self.ratio = setting / companion_setting
+        tol = setting
+        if not tableau.adaptive:  # the errors of fixed steps are systematic
+            self.ratio **= tableau.order
+            tol = 0.0
+        self.common = (self.fit.floor + self.fit.near * self.ratio) * max(tol, TIGHTEST)
+
+    def carried(self, ratio: Floats | float) -> Floats:
+        """Return the part of a difference that the run has, for a ratio r of errors."""
+        return np.asarray((ratio + self.fit.near * ratio**2) ** self.fit.power)
+
+
+class _Pair(NamedTuple):
+    """Runs and their companions."""
+
+    runs: Outcome
+    companions: Outcome
+
+    @property
+    def both_reverse(self) -> Flags:
+        return np.isfinite(self.runs.t_r) & np.isfinite(self.companions.t_r)
+
+    @property
+    def both_ok(self) -> Flags:
+        runs_ok = self.runs.status == Status.OK
+        both_ok: Flags = runs_ok & (self.companions.status == Status.OK)
+        return both_ok
+
+    @property
+    def both_stay(self) -> Flags:
+        """Whether neither reverses by the horizon."""
+        no_reversal = np.isnan(self.runs.t_r) & np.isnan(self.companions.t_r)
+        return self.both_ok & no_reversal
+
+    @property
+    def grazes(self) -> Integers:
+        return self.runs.near_tangencies + self.companions.near_tangencies
 
 
 def with_errors(
@@ -202,136 +376,177 @@ def with_errors(
     settings: tuple[float, float],
     before: Floats | float = 0.0,
 ) -> Estimated:
-    """Add errors to runs; `before` is the distance of the companions from their own
-    companions.
+    """Add errors to runs.
+
+    `before` is the distance of the companions from their own companions.
     """
     model = model_of(config)
-    fit, common, ratio = _scales(config, settings)
-    both = np.isfinite(runs.t_r) & np.isfinite(companions.t_r)
-    ok, others_ok = (x.status == Status.OK for x in (runs, companions))
-    stay = ok & others_ok & np.isnan(runs.t_r) & np.isnan(companions.t_r)
-    d, apart = (
-        np.where(both, np.abs(companions.t_r / runs.t_r - 1.0), 1.0),
-        np.ones(len(batch)),
+    scale = _Scale(config, settings)
+    pair = _Pair(runs, companions)
+    apart = np.ones(len(batch))
+    comparable = pair.both_reverse | pair.both_stay
+    apart[comparable] = distance(
+        model,
+        runs.y_end[comparable],
+        companions.y_end[comparable],
+        batch.constants[comparable],
     )
-    end = both | stay
-    apart[end] = distance(
-        model, runs.y_end[end], companions.y_end[end], batch.constants[end]
-    )
-    parted, had_parted = (
-        np.minimum(1.0, (s / PARTED) ** 2) for s in (apart, np.asarray(before))
-    )
-    carried = np.maximum(np.maximum(ratio, parted), REMEMBERED * had_parted)
-    root = np.sqrt(np.maximum(runs.n_steps, 1) / 1000.0)
-    # In the full dynamics the mixed curvature has the sign of K_p, and omega_z that of
-    # -n.
-    place, sign = (0, 1) if model.name == REDUCED.name else (4, -1)
-    unsteady = sign * batch.constants[:, place] * batch.y0[:, place] >= 0
-    grazes = runs.near_tangencies + companions.near_tangencies
-    relative = common + fit.slope * carried * (d + fit.share * apart / root)
-    relative = relative + np.where(unsteady, parted**2, 0.0)
-    relative = relative + np.where(grazes > 0, 2 * np.pi / batch.swing / runs.t_r, 0.0)
-    relative = np.minimum(relative, 1.0)
+    relative = _relative_error(batch, model, pair, scale, apart, before)
     t_r_error = relative * runs.t_r
-    # The final amp_growth of a run that has settled lies between its value so far and
-    # 0.
-    pair = runs, companions
-    high, high_other = (
-        np.where(has_settled(batch, x), 0.0, x.amp_growth) for x in pair
-    )
-    below, above = runs.amp_growth - high_other, companions.amp_growth - high
-    departed = DIFFER * np.abs(runs.n_departure - companions.n_departure)
-    # Where the two have parted, nothing tells how much nearer to zero the spin may
-    # come.
-    near = stay & (apart > PARTED) & (runs.n_departure > NEAR_ZERO)
-    departed = np.where(near, np.maximum(departed, 1.0 - runs.n_departure), departed)
+    reverses_in_time = (relative < 1.0) & (runs.t_r + t_r_error < batch.t_end)
     # If a stop ended the companion, its run has no error and counts as stopped.
-    cut = companions.status == Status.STOPPED
-    changed = {"status": np.where(cut, Status.STOPPED, runs.status)}
-    adaptive = METHODS[config.integrator.method].adaptive
-    tol, looser = (np.full(len(batch), x if adaptive else np.nan) for x in settings)
+    is_cut = companions.status == Status.STOPPED
+    tol, companion_tol = settings if scale.adaptive else (np.nan, np.nan)
+    values = vars(runs) | {"status": np.where(is_cut, Status.STOPPED, runs.status)}
     return Estimated(
-        **vars(runs) | changed,
+        **values,
         t_r_error=t_r_error,
-        amp_growth_error=np.where(
-            ok, DIFFER * np.maximum(0.0, np.maximum(below, above)), np.nan
-        ),
-        n_departure_error=np.where(ok & others_ok, departed, np.nan),
-        reversal_sure=((relative < 1.0) & (runs.t_r + t_r_error < batch.t_end))
-        | (stay & (grazes == 0)),
-        tol=tol,
-        companion_tol=looser,
+        amp_growth_error=_growth_error(batch, pair),
+        n_departure_error=_departure_error(pair, apart),
+        reversal_sure=reverses_in_time | (pair.both_stay & (pair.grazes == 0)),
+        tol=np.full(len(batch), tol),
+        companion_tol=np.full(len(batch), companion_tol),
         companion_t_r=companions.t_r,
         apart=apart,
-        grazes=grazes,
+        grazes=pair.grazes,
         turn_errors=np.zeros((0, MOST_REVERSALS)),
         turns_sure=np.zeros(len(batch), np.int64),
     )
 
 
+def _relative_error(
+    batch: Batch,
+    model: Model,
+    pair: _Pair,
+    scale: _Scale,
+    apart: Floats,
+    before: Floats | float,
+) -> Floats:
+    """Return ``t_r_error / t_r`` by the formula at the head of this module."""
+    runs, companions = pair
+    difference = np.where(
+        pair.both_reverse, np.abs(companions.t_r / runs.t_r - 1.0), 1.0
+    )
+    n_steps = np.maximum(runs.n_steps, 1)
+    weight = scale.fit.share / np.sqrt(n_steps / 1000.0)
+    ratio = np.full(len(batch), scale.ratio)
+    swinging = is_swinging(batch, model)
+    if swinging.any():
+        weight = np.where(swinging, SWINGING_SHARE, weight)
+        # A companion whose steps are bounded is more accurate than its tolerance.
+        by_steps = (companions.n_steps / n_steps) ** scale.order
+        by_steps = np.maximum(ratio, np.minimum(by_steps, MOST_RATIO))
+        ratio = np.where(swinging, by_steps, ratio)
+    parted = _parted(apart)
+    carried = np.maximum(scale.carried(ratio), parted)
+    carried = np.maximum(carried, REMEMBERED * _parted(before))
+    relative = scale.common + scale.fit.slope * carried * (difference + weight * apart)
+    relative += np.where(_is_unsteady(batch, model), parted**2, 0.0)
+    one_swing = 2 * np.pi / batch.swing / runs.t_r
+    relative += np.where(pair.grazes > 0, one_swing, 0.0)
+    return np.minimum(relative, 1.0)
+
+
+def _parted(apart: Floats | float) -> Floats:
+    """Return P of the formula: 0 for runs that are together, 1 for parted ones."""
+    return np.minimum(1.0, (np.asarray(apart) / PARTED) ** 2)
+
+
+def _is_unsteady(batch: Batch, model: Model) -> Flags:
+    """Return the launches in the unsteady direction."""
+    if model.name == REDUCED.name:
+        # K_p and the spin
+        unsteady: Flags = batch.constants[:, 0] * batch.y0[:, 0] >= 0
+    else:
+        # The mixed curvature has the sign of K_p, and omega_z that of -n.
+        unsteady = batch.constants[:, 4] * batch.y0[:, 4] <= 0
+    return unsteady
+
+
+def _growth_error(batch: Batch, pair: _Pair) -> Floats:
+    """Return errors of ``amp_growth``, NaN for runs that are not ok."""
+    runs, companions = pair
+    # The final amp_growth of a run that has settled lies between its value so far and
+    # 0.
+    high = np.where(has_settled(batch, runs), 0.0, runs.amp_growth)
+    companion_high = np.where(
+        has_settled(batch, companions), 0.0, companions.amp_growth
+    )
+    below = runs.amp_growth - companion_high
+    above = companions.amp_growth - high
+    error = DIFFER * np.maximum(0.0, np.maximum(below, above))
+    return np.where(runs.status == Status.OK, error, np.nan)
+
+
+def _departure_error(pair: _Pair, apart: Floats) -> Floats:
+    """Return errors of ``n_departure``, NaN for runs that are not ok."""
+    departure = pair.runs.n_departure
+    error = DIFFER * np.abs(departure - pair.companions.n_departure)
+    # Where the two have parted, nothing tells how much nearer to zero the spin may
+    # come.
+    may_reverse = pair.both_stay & (apart > PARTED) & (departure > NEAR_ZERO)
+    error = np.where(may_reverse, np.maximum(error, 1.0 - departure), error)
+    return np.where(pair.both_ok, error, np.nan)
+
+
 def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Floats:
-    """Return the distance of states in the norm of the step control, relative to that
-    of `y`.
+    """Return the distance of two states in the norm of the step control.
+
+    It is relative to the size of `y`.
     """
-    change, here, q = (y - other).T, y.T, constants.T
+    change = (y - other).T
     if model.name == REDUCED.name:
         norm: Any = model.error
-        moved, size = norm.py_func(*change, *here, *q)
+        moved, size = norm.py_func(*change, *y.T, *constants.T)
     else:
         # The spin is zero in both states at a reversal.
-        ix, iy, _, cxx, cxy, cyy = q[:6]
-        square = full.oscillation.py_func
-        moved, size = (square(*v[:4], ix, iy, cxx, cxy, cyy) for v in (change, here))
+        ix, iy, _, cxx, cxy, cyy = constants.T[:6]
+        oscillation = full.oscillation.py_func
+        moved = oscillation(*change[:4], ix, iy, cxx, cxy, cyy)
+        size = oscillation(*y.T[:4], ix, iy, cxx, cxy, cyy)
     return np.asarray(np.sqrt(moved / size))
 
 
 def _with_turns(
-    runs: Estimated,
-    first: Estimated,
-    other_times: Floats,
-    scales: tuple[Fit, float, float],
+    to_horizon: Estimated, to_reversal: Estimated, companions: Outcome, scale: _Scale
 ) -> Estimated:
-    """Add errors of turns to runs to the horizon; `first` are the runs to the first
-    reversal.
-    """
-    _, common, ratio = scales
-    times, t_r = runs.reversals[:, :, 0], first.t_r[:, None]
-    difference = np.abs(other_times / times - 1.0)
-    there = np.isfinite(difference)
-    d = np.maximum.accumulate(np.where(there, difference, 1.0), axis=1)
-    relative = (
-        common
-        + TURN_SLOPE * np.maximum(ratio, np.minimum(1.0, (d / TURN_PARTED) ** 2)) * d
-    )
+    """Add errors of turns to runs to the horizon; the first is already known."""
+    times = to_horizon.reversals[:, :, 0]
+    t_r = to_reversal.t_r[:, None]
+    difference = np.abs(companions.reversals[:, :, 0] / times - 1.0)
+    both_turn = np.isfinite(difference)
+    largest = np.maximum.accumulate(np.where(both_turn, difference, 1.0), axis=1)
+    parted = np.minimum(1.0, (largest / TURN_PARTED) ** 2)
+    carried = np.maximum(scale.carried(scale.ratio), parted)
+    relative = scale.common + TURN_SLOPE * carried * largest
     # If the spin returns after its first zero, it turns at a later zero, which is less
     # certain.
-    relative[:, :1] = np.maximum(
-        first.t_r_error[:, None] / t_r, times[:, :1] / t_r - 1.0
-    )
+    returned = times[:, :1] / t_r - 1.0
+    relative[:, :1] = np.maximum(to_reversal.t_r_error[:, None] / t_r, returned)
     relative = np.minimum(relative, 1.0)
-    names = ("t_r_error", "reversal_sure", "apart", "companion_t_r", "grazes")
-    kept = {name: getattr(first, name) for name in names}
-    sure = np.cumprod(there & (relative < SURE), axis=1).sum(axis=1)
-    errors = np.where(there, relative * times, np.nan)
-    return replace(runs, turn_errors=errors, turns_sure=sure, **kept)
-
-
-def _scales(config: Config, settings: tuple[float, float]) -> tuple[Fit, float, float]:
-    """Return the fit, the first term of the estimate, and (r + near r^2)^power."""
-    tableau, fit = METHODS[config.integrator.method], fit_of(config)
-    tol, ratio = settings[0], settings[0] / settings[1]
-    if not tableau.adaptive:  # the errors of fixed steps are systematic
-        tol, ratio = 0.0, ratio**tableau.order
-    common = (fit.floor + fit.near * ratio) * max(tol, TIGHTEST)
-    return fit, common, (ratio + fit.near * ratio**2) ** fit.power
+    is_sure = both_turn & (relative < SURE)
+    return replace(
+        to_horizon,
+        turn_errors=np.where(both_turn, relative * times, np.nan),
+        turns_sure=np.cumprod(is_sure, axis=1).sum(axis=1),
+        t_r_error=to_reversal.t_r_error,
+        reversal_sure=to_reversal.reversal_sure,
+        apart=to_reversal.apart,
+        companion_t_r=to_reversal.companion_t_r,
+        grazes=to_reversal.grazes,
+    )
 
 
 def fit_of(config: Config) -> Fit:
-    """Return the constants for the method and the model of a sweep."""
+    """Return the constants of a sweep; ConfigError for a method that has none."""
+    method = config.integrator.method
+    if method not in FITS:
+        raise ConfigError(
+            f"integrator.method: errors are not calibrated for {method}; leave out "
+            f"record: [error] and accuracy, or use {' or '.join(FITS)}"
+        )
     if config.dissipation.kind == "rolling":
         return ROLLING
-    return (
-        ELLIPSOID
-        if config.bodies.ellipsoidal
-        else FITS.get(config.integrator.method, Fit())
-    )
+    if config.bodies.ellipsoidal:
+        return ELLIPSOID
+    return FITS[method]

@@ -133,7 +133,7 @@ class Sample:
         config = self._plan.config
         batch = make_batch(launches, config.model)
         if batch is None:
-            count = len(launches.t_end)
+            count = len(launches.horizon)
             columns = columns_of(config, launches, None, None)
             return np.ones(count), np.zeros(count, bool), columns
         settings = config.integrator
@@ -186,7 +186,7 @@ def forecast(
         seconds=middle,
         # Where others use the processors now, they may stop, or as many more come.
         low=min(middle, FASTER * share * low),
-        high=SLOWER * high / share,
+        high=SLOWER * (2 - share) * high,
         bytes=_files_size(pilot.table, plan.runs),
         decides=plan.config.deciding_key,
     )

@@ -1,6 +1,4 @@
-"""Runs before their integration: bodies, launches, theory, horizons, and the kernel's
-batch.
-"""
+"""Runs before their integration: bodies, launches, theory, horizons, batches."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,18 +17,17 @@ from rattlesweep.physics.steady import settled_oscillation, steady_modes
 from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.bodies.table import TableBodies
 from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.config.schema import Config, Horizon, State
 from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.units import Quantity
 
-WINDOW_PERIODS = (
-    2.0  # periods of the slower mode that a window has at least; see docs/types.md
-)
-MARK_PERIODS = 8.0  # periods after which amplitudes are compared for the first time
-LEAST_DECAY = (
-    0.01  # relative fall of an amplitude by the horizon, at which a mode is decaying
-)
-# relative change of the spin up to which the probes at launch separate the modes
+# Periods of the slower mode that a window has at least; see docs/types.md.
+WINDOW_PERIODS = 2.0
+# Periods after which amplitudes are compared for the first time.
+MARK_PERIODS = 8.0
+# Relative fall of an amplitude by the horizon, at which a mode is decaying.
+LEAST_DECAY = 0.01
+# Relative change of the spin up to which the probes at launch separate the modes.
 MOST_APART = 0.02
 
 
@@ -41,207 +38,293 @@ class Launches:
     case: Integers
     sample: Integers
     bodies: Bodies
+
+    # Spin and oscillation
     n_i: Floats
     omega_xy0: Floats
     psi: Floats
+
+    # Theory
     modes: theory.Modes
     gh: theory.GarciaHubbard
     n_0: Floats  # spin if all energy were spin
     n_c1: Floats  # Bondi's threshold; NaN if there is none
-    t_end: Floats  # horizon; not finite if there is none
-    # The last three are None without dissipation.
+
+    # Time at which a run without a reversal ends; not finite if there is none
+    horizon: Floats
+
+    # Dissipation, or None
     sigma: Floats | None = None
     rolling: Floats | None = None
-    dead: Floats | None = (
-        None  # fraction of the initial energy below which a body is dead
-    )
+    # Fraction of the initial energy below which a body is dead
+    dead: Floats | None = None
 
     @property
     def spin_scale(self) -> Floats:
-        """Spin that later spins are compared with: ``|n_i|``, or ``n_0`` if that is
-        zero.
-        """
+        """Spin to compare others with: ``|n_i|``, or ``n_0`` if that is zero."""
         return np.where(self.n_i == 0, self.n_0, np.abs(self.n_i))
 
 
 def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     """Return the launches of runs with some keys, in any order."""
-    config, b = plan.config, plan.source.bodies(plan.targets[case], sample)
-    if (state := config.launch) is not None and b.n_i is None:
-        omega, u = (np.tile(x, (len(sample), 1)) for x in (state.omega, state.u))
-        n_i, omega_xy0, psi = theory.spin_and_oscillation(omega, u)
-        b = replace(b, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
+    config = plan.config
+    bodies = plan.source.bodies(plan.targets[case], sample)
+    if config.launch is not None and bodies.n_i is None:
+        bodies = _with_state(bodies, config.launch)
+    n_i = _value("n_i", plan, case, bodies)
+    omega_xy0 = _value("omega_xy0", plan, case, bodies)
 
-    def natural(value: float | Floats, kind: str) -> Floats:
-        assert b.units is not None
-        return b.units.natural(value, kind)
-
-    def value(name: str) -> Floats:
-        """Return the values of a table, or those of the cases in units of each body."""
-        own: Floats | None = getattr(b, name)
-        if own is not None:
-            return own
-        given = [getattr(c, name) for c in plan.cases]
-        own = np.array(given, float)[case]
-        return (
-            own if not isinstance(given[0], Quantity) else natural(own, given[0].kind)
-        )
-
-    n_i, omega_xy0 = value("n_i"), value("omega_xy0")
-    modes = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
-    direction = config.spin.psi if config.spin else "relevant"
-    psi = np.full(len(n_i), np.nan) if b.psi is None else b.psi
-    if b.omega is None:  # where a table gives no direction, that of the config applies
-        psi = np.where(np.isnan(psi), theory.direction(modes, n_i, direction), psi)
-    gh = theory.garcia_hubbard(b, modes, n_i, omega_xy0, psi)
+    modes = theory.modes(bodies.alpha, bodies.beta, bodies.theta, bodies.phi, bodies.xi)
+    psi = _direction(config, bodies, modes, n_i)
+    gh = theory.garcia_hubbard(bodies, modes, n_i, omega_xy0, psi)
     n_0 = gh.n_0
-    if b.omega is not None and b.u is not None:
-        ix, iy, iz, *curvature = full.constants(
-            b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi
-        )
-        # The energy of the oscillation includes that of the tilt, here to second order.
-        p, q, x, y, _ = full.from_vectors(b.u.T, (b.omega - n_i[:, None] * b.u).T)
-        speed = np.sqrt(full.oscillation.py_func(p, q, x, y, ix, iy, *curvature) / iz)
-        gh = replace(gh, speed=speed)
-        energy = np.vectorize(stone.energy.py_func, otypes=[float])
-        start = full.from_vectors(b.u.T, b.omega.T)
-        # A paraboloid is an ellipsoid with an infinite semi-axis.
-        total = energy(*start, ix, iy, iz, *curvature, stone.inverse_semi_axis(b.c))
-        n_0 = np.sqrt(2 * total / b.gamma)
-    n_c1 = theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi)
-    n_c1 = np.where(
-        b.xi > 0, -n_c1, n_c1
-    )  # the steady direction of mirrored bodies is n > 0
-    sigma = rolling = dead = None
+    if bodies.omega is not None and bodies.u is not None:
+        # A full state is tilted as well, and its energy includes that of the tilt.
+        gh = replace(gh, speed=_oscillation_speed(bodies, bodies.omega, bodies.u, n_i))
+        n_0 = _spin_of_energy(bodies, bodies.omega, bodies.u)
+    n_c1 = theory.bondi_threshold(
+        bodies.alpha, bodies.beta, bodies.gamma, bodies.theta, bodies.phi
+    )
+    # The steady direction of mirrored bodies is n > 0.
+    n_c1 = np.where(bodies.xi > 0, -n_c1, n_c1)
+
+    sigma = None
+    rolling = None
+    dead = None
     if config.dissipation:
-        sigma, rolling = value("sigma"), value("rolling")
+        sigma = _value("sigma", plan, case, bodies)
+        rolling = _value("rolling", plan, case, bodies)
         dead = np.full(len(sample), config.classify.dead_energy)
         # A decaying spin does not stay above a threshold.
         n_c1 = np.where((sigma > 0) | (rolling > 0), np.nan, n_c1)
-    t_end, horizon = np.full(len(n_i), np.inf), config.horizon
-    if horizon.t_rgh is not None:
-        # fmin ignores NaN, the t_rGH of launches that have none.
-        t_end = np.fmin(t_end, horizon.t_rgh * gh.t_rgh)
-    if (t := horizon.t) is not None:
-        t_end = np.minimum(t_end, natural(t, t.kind) if isinstance(t, Quantity) else t)
-    if horizon.t_decay is not None and sigma is not None:
-        with np.errstate(divide="ignore"):
-            t_end = np.minimum(t_end, horizon.t_decay * b.gamma / sigma)
-    if b.t_end is not None:
-        t_end = np.where(np.isfinite(b.t_end), b.t_end, t_end)
     return Launches(
-        case,
-        sample,
-        b,
-        n_i,
-        omega_xy0,
-        psi,
-        modes,
-        gh,
-        n_0,
-        n_c1,
-        t_end,
-        sigma,
-        rolling,
-        dead,
+        case=case,
+        sample=sample,
+        bodies=bodies,
+        n_i=n_i,
+        omega_xy0=omega_xy0,
+        psi=psi,
+        modes=modes,
+        gh=gh,
+        n_0=n_0,
+        n_c1=n_c1,
+        horizon=_horizon(config.horizon, bodies, gh.t_rgh, sigma),
+        sigma=sigma,
+        rolling=rolling,
+        dead=dead,
     )
 
 
-def model_of(config: Config) -> Model:
-    """Return the equations that a sweep integrates; not for the model gh, which has
-    none.
+def _with_state(bodies: Bodies, state: State) -> Bodies:
+    """Return bodies that are all launched from the state of a config."""
+    count = len(bodies.alpha)
+    omega = np.tile(state.omega, (count, 1))
+    u = np.tile(state.u, (count, 1))
+    n_i, omega_xy0, psi = theory.spin_and_oscillation(omega, u)
+    return replace(bodies, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
+
+
+def _value(name: str, plan: Plan, case: Integers, bodies: Bodies) -> Floats:
+    """Return a quantity of a table's rows, or else of the cases, in units of bodies."""
+    of_rows: Floats | None = getattr(bodies, name)
+    if of_rows is not None:
+        return of_rows
+    of_cases = [getattr(each, name) for each in plan.cases]
+    values = np.array(of_cases, float)[case]
+    if isinstance(of_cases[0], Quantity):
+        return _natural(values, of_cases[0].kind, bodies)
+    return values
+
+
+def _natural(value: float | Floats, kind: str, bodies: Bodies) -> Floats:
+    """Return a quantity in SI units in the units of each body."""
+    assert bodies.units is not None
+    return bodies.units.natural(value, kind)
+
+
+def _direction(
+    config: Config, bodies: Bodies, modes: theory.Modes, n_i: Floats
+) -> Floats:
+    """Return the directions of oscillations; where a table has none, the config's."""
+    psi = bodies.psi
+    if psi is None:
+        psi = np.full(len(n_i), np.nan)
+    if bodies.omega is not None:
+        return psi
+    of_config = config.spin.psi if config.spin is not None else "relevant"
+    return np.where(np.isnan(psi), theory.direction(modes, n_i, of_config), psi)
+
+
+def _oscillation_speed(bodies: Bodies, omega: Floats, u: Floats, n_i: Floats) -> Floats:
+    """Return the spins that would hold the energy of the oscillation and the tilt.
+
+    The energy of the tilt is that of second order in the tilt.
     """
+    ix, iy, iz, cxx, cxy, cyy = _constants_of(bodies)
+    p, q, omega_x, omega_y, _ = full.from_vectors(u.T, (omega - n_i[:, None] * u).T)
+    # The formula in Python takes arrays; compiled, it takes numbers.
+    energy = full.oscillation.py_func
+    twice = energy(p, q, omega_x, omega_y, ix, iy, cxx, cxy, cyy)
+    return np.asarray(np.sqrt(twice / iz))
+
+
+def _spin_of_energy(bodies: Bodies, omega: Floats, u: Floats) -> Floats:
+    """Return the spins that would hold all the energy of full states."""
+    state = full.from_vectors(u.T, omega.T)
+    constants = _constants_of(bodies)
+    # A paraboloid is an ellipsoid with an infinite semi-axis.
+    inverse_c = stone.inverse_semi_axis(bodies.c)
+    # The formula branches, so it takes numbers; to compile it here would take longer.
+    energy = np.vectorize(stone.energy.py_func, otypes=[float])
+    return np.asarray(np.sqrt(2 * energy(*state, *constants, inverse_c) / bodies.gamma))
+
+
+def _constants_of(bodies: Bodies) -> Floats:
+    return full.constants(
+        bodies.alpha, bodies.beta, bodies.gamma, bodies.theta, bodies.phi, bodies.xi
+    )
+
+
+def _horizon(
+    horizon: Horizon, bodies: Bodies, t_rgh: Floats, sigma: Floats | None
+) -> Floats:
+    """Return the smallest of the config's horizons, or a table's own."""
+    earliest = np.full(len(t_rgh), np.inf)
+    if horizon.t_rgh is not None:
+        # fmin ignores NaN, the t_rGH of launches that have none.
+        earliest = np.fmin(earliest, horizon.t_rgh * t_rgh)
+    if isinstance(horizon.t, Quantity):
+        natural = _natural(horizon.t, horizon.t.kind, bodies)
+        earliest = np.minimum(earliest, natural)
+    elif horizon.t is not None:
+        earliest = np.minimum(earliest, horizon.t)
+    if horizon.t_decay is not None and sigma is not None:
+        with np.errstate(divide="ignore"):
+            decay = horizon.t_decay * bodies.gamma / sigma
+        earliest = np.minimum(earliest, decay)
+    if bodies.t_end is not None:
+        earliest = np.where(np.isfinite(bodies.t_end), bodies.t_end, earliest)
+    return earliest
+
+
+def model_of(config: Config) -> Model:
+    """Return the equations that a sweep integrates; the model gh has none."""
     if config.model != "full":
         return MODELS[config.model]
     surface = ELLIPSOID if config.bodies.ellipsoidal else FULL
-    kind = config.dissipation.kind
-    return FRICTION[surface.name, kind] if kind else surface
+    if not config.dissipation:
+        return surface
+    return FRICTION[surface.name, config.dissipation.kind]
 
 
 def make_batch(launches: Launches, model: str) -> Batch | None:
     """Return the batch of a model; None for gh, a closed formula."""
     if model == "gh":
         return None
-    return full_batch(launches) if model == "full" else reduced_batch(launches)
+    if model == "reduced":
+        return reduced_batch(launches)
+    return full_batch(launches)
 
 
 def ending_early(batch: Batch, launches: Launches) -> Batch:
     """Return a full batch whose runs end once they are certain to be of type SS."""
     n_0 = np.copysign(launches.n_0, launches.n_i)
-    rate = LEAST_DECAY / launches.t_end
-    settled = settled_oscillation(batch.constants.T, n_0, launches.n_c1, rate)
-    near = np.abs(n_0) <= (1 + MOST_APART) * np.abs(launches.n_i)
-    return replace(batch, settled=np.where(near, settled, 0.0))
+    decay_rate = LEAST_DECAY / launches.horizon
+    settled = settled_oscillation(batch.constants.T, n_0, launches.n_c1, decay_rate)
+    # Beyond that, the probes at launch do not separate the modes at n_0.
+    is_near = np.abs(n_0) <= (1 + MOST_APART) * np.abs(launches.n_i)
+    return replace(batch, settled=np.where(is_near, settled, 0.0))
 
 
 def full_batch(launches: Launches) -> Batch:
     """Return the batch of the full dynamics."""
-    b = launches.bodies
+    bodies = launches.bodies
     y0 = theory.full_state(launches.n_i, launches.omega_xy0, launches.psi)
-    if b.omega is not None and b.u is not None:
-        y0 = np.ascontiguousarray(full.from_vectors(b.u.T, b.omega.T).T)
-    constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
-    sigma, rolling = launches.sigma, launches.rolling
-    modes = steady_modes(constants, launches.n_i, 0.0 if sigma is None else sigma)
-    pitch = theory.unsteady(launches.modes.K_p, launches.n_i)
-    probe = np.where(pitch[:, None], modes.pitch_probe, modes.roll_probe)
-    # The spin oscillates at twice the frequency of the oscillation.
-    fastest = np.maximum(np.abs(modes.pitch.imag), launches.modes.omega_p)
-    slower = np.where(modes.roll.imag > 0, modes.roll.imag, launches.modes.omega_r)
-    more = []  # constants of ellipsoids and of dissipation
-    if b.c is not None or sigma is not None:
-        more = [np.broadcast_to(stone.inverse_semi_axis(b.c), len(y0))]
-    if sigma is not None and rolling is not None:
-        more += [sigma, rolling, np.full(len(y0), stone.SMOOTHING)]
+    if bodies.omega is not None and bodies.u is not None:
+        y0 = np.ascontiguousarray(full.from_vectors(bodies.u.T, bodies.omega.T).T)
+    body_constants = _constants_of(bodies)
+    count = len(y0)
+
+    # Constants of ellipsoids and of dissipation follow those of the body.
+    constants = [*body_constants]
+    if bodies.c is not None or launches.sigma is not None:
+        inverse_c = stone.inverse_semi_axis(bodies.c)
+        constants.append(np.broadcast_to(inverse_c, count))
+    sigma: Floats | float = 0.0
+    if launches.sigma is not None and launches.rolling is not None:
+        sigma = launches.sigma
+        smoothing = np.full(count, stone.SMOOTHING)
+        constants += [launches.sigma, launches.rolling, smoothing]
         # The last component of the state is the work of dissipation.
-        y0 = np.concatenate([y0, np.zeros((len(y0), 1))], axis=1)
-    oscillation = b.gamma * (launches.gh.n_0**2 - launches.n_i**2)
+        y0 = np.concatenate([y0, np.zeros((count, 1))], axis=1)
+
+    modes = steady_modes(body_constants, launches.n_i, sigma)
+    pitch_grows = theory.unsteady(launches.modes.K_p, launches.n_i)
+    probe = np.where(pitch_grows[:, None], modes.pitch_probe, modes.roll_probe)
+    relevant = np.where(pitch_grows, modes.pitch.imag, modes.roll.imag)
+    fastest = np.maximum(np.abs(modes.pitch.imag), launches.modes.omega_p)
+    # An overdamped roll has no frequency at this spin.
+    slower = np.where(modes.roll.imag > 0, modes.roll.imag, launches.modes.omega_r)
+    # The spin oscillates at twice the frequency of the oscillation.
+    swing = 2 * fastest
+    oscillation = bodies.gamma * (launches.gh.n_0**2 - launches.n_i**2)
+    dead = launches.dead
+    if dead is None:
+        dead = np.zeros(0)
     return Batch(
         y0=y0,
-        constants=np.stack([*constants, *more], axis=1),
+        constants=np.stack(constants, axis=1),
         probe=np.concatenate([probe.real, probe.imag], axis=1),
-        t_end=launches.t_end,
-        swing=2 * fastest,
-        rate=2 * fastest * oscillation / b.gamma,
-        relevant=np.abs(np.where(pitch, modes.pitch.imag, modes.roll.imag)),
-        window=_windows(launches.t_end, slower),
+        t_end=launches.horizon,
+        swing=swing,
+        rate=swing * oscillation / bodies.gamma,
+        relevant=np.abs(relevant),
+        window=_windows(launches.horizon, slower),
         first_mark=MARK_PERIODS * 2 * np.pi / slower,
         scale=launches.spin_scale,
         tapped=launches.n_i == 0,
-        dead=np.zeros(0) if launches.dead is None else launches.dead,
+        dead=dead,
     )
 
 
 def reduced_batch(launches: Launches) -> Batch:
     """Return the batch of the reduced dynamics, with ``I_eff = I_zz`` as in Eq. 72."""
-    b, m = launches.bodies, launches.modes
-    directions = m.psi_p, m.psi_r, launches.omega_xy0, launches.psi
-    e_p, e_r = reduced.mode_energies(b.alpha, b.beta, *directions)
-    pitch, n_0 = theory.unsteady(m.K_p, launches.n_i), launches.gh.n_0
-    rate = np.maximum(np.abs(m.K_p), np.abs(m.K_r)) * n_0
+    bodies = launches.bodies
+    modes = launches.modes
+    e_p, e_r = reduced.mode_energies(
+        bodies.alpha,
+        bodies.beta,
+        modes.psi_p,
+        modes.psi_r,
+        launches.omega_xy0,
+        launches.psi,
+    )
+    pitch_grows = theory.unsteady(modes.K_p, launches.n_i)
+    n_0 = launches.gh.n_0
+    fastest_growth = np.maximum(np.abs(modes.K_p), np.abs(modes.K_r)) * n_0
+    count = len(n_0)
     return Batch(
         y0=np.stack([launches.n_i, e_p, e_r], axis=1),
-        constants=np.stack([m.K_p, m.K_r, b.gamma], axis=1),
-        probe=np.stack([pitch, ~pitch], axis=1).astype(float),
-        t_end=launches.t_end,
-        swing=rate,
-        relevant=np.zeros(len(rate)),
-        rate=rate * n_0,
-        window=_windows(launches.t_end, np.full(len(rate), np.inf)),
-        first_mark=launches.t_end,
+        constants=np.stack([modes.K_p, modes.K_r, bodies.gamma], axis=1),
+        # The relevant amplitude is the energy of one mode.
+        probe=np.stack([pitch_grows, ~pitch_grows], axis=1).astype(float),
+        t_end=launches.horizon,
+        swing=fastest_growth,
+        relevant=np.zeros(count),
+        rate=fastest_growth * n_0,
+        # Without oscillations, windows may be as short as possible.
+        window=_windows(launches.horizon, np.full(count, np.inf)),
+        first_mark=launches.horizon,
         scale=launches.spin_scale,
         tapped=launches.n_i == 0,
     )
 
 
-def _windows(t_end: Floats, slower: Floats) -> Floats:
-    """Return the lengths of windows; an infinite frequency gives as many as
-    possible.
-    """
-    parts = np.clip(
-        np.floor(t_end * slower / (WINDOW_PERIODS * 2 * np.pi)), 1, N_WINDOWS
-    )
-    return np.where(np.isfinite(t_end), t_end / parts, 1.0)
+def _windows(horizon: Floats, slower: Floats) -> Floats:
+    """Return the lengths of windows, for the frequency of the slower mode."""
+    periods = horizon * slower / (2 * np.pi)
+    count = np.clip(np.floor(periods / WINDOW_PERIODS), 1, N_WINDOWS)
+    return np.where(np.isfinite(horizon), horizon / count, 1.0)
 
 
 @dataclass(frozen=True)

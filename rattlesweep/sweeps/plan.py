@@ -17,18 +17,20 @@ import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import spin_and_oscillation
 from rattlesweep.sweeps.bodies import Source
 from rattlesweep.sweeps.bodies.sources import make_source
 from rattlesweep.sweeps.bodies.table import LOSSES, TableBodies, check_value
 from rattlesweep.sweeps.columns import STATE, runs_schema
+from rattlesweep.sweeps.config.clashes import clashes
 from rattlesweep.sweeps.config.read import (
     differences,
     fixed_part,
     physics_hash,
     resolved,
 )
-from rattlesweep.sweeps.config.schema import Config, SdSource, clashes
+from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.locks import LOCKS, at_work
 from rattlesweep.sweeps.provenance import command_line, machine, now, versions
@@ -44,6 +46,8 @@ from rattlesweep.sweeps.stored import (
 from rattlesweep.units import Quantity
 
 MAX_RUNS = 10**9  # in a sweep, which holds one byte for each of them
+MOST_SIZES = 64  # bodies that are looked at to see whether their sizes differ
+NO_END = np.array([np.nan])  # horizon of launches that have none of their own
 # Keys of the config that may have SI units, by the columns that they set.
 KEYS = {
     "n_i": "spin.n_i",
@@ -52,6 +56,8 @@ KEYS = {
     "sigma": "dissipation.sigma",
     "rolling": "dissipation.rolling",
 }
+Pair = tuple[float | None, float | None]
+Values = dict[str, list[float | None]]  # by column, None where the table has them
 
 
 @dataclass(frozen=True)
@@ -69,202 +75,226 @@ class Plan(Design):
 def make_plan(
     config: Config, base: Path | None = None, rows: TableBodies | None = None
 ) -> Plan:
-    """Return the plan of a config; its table is `rows`, or searched for here and in
-    `base`.
+    """Return the plan of a config.
+
+    A table of bodies is `rows`, or else it is searched for here and in `base`.
     """
     source = make_source(config, base, rows)
     table: Mapping[str, Floats] = {}
     if isinstance(source, TableBodies):
-        table, config = source.columns, _with_losses(config, source.losses)
+        table = source.columns
+        config = _with_losses(config, source.losses)
     runs_schema(config.parts, config.model)  # refuses what the model cannot record
     values = _natural(config, source)
-    targets: list[tuple[str | None, float | None]] = [(None, None)]
-    if (
-        isinstance(config.bodies, SdSource)
-        and (aim := config.bodies.target) is not None
-    ):
-        targets = [(aim.name, value) for value in aim.values]
-    none: list[tuple[float | None, float | None]] = [(None, None)]
-    launches = losses = none
-    own_end = np.array([np.nan])
-    if "n_i" in table:
-        n_i, own_end = table["n_i"], table.get("t_end", own_end)
-    elif config.launch is not None:
-        spin, swing, *_ = spin_and_oscillation(config.launch.omega, config.launch.u)
-        launches, n_i = [(float(spin), float(swing))], np.array([spin])
-    elif config.spin is not None:
-        launches = list(product(values["n_i"], values["omega_xy0"]))
-        n_i = np.array(config.spin.n_i)
-    else:
-        lacks = "the table has no columns n_i and omega_xy0"
-        raise ConfigError(f"spin: missing; {lacks}, so the config must give them")
+    launches, n_i = _launches(config, table, values)
     is_state = "u_x" in table or ("n_i" not in table and config.launch is not None)
+    own_end = table.get("t_end", NO_END) if "n_i" in table else NO_END
     _check_launches(config, is_state, n_i, own_end)
+    targets: list[tuple[str | None, float | None]] = [(None, None)]
+    if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
+        target = config.bodies.target
+        targets = [(target.name, value) for value in target.values]
+    losses: list[Pair] = [(None, None)]
     if config.dissipation:
         losses = list(product(values["sigma"], values["rolling"]))
-    made = enumerate(product(targets, launches, losses))
-    cases = tuple(Case(number, *a, *b, *c) for number, (a, b, c) in made)
-    extra = (STATE if is_state else ()) + source.fields
-    plan = Plan(config, cases, source.samples, extra, source)
+    cases: list[Case] = []
+    for (name, value), launch, loss in product(targets, launches, losses):
+        cases.append(Case(len(cases), name, value, *launch, *loss))
+    extra = source.fields
+    if is_state:
+        extra = STATE + extra
+    plan = Plan(config, tuple(cases), source.samples, extra, source)
     if plan.runs > MAX_RUNS:
-        told = f"{len(cases)} cases of {plan.samples} samples are {plan.runs:.3g} runs"
-        raise ConfigError(
-            f"bodies: {told}; at most {MAX_RUNS:.0e} are possible in one sweep"
-        )
+        size = f"{len(cases)} cases of {plan.samples} samples are {plan.runs:.3g} runs"
+        limit = f"at most {MAX_RUNS:.0e} are possible in one sweep"
+        raise ConfigError(f"bodies: {size}; {limit}")
     return plan
 
 
-def _with_losses(config: Config, own: Mapping[str, list[float | str]]) -> Config:
+def _launches(
+    config: Config, table: Mapping[str, Floats], values: Values
+) -> tuple[list[Pair], Floats]:
+    """Return the launches of the cases, and all their spins.
+
+    A launch is None where each row of the table has its own.
+    """
+    if "n_i" in table:
+        return [(None, None)], table["n_i"]
+    if config.launch is not None:
+        spin, swing, *_ = spin_and_oscillation(config.launch.omega, config.launch.u)
+        return [(float(spin), float(swing))], np.array([spin])
+    if config.spin is not None:
+        launches = list(product(values["n_i"], values["omega_xy0"]))
+        return launches, np.array(config.spin.n_i)
+    lacks = "the table has no columns n_i and omega_xy0"
+    raise ConfigError(f"spin: missing; {lacks}, so the config must give them")
+
+
+def _with_losses(config: Config, columns: Mapping[str, list[float | str]]) -> Config:
     """Return the config with the dissipation of a table's columns."""
-    given = config.dissipation
     for name in LOSSES:
-        values, column = config.settings[name], f"column {name}"
-        if None in values and name not in own:
-            raise ConfigError(
-                f"dissipation.{name}: the table has no {column}; give a number"
-            )
-        if len(values) > 1 and name in own:
-            told = f"there are several values, and the table has a {column}"
-            raise ConfigError(f"dissipation.{name}: {told}; keep one of them")
-    config = config.model_copy(
-        update={"dissipation": given.model_copy(update=dict(own))}
-    )
-    if own and (wrong := [": ".join(one) for one in clashes(config)]):
-        raise ConfigError(
-            f"bodies.path: with the table's columns: {one}" for one in wrong
-        )
+        values = config.settings[name]
+        if None in values and name not in columns:
+            lacks = f"the table has no column {name}; give a number"
+            raise ConfigError(f"dissipation.{name}: {lacks}")
+        if len(values) > 1 and name in columns:
+            both = f"there are several values, and the table has a column {name}"
+            raise ConfigError(f"dissipation.{name}: {both}; keep one of them")
+    losses = config.dissipation.model_copy(update=dict(columns))
+    config = config.model_copy(update={"dissipation": losses})
+    if columns:
+        # Rules between keys were checked without these columns.
+        problems = [f"{key}: {problem}" for key, problem in clashes(config)]
+        if problems:
+            where = "bodies.path: with the table's columns"
+            raise ConfigError(f"{where}: {problem}" for problem in problems)
     return config
 
 
-def _natural(config: Config, source: Source) -> dict[str, list[float | None]]:
-    """Return spins and losses in units of the bodies, or in SI units where the bodies
-    differ.
+def _natural(config: Config, source: Source) -> Values:
+    """Return spins and losses in units of the bodies.
+
+    Where the bodies differ in size, a list that has units stays in SI units.
     """
     if not config.in_si:
         return config.settings
-    count = (
-        source.samples if isinstance(source, TableBodies) else min(source.samples, 64)
-    )
+    count = source.samples
+    if not isinstance(source, TableBodies):
+        count = min(count, MOST_SIZES)
     units = source.bodies(np.nan, np.arange(count)).units
+    natural: Values = {}
+    for name, values in config.settings.items():
+        converted = [_convert(name, value, units) for value in values]
+        if converted.count(None) > values.count(None):
+            if not all(isinstance(value, Quantity) for value in values):
+                differ = "the sizes of the bodies differ, and some values have no unit"
+                advice = "give all of them with units, or none"
+                raise ConfigError(f"{KEYS[name]}: {differ}; {advice}")
+            converted = values
+        natural[name] = converted
+    return natural
 
-    def convert(name: str, value: float | None) -> float | None:
-        if not isinstance(value, Quantity):
-            return value
-        told = f"{KEYS[name]}: {value.text}"
-        natural = np.atleast_1d(
-            np.nan if units is None else units.natural(value, value.kind)
+
+def _convert(name: str, value: float | None, units: Units | None) -> float | None:
+    """Return a value in units of the bodies, None if that differs between them."""
+    if not isinstance(value, Quantity):
+        return value
+    key = f"{KEYS[name]}: {value.text}"
+    natural = np.array([np.nan])
+    if units is not None:
+        natural = np.atleast_1d(units.natural(value, value.kind))
+    if np.isnan(natural).any():
+        advice = "give columns height_m and mass_kg"
+        raise ConfigError(
+            f"{key} needs the size of the bodies; {advice}, or a number in the "
+            "bodies' own units"
         )
-        if np.isnan(natural).any():
-            advice = "give columns height_m and mass_kg"
-            raise ConfigError(
-                f"{told} needs the size of the bodies; {advice}, or a number in the "
-                "bodies' own units"
-            )
-        if broken := check_value(name, natural):
-            own = f"is {natural[broken[0]]:g} in units of the body"
-            raise ConfigError(f"{told} {own}; {broken[1]}")
-        return float(natural[0]) if natural.min() == natural.max() else None
-
-    found = dict(config.settings)
-    for name, given in config.settings.items():
-        found[name] = [convert(name, value) for value in given]
-        if any(
-            x is None and y is not None for x, y in zip(found[name], given, strict=True)
-        ):
-            if not all(isinstance(value, Quantity) for value in given):
-                told = "the sizes of the bodies differ, and some values have no unit"
-                raise ConfigError(
-                    f"{KEYS[name]}: {told}; give all of them with units, or none"
-                )
-            found[name] = given
-    return found
+    broken = check_value(name, natural)
+    if broken is not None:
+        place, problem = broken
+        size = f"is {natural[place]:g} in units of the body"
+        raise ConfigError(f"{key} {size}; {problem}")
+    if natural.min() < natural.max():
+        return None
+    return float(natural[0])
 
 
 def _check_launches(
     config: Config, is_state: bool, n_i: Floats, own_end: Floats
 ) -> None:
-    """Refuse launches that the model cannot have, or that have no horizon of any
-    kind.
-    """
-    model, horizon = config.model, config.horizon
+    """Refuse launches that the model cannot have, or that have no horizon."""
+    model = config.model
+    horizon = config.horizon
     if model != "full" and is_state:
-        raise ConfigError(
-            f"model: {model} begins with a spin; full states are for the model full"
-        )
+        advice = "full states are for the model full"
+        raise ConfigError(f"model: {model} begins with a spin; {advice}")
     if model == "gh" and (n_i == 0).any():
-        raise ConfigError(
-            "model: gh begins with a spin, and n_i is 0; use full or reduced"
-        )
+        advice = "use full or reduced"
+        raise ConfigError(f"model: gh begins with a spin, and n_i is 0; {advice}")
     endless = (n_i == 0) & ~np.isfinite(own_end)
     if horizon.t is None and horizon.t_decay is None and endless.any():
-        which = f" ({np.argmax(endless) + 1} of {len(n_i)})" if len(n_i) > 1 else ""
-        told = f"missing; a launch without spin{which} has no t_rGH"
-        raise ConfigError(
-            f"horizon.t: {told}, so give horizon: {{t: TIME}} in sqrt(a/g)"
-        )
+        which = ""
+        if len(n_i) > 1:
+            which = f" ({np.argmax(endless) + 1} of {len(n_i)})"
+        lacks = f"a launch without spin{which} has no t_rGH"
+        advice = "give horizon: {t: TIME} in sqrt(a/g)"
+        raise ConfigError(f"horizon.t: missing; {lacks}, so {advice}")
 
 
 def stored_plan(stored: Stored) -> Plan:
     """Return the plan from which stored runs can be computed again."""
     base = stored.manifest["base"] or "."
-    if (stored.directory / getattr(stored.config.bodies, "path", "..none")).exists():
+    path = getattr(stored.config.bodies, "path", None)
+    if path is not None and (stored.directory / path).exists():
         base = stored.directory  # a directory may have been moved with its table
     plan = replace(make_plan(stored.config, Path(base)), cases=stored.cases)
     check_same(stored, describe(plan, stored.directory))
-    return replace(
-        plan, config=plan.config.model_copy(update={"classify": stored.thresholds})
-    )
+    config = plan.config.model_copy(update={"classify": stored.thresholds})
+    return replace(plan, config=config)
 
 
 def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> Stored:
     """Begin or grow the sweep of a plan in a directory that this process holds."""
     with explained(f"cannot write in {directory}"):
         (directory / FOLDER).mkdir(exist_ok=True)
-    there, ours = examine(plan, directory, base)
-    if there is not None:
-        keys = ("cases", "samples") if shard else ("cases", "samples", "config")
-        if all(ours.manifest[key] == there.manifest[key] for key in keys):
-            return there
+    stored, grown = examine(plan, directory, base)
+    if stored is not None:
+        keys = ["cases", "samples"]
+        if shard is None:
+            keys.append("config")  # of which the name and thresholds may have changed
+        if all(grown.manifest[key] == stored.manifest[key] for key in keys):
+            return stored
         # Shards that are at work know only the smaller sweep, whose summary they would
         # write.
-        if shard and (others := at_work(directory, shard)):
-            told = "is at work; the sweep can grow when it has ended"
-            raise OutputError(f"{directory}: {others[0]} {told}")
-        ours.manifest["started"] = there.manifest["started"]
-    ours.drop_summary()
-    ours.write_manifest()
-    return ours
+        busy = at_work(directory, shard) if shard else []
+        if busy:
+            what = "is at work; the sweep can grow when it has ended"
+            raise OutputError(f"{directory}: {busy[0]} {what}")
+        grown.manifest["started"] = stored.manifest["started"]
+    grown.drop_summary()
+    grown.write_manifest()
+    return grown
 
 
 def examine(
     plan: Plan, directory: Path, base: Path | None = None
 ) -> tuple[Stored | None, Stored]:
-    """Return the sweep that is in a directory, None without one, and what it must grow
-    into.
-    """
-    ours = describe(plan, directory, base)
+    """Return the sweep in a directory, None without one, and what it must grow into."""
+    wanted = describe(plan, directory, base)
     if not (directory / MANIFEST).exists():
         check_empty(directory)
-        ours.find()  # there are rows if a manifest was lost
-        return None, ours
-    there = open_stored(directory)
-    check_same(there, ours)
-    wanted, held, told = set(plan.cases), set(there.cases), ""
-    if lost := [case for case in there.cases if case not in wanted]:
-        told = f"runs with {lost[0]}, which the config lacks"
-    elif plan.samples < there.samples:
-        told = f"{there.samples} samples a case, more than the config asks for"
-    if told:
-        raise ConfigError(f"{directory}: holds {told}; a sweep can only grow")
-    new = enumerate((case for case in plan.cases if case not in held), len(held))
-    cases = (*there.cases, *(replace(case, index=number) for number, case in new))
-    return there, describe(replace(plan, cases=cases), directory, base)
+        wanted.find()  # there are rows if a manifest was lost
+        return None, wanted
+    stored = open_stored(directory)
+    check_same(stored, wanted)
+    lost = [case for case in stored.cases if case not in set(plan.cases)]
+    excess = ""
+    if lost:
+        excess = f"runs with {lost[0]}, which the config lacks"
+    elif plan.samples < stored.samples:
+        excess = f"{stored.samples} samples a case, more than the config asks for"
+    if excess:
+        raise ConfigError(f"{directory}: holds {excess}; a sweep can only grow")
+    # Cases keep their numbers, and new ones follow.
+    cases = list(stored.cases)
+    known = set(stored.cases)
+    for case in plan.cases:
+        if case not in known:
+            cases.append(replace(case, index=len(cases)))
+    return stored, describe(replace(plan, cases=tuple(cases)), directory, base)
 
 
 def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
     """Return the sweep of a plan as a directory would hold it; nothing is written."""
-    text = f"{physics_hash(plan.config)} {getattr(plan.source, 'content_hash', '')}"
+    table_hash = getattr(plan.source, "content_hash", "")
+    text = f"{physics_hash(plan.config)} {table_hash}"
     key = hashlib.sha256(text.encode()).hexdigest()
+    columns = []
+    for column in plan.extra:
+        unit = column.metadata[b"unit"].decode()
+        description = column.metadata[b"description"].decode()
+        kind = str(column.type)
+        columns.append([column.name, kind, column.nullable, unit, description])
     manifest: dict[str, Any] = {
         "format": FORMAT,
         "name": plan.config.name,
@@ -273,15 +303,7 @@ def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
         "base": None if base is None else str(base),
         "cases": [case.dump() for case in plan.cases],
         "samples": plan.samples,
-        "columns": [
-            [
-                f.name,
-                str(f.type),
-                f.nullable,
-                *(f.metadata[word].decode() for word in (b"unit", b"description")),
-            ]
-            for f in plan.extra
-        ],
+        "columns": columns,
         "versions": versions(),
         "machine": machine(),
         "command": command_line(),
@@ -289,29 +311,32 @@ def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
         "written": now(),
     }
     return Stored(
-        plan.config, plan.cases, plan.samples, plan.extra, directory, manifest, key
+        config=plan.config,
+        cases=plan.cases,
+        samples=plan.samples,
+        extra=plan.extra,
+        directory=directory,
+        manifest=manifest,
+        hash=key,
     )
 
 
-def check_same(one: Stored, other: Stored) -> None:
+def check_same(stored: Stored, wanted: Stored) -> None:
     """Raise a ConfigError that says in what a stored sweep differs from another."""
-    if one.hash != other.hash:
-        parts = (fixed_part(each.config) for each in (one, other))
-        what = "; ".join(differences(*parts)[:3]) or "the table of bodies has changed"
+    if stored.hash != wanted.hash:
+        differing = differences(fixed_part(stored.config), fixed_part(wanted.config))
+        what = "; ".join(differing[:3]) or "the table of bodies has changed"
+        where = f"{stored.directory}: holds another sweep ({what})"
+        raise ConfigError(f"{where}; give another output")
+    if stored.schema.names != wanted.schema.names:
         raise ConfigError(
-            f"{one.directory}: holds another sweep ({what}); give another output"
-        )
-    if one.schema.names != other.schema.names:
-        raise ConfigError(
-            f"{one.directory}: another version of rattlesweep wrote its runs, with "
+            f"{stored.directory}: another version of rattlesweep wrote its runs, with "
             "other columns; repeat them in another directory"
         )
 
 
 def check_empty(directory: Path) -> None:
-    """Raise a ConfigError if a directory holds files, unless a sweep has worked
-    there.
-    """
+    """Raise a ConfigError if a directory holds files, but for those of a sweep."""
     if directory.is_file():
         raise ConfigError(f"{directory}: is a file; give the path of a directory")
     if not directory.exists() or (directory / LOCKS).is_dir():
@@ -319,8 +344,9 @@ def check_empty(directory: Path) -> None:
     with explained(f"cannot read {directory}"):
         names = sorted(path.name for path in directory.iterdir())
     # Bodies of a DataFrame are written there before the sweep begins.
-    if foreign := [name for name in names if not name.startswith((".", "bodies-"))]:
-        told = (
-            f"holds other files, such as {foreign[0]}; give an empty or new directory"
+    foreign = [name for name in names if not name.startswith((".", "bodies-"))]
+    if foreign:
+        advice = "give an empty or new directory"
+        raise ConfigError(
+            f"{directory}: holds other files, such as {foreign[0]}; {advice}"
         )
-        raise ConfigError(f"{directory}: {told}")

@@ -89,7 +89,7 @@ def _doubts(config: Config, launches: Launches, which: str) -> Iterator[str]:
         share = f"{'all' if mask.all() else mask.sum()} of {which}"
         return share if len(mask) > 1 else "the only run"
 
-    t_end, t_rgh, horizon = launches.t_end, launches.gh.t_rgh, config.horizon
+    t_end, t_rgh, horizon = launches.horizon, launches.gh.t_rgh, config.horizon
     endless = ~np.isfinite(t_end)
     early = t_end < t_rgh  # false without spin, where t_rGH is NaN
     if endless.any():

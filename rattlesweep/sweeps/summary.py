@@ -6,16 +6,18 @@ keys, so that sums do not depend on how rows are spread over files.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.physics.theory import unsteady
+from rattlesweep.quantities import DAMPING, LENGTH, MEASURES, RATE, TIME
 from rattlesweep.sweeps import columns as tables
-from rattlesweep.sweeps.bodies.table import WITH_UNITS
+from rattlesweep.sweeps.columns import F64, I32, I64, Values
 from rattlesweep.sweeps.decide import nearest_rows
 from rattlesweep.sweeps.parquet import read_parquet, write_parquet
 from rattlesweep.sweeps.skipped import estimate
@@ -24,8 +26,8 @@ from rattlesweep.sweeps.types import DEAD, TYPES, R, codes, share
 from rattlesweep.text import align
 from rattlesweep.units import Quantity
 
-# Columns that the counts are made of; not all runs have the later ones.
-COLUMNS = (
+# Columns of the runs that are counted or averaged; not all runs have the later ones.
+READ = (
     "n_i",
     "K_p",
     "omega_p",
@@ -44,9 +46,12 @@ COLUMNS = (
     "t_r_s",
     "n_i_rpm",
 )
-# Launches and losses by their names: the name and the size of the unit of the column in
-# SI units.
-SI = {name: (si, size) for si, (name, size, _) in WITH_UNITS.items() if name in VARIES}
+# Launches and losses by their names, with name and size of their units in SI units.
+SI: dict[str, tuple[str, float]] = {
+    definition.name: (measure.name, measure.size)
+    for definition, measure in MEASURES.values()
+    if definition.name in VARIES
+}
 # Shares of runs that need a coefficient of friction above these.
 FRICTION = {"share_friction_above_0_3": 0.3, "share_friction_above_0_6": 0.6}
 # Times that are interpolated at the points that a refined sweep skips.
@@ -55,9 +60,7 @@ SENSITIVE = 1e-6  # relative error of t_r above which a run is sensitive
 
 
 def read_summary(stored: Stored) -> pa.Table:
-    """Return ``summary.parquet``, or a summary of the rows so far if there is no such
-    file.
-    """
+    """Return ``summary.parquet``, or where it is missing, a summary of the rows."""
     path = stored.directory / SUMMARY
     return read_parquet(path) if path.exists() else summarise(stored)
 
@@ -109,7 +112,7 @@ def count_cases(stored: Stored) -> Counts:
 
 def columns_for(schema: pa.Schema) -> list[str]:
     """Return the columns of a sweep's runs that :meth:`Counts.add` reads."""
-    return [name for name in COLUMNS if name in schema.names]
+    return [name for name in READ if name in schema.names]
 
 
 class Counts(dict[str, Integers]):
@@ -124,12 +127,15 @@ class Counts(dict[str, Integers]):
     def __init__(self, cells: int) -> None:
         super().__init__()
         self._cells = cells
-        # Of type R, with the ratio t_r / t_rgh taken run by run; but t_rgh of all runs.
-        self.t_r, self.t_r_error, self.ratio, self.t_rgh = (
-            Moments(cells) for _ in range(4)
-        )
+        # Of runs of type R; the ratio t_r / t_rgh is taken run by run.
+        self.t_r = Moments(cells)
+        self.t_r_error = Moments(cells)
+        self.ratio = Moments(cells)
+        # Of all runs.
+        self.t_rgh = Moments(cells)
         # In SI units, where the size of the bodies is known.
-        self.t_r_s, self.n_i_rpm = Moments(cells), Moments(cells)
+        self.t_r_s = Moments(cells)
+        self.n_i_rpm = Moments(cells)
 
     def __missing__(self, name: str) -> Integers:
         return np.zeros(self._cells, np.int64)
@@ -143,75 +149,91 @@ class Counts(dict[str, Integers]):
 
     def add(self, rows: pa.Table, cell: Integers) -> None:
         """Add runs to cells; a negative cell leaves a run out."""
-        numbers, values = _measured(rows)
-        for name, number in numbers.items():
-            into = self.setdefault(name, self[name])
-            np.add.at(into, cell[cell >= 0], number[cell >= 0])
-        for name, own in values.items():
-            kept = (cell >= 0) & np.isfinite(own)
+        names = {*columns_for(rows.schema)} - {"type", "status"}
+        columns = {name: tables.floats(rows.column(name)) for name in names}
+        type_codes = codes(rows.column("type"))
+        is_ok = codes(rows.column("status"), ("ok",)) == 0
+        is_counted = cell >= 0
+        for name, number in _numbers(columns, type_codes, is_ok).items():
+            sums = self.setdefault(name, self[name])
+            np.add.at(sums, cell[is_counted], number[is_counted])
+        for name, values in _averaged(columns, type_codes, is_ok).items():
+            has_value = is_counted & np.isfinite(values)
             moments: Moments = getattr(self, name)
-            moments.add(cell[kept], own[kept])
+            moments.add(cell[has_value], values[has_value])
 
 
-def _measured(rows: pa.Table) -> tuple[dict[str, Flags | Integers], dict[str, Floats]]:
-    """Return the numbers that :class:`Counts` adds up, and the values that it averages,
-    by run.
-    """
-    names = {*columns_for(rows.schema)} - {"type", "status"}
-    x = {name: tables.floats(rows.column(name)) for name in names}
-    n_i, t_r, t_rgh, kind = x["n_i"], x["t_r"], x["t_rgh"], codes(rows.column("type"))
-    ok = codes(rows.column("status"), ("ok",)) == 0
-    steady = np.isfinite(x["omega_p"]) & ~unsteady(x["K_p"], n_i)
+def _numbers(
+    columns: dict[str, Floats], type_codes: Integers, is_ok: Flags
+) -> dict[str, Flags | Integers]:
+    """Return what :class:`Counts` adds up, by run."""
+    n_i = columns["n_i"]
+    is_steady = np.isfinite(columns["omega_p"]) & ~unsteady(columns["K_p"], n_i)
     types = TYPES[:DEAD]
-    if "sigma" in names:
-        types, steady = TYPES, steady & (x["sigma"] == 0) & (x["rolling"] == 0)
-    reverses = ok & (kind == R) & np.isfinite(t_r)
+    if "sigma" in columns:
+        types = TYPES
+        is_steady &= (columns["sigma"] == 0) & (columns["rolling"] == 0)
     numbers: dict[str, Flags | Integers] = {
-        "runs": np.ones(len(ok), bool),
-        "ok": ok,
-        "failed": ~ok,
-        "steady": steady,
-        "bondi": steady & (np.abs(x["n_c1"]) < np.abs(n_i)),
-        "near_tangencies": np.nan_to_num(x["near_tangencies"]).astype(np.int64),
+        "runs": np.ones(len(is_ok), bool),
+        "ok": is_ok,
+        "failed": ~is_ok,
+        "steady": is_steady,
+        "bondi": is_steady & (np.abs(columns["n_c1"]) < np.abs(n_i)),
+        "near_tangencies": np.nan_to_num(columns["near_tangencies"]).astype(np.int64),
     }
-    numbers |= {name: ok & (kind == code) for code, name in enumerate(types)}
-    values = {"t_r": t_r, "ratio": share(t_r, t_rgh)}
-    if "t_r_error" in names:
-        values["t_r_error"] = error = x["t_r_error"]
-        numbers["sensitive"] = reverses & (error > SENSITIVE * t_r)
-        numbers["unsure"] = (kind >= 0) & (x["type_sure"] == 0)
-    if "contact_ratio_max" in names:
-        for name, most in FRICTION.items():
-            numbers[name] = ok & (x["contact_ratio_max"] > most)
-        numbers["share_lift_off"] = ok & (x["contact_normal_min"] < 0)
-    values |= {name: x[name] for name in ("t_r_s",) if name in names}
-    reversing = {name: np.where(reverses, own, np.nan) for name, own in values.items()}
-    return numbers, reversing | {
-        name: x[name] for name in ("t_rgh", "n_i_rpm") if name in names
-    }
+    for code, name in enumerate(types):
+        numbers[name] = is_ok & (type_codes == code)
+    if "t_r_error" in columns:
+        is_sensitive = columns["t_r_error"] > SENSITIVE * columns["t_r"]
+        numbers["sensitive"] = is_ok & (type_codes == R) & is_sensitive
+        numbers["unsure"] = (type_codes >= 0) & (columns["type_sure"] == 0)
+    if "contact_ratio_max" in columns:
+        for name, friction in FRICTION.items():
+            numbers[name] = is_ok & (columns["contact_ratio_max"] > friction)
+        numbers["share_lift_off"] = is_ok & (columns["contact_normal_min"] < 0)
+    return numbers
+
+
+def _averaged(
+    columns: dict[str, Floats], type_codes: Integers, is_ok: Flags
+) -> dict[str, Floats]:
+    """Return what :class:`Counts` averages, by run; NaN where a run does not count."""
+    averaged = {"ratio": share(columns["t_r"], columns["t_rgh"])}
+    for name in ("t_r", "t_r_error", "t_r_s"):
+        if name in columns:
+            averaged[name] = columns[name]
+    reverses = is_ok & (type_codes == R)
+    for name, values in averaged.items():
+        averaged[name] = np.where(reverses, values, np.nan)
+    for name in ("t_rgh", "n_i_rpm"):
+        if name in columns:
+            averaged[name] = columns[name]
+    return averaged
 
 
 class Moments:
-    """Number, mean and deviation by cell, by differences, so that a large mean costs no
-    digits.
+    """Number, mean and deviation by cell.
+
+    Differences from the first value are summed, so that a large mean costs no digits.
     """
 
     def __init__(self, cells: int) -> None:
         self.count = np.zeros(cells, np.int64)
-        self._first, self._sum, self._squares = np.zeros((3, cells))
+        self._first = np.zeros(cells)
+        self._sum = np.zeros(cells)
+        self._squares = np.zeros(cells)
 
     def add(self, cell: Integers, values: Floats) -> None:
         """Add values to cells."""
-        new = np.flatnonzero(self.count[cell] == 0)
-        cells, place = np.unique(cell[new], return_index=True)
-        self._first[cells] = values[new[place]]
+        in_new_cell = np.flatnonzero(self.count[cell] == 0)
+        cells, place = np.unique(cell[in_new_cell], return_index=True)
+        self._first[cells] = values[in_new_cell[place]]
         step = values - self._first[cell]
         # One by one and in order; np.bincount would sum each batch separately.
         np.add.at(self.count, cell, 1)
         np.add.at(self._sum, cell, step)
-        with np.errstate(
-            over="ignore"
-        ):  # the deviation is then infinite, and stored as null
+        # An infinite deviation is stored as null.
+        with np.errstate(over="ignore"):
             np.add.at(self._squares, cell, step**2)
 
     def means(self) -> Floats:
@@ -219,19 +241,16 @@ class Moments:
         return self._first + share(self._sum, self.count)
 
     def deviations(self) -> Floats:
-        """Return the sample standard deviations (divisor n - 1), NaN for fewer than
-        two.
-        """
+        """Return the sample standard deviations (n - 1), NaN for fewer than two."""
         with np.errstate(over="ignore", invalid="ignore"):
             squares = self._squares - share(self._sum**2, np.maximum(self.count, 1))
             return np.sqrt(share(np.maximum(squares, 0), self.count - 1))
 
     def common(self) -> Floats:
-        """Return the value that all runs of a cell share to rounding, NaN without
-        one.
-        """
-        mean, apart = self.means(), np.nan_to_num(self.deviations())
-        return np.where(apart <= 1e-12 * np.abs(mean), mean, np.nan)
+        """Return the value that all runs of a cell share to rounding, or NaN."""
+        mean = self.means()
+        deviation = np.nan_to_num(self.deviations())
+        return np.where(deviation <= 1e-12 * np.abs(mean), mean, np.nan)
 
     def errors(self) -> Floats:
         """Return the standard errors of the means, NaN for fewer than two."""
@@ -240,98 +259,382 @@ class Moments:
 
 def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     """Return the summary of cases whose runs are counted."""
-    schema, ok = tables.SUMMARY, counts["ok"]
-    columns: dict[str, Any] = {
-        field.name: pa.nulls(len(cases), field.type) for field in schema
-    }
-    for name in ("K_p", "K_r"):
+    columns = {column.name: column.value(cases, counts) for column in COLUMNS}
+    return tables.build_table(columns, SCHEMA)
+
+
+Value = Callable[[Sequence[Case], Counts], Values]
+
+
+@dataclass(frozen=True)
+class SummaryColumn:
+    """A column of `summary`, and where its value comes from."""
+
+    name: str
+    type: pa.DataType
+    value: Value
+    unit: str
+    meaning: str
+    nullable: bool = True
+
+    @property
+    def field(self) -> pa.Field:
+        """The column of the Arrow schema."""
+        return tables.field(
+            self.name, self.type, self.unit, self.meaning, self.nullable
+        )
+
+
+def _target(name: str) -> Value:
+    """Return the target of a coefficient, where the case has one."""
+
+    def value(cases: Sequence[Case], counts: Counts) -> Floats:
         targets = [case.target if case.target_name == name else None for case in cases]
-        columns[name] = np.array(targets, float)
-    for name, (si, size) in SI.items():
-        values = np.array([getattr(case, name) for case in cases], float)
-        in_si = np.array([isinstance(getattr(case, name), Quantity) for case in cases])
-        columns[name] = np.where(in_si, np.nan, values)
-        columns[si] = np.where(in_si, values / size, np.nan)
-    columns |= {
-        f"fraction_{name}": share(part, ok) for name, part in counts.types.items()
-    }
-    columns |= {name: counts[name] for name in ("runs", "failed", "near_tangencies")}
-    columns |= {
-        "case": np.arange(len(cases)),
-        "fraction_bondi": share(counts["bondi"], counts["steady"]),
-        "t_r_mean": counts.t_r.means(),
-        "t_r_std": counts.t_r.deviations(),
-        "t_rgh_mean": counts.t_rgh.means(),
-        "t_r_mean_error": counts.t_r_error.means(),
-        "t_r_over_t_rgh_mean": counts.ratio.means(),
-        "t_r_over_t_rgh_sem": counts.ratio.errors(),
-        "t_r_s_mean": counts.t_r_s.means(),
-    }
-    exact = columns["n_i_rpm"]
-    columns["n_i_rpm"] = np.where(np.isnan(exact), counts.n_i_rpm.common(), exact)
-    columns |= {
-        name: counts[name] for name in ("sensitive", "unsure") if name in counts
-    }
-    contact = (name for name in (*FRICTION, "share_lift_off") if name in counts)
-    columns |= {name: share(counts[name], ok) for name in contact}
-    return tables.build_table(columns, schema)
+        return np.array(targets, float)
+
+    return value
 
 
-# Columns of the summary that are printed, with their headings and formats.
-_SHOWN = {
-    "n_i": ("n_i", ".4g"),
-    "n_i_rpm": ("n_i (rpm)", ".4g"),
-    "omega_xy0": ("omega_xy0", ".4g"),
-    "omega_xy0_rpm": ("omega_xy0 (rpm)", ".4g"),
-    "sigma": ("sigma", ".4g"),
-    "sigma_N_m_s": ("sigma (N m s)", ".4g"),
-    "rolling": ("rolling", ".4g"),
-    "rolling_m": ("rolling (m)", ".4g"),
-    "runs": ("runs", "d"),
-    "fraction_R": ("R", ".3f"),
-    "fraction_SS": ("SS", ".3f"),
-    "fraction_SW": ("SW", ".3f"),
-    "fraction_unclassified": ("unclassified", ".3f"),
-    "fraction_D": ("D", ".3f"),
-    "fraction_bondi": ("beyond Bondi", ".3f"),
-    "t_r_mean": ("mean t_r", ".5g"),
-    "t_r_s_mean": ("mean t_r (s)", ".5g"),
-    "t_r_over_t_rgh_mean": ("mean t_r/t_rGH", ".4f"),
-    "sensitive": ("sensitive", "d"),
-    "unsure": ("type unsure", "d"),
-    "share_friction_above_0_3": ("friction > 0.3", ".3f"),
-    "share_friction_above_0_6": ("friction > 0.6", ".3f"),
-    "share_lift_off": ("lift-off", ".3f"),
-    "failed": ("failed", "d"),
-}
+def _held(name: str) -> Value:
+    """Return a launch or loss in units of the bodies, NaN where it is in SI units."""
+
+    def value(cases: Sequence[Case], counts: Counts) -> Floats:
+        return np.where(_is_in_si(cases, name), np.nan, _of_cases(cases, name))
+
+    return value
+
+
+def _held_in_si(name: str) -> Value:
+    """Return a launch or loss in SI units, NaN where it is in units of the bodies."""
+    return lambda cases, counts: _in_si(cases, name)
+
+
+def _spin_in_rpm(cases: Sequence[Case], counts: Counts) -> Floats:
+    """Return the spin in rpm, which is known too where all bodies have one size."""
+    of_cases = _in_si(cases, "n_i")
+    return np.where(np.isnan(of_cases), counts.n_i_rpm.common(), of_cases)
+
+
+def _in_si(cases: Sequence[Case], name: str) -> Floats:
+    values = _of_cases(cases, name) / SI[name][1]
+    return np.where(_is_in_si(cases, name), values, np.nan)
+
+
+def _of_cases(cases: Sequence[Case], name: str) -> Floats:
+    return np.array([getattr(case, name) for case in cases], float)
+
+
+def _is_in_si(cases: Sequence[Case], name: str) -> Flags:
+    return np.array([isinstance(getattr(case, name), Quantity) for case in cases])
+
+
+def _number(name: str) -> Value:
+    """Return a number of runs, null if nothing of the kind is counted."""
+
+    def value(cases: Sequence[Case], counts: Counts) -> Values:
+        if name in counts or name in ALWAYS_COUNTED:
+            return counts[name]
+        return pa.nulls(len(cases), I64)
+
+    return value
+
+
+def _share(name: str, whole: str = "ok") -> Value:
+    """Return a share of runs, null if nothing of the kind is counted."""
+
+    def value(cases: Sequence[Case], counts: Counts) -> Values:
+        if name in counts:
+            return share(counts[name], counts[whole])
+        return pa.nulls(len(cases), F64)
+
+    return value
+
+
+ALWAYS_COUNTED = ("runs", "failed", "near_tangencies")
+must = partial(SummaryColumn, nullable=False)
+
+# The columns of `summary` in order; fractions are of the runs with status ok.
+COLUMNS = (
+    must(
+        "case",
+        I32,
+        lambda cases, counts: np.arange(len(cases)),
+        "1",
+        "number of the case, from 0",
+    ),
+    SummaryColumn(
+        "K_p", F64, _target("K_p"), "1", "target of K_p, where the case has one"
+    ),
+    SummaryColumn(
+        "K_r", F64, _target("K_r"), "1", "target of K_r, where the case has one"
+    ),
+    SummaryColumn(
+        "n_i",
+        F64,
+        _held("n_i"),
+        RATE,
+        "initial spin; null where rows differ",
+    ),
+    SummaryColumn(
+        "omega_xy0",
+        F64,
+        _held("omega_xy0"),
+        RATE,
+        "initial rate; null where rows differ",
+    ),
+    must(
+        "runs",
+        I64,
+        _number("runs"),
+        "1",
+        "number of stored runs",
+    ),
+    # Null unless the size of the bodies is known.
+    SummaryColumn(
+        "n_i_rpm",
+        F64,
+        _spin_in_rpm,
+        "rpm",
+        "initial spin; null where rows differ",
+    ),
+    # Null unless given in these units, and the sizes of the bodies differ.
+    SummaryColumn(
+        "omega_xy0_rpm",
+        F64,
+        _held_in_si("omega_xy0"),
+        "rpm",
+        "initial oscillation",
+    ),
+    SummaryColumn(
+        "sigma_N_m_s",
+        F64,
+        _held_in_si("sigma"),
+        "N m s",
+        "torque -sigma omega",
+    ),
+    SummaryColumn(
+        "rolling_m",
+        F64,
+        _held_in_si("rolling"),
+        "m",
+        "lever of the rolling resistance",
+    ),
+    SummaryColumn("fraction_R", F64, _share("R"), "1", "fraction of type R"),
+    SummaryColumn("fraction_SS", F64, _share("SS"), "1", "fraction of type SS"),
+    SummaryColumn("fraction_SW", F64, _share("SW"), "1", "fraction of type SW"),
+    SummaryColumn(
+        "fraction_unclassified",
+        F64,
+        _share("unclassified"),
+        "1",
+        "fraction of unclassified runs",
+    ),
+    SummaryColumn(
+        "fraction_bondi",
+        F64,
+        _share("bondi", "steady"),
+        "1",
+        "fraction beyond Bondi's threshold; null: unsteady spins",
+    ),
+    SummaryColumn(
+        "t_r_mean",
+        F64,
+        lambda cases, counts: counts.t_r.means(),
+        TIME,
+        "mean t_r of type R",
+    ),
+    SummaryColumn(
+        "t_r_s_mean",
+        F64,
+        lambda cases, counts: counts.t_r_s.means(),
+        "s",
+        "mean t_r of type R in seconds, if sizes are known",
+    ),
+    SummaryColumn(
+        "t_r_std",
+        F64,
+        lambda cases, counts: counts.t_r.deviations(),
+        TIME,
+        "sample standard deviation (n - 1) of t_r of type R",
+    ),
+    SummaryColumn(
+        "t_rgh_mean",
+        F64,
+        lambda cases, counts: counts.t_rgh.means(),
+        TIME,
+        "mean t_rgh of the runs that have one",
+    ),
+    SummaryColumn(
+        "t_r_over_t_rgh_mean",
+        F64,
+        lambda cases, counts: counts.ratio.means(),
+        "1",
+        "mean of t_r / t_rgh over runs of type R",
+    ),
+    SummaryColumn(
+        "t_r_over_t_rgh_sem",
+        F64,
+        lambda cases, counts: counts.ratio.errors(),
+        "1",
+        "standard error of that mean",
+    ),
+    must(
+        "failed",
+        I64,
+        _number("failed"),
+        "1",
+        "number of runs with a status other than ok",
+    ),
+    must(
+        "near_tangencies",
+        I64,
+        _number("near_tangencies"),
+        "1",
+        "sum of near_tangencies over the runs",
+    ),
+    # Null unless errors are recorded.
+    SummaryColumn(
+        "sensitive",
+        I64,
+        _number("sensitive"),
+        "1",
+        "number of runs of type R with t_r_error > 1e-6 t_r",
+    ),
+    SummaryColumn(
+        "unsure",
+        I64,
+        _number("unsure"),
+        "1",
+        "number of runs whose type is not sure",
+    ),
+    SummaryColumn(
+        "t_r_mean_error",
+        F64,
+        lambda cases, counts: counts.t_r_error.means(),
+        TIME,
+        "mean t_r_error of type R",
+    ),
+    # Null without dissipation.
+    SummaryColumn(
+        "fraction_D",
+        F64,
+        _share("D"),
+        "1",
+        "fraction of type D",
+    ),
+    SummaryColumn(
+        "sigma",
+        F64,
+        _held("sigma"),
+        DAMPING,
+        "torque -sigma omega; null: no dissipation, or rows differ",
+    ),
+    SummaryColumn(
+        "rolling",
+        F64,
+        _held("rolling"),
+        LENGTH,
+        "lever of the rolling resistance; null likewise",
+    ),
+    # Null unless contact is recorded.
+    SummaryColumn(
+        "share_friction_above_0_3",
+        F64,
+        _share("share_friction_above_0_3"),
+        "1",
+        "fraction with contact_ratio_max > 0.3",
+    ),
+    SummaryColumn(
+        "share_friction_above_0_6",
+        F64,
+        _share("share_friction_above_0_6"),
+        "1",
+        "fraction with contact_ratio_max > 0.6",
+    ),
+    SummaryColumn(
+        "share_lift_off",
+        F64,
+        _share("share_lift_off"),
+        "1",
+        "fraction with contact_normal_min < 0, which would lift off",
+    ),
+)
+SCHEMA = pa.schema([column.field for column in COLUMNS])
+
+
+@dataclass(frozen=True)
+class Printed:
+    """A column of the table that is printed."""
+
+    name: str
+    heading: str
+    form: str = ".3f"
+    # Whether it is left out where it is null in all cases.
+    optional: bool = False
+    # Whether it is left out where it is the same in all cases.
+    varies: bool = False
+    # The column in SI units that stands in its place where that is known.
+    si: str = ""
+
+
+PRINTED = (
+    Printed("n_i", "n_i", ".4g", si="n_i_rpm"),
+    Printed("n_i_rpm", "n_i (rpm)", ".4g", optional=True),
+    Printed("omega_xy0", "omega_xy0", ".4g", si="omega_xy0_rpm"),
+    Printed("omega_xy0_rpm", "omega_xy0 (rpm)", ".4g", optional=True),
+    Printed("sigma", "sigma", ".4g", varies=True, si="sigma_N_m_s"),
+    Printed("sigma_N_m_s", "sigma (N m s)", ".4g", optional=True, varies=True),
+    Printed("rolling", "rolling", ".4g", varies=True, si="rolling_m"),
+    Printed("rolling_m", "rolling (m)", ".4g", optional=True, varies=True),
+    Printed("runs", "runs", "d"),
+    Printed("fraction_R", "R"),
+    Printed("fraction_SS", "SS"),
+    Printed("fraction_SW", "SW"),
+    Printed("fraction_unclassified", "unclassified"),
+    Printed("fraction_D", "D", optional=True),
+    Printed("fraction_bondi", "beyond Bondi"),
+    Printed("t_r_mean", "mean t_r", ".5g", si="t_r_s_mean"),
+    Printed("t_r_s_mean", "mean t_r (s)", ".5g", optional=True),
+    Printed("t_r_over_t_rgh_mean", "mean t_r/t_rGH", ".4f"),
+    Printed("sensitive", "sensitive", "d", optional=True),
+    Printed("unsure", "type unsure", "d", optional=True),
+    Printed("share_friction_above_0_3", "friction > 0.3", optional=True),
+    Printed("share_friction_above_0_6", "friction > 0.6", optional=True),
+    Printed("share_lift_off", "lift-off", optional=True),
+    Printed("failed", "failed", "d"),
+)
 
 
 def closing_table(summary: pa.Table) -> str:
     """Return the summary as aligned text, with "-" for null."""
     absent = absent_columns(summary)
-    shown = {name: how for name, how in _SHOWN.items() if name not in absent}
-    lines = [["case", "target", *(heading for heading, _ in shown.values())]]
+    printed = [column for column in PRINTED if column.name not in absent]
+    lines = [["case", "target", *(column.heading for column in printed)]]
     for row in summary.to_pylist():
         targets = [f"{k}={row[k]:.4g}" for k in ("K_p", "K_r") if row[k] is not None]
-        values = ((row[name], form) for name, (_, form) in shown.items())
-        cells = (
-            "-" if value is None else format(value, form) for value, form in values
-        )
-        lines.append([str(row["case"]), *(targets or ["-"]), *cells])
+        line = [str(row["case"]), *(targets or ["-"])]
+        for column in printed:
+            value = row[column.name]
+            line.append("-" if value is None else format(value, column.form))
+        lines.append(line)
     return align(lines)
 
 
 def absent_columns(summary: pa.Table) -> set[str]:
     """Return the columns to leave out, which are null or the same in all cases."""
-    in_si = {"t_r_mean": "t_r_s_mean"} | {name: si for name, (si, _) in SI.items()}
-    optional = ("sensitive", "unsure", "fraction_D", "share_lift_off", *FRICTION)
-    empty = {
-        n: summary.column(n).null_count == len(summary)
-        for n in (*optional, *in_si.values())
-    }
-    # Of a quantity in both systems, SI units are shown.
-    absent = {n for n in empty if empty[n]} | {
-        n for n, si in in_si.items() if not empty[si]
-    }
-    losses = ("sigma", "rolling", "sigma_N_m_s", "rolling_m")
-    return absent | {n for n in losses if len(summary.column(n).unique()) < 2}
+
+    def is_empty(name: str) -> bool:
+        return bool(summary.column(name).null_count == len(summary))
+
+    absent: set[str] = set()
+    for column in PRINTED:
+        is_constant = len(summary.column(column.name).unique()) < 2
+        # Of a quantity in both systems, SI units are shown.
+        has_si = bool(column.si) and not is_empty(column.si)
+        if (
+            (column.optional and is_empty(column.name))
+            or (column.varies and is_constant)
+            or has_si
+        ):
+            absent.add(column.name)
+    return absent

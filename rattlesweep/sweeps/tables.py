@@ -28,7 +28,8 @@ def read_table(path: str | os.PathLike[str], where: str) -> pa.Table:
     ConfigError begin with `where`.
     """
     file = Path(path)
-    if not (file.is_dir() or file.is_file()):
+    # Unlike methods of a path, these take names that no system allows.
+    if not (os.path.isdir(file) or os.path.isfile(file)):
         what = "no such file"
         if os.path.exists(file):
             what = "is not a file"

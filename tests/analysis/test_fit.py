@@ -6,14 +6,20 @@ from __future__ import annotations
 
 import json
 import math
+import re
 
 import numpy as np
+import pandas as pd
 import pytest
 from refusal import assert_refused
 from sweeping import ROOT, invoke
 
 import rattlesweep as rs
-from rattlesweep.analysis.fit import unwrapped
+from rattlesweep.analysis.fit import problem, search
+from rattlesweep.analysis.fit.doubts import doubts_of_data
+from rattlesweep.analysis.fit.film import read_film, unwrapped
+from rattlesweep.analysis.fit.search import fit_run
+from rattlesweep.sweeps.launches import Launch
 
 STONE, DATA = ROOT / "configs/fit/stone.yaml", ROOT / "configs/fit/data.csv"
 BODY = rs.Rattleback.half_ellipsoid(
@@ -26,7 +32,9 @@ def test_the_command_prints_what_the_page_shows(tmp_path):
     picture = tmp_path / "fit.png"
     result = invoke("fit", STONE, DATA, "--figure", picture)
     assert result.exit_code == 0, result.stderr
-    assert result.stdout + result.stderr in (ROOT / "docs/fit.md").read_text()
+    # Lines of progress come before.
+    summary = result.stderr.splitlines()[-1]
+    assert result.stdout + summary in (ROOT / "docs/fit.md").read_text()
     assert picture.stat().st_size > 10_000
     for line in result.stdout.splitlines()[1:4]:
         name, value, low, high = line.split()[0], *map(float, line.split()[1:4])
@@ -92,7 +100,11 @@ def test_an_axis_is_followed_through_half_turns_and_gaps():
     ("stone", "data", "words"),
     [
         ("body: {preset: GH", "", "stone.yaml:"),
-        ("body: {preset: XY}\nfree: [sigma]", "", "body: 'XY'"),
+        (
+            "body: {preset: XY}\nfree: [sigma]",
+            "",
+            'body: preset: "XY" is not one of GH, KL',
+        ),
         (
             "body: {preset: GH}\nfree: [signa]",
             "t,n\n0,1\n1,1\n",
@@ -152,7 +164,7 @@ def test_an_axis_is_followed_through_half_turns_and_gaps():
         (
             "body: {preset: KL, xi_deg: a}\nfree: [c]",
             "",
-            "xi_deg: 'a deg' is not a number",
+            "xi_deg: 'a' is not a number",
         ),
         (
             "body: {preset: KL}\nfree: []",
@@ -166,4 +178,116 @@ def test_bad_input_is_one_sentence(tmp_path, stone, data, words):
     (tmp_path / "data.csv").write_text(data)
     result = invoke("fit", tmp_path / "stone.yaml", tmp_path / "data.csv")
     assert_refused(result, 2, words)
-    assert_refused(invoke("fit", STONE, tmp_path / "none.csv"), 2, "No such file")
+    assert_refused(invoke("fit", STONE, tmp_path / "none.csv"), 2, "no such file")
+
+
+def film() -> pd.DataFrame:
+    """The film of the page, whose launch is 98 rpm."""
+    return pd.read_csv(DATA)
+
+
+FREE = ["n_i", "omega_xy0", "sigma"]
+LAUNCH = {"n_i": "100 rpm"}
+MIRRORED = {"angle_deg": lambda film: 180 - film.angle_deg}
+RADIANS = {"angle_deg": lambda film: np.radians(film.angle_deg)}
+MILLISECONDS = {"t_s": lambda film: 1000 * film.t_s}
+
+
+@pytest.mark.parametrize(
+    ("change", "launch", "sentence"),
+    [
+        (MIRRORED, LAUNCH, "the other way; angles are counterclockwise"),
+        (RADIANS, LAUNCH, "jumps by 3.11, as angles in radians do"),
+        (RADIANS, {}, "name the column angle_rad"),
+        (MILLISECONDS, LAUNCH, "if the times are in ms, name the column t_ms"),
+        (MILLISECONDS, {}, "if the times are in ms, name the column t_ms"),
+        (
+            {"angle_deg": lambda film: film.angle_deg.where(film.t_s < 0.15) / 57.3},
+            LAUNCH,
+            "if angle_deg is in rad, name it angle_rad",
+        ),
+    ],
+    ids=["mirrored", "radians", "radians-alone", "ms", "ms-alone", "unfolded-radians"],
+)
+def test_a_film_in_other_units_or_mirrored_is_refused(change, launch, sentence):
+    wrong = film().assign(**change)
+    with pytest.raises(rs.ConfigError, match=re.escape(sentence)):
+        rs.fit(BODY, wrong, free=FREE, launch=launch)
+
+
+@pytest.mark.parametrize(
+    ("factor", "sentence"),
+    [
+        (math.pi / 30, "if n_rpm is in rad_s, name it n_rad_s"),
+        (-1.0, "the other way"),
+    ],
+)
+def test_a_spin_in_other_units_or_mirrored_is_refused(factor, sentence):
+    run = rs.trajectory(BODY, **TRUTH, t_end=30, points=100, channels=["t", "n"])
+    spins = run.table[["t_s", "n_rpm"]]
+    spins["n_rpm"] *= factor
+    launch = {"n_i": 0.31, "omega_xy0": 0.03}
+    with pytest.raises(rs.ConfigError, match=sentence):
+        rs.fit(BODY, spins, free="sigma", launch=launch)
+
+
+def test_reversals_in_milliseconds_are_refused():
+    launch = {"n_i": 0.3, "omega_xy0": 0.03}
+    times = {"reversal_s": [2139.0, 5000.0]}
+    with pytest.raises(rs.ConfigError, match="name the column reversal_ms"):
+        rs.fit(BODY, times, free="sigma", launch=launch)
+
+
+def test_a_gap_is_told():
+    gap = film()
+    gap.loc[gap.t_s.between(0.6, 1.2), "angle_deg"] = np.nan
+    (remark,) = doubts_of_data(read_film(gap, BODY.units), BODY.units)
+    assert re.search(r"no angle between 0.59\d+ and 1.2\d* s, and half a turn", remark)
+    assert doubts_of_data(read_film(film(), BODY.units), BODY.units) == []
+
+
+def test_large_residuals_are_told(monkeypatch):
+    # The search cannot succeed: a body of the other skew does not turn like this one.
+    monkeypatch.setattr(search, "FINE", ())
+    monkeypatch.setattr(search, "MOST_STEPS", 3)
+    other = BODY.replace(xi=-BODY.xi)
+    launch = {"n_i": 0.3, "omega_xy0": 0.03}
+    fit = rs.fit(other, film()[:240], free="sigma", launch=launch)
+    assert fit.noise > 20
+    assert fit.remarks[0].startswith(
+        f"the residuals are {fit.noise:.3g} deg: the model"
+    )
+    assert "try the other sign" in fit.remarks[0]
+
+
+def test_a_trial_that_fails_is_a_bad_point_of_the_search(monkeypatch):
+    run = rs.trajectory(BODY, **TRUTH, t_end=40, points=200, channels=["t", "n"])
+    follow = problem.follow
+    failed = []
+
+    def fragile(launch, kind, times):
+        # The first start has an oscillation of 0.003.
+        if launch.omega_xy0 < 0.02:
+            failed.append(launch)
+            raise rs.ConfigError("the run failed: the state became infinite")
+        return follow(launch, kind, times)
+
+    monkeypatch.setattr(problem, "follow", fragile)
+    data = run.table[["t", "n"]]
+    fit = rs.fit(BODY, data, free=["omega_xy0", "sigma"], launch={"n_i": 0.3})
+    assert failed
+    assert fit.values["omega_xy0"] == pytest.approx(0.03, rel=1e-5)
+    assert fit.values["sigma"] == pytest.approx(4e-3, rel=1e-5)
+    # Where every trial fails, the reason is told.
+    with pytest.raises(rs.ConfigError, match="the state became infinite"):
+        rs.fit(BODY, data, free=["sigma"], launch={"n_i": 0.3, "omega_xy0": 0.01})
+
+
+def test_progress_grows_to_the_end():
+    shares = []
+    measured = read_film(film(), BODY.units)
+    launch = Launch(BODY, n_i=0.3, omega_xy0=0.03, sigma=4e-3)
+    fit_run(launch, measured, ["sigma"], shares.append)
+    assert len(shares) > 20
+    assert 0 <= shares[0] <= shares[-1] <= 1
+    assert shares == sorted(shares)

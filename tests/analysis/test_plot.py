@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -410,8 +411,15 @@ def test_a_refined_map_is_whole_and_so_is_the_dataset(tmp_path):
     )
 
 
+def test_a_dataset_without_xarray_names_the_extra(sweeps, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(rs.OutputError, match=r"pip install 'rattlesweep\[xarray\]'"):
+        rs.load(sweeps / "map").to_xarray()
+
+
 # With exit code 2, or 1 where it is said.
 REFUSED = r"""
+plot steady --style none.mplstyle | --style none.mplstyle: No such file or directory
 plot nowhere | nowhere is not an output directory: there is no such
 plot steady --title '$\notacommand$' | Unknown symbol
 plot steady --kind times --ylim 0,9 | ylim: a logarithmic axis is positive

@@ -111,7 +111,7 @@ def test_failures_are_counted_and_named(sweeps, pages):
     bad = runs[runs["status"] != "ok"]
     assert len(bad) > 3
     word, first = bad["status"].iloc[0], bad.iloc[0]
-    share = f"{100 * len(bad) / len(runs):.2g} %"
+    share = f"{100 * len(bad) / len(runs):.3g} %"
     words = f"{word} {len(bad)} {share} case {first['case']}, sample {first['sample']}"
     assert words in Page(pages["map"]).text
 
@@ -133,3 +133,13 @@ def test_a_sweep_that_is_not_whole(sweeps, tmp_path):
     assert page.title == "<b>&"
     assert "not complete: 350 of 450 runs are done" in page.text
     assert "may still change" in page.text
+
+
+def test_a_sweep_whose_runs_all_failed(tmp_path):
+    bodies = {"source": "preset", "name": "GH"}
+    spin = {"n_i": [0.1, 0.2], "omega_xy0": 0.01}
+    config = {"bodies": bodies, "spin": spin, "integrator": {"max_steps": 20}}
+    rs.sweep(config, output=tmp_path, threads=1)
+    page = Page(make_report(tmp_path))
+    assert "None of them is ok." in page.text
+    assert "step_limit 2 100 %" in page.text

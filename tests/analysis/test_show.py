@@ -153,7 +153,7 @@ def still(opened: Browser) -> Iterator[Browser]:
 
 def pixels(window: Browser) -> Any:
     """The window with the drawing at its top, shape (height, width, 4)."""
-    return matplotlib.image.imread(io.BytesIO(window.screenshot()))
+    return matplotlib.image.imread(io.BytesIO(window.page.screenshot()))
 
 
 @needs_browser
@@ -209,17 +209,17 @@ def test_keys_and_buttons_work(still):
     def state(name: str) -> Any:
         return still.run(f"show.state.{name}")
 
-    still.key(" ")
+    still.page.keyboard.press("Space")
     still.until("show.state.playing && show.state.t > 0.2")
-    still.key(" ")
+    still.page.keyboard.press("Space")
     assert state("playing") is False
-    still.key("End")
+    still.page.keyboard.press("End")
     assert state("t") == pytest.approx(T_END)
-    still.click("#play")
+    still.page.click("#play")
     # From the end it begins again.
     still.until("show.state.playing && show.state.t < 100")
-    still.click("#play")
-    still.click("#scrub")
+    still.page.click("#play")
+    still.page.click("#scrub")
     assert state("t") == pytest.approx(T_END / 2, rel=0.05)
     still.frame()
     n = float(still.run("document.querySelector('#n').textContent").replace("−", "-"))

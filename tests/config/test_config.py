@@ -152,6 +152,28 @@ def test_values_with_units_stay_as_they_are_written(path):
     assert (data["horizon"]["t"], data["bodies"]["mass"]) == ("20 s", ["80 g", "90 g"])
 
 
+def test_whole_numbers_may_have_exponents_and_one_word_stands_for_a_list(path):
+    config = load_config(path, ["bodies.samples=1e5", "seed=2e3", "record=energy"])
+    assert (config.bodies.samples, config.seed, config.record) == (
+        100_000,
+        2000,
+        ["energy"],
+    )
+    assert isinstance(config.bodies.samples, int)
+    (line,) = messages(path, "bodies.samples=1.5")
+    assert line.endswith("1.5 is given; a whole number is needed")
+
+
+def test_units_without_a_size_are_refused_before_any_body_is_drawn(path):
+    """A target out of reach would take a million draws to notice."""
+    sets = ["bodies.target={K_p: [1.0e-9]}", "spin={n_i: 60 rpm, omega_xy0: 1 rpm}"]
+    lines = messages(path, *sets)
+    assert [line.split(" needs bodies with a size")[0] for line in lines] == [
+        f"--set {sets[1]}: spin.n_i: 60 rpm",
+        f"--set {sets[1]}: spin.omega_xy0: 1 rpm",
+    ]
+
+
 def test_defaults_are_table_one_and_the_papers_own_step():
     ranges = {
         "gamma": [5, 15],
@@ -213,11 +235,11 @@ sd | source: sd | source: sdd | 4: bodies.source: "sdd" is not one of sd, preset
 sd | method: dop853, tol: 1e-9 | accuracy: drft | 14: integrator.accuracy: "drft" is not one of draft, standard, reference; did you mean "draft"?
 preset | bodies: {source: preset, name: GH, overrides: {theta: 0.82}}\n |  | 1: bodies: the key is missing; add it
 sd | model: full | seed: 3 | 12: seed: the key is repeated (first in line 2); keep one
-preset | omega_xy0: 0.01 | omega_xy0: -1 | 2: spin.omega_xy0: -1 is given; it should be greater than or equal to 1e-140
-sd | samples: 1000 | samples: many | 5: bodies.samples: "many" is given; it should be a valid integer
+preset | omega_xy0: 0.01 | omega_xy0: -1 | 2: spin.omega_xy0: -1 is given; a value of at least 1e-140 is needed
+sd | samples: 1000 | samples: many | 5: bodies.samples: "many" is given; a whole number is needed
 sd | t_rgh: 5 |  | 13: horizon: no key is given; add one of t_rgh, t, t_decay
 sd | gamma: [5, 15] | gamma: [15, 5] | 6: bodies.ranges.gamma: the range is reversed; write [low, high]
-sd | theta: [0.6, 0.95] | theta: [0.6, 1.2] | 6: bodies.ranges.theta[1]: 1.2 is given; it should be less than 1
+sd | theta: [0.6, 0.95] | theta: [0.6, 1.2] | 6: bodies.ranges.theta[1]: 1.2 is given; a value below 1 is needed
 sd | minus_xi_deg: [0, 6] | minus_xi_deg: [0, 0] | 6: bodies.ranges.minus_xi_deg: only xi = 0 is possible, which never reverses
 sd | n_i: [-0.1, | n_i: [-0.3, | 9: spin.n_i: a value is repeated; give each once
 sd | name: steady-kr-quick | name: a/b | 1: name: "a/b" is not a plain word; leave out slashes and control characters
@@ -237,6 +259,20 @@ preset | overrides: {theta: 0.82}}\n | c: 2}\nrecord: [lyapunov]\n | 2: record: 
 shape | n_i: [60 rpm, 0.1] | n_i: 60 mm | 2: spin.n_i: "60 mm" is a length; a spin is needed, such as 60 rpm
 shape | n_i: [60 rpm, 0.1] | n_i: 60 rmp | 2: spin.n_i: "60 rmp" has the unit rmp: 'rmp' is not defined in the unit registry; a spin
 shape | n_i: [60 rpm, 0.1] | n_i: {linspace: [1 rpm, 2 Hz, 3]} | 2: spin.n_i: write {linspace: [low, high, n]} or
+sd | horizon: {t_rgh: 5} | horizon: 5 | 13: horizon: 5 is given; a section is needed, such as horizon: {t_rgh: 5}
+sd | integrator: {method: dop853, tol: 1e-9} | integrator: rk4 | 14: integrator: "rk4" is given; a section is needed, such as integrator: {method: rk4}
+preset | n_i: -0.1 | n_i: fast | 2: spin.n_i: "fast" is not a number; give a number in sqrt(g/a), or one with a unit, such as 60 rpm
+preset | n_i: -0.1 | n_i: -0,1 | 2: spin.1: unknown key "1"; if this is a decimal comma, write a decimal point
+preset | omega_xy0: 0.01 | omega_xy0: "0,01" | 2: spin.omega_xy0: "0,01" has a decimal comma; write 0.01
+shape | n_i: [60 rpm, 0.1] | n_i: "0,5 rpm" | 2: spin.n_i: "0,5 rpm" has a decimal comma; write 0.5 rpm
+sd | rel_tol: 1e-3 | rel_tol: "0,5" | 7: bodies.target.rel_tol: "0,5" is given; write 0.5 with a decimal point
+sd | n_i: [-0.1, -0.3, -0.5] | n_i: 60 rpm | 9: spin.n_i: 60 rpm needs bodies with a size; give a number without a unit, or take source: shape, the preset KL,
+sd | model: full | samples: 5 | 12: samples: unknown key "samples"; did you mean bodies.samples?
+sd | model: full | tol: 1e-8 | 12: tol: unknown key "tol"; did you mean bodies.refine.tol or integrator.tol?
+preset | overrides: {theta: 0.82} | samples: 5 | 1: bodies.samples: unknown key "samples" of this source; it goes with source sd or shape
+preset | name: GH | name: HG | 1: bodies.name: "HG" is not one of GH, KL; choose one of them
+sd | record: [] | record: energies | 16: record: "energies" is not one of energy, contact, windows, lyapunov,
+grid | {linspace: [0.6, 0.99, 200]} | [] | 1: bodies.axes.theta: a list is given; it has 0 values, and 1 are needed
 shape | mass: [80 g, 90 g] | mass: 80 g | 1: bodies.samples: no key is a range, so all bodies are equal; leave
 """  # noqa: E501
 WHOLE = {

@@ -66,6 +66,24 @@ def far_outside(size, seed):
     return np.stack([alpha, beta, gamma, theta, phi, -np.radians(degrees)])
 
 
+def swinging_launches(size, seed):
+    """Draw launches of bodies with tiny ``phi``, whose modes differ much in frequency.
+
+    Return a table of bodies with spins. Most energy is in the oscillation.
+    """
+    rng = np.random.default_rng(seed)
+    alpha = rng.uniform(1.3, 10, size)
+    beta = 1 + (alpha - 1) * rng.uniform(0.03, 0.9, size)
+    gamma = rng.uniform(alpha - beta, alpha + beta - 2)
+    theta = rng.uniform(0.2, 0.95, size)
+    phi = log_uniform(rng, 1e-3, 8e-3, size)
+    xi = -log_uniform(rng, 0.002, 0.2, size)
+    table = dict(zip(NAMES, (alpha, beta, gamma, theta, phi, xi), strict=True))
+    table["n_i"] = rng.choice([-1, 1], size) * log_uniform(rng, 0.005, 0.07, size)
+    table["omega_xy0"] = log_uniform(rng, 0.05, 0.5, size)
+    return table
+
+
 def rows(columns):
     """Return bodies one by one, as lists of floats."""
     return np.stack(columns, -1).tolist()

@@ -33,7 +33,7 @@ run c.yaml --set 'bodies={source: table, path: t.csv}' | row 2: phi 0.6 is not b
 run c.yaml --set 'bodies={source: sd, target: {K_r: 7}}' | 7 is out of reach
 plan c.yaml --set 'bodies={source: sd, target: {K_r: 7}}' | 7 is out of reach
 run c.yaml --set bodies.samples | is not KEY=VALUE
-run c.yaml --set integrator.max_steps=0 | 0 is given; it should be greater
+run c.yaml --set integrator.max_steps=0 | 0 is given; a value of at least 1
 run c.yaml --set 'bodies={source: sd, samples: 100000000000}' | runs; at most 1e+09 are possible
 run c.yaml --output '' | --output: the directory has no name
 run c.yaml --scheduler tcp://host:8786 | --scheduler ADDRESS: works only with --engine dask
@@ -55,8 +55,16 @@ verify c -j 99999 | --threads 99999: give a whole number from 1 to 4096
 verify c --recompute x | --recompute x: give a whole number from 0
 compare c c --allow x | --allow x: give a number from 0 to 1
 slurm c.yaml --shards 1 --mem lots | --mem lots: is not a size of memory; write it as in 4G
-fit s.yaml t.csv | body: the key alpha is missing; add it, or give preset
-body | --preset
+fit s.yaml t.csv | body: alpha is missing; add it, or give preset, shape, mass or f_sd
+body | --alpha is missing; add it, or give --preset, --half-ellipsoid, --mass or --f-sd
+body --preset GH --mass 60g | "--mass" is not one of --alpha, --beta, --gamma, --theta, --phi, --xi, --c, --preset,
+body --preset KL --n-i 60 | --n-i: 60 has no unit, and the body has a size; give a spin with its unit, such as 60 rpm
+body --preset KL --n-i 0.1 | --n-i: 0.1 has no unit
+trajectory --preset KL --n-i 60rpm --t-end 20 | --t-end: 20 has no unit
+trajectory --preset KL --n-i 60rpm --sigma 1e-4 | --sigma: 0.0001 has no unit
+trajectory --preset KL --n-i 60rpm --dt 1 | --dt: 1 has no unit
+body --half-ellipsoid 12cm,3cm,12mm --mass 60 | --mass 60: has no unit
+body --mass 1kg --height 1cm --inertia '2,16,17 kg cm^2' --radii '200,4.5 cm' --c 2 | --c: 2 has no unit
 trajectory --preset GH --channels '' | --channels: give at least one name
 run c.yaml --set 'bodies={source: sd, target: {}}' | neither K_r nor K_p is given
 body --mass '12 mm' | --mass 12 mm: is a length; a mass is needed, such as 85 g
@@ -64,7 +72,7 @@ body --preset GH --n-i 60rpm | n_i: 60rpm has a unit, but the body has no size
 body --mass 1kg --height 1cm --inertia '1,2 kg m^2' | has 2 numbers, not 3 or 4 or 5 or 6
 body --preset GH --phi 0.7 | phi 0.7 is not below theta 0.6429
 init mine.txt | the name of a config ends in .yaml
-"""
+"""  # noqa: E501
 
 
 @pytest.mark.parametrize("line", WRONG.strip().splitlines())
@@ -128,7 +136,8 @@ def test_any_possible_body_runs_and_others_are_refused(here, model, table):
     possible, body, n_i, omega = table
     (here / "t.csv").write_text(f"{HEAD}\n{','.join(map(repr, body))}\n")
     (here / "c.yaml").write_text(
-        f"bodies: {{source: table, path: t.csv}}\nspin: {{n_i: {n_i!r}, omega_xy0: {omega!r}}}\n"
+        "bodies: {source: table, path: t.csv}\n"
+        f"spin: {{n_i: {n_i!r}, omega_xy0: {omega!r}}}\n"
         f"horizon: {{t: 9}}\nmodel: {model}\nintegrator: {{max_steps: 200000}}\n"
     )
     with tempfile.TemporaryDirectory() as directory:

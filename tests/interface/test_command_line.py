@@ -5,18 +5,21 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 
 import pytest
+from packaging.requirements import Requirement
 from refusal import assert_refused
-from sweeping import PROGRAM, invoke
+from sweeping import PROGRAM, ROOT, invoke
 
 import rattlesweep as rs
 from rattlesweep import cli, text
 from rattlesweep.analysis.plots import KINDS
-from rattlesweep.cli import options
 from rattlesweep.integrate.model import MODELS
+from rattlesweep.names import ACCURACY_NAMES, MODEL_NAMES, PLOT_NAMES, PRESET_NAMES
 from rattlesweep.physics.body import PRESETS
 from rattlesweep.sweeps.config.read import load_config
+from rattlesweep.sweeps.config.schema import ACCURACIES
 
 HEAVY = {
     "numpy",
@@ -83,12 +86,52 @@ def test_help_and_refusals_load_nothing_heavy():
     subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
 
 
+def test_a_sweep_loads_neither_pandas_nor_matplotlib(tmp_path):
+    (tmp_path / "c.yaml").write_text(
+        "bodies: {source: preset, name: GH}\n"
+        "spin: {n_i: [0.1, -0.1], omega_xy0: 0.1}\nmodel: gh\noutput: out\n"
+    )
+    code = """if True:
+        import sys
+        from rattlesweep import cli
+        commands = (
+            "run c.yaml",
+            "run c.yaml --set seed=0",
+            "status out",
+            "verify out --recompute 1",
+            "classify out",
+            "merge out --output merged",
+            "plan c.yaml",
+        )
+        for line in commands:
+            try:
+                cli.main(line.split())
+            except SystemExit as end:
+                assert end.code == 0, line
+            loaded = {"pandas", "matplotlib", "tqdm"} & set(sys.modules)
+            assert not loaded, (line, loaded)
+        # What needs pandas still gets it.
+        import pyarrow
+        assert pyarrow.table({"a": [1]}).to_pandas().a.tolist() == [1]
+    """
+    command = [sys.executable, "-c", code]
+    subprocess.run(command, cwd=tmp_path, capture_output=True, check=True)
+
+
 def test_choices_are_those_of_the_registries():
-    assert [*options.MODELS.choices][:-1] == [
-        m for m in MODELS if m in options.MODELS.choices
-    ]
-    assert list(options.KINDS.choices) == list(KINDS)
-    assert list(options.PRESETS.choices) == list(PRESETS)
+    assert [model for model in MODELS if model in MODEL_NAMES] == [*MODEL_NAMES[:-1]]
+    assert list(PLOT_NAMES) == list(KINDS)
+    assert list(PRESET_NAMES) == list(PRESETS)
+    assert list(ACCURACY_NAMES) == list(ACCURACIES)
+
+
+@pytest.mark.parametrize("too_old", ["filelock 3.23", "pint 0.24.3", "matplotlib 3.8"])
+def test_versions_that_fail_are_not_installed(too_old):
+    """They lack an argument, refuse a text with an error of their own, need NumPy 1."""
+    name, version = too_old.split()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    bounds = {bound.name: bound for bound in map(Requirement, project["dependencies"])}
+    assert version not in bounds[name].specifier
 
 
 def test_version():

@@ -259,7 +259,8 @@ def test_quantities(kind):
         ("12", "has no unit"),
         ("12 foo", "has the unit foo"),
         ("12 mm^3", "is another quantity"),
-        ("1,2 cm", "has 2 numbers, not 1"),
+        ("1,2 cm", "has a decimal comma; write 1.2 cm"),
+        ("1,2,3 cm", "has 3 numbers, not 1"),
     ],
 )
 def test_texts_that_are_no_length_are_refused(text, words):

@@ -21,6 +21,7 @@ from rattlesweep import quantities as units
 from rattlesweep.errors import DamagedError, OutputError
 from rattlesweep.sweeps import columns as tables
 from rattlesweep.sweeps import stored as stored_module
+from rattlesweep.sweeps import summary
 from rattlesweep.sweeps.columns import (
     build_table,
     runs_schema,
@@ -90,7 +91,7 @@ def scatter(directory: Path, table: pa.Table, parts: Any) -> Stored:
 
 def test_every_column_says_what_it_is() -> None:
     rates = (units.TIME, units.RATE, units.ENERGY, units.FORCE)
-    for column in (*runs_schema(tables.RECORD_PARTS), *tables.SUMMARY):
+    for column in (*runs_schema(tables.RECORD_PARTS), *summary.SCHEMA):
         unit = column.metadata[b"unit"].decode()
         in_si = {"s", "rpm", "N m s", "m"}
         assert unit in {"1", "rad", "a", "M a^2 sqrt(g/a)", *rates, *in_si}, column.name

@@ -29,8 +29,9 @@ from sweeping import (
 )
 
 import rattlesweep as rs
-from rattlesweep.sweeps.columns import SUMMARY, runs_schema, same_schema
+from rattlesweep.sweeps.columns import runs_schema, same_schema
 from rattlesweep.sweeps.config.read import parse_config
+from rattlesweep.sweeps.summary import SCHEMA
 
 SMALL = {
     "gh.yaml": (),
@@ -72,7 +73,7 @@ def test_shipped_configs_run_and_leave_what_the_contract_says(name, tmp_path):
     assert files[0] == "case00000-sample000000000.parquet"
     schema = runs_schema(plan_of(name).config.parts)
     assert same_schema(pq.read_schema(output / "runs" / files[0]), schema)
-    assert same_schema(pq.read_schema(output / "summary.parquet"), SUMMARY)
+    assert same_schema(pq.read_schema(output / "summary.parquet"), SCHEMA)
     assert len(frame) == said["samples"] * len(said["cases"])
     assert frame["sample"].tolist() == [*range(said["samples"])] * len(said["cases"])
     assert frame.case.is_monotonic_increasing
@@ -205,7 +206,8 @@ def test_ctrl_c_is_heard_while_kernels_compile(wait, tmp_path):
 def test_ten_million_bodies_of_the_closed_form_in_bounded_memory(tmp_path):
     count = 10_000_000
     (tmp_path / "c.yaml").write_text(
-        f"bodies: {{source: sd, samples: {count}}}\nspin: {{n_i: -0.1, omega_xy0: 0.01}}\n"
+        f"bodies: {{source: sd, samples: {count}}}\n"
+        "spin: {n_i: -0.1, omega_xy0: 0.01}\n"
         "model: gh\n"
     )
     # A process in between, whose only child is measured.

@@ -17,10 +17,16 @@ from test_rows import SCHEMA, random_columns
 
 import rattlesweep as rs
 from rattlesweep.sweeps import stored as stored_module
-from rattlesweep.sweeps.columns import SUMMARY, build_table, same_schema
+from rattlesweep.sweeps import summary as summary_module
+from rattlesweep.sweeps.columns import build_table, same_schema
 from rattlesweep.sweeps.parquet import read_parquet
 from rattlesweep.sweeps.stored import Case, Stored, open_stored
-from rattlesweep.sweeps.summary import Moments, closing_table, summarise, write_summary
+from rattlesweep.sweeps.summary import (
+    Moments,
+    closing_table,
+    summarise,
+    write_summary,
+)
 from rattlesweep.sweeps.types import wilson
 from rattlesweep.sweeps.verify import verify
 
@@ -87,7 +93,7 @@ def test_against_pandas(tmp_path, seed, size, rows):
         tmp_path, size, rows, seed=seed
     )  # the second case has more than a row group
     summary = summarise(stored)
-    assert same_schema(summary.schema, SUMMARY)
+    assert same_schema(summary.schema, summary_module.SCHEMA)
     runs = pd.read_parquet(tmp_path / "runs")
     for row, (_, group) in zip(summary.to_pylist(), runs.groupby("case"), strict=True):
         for name, value in oracle(group).items():

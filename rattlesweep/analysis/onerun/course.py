@@ -20,6 +20,7 @@ import pyarrow as pa
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
+from rattlesweep.analysis.derived import COMMON_FRICTION
 from rattlesweep.analysis.onerun.channels import View, choose, in_si
 from rattlesweep.arrays import Floats, take
 from rattlesweep.errors import ConfigError
@@ -50,11 +51,12 @@ PER_PERIOD, LEAST_ROWS = 20, 2001  # default rows in a period of the pitch, and 
 MOST_ROWS = 10**8
 BESIDE_TOL = 1e-10  # of the reduced model, which differs from the full one by far more
 LIFTS = (
-    "contact would be lost at t = {:.4g}, where the normal force becomes negative; the model "
-    "keeps the body on the plane all the same"
+    "contact would be lost at t = {:.4g}, where the normal force becomes negative; the "
+    "model keeps the body on the plane all the same"
 )
 SLIPS = (
-    "rolling without slip needs a coefficient of friction above 1 from t = {:.4g} on"
+    "rolling without slip needs a coefficient of friction of {:.2g}, and more than "
+    "{:g} from t = {:.4g} on; with less the body slips, which is not modelled"
 )
 
 
@@ -91,7 +93,7 @@ class PreparedRun:
 
     @property
     def t_end(self) -> float:
-        return float(self.launches.t_end[0])
+        return float(self.launches.horizon[0])
 
     @cached_property
     def body(self) -> dict[str, float]:
@@ -255,7 +257,11 @@ class Course:
         self.times = run.row_times(points, dt, steps, times, from_time)
         self._start = from_time or 0.0
         self.reversals: list[float] = []
-        self.warnings: dict[str, str] = {}
+        # The largest ratio of the contact's forces, and the first times at which the
+        # body would slip or lift off.
+        self.friction = 0.0
+        self._slips_from: float | None = None
+        self._lifts_from: float | None = None
         # Time and sign of the last spin beyond PLATEAU_SHARE of the launch's.
         self._last = 0.0, 0.0
         assert run.batch is not None
@@ -322,20 +328,30 @@ class Course:
         n, _, normal, tangential = seen
         with np.errstate(all="ignore"):  # a failing run may overflow
             far = np.abs(n) > PLATEAU_SHARE * self.run.launches.spin_scale[0]
-            slips = (normal > 0) & (tangential > normal)
+            ratio = np.where(normal > 0, tangential / normal, 0.0)
+            ratio = np.where(np.isfinite(ratio), ratio, 0.0)
         times = np.append(self._last[0], t[far])
         side = np.append(self._last[1], np.sign(n[far]))
         for k in np.flatnonzero(side[1:] * side[:-1] < 0):
             first = bisect_right(self.follower.zeros, times[k])
             self.reversals += self.follower.zeros[first : first + 1]
         self._last = float(times[-1]), float(side[-1])
-        for broken, words in ((normal < 0, LIFTS), (slips, SLIPS)):
-            if broken.any() and words not in self.warnings:
-                self.warnings[words] = words.format(t[np.argmax(broken)])
+        slips = ratio > COMMON_FRICTION
+        lifts = normal < 0
+        self.friction = max(self.friction, float(np.max(ratio, initial=0.0)))
+        if self._slips_from is None and slips.any():
+            self._slips_from = float(t[np.argmax(slips)])
+        if self._lifts_from is None and lifts.any():
+            self._lifts_from = float(t[np.argmax(lifts)])
 
     @property
     def warning(self) -> str:
-        return self.warnings.get(LIFTS) or self.warnings.get(SLIPS, "")
+        """Where a real body would lift off or slip; empty if it would not."""
+        if self._lifts_from is not None:
+            return LIFTS.format(self._lifts_from)
+        if self._slips_from is not None:
+            return SLIPS.format(self.friction, COMMON_FRICTION, self._slips_from)
+        return ""
 
 
 def save(course: Course, path: Path) -> None:

@@ -81,7 +81,7 @@ class StoredRun:
         """
         launches, config = self._planned[1], self.stored.config
         if t_end is not None:
-            launches = replace(launches, t_end=np.array([t_end]))
+            launches = replace(launches, horizon=np.array([t_end]))
         if self.values.get("tol") is not None:
             tolerance = {"accuracy": None, "tol": self.values["tol"]}
             own = config.integrator.model_copy(update=tolerance)

@@ -155,7 +155,9 @@ def decide(problem, w, dt, max_steps):
             root = rough_root(lane.error + LEAST_ERROR)
             ratio = SAFETY * lane.root0 / (root * root)
             lane.root = root
-            lane.h_next = h * (1.0 if (lane.held > 0.0) & (ratio > 1.0) else ratio)
+            h_next = h * (1.0 if (lane.held > 0.0) & (ratio > 1.0) else ratio)
+            longest = lane.h_longest
+            lane.h_next = h_next if h_next < longest else longest
         else:
             lane.h_next = dt
         # With 'or' instead of '|' the later operands would be loaded under a mask.

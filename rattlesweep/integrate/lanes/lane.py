@@ -209,6 +209,7 @@ class Fields:
     due: Flag  # whether the lane needs a closer look
     accept: Flag  # whether the lane takes the step
     h_next: Number  # size of the next step
+    h_longest: Number  # largest size of any step
 
     # Spin.
     swing: Number  # fastest angular frequency

@@ -56,8 +56,9 @@ STATUS, STEPS, NEAR, REJECTED, TURNS = range(5)
     TAPPED,
     SETTLED,
     DEAD,
+    LONGEST,
     N_PLAN,
-) = range(13)
+) = range(14)
 
 
 class Recording(NamedTuple):
@@ -375,6 +376,7 @@ def start(lane, run, y0, constants, probe, plan):
     start_points(lane)
     lane.fuzz = plan[run, FUZZ]
     lane.dead = plan[run, DEAD]
+    lane.h_longest = plan[run, LONGEST]
     if plan[run, FIRST_STEP] >= lane.t_end:
         lane.last = 1.0
     lane.h = lane.h_next = min(plan[run, FIRST_STEP], lane.t_end)

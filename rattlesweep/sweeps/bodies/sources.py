@@ -62,9 +62,13 @@ def make_source(config: Config, base: Path | None, rows: TableBodies | None) -> 
         return (rows or read_bodies(bodies.path, base)).with_surface(bodies)
     preset: str | None
     if bodies.source == "preset":
-        preset, given, varying = bodies.name, bodies.overrides.given(), {}
+        preset, given, varying = bodies.name, bodies.overrides.parameters, {}
     else:
-        preset, given, varying = bodies.base.preset, bodies.base.given(), bodies.varying
+        preset, given, varying = (
+            bodies.base.preset,
+            bodies.base.parameters,
+            bodies.varying,
+        )
     axes = {name: np.array(values, float) for name, values in varying.items()}
     units: si.Units | None = None
     if preset is not None:
@@ -330,9 +334,10 @@ def draw_points(
     side_by_side([partial(part, *ends) for ends in pairwise(edges)], threads)
     if (unmet := np.isnan(points[0])).any():
         raise ConfigError(
-            f"bodies.target.{target.name}: {value:g} was not met to {target.rel_tol:g} in "
-            f"{target.max_draws} draws of sample {samples[np.argmax(unmet)]}; choose another "
-            "target, wider ranges, a larger rel_tol or more max_draws"
+            f"bodies.target.{target.name}: {value:g} was not met to "
+            f"{target.rel_tol:g} in {target.max_draws} draws of sample "
+            f"{samples[np.argmax(unmet)]}; choose another target, wider ranges, a "
+            "larger rel_tol or more max_draws"
         )
     return points
 

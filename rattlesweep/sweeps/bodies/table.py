@@ -7,6 +7,7 @@ a launch, a horizon and dissipation.  Columns of other names are copied to the r
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -26,10 +27,11 @@ from rattlesweep.physics import si
 from rattlesweep.physics.body import PARAMETERS, shell_dumbbell, violations
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import spin_and_oscillation
+from rattlesweep.quantities import QUANTITIES
 from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT, field
-from rattlesweep.sweeps.config import schema
 from rattlesweep.sweeps.config.schema import TABLE, TableSource
+from rattlesweep.sweeps.config.values import AT_REST, NO_UNIT_VECTOR, normalised
 from rattlesweep.sweeps.tables import read_table, unreadable
 
 if TYPE_CHECKING:
@@ -82,20 +84,23 @@ TAKEN -= {*INPUT} - {"t_r"}
 """Names of results, which only tables of runs may have, as their values are replaced.
 """
 KEYS = ("case", "sample")
-SPEEDS = (-schema.MAX_SPEED, schema.MAX_SPEED, "sqrt(g/a)")
-BOUNDS = {  # smallest and largest value, and their unit
-    **dict.fromkeys(("n_i", *OMEGA), SPEEDS),
-    "omega_xy0": (schema.MIN_OSCILLATION, schema.MAX_SPEED, "sqrt(g/a)"),
-    "sigma": (0.0, schema.MAX_SIGMA, "M a^2 sqrt(g/a)"),
-    "rolling": (0.0, 1.0, "a"),
-    **dict.fromkeys(("t_end", "dt"), (1e-300, schema.MAX_TIME, "sqrt(a/g)")),
-    **dict.fromkeys(("e_p0", "e_r0"), (0.0, schema.MAX_SPEED**2, "M g a")),
-    "psi": (-2 * np.pi, 2 * np.pi, "rad"),
-    "psi_deg": (-360.0, 360.0, "degrees"),
-    "mass_kg": si.LIMITS["mass"],
-    **dict.fromkeys(("height_m", "r1_m", "r2_m"), si.LIMITS["length"]),
-    "gravity_m_s2": si.LIMITS["acceleration"],
-}
+BOUNDED = (
+    *LAUNCH,
+    *OMEGA,
+    *LOSSES,
+    "t_end",
+    "dt",
+    "e_p0",
+    "e_r0",
+    "psi",
+    "psi_deg",
+    "mass_kg",
+    "height_m",
+    "r1_m",
+    "r2_m",
+    "gravity_m_s2",
+)
+"""Columns with limits of their own; `physics.body` checks the parameters of bodies."""
 RowProblem = tuple[int, str]  # number of a row, from 0, and message
 
 
@@ -213,7 +218,7 @@ def about(name: str) -> tuple[str, str]:
 def read_bodies(path: str, base: Path | None = None) -> TableBodies:
     """Read bodies from CSV, Parquet or a folder of Parquet files, here or in `base`."""
     file = Path(path)
-    if base is not None and not file.exists():
+    if base is not None and not os.path.exists(file):
         file = base / path
     where = f"bodies.path: {one_line(path, 200)}"
     table = read_table(file, where)
@@ -296,14 +301,12 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
 def _add_shell_dumbbells(columns: dict[str, Floats], where: str) -> None:
     """Add the inertia of bodies that are given by the paper's parameters."""
     _require(SHELL_DUMBBELL, columns, where, f"a body has {' '.join(SHELL_DUMBBELL)}")
-    f_sd = columns["f_sd"]
-    low, high, _ = schema.BODY_KEYS["f_sd"]
+    f_sd, quantity = columns["f_sd"], QUANTITIES["f_sd"]
+    wanted = f"above {quantity.low:g} and below {quantity.high:g} is needed"
+    outside = ~((quantity.low < f_sd) & (f_sd < quantity.high))
     _refuse(
         where,
-        (
-            (row, f"f_sd is {f_sd[row]:g}; above {low:g} and below {high:g} is needed")
-            for row in _first(~((low < f_sd) & (f_sd < high)))
-        ),
+        ((row, f"f_sd is {f_sd[row]:g}; {wanted}") for row in _first(outside)),
     )
     columns["alpha"], columns["beta"] = shell_dumbbell(columns["gamma"], f_sd)
 
@@ -385,9 +388,9 @@ def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
     `where`.
     """
     omega, u = (np.stack([columns[x] for x in names], axis=1) for names in (OMEGA, U))
-    u = schema.normalised(u)
+    u = normalised(u)
     at_rest = ~omega.any(axis=1) & (u[:, 2] == -1)
-    rules = {schema.NO_UNIT_VECTOR: np.isnan(u[:, 0]), schema.AT_REST: at_rest}
+    rules = {NO_UNIT_VECTOR: np.isnan(u[:, 0]), AT_REST: at_rest}
     _refuse(
         where, ((row, message) for message, bad in rules.items() for row in _first(bad))
     )
@@ -401,10 +404,13 @@ def check_value(name: str, values: Floats) -> RowProblem | None:
     """Return the place of the first value out of bounds and a message; NaN is in
     bounds.
     """
-    low, high, unit = BOUNDS.get(name, (-np.inf, np.inf, ""))
-    for place in _first((values < low) | (values > high)):
-        allowed = f"from {low:g} to {high:g} {unit} is allowed"
-        return place, "it must be positive" if values[place] <= 0 < low else allowed
+    if name not in BOUNDED:
+        return None
+    quantity = QUANTITIES[name]
+    for place in _first((values < quantity.low) | (values > quantity.high)):
+        if values[place] <= 0 < quantity.low:
+            return place, "it must be positive"
+        return place, f"{quantity.limits} is allowed"
     return None
 
 

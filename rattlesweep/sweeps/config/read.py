@@ -4,7 +4,6 @@ import hashlib
 import json
 import math
 import os
-import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -15,8 +14,10 @@ from ruamel.yaml import YAML
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.sweeps.config import Key, Places, describe, hint, not_one_of
-from rattlesweep.sweeps.config.schema import SOURCES, TAGS, Base, Config, clashes
+from rattlesweep.sweeps.config import Key, Places, describe
+from rattlesweep.sweeps.config.clashes import clashes
+from rattlesweep.sweeps.config.problems import problem_of
+from rattlesweep.sweeps.config.schema import Base, Config
 from rattlesweep.sweeps.files import read_regular, reason
 
 MAX_BYTES = 1_000_000  # of a file
@@ -214,32 +215,35 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
 
 
 def checked(model: type[T], data: Any, places: Places, problems: list[Problem]) -> T:
-    """Return data as a model, or raise a ConfigError with its problems and those found
-    before.
-    """
-    wrong: list[tuple[Key, str]] = []
+    """Return data as a model, or raise a ConfigError with all of its problems."""
     try:
-        found = model.model_validate(data)
+        config = model.model_validate(data)
     except ValidationError as error:
-        wrong = [_problem(one, data) for one in error.errors(include_url=False)]
+        wrong = [problem_of(each, model, data) for each in error.errors()]
     else:
-        if isinstance(found, Config):
+        wrong = []
+        if isinstance(config, Config):
+            config._places = places
             wrong = [
-                (tuple(name.split(".")), message) for name, message in clashes(found)
+                (tuple(name.split(".")), message) for name, message in clashes(config)
             ]
-            found._places = places
-    problems += [(places.origin(key), key, message) for key, message in wrong]
+    problems = problems + [(places.origin(key), key, text) for key, text in wrong]
     if not problems:
-        return found
-    # In the order of the file, followed by those of --set.
-    problems.sort(key=lambda one: one[0] if isinstance(one[0], int) else math.inf)
-    lines = [
-        *dict.fromkeys(
-            places.line(key, words, origin) for origin, key, words in problems
-        )
-    ]
-    more = [f"and {len(lines) - MAX_TOLD} more"] if len(lines) > MAX_TOLD else []
-    raise ConfigError([*lines[:MAX_TOLD], *more])
+        return config
+
+    def place(problem: Problem) -> float:
+        # In the order of the file, followed by those of --set.
+        origin = problem[0]
+        return origin if isinstance(origin, int) else math.inf
+
+    lines = []
+    for origin, key, text in sorted(problems, key=place):
+        line = places.line(key, text, origin)
+        if line not in lines:
+            lines.append(line)
+    if len(lines) > MAX_TOLD:
+        lines = [*lines[:MAX_TOLD], f"and {len(lines) - MAX_TOLD} more"]
+    raise ConfigError(lines)
 
 
 def _override(data: dict[str, Any], places: Places, text: str) -> Places:
@@ -261,35 +265,3 @@ def _override(data: dict[str, Any], places: Places, text: str) -> Places:
     data[key[-1]] = parsed
     origins = {k: line for k, line in places.origins.items() if k[: len(key)] != key}
     return Places(places.file, origins | {key: origin})
-
-
-def _problem(error: Any, data: Any) -> tuple[Key, str]:
-    """Return the key and the message of one of pydantic's errors."""
-    kind, value = error["type"], error["input"]
-    place = [part for part in error["loc"] if part not in TAGS]
-    if place[:1] == ["bodies"]:
-        del place[1:2]  # the source
-    key: Key = ()
-    here = data
-    for part in place:
-        if isinstance(part, str):
-            key, here = (*key, part), here.get(part) if isinstance(here, dict) else None
-        elif isinstance(here, list):  # and not one value that stands for a list
-            key, here = (*key, part), here[part]
-    if kind.startswith("union_tag"):
-        return (*key, "source"), not_one_of(value.get("source"), SOURCES)
-    if kind == "missing":
-        return key, "the key is missing; add it"
-    if kind == "extra_forbidden":
-        advice = hint(key[-1], value, f"allowed are {', '.join(value)}")
-        return key, f"unknown key {describe(key[-1])}; {advice}"
-    if kind == "literal_error":
-        return key, not_one_of(value, re.findall(r"'(\w+)'", error["ctx"]["expected"]))
-    words = re.sub(
-        r" or instance of \w+| after validation|Value error, ", "", error["msg"]
-    )
-    words = words.replace("Input", "it").replace("List", "it")
-    words = re.sub(r"0\.0{4,}\d+", lambda number: f"{float(number[0]):g}", words)
-    if kind == "value_error":
-        return key, f"{describe(value)} {words}" if isinstance(value, str) else words
-    return key, f"{describe(value)} is given; {words}"

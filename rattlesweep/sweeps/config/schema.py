@@ -2,72 +2,68 @@
 keys.
 """
 
-# mypy: disable-error-code="valid-type"
-# Types that functions return are types to pydantic, but not to mypy.
-
 import json
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import chain
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-import numpy as np
 import pydantic
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Discriminator,
-    Field,
-    PlainSerializer,
-    Tag,
-)
+from pydantic import AfterValidator, BeforeValidator, Field
 
-from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
-from rattlesweep.physics.body import MAX_INERTIA
 from rattlesweep.physics.si import LIMITS
+from rattlesweep.quantities import MAX_TIME, QUANTITIES
+from rattlesweep.sweeps.columns import REFINABLE
 from rattlesweep.sweeps.config import Places
-from rattlesweep.units import KINDS, Quantity, quantities, split
+from rattlesweep.sweeps.config.values import (
+    UNIQUE,
+    Count,
+    OneOf,
+    OrText,
+    Pair,
+    Range,
+    Several,
+    Three,
+    Vertical,
+    Whole,
+    distinct,
+    one_of,
+    pair_of_lengths,
+    quantity_or,
+)
+from rattlesweep.units import Quantity
 
-# sqrt(g/a); at this spin a tilt of 1e-6 rad takes a contact force of the weight
-MAX_SPEED = 1e3
-MAX_SIGMA = 1e6  # M a^2 sqrt(g/a)
-MAX_TIME = 1e30  # sqrt(a/g) or t_rGH, beyond any run; sums of such numbers stay finite
-MIN_OSCILLATION = 1e-140  # sqrt(g/a); the square of a smaller one underflows
-MAX_AXIS, MAX_CASES = 10**6, 100_000
+MAX_CASES = 100_000
 TABLE = "table"  # stands for values that the rows of a table give
-
-# Symbols of Kondo and Nakanishi (2017) with the ends of their open intervals;
-# `physics.body` checks the relations between them.
-BODY_KEYS: dict[str, tuple[float, float, str]] = {
-    "alpha": (
-        1,
-        MAX_INERTIA,
-        "I_xx / (M a^2) + 1, inertia about the x axis; above beta.",
-    ),
-    "beta": (1, MAX_INERTIA, "I_yy / (M a^2) + 1, inertia about the y axis."),
-    "gamma": (0, MAX_INERTIA, "I_zz / (M a^2), inertia about the spin axis."),
-    "theta": (0, 1, "Larger principal curvature at the bottom, times a."),
-    "phi": (0, 1, "Smaller principal curvature at the bottom, times a."),
-    "xi": (
-        -math.pi / 2,
-        0,
-        "Skew angle from the axes of inertia to those of curvature, in rad.",
-    ),
-    "xi_deg": (-90, 0, "Skew angle xi in degrees."),
-    "minus_xi_deg": (0, 90, "Skew angle xi times -1, in degrees."),
-    "c": (0, 1e9, "Vertical semi-axis of the ellipsoid, divided by a; above theta."),
-    "f_sd": (0, 0.5, "I_yy / I_zz of a shell-dumbbell body."),
-}
+PATH = {"min_length": 1, "pattern": r"^[^\x00]*$"}
 
 
 def key(default: Any, description: str, **limits: Any) -> Any:
     """Return a pydantic field; a callable default is a factory."""
-    kind = "default_factory" if callable(default) else "default"
-    return Field(**{kind: default}, description=description, **limits)
+    if callable(default):
+        return Field(default_factory=default, description=description, **limits)
+    return Field(default=default, description=description, **limits)
+
+
+def parameter(name: str, default: Any = None) -> Any:
+    """Return the field of a body parameter, which the registry describes."""
+    quantity = QUANTITIES[name]
+    description = f"{quantity.meaning[0].upper()}{quantity.meaning[1:]}"
+    if quantity.unit not in ("1", "deg"):
+        description += f", in {quantity.unit}"
+    return Field(default, description=f"{description}.")
+
+
+def within(name: str) -> Any:
+    """Return the limits of a quantity as a constraint of a type."""
+    quantity = QUANTITIES[name]
+    if quantity.is_open:
+        return Field(gt=quantity.low, lt=quantity.high)
+    return Field(ge=quantity.low, le=quantity.high)
 
 
 class Base(pydantic.BaseModel):
@@ -81,139 +77,64 @@ class Base(pydantic.BaseModel):
         # Models take 0.3 s to build, and a command needs one of them.
         "defer_build": True,
     }
+    # Keys whose texts stay texts, even if they look like numbers.
+    texts: ClassVar[tuple[str, ...]] = ()
 
     @pydantic.model_validator(mode="before")
     @classmethod
     def _tidy(cls, data: Any) -> Any:
-        """Drop nulls, and read numbers such as 1e-9, which are text in YAML 1.1
-        (PyYAML).
+        """Drop nulls, and read numbers such as 1e-9, which are texts in YAML 1.1.
+
+        An unknown key stays even without a value: ``n_i: 0,3`` in braces has a key 3.
         """
-
-        def number(value: Any) -> Any:
-            if isinstance(value, list):
-                return [number(item) for item in value]
-            if isinstance(value, str):
-                for kind in (int, float):
-                    with suppress(ValueError):
-                        return kind(value)
-            return value
-
         if not isinstance(data, dict):
             return data
-        # The error about an unknown key has its value as input, which here becomes the
-        # known keys.
-        known, texts = [*cls.model_fields], ("name", "path", "output")
-        given = {k: x if k in known else known for k, x in data.items()}
-        given = {k: x for k, x in given.items() if x is not None}
-        return {k: x if k in texts else number(x) for k, x in given.items()}
+        tidied = {}
+        for name, value in data.items():
+            if value is None and name in cls.model_fields:
+                continue
+            tidied[name] = value
+            if name not in cls.texts:
+                tidied[name] = _with_numbers(value)
+        return tidied
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """Return the keys that have a value."""
+        return self.model_dump(exclude_none=True)
+
+
+def _with_numbers(value: Any) -> Any:
+    """Return a value with the texts that are numbers as numbers."""
+    if isinstance(value, list):
+        return [_with_numbers(item) for item in value]
+    if isinstance(value, str):
+        for kind in (int, float):
+            with suppress(ValueError):
+                return kind(value)
+    return value
 
 
 Positive = Annotated[float, Field(gt=0)]
 Time = Annotated[float, Field(gt=0, le=MAX_TIME)]
-Speed = Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED)]
-THREE = Field(min_length=3, max_length=3)
-UNIQUE = Field(json_schema_extra={"uniqueItems": True})
-COUNT = {"ge": 1, "le": 2**62}
-PATH = {"min_length": 1, "pattern": r"^[^\x00]*$"}
-TAGS = TEXT, OTHER = (
-    "<text>",
-    "<other>",
-)  # which pydantic puts into the locations of errors
-
-
-def or_text(item: Any, text: Any) -> Any:
-    """Return the type of an `item` that may also be given as a `text` type."""
-    kinds = Annotated[item, Tag(OTHER)] | Annotated[text, Tag(TEXT)]
-    kind_of = Discriminator(lambda value: TEXT if isinstance(value, str) else OTHER)
-    as_given = PlainSerializer(lambda value: getattr(value, "text", value))
-    return Annotated[kinds, kind_of, as_given]
-
-
-def measured(kind: str, item: Any, *words: str) -> Any:
-    """Return the type of a number in units of the body, a text with a unit, or one of
-    `words`.
-    """
-    read = AfterValidator(lambda text: text if text in words else Quantity(text, kind))
-    return or_text(item, Annotated[str, Field(examples=[KINDS[kind][1]]), read])
-
-
-def _distinct(values: list[Any]) -> list[Any]:
-    if len({*values}) < len(values):
-        raise ValueError("a value is repeated; give each once")
-    return values
-
-
-def _as_list(value: Any) -> Any:
-    """Return a list as it is, and one value or ``{linspace: [low, high, n]}`` as a
-    list.
-    """
-    if not isinstance(value, dict):
-        return value if isinstance(value, list) else [value]
-    laws: dict[str, Any] = {"linspace": np.linspace, "logspace": np.geomspace}
-    values = np.array([np.nan])
-    with suppress(TypeError, ValueError, KeyError), np.errstate(all="ignore"):
-        [(law, (*ends, n))] = value.items()
-        (low, unit), (high, other) = (split(str(end)) for end in ends)
-        # One value if the ends are equal, else two or more.
-        if (
-            unit == other
-            and 1 <= n <= MAX_AXIS
-            and n == int(n)
-            and (n == 1) == (low == high)
-        ):
-            values = laws[law](low, high, int(n))
-    if not np.isfinite(values).all():
-        raise ValueError(
-            "write {linspace: [low, high, n]} or {logspace: [low, high, n]}, with ends "
-            "in one unit, of one sign for logspace, and a whole number n up to "
-            f"{MAX_AXIS}"
-        )
-    return [f"{x!r} {unit}" if unit else x for x in values.tolist()]
-
-
-def several(item: Any) -> Any:
-    """Return the type of a list of distinct items, given as one, as a list, or by
-    linspace.
-    """
-    many = Annotated[list[item], Field(min_length=1), UNIQUE]
-    spaced = dict[Literal["linspace", "logspace"], Annotated[list[float | str], THREE]]
-    as_list = BeforeValidator(_as_list, item | many | spaced)
-    return Annotated[many, as_list, AfterValidator(_distinct)]
-
-
-def interval(item: Any) -> Any:
-    """Return the type of a range [low, high]; one number stands for a range of zero
-    width.
-    """
-
-    def rising(ends: list[float]) -> list[float]:
-        if ends[0] > ends[1]:
-            raise ValueError("the range is reversed; write [low, high]")
-        return ends
-
-    pair = Annotated[list[item], Field(min_length=2, max_length=2)]
-    as_pair = BeforeValidator(
-        lambda x: x if isinstance(x, list) else [x, x], item | pair
-    )
-    return Annotated[pair, as_pair, AfterValidator(rising)]
-
-
-def parameter(name: str, shape: Callable[[Any], Any] = lambda item: item) -> Any:
-    """Return the type of an optional body parameter: one value, or a shape such as
-    `several`.
-    """
-    low, high, meaning = BODY_KEYS[name]
-    item = Annotated[float, Field(gt=low, lt=high)]
-    return Annotated[shape(item) | None, Field(description=meaning)]
-
+Alpha = Annotated[float, within("alpha")]
+Beta = Annotated[float, within("beta")]
+Gamma = Annotated[float, within("gamma")]
+Theta = Annotated[float, within("theta")]
+Phi = Annotated[float, within("phi")]
+Xi = Annotated[float, within("xi")]
+XiDegrees = Annotated[float, within("xi_deg")]
+MinusXiDegrees = Annotated[float, within("minus_xi_deg")]
+ShellShare = Annotated[float, within("f_sd")]
+SemiAxis = Annotated[float, within("c")]
 
 PRESET_MEANING = (
     "GH: the body of Garcia and Hubbard (1988); KL: that of Kane and Levinson (1982)."
 )
+SIZED_PRESETS = ("KL",)
 Preset = Literal["GH", "KL"]
 Surface = Literal["paraboloid", "ellipsoid"]
 Draw = Literal["random", "sobol", "saltelli"]
-Skew = Annotated[float, Field(ge=0, lt=90)]
 
 
 class Surfaced(Base):
@@ -221,27 +142,22 @@ class Surfaced(Base):
 
     source: str
     surface: Surface | None = key(None, "Shape of the bottom; ellipsoid if c is given.")
-    c: parameter("c") = None
+    c: Any = None  # of a type that depends on the source
+
+    # Their size is known; None if only the rows of a table tell.
+    has_size: ClassVar[bool | None] = False
 
     @property
     def has_semi_axis(self) -> bool:
-        """Whether there is a semi-axis c: the key, an axis of a grid, or that of the
-        preset KL.
-        """
-        axes, base = getattr(self, "axes", None), getattr(self, "base", None)
-        preset = base.preset if base else getattr(self, "name", None)
-        return (
-            self.c is not None or getattr(axes, "c", None) is not None or preset == "KL"
-        )
+        """Whether the config gives a semi-axis c, by a key or a preset."""
+        return self.c is not None
 
     @property
     def ellipsoidal(self) -> bool:
-        """Whether the bodies are ellipsoids; unless `surface` is given, those with a
-        semi-axis.
-        """
-        return (
-            self.has_semi_axis if self.surface is None else self.surface == "ellipsoid"
-        )
+        """Whether the bodies are ellipsoids: as `surface` says, or if they have a c."""
+        if self.surface is None:
+            return self.has_semi_axis
+        return self.surface == "ellipsoid"
 
 
 class SdRanges(Base):
@@ -249,12 +165,14 @@ class SdRanges(Base):
     I.
     """
 
-    gamma: parameter("gamma", interval) = [5.0, 15.0]
-    f_sd: parameter("f_sd", interval) = [0.05, 0.15]
-    theta: parameter("theta", interval) = [0.6, 0.95]
-    phi: parameter("phi", interval) = [0.01, 0.1]
+    gamma: Range[Gamma] = parameter("gamma", [5.0, 15.0])
+    f_sd: Range[ShellShare] = parameter("f_sd", [0.05, 0.15])
+    theta: Range[Theta] = parameter("theta", [0.6, 0.95])
+    phi: Range[Phi] = parameter("phi", [0.01, 0.1])
     # The lower end may be zero, as draws exclude it.
-    minus_xi_deg: interval(Skew) = key([0.0, 6.0], BODY_KEYS["minus_xi_deg"][2])
+    minus_xi_deg: Range[Annotated[float, Field(ge=0, lt=90)]] = parameter(
+        "minus_xi_deg", [0.0, 6.0]
+    )
 
 
 class Target(Base):
@@ -262,16 +180,16 @@ class Target(Base):
     values.
     """
 
-    K_r: several(Positive) | None = key(
+    K_r: Several[Positive] | None = key(
         None, "Targets of the rolling coefficient; a case each."
     )
-    K_p: several(Positive) | None = key(
+    K_p: Several[Positive] | None = key(
         None, "Targets of the pitching coefficient; a case each."
     )
     rel_tol: float = key(
         1e-3, "Largest relative distance from the target.", gt=0, le=0.5
     )
-    max_draws: int = key(10**6, "Draws after which a sample is given up.", **COUNT)
+    max_draws: Count = key(10**6, "Draws after which a sample is given up.")
 
     @property
     def name(self) -> Literal["K_r", "K_p"]:
@@ -288,21 +206,20 @@ class SdSource(Surfaced):
     """Shell-dumbbell bodies, drawn at random from ranges."""
 
     source: Literal["sd"] = key(..., "Draw shell-dumbbell bodies at random.")
-    samples: int = key(1000, "Bodies per case.", **COUNT)
+    samples: Count = key(1000, "Bodies per case.")
     ranges: SdRanges = key(SdRanges, "Ranges of the uniform draws.")
     draw: Draw = key(
         "random", "sobol: more even; saltelli: for `rattlesweep sensitivity`."
     )
     target: Target | None = key(None, "Keep only bodies with this torque coefficient.")
-    c: parameter("c", interval) = None
+    c: Range[SemiAxis] | None = parameter("c")
 
     @property
     def drawn(self) -> tuple[str, ...]:
         """Names of the parameters that are drawn from a range, in their order."""
-        return (
-            *SdRanges.model_fields,
-            *(["c"] if self.c and self.c[0] < self.c[1] else []),
-        )
+        if self.c and self.c[0] < self.c[1]:
+            return (*SdRanges.model_fields, "c")
+        return tuple(SdRanges.model_fields)
 
     @property
     def group(self) -> int:
@@ -315,39 +232,55 @@ class SdSource(Surfaced):
 class Overrides(Base):
     """Parameters that replace those of a preset."""
 
-    alpha: parameter("alpha") = None
-    beta: parameter("beta") = None
-    gamma: parameter("gamma") = None
-    theta: parameter("theta") = None
-    phi: parameter("phi") = None
-    xi: parameter("xi") = None
-    xi_deg: parameter("xi_deg") = None
+    alpha: Alpha | None = parameter("alpha")
+    beta: Beta | None = parameter("beta")
+    gamma: Gamma | None = parameter("gamma")
+    theta: Theta | None = parameter("theta")
+    phi: Phi | None = parameter("phi")
+    xi: Xi | None = parameter("xi")
+    xi_deg: XiDegrees | None = parameter("xi_deg")
 
-    def given(self) -> dict[str, float]:
-        """Return the parameters that are given, with xi in radians."""
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The parameters that are given, with xi in radians."""
         values = self.model_dump(exclude_none=True, exclude={"preset", "xi_deg"})
-        return (
-            values
-            if self.xi_deg is None
-            else values | {"xi": math.radians(self.xi_deg)}
-        )
+        if self.xi_deg is not None:
+            values["xi"] = math.radians(self.xi_deg)
+        return values
 
 
 class PresetSource(Surfaced):
     """One body of the literature, perhaps with other values of some parameters."""
 
+    texts = ("name",)
+
     source: Literal["preset"] = key(..., "Use one named body.")
     name: Preset = key(..., PRESET_MEANING)
     overrides: Overrides = key(Overrides, "Parameters that replace the preset's.")
+    c: SemiAxis | None = parameter("c")
+
+    @property
+    def has_size(self) -> bool:  # type: ignore[override]
+        """Whether the size of the preset is known."""
+        return self.name in SIZED_PRESETS
+
+    @property
+    def has_semi_axis(self) -> bool:
+        """Whether there is a semi-axis c: the key, or that of the preset."""
+        return self.c is not None or self.name == "KL"
 
 
 class TableSource(Surfaced):
     """Bodies from the rows of a table, in its order."""
 
+    texts = ("path",)
+    has_size = None
+
     source: Literal["table"] = key(..., "Read bodies from a table.")
     path: str = key(
         ..., "CSV or Parquet file, or a directory of Parquet files.", **PATH
     )
+    c: SemiAxis | None = parameter("c")
 
 
 class GridBase(Overrides):
@@ -356,16 +289,27 @@ class GridBase(Overrides):
     """
 
     preset: Preset | None = key(None, PRESET_MEANING)
-    f_sd: parameter("f_sd") = None
+    f_sd: ShellShare | None = parameter("f_sd")
 
 
 ANGLES = ("xi", "xi_deg", "minus_xi_deg")
-AXES = ("alpha", "beta", "gamma", "f_sd", "theta", "phi", *ANGLES, "c")
-VARYING: dict[str, Any] = {name: (parameter(name, several), None) for name in AXES}
-ORDER = (
-    "Parameters that vary. Every combination is a body; the first axis varies slowest."
-)
-Axes = pydantic.create_model("Axes", __base__=Base, __doc__=ORDER, **VARYING)
+
+
+class Axes(Base):
+    """Parameters that vary. Every combination is a body; the first axis varies
+    slowest.
+    """
+
+    alpha: Several[Alpha] | None = parameter("alpha")
+    beta: Several[Beta] | None = parameter("beta")
+    gamma: Several[Gamma] | None = parameter("gamma")
+    f_sd: Several[ShellShare] | None = parameter("f_sd")
+    theta: Several[Theta] | None = parameter("theta")
+    phi: Several[Phi] | None = parameter("phi")
+    xi: Several[Xi] | None = parameter("xi")
+    xi_deg: Several[XiDegrees] | None = parameter("xi_deg")
+    minus_xi_deg: Several[MinusXiDegrees] | None = parameter("minus_xi_deg")
+    c: Several[SemiAxis] | None = parameter("c")
 
 
 class Refine(Base):
@@ -373,20 +317,12 @@ class Refine(Base):
     differ.
     """
 
-    levels: int = key(4, "Halvings from the coarse grid to the full one.", ge=1, le=16)
-    by: Literal[
-        "type",
-        "t_r",
-        "n_end",
-        "t_end",
-        "n_steps",
-        "energy_drift",
-        "n_departure",
-        "amp_growth",
-        "lyapunov",
-        "contact_ratio_max",
-        "n_turns",
-    ] = key("type", "Column that is compared: cells in which it differs are halved.")
+    levels: Whole = key(
+        4, "Halvings from the coarse grid to the full one.", ge=1, le=16
+    )
+    by: Annotated[str, OneOf(REFINABLE)] = key(
+        "type", "Column that is compared: cells in which it differs are halved."
+    )
     tol: float = key(
         0.05, "For numbers: relative distance from the neighbours' line.", gt=0, lt=1
     )
@@ -399,27 +335,40 @@ class GridSource(Surfaced):
     base: GridBase = key(..., "The body whose parameters are varied.")
     axes: Axes = key(..., "Parameters that vary, with their values.")
     refine: Refine | None = key(None, "Skip points between runs that agree.")
-    c: parameter("c", several) = None
+    c: Several[SemiAxis] | None = parameter("c")
+
+    @property
+    def has_size(self) -> bool:  # type: ignore[override]
+        """Whether the size of the base is known."""
+        return self.base.preset in SIZED_PRESETS
+
+    @property
+    def has_semi_axis(self) -> bool:
+        """Whether there is a semi-axis c: the key, an axis, or that of the preset."""
+        return bool(self.c or self.axes.c) or self.base.preset == "KL"
 
     @property
     def varying(self) -> dict[str, list[float]]:
         """Values of each axis in order; a key c with several values is the last
         axis.
         """
-        axes = vars(self.axes) | ({"c": self.c} if self.c and len(self.c) > 1 else {})
-        return {name: values for name, values in axes.items() if values is not None}
+        axes = {name: values for name, values in vars(self.axes).items() if values}
+        if self.c and len(self.c) > 1:
+            axes["c"] = self.c
+        return axes
 
 
-Length, Mass, Angle = (
-    measured(kind, Annotated[float, Field(ge=LIMITS[kind][0], le=LIMITS[kind][1])])
-    for kind in ("length", "mass", "angle")
-)
-Lengths, Masses, Angles = map(interval, (Length, Mass, Angle))
-Coordinate: Any = measured("length", float)
-from_text = BeforeValidator(
-    lambda x: quantities(x, "length", 2) if isinstance(x, str) else x
-)
-Place = Annotated[list[Coordinate], Field(min_length=2, max_length=2), from_text]
+def _size(kind: str) -> OrText:
+    """Return a number in SI units or a text with a unit, within limits of a kind."""
+    low, high, unit = LIMITS[kind]
+    return quantity_or(Annotated[float, Field(ge=low, le=high)], kind, f"in {unit}")
+
+
+Length = Annotated[float, _size("length")]
+Mass = Annotated[float, _size("mass")]
+Angle = Annotated[float, _size("angle")]
+Coordinate = Annotated[float, quantity_or(float, "length", "in m")]
+Place = Annotated[Pair[Coordinate], BeforeValidator(pair_of_lengths)]
 
 
 class ShapeSource(Base):
@@ -431,45 +380,59 @@ class ShapeSource(Base):
     shape: Literal["half_ellipsoid"] = key(
         "half_ellipsoid", "Of uniform density, flat side up."
     )
-    length: Lengths = key(..., "Axis of the flat side, in m or with a unit.")
-    width: Lengths = key(..., "Its other axis, in m or with a unit.")
-    height: Lengths = key(
-        ..., "From the lowest point to the flat side, in m or with a unit."
+    length: Range[Length] = key(
+        ..., "Axis of the flat side; a number is in m, not in mm or cm."
     )
-    mass: Masses = key(..., "Without the weights, in kg or with a unit.")
-    skew: Angles = key(
+    width: Range[Length] = key(..., "Its other axis; a number is in m.")
+    height: Range[Length] = key(
+        ..., "From the lowest point to the flat side; a number is in m."
+    )
+    mass: Range[Mass] = key(
+        ..., "Without the weights; a number is in kg, not in grams."
+    )
+    skew: Range[Angle] = key(
         [0.0, 0.0],
-        "Turn of the axes of inertia, clockwise from above, in rad or "
-        "with a unit; needed without weights.",
+        "Turn of the axes of inertia, clockwise from above; needed without weights; "
+        "a number is in rad.",
     )
-    weights: Masses | None = key(
-        None, "Mass of each of two equal weights on the flat side."
+    weights: Range[Mass] | None = key(
+        None, "Mass of each of two equal weights on the flat side; a number is in kg."
     )
     at: Place | None = key(
-        None, "Place [x, y] of one weight, to the right and away from you."
+        None,
+        "Place [x, y] of one weight, to the right and away from you; numbers are in m.",
     )
     wall: Length | None = key(
-        None, "Thickness of an open shell; without it the body is solid."
+        None, "Thickness of an open shell, else it is solid; a number is in m."
     )
-    samples: int | None = key(
-        None, "Bodies per case (1000) if a key is a range.", **COUNT
-    )
+    samples: Count | None = key(None, "Bodies per case (1000) if a key is a range.")
 
     ellipsoidal: ClassVar[bool] = True  # as is its bottom
+    has_size: ClassVar[bool] = True
 
     @property
     def sizes(self) -> dict[str, list[float]]:
         """The range of each key in SI units."""
-        names = ("length", "width", "height", "mass", "skew", "weights")
-        return {
-            name: ends for name in names if (ends := getattr(self, name)) is not None
+        ranges = {
+            "length": self.length,
+            "width": self.width,
+            "height": self.height,
+            "mass": self.mass,
+            "skew": self.skew,
         }
+        if self.weights is not None:
+            ranges["weights"] = self.weights
+        return ranges
 
     @property
     def fixed(self) -> dict[str, float]:
         """The keys without a range, as arguments of `physics.si.half_ellipsoid`."""
-        place: dict[str, float] = dict(zip("xy", self.at or (), strict=False))
-        return place if self.wall is None else place | {"wall": self.wall}
+        fixed = {}
+        if self.at is not None:
+            fixed["x"], fixed["y"] = self.at
+        if self.wall is not None:
+            fixed["wall"] = self.wall
+        return fixed
 
     @property
     def drawn(self) -> list[str]:
@@ -477,7 +440,7 @@ class ShapeSource(Base):
         return [name for name, (low, high) in self.sizes.items() if low < high]
 
 
-SOURCES = {
+SOURCES: dict[str, type[Base]] = {
     "sd": SdSource,
     "preset": PresetSource,
     "table": TableSource,
@@ -487,15 +450,22 @@ SOURCES = {
 AnySource = SdSource | PresetSource | TableSource | GridSource | ShapeSource
 
 InitialSpin = Annotated[
-    Speed, AfterValidator(lambda spin: spin + 0.0)
-]  # turns -0.0 into 0.0
-Oscillation = Annotated[float, Field(ge=MIN_OSCILLATION, le=MAX_SPEED)]
-Direction = or_text(
-    Annotated[float, Field(ge=-360, le=360)], Literal["relevant", "pitch", "roll"]
-)
-Spins, Oscillations = (
-    several(measured("spin", item)) for item in (InitialSpin, Oscillation)
-)
+    float,
+    quantity_or(
+        # The sum turns -0.0 into 0.0.
+        Annotated[float, within("n_i"), AfterValidator(lambda spin: spin + 0.0)],
+        "spin",
+        "in sqrt(g/a)",
+    ),
+]
+Oscillation = Annotated[
+    float,
+    quantity_or(Annotated[float, within("omega_xy0")], "spin", "in sqrt(g/a)"),
+]
+DIRECTIONS = ("relevant", "pitch", "roll")
+Direction = Annotated[
+    float | str, one_of(Annotated[float, Field(ge=-360, le=360)], DIRECTIONS)
+]
 
 
 class Spin(Base):
@@ -503,10 +473,10 @@ class Spin(Base):
     omega_xy0.
     """
 
-    n_i: Spins = key(
+    n_i: Several[InitialSpin] = key(
         ..., "Initial spins in sqrt(g/a) or with a unit; negative: steady; 0: a tap."
     )
-    omega_xy0: Oscillations = key(
+    omega_xy0: Several[Oscillation] = key(
         ..., "Initial oscillations in sqrt(g/a) or with a unit."
     )
     psi: Direction = key(
@@ -514,37 +484,10 @@ class Spin(Base):
     )
 
 
-NO_UNIT_VECTOR = "u must be a vector of length 1 with u_z below 0, as [0, 0, -1]"
-AT_REST = "the body stands upright and at rest; give it an angular velocity"
-
-
-def normalised(u: Any) -> Floats:
-    """Return vectors scaled to length 1; NaN for a length other than 1 and for u_z >=
-    0.
-    """
-    u = np.asarray(u, float)
-    length = np.linalg.norm(u, axis=-1, keepdims=True)
-    off = np.abs(length - 1)
-    # A vector that is normalised to rounding keeps its bits.
-    return np.where(
-        (off <= 1e-3) & (u[..., 2:] < 0), u / np.where(off < 1e-15, 1, length), np.nan
-    )
-
-
-def _unit(u: list[float]) -> list[float]:
-    found: list[float] = normalised(u).tolist()
-    if math.isnan(found[0]):
-        raise ValueError(NO_UNIT_VECTOR)
-    return found
-
-
-Vertical = Annotated[list[float], THREE, AfterValidator(_unit)]
-
-
 class State(Base):
     """Full initial state of all bodies, in components along the body's axes."""
 
-    omega: Annotated[list[Speed], THREE] = key(
+    omega: Three[Annotated[float, within("n_i")]] = key(
         ..., "Angular velocity [x, y, z] in sqrt(g/a)."
     )
     u: Vertical = key(
@@ -556,14 +499,27 @@ class Horizon(Base):
     """Time at which a run without a reversal ends. Of several, the smallest counts."""
 
     t_rgh: Time | None = key(None, "In units of t_rGH in the spin's own direction.")
-    t: measured("time", Time) | None = key(None, "In sqrt(a/g) or with a unit.")
+    t: Annotated[float, quantity_or(Time, "time", "in sqrt(a/g)")] | None = key(
+        None, "In sqrt(a/g) or with a unit."
+    )
     t_decay: Time | None = key(
         None, "In units of gamma/sigma; needs dissipation.sigma."
     )
 
 
-Torque = measured("torque per spin", Annotated[float, Field(ge=0, le=MAX_SIGMA)], TABLE)
-Lever = measured("length", Annotated[float, Field(ge=0, le=1)], TABLE)
+Torque = Annotated[
+    float | str,
+    quantity_or(
+        Annotated[float, within("sigma")],
+        "torque per spin",
+        "in M a^2 sqrt(g/a)",
+        TABLE,
+    ),
+]
+Lever = Annotated[
+    float | str,
+    quantity_or(Annotated[float, within("rolling")], "length", "in a", TABLE),
+]
 
 
 class Dissipation(Base):
@@ -571,17 +527,19 @@ class Dissipation(Base):
     column.
     """
 
-    sigma: several(Torque) = key(
+    sigma: Several[Torque] = key(
         [0.0], "Torque / -omega, in M a^2 sqrt(g/a) or with a unit."
     )
-    rolling: several(Lever) = key([0.0], "Moment / normal force, in a or with a unit.")
+    rolling: Several[Lever] = key([0.0], "Moment / normal force, in a or with a unit.")
 
     @property
     def kind(self) -> Literal["", "viscous", "rolling"]:
         """Dissipation of some run: none, by sigma alone, or with rolling resistance."""
-        return (
-            "rolling" if self.rolling != [0] else "viscous" if self.sigma != [0] else ""
-        )
+        if self.rolling != [0]:
+            return "rolling"
+        if self.sigma != [0]:
+            return "viscous"
+        return ""
 
     def __bool__(self) -> bool:
         return bool(self.kind)
@@ -639,28 +597,25 @@ class AccuracyGoal(Base):
     t_r: float = key(..., "Relative error of reversal times.", ge=1e-12, le=1e-3)
 
 
-Accuracy = or_text(AccuracyGoal, Literal[tuple(ACCURACIES)])
-
-
 class Integrator(Base):
     """Integration method, with adaptive steps (tol) or a fixed step (dt)."""
 
-    method: Literal["dop853", "dopri5", "verner98", "rk4"] = key(
-        "dop853", "Name of the method."
-    )
-    accuracy: Accuracy | None = key(
-        None, "A word for method and tol, or {t_r: ...} for tol."
+    method: Annotated[str, OneOf(tuple(METHODS))] = key("dop853", "Name of the method.")
+    accuracy: Annotated[AccuracyGoal | str, one_of(AccuracyGoal, ACCURACIES)] | None = (
+        key(None, "A word for method and tol, or {t_r: ...} for tol.")
     )
     tol: float | None = key(
         None, "Adaptive: error per step (default 1e-09).", ge=1e-15, le=0.01
     )
     dt: float | None = key(None, "Fixed: step in sqrt(a/g) (default 0.002).", gt=0)
-    max_steps: int = key(MAX_STEPS, "Steps after which a run is given up.", **COUNT)
+    max_steps: Count = key(MAX_STEPS, "Steps after which a run is given up.")
 
     @property
     def goal(self) -> float | None:
         """Largest relative error of t_r, if the config sets one."""
-        return self.accuracy.t_r if isinstance(self.accuracy, AccuracyGoal) else None
+        if isinstance(self.accuracy, AccuracyGoal):
+            return self.accuracy.t_r
+        return None
 
     @pydantic.model_validator(mode="before")
     @classmethod
@@ -669,33 +624,49 @@ class Integrator(Base):
         if not isinstance(data, dict):
             return data
         data = {name: value for name, value in data.items() if value is not None}
-        word, method = data.get("accuracy"), data.get("method", "dop853")
-        if (
-            isinstance(word, str)
-            and word in ACCURACIES
-            and not {"method", "tol", "dt"} & {*data}
-        ):
-            del data["accuracy"]
-            data["method"], data["tol"] = ACCURACIES[word]
-        elif word is None and isinstance(method, str) and method in METHODS:
-            data = ({"tol": TOL} if METHODS[method].adaptive else {"dt": DT}) | data
+        accuracy = data.get("accuracy")
+        if isinstance(accuracy, str) and accuracy in ACCURACIES:
+            if not {"method", "tol", "dt"} & data.keys():
+                del data["accuracy"]
+                data["method"], data["tol"] = ACCURACIES[accuracy]
+            return data
+        method = data.get("method", "dop853")
+        if accuracy is None and isinstance(method, str) and method in METHODS:
+            if METHODS[method].adaptive:
+                return {"tol": TOL} | data
+            return {"dt": DT} | data
         return data
 
 
-Record = Literal[
-    "energy", "contact", "windows", "lyapunov", "volume", "error", "reversals"
-]
-Model = Literal["full", "reduced", "gh"]
-Records = Annotated[list[Record], AfterValidator(_distinct), UNIQUE]
+# In the order of the columns of `runs`.
+RECORDS = (
+    "energy",
+    "contact",
+    "windows",
+    "lyapunov",
+    "volume",
+    "error",
+    "reversals",
+)
+MODELS = ("full", "reduced", "gh")
+
+
+def _word_as_list(value: Any) -> Any:
+    """Return one word as a list."""
+    if isinstance(value, str):
+        return [value]
+    return value
 
 
 class Config(Base):
     """A sweep: its bodies, launches, integration, and output."""
 
+    texts = ("name", "output")
+
     name: str = key(
         "sweep", "Also names the directory in out/; default: name of the file."
     )
-    seed: int = key(
+    seed: Whole = key(
         0, "Random draws depend only on seed, case and sample.", ge=0, lt=2**63
     )
     bodies: AnySource = key(..., "Source of the bodies.", discriminator="source")
@@ -704,7 +675,7 @@ class Config(Base):
     )
     launch: State | None = key(None, "Full initial state, in place of `spin`.")
     spin: Spin | None = key(None, "Launches, unless `launch` or a table gives them.")
-    model: Model = key(
+    model: Annotated[str, OneOf(MODELS)] = key(
         "full", "full: five variables; reduced: three; gh: a closed formula."
     )
     horizon: Horizon = key(
@@ -713,9 +684,12 @@ class Config(Base):
     dissipation: Dissipation = key(Dissipation, "Loss of energy, for model full.")
     integrator: Integrator = key(Integrator, "Integration method.")
     classify: Classify = key(Classify, "Thresholds between types of runs.")
-    record: Records = key(
-        list, "Extra columns; with reversals, runs continue to the horizon."
-    )
+    record: Annotated[
+        list[Annotated[str, OneOf(RECORDS)]],
+        AfterValidator(distinct),
+        UNIQUE,
+        BeforeValidator(_word_as_list),
+    ] = key(list, "Extra columns; with reversals, runs continue to the horizon.")
     output: str | None = key(None, "Directory; null: out/<name>.", **PATH)
 
     _places: Places = pydantic.PrivateAttr(default_factory=Places)
@@ -723,11 +697,8 @@ class Config(Base):
     @pydantic.field_validator("name")
     @classmethod
     def _plain_word(cls, name: str) -> str:
-        if (
-            name.strip() in ("", ".", "..")
-            or not name.isprintable()
-            or {"/", "\\"} & {*name}
-        ):
+        is_path = name.strip() in ("", ".", "..") or {"/", "\\"} & {*name}
+        if is_path or not name.isprintable():
             raise ValueError(
                 "is not a plain word; leave out slashes and control characters"
             )
@@ -736,58 +707,69 @@ class Config(Base):
     @pydantic.model_validator(mode="after")
     def _order_record(self) -> Self:
         """Sort the words of `record`, and add those that are implied."""
-        found = {*self.record, *(["error"] if self.integrator.goal else [])}
-        self.__dict__["record"] = [name for name in get_args(Record) if name in found]
+        recorded = {*self.record}
+        if self.integrator.goal:
+            recorded.add("error")
+        self.__dict__["record"] = [name for name in RECORDS if name in recorded]
         return self
+
+    @property
+    def refine(self) -> Refine | None:
+        """How a grid is refined, if it is."""
+        if isinstance(self.bodies, GridSource):
+            return self.bodies.refine
+        return None
 
     @property
     def deciding_key(self) -> Literal["stop", "bodies.refine"] | None:
         """The key by which a sweep leaves runs out; None if it runs all."""
         if self.stop is not None:
             return "stop"
-        return "bodies.refine" if getattr(self.bodies, "refine", None) else None
+        if self.refine is not None:
+            return "bodies.refine"
+        return None
 
     @property
     def deciding_column(self) -> str | None:
         """The column, besides `type`, by which a sweep leaves runs out."""
         if self.stop is not None:
             return None if self.stop.t_r is None else "t_r"
-        refine = getattr(self.bodies, "refine", None)
-        return None if refine is None or refine.by == "type" else refine.by
+        if self.refine is None or self.refine.by == "type":
+            return None
+        return self.refine.by
 
     @property
     def parts(self) -> list[str]:
         """Optional groups of columns in `runs`."""
-        others = {
+        groups = {
             "tol": self.integrator.goal,
             "turns": {"error", "reversals"} <= {*self.record},
             "surface": self.bodies.ellipsoidal,
             "dissipation": self.dissipation,
         }
-        return [*self.record, *(name for name, there in others.items() if there)]
+        return [*self.record, *(name for name, present in groups.items() if present)]
 
     @property
     def settings(self) -> dict[str, list[float | None]]:
         """Values by the column that they set, as `Quantity` if with units; None for a
         table's.
         """
-        spin, losses = self.spin, self.dissipation
-        given = {} if spin is None else {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0}
-        given |= {
-            "sigma": losses.sigma,
-            "rolling": losses.rolling,
+        settings: dict[str, list[Any]] = {
+            "sigma": self.dissipation.sigma,
+            "rolling": self.dissipation.rolling,
             "t_end": [self.horizon.t],
         }
+        if self.spin is not None:
+            settings["n_i"] = self.spin.n_i
+            settings["omega_xy0"] = self.spin.omega_xy0
         return {
-            k: [None if x == TABLE else x for x in values]
-            for k, values in given.items()
+            name: [None if value == TABLE else value for value in values]
+            for name, values in settings.items()
         }
 
     @property
     def in_si(self) -> bool:
-        """Whether some of these have units, so that they depend on the size of the
-        bodies.
-        """
+        """Whether some values have units, so that they depend on the bodies' sizes."""
         return any(
             isinstance(value, Quantity) for value in chain(*self.settings.values())
         )
@@ -802,14 +784,12 @@ class Config(Base):
         key.
         """
         name, _, sentence = message.partition(": ")
-        if not re.fullmatch(
-            rf"({'|'.join(Config.model_fields)})(\.\w+|\[\d+\])*", name
-        ):
+        sections = "|".join(Config.model_fields)
+        if not re.fullmatch(rf"({sections})(\.\w+|\[\d+\])*", name):
             return message
-        parts = re.findall(r"\w+", name)
-        return self._places.line(
-            tuple(int(x) if x.isdigit() else x for x in parts), sentence
-        )
+        names = re.findall(r"\w+", name)
+        place = tuple(int(word) if word.isdigit() else word for word in names)
+        return self._places.line(place, sentence)
 
     @contextmanager
     def locating(self) -> Iterator[None]:
@@ -834,189 +814,3 @@ class Stone(Base):
     free: list[str]
     launch: dict[str, Any] = {}
     dissipation: Losses = Field(default_factory=Losses)
-
-
-def clashes(config: Config) -> Iterator[tuple[str, str]]:
-    """Yield a dotted key and a message for each broken rule between keys."""
-    bodies, spin, launch, losses = (
-        config.bodies,
-        config.spin,
-        config.launch,
-        config.dissipation,
-    )
-    horizon, integrator, record = config.horizon, config.integrator, {*config.record}
-    early, full, table = (
-        config.classify.early,
-        config.model == "full",
-        bodies.source == TABLE,
-    )
-    lossy_or_ellipsoidal = losses or bodies.ellipsoidal
-    yield from _body_clashes(bodies)
-    axes = getattr(bodies, "axes", None)
-    for name, section in {
-        "stop": config.stop,
-        "horizon": horizon,
-        "bodies.axes": axes,
-    }.items():
-        if section and not _given(section):
-            yield (
-                name,
-                f"no key is given; add one of {', '.join(type(section).model_fields)}",
-            )
-    if config.stop and not getattr(bodies, "drawn", ()):
-        yield "stop", f"source {bodies.source} draws no samples; take source: sd"
-    if config.stop and getattr(bodies, "draw", "") == "saltelli":
-        yield "stop", "draw: saltelli has groups of dependent samples; take draw: sobol"
-    if spin and launch:
-        yield "spin", "spin and launch are both given; keep one of them"
-    if not (spin or launch or table):
-        yield (
-            "spin",
-            "the key is missing; give n_i and omega_xy0, or a launch with omega and u",
-        )
-    if launch and not any((*launch.omega, *launch.u[:2])):
-        yield "launch", AT_REST
-    lists = [
-        losses.sigma,
-        losses.rolling,
-        *([spin.n_i, spin.omega_xy0] if spin else []),
-    ]
-    lists += (
-        [bodies.target.values] if isinstance(bodies, SdSource) and bodies.target else []
-    )
-    if (cases := math.prod(map(len, lists))) > MAX_CASES:
-        yield "spin", f"the lists make {cases} cases; at most {MAX_CASES} are possible"
-    if horizon.t_decay and not (table or any(losses.sigma)):
-        yield "dissipation", "horizon.t_decay is in units of gamma/sigma; give sigma"
-    if TABLE in (*losses.sigma, *losses.rolling) and not table:
-        yield "dissipation", "the word table needs source: table; give a number"
-    if losses and not full:
-        yield (
-            "dissipation",
-            f"the model {config.model} conserves energy; take model: full",
-        )
-    accuracy: Any = integrator.accuracy
-    method = integrator.method
-    control = ("accuracy" if accuracy else "tol") if METHODS[method].adaptive else "dt"
-    for name in ("accuracy", "tol", "dt"):
-        if name != control and getattr(integrator, name) is not None:
-            yield (
-                f"integrator.{name}",
-                f"{method} takes {control} alone; leave {name} out",
-            )
-    if isinstance(accuracy, str) and control == "accuracy" and integrator.tol is None:
-        yield "integrator.accuracy", f"{accuracy} sets method and tol; leave them out"
-    if integrator.goal and (config.model == "gh" or "reversals" in record):
-        yield (
-            "integrator",
-            "accuracy {t_r: ...} excludes model gh and record reversals; keep one",
-        )
-    if early and (lossy_or_ellipsoidal or not full):
-        yield (
-            "classify",
-            "early needs model full and paraboloids without dissipation; leave it out",
-        )
-    if lossy_or_ellipsoidal and "lyapunov" in record:
-        yield "record", "lyapunov needs paraboloids without dissipation; leave it out"
-    if early and {"lyapunov", "volume", "reversals"} & record:
-        yield (
-            "record",
-            "lyapunov, volume and reversals need whole runs; leave classify.early out",
-        )
-
-
-def _body_clashes(bodies: AnySource) -> Iterator[tuple[str, str]]:
-    if isinstance(bodies, ShapeSource):
-        if bodies.samples is not None and not bodies.drawn:
-            yield (
-                "bodies.samples",
-                "no key is a range, so all bodies are equal; leave it out",
-            )
-        if (bodies.weights is None) != (bodies.at is None):
-            yield "bodies.weights", "weights and at belong together; give both"
-        elif bodies.at is not None:
-            sides = (bodies.sizes[name][0] for name in ("length", "width"))
-            if (
-                sum(
-                    (2 * x / side) ** 2
-                    for x, side in zip(bodies.at, sides, strict=True)
-                )
-                > 1
-            ):
-                yield (
-                    "bodies.at",
-                    "the weight lies beyond the edge of the flat side; move it",
-                )
-        return
-    if bodies.surface == "paraboloid" and bodies.c is not None:
-        yield "bodies.c", "a paraboloid has no c; take surface: ellipsoid"
-    # A table may have a column c.
-    if (
-        bodies.surface == "ellipsoid"
-        and not bodies.has_semi_axis
-        and bodies.source != TABLE
-    ):
-        yield (
-            "bodies.surface",
-            "an ellipsoid needs its vertical semi-axis; give c, such as c: 2",
-        )
-    for name in ("overrides", "base", "axes"):
-        if len(_given(getattr(bodies, name, None)) & {*ANGLES}) > 1:
-            yield (
-                f"bodies.{name}",
-                "xi, xi_deg and minus_xi_deg exclude each other; keep one",
-            )
-    if isinstance(bodies, SdSource):
-        ranges, target = bodies.ranges, bodies.target
-        if ranges.phi[1] >= ranges.theta[0]:
-            yield (
-                "bodies.ranges.phi",
-                "phi >= theta is possible; separate the two ranges",
-            )
-        if ranges.minus_xi_deg[1] == 0:
-            yield (
-                "bodies.ranges.minus_xi_deg",
-                "only xi = 0 is possible, which never reverses",
-            )
-        if bodies.c and bodies.c[0] <= ranges.theta[1]:
-            yield (
-                "bodies.c",
-                "c <= theta is possible, and such a body lies on its side; raise c",
-            )
-        if target and len(given := _given(target) & {"K_r", "K_p"}) != 1:
-            several = "K_r and K_p exclude each other; keep one"
-            yield (
-                "bodies.target",
-                several if given else "neither K_r nor K_p is given; add one",
-            )
-        if target and bodies.draw != "random":
-            yield (
-                "bodies.target",
-                "only random draws can meet a target; take draw: random",
-            )
-    if isinstance(bodies, GridSource):
-        base, axes = bodies.base, _given(bodies.axes)
-        needed = {"gamma", "theta", "phi", "xi"}
-        needed |= {"alpha", "beta"} if base.f_sd is None else {"f_sd"}
-        if base.given().keys() != (set() if base.preset else needed):
-            yield (
-                "bodies.base",
-                "give a preset alone, or gamma theta phi xi with alpha beta or with "
-                "f_sd",
-            )
-        for name in sorted(
-            axes & ({"f_sd"} if base.f_sd is None else {"alpha", "beta"})
-        ):
-            yield (
-                "bodies.axes",
-                f"{name} cannot vary: f_sd stands in place of alpha and beta",
-            )
-        if bodies.c and ("c" in axes or (len(bodies.c) > 1 and bodies.refine)):
-            yield (
-                "bodies.c",
-                "c clashes with axes.c or refine; write axes: {c: ...} alone",
-            )
-
-
-def _given(section: Base | None) -> set[str]:
-    return set() if section is None else {*section.model_dump(exclude_none=True)}

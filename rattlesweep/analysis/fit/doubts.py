@@ -1,0 +1,257 @@
+"""What is wrong with measured data, or doubtful in a fit of them, in sentences.
+
+A sentence says what is seen and what to try.  A mistake that is certain is a
+ConfigError before the search; a doubt is a remark of the fit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rattlesweep.analysis.fit.film import BARE, Film
+from rattlesweep.arrays import Floats
+from rattlesweep.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rattlesweep.analysis.fit.problem import Problem
+    from rattlesweep.physics.si import Units
+
+# Residuals of an angle that no video has; of another quantity, as a share of its
+# largest value.
+LARGE_ANGLE = math.radians(20)
+LARGE_SHARE = 0.3
+LONGEST_GAP = 0.5  # seconds without an angle; in a longer gap half a turn may get lost
+# A factor between data and launch is recognised if it is right to this factor.
+CLEAR = 1.5
+# A first reversal is around a time if it is right to this factor.
+AROUND = 3.0
+# Part of the launch's spin above which a spin in the other direction is not noise.
+TURNING = 0.2
+CORRELATED = 0.12  # correlation of neighbouring residuals that are not noise
+ALIKE = 0.99  # correlation of two estimates above which the data cannot separate them
+VAGUE = 0.5  # half width of an interval, over the value, above which it says little
+SINGULAR = 1e-6  # smallest singular value that is not an error of the differences
+
+
+class Mistake(NamedTuple):
+    """A wrong unit: how the first spin of the data then compares with the launch's."""
+
+    factor: float
+    column: str  # the column of the wrong unit, "t" or "value"
+    unit: str  # that its name gives
+    true_unit: str
+
+
+MISTAKES = (
+    Mistake(math.pi / 180, "value", "deg", "rad"),
+    Mistake(180 / math.pi, "value", "rad", "deg"),
+    Mistake(math.pi / 30, "value", "rpm", "rad_s"),
+    Mistake(1e-3, "t", "s", "ms"),
+    Mistake(1e3, "t", "ms", "s"),
+)
+
+
+def check_film(film: Film, n_i: float | None, units: Units | None) -> None:
+    """Raise a ConfigError if the data have another unit or direction than they say.
+
+    `n_i` is the spin of the launch in units of the body, None if it is not known.
+    """
+    if film.kind == "reversal":
+        return
+    _check_folded_radians(film)
+    _check_spacing(film, units)
+    if n_i:
+        _check_first_spin(film, n_i, units)
+
+
+def _check_folded_radians(film: Film) -> None:
+    """Raise if angles "in degrees" jump by pi or 2 pi, as an axis in radians does."""
+    if film.kind != "angle" or film.value_column.unit.name != "deg":
+        return
+    degrees = np.degrees(film.value[film.known])
+    steps = np.diff(degrees)
+    if len(steps) == 0 or np.ptp(degrees) > 1.01 * math.tau:
+        return
+    jumps = np.abs(steps) > 0.8 * math.pi
+    steady = np.abs(np.median(steps)) < 0.5
+    if jumps.any() and steady:
+        name = film.value_column.name
+        raise ConfigError(
+            f"{film.source}: {name} stays between {degrees.min():.3g} and "
+            f"{degrees.max():.3g} and jumps by {np.abs(steps).max():.3g}, as angles in "
+            f"radians do; if they are, name the column angle_rad"
+        )
+
+
+def _check_spacing(film: Film, units: Units | None) -> None:
+    """Raise if most angles are so far apart that half turns get lost between them."""
+    if film.kind != "angle" or units is None:
+        return
+    spacing = float(np.median(np.diff(film.t))) * units.time
+    if spacing > LONGEST_GAP:
+        column = film.t_column
+        raise ConfigError(
+            f"{film.source}: by {column.name} the rows are {spacing:.3g} s apart, and "
+            f"half a turn may get lost between angles {LONGEST_GAP} s apart; if the "
+            f"times are in ms, name the column t_ms"
+        )
+
+
+def _check_first_spin(film: Film, n_i: float, units: Units | None) -> None:
+    """Raise if the data begin with a spin that a wrong unit or direction explains."""
+    first_spin = _typical_spin(film)
+    seen = spin_text(first_spin, units)
+    launched = spin_text(n_i, units)
+    name = film.value_column.name
+    for mistake in MISTAKES:
+        column = film.t_column if mistake.column == "t" else film.value_column
+        ratio = first_spin / n_i / mistake.factor
+        if column.unit.name == mistake.unit and 1 / CLEAR < abs(ratio) < CLEAR:
+            begin = column.name.partition("_")[0]
+            raise ConfigError(
+                f"{film.source}: {name} begins with a spin of {seen}, and n_i is "
+                f"{launched}; if {column.name} is in {mistake.true_unit}, name it "
+                f"{begin}_{mistake.true_unit}"
+            )
+    if first_spin * n_i < 0 and abs(first_spin) > TURNING * abs(n_i):
+        raise ConfigError(
+            f"{film.source}: {name} begins with a spin of {seen}, and n_i is "
+            f"{launched}, the other way; angles are counterclockwise seen from above, "
+            "so change their sign (rows of an image count downward, which turns them) "
+            "or that of n_i"
+        )
+
+
+def _typical_spin(film: Film) -> float:
+    """Return the spin of the first rows without the jumps of an axis."""
+    if film.kind != "angle":
+        return film.first_spin
+    rows = film.first_rows
+    return float(np.median(np.diff(film.value[rows]) / np.diff(film.t[rows])))
+
+
+def spin_text(spin: float, units: Units | None) -> str:
+    """Return a spin in rpm, or in units of a body without a size."""
+    if units is None:
+        return f"{spin:.3g} {BARE['n']}"
+    return f"{30 / math.pi * spin / units.time:.3g} rpm"
+
+
+def check_first_reversal(problem: Problem, start: Floats) -> None:
+    """Raise if a run with the first values reverses a thousand times sooner."""
+    film = problem.film
+    unit = film.value_column.unit
+    if unit.name == "ms":
+        return
+    # A run to the times of the data would be very long if they are wrong.
+    launch = replace(problem.launch, t_end=AROUND * float(film.t[0]) / 1000)
+    short = replace(problem, launch=launch, film=replace(film, t=film.t[:1]))
+    if not short.succeeds(start):
+        return
+    first = float(short.expected(start)[0])
+    if first < (launch.t_end or 0.0) and first > film.t[0] / 1000 / AROUND:
+        raise ConfigError(
+            f"{film.source}: {film.value_column.name} begins with "
+            f"{film.t[0] / unit.size:.4g} {unit.name}, and a run with the first values "
+            f"reverses after {first / unit.size:.3g} {unit.name}; if the times are in "
+            "ms, name the column reversal_ms"
+        )
+
+
+def doubts_of_data(film: Film, units: Units | None) -> list[str]:
+    """Return what may be wrong with data, whatever the fit is."""
+    remarks = []
+    if film.kind == "angle" and film.value_column.unit.name == "deg":
+        span = float(np.ptp(np.degrees(film.value[film.known])))
+        if span < math.tau:
+            remarks.append(
+                f"all angles are within {span:.3g} degrees; if they are in radians, "
+                "name the column angle_rad"
+            )
+    if film.kind == "angle" and units is not None:
+        seconds = film.t[film.known] * units.time
+        gaps = np.diff(seconds)
+        if gaps.max() > LONGEST_GAP:
+            k = int(gaps.argmax())
+            remarks.append(
+                f"there is no angle between {seconds[k]:.4g} and {seconds[k + 1]:.4g} "
+                f"s, and half a turn may get lost in {gaps[k]:.3g} s; fill in angles "
+                f"so that gaps are below {LONGEST_GAP} s, or fit the rows on one side"
+            )
+    return remarks
+
+
+def doubts_of_residuals(film: Film, residuals: Floats, noise: float) -> list[str]:
+    """Return what large or correlated residuals say of a fit with some noise."""
+    unit = film.value_column.unit
+    most = LARGE_ANGLE
+    if film.kind != "angle":
+        most = LARGE_SHARE * float(np.nanmax(np.abs(film.value)))
+    if noise > most:
+        return [
+            f"the residuals are {noise / unit.size:.3g} {unit.name}: the model does "
+            "not follow the data, and the values mean nothing; look at the figure, and "
+            "try the other sign of the angles or of the skew, a launch nearer to the "
+            "data, and the data up to the first reversal"
+        ]
+    if film.kind != "reversal" and correlation(residuals) > noise_limit(film):
+        return [
+            "neighbouring residuals are correlated: the model does not describe the "
+            "data within their noise, or they were smoothed, and the intervals are too "
+            "narrow"
+        ]
+    return []
+
+
+def noise_limit(film: Film) -> float:
+    """Return the largest correlation of neighbouring residuals that are noise."""
+    return float(max(CORRELATED, 4 / math.sqrt(film.known.sum())))
+
+
+def correlation(residuals: Floats) -> float:
+    """Return the correlation of neighbouring residuals."""
+    square = float((residuals**2).sum())
+    return float((residuals[1:] * residuals[:-1]).sum()) / square
+
+
+def doubts_of_parameters(
+    names: list[str], x: Floats, half_width: Floats, jacobian: Floats
+) -> list[str]:
+    """Return which parameters, of the values ``x``, the data hardly determine.
+
+    `jacobian` has columns of length 1.
+    """
+    spread, weakest, smallest = directions_of(jacobian)
+    lengths = np.linalg.norm(spread, axis=1)
+    # The absolute error of a logarithm is the relative error of its number.
+    logarithmic = np.array([name == "omega_xy0" for name in names])
+    sizes = np.where(logarithmic, 1.0, np.abs(x))
+    vague = ~(half_width <= VAGUE * sizes)
+    if smallest < SINGULAR:
+        vague |= np.abs(weakest) > 0.1
+    alike = np.abs(spread @ spread.T) > ALIKE * np.outer(lengths, lengths)
+    pairs = np.argwhere(np.triu(alike & (vague | vague[:, None]), 1))
+    remarks = [
+        f"the data cannot tell {names[i]} and {names[j]} apart: fix one of them"
+        for i, j in pairs
+    ]
+    alone = [names[i] for i in np.flatnonzero(vague) if i not in pairs]
+    if alone:
+        remarks.append(
+            f"the data hardly tell {' and '.join(alone)}: fix what is known otherwise"
+        )
+    return remarks
+
+
+def directions_of(jacobian: Floats) -> tuple[Floats, Floats, float]:
+    """Return a root of the covariance for unit noise, and the weakest direction.
+
+    The weakest direction comes with its singular value.
+    """
+    _, singular, directions = np.linalg.svd(jacobian, full_matrices=False)
+    spread = directions.T / np.maximum(singular, 1e-12)
+    return spread, directions[-1], float(singular[-1])

@@ -1,0 +1,215 @@
+"""Measured data: the angle or spin of a stone over time, or the times of reversals."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rattlesweep.arrays import Flags, Floats, Places
+from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.sweeps.tables import read_table
+from rattlesweep.units import quantity
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from rattlesweep.physics.si import Units
+
+# Measured quantities by the beginning of their columns' names; "spin" is the rate of
+# the angle, "n" the spin u . omega.
+KINDS = {"angle": "angle", "spin": "spin", "n": "spin", "reversal": "time"}
+# Columns without a unit in their names, as `rattlesweep trajectory` writes them.
+BARE = {"t": "sqrt(a/g)", "n": "sqrt(g/a)"}
+NEEDED = "t_s and one of angle_deg, spin_rpm, n_rpm, or reversal_s alone"
+# Rows from which the next angle is extrapolated, so that half turns can be removed.
+MEMORY = 20
+# The launch is judged by the first 2 % of the rows, and by at least 10 of them.
+FIRST_SHARE = 50
+FEWEST_FIRST = 10
+
+
+class Unit(NamedTuple):
+    """A unit of a measured column, and its size in the units of the body."""
+
+    name: str
+    size: float
+
+
+class Column(NamedTuple):
+    """A column of a table that is a measured quantity."""
+
+    name: str
+    kind: str  # "t" or one of `KINDS`
+    unit: Unit
+
+
+@dataclass(frozen=True)
+class Film:
+    """Measured data in the units of the body, NaN where a value is missing."""
+
+    source: str  # begins the messages about the data
+    kind: str  # one of `KINDS`
+    t: Floats  # since the first row; of reversals: since the launch
+    value: Floats
+    t_column: Column  # of reversals: the same as the next
+    value_column: Column
+
+    @property
+    def known(self) -> Flags:
+        """The rows that have a value."""
+        return np.isfinite(self.value)
+
+    @property
+    def first_rows(self) -> Places:
+        """The rows from which the launch is judged."""
+        rows = np.flatnonzero(self.known)
+        return rows[: max(FEWEST_FIRST, len(rows) // FIRST_SHARE)]
+
+    @property
+    def first_spin(self) -> float:
+        """The spin of the first rows, which single times do not have."""
+        rows = self.first_rows
+        if self.kind == "angle":
+            return float(np.polyfit(self.t[rows], self.value[rows], 1)[0])
+        return float(self.value[rows].mean())
+
+
+def read_film(
+    source: str | os.PathLike[str] | pd.DataFrame | Mapping[str, Sequence[float]],
+    units: Units | None,
+) -> Film:
+    """Return measured data from a CSV or Parquet file, a table or columns by name.
+
+    `units` are those of the body, None if its size is not known.  Raises a ConfigError
+    if columns are missing, or if a row is no number or out of order.
+    """
+    place, frame = _read_table(source)
+    columns = _measured_columns(place, frame, units)
+    values = {
+        column.kind: _numbers(place, frame, column) for column in columns.values()
+    }
+    kind = next(name for name in KINDS if name in columns)
+    value = values[kind]
+    if not np.isfinite(value).any():
+        raise ConfigError(f"{place}: no row has a value of {columns[kind].name}")
+    if kind == "reversal":
+        value = np.sort(value[np.isfinite(value)])
+        if value[0] <= 0:
+            first = f"{value[0] / columns[kind].unit.size:g}"
+            raise ConfigError(
+                f"{place}: {columns[kind].name} is {first}; the launch is at 0"
+            )
+        return Film(place, kind, value, value, columns[kind], columns[kind])
+    t = values["t"]
+    _check_increasing(place, t, columns["t"])
+    t = t - t[0]
+    if kind == "angle":
+        value = unwrapped(t, value)
+    return Film(place, kind, t, value, columns["t"], columns[kind])
+
+
+def _read_table(source: Any) -> tuple[str, pd.DataFrame]:
+    """Return how messages name a table, and the table."""
+    import pandas as pd
+
+    place = "data"
+    try:
+        if not isinstance(source, str | os.PathLike):
+            return place, pd.DataFrame(source)
+        place = one_line(os.fspath(source), 200)
+        return place, read_table(source, place).to_pandas()
+    except ConfigError:
+        raise
+    except Exception as error:  # pandas raises many kinds
+        reason = one_line(getattr(error, "strerror", None) or str(error), 200)
+        raise ConfigError(f"{place}: cannot be read as a table ({reason})") from None
+
+
+def _measured_columns(
+    place: str, frame: pd.DataFrame, units: Units | None
+) -> dict[str, Column]:
+    """Return the first column of each quantity; raise if some are missing."""
+    columns: dict[str, Column] = {}
+    for name in map(str, frame):
+        column = _measured_column(name, units)
+        if column is not None:
+            columns.setdefault(column.kind, column)
+    kind = next((name for name in KINDS if name in columns), None)
+    if kind is None or (kind != "reversal" and "t" not in columns):
+        names = one_line(", ".join(map(str, frame)), 100)
+        advice = ""
+        if units is None:
+            advice = "; the body has no size, so only t and n, or give it in SI units"
+        raise ConfigError(
+            f"{place}: {NEEDED} are needed, and the columns are {names}{advice}"
+        )
+    return columns
+
+
+def _measured_column(name: str, units: Units | None) -> Column | None:
+    """Return the quantity and unit of a column, None if it is not a measured one."""
+    if name in BARE:
+        return Column(name, name, Unit(BARE[name], 1.0))
+    match = re.fullmatch(rf"(t|{'|'.join(KINDS)})_(.+)", name)
+    if match is None or (units is None and match[1] != "angle"):
+        return None
+    dimension = KINDS.get(match[1], "time")
+    unit = match[2].replace("_", "/")
+    with suppress(ValueError):  # the end of the name is no unit
+        size = quantity(f"1 {unit}", dimension)
+        if units is not None and dimension == "spin":
+            size *= units.time
+        if units is not None and dimension == "time":
+            size *= units.time**-1
+        return Column(name, match[1], Unit(unit, size))
+    return None
+
+
+def _numbers(place: str, frame: pd.DataFrame, column: Column) -> Floats:
+    """Return a column in the units of the body, NaN where it has no finite number."""
+    import pandas as pd
+
+    cells = frame.iloc[:, [str(name) for name in frame].index(column.name)]
+    numbers = pd.to_numeric(cells, errors="coerce")
+    for row in np.flatnonzero(numbers.isna() & cells.notna())[:1]:
+        cell = one_line(str(cells.iloc[row]), 40)
+        raise ConfigError(
+            f"{place}: row {row + 1}: {column.name} is {cell}, not a number"
+        )
+    values: Floats = numbers.replace([np.inf, -np.inf], np.nan).to_numpy(float)
+    return values * column.unit.size
+
+
+def _check_increasing(place: str, t: Floats, column: Column) -> None:
+    """Raise a ConfigError if a time is missing or does not follow the one before."""
+    for row in np.flatnonzero(~np.isfinite(t) | (np.diff(t, prepend=-np.inf) <= 0))[:1]:
+        problem = "has no finite value"
+        if np.isfinite(t[row]):
+            now = t[row] / column.unit.size
+            before = t[row - 1] / column.unit.size
+            problem = f"is {now:g} after {before:g}; times must increase"
+        raise ConfigError(f"{place}: row {row + 1}: {column.name} {problem}")
+
+
+def unwrapped(t: Floats, angle: Floats) -> Floats:
+    """Remove jumps by half turns from the angle of an axis, which has no front."""
+    continuous = angle.copy()
+    rows = np.flatnonzero(np.isfinite(angle))
+    for i in range(1, len(rows)):
+        row = rows[i]
+        last = rows[i - 1]
+        first = rows[max(0, i - 1 - MEMORY)]
+        spin = 0.0
+        if last > first:
+            spin = (continuous[last] - continuous[first]) / (t[last] - t[first])
+        expected = continuous[last] + spin * (t[row] - t[last])
+        half_turns = round((expected - continuous[row]) / math.pi)
+        continuous[row] += math.pi * half_turns
+    return continuous

@@ -1,0 +1,277 @@
+"""Fit parameters of one run to measured data by least squares."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from rattlesweep.analysis.fit import doubts
+from rattlesweep.analysis.fit.film import Film
+from rattlesweep.analysis.fit.problem import PARAMETERS, Problem
+from rattlesweep.analysis.fit.result import Fit
+from rattlesweep.arrays import Floats
+from rattlesweep.errors import ConfigError
+from rattlesweep.physics.theory import modes
+from rattlesweep.sweeps.config import not_one_of
+from rattlesweep.sweeps.launches import Launch
+from rattlesweep.text import counted
+
+# Fractions of the data, from their beginning, that are fitted before the whole; the
+# fine ones are tried if the coarse ones end in a wrong minimum.
+COARSE = (0.15, 0.3, 0.6, 0.8)
+FINE = tuple(np.arange(0.1, 1.0, 0.05))
+MOST_STEPS = 60  # of a search over the whole data
+FIRST_STEPS = 10  # of one over their beginning
+# First values from which searches begin, in the order of their residuals.
+SERIES_STARTS = 2
+REVERSAL_STARTS = 6
+# Times of reversals are fitted to a run that is longer than the last of them.
+LONGER = 1.5
+
+
+def check_free(launch: Launch, free: Iterable[str]) -> list[str]:
+    """Return the names of free parameters; raise a ConfigError if they do not fit."""
+    names = list(dict.fromkeys(free))
+    if not names:
+        raise ConfigError(
+            f"free: no parameter is given; choose from {', '.join(PARAMETERS)}"
+        )
+    for name in names:
+        if name not in PARAMETERS:
+            raise ConfigError(f"free: {not_one_of(name, PARAMETERS)}")
+    if {"skew", "xi"} <= {*names}:
+        raise ConfigError("free: skew is -xi; keep one of them")
+    if "c" in names and launch.body.c is None:
+        raise ConfigError("free: only an ellipsoid has c, and the body is a paraboloid")
+    if launch.omega is not None and {"n_i", "omega_xy0", "psi_deg"} & {*names}:
+        raise ConfigError("free: a full state has no n_i, omega_xy0 and psi_deg")
+    return names
+
+
+def fit_run(
+    launch: Launch,
+    film: Film,
+    free: list[str],
+    report: Callable[[float], None] = lambda fraction: None,
+) -> Fit:
+    """Fit parameters to the beginning of the data first, and then to all of them.
+
+    `report` is called with the fraction of the work that is done, at most.
+    """
+    units = launch.body.units
+    t_end = float(film.t[-1])
+    if film.kind == "reversal":
+        t_end *= LONGER
+    launch = replace(launch, t_end=t_end)
+    progress = Progress(report, len(free))
+    # The number of values is checked before any of them is used.
+    problem = Problem(launch, film, dict.fromkeys(free, 1.0), progress.trial)
+    if problem.freedom < 1:
+        values = counted(int(film.known.sum()), "value")
+        raise ConfigError(
+            f"{values} cannot determine {counted(len(free), 'parameter')} and the "
+            "noise; give more rows or free fewer parameters"
+        )
+    doubts.check_film(film, launch.n_i, units)
+    first_values = _first_values(launch, film, free)
+    scales = {name: max(map(abs, values)) for name, values in first_values.items()}
+    problem = replace(problem, scales=scales)
+    starts = [
+        problem.scaled(dict(zip(first_values, combination, strict=True)))
+        for combination in product(*first_values.values())
+    ]
+    if film.kind == "reversal":
+        doubts.check_first_reversal(problem, starts[len(starts) // 2])
+    best = _best_search(problem, starts, progress)
+    return _result(problem, best, doubts.doubts_of_data(film, units))
+
+
+class Progress:
+    """Fraction of the searches that are done, if all that are planned are needed."""
+
+    def __init__(self, report: Callable[[float], None], free: int) -> None:
+        self._report = report
+        # Trial runs of a step: the residuals, and the slope of each parameter.
+        self._trials_a_step = 1 + 2 * free
+        self._stage = 0
+        self._stages = 1
+        self._trials = 0
+        self._most_trials = math.inf  # before the first search
+
+    def plan(self, stages: int) -> None:
+        """Set the number of searches."""
+        self._stages = stages
+
+    def begin(self, stage: int, steps: int) -> None:
+        """Begin a search of at most so many steps."""
+        self._stage = stage
+        self._trials = 0
+        self._most_trials = steps * self._trials_a_step
+
+    def trial(self) -> None:
+        """Count a trial run."""
+        self._trials += 1
+        part = min(1.0, self._trials / self._most_trials)
+        self._report(min(1.0, (self._stage + part) / self._stages))
+
+
+@dataclass(frozen=True)
+class Search:
+    """A finished search: the parameters ``x``, and residuals and Jacobian there."""
+
+    x: Floats
+    residuals: Floats
+    jacobian: Floats
+    settled: bool
+
+    @property
+    def squares(self) -> float:
+        """The sum of the squares of the residuals."""
+        return float((self.residuals**2).sum())
+
+
+def _minimise(problem: Problem, x: Floats, accuracy: float, steps: int) -> Search:
+    """Minimise the sum of squares from ``x`` on."""
+    from scipy.optimize import least_squares
+
+    limits = problem.limits()
+    # The method "trf" is slow where two parameters are strongly correlated.
+    result = least_squares(
+        problem.residuals,
+        np.clip(x, *limits),
+        problem.slopes,
+        limits,
+        "dogbox",
+        x_scale="jac",
+        ftol=accuracy,
+        max_nfev=steps,
+    )
+    # SciPy's Jacobian is of the type of `slopes`.
+    jacobian = np.asarray(result.jac)
+    return Search(result.x, result.fun, jacobian, settled=result.status != 0)
+
+
+def _best_search(problem: Problem, starts: list[Floats], progress: Progress) -> Search:
+    """Return the best of searches from several starts; raise if no run can be made."""
+    film = problem.film
+    series = film.kind != "reversal"
+    if series:
+        first_part = problem.until(COARSE[0])
+        ladders: tuple[tuple[float, ...], ...] = (COARSE, FINE)
+        most_starts = SERIES_STARTS
+    else:
+        first_part = problem
+        ladders = ((),)
+        most_starts = REVERSAL_STARTS
+    starts = sorted(starts, key=lambda x: float((first_part.residuals(x) ** 2).sum()))
+    stages_a_start = sum(len(shares) + 1 for shares in ladders)
+    progress.plan(stages_a_start * min(most_starts, len(starts)))
+    searches: list[Search] = []
+    stage = 0
+    for number, (start, shares) in enumerate(product(starts, ladders)):
+        # Starts whose runs fail are replaced by the next ones.
+        if number >= most_starts * len(ladders) and searches:
+            break
+        x = start
+        for share in shares:
+            progress.begin(stage, FIRST_STEPS)
+            stage += 1
+            part = problem.until(share)
+            if part.freedom > 10 * len(x) and part.succeeds(x):
+                x = _minimise(part, x, 1e-3, FIRST_STEPS).x
+        progress.begin(stage, MOST_STEPS)
+        stage += 1
+        if not problem.succeeds(x):
+            continue
+        search = _minimise(problem, x, 1e-8, MOST_STEPS)
+        searches.append(search)
+        if series and doubts.correlation(search.residuals) < doubts.noise_limit(film):
+            break
+    if not searches:
+        problem.expected(starts[0])  # tells what is wrong with body or launch
+    return min(searches, key=lambda search: search.squares)
+
+
+def _result(problem: Problem, best: Search, remarks: list[str]) -> Fit:
+    """Return the fit of a search, with intervals and remarks."""
+    from scipy.stats import t as student
+
+    film = problem.film
+    names = list(problem.scales)
+    noise = math.sqrt(best.squares / problem.freedom)
+    # Standard errors for noise of size 1, from the Jacobian with columns of length 1.
+    sizes = np.linalg.norm(best.jacobian, axis=0)
+    jacobian = best.jacobian / np.where(sizes > 0, sizes, 1.0)
+    spread, _, _ = doubts.directions_of(jacobian)
+    lengths = np.linalg.norm(spread, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        errors = lengths / sizes * noise
+        half_width = errors * float(student.ppf(0.975, problem.freedom))
+    limits = problem.limits()
+    low = problem.values(np.clip(best.x - half_width, *limits))
+    high = problem.values(np.clip(best.x + half_width, *limits))
+
+    remarks = [
+        *remarks,
+        *doubts.doubts_of_residuals(film, best.residuals, noise),
+        *doubts.doubts_of_parameters(names, best.x, half_width, jacobian),
+    ]
+    if not best.settled:
+        remarks.append(
+            f"the search did not settle within {MOST_STEPS} steps; give a better launch"
+        )
+    final = problem.launched(best.x)
+    launch: dict[str, Any] = {}
+    for name in ("n_i", "omega_xy0", "psi", "omega", "u", "sigma", "rolling"):
+        value = getattr(final, name)
+        if value is not None:
+            launch[name] = value
+    unit = film.value_column.unit
+    return Fit(
+        values=problem.values(best.x),
+        intervals={name: (low[name], high[name]) for name in names},
+        body=final.body,
+        launch=launch,
+        noise=noise / unit.size,
+        noise_unit=unit.name,
+        rows=int(film.known.sum()),
+        remarks=remarks,
+        _film=film,
+        _expected=problem.expected(best.x),
+    )
+
+
+def _first_values(
+    launch: Launch, film: Film, free: list[str]
+) -> dict[str, list[float]]:
+    """Return values of each free parameter from which the search may begin."""
+    body = launch.body
+    spin = launch.n_i or 0.1
+    if film.kind != "reversal":
+        spin = film.first_spin
+    decay = body.gamma / float(film.t[-1])
+    oscillations = modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
+    psi = oscillations.psi_p
+    if launch.psi == "roll":
+        psi = oscillations.psi_r
+    psi_deg = math.degrees(psi)
+    if isinstance(launch.psi, float):
+        psi_deg = launch.psi
+    guesses = {
+        "n_i": [spin],
+        "omega_xy0": [share * abs(spin) for share in (0.01, 0.03, 0.1, 0.3)],
+        "psi_deg": [psi_deg],
+        "sigma": [share * decay for share in (0.03, 0.1, 0.3)],
+        "rolling": [1e-4, 1e-3],
+        "skew": [-body.xi],
+    }
+    first_values = {}
+    for name in free:
+        value = getattr(launch, name, None) or getattr(body, name, None)
+        first_values[name] = [value] if value else guesses[name]
+    return first_values

@@ -1,0 +1,19 @@
+"""Words that name a choice in configs, in commands and in Python, each list once.
+
+They are types, for those who check types, and tuples.  Methods are named in
+:mod:`rattlesweep.integrate.tableau`, quantities in :mod:`rattlesweep.quantities`.
+"""
+
+from typing import Literal, get_args
+
+ModelName = Literal["full", "reduced", "gh"]
+PresetName = Literal["GH", "KL"]
+AccuracyName = Literal["draft", "standard", "reference"]
+PlotName = Literal[
+    "fractions", "times", "ratio", "map", "reversals", "distribution", "scatter"
+]
+
+MODEL_NAMES: tuple[ModelName, ...] = get_args(ModelName)
+PRESET_NAMES: tuple[PresetName, ...] = get_args(PresetName)
+ACCURACY_NAMES: tuple[AccuracyName, ...] = get_args(AccuracyName)
+PLOT_NAMES: tuple[PlotName, ...] = get_args(PlotName)

@@ -1,0 +1,259 @@
+"""Rules between the keys of a config."""
+
+import math
+from collections.abc import Iterator
+
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.sweeps.config.schema import (
+    ANGLES,
+    MAX_CASES,
+    TABLE,
+    Base,
+    Config,
+    GridSource,
+    PresetSource,
+    SdSource,
+    ShapeSource,
+)
+from rattlesweep.sweeps.config.values import AT_REST
+from rattlesweep.units import Quantity
+
+Clash = tuple[str, str]  # dotted key and message
+SETTING_KEYS = {
+    "n_i": "spin.n_i",
+    "omega_xy0": "spin.omega_xy0",
+    "t_end": "horizon.t",
+    "sigma": "dissipation.sigma",
+    "rolling": "dissipation.rolling",
+}
+"""Keys that may have SI units, by the columns that they set."""
+
+
+def clashes(config: Config) -> Iterator[Clash]:
+    """Yield a dotted key and a message for each broken rule between keys."""
+    yield from _body_clashes(config)
+    yield from _empty_sections(config)
+    yield from _choices_of_runs(config)
+    yield from _launches(config)
+    yield from _units(config)
+    yield from _dissipation(config)
+    yield from _integrator(config)
+    yield from _records(config)
+
+
+def _empty_sections(config: Config) -> Iterator[Clash]:
+    sections: dict[str, Base | None] = {"stop": config.stop, "horizon": config.horizon}
+    if isinstance(config.bodies, GridSource):
+        sections["bodies.axes"] = config.bodies.axes
+    for name, section in sections.items():
+        if section is not None and not section.given:
+            names = ", ".join(type(section).model_fields)
+            yield name, f"no key is given; add one of {names}"
+
+
+def _choices_of_runs(config: Config) -> Iterator[Clash]:
+    bodies = config.bodies
+    if config.stop is None:
+        return
+    if not getattr(bodies, "drawn", ()):
+        yield "stop", f"source {bodies.source} draws no samples; take source: sd"
+    if isinstance(bodies, SdSource) and bodies.draw == "saltelli":
+        yield "stop", "draw: saltelli has groups of dependent samples; take draw: sobol"
+
+
+def _launches(config: Config) -> Iterator[Clash]:
+    spin, launch = config.spin, config.launch
+    if spin and launch:
+        yield "spin", "spin and launch are both given; keep one of them"
+    if not (spin or launch or config.bodies.source == TABLE):
+        yield (
+            "spin",
+            "the key is missing; give n_i and omega_xy0, or a launch with omega and u",
+        )
+    if launch and not any((*launch.omega, *launch.u[:2])):
+        yield "launch", AT_REST
+    lengths = [len(config.dissipation.sigma), len(config.dissipation.rolling)]
+    if spin:
+        lengths += [len(spin.n_i), len(spin.omega_xy0)]
+    if isinstance(config.bodies, SdSource) and config.bodies.target:
+        lengths.append(len(config.bodies.target.values))
+    cases = math.prod(lengths)
+    if cases > MAX_CASES:
+        yield "spin", f"the lists make {cases} cases; at most {MAX_CASES} are possible"
+
+
+def _units(config: Config) -> Iterator[Clash]:
+    """Refuse units before any body is drawn; the rows of a table may have a size."""
+    if config.bodies.has_size is not False:
+        return
+    for name, values in config.settings.items():
+        for value in values:
+            if isinstance(value, Quantity):
+                yield (
+                    SETTING_KEYS[name],
+                    f"{value.text} needs bodies with a size; give a number without a "
+                    "unit, or take source: shape, the preset KL, or a table with "
+                    "height_m and mass_kg",
+                )
+                break
+
+
+def _dissipation(config: Config) -> Iterator[Clash]:
+    losses, table = config.dissipation, config.bodies.source == TABLE
+    if config.horizon.t_decay and not (table or any(losses.sigma)):
+        yield "dissipation", "horizon.t_decay is in units of gamma/sigma; give sigma"
+    if TABLE in (*losses.sigma, *losses.rolling) and not table:
+        yield "dissipation", "the word table needs source: table; give a number"
+    if losses and config.model != "full":
+        yield (
+            "dissipation",
+            f"the model {config.model} conserves energy; take model: full",
+        )
+
+
+def _integrator(config: Config) -> Iterator[Clash]:
+    integrator = config.integrator
+    method = integrator.method
+    if not METHODS[method].adaptive:
+        control = "dt"
+    elif integrator.accuracy:
+        control = "accuracy"
+    else:
+        control = "tol"
+    for name in ("accuracy", "tol", "dt"):
+        if name != control and getattr(integrator, name) is not None:
+            yield (
+                f"integrator.{name}",
+                f"{method} takes {control} alone; leave {name} out",
+            )
+    word = integrator.accuracy
+    if isinstance(word, str) and control == "accuracy" and integrator.tol is None:
+        yield "integrator.accuracy", f"{word} sets method and tol; leave them out"
+    if integrator.goal and (config.model == "gh" or "reversals" in config.record):
+        yield (
+            "integrator",
+            "accuracy {t_r: ...} excludes model gh and record reversals; keep one",
+        )
+
+
+def _records(config: Config) -> Iterator[Clash]:
+    early, recorded = config.classify.early, {*config.record}
+    plain = not (config.dissipation or config.bodies.ellipsoidal)
+    if early and not (plain and config.model == "full"):
+        yield (
+            "classify",
+            "early needs model full and paraboloids without dissipation; leave it out",
+        )
+    if "lyapunov" in recorded and not plain:
+        yield "record", "lyapunov needs paraboloids without dissipation; leave it out"
+    if early and {"lyapunov", "volume", "reversals"} & recorded:
+        yield (
+            "record",
+            "lyapunov, volume and reversals need whole runs; leave classify.early out",
+        )
+
+
+def _body_clashes(config: Config) -> Iterator[Clash]:
+    bodies = config.bodies
+    if isinstance(bodies, ShapeSource):
+        yield from _shape(bodies)
+        return
+    if bodies.surface == "paraboloid" and bodies.c is not None:
+        yield "bodies.c", "a paraboloid has no c; take surface: ellipsoid"
+    # A table may have a column c.
+    needs_c = bodies.surface == "ellipsoid" and bodies.source != TABLE
+    if needs_c and not bodies.has_semi_axis:
+        yield (
+            "bodies.surface",
+            "an ellipsoid needs its vertical semi-axis; give c, such as c: 2",
+        )
+    if isinstance(bodies, PresetSource):
+        yield from _one_angle("overrides", bodies.overrides)
+    if isinstance(bodies, GridSource):
+        yield from _one_angle("base", bodies.base)
+        yield from _one_angle("axes", bodies.axes)
+        yield from _grid(bodies)
+    if isinstance(bodies, SdSource):
+        yield from _drawn(bodies)
+
+
+def _one_angle(name: str, section: Base) -> Iterator[Clash]:
+    if len(section.given.keys() & {*ANGLES}) > 1:
+        yield (
+            f"bodies.{name}",
+            "xi, xi_deg and minus_xi_deg exclude each other; keep one",
+        )
+
+
+def _shape(bodies: ShapeSource) -> Iterator[Clash]:
+    if bodies.samples is not None and not bodies.drawn:
+        yield (
+            "bodies.samples",
+            "no key is a range, so all bodies are equal; leave it out",
+        )
+    if (bodies.weights is None) != (bodies.at is None):
+        yield "bodies.weights", "weights and at belong together; give both"
+    elif bodies.at is not None:
+        # The body with the shortest sides is the first from which a weight would fall.
+        x, y = bodies.at
+        length, width = bodies.length[0], bodies.width[0]
+        if (2 * x / length) ** 2 + (2 * y / width) ** 2 > 1:
+            yield (
+                "bodies.at",
+                "the weight lies beyond the edge of the flat side; move it",
+            )
+
+
+def _drawn(bodies: SdSource) -> Iterator[Clash]:
+    ranges, target = bodies.ranges, bodies.target
+    if ranges.phi[1] >= ranges.theta[0]:
+        yield "bodies.ranges.phi", "phi >= theta is possible; separate the two ranges"
+    if ranges.minus_xi_deg[1] == 0:
+        yield (
+            "bodies.ranges.minus_xi_deg",
+            "only xi = 0 is possible, which never reverses",
+        )
+    if bodies.c and bodies.c[0] <= ranges.theta[1]:
+        yield (
+            "bodies.c",
+            "c <= theta is possible, and such a body lies on its side; raise c",
+        )
+    if target is None:
+        return
+    if target.K_r and target.K_p:
+        yield "bodies.target", "K_r and K_p exclude each other; keep one"
+    elif not target.values:
+        yield "bodies.target", "neither K_r nor K_p is given; add one"
+    if bodies.draw != "random":
+        yield (
+            "bodies.target",
+            "only random draws can meet a target; take draw: random",
+        )
+
+
+def _grid(bodies: GridSource) -> Iterator[Clash]:
+    base, axes = bodies.base, bodies.axes.given
+    needed = {"gamma", "theta", "phi", "xi"}
+    if base.f_sd is None:
+        needed |= {"alpha", "beta"}
+        replaced = {"f_sd"}
+    else:
+        needed.add("f_sd")
+        replaced = {"alpha", "beta"}
+    if base.preset:
+        needed = set()
+    if base.parameters.keys() != needed:
+        yield (
+            "bodies.base",
+            "give a preset alone, or gamma theta phi xi with alpha beta or with f_sd",
+        )
+    for name in sorted(axes.keys() & replaced):
+        yield (
+            "bodies.axes",
+            f"{name} cannot vary: f_sd stands in place of alpha and beta",
+        )
+    if bodies.c and ("c" in axes or (len(bodies.c) > 1 and bodies.refine)):
+        yield (
+            "bodies.c",
+            "c clashes with axes.c or refine; write axes: {c: ...} alone",
+        )

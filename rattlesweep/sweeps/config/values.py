@@ -1,0 +1,234 @@
+"""Types of values of a config: numbers with units, words, lists and ranges."""
+
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeVar, get_args
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field, GetCoreSchemaHandler
+from pydantic_core import CoreSchema, core_schema
+
+from rattlesweep.arrays import Floats
+from rattlesweep.sweeps.config import not_one_of
+from rattlesweep.units import KINDS, Quantity, quantities, split
+
+T = TypeVar("T")
+MAX_AXIS = 10**6
+NO_UNIT_VECTOR = "u must be a vector of length 1 with u_z below 0, as [0, 0, -1]"
+AT_REST = "the body stands upright and at rest; give it an angular velocity"
+
+
+def _whole(value: Any) -> Any:
+    """Return floats without a fraction, such as 1e5, as integers."""
+    if isinstance(value, float) and value.is_integer() and abs(value) < 2**53:
+        return int(value)
+    return value
+
+
+Whole = Annotated[int, BeforeValidator(_whole)]
+Count = Annotated[int, Field(ge=1, le=2**62), BeforeValidator(_whole)]
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """A text that is one of some names."""
+
+    names: Iterable[str]
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.literal_schema(list(self.names))
+
+
+@dataclass(frozen=True)
+class OrText:
+    """A value of the type `item`, or a text that a function reads or refuses."""
+
+    item: Any
+    read: Callable[[str], Any]
+    text: Any  # type of the text, in the JSON Schema
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        item = handler.generate_schema(self.item)
+        both = core_schema.union_schema([item, handler.generate_schema(self.text)])
+
+        def validate(
+            value: Any, item_of: core_schema.ValidatorFunctionWrapHandler
+        ) -> Any:
+            if isinstance(value, str):
+                return self.read(value)
+            return item_of(value)
+
+        return core_schema.no_info_wrap_validator_function(
+            validate,
+            item,
+            json_schema_input_schema=both,
+            serialization=core_schema.plain_serializer_function_ser_schema(as_written),
+        )
+
+
+def as_written(value: Any) -> Any:
+    """Return a value as in a config; quantities with units are their texts."""
+    return getattr(value, "text", value)
+
+
+def quantity_or(item: Any, kind: str, unit: str, *words: str) -> OrText:
+    """Return a number in a `unit`, a text with a unit of a kind, or one of `words`."""
+    example = KINDS[kind][1]
+
+    def read(text: str) -> Any:
+        if text in words:
+            return text
+        if split(text)[0] is None:
+            numbers = f"give a number {unit}, or one with a unit, such as {example}"
+            raise ValueError(f"is not a number; {numbers}")
+        return Quantity(text, kind)
+
+    return OrText(item, read, Annotated[str, Field(examples=[example])])
+
+
+def one_of(item: Any, words: Collection[str]) -> OrText:
+    """Return a value of the type `item`, or one of `words`."""
+
+    def read(text: str) -> str:
+        if text not in words:
+            # The message begins with the value.
+            message = not_one_of(text, words)
+            raise ValueError(message[message.index(" is not one of ") + 1 :])
+        return text
+
+    return OrText(item, read, Annotated[str, OneOf(tuple(words))])
+
+
+def distinct(values: list[T]) -> list[T]:
+    """Return a list in which no value is repeated."""
+    if len({*values}) < len(values):
+        raise ValueError("a value is repeated; give each once")
+    return values
+
+
+def _as_list(value: Any) -> Any:
+    """Return one value, or ``{linspace: [low, high, n]}``, as a list."""
+    if isinstance(value, dict):
+        return _spaced(value)
+    if isinstance(value, list):
+        return value
+    return [value]
+
+
+def _spaced(value: dict[str, Any]) -> list[float | str]:
+    """Return the values between the ends of a linspace or a logspace."""
+    wanted = (
+        "write {linspace: [low, high, n]} or {logspace: [low, high, n]}, with ends in "
+        f"one unit, of one sign for logspace, and a whole number n up to {MAX_AXIS}"
+    )
+    laws: dict[str, Callable[[float, float, int], Floats]] = {
+        "linspace": np.linspace,
+        "logspace": np.geomspace,
+    }
+    try:
+        [(law, (low, high, count))] = value.items()
+        first, unit = split(str(low))
+        last, other_unit = split(str(high))
+        whole = 1 <= count <= MAX_AXIS and count == int(count)
+        # One value if the ends are equal, else two or more.
+        if unit != other_unit or not whole or (count == 1) != (first == last):
+            raise ValueError(wanted)
+        if first is None or last is None:
+            raise ValueError(wanted)
+        with np.errstate(all="ignore"):
+            values = laws[law](first, last, int(count))
+    except (TypeError, ValueError, KeyError, OverflowError):
+        raise ValueError(wanted) from None
+    if not np.isfinite(values).all():
+        raise ValueError(wanted)
+    if unit:
+        return [f"{number!r} {unit}" for number in values.tolist()]
+    return list(values.tolist())
+
+
+class _OneOrSeveral:
+    """A list that may be given as one item, as a list, or by linspace or logspace."""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        several = handler(source)
+        spaced = dict[
+            Literal["linspace", "logspace"],
+            Annotated[list[float | str], Field(min_length=3, max_length=3)],
+        ]
+        item = handler.generate_schema(get_args(source)[0])
+        accepted = core_schema.union_schema(
+            [item, several, handler.generate_schema(spaced)]
+        )
+        return core_schema.no_info_before_validator_function(
+            _as_list, several, json_schema_input_schema=accepted
+        )
+
+
+class _OneOrPair:
+    """A range that may be given as one number, for a range of zero width."""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        pair = handler(source)
+        item = handler.generate_schema(get_args(source)[0])
+        return core_schema.no_info_before_validator_function(
+            lambda value: value if isinstance(value, list) else [value, value],
+            pair,
+            json_schema_input_schema=core_schema.union_schema([item, pair]),
+        )
+
+
+def _rising(ends: list[float]) -> list[float]:
+    if ends[0] > ends[1]:
+        raise ValueError("the range is reversed; write [low, high]")
+    return ends
+
+
+UNIQUE = Field(json_schema_extra={"uniqueItems": True})
+Several = Annotated[
+    list[T], Field(min_length=1), UNIQUE, _OneOrSeveral(), AfterValidator(distinct)
+]
+"""A list of distinct items, given as one, as a list, or by linspace."""
+Pair = Annotated[list[T], Field(min_length=2, max_length=2)]
+Three = Annotated[list[T], Field(min_length=3, max_length=3)]
+Range = Annotated[
+    list[T],
+    Field(min_length=2, max_length=2),
+    _OneOrPair(),
+    AfterValidator(_rising),
+]
+"""A range [low, high], or one number."""
+
+
+def pair_of_lengths(value: Any) -> Any:
+    """Return a text such as ``45, -9 mm`` as two lengths in m."""
+    if isinstance(value, str):
+        return quantities(value, "length", 2)
+    return value
+
+
+def normalised(u: Any) -> Floats:
+    """Return vectors scaled to length 1; NaN for another length and for u_z >= 0."""
+    u = np.asarray(u, float)
+    length = np.linalg.norm(u, axis=-1, keepdims=True)
+    off = np.abs(length - 1)
+    # A vector that is normalised to rounding keeps its bits.
+    scaled = u / np.where(off < 1e-15, 1, length)
+    return np.where((off <= 1e-3) & (u[..., 2:] < 0), scaled, np.nan)
+
+
+def _unit_vector(u: list[float]) -> list[float]:
+    scaled: list[float] = normalised(u).tolist()
+    if np.isnan(scaled[0]):
+        raise ValueError(NO_UNIT_VECTOR)
+    return scaled
+
+
+Vertical = Annotated[Three[float], AfterValidator(_unit_vector)]
