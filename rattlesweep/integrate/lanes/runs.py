@@ -317,9 +317,7 @@ def note_side(lane, reversals):
     """Count a reversal once the spin is far on the other side, and store its peak."""
     run = int(lane.run)
     n = lane.n1
-    size = max(abs(n), lane.n_peak)
-    lane.n_peak = 0.0
-    if size > lane.far:
+    if abs(n) > lane.far:
         side = 1.0 if n > 0.0 else -1.0
         # Without a pending zero the body was dead when the spin changed sign.
         if side * lane.side < 0.0 and lane.t_pending >= 0.0:
@@ -330,6 +328,10 @@ def note_side(lane, reversals):
                 reversals[run, k, 0] = lane.t_pending
         lane.side = side
         lane.t_pending = -1.0
+    # A peak before the spin is far belongs to no turn.
+    peak = lane.n_peak if lane.t_pending < 0.0 else 0.0
+    lane.n_peak = 0.0
+    size = max(abs(n), peak)
     k = int(lane.reversals) - 1
     if k >= 0 and size > lane.n_after:
         lane.n_after = size
