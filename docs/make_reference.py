@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from rattlesweep.sweeps import columns, summary
 from rattlesweep.sweeps.config.read import config_json_schema
 from rattlesweep.sweeps.config.schema import Config
 
+Schema = dict[str, Any]  # a JSON Schema, or a part of one
 DOCS = Path(__file__).parent
 PARAMETERS = ("overrides", "base", "axes")
 """Sections of `bodies` with parameters of a body; they share one table."""
@@ -90,9 +91,9 @@ SHARED = {
 
 TABLES = """## A table as a source
 
-`bodies: {source: table, path: bodies.csv}` reads a CSV file with a header, a Parquet file, or a directory of Parquet files. A relative path is
-looked up in the working directory and then beside the config. Each row is one body, in the columns `alpha beta gamma theta phi xi` (radians).
-These optional columns replace a part of the config, row by row:
+`bodies: {source: table, path: bodies.csv}` reads a CSV file with a header, a Parquet file, or a directory of Parquet files. CSV may have
+commas, semicolons or tabs between the columns, and with the latter two also decimal commas. A relative path is looked up in the working directory and then beside the config. Each row is one body, in the columns `alpha beta gamma theta phi xi` (radians),
+or `gamma f_sd theta phi xi` for a shell-dumbbell body. These optional columns replace a part of the config, row by row:
 
 | columns | replace | unit |
 |---|---|---|
@@ -102,11 +103,12 @@ These optional columns replace a part of the config, row by row:
 | `t_end`, may be empty | `horizon` | `sqrt(a/g)` |
 | `c`, may be empty | `bodies.c` | `a` |
 | `sigma`, `rolling`, in all rows | `dissipation` | `M a^2 sqrt(g/a)`, `a` |
-| `xi_deg` | `xi` | degrees |
+| `xi_deg` or `minus_xi_deg` | `xi` | degrees |
 
 A body in SI units has the columns `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m` and optionally `ixy_kg_m2 axes_angle_deg
 gravity_m_s2 c_m`. Its launch is `n_i_rpm omega_xy0_rpm`, its horizon `t_end_s`, its dissipation `sigma_N_m_s` and `rolling_m`. The runs then also have
-the columns `t_r_s` and `n_i_rpm`. Other columns are copied to the runs; a name of a result is an error.
+the columns `t_r_s` and `n_i_rpm`. Other columns are copied to the runs. A column with the name of a result,
+such as `t_r`, is an error unless the table is one of runs.
 
 ```csv
 alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0,t_end
@@ -115,7 +117,7 @@ alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0,t_end
 ```
 
 The runs of a sweep are such a table: `path: out/quickstart/runs` repeats its launches and horizons.
-For a run that has reversed, `t_end` is its reversal time. `rs.sweep(frame, ...)` takes a DataFrame with these columns.
+For a run that has reversed, `t_end` is its reversal time. `rs.sweep(frame, ...)` takes a DataFrame of pandas or Polars, or an Arrow table, with these columns.
 """
 
 COLUMNS_HEAD = """# Columns of the tables
@@ -136,98 +138,96 @@ TYPES_LINK = """## Types
 def config_page() -> str:
     """Return the page of the config, with a table for each section."""
     schema = config_json_schema()
-    parts = [CONFIG_HEAD, "## Top level\n", table(rows_of({"": schema})), ""]
+    lines = [CONFIG_HEAD, "## Top level\n", table(rows_of({"": schema})), ""]
     for path, models in sections(schema):
-        words = [model["description"].replace("\n", " ") for model in models.values()]
-        parts += [f"## {path}\n", SHARED.get(path, words[0]), ""]
-        parts += ["```yaml", *EXAMPLES[path], "```", "", table(rows_of(models)), ""]
-    return "\n".join([*parts, TABLES])
+        description = next(iter(models.values()))["description"].replace("\n", " ")
+        lines += [f"## {path}\n", SHARED.get(path, description), ""]
+        lines += ["```yaml", *EXAMPLES[path], "```", "", table(rows_of(models)), ""]
+    return "\n".join([*lines, TABLES])
 
 
-def sections(schema: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+def sections(schema: Schema) -> list[tuple[str, Schema]]:
     """Return the sections in order: path -> name of an alternative -> its schema."""
-    known, found = schema["$defs"], {}
+    models = schema["$defs"]
+    by_path: dict[str, Schema] = {}
 
-    def walk(path: str, model: dict[str, Any]) -> None:
+    def walk(path: str, model: Schema) -> None:
         for name, key in model["properties"].items():
-            own = f"{path}.{name}".removeprefix(".")
-            for inner in references(key):
-                title, label = own, own
-                if name in PARAMETERS and path == "bodies":
-                    title, label = (
-                        ", ".join(f"bodies.{part}" for part in PARAMETERS),
-                        f"{name}",
-                    )
-                elif own == "bodies":
-                    label = known[inner]["properties"]["source"]["const"]
-                found.setdefault(title, {})[label] = known[inner]
-                walk(own, known[inner])
+            inner_path = f"{path}.{name}".removeprefix(".")
+            for reference in references(key):
+                inner = models[reference]
+                title = inner_path
+                label = inner_path
+                if path == "bodies" and name in PARAMETERS:
+                    title = ", ".join(f"bodies.{section}" for section in PARAMETERS)
+                    label = name
+                elif inner_path == "bodies":
+                    label = inner["properties"]["source"]["const"]
+                by_path.setdefault(title, {})[label] = inner
+                walk(inner_path, inner)
 
     walk("", schema)
-    return [
-        (path, found[path]) for path in sorted(found, key=lambda p: (p != "bodies",))
-    ]
+    # The bodies come first, the rest as in the schema.
+    return sorted(by_path.items(), key=lambda section: section[0] != "bodies")
 
 
-def rows_of(models: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
+def rows_of(models: dict[str, Schema]) -> list[tuple[str, ...]]:
     """Return the table of keys of a section.
 
     If the section has alternatives, a column says which of them have the key.
     """
-    many = len(models) > 1
-    rows = [("key", *(("where",) if many else ()), "default", "values", "meaning")]
-    for name in dict.fromkeys(
+    has_alternatives = len(models) > 1
+    head = ("key", "default", "values", "meaning")
+    if has_alternatives:
+        head = ("key", "where", *head[1:])
+    rows: list[tuple[str, ...]] = [head]
+    names = dict.fromkeys(
         name for model in models.values() for name in model["properties"]
-    ):
+    )
+    for name in names:
         having = {label: m for label, m in models.items() if name in m["properties"]}
         keys = {label: model["properties"][name] for label, model in having.items()}
-        needed = all(name in model.get("required", ()) for model in having.values())
-        rows.append(
-            (
-                f"`{name}`",
-                *(
-                    (", ".join(having) if len(having) < len(models) else "all",)
-                    if many
-                    else ()
-                ),
-                "required"
-                if needed
-                else together(
-                    {
-                        n: text
-                        for n, key in keys.items()
-                        if (text := default_of(name, key))
-                    }
-                    or {"": ""}
-                ),
-                together({n: kind_of(key) for n, key in keys.items()}),
-                together({n: words_of(key) for n, key in keys.items()}),
-            )
-        )
+        row = [f"`{name}`"]
+        if has_alternatives:
+            row.append("all" if len(having) == len(models) else ", ".join(having))
+        row.append(default_cell(name, having))
+        row.append(together({label: kind_of(key) for label, key in keys.items()}))
+        row.append(together({label: meaning_of(key) for label, key in keys.items()}))
+        rows.append(tuple(row))
     return rows
 
 
+def default_cell(name: str, models: dict[str, Schema]) -> str:
+    """Return the default of a key in all models that have it."""
+    if all(name in model.get("required", ()) for model in models.values()):
+        return "required"
+    defaults = {
+        label: default_of(name, model["properties"][name])
+        for label, model in models.items()
+    }
+    shown = {label: text for label, text in defaults.items() if text}
+    return together(shown) if shown else ""
+
+
 def together(values: dict[str, str]) -> str:
-    """Join the cells of alternatives: one cell if they agree, else each with its
-    name.
-    """
+    """Join the cells of alternatives: one cell if they agree, else each with its name."""
     by_value: dict[str, list[str]] = {}
     for label, value in values.items():
         by_value.setdefault(value, []).append(label)
     if len(by_value) == 1:
         return next(iter(by_value))
-    if "axes" in values and {f"{value}; or several" for value in by_value} & set(
-        by_value
-    ):
-        return min(by_value, key=len)  # the page explains lists of values above
-    common = min(by_value, key=len)
-    if all(value.endswith(common) for value in by_value):
-        rest = {
-            ", ".join(of): value.removesuffix(common) for value, of in by_value.items()
-        }
-        return "; ".join(
-            [common, *(f"{of}: {w.strip(' .')}" for of, w in rest.items() if w)]
-        )
+    shortest = min(by_value, key=len)
+    if "axes" in values and f"{shortest}; or several" in by_value:
+        # The head of the page explains lists of values.
+        return shortest
+    if all(value.endswith(shortest) for value in by_value):
+        # Some add words before those that all share.
+        cells = [shortest]
+        for value, labels in by_value.items():
+            extra = value.removesuffix(shortest).strip(" .")
+            if extra:
+                cells.append(f"{', '.join(labels)}: {extra}")
+        return "; ".join(cells)
     if all(value == f"`{label}`" for label, value in values.items()):
         return ", ".join(by_value)
     return "; ".join(
@@ -235,91 +235,99 @@ def together(values: dict[str, str]) -> str:
     )
 
 
-def words_of(key: dict[str, Any]) -> str:
+def meaning_of(key: Schema) -> str:
     """Return the description of a key; a bare `<` would begin an HTML tag."""
-    words: str = key["description"].removesuffix(".").replace("<", "&lt;")
-    return words
+    description: str = key["description"]
+    return description.removesuffix(".").replace("<", "&lt;")
 
 
-def references(key: Any) -> list[str]:
+def references(key: Schema) -> list[str]:
     """Return the names of the models that a value refers to."""
     if "$ref" in key:
         return [key["$ref"].rsplit("/", 1)[1]]
-    return [
-        name
-        for way in ("anyOf", "oneOf")
-        for each in key.get(way, ())
-        for name in references(each)
-    ]
+    names: list[str] = []
+    for keyword in ("anyOf", "oneOf"):
+        for choice in key.get(keyword, ()):
+            names += references(choice)
+    return names
 
 
-def default_of(name: str, key: dict[str, Any]) -> str:
+def default_of(name: str, key: Schema) -> str:
     """Return the default of a key as code, or an empty string."""
     value = key.get("default")
     if value is None and name in Config.model_fields and "default" not in key:
         value = Config.model_fields[name].get_default(call_default_factory=True)
         if hasattr(value, "model_dump"):
             value = value.model_dump(exclude_defaults=True) or None
-    return "" if value is None or "const" in key else f"`{yaml(value)}`"
+    if value is None or "const" in key:
+        return ""
+    return f"`{yaml(value)}`"
 
 
-def kind_of(key: dict[str, Any]) -> str:
+def kind_of(key: Schema) -> str:
     """Return the values that a key accepts, in words."""
-    if "const" in key or "enum" in key:
-        return ", ".join(f"`{word}`" for word in key.get("enum", [key.get("const")]))
+    if "const" in key:
+        return f"`{key['const']}`"
+    if "enum" in key:
+        return ", ".join(f"`{word}`" for word in key["enum"])
     if "linspace" in str(key):
         first = key
-        while ways := first.get("anyOf") or first.get("oneOf"):
-            first = ways[0]
+        while "anyOf" in first or "oneOf" in first:
+            first = (first.get("anyOf") or first["oneOf"])[0]
         return f"{kind_of(first)}; or several"
     if references(key):
         return "a section"
-    for way in ("anyOf", "oneOf"):
-        if way in key:
-            kinds = [kind_of(each) for each in key[way] if each.get("type") != "null"]
-            return " or ".join(dict.fromkeys(kinds))
-    if key.get("type") == "array":
-        inner = kind_of(key.get("items", {}))
-        if key.get("minItems", 0) != key.get("maxItems", 1):
-            return f"list of {inner}"
-        return (
-            "[low, high]"
-            if key["minItems"] == 2
-            else inner.replace("number", f"{key['minItems']} numbers")
-        )
-    if key.get("type") in ("integer", "number"):
-        return (
-            f"{'whole number' if key['type'] == 'integer' else 'number'}{limits(key)}"
-        )
+    for keyword in ("anyOf", "oneOf"):
+        if keyword in key:
+            choices = [each for each in key[keyword] if each.get("type") != "null"]
+            return " or ".join(dict.fromkeys(map(kind_of, choices)))
+    if key["type"] == "array":
+        return list_of(key)
+    if key["type"] == "integer":
+        return f"whole number{limits(key)}"
+    if key["type"] == "number":
+        return f"number{limits(key)}"
     if "examples" in key:
         return f"`{key['examples'][0]}`"
     return {"string": "text", "boolean": "`true`, `false`"}[key["type"]]
 
 
-def limits(key: dict[str, Any]) -> str:
-    """Return the range of a number."""
+def list_of(key: Schema) -> str:
+    """Return the lists that a key accepts, in words."""
+    item = kind_of(key.get("items", {"type": "string"}))
+    length = key.get("minItems", 0)
+    if length != key.get("maxItems", 1):
+        return f"list of {item}"
+    if length == 2:
+        return "[low, high]"
+    return item.replace("number", f"{length} numbers")
+
+
+def limits(key: Schema) -> str:
+    """Return the range of a number, without huge upper limits."""
     signs = {
         "minimum": "≥",
         "exclusiveMinimum": ">",
         "maximum": "≤",
         "exclusiveMaximum": "&lt;",
     }
-    # Huge upper limits are left out.
-    found = [
+    bounds = [
         f"{sign} {short(key[name])}"
         for name, sign in signs.items()
-        if name in key and (key[name] <= 1e5 or "Minimum" in name)
+        if name in key and (key[name] <= 1e5 or name == "exclusiveMinimum")
     ]
-    return f" {', '.join(found)}" if found else ""
+    return f" {', '.join(bounds)}" if bounds else ""
 
 
 def short(value: float) -> str:
     """Return a limit in its shortest form."""
-    if value and abs(abs(value) - math.pi / 2) < 1e-12:
+    if abs(abs(value) - math.pi / 2) < 1e-12:
         return "-pi/2" if value < 0 else "pi/2"
     if isinstance(value, int) and value > 1e15:
         power = value.bit_length()
-        return f"2^{power - 1}" if value == 2 ** (power - 1) else f"2^{power} - 1"
+        if value == 1 << (power - 1):
+            return f"2^{power - 1}"
+        return f"2^{power} - 1"
     return f"{value:g}"
 
 
@@ -353,16 +361,15 @@ def columns_page() -> str:
 def fields_table(fields: Iterable[pa.Field]) -> str:
     """Return columns as a table."""
     rows = [("column", "type, unit", "meaning")]
-    for f in fields:
-        kind = str(f.type).replace("list<element: double>", "list of double")
-        unit = f.metadata[b"unit"].decode()
-        rows.append(
-            (
-                f"`{f.name}`",
-                f"{kind}{'?' if f.nullable else ''}{'' if unit == '1' else f', `{unit}`'}",
-                f.metadata[b"description"].decode().replace("<", "&lt;"),
-            )
-        )
+    for field in fields:
+        kind = str(field.type).replace("list<element: double>", "list of double")
+        if field.nullable:
+            kind += "?"
+        unit = field.metadata[b"unit"].decode()
+        if unit != "1":
+            kind += f", `{unit}`"
+        meaning = field.metadata[b"description"].decode().replace("<", "&lt;")
+        rows.append((f"`{field.name}`", kind, meaning))
     return table(rows)
 
 
@@ -372,23 +379,26 @@ def fields_table(fields: Iterable[pa.Field]) -> str:
 def yaml(value: Any) -> str:
     """Return a value as YAML in flow style."""
     if isinstance(value, dict):
-        return (
-            "{"
-            + ", ".join(f"{name}: {yaml(inner)}" for name, inner in value.items())
-            + "}"
-        )
+        entries = (f"{name}: {yaml(inner)}" for name, inner in value.items())
+        return f"{{{', '.join(entries)}}}"
     if isinstance(value, list):
-        return "[" + ", ".join(map(yaml, value)) + "]"
+        return f"[{', '.join(map(yaml, value))}]"
     if isinstance(value, bool):
         return str(value).lower()
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:g}"
+    return str(value)
 
 
-def table(rows: list[tuple[str, ...]]) -> str:
+def table(rows: Sequence[tuple[str, ...]]) -> str:
     """Return rows as a Markdown table; the first row is the head."""
-    head, *body = [" | ".join(cell.replace("|", "\\|") for cell in row) for row in rows]
+    lines: list[str] = []
+    for row in rows:
+        cells = [cell.replace("|", "\\|") for cell in row]
+        lines.append(f"| {' | '.join(cells)} |")
     ruler = "|".join(["---"] * len(rows[0]))
-    return "\n".join([f"| {head} |", f"|{ruler}|", *(f"| {line} |" for line in body)])
+    lines.insert(1, f"|{ruler}|")
+    return "\n".join(lines)
 
 
 PAGES = {"config.md": config_page, "columns.md": columns_page}
@@ -396,19 +406,21 @@ PAGES = {"config.md": config_page, "columns.md": columns_page}
 
 def main() -> int:
     """Write or compare the pages."""
-    old = []
+    outdated: list[str] = []
     for name, page in PAGES.items():
-        path, text = DOCS / name, page().rstrip() + "\n"
+        path = DOCS / name
+        text = page().rstrip() + "\n"
         if "--check" not in sys.argv:
             path.write_text(text)
         elif not path.exists() or path.read_text() != text:
-            old.append(name)
-    if old:
+            outdated.append(name)
+    if outdated:
+        pages = ", ".join(outdated)
         print(
-            f"out of date: {', '.join(old)}; run python docs/make_reference.py",
-            file=sys.stderr,
+            f"out of date: {pages}; run python docs/make_reference.py", file=sys.stderr
         )
-    return int(bool(old))
+        return 1
+    return 0
 
 
 if __name__ == "__main__":

@@ -26,14 +26,12 @@ def take(values: T, rows: NDArray[Any]) -> T:
     elif isinstance(values, dict):
         taken = {name: take(value, rows) for name, value in values.items()}
     elif is_dataclass(values) and not isinstance(values, type):
-        taken = replace(values, **_fields_of(values, rows))
+        columns = {
+            field.name: take(getattr(values, field.name), rows)
+            for field in fields(values)
+        }
+        taken = replace(values, **columns)
     return cast("T", taken)
-
-
-def _fields_of(values: Any, rows: NDArray[Any]) -> dict[str, Any]:
-    return {
-        field.name: take(getattr(values, field.name), rows) for field in fields(values)
-    }
 
 
 def put(values: T, into: T, rows: NDArray[Any]) -> None:
@@ -53,6 +51,7 @@ def scatter(values: T, rows: Flags) -> T:
     wide: dict[str, NDArray[Any]] = {}
     for field in fields(values):  # type: ignore[arg-type]
         array = getattr(values, field.name)
+        # What was not recorded has no rows.
         if not isinstance(array, np.ndarray) or len(array) != count:
             continue
         fill = np.nan if array.dtype.kind == "f" else 0

@@ -14,6 +14,7 @@ from rattlesweep.cli import options
 from rattlesweep.cli.options import (
     DONE,
     SOME_FAILED,
+    Given,
     command,
     pick,
     probe,
@@ -24,9 +25,12 @@ from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.text import Bar, align, counted
 
 if TYPE_CHECKING:
+    from rattlesweep.analysis.derived import Quantity
     from rattlesweep.analysis.fit.result import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.physics.body import Rattleback
+
+MOST_TIMES = 8  # of a list of reversals, the others are not printed
 
 
 @command(
@@ -54,43 +58,65 @@ def body(as_json: bool, **given: Any) -> None:
     )
     from rattlesweep.api.arrays import number, require_units
 
-    made = _body_of(given)
+    described = _body_of(given)
     launch = pick(given, *given)
-    require_units(launch, made.units, _flag)
+    require_units(launch, described.units, _flag)
     launch = options.SPIN_DEFAULTS | launch
-    numbers: dict[str, Any] = {
-        name: number(name, x, made.units) for name, x in launch.items()
+    numbers: Given = {
+        name: number(name, value, described.units) for name, value in launch.items()
     }
-    values = derived(made, **numbers)
-    friction = {q.name: q.value for q in values}["friction"]
+    values = derived(described, **numbers)
+    friction = {quantity.name: quantity.value for quantity in values}["friction"]
     if friction is not None and friction > COMMON_FRICTION:
         say(f"warning: {SLIPS_AT_REVERSAL.format(friction)}")
     if as_json:
-        si = {
-            q.name: dict(zip(("value", "unit"), q.in_si, strict=True))
-            for q in values
-            if q.in_si
+        click.echo(to_json(_as_data(described, values)))
+    else:
+        click.echo(_as_table(described, values))
+
+
+def _as_data(body: Rattleback, values: list[Quantity]) -> dict[str, object]:
+    """Return derived quantities by name, and in SI units if the size is known."""
+    data: dict[str, object] = {quantity.name: quantity.value for quantity in values}
+    if body.units is not None:
+        data["units"] = asdict(body.units)
+        data["si"] = {
+            quantity.name: {"value": quantity.in_si[0], "unit": quantity.in_si[1]}
+            for quantity in values
+            if quantity.in_si is not None
         }
-        units = {"units": asdict(made.units), "si": si} if made.units else {}
-        click.echo(to_json({q.name: q.value for q in values} | units))
-        return
+    return data
+
+
+def _as_table(body: Rattleback, values: list[Quantity]) -> str:
+    """Return derived quantities as a text, with SI columns if the size is known."""
     lines = []
-    for q in values:
-        value = "none" if q.value is None else f"{q.value:.10g}"
-        shown = (f"{q.in_si[0]:.5g}", q.in_si[1]) if q.in_si else ("", "")
-        lines.append(
-            (q.name, value, q.unit, *(shown if made.units else ()), q.description)
-        )
-    click.echo(align(lines, "<><><" if made.units else "<><"))
+    for quantity in values:
+        value = "none"
+        if quantity.value is not None:
+            value = f"{quantity.value:.10g}"
+        line = [quantity.name, value, quantity.unit]
+        if body.units is not None:
+            si = ["", ""]
+            if quantity.in_si is not None:
+                si = [f"{quantity.in_si[0]:.5g}", quantity.in_si[1]]
+            line += si
+        lines.append([*line, quantity.description])
+    return align(lines, "<><" if body.units is None else "<><><")
 
 
-def _list_channels(context: click.Context, _: click.Parameter, names: Any) -> Any:
+def _list_channels(
+    context: click.Context, _: click.Parameter, names: tuple[str, ...] | None
+) -> tuple[str, ...] | None:
+    """Print all channels and stop if ``list`` is requested."""
     if names == ("list",):
         from rattlesweep.analysis.onerun.channels import CHANNELS
 
-        click.echo(
-            align([(c.name, c.unit, c.description) for c in CHANNELS.values()], "<")
-        )
+        lines = [
+            (channel.name, channel.unit, channel.description)
+            for channel in CHANNELS.values()
+        ]
+        click.echo(align(lines, "<"))
         context.exit()
     if names == ():
         raise ConfigError("--channels: give at least one name")
@@ -103,8 +129,8 @@ series = options.stack(
         "--channels",
         type=options.NAMES,
         callback=_list_channels,
-        help="Columns, and panels of "
-        "the figure; 'list' prints all of them.  [default: t,n]",
+        help="Columns, and panels of the figure; 'list' prints all of them.  "
+        "[default: t,n]",
     ),
     options.file(
         "--output",
@@ -162,9 +188,8 @@ def replay(directory: Path, **given: Any) -> int:
     from rattlesweep.api.single import prepare_stored
 
     probe(given["output"], given["figure"])
-    run, prepared = prepare_stored(
-        directory, **pick(given, "case", "sample", "where", "t_end")
-    )
+    which = pick(given, "case", "sample", "where", "t_end")
+    run, prepared = prepare_stored(directory, **which)
     return _follow(prepared, run.proof, **given)
 
 
@@ -193,25 +218,23 @@ def show(
     from rattlesweep.api.single import page_of, prepare_stored
 
     probe(output)
-    which, rows = (
-        pick(given, "case", "sample", "where"),
-        pick(given, "points", "from_time"),
-    )
+    which = pick(given, "case", "sample", "where")
+    rows = pick(given, "points", "from_time")
     proof = ""
     if directory is not None:
         t_end = given.pop("t_end")
         for name in pick(given, *given):
-            raise ConfigError(
-                f"--{name.replace('_', '-')}: a stored run has its own; leave it out"
-            )
-        found, run = prepare_stored(directory, t_end, **which)
-        proof, title = found.proof, title or found.title
+            raise ConfigError(f"{_flag(name)}: a stored run has its own; leave it out")
+        stored, run = prepare_stored(directory, t_end, **which)
+        proof = stored.proof
+        title = title or stored.title
     elif which:
         raise ConfigError(
             "--case, --sample and --where choose a run of a DIRECTORY; give it"
         )
     else:
-        title = title or (f"Rattleback {given['preset']}" if given["preset"] else None)
+        if title is None and given["preset"]:
+            title = f"Rattleback {given['preset']}"
         run = _prepared(given)
     page, course = page_of(run, title, path=output, **rows)
     click.echo(output)
@@ -221,13 +244,13 @@ def show(
 
 
 def _flag(name: str) -> str:
-    """Return an argument as an option of a command."""
+    """Return the flag of an argument."""
     if name == "shape":
         return "--half-ellipsoid"
     return f"--{name.replace('_', '-')}"
 
 
-def _body_of(given: dict[str, Any]) -> Rattleback:
+def _body_of(given: Given) -> Rattleback:
     """Return the body that the options of a command describe."""
     from rattlesweep.sweeps.bodies.making import body_from
     from rattlesweep.units import require_unit
@@ -237,9 +260,8 @@ def _body_of(given: dict[str, Any]) -> Rattleback:
         values["shape"] = "half_ellipsoid"
         lengths = values.pop("half_ellipsoid")
         values["length"], values["width"], values["height"] = lengths
-    has_size = bool({"shape", "mass"} & values.keys())
     semi_axis = values.get("c")
-    if has_size:
+    if "shape" in values or "mass" in values:
         require_unit("--c", semi_axis, "length")
     elif isinstance(semi_axis, str):
         raise ConfigError(
@@ -249,16 +271,18 @@ def _body_of(given: dict[str, Any]) -> Rattleback:
     return body_from(values, _flag, in_si=True)
 
 
-def _prepared(given: dict[str, Any]) -> PreparedRun:
+def _prepared(given: Given) -> PreparedRun:
+    """Return the run of a body and a launch that options describe."""
     from rattlesweep.api.arrays import require_units
     from rattlesweep.api.single import LAUNCH, prepare_launch
 
-    made = _body_of(given)
+    described = _body_of(given)
     launch = pick(given, *LAUNCH, "e_p0", "e_r0")
     times = {name: given.get(name) for name in ("dt", "from_time")}
-    require_units(launch | times, made.units, _flag)
-    defaults = {} if {"omega", "u"} & launch.keys() else options.SPIN_DEFAULTS
-    return prepare_launch(made, **{**defaults, **launch})
+    require_units(launch | times, described.units, _flag)
+    if "omega" not in launch and "u" not in launch:
+        launch = options.SPIN_DEFAULTS | launch
+    return prepare_launch(described, **launch)
 
 
 def _follow(
@@ -278,7 +302,10 @@ def _follow(
     rows = rows_of(run.units, **given)
     if output is not None or figure is None:
         course = Course(run, channels or ("t", "n"), **rows)
-        write_csv(course, sys.stdout.buffer) if output is None else save(course, output)
+        if output is None:
+            write_csv(course, sys.stdout.buffer)
+        else:
+            save(course, output)
     if figure is not None:
         from rattlesweep.analysis.onerun.figure import course_of, draw
 
@@ -288,30 +315,38 @@ def _follow(
 
 
 def _say_outcome(course: Course, quiet: bool, proof: str) -> int:
-    """Print the reversals of a run, also in seconds if it has a size; return the exit
-    code.
-    """
-    ended = course.follower
+    """Print the reversals of a run, also in seconds if it has a size."""
+    follower = course.follower
+    units = course.run.units
     if not quiet:
-        text = f"{proof}\n".lstrip() + _times(course.reversals, "reversal")
-        if (units := course.run.units) is not None and course.reversals:
-            seconds = [f"{t * units.time:.4g} s" for t in course.reversals[:8]]
-            text += f" ({', '.join(seconds)})"
-        if ended.zeros != course.reversals:
-            text += f" ({_times(ended.zeros, 'zero crossing')})"
-        end = "" if units is None else f" ({ended.t * units.time:.4g} s)"
-        say(f"{text}; {ended.n_steps} steps to t = {ended.t:g}{end}")
+        if proof:
+            say(proof)
+        text = _times(course.reversals, "reversal")
+        if units is not None and course.reversals:
+            first = course.reversals[:MOST_TIMES]
+            text += f" ({', '.join(f'{t * units.time:.4g} s' for t in first)})"
+        if follower.zeros != course.reversals:
+            text += f" ({_times(follower.zeros, 'zero crossing')})"
+        text += f"; {follower.n_steps} steps to t = {follower.t:g}"
+        if units is not None:
+            text += f" ({follower.t * units.time:.4g} s)"
+        say(text)
         if course.warning:
             say(f"warning: {course.warning}")
-    if ended.status.label != "ok":
-        say(f"the run failed: {ended.status.label}, {ended.status.meaning}")
+    if follower.status.label != "ok":
+        say(f"the run failed: {follower.status.label}, {follower.status.meaning}")
         return SOME_FAILED
     return DONE
 
 
-def _times(times: list[float], word: str) -> str:
-    shown = ", ".join(f"{time:.10g}" for time in times[:8]) + ", ..." * (len(times) > 8)
-    return f"{counted(len(times), word)} at {shown}" if times else f"no {word}s"
+def _times(times: list[float], event: str) -> str:
+    """Return how many events there are, with the first of their times."""
+    if not times:
+        return f"no {event}s"
+    shown = ", ".join(f"{time:.10g}" for time in times[:MOST_TIMES])
+    if len(times) > MOST_TIMES:
+        shown += ", ..."
+    return f"{counted(len(times), event)} at {shown}"
 
 
 @command(
@@ -335,39 +370,46 @@ def fit(
     from rattlesweep.api.single import fit_with_progress
 
     probe(figure)
-    given = _read_stone(stone)
+    arguments = _read_stone(stone)
     try:
         with Bar.of_command(quiet) as bar:
-            found = fit_with_progress(bar, data=data, **given)
+            best = fit_with_progress(bar, data=data, **arguments)
     except ConfigError as error:
         # Messages about the data begin with their path.
-        about = tuple(
-            f"{stone}: " * (not x.startswith(str(data))) + x for x in error.messages
-        )
-        raise ConfigError(about) from None
+        messages = [
+            message if message.startswith(str(data)) else f"{stone}: {message}"
+            for message in error.messages
+        ]
+        raise ConfigError(messages) from None
     names = ("values", "intervals", "in_si", "noise", "noise_unit", "rows", "remarks")
-    told = {name: getattr(found, name) for name in names}
-    click.echo(to_json(told) if as_json else _fit_table(found))
+    if as_json:
+        click.echo(to_json({name: getattr(best, name) for name in names}))
+    else:
+        click.echo(_fit_table(best))
     if figure is not None:
-        found.plot(figure)
+        best.plot(figure)
     if not quiet:
-        say(f"{found.rows} rows, noise {found.noise:.3g} {found.noise_unit}")
-        for remark in found.remarks:
+        say(f"{best.rows} rows, noise {best.noise:.3g} {best.noise_unit}")
+        for remark in best.remarks:
             say(f"warning: {remark}")
 
 
-def _fit_table(found: Fit) -> str:
+def _fit_table(best: Fit) -> str:
     from rattlesweep.analysis.fit.problem import PARAMETERS
 
     lines = [["", "value", "low", "high", "unit", "", "low", "high", "unit", ""]]
-    for name, value in found.values.items():
+    for name, value in best.values.items():
         parameter = PARAMETERS[name]
-        numbers = map("{:.6g}".format, (value, *found.intervals[name]))
-        *si, si_unit = found.in_si.get(name, ("", "", "", ""))
-        shown = [f"{number:.5g}" if si_unit else "" for number in si]
-        lines.append(
-            [name, *numbers, parameter.unit, *shown, si_unit, parameter.description]
-        )
+        line = [name]
+        line += [f"{number:.6g}" for number in (value, *best.intervals[name])]
+        line.append(parameter.unit)
+        if name in best.in_si:
+            *numbers, unit = best.in_si[name]
+            line += [f"{number:.5g}" for number in numbers]
+            line.append(unit)
+        else:
+            line += [""] * 4
+        lines.append([*line, parameter.description])
     return align(lines, "<>>><>>><<")
 
 

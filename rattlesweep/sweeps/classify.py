@@ -1,6 +1,4 @@
-"""Type the stored runs of a directory again, by other thresholds and without
-integrating.
-"""
+"""Type stored runs by other thresholds, without integrating them again."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,38 +28,38 @@ class Classified(NamedTuple):
 
 def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classified:
     """Type the stored runs by the config with overrides ``classify.KEY=VALUE``."""
-    _thresholds(
-        open_stored(directory), overrides
-    )  # refuse before anything is created there
+    # Refuse before anything is created there.
+    _thresholds(open_stored(directory), overrides)
     with hold(directory):
         stored = open_stored(directory)
-        thresholds, changed, files = _thresholds(stored, overrides), 0, 0
+        thresholds = _thresholds(stored, overrides)
+        changed = 0
+        files = 0
         for path in stored.files():
             if typed_by(path) != thresholds.as_text:
                 rows = read_parquet(path)
-                again = with_types(rows, thresholds)
-                rewrite(path, again, thresholds.as_text)
-                old, new = (
-                    pc.fill_null(table.column("type"), "") for table in (rows, again)
-                )
-                changed += pc.sum(pc.not_equal(old, new)).as_py()
+                retyped = with_types(rows, thresholds)
+                rewrite(path, retyped, thresholds.as_text)
+                before = pc.fill_null(rows.column("type"), "")
+                after = pc.fill_null(retyped.column("type"), "")
+                changed += pc.sum(pc.not_equal(before, after)).as_py()
                 files += 1
         return Classified(changed, files, thresholds.thresholds, write_summary(stored))
 
 
 def _thresholds(stored: Stored, overrides: Sequence[str]) -> Classify:
-    """Return the thresholds of the config with overrides; refuse what needs a new
-    sweep.
-    """
-    config, own = parse_config(resolved(stored.config), list(overrides)), stored.config
-    if config.model_copy(update={"classify": own.classify}) != own:
-        raise ConfigError(
-            "--set: only keys of classify can change here; others need a new sweep"
-        )
-    # With dissipation, t_r is stored only of zeros before the energy falls below
-    # dead_energy.
-    for key in ("early", *(["dead_energy"] if config.dissipation else [])):
-        if getattr(config.classify, key) != getattr(own.classify, key):
-            told = "decides more than types; it needs a new sweep"
-            raise ConfigError(f"--set classify.{key}: {told}")
+    """Return the thresholds of the config with overrides; refuse other changes."""
+    before = stored.config
+    config = parse_config(resolved(before), list(overrides))
+    if config.model_copy(update={"classify": before.classify}) != before:
+        what = "only keys of classify can change here; others need a new sweep"
+        raise ConfigError(f"--set: {what}")
+    decisive = ["early"]
+    if config.dissipation:
+        # Then t_r is stored only of zeros before the energy falls below this.
+        decisive.append("dead_energy")
+    for key in decisive:
+        if getattr(config.classify, key) != getattr(before.classify, key):
+            what = "decides more than types; it needs a new sweep"
+            raise ConfigError(f"--set classify.{key}: {what}")
     return config.classify

@@ -107,5 +107,5 @@ def explained(failure: str) -> Iterator[None]:
 
 def reason(error: BaseException) -> str:
     """Return in one line what went wrong."""
-    words = getattr(error, "strerror", None) or str(error).strip().split("\n")[0]
-    return words or type(error).__name__
+    text = getattr(error, "strerror", None) or str(error).strip().split("\n")[0]
+    return text or type(error).__name__

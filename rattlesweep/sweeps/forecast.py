@@ -8,9 +8,8 @@ import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Floats, take
 from rattlesweep.integrate.batch import available_threads
-from rattlesweep.integrate.status import Status
-from rattlesweep.sweeps.block import columns_of, load_kernel, run_batch
-from rattlesweep.sweeps.columns import build_table
+from rattlesweep.sweeps.block import compute, load_kernel
+from rattlesweep.sweeps.columns import floats
 from rattlesweep.sweeps.cost import expected_cost, sample_keys, some_cases
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.parquet import encode
@@ -69,82 +68,13 @@ class Forecast:
 class Pilot:
     """Runs that were integrated to measure how long runs take."""
 
-    table: pa.Table  # their rows
-    weight: Floats  # share of the sample that each of them stands for
+    rows: pa.Table
+    weight: Floats  # share of all runs that each of them stands for
     steps: Floats
     ratio: Floats  # steps over expected cost
     is_cut: Flags  # whether a run was too long for the pilot
     rate: float  # steps a second
     share: float  # of the processors that the pilot got
-    row_seconds: float  # for making a row
-
-
-class Sample:
-    """Runs of a plan with their expected costs, from which pilots are drawn."""
-
-    def __init__(self, plan: Plan) -> None:
-        self._plan = plan
-        cases = some_cases(len(plan.cases), EXPECTED // 4)
-        each = max(4, EXPECTED // len(cases))
-        if getattr(plan.config.bodies, "target", None):
-            each = min(each, MOST_AIMED)
-        begin = time.perf_counter()
-        self._launches = prepare(*sample_keys(plan, each, cases))
-        self.cost = expected_cost(self._launches, plan.config.model)
-        count = len(self.cost)
-        self.body_seconds = (time.perf_counter() - begin) / count
-        self._shares = np.full(count, 1 / count)
-        if self.cost.sum() > 0:
-            self._shares = self.cost / self.cost.sum()
-        self._random = np.random.default_rng(SEED)
-
-    def pilot(self, count: int, max_steps: int) -> Pilot:
-        """Integrate `count` runs, up to a number of steps."""
-        # They are drawn in proportion to expected cost, so that the mean of steps over
-        # cost is that of the sweep.
-        drawn, times = np.unique(
-            self._random.choice(len(self.cost), count, p=self._shares),
-            return_counts=True,
-        )
-        begin = time.perf_counter()
-        processor_begin = time.process_time()
-        launches = take(self._launches, drawn)
-        steps, is_cut, columns = self._integrate(launches, max_steps)
-        seconds = max(time.perf_counter() - begin, 1e-6)
-        used = time.process_time() - processor_begin
-        begin = time.perf_counter()
-        table = build_table(columns, self._plan.schema)
-        encode(table)
-        return Pilot(
-            table=table,
-            weight=times / count,
-            steps=steps,
-            ratio=steps / np.maximum(self.cost[drawn], 1e-300),
-            is_cut=is_cut,
-            rate=float(steps.sum()) / seconds,
-            share=min(1.0, used / (seconds * available_threads())),
-            row_seconds=(time.perf_counter() - begin) / len(table),
-        )
-
-    def _integrate(
-        self, launches: Launches, max_steps: int
-    ) -> tuple[Floats, Flags, dict[str, object]]:
-        """Return the steps of runs, whether they were cut off, and their columns."""
-        config = self._plan.config
-        batch = make_batch(launches, config.model)
-        if batch is None:
-            count = len(launches.horizon)
-            columns = columns_of(config, launches, None, None)
-            return np.ones(count), np.zeros(count, bool), columns
-        settings = config.integrator
-        limit = {"max_steps": min(max_steps, settings.max_steps)}
-        capped = {"integrator": settings.model_copy(update=limit)}
-        outcome = run_batch(
-            config.model_copy(update=capped), batch, available_threads()
-        )
-        columns = columns_of(config, launches, batch, outcome)
-        is_cut = outcome.status == Status.STEP_LIMIT
-        return np.maximum(outcome.n_steps, 1.0), is_cut, columns
 
 
 def forecast(
@@ -160,35 +90,81 @@ def forecast(
     available = available_threads()
     threads = threads or available
     load_kernel(plan.config)
-    sample = Sample(plan)
-    first = sample.pilot(FIRST, FIRST_STEPS)
+    cases = some_cases(len(plan.cases), EXPECTED // 4)
+    each = max(4, EXPECTED // len(cases))
+    if getattr(plan.config.bodies, "target", None):
+        each = min(each, MOST_AIMED)
+    begin = time.perf_counter()
+    launches = prepare(*sample_keys(plan, each, cases))
+    cost = expected_cost(launches, plan.config.model)
+    body_seconds = (time.perf_counter() - begin) / len(cost)
+    random = np.random.default_rng(SEED)
+    first = _pilot(plan, launches, cost, random, FIRST, FIRST_STEPS)
     budget = max(first.rate * seconds, 1e4)
-    wanted = budget / max(float(first.steps.mean()), 1.0)
-    count = int(np.clip(wanted, LEAST, MOST))
-    pilot = sample.pilot(count, max(1_000, int(budget / FIRST)))
+    count = int(np.clip(budget / first.steps.mean(), LEAST, MOST))
+    max_steps = max(1_000, int(budget / FIRST))
+    pilot = _pilot(plan, launches, cost, random, count, max_steps)
     # Runs that were cut off count with the largest ratio of steps to cost.
     upper = np.where(pilot.is_cut, pilot.ratio.max(), pilot.ratio)
     mean = float(pilot.weight @ pilot.ratio)
     variance = float(pilot.weight @ (pilot.ratio - mean) ** 2)
     error = 1.96 * np.sqrt(variance / count)
-    kernel = float(sample.cost.mean()) * plan.runs * available / pilot.rate / threads
+    kernel = float(cost.mean()) * plan.runs * available / pilot.rate / threads
     largest = float(pilot.weight @ upper)
-    # Bodies are drawn and rows are made while the kernel works, at its expense.
-    beside = (sample.body_seconds + pilot.row_seconds) * plan.runs
-    share = max(pilot.share, LEAST_SHARE)
-    begin = startup / share
+    # Bodies are drawn while the kernel works, at its expense.
+    beside = body_seconds * plan.runs
+    share = min(1.0, max(pilot.share, LEAST_SHARE))
     low = startup + kernel * max(0.0, mean - error)
-    middle = begin + kernel * (mean + largest) / 2 + beside / 2
-    high = begin + kernel * (largest + error) + beside
+    middle = startup / share + kernel * (mean + largest) / 2 + beside / 2
+    high = startup / share + kernel * (largest + error) + beside
     return Forecast(
         runs=plan.runs,
         threads=threads,
         seconds=middle,
-        # Where others use the processors now, they may stop, or as many more come.
+        # Where others use the processors now, they may stop, or many more may come.
         low=min(middle, FASTER * share * low),
-        high=SLOWER * (2 - share) * high,
-        bytes=_files_size(pilot.table, plan.runs),
+        high=SLOWER * (3 - 2 * share) * high,
+        bytes=_files_size(pilot.rows, plan.runs),
         decides=plan.config.deciding_key,
+    )
+
+
+def _pilot(
+    plan: Plan,
+    launches: Launches,
+    cost: Floats,
+    random: np.random.Generator,
+    count: int,
+    max_steps: int,
+) -> Pilot:
+    """Integrate some of the launches, up to a number of steps."""
+    # They are drawn in proportion to expected cost, so that the mean of steps over cost
+    # is that of the sweep.
+    shares = np.full(len(cost), 1 / len(cost))
+    if cost.sum() > 0:
+        shares = cost / cost.sum()
+    choice = random.choice(len(cost), count, p=shares)
+    drawn, times = np.unique(choice, return_counts=True)
+    settings = plan.config.integrator
+    limit = {"max_steps": min(max_steps, settings.max_steps)}
+    capped = {"integrator": settings.model_copy(update=limit)}
+    config = plan.config.model_copy(update=capped)
+    chosen = take(launches, drawn)
+    threads = available_threads()
+    begin = time.perf_counter()
+    processor_begin = time.process_time()
+    prepared = chosen, make_batch(chosen, config.model)
+    rows = compute(config, plan.schema, prepared, threads)
+    seconds = max(time.perf_counter() - begin, 1e-6)
+    steps = np.maximum(floats(rows["n_steps"]), 1.0)
+    return Pilot(
+        rows=rows,
+        weight=times / count,
+        steps=steps,
+        ratio=steps / np.maximum(cost[drawn], 1e-300),
+        is_cut=rows["status"].to_numpy() == "step_limit",
+        rate=float(steps.sum()) / seconds,
+        share=(time.process_time() - processor_begin) / (seconds * threads),
     )
 
 

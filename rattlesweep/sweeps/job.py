@@ -47,7 +47,7 @@ GRACE = 5.0  # seconds past the deadline that a session may take to end its firs
 # Samples of each case in the first pass over the cases. Each later pass has GROWTH
 # times as many samples before it. These are powers of 2, so that bodies that are drawn
 # by chunks are drawn once.
-FIRST_PASS = 64
+FIRST_PASS = 4
 GROWTH = 4
 PRIOR_RUNS = 8  # runs of a case after which its measured cost outweighs the expected
 
@@ -66,8 +66,8 @@ class Progress:
     left: float | None  # estimate in seconds; None before there is a base for it
 
 
-def in_order(todo: Flags, spread: bool = False) -> Iterator[Keys]:
-    """Yield the keys of runs to do, in pieces and in passes over all cases.
+def in_order(todo: Flags, spread: bool = False) -> Iterator[Integers]:
+    """Yield cases and samples of runs to do, (2, runs), in passes over all cases.
 
     A pass takes the cases in turn. Passes take consecutive samples, or every `step`-th
     one if `spread`, for bodies that vary from sample to sample as those of a grid. As
@@ -76,7 +76,8 @@ def in_order(todo: Flags, spread: bool = False) -> Iterator[Keys]:
     """
     cases, samples = todo.shape
     for first, stop, step, known in _passes(samples, spread):
-        width = max(GROWTH * step, SCAN * step // (GROWTH * step) * (GROWTH * step))
+        # A piece has about SCAN runs: many cases, or one in part.
+        width = max(1, SCAN // GROWTH) * GROWTH * step
         at_once = max(1, SCAN // max(1, (stop - first) // step))
         for case in range(0, cases, at_once):
             for start in range(first, stop, width):
@@ -86,7 +87,7 @@ def in_order(todo: Flags, spread: bool = False) -> Iterator[Keys]:
                     piece[:, ::GROWTH] = False
                 row, column = np.nonzero(piece)
                 if len(row):
-                    yield case + row, start + column * step
+                    yield np.stack([case + row, start + column * step])
 
 
 def _passes(samples: int, spread: bool) -> Iterator[tuple[int, int, int, bool]]:
@@ -156,27 +157,28 @@ class Job:
         self._left = todo.sum(axis=1)
         is_spread = self.plan.config.bodies.source in ("grid", "table")
         pieces = in_order(todo, is_spread)
-        case = sample = np.zeros(0, np.int64)
+        keys = np.zeros((2, 0), np.int64)  # of the next runs
         is_end = False
         while True:
-            while not is_end and len(case) < MAX_BLOCK_RUNS:
-                more_cases, more_samples = next(pieces, (None, None))
-                if more_cases is None or more_samples is None:
+            while not is_end and keys.shape[1] < MAX_BLOCK_RUNS:
+                piece = next(pieces, None)
+                if piece is None:
                     is_end = True
                 else:
-                    case = np.concatenate([case, more_cases])
-                    sample = np.concatenate([sample, more_samples])
-            if not len(case):
+                    keys = np.concatenate([keys, piece], axis=1)
+            runs = keys.shape[1]
+            if not runs:
                 return
-            most = min(len(case), MAX_BLOCK_RUNS)
-            count = min(self._block_size(self._costs.each[case[:most]]), most)
-            if is_end and len(case) - count < min(count // 4, MAX_BLOCK_RUNS - count):
-                count = len(case)  # no small block at the end
+            most = min(runs, MAX_BLOCK_RUNS)
+            count = min(self._block_size(self._costs.each[keys[0, :most]]), most)
+            rest = runs - count
+            if is_end and rest < min(count // 4, MAX_BLOCK_RUNS - count):
+                count = runs  # no small block at the end
+            block = keys[:, :count]
+            keys = keys[:, count:]
             # The rows of a file are in the order of their keys.
-            order = np.lexsort((sample[:count], case[:count]))
-            yield case[:count][order], sample[:count][order]
-            case = case[count:]
-            sample = sample[count:]
+            case, sample = block[:, np.lexsort(block[::-1])]
+            yield case, sample
 
     def _block_size(self, cost: Floats) -> int:
         """Return how many of the next runs, which have these costs, make a block."""

@@ -16,7 +16,7 @@ from rattlesweep.sweeps.decide import wanted_runs
 from rattlesweep.sweeps.files import explained, streamed_file
 from rattlesweep.sweeps.locks import hold
 from rattlesweep.sweeps.plan import check_empty, check_same
-from rattlesweep.sweeps.stored import MANIFEST, free_path, open_stored
+from rattlesweep.sweeps.stored import MANIFEST, Stored, free_path, open_stored
 from rattlesweep.sweeps.summary import write_summary
 
 
@@ -31,20 +31,11 @@ class Merged(NamedTuple):
 
 
 def merge(directories: Sequence[Path], output: Path) -> Merged:
-    """Copy the runs of directories of one sweep into another, which is new or of the
-    same sweep.
+    """Copy the runs of directories of one sweep into `output`.
+
+    That is a new directory, or one that has runs of the same sweep.
     """
-    if len({directory.resolve() for directory in (output, *directories)}) <= len(
-        directories
-    ):
-        raise ConfigError(
-            "a directory is given twice; give each once, and another as --output"
-        )
-    sources = [open_stored(directory) for directory in directories]
-    if (output / MANIFEST).exists():
-        sources.append(open_stored(output))
-    else:
-        check_empty(output)
+    sources = _sources(directories, output)
     largest = max(sources, key=lambda stored: stored.shape)
     for stored in sources:
         check_same(stored, largest)
@@ -57,36 +48,59 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
             output.mkdir(parents=True, exist_ok=True)
             stack.enter_context(hold(output))
             merged.folder.mkdir(exist_ok=True)
-        new = []
-        for path in [path for stored in sources for path in stored.files()]:
-            twin = (
-                merged.folder / path.name
-            )  # left by a merge that was killed, or the file itself
-            if not (
-                twin.exists()
-                and (twin.samefile(path) or filecmp.cmp(path, twin, False))
-            ):
-                new.append(path)
-        found = merged.find([*merged.files(), *new])
-        if found.damaged:
-            raise OutputError(
-                f"{found.damaged[0]} is damaged; do its runs again before merging"
-            )
-        if len(found.typed) > 1:
-            differing = " and ".join(str(paths[0]) for paths in found.typed.values())
-            told = "have types of different thresholds; run `rattlesweep classify`"
-            raise ConfigError(f"{differing} {told}")
+        new = _new_files(sources, merged)
+        on_disk = merged.find([*merged.files(), *new])
+        if on_disk.damaged:
+            advice = "do its runs again before merging"
+            raise OutputError(f"{on_disk.damaged[0]} is damaged; {advice}")
+        if len(on_disk.typed) > 1:
+            differing = " and ".join(str(paths[0]) for paths in on_disk.typed.values())
+            problem = "have types of different thresholds"
+            raise ConfigError(f"{differing} {problem}; run `rattlesweep classify`")
         merged.write_manifest()
         for path in new:
-            target = free_path(merged.folder / path.name)
-            try:
-                os.link(
-                    path, target
-                )  # links are safe as files are never changed in place
-            except OSError:
-                with open(path, "rb") as file, streamed_file(target) as copy:
-                    shutil.copyfileobj(file, copy)
-        missing = int((wanted_runs(merged, found) & ~found.done).sum())
+            _link_or_copy(path, merged)
+        missing = int((wanted_runs(merged, on_disk) & ~on_disk.done).sum())
         summary = None if missing else write_summary(merged)
-    failed = found.rows - found.status["ok"]
-    return Merged(found.rows, len(merged.files()), missing, failed, summary)
+    failed = on_disk.rows - on_disk.status["ok"]
+    return Merged(on_disk.rows, len(merged.files()), missing, failed, summary)
+
+
+def _sources(directories: Sequence[Path], output: Path) -> list[Stored]:
+    """Return the sweeps to merge, with that of `output` if it has one."""
+    distinct = {directory.resolve() for directory in (output, *directories)}
+    if len(distinct) <= len(directories):
+        advice = "give each once, and another as --output"
+        raise ConfigError(f"a directory is given twice; {advice}")
+    sources = [open_stored(directory) for directory in directories]
+    if (output / MANIFEST).exists():
+        sources.append(open_stored(output))
+    else:
+        check_empty(output)
+    return sources
+
+
+def _new_files(sources: Sequence[Stored], merged: Stored) -> list[Path]:
+    """Return the files of rows that the merged directory does not have."""
+    new = []
+    for stored in sources:
+        for path in stored.files():
+            # The file itself, or one that was left by a merge that was killed.
+            twin = merged.folder / path.name
+            is_there = twin.exists() and (
+                twin.samefile(path) or filecmp.cmp(path, twin, shallow=False)
+            )
+            if not is_there:
+                new.append(path)
+    return new
+
+
+def _link_or_copy(path: Path, merged: Stored) -> None:
+    """Add a file to the merged directory."""
+    target = free_path(merged.folder / path.name)
+    try:
+        # Links are safe, as files are never changed in place.
+        os.link(path, target)
+    except OSError:
+        with open(path, "rb") as file, streamed_file(target, merged.directory) as copy:
+            shutil.copyfileobj(file, copy)

@@ -13,6 +13,8 @@ import pyarrow as pa
 from rattlesweep.arrays import Flags
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
+from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.bodies.sources import SdBodies, bodies_at, ranges_of
 from rattlesweep.sweeps.bodies.table import (
     Frame,
@@ -21,7 +23,7 @@ from rattlesweep.sweeps.bodies.table import (
     unknown_columns,
 )
 from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.config.schema import Config, SdSource
+from rattlesweep.sweeps.config.schema import Config, SdSource, Target
 from rattlesweep.sweeps.files import probe_directory
 from rattlesweep.sweeps.launches import Launches, prepare
 from rattlesweep.sweeps.parquet import write_parquet
@@ -46,7 +48,8 @@ def plan_frame(
     directory = output or Path(config.directory)
     plan, warnings = checked_plan(config, rows=source)
     examine(plan, directory)
-    if not (path := directory / name).exists():
+    path = directory / name
+    if not path.exists():
         probe_directory(directory)
         write_parquet(pa.table(source.columns | source.carried), path)
     return plan, directory, directory.resolve(), warnings
@@ -55,14 +58,16 @@ def plan_frame(
 def checked_plan(
     config: Config, base: Path | None = None, rows: TableBodies | None = None
 ) -> tuple[Plan, list[str]]:
-    """Return the plan of a config and warnings; raise a ConfigError if no run makes
-    sense.
+    """Return the plan of a config and warnings.
+
+    Raise a ConfigError if no run makes sense.
     """
     with config.locating():
         plan = make_plan(config, base, rows)
         warnings = check_physics(plan)
-        if own := unknown_columns(getattr(plan.source, "carried", ())):
-            warnings.append(f"bodies: columns carried along: {', '.join(own)}")
+        carried = unknown_columns(getattr(plan.source, "carried", ()))
+        if carried:
+            warnings.append(f"bodies: columns carried along: {', '.join(carried)}")
         if isinstance(plan.source, SdBodies):
             plan.source.check_targets()
     return plan, warnings
@@ -70,63 +75,91 @@ def checked_plan(
 
 def check_physics(plan: Plan) -> list[str]:
     """Return warnings about a plan; raise a ConfigError if no run of it makes sense."""
-    config, which = plan.config, f"the {plan.runs} runs"
+    config = plan.config
+    which = f"the {plan.runs} runs"
     with config.locating(), np.errstate(all="ignore"):
         if isinstance(config.bodies, SdSource):
+            which = f"{MOST_RUNS} runs drawn from the ranges"
             plan = replace(plan, source=_drawn_bodies(config.bodies), samples=MOST_RUNS)
-            which = f"{min(plan.runs, MOST_RUNS)} runs drawn from the ranges"
         elif plan.runs > MOST_RUNS:
             which = f"{MOST_RUNS} of the {plan.runs} runs"
-        runs = np.linspace(0, plan.runs - 1, min(plan.runs, MOST_RUNS)).astype(np.int64)
-        launches = prepare(plan, *np.divmod(runs, plan.samples))
+        judged = min(plan.runs, MOST_RUNS)
+        numbers = np.linspace(0, plan.runs - 1, judged).astype(np.int64)
+        case, sample = np.divmod(numbers, plan.samples)
+        launches = prepare(plan, case, sample)
         return [config.located(warning) for warning in _doubts(config, launches, which)]
 
 
 def _doubts(config: Config, launches: Launches, which: str) -> Iterator[str]:
     """Yield warnings about horizons; raise a ConfigError if no run has one."""
-
-    def told(mask: Flags) -> str:
-        share = f"{'all' if mask.all() else mask.sum()} of {which}"
-        return share if len(mask) > 1 else "the only run"
-
-    t_end, t_rgh, horizon = launches.horizon, launches.gh.t_rgh, config.horizon
-    endless = ~np.isfinite(t_end)
-    early = t_end < t_rgh  # false without spin, where t_rGH is NaN
-    if endless.any():
-        name, unit = ("t_rgh", "t_rGH") if horizon.t_rgh else ("t_decay", "gamma/sigma")
-        problem = f"{name} times {unit} is not a finite time in {told(endless)}"
-        problem += "; give t as well"
-        if endless.all():
-            raise ConfigError(f"horizon.{name}: {problem}")
-        yield f"horizon.{name}: {problem}"
-    elif early.mean() >= 0.5 and horizon.t_decay is None:
-        key = "horizon.t" if horizon.t else "horizon.t_rgh"
-        key = key if launches.bodies.t_end is None else "bodies.path"
+    horizon = config.horizon
+    t_rgh = launches.gh.t_rgh
+    is_endless = ~np.isfinite(launches.horizon)
+    # False without spin, where t_rGH is NaN.
+    is_early = launches.horizon < t_rgh
+    if is_endless.any():
+        name = "t_decay"
+        unit = "gamma/sigma"
+        if horizon.t_rgh:
+            name = "t_rgh"
+            unit = "t_rGH"
+        problem = (
+            f"horizon.{name}: {name} times {unit} is not a finite time in "
+            f"{_how_many(is_endless, which)}; give t as well"
+        )
+        if is_endless.all():
+            raise ConfigError(problem)
+        yield problem
+    elif is_early.mean() >= 0.5 and horizon.t_decay is None:
+        key = "horizon.t_rgh"
+        if launches.bodies.t_end is not None:
+            key = "bodies.path"
+        elif horizon.t:
+            key = "horizon.t"
         yield (
             f"{key}: the horizon comes before t_rGH, the reversal time of theory, in "
-            f"{told(early)}, so few will be of type R; give t_rgh above 1, or t above "
-            f"{np.nanmedian(t_rgh):.3g}, the median of t_rGH"
+            f"{_how_many(is_early, which)}, so few will be of type R; give t_rgh above "
+            f"1, or t above {np.nanmedian(t_rgh):.3g}, the median of t_rGH"
         )
 
 
+def _how_many(mask: Flags, which: str) -> str:
+    """Return how many of `which` runs a mask selects, in words."""
+    if len(mask) == 1:
+        return "the only run"
+    if mask.all():
+        return f"all of {which}"
+    return f"{mask.sum()} of {which}"
+
+
 def _drawn_bodies(source: SdSource) -> TableBodies:
-    """Return bodies drawn by NumPy, without targets, for which the sampler may take
-    hours.
+    """Return bodies drawn by NumPy, without targets.
+
+    For a target the sampler may take hours.
     """
-    ranges, target = ranges_of(source), source.target
+    ranges = ranges_of(source)
     points = np.random.default_rng(SEED).random((len(ranges), BODIES_DRAWN))
-    b = bodies_at(points, ranges)
-    if target is not None:
-        *_, K_p, K_r = theory.torque_coefficients(b.alpha, b.beta, b.theta, b.phi, b.xi)
-        found = K_p if target.name == "K_p" else K_r
-        low, high = np.nanmin(found), np.nanmax(found)
-        for value in target.values:
-            if abs(value - np.clip(value, low, high)) > target.rel_tol * value:
-                where = f"{BODIES_DRAWN} bodies drawn from the ranges"
-                raise ConfigError(
-                    f"bodies.target.{target.name}: {value:g} is out of reach: in "
-                    f"{where} {target.name} lies between {low:.4g} and {high:.4g}"
-                )
-    return TableBodies(
-        {k: column for k, column in vars(b).items() if isinstance(column, np.ndarray)}
+    bodies = bodies_at(points, ranges)
+    if source.target is not None:
+        _check_reach(bodies, source.target)
+    columns = {name: getattr(bodies, name) for name in (*PARAMETERS, "f_sd")}
+    if bodies.c is not None:
+        columns["c"] = bodies.c
+    return TableBodies(columns)
+
+
+def _check_reach(bodies: Bodies, target: Target) -> None:
+    """Raise a ConfigError if no body comes near a value of a target."""
+    *_, K_p, K_r = theory.torque_coefficients(
+        bodies.alpha, bodies.beta, bodies.theta, bodies.phi, bodies.xi
     )
+    coefficient = K_p if target.name == "K_p" else K_r
+    low = np.nanmin(coefficient)
+    high = np.nanmax(coefficient)
+    for value in target.values:
+        if abs(value - np.clip(value, low, high)) > target.rel_tol * value:
+            raise ConfigError(
+                f"bodies.target.{target.name}: {value:g} is out of reach: in "
+                f"{BODIES_DRAWN} bodies drawn from the ranges {target.name} lies "
+                f"between {low:.4g} and {high:.4g}"
+            )

@@ -100,9 +100,9 @@ def run_sweep(
             stored = begin(plan, directory, base, name)
         plan = replace(plan, cases=stored.cases)
         record = held.enter_context(session(directory, name, threads))
-        found = _mend(stored, plan.config.classify, shard, retry_failed)
+        on_disk = _mend(stored, plan.config.classify, shard, retry_failed)
         deadline = math.inf if max_time is None else start + max_time
-        job = Job(plan, stored, found, threads, report, deadline)
+        job = Job(plan, stored, on_disk, threads, report, deadline)
         try:
             _compute_missing(job, shard, engine or local)
             if job.stopped is None:
@@ -141,52 +141,52 @@ def _mend(
     if they are to be repeated. Return what is then on disk, and the damaged files where
     they now are.
     """
-    found = stored.find()
-    found.damaged = stored.set_aside(found.damaged)
+    on_disk = stored.find()
+    on_disk.damaged = stored.set_aside(on_disk.damaged)
     typed = thresholds.as_text
     stale: set[Path] = set()
-    for text, paths in found.typed.items():
+    for text, paths in on_disk.typed.items():
         if text != typed:
             stale.update(paths)
     if stale and shard is not None:
         what = "its runs are typed by other thresholds than the config's"
         advice = "run `rattlesweep classify` there before its shards go on"
         raise ConfigError(f"{stored.directory}: {what}; {advice}")
-    retry = retry_failed and found.rows > found.status["ok"]
+    retry = retry_failed and on_disk.rows > on_disk.status["ok"]
     if not stale and not retry:
-        return found
+        return on_disk
     stored.drop_summary()
     for path in stored.files():
         if retry or path in stale:
             rows = with_types(read_parquet(path), thresholds)
-            kept = rows
+            ok_rows = rows
             if retry:
-                kept = rows.filter(pc.equal(rows.column("status"), "ok"))
-            if path in stale or len(kept) < len(rows):
-                rewrite(path, kept, typed)
+                ok_rows = rows.filter(pc.equal(rows.column("status"), "ok"))
+            if path in stale or len(ok_rows) < len(rows):
+                rewrite(path, ok_rows, typed)
     # Look again: what the first look found is not what is there now.
     again = stored.find()
-    again.damaged = found.damaged + stored.set_aside(again.damaged)
+    again.damaged = on_disk.damaged + stored.set_aside(again.damaged)
     return again
 
 
 def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> None:
     """Compute the wanted runs until all are on disk or the time is up."""
     plan = job.plan
-    found = job.found
+    on_disk = job.found
     while True:  # once, or once for each wave of `stop` and `bodies.refine`
-        wanted = wanted_runs(plan, found)
+        wanted = wanted_runs(plan, on_disk)
         if shard is not None:
             wanted = shard.runs(plan.shape)
-        job.runs = int((wanted & found.done).sum())
-        if found.done[wanted].all():
+        job.runs = int((wanted & on_disk.done).sum())
+        if on_disk.done[wanted].all():
             return
         job.stored.drop_summary()
         try:
             engine(job, job.blocks(wanted))
         except OutOfTime:
             # The last run may end just as the time is up.
-            if not found.done[wanted].all():
+            if not on_disk.done[wanted].all():
                 job.stopped = "the time is up"
                 if not job.done:
                     job.stopped += " before any run had ended; allow more"
@@ -195,7 +195,7 @@ def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> None:
             if not isinstance(error, Exception):
                 error.add_note(f"{job.runs:,} runs are kept")
             raise
-        left = int((wanted & ~found.done).sum())
+        left = int((wanted & ~on_disk.done).sum())
         if left:
             raise OutputError(f"the engine left out {left} of the runs; run it again")
 

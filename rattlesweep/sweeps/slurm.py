@@ -11,26 +11,29 @@ from pathlib import Path
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.plan import Plan
 
-MARGIN, MARGIN_SHARE = (
-    300,
-    0.25,
-)  # seconds before the limit, or share of it if that is less
+MARGIN = 300  # seconds before the limit at which a task stops
+MARGIN_SHARE = 0.25  # of the limit, if that is less
+SHORTEST = 120  # seconds that a limit may be
+LIMIT = re.compile(
+    r"(?:(?P<days>\d{1,4})-)?(?P<hours>\d{1,6}):(?P<minutes>\d\d):(?P<seconds>\d\d)"
+    r"|(?P<alone>\d{1,6})"
+)
 
 
 def limit_of(text: str) -> int:
-    """Read a limit as Slurm does, ``[days-]hours:minutes:seconds`` or minutes, in
-    seconds.
+    """Read a limit as Slurm does and return it in seconds.
+
+    It is ``[days-]hours:minutes:seconds`` or a number of minutes.
     """
-    match = re.fullmatch(
-        r"(?:(\d{1,4})-)?(\d{1,6}):(\d\d):(\d\d)|(\d{1,6})", text.strip()
-    )
+    match = LIMIT.fullmatch(text.strip())
     if not match:
-        raise ValueError(
-            "is no time limit; write it as in 4:00:00, 90 (minutes) or 2-12:00:00"
-        )
-    days, hours, minutes, seconds, alone = (int(part or 0) for part in match.groups())
-    total = 86400 * days + 3600 * hours + 60 * (minutes + alone) + seconds
-    if total < 120:
+        advice = "write it as in 4:00:00, 90 (minutes) or 2-12:00:00"
+        raise ValueError(f"is no time limit; {advice}")
+    limit = {name: int(number or 0) for name, number in match.groupdict().items()}
+    minutes = limit["minutes"] + limit["alone"]
+    total = 86400 * limit["days"] + 3600 * limit["hours"] + 60 * minutes
+    total += limit["seconds"]
+    if total < SHORTEST:
         raise ValueError("is too short; give at least 2 minutes")
     return total
 
@@ -49,37 +52,44 @@ def job_script(
     partition: str | None,
     restarts: int,
 ) -> str:
-    """Return the script of a job array; with `own`, each shard writes to
-    ``OUTPUT-I``.
-    """
-    name, where, quote = plan.config.name, Path.cwd(), shlex.quote
+    """Return the script of a job array; with `own`, shards write to ``OUTPUT-I``."""
+    name = plan.config.name
+    where = Path.cwd()
+    quote = shlex.quote
     if any("\n" in f"{text}" for text in (name, config, output, where, *overrides)):
-        raise ConfigError(
-            "a name, path or override with a line break cannot stand in a script"
-        )
+        what = "a name, path or override with a line break cannot stand in a script"
+        raise ConfigError(what)
     if not re.fullmatch(r"(?i)\d+([KMGT]B?)?", memory):
         raise ConfigError(f"--mem {memory}: is not a size of memory; write it as in 4G")
     if partition is not None and not re.fullmatch(r"[\w.,+-]+", partition):
         raise ConfigError(f"--partition {partition}: is not the name of a partition")
     # Slurm sends its warning halfway between the task's own stop and the limit.
     margin = round(min(MARGIN, MARGIN_SHARE * limit))
-    target, parts = quote(f"{output}"), f"{{0..{shards - 1}}}" if shards > 1 else "0"
-    merge = f"merge {target}-{parts} --output {quote(f'{output}-merged')}"
-    more = "" if partition is None else f"#SBATCH --partition={partition}\n"
+    target = quote(f"{output}")
+    finish = f"verify {target}"
+    directory = target
+    if own:
+        shards_of = f"{{0..{shards - 1}}}" if shards > 1 else "0"
+        merged = quote(f"{output}-merged")
+        finish = f"merge {target}-{shards_of} --output {merged}"
+        directory = f'{target}"-$index"'
+    options = f"#SBATCH --mem={memory}\n"
+    if partition is not None:
+        options += f"#SBATCH --partition={partition}\n"
     values = {
         "NAME": re.sub(r"[^\w.-]+", "-", name).strip("-.") or "sweep",
         "LAST": shards - 1,
         "CPUS": cpus,
         "TIME": f"{limit // 3600}:{limit // 60 % 60:02}:{limit % 60:02}",
         "WARNING": margin // 2,
-        "MORE": f"#SBATCH --mem={memory}\n{more}",
+        "MORE": options,
         "ABOUT": f"{plan.runs} runs in {shards} shards.",
-        "FINISH": f"rattlesweep {merge if own else f'verify {target}'}",
+        "FINISH": f"rattlesweep {finish}",
         "VERSION": version("rattlesweep"),
         "PROGRAM": quote(f"{Path(sys.executable).with_name('rattlesweep')}"),
         "WHERE": quote(f"{where}"),
         "CONFIG": quote(f"{config}"),
-        "OUTPUT": f'{target}"-$index"' if own else target,
+        "OUTPUT": directory,
         "SETS": "".join(f" --set {quote(text)}" for text in overrides),
         "SHARDS": shards,
         "SECONDS": limit - margin,

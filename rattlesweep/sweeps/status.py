@@ -61,9 +61,9 @@ def set_aside(paths: list[str]) -> str:
 def status(directory: Path) -> Status:
     """Count the rows of an output directory, and list the sessions at work there."""
     stored = open_stored(directory)
-    found = stored.find()
-    if found.damaged:
-        raise DamagedError(IS_DAMAGED.format(found.damaged[0]))
+    on_disk = stored.find()
+    if on_disk.damaged:
+        raise DamagedError(IS_DAMAGED.format(on_disk.damaged[0]))
     files = stored.files()
     sessions = read_sessions(directory)
     locks = at_work(directory)
@@ -72,12 +72,12 @@ def status(directory: Path) -> Status:
     ]
     idle = [session for session in sessions if session not in working]
     data = {
-        "runs": found.rows,
-        "wanted": int(wanted_runs(stored, found).sum()),
+        "runs": on_disk.rows,
+        "wanted": int(wanted_runs(stored, on_disk).sum()),
         "files": len(files),
         "bytes": sum(path.stat().st_size for path in files),
-        "status": dict(found.status.most_common()),
-        "types": dict(found.types.most_common()),
+        "status": dict(on_disk.status.most_common()),
+        "types": dict(on_disk.types.most_common()),
         "damaged": [str(path) for path in stored.damaged_files()],
         "at_work": working,
         "last": idle[-1] if idle else None,

@@ -1,5 +1,4 @@
-"""Types of runs: R, SS, SW, unclassified (the paper, "Steady initial spin direction"),
-and D.
+"""Types of runs: R, SS, SW, unclassified (as in the paper), and D.
 
 A run is R if the spin reaches zero by the horizon, else D if hardly any energy is left,
 else SS if the amplitude of the relevant oscillation decays monotonically, else SW if
@@ -32,20 +31,23 @@ def classify(
     thresholds: Classify,
     energy_left: Floats | None = None,
 ) -> NDArray[np.int8]:
-    """Return the indices of types in :data:`TYPES`, -1 for runs that are not ok; NaN is
-    null.
+    """Return the indices of types in :data:`TYPES`, -1 for runs that are not ok.
+
+    NaN stands for null.
     """
-    dead = (
-        np.zeros(ok.shape, bool)
-        if energy_left is None
-        else energy_left < thresholds.dead_energy
-    )
-    decays, departs = (
-        amp_growth <= thresholds.ss_growth,
-        n_departure > thresholds.sw_departure,
-    )
-    conditions = [~ok, np.isfinite(t_r), dead, decays, departs]
-    return np.select(conditions, [-1, R, DEAD, SS, SW], UNCLASSIFIED).astype(np.int8)
+    is_dead = np.zeros(ok.shape, bool)
+    if energy_left is not None:
+        is_dead = energy_left < thresholds.dead_energy
+    # The first condition that holds decides.
+    cases = {
+        -1: ~ok,
+        R: np.isfinite(t_r),
+        DEAD: is_dead,
+        SS: amp_growth <= thresholds.ss_growth,
+        SW: n_departure > thresholds.sw_departure,
+    }
+    codes = np.select([*cases.values()], [*cases], UNCLASSIFIED)
+    return codes.astype(np.int8)
 
 
 def sure_types(
@@ -55,52 +57,62 @@ def sure_types(
     errors: tuple[Floats, Floats],
     thresholds: Classify,
 ) -> Flags:
-    """Return whether types cannot change within `errors`; for R and D this is
-    `reversal_sure`.
+    """Return whether types cannot change within the errors of growth and departure.
+
+    For R and D this is `reversal_sure`.
     """
-    (growth, departure), (growth_error, departure_error) = observed, errors
+    growth, departure = observed
+    growth_error, departure_error = errors
     distance = np.abs(growth - thresholds.ss_growth)
     # A tenfold growth is a growth, whatever its error, if the looser run has grown too.
-    growth_sure = (distance > np.minimum(growth_error, 10.0)) & (
-        distance > growth_error / 10.0
-    )
+    is_beyond_error = distance > np.minimum(growth_error, 10.0)
+    is_far_beyond = distance > growth_error / 10.0
     # A run too short to have a growth is not SS at any tolerance.
-    growth_sure |= np.isnan(growth)
+    growth_sure = (is_beyond_error & is_far_beyond) | np.isnan(growth)
     departure_sure = np.abs(departure - thresholds.sw_departure) > departure_error
     # A spin that comes within its error of zero may cross it.
-    no_crossing = 1.0 - departure > departure_error
+    stays_off_zero = 1.0 - departure > departure_error
+    spins_on = stays_off_zero & growth_sure & ((codes == SS) | departure_sure)
     # D is sure if its reversal is: the energy that is left hardly depends on errors of
     # the phase.
-    others = no_crossing & growth_sure & ((codes == SS) | departure_sure)
-    return np.where((codes == R) | (codes == DEAD), reversal_sure, others) & (
-        codes >= 0
-    )
+    by_reversal = (codes == R) | (codes == DEAD)
+    return np.where(by_reversal, reversal_sure, spins_on) & (codes >= 0)
 
 
 def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
     """Return stored runs with `type` and `type_sure` for other thresholds."""
-    names = {"t_r", "amp_growth", "n_departure", "energy_left"}
-    names |= {"amp_growth_error", "n_departure_error"}
-    x = {name: floats(rows.column(name)) for name in names & set(rows.schema.names)}
-    observed = x["amp_growth"], x["n_departure"]
-    ok = pc.equal(rows.column("status"), "ok").to_numpy()
-    codes = classify(ok, x["t_r"], *observed, thresholds, x.get("energy_left"))
+    names = rows.schema.names
+    t_r = floats(rows.column("t_r"))
+    amp_growth = floats(rows.column("amp_growth"))
+    n_departure = floats(rows.column("n_departure"))
+    energy_left = None
+    if "energy_left" in names:
+        energy_left = floats(rows.column("energy_left"))
+    is_ok = pc.equal(rows.column("status"), "ok").to_numpy()
+    codes = classify(is_ok, t_r, amp_growth, n_departure, thresholds, energy_left)
     indices = pa.array(codes, mask=codes < 0)
-    changed = {
-        "type": pa.DictionaryArray.from_arrays(indices, pa.array(TYPES)).cast(
-            pa.string()
-        )
-    }
-    if "type_sure" in rows.schema.names:
-        # The thresholds do not affect whether a reversal is sure.
-        before = pc.fill_null(rows.column("type_sure"), False).to_numpy()
-        errors = x["amp_growth_error"], x["n_departure_error"]
-        sure = sure_types(codes, before, observed, errors, thresholds)
-        changed["type_sure"] = pa.array(sure, mask=codes < 0)
-    for name, values in changed.items():
-        place = rows.schema.get_field_index(name)
-        rows = rows.set_column(place, rows.schema.field(place), values)
-    return rows
+    types = pa.DictionaryArray.from_arrays(indices, pa.array(TYPES)).cast(pa.string())
+    rows = _with_column(rows, "type", types)
+    if "type_sure" not in names:
+        return rows
+    # The thresholds do not affect whether a reversal is sure.
+    reversal_sure = pc.fill_null(rows.column("type_sure"), False).to_numpy()
+    is_sure = sure_types(
+        codes,
+        reversal_sure,
+        (amp_growth, n_departure),
+        (
+            floats(rows.column("amp_growth_error")),
+            floats(rows.column("n_departure_error")),
+        ),
+        thresholds,
+    )
+    return _with_column(rows, "type_sure", pa.array(is_sure, mask=codes < 0))
+
+
+def _with_column(rows: pa.Table, name: str, values: pa.Array) -> pa.Table:
+    place = rows.schema.get_field_index(name)
+    return rows.set_column(place, rows.schema.field(place), values)
 
 
 def is_chaotic(lyapunov_late: ArrayLike, t_end: ArrayLike) -> Flags:
@@ -111,28 +123,30 @@ def is_chaotic(lyapunov_late: ArrayLike, t_end: ArrayLike) -> Flags:
 
 def codes(column: pa.Array, words: Sequence[str] = TYPES) -> Integers:
     """Return the index in `words` of each entry, -1 for other words and null."""
-    found = pc.fill_null(pc.index_in(column, pa.array(words)), -1)
-    return np.asarray(found.to_numpy(zero_copy_only=False).astype(np.int64))
+    indices = pc.fill_null(pc.index_in(column, pa.array(words)), -1)
+    return np.asarray(indices.to_numpy(zero_copy_only=False).astype(np.int64))
 
 
-def share(part: ArrayLike, whole: ArrayLike) -> Floats:
-    """Return ``part / whole``, NaN where `whole` is zero."""
-    part, whole = np.asarray(part, float), np.asarray(whole, float)
+def share(count: ArrayLike, whole: ArrayLike) -> Floats:
+    """Return ``count / whole``, NaN where `whole` is zero."""
+    count = np.asarray(count, float)
+    whole = np.asarray(whole, float)
+    result = np.full(count.shape, np.nan)
     with np.errstate(over="ignore"):
-        result: Floats = np.divide(
-            part, whole, out=np.full(part.shape, np.nan), where=whole > 0
-        )
+        np.divide(count, whole, out=result, where=whole > 0)
     return result
 
 
-def wilson(part: ArrayLike, whole: ArrayLike, z: float = Z95) -> tuple[Floats, Floats]:
-    """Return the confidence interval of a share (Wilson, J. Am. Stat. Assoc. 22, 209,
-    1927).
+def wilson(count: ArrayLike, whole: ArrayLike, z: float = Z95) -> tuple[Floats, Floats]:
+    """Return the ends of the confidence interval of a share.
+
+    By Wilson, J. Am. Stat. Assoc. 22, 209 (1927).
     """
-    part, whole = np.asarray(part, float), np.asarray(whole, float)
-    p, weight = share(part, whole), share(np.full(part.shape, z * z), whole)
+    p = share(count, whole)
+    weight = share(np.full(p.shape, z * z), whole)
     centre = (p + weight / 2) / (1 + weight)
     half = np.sqrt(weight * (p * (1 - p) + weight / 4)) / (1 + weight)
-    # Exact ends for shares of 0 and 1, which rounding could move out of the unit
-    # interval.
-    return np.where(p == 0, 0.0, centre - half), np.where(p == 1, 1.0, centre + half)
+    # Shares of 0 and 1 have exact ends, which rounding could move out of the interval.
+    low = np.where(p == 0, 0.0, centre - half)
+    high = np.where(p == 1, 1.0, centre + half)
+    return low, high

@@ -29,7 +29,6 @@ from rattlesweep.sweeps.stored import (
 from rattlesweep.sweeps.summary import summarise
 from rattlesweep.sweeps.types import with_types
 from rattlesweep.text import counted
-from rattlesweep.units import Quantity
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.plan import Plan
@@ -80,15 +79,15 @@ def verify(
 ) -> Verified:
     """Compare files with the manifest; integrate `recompute` runs again."""
     stored = open_stored(directory)
-    found = stored.find()
+    on_disk = stored.find()
     thresholds = stored.thresholds
-    missing = int((wanted_runs(stored, found) & ~found.done).sum())
+    missing = int((wanted_runs(stored, on_disk) & ~on_disk.done).sum())
     damaged = [str(path) for path in stored.damaged_files()]
     result = Verified(
-        directory, found.rows, len(stored.files()), missing, damaged=damaged
+        directory, on_disk.rows, len(stored.files()), missing, damaged=damaged
     )
     problems = result.problems
-    problems += _problems_of_files(stored, found, missing)
+    problems += _problems_of_files(stored, on_disk, missing)
     plan = None
     if recompute:
         # This imports Numba, which the rest does without.
@@ -98,9 +97,9 @@ def verify(
             plan = stored_plan(stored)
         except ConfigError as error:  # the table of bodies is missing or has changed
             problems.append(str(error))
-    intact = [path for paths in found.typed.values() for path in paths]
-    count = min(recompute, found.rows)
-    chosen = np.random.default_rng(seed).choice(found.rows, count, replace=False)
+    intact = [path for paths in on_disk.typed.values() for path in paths]
+    count = min(recompute, on_disk.rows)
+    chosen = np.random.default_rng(seed).choice(on_disk.rows, count, replace=False)
     seen = 0
     for number, path in enumerate(intact):
         report(number / len(intact))
@@ -125,17 +124,17 @@ def verify(
     return result
 
 
-def _problems_of_files(stored: Stored, found: Found, missing: int) -> Iterator[str]:
+def _problems_of_files(stored: Stored, on_disk: Found, missing: int) -> Iterator[str]:
     """Yield problems that are seen without looking at the values of the rows."""
-    for path in found.damaged:
+    for path in on_disk.damaged:
         yield IS_DAMAGED.format(path)
     thresholds = stored.thresholds.as_text
-    for text, paths in found.typed.items():
+    for text, paths in on_disk.typed.items():
         if text != thresholds:
             files = f"{counted(len(paths), 'file')}, such as {paths[0]}"
             advice = "run `rattlesweep classify` to type all alike"
             yield f"{files}, typed by other thresholds; {advice}"
-    if found.damaged:
+    if on_disk.damaged:
         return
     # A sweep begins with its folder, and its summary comes when all runs are there.
     path = stored.directory / SUMMARY
@@ -208,7 +207,7 @@ def _wrong_ends(rows: pa.Table, config: Config) -> Flags:
 def _horizons(rows: pa.Table, config: Config) -> Floats:
     """Return the horizons of runs, NaN where the rows and the config do not tell."""
     horizon = config.horizon
-    if config.bodies.source == "table" or isinstance(horizon.t, Quantity):
+    if config.bodies.source == "table" or config.settings["t_end"][0].si is not None:
         return np.full(len(rows), np.nan)
     t_end = np.full(len(rows), np.inf)
     if horizon.t_rgh is not None:

@@ -16,11 +16,11 @@ def edited(source: Path, target: Path, change: Callable[[pa.Table], pa.Table]) -
     (target / "summary.parquet").unlink(missing_ok=True)
     for path in sorted((target / "runs").glob("*.parquet")):
         table = pq.ParquetFile(path).read()
-        rows = change(table)
-        rows = rows.replace_schema_metadata(table.schema.metadata)
-        pq.write_table(rows, path, write_page_checksum=True) if len(
-            rows
-        ) else path.unlink()
+        rows = change(table).replace_schema_metadata(table.schema.metadata)
+        if len(rows):
+            pq.write_table(rows, path, write_page_checksum=True)
+        else:
+            path.unlink()
     return target
 
 

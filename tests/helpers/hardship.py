@@ -47,20 +47,17 @@ class Ended:
     @property
     def sentence(self) -> bool:
         """Whether standard error explains the failure in one line."""
-        lines = [
-            x
-            for x in self.err.splitlines()
-            if not x.startswith(("note: ", "warning: "))
-        ]
-        explained = len(lines) == 1 and lines[0].startswith("error: ")
-        return explained and "internal error" not in self.err
+        lines = []
+        for line in self.err.splitlines():
+            if not line.startswith(("note: ", "warning: ")):
+                lines.append(line)
+        is_explained = len(lines) == 1 and lines[0].startswith("error: ")
+        return is_explained and "internal error" not in self.err
 
 
 @cache
 def _nursery() -> tuple[Any, Path, Any]:
-    """Return the fork server, a folder for the output of its children, and their
-    numbers.
-    """
+    """Return the fork server, and a folder and numbers for the output of children."""
     os.environ["RATTLESWEEP_TESTS_NURSERY"] = "1"
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
     context = multiprocessing.get_context("forkserver")
@@ -96,9 +93,11 @@ class Child:
         self._process.join(seconds)
         assert self._process.exitcode is not None, f"still running after {seconds} s"
         # A process that was killed at once has no output files.
-        paths = [self._out.with_suffix(f".{handle}") for handle in (1, 2)]
-        out, err = (path.read_text() if path.exists() else "" for path in paths)
-        return Ended(self._process.exitcode, out, err)
+        texts = []
+        for handle in (1, 2):
+            path = self._out.with_suffix(f".{handle}")
+            texts.append(path.read_text() if path.exists() else "")
+        return Ended(self._process.exitcode, *texts)
 
 
 def command(*args: Any, **how: Any) -> Ended:
@@ -114,26 +113,23 @@ def rows_of(directory: Path) -> pa.Table:
 
 
 def check_equal(directory: Path, expected: Path) -> None:
-    """Check that two directories agree to the last bit, and that one is intact and
-    clean.
-    """
+    """Check that two directories agree to the last bit, and that one is clean."""
     assert same_bits(rows_of(directory), rows_of(expected))
     summaries = [(d / "summary.parquet").read_bytes() for d in (directory, expected)]
     assert summaries[0] == summaries[1]
-    found = verify(directory)
-    assert (found.problems, found.missing) == ([], 0)
-    left = {str(p.relative_to(directory)) for p in directory.rglob("*") if p.is_file()}
-    left = {name for name in left if not name.startswith((".locks/", "sessions/2"))}
-    names = {f"runs/{path.name}" for path in files_of(directory)}
-    assert left == {"manifest.json", "summary.parquet", *names}
+    result = verify(directory)
+    assert (result.problems, result.missing) == ([], 0)
+    names = set()
+    for path in directory.rglob("*"):
+        name = str(path.relative_to(directory))
+        if path.is_file() and not name.startswith((".locks/", "sessions/2")):
+            names.add(name)
+    rows = {f"runs/{path.name}" for path in files_of(directory)}
+    assert names == {"manifest.json", "summary.parquet", *rows}
 
 
 def check_whole(directory: Path, *expected: Path) -> int:
-    """Check that visible files are intact, no run appears twice, and each row is an
-    expected one.
-
-    Return the number of rows.
-    """
+    """Check that files are intact, and rows are expected and there once; count them."""
     if not (directory / "manifest.json").exists():
         assert not files_of(directory)
         return 0

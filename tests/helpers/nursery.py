@@ -60,8 +60,7 @@ def become(args: list[str], out: Path, how: dict[str, Any]) -> None:
         for handle in (1, 2):
             path = out.with_suffix(f".{handle}")
             os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), handle)
-        # fsync matters after a power cut, not after a kill, and would take most of the
-        # time.
+        # It matters after a power cut, not after a kill, and takes most of the time.
         os.fsync = os.fstat  # type: ignore[assignment]
         job.MAX_BLOCK_RUNS = how.get("rows", ROWS)
         if "hold" in how:
@@ -83,7 +82,9 @@ def become(args: list[str], out: Path, how: dict[str, Any]) -> None:
 
 def _hold(blocks: int) -> None:
     """Let some blocks pass and hold the others until SIGUSR1 or a stop."""
-    honest, passed, released = block.compute, [], []
+    honest = block.compute
+    passed: list[None] = []
+    released: list[bool] = []
     signal.signal(signal.SIGUSR1, lambda *_: released.append(True))
 
     def held(

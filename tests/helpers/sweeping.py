@@ -26,14 +26,13 @@ from rattlesweep.sweeps.verify import verify
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"
-HEAD, ROW = "alpha,beta,gamma,theta,phi,xi", "13.04,1.522,12.28,0.6429,0.036,-0.03"
+HEAD = "alpha,beta,gamma,theta,phi,xi"
+ROW = "13.04,1.522,12.28,0.6429,0.036,-0.03"
 PROGRAM = Path(sys.executable).with_name("rattlesweep")
 
 
 def invoke(*args: Any) -> Any:
-    """Run a command in this process, and raise any exception that it does not
-    handle.
-    """
+    """Run a command in this process, and raise what it does not handle."""
     result = CliRunner().invoke(cli.main, [str(a) for a in args])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
@@ -45,16 +44,18 @@ def run(
     config: str | Path, output: Path, *sets: str, options: tuple[Any, ...] = ()
 ) -> Any:
     """Run a shipped config, or one at a path."""
-    chosen = [part for text in sets for part in ("--set", text)]
-    return invoke("run", CONFIGS / config, "--output", output, *chosen, *options)
+    settings = [word for text in sets for word in ("--set", text)]
+    return invoke("run", CONFIGS / config, "--output", output, *settings, *options)
 
 
-def changed(config: dict[str, Any], **parts: Any) -> dict[str, Any]:
+def changed(config: dict[str, Any], **sections: Any) -> dict[str, Any]:
     """Return a config with some keys replaced; sections are merged."""
-    return config | {
-        key: config.get(key, {}) | part if isinstance(part, dict) else part
-        for key, part in parts.items()
-    }
+    result = dict(config)
+    for key, value in sections.items():
+        if isinstance(value, dict):
+            value = config.get(key, {}) | value
+        result[key] = value
+    return result
 
 
 def plan_of(config: str | Path | dict[str, Any], *sets: str, **changes: Any) -> Plan:
@@ -79,14 +80,14 @@ def sweep(
 
 def rows(output: Path) -> pd.DataFrame:
     """Return all runs, sorted by key."""
-    parts = [pd.read_parquet(path) for path in (output / "runs").glob("*.parquet")]
-    return pd.concat(parts).sort_values(["case", "sample"], ignore_index=True)
+    files = [pd.read_parquet(path) for path in (output / "runs").glob("*.parquet")]
+    return pd.concat(files).sort_values(["case", "sample"], ignore_index=True)
 
 
 def manifest(output: Path) -> dict[str, Any]:
     """Return the manifest, read as plain JSON."""
-    found: dict[str, Any] = json.loads((output / "manifest.json").read_text())
-    return found
+    data: dict[str, Any] = json.loads((output / "manifest.json").read_text())
+    return data
 
 
 def proved(output: Path, recompute: int = 0) -> str:
@@ -97,9 +98,7 @@ def proved(output: Path, recompute: int = 0) -> str:
 
 
 def content_hash(output: Path) -> str:
-    """Return a hash of all rows, sorted by key, which does not depend on their
-    files.
-    """
+    """Return a hash of all rows, sorted by key, however they lie in files."""
     sink = pa.BufferOutputStream()
     pq.write_table(open_stored(output).read().combine_chunks(), sink)
     return hashlib.sha256(sink.getvalue()).hexdigest()
@@ -107,7 +106,8 @@ def content_hash(output: Path) -> str:
 
 def tree(directory: Path) -> dict[str, bytes]:
     """Return the contents of all files in a directory; folders count as empty files."""
-    return {
-        str(p.relative_to(directory)): p.read_bytes() if p.is_file() else b""
-        for p in sorted(directory.rglob("*"))
-    }
+    contents = {}
+    for path in sorted(directory.rglob("*")):
+        name = str(path.relative_to(directory))
+        contents[name] = path.read_bytes() if path.is_file() else b""
+    return contents

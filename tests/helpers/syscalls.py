@@ -41,9 +41,7 @@ class Calls:
     root: str
     kinds: tuple[str, ...]  # kinds of calls that are counted
     at: int | None = None  # index of the call that does harm
-    number: int | None = (
-        None  # errno of the failure; None sends a signal before the call
-    )
+    number: int | None = None  # errno of the failure; None sends a signal instead
     sent: int = signal.SIGKILL  # the signal
     for_good: bool = False  # whether all later calls fail, too
     log: str | None = None  # file for one line ``kind path`` per call
@@ -72,9 +70,9 @@ class Calls:
         if isinstance(path, int):
             return self._paths.get(path)
         text = os.path.abspath(os.fspath(path))
-        return (
-            text if text == self.root or text.startswith(self.root + os.sep) else None
-        )
+        if text == self.root or text.startswith(self.root + os.sep):
+            return text
+        return None
 
     def install(self) -> None:
         for name, kind in (
@@ -91,9 +89,16 @@ class Calls:
         ):
             setattr(os, name, self._before(kind, getattr(os, name)))
         link = os.link
-        os.link = lambda path, to: (self.come("link", self.mine(to)), link(path, to))[1]
-        self._open_of_os, self._close_of_os = os.open, os.close
-        os.open, os.close = self._open, self._close
+
+        def counted_link(path: Any, to: Any) -> None:
+            self.come("link", self.mine(to))
+            link(path, to)
+
+        os.link = counted_link
+        self._open_of_os = os.open
+        self._close_of_os = os.close
+        os.open = self._open
+        os.close = self._close
         builtins.open = io.open = self._open_file  # type: ignore[assignment]
         fcntl.flock = self._flock  # type: ignore[assignment]
 
@@ -133,7 +138,8 @@ class Calls:
         _FLOCK(handle, operation)
 
 
-_OPEN, _FLOCK = builtins.open, fcntl.flock
+_OPEN = builtins.open
+_FLOCK = fcntl.flock
 
 
 class _RawReader(io.FileIO):
@@ -154,7 +160,9 @@ class _RawReader(io.FileIO):
 
 class _Raw(io.RawIOBase):
     def __init__(self, calls: Calls, handle: int) -> None:
-        self._calls, self._handle, self._begun = calls, handle, False
+        self._calls = calls
+        self._handle = handle
+        self._begun = False
 
     def fileno(self) -> int:
         return self._handle
@@ -164,11 +172,10 @@ class _Raw(io.RawIOBase):
 
     def write(self, data: Any) -> int:
         self._calls.come("write", self._calls.mine(self._handle))
-        part = (
-            data if self._begun or len(data) < 2 else memoryview(data)[: len(data) // 2]
-        )
+        if not self._begun and len(data) > 1:
+            data = memoryview(data)[: len(data) // 2]
         self._begun = True
-        return os.write(self._handle, part)
+        return os.write(self._handle, data)
 
     def close(self) -> None:
         if not self.closed:

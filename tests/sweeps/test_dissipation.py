@@ -54,7 +54,7 @@ def table(folder: Path, *lines: str, **source: Any) -> dict[str, Any]:
 def test_a_horizon_in_units_of_the_decay():
     def ends(sigma: list[float], **horizon: float) -> Any:
         plan = plan_of(GH, dissipation={"sigma": sigma}, horizon=horizon)
-        return pytest.approx(prepared(plan)[0].t_end.tolist())
+        return pytest.approx(prepared(plan)[0].horizon.tolist())
 
     gamma = rs.Rattleback.gh().gamma
     assert ends([0.01, 0.1], t_decay=5) == [500 * gamma, 50 * gamma]
@@ -184,13 +184,15 @@ REFUSED_TABLES: dict[str, tuple[str, str, dict[str, Any], str]] = {
         "sigma",
         "0.1",
         {"model": "reduced"},
-        "bodies.path: with the table's columns: dissipation: the model reduced conserves",
+        "bodies.path: with the table's columns: dissipation: the model reduced "
+        "conserves",
     ),
     "no decay": (
         "sigma",
         "0",
         {"horizon": {"t_decay": 1}},
-        "horizon.t_decay: t_decay times gamma/sigma is not a finite time in the only run",
+        "horizon.t_decay: t_decay times gamma/sigma is not a finite time in the only "
+        "run",
     ),
 }
 

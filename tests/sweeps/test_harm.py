@@ -59,27 +59,24 @@ class Scene:
             shutil.copytree(self.before, output)
 
     def run(self, output: Path, **how: Any) -> Ended:
-        args = [str(part).replace("{out}", str(output)) for part in self.args]
-        return command(*args, rows=self.rows, **how)
+        return command(*self.arguments(output), rows=self.rows, **how)
+
+    def arguments(self, output: Path) -> list[str]:
+        return [str(text).replace("{out}", str(output)) for text in self.args]
 
 
 def make_scene(name: str, folder: Path) -> Scene:
     """Make one of `SCENES` on a sweep of two blocks; more blocks repeat the same
     calls.
     """
-    config, rows = tiny(folder), 12
-    if name in ("refine", "stop"):
-        changes = (
-            {"bodies": GRID, "spin": SPINS} if name == "refine" else {"bodies": SD}
-        )
-        lines = [
-            changes.get(line.split(":")[0], line)
-            for line in config.read_text().splitlines()
-        ]
-        config.write_text(
-            "\n".join(lines) + "\n" + "stop: {fraction: 0.04}\n" * (name == "stop")
-        )
-        rows = 20 if name == "refine" else 400
+    config = tiny(folder)
+    rows = 12
+    if name == "refine":
+        _change(config, {"bodies": GRID, "spin": SPINS})
+        rows = 20
+    elif name == "stop":
+        _change(config, {"bodies": SD, "stop": "stop: {fraction: 0.04}"})
+        rows = 400
     run = ("run", config, "--output", "{out}", "-q")
 
     def did(args: tuple[Any, ...], output: Path) -> Path:
@@ -106,6 +103,15 @@ def make_scene(name: str, folder: Path) -> Scene:
     return Scene(before, run, did(run, Path(shutil.copytree(before, folder / "after"))))
 
 
+def _change(config: Path, lines: dict[str, str]) -> None:
+    """Replace lines of a config by their keys, or add them."""
+    unchanged = []
+    for line in config.read_text().splitlines():
+        if line.split(":")[0] not in lines:
+            unchanged.append(line)
+    config.write_text("\n".join([*unchanged, *lines.values()]) + "\n")
+
+
 def fail_some(directory: Path) -> None:
     """Mark every third run as failed at its limit of steps."""
     for path in files_of(directory):
@@ -129,14 +135,18 @@ def at_every_call(
     """Harm a command at one call after another; each time check, repeat it and check
     again.
     """
-    scene, output, log = make_scene(name, folder), folder / "out", folder / "log"
+    scene = make_scene(name, folder)
+    output = folder / "out"
+    log = folder / "log"
     scene.begin(output)
     done = scene.run(output, calls={"root": output, "kinds": kinds, "log": log})
     assert done.code == 0, done
     calls = [line for line in log.read_text().splitlines() if line.split()[0] in kinds]
     assert len(calls) > 10
     check_equal(output, scene.after)
-    known = (scene.after, *([scene.before] if scene.before else []))
+    known = [scene.after]
+    if scene.before is not None:
+        known.append(scene.before)
     for at in range(stride // 2, len(calls), stride):
         scene.begin(output)
         done = scene.run(
@@ -237,7 +247,7 @@ def test_damage_that_the_second_look_finds_is_mended(tmp_path, monkeypatch):
         path.write_bytes(path.read_bytes()[:-1] + b"?")
 
     monkeypatch.setattr(run, "rewrite", harmful)
-    result = invoke(*(str(x).replace("{out}", str(output)) for x in scene.args))
+    result = invoke(*scene.arguments(output))
     assert result.exit_code == 0
     moved = sorted((output / "damaged").iterdir())
     assert len(moved) == len(files_of(scene.before or output))
@@ -248,8 +258,10 @@ def test_damage_that_the_second_look_finds_is_mended(tmp_path, monkeypatch):
 
 def test_calls_are_harmed_as_asked_and_files_are_synced(tmp_path):
     """Check `syscalls` itself: without harm the tests above would pass, too."""
-    scene, output = make_scene("run", tmp_path), tmp_path / "out"
-    log, calls = tmp_path / "log", {"root": output, "kinds": CHANGES}
+    scene = make_scene("run", tmp_path)
+    output = tmp_path / "out"
+    log = tmp_path / "log"
+    calls = {"root": output, "kinds": CHANGES}
     scene.run(output, calls=calls | {"log": log})
     lines = [
         line for line in log.read_text().splitlines() if line.split()[0] in CHANGES
@@ -263,8 +275,10 @@ def test_calls_are_harmed_as_asked_and_files_are_synced(tmp_path):
     for place, line in enumerate(lines):
         kind, path = line.split()
         if kind == "rename":
-            own = [x.split()[0] for x in lines[:place] if x.split()[1] == path]
-            assert (own[0], {*own[1:-1]}, own[-1]) == ("create", {"write"}, "fsync")
+            before = [x.split()[0] for x in lines[:place] if x.split()[1] == path]
+            assert before[0] == "create"
+            assert {*before[1:-1]} == {"write"}
+            assert before[-1] == "fsync"
             # Files of rows are written beside their folder, where no reader looks.
             folder = "runs" if path.startswith(".case") else Path(path).parent
             assert lines[place + 1] == f"fsync {folder}"

@@ -55,15 +55,16 @@ def cut(rows: int, most: int = 10**9, dice: random.Random | None = None) -> Any:
     """
 
     def engine(work: Job, blocks: Iterator[Keys]) -> None:
-        case, sample = (np.concatenate(part) for part in zip(*blocks, strict=True))
-        parts = [
-            (case[k : k + rows], sample[k : k + rows])
-            for k in range(0, len(case), rows)
-        ]
+        case, sample = (np.concatenate(keys) for keys in zip(*blocks, strict=True))
+        order = np.lexsort((sample, case))
+        pieces = []
+        for first in range(0, len(case), rows):
+            chosen = order[first : first + rows]
+            pieces.append((case[chosen], sample[chosen]))
         if dice is not None:
-            dice.shuffle(parts)
-        local(work, iter(parts[:most]))
-        if len(parts) > most:
+            dice.shuffle(pieces)
+        local(work, iter(pieces[:most]))
+        if len(pieces) > most:
             raise Stop
 
     return engine
@@ -106,7 +107,9 @@ def test_shards_in_one_directory(whole, tmp_path):
 
 
 def test_broken_off_again_and_again_moved_and_harmed(whole, tmp_path):
-    dice, output, stops = random.Random(3), tmp_path / "0", 0
+    dice = random.Random(3)
+    output = tmp_path / "0"
+    stops = 0
     while True:
         try:
             sweep(
@@ -212,13 +215,13 @@ REFUSED = {
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_no_growth_is_refused(name, tmp_path):
-    config, words = REFUSED[name]
+    config, problem = REFUSED[name]
     sweep(tmp_path / "out", SMALL)
     shutil.copytree(tmp_path / "out", tmp_path / "before")
     for options in ({}, {"shard": Shard(0, 2)}):
         with pytest.raises(ConfigError) as refused:
             sweep(tmp_path / "out", config, **options)
-        assert words in refused.value.messages[0]
+        assert problem in refused.value.messages[0]
     assert sweeping.tree(tmp_path / "out") == sweeping.tree(tmp_path / "before")
     # Without the manifest, its rows are not taken for those of another sweep either.
     (tmp_path / "out" / "manifest.json").unlink()

@@ -10,7 +10,8 @@ from rattlesweep.physics.body import PARAMETERS
 GH = rs.Rattleback.gh()
 ROW = {name: getattr(GH, name) for name in PARAMETERS}
 SPIN = {"n_i": 0.1, "omega_xy0": 0.01}
-FAST, PUSH = SPIN | {"n_i": -1001.0}, SPIN | {"omega_xy0": 1001.0}
+FAST = SPIN | {"n_i": -1001.0}
+PUSH = SPIN | {"omega_xy0": 1001.0}
 TURN = {"omega": (0.0, 0.1, 1001.0)}
 
 
@@ -21,15 +22,12 @@ def test_speeds_are_limited_in_calls_configs_and_tables(launch, name, tmp_path):
     for function in (rs.simulate, rs.trajectory):
         with pytest.raises(ConfigError, match=rf"{name}.* -?1000"):
             function(GH, **launch, t_end=1e-3)
-    section = (
-        {"launch": {"omega": [*launch["omega"]]}}
-        if name == "omega"
-        else {"spin": launch}
-    )
+    config = {"bodies": {"source": "preset", "name": "GH"}, "spin": launch}
+    if name == "omega":
+        config["launch"] = {"omega": [*launch["omega"]]}
+        del config["spin"]
     with pytest.raises(ConfigError, match="1001"):
-        rs.sweep(
-            {"bodies": {"source": "preset", "name": "GH"}} | section, output=tmp_path
-        )
+        rs.sweep(config, output=tmp_path)
     if name != "omega":
         with pytest.raises(
             ConfigError, match=f"row 1: {name} is -?1001; from .* to 1000"

@@ -197,7 +197,9 @@ def test_angles_in_degrees_and_the_unit_of_time_alone(tmp_path):
 def test_columns_are_carried_as_what_they_hold(tmp_path):
     path = tmp_path / "t.csv"
     path.write_text(
-        f"{HEAD},whole,gaps,real,words,height_m \n{ROW},5,1,1.5,a b, +0.02 \n{ROW},-7,,2,,0.02\n"
+        f"{HEAD},whole,gaps,real,words,height_m \n"
+        f"{ROW},5,1,1.5,a b, +0.02 \n"
+        f"{ROW},-7,,2,,0.02\n"
     )
     source = table.read_bodies(str(path))
     held = {

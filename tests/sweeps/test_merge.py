@@ -30,8 +30,8 @@ RUNS = 360
 
 
 def sweep(output: Path, shard: tuple[int, int] | None = None, **changes: Any) -> Any:
-    own = None if shard is None else Shard(*shard)
-    return sweeping.sweep(output, CONFIG | changes, shard=own)
+    chosen = None if shard is None else Shard(*shard)
+    return sweeping.sweep(output, CONFIG | changes, shard=chosen)
 
 
 def merge(*directories: Path, to: Path) -> Any:

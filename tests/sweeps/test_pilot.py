@@ -33,15 +33,17 @@ GRID = {
 
 def test_it_says_what_the_plan_takes(tmp_path):
     plan = plan_of(CONFIG)
-    found = forecast(plan, 2, seconds=0.3)
-    assert (found.runs, found.threads, found.decides) == (2000, 2, None)
-    assert 0 <= found.low <= found.seconds <= found.high
+    expected = forecast(plan, 2, seconds=0.3)
+    assert (expected.runs, expected.threads, expected.decides) == (2000, 2, None)
+    assert 0 <= expected.low <= expected.seconds <= expected.high
     # With the time that the command takes before it begins, on whatever machine.
     later = forecast(plan, 2, seconds=0.3, startup=1000.0)
     assert later.low > 100
     assert 1000 <= later.seconds <= later.high
-    assert json.loads(json.dumps(vars(found), allow_nan=False))["runs"] == 2000
-    text = replace(found, seconds=190.0, low=170.0, high=210.0, bytes=12_300_000).words
+    assert json.loads(json.dumps(vars(expected), allow_nan=False))["runs"] == 2000
+    text = replace(
+        expected, seconds=190.0, low=170.0, high=210.0, bytes=12_300_000
+    ).words
     assert (
         text
         == "2,000 runs: about 3:10 with 2 threads (2:50 to 3:30, as other programs "
@@ -49,7 +51,7 @@ def test_it_says_what_the_plan_takes(tmp_path):
     )
     rows = integrate_plan(plan)
     write_parquet(rows, tmp_path / "a")
-    assert found.bytes == pytest.approx((tmp_path / "a").stat().st_size, rel=0.5)
+    assert expected.bytes == pytest.approx((tmp_path / "a").stat().st_size, rel=0.5)
     # Runs drawn in proportion to expected cost estimate the mean of steps / cost.
     cost = expected_cost(prepare(*sample_keys(plan, 10_000, np.arange(2))), "full")
     steps = rows["n_steps"].to_numpy()
@@ -71,7 +73,7 @@ def test_it_says_what_the_plan_takes(tmp_path):
     ],
 )
 def test_any_plan_can_be_forecast(changes):
-    found = forecast(plan_of(CONFIG | changes), 1, seconds=0.1)
-    assert np.isfinite([found.seconds, found.low, found.high]).all()
-    assert found.bytes > 0
-    assert (found.decides == "bodies.refine") == ("refine" in found.words)
+    expected = forecast(plan_of(CONFIG | changes), 1, seconds=0.1)
+    assert np.isfinite([expected.seconds, expected.low, expected.high]).all()
+    assert expected.bytes > 0
+    assert (expected.decides == "bodies.refine") == ("refine" in expected.words)

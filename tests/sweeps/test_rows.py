@@ -77,15 +77,15 @@ def random_rows(cases: int, samples: int) -> pa.Table:
     return build_table(random_columns(case, sample), SCHEMA)
 
 
-def scatter(directory: Path, table: pa.Table, parts: Any) -> Stored:
-    """Write rows to files; ``parts`` has the number of the file of each row."""
+def scatter(directory: Path, table: pa.Table, files: Any) -> Stored:
+    """Write rows to files; ``files`` has the number of the file of each row."""
     config = parse_config(
         {**CONFIG, "model": "full", "record": ["energy", "contact", "windows"]}
     )
     stored = Stored(config, CASES, 400, (), directory, {}, "sweep")
     (directory / "runs").mkdir(parents=True)
-    for part in np.unique(parts):
-        stored.append(table.filter(pa.array(parts == part)), "{}")
+    for number in np.unique(files):
+        stored.append(table.filter(pa.array(files == number)), "{}")
     return stored
 
 
@@ -145,23 +145,23 @@ def test_rows_come_back_in_order_however_they_lie_in_files(
 ):
     monkeypatch.setattr(stored_module, "BATCH_ROWS", piece)
     table = random_rows(5, 400)
-    parts = np.random.default_rng(files).integers(0, files, len(table))
-    stored = scatter(tmp_path, table, parts)
-    assert len(stored.files()) == len(np.unique(parts))
+    numbers = np.random.default_rng(files).integers(0, files, len(table))
+    stored = scatter(tmp_path, table, numbers)
+    assert len(stored.files()) == len(np.unique(numbers))
     assert same_bits(stored.read(), table)
     assert same_bits(stored.read(["t_r", "case"]), table.select(["t_r", "case"]))
 
 
 def test_what_is_there_is_found(tmp_path):
     table = random_rows(5, 400)
-    there = np.random.default_rng(1).random(len(table)) < 0.3
-    stored = scatter(
-        tmp_path, table.filter(pa.array(there)), np.arange(there.sum()) // 100
-    )
-    found = stored.find()
-    assert np.array_equal(found.done.ravel(), there)
-    assert found.status["ok"] == found.types.total() < found.rows == there.sum()
-    assert [*found.typed] == ["{}"]
+    is_done = np.random.default_rng(1).random(len(table)) < 0.3
+    rows = table.filter(pa.array(is_done))
+    stored = scatter(tmp_path, rows, np.arange(len(rows)) // 100)
+    on_disk = stored.find()
+    assert np.array_equal(on_disk.done.ravel(), is_done)
+    assert on_disk.status["ok"] == on_disk.types.total()
+    assert on_disk.types.total() < on_disk.rows == len(rows)
+    assert [*on_disk.typed] == ["{}"]
     shutil.rmtree(tmp_path / "runs")
     assert (stored.files(), stored.find().rows) == ([], 0)
 
@@ -187,9 +187,9 @@ def test_the_runs_of_a_damaged_file_are_to_do(harm, stored):
     harm(path)
     with pytest.raises(DamagedError, match="is damaged"):
         stored.read()
-    found = stored.find()
-    assert found.damaged == [path]
-    assert np.array_equal(np.flatnonzero(~found.done.ravel()), np.arange(700, 1400))
+    on_disk = stored.find()
+    assert on_disk.damaged == [path]
+    assert np.array_equal(np.flatnonzero(~on_disk.done.ravel()), np.arange(700, 1400))
 
 
 def flip(path: Path, column: str) -> None:
@@ -207,21 +207,24 @@ def flip(path: Path, column: str) -> None:
 @pytest.mark.parametrize("count", [60, pytest.param(4000, marks=pytest.mark.slow)])
 def test_no_flipped_bit_changes_a_number_or_loses_a_row(count, tmp_path):
     sweep(tmp_path, CONFIG)
-    stored, before = open_stored(tmp_path), open_stored(tmp_path).read()
-    (path,), dice = stored.files(), random.Random(count)
-    data, told = path.read_bytes(), 0
+    stored = open_stored(tmp_path)
+    before = stored.read()
+    (path,) = stored.files()
+    data = path.read_bytes()
+    dice = random.Random(count)
+    damaged = 0
     for _ in range(count):
         changed = bytearray(data)
-        # Half of them in the footer, which has no checksum.
+        # Half of them in the second half, where the footer is.
         place = dice.randrange(dice.choice([0, len(data) // 2]), len(data))
         changed[place] ^= 1 << dice.randrange(8)
         path.write_bytes(changed)
         # What is damaged is told apart from what is foreign, so that `run` mends it.
         if stored.find().damaged:
-            told += 1
+            damaged += 1
         else:
             assert same_bits(stored.read(), before)
-    assert told > count / 4
+    assert damaged > count / 4
 
 
 @pytest.mark.parametrize(
@@ -240,16 +243,16 @@ def test_out_of_memory_or_unreadable_is_not_damaged(error, stored, monkeypatch):
 def test_what_is_no_part_of_the_sweep_is_refused(stored):
     before = stored.files()
     some = read_parquet(before[0]).slice(0, 2)
-    other = tuple(Case(k, None, None, 0.5, 0.01) for k in range(5))
-    for own, rows, words in (
+    renumbered = tuple(Case(k, None, None, 0.5, 0.01) for k in range(5))
+    for writer, rows, problem in (
         (stored, some, "holds runs that are stored twice; move it away"),
         (replace(stored, hash="another"), some, "holds runs of another sweep"),
         (stored, some.drop_columns("t_r"), "has the columns of another version"),
-        (replace(stored, cases=other), some, "numbers its cases differently"),
+        (replace(stored, cases=renumbered), some, "numbers its cases differently"),
     ):
-        own.append(rows, "{}")
+        writer.append(rows, "{}")
         (new,) = {*stored.files()} - {*before}
-        with pytest.raises(OutputError, match=rf"\.parquet {words}"):
+        with pytest.raises(OutputError, match=rf"\.parquet {problem}"):
             stored.find()
         new.unlink()
     for name, value in (("case", -1), ("sample", -1), ("case", 5), ("sample", 400)):

@@ -68,7 +68,8 @@ def test_shipped_configs_run_and_leave_what_the_contract_says(name, tmp_path):
     left = {p.name for p in output.iterdir()} - {".locks"}
     assert left == {"manifest.json", "runs", "sessions", "summary.parquet"}
     proved(output, recompute=3)
-    said, frame = manifest(output), rows(output)
+    said = manifest(output)
+    frame = rows(output)
     files = sorted(path.name for path in (output / "runs").iterdir())
     assert files[0] == "case00000-sample000000000.parquet"
     schema = runs_schema(plan_of(name).config.parts)
@@ -120,7 +121,8 @@ def test_runs_that_fail_are_rows_with_a_status_and_the_exit_code_says_so(tmp_pat
     )
     result = run("quickstart.yaml", output, *sets)
     assert result.exit_code == 3
-    frame, summary = rows(output), pd.read_parquet(output / "summary.parquet")
+    frame = rows(output)
+    summary = pd.read_parquet(output / "summary.parquet")
     assert set(frame.status) <= {"nonfinite", "energy", "coarse_step"}
     assert frame.type.isna().all()
     assert (summary.failed == 3).all()
@@ -166,13 +168,13 @@ assert task.is_alive()
 print("drawn", end="", flush=True)
 task.control.stop()
 """
-    own = {
+    changes = {
         "NUMBA_THREADING_LAYER": "workqueue",
         "PYTHONPATH": os.pathsep.join(sys.path),
     }
     done = subprocess.run(
         [sys.executable, "-c", code],
-        env=os.environ | own,
+        env=os.environ | changes,
         capture_output=True,
         text=True,
         check=False,

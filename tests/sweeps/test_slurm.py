@@ -76,8 +76,9 @@ class Cluster:
         """Return the script with another program instead of rattlesweep, whose output
         is kept.
         """
-        told = f'[[ $1 == --version ]] && {{ echo "rattlesweep {rs.__version__}"; exit; }}\n'
-        path = self.put("rattlesweep", told + body)
+        answer = f'echo "rattlesweep {rs.__version__}"'
+        program = f"[[ $1 == --version ]] && {{ {answer}; exit; }}\n"
+        path = self.put("rattlesweep", program + body)
         assert str(PROGRAM) in text
         return text.replace(str(PROGRAM), str(path)).replace(
             "--quiet >/dev/null", "--quiet"

@@ -90,20 +90,20 @@ def test_one_writer_a_shard(tiny_sweep, tmp_path):
     args = ("run", config, "--output", tmp_path, "-q", "--shard")
     first = Child(*args, "0/3", hold=0)
     wait_until(lambda: first.ended() or at_work(tmp_path, first.pid))
-    for other in (
+    for second in (
         (*args, "0/3"),
         (*args, "3/4"),
         args[:-1],
         ("classify", tmp_path),
         ("merge", tmp_path, "--output", tmp_path / "merged"),
     ):
-        done = command(*other)
+        done = command(*second)
         assert (done.code, done.out, done.sentence) == (1, "", True)
         assert f"{tmp_path}: shard-0-of-3 is in use by `rattlesweep run" in done.err
         assert f"(process {first.pid} on " in done.err
     # Other shards of the same number may work at the same time.
-    others = [Child(*args, f"{index}/3", rows=1) for index in (1, 2)]
-    assert [other.wait().code for other in others] == [0, 0]
+    rest = [Child(*args, f"{index}/3", rows=1) for index in (1, 2)]
+    assert [child.wait().code for child in rest] == [0, 0]
     assert open_stored(tmp_path).count() == 16
     first.kill()
     assert first.wait().code == -signal.SIGKILL
@@ -144,12 +144,15 @@ def test_ctrl_c_is_heard_within_a_block_and_while_bodies_are_drawn(tmp_path):
     wait_until(lambda: integrating.ended() or files_of(tmp_path / "0"))
     for child in (integrating, drawing):
         child.kill(signal.SIGINT)
-    done, kept = integrating.wait(), open_stored(tmp_path / "0").count()
-    assert 0 < kept < 24_000
-    assert f"interrupted; {kept:,} runs are kept, and {GOES_ON}\n" in done.err
+    done = integrating.wait()
+    rows = open_stored(tmp_path / "0").count()
+    assert 0 < rows < 24_000
+    assert f"interrupted; {rows:,} runs are kept, and {GOES_ON}\n" in done.err
     assert {path.name for path in (tmp_path / "0").rglob(".*")} == {".locks"}
-    assert "interrupted" in (other := drawing.wait()).err
-    assert done.code == other.code == 130
+    assert done.code == 130
+    done = drawing.wait()
+    assert "interrupted" in done.err
+    assert done.code == 130
 
 
 @pytest.fixture
@@ -165,20 +168,21 @@ def test_the_runs_of_a_stopped_block_are_kept(often, tmp_path):
         "bodies": {"source": "sd", "samples": 60},
         "integrator": {"tol": 1e-13},
     }
-    output, kept = tmp_path / "out", 0
+    output = tmp_path / "out"
+    runs = 0
     for more in (1, 20):
 
-        def stop(progress: Progress, least: int = kept + more) -> None:
+        def stop(progress: Progress, least: int = runs + more) -> None:
             if progress.runs >= least:
                 raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt) as stopped:
             sweeping.sweep(output, config, report=stop, threads=1)
         now = status(output).data["runs"]
-        assert now >= kept + more
+        assert now >= runs + more
         assert stopped.value.__notes__ == [f"{now} runs are kept"]
-        kept = now
-    assert sweeping.sweep(output, config).done == 120 - kept
+        runs = now
+    assert sweeping.sweep(output, config).done == 120 - runs
     sweeping.sweep(tmp_path / "whole", config)
     check_equal(output, tmp_path / "whole")
 

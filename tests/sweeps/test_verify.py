@@ -69,14 +69,14 @@ def change(output: Path, column: str, function: Any) -> Path:
 
 def test_what_is_whole_has_no_problems(whole):
     before = sweeping.tree(whole)
-    found = verify(whole, recompute=25, seed=3)
-    assert (found.problems, found.runs, found.missing, found.recomputed) == (
+    result = verify(whole, recompute=25, seed=3)
+    assert (result.problems, result.runs, result.missing, result.recomputed) == (
         [],
         RUNS,
         0,
         25,
     )
-    assert found.words.splitlines()[-1] == "no problem found"
+    assert result.words.splitlines()[-1] == "no problem found"
     assert verify(whole, recompute=10**6).recomputed == RUNS
     assert sweeping.tree(whole) == before
 
@@ -116,7 +116,9 @@ def test_columns_that_contradict_each_other(column, function, words, output):
 def test_values_that_no_run_can_have(column, function, problem, output):
     path = change(output, column, function)
     (sentence,) = [text for text in verify(output).problems if column in text]
-    assert sentence.startswith(f"{path}: 1 run, such as case 0 sample 20: {problem}")
+    sample = read_parquet(path)["sample"][0]
+    where = f"{path}: 1 run, such as case 0 sample {sample}"
+    assert sentence.startswith(f"{where}: {problem}")
 
 
 def test_rows_that_are_gone_are_a_problem(output, whole):
@@ -132,18 +134,18 @@ def test_rows_that_are_gone_are_a_problem(output, whole):
 def test_a_last_bit_is_found_by_computing_again(output):
     change(output, "n_end", lambda v: [float(np.nextafter(x, 9)) for x in v])
     assert verify(output).problems == []
-    found = verify(output, recompute=RUNS)
-    assert len(found.problems) == 20
-    assert "differs when computed again: n_end" in found.problems[0]
-    assert f"and {20 - 10} more problems" in found.words
+    result = verify(output, recompute=RUNS)
+    assert len(result.problems) == 20
+    assert "differs when computed again: n_end" in result.problems[0]
+    assert f"and {20 - 10} more problems" in result.words
 
 
 def test_what_is_lost_or_damaged(output, whole):
     first, second, *_ = files_of(output)
     first.unlink()
-    found = verify(output)
-    (problem,) = found.problems
-    assert found.missing == 20
+    result = verify(output)
+    (problem,) = result.problems
+    assert result.missing == 20
     assert (
         f"{output / 'summary.parquet'} is of all runs, 20 runs of them lost" in problem
     )
@@ -157,9 +159,9 @@ def test_what_is_lost_or_damaged(output, whole):
     check_equal(output, whole)
     summary = output / "summary.parquet"
     table = read_parquet(summary)
-    other = table.set_column(5, table.schema.field(5), [pa.array([1, 2])])
+    wrong = table.set_column(5, table.schema.field(5), [pa.array([1, 2])])
     for harm in (
-        lambda: write_parquet(other, summary),
+        lambda: write_parquet(wrong, summary),
         lambda: summary.write_bytes(b""),
         lambda: summary.unlink(),
     ):
@@ -278,13 +280,15 @@ def test_rows_are_counted_and_the_last_session_is_told(output):
 
 def test_types_follow_their_thresholds_and_come_back(output, whole):
     before = rows_of(whole)
-    found = classify_stored(output, [OTHER])
+    result = classify_stored(output, [OTHER])
     after = rows_of(output)
     assert (
-        found.changed == pc.sum(pc.not_equal(before["type"], after["type"])).as_py() > 0
+        result.changed
+        == pc.sum(pc.not_equal(before["type"], after["type"])).as_py()
+        > 0
     )
-    assert found.files == len(files_of(whole))
-    assert found.now["sw_departure"] == 1e-6
+    assert result.files == len(files_of(whole))
+    assert result.now["sw_departure"] == 1e-6
     names = [name for name in before.schema.names if name not in ("type", "type_sure")]
     assert same_bits(after.select(names), before.select(names))
     assert verify(output, recompute=RUNS).problems == []
