@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 from functools import cache
 from numbers import Real
-from typing import Any
+from typing import Any, NamedTuple
 
 from rattlesweep.errors import ConfigError
 
@@ -43,6 +43,13 @@ class Quantity(float):
 
     def __reduce__(self) -> tuple[type[Quantity], tuple[str, str]]:
         return Quantity, (self.text, self.kind)
+
+
+class Setting(NamedTuple):
+    """A number of a config: in units of the bodies, in SI units, or both if known."""
+
+    natural: float | None = None
+    si: Quantity | None = None
 
 
 def quantity(text: str, kind: str) -> float:

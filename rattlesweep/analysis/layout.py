@@ -26,7 +26,6 @@ from rattlesweep.sweeps.config.schema import GridSource
 from rattlesweep.sweeps.decide import FEWEST, nearest
 from rattlesweep.sweeps.stored import VARIES, Stored, open_stored
 from rattlesweep.sweeps.summary import SI, Counts, Moments, columns_for
-from rattlesweep.units import Quantity
 
 if TYPE_CHECKING:
     import xarray
@@ -229,12 +228,11 @@ class Layout:
             if len(factor) and np.ptp(factor) < NEAR * factor[0]
             else {}
         )
-        for name, given in self.stored.config.settings.items():
+        for name, settings in self.stored.config.settings.items():
+            in_si = [setting.si for setting in settings if setting.si is not None]
             # The largest value in both units.
-            largest = max(
-                (abs(x) for x in given if isinstance(x, Quantity)), default=0.0
-            )
-            if name in axes and largest and all(isinstance(x, Quantity) for x in given):
+            largest = max(map(abs, in_si), default=0.0)
+            if name in axes and largest and len(in_si) == len(settings):
                 natural = max(abs(getattr(case, name)) for case in self.stored.cases)
                 sizes.setdefault(name, largest / SI[name][1] / natural)
         for name in sizes.keys() & axes.keys():
@@ -273,11 +271,12 @@ def read_layout(directory: Path) -> Layout:
     launch = ["n_i", "omega_xy0"] if config.spin is not None else []
     losses = (n for n in ("sigma", "rolling") if len(config.settings[n]) > 1)
     for name in (*launch, *losses):
-        values = [getattr(case, name) for case in cases]
-        if isinstance(values[0], Quantity):
-            given[SI[name][0]] = [value / SI[name][1] for value in values]
-        elif values[0] is not None:
-            given[name] = values
+        settings = [case.setting(name) for case in cases]
+        in_si = [setting.si for setting in settings if setting.si is not None]
+        if in_si:
+            given[SI[name][0]] = [value / SI[name][1] for value in in_si]
+        elif settings[0].natural is not None:
+            given[name] = [setting.natural for setting in settings]
     grid = config.bodies.varying if isinstance(config.bodies, GridSource) else {}
     axes = {
         name: Axis(name, *np.unique(np.asarray(values, float), return_inverse=True))

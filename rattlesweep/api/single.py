@@ -231,7 +231,7 @@ def simulate(
         launched_from,
         unknown_columns,
     )
-    from rattlesweep.sweeps.launches import Launch, is_full_state, plan_of
+    from rattlesweep.sweeps.launches import directions, is_full_state, plan_of_rows
     from rattlesweep.sweeps.run import integrate_plan
 
     arguments.check_names(
@@ -266,19 +266,13 @@ def simulate(
     columns = {name: column.ravel() for name, column in columns.items()}
     if full:
         columns |= launched_from(columns, "launch")
-    # The rows bring their own bodies, spins and oscillations, which replace these.
-    settings = Launch(
-        Rattleback.gh(),
-        n_i=1.0,
-        omega_xy0=1.0,
-        psi=psi if isinstance(psi, str) else "relevant",
-        model=model,
-        integrator=integrator,
-        record=arguments.names_of("record", record),
-    )
+    elif isinstance(psi, str):
+        columns["psi"] = directions(columns, psi)
     units = arguments.column_units(columns)
     sizes = {name: columns.pop(name) for name in arguments.SIZE if name in columns}
-    plan = plan_of(settings, TableBodies(columns, units, sizes if units else {}))
+    rows = TableBodies(columns, units, sizes if units else {})
+    names = arguments.names_of("record", record)
+    plan = plan_of_rows(rows, model, integrator, names, {})
     with Bar.of_call(progress) as bar, listening(bar.compiling):
         table = integrate_plan(
             plan, threads if shape else 1, bar.counting(f"{plan.runs:,} runs")

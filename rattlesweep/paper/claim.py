@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from ruamel.yaml import YAML
 
 from rattlesweep.paper.workspace import Made
@@ -29,9 +30,7 @@ MOST = 0.9
 
 @dataclass(frozen=True)
 class Count:
-    """How many meet a criterion; true if all do.  ``unsure`` ones fail within their
-    error.
-    """
+    """How many meet a criterion, true if all do; ``unsure`` ones fail within error."""
 
     hits: int
     total: int
@@ -49,54 +48,65 @@ class Count:
         return f"{self.hits:,} of {self.total:,}"
 
 
-def every(mask: Any, possible: Any = False) -> Count:
-    """Count the true values, and the false ones that are `possible` within sampling
-    error.
-    """
-    mask = np.asarray(mask, dtype=bool)
-    return Count(
-        int(mask.sum()), mask.size, int((~mask & np.asarray(possible, bool)).sum())
-    )
+def every(mask: ArrayLike, possible: ArrayLike = False) -> Count:
+    """Count true values, and false ones that are `possible` within sampling error."""
+    holds = np.asarray(mask, dtype=bool)
+    unsure = ~holds & np.asarray(possible, dtype=bool)
+    return Count(int(holds.sum()), holds.size, int(unsure.sum()))
 
 
 def rises(
     frame: pd.DataFrame, value: str, by: str, within: Sequence[str], *, sign: int = 1
 ) -> Count:
-    """Count the groups ``within`` which `value` rises with abs(``by``); with sign -1,
-    falls.
+    """Count the groups in which a value rises (with sign -1, falls) with a column.
+
+    The groups share the columns ``within``; `value` is ordered by abs(``by``).
     """
     columns = [value, f"{value}_low", f"{value}_high"]
-    rising, possible = [], []
-    for _, own in frame.groupby(list(within)):
-        if len(own) > 1:
-            values, *ends = (
-                (sign * own.sort_values(by, key=np.abs)[columns]).to_numpy().T
-            )
-            low, high = np.sort(ends, axis=0)
-            up = np.diff(values) > 0 if sign > 0 else np.diff(values) >= 0
-            rising.append(up.all())
-            possible.append((up | (high[1:] > low[:-1])).all())
+    rising = []
+    possible = []
+    for _, group in frame.groupby(list(within)):
+        if len(group) < 2:
+            continue
+        ordered = group.sort_values(by, key=np.abs)[columns]
+        values, *ends = (sign * ordered).to_numpy().T
+        low, high = np.sort(ends, axis=0)
+        steps = np.diff(values)
+        up = steps > 0
+        if sign < 0:  # a value that stays is said to fall
+            up = steps >= 0
+        rising.append(up.all())
+        possible.append((up | (high[1:] > low[:-1])).all())
     return every(rising, possible)
 
 
-def share(hits: int, runs: int) -> dict[str, Any]:
+class Share(TypedDict):
+    """A share, its 95 % interval, and all three as text."""
+
+    value: float
+    low: float
+    high: float
+    share: str
+
+
+def share(hits: int, runs: int) -> Share:
     """Return a share and its 95 % interval as numbers, and as the text ``share``."""
     low, high = map(float, wilson(hits, runs))
-    value = hits / runs if runs else np.nan
-    words = f"{value:.2%} [{low:.2%}, {high:.2%}]"
-    return {"value": value, "low": low, "high": high, "share": words}
+    value = np.nan
+    if runs:
+        value = hits / runs
+    text = f"{value:.2%} [{low:.2%}, {high:.2%}]"
+    return {"value": value, "low": low, "high": high, "share": text}
 
 
-def span(values: Any) -> tuple[float, float]:
+def span(values: Iterable[float]) -> tuple[float, float]:
     """Return the smallest and the largest value."""
     return min(values), max(values)
 
 
 @cache
 def read_table(name: str) -> dict[str, dict[str, Any]]:
-    """Return the rows of ``NAME.yaml`` by their id, with names of functions
-    resolved.
-    """
+    """Return the rows of ``NAME.yaml`` by id, with names of functions resolved."""
     path = Path(__file__).with_name(f"{name}.yaml")
     rows: dict[str, dict[str, Any]] = YAML(typ="safe").load(path)
     for row in rows.values():
@@ -106,14 +116,15 @@ def read_table(name: str) -> dict[str, dict[str, Any]]:
 
 
 def judge(made: Made, *, theory: bool, few: bool = False) -> list[dict[str, Any]]:
-    """Judge the claims whose parts were made and, with `theory`, those about
-    formulas.
-    """
-    return [
-        {"id": name} | judge_claim(claim, made, few)
-        for name, claim in read_table("claims").items()
-        if (made.keys() >= set(claim["parts"]) if "parts" in claim else theory)
-    ]
+    """Judge the claims whose parts were made; with `theory`, those about formulas."""
+    judged = []
+    for name, claim in read_table("claims").items():
+        can_judge = theory
+        if "parts" in claim:
+            can_judge = made.keys() >= set(claim["parts"])
+        if can_judge:
+            judged.append({"id": name} | judge_claim(claim, made, few))
+    return judged
 
 
 def judge_claim(claim: Mapping[str, Any], made: Made, few: bool) -> dict[str, Any]:
@@ -133,38 +144,44 @@ def judge_claim(claim: Mapping[str, Any], made: Made, few: bool) -> dict[str, An
         "checks": len(criteria),
         **dict.fromkeys(("value", "low", "high")),
     }
-    found = claim["measure"](made)
-    if found is None:
-        words = "not measured: too few runs of a kind"
+    measurement = claim["measure"](made)
+    if measurement is None:
         return row | {
-            "measured": words,
+            "measured": "not measured: too few runs of a kind",
             "verdict": UNDECIDED,
             "held": 0,
             "evidence": "",
         }
-    checks, numbers = found
-    for name, (between, words) in claim.get("lists", {}).items():
-        numbers[name] = between.join(words.format(**own) for own in numbers[name])
-    told = [
-        f"{words}: {'yes' if check else 'no'}"
-        + (f", {check}" if isinstance(check, Count) else "")
-        for words, check in zip(criteria, checks, strict=True)
-    ]
+    checks, numbers = measurement
+    # Some numbers are lists of rows, which the claim's own format makes into text.
+    for name, (between, form) in claim.get("lists", {}).items():
+        numbers[name] = between.join(form.format(**entry) for entry in numbers[name])
+    sentences = list(map(_answer, criteria, checks))
     leeway = claim.get("leeway", "")
     verdict = verdict_of(checks, few, leeway=bool(leeway))
     if verdict == "partly" and not checks[0]:
-        told.append(f"the headline fails, but the paper's words leave room: {leeway}")
+        sentences.append(
+            f"the headline fails, but the paper's words leave room: {leeway}"
+        )
     notes = claim.get("notes", "").format(**numbers)
     values = {name: numbers.get(name) for name in ("value", "low", "high")}
     return row | {
         "measured": claim["measured"].format(**numbers),
         "verdict": verdict,
         "held": sum(map(bool, checks)),
-        "evidence": f"Checks, headline first: {'; '.join(told)}. {notes}".strip(),
+        "evidence": f"Checks, headline first: {'; '.join(sentences)}. {notes}".strip(),
         **{
             k: float(v) for k, v in values.items() if v is not None and math.isfinite(v)
         },
     }
+
+
+def _answer(criterion: str, check: object) -> str:
+    """Return a criterion with its answer, and with the count if there is one."""
+    answer = "yes" if check else "no"
+    if isinstance(check, Count):
+        answer = f"{answer}, {check}"
+    return f"{criterion}: {answer}"
 
 
 def verdict_of(checks: Sequence[object], few: bool, leeway: bool) -> str:
@@ -176,13 +193,17 @@ def verdict_of(checks: Sequence[object], few: bool, leeway: bool) -> str:
     samples to tell*.
     """
     head = checks[0]
-    possible = [
-        bool(c) or (few and isinstance(c, Count) and c.hits + c.unsure == c.total)
-        for c in checks
-    ]
+    possible = [bool(check) or (few and _may_hold(check)) for check in checks]
     if all(checks):
         return "agree"
     if all(possible) or (possible[0] and not head):
         return UNDECIDED
     most = isinstance(head, Count) and head.hits >= MOST * head.total > 0
-    return "partly" if head or (leeway and most) else "disagree"
+    if head or (leeway and most):
+        return "partly"
+    return "disagree"
+
+
+def _may_hold(check: object) -> bool:
+    """Return whether a count that fails may hold within its sampling error."""
+    return isinstance(check, Count) and check.hits + check.unsure == check.total

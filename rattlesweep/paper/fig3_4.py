@@ -1,6 +1,4 @@
-"""Random bodies of the set SD: Fig. 3, frequencies (T4), and Fig. 4, torque
-coefficients (T5).
-"""
+"""Random bodies of SD: Fig. 3, frequencies (T4), and Fig. 4, coefficients (T5)."""
 
 import threading
 from functools import partial
@@ -25,19 +23,19 @@ LEVELS = 2001  # points of a cumulative distribution
 CHUNK = 100_000  # bodies counted at a time
 # The paper's lower bound of omega_p/omega_r (Methods), and its colour code of nine
 # decades.
-BOUND, DECADES = 1.3, 9
+BOUND = 1.3
+DECADES = 9
 # The binned axes of Fig. 4(b).  Not named in the paper; no body of Table I lies
 # outside.
-ENDS, BINS = {"K_p": (0.0, 7.0), "K_r": (0.0, 0.4)}, 200
+ENDS = {"K_p": (0.0, 7.0), "K_r": (0.0, 0.4)}
+BINS = 200
 EDGES = {name: np.linspace(*ends, BINS + 1) for name, ends in ENDS.items()}
 CLOSE = 0.02  # distance at which two distributions look the same in print
 MUCH = 10.0  # ratio that counts as "much larger"
 
 
 def drawn_bodies(first: int, last: int) -> tuple[Floats, ...]:
-    """Return ``alpha, beta, gamma, theta, phi, xi`` of the bodies from `first` to
-    `last`.
-    """
+    """Return ``alpha, beta, gamma, theta, phi, xi`` of some of the random bodies."""
     b = bodies_at(
         draw_points(2017, np.arange(first, last)), ranges_of(SdSource(source="sd"))
     )
@@ -51,9 +49,7 @@ def drawn_modes(samples: int) -> theory.Modes:
 
 
 def cumulative(**values: Floats) -> pd.DataFrame:
-    """Return quantiles of the values at evenly spaced levels, the column
-    ``probability``.
-    """
+    """Return quantiles of values at the levels of the column ``probability``."""
     probability = np.linspace(0, 1, LEVELS)
     columns = {
         n: np.quantile(v, probability, method="inverted_cdf") for n, v in values.items()
@@ -63,23 +59,21 @@ def cumulative(**values: Floats) -> pd.DataFrame:
 
 def frequencies(ws: Workspace) -> Tables:
     """Return the tables ``cumulative`` and ``summary`` (one row) of Fig. 3."""
-    found = drawn_modes(ws.sizes.fig3_bodies)
-    ratio = found.omega_p / found.omega_r
+    modes = drawn_modes(ws.sizes.fig3_bodies)
+    ratio = modes.omega_p / modes.omega_r
     row = {
         "samples": len(ratio),
         "below": (ratio <= BOUND).sum(),
         "ratio_bound": ratio_bound(),
     }
     for mode in "pr":
-        exact, zeroth = (
-            getattr(found, f"omega_{mode}"),
-            getattr(found, f"omega_{mode}0"),
-        )
+        exact = getattr(modes, f"omega_{mode}")
+        zeroth = getattr(modes, f"omega_{mode}0")
         row[f"distance_{mode}"] = ks_2samp(exact, zeroth, method="asymp").statistic
         off = np.quantile(np.abs(zeroth / exact - 1), (0.5, 0.99))
         row[f"off_median_{mode}"], row[f"off_p99_{mode}"] = off
     values = {
-        n: getattr(found, n) for n in ("omega_p", "omega_r", "omega_p0", "omega_r0")
+        n: getattr(modes, n) for n in ("omega_p", "omega_r", "omega_p0", "omega_r0")
     }
     return {
         "cumulative": cumulative(**values, ratio=ratio),
@@ -88,14 +82,12 @@ def frequencies(ws: Workspace) -> Tables:
 
 
 def ratio_bound() -> float:
-    """Return the infimum of ``omega_p / omega_r`` over the ranges of the paper's Table
-    I.
-    """
+    """Return the infimum of ``omega_p / omega_r`` over the ranges of Table I."""
     ranges = SdSource(source="sd").ranges
     alpha, beta = shell_dumbbell(ranges.gamma[1], ranges.f_sd[0])
     xi = -np.radians(ranges.minus_xi_deg[0])
-    found = theory.modes(alpha, beta, ranges.theta[0], ranges.phi[1], xi)
-    return float(found.omega_p / found.omega_r)
+    modes = theory.modes(alpha, beta, ranges.theta[0], ranges.phi[1], xi)
+    return float(modes.omega_p / modes.omega_r)
 
 
 def frequency_claim(made: Made) -> Measured:
@@ -152,11 +144,10 @@ def draw_frequencies(tables: Tables) -> Figure:
 
 
 def coefficients(ws: Workspace) -> Tables:
-    """Return ``cumulative``, ``density`` (bins that hold bodies) and ``summary`` of
-    Fig. 4.
-    """
-    samples, total = ws.sizes.fig4_bodies, ws.sizes.fig4_density
-    found = drawn_modes(samples)
+    """Return ``cumulative``, ``density`` (bins with bodies), ``summary`` of Fig. 4."""
+    samples = ws.sizes.fig4_bodies
+    total = ws.sizes.fig4_density
+    modes = drawn_modes(samples)
     counts, below = count_bodies(total, ws.settings.get("threads"))
     i, j = np.nonzero(counts)
     density = {
@@ -171,7 +162,7 @@ def coefficients(ws: Workspace) -> Tables:
     }
     return {
         "cumulative": cumulative(
-            K_p=found.K_p, K_r=found.K_r, ratio=found.K_p / found.K_r
+            K_p=modes.K_p, K_r=modes.K_r, ratio=modes.K_p / modes.K_r
         ),
         "density": pd.DataFrame(density),
         "summary": pd.DataFrame(
@@ -181,12 +172,11 @@ def coefficients(ws: Workspace) -> Tables:
 
 
 def count_bodies(total: int, threads: int | None = None) -> tuple[Integers, int]:
-    """Count bodies by ``K_p, K_r``, shape (bins, bins), and those below the bound of
-    the ratio.
-    """
-    counts, lock = np.zeros(BINS**2, np.int64), threading.Lock()
+    """Count bodies by ``K_p, K_r``, shape (bins, bins), and those below the bound."""
+    counts = np.zeros(BINS**2, np.int64)
+    lock = threading.Lock()
 
-    def part(first: int, control: Control) -> int:
+    def count_chunk(first: int, control: Control) -> int:
         alpha, beta, _, theta, phi, xi = drawn_bodies(first, min(first + CHUNK, total))
         square_p, square_r, *pair = theory.torque_coefficients(
             alpha, beta, theta, phi, xi
@@ -195,21 +185,23 @@ def count_bodies(total: int, threads: int | None = None) -> tuple[Integers, int]
             ((values - low) * (BINS / (high - low))).astype(np.int64)
             for values, (low, high) in zip(pair, ENDS.values(), strict=True)
         )
-        own = np.bincount((BINS * i + j)[(i < BINS) & (j < BINS)], minlength=BINS**2)
+        inside = (i < BINS) & (j < BINS)
+        bodies_in_bins = np.bincount((BINS * i + j)[inside], minlength=BINS**2)
         with lock:
-            np.add(counts, own, out=counts)
+            np.add(counts, bodies_in_bins, out=counts)
         return int((np.sqrt(square_p / square_r) < BOUND).sum())
 
     drawn_bodies(0, 0)  # compiles the sampler, if need be, in one thread
-    calls = [partial(part, first) for first in range(0, total, CHUNK)]
+    calls = [partial(count_chunk, first) for first in range(0, total, CHUNK)]
     below = sum(side_by_side(calls, threads or available_threads()))
     return counts.reshape(BINS, BINS), below
 
 
 def coefficient_claim(made: Made) -> Measured:
     """Measure T5: the distributions of the torque coefficients."""
-    own = made["fig4"]
-    row, data = records(own["summary"])[0], own["cumulative"]
+    tables = made["fig4"]
+    row = records(tables["summary"])[0]
+    data = tables["cumulative"]
     level = data["probability"].to_numpy()
     # Order statistics: the median's place is binomial.
     half = 0.98 / np.sqrt(row["samples"])
@@ -217,7 +209,7 @@ def coefficient_claim(made: Made) -> Measured:
         [0.5 - half, 0.5, 0.5 + half], level, data["ratio"]
     ).tolist()
     decades = np.log10(
-        own["density"]["relative_frequency"].agg(["min", "max"])
+        tables["density"]["relative_frequency"].agg(["min", "max"])
     ).to_list()
     checks = [
         median >= MUCH,
@@ -240,7 +232,8 @@ def draw_coefficients(tables: Tables) -> Figure:
     """Draw (a) the cumulative distributions and (b) the density in the plane."""
     figure = new_figure(4.6, 7.2)
     upper, lower = figure.subplots(2, 1, height_ratios=(1, 1.25))
-    values, density = tables["cumulative"], tables["density"]
+    values = tables["cumulative"]
+    density = tables["density"]
     for name, colour, style in (("K_p", BLUE, "-"), ("K_r", VERMILION, (0, (5, 1.5)))):
         upper.plot(
             values[name],

@@ -1,6 +1,4 @@
-"""Single runs of GH: Fig. 5, first reversals (G1 to G3); Fig. 9, three long runs (L1 to
-L4).
-"""
+"""Single runs of GH: Fig. 5, first reversals (G1-G3); Fig. 9, long runs (L1-L4)."""
 
 from dataclasses import replace
 from functools import partial
@@ -50,7 +48,8 @@ T_END = 20_000.0
 E_R0 = 3e-5
 # At 1e-9 the reversals of the first run are up to 7 % early.  DOP853 at 1e-13, Verner's
 # method at 1e-12 and RK4 with the paper's step agree on all of them to 0.1.
-TOL, REDUCED_TOL = 1e-13, 1e-12
+TOL = 1e-13
+REDUCED_TOL = 1e-12
 # A zero of the spin within this many roll periods of the one before is the same
 # reversal.
 ONE_REVERSAL = 5
@@ -77,7 +76,7 @@ def reversals(_: Workspace) -> Tables:
     tables: dict[str, pd.DataFrame] = {}
     rows = []
     for name, (n_i, t_end) in ENDS.items():
-        found = follow(
+        run = follow(
             body,
             "n",
             "n_gh",
@@ -87,15 +86,18 @@ def reversals(_: Workspace) -> Tables:
             t_end=t_end,
             tol=1e-12,
         )
-        tables[name] = found.table
-        omega = modes(body).omega_p if n_i > 0 else modes(body).omega_r
+        tables[name] = run.table
+        # The relevant mode is the pitch in the unsteady direction, else the roll.
+        omega = modes(body).omega_r
+        if n_i > 0:
+            omega = modes(body).omega_p
         t_rgh = reversal_time_gh(body, n_i, OMEGA_XY0)
         rows.append(
             {
                 "run": name,
                 "n_i": n_i,
-                "t_r": found.zeros[0],
-                "zeros": len(found.zeros),
+                "t_r": run.zeros[0],
+                "zeros": len(run.zeros),
                 "t_rgh": t_rgh,
                 "period": 2 * np.pi / float(omega),
             }
@@ -104,15 +106,13 @@ def reversals(_: Workspace) -> Tables:
 
 
 def reversal(made: Made, *, name: str, printed: int, when: str) -> Measured:
-    """Measure the reversal time, and whether Garcia and Hubbard's solution is earlier
-    or later.
-    """
+    """Measure a reversal time, and whether Garcia and Hubbard's is earlier or later."""
     run = next(row for row in records(made["fig5"]["runs"]) if row["run"] == name)
-    found = "earlier" if run["t_rgh"] < run["t_r"] else "later"
-    return [abs(run["t_r"] - printed) <= 0.5, found == when], {
+    theory = "earlier" if run["t_rgh"] < run["t_r"] else "later"
+    return [abs(run["t_r"] - printed) <= 0.5, theory == when], {
         **run,
         "value": run["t_r"],
-        "when": found,
+        "when": theory,
         "gap": abs(run["t_rgh"] / run["t_r"] - 1),
     }
 
@@ -124,16 +124,27 @@ steady_claim = partial(reversal, name="steady", printed=810, when="later")
 
 def envelope_claim(made: Made) -> Measured:
     """Measure G3: the amplitudes of omega_x and omega_y around the reversals."""
-    checks, rows, ratios = [], [], []
-    for part, run in zip("ab", records(made["fig5"]["runs"]), strict=True):
-        series, t_r, period = made["fig5"][run["run"]], run["t_r"], run["period"]
-        main, other = COMPONENTS if part == "a" else COMPONENTS[::-1]
-        big, dip = (envelope(series, name, t_r, period) for name in (main, other))
+    checks = []
+    rows = []
+    ratios = []
+    for panel, run in zip("ab", records(made["fig5"]["runs"]), strict=True):
+        series = made["fig5"][run["run"]]
+        t_r = run["t_r"]
+        period = run["period"]
+        # In (a) omega_x is largest at the reversal and omega_y has a dip; in (b) the
+        # two swap their roles.
+        main, dipping = COMPONENTS
+        if panel == "b":
+            dipping, main = COMPONENTS
+        big = envelope(series, main, t_r, period)
+        dip = envelope(series, dipping, t_r, period)
         late, off = ((t - t_r) / period for t in (big["top_t"], dip["low_t"]))
         deep = dip["low"] / min(dip["left"], dip["right"])
         checks += [abs(late) <= 2, abs(off) <= 2 and deep <= 0.75]
-        names = {"part": part, "main": main, "other": other, "late": late, "off": off}
-        rows.append(names | dip | {"top": big["top"], "top_t": big["top_t"]})
+        names = {"part": panel, "main": main, "other": dipping}
+        times = {"late": late, "off": off}
+        top = {"top": big["top"], "top_t": big["top_t"]}
+        rows.append(names | times | dip | top)
         near = series[(series["t"] - t_r).abs() < 10 * period]
         ratios += [frequency(near, name) * period / (2 * np.pi) for name in COMPONENTS]
     checks += [
@@ -150,9 +161,7 @@ def envelope_claim(made: Made) -> Measured:
 def envelope(
     run: pd.DataFrame, component: str, t_r: float, period: float
 ) -> dict[str, float]:
-    """Return extremes of the envelope (the largest modulus within a period) and their
-    times.
-    """
+    """Return extremes of the envelope, the largest modulus in a period, and times."""
     t = run["t"].to_numpy()
     size = maximum_filter1d(
         run[component].abs().to_numpy(), round(period / (t[1] - t[0]))
@@ -170,16 +179,15 @@ def envelope(
 
 def frequency(run: pd.DataFrame, component: str) -> float:
     """Return the angular frequency of a component, from its zeros."""
-    t, values = run["t"].to_numpy(), run[component].to_numpy()
+    t = run["t"].to_numpy()
+    values = run[component].to_numpy()
     at = np.flatnonzero(values[1:] * values[:-1] < 0)
     zeros = t[at] - values[at] * (t[1] - t[0]) / (values[at + 1] - values[at])
     return float(np.pi * (len(zeros) - 1) / (zeros[-1] - zeros[0]))
 
 
 def draw_reversals(tables: Tables) -> Figure:
-    """Draw (a) on the left and (b) on the right, with the spin above the
-    oscillations.
-    """
+    """Draw (a) on the left and (b) on the right, the spin above the oscillations."""
     figure = new_figure(9.2, 6.0)
     # omega_x and omega_y share their scale, so that (a) and (b) can be compared.
     most = 1.1 * max(
@@ -188,7 +196,10 @@ def draw_reversals(tables: Tables) -> Figure:
     axes = figure.subplots(3, 2, sharex="col")
     for letter, run, column in zip("ab", records(tables["runs"]), axes.T, strict=True):
         series = thinned(tables[run["run"]], "n_gh", n=900, omega_x=900, omega_y=900)
-        t, n_i, t_r, spin = series["t"], run["n_i"], run["t_r"], column[0]
+        t = series["t"]
+        n_i = run["n_i"]
+        t_r = run["t_r"]
+        spin = column[0]
         draw_spin(spin, series, linewidth=1.1, label="full dynamics")
         spin.plot(
             t, series["n_gh"], label=r"Garcia and Hubbard, $\overline{n}(t)$", **THEORY
@@ -208,7 +219,8 @@ def draw_reversals(tables: Tables) -> Figure:
             )
             axis.set_title(f"({letter}-{k})", loc="left")
         # This place is free, because the spin has the other sign after a reversal.
-        symbol = f"t_{{r{'u' if n_i > 0 else 's'}}}"
+        direction = "u" if n_i > 0 else "s"
+        symbol = f"t_{{r{direction}}}"
         spin.text(
             t_r + 0.02 * t.iloc[-1],
             0.85 * n_i,
@@ -225,9 +237,7 @@ def draw_reversals(tables: Tables) -> Figure:
 
 
 def long_runs(ws: Workspace) -> Tables:
-    """Return the tables ``spin`` (thinned) and ``runs`` (Lyapunov exponents of longer
-    runs).
-    """
+    """Return ``spin`` (thinned) and ``runs`` (with the exponents of longer runs)."""
     bodies = [replace(Rattleback.gh(), theta=theta) for theta in THETAS]
     longer = simulate(
         bodies,
@@ -237,9 +247,10 @@ def long_runs(ws: Workspace) -> Tables:
         t_end=ws.sizes.exponents_t_end,
         record=["lyapunov", "reversals"],
     )
-    spin, rows = [], []
+    spin = []
+    rows = []
     for body, beyond in zip(bodies, records(longer), strict=True):
-        found = follow(body, *CHANNELS, **LAUNCH, t_end=T_END, e_r0=E_R0, tol=TOL)
+        run = follow(body, *CHANNELS, **LAUNCH, t_end=T_END, e_r0=E_R0, tol=TOL)
         simple = follow(
             body,
             "n",
@@ -252,19 +263,19 @@ def long_runs(ws: Workspace) -> Tables:
             e_r0=E_R0,
             tol=REDUCED_TOL,
         )
-        table, c_i = found.table, simple.table["C_I"]
+        table = run.table
+        c_i = simple.table["C_I"]
         period = 2 * np.pi / float(modes(body).omega_r)
         # The first zero of each reversal.
-        starts = found.zeros[
-            np.diff(found.zeros, prepend=-np.inf) > ONE_REVERSAL * period
-        ]
+        starts = run.zeros[np.diff(run.zeros, prepend=-np.inf) > ONE_REVERSAL * period]
         # The first interval is the transition from the launch to the motion that
         # follows.
         first, *gaps = np.diff(starts)
         whole = np.diff(simple.zeros)
         casimir = averaged_casimir(table, body, period)[table["t"] >= starts[0]]
         ratio = table["F_tangential"] / table["F_normal"]
-        most, least = ratio.argmax(), table["F_normal"].argmin()
+        most = ratio.argmax()
+        least = table["F_normal"].argmin()
         rows.append(
             {
                 "theta": body.theta,
@@ -294,21 +305,21 @@ def long_runs(ws: Workspace) -> Tables:
 
 def averaged_casimir(table: pd.DataFrame, body: Rattleback, period: float) -> pd.Series:
     """Return C_I (Eq. 51) of the energies averaged over a period of the roll."""
-    width, found = round(period / table["t"][1]), modes(body)
+    width = round(period / table["t"][1])
+    mode = modes(body)
     pitch, roll = (
         uniform_filter1d(table[name].to_numpy(), width) for name in ("E_p", "E_r")
     )
-    values = pd.Series(reduced.casimir(pitch, roll, float(found.K_p), float(found.K_r)))
+    values = pd.Series(reduced.casimir(pitch, roll, float(mode.K_p), float(mode.K_r)))
     # The last half period has no complete average.
     return values[: -(width // 2)].reindex(table.index)
 
 
 def volume_numbers(table: pd.DataFrame, body: Rattleback) -> dict[str, float]:
-    """Return extremes and mean rate of the logarithm of the phase volume along a
-    run.
-    """
+    """Return extremes and mean rate of the logarithm of a run's phase volume."""
     constants = full.constants(*(getattr(body, name) for name in PARAMETERS))
-    t, state = table["t"].to_numpy(), table[[*STATE]].to_numpy().T
+    t = table["t"].to_numpy()
+    state = table[[*STATE]].to_numpy().T
     volume = cumulative_trapezoid(
         volume_rate(*state, *constants, 0.0, 0.0), t, initial=0
     )
@@ -340,17 +351,16 @@ def kinds_claim(made: Made) -> Measured:
         not c["chaotic"],
     ]
     doubling = np.log(2) / c["lyapunov_late"]
-    narrow = {
-        "doubling": doubling,
-        "gaps": doubling / c["mean"],
-        "scatter": c["scatter"],
-    }
+    narrow = []
+    if c["chaotic"]:
+        gaps = doubling / c["mean"]
+        narrow = [{"doubling": doubling, "gaps": gaps, "scatter": c["scatter"]}]
     return checks, {
         "value": b["lyapunov_late"],
         "runs": [a, b, c],
         "second": b["second"],
         "t_end": b["t_end"],
-        "narrow": [narrow] if c["chaotic"] else [],
+        "narrow": narrow,
     }
 
 
@@ -391,7 +401,8 @@ def volume_claim(made: Made) -> Measured:
         every(rows["volume_late"][1:] < -1),
         every(rows["rate"] < -2 * rows["error"]),
     ]
-    value, half = rows["rate"][1], 2 * rows["error"][1]
+    value = rows["rate"][1]
+    half = 2 * rows["error"][1]
     return checks, {
         "value": value,
         "low": value - half,

@@ -10,8 +10,6 @@ middle of the first window in which the loss of spin, 1 - n/n_i, exceeds half of
 largest loss in the run.
 """
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -35,7 +33,9 @@ SYMBOL = 10**0.1
 # Fewest runs for a median; with less than two or four times as many it is uncertain.
 FEW = 5
 # Fig. 6(b): launch and duration.  The paper does not state the duration.
-N_I, OMEGA_XY0, T_END = 0.5, 0.01, 150.0
+N_I = 0.5
+OMEGA_XY0 = 0.01
+T_END = 150.0
 # "Several times" t_rGH: a reversal after this multiple of t_rGH is late.
 LATE_FROM = 2.0
 # The spin has left its plateau when it has lost this fraction.
@@ -44,16 +44,14 @@ PLATEAU = 0.1
 
 def unsteady(ws: Workspace) -> Tables:
     """Return the tables ``times`` of Fig. 6(a) and ``spin`` of (b)."""
-    found = follow(
+    run = follow(
         Rattleback.gh(), "n", "omega_x", n_i=N_I, omega_xy0=OMEGA_XY0, t_end=T_END
     )
-    return {"times": times(ws.sweep("unsteady"), "K_p"), "spin": found.table}
+    return {"times": times(ws.sweep("unsteady"), "K_p"), "spin": run.table}
 
 
 def steady(ws: Workspace) -> Tables:
-    """Return the tables ``times`` of Fig. 8 and ``windows``, with one row for each
-    point.
-    """
+    """Return the tables ``times`` of Fig. 8 and ``windows``, with a row a point."""
     runs = ws.sweep("steady")
     back = runs["type"] == "R"
     ratio = (runs["t_r"] / runs["t_rgh"]).where(back)
@@ -62,10 +60,8 @@ def steady(ws: Workspace) -> Tables:
     growth = roll / (runs["n_i"].abs() * runs["K_r_body"] / 2)
     chosen = runs[(runs["type"] == "SW") | late]
     seen = in_windows(ws.again(chosen, ws.sizes.windows, "windows")).reindex(runs.index)
-    onset, centre = (
-        seen["onset"].where(~back),
-        (seen["centre"] / runs["n_i"]).where(~back),
-    )
+    onset = seen["onset"].where(~back)
+    centre = (seen["centre"] / runs["n_i"]).where(~back)
     points = runs.assign(
         late=late,
         back=runs["t_r"].where(back),
@@ -102,9 +98,7 @@ def steady(ws: Workspace) -> Tables:
 
 
 def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
-    """Return, for each point, reversal times and the theory's line at the mean
-    ``n_0``.
-    """
+    """Return, for each point, reversal times and the theory's line at the mean n_0."""
     rows = (
         runs.assign(back=runs["t_r"].where(runs["type"] == "R"))
         .groupby("case")
@@ -118,7 +112,9 @@ def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
             n_0_mean=("n_0", "mean"),
         )
     )
-    n_0, mean, std = rows["n_0_mean"], rows["t_r_mean"], rows["t_r_std"]
+    n_0 = rows["n_0_mean"]
+    mean = rows["t_r_mean"]
+    std = rows["t_r_std"]
     line = 2 * np.arctanh(rows["n_i"].abs() / n_0) / (n_0 * rows[target])
     rows["t_rgh_line"] = line
     error = Z95 * rows.pop("t_r_sem")
@@ -129,43 +125,43 @@ def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
         ("ratio", mean / line, error / line),
         ("scatter", std / mean, spread / mean),
     ):
-        rows[name], rows[f"{name}_low"], rows[f"{name}_high"] = (
-            value,
-            value - half,
-            value + half,
-        )
+        rows[name] = value
+        rows[f"{name}_low"] = value - half
+        rows[f"{name}_high"] = value + half
     return rows
 
 
 def in_windows(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return onset, end of the plateau and mean spin from the onset on, NaN where there
-    is none.
-    """
-    found = pd.DataFrame(np.nan, index=runs.index, columns=["onset", "kept", "centre"])
+    """Return onset, end of the plateau and mean spin from the onset on; NaN: none."""
+    columns = ["onset", "kept", "centre"]
+    seen = pd.DataFrame(np.nan, index=runs.index, columns=columns)
     names = ["n_i", "window_t", "window_n_min", "window_n_max"]
     for place, n_i, step, least, most in (
         runs.reindex(columns=names).dropna().itertuples()
     ):
         # The loss at the extreme nearest to zero, or beyond zero.
-        loss = 1 - (most if n_i < 0 else least) / n_i
+        nearest = least
+        if n_i < 0:
+            nearest = most
+        loss = 1 - nearest / n_i
         half = loss.max() / 2
-        kept = first_above(loss, PLATEAU, step)
-        found.loc[place] = (
-            first_above(loss, half, step),
-            # The run ended within the window of the loss: the plateau lasts until its
-            # beginning.
-            len(loss) * step if np.isnan(kept) else kept,
-            ((least + most) / 2)[np.argmax(loss > half) :].mean(),
-        )
-    return found
+        end_of_plateau = first_above(loss, PLATEAU, step)
+        if np.isnan(end_of_plateau):
+            # The run ended within the window of the loss, so the plateau lasts until
+            # that window begins.
+            end_of_plateau = len(loss) * step
+        onset = first_above(loss, half, step)
+        centre = ((least + most) / 2)[np.argmax(loss > half) :].mean()
+        seen.loc[place] = (onset, end_of_plateau, centre)
+    return seen
 
 
 def first_above(loss: Floats, level: float, step: float) -> float:
-    """Return the middle of the first window with a loss above a level; NaN if there is
-    none.
-    """
+    """Return the middle of the first window with a loss above a level, or NaN."""
     above = np.flatnonzero(loss > level)
-    return (float(above[0]) + 0.5) * step if above.size else np.nan
+    if not above.size:
+        return np.nan
+    return (float(above[0]) + 0.5) * step
 
 
 def close(ratio: pd.Series) -> pd.Series:
@@ -174,14 +170,12 @@ def close(ratio: pd.Series) -> pd.Series:
 
 
 def beside_formula(points: pd.DataFrame, coefficient: str) -> Measured:
-    """Measure whether means are near the formula and inversely proportional to the
-    coefficient.
-    """
+    """Measure whether means are near the formula and as 1 over the coefficient."""
     within = (points["ratio_low"] < SYMBOL) & (points["ratio_high"] > 1 / SYMBOL)
     slopes = [
-        float(np.polyfit(np.log(own[coefficient]), np.log(own["t_r_mean"]), 1)[0])
-        for _, own in points.groupby(["n_i", "omega_xy0"])
-        if len(own) > 1
+        float(np.polyfit(np.log(curve[coefficient]), np.log(curve["t_r_mean"]), 1)[0])
+        for _, curve in points.groupby(["n_i", "omega_xy0"])
+        if len(curve) > 1
     ]
     row = records(points.sort_values("ratio", key=lambda ratio: np.abs(np.log(ratio))))[
         -1
@@ -198,8 +192,9 @@ def beside_formula(points: pd.DataFrame, coefficient: str) -> Measured:
         "slopes": span(slopes),
         "least": points["ratio"].min(),
         "largest": points["ratio"].max(),
-        "farthest": f"{value:.3f} [{low:.3f}, {high:.3f}] at {coefficient} = "
-        f"{row[coefficient]:.3g}, n_i = {row['n_i']:g}, omega_xy0 = {row['omega_xy0']:g}",
+        "farthest": f"{value:.3f} [{low:.3f}, {high:.3f}] at "
+        f"{coefficient} = {row[coefficient]:.3g}, "
+        f"n_i = {row['n_i']:g}, omega_xy0 = {row['omega_xy0']:g}",
     }
 
 
@@ -209,7 +204,8 @@ def unsteady_formula(made: Made) -> Measured:
     points = points.dropna(subset=["ratio"])
     checks, numbers = beside_formula(points, "K_p")
     outside = ", ".join(
-        f"K_p = {r.K_p:g} at n_i = {r.n_i:g}, omega_xy0 = {r.omega_xy0:g} ({r.ratio:.2f})"
+        f"K_p = {r.K_p:g} at n_i = {r.n_i:g}, "
+        f"omega_xy0 = {r.omega_xy0:g} ({r.ratio:.2f})"
         for r in points[~close(points["ratio"])].itertuples()
     )
     return [*checks, every(points["scatter"] < 0.1, points["scatter_low"] < 0.1)], {
@@ -222,14 +218,14 @@ def unsteady_formula(made: Made) -> Measured:
 
 def large_spin(made: Made) -> Measured:
     """Measure U2: at large spin or oscillation reversals are later and scatter more."""
-    points, series = (
-        made["fig6"]["times"].dropna(subset=["ratio"]),
-        made["fig6"]["spin"],
-    )
+    points = made["fig6"]["times"].dropna(subset=["ratio"])
+    series = made["fig6"]["spin"]
     beyond = points.query("abs(n_i) >= 0.4")
     until = series[: int(np.argmax(series["n"] < 0))]
-    spin, own = (swing_frequency(until["t"], until[name]) for name in ("n", "omega_x"))
-    within_size, within_spin = ("n_i", "K_p"), ("omega_xy0", "K_p")
+    spin = swing_frequency(until["t"], until["n"])
+    swing = swing_frequency(until["t"], until["omega_x"])
+    within_size = ("n_i", "K_p")
+    within_spin = ("omega_xy0", "K_p")
     checks = [
         every(points["ratio_low"] > 1, points["ratio_high"] > 1),
         rises(points, "ratio", "omega_xy0", within_size),
@@ -238,7 +234,7 @@ def large_spin(made: Made) -> Measured:
         every(beyond["ratio"] > SYMBOL, beyond["ratio_high"] > SYMBOL),
         rises(beyond, "t_r_mean", "n_i", within_spin)
         + rises(beyond, "t_r_std", "n_i", within_spin),
-        abs(spin / own - 1) < 0.1,
+        abs(spin / swing - 1) < 0.1,
     ]
     return checks, beside_formula(points, "K_p")[1] | {
         "value": points["ratio"].max(),
@@ -247,15 +243,13 @@ def large_spin(made: Made) -> Measured:
         "fast": span(beyond["ratio"]),
         "spin": spin,
         "span": np.ptp(until["n"]),
-        "multiple": spin / own,
-        "pitch": own / float(modes(Rattleback.gh()).omega_p),
+        "multiple": spin / swing,
+        "pitch": swing / float(modes(Rattleback.gh()).omega_p),
     }
 
 
 def swing_frequency(t: pd.Series, n: pd.Series) -> float:
-    """Return the angular frequency above 0.5 at which the spectrum of ``n`` is
-    strongest.
-    """
+    """Return the angular frequency above 0.5 where the spectrum of n is strongest."""
     power = np.abs(np.fft.rfft((n - n.mean()) * np.hanning(len(n))))
     omega = 2 * np.pi * np.fft.rfftfreq(len(n), t.iloc[1] - t.iloc[0])
     # Frequencies below 0.5 belong to the slow change of the spin itself.
@@ -263,11 +257,10 @@ def swing_frequency(t: pd.Series, n: pd.Series) -> float:
 
 
 def steady_formula(made: Made) -> Measured:
-    """Measure S6: the formula also holds in the steady direction at small spin and
-    oscillation.
-    """
+    """Measure S6: in the steady direction the formula holds for slow small launches."""
     sizes = made["fig8"]["times"].dropna(subset=["ratio"]).query("abs(n_i) <= 0.2")
-    large, curves = sizes.query("omega_xy0 > 0.01"), ("n_i", "K_r")
+    large = sizes.query("omega_xy0 > 0.01")
+    curves = ("n_i", "K_r")
     checks, numbers = beside_formula(sizes.query("omega_xy0 <= 0.01"), "K_r")
     return [
         *checks,
@@ -282,42 +275,42 @@ def late_reversals(made: Made) -> Measured | None:
     beyond = (
         made["fig8"]["windows"].query("abs(n_i) >= 0.3").dropna(subset=["ratio_std"])
     )
-    low, high = beyond.query("K_r < 0.03"), beyond.query("K_r > 0.06")
+    low = beyond.query("K_r < 0.03")
+    high = beyond.query("K_r > 0.06")
     # Points with more than a few late reversals.
     many = low.query("late >= 0.03 * reversed")
     if low.empty or high.empty or many.empty:
         return None
-    spread, calm = low["ratio_std"].median(), high["ratio_std"].median()
+    spread = low["ratio_std"].median()
+    calm = high["ratio_std"].median()
     error = Z95 * low["ratio_std"] / np.sqrt(2 * (low["reversed"] - 1).clip(lower=1))
     ends = low.assign(end=low["ratio_std"] + error).groupby(["n_i", "omega_xy0"])
     tops = high.groupby(["n_i", "omega_xy0"])["ratio_std"].max()
     without = many["ratio_std_prompt"] / many["ratio_std"]
-    kept = many.query("followed > 0").dropna(subset=["plateau"])
+    followed = many.query("followed > 0").dropna(subset=["plateau"])
     rare = many["late"] < 2 * FEW
     checks = [
         bool(spread > 2 * calm),
         every(ends["ratio_std"].min() > tops, ends["end"].min() > tops),
         every(without < 0.5, rare),
         every(many["growth_late"] < 0.5, rare),
-        every(kept["plateau"] > 0.9, kept["followed"] < 2 * FEW),
+        every(followed["plateau"] > 0.9, followed["followed"] < 2 * FEW),
     ]
     return checks, {
         "value": float(spread / calm),
         "spread": spread,
         "calm": calm,
-        "kept": kept["plateau"].median(),
+        "kept": followed["plateau"].median(),
         "late": [
-            f"{own['late'].sum():.0f} of {own['reversed'].sum():.0f}"
-            for own in (low, high)
+            f"{points['late'].sum():.0f} of {points['reversed'].sum():.0f}"
+            for points in (low, high)
         ],
         "growth": [many[f"growth_{name}"].median() for name in ("late", "prompt")],
     }
 
 
 def onset_of_wobbling(made: Made) -> Measured | None:
-    """Measure S8: wobbling begins about when other runs reverse; None with too few
-    runs.
-    """
+    """Measure S8: wobbling begins when other runs reverse; None: too few runs."""
     onset = made["fig8"]["windows"]
     points = onset.query(f"wobbling >= {FEW} and reversed >= {FEW}")
     if points.empty:
@@ -339,13 +332,21 @@ def onset_of_wobbling(made: Made) -> Measured | None:
 
 def draw_times(tables: Tables) -> Figure:
     """Draw a panel for each of five spins and, for Fig. 6, the run of (b)."""
-    values, spin = tables["times"], tables.get("spin")
-    coefficient, way, sign = ("K_r", "s", "-") if spin is None else ("K_p", "u", "+")
+    values = tables["times"]
+    spin = tables.get("spin")
+    # Only Fig. 6, of the unsteady direction, has a single run.
+    coefficient = "K_p"
+    direction = "u"
+    sign = "+"
+    if spin is None:
+        coefficient = "K_r"
+        direction = "s"
+        sign = "-"
     figure = new_figure(9.2, 6.15)
     axes = list(figure.subplots(2, 3).ravel())
     means = values[["t_r_mean", "t_rgh_line"]].to_numpy()
     for axis, n_i in zip(axes, sorted(values["n_i"].unique(), key=abs), strict=False):
-        own = values[values["n_i"] == n_i].sort_values(coefficient)
+        points = values[values["n_i"] == n_i].sort_values(coefficient)
         axis.plot(
             [],
             [],
@@ -354,12 +355,14 @@ def draw_times(tables: Tables) -> Figure:
             label=f"$t_{{rGH{sign}}}$ at the mean $n_0$",
         )
         for (size, rows), (colour, marker) in zip(
-            own.groupby("omega_xy0"), SERIES, strict=False
+            points.groupby("omega_xy0"), SERIES, strict=False
         ):
-            x, mean, std = rows[coefficient], rows["t_r_mean"], rows["t_r_std"]
+            x = rows[coefficient]
+            mean = rows["t_r_mean"]
+            std = rows["t_r_std"]
             axis.plot(x, rows["t_rgh_line"], color=colour, linewidth=1.1, zorder=2)
             # On a logarithmic axis a bar that reaches zero has no lower end.
-            bars: Any = [np.minimum(std, 0.999 * mean), std]
+            bars = np.array([np.minimum(std, 0.999 * mean), std])
             axis.errorbar(
                 x,
                 mean,
@@ -379,7 +382,7 @@ def draw_times(tables: Tables) -> Figure:
             xscale="log",
             yscale="log",
             xlabel=f"${coefficient}$",
-            xlim=(own[coefficient].min() / 1.35, own[coefficient].max() * 1.35),
+            xlim=(points[coefficient].min() / 1.35, points[coefficient].max() * 1.35),
             ylim=(np.nanmin(means) / 2.5, np.nanmax(means) * 2.5),
             title=value_text("n_i", n_i),
         )
@@ -387,7 +390,7 @@ def draw_times(tables: Tables) -> Figure:
         axis.tick_params(axis="x", which="minor", labelbottom=False)
         axis.grid(visible=True)
     for axis in axes[::3]:
-        axis.set_ylabel(rf"$t_{{r{way}}}$ / $\tilde t$")
+        axis.set_ylabel(rf"$t_{{r{direction}}}$ / $\tilde t$")
     add_legend(figure, axes[0].get_legend_handles_labels()[0])
     if spin is None:
         axes[-1].axis("off")

@@ -1,6 +1,4 @@
-"""Fig. 7: types in the steady direction (S1 to S5, S9b); a supplement on friction
-(C1).
-"""
+"""Fig. 7: types in the steady direction (S1-S5, S9b); supplement: friction (C1)."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -69,33 +67,37 @@ def draw_share(axis: Axes, rows: pd.DataFrame, by: str, name: str, **look: Any) 
     """Draw a share with its interval against a column."""
     value = rows[f"fraction_{name}"]
     bars = [value - rows[f"fraction_{name}_low"], rows[f"fraction_{name}_high"] - value]
-    marks: Any = {
-        "markersize": 5,
-        "markerfacecolor": "white",
-        "linewidth": 0.9,
-        "zorder": 3,
-    }
-    axis.errorbar(rows[by], value, yerr=np.maximum(bars, 0), **(marks | look))
+    look = {"markerfacecolor": "white"} | look
+    axis.errorbar(
+        rows[by],
+        value,
+        yerr=np.maximum(bars, 0),
+        markersize=5,
+        linewidth=0.9,
+        zorder=3,
+        **look,
+    )
 
 
 def types(ws: Workspace) -> Tables:
     """Return the tables of Fig. 7 and of its claims."""
     runs = ws.sweep("steady")
-    found = ws.again(runs[runs["type"] == "SW"], ws.sizes.lyapunov, "lyapunov")
-    runs = runs.join(found.reindex(columns=["lyapunov", "lyapunov_late"]))
+    tested = ws.again(runs[runs["type"] == "SW"], ws.sizes.lyapunov, "lyapunov")
+    runs = runs.join(tested.reindex(columns=["lyapunov", "lyapunov_late"]))
     runs["chaotic"] = is_chaotic(runs["lyapunov_late"], runs["t_end"])
     return {
         "fractions": fractions(runs),
         "settled": settled(runs[runs["type"] == "SS"]),
-        "chaos": runs.loc[found.index],
+        "chaos": runs.loc[tested.index],
         **examples(runs),
     }
 
 
 def fractions(runs: pd.DataFrame) -> pd.DataFrame:
     """Count the types of every case."""
-    past, steady = runs["n_c1"].abs() < runs["n_i"].abs(), runs["type"] == "SS"
-    found = runs[POINT].assign(
+    past = runs["n_c1"].abs() < runs["n_i"].abs()
+    steady = runs["type"] == "SS"
+    counts = runs[POINT].assign(
         runs=1,
         bondi=past,
         ss_only=steady & ~past,
@@ -103,14 +105,12 @@ def fractions(runs: pd.DataFrame) -> pd.DataFrame:
         **{name: runs["type"] == name for name in SHOWN},
     )
     return with_shares(
-        found.groupby(POINT, sort=False).sum().reset_index(), ["bondi", *SHOWN]
+        counts.groupby(POINT, sort=False).sum().reset_index(), ["bondi", *SHOWN]
     )
 
 
 def settled(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return where spins of type SS end; ``gain`` is 1 if all energy has gone into the
-    spin.
-    """
+    """Return where spins of type SS end; ``gain`` is 1 if all energy became spin."""
     # Within 1 % of Bondi's threshold the oscillation has not decayed by the horizon.
     near = runs["n_c1"].abs() > 0.99 * runs["n_i"].abs()
     beyond = runs["n_end"] / runs["n_i"] - 1
@@ -119,36 +119,36 @@ def settled(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def examples(runs: pd.DataFrame) -> Tables:
-    """Return the table ``examples`` and the thinned spin of each example found in the
-    sweep.
-    """
-    rows, tables = [], {}
+    """Return the table ``examples`` and the thinned spin of each that the sweep has."""
+    rows = []
+    tables = {}
     for name, (condition, by, _) in EXAMPLES.items():
         chosen = runs.query(condition).sort_values([by, "K_r", "sample"])
         if chosen.empty:
             continue
         # The most chaotic run; for the other examples, the median run.
-        run = chosen.iloc[-1 if name == "spin_chaotic" else (len(chosen) - 1) // 2]
+        place = (len(chosen) - 1) // 2
+        if name == "spin_chaotic":
+            place = -1
+        run = chosen.iloc[place]
         shown = min(20_000.0, run["t_end"])
-        found = follow(
+        series = follow(
             Rattleback(*map(float, run[list(PARAMETERS)])),
             "n",
             n_i=run["n_i"],
             omega_xy0=run["omega_xy0"],
             t_end=shown,
         )
-        tables[name] = thinned(found.table, n=1100)
-        kept = run[[*POINT, "sample", "t_end", "lyapunov_late"]]
-        rows.append({"example": name, **kept, "shown": shown})
+        tables[name] = thinned(series.table, n=1100)
+        numbers = run[[*POINT, "sample", "t_end", "lyapunov_late"]]
+        rows.append({"example": name, **numbers, "shown": shown})
     return tables | {"examples": pd.DataFrame(rows)}
 
 
 def pooled(
     frame: pd.DataFrame, *names: str, by: Sequence[str] = ("n_i", "omega_xy0")
-) -> Any:
-    """Count ``hits``, the runs of some types, over all K_r; ``half`` is 1 for the
-    larger K_r.
-    """
+) -> pd.DataFrame:
+    """Count ``hits``, the runs of some types; ``half`` is 1 for the larger K_r."""
     middle = np.sqrt(frame["K_r"].min() * frame["K_r"].max())
     half = (frame["K_r"] >= middle).astype(int)
     frame = frame.assign(half=half, hits=frame[list(names)].sum(axis=1))
@@ -163,6 +163,7 @@ def steady_spin(made: Made) -> Measured:
     slowest = frame[frame["n_i"] == frame["n_i"].max()]
     beyond = frame.query("abs(n_i) >= 0.3")
     by_spin = pooled(frame, "SS")
+    largest = by_spin.groupby("n_i")[["fraction_hits"]].max()
     halves = pooled(beyond, "SS", by=("n_i", "omega_xy0", "half"))
     each = pooled(beyond.query("omega_xy0 <= 0.01"), "SS")["hits"]
     top = records(frame.nlargest(1, "fraction_SS"))[0]
@@ -183,29 +184,25 @@ def steady_spin(made: Made) -> Measured:
         "n_i": top["n_i"],
         "slowest": slowest["n_i"].iloc[0],
         "reversing": most["share"],
-        "by_spin": records(
-            by_spin.groupby("n_i", as_index=False)["fraction_hits"].max()
-        ),
+        "by_spin": records(largest.reset_index()),
     }
 
 
 def wobbling(made: Made) -> Measured:
     """Measure S2: from which spin on SW appears, and its share."""
     frame = made["fig7"]["fractions"]
-    slow, beyond = frame.query("abs(n_i) <= 0.3"), frame.query("abs(n_i) >= 0.4")
-    halves = [
-        pooled(own, "SW", by=("n_i", "omega_xy0", "half")) for own in (slow, beyond)
-    ]
-    around, both = (
-        pooled(beyond, "SW"),
-        pooled(beyond, "SW", "unclassified")["fraction_hits"],
-    )
+    slow = frame.query("abs(n_i) <= 0.3")
+    beyond = frame.query("abs(n_i) >= 0.4")
+    by_half = ("n_i", "omega_xy0", "half")
+    halves = [pooled(cases, "SW", by=by_half) for cases in (slow, beyond)]
+    around = pooled(beyond, "SW")
+    both = pooled(beyond, "SW", "unclassified")["fraction_hits"]
     by_spin = pooled(frame, "SW").groupby("n_i")["fraction_hits"]
     checks = [
         every([frame.query("abs(n_i) <= 0.1")["SW"].sum() > 0], True),
         *(
-            rises(own, "fraction_hits", "half", ["n_i", "omega_xy0"], sign=-1)
-            for own in halves
+            rises(counts, "fraction_hits", "half", ["n_i", "omega_xy0"], sign=-1)
+            for counts in halves
         ),
         every(
             around["fraction_hits"].between(0.15, 0.25),
@@ -224,15 +221,11 @@ def wobbling(made: Made) -> Measured:
 
 
 def threshold(made: Made) -> Measured:
-    """Measure S3: at the smallest oscillation, runs are SS exactly past Bondi's
-    threshold.
-    """
-    own = made["fig7"]["fractions"].query("omega_xy0 <= 0.001")
-    wrong, runs = (
-        int(own[["ss_only", "bondi_only"]].sum().sum()),
-        int(own["runs"].sum()),
-    )
-    numbers = {"wrong": wrong, "runs": runs, "SS": int(own["SS"].sum())}
+    """Measure S3: at the smallest oscillation, SS is just past Bondi's threshold."""
+    cases = made["fig7"]["fractions"].query("omega_xy0 <= 0.001")
+    wrong = int(cases[["ss_only", "bondi_only"]].sum().sum())
+    runs = int(cases["runs"].sum())
+    numbers = {"wrong": wrong, "runs": runs, "SS": int(cases["SS"].sum())}
     return [Count(runs - wrong, runs)], share(wrong, runs) | numbers
 
 
@@ -240,13 +233,13 @@ def large_oscillation(made: Made) -> Measured:
     """Measure S4: at a large oscillation some bodies past the threshold are not SS."""
     frame = made["fig7"]["fractions"]
     size = frame["omega_xy0"].max()
-    large, least = (
-        frame.query("omega_xy0 == @size"),
-        frame.query("omega_xy0 == omega_xy0.min()"),
-    )
+    large = frame.query("omega_xy0 == @size")
+    least = frame.query("omega_xy0 == omega_xy0.min()")
     hits, runs = map(int, large.query("n_i == -0.3")[["SS", "runs"]].sum())
-    more, fewer = (pooled(own.query("abs(n_i) >= 0.4"), "SS") for own in (least, large))
-    decided, past = share(hits, runs), int(large["bondi_only"].sum())
+    more = pooled(least.query("abs(n_i) >= 0.4"), "SS")
+    fewer = pooled(large.query("abs(n_i) >= 0.4"), "SS")
+    decided = share(hits, runs)
+    past = int(large["bondi_only"].sum())
     checks = [
         past > 0,
         every(
@@ -271,18 +264,19 @@ def large_oscillation(made: Made) -> Measured:
 
 
 def wobbling_chaos(made: Made) -> Measured | None:
-    """Measure S5: which wobbling runs are chaotic; None if there are no slow or no fast
-    ones.
-    """
+    """Measure S5: which wobbling runs are chaotic; None: no slow or no fast ones."""
     runs = made["fig7"]["chaos"]
-    calm, fast = runs.query("abs(n_i) <= 0.4"), runs.query("n_i == -0.5")
+    calm = runs.query("abs(n_i) <= 0.4")
+    fast = runs.query("n_i == -0.5")
     if calm.empty or fast.empty:
         return None
-    middle, least = np.sqrt(runs["K_r"].min() * runs["K_r"].max()), fast["K_r"].min()
-    below, above = fast.query("K_r < @middle"), fast.query("K_r >= @middle")
+    middle = np.sqrt(runs["K_r"].min() * runs["K_r"].max())
+    least = fast["K_r"].min()
+    below = fast.query("K_r < @middle")
+    above = fast.query("K_r >= @middle")
     (hits, total), (many, small), (few, large), lowest = (
-        (int(part["chaotic"].sum()), len(part))
-        for part in (calm, below, above, fast.query("K_r == @least"))
+        (int(group["chaotic"].sum()), len(group))
+        for group in (calm, below, above, fast.query("K_r == @least"))
     )
     overlap = wilson(many, small)[1] > wilson(few, large)[0]
     checks = [
@@ -303,13 +297,9 @@ def wobbling_chaos(made: Made) -> Measured | None:
 
 
 def settled_spins(made: Made) -> Measured | None:
-    """Measure S9b: where spins of SS end and where SW wobbles; None if either type is
-    missing.
-    """
-    settled, wobbling = (
-        made["fig7"]["settled"],
-        made["fig8"]["windows"].query("wobbling > 0"),
-    )
+    """Measure S9b: where spins of SS end and SW wobbles; None if a type is missing."""
+    settled = made["fig7"]["settled"]
+    wobbling = made["fig8"]["windows"].query("wobbling > 0")
     far = settled.query("not near")
     if far.empty or wobbling.empty:
         return None
@@ -333,15 +323,14 @@ def settled_spins(made: Made) -> Measured | None:
 
 
 def draw_types(tables: Tables) -> Figure:
-    """Draw (a), with a column for each spin and a row for each oscillation, and (b), if
-    any.
-    """
-    values, shown = tables["fractions"].sort_values("K_r"), records(tables["examples"])
-    spins, sizes = (
-        sorted(values["n_i"].unique(), key=abs),
-        sorted(values["omega_xy0"].unique()),
-    )
-    heights = [1.75 * len(sizes) + 0.7, *([2.4] if shown else [])]
+    """Draw (a), a column for each spin and a row for each oscillation, and (b)."""
+    values = tables["fractions"].sort_values("K_r")
+    shown = records(tables["examples"])
+    spins = sorted(values["n_i"].unique(), key=abs)
+    sizes = sorted(values["omega_xy0"].unique())
+    heights = [1.75 * len(sizes) + 0.7]
+    if shown:
+        heights.append(2.4)
     figure = new_figure(2.1 * len(spins) + 0.6, sum(heights))
     upper, *lower = figure.subfigures(
         len(heights), 1, height_ratios=heights, squeeze=False
@@ -364,8 +353,9 @@ def draw_types(tables: Tables) -> Figure:
         )
         for name in SHOWN:
             mark = TYPE_STYLE[name]
-            # A cross has no face to leave white.
-            look = {"markerfacecolor": mark.colour} if mark.marker == "x" else {}
+            face = "white"
+            if mark.marker == "x":  # a cross has no face to leave white
+                face = mark.colour
             draw_share(
                 axis,
                 rows,
@@ -374,11 +364,12 @@ def draw_types(tables: Tables) -> Figure:
                 color=mark.colour,
                 marker=mark.marker,
                 label=mark.label,
-                **look,
+                markerfacecolor=face,
             )
         axis.grid(visible=True, axis="y")
         axis.set(xlabel="$K_r$", ylabel=f"{value_text('omega_xy0', size)}\nfraction")
-        axis.set_title(value_text("n_i", spin) if size == sizes[0] else "")
+        if size == sizes[0]:
+            axis.set_title(value_text("n_i", spin))
         axis.label_outer()
     # On a short logarithmic axis the labels between decades overlap.
     axes[0, 0].tick_params(axis="x", which="minor", labelbottom=False)
@@ -399,13 +390,12 @@ def draw_types(tables: Tables) -> Figure:
 
 
 def friction(ws: Workspace) -> Tables:
-    """Return the table ``shares``: how many bodies reverse in which direction, by
-    sigma.
-    """
+    """Return the table ``shares``: how many bodies reverse which way, by sigma."""
     runs = ws.sweep("friction")
     turns = runs.pivot_table("n_turns", ["sigma", "sample"], "n_i").dropna()
-    unsteady, steady = turns[0.3] > 0, turns[-0.3] > 0
-    found = pd.DataFrame(
+    unsteady = turns[0.3] > 0
+    steady = turns[-0.3] > 0
+    ways = pd.DataFrame(
         {
             "runs": 1,
             "one_way": unsteady & ~steady,
@@ -416,14 +406,12 @@ def friction(ws: Workspace) -> Tables:
             "twice": turns[0.3] > 1,
         }
     )
-    rows = found.groupby("sigma").sum().reset_index()
+    rows = ways.groupby("sigma").sum().reset_index()
     return {"shares": with_shares(rows, ["one_way", "both", "neither"])}
 
 
 def one_way(made: Made) -> Measured:
-    """Measure C1: the share of bodies that reverse in one direction only, by
-    friction.
-    """
+    """Measure C1: the share of bodies that reverse in one direction only."""
     rows = made["friction"]["shares"]
     top = records(rows.nlargest(1, "fraction_one_way"))[0]
     value, low, high = (top[f"fraction_one_way{end}"] for end in ("", "_low", "_high"))
@@ -453,7 +441,7 @@ def draw_friction(tables: Tables) -> Figure:
         "one_way": "in the unsteady direction only",
         "neither": "in neither",
     }
-    for (name, words), (colour, marker) in zip(names.items(), SERIES, strict=False):
+    for (name, label), (colour, marker) in zip(names.items(), SERIES, strict=False):
         draw_share(
             axis,
             tables["shares"],
@@ -461,7 +449,7 @@ def draw_friction(tables: Tables) -> Figure:
             name,
             color=colour,
             marker=marker,
-            label=words,
+            label=label,
         )
     axis.set(
         xscale="log",

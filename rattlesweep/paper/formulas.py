@@ -66,35 +66,30 @@ ROUNDING = {
 
 def gh_numbers(**parameters: Any) -> dict[str, float]:
     """Return the numbers in :data:`PRINTED` for GH with some parameters changed."""
-    found = modes(replace(Rattleback.gh(), **parameters))
-    values = {name: float(getattr(found, name)) for name in PRINTED}
+    body_modes = modes(replace(Rattleback.gh(), **parameters))
+    values = {name: float(getattr(body_modes, name)) for name in PRINTED}
     return values | {
         name: float(np.degrees(values[name])) for name in ("psi_p", "psi_r")
     }
 
 
-def as_printed(found: dict[str, float]) -> dict[str, bool]:
+def as_printed(numbers: dict[str, float]) -> dict[str, bool]:
     """Return which of the numbers round to the printed ones."""
     return {
-        name: round(found[name], digits) == value
+        name: round(numbers[name], digits) == value
         for name, (value, digits) in PRINTED.items()
     }
 
 
 def garcia_hubbard(_: Made) -> Measured:
-    """Measure T1: the numbers of GH, and their ranges over all bodies that Table I
-    rounds to GH.
-    """
-    body, found = Rattleback.gh(), gh_numbers()
-    corners = [
-        gh_numbers(
-            **{
-                name: getattr(body, name) + step
-                for name, step in zip(ROUNDING, steps, strict=True)
-            }
-        )
-        for steps in product(*((-half, half) for half in ROUNDING.values()))
-    ]
+    """Measure T1: the numbers of GH, and of all bodies that Table I rounds to GH."""
+    body = Rattleback.gh()
+    numbers = gh_numbers()
+    corners = []
+    for steps in product(*((-half, half) for half in ROUNDING.values())):
+        moved = zip(ROUNDING, steps, strict=True)
+        corner = {name: getattr(body, name) + step for name, step in moved}
+        corners.append(gh_numbers(**corner))
     ends = {name: span([corner[name] for corner in corners]) for name in PRINTED}
     within = [
         ends[name][0] < value + 0.5 * 10.0**-digits
@@ -102,22 +97,23 @@ def garcia_hubbard(_: Made) -> Measured:
         for name, (value, digits) in PRINTED.items()
     ]
     # 0.03 rad is 1.719 degrees, which Table I would print as 1.72.
-    other = gh_numbers(xi=-0.03)
-    five = [same for name, same in as_printed(found).items() if name != "K_r"]
-    checks = [every(within), every([*as_printed(other).values()]), every(five)]
+    skewed = gh_numbers(xi=-0.03)
+    five = [same for name, same in as_printed(numbers).items() if name != "K_r"]
+    checks = [every(within), every([*as_printed(skewed).values()]), every(five)]
     return checks, {
-        **found,
-        "value": found["K_r"],
+        **numbers,
+        "value": numbers["K_r"],
         "low": ends["K_r"][0],
         "high": ends["K_r"][1],
-        "other": other["K_r"],
+        "other": skewed["K_r"],
     }
 
 
 def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
     """Return torque coefficients from eigenvectors, by Eqs. 33 and 35."""
     alpha, beta, _, theta, phi, xi = body
-    cos, sin = np.cos(xi + np.pi / 2), np.sin(xi + np.pi / 2)
+    cos = np.cos(xi + np.pi / 2)
+    sin = np.sin(xi + np.pi / 2)
     rotation = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
     stiff = np.stack([1 / theta, 1 / phi], -1)[..., None] * np.eye(2)
     root = np.sqrt(np.stack([alpha, beta], -1))
@@ -141,25 +137,23 @@ def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
 
 
 def identities(_: Made) -> Measured:
-    """Measure T2: the ratio, the difference and the signs of the torque
-    coefficients.
-    """
+    """Measure T2: ratio, difference and signs of the torque coefficients."""
     body = tuple(np.hstack([drawn_bodies(0, SAMPLES), wide_bodies()]))
     alpha, beta, _gamma, theta, phi, xi = body
-    found = by_definition(body)
+    exact = by_definition(body)
     closed = -0.5 * np.sin(2 * xi) * (1 / beta - 1 / alpha) * (1 / phi - 1 / theta)
-    difference = found["K_p"] - found["K_r"]
+    difference = exact["K_p"] - exact["K_r"]
     off = {
-        "ratio": found["K_p"] - found["K_r"] * found["ratio"],
+        "ratio": exact["K_p"] - exact["K_r"] * exact["ratio"],
         "difference": difference - closed,
-        "trace": difference - found["trace"],
+        "trace": difference - exact["trace"],
     }
-    scale = found["K_p"] * found["magnified"]
+    scale = exact["K_p"] * exact["magnified"]
     largest = {
         name: float(np.max(np.abs(values) / scale)) for name, values in off.items()
     }
-    signs = found["K_p"] * found["K_r"] > 0
-    printed = float(np.max(np.abs(found["printed"] / difference)))
+    signs = exact["K_p"] * exact["K_r"] > 0
+    printed = float(np.max(np.abs(exact["printed"] / difference)))
     checks = [
         largest["ratio"] < EXACT,
         largest["difference"] < EXACT,
@@ -178,7 +172,8 @@ def identities(_: Made) -> Measured:
 def limits(_: Made) -> Measured:
     """Measure T3: the limits phi -> 0 and theta -> 1."""
     alpha, beta, _gamma, theta, phi, _xi = drawn_bodies(0, SAMPLES)
-    xi, small = -(2.0**-26), np.array(2.0**-36)
+    xi = -(2.0**-26)
+    small = np.array(2.0**-36)
     lever = -xi * (1 / beta - 1 / alpha)
     flat = theory.modes(alpha, beta, theta, small, xi)
     tall = theory.modes(alpha, beta, 1 - small, phi, xi)
@@ -197,10 +192,9 @@ def limits(_: Made) -> Measured:
 
 
 def ellipsoid(centre: float, b2: Floats, c2: Floats) -> dict[str, Floats]:
-    """Return the parameters of an ellipsoid with semi-axes c, b and 1, or of its lower
-    half.
-    """
-    height, vertical = 1 - centre, 1 / 5 - centre**2
+    """Return the parameters of an ellipsoid of semi-axes c, b, 1, or of its half."""
+    height = 1 - centre
+    vertical = 1 / 5 - centre**2
     return {
         "alpha": (b2 / 5 + vertical) / height**2 + 1,
         "beta": (c2 / 5 + vertical) / height**2 + 1,
@@ -210,22 +204,23 @@ def ellipsoid(centre: float, b2: Floats, c2: Floats) -> dict[str, Floats]:
 
 
 def ellipsoids(_: Made) -> Measured:
-    """Measure T6: pitch faster than roll for uniform ellipsoids and their lower
-    halves.
-    """
-    excess, off = [], []
+    """Measure T6: pitch is faster than roll for uniform ellipsoids and half ones."""
+    excess = []
+    off = []
     for centre, factor, p, q in ((0.0, 35, 1, 6), (3 / 8, 25 / 16 * 92, 4, 9)):
         first, second = 10.0 ** np.random.default_rng(2017).uniform(
             -6, 4, (2, 2 * SAMPLES)
         )
         c2 = (1 - centre) * (1 + first)
         b2 = c2 * (1 + second)
-        found = theory.modes(**ellipsoid(centre, b2, c2), xi=0.0)
-        pitch, roll = found.omega_p0**2, found.omega_r0**2
+        modes = theory.modes(**ellipsoid(centre, b2, c2), xi=0.0)
+        pitch = modes.omega_p0**2
+        roll = modes.omega_r0**2
         excess.append(pitch / roll - 1)
         closed = factor * (b2 - c2) / ((p * b2 + q) * (p * c2 + q))
         off.append(np.abs(pitch - roll - closed) / pitch)
-    more, formula = np.concatenate(excess), float(np.max(off))
+    more = np.concatenate(excess)
+    formula = float(np.max(off))
     return [every(more > 0), formula < EXACT], {
         "shapes": len(more),
         "value": float(more.min()),
@@ -252,20 +247,20 @@ def slow_spin(_: Made) -> Measured:
     off: list[float] = []
     for body in (wide_bodies(), drawn_bodies(0, SAMPLES)):
         alpha, beta, gamma, theta, phi, xi = body
-        found = theory.modes(alpha, beta, theta, phi, xi)
-        magnified = found.omega_p**2 / (found.omega_p**2 - found.omega_r**2)
+        modes = theory.modes(alpha, beta, theta, phi, xi)
+        magnified = modes.omega_p**2 / (modes.omega_p**2 - modes.omega_r**2)
         pitch, roll = growth_slopes(body)
         # At small K_r larger terms cancel in the slope, so the error is measured
         # against K_p.
-        rest = np.abs([pitch - found.K_p / 2, roll + found.K_r / 2])
-        off = [*np.max(rest / (found.K_p * magnified), axis=1).tolist(), *off]
+        rest = np.abs([pitch - modes.K_p / 2, roll + modes.K_r / 2])
+        off = [*np.max(rest / (modes.K_p * magnified), axis=1).tolist(), *off]
     # Eq. 75 with n = S, E_p = (I/2) P^2, E_r = (I/2) R^2, t = (2/K_r) tau.
     p, r, s = np.random.default_rng(2017).normal(size=(3, SAMPLES))
     rates = reduced.rhs.py_func(
-        s, gamma / 2 * p**2, gamma / 2 * r**2, found.K_p, found.K_r, gamma
+        s, gamma / 2 * p**2, gamma / 2 * r**2, modes.K_p, modes.K_r, gamma
     )
-    spin, pitch, roll = (2 / found.K_r * np.asarray(rate) for rate in rates)
-    ratio = (found.omega_p / found.omega_r) ** 2
+    spin, pitch, roll = (2 / modes.K_r * np.asarray(rate) for rate in rates)
+    ratio = (modes.omega_p / modes.omega_r) ** 2
     wanted = np.stack([ratio * p * s, -r * s, r**2 - ratio * p**2])
     rest = np.stack([pitch / (gamma * p), roll / (gamma * r), spin]) - wanted
     field = float(np.max(np.abs(rest) / np.linalg.norm(wanted, axis=0)))
@@ -278,21 +273,22 @@ def slow_spin(_: Made) -> Measured:
 
 
 def reversal_times(_: Made) -> Measured:
-    """Measure T8: Garcia and Hubbard's times against the skew angle, and their
-    ratio.
-    """
+    """Measure T8: Garcia and Hubbard's times against the skew, and their ratio."""
     alpha, beta, _gamma, theta_, phi, xi = body = drawn_bodies(0, SAMPLES)
-    n_i, n_0 = 0.1, 0.11
+    n_i = 0.1
+    n_0 = 0.11
 
-    def times(xi: Any) -> Floats:
+    def times(xi: Floats | float) -> Floats:
         """Return t_rGH+ and t_rGH- (Eqs. 56 and 58), shape (2, samples)."""
-        found = theory.modes(alpha, beta, theta_, phi, xi)
+        modes = theory.modes(alpha, beta, theta_, phi, xi)
         time = np.log((n_0 + n_i) / (n_0 - n_i)) / n_0
-        return np.stack([time / found.K_p, time / found.K_r])
+        return np.stack([time / modes.K_p, time / modes.K_r])
 
-    small, largest = 2.0**-20, np.radians(SdRanges().minus_xi_deg[1])
+    small = 2.0**-20
+    largest = np.radians(SdRanges().minus_xi_deg[1])
     slope = float(np.abs(np.log2(times(-2 * small) / times(-small)) + 1).max())
-    exact, (unsteady, in_steady) = by_definition(body), times(xi)
+    exact = by_definition(body)
+    (unsteady, in_steady) = times(xi)
     off = float(
         (np.abs(in_steady / unsteady / exact["ratio"] - 1) / exact["magnified"]).max()
     )
@@ -316,9 +312,7 @@ ANGLES = (0.01, 1.0, 6.0, 20.0, 45.0, 70.0, 89.0)
 def contradictions(
     body: tuple[Floats, ...], spins: tuple[tuple[float, bool], ...]
 ) -> Count:
-    """Count how often eigenvalues contradict Bondi's threshold, at the skew angles
-    ``ANGLES``.
-    """
+    """Count how often eigenvalues contradict Bondi's threshold, over ``ANGLES``."""
     alpha, beta, gamma, theta_, phi, _ = body
     threshold = theory.bondi_threshold(alpha, beta, gamma, theta_, phi)
     exists = np.isfinite(threshold)

@@ -39,11 +39,11 @@ VERDICTS = ("agree", "partly", "disagree", UNDECIDED)
 
 
 def choose(names: str | None) -> list[str]:
-    """Return the requested parts, such as ``fig8,fig7``, in the paper's order; None
-    selects all.
-    """
+    """Return the requested parts, such as ``fig8,fig7``, in the paper's order."""
     known = [*read_table("parts"), THEORY]
-    wanted = known if names is None else [word.strip() for word in names.split(",")]
+    if names is None:
+        return known
+    wanted = [name.strip() for name in names.split(",")]
     check_names("--only", wanted, known)
     return [name for name in known if name in wanted]
 
@@ -53,47 +53,36 @@ def reproduce(
     names: Sequence[str],
     begin: Callable[[str], None] = lambda title: None,
 ) -> list[dict[str, Any]]:
-    """Compute and draw parts, write the report, and return the claims that were
-    judged.
-    """
-    parts = {name: part for name, part in read_table("parts").items() if name in names}
-    directory, sizes = workspace.directory, workspace.sizes
-    made: dict[str, Tables] = {}
+    """Compute and draw parts, write the report, and return the judged claims."""
+    figures = {name: row for name, row in read_table("parts").items() if name in names}
+    directory = workspace.directory
+    sizes = workspace.sizes
+    tables: dict[str, Tables] = {}
     seconds = {}
-    for name, part in parts.items():
-        begin(part["title"])
+    embedded_figures = []
+    for name, figure in figures.items():
+        begin(figure["title"])
         start = time.perf_counter()
-        made[name] = part["data"](workspace)
-        for table, rows in made[name].items():
+        tables[name] = figure["data"](workspace)
+        for table, rows in tables[name].items():
             save_table(rows, directory / f"{name}_{table}.parquet")
+        paths = [directory / f"{name}.{kind}" for kind in KINDS]
         with styled(), mpl.rc_context(LOOK):
-            save(
-                part["draw"](made[name]),
-                [directory / f"{name}.{kind}" for kind in KINDS],
-            )
+            save(figure["draw"](tables[name]), paths)
+        picture = embedded(*(path.read_bytes() for path in paths))
+        embedded_figures.append((name, figure, list(tables[name]), picture))
         seconds[name] = f"{time.perf_counter() - start:.1f} s"
-    claims = judge(made, theory=THEORY in names, few=sizes.samples < FULL.samples)
+    claims = judge(tables, theory=THEORY in names, few=sizes.samples < FULL.samples)
     save_table(pd.DataFrame(claims), directory / "claims.parquet")
-    words = {"claims": claims, "tally": tally(claims), "quick": sizes != FULL}
-    page = render("claims.md.j2", version=version("rattlesweep"), **words)
+    verdicts = {"claims": claims, "tally": tally(claims), "quick": sizes != FULL}
+    page = render("claims.md.j2", version=version("rattlesweep"), **verdicts)
     replace_file(directory / "claims.md", page)
-    figures = [
-        (
-            name,
-            part,
-            list(made[name]),
-            embedded(*((directory / f"{name}.{kind}").read_bytes() for kind in KINDS)),
-        )
-        for name, part in parts.items()
-    ]
-    middle = {"figures": "Figures"} if figures else {}
-    sections = {
-        "claims": "Claims",
-        **middle,
-        "run": "How it was made",
-        "settings": "Settings",
-    }
+    sections = {"claims": "Claims"}
+    if figures:
+        sections["figures"] = "Figures"
+    sections |= {"run": "How it was made", "settings": "Settings"}
     sweeps = [path.name for path in sorted(directory.glob("sweeps/*"))]
+    configs = {name: sweep_config(name, sizes) for name in sweeps}
     page = render(
         "paper.html.j2",
         title="Rattleback dynamics and its reversal time of rotation: recomputed",
@@ -101,13 +90,11 @@ def reproduce(
         finished=now(),
         versions=versions() | {"matplotlib": version("matplotlib")},
         machine=machine(),
-        figures=figures,
+        figures=embedded_figures,
         failed=workspace.failed,
         parts=[*seconds.items()],
-        settings=config_yaml(
-            asdict(sizes) | {name: sweep_config(name, sizes) for name in sweeps}
-        ),
-        **words,
+        settings=config_yaml(asdict(sizes) | configs),
+        **verdicts,
     )
     replace_file(directory / "report.html", page)
     return claims
@@ -125,7 +112,9 @@ def closing_table(claims: Sequence[dict[str, Any]]) -> str:
     """Return the claims and the measurements as text for a terminal."""
     lines = []
     for claim in claims:
-        says = f"{claim['verdict']} ({claim['held']} of {claim['checks']}): {claim['words']}"
-        for key, text in ((claim["id"], says), ("", f"found: {claim['measured']}")):
+        held = f"{claim['held']} of {claim['checks']}"
+        verdict = f"{claim['verdict']} ({held}): {claim['words']}"
+        measured = f"found: {claim['measured']}"
+        for key, text in ((claim["id"], verdict), ("", measured)):
             lines.append(f"{key:<4} {shorten(text, 105, placeholder=' ...')}")
     return "\n".join(lines)

@@ -1,6 +1,4 @@
-"""What all parts share: the directory with its sweeps, sample counts, single runs,
-drawing.
-"""
+"""What all parts share: the directory of sweeps, sample counts, runs, drawing."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,9 +26,7 @@ LAUNCH = ["alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0", "p
 
 @dataclass(frozen=True)
 class Sizes:
-    """Sample counts and the length of a run; the defaults are the paper's if it has
-    any.
-    """
+    """Sample counts and the length of a run; the defaults are the paper's, if any."""
 
     fig3_bodies: int = 1_000_000
     fig4_bodies: int = 100_000  # of (a)
@@ -54,30 +50,25 @@ QUICK = Sizes(
 
 
 class Workspace:
-    """An output directory whose sweeps resume; the rest takes seconds and is
-    recomputed.
-    """
+    """An output directory whose sweeps resume; the rest is computed each time."""
 
     def __init__(self, directory: Path, sizes: Sizes = FULL, **settings: Any) -> None:
-        """Create or open the directory; `settings` are `threads` and `progress` of its
-        sweeps.
-        """
+        """Create or open the directory, with `threads` and `progress` of its sweeps."""
         probe_directory(directory)
-        self.directory, self.sizes, self.settings = directory, sizes, settings
+        self.directory = directory
+        self.sizes = sizes
+        self.settings = settings
         self.failed = 0
         self._sweeps: dict[str, pd.DataFrame] = {}
 
     def sweep(self, name: str) -> pd.DataFrame:
-        """Run or resume the sweep ``sweeps/NAME``, and return its runs with status
-        ``ok``.
-        """
+        """Run or resume the sweep ``sweeps/NAME``; return its runs of status ``ok``."""
         if name not in self._sweeps:
-            config, output = (
-                sweep_config(name, self.sizes),
-                self.directory / "sweeps" / name,
-            )
-            found = api.sweep(config, output=output, **self.settings)
-            runs, cases = self._good(found.read()), found.summary.set_index("case")
+            config = sweep_config(name, self.sizes)
+            output = self.directory / "sweeps" / name
+            sweep = api.sweep(config, output=output, **self.settings)
+            runs = self._good(sweep.read())
+            cases = sweep.summary.set_index("case")
             for target in map(str, cases[["K_p", "K_r"]].dropna(axis=1, how="all")):
                 targets = runs["case"].map(cases[target])
                 runs = runs.assign(**{f"{target}_body": runs[target], target: targets})
@@ -85,14 +76,12 @@ class Workspace:
         return self._sweeps[name]
 
     def again(self, runs: pd.DataFrame, most: int, record: str) -> pd.DataFrame:
-        """Integrate runs once more with ``record``; if more than `most`, an even
-        selection.
-        """
+        """Integrate runs once more with ``record``, or `most`, evenly chosen."""
         runs = runs.iloc[:: max(1, -(-len(runs) // most))]
         if runs.empty:
             return runs
-        found = self._good(api.simulate(runs[LAUNCH], **self.settings, record=[record]))
-        return found.reindex(runs.index)
+        again = api.simulate(runs[LAUNCH], **self.settings, record=[record])
+        return self._good(again).reindex(runs.index)
 
     def _good(self, runs: pd.DataFrame) -> pd.DataFrame:
         good = runs["status"] == "ok"
@@ -105,9 +94,9 @@ def sweep_config(name: str, sizes: Sizes) -> dict[str, Any]:
     config: dict[str, Any] = YAML(typ="safe").load(
         Path(__file__).with_name(f"{name}.yaml")
     )
-    config["bodies"]["samples"] = (
-        sizes.friction if name == "friction" else sizes.samples
-    )
+    config["bodies"]["samples"] = sizes.samples
+    if name == "friction":
+        config["bodies"]["samples"] = sizes.friction
     return config
 
 
@@ -115,12 +104,12 @@ def follow(
     body: Rattleback, *channels: str, dt: float = 0.05, **launch: Any
 ) -> Trajectory:
     """Integrate one run past its reversals; raise OutputError if it fails."""
-    found = api.trajectory(body, channels=("t", *channels), dt=dt, **launch)
-    if found.status != "ok":
+    run = api.trajectory(body, channels=("t", *channels), dt=dt, **launch)
+    if run.status != "ok":
         raise OutputError(
-            f"{body}: the run ended at t = {found.t_end:g} with {found.status}"
+            f"{body}: the run ended at t = {run.t_end:g} with {run.status}"
         )
-    return found
+    return run
 
 
 def thinned(run: pd.DataFrame, *beside: str, **bins: int) -> pd.DataFrame:

@@ -72,17 +72,22 @@ class Rattleback:
 
     @classmethod
     def kl(cls) -> Rattleback:
-        """Return the ellipsoid of Kane and Levinson (1982): semi-axes 20, 3, 2 cm; 1
-        kg.
-        """
+        """Return Kane and Levinson's ellipsoid (1982): semi-axes 20, 3, 2 cm; 1 kg."""
         # Moments of inertia about the long and the short axis of the surface, and their
         # product.
         along, across, product = 2.0, 16.0, -0.2
-        mean, half = (across + along) / 2, math.hypot((across - along) / 2, product)
-        alpha, beta, gamma = mean + half + 1, mean - half + 1, 17.0
-        xi = 0.5 * math.atan2(2 * product, across - along)
-        units = Units(mass=1.0, length=0.01)
-        return cls(alpha, beta, gamma, 2 / 3**2, 2 / 20**2, xi, c=2.0, units=units)
+        mean = (across + along) / 2
+        half = math.hypot((across - along) / 2, product)
+        return cls(
+            alpha=mean + half + 1,
+            beta=mean - half + 1,
+            gamma=17.0,
+            theta=2 / 3**2,
+            phi=2 / 20**2,
+            xi=0.5 * math.atan2(2 * product, across - along),
+            c=2.0,
+            units=Units(mass=1.0, length=0.01),
+        )
 
     @overload
     @classmethod
@@ -181,7 +186,8 @@ class Rattleback:
         >>> round(stone.alpha, 2), round(stone.xi, 2), round(stone.units.time, 4)
         (11.59, 0.03, 0.0319)
         """
-        m, a = si.size(mass, "mass", "mass"), si.size(height, "length", "height")
+        m = si.size(mass, "mass", "mass")
+        a = si.size(height, "length", "height")
         lengths = [
             si.size(x, "length", "radii") for x in si.two_lengths(radii, "radii")
         ]
@@ -192,12 +198,14 @@ class Rattleback:
         tensor = np.array(si.components(inertia))
         angle = si.number(axes_angle, "angle", "axes_angle")
         if z_up:  # a downward z axis reverses the sense of angles
-            tensor[3], angle = -tensor[3], -angle
-        values = {
-            k: float(v) for k, v in si.parameters(m, tensor, a, lengths, angle).items()
-        }
-        semi_axis = None if c is None else si.number(c, "length", "c") / a
+            tensor[3] = -tensor[3]
+            angle = -angle
+        body = si.parameters(m, tensor, a, lengths, angle)
+        semi_axis = None
+        if c is not None:
+            semi_axis = si.number(c, "length", "c") / a
         units = Units(m, a, si.size(gravity, "acceleration", "gravity"))
+        values = {name: float(value) for name, value in body.items()}
         return cls(**values, c=semi_axis, units=units)
 
     @classmethod
@@ -214,8 +222,7 @@ class Rattleback:
         wall: float | str | None = None,
         gravity: float | str = si.GRAVITY,
     ) -> Rattleback:
-        """Return a half ellipsoid of uniform density, solid or hollow, with its flat
-        side up.
+        """Return a half ellipsoid of uniform density, solid or hollow, flat side up.
 
         Every quantity may be a number in SI units or a text such as ``"12 cm"``.
 
@@ -253,8 +260,13 @@ class Rattleback:
         >>> round(stone.alpha, 2), round(stone.theta, 2), round(stone.xi, 4)
         (13.95, 0.4, -0.0524)
         """
-        given = {"length": length, "width": width, "height": height}
-        sizes = {name: si.size(value, "length", name) for name, value in given.items()}
+        sizes = {
+            "length": si.size(length, "length", "length"),
+            "width": si.size(width, "length", "width"),
+            "height": si.size(height, "length", "height"),
+            "mass": si.size(mass, "mass", "mass"),
+            "skew": si.size(skew, "angle", "skew"),
+        }
         if (weights is None) != (at is None):
             raise ValueError("weights and at belong together")
         if weights is not None and at is not None:
@@ -263,33 +275,29 @@ class Rattleback:
                 raise ValueError(
                     f"at: ({x:g} m, {y:g} m) is beyond the edge of the flat side"
                 )
-            sizes |= {"weights": si.size(weights, "mass", "weights"), "x": x, "y": y}
+            sizes["weights"] = si.size(weights, "mass", "weights")
+            sizes |= {"x": x, "y": y}
         if wall is not None:
             sizes["wall"] = si.size(wall, "length", "wall")
-        sizes |= {
-            "mass": si.size(mass, "mass", "mass"),
-            "skew": si.size(skew, "angle", "skew"),
-        }
-        found = {
+        body = {
             name: float(value) for name, value in si.half_ellipsoid(**sizes).items()
         }
-        if not found["theta"] < 1:
+        if not body["theta"] < 1:
             raise ValueError(
                 "height: the body tips over; make it lower, or longer and wider"
             )
-        if found["xi"] == 0:
+        if body["xi"] == 0:
             raise ValueError("skew: both directions are alike; give a skew or weights")
         g = si.size(gravity, "acceleration", "gravity")
-        return cls(units=Units(found.pop("mass"), found.pop("height"), g), **found)
+        units = Units(body.pop("mass"), body.pop("height"), g)
+        return cls(**body, units=units)
 
     def replace(self, **parameters: Any) -> Rattleback:
         """Return the body with some parameters changed, such as ``theta=0.82``."""
         return replace(self, **parameters)
 
     def mirrored(self) -> Rattleback:
-        """Return the mirror image, whose steady and unsteady directions are
-        exchanged.
-        """
+        """Return the mirror image, whose steady and unsteady spins are exchanged."""
         return replace(self, xi=-self.xi)
 
 
@@ -321,8 +329,7 @@ def violations(
     xi: ArrayLike,
     c: ArrayLike | None = None,
 ) -> Iterator[tuple[int, str]]:
-    """Yield the index of the first body that breaks a rule, and a message, for each
-    broken rule.
+    """Yield the place of the first body that breaks a rule, and a message, by rule.
 
     Arguments are numbers or arrays over bodies; ``c`` is NaN, or None for all, for a
     paraboloid.
@@ -332,7 +339,8 @@ def violations(
         for x in (alpha, beta, gamma, theta, phi, xi)
     )
     c = np.broadcast_to(np.asarray(np.nan if c is None else c, float), alpha.shape)
-    i_xx, i_yy = alpha - 1, beta - 1
+    i_xx = alpha - 1
+    i_yy = beta - 1
     # Shell-dumbbell bodies have I_zz = I_xx + I_yy, and half of them exceed it by
     # rounding.
     slack = 1e-12 * (alpha + gamma)
@@ -397,11 +405,9 @@ def violations(
             "side",
         ),
     )
-    for good, message in rules:
-        bad = np.flatnonzero(~good)
-        if bad.size:
-            first = int(bad[0])
-            yield (
-                first,
-                message.format(**{name: x[first] for name, x in values.items()}),
-            )
+    for is_kept, message in rules:
+        broken = np.flatnonzero(~is_kept)
+        if broken.size:
+            first = int(broken[0])
+            numbers = {name: column[first] for name, column in values.items()}
+            yield first, message.format(**numbers)

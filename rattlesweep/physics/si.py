@@ -47,21 +47,19 @@ class Units:
     def time(self) -> Any:
         """Return ``sqrt(a/g)`` in s."""
         time = np.sqrt(self.length / self.gravity)
-        return time if np.ndim(time) else float(time)
+        if np.ndim(time) == 0:
+            return float(time)
+        return time
 
     def natural(self, value: float | Floats, kind: str) -> Floats:
-        """Return SI quantities of a kind (:data:`rattlesweep.units.KINDS`) in these
-        units.
-        """
+        """Return SI quantities of a kind of `units.KINDS` in these units."""
         if kind == "spin":
             return np.asarray(value * self.time)
         return np.asarray(value / self.sizes[NATURAL[kind]][0])
 
     @property
     def sizes(self) -> dict[str, tuple[Any, str]]:
-        """Return the size of each unit that rattlesweep writes, and the SI unit of that
-        size.
-        """
+        """Return the size and the SI unit of each unit that rattlesweep writes."""
         m, a, g, t = self.mass, self.length, self.gravity, self.time
         return {
             "sqrt(a/g)": (t, "s"),
@@ -80,7 +78,9 @@ def number(value: float | str, kind: str, name: str) -> float:
     `units.KINDS`.
     """
     try:
-        return quantity(value, kind) if isinstance(value, str) else float(value)
+        if isinstance(value, str):
+            return quantity(value, kind)
+        return float(value)
     except TypeError:
         wanted = f"give a number or a text such as {KINDS[kind][1]}"
         raise ValueError(f"{name}: {value!r} is given; {wanted}") from None
@@ -89,22 +89,18 @@ def number(value: float | str, kind: str, name: str) -> float:
 
 
 def size(value: float | str, kind: str, name: str) -> float:
-    """Return a :func:`number`; raise ValueError if it is outside the `LIMITS` of its
-    kind.
-    """
-    found = number(value, kind, name)
+    """Return a :func:`number`; raise ValueError unless it is within its `LIMITS`."""
+    size_in_si = number(value, kind, name)
     low, high, unit = LIMITS[kind]
-    if not low <= found <= high:
+    if not low <= size_in_si <= high:
         raise ValueError(
-            f"{name} is {found:g}; from {low:g} to {high:g} {unit} is allowed"
+            f"{name} is {size_in_si:g}; from {low:g} to {high:g} {unit} is allowed"
         )
-    return found
+    return size_in_si
 
 
 def two_lengths(value: str | Sequence[float | str], name: str) -> list[float]:
-    """Return two lengths in m, given as numbers, as texts, or as one text ``"45, -9
-    mm"``.
-    """
+    """Return two lengths in m, from numbers, texts, or one text ``"45, -9 mm"``."""
     try:
         if isinstance(value, str):
             return quantities(value, "length", 2)
@@ -130,7 +126,8 @@ def parameters(
     """
     mass, height, radii = (np.asarray(x, float) for x in (mass, height, radii))
     xx, yy, zz, xy = np.moveaxis(np.asarray(inertia, float), -1, 0)
-    mean, half = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    mean = (xx + yy) / 2
+    half = np.hypot((xx - yy) / 2, xy)
     axis_of_alpha = np.arctan2(2 * xy, xx - yy) / 2
     # theta belongs to the smaller radius; the second one is a right angle further.
     turned = np.where(radii[..., 0] <= radii[..., 1], 0.0, np.pi / 2)
@@ -149,9 +146,7 @@ def parameters(
 def components(
     inertia: Sequence[float] | Sequence[Sequence[float]] | str,
 ) -> tuple[float, ...]:
-    """Return ``I_xx, I_yy, I_zz, I_xy`` of a tensor, given as a matrix or three to six
-    numbers.
-    """
+    """Return ``I_xx, I_yy, I_zz, I_xy`` of a matrix or of three to six numbers."""
     try:
         if isinstance(inertia, str):
             inertia = quantities(inertia, "moment of inertia", 3, 4, 5, 6)
@@ -205,17 +200,15 @@ def half_ellipsoid(
     y: ArrayLike = 0.0,
     wall: ArrayLike = np.inf,
 ) -> dict[str, Floats]:
-    """Return the parameters, ``c``, total ``mass`` and ``height`` ``a`` of half
-    ellipsoids.
+    """Return parameters, ``c``, total ``mass`` and ``height`` of half ellipsoids.
 
-    Arguments are those of :meth:`rattlesweep.physics.body.Rattleback.half_ellipsoid` in
-    SI units, with ``at = (x, y)``; an infinite ``wall`` stands for a solid.
+    The height is ``a``, that of the centre of mass over the contact.  Arguments are
+    those of :meth:`rattlesweep.physics.body.Rattleback.half_ellipsoid` in SI units,
+    with ``at = (x, y)``; an infinite ``wall`` stands for a solid.
     """
+    sizes = (length, width, height, mass, skew, weights, x, y, wall)
     length, width, height, mass, skew, weights, x, y, wall = np.broadcast_arrays(
-        *(
-            np.asarray(v, float)
-            for v in (length, width, height, mass, skew, weights, x, y, wall)
-        )
+        *(np.asarray(size, float) for size in sizes)
     )
     outer = np.stack([length / 2, width / 2, height])
     inner = np.maximum(outer - wall, 0.0)
@@ -225,22 +218,21 @@ def half_ellipsoid(
     # Moments about the middle of the flat side, of a solid less its cavity: depth of
     # the centre of mass, then inertia along axes to the right, towards the viewer and
     # down.
-    depth, mean, own, vertical = 0.0, 0.0, 0.0, 0.0
+    depth = mean = difference = vertical = np.zeros(total.shape)
     for (p, q, h), share in ((outer, 1.0), (inner, -hollow)):
         m = mass * share / (1 - hollow)
-        depth, mean = depth + 3 / 8 * m * h, mean + m * ((p**2 + q**2) / 10 + h**2 / 5)
-        own, vertical = own + m * (q**2 - p**2) / 10, vertical + m * (p**2 + q**2) / 5
+        depth = depth + 3 / 8 * m * h
+        mean = mean + m * ((p**2 + q**2) / 10 + h**2 / 5)
+        difference = difference + m * (q**2 - p**2) / 10
+        vertical = vertical + m * (p**2 + q**2) / 5
     depth = depth / total
     a = height - depth
+    # The weights lie on the flat side, whose axes of inertia are turned by the skew.
     mean = mean + both * (x**2 + y**2) / 2 - total * depth**2
-    half = own * np.cos(2 * skew) + both * (y**2 - x**2) / 2
+    half = difference * np.cos(2 * skew) + both * (y**2 - x**2) / 2
+    product = difference * np.sin(2 * skew) + both * x * y
     vertical = vertical + both * (x**2 + y**2)
-    inertia = [
-        mean + half,
-        mean - half,
-        vertical,
-        own * np.sin(2 * skew) + both * x * y,
-    ]
+    inertia = np.stack([mean + half, mean - half, vertical, product], axis=-1)
     radii = np.moveaxis(outer[:2] ** 2 / height, 0, -1)
-    found = parameters(total, np.stack(inertia, axis=-1), a, radii, np.zeros(a.shape))
-    return {**found, "c": height / a, "mass": total, "height": a}
+    body = parameters(total, inertia, a, radii, np.zeros(a.shape))
+    return {**body, "c": height / a, "mass": total, "height": a}

@@ -19,7 +19,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.schema import GridSource, Stop
 from rattlesweep.sweeps.stored import FAILED, MISSING, Design, Found, Stored
 from rattlesweep.sweeps.types import TYPES, R, wilson
-from rattlesweep.units import Quantity
+from rattlesweep.units import Setting
 
 FIRST_WAVE = 400  # samples of each case in the first wave of `stop`
 NEXT_WAVE = 0.1  # size of each later wave as a share of the samples so far
@@ -225,17 +225,16 @@ def nearest(known: Flags, refined: Sequence[bool]) -> Integers:
 
 
 def _in_units_of_bodies(
-    values: Sequence[float | None], held: set[float | None]
+    values: Sequence[Setting], held: set[float | None]
 ) -> list[float | None]:
     """Return values of a config, some of which have units, as the cases hold them."""
-    given = sorted(value for value in values if isinstance(value, Quantity))
-    others = held.difference(
-        value for value in values if not isinstance(value, Quantity)
-    )
+    in_si = sorted(value.si for value in values if value.si is not None)
+    converted = held.difference(value.natural for value in values if value.si is None)
     # Bodies of one size convert all by one factor, so the order stays.
-    natural = dict(zip(given, sorted(others, key=lambda x: x or 0.0), strict=True))
+    in_order = sorted(converted, key=lambda x: x or 0.0)
+    natural = dict(zip(in_si, in_order, strict=True))
     return [
-        natural[value] if isinstance(value, Quantity) else value for value in values
+        value.natural if value.si is None else natural[value.si] for value in values
     ]
 
 

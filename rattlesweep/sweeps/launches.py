@@ -15,10 +15,10 @@ from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
 from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.bodies.table import TableBodies
+from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.config.schema import Config, Horizon, State
+from rattlesweep.sweeps.config.schema import DIRECTIONS, Config, State, TableSource
 from rattlesweep.sweeps.plan import Plan, make_plan
-from rattlesweep.units import Quantity
 
 # Periods of the slower mode that a window has at least; see docs/types.md.
 WINDOW_PERIODS = 2.0
@@ -107,7 +107,7 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
         gh=gh,
         n_0=n_0,
         n_c1=n_c1,
-        horizon=_horizon(config.horizon, bodies, gh.t_rgh, sigma),
+        horizon=_horizon(config, bodies, gh.t_rgh, sigma),
         sigma=sigma,
         rolling=rolling,
         dead=dead,
@@ -128,17 +128,12 @@ def _value(name: str, plan: Plan, case: Integers, bodies: Bodies) -> Floats:
     of_rows: Floats | None = getattr(bodies, name)
     if of_rows is not None:
         return of_rows
-    of_cases = [getattr(each, name) for each in plan.cases]
-    values = np.array(of_cases, float)[case]
-    if isinstance(of_cases[0], Quantity):
-        return _natural(values, of_cases[0].kind, bodies)
-    return values
-
-
-def _natural(value: float | Floats, kind: str, bodies: Bodies) -> Floats:
-    """Return a quantity in SI units in the units of each body."""
+    settings = [each.setting(name) for each in plan.cases]
+    in_si = [setting.si for setting in settings]
+    if in_si[0] is None:
+        return np.array([setting.natural for setting in settings], float)[case]
     assert bodies.units is not None
-    return bodies.units.natural(value, kind)
+    return bodies.units.natural(np.array(in_si, float)[case], in_si[0].kind)
 
 
 def _direction(
@@ -185,18 +180,19 @@ def _constants_of(bodies: Bodies) -> Floats:
 
 
 def _horizon(
-    horizon: Horizon, bodies: Bodies, t_rgh: Floats, sigma: Floats | None
+    config: Config, bodies: Bodies, t_rgh: Floats, sigma: Floats | None
 ) -> Floats:
     """Return the smallest of the config's horizons, or a table's own."""
+    horizon = config.horizon
     earliest = np.full(len(t_rgh), np.inf)
     if horizon.t_rgh is not None:
         # fmin ignores NaN, the t_rGH of launches that have none.
         earliest = np.fmin(earliest, horizon.t_rgh * t_rgh)
-    if isinstance(horizon.t, Quantity):
-        natural = _natural(horizon.t, horizon.t.kind, bodies)
-        earliest = np.minimum(earliest, natural)
-    elif horizon.t is not None:
-        earliest = np.minimum(earliest, horizon.t)
+    (t,) = config.settings["t_end"]
+    if t.si is not None and bodies.units is not None:
+        earliest = np.minimum(earliest, bodies.units.natural(t.si, t.si.kind))
+    if t.natural is not None:
+        earliest = np.minimum(earliest, t.natural)
     if horizon.t_decay is not None and sigma is not None:
         with np.errstate(divide="ignore"):
             decay = horizon.t_decay * bodies.gamma / sigma
@@ -365,41 +361,55 @@ def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
     return True
 
 
-def plan_of(run: Launch, source: TableBodies | None = None) -> Plan:
-    """Return the plan of one run, or of the bodies, launches and dissipation of a
-    table.
-    """
-    if source is None:
-        names = (*PARAMETERS, "c")  # without c, which is None, a NaN
-        source = TableBodies(
-            {name: np.array([getattr(run.body, name)], float) for name in names}
-        )
-    section = "spin"
-    given: dict[str, Any] = {"n_i": run.n_i, "omega_xy0": run.omega_xy0, "psi": run.psi}
-    if is_full_state(run.omega, run.u, given):
-        section, given = "launch", {"omega": run.omega, "u": run.u}
+def directions(columns: Mapping[str, Floats], psi: str) -> Floats:
+    """Return the directions of the oscillations of rows, by a word for the mode."""
+    if psi not in DIRECTIONS:
+        raise ConfigError(f"psi: {not_one_of(psi, DIRECTIONS)}, or give degrees")
+    names = ("alpha", "beta", "theta", "phi", "xi")
+    modes = theory.modes(*(columns[name] for name in names))
+    return theory.direction(modes, columns["n_i"], psi)
+
+
+def plan_of(run: Launch) -> Plan:
+    """Return the plan of one run."""
+    names = (*PARAMETERS, "c")  # without c, which is None, a NaN
+    rows = TableBodies(
+        {name: np.array([getattr(run.body, name)], float) for name in names}
+    )
+    spin = {"n_i": run.n_i, "omega_xy0": run.omega_xy0, "psi": run.psi}
+    if is_full_state(run.omega, run.u, spin):
+        launch: dict[str, Any] = {"launch": {"omega": run.omega, "u": run.u}}
     elif run.t_end is None and run.n_i == 0:
         raise ConfigError("t_end: missing; a launch without spin has no t_rGH")
+    else:
+        launch = {"spin": spin}
+    horizon = {"t_rgh": 5.0} if run.t_end is None else {"t": run.t_end}
+    losses = {"sigma": run.sigma, "rolling": run.rolling}
+    keys = {"horizon": horizon, "dissipation": losses, **launch}
+    return plan_of_rows(rows, run.model, run.integrator, run.record, keys)
+
+
+def plan_of_rows(
+    rows: TableBodies,
+    model: str,
+    integrator: Mapping[str, Any],
+    record: Sequence[str],
+    keys: Mapping[str, Any],
+) -> Plan:
+    """Return the plan of bodies in memory, by default up to 5 t_rGH.
+
+    `keys` are further keys of a config; without them, the rows have launches.
+    """
+    steps = {
+        "dt" if name == "dt_step" else name: value
+        for name, value in integrator.items()
+        if value is not None
+    }
     config = parse_config(
-        {
-            "bodies": {
-                "source": "table",
-                "path": "the table is in memory",
-                "surface": source.surface,
-            },
-            section: given,
-            "model": run.model,
-            "horizon": {"t_rgh": 5.0} if run.t_end is None else {"t": run.t_end},
-            "integrator": {
-                "dt" if name == "dt_step" else name: value
-                for name, value in run.integrator.items()
-                if value is not None
-            },
-            "dissipation": {"sigma": run.sigma, "rolling": run.rolling},
-            "record": list(run.record),
-        }
+        {"model": model, "integrator": steps, "record": list(record), **keys},
+        bodies=TableSource.in_memory(rows.surface),
     )
-    return make_plan(config, rows=source)
+    return make_plan(config, rows=rows)
 
 
 def single_run(run: Launch) -> tuple[Config, Launches, Batch | None]:

@@ -23,7 +23,7 @@ from rattlesweep.sweeps.bodies import Source
 from rattlesweep.sweeps.bodies.sources import make_source
 from rattlesweep.sweeps.bodies.table import LOSSES, TableBodies, check_value
 from rattlesweep.sweeps.columns import STATE, runs_schema
-from rattlesweep.sweeps.config.clashes import clashes
+from rattlesweep.sweeps.config.clashes import SETTING_KEYS, clashes
 from rattlesweep.sweeps.config.read import (
     differences,
     fixed_part,
@@ -43,21 +43,14 @@ from rattlesweep.sweeps.stored import (
     Stored,
     open_stored,
 )
-from rattlesweep.units import Quantity
+from rattlesweep.units import Setting
 
 MAX_RUNS = 10**9  # in a sweep, which holds one byte for each of them
 MOST_SIZES = 64  # bodies that are looked at to see whether their sizes differ
 NO_END = np.array([np.nan])  # horizon of launches that have none of their own
-# Keys of the config that may have SI units, by the columns that they set.
-KEYS = {
-    "n_i": "spin.n_i",
-    "omega_xy0": "spin.omega_xy0",
-    "t_end": "horizon.t",
-    "sigma": "dissipation.sigma",
-    "rolling": "dissipation.rolling",
-}
-Pair = tuple[float | None, float | None]
-Values = dict[str, list[float | None]]  # by column, None where the table has them
+Pair = tuple[Setting, Setting]
+Values = dict[str, list[Setting]]  # by column, empty where the table has them
+FROM_TABLE = (Setting(), Setting())
 
 
 @dataclass(frozen=True)
@@ -94,12 +87,12 @@ def make_plan(
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
         target = config.bodies.target
         targets = [(target.name, value) for value in target.values]
-    losses: list[Pair] = [(None, None)]
+    losses: list[Pair] = [FROM_TABLE]
     if config.dissipation:
         losses = list(product(values["sigma"], values["rolling"]))
     cases: list[Case] = []
     for (name, value), launch, loss in product(targets, launches, losses):
-        cases.append(Case(len(cases), name, value, *launch, *loss))
+        cases.append(Case.of(len(cases), name, value, (*launch, *loss)))
     extra = source.fields
     if is_state:
         extra = STATE + extra
@@ -119,10 +112,10 @@ def _launches(
     A launch is None where each row of the table has its own.
     """
     if "n_i" in table:
-        return [(None, None)], table["n_i"]
+        return [FROM_TABLE], table["n_i"]
     if config.launch is not None:
         spin, swing, *_ = spin_and_oscillation(config.launch.omega, config.launch.u)
-        return [(float(spin), float(swing))], np.array([spin])
+        return [(Setting(float(spin)), Setting(float(swing)))], np.array([spin])
     if config.spin is not None:
         launches = list(product(values["n_i"], values["omega_xy0"]))
         return launches, np.array(config.spin.n_i)
@@ -134,7 +127,7 @@ def _with_losses(config: Config, columns: Mapping[str, list[float | str]]) -> Co
     """Return the config with the dissipation of a table's columns."""
     for name in LOSSES:
         values = config.settings[name]
-        if None in values and name not in columns:
+        if Setting() in values and name not in columns:
             lacks = f"the table has no column {name}; give a number"
             raise ConfigError(f"dissipation.{name}: {lacks}")
         if len(values) > 1 and name in columns:
@@ -165,24 +158,24 @@ def _natural(config: Config, source: Source) -> Values:
     natural: Values = {}
     for name, values in config.settings.items():
         converted = [_convert(name, value, units) for value in values]
-        if converted.count(None) > values.count(None):
-            if not all(isinstance(value, Quantity) for value in values):
+        if any(value.si is not None and value.natural is None for value in converted):
+            if any(value.si is None for value in values):
                 differ = "the sizes of the bodies differ, and some values have no unit"
                 advice = "give all of them with units, or none"
-                raise ConfigError(f"{KEYS[name]}: {differ}; {advice}")
+                raise ConfigError(f"{SETTING_KEYS[name]}: {differ}; {advice}")
             converted = values
         natural[name] = converted
     return natural
 
 
-def _convert(name: str, value: float | None, units: Units | None) -> float | None:
-    """Return a value in units of the bodies, None if that differs between them."""
-    if not isinstance(value, Quantity):
+def _convert(name: str, value: Setting, units: Units | None) -> Setting:
+    """Return a value also in units of the bodies, unless that differs between them."""
+    if value.si is None:
         return value
-    key = f"{KEYS[name]}: {value.text}"
+    key = f"{SETTING_KEYS[name]}: {value.si.text}"
     natural = np.array([np.nan])
     if units is not None:
-        natural = np.atleast_1d(units.natural(value, value.kind))
+        natural = np.atleast_1d(units.natural(value.si, value.si.kind))
     if np.isnan(natural).any():
         advice = "give columns height_m and mass_kg"
         raise ConfigError(
@@ -195,8 +188,8 @@ def _convert(name: str, value: float | None, units: Units | None) -> float | Non
         size = f"is {natural[place]:g} in units of the body"
         raise ConfigError(f"{key} {size}; {problem}")
     if natural.min() < natural.max():
-        return None
-    return float(natural[0])
+        return value
+    return Setting(float(natural[0]), value.si)
 
 
 def _check_launches(

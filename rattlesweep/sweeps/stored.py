@@ -36,7 +36,7 @@ from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import explained, read_regular, reason, replace_file
 from rattlesweep.sweeps.parquet import read_parquet, write_parquet
 from rattlesweep.sweeps.types import TYPES, codes
-from rattlesweep.units import Quantity
+from rattlesweep.units import Quantity, Setting
 
 MANIFEST = "manifest.json"
 SUMMARY = "summary.parquet"
@@ -344,8 +344,7 @@ class Case:
     """Target, launch and dissipation that the runs of a case share; None where they
     differ.
 
-    Values in SI units are a :class:`Quantity` if they differ in the units of the
-    bodies.
+    `in_si` has the values in SI units, by name, that differ in the units of the bodies.
     """
 
     index: int = field(compare=False)
@@ -355,6 +354,29 @@ class Case:
     omega_xy0: float | None = None
     sigma: float | None = None
     rolling: float | None = None
+    in_si: tuple[tuple[str, Quantity], ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        index: int,
+        target_name: str | None,
+        target: float | None,
+        settings: Sequence[Setting],
+    ) -> Case:
+        """Return the case of the settings of the columns `VARIES`."""
+        natural: dict[str, float] = {}
+        in_si: list[tuple[str, Quantity]] = []
+        for name, setting in zip(VARIES, settings, strict=True):
+            if setting.natural is not None:
+                natural[name] = setting.natural
+            elif setting.si is not None:
+                in_si.append((name, setting.si))
+        return cls(index, target_name, target, **natural, in_si=tuple(in_si))
+
+    def setting(self, name: str) -> Setting:
+        """Return the value of a column of `VARIES`."""
+        return Setting(getattr(self, name), dict(self.in_si).get(name))
 
     def dump(self) -> dict[str, str | float]:
         """Return the case as JSON data, without what is None."""
@@ -362,11 +384,11 @@ class Case:
         if self.target_name is not None and self.target is not None:
             data[self.target_name] = self.target
         for name in VARIES:
-            value = getattr(self, name)
-            if isinstance(value, Quantity):
-                data[name] = value.text
-            elif value is not None:
-                data[name] = value
+            natural, in_si = self.setting(name)
+            if in_si is not None:
+                data[name] = in_si.text
+            elif natural is not None:
+                data[name] = natural
         return data
 
     @classmethod
@@ -375,16 +397,17 @@ class Case:
         name = next((name for name in ("K_p", "K_r") if name in data), None)
         kinds = VARIES if name is None else {name: "", **VARIES}
         values: dict[str, float] = {}
+        in_si: list[tuple[str, Quantity]] = []
         for key, kind in kinds.items():
             value = data.get(key)
             if isinstance(value, str):
-                values[key] = Quantity(value, kind)
+                in_si.append((key, Quantity(value, kind)))
             elif isinstance(value, int | float) and not isinstance(value, bool):
                 values[key] = value
             elif value is not None:
                 raise TypeError(f"{key} of a case is {one_line(repr(value), 30)}")
         target = None if name is None else values.pop(name)
-        return cls(int(data["case"]), name, target, **values)
+        return cls(int(data["case"]), name, target, **values, in_si=tuple(in_si))
 
     def __str__(self) -> str:
         texts = []

@@ -24,7 +24,6 @@ from rattlesweep.sweeps.skipped import estimate
 from rattlesweep.sweeps.stored import SUMMARY, VARIES, Case, Stored
 from rattlesweep.sweeps.types import DEAD, TYPES, R, codes, share
 from rattlesweep.text import align
-from rattlesweep.units import Quantity
 
 # Columns of the runs that are counted or averaged; not all runs have the later ones.
 READ = (
@@ -297,11 +296,7 @@ def _target(name: str) -> Value:
 
 def _held(name: str) -> Value:
     """Return a launch or loss in units of the bodies, NaN where it is in SI units."""
-
-    def value(cases: Sequence[Case], counts: Counts) -> Floats:
-        return np.where(_is_in_si(cases, name), np.nan, _of_cases(cases, name))
-
-    return value
+    return lambda cases, counts: np.array([getattr(x, name) for x in cases], float)
 
 
 def _held_in_si(name: str) -> Value:
@@ -316,16 +311,7 @@ def _spin_in_rpm(cases: Sequence[Case], counts: Counts) -> Floats:
 
 
 def _in_si(cases: Sequence[Case], name: str) -> Floats:
-    values = _of_cases(cases, name) / SI[name][1]
-    return np.where(_is_in_si(cases, name), values, np.nan)
-
-
-def _of_cases(cases: Sequence[Case], name: str) -> Floats:
-    return np.array([getattr(case, name) for case in cases], float)
-
-
-def _is_in_si(cases: Sequence[Case], name: str) -> Flags:
-    return np.array([isinstance(getattr(case, name), Quantity) for case in cases])
+    return np.array([case.setting(name).si for case in cases], float) / SI[name][1]
 
 
 def _number(name: str) -> Value:

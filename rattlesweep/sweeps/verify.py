@@ -29,7 +29,6 @@ from rattlesweep.sweeps.stored import (
 from rattlesweep.sweeps.summary import summarise
 from rattlesweep.sweeps.types import with_types
 from rattlesweep.text import counted
-from rattlesweep.units import Quantity
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.plan import Plan
@@ -208,7 +207,7 @@ def _wrong_ends(rows: pa.Table, config: Config) -> Flags:
 def _horizons(rows: pa.Table, config: Config) -> Floats:
     """Return the horizons of runs, NaN where the rows and the config do not tell."""
     horizon = config.horizon
-    if config.bodies.source == "table" or isinstance(horizon.t, Quantity):
+    if config.bodies.source == "table" or config.settings["t_end"][0].si is not None:
         return np.full(len(rows), np.nan)
     t_end = np.full(len(rows), np.inf)
     if horizon.t_rgh is not None:

@@ -25,7 +25,8 @@ from rattlesweep.paper.reproduce import closing_table
 
 ROOT = Path(__file__).parents[2]
 PAPER = ROOT / "rattlesweep" / "paper"
-CLAIMS, PARTS = read_table("claims"), read_table("parts")
+CLAIMS = read_table("claims")
+PARTS = read_table("parts")
 
 
 def judgement(*checks, few=False, **numbers):
@@ -45,23 +46,25 @@ def judgement(*checks, few=False, **numbers):
 def test_a_verdict_is_made_of_checks_the_first_of_which_is_the_headline():
     cases = ((True, True), (True, False), (False, True))
     assert [judgement(*c)["verdict"] for c in cases] == ["agree", "partly", "disagree"]
-    one = judgement(True, Count(2, 3), every([True, True]), value=math.nan)
-    assert one["evidence"] == (
-        "Checks, headline first: check 0: yes; check 1: no, 2 of 3; check 2: yes, 2 of 2. End."
+    claim = judgement(True, Count(2, 3), every([True, True]), value=math.nan)
+    assert claim["evidence"] == (
+        "Checks, headline first: check 0: yes; check 1: no, 2 of 3; "
+        "check 2: yes, 2 of 2. End."
     )
-    assert (one["held"], one["checks"], one["headline"]) == (2, 3, "check 0")
-    assert one["value"] is None
-    assert closing_table([one]) == "T1   partly (2 of 3): words\n     found: measured"
+    assert (claim["held"], claim["checks"], claim["headline"]) == (2, 3, "check 0")
+    assert claim["value"] is None
+    assert closing_table([claim]) == "T1   partly (2 of 3): words\n     found: measured"
 
 
 def test_few_samples_cannot_tell_what_lies_within_their_error():
-    within, beyond = Count(8, 10, unsure=2), Count(8, 10, unsure=1)
+    within = Count(8, 10, unsure=2)
+    beyond = Count(8, 10, unsure=1)
     # With the paper's own number of samples a check that fails has failed.
     assert [judgement(True, c)["verdict"] for c in (within, beyond)] == ["partly"] * 2
-    found = [
+    verdicts = [
         judgement(True, c, few=True)["verdict"] for c in (within, beyond, True, False)
     ]
-    assert found == [UNDECIDED, "partly", "agree", "partly"]
+    assert verdicts == [UNDECIDED, "partly", "agree", "partly"]
     assert judgement(within, False, few=True)["verdict"] == UNDECIDED
     assert judgement(beyond, True, few=True)["verdict"] == "disagree"
     nothing = judge_claim(CLAIMS["T1"] | {"measure": lambda made: None}, {}, few=False)
@@ -75,7 +78,7 @@ def test_every_claim_is_one_row():
     )
     assert list(CLAIMS) == listed.split()
     assert {
-        part for claim in CLAIMS.values() for part in claim.get("parts", ())
+        name for claim in CLAIMS.values() for name in claim.get("parts", ())
     } == set(PARTS)
     assert judge({}, theory=False) == []
 
@@ -166,7 +169,8 @@ def test_figures_have_their_printed_numbers():
         assert PARTS[f"fig{number}"]["title"].startswith(f"Fig. {number}: ")
     # A claim is measured by the figure in which the paper shows it.
     for claim in CLAIMS.values():
-        cited, parts = cited_figures(claim["where"]), claim.get("parts", ())
+        cited = cited_figures(claim["where"])
+        parts = claim.get("parts", ())
         assert not parts or not cited or cited & cited_figures(" ".join(parts))
     for place in ("rattlesweep", "docs", "configs"):
         for path in (ROOT / place).rglob("*"):

@@ -50,8 +50,8 @@ def test_claims_of_fig_5_follow_the_series(ws):
     late = five | {"runs": five["runs"].assign(t_r=1.5 * five["runs"]["t_r"])}
     assert set(verdicts({"fig5": late}).values()) == {"disagree"}
     # With x and y exchanged every statement on them is wrong but one.
-    other = {"omega_x": "omega_y", "omega_y": "omega_x"}
-    turned = {name: five[name].rename(columns=other) for name in fig5_9.ENDS}
+    exchange = {"omega_x": "omega_y", "omega_y": "omega_x"}
+    turned = {name: five[name].rename(columns=exchange) for name in fig5_9.ENDS}
     row = judge({"fig5": five | turned}, theory=False)[2]
     assert (row["verdict"], row["held"], row["checks"]) == ("disagree", 1, 6)
 
@@ -62,11 +62,11 @@ def test_claims_of_fig_5_follow_the_series(ws):
 )
 def test_verdict_on_chaos_follows_the_exponents(nine, chaotic, verdict):
     runs = nine["runs"].assign(chaotic=np.array(chaotic, bool))
-    found = {c["id"]: c for c in judge({"fig9": nine | {"runs": runs}}, theory=False)}
-    assert found["L1"]["verdict"] == verdict
-    assert (found["L2"]["verdict"], found["L3"]["verdict"]) == ("agree", "agree")
-    assert 0.18 < found["L3"]["value"] < 0.22
-    assert ("narrow" in found["L1"]["evidence"]) == bool(chaotic[2])
+    claims = {c["id"]: c for c in judge({"fig9": nine | {"runs": runs}}, theory=False)}
+    assert claims["L1"]["verdict"] == verdict
+    assert (claims["L2"]["verdict"], claims["L3"]["verdict"]) == ("agree", "agree")
+    assert 0.18 < claims["L3"]["value"] < 0.22
+    assert ("narrow" in claims["L1"]["evidence"]) == bool(chaotic[2])
 
 
 def test_l4_follows_the_volume(nine):
@@ -107,10 +107,10 @@ def claim(name):
 def test_bodies_are_counted_by_their_coefficients():
     size = 250_000
     alpha, beta, _, th, phi, xi = fig3_4.drawn_bodies(0, size)
-    found = theory.modes(alpha, beta, th, phi, xi)
+    modes = theory.modes(alpha, beta, th, phi, xi)
     bins = [*fig3_4.EDGES.values()]
-    wanted = np.histogram2d(found.K_p, found.K_r, bins=bins)[0]
-    few = np.count_nonzero(found.omega_p / found.omega_r < fig3_4.BOUND)
+    wanted = np.histogram2d(modes.K_p, modes.K_r, bins=bins)[0]
+    few = np.count_nonzero(modes.omega_p / modes.omega_r < fig3_4.BOUND)
     for threads in (1, 3):
         counts, below = fig3_4.count_bodies(size, threads)
         # A coefficient on an edge may fall on either side by its last bit.
@@ -179,10 +179,10 @@ def test_no_body_is_below_the_least_ratio_of_the_frequencies():
     for squeeze in (1.0, 1e-3):
         inward = np.where(corner == ends[:, :1], 1, -1) * squeeze * np.diff(ends)
         gamma, f_sd, th, phi, xi = corner + inward * shares
-        found = theory.modes(
+        modes = theory.modes(
             (1 - f_sd) * gamma + 1, f_sd * gamma + 1, th, phi, -np.radians(xi)
         )
-        least = (found.omega_p / found.omega_r).min()
+        least = (modes.omega_p / modes.omega_r).min()
         assert least > bound
     assert least < 1.001 * bound
 
@@ -192,10 +192,13 @@ def off(module, name, **factors):
     function = getattr(module, name)
 
     def changed(*args, **kwargs):
-        found = function(*args, **kwargs)
-        values = dict(found if isinstance(found, dict) else vars(found))
+        result = function(*args, **kwargs)
+        is_dict = isinstance(result, dict)
+        values = dict(result) if is_dict else dict(vars(result))
         values |= {key: factor * values[key] for key, factor in factors.items()}
-        return values if isinstance(found, dict) else SimpleNamespace(**values)
+        if is_dict:
+            return values
+        return SimpleNamespace(**values)
 
     return module, name, changed
 

@@ -65,7 +65,8 @@ def test_the_sweeps_are_those_of_the_shipped_configs(name):
     [("fig6", "unsteady", "K_p"), ("fig8", "steady", "K_r")],
 )
 def test_points_of_figs_6_and_8_are_means_of_the_stored_runs(made, figure, sweep, name):
-    runs, points = getattr(made, sweep), made.table(f"{figure}_times")
+    runs = getattr(made, sweep)
+    points = made.table(f"{figure}_times")
     cases = runs.groupby("case")
     assert len(points) == cases.ngroups
     # NaN where the run does not reverse, and so in the mean of none and the deviation
@@ -75,13 +76,15 @@ def test_points_of_figs_6_and_8_are_means_of_the_stored_runs(made, figure, sweep
     np.testing.assert_allclose(points["t_r_mean"], back.mean(), rtol=1e-13)
     np.testing.assert_allclose(points["t_r_std"], back.std(), rtol=1e-10)
     # The paper's own form of its formula (Eqs. 56 and 58), with the mean n_0.
-    n_0, n = cases["n_0"].mean().to_numpy(), points["n_i"].abs().to_numpy()
+    n_0 = cases["n_0"].mean().to_numpy()
+    n = points["n_i"].abs().to_numpy()
     line = np.log((n_0 + n) / (n_0 - n)) / (n_0 * points[name].to_numpy())
     np.testing.assert_allclose(points["t_rgh_line"], line, rtol=1e-9)
 
 
 def test_fractions_of_fig_7_are_counts_of_the_stored_runs(made):
-    runs, points = made.steady, made.table("fig7_fractions")
+    runs = made.steady
+    points = made.table("fig7_fractions")
     cases = runs["case"]
     assert (points["runs"] == SMALL.samples).all()
     for name in ("R", "SS", "SW", "unclassified"):
@@ -127,8 +130,8 @@ def test_the_report_is_one_file_that_asks_for_nothing(made):
     assert not re.findall(r"<script|<link|<iframe|url\(|@import", html)
     assert len(re.findall(r'<img[^>]* alt="[^"]', html)) == 3
     ids = [claim["id"] for claim in made.claims]
-    for words in (*ids, "Reduced", "numpy", "numba", "matplotlib", "fig7", "steady"):
-        assert words in words_of(html)
+    for text in (*ids, "Reduced", "numpy", "numba", "matplotlib", "fig7", "steady"):
+        assert text in words_of(html)
 
 
 def test_text_is_never_taken_for_markup(tmp_path, monkeypatch):
@@ -139,12 +142,12 @@ def test_text_is_never_taken_for_markup(tmp_path, monkeypatch):
     monkeypatch.setattr(command, "judge", lambda *_, **__: claims)
     reproduce(Workspace(tmp_path), ["theory"])
     html = (tmp_path / "report.html").read_text()
-    words = words_of(html)
+    text = words_of(html)
     assert "<script" not in html
-    assert words.count(bad) == 4 * len(names)
+    assert text.count(bad) == 4 * len(names)
     # Verdicts do not rely on colour.
     signs = ("✓ agree", "◐ partly", "✗ disagree", "? too few samples to tell")
-    assert all(sign in words for sign in signs)
+    assert all(sign in text for sign in signs)
 
 
 def test_the_command_makes_what_is_asked_for(tmp_path):

@@ -27,7 +27,7 @@ from rattlesweep.physics import si
 from rattlesweep.physics.body import PARAMETERS, shell_dumbbell, violations
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import spin_and_oscillation
-from rattlesweep.quantities import QUANTITIES
+from rattlesweep.quantities import MEASURES, QUANTITIES
 from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT, field
 from rattlesweep.sweeps.config.schema import TABLE, TableSource
@@ -43,7 +43,8 @@ Frame: TypeAlias = "pd.DataFrame | pl.DataFrame | pa.Table"
 SHELL_DUMBBELL = ("gamma", "f_sd", "theta", "phi", "xi")
 LAUNCH = ("n_i", "omega_xy0")
 LOSSES = ("sigma", "rolling")
-OMEGA, U = ("omega_x", "omega_y", "omega_z"), ("u_x", "u_y", "u_z")
+OMEGA = ("omega_x", "omega_y", "omega_z")
+U = ("u_x", "u_y", "u_z")
 COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, "t_end", "psi", "f_sd", "c", *LOSSES)
 """Columns that determine a run, in units of the body."""
 SI_BODY = ("mass_kg", "height_m", "ixx_kg_m2", "iyy_kg_m2", "izz_kg_m2", "r1_m", "r2_m")
@@ -58,25 +59,27 @@ BODY_DEFAULTS = {
 }
 """Mass, product of inertia, angle from the x axis to the direction of r1, and gravity.
 """
-# the column in units of the body, the size of the unit, and the kind of quantity
-WITH_UNITS = {
-    "xi_deg": ("xi", np.pi / 180, ""),
-    "minus_xi_deg": ("xi", -np.pi / 180, ""),
-    "psi_deg": ("psi", np.pi / 180, ""),
-    "n_i_rpm": ("n_i", np.pi / 30, "spin"),
-    "omega_xy0_rpm": ("omega_xy0", np.pi / 30, "spin"),
-    "t_end_s": ("t_end", 1.0, "time"),
-    "c_m": ("c", 1.0, "length"),
-    "rolling_m": ("rolling", 1.0, "length"),
-    "sigma_N_m_s": ("sigma", 1.0, "torque per spin"),
+# Columns in other units: the column in units of the body, the size of the unit in SI
+# units, and the kind of quantity.
+WITH_UNITS: dict[str, tuple[str, float, str]] = {
+    "minus_xi_deg": ("xi", -np.pi / 180, "angle")
 }
+for _name in (
+    "xi_deg",
+    "psi_deg",
+    "n_i_rpm",
+    "omega_xy0_rpm",
+    "t_end_s",
+    "c_m",
+    "rolling_m",
+    "sigma_N_m_s",
+):
+    _quantity, _measure = MEASURES[_name]
+    WITH_UNITS[_name] = (_quantity.name, _measure.size, _quantity.kind)
 INPUT = (*COLUMNS, "t_r", *SI_BODY, *BODY_DEFAULTS, *WITH_UNITS)
 NULLABLE = ("t_end", "psi", "psi_deg", "f_sd", "t_r", "c", "t_end_s", "c_m")
-KEPT = {  # also copied to the runs: unit and description
-    "mass_kg": ("kg", "mass M"),
-    "height_m": ("m", "height a of the centre of mass above the contact"),
-    "gravity_m_s2": ("m/s^2", "gravity g"),
-}
+KEPT = ("mass_kg", "height_m", "gravity_m_s2")
+"""Inputs that are also copied to the runs."""
 RESULTS = {column.name for part in (*RUNS.values(), STATE, MEASURED) for column in part}
 TAKEN = {column.name for part in RUNS for column in RUNS[part] if part != "theory"}
 TAKEN |= {"t_r_s"}
@@ -124,24 +127,20 @@ class TableBodies:
 
     @property
     def losses(self) -> dict[str, list[float | str]]:
-        """Dissipation columns of the table: their number if all rows share it, else
-        "table".
-        """
-        own = {
-            name: np.unique(self.columns[name])
-            for name in LOSSES
-            if name in self.columns
-        }
-        return {
-            name: [float(v[0]) if len(v) == 1 else TABLE] for name, v in own.items()
-        }
+        """The dissipation in the table: a number that all rows share, or "table"."""
+        losses: dict[str, list[float | str]] = {}
+        for name in LOSSES:
+            if name in self.columns:
+                values = np.unique(self.columns[name])
+                losses[name] = [TABLE] if len(values) > 1 else [float(values[0])]
+        return losses
 
     @property
     def surface(self) -> str | None:
-        """The surface of bodies of which some have a semi-axis c; None if there are
-        none.
-        """
-        return "ellipsoid" if np.isfinite(self.columns.get("c", np.nan)).any() else None
+        """The surface of the bodies if some have a semi-axis c, else None."""
+        if np.isfinite(self.columns.get("c", np.nan)).any():
+            return "ellipsoid"
+        return None
 
     @cached_property
     def content_hash(self) -> str:
@@ -149,18 +148,21 @@ class TableBodies:
         digest = hashlib.sha256()
         for name, values in sorted((self.columns | self.carried).items()):
             digest.update(f"{name}\0{values.dtype.kind}\0{len(values)}\0".encode())
-            is_text = values.dtype.kind == "O"
-            digest.update(
-                repr(values.tolist()).encode() if is_text else values.tobytes()
-            )
+            if values.dtype.kind == "O":  # texts
+                digest.update(repr(values.tolist()).encode())
+            else:
+                digest.update(values.tobytes())
         return digest.hexdigest()
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some samples, which are the same in all cases."""
         columns = take(self.columns, sample)
         columns.setdefault("f_sd", np.full(len(sample), np.nan))
-        for name, parts in (("omega", OMEGA), ("u", U)) if "u_x" in columns else ():
-            columns[name] = np.stack([columns.pop(part) for part in parts], axis=1)
+        if "u_x" in columns:
+            omega = [columns.pop(name) for name in OMEGA]
+            u = [columns.pop(name) for name in U]
+            columns["omega"] = np.stack(omega, axis=1)
+            columns["u"] = np.stack(u, axis=1)
         return Bodies(
             **columns,
             units=take(self.units, sample),
@@ -172,32 +174,36 @@ class TableBodies:
         columns = dict(self.columns)
         c = columns.pop("c", np.full(self.samples, np.nan))
         if source.surface is None and source.c is None and self.surface:
-            advice = "as the table has a column c, give ellipsoid or paraboloid"
-            raise ConfigError(f"bodies.surface: the key is missing; {advice}")
-        if source.ellipsoidal:
-            columns["c"] = c if source.c is None else np.where(np.isnan(c), source.c, c)
-            if np.isnan(columns["c"]).all():
-                raise ConfigError(
-                    "bodies.c: the key is missing, and the table has no column c"
-                )
-            _refuse(
-                "bodies",
-                violations(**{name: columns[name] for name in (*PARAMETERS, "c")}),
+            raise ConfigError(
+                "bodies.surface: the key is missing; as the table has a column c, give "
+                "ellipsoid or paraboloid"
             )
+        if not source.ellipsoidal:
+            return TableBodies(columns, self.units, self.carried)
+        if source.c is not None:
+            c = np.where(np.isnan(c), source.c, c)
+        if np.isnan(c).all():
+            raise ConfigError(
+                "bodies.c: the key is missing, and the table has no column c"
+            )
+        columns["c"] = c
+        parameters = {name: columns[name] for name in (*PARAMETERS, "c")}
+        _refuse("bodies", violations(**parameters))
         return TableBodies(columns, self.units, self.carried)
 
 
 def run_fields(
     units: Units | None, carried: Mapping[str, NDArray[Any]]
 ) -> tuple[pa.Field, ...]:
-    """Return the columns of runs for carried values, and those of bodies of a known
-    size.
-    """
+    """Return the columns of runs for carried values, and for bodies with a size."""
     kinds = {"i": I64, "f": F64, "O": TEXT}
-    own = (
-        field(name, kinds[x.dtype.kind], *about(name)) for name, x in carried.items()
-    )
-    return (*own, *(MEASURED if units else ()))
+    fields = []
+    for name, values in carried.items():
+        unit, description = about(name)
+        fields.append(field(name, kinds[values.dtype.kind], unit, description))
+    if units is not None:
+        fields += MEASURED
+    return tuple(fields)
 
 
 def unknown_columns(names: Iterable[str]) -> list[str]:
@@ -207,12 +213,14 @@ def unknown_columns(names: Iterable[str]) -> list[str]:
 
 
 def about(name: str) -> tuple[str, str]:
-    """Return unit and description of a column that is copied from the bodies to the
-    runs.
-    """
-    if shape := re.fullmatch(r"shape_(\w+)_(m|kg|rad)", name):
-        return shape[2], f"{shape[1]} of the shape"
-    return KEPT.get(name, ("1", "copied from the bodies"))
+    """Return unit and description of a column that the runs copy from the bodies."""
+    drawn = re.fullmatch(r"shape_(\w+)_(m|kg|rad)", name)
+    if drawn is not None:
+        size, unit = drawn.groups()
+        return unit, f"{size} of the shape"
+    if name in KEPT:
+        return QUANTITIES[name].unit, QUANTITIES[name].meaning
+    return "1", "copied from the bodies"
 
 
 def read_bodies(path: str, base: Path | None = None) -> TableBodies:
@@ -246,56 +254,65 @@ def frame_bodies(frame: Frame) -> TableBodies:
 
 def _bodies(table: pa.Table, where: str) -> TableBodies:
     """Return the bodies of a table; messages of errors begin with `where`."""
-    if repeated := [
-        name for name, times in Counter(table.column_names).items() if times > 1
-    ]:
-        raise ConfigError(
-            f"{where}: the column {one_line(repeated[0])} is repeated; keep one"
-        )
+    _check_names(table.column_names, where)
     if not table.num_rows:
         raise ConfigError(f"{where}: the table has no rows; give at least one body")
-    if not is_output(table.column_names):
-        for name in table.column_names:
-            if name in TAKEN:
-                raise ConfigError(
-                    f"{where}: the column {name} has the name of a result, which the "
-                    "runs will have; rename or drop it"
-                )
-    given = dict(zip(table.column_names, table.columns, strict=True))
-    columns = {name: _numbers(given[name]) for name in INPUT if name in given}
-    problems: list[RowProblem] = []
-    for name, values in columns.items():
-        bad = ~np.isfinite(values)
-        if name in NULLABLE:
-            bad &= ~given[name].is_null(nan_is_null=True).to_numpy()
-        for row in _first(bad):
-            cell = given[name][row].as_py()
-            shown = "empty" if cell is None else repr(str(cell)[:40])
-            problems.append((row, f"{name} is {shown}; a finite number is needed"))
-    _refuse(where, [*problems, *_out_of_bounds(columns)])
+    cells = dict(zip(table.column_names, table.columns, strict=True))
+    columns = {name: _numbers(cells[name]) for name in INPUT if name in cells}
+    missing = list(_missing_numbers(columns, cells))
+    _refuse(where, [*missing, *_out_of_bounds(columns)])
     units = _without_units(columns, where)
     if "f_sd" in columns and not {"alpha", "beta"} & columns.keys():
         _add_shell_dumbbells(columns, where)
     _require(PARAMETERS, columns, where, f"a body has {' '.join(PARAMETERS)}")
-    if state := columns.keys() & {*OMEGA, *U}:
-        _require(
-            (*OMEGA, *U), columns, where, f"a full state has {' '.join((*OMEGA, *U))}"
-        )
+    full_state = (*OMEGA, *U)
+    has_state = bool(columns.keys() & {*full_state})
+    if has_state:
+        _require(full_state, columns, where, f"a full state has {' '.join(full_state)}")
     elif columns.keys() & {*LAUNCH}:
         _require(LAUNCH, columns, where, "a launch has n_i and omega_xy0")
     impossible = violations(**{name: columns[name] for name in PARAMETERS})
+    # The columns that follow from those with units have limits, too.
     _refuse(where, [*_out_of_bounds(columns), *impossible])
     if "t_r" in columns and "t_end" in columns:
         # The t_end of a run that reversed is its reversal time, not its horizon.
-        columns["t_end"] = np.where(
-            np.isfinite(columns["t_r"]), np.nan, columns["t_end"]
-        )
-    used = {"", *INPUT, *RESULTS} - KEPT.keys()
-    carried = {name: _own(name, x) for name, x in given.items() if name not in used}
+        reversed_runs = np.isfinite(columns["t_r"])
+        columns["t_end"] = np.where(reversed_runs, np.nan, columns["t_end"])
+    used = {"", *INPUT, *RESULTS} - {*KEPT}
+    carried = {name: _carried(name, x) for name, x in cells.items() if name not in used}
     columns = {name: columns[name] for name in COLUMNS if name in columns}
-    if state:
+    if has_state:
         columns |= launched_from(columns, where)
     return TableBodies(columns, units, carried)
+
+
+def _check_names(names: list[str], where: str) -> None:
+    """Raise a ConfigError if a column is repeated, or has the name of a result."""
+    for name, times in Counter(names).items():
+        if times > 1:
+            raise ConfigError(
+                f"{where}: the column {one_line(name)} is repeated; keep one"
+            )
+    for name in names:
+        if name in TAKEN and not is_output(names):
+            raise ConfigError(
+                f"{where}: the column {name} has the name of a result, which the runs "
+                "will have; rename or drop it"
+            )
+
+
+def _missing_numbers(
+    columns: Mapping[str, Floats], cells: Mapping[str, pa.ChunkedArray]
+) -> Iterator[RowProblem]:
+    """Yield the first cell of each column that should be a finite number and is not."""
+    for name, values in columns.items():
+        bad = ~np.isfinite(values)
+        if name in NULLABLE:
+            bad &= ~cells[name].is_null(nan_is_null=True).to_numpy()
+        for row in _first(bad):
+            cell = cells[name][row].as_py()
+            shown = "empty" if cell is None else repr(str(cell)[:40])
+            yield row, f"{name} is {shown}; a finite number is needed"
 
 
 def _add_shell_dumbbells(columns: dict[str, Floats], where: str) -> None:
@@ -324,86 +341,88 @@ def _numbers(column: pa.ChunkedArray) -> Floats:
     return np.array(pd.to_numeric(column.to_pandas(), errors="coerce"), float)
 
 
-def _own(name: str, column: pa.ChunkedArray) -> NDArray[Any]:
+def _carried(name: str, column: pa.ChunkedArray) -> NDArray[Any]:
     """Return a carried column as integers, numbers (NaN for empty cells) or texts."""
-    kind, types = column.type, pa.types
-    whole = types.is_integer(kind) and kind != pa.uint64() and name not in KEPT
-    if whole and not column.null_count:
+    kind = column.type
+    is_whole = pa.types.is_integer(kind)
+    # Numbers of 64 bits without a sign do not fit.
+    fits = kind != pa.uint64() and not column.null_count
+    if is_whole and fits and name not in KEPT:
         return np.asarray(column).astype(np.int64)
-    if (
-        name in KEPT
-        or types.is_integer(kind)
-        or types.is_floating(kind)
-        or types.is_decimal(kind)
-    ):
+    is_number = pa.types.is_floating(kind) or pa.types.is_decimal(kind)
+    if is_whole or is_number or name in KEPT:
         return _numbers(column)
-    return np.array(
-        [x if x is None else str(x) for x in column.to_pylist()], dtype=object
-    )
+    cells = [None if cell is None else str(cell) for cell in column.to_pylist()]
+    return np.array(cells, dtype=object)
 
 
 def _without_units(columns: dict[str, Floats], where: str) -> Units | None:
-    """Add the columns that those with units determine; return the bodies' units if
-    known.
+    """Add the columns that those with units determine.
+
+    Return the size of the bodies if it is known.
     """
-    made: dict[str, Floats] = {}
-    units: Units | None = None
     rows = max(map(len, columns.values()), default=0)
     full = {name: np.full(rows, x) for name, x in BODY_DEFAULTS.items()} | columns
+    units: Units | None = None
     if "height_m" in columns:
         units = Units(full["mass_kg"], full["height_m"], full["gravity_m_s2"])
+    converted: dict[str, Floats] = {}
     if columns.keys() & {*SI_BODY[2:], "ixy_kg_m2", "axes_angle_deg"}:
         _require(SI_BODY, columns, where, f"a body in SI units has {' '.join(SI_BODY)}")
-        tensor = np.stack(
-            [full[f"i{x}_kg_m2"] for x in ("xx", "yy", "zz", "xy")], axis=1
+        moments = [full[f"i{axes}_kg_m2"] for axes in ("xx", "yy", "zz", "xy")]
+        converted = si.parameters(
+            full["mass_kg"],
+            np.stack(moments, axis=1),
+            full["height_m"],
+            np.stack([full["r1_m"], full["r2_m"]], axis=1),
+            np.radians(full["axes_angle_deg"]),
         )
-        radii = np.stack([full["r1_m"], full["r2_m"]], axis=1)
-        angle = np.radians(full["axes_angle_deg"])
-        made = si.parameters(full["mass_kg"], tensor, full["height_m"], radii, angle)
     for name, (plain, size, kind) in WITH_UNITS.items():
-        if name in columns:
-            sizes = {"": (), "torque per spin": ("mass_kg", "height_m")}.get(
-                kind, ("height_m",)
-            )
-            _require(sizes, columns, where, f"{name} needs it")
-            value = columns[name] * size
-            made[plain] = value = (
-                units.natural(value, kind) if units and kind else value
-            )
+        if name not in columns:
+            continue
+        sizes: tuple[str, ...] = ()
+        if kind == "torque per spin":
+            sizes = ("mass_kg", "height_m")
+        elif kind != "angle":
+            sizes = ("height_m",)
+        _require(sizes, columns, where, f"{name} needs it")
+        values = columns[name] * size
+        if units is not None and kind != "angle":
+            values = units.natural(values, kind)
+        converted[plain] = values
+        if plain in columns:
             # The runs of a sweep have both n_i and n_i_rpm.
-            if plain in columns and not (
-                kind and np.allclose(columns[plain], value, 1e-9, 0.0)
-            ):
+            is_angle = kind == "angle"
+            if is_angle or not np.allclose(columns[plain], values, 1e-9, 0.0):
                 raise ConfigError(
                     f"{where}: {plain} and {name} are one quantity; keep one"
                 )
     # Columns without units take precedence, so that the runs of a sweep are repeated
     # exactly.
-    columns |= made | columns
+    columns |= converted | columns
     return units
 
 
 def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
-    """Return spin, oscillation and u of full states; messages of errors begin with
-    `where`.
+    """Return spin, oscillation and u of full states.
+
+    Messages of errors begin with `where`.
     """
-    omega, u = (np.stack([columns[x] for x in names], axis=1) for names in (OMEGA, U))
-    u = normalised(u)
+    omega = np.stack([columns[name] for name in OMEGA], axis=1)
+    u = normalised(np.stack([columns[name] for name in U], axis=1))
     at_rest = ~omega.any(axis=1) & (u[:, 2] == -1)
-    rules = {NO_UNIT_VECTOR: np.isnan(u[:, 0]), AT_REST: at_rest}
-    _refuse(
-        where, ((row, message) for message, bad in rules.items() for row in _first(bad))
-    )
+    problems = [(row, NO_UNIT_VECTOR) for row in _first(np.isnan(u[:, 0]))]
+    problems += [(row, AT_REST) for row in _first(at_rest)]
+    _refuse(where, problems)
     n_i, omega_xy0, psi = spin_and_oscillation(omega, u)
-    return {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi} | dict(
-        zip(U, u.T, strict=True)
-    )
+    launch = {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi}
+    for axis, name in enumerate(U):
+        launch[name] = u[:, axis]
+    return launch
 
 
 def check_value(name: str, values: Floats) -> RowProblem | None:
-    """Return the place of the first value out of bounds and a message; NaN is in
-    bounds.
-    """
+    """Return the first place out of bounds and a message; NaN is in bounds."""
     if name not in BOUNDED:
         return None
     quantity = QUANTITIES[name]
@@ -415,36 +434,35 @@ def check_value(name: str, values: Floats) -> RowProblem | None:
 
 
 def _out_of_bounds(columns: dict[str, Floats]) -> Iterator[RowProblem]:
+    """Yield the first value out of bounds of each column."""
     for name, values in columns.items():
-        # Full states may have no oscillation.
-        broken = (
-            None
-            if name == "omega_xy0" and "u_x" in columns
-            else check_value(name, values)
-        )
-        if broken:
-            yield broken[0], f"{name} is {values[broken[0]]:g}; {broken[1]}"
+        if name == "omega_xy0" and "u_x" in columns:
+            continue  # full states may have no oscillation
+        problem = check_value(name, values)
+        if problem is not None:
+            row, message = problem
+            yield row, f"{name} is {values[row]:g}; {message}"
 
 
 def _first(bad: Flags) -> list[int]:
-    return [int(np.argmax(bad))] if bad.any() else []
+    """Return the first place that is bad, if there is one."""
+    return [int(place) for place in np.flatnonzero(bad)[:1]]
 
 
 def _refuse(where: str, problems: Iterable[RowProblem]) -> None:
-    """Raise a ConfigError with the first problem of each of up to five rows, if there
-    are any.
-    """
+    """Raise a ConfigError with the first problem of each of up to five rows."""
     first: dict[int, str] = {}
     for row, message in problems:
         first.setdefault(row, message)
     if first:
-        raise ConfigError(
-            f"{where}: row {row + 1}: {first[row]}" for row in sorted(first)[:5]
-        )
+        rows = sorted(first)[:5]
+        raise ConfigError(f"{where}: row {row + 1}: {first[row]}" for row in rows)
 
 
 def _require(
-    names: Iterable[str], columns: Iterable[str], where: str, wanted: str
+    names: Iterable[str], columns: Iterable[str], where: str, reason: str
 ) -> None:
-    if missing := [name for name in names if name not in columns]:
-        raise ConfigError(f"{where}: the column {missing[0]} is missing; {wanted}")
+    """Raise a ConfigError if a column is missing."""
+    for name in names:
+        if name not in columns:
+            raise ConfigError(f"{where}: the column {name} is missing; {reason}")

@@ -13,20 +13,22 @@ Key = tuple[str | int, ...]  # such as ("bodies", "ranges", "theta", 1)
 
 def describe(value: Any) -> str:
     """Return a value of a config in the words of a message."""
-    if isinstance(value, list | dict):
-        return "a list" if isinstance(value, list) else "a mapping"
-    return (
-        "nothing" if value is None else one_line(json.dumps(value, ensure_ascii=False))
-    )
+    if value is None:
+        return "nothing"
+    if isinstance(value, list):
+        return "a list"
+    if isinstance(value, dict):
+        return "a mapping"
+    return one_line(json.dumps(value, ensure_ascii=False))
 
 
 def hint(text: Any, names: Iterable[str], otherwise: str) -> str:
-    """Return ``did you mean NAME?`` if a text is close to one of `names`, else
-    `otherwise`.
-    """
+    """Return ``did you mean NAME?`` if a name is close to a text, else `otherwise`."""
     known = {name.casefold(): name for name in names}
     near = difflib.get_close_matches(str(text)[:40].casefold(), known, 1)
-    return f"did you mean {describe(known[near[0]])}?" if near else otherwise
+    if not near:
+        return otherwise
+    return f"did you mean {describe(known[near[0]])}?"
 
 
 def not_one_of(value: Any, names: Iterable[str]) -> str:
@@ -36,29 +38,28 @@ def not_one_of(value: Any, names: Iterable[str]) -> str:
     return f"{describe(value)} is not one of {', '.join(names)}; {advice}"
 
 
+def spell(key: Key) -> str:
+    """Return a key as in messages, such as ``bodies.ranges.theta[1]``."""
+    parts = [f"[{part}]" if isinstance(part, int) else f".{part}" for part in key]
+    return one_line("".join(parts).removeprefix("."), 200)
+
+
 @dataclass(frozen=True)
 class Places:
-    """Places of keys: a line of `file`, or a ``--set`` text.  All instances compare
-    equal.
-    """
+    """Places of keys, each a line of `file` or a ``--set`` text; all compare equal."""
 
     file: str | None = field(default=None, compare=False)
     origins: Mapping[Key, int | str] = field(default_factory=dict, compare=False)
 
     def origin(self, key: Key) -> int | str | None:
-        """Return the place of a key, or of the innermost section around it that has
-        one.
-        """
+        """Return the place of a key, or of the innermost section that has one."""
         while key and key not in self.origins:
             key = key[:-1]
         return self.origins.get(key)
 
     def line(self, key: Key, message: str, origin: int | str | None = None) -> str:
         """Return ``file:line: key: message``."""
-        origin = origin or self.origin(key)
-        place = f"{self.file}:{origin}" if isinstance(origin, int) else origin
-        name = "".join(
-            f"[{part}]" if isinstance(part, int) else f".{part}" for part in key
-        )
-        name = one_line(name.removeprefix("."), 200)
-        return ": ".join(part for part in (place, name, message) if part)
+        place = origin or self.origin(key)
+        if isinstance(place, int):
+            place = f"{self.file}:{place}"
+        return ": ".join(text for text in (place, spell(key), message) if text)

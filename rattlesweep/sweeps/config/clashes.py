@@ -16,7 +16,6 @@ from rattlesweep.sweeps.config.schema import (
     ShapeSource,
 )
 from rattlesweep.sweeps.config.values import AT_REST
-from rattlesweep.units import Quantity
 
 Clash = tuple[str, str]  # dotted key and message
 SETTING_KEYS = {
@@ -87,15 +86,14 @@ def _units(config: Config) -> Iterator[Clash]:
     if config.bodies.has_size is not False:
         return
     for name, values in config.settings.items():
-        for value in values:
-            if isinstance(value, Quantity):
-                yield (
-                    SETTING_KEYS[name],
-                    f"{value.text} needs bodies with a size; give a number without a "
-                    "unit, or take source: shape, the preset KL, or a table with "
-                    "height_m and mass_kg",
-                )
-                break
+        texts = [value.si.text for value in values if value.si is not None]
+        if texts:
+            yield (
+                SETTING_KEYS[name],
+                f"{texts[0]} needs bodies with a size; give a number without a unit, "
+                "or take source: shape, the preset KL, or a table with height_m and "
+                "mass_kg",
+            )
 
 
 def _dissipation(config: Config) -> Iterator[Clash]:

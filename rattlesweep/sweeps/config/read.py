@@ -17,7 +17,12 @@ from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.config import Key, Places, describe
 from rattlesweep.sweeps.config.clashes import clashes
 from rattlesweep.sweeps.config.problems import problem_of
-from rattlesweep.sweeps.config.schema import Base, Config
+from rattlesweep.sweeps.config.schema import (
+    Base,
+    Config,
+    SdSource,
+    TableSource,
+)
 from rattlesweep.sweeps.files import read_regular, reason
 
 MAX_BYTES = 1_000_000  # of a file
@@ -43,8 +48,8 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
     wins.  A ConfigError lists all mistakes, one a line: ``file:line: key: message``.
     """
     data, places, problems = read_file(path)
-    stem = "".join(c if c.isprintable() and c != "\\" else "_" for c in Path(path).stem)
-    data = {"name": stem} | data
+    name = [c if c.isprintable() and c != "\\" else "_" for c in Path(path).stem]
+    data = {"name": "".join(name)} | data
     for text in overrides:
         places = _override(data, places, text)
     return checked(Config, data, places, problems)
@@ -53,9 +58,7 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
 def read_file(
     path: str | os.PathLike[str],
 ) -> tuple[dict[str, Any], Places, list[Problem]]:
-    """Return the mapping in a YAML file, the places of its keys, and problems such as
-    repeats.
-    """
+    """Return the mapping in a YAML file, the places of its keys, and repeated keys."""
     file = one_line(os.fspath(path), 200)
     try:
         text = read_regular(Path(path), MAX_BYTES).decode("utf-8-sig")
@@ -66,18 +69,31 @@ def read_file(
         ) from None
     data, lines, problems = read_yaml(text)
     if not isinstance(data, dict):
-        empty = (1, (), f"the file holds {describe(data)}; write key: value lines")
-        line, _, message = (*problems, empty)[0]
+        if not problems:
+            message = f"the file holds {describe(data)}; write key: value lines"
+            problems = [(1, (), message)]
+        line, _, message = problems[0]
         raise ConfigError(f"{file}:{line}: {message}")
     return data, Places(file, {(): 1, **lines}), problems
 
 
-def parse_config(data: Mapping[str, Any], overrides: Sequence[str] = ()) -> Config:
-    """Check a config given as Python data, which may have tuples and NumPy arrays and
-    numbers.
+def parse_config(
+    data: Mapping[str, Any],
+    overrides: Sequence[str] = (),
+    bodies: TableSource | None = None,
+) -> Config:
+    """Check a config given as Python data, which may have tuples and NumPy's types.
+
+    `bodies` is the section of bodies that are in memory.
     """
+
+    def as_plain(value: Any) -> Any:
+        if hasattr(value, "tolist"):
+            return value.tolist()
+        return str(value)
+
     try:
-        text = json.dumps({**data}, default=lambda x: getattr(x, "tolist", x.__str__)())
+        text = json.dumps({**data}, default=as_plain)
     except TypeError as error:
         raise ConfigError(
             f"the config is not plain data ({error}); give a dict"
@@ -85,6 +101,8 @@ def parse_config(data: Mapping[str, Any], overrides: Sequence[str] = ()) -> Conf
     plain, places = json.loads(text), Places()
     for override in overrides:
         places = _override(plain, places, override)
+    if bodies is not None:
+        plain["bodies"] = bodies
     return checked(Config, plain, places, [])
 
 
@@ -104,34 +122,33 @@ def resolved(config: Config) -> dict[str, Any]:
 
 
 def fixed_part(config: Config) -> dict[str, Any]:
-    """Return the part of a config that determines the results of a run with a given
-    key.
-    """
-    # With dissipation, dead_energy decides which zeros of the spin are reversals.
-    types = {
-        "ss_growth",
-        "sw_departure",
-        *([] if config.dissipation else ["dead_energy"]),
-    }
-    # A table is identified by its content, not by its path.
-    bodies = {"samples": True, "refine": True, "path": True, "target": {"K_p", "K_r"}}
-    # A run that ends within max_steps does not depend on it.
-    free: Any = {
-        "bodies": bodies,
-        "spin": {"n_i", "omega_xy0"},
-        "integrator": {"max_steps"},
-    }
-    free |= {
-        "classify": types,
+    """Return the part of a config that, with its key, determines a run's results."""
+    thresholds = {"ss_growth", "sw_departure"}
+    if not config.dissipation:
+        # Otherwise it decides which zeros of the spin are reversals.
+        thresholds.add("dead_energy")
+    free: dict[str, Any] = {
         "name": True,
         "output": True,
         "stop": True,
         "dissipation": True,
+        "spin": {"n_i", "omega_xy0"},
+        "classify": thresholds,
+        # A run that ends within max_steps does not depend on it.
+        "integrator": {"max_steps"},
+        # A table is identified by its content, not by its path.
+        "bodies": {
+            "samples": True,
+            "refine": True,
+            "path": True,
+            "target": {"K_p", "K_r"},
+        },
     }
-    part = config.model_dump(mode="json", exclude_none=True, exclude=free)
-    if target := getattr(config.bodies, "target", None):
-        part["bodies"]["target"]["coefficient"] = target.name
-    return part | {"dissipation": config.dissipation.kind}
+    fixed = config.model_dump(mode="json", exclude_none=True, exclude=free)
+    if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
+        fixed["bodies"]["target"]["coefficient"] = config.bodies.target.name
+    fixed["dissipation"] = config.dissipation.kind
+    return fixed
 
 
 def physics_hash(config: Config) -> str:
@@ -146,72 +163,91 @@ def differences(
     a: Mapping[str, Any], b: Mapping[str, Any], *, within: str = ""
 ) -> list[str]:
     """Return a line for each dotted key in which two configs (plain data) differ."""
-    found = []
+    lines = []
     for key in {**a, **b}:
-        left, right = a.get(key), b.get(key)
+        left = a.get(key)
+        right = b.get(key)
         if isinstance(left, dict) and isinstance(right, dict):
-            found += differences(left, right, within=f"{within}{key}.")
+            lines += differences(left, right, within=f"{within}{key}.")
         elif left != right:
-            values = ("not set" if x is None else json.dumps(x) for x in (left, right))
-            found.append(f"{within}{key}: {' against '.join(values)}")
-    return found
+            values = f"{_shown(left)} against {_shown(right)}"
+            lines.append(f"{within}{key}: {values}")
+    return lines
+
+
+def _shown(value: Any) -> str:
+    """Return a value as JSON; None, for a key that is not set, in words."""
+    if value is None:
+        return "not set"
+    return json.dumps(value)
 
 
 def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
-    """Return the data of a YAML text, the line of each key and list item, and the
-    problems.
-    """
-    lines: dict[Key, int] = {}
-    problems: list[Problem] = []
+    """Return the data of a YAML text, the line of each key and item, and problems."""
     # Each value but the first follows a comma or a new line.  The parser reads 5,000
     # values in a second, so they are counted before.
     if max(text.count(","), text.count("\n")) > MAX_VALUES:
         return None, {}, [(1, (), TOO_MANY)]
-
-    # ruamel.yaml's own conversion stops at the first repeated key and loses the lines.
-    def convert(node: Node, key: Key) -> Any:
-        if len(lines) > MAX_VALUES:
-            raise ValueError(f"more than {MAX_VALUES} values")
-        if isinstance(node, SequenceNode):
-            lines.update(
-                {
-                    (*key, i): item.start_mark.line + 1
-                    for i, item in enumerate(node.value)
-                }
-            )
-            return [convert(item, (*key, i)) for i, item in enumerate(node.value)]
-        if not isinstance(node, MappingNode):
-            with suppress(ValueError):
-                return SCALARS.get(str(node.tag).rpartition(":")[2], str)(node.value)
-            return node.value
-        data: dict[str, Any] = {}
-        for name, value in node.value:
-            word = name.value if isinstance(name, ScalarNode) else "?"
-            line, child = name.start_mark.line + 1, (*key, word)
-            if word in data:
-                message = (
-                    f"the key is repeated (first in line {lines[child]}); keep one"
-                )
-                problems.append((line, child, message))
-            else:
-                lines[child] = line
-                data[word] = convert(value, child)
-        return data
-
+    reader = _Reader()
     try:
         # The parser written in C follows YAML 1.1.
         root = YAML(typ="safe", pure=True).compose(text)
-        return None if root is None else convert(root, ()), lines, problems
-    except (
-        Exception
-    ) as error:  # malformed text raises ValueError, RecursionError, IndexError ...
-        mark = getattr(error, "problem_mark", None) or getattr(
-            error, "context_mark", None
-        )
-        words = str(getattr(error, "problem", None) or error or type(error).__name__)
+        if root is None:
+            return None, {}, []
+        return reader.read(root, ()), reader.lines, reader.problems
+    except Exception as error:
+        # Malformed text raises ValueError, RecursionError, IndexError and others.
+        mark = getattr(error, "problem_mark", None)
+        mark = mark or getattr(error, "context_mark", None)
+        line = 1 if mark is None else mark.line + 1
+        problem = str(getattr(error, "problem", None) or error or type(error).__name__)
         advice = "check brackets, quotes and indents"
-        message = f"cannot be read as YAML ({one_line(words, 200)}); {advice}"
-        return None, {}, [(mark.line + 1 if mark else 1, (), message)]
+        message = f"cannot be read as YAML ({one_line(problem, 200)}); {advice}"
+        return None, {}, [(line, (), message)]
+
+
+class _Reader:
+    """Conversion of YAML nodes to data, with the lines of keys and the repeated ones.
+
+    The conversion of ruamel.yaml stops at the first repeated key and loses the lines.
+    """
+
+    def __init__(self) -> None:
+        self.lines: dict[Key, int] = {}
+        self.problems: list[Problem] = []
+
+    def read(self, node: Node, key: Key) -> Any:
+        """Return the data of a node at a key."""
+        if len(self.lines) > MAX_VALUES:  # by aliases
+            raise ValueError(f"more than {MAX_VALUES} values")
+        if isinstance(node, SequenceNode):
+            return self._read_list(node, key)
+        if isinstance(node, MappingNode):
+            return self._read_mapping(node, key)
+        kind = str(node.tag).rpartition(":")[2]
+        with suppress(ValueError):
+            return SCALARS.get(kind, str)(node.value)
+        return node.value
+
+    def _read_list(self, node: SequenceNode, key: Key) -> list[Any]:
+        for place, item in enumerate(node.value):
+            self.lines[(*key, place)] = item.start_mark.line + 1
+        return [self.read(item, (*key, place)) for place, item in enumerate(node.value)]
+
+    def _read_mapping(self, node: MappingNode, key: Key) -> dict[str, Any]:
+        data: dict[str, Any] = {}
+        for name, value in node.value:
+            word = name.value if isinstance(name, ScalarNode) else "?"
+            line = name.start_mark.line + 1
+            child = (*key, word)
+            if word in data:
+                first = f"first in line {self.lines[child]}"
+                message = f"the key is repeated ({first}); keep one"
+                self.problems.append((line, child, message))
+            else:
+                self.lines[child] = line
+                data[word] = self.read(value, child)
+        return data
 
 
 def checked(model: type[T], data: Any, places: Places, problems: list[Problem]) -> T:
@@ -263,5 +299,10 @@ def _override(data: dict[str, Any], places: Places, text: str) -> Places:
         if not isinstance(data, dict):
             raise ConfigError(f"{origin}: {part} is not a mapping; set all of it")
     data[key[-1]] = parsed
-    origins = {k: line for k, line in places.origins.items() if k[: len(key)] != key}
+    # The lines of what is replaced are no longer its place.
+    origins = {
+        place: line
+        for place, line in places.origins.items()
+        if place[: len(key)] != key
+    }
     return Places(places.file, origins | {key: origin})

@@ -15,6 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
+from rattlesweep.names import AccuracyName, ModelName, PresetName
 from rattlesweep.physics.si import LIMITS
 from rattlesweep.quantities import MAX_TIME, QUANTITIES
 from rattlesweep.sweeps.columns import REFINABLE
@@ -35,7 +36,7 @@ from rattlesweep.sweeps.config.values import (
     pair_of_lengths,
     quantity_or,
 )
-from rattlesweep.units import Quantity
+from rattlesweep.units import Quantity, Setting
 
 MAX_CASES = 100_000
 TABLE = "table"  # stands for values that the rows of a table give
@@ -132,7 +133,6 @@ PRESET_MEANING = (
     "GH: the body of Garcia and Hubbard (1988); KL: that of Kane and Levinson (1982)."
 )
 SIZED_PRESETS = ("KL",)
-Preset = Literal["GH", "KL"]
 Surface = Literal["paraboloid", "ellipsoid"]
 Draw = Literal["random", "sobol", "saltelli"]
 
@@ -255,7 +255,7 @@ class PresetSource(Surfaced):
     texts = ("name",)
 
     source: Literal["preset"] = key(..., "Use one named body.")
-    name: Preset = key(..., PRESET_MEANING)
+    name: PresetName = key(..., PRESET_MEANING)
     overrides: Overrides = key(Overrides, "Parameters that replace the preset's.")
     c: SemiAxis | None = parameter("c")
 
@@ -282,13 +282,18 @@ class TableSource(Surfaced):
     )
     c: SemiAxis | None = parameter("c")
 
+    @classmethod
+    def in_memory(cls, surface: str | None) -> Self:
+        """Return the source of a table without a path, whose rows are at hand."""
+        return cls.model_construct(source="table", path="", surface=surface)
+
 
 class GridBase(Overrides):
     """The body whose parameters are varied: a preset, six parameters, or a
     shell-dumbbell body.
     """
 
-    preset: Preset | None = key(None, PRESET_MEANING)
+    preset: PresetName | None = key(None, PRESET_MEANING)
     f_sd: ShellShare | None = parameter("f_sd")
 
 
@@ -582,7 +587,7 @@ class Stop(Base):
 
 
 # Method and tol of each word; docs/accuracy.md has their errors.
-ACCURACIES = {
+ACCURACIES: dict[AccuracyName, tuple[str, float]] = {
     "draft": ("dop853", 1e-6),
     "standard": ("dop853", TOL),
     "reference": ("verner98", 1e-12),
@@ -648,7 +653,6 @@ RECORDS = (
     "error",
     "reversals",
 )
-MODELS = ("full", "reduced", "gh")
 
 
 def _word_as_list(value: Any) -> Any:
@@ -656,6 +660,15 @@ def _word_as_list(value: Any) -> Any:
     if isinstance(value, str):
         return [value]
     return value
+
+
+def _setting(value: Any) -> Setting:
+    """Return a value of a config as a setting."""
+    if isinstance(value, Quantity):
+        return Setting(si=value)
+    if value == TABLE:
+        return Setting()
+    return Setting(value)
 
 
 class Config(Base):
@@ -675,7 +688,7 @@ class Config(Base):
     )
     launch: State | None = key(None, "Full initial state, in place of `spin`.")
     spin: Spin | None = key(None, "Launches, unless `launch` or a table gives them.")
-    model: Annotated[str, OneOf(MODELS)] = key(
+    model: ModelName = key(
         "full", "full: five variables; reduced: three; gh: a closed formula."
     )
     horizon: Horizon = key(
@@ -750,10 +763,8 @@ class Config(Base):
         return [*self.record, *(name for name, present in groups.items() if present)]
 
     @property
-    def settings(self) -> dict[str, list[float | None]]:
-        """Values by the column that they set, as `Quantity` if with units; None for a
-        table's.
-        """
+    def settings(self) -> dict[str, list[Setting]]:
+        """Values by the column that they set, empty where a table has them."""
         settings: dict[str, list[Any]] = {
             "sigma": self.dissipation.sigma,
             "rolling": self.dissipation.rolling,
@@ -762,17 +773,12 @@ class Config(Base):
         if self.spin is not None:
             settings["n_i"] = self.spin.n_i
             settings["omega_xy0"] = self.spin.omega_xy0
-        return {
-            name: [None if value == TABLE else value for value in values]
-            for name, values in settings.items()
-        }
+        return {name: list(map(_setting, x)) for name, x in settings.items()}
 
     @property
     def in_si(self) -> bool:
         """Whether some values have units, so that they depend on the bodies' sizes."""
-        return any(
-            isinstance(value, Quantity) for value in chain(*self.settings.values())
-        )
+        return any(value.si is not None for value in chain(*self.settings.values()))
 
     @property
     def directory(self) -> str:
