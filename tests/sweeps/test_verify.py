@@ -116,7 +116,9 @@ def test_columns_that_contradict_each_other(column, function, words, output):
 def test_values_that_no_run_can_have(column, function, problem, output):
     path = change(output, column, function)
     (sentence,) = [text for text in verify(output).problems if column in text]
-    assert sentence.startswith(f"{path}: 1 run, such as case 0 sample 20: {problem}")
+    sample = read_parquet(path)["sample"][0]
+    where = f"{path}: 1 run, such as case 0 sample {sample}"
+    assert sentence.startswith(f"{where}: {problem}")
 
 
 def test_rows_that_are_gone_are_a_problem(output, whole):

@@ -2,10 +2,16 @@
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, TypeVar, get_args
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, GetCoreSchemaHandler
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+)
 from pydantic_core import CoreSchema, core_schema
 
 from rattlesweep.arrays import Floats
@@ -41,20 +47,17 @@ class OneOf:
         return core_schema.literal_schema(list(self.names))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OrText:
     """A value of the type `item`, or a text that a function reads or refuses."""
 
     item: Any
     read: Callable[[str], Any]
-    text: Any  # type of the text, in the JSON Schema
+    text: dict[str, Any]  # the JSON Schema of the text
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        item = handler.generate_schema(self.item)
-        both = core_schema.union_schema([item, handler.generate_schema(self.text)])
-
         def validate(
             value: Any, item_of: core_schema.ValidatorFunctionWrapHandler
         ) -> Any:
@@ -64,10 +67,14 @@ class OrText:
 
         return core_schema.no_info_wrap_validator_function(
             validate,
-            item,
-            json_schema_input_schema=both,
+            handler.generate_schema(self.item),
             serialization=core_schema.plain_serializer_function_ser_schema(as_written),
         )
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        return {"anyOf": [handler(schema), self.text]}
 
 
 def as_written(value: Any) -> Any:
@@ -87,7 +94,7 @@ def quantity_or(item: Any, kind: str, unit: str, *words: str) -> OrText:
             raise ValueError(f"is not a number; {numbers}")
         return Quantity(text, kind)
 
-    return OrText(item, read, Annotated[str, Field(examples=[example])])
+    return OrText(item, read, {"type": "string", "examples": [example]})
 
 
 def one_of(item: Any, words: Collection[str]) -> OrText:
@@ -100,7 +107,7 @@ def one_of(item: Any, words: Collection[str]) -> OrText:
             raise ValueError(message[message.index(" is not one of ") + 1 :])
         return text
 
-    return OrText(item, read, Annotated[str, OneOf(tuple(words))])
+    return OrText(item, read, {"type": "string", "enum": list(words)})
 
 
 def distinct(values: list[T]) -> list[T]:
@@ -156,18 +163,20 @@ class _OneOrSeveral:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        several = handler(source)
-        spaced = dict[
-            Literal["linspace", "logspace"],
-            Annotated[list[float | str], Field(min_length=3, max_length=3)],
-        ]
-        item = handler.generate_schema(get_args(source)[0])
-        accepted = core_schema.union_schema(
-            [item, several, handler.generate_schema(spaced)]
-        )
-        return core_schema.no_info_before_validator_function(
-            _as_list, several, json_schema_input_schema=accepted
-        )
+        return core_schema.no_info_before_validator_function(_as_list, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        several = handler(schema)
+        ends = {"type": "array", "minItems": 3, "maxItems": 3}
+        ends["items"] = {"anyOf": [{"type": "number"}, {"type": "string"}]}
+        spaced = {
+            "type": "object",
+            "propertyNames": {"enum": ["linspace", "logspace"]},
+            "additionalProperties": ends,
+        }
+        return {"anyOf": [several["items"], several, spaced]}
 
 
 class _OneOrPair:
@@ -176,13 +185,18 @@ class _OneOrPair:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        pair = handler(source)
-        item = handler.generate_schema(get_args(source)[0])
-        return core_schema.no_info_before_validator_function(
-            lambda value: value if isinstance(value, list) else [value, value],
-            pair,
-            json_schema_input_schema=core_schema.union_schema([item, pair]),
-        )
+        def as_pair(value: Any) -> Any:
+            if isinstance(value, list):
+                return value
+            return [value, value]
+
+        return core_schema.no_info_before_validator_function(as_pair, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        pair = handler(schema)
+        return {"anyOf": [pair["items"], pair]}
 
 
 def _rising(ends: list[float]) -> list[float]:
