@@ -137,7 +137,8 @@ class Sweep:
         left out by ``bodies.refine`` are filled from the nearest runs, numbers by
         linear interpolation.
         """
-        from rattlesweep.analysis.layout import make_dataset, read_layout
+        from rattlesweep.analysis.dataset import make_dataset
+        from rattlesweep.analysis.layout import read_layout
 
         layout = read_layout(self.directory).chosen(where)
         names = None if columns is None else names_of("columns", columns)

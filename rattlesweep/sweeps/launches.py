@@ -325,10 +325,11 @@ def _windows(horizon: Floats, slower: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Launch:
-    """One run, by the keys of a config; by default up to 5 t_rGH.
+    """One run, with the keys of a config (but ``dt_step``) and a default horizon of 5
+    t_rGH.
 
-    The key `dt` of the integrator is ``dt_step`` here.  In the reduced model `e_p0` and
-    `e_r0` replace the initial energies of the modes, in ``M g a``.
+    In the reduced model `e_p0` and `e_r0` replace the initial energies of the modes, in
+    ``M g a``.
     """
 
     body: Rattleback
@@ -348,16 +349,14 @@ class Launch:
 
 
 def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
-    """Return whether a launch is a full state.
-
-    Raise a ConfigError if it has a spin as well, or no omega.
+    """Return whether a launch is a full state; raise if it also has a spin, or lacks
+    omega.
     """
     if omega is None and u is None:
         return False
-    surplus = [name for name, value in spin.items() if value is not None]
-    if surplus:
+    if given := " and ".join(name for name, value in spin.items() if value is not None):
         advice = "keep omega and u, or n_i, omega_xy0 and psi"
-        raise ConfigError(f"{' and '.join(surplus)} given with a full state; {advice}")
+        raise ConfigError(f"{given} given with a full state; {advice}")
     if omega is None:
         raise ConfigError("omega: missing; a full state has omega and u")
     return True
@@ -374,24 +373,20 @@ def directions(columns: Mapping[str, Floats], psi: str) -> Floats:
 
 def plan_of(run: Launch) -> Plan:
     """Return the plan of one run."""
-    # A paraboloid has the c None, which becomes NaN.
+    names = (*PARAMETERS, "c")  # without c, which is None, a NaN
     rows = TableBodies(
-        {
-            name: np.array([getattr(run.body, name)], float)
-            for name in (*PARAMETERS, "c")
-        }
+        {name: np.array([getattr(run.body, name)], float) for name in names}
     )
     spin = {"n_i": run.n_i, "omega_xy0": run.omega_xy0, "psi": run.psi}
-    keys: dict[str, Any] = {"dissipation": {"sigma": run.sigma, "rolling": run.rolling}}
     if is_full_state(run.omega, run.u, spin):
-        keys["launch"] = {"omega": run.omega, "u": run.u}
+        launch: dict[str, Any] = {"launch": {"omega": run.omega, "u": run.u}}
     elif run.t_end is None and run.n_i == 0:
         raise ConfigError("t_end: missing; a launch without spin has no t_rGH")
     else:
-        keys["spin"] = spin
-    keys["horizon"] = {"t_rgh": 5.0}
-    if run.t_end is not None:
-        keys["horizon"] = {"t": run.t_end}
+        launch = {"spin": spin}
+    horizon = {"t_rgh": 5.0} if run.t_end is None else {"t": run.t_end}
+    losses = {"sigma": run.sigma, "rolling": run.rolling}
+    keys = {"horizon": horizon, "dissipation": losses, **launch}
     return plan_of_rows(rows, run.model, run.integrator, run.record, keys)
 
 
@@ -406,9 +401,11 @@ def plan_of_rows(
 
     `keys` are further keys of a config; without them, the rows have launches.
     """
-    steps = {name: value for name, value in integrator.items() if value is not None}
-    if "dt_step" in steps:
-        steps["dt"] = steps.pop("dt_step")
+    steps = {
+        "dt" if name == "dt_step" else name: value
+        for name, value in integrator.items()
+        if value is not None
+    }
     config = parse_config(
         {"model": model, "integrator": steps, "record": list(record), **keys},
         bodies=TableSource.in_memory(rows.surface),
@@ -418,8 +415,7 @@ def plan_of_rows(
 
 def single_run(run: Launch) -> tuple[Config, Launches, Batch | None]:
     """Return the config, launch and batch of one run; the model ``gh`` has no batch."""
-    plan = plan_of(run)
-    first = np.zeros(1, np.int64)
+    plan, first = plan_of(run), np.zeros(1, np.int64)
     launches = prepare(plan, first, first)
     batch = make_batch(launches, run.model)
     if batch is not None and run.model == "reduced":
@@ -428,11 +424,9 @@ def single_run(run: Launch) -> tuple[Config, Launches, Batch | None]:
 
 
 def with_energies(batch: Batch, e_p0: float | None, e_r0: float | None) -> Batch:
-    """Return a batch of the reduced model with those energies that are not None."""
+    """Return a batch of the reduced model with the initial energies that are given."""
     y0 = batch.y0.copy()
-    # The state is the spin, then the energies of pitch and roll.
-    if e_p0 is not None:
-        y0[:, 1] = e_p0
-    if e_r0 is not None:
-        y0[:, 2] = e_r0
+    for column, value in ((1, e_p0), (2, e_r0)):
+        if value is not None:
+            y0[:, column] = value
     return replace(batch, y0=y0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +19,7 @@ from rattlesweep.physics.theory import bondi_threshold
 from rattlesweep.sweeps.classify import classify_stored
 from rattlesweep.sweeps.launches import model_of
 
-SIGMA = [0.0, 0.05, 0.2]
-ROLLING = [0.0, 1e-3]
+SIGMA, ROLLING = [0.0, 0.05, 0.2], [0.0, 1e-3]
 # The kernel that knows all of it, as in test_stones.
 CONFIG: dict[str, Any] = {
     "bodies": {
@@ -66,10 +64,11 @@ def test_a_horizon_in_units_of_the_decay():
 
 def test_columns_are_those_of_each_run(swept, tmp_path):
     runs = swept.runs
-    sigma = runs.sigma
-    rolling = runs["rolling"]
+    sigma, rolling = runs.sigma, runs["rolling"]
     assert runs.status.eq("ok").all()
-    assert {*zip(sigma, rolling, strict=True)} == {*product(SIGMA, ROLLING)}
+    assert sorted(set(zip(sigma, rolling, strict=True))) == [
+        (s, r) for s in SIGMA for r in ROLLING
+    ]
     free = (sigma == 0) & (rolling == 0)
     assert (runs.energy_left[free] == 1).all()
     assert (runs.energy_left[~free] < 1).all()
@@ -77,23 +76,21 @@ def test_columns_are_those_of_each_run(swept, tmp_path):
     # Growth by linear theory is known without a lever, the threshold without any loss.
     assert (runs.growth.notna() == (rolling == 0)).all()
     assert (runs.n_growth.notna() == (rolling == 0)).all()
-    gh = rs.Rattleback.gh()
-    n_c1 = bondi_threshold(gh.alpha, gh.beta, gh.gamma, runs.theta, gh.phi)
+    b = rs.Rattleback.gh()
+    n_c1 = bondi_threshold(b.alpha, b.beta, b.gamma, runs.theta, b.phi)
     np.testing.assert_array_equal(runs.n_c1, np.where(free, n_c1, np.nan))
     assert free.sum() == runs.n_c1.notna().sum() > 0
     for run in runs[rolling == 0].itertuples():
-        body = (gh.alpha, gh.beta, gh.gamma, run.theta, gh.phi, run.xi)
-        constants = np.array(full.constants(*body))
-        pitch, roll = steady.growth(constants, run.n_i, run.sigma)
+        constants = full.constants(b.alpha, b.beta, b.gamma, run.theta, b.phi, run.xi)
+        pitch, roll = steady.growth(np.array(constants), run.n_i, run.sigma)
         assert run.growth == (pitch if run.n_i > 0 else roll)
     assert not (runs[free].type == "D").any()
     assert (runs[sigma == 0.2].type == "D").any()
     # A run is what it is alone: the same kernel gives the same bits.
-    alone = CONFIG | {"dissipation": {"sigma": 0.2, "rolling": 1e-3}}
-    runs_alone = rs.sweep(alone, output=tmp_path).runs.drop(columns="case")
+    own = CONFIG | {"dissipation": {"sigma": 0.2, "rolling": 1e-3}}
+    one = rs.sweep(own, output=tmp_path).runs.drop(columns="case")
     same = runs[(sigma == 0.2) & (rolling == 1e-3)].reset_index(drop=True)
-    names = list(runs_alone)
-    pd.testing.assert_frame_equal(runs_alone, same[names], check_exact=True)
+    pd.testing.assert_frame_equal(one, same[list(one)], check_exact=True)
 
 
 DYING = {
@@ -131,12 +128,13 @@ def test_a_dying_sweep_and_its_threshold(tmp_path):
 
 def test_a_larger_share_kills_earlier(tmp_path):
     """The same zero is a reversal while the body lives."""
-    config = DYING | {"dissipation": {"sigma": 0.01}, "record": []}
-    alive = rs.sweep(config, output=tmp_path / "alive").runs.iloc[0]
+    one = DYING | {"dissipation": {"sigma": 0.01}, "record": []}
+    alive = rs.sweep(one, output=tmp_path / "alive").runs.iloc[0]
     assert alive.type == "R"
     share = min(0.99, 1.001 * alive.energy_left)
-    config |= {"classify": {"dead_energy": share}}
-    dead = rs.sweep(config, output=tmp_path / "dead").runs
+    dead = rs.sweep(
+        one | {"classify": {"dead_energy": share}}, output=tmp_path / "dead"
+    ).runs
     assert (dead.type[0], dead.t_end[0]) == ("D", alive.t_end)
     assert np.isnan(dead.t_r[0])
 
@@ -160,14 +158,15 @@ def test_the_runs_of_a_sweep_are_a_table_that_says_it_row_by_row(tmp_path, swept
 
 
 def test_what_all_rows_share_is_that_of_the_config(tmp_path):
-    head = f"{HEAD},sigma,rolling"
-    same = plan_of(table(tmp_path, head, f"{ROW},0.1,0", f"{ROW},0.1,0")).config
+    same = plan_of(
+        table(tmp_path, f"{HEAD},sigma,rolling", f"{ROW},0.1,0", f"{ROW},0.1,0")
+    ).config
     assert (same.dissipation.sigma, same.dissipation.rolling) == ([0.1], [0])
     assert model_of(same).name == "full_viscous"
     # A column counts in the place of the config's number, and another key with it.
-    config = table(tmp_path, f"{HEAD},sigma", f"{ROW},0.1", f"{ROW},0.2")
-    plan = plan_of(config, dissipation={"sigma": 7, "rolling": [0, 0.01]})
-    launches, _ = prepared(plan)
+    two = table(tmp_path, f"{HEAD},sigma", f"{ROW},0.1", f"{ROW},0.2")
+    both = plan_of(two, dissipation={"sigma": 7, "rolling": [0, 0.01]})
+    launches, _ = prepared(both)
     assert launches.sigma.tolist() == [0.1, 0.2, 0.1, 0.2]
     assert launches.rolling.tolist() == [0, 0, 0.01, 0.01]
 

@@ -1,4 +1,6 @@
-"""`classify.early`: runs end once they are certainly SS, and nothing else changes."""
+"""`classify.early`: runs end once their type is certainly SS, and nothing else
+changes.
+"""
 
 from __future__ import annotations
 
@@ -39,21 +41,17 @@ def both(tmp_path_factory) -> Path:
 
 
 def test_no_type_changes_and_steady_runs_take_a_fraction_of_their_steps(both):
-    early = rows(both / "early")
-    full = rows(both / "full")
-    ended_early = (early.t_end < full.t_end) & early.t_r.isna()
+    early, full = rows(both / "early"), rows(both / "full")
+    some = (early.t_end < full.t_end) & early.t_r.isna()
     assert early.type.equals(full.type)
     assert set(full.type) == {"R", "SS", "SW", "unclassified"}
     steady = full.type == "SS"
-    assert steady[ended_early].all()
-    assert 10 < 0.8 * steady.sum() < ended_early.sum()
+    assert steady[some].all()
+    assert 10 < 0.8 * steady.sum() < some.sum()
     assert early.n_steps[steady].sum() < 0.3 * full.n_steps[steady].sum()
-    pd.testing.assert_frame_equal(
-        early[~ended_early], full[~ended_early], check_exact=True
-    )
+    pd.testing.assert_frame_equal(early[~some], full[~some], check_exact=True)
     # A run settles at the spin that corresponds to all of its energy.
-    early = early[ended_early]
-    full = full[ended_early]
+    early, full = early[some], full[some]
     assert (early.status == "ok").all()
     assert (np.maximum(early.amp_growth, full.amp_growth) <= 0).all()
     np.testing.assert_allclose(early.n_end, -early.n_0, rtol=1e-14)
@@ -78,20 +76,17 @@ def test_the_same_content_however_it_is_run(both, tmp_path):
 
 def test_for_the_mirror_image(tmp_path):
     """The mirror image is stable in the other direction."""
-    gh = rs.Rattleback.gh()
-    runs = []
+    b, found = rs.Rattleback.gh(), []
     for sign in (1, -1):
-        body = [gh.alpha, gh.beta, gh.gamma, 0.95, gh.phi, sign * gh.xi]
+        body = [b.alpha, b.beta, b.gamma, 0.95, b.phi, sign * b.xi]
         table = pd.DataFrame([body], columns=list(PARAMETERS))
-        config = {
-            "spin": {"n_i": -0.5 * sign, "omega_xy0": 0.001},
-            "horizon": {"t": 2000.0},
-            "classify": {"early": True},
-        }
-        sweep = rs.sweep(table, output=tmp_path / str(sign), **config)
-        runs.append(sweep.runs.iloc[0])
-    early, mirrored = runs
-    assert early.type == mirrored.type == "SS"
+        spin = {"n_i": -0.5 * sign, "omega_xy0": 0.001}
+        config = {"spin": spin, "horizon": {"t": 2000.0}, "classify": {"early": True}}
+        found.append(
+            rs.sweep(table, output=tmp_path / str(sign), **config).runs.iloc[0]
+        )
+    assert [run.type for run in found] == ["SS"] * 2
+    early, mirrored = found
     assert early.t_end < 1000
     assert mirrored.t_end == pytest.approx(early.t_end, rel=1e-2)
     assert mirrored.n_end == pytest.approx(-early.n_end, rel=1e-12)

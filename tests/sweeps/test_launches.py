@@ -30,32 +30,30 @@ def sweep(output: Path, **config: Any) -> pd.DataFrame:
 
 def test_an_upright_state_is_the_launch_with_its_spin(tmp_path):
     """Results are equal bit by bit; direction and energy, from theory, to rounding."""
-    horizon = {"t_rgh": 3}
-    spin = {"n_i": -0.3, "omega_xy0": 0.1, "psi": 50.0}
-    angle = math.radians(50.0)
-    omega = [0.1 * math.cos(angle), 0.1 * math.sin(angle), 0.3]
-    by_spin = sweep(tmp_path / "spin", spin=spin, horizon=horizon)
-    by_state = sweep(tmp_path / "state", launch={"omega": omega}, horizon=horizon)
-    assert set(by_spin.type) == {"R"}
+    n, w, psi, horizon = -0.3, 0.1, 50.0, {"t_rgh": 3}
+    spin = {"n_i": n, "omega_xy0": w, "psi": psi}
+    one = sweep(tmp_path / "spin", spin=spin, horizon=horizon)
+    omega = [w * math.cos(math.radians(psi)), w * math.sin(math.radians(psi)), -n]
+    other = sweep(tmp_path / "state", launch={"omega": omega}, horizon=horizon)
     near = ["omega_xy0", "psi", "n_0", "t_rgh", "t_end", "amp_growth", "n_i"]
-    same = [name for name in by_spin.columns if name not in near]
-    pd.testing.assert_frame_equal(by_spin[same], by_state[same], check_exact=True)
-    pd.testing.assert_frame_equal(by_spin[near], by_state[near], rtol=1e-13)
-    assert (by_state[STATE].to_numpy() == [*omega, 0, 0, -1]).all()
+    assert set(one.type) == {"R"}
+    same = [name for name in one.columns if name not in near]
+    pd.testing.assert_frame_equal(one[same], other[same], check_exact=True)
+    pd.testing.assert_frame_equal(one[near], other[near], rtol=1e-13)
+    assert (other[STATE].to_numpy() == [*omega, 0, 0, -1]).all()
 
 
 @pytest.fixture(scope="module")
 def tilted(tmp_path_factory) -> tuple[Path, pd.DataFrame, np.ndarray]:
-    """A sweep of random states: its directory, runs, and states for the oracle."""
+    """A sweep of random states from a table: directory, runs, and states for the
+    oracle.
+    """
     random = np.random.default_rng(3)
     rows = []
     for n in (0.3, -0.3, 0.2, -0.2, 0.4, 0.1, 0.05):
         u = np.array([*random.uniform(-1, 1, 2) * [0.05, 0.005], -1.0])
         u /= np.linalg.norm(u)
-        omega = n * u
-        # The last one turns about the vertical.
-        if n != 0.05:
-            omega += random.uniform(-0.1, 0.1, 3)
+        omega = n * u + (n > 0.05 or n < 0) * random.uniform(-0.1, 0.1, 3)
         rows.append([*BODY.values(), *omega, *u, T_END])
     folder = tmp_path_factory.mktemp("tilted")
     columns = [*HEAD.split(","), *STATE, "t_end"]
@@ -76,9 +74,9 @@ def test_tilted_states_reverse_when_the_oracle_does(tilted):
         assert runs.n_i[k] == pytest.approx(oracle.spin(states[k]), rel=1e-14)
     # The energy includes that of the tilt.
     rest = oracle.energy(np.array([0, 0, -1.0, 0, 0, 0]), BODY)
-    energies = [oracle.energy(state, BODY) - rest for state in states]
-    np.testing.assert_allclose(0.5 * BODY["gamma"] * runs.n_0**2, energies, rtol=1e-10)
-    # The oscillation of the last one is the tilt alone.
+    found = [oracle.energy(y, BODY) - rest for y in states]
+    np.testing.assert_allclose(0.5 * BODY["gamma"] * runs.n_0**2, found, rtol=1e-10)
+    # The last one turns about the vertical: its oscillation is the tilt alone.
     assert runs.omega_xy0.iloc[-1] < 1e-15
 
 
@@ -93,25 +91,21 @@ def test_n_0_is_the_spin_with_all_the_energy_of_a_state(body, tmp_path):
         (tilt, [0.1, 0.2, 0]),
     ):
         launch = {"omega": omega, "u": u}
-        config = {
-            "bodies": bodies,
-            "launch": launch,
-            "horizon": {"t": 1},
-            "record": ["energy"],
-        }
-        runs = rs.sweep(config, output=tmp_path / str(omega)).runs
-        run = runs.iloc[0]
-        spin = math.sqrt(2 * run.energy_0 / run.gamma)
-        assert run.n_0 == pytest.approx(spin, rel=1e-14)
+        config = {"launch": launch, "horizon": {"t": 1}, "record": ["energy"]}
+        run = rs.sweep(
+            {"bodies": bodies, **config}, output=tmp_path / str(omega)
+        ).runs.iloc[0]
+        assert run.n_0 == pytest.approx(
+            math.sqrt(2 * run.energy_0 / run.gamma), rel=1e-14
+        )
 
 
 def test_a_sweep_of_states_can_be_repeated(tilted, tmp_path):
     directory, runs, _ = tilted
-    config = {
-        "bodies": {"source": "table", "path": str(directory / "runs")},
-        "horizon": {"t": T_END},
-    }
-    again = rs.sweep(config, output=tmp_path / "again").runs
+    source = {"source": "table", "path": str(directory / "runs")}
+    again = rs.sweep(
+        {"bodies": source, "horizon": {"t": T_END}}, output=tmp_path / "again"
+    ).runs
     pd.testing.assert_frame_equal(again, runs, check_exact=True)
     proved(directory, recompute=7)
     replay = "replay", directory, "--where", "u_x > -1 and omega_z < 1", "--points", 2
@@ -119,7 +113,9 @@ def test_a_sweep_of_states_can_be_repeated(tilted, tmp_path):
 
 
 def tapped_oracle(omega_xy0: float, psi: float, t_end: float) -> tuple[float, float]:
-    """Return when a tapped body's spin first leaves zero, and its next zero."""
+    """Return when a tapped body's spin first leaves zero, and its first zero after
+    that.
+    """
     y0 = oracle.launch(BODY, 0.0, omega_xy0, psi)
     inertia = BODY["alpha"] * math.cos(psi) ** 2 + BODY["beta"] * math.sin(psi) ** 2
     far = PLATEAU_SHARE * omega_xy0 * math.sqrt(inertia / BODY["gamma"])
@@ -134,27 +130,22 @@ def tapped_oracle(omega_xy0: float, psi: float, t_end: float) -> tuple[float, fl
         dense_output=True,
     )
     times = np.arange(0.0, t_end, 0.01)
-    states = path.sol(times)
-    n = np.sum(states[:3] * states[3:], axis=0)
+    y = path.sol(times)
+    n = np.sum(y[:3] * y[3:], axis=0)
     begin = int(np.argmax(np.abs(n) > far))
     turn = begin + int(np.argmax(n[begin:] * n[begin] <= 0))
-
-    def spin(t: float) -> float:
-        return oracle.spin(path.sol(t))
-
-    zero = brentq(spin, times[turn - 1], times[turn], xtol=1e-13)
+    zero = brentq(
+        lambda t: oracle.spin(path.sol(t)), times[turn - 1], times[turn], xtol=1e-13
+    )
     return times[begin], zero
 
 
 @pytest.mark.parametrize("psi", ["pitch", 45.0])
 def test_a_tapped_body_reverses_once_it_has_spun(psi):
     body = rs.Rattleback(**BODY)
-    angle = math.radians(45.0)
-    if psi == "pitch":
-        angle = rs.modes(body).psi_p
+    angle = {"pitch": rs.modes(body).psi_p}.get(psi, math.radians(45.0))
     tap = {"n_i": 0, "omega_xy0": 0.4, "psi": psi, "t_end": T_TAP[psi]}
-    run = rs.simulate(body, **tap)
-    path = rs.trajectory(body, **tap, dt=0.05)
+    run, path = rs.simulate(body, **tap), rs.trajectory(body, **tap, dt=0.05)
     begin, t_r = tapped_oracle(0.4, angle, T_TAP[psi])
     assert run.type == "R"
     assert run.t_r == pytest.approx(t_r, rel=1e-8)

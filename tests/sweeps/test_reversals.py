@@ -1,4 +1,6 @@
-"""`record: [reversals]`: every reversal up to the horizon, as in a trajectory."""
+"""`record: [reversals]`: every reversal up to the horizon, as a trajectory counts
+them.
+"""
 
 from __future__ import annotations
 
@@ -43,27 +45,27 @@ def test_they_are_those_of_the_trajectory(sweep):
         assert run.n_turns == len(path.reversals)
         assert run.turn_times.tolist() == path.reversals[:8].tolist()
         ends = [*path.reversals, np.inf]
-        t = path.table.t.to_numpy()
-        spin = path.table.n.abs().to_numpy()
+        steps, size = path.table.t.to_numpy(), path.table.n.abs().to_numpy()
         for k, largest in enumerate(run.spin_after_turn):
-            between = (t > ends[k]) & (t < ends[k + 1])
-            assert largest == pytest.approx(spin[between].max(), rel=1e-12)
+            between = (steps > ends[k]) & (steps < ends[k + 1])
+            assert largest == pytest.approx(size[between].max(), rel=1e-12)
         if run.n_turns:
             assert run.t_r <= run.turn_times[0]
         assert run.t_end == 900
 
 
 def test_the_first_one_and_the_type_are_as_without(sweep, tmp_path):
-    runs = rs.load(sweep).runs
-    plain = rs.sweep(CONFIG, output=tmp_path).runs
-    names = ["t_r", "type"]
-    pd.testing.assert_frame_equal(runs[names], plain[names], check_exact=True)
+    runs, plain = rs.load(sweep).runs, rs.sweep(CONFIG, output=tmp_path).runs
+    pd.testing.assert_frame_equal(
+        runs[["t_r", "type"]], plain[["t_r", "type"]], check_exact=True
+    )
     assert not set(NEW) & set(plain)
     # What does not reverse is the same to the last bit.
     still = plain.t_r.isna()
     assert still.any()
-    same = runs[plain.columns]
-    pd.testing.assert_frame_equal(same[still], plain[still], check_exact=True)
+    pd.testing.assert_frame_equal(
+        runs[plain.columns][still], plain[still], check_exact=True
+    )
 
 
 def test_commands_know_the_columns(sweep):
@@ -98,15 +100,18 @@ def test_turns_are_sure_as_far_as_a_looser_integration_confirms_them(sweep, tmp_
     assert run.n_turns > run.reversals_sure == 1
     assert run.reversal_times_error[0] == run.t_r_error < 1e-6
     assert (run.reversal_times_error[1:] > 1e-3 * run.turn_times[1:]).all()
-    # What is recorded without errors stays as it is.
-    both = CONFIG | {"record": ["reversals", "windows", "error"]}
-    runs = rs.sweep(both, output=tmp_path / "many").runs
-    plain = rs.load(sweep).runs
+    # What is recorded without errors stays as it is, and tighter turns lie within their
+    # errors.
+    both = {"record": ["reversals", "windows", "error"]}
+    runs, plain = (
+        rs.sweep(CONFIG | both, output=tmp_path / "many").runs,
+        rs.load(sweep).runs,
+    )
     pd.testing.assert_frame_equal(runs[list(plain)], plain, check_exact=True)
-    # Turns of a tighter integration lie within the errors.
     tight = CONFIG | {"record": ["reversals"], "integrator": {"tol": 1e-12}}
-    true_times = rs.sweep(tight, output=tmp_path / "tight").runs.turn_times
-    for run, true in zip(runs.itertuples(), true_times, strict=True):
-        count = int(run.reversals_sure)
-        error = np.abs(run.turn_times[:count] - true[:count])
-        assert (error <= run.reversal_times_error[:count]).all()
+    better = rs.sweep(tight, output=tmp_path / "tight").runs
+    for one, true in zip(runs.itertuples(), better.turn_times, strict=True):
+        k = int(one.reversals_sure)
+        assert (
+            np.abs(one.turn_times[:k] - true[:k]) <= one.reversal_times_error[:k]
+        ).all()

@@ -1,4 +1,6 @@
-"""The summary agrees with pandas, however runs are spread over files."""
+"""The summary agrees with pandas, and does not depend on how runs are spread over
+files.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,9 @@ CASES = (
 def fill(
     directory: Path, size: int, rows: int = 1000, seed: int = 1, cases: Any = CASES
 ) -> Any:
-    """Write the same rows to files of `size` rows; return the stored sweep."""
+    """Write the same rows to files of `size` rows, and return them as a stored
+    sweep.
+    """
     case = np.sort(np.random.default_rng(seed).integers(0, 3, rows))
     sample = np.arange(rows) - np.searchsorted(case, case)
     return write(directory, random_columns(case, sample, seed), size, cases)
@@ -59,9 +63,9 @@ def write(
 def oracle(runs: pd.DataFrame) -> dict[str, float]:
     """Summary of the runs of one case, by pandas."""
     ok = runs[runs["status"] == "ok"]
-    reversing = ok[ok["type"] == "R"]
-    reversals = reversing["t_r"]
-    ratio = (reversals / reversing["t_rgh"])[reversing["t_rgh"] > 0]
+    reversed_ = ok[ok["type"] == "R"]
+    reversals = reversed_["t_r"]
+    ratio = (reversals / reversed_["t_rgh"])[reversed_["t_rgh"] > 0]
     steady = runs["omega_p"].notna() & ~(runs["K_p"] * runs["n_i"] > 0)
     bondi = runs["n_c1"].abs() < runs["n_i"].abs()
     return {
@@ -111,8 +115,8 @@ def test_how_rows_lie_in_files_does_not_show(tmp_path, monkeypatch):
     (path,) = stored.files()
     rows = read_parquet(path)
     path.unlink()
-    for first in range(7):
-        chosen = np.arange(first, len(rows), 7)
+    for part in range(7):
+        chosen = np.arange(part, len(rows), 7)
         stored.append(rows.take(pa.array(chosen)), "{}")
     tables.append(summarise(stored))
     assert all(table.equals(tables[0]) for table in tables)
@@ -133,13 +137,13 @@ NAN = np.nan
     ],
 )
 def test_bondi_share(n_c1, n_i, omega_p, expected, tmp_path):
-    # Mirror images are steady where n is positive.
-    for sign in (1, -1):
+    for sign in (1, -1):  # mirror images are steady where n is positive
         columns = random_columns(np.zeros(3, int), np.arange(3))
-        columns["n_c1"] = sign * np.array(n_c1)
-        columns["n_i"] = sign * np.array(n_i)
-        columns["omega_p"] = np.array(omega_p, float)
-        columns["K_p"] = np.full(3, sign * 0.3)
+        spins = {"n_c1": sign * np.array(n_c1), "n_i": sign * np.array(n_i)}
+        columns |= spins | {
+            "omega_p": np.array(omega_p, float),
+            "K_p": np.full(3, sign * 0.3),
+        }
         summary = summarise(write(tmp_path / str(sign), columns, cases=CASES[:1]))
         assert summary["fraction_bondi"].to_pylist() == [expected]
 
@@ -153,27 +157,27 @@ def test_cases_not_yet_run(tmp_path):
 
 def test_moments_do_not_lose_digits_over_many_pieces():
     rng = np.random.default_rng(3)
-    cell = rng.integers(0, 5, 3000)
-    values = 1e7 + rng.normal(size=3000)
+    cell, values = rng.integers(0, 5, 3000), 1e7 + rng.normal(size=3000)
     moments = Moments(6)
     for start in range(0, 3000, 37):
-        piece = slice(start, start + 37)
-        moments.add(cell[piece], values[piece])
-    by_cell = [values[cell == k] for k in range(5)]
-    means = [values.mean() for values in by_cell]
-    deviations = [values.std(ddof=1) for values in by_cell]
-    assert moments.means()[:5] == pytest.approx(means, rel=1e-14)
-    assert moments.deviations()[:5] == pytest.approx(deviations, rel=1e-12)
+        moments.add(cell[start : start + 37], values[start : start + 37])
+    parts = [values[cell == k] for k in range(5)]
+    assert moments.means()[:5] == pytest.approx(
+        [part.mean() for part in parts], rel=1e-14
+    )
+    assert moments.deviations()[:5] == pytest.approx(
+        [p.std(ddof=1) for p in parts], rel=1e-12
+    )
     assert np.isnan([moments.means()[5], moments.errors()[5]]).all()
 
 
 def test_wilson_against_scipy():
-    count = np.array([0, 7, 1, 245, 1, 0])
-    whole = np.array([7, 7, 7, 1000, 1, 0])
-    low, high = wilson(count, whole)
+    part, whole = np.array([0, 7, 1, 245, 1, 0]), np.array([7, 7, 7, 1000, 1, 0])
+    low, high = wilson(part, whole)
     for k in range(5):
-        test = scipy.stats.binomtest(count[k], whole[k])
-        expected = test.proportion_ci(0.95, method="wilson")
+        expected = scipy.stats.binomtest(part[k], whole[k]).proportion_ci(
+            0.95, method="wilson"
+        )
         assert (low[k], high[k]) == pytest.approx(tuple(expected), abs=1e-12)
     assert np.isnan([low[5], high[5]]).all()
     assert (low[0], high[1]) == (0, 1)
@@ -187,20 +191,23 @@ def test_shares_are_those_of_the_rows(tmp_path):
         "horizon": {"t": 60},
     }
     sweep = rs.sweep(config, output=tmp_path)
-    runs = sweep.runs[sweep.runs.status == "ok"]
-    conditions = {
-        "share_friction_above_0_3": runs.contact_ratio_max > 0.3,
-        "share_friction_above_0_6": runs.contact_ratio_max > 0.6,
-        "share_lift_off": runs.contact_normal_min < 0,
-    }
-    for name, condition in conditions.items():
-        shares = sweep.summary[name].tolist()
-        expected = condition.groupby(runs.case).mean()
-        assert shares == pytest.approx(expected.tolist())
-        assert len({*shares}) > 1
+    runs, summary = (
+        sweep.runs[sweep.runs.status == "ok"],
+        sweep.summary.set_index("case"),
+    )
+    ratio, normal = runs.contact_ratio_max, runs.contact_normal_min
+    for name, true in (
+        ("friction_above_0_3", ratio > 0.3),
+        ("friction_above_0_6", ratio > 0.6),
+        ("lift_off", normal < 0),
+    ):
+        share = summary[f"share_{name}"]
+        assert share.tolist() == pytest.approx(true.groupby(runs.case).mean().tolist())
+        assert share.nunique() > 1
     head = closing_table(summarise(open_stored(tmp_path))).splitlines()[0]
-    for heading in ("friction > 0.3", "friction > 0.6", "lift-off"):
-        assert heading in head
+    assert all(
+        words in head for words in ("friction > 0.3", "friction > 0.6", "lift-off")
+    )
     assert not list(verify(tmp_path).problems)
 
 
