@@ -19,28 +19,26 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from machine import all_runs, plan_of
 
 from rattlesweep.arrays import Floats
 from rattlesweep.integrate.lanes.lane import LANES
-from rattlesweep.sweeps.block import columns_of, prepare_runs, run_batch
+from rattlesweep.sweeps.block import columns_of, run_batch
 from rattlesweep.sweeps.columns import build_table
-from rattlesweep.sweeps.config.read import load_config, parse_config
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.job import Job, Keys
 from rattlesweep.sweeps.parquet import write_parquet
 from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.sweeps.stored import Found
 
-CONFIG = Path(__file__).parents[1] / "configs" / "quickstart.yaml"
 TRIED_SECONDS = 34e-9  # for a step of one lane, on one thread
 THREADS = (1, 2, 4, 16)
 
 
 def measure(samples: int) -> tuple[Plan, pa.Table, Floats, Floats]:
     """Return quickstart, its rows, and expected price and tried steps of each run."""
-    plan = make_plan(load_config(CONFIG, [f"bodies.samples={samples}"]))
-    keys = np.divmod(np.arange(plan.runs), plan.samples)
-    launches, batch = prepare_runs(plan, *keys)
-    assert batch is not None
+    plan = plan_of("quickstart.yaml", f"bodies.samples={samples}")
+    launches, batch = all_runs(plan)
     outcome = run_batch(plan.config, batch)
     columns = columns_of(plan.config, launches, batch, outcome)
     rows = build_table(columns, plan.schema)
@@ -100,8 +98,9 @@ def main() -> None:
             for threads in THREADS:
                 lanes = LANES * threads
                 ends = [end for _, end in blocks_of(cut, threads, tried, price)]
-                busy = tried.sum() / (lanes * sum(ends))
-                most = tried.sum() / (lanes * last_end(price, tried, lanes))
+                least_turns = tried.sum() / lanes
+                busy = least_turns / sum(ends)
+                most = least_turns / last_end(price, tried, lanes)
                 print(f"{name:12}{threads:8}{len(ends):8}{busy:8.3f}{most:11.3f}")
 
 

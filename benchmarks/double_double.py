@@ -1,5 +1,4 @@
-"""Reversal times in double-double arithmetic (32 digits), the reference for the worst
-runs.
+"""Reversal times in double-double arithmetic (32 digits), for the worst runs.
 
 Rounding alone moves the reversal time of a sensitive run (docs/accuracy.md).  Here the
 right-hand side of :mod:`rattlesweep.physics.full` is compiled again with every number a
@@ -120,9 +119,7 @@ class Pairs(ast.NodeTransformer):
 
 
 def in_pairs(function: Any) -> Any:
-    """Compile a scalar function of :mod:`rattlesweep.physics.full` for pairs of
-    doubles.
-    """
+    """Compile a scalar function of `rattlesweep.physics.full` for pairs of doubles."""
     tree = ast.parse(textwrap.dedent(inspect.getsource(function.py_func)))
     written = tree.body[0]
     assert isinstance(written, ast.FunctionDef)
@@ -132,25 +129,30 @@ def in_pairs(function: Any) -> Any:
     for name in function.py_func.__code__.co_names:
         if hasattr(globals_.get(name), "py_func"):
             names[name] = in_pairs(globals_[name])
-    exec(
-        compile(ast.fix_missing_locations(Pairs().visit(tree)), "<pairs>", "exec"),
-        names,
-    )
+    with_calls = ast.fix_missing_locations(Pairs().visit(tree))
+    exec(compile(with_calls, "<pairs>", "exec"), names)
     return njit(names[written.name])
 
 
-rhs, spin = (in_pairs(f) for f in (full.rhs, full.spin))
+rhs = in_pairs(full.rhs)
+spin = in_pairs(full.spin)
+
+
+@njit(inline="always")
+def pair(y, c):  # type: ignore[no-untyped-def]
+    """Component ``c`` of a state, an array of shape (5, 2)."""
+    return y[c, 0], y[c, 1]
 
 
 @njit
 def slope(y, q, f):  # type: ignore[no-untyped-def]
     """Derivative ``f`` of the state ``y``; arrays of pairs, shape (5, 2)."""
     d = rhs(
-        (y[0, 0], y[0, 1]),
-        (y[1, 0], y[1, 1]),
-        (y[2, 0], y[2, 1]),
-        (y[3, 0], y[3, 1]),
-        (y[4, 0], y[4, 1]),
+        pair(y, 0),
+        pair(y, 1),
+        pair(y, 2),
+        pair(y, 3),
+        pair(y, 4),
         (q[0], 0.0),
         (q[1], 0.0),
         (q[2], 0.0),
@@ -165,7 +167,11 @@ def slope(y, q, f):  # type: ignore[no-untyped-def]
 @njit
 def step(y, h, q, table, work):  # type: ignore[no-untyped-def]
     """State a step ``h`` (a double, taken as exact) after ``y``."""
-    before, now, after, f, f0 = work[0], work[1], work[2], work[3], work[4]
+    before = work[0]
+    now = work[1]
+    after = work[2]
+    f = work[3]
+    f0 = work[4]
     slope(y, q, f0)
     for j in range(COLUMNS):
         n = 2 * (j + 1)
@@ -173,24 +179,23 @@ def step(y, h, q, table, work):  # type: ignore[no-untyped-def]
         twice = (2 * sub_h[0], 2 * sub_h[1])
         before[:] = y
         for c in range(5):
-            now[c] = add((y[c, 0], y[c, 1]), mul(sub_h, (f0[c, 0], f0[c, 1])))
+            now[c] = add(pair(y, c), mul(sub_h, pair(f0, c)))
         for _ in range(n - 1):
             slope(now, q, f)
             for c in range(5):
-                after[c] = add(
-                    (before[c, 0], before[c, 1]), mul(twice, (f[c, 0], f[c, 1]))
-                )
+                after[c] = add(pair(before, c), mul(twice, pair(f, c)))
             before[:] = now
             now[:] = after
         # Aitken and Neville in the square of the substep; row j over row j - 1, in
         # place.
         for c in range(5):
-            carried = (now[c, 0], now[c, 1])
+            carried = pair(now, c)
             for i in range(j):
-                old = (table[i, c, 0], table[i, c, 1])
+                old = pair(table[i], c)
                 table[i, c] = carried
-                ratio = float((j + 1) * (j + 1)), float((j - i) * (j - i))
-                weight = div((ratio[1], 0.0), (ratio[0] - ratio[1], 0.0))
+                longer = float((j - i) * (j - i))
+                shorter = float((j + 1) * (j + 1))
+                weight = div((longer, 0.0), (shorter - longer, 0.0))
                 carried = add(carried, mul(sub(carried, old), weight))
             table[j, c] = carried
     return table[COLUMNS - 1].copy()
@@ -200,18 +205,19 @@ def step(y, h, q, table, work):  # type: ignore[no-untyped-def]
 def spin_of(y):  # type: ignore[no-untyped-def]
     """Spin of a state."""
     return spin(
-        (y[0, 0], y[0, 1]),
-        (y[1, 0], y[1, 1]),
-        (y[2, 0], y[2, 1]),
-        (y[3, 0], y[3, 1]),
-        (y[4, 0], y[4, 1]),
+        pair(y, 0),
+        pair(y, 1),
+        pair(y, 2),
+        pair(y, 3),
+        pair(y, 4),
     )[0]
 
 
 @njit(nogil=True)
 def first_zero(y0, q, t_end, h):  # type: ignore[no-untyped-def]
     """First zero of the spin; NaN without one by ``t_end``."""
-    table, work = np.zeros((COLUMNS, 5, 2)), np.zeros((5, 5, 2))
+    table = np.zeros((COLUMNS, 5, 2))
+    work = np.zeros((5, 5, 2))
     y = np.zeros((5, 2))
     y[:, 0] = y0
     n_0 = abs(spin_of(y))
@@ -224,7 +230,8 @@ def first_zero(y0, q, t_end, h):  # type: ignore[no-untyped-def]
         if min(sign * spin_of(y), sign * spin_of(new)) < 0.3 * n_0:
             for i in range(1, POINTS + 1):
                 if sign * spin_of(step(y, h * i / POINTS, q, table, work)) <= 0:
-                    low, high = h * (i - 1) / POINTS, h * i / POINTS
+                    low = h * (i - 1) / POINTS
+                    high = h * i / POINTS
                     for _ in range(60):
                         middle = 0.5 * (low + high)
                         if sign * spin_of(step(y, middle, q, table, work)) > 0:
@@ -249,14 +256,14 @@ def reversal_times(batch: Batch, horizon: Floats, angle: float = 0.8) -> Floats:
     angle : float
         Length of the first steps times the frequency of the spin's swing.
     """
-    found = np.full(len(batch), np.nan)
+    t_r = np.full(len(batch), np.nan)
     for k in range(len(batch)):
-        length, before = angle / float(batch.swing[k]), np.inf
+        length = angle / float(batch.swing[k])
+        before = np.inf
         for _ in range(4):
-            found[k] = first_zero(
-                batch.y0[k], batch.constants[k], float(horizon[k]), length
-            )
-            if abs(found[k] - before) <= 1e-10 * found[k]:
+            t_r[k] = first_zero(batch.y0[k], batch.constants[k], horizon[k], length)
+            if abs(t_r[k] - before) <= 1e-10 * t_r[k]:
                 break
-            length, before = 0.65 * length, found[k]
-    return found
+            length *= 0.65
+            before = t_r[k]
+    return t_r

@@ -48,7 +48,8 @@ def measured(
     ).table
     w, x, y, z, value = run[names].to_numpy().T
     if column == "angle_deg":
-        a, b = -math.sin(STONE.xi), math.cos(STONE.xi)
+        a = -math.sin(STONE.xi)
+        b = math.cos(STONE.xi)
         east = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b
         north = 2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b
         value = np.degrees(np.arctan2(north, east))
@@ -56,9 +57,9 @@ def measured(
         value = value / STONE.units.time * 30 / math.pi
     value = value + generator.normal(0, NOISE[column], len(t))
     value[generator.random(len(t)) < MISSING] = np.nan
-    return pd.DataFrame(
-        {"t_s": t, column: value % 180 if column == "angle_deg" else value}
-    )
+    if column == "angle_deg":
+        value = value % 180
+    return pd.DataFrame({"t_s": t, column: value})
 
 
 def drawn(generator: np.random.Generator) -> dict[str, Any]:
@@ -96,20 +97,20 @@ def main() -> None:
         truth = drawn(generator)
         table = measured(truth, options.column, 4.0, 240.0, generator)
         begin = time.perf_counter()
-        found = rs.fit(STONE, table, free=list(truth))
+        fit = rs.fit(STONE, table, free=list(truth))
         seconds = time.perf_counter() - begin
         for name, value in truth.items():
-            low, high = found.intervals[name]
+            low, high = fit.intervals[name]
             rows.append(
                 {
                     "set": number,
                     "seconds": seconds,
-                    "noise": found.noise,
-                    "remarks": len(found.remarks),
+                    "noise": fit.noise,
+                    "remarks": len(fit.remarks),
                     "parameter": name,
                     "covered": low <= value <= high,
                     "width": (high - low) / 2 / value,
-                    "error": found.values[name] / value - 1,
+                    "error": fit.values[name] / value - 1,
                 }
             )
         print(
@@ -119,22 +120,24 @@ def main() -> None:
             flush=True,
         )
     fits = pd.DataFrame(rows)
-    one = fits.groupby("set")[["seconds", "noise", "remarks"]].first()
+    sets = fits.groupby("set")[["seconds", "noise", "remarks"]].first()
+    with_remarks = (sets.remarks > 0).sum()
     print(
-        f"{len(one)} data sets of {options.column}; one fit takes {one.seconds.median():.1f} s "
-        f"(median), {one.seconds.max():.1f} s (longest); noise {one.noise.median():.3f}; "
-        f"{(one.remarks > 0).sum()} sets with a remark\n"
+        f"{len(sets)} data sets of {options.column}; one fit takes "
+        f"{sets.seconds.median():.1f} s (median), {sets.seconds.max():.1f} s (most); "
+        f"noise {sets.noise.median():.3f}; {with_remarks} with a remark\n"
     )
     print(
         "| parameter | truth within 95 % interval | half width (median) | mean error |"
     )
     print("|---|---|---|---|")
-    for parameter, own in fits.groupby("parameter", sort=False):
-        doubt = own.error.std() / math.sqrt(len(own))
-        share, width, mean = own.covered.mean(), own.width.median(), own.error.mean()
+    for parameter, fits_of_one in fits.groupby("parameter", sort=False):
+        errors = fits_of_one.error
+        doubt = errors.std() / math.sqrt(len(errors))
         print(
-            f"| `{parameter}` | {100 * share:.1f} % | {100 * width:.2g} % "
-            f"| {100 * mean:.2g} +- {100 * doubt:.1g} % |"
+            f"| `{parameter}` | {100 * fits_of_one.covered.mean():.1f} % "
+            f"| {100 * fits_of_one.width.median():.2g} % "
+            f"| {100 * errors.mean():.2g} +- {100 * doubt:.1g} % |"
         )
 
 

@@ -15,12 +15,11 @@ import tempfile
 import time
 from pathlib import Path
 
-from rattlesweep.sweeps.config.read import load_config
+from machine import heading, plan_of
+
 from rattlesweep.sweeps.forecast import forecast
-from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.run import run_sweep
 
-CONFIGS = Path(__file__).parents[1] / "configs"
 # Each takes at least a second of integration on two threads.
 SMALL = [
     ("quickstart.yaml", "bodies.samples=250"),
@@ -42,14 +41,14 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--budget", type=float, default=2.0, help="seconds of a pilot")
     options = parser.parse_args()
+    print(heading())
     held = 0
     with tempfile.TemporaryDirectory() as place:
         # Trial -1 is not counted, because it includes costs that a process has only
         # once.
         for trial in range(-1, options.trials):
             name, *small = SMALL[trial % len(SMALL)]
-            small.append(f"seed={abs(trial)}")
-            plan = make_plan(load_config(str(CONFIGS / name), small))
+            plan = plan_of(name, *small, f"seed={abs(trial)}")
             f = forecast(plan, options.threads, seconds=options.budget)
             begin = time.perf_counter()
             run_sweep(plan, Path(place) / str(trial), threads=options.threads)
@@ -58,7 +57,7 @@ def main() -> None:
             held += holds and trial >= 0
             print(
                 f"{trial:3d}  {took:6.2f} s, forecast {f.seconds:6.2f} ({f.low:.2f} to "
-                f"{f.high:.2f}) {'holds' if holds else 'MISSES'}  {f.runs} runs, "
+                f"{f.high:.2f}) holds: {holds}  {f.runs} runs, "
                 f"load {os.getloadavg()[0]:.1f}  {name}",
                 flush=True,
             )

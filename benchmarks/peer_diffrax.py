@@ -10,6 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix
 
+from rattlesweep.arrays import take
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -26,8 +28,9 @@ RUNS = 480
 
 
 def field(t: Any, y: tuple[Any, ...], body: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Derivatives of ``(p, q, a, b, c)``; tuples (XLA fuses them) are thrice as fast as
-    arrays.
+    """Return derivatives of ``(p, q, a, b, c)``.
+
+    XLA fuses tuples, which are thrice as fast as arrays.
     """
     p, q, a, b, c = y
     ix, iy, iz, cxx, cxy, cyy = body
@@ -44,13 +47,17 @@ def field(t: Any, y: tuple[Any, ...], body: tuple[Any, ...]) -> tuple[Any, ...]:
     wx = fy * c + rise * b + p * m - (cxx * dp + cxy * dq)
     wy = q * m - rise * a - fx * c - (cxy * dp + cyy * dq)
     wz = c * twist - 2.0 * m * rise
-    kx, ky, kz = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
+    kx = b * wz - c * wy
+    ky = c * wx - a * wz
+    kz = a * wy - b * wx
     uz = -1.0 / jnp.sqrt(1.0 + p * p + q * q)
     tx = (iy - iz) * b * c + (y_ * kz - z * ky) + uz * (fy + q * rise)
     ty = (iz - ix) * c * a + (z * kx - x * kz) - uz * (fx + p * rise)
     tz = (ix - iy) * a * b + (x * ky - y_ * kx) + uz * twist
     r2 = x * x + y_ * y_ + z * z
-    ex, ey, ez = 1.0 / (ix + r2), 1.0 / (iy + r2), 1.0 / (iz + r2)
+    ex = 1.0 / (ix + r2)
+    ey = 1.0 / (iy + r2)
+    ez = 1.0 / (iz + r2)
     s = (x * tx * ex + y_ * ty * ey + z * tz * ez) / (
         1.0 - (x * x * ex + y_ * y_ * ey + z * z * ez)
     )
@@ -92,7 +99,7 @@ class Solver:
         self.solve: Any = jax.jit(jax.vmap(one))
 
     def __call__(self, runs: Batch) -> Floats:
-        """First zeros of the spin, NaN where there is none before the horizon."""
+        """Return first zeros of the spin, NaN without one before the horizon."""
         t_r = np.full(len(runs), np.nan)
         # Runs of similar length are batched together; batches of one size avoid
         # recompilation.
@@ -100,6 +107,6 @@ class Solver:
         size = -(-len(runs) // max(1, round(len(runs) / RUNS)))
         for first in range(0, len(runs), size):
             index = order[min(first, len(runs) - size) :][:size]
-            found = self.solve(runs.y0[index], runs.constants[index], runs.t_end[index])
-            t_r[index] = np.asarray(found)
+            some = take(runs, index)
+            t_r[index] = np.asarray(self.solve(some.y0, some.constants, some.t_end))
         return t_r

@@ -1,6 +1,4 @@
-"""The same runs as a user would first write them: scalar Numba RK4, and SciPy's
-DOP853.
-"""
+"""The same runs as a user would first write them: scalar Numba RK4, SciPy's DOP853."""
 
 from __future__ import annotations
 
@@ -48,9 +46,7 @@ def derivatives(ux, uy, uz, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore
 
 @njit(fastmath=True, error_model="numpy", parallel=True)
 def rk4_runs(y0, constants, t_end, dt, t_r):  # type: ignore[no-untyped-def]
-    """Classical RK4; the zero is interpolated linearly between the steps where the sign
-    changes.
-    """
+    """Integrate by classical RK4, to a zero interpolated between two steps."""
     for k in prange(len(y0)):
         ix, iy, iz, cxx, cxy, cyy = constants[k]
         u, v, w, a, b, c = y0[k]
@@ -159,7 +155,7 @@ def scipy_dop853(rtol: float, atol: float) -> Callable[[Batch], Floats]:
     def solve(runs: Batch) -> Floats:
         t_r = np.full(len(runs), np.nan)
         for k, y0 in enumerate(_vectors(runs)):
-            found = solve_ivp(
+            solution = solve_ivp(
                 _vector_field,
                 (0.0, runs.t_end[k]),
                 y0,
@@ -169,8 +165,9 @@ def scipy_dop853(rtol: float, atol: float) -> Callable[[Batch], Floats]:
                 rtol=rtol,
                 atol=atol,
             )
-            if len(found.t_events[0]):
-                t_r[k] = found.t_events[0][0]
+            zeros = solution.t_events[0]
+            if len(zeros):
+                t_r[k] = zeros[0]
         return t_r
 
     return solve

@@ -1,37 +1,31 @@
-"""Rattlesweep against heyoka, diffrax, SciPy and plain Numba: the same runs, cost
-against error.
+"""Rattlesweep against heyoka, diffrax, SciPy and plain Numba: cost against error.
 
-    python benchmarks/peers.py [--quick] [--avx2] [--json FILE]     (extra ``[bench]``)
+    python benchmarks/peers.py [--quick] [--avx2]     (extra ``[bench]``)
 
 The work is a sample of every case of ``configs/steady.yaml``, and the body of Garcia
-and Hubbard, to the first zero of the spin or to a common horizon.  Every time of
+and Hubbard, to the first zero of the spin or to a common horizon. Every time of
 reversal is compared with a reference on which rattlesweep at tol 1e-13 and heyoka at
-tol 1e-16 agree.  All measurements are of one thread, in processor time, interleaved and
-repeated; the table shows medians.  A peer's ratio is its cost over that of
+tol 1e-16 agree. All measurements are of one thread, in processor time, interleaved and
+repeated; the table shows medians. A peer's ratio is its cost over that of
 rattlesweep's DOP853 at the same median error, read from DOP853's own curve of cost
 against error on the same runs in the same round.
 """
 
 from __future__ import annotations
 
-import importlib.metadata
-import json
+import itertools
 import os
-import platform
 import statistics
 import time
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import click
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from peer_work import Errors, Solve, Work
 
-# These must be set before NumPy, Numba and XLA are loaded, so ``main`` imports them.
+# These must be set before NumPy, Numba and XLA are loaded, so functions import them.
 ONE_THREAD = {
     "NUMBA_NUM_THREADS": "1",
     "OMP_NUM_THREADS": "1",
@@ -45,13 +39,12 @@ AVX2 = {
     "NUMBA_CPU_FEATURES": "",
     "XLA_FLAGS": f"{ONE_THREAD['XLA_FLAGS']} --xla_cpu_max_isa=AVX2",
 }
-VERSIONS = ("rattlesweep", "numpy", "numba", "heyoka", "jax", "diffrax", "scipy")
-OWN, ORDER_9 = "rattlesweep dop853", "rattlesweep verner98"
-BATCH, REVERSING = "heyoka batch", "heyoka batch, reversing runs"
-VMAP, PLAIN = "diffrax Dopri8, vmap", "plain Numba RK4, scalar"
 CURVE = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 # heyoka's steps hardly depend on tol, which sets the order; these make it 7 to 13.
 HEYOKA = (1e-5, 1e-6, 2e-7, 2e-8, 3e-9, 3e-10, 4e-11)
+BATCH = "heyoka batch"
+REVERSING = "heyoka batch, reversing runs"
+ORDER_9 = "rattlesweep verner98"
 
 
 @dataclass
@@ -61,9 +54,8 @@ class Entry:
     method: str
     setting: str
     solve: Solve
-    work: str
-    rounds: int = 99
-    compile_seconds: float = 0.0
+    work: str  # name of the runs
+    rounds: int = 99  # largest number of rounds in which it is measured
     micros: list[float] = field(default_factory=list)
     ratios: list[float] = field(default_factory=list)
     mark: str = ""
@@ -78,126 +70,89 @@ class Bench:
     entries: list[Entry]
     curves: dict[str, list[Entry]]
 
-    def measure(self, rounds: int, report: Callable[[str], None]) -> None:
-        """Warm everything up, then measure all in turn, ``rounds`` times."""
-        for entry in [
-            *self.entries,
-            *(e for curve in self.curves.values() for e in curve),
-        ]:
-            begin = time.perf_counter()
-            entry.solve(self._small(entry.work))
-            entry.compile_seconds += time.perf_counter() - begin
-        for r in range(rounds):
-            report(f"round {r + 1} of {rounds}")
+    def measure(self, rounds: int) -> None:
+        """Compile everything, then measure all in turn, ``rounds`` times."""
+        for entry in itertools.chain(self.entries, *self.curves.values()):
+            runs = self.works[entry.work].runs
+            # Of the shapes to come, but short.
+            entry.solve(replace(runs, t_end=runs.t_end * 1e-3))
+        for number in range(rounds):
+            click.echo(f"round {number + 1} of {rounds}", err=True)
             for name, curve in self.curves.items():
                 for entry in curve:
-                    self._time(entry)
-                    entry.ratios.append(1.0)
+                    # A few runs would leave lanes empty that a sweep fills.
+                    self.time(entry, len(self.works["all"].runs))
                 for entry in self.entries:
-                    if entry.work == name and r < entry.rounds:
-                        self._time(entry)
-                        ratio, entry.mark = self.ratio(entry, r)
-                        entry.ratios.append(ratio)
+                    if entry.work == name and number < entry.rounds:
+                        self.time(entry, 1)
+                        self.compare(entry, number)
 
-    def _small(self, work: str) -> Any:
-        """Runs for the first call, of the shapes to come, but short."""
-        from dataclasses import replace
-
-        runs = self.works[work].runs
-        return replace(runs, t_end=runs.t_end * 1e-3)
-
-    def _time(self, entry: Entry) -> None:
-        from peer_work import errors, timed
+    def time(self, entry: Entry, least_runs: int) -> None:
+        """Measure an entry once, on repeated runs if there are fewer than asked."""
+        from peer_work import errors_of, timed
 
         work = self.works[entry.work]
-        own = entry in self.curves[entry.work]
-        # A few runs would leave lanes empty that a sweep fills, so rattlesweep repeats
-        # them.
-        runs, copies = work.tiled(len(self.works["all"].runs) if own else 1)
+        runs, copies = work.tiled(least_runs)
         seconds, t_r = timed(entry.solve, runs)
         entry.micros.append(seconds / copies / work.units * 1e6)
-        entry.errors = entry.errors or errors(t_r[: len(work.runs)], work)
+        if entry.errors is None:
+            entry.errors = errors_of(t_r[: len(work.runs)], work)
 
-    def ratio(self, entry: Entry, r: int) -> tuple[float, str]:
-        """Cost of a round over that of rattlesweep at the same median error."""
+    def compare(self, entry: Entry, number: int) -> None:
+        """Add the cost of a round over rattlesweep's at the same median error."""
         assert entry.errors is not None
-        cost, mark = interpolate(self.curves[entry.work], r, entry.errors.median)
-        return entry.micros[r] / cost, {"<": ">", ">": "<"}.get(mark, "")
+        curve = self.curves[entry.work]
+        cost, mark = interpolate(curve, number, entry.errors.median)
+        entry.ratios.append(entry.micros[number] / cost)
+        # A bound of our cost from above is one of the ratio from below.
+        entry.mark = {"<": ">", ">": "<", "": ""}[mark]
 
-    def at(self, method: str, error: float) -> float:
-        """Ratio at an error, both costs read from curves; median of the rounds."""
+    def ratio_at(self, method: str, error: float) -> float:
+        """Return the ratio at an error, both costs from curves; median of rounds."""
         points = [entry for entry in self.entries if entry.method == method]
         curve = self.curves[points[0].work]
         ratios = []
-        for r in range(len(points[0].micros)):
-            (cost, mark), (own, own_mark) = (
-                interpolate(p, r, error) for p in (points, curve)
-            )
-            if mark or own_mark:
-                raise click.ClickException(
-                    f"{method}: the settings do not reach error {error}"
-                )
-            ratios.append(cost / own)
+        for number in range(len(points[0].micros)):
+            peer, peer_mark = interpolate(points, number, error)
+            ours, our_mark = interpolate(curve, number, error)
+            if peer_mark or our_mark:
+                raise click.ClickException(f"{method}: no setting reaches {error}")
+            ratios.append(peer / ours)
         return statistics.median(ratios)
 
 
-def interpolate(curve: list[Entry], r: int, error: float) -> tuple[float, str]:
-    """Cost in round ``r`` at an error, from entries with several tolerances."""
+def interpolate(curve: list[Entry], number: int, error: float) -> tuple[float, str]:
+    """Return the cost in a round at an error, from several tolerances."""
     import numpy as np
     from peer_work import cost_at
 
-    errors = np.array(
-        [entry.errors.median for entry in curve if entry.errors is not None]
-    )
-    return cost_at(error, errors, np.array([entry.micros[r] for entry in curve]))
+    errors = [entry.errors.median for entry in curve if entry.errors is not None]
+    costs = [entry.micros[number] for entry in curve]
+    return cost_at(error, np.array(errors), np.array(costs))
 
 
-def reference(
-    samples: int, report: Callable[[str], None]
-) -> tuple[Work, dict[str, float]]:
-    """Runs on which two references agree, with their times of reversal."""
+def reference(samples: int) -> Work:
+    """Return runs on which two references agree, with their times of reversal."""
     import numpy as np
     from peer_heyoka import BatchSolver
-    from peer_work import AGREE, Work, draw, first_calls, rattlesweep
+    from peer_work import AGREE, Work, draw, rattlesweep
 
-    report("rattlesweep's first call")
-    cold, warm = first_calls()
-    report("runs and references")
     runs = draw(samples)
-    own = rattlesweep("dop853", tol=1e-13)(runs)
-    other = BatchSolver("5 variables", 1e-16, high_accuracy=True)(runs)
-    apart = np.abs(own - other) / other
-    agree = np.where(np.isnan(own) & np.isnan(other), True, apart <= AGREE)
-    work = Work(runs, 0.5 * (own + other)).take(agree)
-    facts = {
-        "drawn": len(runs),
-        "dropped": int((~agree).sum()),
-        "reversing": int((~np.isnan(work.t_ref)).sum()),
-        "units": work.units,
-        "cold_first_call_seconds": cold,
-        "warm_first_call_seconds": warm,
-        "median_disagreement": float(np.nanmedian(apart)),
-        "p99_disagreement": float(np.nanpercentile(apart[agree], 99)),
-    }
-    return work, facts
+    ours = rattlesweep("dop853", tol=1e-13)(runs)
+    theirs = BatchSolver(1e-16, high_accuracy=True)(runs)
+    difference = np.abs(ours - theirs) / theirs
+    neither = np.isnan(ours) & np.isnan(theirs)
+    work = Work(runs, 0.5 * (ours + theirs)).take(neither | (difference <= AGREE))
+    click.echo(
+        f"{len(runs)} runs drawn, {len(work.runs)} on which the references agree to "
+        f"{AGREE:g}, {np.isfinite(work.t_ref).sum()} of these reverse, "
+        f"{work.units:.3g} units of time"
+    )
+    return work
 
 
-def faster_system(work: Work) -> tuple[str, dict[str, float]]:
-    """Return which form of the equations is faster for heyoka, and both costs."""
-    from peer_heyoka import SYSTEMS, BatchSolver
-    from peer_work import timed
-
-    solvers = {name: BatchSolver(name, 2e-8) for name in SYSTEMS}
-    costs: dict[str, list[float]] = {name: [] for name in SYSTEMS}
-    for _ in range(4):
-        for name, solver in solvers.items():
-            costs[name].append(timed(solver, work.runs)[0] / work.units * 1e6)
-    medians = {name: statistics.median(values[1:]) for name, values in costs.items()}
-    return min(medians, key=lambda name: medians[name]), medians
-
-
-def build(work: Work, system: str) -> Bench:
-    """All methods and settings."""
+def build(work: Work) -> Bench:
+    """Return all methods and settings."""
     import numpy as np
     from peer_diffrax import Solver
     from peer_heyoka import BatchSolver, ScalarSolver
@@ -212,65 +167,29 @@ def build(work: Work, system: str) -> Bench:
         "every 20th": work.take(index % 20 == 0),
         "every 40th": work.take(index % 40 == 0),
     }
-    curves = {
-        name: [
-            Entry(OWN, f"tol {t:.0e}", rattlesweep("dop853", tol=t), name)
-            for t in CURVE
+    curves = {}
+    for name in works:
+        solvers = {tol: rattlesweep("dop853", tol=tol) for tol in CURVE}
+        curves[name] = [
+            Entry("rattlesweep dop853", f"tol {tol:.0e}", solve, name)
+            for tol, solve in solvers.items()
         ]
-        for name in works
-    }
-    entries = [
-        Entry("rattlesweep dopri5", f"tol {t:.0e}", rattlesweep("dopri5", tol=t), "all")
-        for t in (1e-6, 1e-9)
-    ]
-    entries += [
-        Entry(ORDER_9, f"tol {t:.0e}", rattlesweep("verner98", tol=t), "all")
-        for t in (1e-5, 1e-6, 1e-7, 1e-8)
-    ]
-    entries += [
-        Entry(
-            "rattlesweep rk4, lanes",
-            f"dt {dt}",
-            rattlesweep("rk4", dt=dt),
-            "every 4th",
-            2,
-        )
-        for dt in (0.02, 0.002)
-    ]
-    batches = [BatchSolver(system, tol) for tol in HEYOKA]
-    for method, name in ((BATCH, "all"), (REVERSING, "reversing")):
-        entries += [
-            Entry(
-                method,
-                batch.setting,
-                batch,
-                name,
-                compile_seconds=batch.compile_seconds,
-            )
-            for batch in batches
-        ]
-    groups = BatchSolver(system, 2e-8, refill=False)
-    entries.append(
-        Entry(
-            "heyoka batch, no refilling",
-            groups.setting,
-            groups,
-            "all",
-            3,
-            groups.compile_seconds,
-        )
-    )
+    entries = []
+    for tol in (1e-5, 1e-6, 1e-7, 1e-8):
+        solve = rattlesweep("verner98", tol=tol)
+        entries.append(Entry(ORDER_9, f"tol {tol:.0e}", solve, "all"))
+    for tol in HEYOKA:
+        batch = BatchSolver(tol)
+        entries.append(Entry(BATCH, batch.setting, batch, "all"))
+        entries.append(Entry(REVERSING, batch.setting, batch, "reversing"))
     for tol in (2e-7, 2e-8):
-        one = ScalarSolver(system, tol)
-        entries.append(
-            Entry(
-                "heyoka, scalar", one.setting, one, "every 4th", 3, one.compile_seconds
-            )
-        )
-    for rtol, atol in ((1e-6, 1e-8), (1e-7, 1e-9), (1e-9, 1e-11)):
-        vmap = Solver(rtol, atol)
-        entries.append(Entry(VMAP, vmap.setting, vmap, "all", 3))
-    entries.append(Entry(PLAIN, "dt 0.002", plain_rk4(0.002), "every 20th", 3))
+        scalar = ScalarSolver(tol)
+        entries.append(Entry("heyoka, scalar", scalar.setting, scalar, "every 4th", 3))
+    for rtol in (1e-6, 1e-7, 1e-9):
+        vmap = Solver(rtol, 1e-2 * rtol)
+        entries.append(Entry("diffrax Dopri8, vmap", vmap.setting, vmap, "all", 3))
+    plain = plain_rk4(0.002)
+    entries.append(Entry("plain Numba RK4", "dt 0.002", plain, "every 20th", 3))
     for rtol in (1e-6, 1e-9):
         solve = scipy_dop853(rtol, 1e-2 * rtol)
         setting = f"rtol {rtol:.0e}, atol {1e-2 * rtol:.0e}"
@@ -280,75 +199,24 @@ def build(work: Work, system: str) -> Bench:
     return Bench(works, entries, curves)
 
 
-def row(entry: Entry) -> dict[str, Any]:
-    """One line of the table, as data."""
-    assert entry.errors is not None
-    return {
-        "method": entry.method,
-        "setting": entry.setting,
-        "work": entry.work,
-        "us_per_unit_and_run": statistics.median(entry.micros),
-        "spread": (max(entry.micros) - min(entry.micros))
-        / statistics.median(entry.micros),
-        "ratio_at_equal_median_error": statistics.median(entry.ratios),
-        "ratio_bound": entry.mark,
-        "first_call_seconds": entry.compile_seconds,
-        "rounds": entry.micros,
-        **asdict(entry.errors),
-    }
-
-
-def show(rows: list[dict[str, Any]]) -> None:
+def show(entries: list[Entry]) -> None:
     """Print the table."""
     click.echo(
-        f"\n{'':29}{'':25}{'us per unit':>12}{'cost':>9}{'t_r: median':>12}{'99th':>9}"
-        f"{'missed/false/':>15}{'':>6}{'first':>8}\n"
-        f"{'method':29}{'setting':25}{'and run':>12}{'ratio':>9}{'error':>12}{'perc.':>9}"
-        f"{'other zero':>15}{'runs':>6}{'call, s':>8}"
+        f"\n{'method':29}{'setting':25}{'us per unit':>12}{'ratio':>9}{'median':>10}"
+        f"{'99 %':>9}{'missed/false/another zero':>27}{'runs':>6}"
     )
-    for line in rows:
-        flips = f"{line['missed']}/{line['false']}/{line['other_zero']}"
-        ratio = f"{line['ratio_bound']}{line['ratio_at_equal_median_error']:.1f}x"
+    for entry in entries:
+        errors = entry.errors
+        assert errors is not None
+        zeros = f"{errors.missed}/{errors.false}/{errors.another_zero}"
+        ratio = ""
+        if entry.ratios:
+            ratio = f"{entry.mark}{statistics.median(entry.ratios):.1f}x"
         click.echo(
-            f"{line['method']:29}{line['setting']:25}{line['us_per_unit_and_run']:12.4f}{ratio:>9}"
-            f"{line['median']:12.1e}{line['p99']:9.0e}{flips:>15}{line['runs']:6}"
-            f"{line['first_call_seconds']:8.2f}"
+            f"{entry.method:29}{entry.setting:25}{statistics.median(entry.micros):12.4f}"
+            f"{ratio:>9}{errors.median:10.1e}{errors.p99:9.0e}{zeros:>27}"
+            f"{errors.runs:6}"
         )
-
-
-def quoted(bench: Bench, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the quoted ratios, each at an error or at the peer's best setting."""
-
-    def least(method: str) -> float:
-        return min(
-            r["ratio_at_equal_median_error"] for r in rows if r["method"] == method
-        )
-
-    found = [
-        {"over": f"{method}, at error {error:.0e}", "ratio": bench.at(method, error)}
-        for method in (BATCH, REVERSING)
-        for error in (1e-6, 1e-9)
-    ]
-    return [
-        *found,
-        {"over": f"{ORDER_9}, at error 1e-09", "ratio": bench.at(ORDER_9, 1e-9)},
-        {"over": f"{VMAP}, the least of its settings", "ratio": least(VMAP)},
-        {"over": f"{PLAIN}, dt 0.002", "ratio": least(PLAIN)},
-    ]
-
-
-def heading() -> dict[str, Any]:
-    """Machine and versions."""
-    from peer_work import processor, source
-
-    return {
-        "processor": processor(),
-        "load": f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown",
-        "source": source(),
-        "system": f"{platform.system()} {platform.release()}",
-        "python": platform.python_version(),
-        **{name: importlib.metadata.version(name) for name in VERSIONS},
-    }
 
 
 @click.command()
@@ -356,59 +224,26 @@ def heading() -> dict[str, Any]:
 @click.option(
     "--avx2", is_flag=True, help="Code for Zen 3 here, vectors of 256 bits in heyoka."
 )
-@click.option(
-    "--json",
-    "file",
-    type=click.Path(path_type=Path),
-    help="Write all numbers here too.",
-)
-def main(quick: bool, avx2: bool, file: Path | None) -> None:
+def main(quick: bool, avx2: bool) -> None:
     """Measure rattlesweep and its peers on the same runs."""
-    os.environ.update(ONE_THREAD | (AVX2 if avx2 else {}))
+    os.environ.update(ONE_THREAD)
+    if avx2:
+        os.environ.update(AVX2)
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    from machine import heading
+
+    click.echo(heading("heyoka", "jax", "diffrax", "scipy"))
     begin = time.perf_counter()
-
-    def report(text: str) -> None:
-        click.echo(f"[{time.perf_counter() - begin:5.0f} s] {text}", err=True)
-
-    machine = heading()
-    click.echo(", ".join(f"{name} {value}" for name, value in machine.items()))
-    work, facts = reference(3 if quick else 8, report)
-    click.echo(
-        f"{facts['drawn']} runs drawn; {facts['dropped']} dropped, where the references differ by "
-        f"more than 1e-8; {facts['reversing']} of the others reverse; {facts['units']:.3g} units "
-        f"of time\nthe references differ by {facts['median_disagreement']:.1e} (median), "
-        f"{facts['p99_disagreement']:.0e} (99th percentile)\n"
-        f"rattlesweep's first call: {facts['cold_first_call_seconds']:.1f} s when it compiles, "
-        f"{facts['warm_first_call_seconds']:.2f} s from its cache"
-    )
-    report("heyoka: 5 or 6 variables")
-    system, costs = faster_system(work)
-    both = ", ".join(f"{name} {cost:.3f} us" for name, cost in costs.items())
-    click.echo(f"heyoka at tol 2e-08: {both}; taken: {system}")
-    report("first calls")
-    bench = build(work, system)
-    bench.measure(2 if quick else 7, report)
-    rows = [row(entry) for entry in [*bench.curves["all"], *bench.entries]]
-    show(rows)
+    bench = build(reference(1 if quick else 8))
+    bench.measure(1 if quick else 7)
+    show([*bench.curves["all"], *bench.entries])
     click.echo("\nrattlesweep's cost at equal median error of t_r, compared with")
-    outcome = quoted(bench, rows)
-    for line in outcome:
-        text = f"{line['over']}:"
-        click.echo(f"  {text:55}{line['ratio']:8.3g}x")
-    report("done")
-    if file is not None:
-        curves = {name: [row(e) for e in curve] for name, curve in bench.curves.items()}
-        record = {
-            "machine": machine,
-            "work": facts,
-            "heyoka_systems": costs,
-            "rows": rows,
-            "curves": curves,
-            "quoted": outcome,
-        }
-        file.write_text(json.dumps(record, indent=1) + "\n")
+    for method in (BATCH, REVERSING):
+        ratios = (f"{bench.ratio_at(method, error):.3g}" for error in (1e-6, 1e-9))
+        click.echo(f"  {method} at 1e-6, 1e-9: {', '.join(ratios)}")
+    click.echo(f"  {ORDER_9} at 1e-9: {bench.ratio_at(ORDER_9, 1e-9):.3g}")
+    click.echo(f"done in {time.perf_counter() - begin:.0f} s", err=True)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from scipy.ndimage import label as islands
 
 from rattlesweep.analysis import style
 from rattlesweep.analysis.layout import fill
-from rattlesweep.analysis.plots import CELLS, CODES
+from rattlesweep.analysis.plots.maps import CELLS, CODES
 from rattlesweep.arrays import Flags
 from rattlesweep.sweeps.config.read import parse_config, resolved
 from rattlesweep.sweeps.decide import wanted_runs
@@ -36,16 +36,16 @@ REFINEMENTS: list[dict[str, Any]] = [
 
 
 def refined(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> Flags:
-    """Return a mask of the runs that a refined sweep would do, in the order of their
-    keys.
-    """
+    """Return which runs a refined sweep would do, in the order of their keys."""
     data = resolved(stored.config)
     config = parse_config(data | {"bodies": data["bodies"] | {"refine": refine}}, [])
     design = replace(stored, config=config)
-    found = design.nothing_found()
-    while (todo := wanted_runs(design, found) & ~found.done).any():
-        found.add(rows.take(np.flatnonzero(todo)))
-    return found.done
+    known = design.nothing_found()
+    todo = wanted_runs(design, known)
+    while todo.any():
+        known.add(rows.take(np.flatnonzero(todo)))
+        todo = wanted_runs(design, known) & ~known.done
+    return known.done
 
 
 def summary_of(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> pd.DataFrame:
@@ -108,24 +108,25 @@ def main() -> None:
     )
     for refine in REFINEMENTS:
         done = refined(rows, stored, refine).reshape(shape)
-        missed, off, most, count = np.zeros(shape, bool), 0, 0, 0
+        missed = np.zeros(shape, bool)
+        times_off = 0
+        largest = 0
+        count = 0
         for k in range(shape[1]):
-            part = np.where(done[:, k], code[:, k], CODES["missing"]).T
             known = done[:, k].T
-            found = fill(part, known)
+            types_done = np.where(known, code[:, k].T, CODES["missing"])
+            missed[:, k] = (fill(types_done, known) != code[:, k].T).T
+            number, islands_of_map = islands(missed[:, k], np.ones((3, 3)))
+            count += islands_of_map
+            largest = max(largest, *np.bincount(number[number > 0], minlength=2))
             times = fill(np.where(known, ratio[:, k].T, np.nan), known)
-            missed[:, k] = (found != code[:, k].T).T
-            number, _ = islands(missed[:, k], np.ones((3, 3)))
-            sizes = (
-                np.bincount(number[number > 0]) if number.any() else np.zeros(1, int)
-            )
-            most, count = max(most, int(sizes.max())), count + int((sizes > 0).sum())
-            both = ~missed[:, k] & (code[:, k] == CODES["R"])
-            off += int((np.abs(times.T / ratio[:, k] - 1)[both] > 0.05).sum())
+            both_reverse = ~missed[:, k] & (code[:, k] == CODES["R"])
+            is_off = np.abs(times.T / ratio[:, k] - 1) > 0.05
+            times_off += int((is_off & both_reverse).sum())
         print(
             f"{in_words(refine):20} {done.sum():8d} {done.size / done.sum():6.1f} "
-            f"{missed.sum():7d} "
-            f"{count:11d} {most:8d} {off / (code == CODES['R']).sum():15.4f}"
+            f"{missed.sum():7d} {count:11d} {largest:8d} "
+            f"{times_off / (code == CODES['R']).sum():15.4f}"
         )
         if refine == {"levels": 4} and options.figure is not None:
             with style.styled():
@@ -135,22 +136,24 @@ def main() -> None:
 
 def draw(stored, code: np.ndarray, done: np.ndarray, missed: np.ndarray) -> object:
     """Draw the runs that are done on the left and the missed cells on the right."""
-    spin, theta = stored.config.spin, stored.config.bodies.axes.theta
+    spin = stored.config.spin
+    theta = np.array(stored.config.bodies.axes.theta)
+    n_i = np.array(spin.n_i)
     figure = style.new_figure(9.0, 7.4)
     panels = figure.subplots(len(spin.omega_xy0), 2, sharex=True, sharey=True)
     colours = [colour for colour, _ in CELLS.values()]
     for k, (left, right) in enumerate(panels):
         y, x = np.nonzero(done[:, k])
         left.scatter(
-            np.array(theta)[x],
-            np.array(spin.n_i)[y],
+            theta[x],
+            n_i[y],
             s=0.6,
             linewidths=0,
             c=[colours[c] for c in code[y, k, x]],
         )
         right.pcolormesh(
             theta,
-            spin.n_i,
+            n_i,
             code[:, k],
             cmap=ListedColormap(colours),
             vmin=-0.5,
@@ -160,8 +163,8 @@ def draw(stored, code: np.ndarray, done: np.ndarray, missed: np.ndarray) -> obje
         )
         y, x = np.nonzero(missed[:, k])
         right.scatter(
-            np.array(theta)[x],
-            np.array(spin.n_i)[y],
+            theta[x],
+            n_i[y],
             s=5,
             color="#C00000",
             linewidths=0,

@@ -333,7 +333,7 @@ GROUPS = (
                 F64,
                 "lyapunov_late",
                 RATE,
-                "Lyapunov exponent of the second half; null: too short",
+                "the same from half time, interpolated in its window; null: too short",
             ),
             Column(
                 "chaotic",

@@ -20,23 +20,16 @@ take = pick = arrays.take
 
 
 def methods(*quick):
-    """Parametrise ``method``; methods that are not named compile kernels and are slow
-    tests.
-    """
-    return pytest.mark.parametrize(
-        "method",
-        [
-            pytest.param(m, marks=[] if m.name in quick else [pytest.mark.slow])
-            for m in METHODS.values()
-        ],
-        ids=METHODS,
-    )
+    """Parametrise ``method``; other methods compile kernels, and are slow tests."""
+    cases = []
+    for name, method in METHODS.items():
+        marks = [] if name in quick else [pytest.mark.slow]
+        cases.append(pytest.param(method, id=name, marks=marks))
+    return pytest.mark.parametrize("method", cases)
 
 
 def _columns(body, *others):
-    """Return the six parameters of bodies and other columns, broadcast to one
-    length.
-    """
+    """Return the six parameters of bodies and other columns, all of one length."""
     columns = np.broadcast_arrays(*(body[name] for name in PARAMETERS), *others)
     columns = [np.atleast_1d(np.asarray(x, dtype=float)) for x in columns]
     return dict(zip(PARAMETERS, columns[:6], strict=True)), columns[6:]
@@ -61,16 +54,14 @@ def _batch(n_i, t_end, **own):
 
 
 def full_batch(body, n_i, omega_xy0=0.01, psi="relevant", t_end=1000.0):
-    """Return a batch of the full model; ``psi`` in radians or a word of
-    `theory.direction`.
-    """
+    """Return a batch of the full model, ``psi`` as for `theory.direction`."""
     body, (n_i, omega_xy0, t_end) = _columns(body, n_i, omega_xy0, t_end)
     modes = _modes(body)
     psi = theory.direction(modes, n_i, psi) if isinstance(psi, str) else psi
     constants = full.constants(**body)
-    found = steady.steady_modes(constants, n_i)
-    pitch = (modes.K_p * n_i > 0)[:, None]
-    probe = np.where(pitch, found.pitch_probe, found.roll_probe)
+    at_spin = steady.steady_modes(constants, n_i)
+    is_pitch = modes.K_p * n_i > 0
+    probe = np.where(is_pitch[:, None], at_spin.pitch_probe, at_spin.roll_probe)
     speed = theory.oscillation_speed(
         body["alpha"], body["beta"], body["gamma"], omega_xy0, psi
     )
@@ -80,8 +71,8 @@ def full_batch(body, n_i, omega_xy0=0.01, psi="relevant", t_end=1000.0):
         y0=theory.full_state(n_i, omega_xy0, psi),
         constants=constants.T,
         probe=np.concatenate([probe.real, probe.imag], axis=1),
-        swing=2 * np.maximum(np.abs(found.pitch.imag), modes.omega_p),
-        relevant=np.where(pitch[:, 0], found.pitch.imag, found.roll.imag),
+        swing=2 * np.maximum(np.abs(at_spin.pitch.imag), modes.omega_p),
+        relevant=np.where(is_pitch, at_spin.pitch.imag, at_spin.roll.imag),
         rate=30 * speed**2,
     )
 
@@ -108,18 +99,17 @@ def reduced_batch(body, n_i, e_p, e_r, t_end=1000.0):
 
 def join(*batches):
     """Concatenate batches."""
-    parts = zip(*(vars(each).values() for each in batches), strict=True)
-    return batch.Batch(*map(np.concatenate, parts))
+    columns = zip(*(vars(each).values() for each in batches), strict=True)
+    return batch.Batch(*map(np.concatenate, columns))
 
 
 def assert_same(a, b, skip=()):
     """Check that all columns of two outcomes agree to the last bit."""
     for name, value in vars(a).items():
         if name not in (*skip, "stopped"):
-            other = getattr(b, name)
-            assert (value.shape, value.tobytes()) == (other.shape, other.tobytes()), (
-                name
-            )
+            expected = getattr(b, name)
+            assert value.shape == expected.shape, name
+            assert value.tobytes() == expected.tobytes(), name
 
 
 def mode_energies(body, n_i, omega_xy0):
@@ -133,9 +123,7 @@ def mode_energies(body, n_i, omega_xy0):
 
 @cache
 def attempt(method, model):
-    """Return the generated step of a method and a model, which its first call
-    compiles.
-    """
+    """Return the generated step, which its first call compiles."""
     return njit(**stages.OPTIONS)(stages.write_attempt(METHODS[method], MODELS[model]))
 
 

@@ -11,9 +11,9 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 import sweeping
+from cutting import Stop, cut
 from hardship import check_equal
 from sweeping import changed, plan_of, proved
-from test_invariance import Stop, cut
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.decide import FIRST_WAVE, nearest_rows, wanted_runs
@@ -66,12 +66,14 @@ def done(tmp_path_factory) -> dict[str, Path]:
 @pytest.mark.parametrize("name", CONFIGS)
 def test_wanted_is_found_from_any_rows_in_any_order(name, done):
     """From no rows to all, in parts of waves, and with rows that are not wanted."""
-    plan, dice = plan_of(CONFIGS[name]), np.random.default_rng(4)
+    plan = plan_of(CONFIGS[name])
+    dice = np.random.default_rng(4)
     bodies = {k: v for k, v in CONFIGS[name]["bodies"].items() if k != "refine"}
     whole = {k: v for k, v in CONFIGS[name].items() if k != "stop"} | {"bodies": bodies}
-    rows, every = open_stored(done[name]).read(), integrate_plan(plan_of(whole))
-    there = np.zeros(plan.shape, bool)
-    there[rows["case"].to_numpy(), rows["sample"].to_numpy()] = True
+    every = integrate_plan(plan_of(whole))
+    rows = open_stored(done[name]).read()
+    is_stored = np.zeros(plan.shape, bool)
+    is_stored[rows["case"].to_numpy(), rows["sample"].to_numpy()] = True
     waves = {0}
     for surplus in (0.0, 0.3):
         known = plan.nothing_found()
@@ -87,13 +89,14 @@ def test_wanted_is_found_from_any_rows_in_any_order(name, done):
             case, sample = np.nonzero(todo)
             some = dice.permutation(len(case))[: max(1, len(case) // 2)]
             known.add(every.take(pa.array(case[some] * plan.samples + sample[some])))
-        assert np.array_equal(wanted, there)
+        assert np.array_equal(wanted, is_stored)
     assert len(waves) > 3
 
 
 @pytest.mark.parametrize("name", CONFIGS)
 def test_stopped_again_and_again_in_any_order_with_harm(name, done, tmp_path):
-    dice, stops = random.Random(3), 0
+    dice = random.Random(3)
+    stops = 0
     while True:
         try:
             sweeping.sweep(
@@ -127,14 +130,16 @@ def test_a_fraction_of_the_runs_gives_the_same_map(full, done):
     assert len(some) < POINTS / 4
     # Points of the grid that were left out get the type of the nearest run.
     nearest = np.concatenate([rows for _, rows in nearest_rows(open_stored(output))])
-    shown, types = some["type"].to_numpy()[nearest], full["type"].to_numpy()
+    shown = some["type"].to_numpy()[nearest]
+    types = full["type"].to_numpy()
     assert len(set(types)) == 3
     assert np.mean(shown != types) < 0.002
 
 
 def test_the_summary_is_that_of_the_grid_and_not_of_its_boundaries(full, done):
     summary = pd.read_parquet(done["refine by type"] / "summary.parquet")
-    grid, some = full.to_pandas(), pd.read_parquet(done["refine by type"] / "runs")
+    grid = full.to_pandas()
+    some = pd.read_parquet(done["refine by type"] / "runs")
     share = (grid.type == "R").groupby(grid.case).mean()
     assert (summary.fraction_R - share).abs().max() < 0.02
     assert abs(summary.fraction_R.mean() - share.mean()) < 0.002
@@ -168,17 +173,13 @@ def test_spins_with_units_are_refined_like_plain_ones(tmp_path):
 
 def test_refused_where_nothing_can_be_left_out_or_recorded():
     few = GRID | {"axes": {"theta": [0.6, 0.7, 0.8]}, "refine": {}}
-    for bodies, spin, words in (
-        (few, {"n_i": 0.1, "omega_xy0": 0.1}, "no axis has 5 values or more"),
-        (
-            GRID | {"refine": {"by": "lyapunov"}},
-            MAP["spin"],
-            r"refine\.by: there is no column",
-        ),
-    ):
-        plan = plan_of(MAP, bodies=bodies, spin=spin)
-        with pytest.raises(ConfigError, match=words):
-            wanted_runs(plan, plan.nothing_found())
+    one_spin = {"n_i": 0.1, "omega_xy0": 0.1}
+    plan = plan_of(MAP, bodies=few, spin=one_spin)
+    with pytest.raises(ConfigError, match="no axis has 5 values or more"):
+        wanted_runs(plan, plan.nothing_found())
+    plan = plan_of(MAP, bodies=GRID | {"refine": {"by": "lyapunov"}})
+    with pytest.raises(ConfigError, match=r"refine\.by: there is no column"):
+        wanted_runs(plan, plan.nothing_found())
 
 
 def test_a_refined_directory_becomes_the_whole_grid(full, done, tmp_path):
@@ -191,31 +192,29 @@ def test_a_refined_directory_becomes_the_whole_grid(full, done, tmp_path):
 def test_every_case_is_known_well_enough_and_no_case_long_before(done):
     whole = done["stop"]
     proved(whole, recompute=30)
-    summary, runs = (
-        pd.read_parquet(whole / "summary.parquet"),
-        pd.read_parquet(whole / "runs"),
-    )
+    summary = pd.read_parquet(whole / "summary.parquet")
+    runs = pd.read_parquet(whole / "runs")
     assert len(set(summary.runs)) > 1
     assert (summary.runs >= FIRST_WAVE).all()
-    for case, own in runs.groupby("case"):
+    for case, rows in runs.groupby("case"):
         # The samples of a case are the first ones, whatever the others have.
-        assert own["sample"].sort_values().tolist() == list(range(len(own)))
+        assert rows["sample"].sort_values().tolist() == list(range(len(rows)))
         for kind in ("R", "SS", "SW", "unclassified"):
-            low, high = wilson((own.type == kind).sum(), len(own))
+            low, high = wilson((rows.type == kind).sum(), len(rows))
             assert (high - low) / 2 <= 0.03, (case, kind)
-        fewer = own[own["sample"] < len(own) / 1.5]
+        fewer = rows[rows["sample"] < len(rows) / 1.5]
         if len(fewer) >= FIRST_WAVE:
-            parts = [
+            intervals = [
                 wilson((fewer.type == kind).sum(), len(fewer)) for kind in ("R", "SW")
             ]
-            assert max(high - low for low, high in parts) / 2 > 0.03
+            assert max(high - low for low, high in intervals) / 2 > 0.03
 
 
 def test_mean_times_known_well_enough_or_all_samples(tmp_path):
     known = changed(ENOUGH, bodies={"samples": 6000}) | {"stop": {"t_r": 0.05}}
     sweeping.sweep(tmp_path / "known", known)
-    for _, own in pd.read_parquet(tmp_path / "known" / "runs").groupby("case"):
-        assert 1.96 * own.t_r.sem() / own.t_r.mean() <= 0.05
-        assert FIRST_WAVE <= len(own) < 6000
+    for _, rows in pd.read_parquet(tmp_path / "known" / "runs").groupby("case"):
+        assert 1.96 * rows.t_r.sem() / rows.t_r.mean() <= 0.05
+        assert FIRST_WAVE <= len(rows) < 6000
     never = changed(ENOUGH, bodies={"samples": 1000}, stop={"t_r": 1e-4})
     assert sweeping.sweep(tmp_path / "all", never).runs == 3000

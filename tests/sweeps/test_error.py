@@ -1,6 +1,4 @@
-"""`record: [error]` and `accuracy: {t_r}`: errors of reversal times, and types that are
-sure.
-"""
+"""`record: [error]` and `accuracy: {t_r}`: errors of reversal times, and sure types."""
 
 from __future__ import annotations
 
@@ -22,7 +20,7 @@ from sweeping import content_hash, prepared, proved
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import find_run
 from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.batch import Outcome, integrate
+from rattlesweep.integrate.batch import Batch, Outcome, integrate
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.integrate.task import Control
@@ -57,16 +55,16 @@ def sweep(output: Path, *sets: str, **options: Any) -> Any:
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory) -> Path:
+def with_errors(tmp_path_factory) -> Path:
     """A sweep that records the errors of reversal times."""
-    return sweep(tmp_path_factory.mktemp("told") / "out").stored.directory
+    return sweep(tmp_path_factory.mktemp("with_errors") / "out").stored.directory
 
 
 @pytest.fixture(scope="module")
-def kept(tmp_path_factory) -> Path:
+def with_goal(tmp_path_factory) -> Path:
     """A sweep with a goal for the errors of reversal times."""
     return sweep(
-        tmp_path_factory.mktemp("kept") / "out", GOAL, "record=[]"
+        tmp_path_factory.mktemp("with_goal") / "out", GOAL, "record=[]"
     ).stored.directory
 
 
@@ -95,12 +93,14 @@ def rows_of(directory: Path) -> pa.Table:
     ],
 )
 def test_sure_types(code, reversal, growth, departure, errors, sure):
-    observed, told = (
-        [np.array([v]) for v in pair] for pair in ((growth, departure), errors)
+    is_sure = sure_types(
+        np.array([code], np.int8),
+        np.array([reversal]),
+        [np.array([growth]), np.array([departure])],
+        [np.array([error]) for error in errors],
+        plan_of().config.classify,
     )
-    codes, reversals = np.array([code], np.int8), np.array([reversal])
-    found = sure_types(codes, reversals, observed, told, plan_of().config.classify)
-    assert found.tolist() == [sure]
+    assert is_sure.tolist() == [sure]
 
 
 # An ordinary body with its spin, and one of a delayed loss of stability:
@@ -122,18 +122,19 @@ def test_a_sensitive_run_says_so_and_an_ordinary_one_does_not(asked, tmp_path):
     bodies = {"source": "table", "path": str(tmp_path / "b.csv")}
     plan = sweeping.plan_of({"bodies": bodies, "horizon": {"t_rgh": 5}} | asked)
     columns = compute(plan.config, plan.schema, prepared(plan)).to_pydict()
-    t_r, told = columns["t_r"], columns["t_r_error"]
-    assert abs(t_r[1] - TRUE) <= told[1] < 0.5 * t_r[1]
-    assert told[1] > 1e-6 * t_r[1]
-    assert 0 < told[0] < 1e-6 * t_r[0]
+    ordinary, sensitive = columns["t_r"]
+    ordinary_error, sensitive_error = columns["t_r_error"]
+    assert abs(sensitive - TRUE) <= sensitive_error < 0.5 * sensitive
+    assert sensitive_error > 1e-6 * sensitive
+    assert 0 < ordinary_error < 1e-6 * ordinary
     if "tol" in columns:
         assert columns["tol"] == pytest.approx([3e-9, 3e-11])
     else:
-        assert abs(t_r[1] - TRUE) > 1.0
+        assert abs(sensitive - TRUE) > 1.0
 
 
-def test_columns_and_nulls(told, tmp_path):
-    rows = rows_of(told)
+def test_columns_and_nulls(with_errors, tmp_path):
+    rows = rows_of(with_errors)
     assert set(rows["type"].to_pylist()) > {"R", "SS"}
     for name in ("t_r", "amp_growth", "n_departure"):
         assert rows[f"{name}_error"].is_null().equals(rows[name].is_null())
@@ -147,8 +148,9 @@ def test_columns_and_nulls(told, tmp_path):
     )
 
 
-def test_runs_have_the_error_that_is_asked_for(kept, told):
-    rows, plain = rows_of(kept).to_pandas(), rows_of(told).to_pandas()
+def test_runs_have_the_error_that_is_asked_for(with_goal, with_errors):
+    rows = rows_of(with_goal).to_pandas()
+    plain = rows_of(with_errors).to_pandas()
     assert list(rows) == runs_schema(["error", "tol"]).names == [*plain, "tol"]
     reversing = rows[rows["type"] == "R"]
     assert (reversing["t_r_error"] <= 1e-7 * reversing["t_r"]).all()
@@ -163,13 +165,20 @@ def test_runs_have_the_error_that_is_asked_for(kept, told):
 
 
 @pytest.mark.parametrize("goal", [False, True])
-def test_one_content_however_it_is_cut_and_mended(goal, told, kept, tmp_path):
-    whole, sets = (kept, (GOAL, "record=[]")) if goal else (told, ())
+def test_one_content_however_it_is_cut_and_mended(
+    goal, with_errors, with_goal, tmp_path
+):
+    whole = with_errors
+    sets: tuple[str, ...] = ()
+    accuracy = ""
+    if goal:
+        whole = with_goal
+        sets = (GOAL, "record=[]")
+        accuracy = "accuracy: {t_r: 1e-7}, "
     for index in (1, 0):
         sweep(tmp_path / "shards", *sets, shard=Shard(index, 2), threads=2 - index)
     # These limits stop some runs, but no companions; then failed runs are repeated.
     for steps in (300, 600, 100_000_000):
-        accuracy = "accuracy: {t_r: 1e-7}, " if goal else ""
         limit = f"integrator={{{accuracy}max_steps: {steps}}}"
         report = sweep(tmp_path / "limits", *sets, limit, retry_failed=True)
         rows = rows_of(tmp_path / "limits")
@@ -184,45 +193,51 @@ def test_one_content_however_it_is_cut_and_mended(goal, told, kept, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("goal", "after"), [("", 0), ("", 1), (GOAL, 0), (GOAL, 1), (GOAL, 2)]
+    ("goal", "after"), [((), 0), ((), 1), ((GOAL,), 0), ((GOAL,), 1), ((GOAL,), 2)]
 )
-def test_a_stop_leaves_whole_rows(goal, after, told, kept, monkeypatch):
-    """The stop comes before companions are integrated, before runs, or before
-    repetitions.
-    """
-    plan, control = plan_of(*([goal] if goal else [])), Control()
-    real, calls = error.integrate, []
+def test_a_stop_leaves_whole_rows(goal, after, with_errors, with_goal, monkeypatch):
+    """The stop comes before companions, before runs, or before repetitions."""
+    plan = plan_of(*goal)
+    control = Control()
+    integrate_all = error.integrate
+    runs_by_call: list[int] = []
 
-    def stopping(*args: Any, **kwargs: Any) -> Outcome:
-        if len(calls) == after:
+    def stopping(batch: Batch, *args: Any, **kwargs: Any) -> Outcome:
+        if len(runs_by_call) == after:
             control.stop()
-        calls.append(len(args[0]))
-        return real(*args, **kwargs)
+        runs_by_call.append(len(batch))
+        return integrate_all(batch, *args, **kwargs)
 
     monkeypatch.setattr(error, "integrate", stopping)
-    some = compute(plan.config, plan.schema, prepared(plan), 1, control)
-    assert len(some) < 24
+    rows = compute(plan.config, plan.schema, prepared(plan), 1, control)
+    assert len(rows) < 24
     if after == 2:
         # Runs that need no repetition are there.
-        assert len(some) >= 24 - calls[2] > 0
-        assert control.runs_done >= 24 - calls[2]
-    whole = rows_of(kept if goal else told)
-    place = pc.add(pc.multiply(pc.cast(some["case"], pa.int64()), 8), some["sample"])
-    assert same_bits(some, whole.take(place))
+        without_repetition = 24 - runs_by_call[2]
+        assert len(rows) >= without_repetition > 0
+        assert control.runs_done >= without_repetition
+    whole = rows_of(with_goal if goal else with_errors)
+    place = pc.add(pc.multiply(pc.cast(rows["case"], pa.int64()), 8), rows["sample"])
+    assert same_bits(rows, whole.take(place))
 
 
-def test_classify_tells_again_which_types_are_sure(told, tmp_path):
-    rows = rows_of(told).to_pandas()
+def test_classify_tells_again_which_types_are_sure(with_errors, tmp_path):
+    rows = rows_of(with_errors).to_pandas()
     near = rows[rows["type"].isin(["SW", "unclassified"])].iloc[0]
     assert near["type_sure"]
     # The threshold is so near that the companion may be on its other side.
     sw_departure = float(near["n_departure"] + near["n_departure_error"] / 2)
     sets = (f"classify.sw_departure={sw_departure!r}", "classify.ss_growth=1e-8")
     sweep(tmp_path / "fresh", *sets)
-    shutil.copytree(told, tmp_path / "again")
+    shutil.copytree(with_errors, tmp_path / "again")
     assert classify_stored(tmp_path / "again", sets).changed > 0
     assert proved(tmp_path / "again") == content_hash(tmp_path / "fresh")
     assert not rows_of(tmp_path / "again")["type_sure"][near.name].as_py()
+
+
+def rows_computed(config: dict[str, Any]) -> pd.DataFrame:
+    plan = sweeping.plan_of(config)
+    return compute(plan.config, plan.schema, prepared(plan)).to_pandas()
 
 
 @pytest.mark.parametrize(
@@ -238,14 +253,10 @@ def test_errors_with_kinks_and_of_ellipsoids_are_within_their_estimates(
         "spin": {"n_i": [-0.7, 0.2, 0.7, 1.0], "omega_xy0": [0.01, 0.3]},
         "horizon": {"t_rgh": 5, "t": 500},
     }
-    told = sweeping.plan_of(
-        config | {"integrator": {"tol": 1e-12}, "record": ["error"]}
-    )
-    true = sweeping.plan_of(config | {"integrator": {"tol": 1e-14}})
-    rows, best = (
-        compute(p.config, p.schema, prepared(p)).to_pandas() for p in (told, true)
-    )
-    off = (rows["t_r"] - best["t_r"]).abs().dropna()
+    errors_too = {"integrator": {"tol": 1e-12}, "record": ["error"]}
+    rows = rows_computed(config | errors_too)
+    true = rows_computed(config | {"integrator": {"tol": 1e-14}})
+    off = (rows["t_r"] - true["t_r"]).abs().dropna()
     assert len(off) > 20
     assert (off <= rows["t_r_error"][off.index]).mean() > 0.98
     assert rows["t_r_error"].median() < 1e-6
@@ -331,24 +342,25 @@ def test_quickstart_keeps_its_promise():
     """No unmarked run has a larger error, compared with order 9 at 1e-14."""
     plan = sweeping.plan_of("quickstart.yaml", "integrator={accuracy: {t_r: 1e-6}}")
     launches, batch = prepared(plan)
-    found = run_batch(plan.config, batch)
-    assert isinstance(found, error.Estimated)
+    estimated = run_batch(plan.config, batch)
+    assert isinstance(estimated, error.Estimated)
     true = integrate(batch, METHODS["verner98"], FULL, tol=1e-14).t_r
-    off = np.abs(found.t_r / true - 1)
-    marked = found.t_r_error > 1e-6 * found.t_r
-    known = np.isfinite(found.t_r)
-    assert known.sum() > 4800
-    assert marked.sum() < 100
-    assert not (known & ~marked & ~(off <= 1e-6)).any()
+    is_within = np.abs(estimated.t_r / true - 1) <= 1e-6
+    is_marked = estimated.t_r_error > 1e-6 * estimated.t_r
+    reverses = np.isfinite(estimated.t_r)
+    assert reverses.sum() > 4800
+    assert is_marked.sum() < 100
+    assert not (reverses & ~is_marked & ~is_within).any()
     # No run that misses its reversal says that it is sure.
-    columns = columns_of(plan.config, launches, batch, found)
+    columns = columns_of(plan.config, launches, batch, estimated)
     sure = columns["type_sure"].fill_null(False).to_numpy(zero_copy_only=False)
-    assert not (np.isfinite(true) & ~known & sure).any()
+    assert not (np.isfinite(true) & ~reverses & sure).any()
 
 
 def test_counts_in_the_summary(tmp_path):
     sweep(tmp_path, "integrator.tol=1e-4")  # so loose that some runs are sensitive
-    rows, summary = rows_of(tmp_path).to_pandas(), read_summary(open_stored(tmp_path))
+    rows = rows_of(tmp_path).to_pandas()
+    summary = read_summary(open_stored(tmp_path))
     reversing = rows[rows["type"] == "R"]
     large = reversing[reversing["t_r_error"] > 1e-6 * reversing["t_r"]]
     assert len(large) > 0
@@ -356,13 +368,13 @@ def test_counts_in_the_summary(tmp_path):
     assert summary["sensitive"].to_pylist() == by_case
     assert sum(summary["unsure"].to_pylist()) == (rows["type_sure"] == False).sum()  # noqa: E712
     means = reversing.groupby("case")["t_r_error"].mean()
-    found = summary["t_r_mean_error"].drop_null().to_numpy()
-    assert found == pytest.approx(means.to_numpy(), rel=1e-12)
+    mean_errors = summary["t_r_mean_error"].drop_null().to_numpy()
+    assert mean_errors == pytest.approx(means.to_numpy(), rel=1e-12)
 
 
-def test_replay_takes_the_tolerance_of_the_run(kept):
+def test_replay_takes_the_tolerance_of_the_run(with_goal):
     for level in ("tol > 1e-9", "tol < 1e-9"):
-        run = find_run(kept, where=f"type == 'R' and {level}")
+        run = find_run(with_goal, where=f"type == 'R' and {level}")
         run.prove()
         course = Course(run.prepare())
         course.columns()
