@@ -155,8 +155,8 @@ def island_of_gh(runs) -> None:
         print(
             f"  {locked} of 24 drawn from it have lines at 1 : 3; "
             f""
-            f"the third harmonic is {np.min(over):.3f} to {np.max(over):.3f} omega_p, n_i^2 - mean n^2 "
-            f"{np.min(fall):.4f} to {np.max(fall):.4f}"
+            f"the third harmonic is {np.min(over):.3f} to {np.max(over):.3f} omega_p, "
+            f"n_i^2 - mean n^2 {np.min(fall):.4f} to {np.max(fall):.4f}"
         )
     print("theta = 0.9, n_i = -0.2, omega_xy0 = 0.01")
     for phi in (0.030, 0.033, 0.036, 0.039):
@@ -199,8 +199,8 @@ def random_bodies(runs) -> None:
         near = np.abs(np.array(over) - 1.05) < 0.1
         print(
             f"random bodies, SW at n_i = {n_i:g}: of 50, {near.sum()} have "
-            f"their second line at 0.95 to 1.15 omega_p; omega_p/omega_r is {np.min(linear):.1f} to "
-            f"{np.max(linear):.1f}"
+            f"their second line at 0.95 to 1.15 omega_p; "
+            f"omega_p/omega_r is {np.min(linear):.1f} to {np.max(linear):.1f}"
         )
 
 
