@@ -23,21 +23,17 @@ def random_bodies(count, seed):
         f_sd = rng.uniform(0.05, 0.3)
         alpha, beta = shell_dumbbell(gamma, f_sd)
         theta = rng.uniform(0.15, 0.95)
-        body = dict(
-            zip(
-                PARAMETERS,
-                (
-                    alpha,
-                    beta,
-                    gamma,
-                    theta,
-                    rng.uniform(0.004, 0.8) * theta,
-                    -math.radians(rng.uniform(0.1, 9)),
-                ),
-                strict=True,
-            )
-        )
-        body["c"] = None if k % 4 == 0 else theta * (1 + rng.lognormal(0, 1.5))
+        body = {
+            "alpha": alpha,
+            "beta": beta,
+            "gamma": gamma,
+            "theta": theta,
+            "phi": rng.uniform(0.004, 0.8) * theta,
+            "xi": -math.radians(rng.uniform(0.1, 9)),
+            "c": None,
+        }
+        if k % 4:
+            body["c"] = theta * (1 + rng.lognormal(0, 1.5))
         tilt = rng.uniform(0, 0.3)
         turn = rng.uniform(0, 2 * math.pi)
         u = np.array(
