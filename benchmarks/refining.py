@@ -21,7 +21,7 @@ from scipy.ndimage import label as islands
 
 from rattlesweep.analysis import style
 from rattlesweep.analysis.layout import fill
-from rattlesweep.analysis.plots import CELLS, CODES
+from rattlesweep.analysis.plots.maps import CELLS, CODES
 from rattlesweep.arrays import Flags
 from rattlesweep.sweeps.config.read import parse_config, resolved
 from rattlesweep.sweeps.decide import wanted_runs

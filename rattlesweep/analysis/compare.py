@@ -1,6 +1,4 @@
-"""The differences between two directories of the same runs: numbers, text and a
-figure.
-"""
+"""The differences between two directories of the same runs."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,102 +49,113 @@ class Comparison:
         return as_text(self, 20)
 
     def disagree(self, allowed: float) -> bool:
-        """Return whether too many runs differ beyond their errors, or sure types
-        differ.
-        """
+        """Return whether too many times differ beyond their errors, or a sure type."""
         total = self.data["total"]
-        return bool(
-            (total["beyond"] or 0) > allowed * total["reversing"] or total["types_sure"]
-        )
+        beyond = total["beyond"] or 0
+        return bool(beyond > allowed * total["reversing"] or total["types_sure"])
 
 
 def compare(a: Path, b: Path) -> Comparison:
-    """Compare the runs of two directories whose configs differ only in how to
-    integrate.
-    """
-    sides = open_stored(a), open_stored(b)
-    wrong = differences(*map(_same_runs, sides))[:3]
-    errors = all("t_r_error" in side.schema.names for side in sides)
+    """Compare the runs of two directories whose configs integrate differently."""
+    stored_a = open_stored(a)
+    stored_b = open_stored(b)
+    has_errors = all("t_r_error" in x.schema.names for x in (stored_a, stored_b))
     names = ["case", "sample", *_RUN, "t_r", "type", "status"]
-    names += ["t_r_error", "type_sure"] if errors else []
-    frames = [side.read(names).to_pandas() for side in sides]
-    if empty := [
-        side for side, frame in zip(sides, frames, strict=True) if frame.empty
-    ]:
-        raise OutputError(f"{empty[0].directory} holds no runs yet")
+    if has_errors:
+        names += ["t_r_error", "type_sure"]
+    missing = []
+    frames = []
+    for stored in (stored_a, stored_b):
+        frame = stored.read(names).to_pandas()
+        if frame.empty:
+            raise OutputError(f"{stored.directory} holds no runs yet")
+        frames.append(frame)
+        missing.append(len(stored.cases) * stored.samples - len(frame))
     runs = frames[0].merge(frames[1], on=["case", "sample"], suffixes=("_a", "_b"))
-    for name in _RUN if not wrong else ():
-        x, y = (runs.pop(f"{name}_{side}").to_numpy(float) for side in "ab")
-        for k in np.flatnonzero(
-            ~np.isclose(x, y, rtol=1e-9, atol=1e-12, equal_nan=True)
-        )[:1]:
-            where = f"case {runs['case'][k]}, sample {runs['sample'][k]}"
-            wrong.append(f"{where}: {name}: {x[k]:.10g} against {y[k]:.10g}")
+    wrong = differences(_same_runs(stored_a), _same_runs(stored_b))[:3]
+    if not wrong:
+        wrong = _differing_inputs(runs)
     if wrong:
         raise ConfigError(
             f"{b}: its runs are not those of {a} ({'; '.join(wrong)}); only "
             "directories of the same runs can be compared"
         )
-    if not errors:
+    if not has_errors:
         runs[["t_r_error_a", "t_r_error_b", "type_sure_a", "type_sure_b"]] = np.nan
-    ok = (runs.status_a == "ok") & (runs.status_b == "ok")
-    runs["dt_r"] = dt_r = (runs.t_r_b - runs.t_r_a).where(ok)
-    runs["relative"] = dt_r.abs() / ((runs.t_r_a + runs.t_r_b) / 2)
-    # With errors of 0, any difference is beyond them, but equal times are not.
-    error = np.hypot(runs.t_r_error_a, runs.t_r_error_b)
-    runs["over_errors"] = (dt_r.abs() / error).mask((error == 0) & (dt_r == 0), 0.0)
-    runs["differs"], runs["not_ok"] = ok & (runs.type_a != runs.type_b), ~ok
-    runs["sure"] = runs.type_sure_a.eq(True) & runs.type_sure_b.eq(True)
-    most = runs[runs.differs | (runs.relative > 0)]
-    most = most.sort_values(["differs", "over_errors", "relative"], ascending=False)
-    listed = (
-        most[_LISTED].head(MOST_LISTED).astype(object).replace([np.nan, np.inf], None)
+    _add_differences(runs)
+    differing = runs[runs.differs | (runs.relative > 0)]
+    differing = differing.sort_values(
+        ["differs", "over_errors", "relative"], ascending=False
     )
-    planned = [len(side.cases) * side.samples for side in sides]
+    listed = differing[_LISTED].head(MOST_LISTED).astype(object)
+    cases = []
+    for case in sorted(set(runs["case"])):
+        counts = _counted(runs[runs["case"] == case], has_errors)
+        cases.append(stored_a.cases[case].dump() | counts)
     return Comparison(
         runs,
         {
             "directories": [str(a), str(b)],
-            "differ": differences(*map(_settings, sides)),
-            "planned": planned,
-            "missing": [
-                n - len(frame) for n, frame in zip(planned, frames, strict=True)
-            ],
-            "total": _counted(runs, errors),
-            "cases": [
-                sides[0].cases[case].dump()
-                | _counted(runs[runs["case"] == case], errors)
-                for case in sorted(set(runs["case"]))
-            ],
-            "differing": listed.to_dict("records"),
+            "differ": differences(_settings(stored_a), _settings(stored_b)),
+            "planned": [len(x.cases) * x.samples for x in (stored_a, stored_b)],
+            "missing": missing,
+            "total": _counted(runs, has_errors),
+            "cases": cases,
+            "differing": listed.replace([np.nan, np.inf], None).to_dict("records"),
         },
     )
 
 
-def _counted(runs: pd.DataFrame, errors: bool) -> dict[str, Any]:
+def _differing_inputs(runs: pd.DataFrame) -> list[str]:
+    """Return the first run of each parameter that differs, and drop the parameters."""
+    differing = []
+    for name in _RUN:
+        x = runs.pop(f"{name}_a").to_numpy(float)
+        y = runs.pop(f"{name}_b").to_numpy(float)
+        equal = np.isclose(x, y, rtol=1e-9, atol=1e-12, equal_nan=True)
+        for k in np.flatnonzero(~equal)[:1]:
+            run = f"case {runs['case'][k]}, sample {runs['sample'][k]}"
+            differing.append(f"{run}: {name}: {x[k]:.10g} against {y[k]:.10g}")
+    return differing
+
+
+def _add_differences(runs: pd.DataFrame) -> None:
+    """Add the columns of a comparison."""
+    ok = (runs.status_a == "ok") & (runs.status_b == "ok")
+    dt_r = (runs.t_r_b - runs.t_r_a).where(ok)
+    runs["dt_r"] = dt_r
+    runs["relative"] = dt_r.abs() / ((runs.t_r_a + runs.t_r_b) / 2)
+    # With errors of 0, any difference is beyond them, but equal times are not.
+    error = np.hypot(runs.t_r_error_a.to_numpy(), runs.t_r_error_b.to_numpy())
+    runs["over_errors"] = (dt_r.abs() / error).mask((error == 0) & (dt_r == 0), 0.0)
+    runs["differs"] = ok & (runs.type_a != runs.type_b)
+    runs["not_ok"] = ~ok
+    runs["sure"] = runs.type_sure_a.eq(True) & runs.type_sure_b.eq(True)
+
+
+def _counted(runs: pd.DataFrame, has_errors: bool) -> dict[str, Any]:
+    """Return the counts and quantiles of some runs."""
     relative = runs["relative"].dropna()
-    quantiles = {"median": 0.5, "p99": 0.99, "worst": 1.0}
-    return {
+    counts: dict[str, int | float | None] = {
         "runs": len(runs),
         "reversing": len(relative),
         "equal": int((relative == 0).sum()),
-        **{
-            name: float(np.quantile(relative, q, method="inverted_cdf"))
-            if len(relative)
-            else None
-            for name, q in quantiles.items()
-        },
-        "beyond": int((runs["over_errors"] > 1).sum()) if errors else None,
-        "types": int(runs["differs"].sum()),
-        "types_sure": int((runs["differs"] & runs["sure"]).sum()) if errors else None,
-        "failed": int(runs["not_ok"].sum()),
     }
+    for name, level in (("median", 0.5), ("p99", 0.99), ("worst", 1.0)):
+        counts[name] = None
+        if len(relative):
+            quantile = np.quantile(relative, level, method="inverted_cdf")
+            counts[name] = float(quantile)
+    # The order of the keys is that of the table.
+    counts |= {"beyond": None, "types": int(runs["differs"].sum()), "types_sure": None}
+    if has_errors:
+        counts["beyond"] = int((runs["over_errors"] > 1).sum())
+        counts["types_sure"] = int((runs["differs"] & runs["sure"]).sum())
+    return counts | {"failed": int(runs["not_ok"].sum())}
 
 
 def _same_runs(side: Stored) -> dict[str, Any]:
-    """Return the part of the config that determines the runs, however they are
-    integrated.
-    """
+    """Return what determines the runs, however they are integrated."""
     how = ("integrator", "record", "classify")
     data = {k: v for k, v in fixed_part(side.config).items() if k not in how}
     # A table may have moved; its content is compared row by row.
@@ -156,7 +165,8 @@ def _same_runs(side: Stored) -> dict[str, Any]:
 
 def _settings(side: Stored) -> dict[str, Any]:
     """Return the settings that may explain differences."""
-    config, manifest = resolved(side.config), side.manifest
+    config = resolved(side.config)
+    manifest = side.manifest
     return {
         "integrator": config["integrator"],
         "record": config["record"],
@@ -166,39 +176,36 @@ def _settings(side: Stored) -> dict[str, Any]:
     }
 
 
-def as_text(found: Comparison, most_cases: int) -> str:
+def as_text(comparison: Comparison, most_cases: int) -> str:
     """Return the comparison as text, with at most so many cases."""
-    data, lines = found.data, []
+    data = comparison.data
+    lines = []
     for k, name in enumerate("AB"):
-        runs, missing = f"{data['planned'][k]:,} runs", data["missing"][k]
-        some = f"{missing:,} of {runs} are missing" if missing else f"all {runs}"
-        lines.append(f"{name}  {data['directories'][k]}: {some}")
-    lines += [f"   {words}" for words in data["differ"]]
+        state = f"all {data['planned'][k]:,} runs"
+        if data["missing"][k]:
+            state = f"{data['missing'][k]:,} of {data['planned'][k]:,} runs are missing"
+        lines.append(f"{name}  {data['directories'][k]}: {state}")
+    lines += [f"   {difference}" for difference in data["differ"]]
     cases = data["cases"]
-    lines += [
-        "",
-        style.text_table([*cases[:most_cases], {"case": "all"} | data["total"]]),
-    ]
-    lines += [f"{len(cases) - most_cases} more cases are in --json"] * (
-        len(cases) > most_cases
-    )
-    lines += ["no errors are stored; add record: [error]"] * (
-        data["total"]["beyond"] is None
-    )
+    rows = [*cases[:most_cases], {"case": "all"} | data["total"]]
+    lines += ["", style.text_table(rows)]
+    if len(cases) > most_cases:
+        lines.append(f"{len(cases) - most_cases} more cases are in --json")
+    if data["total"]["beyond"] is None:
+        lines.append("no errors are stored; add record: [error]")
     if data["differing"]:
         lines += ["\nruns that differ most:", style.text_table(data["differing"])]
     return "\n".join(lines)
 
 
-def save(found: Comparison, path: Path) -> None:
-    """Write a histogram of the differences of t_r, relative to their errors if these
-    are known.
-    """
-    total, runs = found.data["total"], found.runs
-    errors = total["beyond"] is not None
-    values, below = (
-        (runs.over_errors, "both errors") if errors else (runs.relative, "$t_r$")
-    )
+def save(comparison: Comparison, path: Path) -> None:
+    """Write a histogram of the differences of t_r, over their errors if known."""
+    total = comparison.data["total"]
+    values = comparison.runs.over_errors
+    below = "both errors"
+    if total["beyond"] is None:
+        values = comparison.runs.relative
+        below = "$t_r$"
     values = values[values.between(0, np.inf, inclusive="neither")]
     with style.styled():
         figure = style.new_figure(5.2, 3.9)
@@ -208,16 +215,17 @@ def save(found: Comparison, path: Path) -> None:
             axes.hist(values, bins, color=style.BLUE)
             axes.set(xscale="log", yscale="log", ylim=(0.7, None))
         else:
-            told = (
+            equal = (
                 f"{total['equal']:,} of {total['reversing']:,} reversal times are equal"
             )
-            axes.text(0.5, 0.5, told, ha="center", transform=axes.transAxes)
+            axes.text(0.5, 0.5, equal, ha="center", transform=axes.transAxes)
             axes.set(xticks=[], yticks=[])
         axes.set(xlabel=rf"$|\Delta t_r|$ / {below}", ylabel="number of runs")
         style.light_grid(axes)
-        words = (
-            f"{' against '.join(found.data['directories'])}: {total['reversing']:,} runs "
-            f"reverse in both, {total['equal']:,} of them at equal times."
+        directories = " against ".join(comparison.data["directories"])
+        caption = (
+            f"{directories}: {total['reversing']:,} runs reverse in both, "
+            f"{total['equal']:,} of them at equal times."
         )
-        style.add_caption(figure, words)
+        style.add_caption(figure, caption)
         style.save(figure, [path])

@@ -11,8 +11,9 @@ from rattlesweep.physics import full, steady, stone, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.readings import turning_friction
 from rattlesweep.physics.theory import direction, garcia_hubbard
+from rattlesweep.quantities import DAMPING, LENGTH, QUANTITIES, RATE, TIME
 
-RATE, TIME = "sqrt(g/a)", "sqrt(a/g)"
+SPINS = ("n_c1", "n_i", "n_0")  # in SI units they are in rpm
 # A coefficient of friction that a smooth stone on a smooth table may lack.
 COMMON_FRICTION = 0.3
 SLIPS_AT_REVERSAL = (
@@ -22,17 +23,14 @@ SLIPS_AT_REVERSAL = (
 
 
 class Quantity(NamedTuple):
-    """A derived number, or None where theory has none, with its unit and
-    description.
-    """
+    """A derived number, or None where theory has none."""
 
     name: str
     value: float | None
     unit: str
     description: str
-    in_si: (
-        tuple[float, str] | None
-    )  # value and SI unit, if the size of the body is known
+    # Value and SI unit, if the size of the body is known.
+    in_si: tuple[float, str] | None
 
 
 def needed_friction(body: Rattleback, psi: Floats, n_0: Floats) -> float:
@@ -55,33 +53,37 @@ def derived(
     sigma: float = 0.0,
     rolling: float = 0.0,
 ) -> list[Quantity]:
-    """Return all that theory says about a body and its launch along the relevant
-    mode.
-    """
+    """Return all that theory says about a body and a launch on the relevant mode."""
     if n_i == 0:
         raise ConfigError("--n-i 0: a launch without spin has no reversal time")
-    b, m = body, theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
+    b = body
+    m = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
     psi = direction(m, n_i, "relevant")
     gh = garcia_hubbard(b, m, n_i, omega_xy0, psi)
     friction = needed_friction(body, psi, gh.n_0)
     lossy = sigma > 0 or rolling > 0
-    # With losses no spin is steady; with rolling resistance no small oscillation grows.
+    # With losses no spin is steady.
     n_c1 = float(theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi))
-    n_c1, known = math.nan if lossy else n_c1, math.nan if rolling > 0 else 1.0
+    if b.xi > 0:
+        n_c1 = -n_c1
+    if lossy:
+        n_c1 = math.nan
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
-    exact = known * np.array(steady.growth(constants, n_i, sigma))
     damping = np.array(theory.damping_rates(b.alpha, b.beta, m, sigma))
-    small = known * (np.array(theory.growth_rates(m.K_p, m.K_r, n_i)) - damping)
-    rows: list[tuple[str, Any, str, str]] = [
-        *(
-            (name, getattr(b, name), "rad" if name == "xi" else "1", "body")
-            for name in PARAMETERS
-        ),
-        *(
-            []
-            if b.c is None
-            else [("c", b.c, "a", "body: vertical semi-axis of the ellipsoid")]
-        ),
+    exact = np.array(steady.growth(constants, n_i, sigma))
+    small = np.array(theory.growth_rates(m.K_p, m.K_r, n_i)) - damping
+    outgrows = 2 * damping / [m.K_p, -m.K_r]
+    if rolling > 0:
+        # With rolling resistance no small oscillation grows.
+        exact *= math.nan
+        small *= math.nan
+        outgrows *= math.nan
+    rows: list[tuple[str, Any, str, str]] = []
+    for name in PARAMETERS:
+        rows.append((name, getattr(b, name), QUANTITIES[name].unit, "body"))
+    if b.c is not None:
+        rows.append(("c", b.c, LENGTH, "body: vertical semi-axis of the ellipsoid"))
+    rows += [
         ("omega_p", m.omega_p, RATE, "frequency of the pitch (the faster mode)"),
         ("omega_r", m.omega_r, RATE, "frequency of the roll (the slower mode)"),
         ("omega_p0", m.omega_p0, RATE, "frequency of the pitch at zero skew angle"),
@@ -90,12 +92,7 @@ def derived(
         ("psi_r", m.psi_r, "rad", "direction of the roll from the x axis"),
         ("K_p", m.K_p, "1", "asymmetric torque coefficient of the pitch"),
         ("K_r", m.K_r, "1", "asymmetric torque coefficient of the roll"),
-        (
-            "n_c1",
-            -n_c1 if b.xi > 0 else n_c1,
-            RATE,
-            "Bondi's threshold of the steady spin",
-        ),
+        ("n_c1", n_c1, RATE, "Bondi's threshold of the steady spin"),
         ("n_i", n_i, RATE, "initial spin"),
         ("omega_xy0", omega_xy0, RATE, "initial oscillation"),
         ("psi", psi, "rad", "direction of the launch: the relevant mode"),
@@ -113,16 +110,16 @@ def derived(
         ("growth_roll_exact", exact[1], RATE, "growth rate of the roll at n_i"),
     ]
     if lossy:
-        outgrows = known * 2 * damping / [m.K_p, -m.K_r]
+        decay = sigma / b.gamma
         rows += [
-            ("sigma", sigma, "M a^2 sqrt(g/a)", "dissipation: torque -sigma omega"),
-            ("rolling", rolling, "a", "dissipation: lever of the rolling resistance"),
+            ("sigma", sigma, DAMPING, "dissipation: torque -sigma omega"),
             (
-                "spin_decay",
-                sigma / b.gamma,
-                RATE,
-                "rate at which an upright spin falls",
+                "rolling",
+                rolling,
+                LENGTH,
+                "dissipation: lever of the rolling resistance",
             ),
+            ("spin_decay", decay, RATE, "rate at which an upright spin falls"),
             (
                 "n_growth_pitch",
                 outgrows[0],
@@ -136,13 +133,20 @@ def derived(
                 "spin below which the roll grows, small spin",
             ),
         ]
-    sizes = {} if b.units is None else b.units.sizes
-    found = []
-    for name, number, unit, text in rows:
-        value = float(number) if math.isfinite(number) else None
-        size, si_unit = sizes.get(unit, (math.nan, ""))
-        if name in ("n_c1", "n_i", "n_0"):
-            size, si_unit = size * 30 / math.pi, "rpm"
-        in_si = (value * size, si_unit) if value is not None and unit in sizes else None
-        found.append(Quantity(name, value, unit, text, in_si))
-    return found
+    return [_quantity(body, *row) for row in rows]
+
+
+def _quantity(
+    body: Rattleback, name: str, number: float, unit: str, description: str
+) -> Quantity:
+    """Return a number with its value in SI units; None if it is not finite."""
+    if not math.isfinite(number):
+        return Quantity(name, None, unit, description, None)
+    value = float(number)
+    if body.units is None or unit not in body.units.sizes:
+        return Quantity(name, value, unit, description, None)
+    size, si_unit = body.units.sizes[unit]
+    if name in SPINS:
+        size *= 30 / math.pi
+        si_unit = "rpm"
+    return Quantity(name, value, unit, description, (value * size, si_unit))

@@ -1,6 +1,4 @@
-"""The axes along which a sweep varies, selections of its runs, and its xarray
-Dataset.
-"""
+"""The axes along which a sweep varies, and selections of its runs."""
 
 from __future__ import annotations
 
@@ -8,40 +6,33 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
 from rattlesweep.analysis.where import Where, parse_where
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.columns import RUNS, TIME, define, floats
+from rattlesweep.quantities import TIME
+from rattlesweep.sweeps.columns import floats
 from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.config.schema import GridSource
 from rattlesweep.sweeps.decide import FEWEST, nearest
 from rattlesweep.sweeps.stored import VARIES, Stored, open_stored
 from rattlesweep.sweeps.summary import SI, Counts, Moments, columns_for
 
-if TYPE_CHECKING:
-    import xarray
-
-NEAR = (
-    1e-6  # relative difference up to which a value typed in decimals means a stored one
-)
+# Relative difference up to which a value typed in decimals means a stored one.
+NEAR = 1e-6
 TARGETS = ("K_p", "K_r")
 LAUNCH = (*VARIES, *(name for name, _ in SI.values()))
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A quantity that varies: a target, a launch, a dissipation or a parameter of the
-    body.
-    """
+    """A quantity that varies: of the target, launch, dissipation or body."""
 
     name: str
     values: Floats  # the selected ones, ascending
@@ -51,48 +42,56 @@ class Axis:
     @property
     def edges(self) -> Floats:
         """Edges of cells around the values."""
+        if len(self.values) == 1:
+            return np.array([self.values[0] - 0.5, self.values[0] + 0.5])
         log = self.logarithmic()
-        v = np.log(self.values) if log else self.values
-        middle = (v[1:] + v[:-1]) / 2 if len(v) > 1 else v - 0.5
-        edges = np.array([2 * v[0] - middle[0], *middle, 2 * v[-1] - middle[-1]])
-        return np.exp(edges) if log else edges if len(v) > 1 else edges[[1, 2]]
+        places = np.log(self.values) if log else self.values
+        middle = (places[1:] + places[:-1]) / 2
+        # The outer cells reach as far outward as inward.
+        first = 2 * places[0] - middle[0]
+        last = 2 * places[-1] - middle[-1]
+        edges = np.array([first, *middle, last])
+        return np.exp(edges) if log else edges
 
     def logarithmic(self, log: bool | None = None) -> bool:
-        """Return `log`; with None, whether the logarithms of the values are spaced more
-        evenly.
-        """
+        """Return `log`; with None, whether the logarithms are spaced more evenly."""
         v = self.values
-        if log is not None or len(v) < 3 or v[0] <= 0 or v[-1] < 3 * v[0]:
-            return bool(log)
-        uneven, uneven_log = (
-            np.std(s) / np.mean(s) for s in (np.diff(v), np.diff(np.log(v)))
-        )
+        if log is not None:
+            return log
+        if len(v) < 3 or v[0] <= 0 or v[-1] < 3 * v[0]:
+            return False
+        steps = np.diff(v)
+        log_steps = np.diff(np.log(v))
+        uneven = np.std(steps) / np.mean(steps)
+        uneven_log = np.std(log_steps) / np.mean(log_steps)
         return bool(uneven_log < uneven)
 
     def only(self, wanted: str, option: str) -> Axis:
-        """Return the axis with the values that ``VALUE,VALUE`` or ``LOW:HIGH``
-        selects.
-        """
-        v, between = self.values, ":" in wanted
+        """Return the axis with the values of ``VALUE,VALUE`` or ``LOW:HIGH``."""
+        v = self.values
+        between = ":" in wanted
         try:
-            numbers = np.array(
-                [float(x) for x in wanted.split(":" if between else ",")]
-            )[:, None]
+            texts = wanted.split(":" if between else ",")
+            numbers = np.array([float(text) for text in texts])[:, None]
         except ValueError:
             form = "is not NAME=VALUES, as in n_i=-0.3,-0.5 or theta=0.6:0.7"
             raise ConfigError(f"{option}: {form}") from None
         # One row for each requested value, which must exist.
-        found = np.isclose(v, numbers, rtol=NEAR, atol=NEAR**2 * float(np.abs(v).max()))
         if between:
-            found = (v >= numbers[:1]) & (v <= numbers[-1:])
-        if not found.any(axis=1).all():
-            there = np.array2string(v, precision=6, separator=", ", threshold=9)[1:-1]
+            matches = (v >= numbers[:1]) & (v <= numbers[-1:])
+        else:
+            least = NEAR**2 * float(np.abs(v).max())
+            matches = np.isclose(v, numbers, rtol=NEAR, atol=least)
+        if not matches.any(axis=1).all():
+            known = np.array2string(v, precision=6, separator=", ", threshold=9)[1:-1]
             raise ConfigError(
-                f"{option}: {self.name} has no value {wanted}; there are {there}"
+                f"{option}: {self.name} has no value {wanted}; there are {known}"
             )
-        kept = found.any(axis=0)
-        place = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
-        return Axis(self.name, v[kept], place[self.rank])
+        selected = matches.any(axis=0)
+        new_rank = np.where(selected, np.cumsum(selected) - 1, -1)
+        # A rank of -1, not selected before, stays so.
+        new_rank = np.append(new_rank, -1)
+        return Axis(self.name, v[selected], new_rank[self.rank])
 
 
 @dataclass(frozen=True)
@@ -101,9 +100,8 @@ class Layout:
 
     stored: Stored
     axes: dict[str, Axis]  # by name, in the order target, launch, dissipation, body
-    bodies: list[
-        str
-    ]  # axes of a grid of bodies; empty if the samples of a case are a population
+    # Axes of a grid of bodies; empty if the samples of a case are a population.
+    bodies: list[str]
     where: Where | None = None
     si: bool = False  # whether times are in seconds
 
@@ -120,94 +118,91 @@ class Layout:
 
     @property
     def refined(self) -> bool:
-        """Whether only some points of the grid are integrated, and the others filled
-        in.
-        """
+        """Whether only some points of the grid are integrated."""
         bodies = self.stored.config.bodies
         return isinstance(bodies, GridSource) and bodies.refine is not None
 
     def cells(self, rows: pa.RecordBatch | pa.Table) -> Integers:
-        """Return the flat index of the cell of each row, in C order; -1 if it is not
-        selected.
-        """
-        case, sample = (rows.column(name).to_numpy() for name in ("case", "sample"))
-        grid = [len(self.axes[name].rank) for name in self.bodies]
-        at = dict(
-            zip(
-                self.bodies, np.unravel_index(sample, grid) if grid else (), strict=True
-            )
-        )
-        places = [axis.rank[at.get(name, case)] for name, axis in self.axes.items()]
-        if not places:
+        """Return the flat index of each row's cell, in C order; -1 if not selected."""
+        case = rows.column("case").to_numpy()
+        if not self.axes:
             return np.zeros(len(case), np.int64)
-        cell = np.ravel_multi_index(places, [*self.lengths.values()], mode="clip")
+        # The axes of a grid of bodies go by sample, the others by case.
+        keys = dict.fromkeys(self.axes, case)
+        if self.bodies:
+            grid = [len(self.axes[name].rank) for name in self.bodies]
+            samples = np.unravel_index(rows.column("sample").to_numpy(), grid)
+            keys |= zip(self.bodies, samples, strict=True)
+        places = [axis.rank[keys[name]] for name, axis in self.axes.items()]
+        cell = np.ravel_multi_index(places, list(self.lengths.values()), mode="clip")
         return np.where(np.min(places, axis=0) >= 0, cell, -1)
 
     def rows(self, columns: Sequence[str]) -> Iterator[pa.RecordBatch]:
         """Yield columns of the runs that meet the condition, file by file."""
-        size = ("n_i", "n_i_rpm", "t_r", "t_r_s") if self.si else ()
-        needed = dict.fromkeys(
-            (*columns, *size, *(self.where.columns if self.where else ()))
-        )
+        needed = dict.fromkeys(columns)
+        if self.si:
+            needed |= dict.fromkeys(("n_i", "n_i_rpm", "t_r", "t_r_s"))
+        if self.where is not None:
+            needed |= dict.fromkeys(self.where.columns)
         for rows in self.stored.batches(list(needed)):
-            chosen = rows if self.where is None else self.where.filter(rows)
-            yield in_seconds(chosen, self.stored.schema) if self.si else chosen
+            if self.where is not None:
+                rows = self.where.filter(rows)
+            if self.si:
+                rows = in_seconds(rows, self.stored.schema)
+            yield rows
 
     def count(self, more: tuple[str, ...] = ()) -> tuple[Counts, dict[str, Floats]]:
         """Count the runs by cell, with the means of more columns, in one pass."""
-        size = int(np.prod([*self.lengths.values()]))
-        counts, moments = Counts(size), {name: Moments(size) for name in more}
-        for rows in self.rows(
-            ("case", "sample", *columns_for(self.stored.schema), *more)
-        ):
+        size = int(np.prod(list(self.lengths.values())))
+        counts = Counts(size)
+        moments = {name: Moments(size) for name in more}
+        columns = ("case", "sample", *columns_for(self.stored.schema), *more)
+        for rows in self.rows(columns):
             cell = self.cells(rows)
             counts.add(rows, cell)
-            for name, own in moments.items():
+            for name, of_column in moments.items():
                 values = floats(rows.column(name))
-                kept = (cell >= 0) & np.isfinite(values)
-                own.add(cell[kept], values[kept])
-        return counts, {name: own.means() for name, own in moments.items()}
+                counted = (cell >= 0) & np.isfinite(values)
+                of_column.add(cell[counted], values[counted])
+        return counts, {name: each.means() for name, each in moments.items()}
 
     def key(self, name: str, option: str) -> str:
-        """Return the key of an axis by its name, which ends in a unit if its values
-        have one.
-        """
-        known = {
-            own: key for key, axis in self.axes.items() for own in (key, axis.name)
-        }
+        """Return the key of an axis by its key or its name, which may end in a unit."""
+        known = {key: key for key in self.axes}
+        known |= {axis.name: key for key, axis in self.axes.items()}
         if name not in known:
             raise ConfigError(f"{option}: {not_one_of(name, known)}")
         return known[name]
 
     def column(self, name: str, option: str) -> tuple[str, str]:
-        """Return unit and description of a numeric column; raise a ConfigError for
-        others.
-        """
+        """Return unit and description of a column of numbers; raise for others."""
         numbers = {
-            f.name: _about(f)
-            for f in self.stored.schema
-            if str(f.type) in ("double", "int32", "int64")
+            column.name: describe(column)
+            for column in self.stored.schema
+            if str(column.type) in ("double", "int32", "int64")
         }
         if name not in numbers:
             raise ConfigError(f"{option}: {not_one_of(name, numbers)}")
-        unit, words = numbers[name].values()
-        return "s" if self.si and unit == TIME else unit, words
+        unit = numbers[name]["units"]
+        if self.si and unit == TIME:
+            unit = "s"
+        return unit, numbers[name]["long_name"]
 
     def name(self, column: str) -> str:
-        """Return the name of a column in tables; it ends in ``_s`` if times are in
-        seconds.
-        """
-        return f"{column}_s" if self.column(column, "")[0] == "s" else column
+        """Return the name of a column in tables, which ends in ``_s`` for seconds."""
+        unit, _ = self.column(column, "")
+        if unit == "s":
+            return f"{column}_s"
+        return column
 
     def chosen(self, where: str | None) -> Layout:
         """Return the layout of the runs that meet a condition; None selects all."""
-        new = None if where is None else parse_where(where, self.stored.schema)
-        return replace(self, where=new)
+        if where is None:
+            return replace(self, where=None)
+        return replace(self, where=parse_where(where, self.stored.schema))
 
     def select(self, texts: Sequence[str]) -> Layout:
-        """Return the layout of values selected as ``NAME=VALUE,VALUE`` or
-        ``NAME=LOW:HIGH``.
-        """
+        """Return the layout of the values that ``NAME=VALUES`` selects."""
         axes = dict(self.axes)
         for text in texts:
             name, _, wanted = text.partition("=")
@@ -216,79 +211,81 @@ class Layout:
         return replace(self, axes=axes)
 
     def in_si(self) -> Layout:
-        """Return the layout with times in seconds and, if bodies have one size, spins
-        in rpm.
-        """
+        """Return the layout with times in seconds and, for one size, spins in rpm."""
         if "t_r_s" not in self.stored.schema.names:
             return self
+        axes = dict(self.axes)
+        sizes: dict[str, float] = {}
         spins = self.stored.read(["n_i", "n_i_rpm"]).to_pandas().query("n_i != 0")
-        factor, axes = (spins["n_i_rpm"] / spins["n_i"]).to_numpy(), dict(self.axes)
-        sizes = (
-            {"n_i": factor[0]}
-            if len(factor) and np.ptp(factor) < NEAR * factor[0]
-            else {}
-        )
-        for name, settings in self.stored.config.settings.items():
-            in_si = [setting.si for setting in settings if setting.si is not None]
+        factor = (spins["n_i_rpm"] / spins["n_i"]).to_numpy()
+        if len(factor) and np.ptp(factor) < NEAR * factor[0]:
+            sizes["n_i"] = factor[0]
+        for name, values in self.stored.config.settings.items():
+            in_si = [value.si for value in values if value.si is not None]
+            if name not in axes or len(in_si) < len(values):
+                continue
             # The largest value in both units.
             largest = max(map(abs, in_si), default=0.0)
-            if name in axes and largest and len(in_si) == len(settings):
+            if largest:
                 natural = max(abs(getattr(case, name)) for case in self.stored.cases)
                 sizes.setdefault(name, largest / SI[name][1] / natural)
         for name in sizes.keys() & axes.keys():
-            values = np.round(axes[name].values * sizes[name], 12)
-            axes[name] = replace(axes[name], name=SI[name][0], values=values)
+            si_values = np.round(axes[name].values * sizes[name], 12)
+            axes[name] = replace(axes[name], name=SI[name][0], values=si_values)
         return replace(self, axes=axes, si=True)
 
 
 def in_seconds(rows: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
     """Return runs of bodies of known size with their times converted to seconds."""
-    n_i, rpm, t_r, t_r_s = (
-        floats(rows.column(k)) for k in ("n_i", "n_i_rpm", "t_r", "t_r_s")
-    )
+    n_i = floats(rows.column("n_i"))
+    rpm = floats(rows.column("n_i_rpm"))
+    t_r = floats(rows.column("t_r"))
+    t_r_s = floats(rows.column("t_r_s"))
     with np.errstate(divide="ignore", invalid="ignore"):
+        # A tap has no spin, from which the unit of time follows.
         second = np.where(n_i == 0, t_r_s / t_r, n_i / rpm * 30 / np.pi)
     for place, name in enumerate(rows.schema.names):
-        if _about(schema.field(name))["units"] == TIME and pa.types.is_floating(
-            rows[name].type
-        ):
+        is_time = describe(schema.field(name))["units"] == TIME
+        if is_time and pa.types.is_floating(rows[name].type):
             values = pa.array(floats(rows[name]) * second, from_pandas=True)
             rows = rows.set_column(place, rows.schema.field(name), values)
     return rows
 
 
 def read_layout(directory: Path) -> Layout:
-    """Read the axes of a sweep from its manifest; raise an OutputError if it has no
-    runs.
-    """
+    """Read the axes of a sweep from its manifest; raise if it has no runs."""
     stored = open_stored(directory)
     if not stored.files():
         raise OutputError(f"{directory} holds no runs yet")
-    config, cases = stored.config, stored.cases
-    given: dict[str, Sequence[Any]] = {}
+    config = stored.config
+    cases = stored.cases
+    values: dict[str, Sequence[Any]] = {}
     if cases[0].target_name is not None:
-        given[cases[0].target_name] = [case.target for case in cases]
-    launch = ["n_i", "omega_xy0"] if config.spin is not None else []
-    losses = (n for n in ("sigma", "rolling") if len(config.settings[n]) > 1)
-    for name in (*launch, *losses):
+        values[cases[0].target_name] = [case.target for case in cases]
+    names = []
+    if config.spin is not None:
+        names = ["n_i", "omega_xy0"]
+    names += [n for n in ("sigma", "rolling") if len(config.settings[n]) > 1]
+    for name in names:
         settings = [case.setting(name) for case in cases]
         in_si = [setting.si for setting in settings if setting.si is not None]
         if in_si:
-            given[SI[name][0]] = [value / SI[name][1] for value in in_si]
+            si_name, size = SI[name]
+            values[si_name] = [value / size for value in in_si]
         elif settings[0].natural is not None:
-            given[name] = [setting.natural for setting in settings]
-    grid = config.bodies.varying if isinstance(config.bodies, GridSource) else {}
-    axes = {
-        name: Axis(name, *np.unique(np.asarray(values, float), return_inverse=True))
-        for name, values in (given | grid).items()
-    }
+            values[name] = [setting.natural for setting in settings]
+    grid: dict[str, Any] = {}
+    if isinstance(config.bodies, GridSource):
+        grid = config.bodies.varying
+    axes = {}
+    for name, numbers in (values | grid).items():
+        distinct, rank = np.unique(np.asarray(numbers, float), return_inverse=True)
+        axes[name] = Axis(name, distinct, rank)
     return Layout(stored, axes, list(grid))
 
 
 def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
-    """Fill the points that are not `known`: numbers linearly, others from the nearest
-    run.
-    """
+    """Fill unknown points: numbers linearly, others from the nearest run."""
     from scipy.interpolate import LinearNDInterpolator
     from scipy.spatial import QhullError
 
@@ -296,95 +293,26 @@ def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
     filled: NDArray[Any] = values[tuple(nearest(known, along))]
     if not np.issubdtype(values.dtype, np.floating):
         return filled
-    others = (1 if own else n for own, n in zip(along, values.shape, strict=True))
-    for place in np.ndindex(*others):
-        here = tuple(
-            slice(None) if own else k for own, k in zip(along, place, strict=True)
+    # Along short axes, such as a few spins, nothing is interpolated.
+    short = [1 if long else n for long, n in zip(along, values.shape, strict=True)]
+    for place in np.ndindex(*short):
+        plane = tuple(
+            slice(None) if long else k for long, k in zip(along, place, strict=True)
         )
-        new, wanted = filled[here], ~known[here] & np.isfinite(filled[here])
-        source = known[here] & np.isfinite(values[here])
+        numbers = filled[plane]  # a view
+        missing = ~known[plane] & np.isfinite(numbers)
+        source = known[plane] & np.isfinite(values[plane])
         with suppress(QhullError, ValueError):  # too few runs, or all on a line
             interpolate = LinearNDInterpolator(
-                np.argwhere(source), values[here][source]
+                np.argwhere(source), values[plane][source]
             )
-            between = interpolate(np.argwhere(wanted))
-            new[wanted] = np.where(np.isfinite(between), between, new[wanted])
+            between = interpolate(np.argwhere(missing))
+            numbers[missing] = np.where(np.isfinite(between), between, numbers[missing])
     return filled
 
 
-def make_dataset(
-    layout: Layout, columns: Sequence[str] | None = None, *, fill_refined: bool = False
-) -> xarray.Dataset:
-    """Return the runs along the axes of their sweep, as ``Sweep.to_xarray``
-    promises.
-    """
-    schema = layout.stored.schema
-    single = [column.name for column in schema if not pa.types.is_list(column.type)]
-    for name in columns or ():
-        if name not in single:
-            raise ConfigError(f"columns: {not_one_of(name, single)}")
-    coordinates = {"case", "sample", *layout.axes} - set(TARGETS)
-    names = [
-        name
-        for name in (single if columns is None else columns)
-        if name not in coordinates
-    ]
-    wanted = pa.schema([schema.field(name) for name in ("case", "sample", *names)])
-    batches = [
-        pa.table(rows.select(wanted.names)) for rows in layout.rows(wanted.names)
-    ]
-    table = pa.concat_tables([wanted.remove_metadata().empty_table(), *batches])
-    axes: dict[str, Any] = {name: axis.values for name, axis in layout.axes.items()}
-    place = layout.cells(table)
-    shown = place >= 0
-    if not layout.bodies:
-        axes["sample"] = np.arange(layout.stored.samples)
-        place = place * layout.stored.samples + table["sample"].to_numpy()
-    index = pd.MultiIndex.from_product([*axes.values()], names=[*axes])
-    frame = (
-        table.select(names)
-        .to_pandas()[shown]
-        .set_index(index[place[shown]])
-        .reindex(index)
-    )
-    # The axis of a target holds the requested values, the column those of the bodies.
-    frame = frame.rename(columns={name: f"{name}_body" for name in axes})
-    try:
-        dataset: xarray.Dataset = frame.to_xarray()
-    except ImportError:
-        raise OutputError(
-            "to_xarray needs xarray, which is not installed; run "
-            "pip install 'rattlesweep[xarray]'"
-        ) from None
-    done = np.isin(np.arange(len(index)), place[shown]).reshape(
-        [*dataset.sizes.values()]
-    )
-    for key, variable in dataset.items():
-        column = schema.field(str(key).removesuffix("_body"))
-        values = variable.to_numpy()
-        if pa.types.is_string(column.type):
-            values = variable.fillna("").to_numpy().astype(str)
-        elif not pa.types.is_integer(column.type):
-            values = values.astype(float)
-        if fill_refined and layout.refined:
-            values = fill(values, done)
-        dataset[key] = variable.dims, values, _about(column)
-    known = {column.name: _about(column) for part in RUNS.values() for column in part}
-    for name in axes:
-        degrees = {"units": "degree", "long_name": define(name).meaning}
-        dataset[name].attrs = known.get(name, degrees)
-    dataset.attrs = {
-        "title": layout.stored.config.name,
-        "source": f"rattlesweep {version('rattlesweep')}",
-        "comment": "units: mass M, height a of the centre of mass at rest, and "
-        "gravity g are 1",
-        "references": "Kondo and Nakanishi, Phys. Rev. E 95, 062207 (2017)",
-        "config_hash": layout.stored.hash,
-    }
-    return dataset
-
-
-def _about(column: pa.Field) -> dict[str, str]:
+def describe(column: pa.Field) -> dict[str, str]:
+    """Return unit and description of a column, as xarray calls them."""
     metadata = column.metadata
     return {
         "units": metadata[b"unit"].decode(),

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from ruamel.yaml import YAML
 
@@ -21,17 +22,14 @@ from rattlesweep.sweeps.status import status
 from rattlesweep.sweeps.summary import absent_columns, count_cases, summary_table
 
 DPI = 120
-MOST_SVG = (
-    400_000  # bytes; larger pictures become PNG, or a page of seven would exceed 5 MB
-)
+# Bytes; larger pictures become PNG, or a page of seven would exceed 5 MB.
+MOST_SVG = 400_000
 MOST_FITTING = 480.0  # points of width of a picture that is shrunk to a narrow screen
 MOST_SESSIONS = 200
 
 
 def render(template: str, **values: Any) -> bytes:
-    """Return a page; `values` holds the names that its template uses, among them
-    `title`.
-    """
+    """Return a page; `values` are what its template names, among them `title`."""
     loader = PackageLoader("rattlesweep.analysis", "templates")
     environment = Environment(
         loader=loader,
@@ -45,22 +43,23 @@ def render(template: str, **values: Any) -> bytes:
 
 
 def embedded(svg: bytes, png: bytes) -> Mapping[str, Any]:
-    """Return a picture as a data URL: the SVG, or the PNG if the SVG is too large; and
-    its class.
+    """Return a picture as a data URL, as PNG if its SVG is too large, and its class.
 
     A wide picture scrolls on a narrow screen, where its text would be too small to
     read.
     """
-    kind, data = ("svg+xml", svg) if len(svg) <= MOST_SVG else ("png", png)
+    kind = "svg+xml"
+    data = svg
+    if len(svg) > MOST_SVG:
+        kind = "png"
+        data = png
     url = f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
     width = re.search(rb'<svg[^>]* width="([\d.]+)pt"', svg)
     return {"url": url, "wide": width is not None and float(width[1]) > MOST_FITTING}
 
 
 def config_yaml(config: Mapping[str, Any]) -> str:
-    """Return a resolved config as YAML, with its innermost mappings and lists in one
-    line.
-    """
+    """Return a resolved config as YAML, with innermost mappings and lists in a line."""
     yaml: Any = YAML(typ="safe", pure=True)
     yaml.default_flow_style = None
     yaml.sort_base_mapping_type_on_output = False
@@ -71,23 +70,28 @@ def config_yaml(config: Mapping[str, Any]) -> str:
 
 
 def make_report(directory: Path, title: str | None = None) -> bytes:
-    """Return the report of a sweep, finished or still running, as a self-contained
-    page.
-    """
+    """Return the report of a sweep, finished or not, as a self-contained page."""
     layout = read_layout(directory)
-    stored, state, sessions = layout.stored, status(directory), read_sessions(directory)
+    stored = layout.stored
+    state = status(directory)
+    sessions = read_sessions(directory)
     rows = stored.read(["case", "sample", "status", "n_steps"]).to_pandas()
     counts = count_cases(stored)
     table = summary_table(stored.cases, counts)
-    absent = {"K_p", "K_r"}.difference(layout.axes) | absent_columns(table)
-    absent |= set() if "sensitive" in counts else {"t_r_mean_error"}
-    table = table.drop_columns([*absent & {*table.column_names}, "near_tangencies"])
+    hidden = {"K_p", "K_r"}.difference(layout.axes) | absent_columns(table)
+    hidden.add("near_tangencies")
+    if "sensitive" not in counts:
+        hidden.add("t_r_mean_error")
+    table = table.drop_columns([name for name in table.column_names if name in hidden])
     first = default_kind(layout)
-    curves = (
-        ("times", "ratio")
-        if first not in ("map", "reversals") and layout.several
-        else ()
-    )
+    kinds = [first]
+    if first not in ("map", "reversals") and layout.several:
+        kinds += ["times", "ratio"]
+    kinds.append("distribution")
+    thresholds = [
+        (key, value, stored.thresholds.thresholds[key])
+        for key, value in stored.config.classify.thresholds.items()
+    ]
     return render(
         "sweep.html.j2",
         title=title or stored.manifest["name"],
@@ -96,41 +100,35 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         state=state.data,
         counts=counts,
         steps=rows["n_steps"].sum(),
-        pictures=[
-            _shown(layout, kind)
-            for kind in dict.fromkeys((first, *curves, "distribution"))
-        ],
+        pictures=[_shown(layout, kind) for kind in dict.fromkeys(kinds)],
         case_head=table.column_names,
-        cases=[*zip(*table.to_pydict().values(), strict=True)],
-        failures=[
-            (
-                word,
-                len(own),
-                f"{100 * len(own) / len(rows):.3g} %",
-                f"case {own['case'].iloc[0]}, sample {own['sample'].iloc[0]}",
-            )
-            for word, own in rows[rows["status"] != "ok"].groupby("status")
-        ],
-        thresholds=[
-            (key, value, stored.thresholds.thresholds[key])
-            for key, value in stored.config.classify.thresholds.items()
-        ],
+        cases=list(zip(*table.to_pydict().values(), strict=True)),
+        failures=_failures(rows),
+        thresholds=thresholds,
         config=config_yaml(resolved(stored.config)),
-        seconds=sum(s.get("seconds") or 0.0 for s in sessions),
-        sessions=[
-            [
-                str(s.get("started"))[:19],
-                *map(s.get, ("how", "shard", "host", "threads", "runs", "seconds")),
-            ]
-            for s in sessions[-MOST_SESSIONS:]
-        ],
+        seconds=sum(session.get("seconds") or 0.0 for session in sessions),
+        sessions=[_session_cells(session) for session in sessions[-MOST_SESSIONS:]],
     )
 
 
+def _failures(rows: pd.DataFrame) -> list[tuple[str, int, str, str]]:
+    """Return for each status but ok its number of runs, their share, and the first."""
+    failures = []
+    for word, failed in rows[rows["status"] != "ok"].groupby("status"):
+        share = f"{100 * len(failed) / len(rows):.3g} %"
+        first = f"case {failed['case'].iloc[0]}, sample {failed['sample'].iloc[0]}"
+        failures.append((str(word), len(failed), share, first))
+    return failures
+
+
+def _session_cells(session: Mapping[str, Any]) -> list[Any]:
+    """Return the cells of a session in the table of sessions."""
+    names = ("how", "shard", "host", "threads", "runs", "seconds")
+    return [str(session.get("started"))[:19], *(session.get(name) for name in names)]
+
+
 def _shown(layout: Layout, kind: str) -> Mapping[str, Any]:
-    """Return a picture for the page, or the error if it has too many panels or no
-    runs.
-    """
+    """Return a picture for the page, or why there is none, such as too many panels."""
     try:
         with styled():
             picture = choose_picture(layout, kind)

@@ -6,7 +6,7 @@ estimators are those of Saltelli et al., Comput. Phys. Commun. 181, 259, 2010. S
 the same ones, but accepts only powers of two of groups.
 """
 
-from itertools import product, starmap
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -26,18 +26,19 @@ QUANTITIES = {"t_r": "$t_r$", "log10 t_r": r"$\log\,t_r$"} | {
 }
 FEWEST = 64  # groups that indices need
 MOST_MISSING = 0.05  # of the groups; with more, the rest no longer represent the ranges
-REPLICATES, SEED = 300, 20170427  # of the bootstrap
+# Of the bootstrap.
+REPLICATES = 300
+SEED = 20170427
 MOST_CASES = 6  # in a figure
 _INDICES = {"first": ("first order", style.BLUE), "total": ("total", style.ORANGE)}
 
 
 def sensitivity(directory: Path) -> dict[str, Any]:
-    """Compute the indices from the complete groups of runs on disk, as JSON can hold
-    them.
+    """Compute the indices of the complete groups of runs on disk.
 
     ``indices`` has a row for each ``case``, ``of`` (one of `QUANTITIES`) and
     ``parameter``, with 95 % intervals by bootstrap; ``notes`` says which quantities
-    have no indices, and why.
+    have no indices, and why.  The result can be written as JSON.
     """
     stored = open_stored(directory)
     bodies = stored.config.bodies
@@ -46,45 +47,40 @@ def sensitivity(directory: Path) -> dict[str, Any]:
             f"{directory}: indices need bodies that differ in one parameter; run the "
             "sweep with bodies.source: sd and bodies.draw: saltelli"
         )
-    rows, notes = list[dict[str, Any]](), list[str]()
     frame = stored.read(["case", "sample", "t_r", "type", "status"]).to_pandas()
     frame["group"], frame["place"] = np.divmod(frame["sample"], bodies.group)
-    frame["type"] = frame["type"].where(frame["status"] == "ok")
-    frame["t_r"] = frame["t_r"].where(frame["type"] == "R")
-    frame["log10 t_r"] = np.log10(frame["t_r"])
-    for name in TYPES:
-        frame[f"P({name})"] = (
-            (frame["type"] == name).astype(float).where(frame["type"].notna())
-        )
-    for (case, runs), of in product(frame.groupby("case"), QUANTITIES):
-        # One row for each group whose runs are all stored; usable if all of them have a
-        # value.
+    _add_quantities(frame)
+    rows: list[dict[str, Any]] = []
+    notes: list[str] = []
+    for (case, runs), quantity in product(frame.groupby("case"), QUANTITIES):
+        # One row for each group whose runs are all stored.
         size = runs.groupby("group")["group"].transform("size")
         groups = runs[size == bodies.group].pivot(
-            index="group", columns="place", values=of
+            index="group", columns="place", values=quantity
         )
-        whole = groups.dropna()
-        if len(whole) < max(FEWEST, (1 - MOST_MISSING) * len(groups)):
-            few = f"only {len(whole):,} of {len(groups):,} groups have a value in all runs"
+        # A group is usable if all of its runs have a value.
+        usable = groups.dropna()
+        if len(usable) < max(FEWEST, (1 - MOST_MISSING) * len(groups)):
             notes.append(
-                f"case {case}, {of}: no indices, as {few}, and these do not represent the "
-                "ranges"
+                f"case {case}, {quantity}: no indices, as only {len(usable):,} of "
+                f"{len(groups):,} groups have a value in all runs, and these do not "
+                "represent the ranges"
             )
-        elif np.ptp(whole[[0, 1]].to_numpy()) > 0:
-            head = {
-                "case": case,
-                "of": of,
-                "used": whole.size,
-                "left_out": groups.size - whole.size,
-            }
-            for name, index in zip(
-                bodies.drawn, indices(whole.to_numpy().T), strict=True
-            ):
-                rows.append(head | {"parameter": name} | index)
+        elif np.ptp(usable[[0, 1]].to_numpy()) > 0:
+            estimates = indices(usable.to_numpy().T)
+            for name, estimate in zip(bodies.drawn, estimates, strict=True):
+                row = {
+                    "case": case,
+                    "of": quantity,
+                    "used": usable.size,
+                    "left_out": groups.size - usable.size,
+                    "parameter": name,
+                }
+                rows.append(row | estimate)
     if not rows:
-        why = [*notes, "nothing varies"][0]
+        reason = notes[0] if notes else "nothing varies"
         raise OutputError(
-            f"{directory}: no quantity has indices; {why}; more runs are needed"
+            f"{directory}: no quantity has indices; {reason}; more runs are needed"
         )
     return {
         "cases": [case.dump() for case in stored.cases],
@@ -93,82 +89,105 @@ def sensitivity(directory: Path) -> dict[str, Any]:
     }
 
 
+def _add_quantities(frame: pd.DataFrame) -> None:
+    """Add a column for each of `QUANTITIES`, NaN where a run has no value."""
+    frame["type"] = frame["type"].where(frame["status"] == "ok")
+    frame["t_r"] = frame["t_r"].where(frame["type"] == "R")
+    frame["log10 t_r"] = np.log10(frame["t_r"])
+    for name in TYPES:
+        is_type = (frame["type"] == name).astype(float)
+        frame[f"P({name})"] = is_type.where(frame["type"].notna())
+
+
 def indices(f: Floats) -> list[dict[str, float]]:
-    """Return indices with intervals; rows of `f`: at A, at B, at A with one parameter
-    of B each.
+    """Return the indices of each parameter, with intervals.
+
+    The rows of `f` are the values at A, at B, and at A with one parameter of B each.
     """
 
     def estimate(f: Floats) -> Floats:
-        a, b, mixed = f[0], f[1], f[2:]
+        a = f[0]
+        b = f[1]
+        mixed = f[2:]
         variance = f[:2].var() or np.nan  # a resample may not vary
         first = ((b - f[:2].mean()) * (mixed - a)).mean(axis=1)
-        return np.array([first, 0.5 * ((a - mixed) ** 2).mean(axis=1)]) / variance
+        total = 0.5 * ((a - mixed) ** 2).mean(axis=1)
+        return np.array([first, total]) / variance
 
-    random, n = np.random.default_rng(SEED), f.shape[1]
-    again = [estimate(f[:, random.integers(0, n, n)]) for _ in range(REPLICATES)]
-    low, high = np.nanquantile(again, (0.025, 0.975), axis=0)
-    parts = {"": estimate(f), "_low": low, "_high": high}
-    return [
-        {
-            f"{name}{end}": float(part[k, j])
-            for k, name in enumerate(_INDICES)
-            for end, part in parts.items()
-        }
-        for j in range(len(f) - 2)
-    ]
+    random = np.random.default_rng(SEED)
+    n = f.shape[1]
+    resampled = [estimate(f[:, random.integers(0, n, n)]) for _ in range(REPLICATES)]
+    low, high = np.nanquantile(resampled, (0.025, 0.975), axis=0)
+    numbers = {"": estimate(f), "_low": low, "_high": high}
+    rows = []
+    for parameter in range(len(f) - 2):
+        row = {}
+        for k, name in enumerate(_INDICES):
+            for end, values in numbers.items():
+                row[f"{name}{end}"] = float(values[k, parameter])
+        rows.append(row)
+    return rows
 
 
-def as_text(found: dict[str, Any], most_cases: int) -> str:
+def as_text(result: dict[str, Any], most_cases: int) -> str:
     """Return a table of the indices with their intervals, for at most so many cases."""
-    cases, more = found["cases"], len(found["cases"]) - most_cases
-    rows = [
-        cases[row["case"]] | row for row in found["indices"] if row["case"] < most_cases
-    ]
-    lines = [style.text_table(rows, ".3g"), *found["notes"][:most_cases]]
-    return "\n".join(lines + [f"{more} more cases are in --json"] * (more > 0))
+    cases = result["cases"]
+    rows = []
+    for row in result["indices"]:
+        if row["case"] < most_cases:
+            rows.append(cases[row["case"]] | row)
+    lines = [style.text_table(rows, ".3g"), *result["notes"][:most_cases]]
+    if len(cases) > most_cases:
+        lines.append(f"{len(cases) - most_cases} more cases are in --json")
+    return "\n".join(lines)
 
 
-def save(found: dict[str, Any], path: Path) -> None:
+def save(result: dict[str, Any], path: Path) -> None:
     """Write a figure with a panel of bars for each case and quantity."""
-    frame = pd.DataFrame(found["indices"])
-    names = [of for of in QUANTITIES if of in set(frame["of"])]
+    frame = pd.DataFrame(result["indices"])
+    names = [name for name in QUANTITIES if name in set(frame["of"])]
     cases = frame["case"].unique()[:MOST_CASES]
+    width = max(4.0, 1.2 + 2.0 * len(names))
+    height = 1.2 + 1.9 * len(cases)
     with style.styled():
-        figure = style.new_figure(
-            max(4.0, 1.2 + 2.0 * len(names)), 1.2 + 1.9 * len(cases)
-        )
+        figure = style.new_figure(width, height)
         panels: Any = figure.subplots(
             len(cases), len(names), squeeze=False, sharex=True, sharey=True
         )
-        for (i, case), (j, of) in product(enumerate(cases), enumerate(names)):
-            axes, own = (
-                panels[i, j],
-                frame[(frame["case"] == case) & (frame["of"] == of)],
-            )
-            for k, (index, (_, colour)) in enumerate(_INDICES.items()):
-                value, low, high = (
-                    own[index + end].to_numpy() for end in ("", "_low", "_high")
-                )
-                at, ends = (
-                    np.arange(len(own)) + 0.38 * k - 0.19,
-                    [value - low, high - value],
-                )
-                axes.bar(at, value, 0.36, color=colour, yerr=np.maximum(ends, 0))
-            axes.set_xticks(range(len(own)), [*map(style.symbol, own["parameter"])])
-            varied = {k: v for k, v in found["cases"][case].items() if k != "case"}
-            axes.set_title(QUANTITIES[of] if i == 0 else "", fontsize="medium")
-            axes.set_ylabel(
-                "\n".join(starmap(style.value_text, varied.items())) if j == 0 else ""
-            )
+        for (i, case), (j, name) in product(enumerate(cases), enumerate(names)):
+            axes = panels[i, j]
+            of_panel = frame[(frame["case"] == case) & (frame["of"] == name)]
+            _draw_bars(axes, of_panel)
+            if i == 0:
+                axes.set_title(QUANTITIES[name], fontsize="medium")
+            if j == 0:
+                varied = {k: v for k, v in result["cases"][case].items() if k != "case"}
+                lines = [style.value_text(k, v) for k, v in varied.items()]
+                axes.set_ylabel("\n".join(lines))
             style.light_grid(axes)
+        # The axes are shared; intervals of few groups may be very long.
         low, high = panels[0, 0].get_ylim()
         panels[0, 0].set_ylim(max(low, -0.2), min(high, 1.4))
-        style.add_legend(
-            figure, [Patch(color=c, label=words) for words, c in _INDICES.values()]
-        )
+        handles = [
+            Patch(color=colour, label=name) for name, colour in _INDICES.values()
+        ]
+        style.add_legend(figure, handles)
         style.add_caption(
             figure,
             "Sobol' indices with 95 % intervals; a panel is empty where the "
             "value does not vary or too few groups of runs have one.",
         )
         style.save(figure, [path])
+
+
+def _draw_bars(axes: Any, rows: pd.DataFrame) -> None:
+    """Draw the first-order and the total index of each parameter side by side."""
+    for k, (index, (_, colour)) in enumerate(_INDICES.items()):
+        value = rows[index].to_numpy()
+        below = value - rows[f"{index}_low"].to_numpy()
+        above = rows[f"{index}_high"].to_numpy() - value
+        place = np.arange(len(rows)) + 0.38 * k - 0.19
+        errors = np.maximum([below, above], 0)
+        axes.bar(place, value, 0.36, color=colour, yerr=errors)
+    symbols = [style.symbol(name) for name in rows["parameter"]]
+    axes.set_xticks(range(len(rows)), symbols)

@@ -1,10 +1,7 @@
-"""The look of every picture: colours, marks, symbols, units, legends, and the files
-written.
-"""
+"""The look of every picture: colours, marks, labels, legends, and files."""
 
 import io
 import math
-import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -21,14 +18,25 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from rattlesweep.arrays import Floats, Places
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.sweeps.columns import MEASURED, RUNS
+from rattlesweep.sweeps.columns import define
 from rattlesweep.sweeps.files import replace_file
 
 # The palette of Okabe and Ito, which colour-blind readers can tell apart.
-BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"
-PURPLE, ORANGE, SKY = "#CC79A7", "#E69F00", "#56B4E9"
-BLACK, INK, GREY, SILVER, FAINT = "#000000", "#222222", "#555555", "#A6A6A6", "#e4e4e4"
-FAILED, MISSING, NO_REVERSAL = BLACK, "#FFFFFF", "#F3D9D2"
+BLUE = "#0072B2"
+VERMILION = "#D55E00"
+GREEN = "#009E73"
+PURPLE = "#CC79A7"
+ORANGE = "#E69F00"
+SKY = "#56B4E9"
+BLACK = "#000000"
+INK = "#222222"
+GREY = "#555555"
+SILVER = "#A6A6A6"
+FAINT = "#e4e4e4"
+# Cells of a map without a type or a value.
+FAILED = BLACK
+MISSING = "#FFFFFF"
+NO_REVERSAL = "#F3D9D2"
 
 
 class Mark(NamedTuple):
@@ -70,22 +78,6 @@ UNITS = {
     "M g": r"$M\,g$",
     "M a^2 sqrt(g/a)": r"$M\,a^2 \sqrt{g/a}$",
 }
-# Symbols of columns whose names are not a letter and an index.
-SYMBOLS = {
-    "phi": r"$\varphi$",
-    "minus_xi_deg": r"$-\xi$",
-    "rolling": "$l$",
-    "t_rgh": "$t_{rGH}$",
-    "ratio": r"$t_r/t_{rGH}$",
-    "t": "time",
-    "n": "spin $n$",
-    "n_turns": "number of turns",
-    "reversals_sure": "number of confirmed turns",
-}
-# Ends of names that are units.
-SUFFIXES = {"_rpm": "rpm", "_N_m_s": "N m s", "_s": "s", "_m": "m", "_deg": "deg"}
-LETTERS = r"(alpha|beta|gamma|theta|xi|sigma|omega|[A-Za-z])(?:_(\w{1,3}))?"
-
 RC: dict[str, Any] = {
     "font.size": 9,
     "axes.linewidth": 0.6,
@@ -108,13 +100,12 @@ FORMATS = {
 }
 
 DPI = 150.0
-ROUNDING = (
-    1e-9  # steps below this part of a curve's range are not counted as oscillations
-)
+# Steps below this part of a curve's range are not counted as oscillations.
+ROUNDING = 1e-9
 BINS = 1000  # stretches of a curve, each about a pixel wide
-MOST_PERIODS = (
-    150  # a curve of more oscillations would be a slab of ink: its envelope is drawn
-)
+# A curve of more oscillations would be solid ink, so the envelope is drawn.
+MOST_PERIODS = 150
+CAPTION_SIZE = 7.0  # points
 
 
 @contextmanager
@@ -138,18 +129,14 @@ def styled(style: Path | None = None) -> Iterator[None]:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return a figure of a size in inches; without pyplot there is no window or global
-    state.
-    """
+    """Return a figure of a size in inches, which has no window or global state."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def add_legend(figure: Any, handles: list[Any], heading: Sequence[str] = ()) -> None:
-    """Put heading lines and a legend above all panels, in as few rows as the width
-    allows.
-    """
+    """Put a heading and a legend above all panels, in as few rows as fit."""
     count = max(1, len(handles))
     for rows in range(1, count + 1):
         legend = figure.legend(
@@ -166,16 +153,15 @@ def add_legend(figure: Any, handles: list[Any], heading: Sequence[str] = ()) -> 
 
 
 def add_caption(figure: Figure, words: str, *, grow: bool = True) -> None:
-    """Write sentences below all panels; with `grow`, enlarge the figure by their
-    height.
-    """
-    size = 7.0
-    lines = textwrap.wrap(
-        words.replace("$", "\\$"), int(1.75 * 72 * figure.get_figwidth() / size)
+    """Write sentences below all panels; with `grow`, the figure gets higher by them."""
+    letters = int(1.75 * 72 * figure.get_figwidth() / CAPTION_SIZE)
+    lines = textwrap.wrap(words.replace("$", "\\$"), letters)
+    figure.supxlabel(
+        "\n".join(lines), fontsize=CAPTION_SIZE, color=GREY, multialignment="left"
     )
-    figure.supxlabel("\n".join(lines), fontsize=size, color=GREY, multialignment="left")
     if grow:
-        figure.set_figheight(figure.get_figheight() + 0.02 * size * len(lines))
+        height = figure.get_figheight() + 0.02 * CAPTION_SIZE * len(lines)
+        figure.set_figheight(height)
 
 
 def light_grid(axes: Any) -> None:
@@ -192,26 +178,27 @@ def entry(words: str, **look: Any) -> Line2D:
 def scale_axis(
     axes: Any, which: str, values: Any, log: bool, name: str = "t_r"
 ) -> None:
-    """Make an axis logarithmic if `log`; `name` is that of its values in the error
-    message.
-    """
-    if log:
-        if np.min(values) <= 0:
-            raise ConfigError(
-                f"--log: {name} has values that are not positive; leave it out"
-            )
-        getattr(axes, f"set_{which}scale")("log")
-        plain_ticks(axes, which, float(np.min(values)), float(np.max(values)))
+    """Make an axis logarithmic if `log`; messages call its values `name`."""
+    if not log:
+        return
+    low = float(np.min(values))
+    if low <= 0:
+        raise ConfigError(
+            f"--log: {name} has values that are not positive; leave it out"
+        )
+    if which == "x":
+        axes.set_xscale("log")
+    else:
+        axes.set_yscale("log")
+    plain_ticks(axes, which, low, float(np.max(values)))
 
 
 class PlainTicks(LogLocator):
-    """Ticks at 1, 2, 5 or other multiples of the powers of ten, as there is room
-    for.
-    """
+    """Ticks at multiples of the powers of ten, as many as there is room for."""
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
         """Return the ticks between two ends."""
-        axis: Any = self.axis
+        axis: Any = self.axis  # set by Matplotlib
         for subs in ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)):
             self.set_params(subs=subs)
             ticks = np.asarray(super().tick_values(vmin, vmax))
@@ -223,26 +210,25 @@ class PlainTicks(LogLocator):
 
 
 def plain_ticks(axes: Any, which: str, low: float, high: float) -> None:
-    """Label a logarithmic axis from `low` to `high` with plain numbers instead of
-    powers.
-    """
-    axis = getattr(axes, f"{which}axis")
-    axis.set_major_locator(PlainTicks() if high > 4 * low else MaxNLocator(4))
+    """Label a logarithmic axis with plain numbers instead of powers of ten."""
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    if high > 4 * low:
+        axis.set_major_locator(PlainTicks())
+    else:
+        axis.set_major_locator(MaxNLocator(4))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
 def thin(values: Floats, bins: int) -> Places:
-    """Return the indices of both ends and of the extremes in each of `bins`
-    stretches.
-    """
+    """Return the places of both ends and of the extremes of `bins` stretches."""
     places = np.arange(len(values))
     if len(values) <= 2 * bins:
         return places
-    extremes = [
-        part[[values[part].argmin(), values[part].argmax()]]
-        for part in np.array_split(places, bins)
-    ]
+    extremes = []
+    for stretch in np.array_split(places, bins):
+        extremes.append(stretch[values[stretch].argmin()])
+        extremes.append(stretch[values[stretch].argmax()])
     return np.union1d(extremes, places[[0, -1]])
 
 
@@ -258,29 +244,29 @@ def curve(
         places = thin(values, BINS)
         axis.plot(t[places], values[places], **look)
         return
-    starts = np.linspace(0, len(t), int(min(BINS, periods / 1.5)) + 1).astype(np.int64)[
-        :-1
-    ]
-    low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
-    middle = t[(starts + np.append(starts[1:], len(t)) - 1) // 2]
-    middle[0], middle[-1] = t[0], t[-1]
+    # The lowest and the highest value in stretches of more than one oscillation.
+    stretches = int(min(BINS, periods / 1.5))
+    borders = np.linspace(0, len(t), stretches + 1).astype(np.int64)
+    starts = borders[:-1]
+    low = np.minimum.reduceat(values, starts)
+    high = np.maximum.reduceat(values, starts)
+    middle = t[(starts + borders[1:] - 1) // 2]
+    middle[0] = t[0]
+    middle[-1] = t[-1]
     axis.fill_between(middle, low, high, color=colour, alpha=0.25, linewidth=0)
-    for edge in (low, high):
-        axis.plot(middle, edge, **look)
-        look.pop("label", None)
+    axis.plot(middle, low, **look)
+    look.pop("label", None)  # one entry in the legend is enough
+    axis.plot(middle, high, **look)
 
 
 def encode(figure: Figure, kind: str, dpi: float = DPI) -> bytes:
-    """Return the bytes of a figure in one of `FORMATS`; equal figures give equal
-    bytes.
-    """
+    """Return a figure in one of `FORMATS`; equal figures give equal bytes."""
     buffer = io.BytesIO()
     try:
         figure.savefig(buffer, format=kind, dpi=dpi, metadata=FORMATS[kind])
     except ValueError as error:  # an invalid formula in a title
-        raise ConfigError(
-            f"a text in the picture: {' '.join(str(error).split())}"
-        ) from None
+        reason = " ".join(str(error).split())
+        raise ConfigError(f"a text in the picture: {reason}") from None
     return buffer.getvalue()
 
 
@@ -297,10 +283,11 @@ def save(figure: Figure, paths: Sequence[Path], dpi: float = DPI) -> None:
 
 def save_table(rows: pd.DataFrame, path: Path) -> None:
     """Write a table atomically, as CSV or Parquet by the ending."""
-    csv = path.suffix.lower() == ".csv"
-    replace_file(
-        path, rows.to_csv(index=False).encode() if csv else rows.to_parquet(index=False)
-    )
+    if path.suffix.lower() == ".csv":
+        content = rows.to_csv(index=False).encode()
+    else:
+        content = rows.to_parquet(index=False)
+    replace_file(path, content)
 
 
 def text_table(rows: Sequence[Mapping[Any, Any]], form: str = ".6g") -> str:
@@ -310,46 +297,29 @@ def text_table(rows: Sequence[Mapping[Any, Any]], form: str = ".6g") -> str:
     return frame.to_string(index=False, float_format=lambda x: f"{x:{form}}")
 
 
-def symbol(name: str) -> str:
-    """Return the symbol of a quantity; ``omega_p`` is a letter with an index."""
-    name = name if name in SYMBOLS else _split(name)[0]
-    if name in SYMBOLS or not (found := re.fullmatch(LETTERS, name)):
-        return SYMBOLS.get(name, name)
-    letter = f"\\{found[1]}" if len(found[1]) > 1 else found[1]
-    return f"${letter}_{{{found[2]}}}$" if found[2] else f"${letter}$"
-
-
 def label(name: str, unit: str | None = None) -> str:
-    """Return the symbol of a quantity and its unit in brackets, by default that of its
-    column.
-    """
+    """Return the symbol of a quantity with its unit, by default that of its column."""
+    definition = define(name)
     if unit is None:
-        known = {
-            column.name: column
-            for part in (*RUNS.values(), MEASURED)
-            for column in part
-        }
-        unit = (
-            known[name].metadata[b"unit"].decode() if name in known else _split(name)[1]
-        )
-    shown = UNITS.get(unit, unit)
-    return f"{symbol(name)} ({shown})" if shown else symbol(name)
+        unit = definition.unit
+    formula = UNITS.get(unit, unit)
+    if not formula:
+        return definition.symbol
+    # A column of the user's may be called after its unit, as in shape_length_m.
+    symbol = definition.symbol.removesuffix(f"_{unit}")
+    return f"{symbol} ({formula})"
 
 
 def value_text(name: str, value: float) -> str:
     """Return a text such as ``n_i = -0.1`` or ``n_i = -60 rpm``."""
-    return f"{symbol(name)} = {value:.4g} {_split(name)[1]}".removesuffix(" 1").replace(
-        "-", "−"
-    )
+    definition = define(name)
+    text = f"{definition.symbol} = {value:.4g}".replace("-", "−")
+    # The units of the body are left out.
+    if definition.unit in UNITS and definition.unit != "deg":
+        return text
+    return f"{text} {definition.unit}"
 
 
-def _split(name: str) -> tuple[str, str]:
-    """Return a name without the unit at its end, and this unit, "1" if there is
-    none.
-    """
-    found = (
-        (name.removesuffix(end), unit)
-        for end, unit in SUFFIXES.items()
-        if name.endswith(end)
-    )
-    return next(found, (name, "1"))
+def symbol(name: str) -> str:
+    """Return the symbol of a quantity or column."""
+    return define(name).symbol

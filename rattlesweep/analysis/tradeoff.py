@@ -49,12 +49,8 @@ AGREE = 1e-8  # relative difference up to which the references agree on a revers
 # The same for the last spin of a run without a reversal.  A tumbling body amplifies
 # rounding errors, and double precision cannot decide whether it will reverse one day.
 AGREE_N = 1e-6
-WANTED = (
-    1e-3,
-    1e-6,
-    1e-9,
-    1e-12,
-)  # errors of t_r for which the cheapest setting is named
+# Errors of t_r for which the cheapest setting is named.
+WANTED = (1e-3, 1e-6, 1e-9, 1e-12)
 ROUNDS = 3  # measurements of each cost
 HORIZON = 1000.0  # end of the runs whose cost is measured, in sqrt(a/g)
 SHORT = 0.2  # the cost of fixed steps below this is measured on shorter runs
@@ -74,8 +70,9 @@ class Setting(NamedTuple):
     @property
     def name(self) -> str:
         """The method and its setting; the model if it is not the full one."""
-        full = f"{self.method} {self.setting} {self.value:g}"
-        return full if self.model == "full" else self.model
+        if self.model == "full":
+            return f"{self.method} {self.setting} {self.value:g}"
+        return self.model
 
 
 def _settings(method: str, name: str, *values: float) -> list[Setting]:
@@ -105,9 +102,7 @@ FULL = [
 def draw_runs(
     config: Config, base: Path | None, samples: int | None, least: int
 ) -> tuple[Config, Launches]:
-    """Draw `samples` runs of each case, or at least `least` in all; skip those without
-    an end.
-    """
+    """Draw `samples` runs of each case that have an end, or at least `least` in all."""
     data: dict[str, Any] = resolved(config) | {"record": [], "model": "full"}
     config = parse_config(data, ["integrator={method: dop853}"])
     plan = make_plan(config, base)
@@ -129,26 +124,29 @@ def solve(
     threads: int = 1,
     horizon: float = math.inf,
 ) -> pd.DataFrame:
-    """Integrate runs up to `horizon` at most; return `RESULTS`, ``t_r`` NaN without a
-    reversal.
+    """Integrate runs up to `horizon` at most, and return the columns of `RESULTS`.
+
+    ``t_r`` is NaN without a reversal.
     """
-    model, method, name, value = setting
-    batch = make_batch(runs, model)
+    batch = make_batch(runs, setting.model)
+    keys: dict[str, str | float] = {}
     if batch is not None:
         batch = replace(batch, t_end=np.minimum(batch.t_end, horizon))
-    given = {} if batch is None else {"method": method, name: value}
-    integrator = type(config.integrator).model_validate(given)
-    own = config.model_copy(update={"model": model, "integrator": integrator})
+        keys = {"method": setting.method, setting.setting: setting.value}
+    integrator = type(config.integrator).model_validate(keys)
+    changed = config.model_copy(
+        update={"model": setting.model, "integrator": integrator}
+    )
     # Only the main thread receives Ctrl-C, so the work is done by another.
-    work = Task(lambda control: compute(own, RESULTS, (runs, batch), threads, control))
-    found: pd.DataFrame = work.wait().to_pandas()
-    return found.assign(t_r=found["t_r"].where(found["status"] == "ok"))
+    work = Task(
+        lambda control: compute(changed, RESULTS, (runs, batch), threads, control)
+    )
+    results: pd.DataFrame = work.wait().to_pandas()
+    return results.assign(t_r=results["t_r"].where(results["status"] == "ok"))
 
 
 class Study(NamedTuple):
-    """The measurements: one row for each setting, and the facts about runs and
-    machine.
-    """
+    """The measurements: a row for each setting, and facts about runs and machine."""
 
     rows: pd.DataFrame
     facts: dict[str, Any]
@@ -164,17 +162,18 @@ def measure(
     threads: int = 1,
     report: Callable[[str], None] = lambda text: None,
 ) -> Study:
-    """Measure settings on the runs of :func:`draw_runs`; `threads` applies to the
-    errors only.
+    """Measure settings on the runs of :func:`draw_runs`.
+
+    `threads` applies to the errors only; costs are measured on one thread.
     """
     config, runs = draw_runs(config, base, samples, least)
     calls = [partial(_units, config, runs, setting) for setting in settings]
     report("kernels, compiled if they are not in the cache")
     # One call for each kernel, so that no two compile the same one.
-    kernels = {
-        (s.model, s.method): call for s, call in zip(settings, calls, strict=True)
-    }
-    side_by_side([*kernels.values()], available_threads())
+    kernels = {}
+    for setting, call in zip(settings, calls, strict=True):
+        kernels[setting.model, setting.method] = call
+    side_by_side(list(kernels.values()), available_threads())
     report("references")
     reference = make_reference(config, runs, threads)
     if not reference["both"].any():
@@ -192,23 +191,26 @@ def measure(
     rows = []
     for setting in settings:
         report(f"errors of {setting.name}")
-        stride = max(1, round(FEWER / setting.value)) if setting.setting == "dt" else 1
+        stride = 1
+        if setting.setting == "dt":
+            stride = max(1, round(FEWER / setting.value))
         index = np.arange(0, len(reference), stride)
-        own = reference.iloc[index].reset_index(drop=True)
-        found = solve(config, setting, take(runs, index), threads)
+        exact = reference.iloc[index].reset_index(drop=True)
+        results = solve(config, setting, take(runs, index), threads)
         rows.append(
             {
                 "name": setting.name,
                 **setting._asdict(),
                 "us_per_unit": cost[setting],
                 "speedup": cost.get(PAPER, math.nan) / cost[setting],
-                "runs": len(own),
-                "reversing": int(own["both"].sum()),
-                **errors(found, own),
+                "runs": len(exact),
+                "reversing": int(exact["both"].sum()),
+                **errors(results, exact),
             }
         )
     apart = reference["apart"].dropna()
-    table, here = pd.DataFrame(rows), machine()
+    table = pd.DataFrame(rows)
+    here = machine()
     facts = {
         "config": config.name,
         "rattlesweep": version("rattlesweep"),
@@ -228,62 +230,65 @@ def _units(
     config: Config, runs: Launches, setting: Setting, _: Control | None = None
 ) -> float:
     """Integrate runs on one thread, and return the sum of their durations."""
-    # Equal steps cost the same at any time, so shorter runs measure as well.
-    part = setting.value / SHORT if setting.setting == "dt" else 1.0
-    found = solve(config, setting, runs, horizon=part * HORIZON)
-    return float(found["t_end"].clip(upper=HORIZON).sum())
+    horizon = HORIZON
+    if setting.setting == "dt":
+        # Equal steps cost the same at any time, so shorter runs measure as well.
+        horizon *= setting.value / SHORT
+    results = solve(config, setting, runs, horizon=horizon)
+    return float(results["t_end"].clip(upper=HORIZON).sum())
 
 
 def make_reference(config: Config, runs: Launches, threads: int = 1) -> pd.DataFrame:
-    """Return the columns of one reference, and where ``both`` or ``neither`` reference
-    reverses.
-    """
-    one, other = (solve(config, setting, runs, threads) for setting in REFERENCES)
-    apart = (one["t_r"] / other["t_r"] - 1).abs()
-    none = one["t_r"].isna() & other["t_r"].isna() & (one["type"] == other["type"])
-    none &= (one["n_end"] - other["n_end"]).abs() <= AGREE_N * np.abs(runs.n_i)
-    return one.assign(apart=apart, both=apart < AGREE, neither=none)
+    """Return the columns of a reference, and where both or neither of two reverse."""
+    first, second = (solve(config, setting, runs, threads) for setting in REFERENCES)
+    apart = (first["t_r"] / second["t_r"] - 1).abs()
+    neither = first["t_r"].isna() & second["t_r"].isna()
+    neither &= first["type"] == second["type"]
+    last_apart = (first["n_end"] - second["n_end"]).abs()
+    neither &= last_apart <= AGREE_N * np.abs(runs.n_i)
+    return first.assign(apart=apart, both=apart < AGREE, neither=neither)
 
 
-def errors(found: pd.DataFrame, reference: pd.DataFrame) -> dict[str, Any]:
+def errors(results: pd.DataFrame, reference: pd.DataFrame) -> dict[str, Any]:
     """Return the errors of runs as numbers; a missed reversal is an infinite error."""
-    both, neither, ok = reference["both"], reference["neither"], found["status"] == "ok"
-    error = (found["t_r"] / reference["t_r"] - 1).abs().fillna(np.inf)[both]
+    both = reference["both"]
+    neither = reference["neither"]
+    ok = results["status"] == "ok"
+    error = (results["t_r"] / reference["t_r"] - 1).abs().fillna(np.inf)[both]
     known = both | neither
     return {
         # Do not interpolate: one end may be infinite.
         "error_median": error.quantile(0.5, interpolation="higher"),
         "error_p99": error.quantile(0.99, interpolation="higher"),
         "share_above_1e_6": (error > 1e-6).mean(),
-        "missed": int((found["t_r"].isna() & both & ok).sum()),
-        "false": int((found["t_r"].notna() & neither).sum()),
-        "type_flips": (found["type"] != reference["type"])[known].mean(),
-        "energy_drift_median": found["energy_drift"].where(ok).abs().median(),
+        "missed": int((results["t_r"].isna() & both & ok).sum()),
+        "false": int((results["t_r"].notna() & neither).sum()),
+        "type_flips": (results["type"] != reference["type"])[known].mean(),
+        "energy_drift_median": results["energy_drift"].where(ok).abs().median(),
         "failed": int((~ok).sum()),
     }
 
 
 def cheapest(rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the cheapest setting for each error in `WANTED`, of the median and of 99
-    %.
-    """
-    found: list[dict[str, Any]] = []
+    """Return the cheapest setting for each error in `WANTED`, as median and of 99 %."""
+    table = []
     for error in WANTED:
-        found.append({"error": error})
-        for word in ("median", "p99"):
-            good = rows[rows[f"error_{word}"] <= error].nsmallest(1, "us_per_unit")
-            best = [*zip(good["name"], good["us_per_unit"], strict=True), (None, None)][
-                0
-            ]
-            found[-1] |= zip((word, f"{word}_us_per_unit"), best, strict=True)
-    return found
+        row: dict[str, Any] = {"error": error}
+        for statistic in ("median", "p99"):
+            row[statistic] = None
+            row[f"{statistic}_us_per_unit"] = None
+            good = rows[rows[f"error_{statistic}"] <= error]
+            for best in good.nsmallest(1, "us_per_unit").itertuples():
+                row[statistic] = best.name
+                row[f"{statistic}_us_per_unit"] = best.us_per_unit
+        table.append(row)
+    return table
 
 
 def as_text(study: Study) -> str:
     """Return the measurements as text."""
-    shown = study.rows.drop(
-        columns=["model", "method", "setting", "value", "reversing"]
-    )
+    hidden = ["model", "method", "setting", "value", "reversing"]
+    rows = study.rows.drop(columns=hidden).to_dict("records")
     return "\n".join(
         [
             "{machine}, rattlesweep {rattlesweep}\n"
@@ -294,7 +299,7 @@ def as_text(study: Study) -> str:
             "costs on one thread, of runs cut at t = {horizon:g}\n".format(
                 horizon=HORIZON, **study.facts
             ),
-            style.text_table(shown.to_dict("records"), ".3g"),
+            style.text_table(rows, ".3g"),
             "\ncheapest setting by the error of t_r",
             style.text_table(study.facts["cheapest"], ".3g"),
         ]
@@ -308,13 +313,10 @@ def as_data(study: Study) -> dict[str, Any]:
 
 
 def save(study: Study, directory: Path) -> list[Path]:
-    """Write ``tradeoff.parquet``, ``.svg`` and ``.png`` atomically; return their
-    paths.
-    """
+    """Write ``tradeoff.parquet``, ``.svg`` and ``.png``, and return their paths."""
     probe_directory(directory)
-    table, *pictures = (
-        directory / f"tradeoff.{kind}" for kind in ("parquet", "svg", "png")
-    )
+    table = directory / "tradeoff.parquet"
+    pictures = [directory / f"tradeoff.{kind}" for kind in ("svg", "png")]
     style.save_table(study.rows, table)
     with style.styled():
         figure = draw(study.rows)
@@ -333,36 +335,47 @@ def save(study: Study, directory: Path) -> list[Path]:
 def draw(rows: pd.DataFrame) -> Figure:
     """Draw the cost against the median error, with a line to its 99th percentile."""
     figure = style.new_figure(8.4, 5.6)
-    axes, looks = figure.subplots(), iter(style.SERIES)
-    known = rows[rows["error_median"].between(0, math.inf, "neither")].sort_values(
-        "us_per_unit"
-    )
+    axes = figure.subplots()
+    looks = iter(style.SERIES)
+    known = rows[rows["error_median"].between(0, math.inf, "neither")]
+    known = known.sort_values("us_per_unit")
     series = known["method"].where(known["model"] == "full", known["model"])
-    for name, own in known.groupby(series, sort=False):
-        curve = bool((own["model"] == "full").all())
-        colour, marker = next(looks) if curve else (style.GREY, "o")
+    for name, points in known.groupby(series, sort=False):
+        # The other models are single points.
+        is_curve = bool((points["model"] == "full").all())
+        colour = style.GREY
+        marker = "o"
+        if is_curve:
+            colour, marker = next(looks)
         axes.plot(
-            own["error_median"],
-            own["us_per_unit"],
+            points["error_median"],
+            points["us_per_unit"],
             color=colour,
             marker=marker,
             zorder=3,
-            label=name if curve else None,
+            label=name if is_curve else None,
         )
-        far = own["error_p99"].replace(np.inf, np.nan)
+        far = points["error_p99"].replace(np.inf, np.nan)
         axes.hlines(
-            own["us_per_unit"], own["error_median"], far, color=colour, alpha=0.35
+            points["us_per_unit"], points["error_median"], far, color=colour, alpha=0.35
         )
         # The curves of orders 8 and 9 nearly coincide, so their labels are on different
         # sides.
-        place, side = ((-5, -12), "right") if name == "verner98" else ((5, 5), "left")
-        for row in own.itertuples():
-            value = f"{row.value:g}".replace("e-0", "e-")
-            words = f"{'' if row.setting == 'tol' else 'dt '}{value}" if curve else name
+        shift = (5, 5)
+        side = "left"
+        if name == "verner98":
+            shift = (-5, -12)
+            side = "right"
+        for row in points.itertuples():
+            text = f"{row.value:g}".replace("e-0", "e-")
+            if not is_curve:
+                text = str(name)
+            elif row.setting == "dt":
+                text = f"dt {text}"
             axes.annotate(
-                words,
+                text,
                 (row.error_median, row.us_per_unit),
-                place,
+                shift,
                 color=colour,
                 ha=side,
                 textcoords="offset points",

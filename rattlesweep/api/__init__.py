@@ -76,12 +76,14 @@ def modes(body: Bodies) -> Modes:
     >>> rs.modes([gh, gh.mirrored()]).K_r.round(4)
     array([ 0.0968, -0.0968])
     """
-    return Modes(
-        **{name: _plain(x) for name, x in vars(_modes(_columns(body))).items()}
-    )
+    both: dict[str, Any] = vars(_modes(_columns(body)))
+    plain: dict[str, Any] = {name: _plain(values) for name, values in both.items()}
+    return Modes(**plain)
 
 
-def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:
+def reversal_time_gh(
+    body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike
+) -> Floats | float:
     """Return Garcia and Hubbard's time of reversal (Eqs. 56 and 58), in ``sqrt(a/g)``.
 
     `body` is as for ``modes``.  The sign of the initial spin ``n_i``, which must not be
@@ -94,24 +96,27 @@ def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:
     array([[108.2, 833.5],
            [ 22.8, 343.4]])
     """
-    parts = _columns(body, n_i=n_i, omega_xy0=omega_xy0)
-    if not parts["n_i"].all():
+    columns = _columns(body, n_i=n_i, omega_xy0=omega_xy0)
+    spin = columns["n_i"]
+    if not spin.all():
         raise ConfigError("n_i: a launch without spin, n_i = 0, has no reversal time")
-    bodies, found = SimpleNamespace(**parts), _modes(parts)
-    n_i, psi = parts["n_i"], direction(found, parts["n_i"], "relevant")
-    return _plain(garcia_hubbard(bodies, found, n_i, parts["omega_xy0"], psi).t_rgh)
+    bodies = SimpleNamespace(**columns)
+    both = _modes(columns)
+    psi = direction(both, spin, "relevant")
+    closed = garcia_hubbard(bodies, both, spin, columns["omega_xy0"], psi)
+    return _plain(closed.t_rgh)
 
 
-def bondi_threshold(body: Bodies) -> Any:
+def bondi_threshold(body: Bodies) -> Floats | float:
     """Return Bondi's threshold spin ``n_c1`` (Eq. 73), in ``sqrt(g/a)``.
 
     A steady spin beyond it, ``n < n_c1 < 0``, is linearly stable.  For mirrored bodies
     (``xi > 0``) all signs change.  `body` is as for ``modes``; the result is NaN where
     no spin is stable.
     """
-    parts = _columns(body)
-    xi = parts.pop("xi")
-    threshold = theory.bondi_threshold(**parts)
+    columns = _columns(body)
+    xi = columns.pop("xi")
+    threshold = theory.bondi_threshold(**columns)
     return _plain(np.where(xi > 0, -threshold, threshold))
 
 
@@ -122,26 +127,34 @@ def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRa
     The rates are eigenvalues if `exact`, else their limits for a small spin, ``n K_p /
     2`` and ``-n K_r / 2`` (Eq. 74).  Energies grow twice as fast.
     """
-    parts = _columns(body, n=n)
-    spin = parts.pop("n")
+    columns = _columns(body, n=n)
+    spin = columns.pop("n")
     if exact:
-        return GrowthRates(*map(_plain, steady.growth(full.constants(**parts), spin)))
-    found = _modes(parts)
-    return GrowthRates(*map(_plain, theory.growth_rates(found.K_p, found.K_r, spin)))
+        pitch, roll = steady.growth(full.constants(**columns), spin)
+    else:
+        both = _modes(columns)
+        pitch, roll = theory.growth_rates(both.K_p, both.K_r, spin)
+    return GrowthRates(_plain(pitch), _plain(roll))
 
 
 def _columns(body: Bodies, **arrays: ArrayLike) -> dict[str, Floats]:
-    columns = body_columns(body)
-    units = column_units(columns)
-    parts = {name: columns[name] for name in PARAMETERS}
-    return broadcast(
-        parts | {name: numbers(name, x, units) for name, x in arrays.items()}
-    )[0]
+    """Return the parameters of bodies and other arguments as arrays of one shape."""
+    table = body_columns(body)
+    units = column_units(table)
+    columns = {name: table[name] for name in PARAMETERS}
+    for name, values in arrays.items():
+        columns[name] = numbers(name, values, units)
+    return broadcast(columns)[0]
 
 
-def _modes(parts: dict[str, Floats]) -> Modes:
-    return theory.modes(**{name: parts[name] for name in PARAMETERS if name != "gamma"})
+def _modes(columns: dict[str, Floats]) -> Modes:
+    """Return the modes of bodies, which do not depend on gamma."""
+    names = [name for name in PARAMETERS if name != "gamma"]
+    return theory.modes(**{name: columns[name] for name in names})
 
 
-def _plain(values: Floats) -> Any:
-    return float(values) if np.ndim(values) == 0 else np.asarray(values)
+def _plain(values: Floats) -> Floats | float:
+    """Return an array without dimensions as a float."""
+    if np.ndim(values) == 0:
+        return float(values)
+    return np.asarray(values)

@@ -1,13 +1,9 @@
-"""Arguments of the Python interface: bodies and numbers, one or many, with or without
-units.
-"""
-# ruff: noqa: D103 - names and types say it
+"""Arguments of the Python interface: bodies and numbers, with or without units."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import astuple
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
 
@@ -17,39 +13,32 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
 from rattlesweep.physics.si import GRAVITY, Units
+from rattlesweep.quantities import QUANTITIES
 from rattlesweep.units import quantity, require_unit
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow as pa
 
     from rattlesweep.sweeps.bodies.table import Frame
 
 
-Bodies: TypeAlias = "Rattleback | str | Iterable[Any] | Mapping[str, Any] | Frame"
-"""A body or the name of a preset, a sequence or an array of these, or a table of
-bodies.
-"""
+Bodies: TypeAlias = "Rattleback | str | Iterable[object] | Mapping[str, Any] | Frame"
+"""A body or the name of a preset, a sequence or array of these, or a table."""
 
 # The arguments that may be given in SI units, and their kinds.
 KINDS = {
-    "n": "spin",
-    "n_i": "spin",
-    "omega_xy0": "spin",
-    "omega": "spin",
-    "t_end": "time",
-    "from_time": "time",
-    "dt": "time",
-    "times": "time",
-    "sigma": "torque per spin",
-    "rolling": "length",
-    "e_p0": "energy",
-    "e_r0": "energy",
+    name: QUANTITIES[name].kind
+    for name in ("n", "n_i", "omega_xy0", "t_end", "dt", "sigma", "rolling")
 }
+KINDS |= {"omega": "spin", "from_time": "time", "times": "time"}
+KINDS |= {"e_p0": "energy", "e_r0": "energy"}
 SIZE = ("mass_kg", "height_m", "gravity_m_s2")  # columns that hold the size of bodies
 OF_BODIES = (*PARAMETERS, "c", *SIZE)
 
 
-def one_body(body: Any, name: str = "body") -> Rattleback:
+def one_body(body: object, name: str = "body") -> Rattleback:
+    """Return a body or the preset of a name, or refuse it."""
     from rattlesweep.sweeps.bodies.making import body_from
 
     if isinstance(body, Rattleback):
@@ -62,25 +51,29 @@ def one_body(body: Any, name: str = "body") -> Rattleback:
 
 
 def body_columns(bodies: Bodies) -> dict[str, Floats]:
-    """Return the columns of bodies as arrays of one shape, with `SIZE` if all sizes are
-    known.
+    """Return the columns of bodies as arrays of one shape.
+
+    They hold the size of the bodies if it is known for all of them.
     """
     if isinstance(bodies, Mapping) or is_table(bodies):
         return _table_columns(bodies)
-    several = isinstance(bodies, Iterable) and not isinstance(bodies, str)
-    given: Any = np.array(list(bodies) if several else bodies, object)  # type: ignore[arg-type]
-    labels = [f"bodies[{k}]" for k in range(given.size)] if several else ["bodies"]
-    flat = list(map(one_body, given.flat, labels))
-    names = (
-        (*PARAMETERS, "c") if any(body.c is not None for body in flat) else PARAMETERS
-    )
-    columns = {name: [getattr(body, name) for body in flat] for name in names}
-    sizes = [astuple(body.units) for body in flat if body.units is not None]
-    if flat and len(sizes) == len(flat):
-        columns |= dict(zip(SIZE, map(list, zip(*sizes, strict=True)), strict=True))
-    # The c of a paraboloid, None, becomes NaN.
+    if isinstance(bodies, Iterable) and not isinstance(bodies, str):
+        array = np.array(list(bodies), object)
+        flat = [one_body(body, f"bodies[{k}]") for k, body in enumerate(array.flat)]
+    else:
+        array = np.array(bodies, object)
+        flat = [one_body(bodies, "bodies")]
+    columns = {name: [getattr(body, name) for body in flat] for name in PARAMETERS}
+    if any(body.c is not None for body in flat):
+        # The c of a paraboloid, None, becomes NaN.
+        columns["c"] = [body.c for body in flat]
+    units = [body.units for body in flat if body.units is not None]
+    if flat and len(units) == len(flat):
+        columns["mass_kg"] = [unit.mass for unit in units]
+        columns["height_m"] = [unit.length for unit in units]
+        columns["gravity_m_s2"] = [unit.gravity for unit in units]
     return {
-        name: np.array(values, float).reshape(given.shape)
+        name: np.array(values, float).reshape(array.shape)
         for name, values in columns.items()
     }
 
@@ -96,61 +89,52 @@ def _table_columns(bodies: Mapping[str, Any] | Frame) -> dict[str, Floats]:
         except ValueError as error:
             raise ConfigError(f"bodies: cannot be read as a table: {error}") from None
     table = frame_bodies(bodies)
-    return table.columns | {
-        name: table.carried[name] for name in SIZE if name in table.carried
-    }
+    sizes = {name: table.carried[name] for name in SIZE if name in table.carried}
+    return table.columns | sizes
 
 
-def column_units(columns: Mapping[str, Any]) -> Units | None:
+def column_units(columns: Mapping[str, Floats]) -> Units | None:
+    """Return the units of bodies whose columns hold their size, None for others."""
     if "height_m" not in columns:
         return None
-    size = (
+    mass, height, gravity = np.broadcast_arrays(
         columns.get("mass_kg", np.nan),
         columns["height_m"],
-        columns.get(SIZE[2], GRAVITY),
+        columns.get("gravity_m_s2", GRAVITY),
     )
-    return Units(*(np.asarray(part, float) for part in np.broadcast_arrays(*size)))
+    return Units(
+        np.asarray(mass, float), np.asarray(height, float), np.asarray(gravity, float)
+    )
 
 
-def numbers(name: str, value: Any, units: Units | None = None) -> Floats:
+def numbers(name: str, value: object, units: Units | None = None) -> Floats:
     """Return an argument as an array in the units of the bodies, or refuse it."""
     from rattlesweep.sweeps.bodies.table import check_value
 
     array = _floats(name, value, units)
     broken = check_value("psi_deg" if name == "psi" else name, array.ravel())
-    if (bad := ~np.isfinite(array)).any():
-        broken = int(np.argmax(bad)), "it must be finite"
+    infinite = ~np.isfinite(array)
+    if infinite.any():
+        broken = int(np.argmax(infinite)), "it must be finite"
     if broken is not None:
-        place = np.unravel_index(broken[0], array.shape)
-        where = f"[{', '.join(map(str, place))}]" if place else ""
-        raise ConfigError(f"{name}{where} {array[place]:g}: {broken[1]}")
+        first, rule = broken
+        place = np.unravel_index(first, array.shape)
+        index = f"[{', '.join(map(str, place))}]" if place else ""
+        raise ConfigError(f"{name}{index} {array[place]:g}: {rule}")
     return array
 
 
-def _floats(name: str, value: Any, units: Units | None) -> Floats:
+def _floats(name: str, value: object, units: Units | None) -> Floats:
+    """Return numbers and texts with units as an array in the units of the bodies."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
         return value.astype(float)
-    given = np.array(
-        value, dtype=object
-    )  # other types would turn numbers beside texts into texts
-    flat = given.ravel().tolist()
-    found = []
-    for one in flat:
-        try:
-            if isinstance(one, bool):
-                raise TypeError
-            found.append(
-                quantity(one, KINDS[name]) if isinstance(one, str) else float(one)
-            )
-        except (KeyError, TypeError, OverflowError):
-            raise ConfigError(
-                f"{name}: {kind_of(value)} is not a number or an array"
-            ) from None
-        except ValueError as error:
-            raise ConfigError(f"{name}: {kind_of(one)} {error}") from None
-    array = np.array(found, float).reshape(given.shape)
-    is_text = np.array([isinstance(one, str) for one in flat]).reshape(given.shape)
-    if not is_text.any():
+    # Any other type of array would turn the numbers beside a text into texts.
+    mixed = np.array(value, dtype=object)
+    flat = mixed.ravel().tolist()
+    array = np.array([_number(name, value, entry) for entry in flat], float)
+    array = array.reshape(mixed.shape)
+    texts = [isinstance(entry, str) for entry in flat]
+    if not any(texts):
         return array
     if units is None:
         raise ConfigError(
@@ -158,7 +142,23 @@ def _floats(name: str, value: Any, units: Units | None) -> Floats:
             "give a number, or a body with a size (KL, from_si, half_ellipsoid, "
             "--mass and --height)"
         )
-    return np.asarray(np.where(is_text, units.natural(array, KINDS[name]), array))
+    natural = units.natural(array, KINDS[name])
+    return np.where(np.reshape(texts, mixed.shape), natural, array)
+
+
+def _number(name: str, value: object, entry: Any) -> float:
+    """Return an entry of an argument as a number, in SI units if it is a text."""
+    try:
+        if isinstance(entry, bool):
+            raise TypeError
+        if isinstance(entry, str):
+            return quantity(entry, KINDS[name])
+        return float(entry)
+    except (KeyError, TypeError, OverflowError):
+        message = f"{name}: {kind_of(value)} is not a number or an array"
+        raise ConfigError(message) from None
+    except ValueError as error:
+        raise ConfigError(f"{name}: {kind_of(entry)} {error}") from None
 
 
 def require_units(
@@ -179,7 +179,8 @@ def require_units(
             require_unit(spelled(name), value, KINDS[name])
 
 
-def number(name: str, value: Any, units: Units | None = None) -> float | None:
+def number(name: str, value: object, units: Units | None = None) -> float | None:
+    """Return an argument as one number in the units of the body, or refuse it."""
     if value is None:
         return None
     array = numbers(name, value, units)
@@ -190,49 +191,56 @@ def number(name: str, value: Any, units: Units | None = None) -> float | None:
     return float(array)
 
 
-def check_count(name: str, value: Any, least: int = 1) -> None:
+def check_count(name: str, value: object, least: int = 1) -> None:
+    """Refuse an argument that is neither None nor a whole number from `least` on."""
+    if value is None:
+        return
     whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if value is not None and not (whole and least <= int(value) < 2**63):
+    if not whole or not least <= int(value) < 2**63:  # type: ignore[call-overload]
         raise ConfigError(
             f"{name}: {kind_of(value)} is not a whole number from {least} on"
         )
 
 
-def check_names(what: str, given: Iterable[str], known: Collection[str]) -> None:
+def check_names(what: str, names: Iterable[str], known: Collection[str]) -> None:
+    """Refuse names that are not known."""
     from rattlesweep.sweeps.config import not_one_of
 
-    for name in given:
+    for name in names:
         if name not in known:
             raise ConfigError(f"{what}: {not_one_of(name, known)}")
 
 
-def names_of(what: str, value: str | Iterable[str]) -> list[str]:
-    """Return one name or several as a list."""
-    names = (
-        [value]
-        if isinstance(value, str) or not isinstance(value, Iterable)
-        else list(value)
-    )
-    if not all(isinstance(name, str) for name in names):
+def names_of(what: str, value: object) -> list[str]:
+    """Return one name or several as a list, or refuse what is not a name."""
+    names = [value]
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        names = list(value)
+    texts = [name for name in names if isinstance(name, str)]
+    if len(texts) < len(names):
         raise ConfigError(f"{what}: {kind_of(value)} is not a name or a list of names")
-    return names
+    return texts
 
 
-def full_states(omega: Any, u: Any, units: Units | None = None) -> dict[str, Floats]:
+def full_states(
+    omega: object, u: object, units: Units | None = None
+) -> dict[str, Floats]:
+    """Return the columns of full states; without `u` the bodies are upright."""
+    if u is None:
+        u = (0.0, 0.0, -1.0)
     if units is not None:
-        units = Units(*(np.asarray(part)[..., None] for part in vars(units).values()))
+        # Each size belongs to the three components of a vector.
+        units = Units(*(np.asarray(size)[..., None] for size in vars(units).values()))
     state: dict[str, Floats] = {}
-    for name, value in {
-        "omega": omega,
-        "u": (0.0, 0.0, -1.0) if u is None else u,
-    }.items():
+    for name, value in (("omega", omega), ("u", u)):
         vectors = numbers(name, value, units)
         if vectors.shape[-1:] != (3,):
             raise ConfigError(
                 f"{name}: a vector has three components, not shape {vectors.shape}"
             )
-        for k, x in enumerate("xyz"):
-            state[f"{name}_{x}"] = numbers(f"{name}_{x}", vectors[..., k])
+        for k, axis in enumerate("xyz"):
+            column = f"{name}_{axis}"
+            state[column] = numbers(column, vectors[..., k])
     return state
 
 
@@ -241,26 +249,24 @@ def broadcast(
 ) -> tuple[dict[str, Floats], tuple[int, ...]]:
     """Broadcast arrays by NumPy's rules, and return them and their shape."""
     try:
-        whole = np.broadcast_arrays(*arrays.values())
+        columns = np.broadcast_arrays(*arrays.values())
     except ValueError:
-        told = {
-            "bodies" if name == "alpha" else name: x.shape for name, x in arrays.items()
+        shapes = {
+            name: array.shape
+            for name, array in arrays.items()
+            if array.shape and name not in OF_BODIES
         }
-        told = {
-            name: shape
-            for name, shape in told.items()
-            if shape and name not in OF_BODIES
-        }
-        shapes = ", ".join(f"{name} {shape}" for name, shape in told.items())
+        if arrays.get("alpha", np.zeros(())).shape:
+            shapes = {"bodies": arrays["alpha"].shape, **shapes}
+        listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
         advice = "for all combinations, write one as a column, as in [[1], [2]]"
-        raise ConfigError(f"the shapes do not broadcast: {shapes}; {advice}") from None
-    return dict(zip(arrays, whole, strict=True)), whole[0].shape
+        raise ConfigError(f"the shapes do not broadcast: {listed}; {advice}") from None
+    return dict(zip(arrays, columns, strict=True)), columns[0].shape
 
 
-def is_table(value: Any) -> TypeGuard[Frame]:
+def is_table(value: object) -> TypeGuard[Frame]:
     """Return whether a value is a table of pandas, Polars or Arrow."""
-    # All of them hand over their columns by Arrow's protocol, which single columns have
-    # too.
+    # All hand over their columns by Arrow's protocol, which single columns have, too.
     return hasattr(value, "__arrow_c_stream__") and hasattr(value, "columns")
 
 
@@ -269,29 +275,29 @@ def column_names(table: Frame) -> list[str]:
     return list(map(str, getattr(table, "column_names", table.columns)))
 
 
-def is_frame(value: Any) -> TypeGuard[pd.DataFrame]:
-    """Return whether a value is a DataFrame, without importing pandas, which is
-    slow.
-    """
+def is_frame(value: object) -> TypeGuard[pd.DataFrame]:
+    """Return whether a value is a DataFrame, without the slow import of pandas."""
     pandas = sys.modules.get("pandas")
     return pandas is not None and isinstance(value, pandas.DataFrame)
 
 
-def units_of(schema: Any, key: bytes = b"unit") -> dict[str, str]:
+def units_of(schema: pa.Schema, key: bytes = b"unit") -> dict[str, str]:
+    """Return the units, or other metadata, of the columns that have them."""
     return {
-        f.name: f.metadata[key].decode() for f in schema if key in (f.metadata or {})
+        field.name: field.metadata[key].decode()
+        for field in schema
+        if key in (field.metadata or {})
     }
 
 
-def to_frame(table: Any) -> pd.DataFrame:
-    """Return an Arrow table as a DataFrame, with its units and descriptions in
-    ``attrs``.
-    """
+def to_frame(table: pa.Table) -> pd.DataFrame:
+    """Return a table as a DataFrame, with units and descriptions in ``attrs``."""
     frame: pd.DataFrame = table.to_pandas()
     frame.attrs["units"] = units_of(table.schema)
     frame.attrs["descriptions"] = units_of(table.schema, b"description")
     return frame
 
 
-def kind_of(value: Any) -> str:
+def kind_of(value: object) -> str:
+    """Return a value with its type, as messages name what they refuse."""
     return f"{one_line(repr(value), 40)} ({type(value).__name__})"

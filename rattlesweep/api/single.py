@@ -1,6 +1,4 @@
-"""Single runs: their outcomes, time series, animated pages and fits, and replays of
-stored runs.
-"""
+"""Single runs: outcomes, time series, animated pages, fits, replays of stored runs."""
 
 from __future__ import annotations
 
@@ -8,6 +6,7 @@ import html
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -22,6 +21,7 @@ from rattlesweep.physics.body import Rattleback
 from rattlesweep.text import Bar, counted
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
@@ -37,32 +37,26 @@ if TYPE_CHECKING:
 SPIN = ("n_i", "omega_xy0")
 STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
 INTEGRATOR = ("method", "tol", "dt_step", "accuracy")
-ROWS, SHOWN = (
-    ("points", "dt", "steps", "times", "from_time"),
-    ("points", "from_time", "path"),
-)
+ROWS = ("points", "dt", "steps", "times", "from_time")
+SHOWN = ("points", "from_time", "path")
 LAUNCH = (*SPIN, "omega", "u", "t_end", "psi", "model", "sigma", "rolling", *INTEGRATOR)
 
 
 class Run(SimpleNamespace):
-    """Outcome of one run, with an attribute for each column of a sweep's ``runs``, and
-    `units`.
-    """
+    """Outcome of one run: an attribute for each column of ``runs``, and `units`."""
 
     def __getitem__(self, name: str) -> Any:
         arguments.check_names("columns", [name], vars(self))
         return getattr(self, name)
 
     def __repr__(self) -> str:
-        shown = [f"t_r={self.t_r:.10g}" if self.t_r is not None else "t_r=None"]
-        shown += (
-            [f"{self.t_r_s:.5g} s"] if getattr(self, "t_r_s", None) is not None else []
-        )
-        shown += [
-            f"t_end={self.t_end:.10g}",
-            f"type={self.type}",
-            f"status={self.status}",
-        ]
+        shown = ["t_r=None"]
+        if self.t_r is not None:
+            shown = [f"t_r={self.t_r:.10g}"]
+        if getattr(self, "t_r_s", None) is not None:
+            shown.append(f"{self.t_r_s:.5g} s")
+        shown.append(f"t_end={self.t_end:.10g}")
+        shown += [f"type={self.type}", f"status={self.status}"]
         return f"<Run {', '.join(shown)}>"
 
     def to_dict(self) -> dict[str, Any]:
@@ -90,16 +84,16 @@ class Trajectory:
 
         names = arguments.names_of("channels", channels)
         arguments.check_names("arguments", rows, ROWS)
-        self._course = course = Course(run, names, **rows_of(run.units, **rows))
+        course = Course(run, names, **rows_of(run.units, **rows))
+        follower = course.follower
+        self._course = course
         self.table = pd.DataFrame(course.columns())
         self.units = {channel.name: channel.unit for channel in course.channels}
-        ended = course.follower
-        self.reversals, self.zeros = np.array(course.reversals), np.array(ended.zeros)
-        self.t_end, self.n_steps, self.status = (
-            ended.t,
-            ended.n_steps,
-            ended.status.label,
-        )
+        self.reversals = np.array(course.reversals)
+        self.zeros = np.array(follower.zeros)
+        self.t_end = follower.t
+        self.n_steps = follower.n_steps
+        self.status = follower.status.label
         self.warning = course.warning
 
     def __getitem__(self, columns: str | list[str]) -> Any:
@@ -114,30 +108,23 @@ class Trajectory:
         return f"<div>{html.escape(repr(self))}{self.table.to_html(max_rows=6)}</div>"
 
     def show(self, *, title: str | None = None, **shown: Any) -> Page:
-        """Make a page of this run; `from_time`, `points` and `path` are those of
-        ``show``.
-        """
+        """Make a page of this run with the arguments of ``show``."""
         arguments.check_names("arguments", shown, SHOWN)
         return page_of(self._course.run, title, **shown)[0]
 
     def plot(self, path: str | Path | None = None) -> Figure:
-        """Draw the columns against the time, and write the figure to a file if `path`
-        is given.
-        """
+        """Draw the columns against the time, and write the figure to a `path`."""
         from rattlesweep.analysis.onerun.figure import draw
 
         if "t" not in self.table or len(self._course.channels) < 2:
             raise ConfigError("channels: a plot needs t and at least one other")
-        return draw(
-            {str(x): self.table[x].to_numpy() for x in self.table}, self._course, path
-        )
+        columns = {str(name): self.table[name].to_numpy() for name in self.table}
+        return draw(columns, self._course, path)
 
 
 @dataclass(frozen=True)
 class Page:
-    """A self-contained HTML page, which notebooks show, and the file it was written
-    to.
-    """
+    """A self-contained HTML page, which notebooks show, and the file that has it."""
 
     content: bytes = field(repr=False)
     path: Path | None = None
@@ -238,27 +225,24 @@ def simulate(
         "arguments", integrator, (*LAUNCH, "record", "threads", "progress")
     )
     check_count("threads", threads)
-    if arguments.is_table(body) and (
-        unused := unknown_columns(arguments.column_names(body))
-    ):
-        warnings.warn(
-            f"bodies: columns not used: {', '.join(unused)}", ConfigWarning, 2
-        )
+    if arguments.is_table(body):
+        unused = unknown_columns(arguments.column_names(body))
+        if unused:
+            text = f"bodies: columns not used: {', '.join(unused)}"
+            warnings.warn(text, ConfigWarning, stacklevel=2)
     columns = arguments.body_columns(body)
     units = arguments.column_units(columns)
-    many = {
-        "n_i": n_i,
-        "omega_xy0": omega_xy0,
-        "t_end": t_end,
-        "sigma": sigma,
-        "rolling": rolling,
-    }
+
+    # The launches as arrays in units of the bodies, and broadcast with these.
+    spin = {"n_i": n_i, "omega_xy0": omega_xy0}
+    others = {"t_end": t_end, "sigma": sigma, "rolling": rolling}
     arrays = {
-        name: numbers(name, x, units) for name, x in many.items() if x is not None
+        name: numbers(name, value, units)
+        for name, value in (spin | others).items()
+        if value is not None
     }
-    if full := is_full_state(
-        omega, u, {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi}
-    ):
+    full = is_full_state(omega, u, spin | {"psi": psi})
+    if full:
         arrays |= arguments.full_states(omega, u, units)
     if psi is not None and not isinstance(psi, str):
         arrays["psi"] = np.radians(numbers("psi", psi))
@@ -270,13 +254,16 @@ def simulate(
         columns["psi"] = directions(columns, psi)
     units = arguments.column_units(columns)
     sizes = {name: columns.pop(name) for name in arguments.SIZE if name in columns}
-    rows = TableBodies(columns, units, sizes if units else {})
+    if units is None:
+        sizes = {}
+    rows = TableBodies(columns, units, sizes)
     names = arguments.names_of("record", record)
     plan = plan_of_rows(rows, model, integrator, names, {})
+    if not shape:
+        threads = 1
     with Bar.of_call(progress) as bar, listening(bar.compiling):
-        table = integrate_plan(
-            plan, threads if shape else 1, bar.counting(f"{plan.runs:,} runs")
-        )
+        report = bar.counting(f"{plan.runs:,} runs")
+        table = integrate_plan(plan, threads, report)
     table = table.cast(plan.schema).drop_columns(["case", "sample"])
     if not shape:
         return Run(**table.to_pylist()[0], units=arguments.units_of(table.schema))
@@ -294,12 +281,11 @@ def trajectory(
     points: int | None = None,
     dt: Number | None = None,
     steps: bool = False,
-    times: Any = None,
+    times: ArrayLike | None = None,
     from_time: Number | None = None,
     **launch: Any,
 ) -> Trajectory:
-    """Integrate one launch to ``t_end``, past its reversals, and return it as a time
-    series.
+    """Integrate one launch to ``t_end``, past its reversals, as a time series.
 
     The accepted steps, and so the first zero, are those of ``simulate``, whichever rows
     are requested.
@@ -326,14 +312,15 @@ def trajectory(
     >>> path["n"].shape, path.reversals.round(2)
     ((4,), array([112.09]))
     """
-    rows = {
-        "points": points,
-        "dt": dt,
-        "steps": steps,
-        "times": times,
-        "from_time": from_time,
-    }
-    return Trajectory(prepare_launch(body, **launch), channels, **rows)
+    return Trajectory(
+        prepare_launch(body, **launch),
+        channels,
+        points=points,
+        dt=dt,
+        steps=steps,
+        times=times,
+        from_time=from_time,
+    )
 
 
 def show(
@@ -350,7 +337,8 @@ def show(
     The arguments are those of ``trajectory``, with 20 rows per pitch period by default.
     `title` is the title of the page, and `path` an .html file to write it to.
     """
-    title = title or (f"Rattleback {body}" if isinstance(body, str) else None)
+    if title is None and isinstance(body, str):
+        title = f"Rattleback {body}"
     run = prepare_launch(body, **launch)
     return page_of(run, title, points=points, from_time=from_time, path=path)[0]
 
@@ -364,8 +352,7 @@ def replay(
     channels: Sequence[str] = ("t", "n"),
     **rows: Any,
 ) -> Trajectory:
-    """Integrate a stored run again as a trajectory, after a check that it is the stored
-    one.
+    """Integrate a stored run again as a trajectory, if it comes out as stored.
 
     `case` and `sample` are columns of the ``runs`` in an output directory, complete or
     running. The other arguments are those of ``trajectory``; `t_end` is by default the
@@ -378,7 +365,7 @@ def replay(
 
 def fit(
     body: Rattleback | str,
-    data: Any,
+    data: str | PathLike[str] | pd.DataFrame | Mapping[str, Sequence[float]],
     *,
     free: Iterable[str],
     launch: Mapping[str, Any] | None = None,
@@ -421,7 +408,7 @@ def fit(
 def fit_with_progress(
     bar: Bar,
     body: Rattleback | str,
-    data: Any,
+    data: str | PathLike[str] | pd.DataFrame | Mapping[str, Sequence[float]],
     *,
     free: Iterable[str],
     launch: Mapping[str, Any] | None,
@@ -433,10 +420,11 @@ def fit_with_progress(
     from rattlesweep.analysis.fit.search import check_free, fit_run
     from rattlesweep.integrate.compile import listening
 
-    if not isinstance(given := launch or {}, Mapping):
+    launch = launch or {}
+    if not isinstance(launch, Mapping):
         raise ConfigError(f"launch: {arguments.kind_of(launch)} is not a mapping")
-    arguments.check_names("launch", given, (*SPIN, "psi", "omega", "u"))
-    run = launch_of(body, **given, sigma=sigma, rolling=rolling)
+    arguments.check_names("launch", launch, (*SPIN, "psi", "omega", "u"))
+    run = launch_of(body, **launch, sigma=sigma, rolling=rolling)
     names = check_free(run, arguments.names_of("free", free))
     film = read_film(data, run.body.units)
     with listening(bar.compiling):
@@ -451,35 +439,38 @@ def page_of(
     from_time: Number | None = None,
     path: str | Path | None = None,
 ) -> tuple[Page, Course]:
-    """Return the page of a run and its course, and write the page if there is a
-    path.
-    """
+    """Return the page of a run and its course; write the page if there is a path."""
     from rattlesweep.analysis.onerun.show import course_of, make_page, make_scene
 
     check_count("points", points, 2)
     course = course_of(run, points, number("from_time", from_time, run.units))
     page = Page(make_page(make_scene(course), str(title or "Rattleback"), run.title))
-    return page if path is None else page.save(path), course
+    if path is not None:
+        page = page.save(path)
+    return page, course
 
 
 def prepare_stored(
-    directory: str | Path, t_end: Any = None, **which: Any
+    directory: str | Path,
+    t_end: object = None,
+    *,
+    case: int | None = None,
+    sample: int | None = None,
+    where: str | None = None,
 ) -> tuple[StoredRun, PreparedRun]:
-    """Return a stored run, proved to come out as stored, and the same run to another
-    horizon.
-    """
+    """Return a stored run, proved to come out as stored, and the same to ``t_end``."""
     from rattlesweep.analysis.onerun.replay import find_run
     from rattlesweep.sweeps.files import as_path
 
-    for name in ("case", "sample"):
-        check_count(name, which.get(name), 0)
-    run = find_run(as_path(directory, "directory"), **which)
+    check_count("case", case, 0)
+    check_count("sample", sample, 0)
+    run = find_run(as_path(directory, "directory"), case, sample, where)
     prepared = run.prepare(number("t_end", t_end, run.units))
     run.prove()
     return run, prepared
 
 
-def prepare_launch(body: Any, **launch: Any) -> PreparedRun:
+def prepare_launch(body: object, **launch: Any) -> PreparedRun:
     """Return one launch, ready to be integrated."""
     from rattlesweep.analysis.onerun.course import PreparedRun
 
@@ -487,10 +478,10 @@ def prepare_launch(body: Any, **launch: Any) -> PreparedRun:
 
 
 def launch_of(
-    body: Any,
+    body: object,
     *,
-    psi: Any = None,
-    omega: Any = None,
+    psi: object = None,
+    omega: object = None,
     u: Any = None,
     model: str = "full",
     **values: Any,
@@ -498,56 +489,57 @@ def launch_of(
     """Return one launch with its numbers in the units of its body."""
     from rattlesweep.sweeps.launches import Launch
 
-    made = arguments.one_body(body)
-    units = made.units
+    stone = arguments.one_body(body)
     arguments.check_names("arguments", values, (*LAUNCH, "e_p0", "e_r0"))
-    given = {name: value for name, value in values.items() if value is not None}
-    integrator = {name: given.pop(name) for name in INTEGRATOR if name in given}
+    present = {name: value for name, value in values.items() if value is not None}
+    integrator = {name: present.pop(name) for name in INTEGRATOR if name in present}
     single: dict[str, Any] = {
-        name: number(name, value, units) for name, value in given.items()
+        name: number(name, value, stone.units) for name, value in present.items()
     }
-    psi = psi if isinstance(psi, str) else number("psi", psi)
+    components: list[float] | None = None
     if omega is not None:
-        state = arguments.full_states(omega, u, units)
-        omega = [float(state[f"omega_{x}"]) for x in "xyz"]
+        state = arguments.full_states(omega, u, stone.units)
+        components = [float(state[f"omega_{axis}"]) for axis in "xyz"]
     return Launch(
-        made, psi=psi, omega=omega, u=u, model=model, integrator=integrator, **single
+        stone,
+        psi=psi if isinstance(psi, str) else number("psi", psi),
+        omega=components,
+        u=u,
+        model=model,
+        integrator=integrator,
+        **single,
     )
 
 
 def rows_of(
     units: Units | None,
     points: int | None = None,
-    dt: Any = None,
+    dt: object = None,
     steps: bool = False,
-    times: Any = None,
-    from_time: Any = None,
+    times: object = None,
+    from_time: object = None,
 ) -> dict[str, Any]:
-    """Return the arguments of a course that choose its rows, with times in
-    ``sqrt(a/g)``.
-    """
+    """Return the arguments of a course that choose its rows, in units of its body."""
     check_count("points", points, 2)
-    times = None if times is None else numbers("times", times, units)
-    dt, from_time = number("dt", dt, units), number("from_time", from_time, units)
     return {
         "points": points,
-        "dt": dt,
+        "dt": number("dt", dt, units),
         "steps": steps,
-        "times": times,
-        "from_time": from_time,
+        "times": None if times is None else numbers("times", times, units),
+        "from_time": number("from_time", from_time, units),
     }
 
 
 def _launched(
-    columns: dict[str, Floats], arrays: dict[str, Floats], psi: Any
+    columns: dict[str, Floats], arrays: dict[str, Floats], psi: object
 ) -> dict[str, Floats]:
-    """Return the columns of bodies with the given launches, or else those of their
-    table.
-    """
+    """Return the columns of bodies with the launches, or else those of their table."""
     if any(name in arrays for name in (*SPIN, *STATE)):
         # The directions and horizons of a table belong to its own launches.
-        own = (*SPIN, "psi", "t_end", *STATE)
-        columns = {name: columns[name] for name in columns if name not in own}
+        replaced = (*SPIN, "psi", "t_end", *STATE)
+        columns = {
+            name: column for name, column in columns.items() if name not in replaced
+        }
     elif psi is not None:
         if "u_x" in columns:
             raise ConfigError(
@@ -557,7 +549,6 @@ def _launched(
     launched = columns | arrays
     missing = [name for name in SPIN if name not in launched]
     if missing and "u_x" not in launched:
-        raise ConfigError(
-            f"{' and '.join(missing)} missing; give both, or a table with them"
-        )
+        names = " and ".join(missing)
+        raise ConfigError(f"{names} missing; give both, or a table with them")
     return launched

@@ -40,8 +40,9 @@ if TYPE_CHECKING:
 
 
 class Sweep:
-    """The output directory of a sweep, complete or running; its tables are read when
-    needed.
+    """The output directory of a sweep, complete or running.
+
+    Its tables are read when they are needed.
     """
 
     def __init__(self, directory: str | Path) -> None:
@@ -79,15 +80,14 @@ class Sweep:
 
         return to_frame(read_summary(self._stored))
 
-    def __getitem__(self, columns: str | list[str]) -> Any:
+    def __getitem__(self, columns: str | list[str]) -> pd.Series | pd.DataFrame:
         """Return a column of the runs as a Series, or several as a DataFrame."""
         return self.read(columns)[columns]
 
     def read(
         self, columns: Sequence[str] | str | None = None, where: str | None = None
     ) -> pd.DataFrame:
-        """Read the runs, optionally only some columns, or only runs that meet a
-        condition.
+        """Read the runs, or only some of their columns, or those that meet a condition.
 
         The condition is a pandas query such as ``'type == "SW" and K_r < 0.005'``.  The
         runs are in order of case and sample, with ``attrs["units"]`` and
@@ -105,19 +105,20 @@ class Sweep:
 
         stored = self._stored
         schema = stored.schema
-        names = schema.names if columns is None else names_of("columns", columns)
-        check_names("columns", names, schema.names)
+        names = schema.names
+        if columns is not None:
+            names = names_of("columns", columns)
+            check_names("columns", names, schema.names)
         if where is None:
             return to_frame(stored.read(names))
         condition = parse_where(where, schema)
         needed = list(dict.fromkeys((*names, *condition.columns)))
         chosen = pa.schema([schema.field(name) for name in names])
-        rows = (
-            condition.filter(batch).select(names) for batch in stored.batches(needed)
-        )
-        return to_frame(
-            pa.Table.from_batches([batch.cast(chosen) for batch in rows], chosen)
-        )
+        batches = [
+            condition.filter(batch).select(names).cast(chosen)
+            for batch in stored.batches(needed)
+        ]
+        return to_frame(pa.Table.from_batches(batches, chosen))
 
     def to_xarray(
         self,
@@ -136,7 +137,8 @@ class Sweep:
         left out by ``bodies.refine`` are filled from the nearest runs, numbers by
         linear interpolation.
         """
-        from rattlesweep.analysis.layout import make_dataset, read_layout
+        from rattlesweep.analysis.dataset import make_dataset
+        from rattlesweep.analysis.layout import read_layout
 
         layout = read_layout(self.directory).chosen(where)
         names = None if columns is None else names_of("columns", columns)
@@ -153,88 +155,65 @@ class Sweep:
         path: str | Path | None = None,
         **looks: Any,
     ) -> Figure:
-        """Draw the sweep as ``rattlesweep plot`` does; `path` is an .svg, .png or .pdf
-        to write.
+        """Draw the sweep as ``rattlesweep plot`` does.
 
-        The arguments are the options of the command.  `select` may be a mapping, as in
-        ``{"n_i": [-0.3, -0.5]}``; looks are ``title``, ``log``, ``size``, ``xlim``,
-        ``ylim``.
+        The arguments are the options of the command; `path` is an .svg, .png or .pdf
+        file to write.  `select` may be a mapping, as in ``{"n_i": [-0.3, -0.5]}``;
+        looks are ``title``, ``log``, ``size``, ``xlim``, ``ylim``.
         """
         from rattlesweep.analysis.layout import read_layout
         from rattlesweep.analysis.onerun.figure import shown
         from rattlesweep.analysis.plots import choose_picture
         from rattlesweep.analysis.style import styled
 
-        check_names("looks", looks, ("title", "log", "size", "xlim", "ylim"))
-        for name in ("size", "xlim", "ylim"):
-            value = looks.get(name)
-            if value is not None and arguments.numbers(name, value).shape != (2,):
-                raise ConfigError(
-                    f"{name}: {arguments.kind_of(value)} is not a pair of numbers"
-                )
-            if (
-                name == "size"
-                and value is not None
-                and not 1 <= min(value) <= max(value) <= 24
-            ):
-                raise ConfigError(f"size: {value} is given; 1 to 24 inches are allowed")
+        _check_looks(looks)
+        layout = read_layout(self.directory)
         if isinstance(select, Mapping):
-            lists = {
-                k: v if isinstance(v, Iterable) and not isinstance(v, str) else [v]
-                for k, v in select.items()
-            }
-            select = [
-                f"{name}={','.join(map(str, values))}" for name, values in lists.items()
-            ]
-        layout, only = read_layout(self.directory), names_of("select", select)
+            select = [_selection(name, values) for name, values in select.items()]
+        texts = names_of("select", select)
         with styled():
             picture = choose_picture(
-                layout, kind, x=x, quantity=quantity, select=only, where=where
+                layout, kind, x=x, quantity=quantity, select=texts, where=where
             )
             return shown(picture.figure(**looks), path)
 
     def report(
         self, path: str | Path | None = None, *, title: str | None = None
     ) -> Page:
-        """Write one self-contained HTML page about the sweep, by default
-        DIRECTORY/report.html.
-        """
+        """Write one self-contained HTML page, by default DIRECTORY/report.html."""
         from rattlesweep.analysis.report import make_report
 
-        page = Page(make_report(self.directory, title))
-        return page.save(self.directory / "report.html" if path is None else path)
+        if path is None:
+            path = self.directory / "report.html"
+        return Page(make_report(self.directory, title)).save(path)
 
     def verify(
         self, recompute: int = 0, *, seed: int = 0, threads: int | None = None
     ) -> Verified:
-        """Check all runs against the manifest, and repeat `recompute` random ones bit
-        for bit.
+        """Check all runs against the manifest, and repeat some random ones bit for bit.
 
         The result has ``problems``, a list of sentences, and ``words``.  Nothing is
         changed.
         """
         from rattlesweep.sweeps.verify import verify
 
-        for name, count in {
-            "recompute": recompute,
-            "seed": seed,
-            "threads": threads,
-        }.items():
-            check_count(name, count, 1 if name == "threads" else 0)
+        check_count("recompute", recompute, 0)
+        check_count("seed", seed, 0)
+        check_count("threads", threads)
         return verify(self.directory, recompute, seed, threads)
 
     def compare(self, other: Sweep | str | Path) -> Comparison:
-        """Compare the runs with those of another sweep, as ``rattlesweep compare``
-        does.
-        """
+        """Compare with another sweep, as ``rattlesweep compare`` does."""
         from rattlesweep.analysis.compare import compare
 
-        other = other if isinstance(other, Sweep) else Sweep(other)
+        if not isinstance(other, Sweep):
+            other = Sweep(other)
         return compare(self.directory, other.directory)
 
     def classify(self, **thresholds: float) -> pd.DataFrame:
-        """Classify the runs by thresholds such as ``sw_departure=0.1``, by default the
-        config's.
+        """Classify the runs anew and return the summary.
+
+        Thresholds, such as ``sw_departure=0.1``, are by default those of the config.
         """
         from rattlesweep.sweeps.classify import classify_stored
 
@@ -255,13 +234,12 @@ class Sweep:
         title: str | None = None,
         **settings: Any,
     ) -> Page:
-        """Make a page of a run, or of the first that meets `where`, as ``show``
-        does.
-        """
-        which = {"case": case, "sample": sample, "where": where}
-        found, run = prepare_stored(self.directory, t_end, **which)
+        """Make a page of a run, or of the first that meets `where`; see ``show``."""
+        stored, run = prepare_stored(
+            self.directory, t_end, case=case, sample=sample, where=where
+        )
         check_names("arguments", settings, SHOWN)
-        return page_of(run, title or found.title, **settings)[0]
+        return page_of(run, title or stored.title, **settings)[0]
 
     def __repr__(self) -> str:
         return f"<Sweep {self.directory}: {self._stored.count():,} runs>"
@@ -270,6 +248,28 @@ class Sweep:
         summary = self.summary.dropna(axis="columns", how="all")
         table = summary.to_html(max_rows=10, index=False, float_format="{:.5g}".format)
         return f"<div>{html.escape(repr(self))}{table}</div>"
+
+
+def _check_looks(looks: Mapping[str, Any]) -> None:
+    """Refuse looks of a figure that are unknown, or no pairs where pairs are needed."""
+    check_names("looks", looks, ("title", "log", "size", "xlim", "ylim"))
+    for name in ("size", "xlim", "ylim"):
+        value = looks.get(name)
+        if value is None:
+            continue
+        if arguments.numbers(name, value).shape != (2,):
+            raise ConfigError(
+                f"{name}: {arguments.kind_of(value)} is not a pair of numbers"
+            )
+        if name == "size" and not 1 <= min(value) <= max(value) <= 24:
+            raise ConfigError(f"size: {value} is given; 1 to 24 inches are allowed")
+
+
+def _selection(name: str, values: object) -> str:
+    """Return a selection in the form of the command, as in ``n_i=-0.3,-0.5``."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        values = [values]
+    return f"{name}={','.join(map(str, values))}"
 
 
 def load(directory: str | Path) -> Sweep:
@@ -285,8 +285,7 @@ def sweep(
     progress: bool | None = None,
     **keys: Any,
 ) -> Sweep:
-    """Run a sweep, or resume one that was stopped; a ConfigWarning tells what is
-    doubtful.
+    """Run a sweep, or resume one; a ConfigWarning says what is doubtful.
 
     Parameters
     ----------
@@ -309,7 +308,10 @@ def sweep(
     from rattlesweep.sweeps.run import run_sweep
 
     check_count("threads", threads)
-    target, base = None if output is None else as_path(output, "output"), None
+    target: Path | None = None
+    if output is not None:
+        target = as_path(output, "output")
+    base: Path | None = None
     if is_table(config):
         plan, target, base, doubts = plan_frame(config, target, keys)
     else:
@@ -318,7 +320,8 @@ def sweep(
                 f"{key}: keys go with a DataFrame only; write it into the config"
             )
         if isinstance(config, str | os.PathLike):
-            loaded, base = load_config(config), Path(config).resolve().parent
+            loaded = load_config(config)
+            base = Path(config).resolve().parent
         else:
             loaded = parse_config(config)  # type: ignore[arg-type]
         plan, doubts = checked_plan(loaded, base)

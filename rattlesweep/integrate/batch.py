@@ -18,6 +18,7 @@ from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.integrate.lanes import runs
 from rattlesweep.integrate.lanes.lane import INNER, LANES, Layout, Problem, addresses_of
+from rattlesweep.integrate.lanes.runs import SHAPES, Recording
 from rattlesweep.integrate.lanes.step import OPTIONS, SUBSTEPS, write_attempt
 from rattlesweep.integrate.model import TANGENT, Model, find_model
 from rattlesweep.integrate.status import Status
@@ -25,52 +26,46 @@ from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL, Tableau
 from rattlesweep.integrate.task import Control
 from rattlesweep.physics import vectors
 
-N_WINDOWS = 64
-MAX_DAMPING = (
-    0.1  # largest change of the amplitude's logarithm that a fixed step may cause
-)
+# Largest change of the amplitude's logarithm that a fixed step may cause.
+MAX_DAMPING = 0.1
+# Statuses of runs that may have left the chart of their variables.
+FAILED = Status.NONFINITE, Status.STEP_TOO_SMALL, Status.ENERGY
 # A reversal takes the spin from beyond this share of `Batch.scale` to beyond it on the
 # other side. If the spin has plateaus, any share from 0.05 to 0.5 counts the same
 # reversals.
 PLATEAU_SHARE = 0.25
-# Observations that every kernel can record; and all of them, as only a tangent yields
-# the last.
-WATCHED = ("energy", "contact", "windows", "reversals", "volume")
-RECORDS = (*WATCHED, "lyapunov")
+RECORDS = Recording._fields
 
 
 @cache
 def problem_of(model: Model | None, adaptive: bool, width: int = LANES) -> Problem:
     """Return the problem that the kernels of a model are compiled for."""
-    hooks = "start", "pass_marks", "finish", "advance"
-    tangent = "_both" if model and model.rate else ""
-    functions = {name: getattr(runs, name + tangent) for name in hooks}
-    return Problem(model, adaptive, width, **functions)
+    hooks = runs.hooks_of(model) if model else None
+    return Problem(model, adaptive, width, hooks)
 
 
 def workspace(tableau: Tableau, model: Model, threads: int) -> Floats:
-    """Return workspaces, shape (threads, size): rows of zeros that share no cache
-    line.
-    """
+    """Return workspaces (threads, size): rows of zeros that share no cache line."""
     size = -(-Layout(model).rows(tableau, model) * LANES // 16) * 16
     flat = np.zeros(threads * size + 8)
     shift = (-flat.ctypes.data // 8) % 8
-    found = flat[shift : shift + threads * size].reshape(threads, size)
-    # Without compilation, lanes reshape the workspace, so its size must be a multiple
-    # of LANES.
-    return found[:, : size // LANES * LANES] if config.DISABLE_JIT else found
+    spaces = flat[shift : shift + threads * size].reshape(threads, size)
+    if config.DISABLE_JIT:
+        # Lanes reshape the workspace, so its size must be a multiple of LANES.
+        return spaces[:, : size // LANES * LANES]
+    return spaces
 
 
-# Arguments whose types a kernel is compiled for: a workspace, a table, addresses,
-# shared arrays.
-FLAT, TABLE, NO_PARTS = (
-    np.zeros(0),
-    np.zeros((0, 1)),
-    np.zeros(lanes.PARTS, dtype=np.int64),
-)
+# Arguments whose types a kernel is compiled for: a workspace, tables, addresses, the
+# arrays of runs, those that threads share.
+FLAT = np.zeros(0)
+TABLE = np.zeros((0, 1))
 WHOLE = np.zeros(0, dtype=np.int64)
-RUNS = TABLE, TABLE, TABLE, TABLE, FLAT, np.zeros(1, dtype=np.bool_)
-SHARED = WHOLE, WHOLE, *RUNS, TABLE, TABLE.astype(np.int64), np.zeros((0, 1, 1)), TABLE
+WHOLE_TABLE = np.zeros((0, 1), dtype=np.int64)
+NO_PARTS = np.zeros(lanes.PARTS, dtype=np.int64)
+RUNS = TABLE, TABLE, TABLE, TABLE, FLAT
+NOTHING = Recording(*(np.zeros((0, 1, 1)) for _ in RECORDS))
+SHARED = WHOLE, WHOLE, *RUNS, TABLE, WHOLE_TABLE, TABLE, *NOTHING
 
 
 def work(model_name: str, adaptive: bool) -> Kernel:
@@ -90,7 +85,9 @@ def attempt(tableau_name: str, model_name: str, extra: str = "") -> Kernel:
 def decide_closely(adaptive: bool) -> Kernel:
     """Return :func:`lanes.decide_closely`, which serves all models."""
     return Kernel(
-        lanes.decide_closely, (problem_of(None, adaptive), FLAT, 0, 1.0, False), INNER
+        lanes.decide_closely,
+        (problem_of(None, adaptive), FLAT, 0, 1.0, lanes.ZEROS),
+        INNER,
     )
 
 
@@ -103,8 +100,7 @@ def drive() -> Kernel:
 def kernel(
     tableau_name: str, model_name: str, record: Collection[str] = ()
 ) -> Callable[[int, tuple[Any, ...]], None]:
-    """Return a kernel for a record, which takes the number of threads and the shared
-    arrays.
+    """Return a kernel, which takes the number of threads and the shared arrays.
 
     If threads cannot be started (:func:`parallel`), the work of all is done in this
     one.
@@ -113,21 +109,30 @@ def kernel(
     model = TANGENT if "lyapunov" in record else model
     # Steps integrate the rate of phase volume as well if it is recorded.
     extra = ("volume",) if "volume" in record else ()
-    wanted: list[tuple[Any, ...]] = [
+    orders: list[tuple[Any, ...]] = [
         (work, model.name, tableau.adaptive),
         (attempt, tableau_name, model.name, *extra),
         (decide_closely, tableau.adaptive),
-        *([(drive,)] if parallel() else []),
     ]
-    do, one, closely, *drivers = load_kernels(*wanted)
-    address, parts = addresses_of(do)[0], addresses_of(one, closely)
+    threaded = parallel()
+    if threaded:
+        orders.append((drive,))
+    # All are loaded together, so that they are compiled in parallel.
+    working, trying, deciding, *drivers = load_kernels(*orders)
+    parts = addresses_of(trying, deciding)
+    if threaded:
+        (driving,) = drivers
+        address = addresses_of(working)[0]
 
-    def call(threads: int, shared: tuple[Any, ...]) -> None:
-        w = workspace(tableau, model, threads)
-        for start in drivers:
-            start(address, parts, threads, w, shared)
-        for thread in range(0 if drivers else threads):
-            do(problem_of(model, tableau.adaptive), thread, parts, w[thread], *shared)
+        def call(threads: int, shared: tuple[Any, ...]) -> None:
+            driving(address, parts, threads, workspace(tableau, model, threads), shared)
+    else:
+
+        def call(threads: int, shared: tuple[Any, ...]) -> None:
+            w = workspace(tableau, model, threads)
+            problem = problem_of(model, tableau.adaptive)
+            for thread in range(threads):
+                working(problem, thread, parts, w[thread], *shared)
 
     return call
 
@@ -141,9 +146,8 @@ _workqueue = threading.Lock()
 
 def _after_fork() -> None:
     global _forked, _workqueue
-    _workqueue = (
-        threading.Lock()
-    )  # the thread that held the old one does not exist here
+    # The thread that held the old lock does not exist here.
+    _workqueue = threading.Lock()
     with suppress(ValueError):  # no threads were started
         _forked = numba.threading_layer() == "omp" or _forked
 
@@ -153,8 +157,9 @@ if hasattr(os, "register_at_fork"):
 
 
 def parallel() -> bool:
-    """Return whether this process can start threads; SettingError if no layer can be
-    loaded.
+    """Return whether this process can start threads.
+
+    Raises SettingError if no threading layer can be loaded.
     """
     if _forked or config.DISABLE_JIT:
         return False
@@ -183,17 +188,13 @@ def holding(threads: int) -> Iterator[None]:
 
 
 def available_threads() -> int:
-    """Return the default number of threads: one for each processor this process may run
-    on.
-    """
+    """Return the default number of threads, one for each processor allowed."""
     return min(processors(), int(config.NUMBA_NUM_THREADS))
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Runs to integrate, in units of ``a`` and ``g``; the first axis of every array is
-    the run.
-    """
+    """Runs to integrate, in units of ``a`` and ``g``; arrays have one row a run."""
 
     y0: Floats  # initial states
     constants: Floats  # of the bodies
@@ -231,33 +232,30 @@ class Outcome:
     t_r: Floats  # first reversal
     n_end: Floats  # spin at t_end
     energy_drift: Floats  # at t_end, relative to energy_0
-    amp_growth: (
-        Floats  # largest growth of the relevant amplitude between comparisons, relative
-    )
+    # Largest growth of the relevant amplitude between comparisons, relative.
+    amp_growth: Floats
     n_departure: Floats  # largest loss of spin, relative to the launch
     energy_0: Floats  # energy at launch
-    # These and n_turns are meaningful only if they were recorded.
-    energy_drift_max: Floats
-    contact_ratio_max: Floats
-    contact_normal_min: Floats
-    volume_rate: Floats
     status: Integers  # values of Status
     n_steps: Integers
     near_tangencies: Integers
     n_rejected: Integers
-    n_turns: Integers
+    n_turns: Integers  # 0 if reversals are not recorded
     y_end: Floats  # states at t_end, shape (runs, n_state)
-    # These three have no rows if they were not recorded.
-    windows: (
-        Floats  # amplitude, least and largest spin in each window, shape (runs, 64, 3)
-    )
+    # The others have no rows if they were not recorded.
+    energy_drift_max: Floats
+    contact_ratio_max: Floats
+    contact_normal_min: Floats
+    volume_rate: Floats
+    # Amplitude, least and largest spin in each window, shape (runs, 64, 3).
+    windows: Floats
+    # Time of each reversal and largest modulus of the spin until the next, shape (runs,
+    # 8, 2).
+    reversals: Floats
     # Time and logarithm of the tangent's growth at the ends of the windows and of the
     # run, shape (runs, 64, 2).  If a step ends several windows, only the row of the
     # first is filled.
     growth: Floats
-    # Time of each reversal and largest modulus of the spin until the next, shape (runs,
-    # 8, 2).
-    reversals: Floats
     stopped: bool  # whether the kernel was stopped before all runs had ended
 
 
@@ -283,8 +281,7 @@ def integrate(
     threads: int | None = None,
     control: Control | None = None,
 ) -> Outcome:
-    """Integrate every run to its first reversal, its horizon, or the time when it has
-    settled.
+    """Integrate every run to its first reversal, its horizon, or until it has settled.
 
     If reversals are recorded, runs continue after a reversal.  The slopes of an
     ellipsoid that rolls onto its side diverge; such a run is integrated again with
@@ -304,8 +301,8 @@ def integrate(
     record : frozenset of str
         Further observations, from :data:`RECORDS`.
     cost : ndarray, shape (runs,), optional
-        Expected cost of the runs in any unit, by default from their horizons.  The
-        most expensive runs start first.
+        Expected cost of the runs in any unit, by default from their horizons.  The most
+        expensive runs start first.
     threads : int, optional
         Number of threads, by default :func:`available_threads`.
     control : Control, optional
@@ -317,76 +314,33 @@ def integrate(
         If Numba cannot load the threading layer that the environment names.
     """
     control = control or Control()
-    count = (
-        min(threads or available_threads(), config.NUMBA_NUM_THREADS)
-        if parallel()
-        else 1
-    )
+    count = 1
+    if parallel():
+        count = min(threads or available_threads(), config.NUMBA_NUM_THREADS)
     longest = np.full(len(batch), np.inf) if longest_step is None else longest_step
     price = batch.t_end * batch.swing if cost is None else cost.astype(float)
     control.start(count, price)
     result = np.full((len(batch), runs.FIRST_STATE + model.n_state), np.nan)
     counts = np.zeros((len(batch), len(runs.COUNTS)), dtype=np.int64)
     counts[:, runs.STATUS] = Status.STOPPED
-    # The columns of ``windows`` belong to windows, then to reversals, then to the
-    # tangent.
-    seen = 3 if "windows" in record else 0
-    turned = seen + (2 if "reversals" in record else 0)
-    width = turned + (2 if "lyapunov" in record else 0)
-    windows = np.full((len(batch) if width else 0, N_WINDOWS, width), np.nan)
+    recording = _recording(len(batch), record)
     if len(batch):
         order = np.argsort(-price, kind="stable")
-        flags = np.array([name in record for name in WATCHED])
+        arrays = run_arrays(batch, tableau, tol, dt, max_steps, price, longest)
+        outputs = result, counts, control.progress, *recording
         call = kernel(tableau.name, model.name, record)
         with holding(count):
-            call(
-                count,
-                (
-                    control.shared,
-                    order,
-                    *run_arrays(batch, tableau, tol, dt, max_steps, price, longest),
-                    flags,
-                    result,
-                    counts,
-                    windows,
-                    control.progress,
-                ),
-            )
-    if not tableau.adaptive:
-        coarse = is_coarse(tableau, dt, batch.relevant, result[:, runs.T_END])
-        coarse &= counts[:, runs.STATUS] == Status.OK
-        counts[coarse, runs.STATUS] = Status.COARSE
-        result[coarse, runs.T_R] = np.nan
-    counts[:, runs.STEPS] *= stride(tableau)
-    # Without spin at launch these two have no reference.
-    result[batch.tapped, runs.GROWTH] = result[batch.tapped, runs.DEPARTURE] = np.nan
-    found: dict[str, Any] = dict(zip(runs.RESULT, result.T, strict=False))
-    found |= dict(zip(runs.COUNTS, counts.T, strict=True))
-    outcome = Outcome(
-        **found,
-        y_end=result[:, runs.FIRST_STATE :],
-        windows=windows[:, :, :3] if seen else np.zeros((0, N_WINDOWS, 3)),
-        growth=windows[:, :, turned:]
-        if width > turned
-        else np.zeros((0, N_WINDOWS, 2)),
-        reversals=windows[
-            : len(batch) if turned > seen else 0, : runs.MOST_REVERSALS, seen:turned
-        ],
-        stopped=bool((counts[:, runs.STATUS] == Status.STOPPED).any()),
-    )
-    failed = np.isin(
-        outcome.status, (Status.NONFINITE, Status.STEP_TOO_SMALL, Status.ENERGY)
-    )
+            call(count, (control.shared, order, *arrays, *outputs))
+    outcome = _outcome(batch, tableau, dt, result, counts, recording)
+    failed = np.isin(outcome.status, FAILED)
     if model.anywhere is None or not failed.any():
         return outcome
     # The repetition begins at the launch, so that a run depends on its own numbers
     # alone.
     rows = np.flatnonzero(failed)
-    again = take(batch, rows)
-    y0, constants = vectors.from_slopes(again.y0, again.constants)
     control.repeat()
-    other = integrate(
-        replace(again, y0=y0, constants=constants),
+    again = integrate(
+        anywhere(take(batch, rows)),
         tableau,
         model.anywhere,
         tol=tol,
@@ -397,9 +351,60 @@ def integrate(
         threads=threads,
         control=control,
     )
-    y_end = vectors.to_slopes(other.y_end)[:, : model.n_state]
-    put(replace(other, y_end=y_end), outcome, rows)
-    return replace(outcome, stopped=outcome.stopped or other.stopped)
+    y_end = vectors.to_slopes(again.y_end)[:, : model.n_state]
+    put(replace(again, y_end=y_end), outcome, rows)
+    return replace(outcome, stopped=outcome.stopped or again.stopped)
+
+
+def anywhere(batch: Batch) -> Batch:
+    """Return a batch of slopes in the variables of :attr:`Model.anywhere`."""
+    y0, constants = vectors.from_slopes(batch.y0, batch.constants)
+    return replace(batch, y0=y0, constants=constants)
+
+
+def _recording(count: int, record: Collection[str]) -> Recording:
+    """Return arrays for a number of runs, empty where something is not recorded."""
+    arrays = {}
+    for name, shape in SHAPES._asdict().items():
+        arrays[name] = np.full((count if name in record else 0, *shape), np.nan)
+    return Recording(**arrays)
+
+
+def _outcome(
+    batch: Batch,
+    tableau: Tableau,
+    dt: float,
+    result: Floats,
+    counts: Integers,
+    recording: Recording,
+) -> Outcome:
+    """Return what a kernel has written as an outcome."""
+    if not tableau.adaptive:
+        coarse = is_coarse(tableau, dt, batch.relevant, result[:, runs.T_END])
+        coarse &= counts[:, runs.STATUS] == Status.OK
+        counts[coarse, runs.STATUS] = Status.COARSE
+        result[coarse, runs.T_R] = np.nan
+    counts[:, runs.STEPS] *= stride(tableau)
+    # Without spin at launch these two have no reference.
+    result[batch.tapped, runs.GROWTH] = np.nan
+    result[batch.tapped, runs.DEPARTURE] = np.nan
+    columns: dict[str, Any] = {}
+    for k, name in enumerate(runs.RESULT):
+        columns[name] = result[:, k]
+    for k, name in enumerate(runs.COUNTS):
+        columns[name] = counts[:, k]
+    return Outcome(
+        **columns,
+        y_end=result[:, runs.FIRST_STATE :],
+        energy_drift_max=recording.energy[:, 0, 0],
+        contact_ratio_max=recording.contact[:, 0, 0],
+        contact_normal_min=recording.contact[:, 0, 1],
+        volume_rate=recording.volume[:, 0, 0],
+        windows=recording.windows,
+        reversals=recording.reversals,
+        growth=recording.lyapunov,
+        stopped=bool((counts[:, runs.STATUS] == Status.STOPPED).any()),
+    )
 
 
 def is_coarse(
@@ -427,64 +432,68 @@ def run_arrays(
     cost: Floats | float = 0.0,
     longest_step: Floats | float = np.inf,
 ) -> tuple[Floats, ...]:
-    """Return the arrays that a kernel reads (see `lanes.runs`), from ``y0`` to
-    ``options``.
-    """
-    angle = min(1.0, lanes.FIRST_ANGLE * tol ** (1 / tableau.order))
-    first = angle / batch.swing if tableau.adaptive else SUBSTEPS * dt
-    # Depth below which the method cannot tell the sign of an extremum, as a share of
-    # the swing.
-    coarse = np.maximum(1e-9, (dt * batch.swing) ** tableau.order)
-    fuzz = 1e3 * tol if tableau.adaptive else coarse
-    settled, dead = (x if len(x) else 0.0 for x in (batch.settled, batch.dead))
-    far = PLATEAU_SHARE * batch.scale
-    columns = np.broadcast_arrays(
-        batch.t_end,
-        batch.swing,
-        batch.window,
-        batch.rate,
-        first,
-        cost,
-        fuzz,
-        batch.first_mark,
-        far,
-        batch.tapped,
-        settled,
-        dead,
-        longest_step,
-    )
-    plan = np.column_stack(columns).astype(float)
-    options = np.array(
-        [1.0 / tol**2, stride(tableau) * dt, max_steps / stride(tableau)]
-    )
-    own = map(np.ascontiguousarray, (batch.y0, batch.constants, batch.probe))
-    return *own, plan, options
+    """Return the arrays that a kernel reads, from ``y0`` to ``options``."""
+    plan = np.zeros((len(batch), runs.N_PLAN))
+    plan[:, runs.HORIZON] = batch.t_end
+    plan[:, runs.SWING] = batch.swing
+    plan[:, runs.WINDOW] = batch.window
+    plan[:, runs.RATE] = batch.rate
+    plan[:, runs.COST] = cost
+    plan[:, runs.LONGEST] = longest_step
+    plan[:, runs.FIRST_MARK] = batch.first_mark
+    plan[:, runs.FAR] = PLATEAU_SHARE * batch.scale
+    plan[:, runs.TAPPED] = batch.tapped
+    if len(batch.settled):
+        plan[:, runs.SETTLED] = batch.settled
+    if len(batch.dead):
+        plan[:, runs.DEAD] = batch.dead
+    # The depth below which the method cannot tell the sign of an extremum, as a
+    # fraction of the swing.
+    if tableau.adaptive:
+        angle = min(1.0, lanes.FIRST_ANGLE * tol ** (1 / tableau.order))
+        plan[:, runs.FIRST_STEP] = angle / batch.swing
+        plan[:, runs.FUZZ] = 1e3 * tol
+    else:
+        plan[:, runs.FIRST_STEP] = SUBSTEPS * dt
+        plan[:, runs.FUZZ] = np.maximum(1e-9, (dt * batch.swing) ** tableau.order)
+    options = np.zeros(3)
+    options[lanes.SCALE] = 1.0 / tol**2
+    options[lanes.FIXED_STEP] = stride(tableau) * dt
+    options[lanes.MOST_STEPS] = max_steps / stride(tableau)
+    y0 = np.ascontiguousarray(batch.y0)
+    constants = np.ascontiguousarray(batch.constants)
+    return y0, constants, np.ascontiguousarray(batch.probe), plan, options
 
 
 def exponents(growth: Floats) -> tuple[Floats, Floats]:
-    """Return finite-time Lyapunov exponents over each run and over its second half,
-    (runs,).
+    """Return finite-time Lyapunov exponents over each run and over its second half.
 
-    They are slopes of :attr:`Outcome.growth`, in ``sqrt(g/a)``, and NaN where it is not
-    finite. The second is also NaN where half time falls within the first window.
+    They are slopes of :attr:`Outcome.growth`, shape (runs,), in ``sqrt(g/a)``, and NaN
+    where it is not finite. The growth up to half time is interpolated between the ends
+    of windows.  The second slope is also NaN where half time falls within the first
+    window.
     """
-    row = np.arange(len(growth))
+    run = np.arange(len(growth))
     # A step that ends several windows fills the row of the first; move the empty rows
     # to the end.
     order = np.argsort(~np.isfinite(growth[:, :, :1]), axis=1, kind="stable")
-    growth = np.take_along_axis(growth, order, axis=1)
-    t, log = np.concatenate([np.zeros((len(row), 1, 2)), growth], axis=1).transpose(
-        2, 0, 1
-    )
+    rows = np.take_along_axis(growth, order, axis=1)
+    # At the launch, time and growth are zero.
+    rows = np.concatenate([np.zeros((len(run), 1, 2)), rows], axis=1)
+    t = rows[:, :, 0]
+    log = rows[:, :, 1]
     last = np.isfinite(t).sum(axis=1) - 1
-    end, grown = t[row, last], log[row, last]
+    end = t[run, last]
+    grown = log[run, last]
     half = end / 2
     # The last end of a window before half time; comparisons with NaN are false.
     before = (t <= half[:, None]).sum(axis=1) - 1
     after = np.minimum(before + 1, last)
     with np.errstate(invalid="ignore", divide="ignore"):
-        share = (half - t[row, before]) / (t[row, after] - t[row, before])
-        until = log[row, before] + share * (log[row, after] - log[row, before])
-        whole, late = grown / end, np.where(before > 0, (grown - until) / half, np.nan)
-    whole, late = (np.where(np.isfinite(rate), rate, np.nan) for rate in (whole, late))
+        share = (half - t[run, before]) / (t[run, after] - t[run, before])
+        until = log[run, before] + share * (log[run, after] - log[run, before])
+        whole = grown / end
+        late = np.where(before > 0, (grown - until) / half, np.nan)
+    whole[~np.isfinite(whole)] = np.nan
+    late[~np.isfinite(late)] = np.nan
     return whole, late

@@ -1,5 +1,4 @@
-"""One run followed past its reversals: its accepted steps, states at any times, all
-zeros.
+"""One run followed past its reversals: its accepted steps, states at any times, zeros.
 
 :func:`record_steps` runs the sweep's kernel with one run in one lane, so that accepted
 steps and the first reversal have the same bits as in a sweep; but it stores every
@@ -18,13 +17,11 @@ from rattlesweep.arrays import Floats, Integers
 from rattlesweep.integrate import batch as batches
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.compile import Kernel, load_kernels
-from rattlesweep.integrate.lanes import runs
-from rattlesweep.integrate.lanes.events import HOLD, REVERSED
-from rattlesweep.integrate.lanes.kernel import ATTEMPT, DECIDE, OK, commit, decide
+from rattlesweep.integrate.lanes import kernel, runs
+from rattlesweep.integrate.lanes.events import HOLD
 from rattlesweep.integrate.lanes.lane import (
     addresses_of,
     call,
-    call_for_pair,
     first_of,
     lane_of,
     widest_vectors,
@@ -36,9 +33,11 @@ from rattlesweep.integrate.tableau import DT, MAX_STEPS, TOL, Tableau
 STEPS_PER_CALL = 2048  # a few milliseconds, after which Python can act on Ctrl-C
 # ``counts`` of :func:`record_steps`: whether the run has begun and ended, its status,
 # and the numbers of steps and zeros that the last call stored.
-BEGUN, ENDED, STATUS, N_STEPS, N_ZEROS, N_COUNTS = 0, 1, 2, 3, 4, 5
+BEGUN, ENDED, STATUS, N_STEPS, N_ZEROS, N_COUNTS = range(6)
 # Columns of a stored step: time, its low part, then the state and its derivative.
-T, T_LOW, STATE = 0, 1, 2
+T, T_LOW, STATE = range(3)
+# ``energies`` at launch and in the last row.
+FIRST, LAST = 0, 1
 
 
 def record_steps(
@@ -50,7 +49,7 @@ def record_steps(
     probe,
     plan,
     options,
-    record,
+    reversals,
     steps,
     zeros,
     counts,
@@ -58,21 +57,27 @@ def record_steps(
 ):
     """Continue the run until the tables are full or it ends.
 
-    The arguments up to ``record`` are those of the kernel's ``work`` for one run, which
-    stays in the workspace between calls.  The others are outputs: ``steps``, where the
-    run is and then the ends of accepted steps; ``zeros``; ``counts``; ``energies`` at
-    launch and in the last row.
+    It ends at its horizon or, where a sweep without reversals ends, at the first zero
+    of the spin of a dead body.  The arguments up to ``options`` are those of the
+    kernel's ``work`` for one run, which stays in the workspace between calls.  The
+    others are outputs: ``reversals`` of a Recording; ``steps``, where the run is and
+    then the ends of accepted steps; ``zeros``; ``counts``; ``energies``.
     """
     widest_vectors()
-    scale, dt, max_steps = options[0], options[1], options[2]
+    nothing = reversals[:0]
+    recording = runs.Recording(nothing, nothing, nothing, reversals, nothing, nothing)
+    max_steps = options[kernel.MOST_STEPS]
     lane = lane_of(problem, w, 0)
     if counts[BEGUN] == 0:
         counts[BEGUN] = 1
-        problem.start(lane, 0, y0, constants, probe, plan, record)
-        lane.next = 1e290
+        problem.hooks.start(lane, 0, y0, constants, probe, plan)
+        # No window ends, and no peak of a turn is searched.
+        lane.next = lane.far = 1e290
         for l in range(1, problem.lanes):
             runs.idle(lane_of(problem, w, l))
-    row, found, status = 0, 0, OK
+    row = 0
+    n_zeros = 0
+    status = kernel.OK
     accepted, last, ended = True, False, False
     while True:
         if accepted:
@@ -81,68 +86,73 @@ def record_steps(
             for c, component in enumerate(lane.y + lane.f):
                 steps[row, STATE + c] = component
             row += 1
-        if ended or row == steps.shape[0] or found == zeros.size:
+        if ended or row == steps.shape[0] or n_zeros == zeros.size:
             break
-        call(parts[ATTEMPT], (problem, w, scale))
-        if decide(problem, w, dt, max_steps) > 0:
-            status, move = call_for_pair(
-                parts[DECIDE], (problem, w, 0, max_steps, False)
+        crossed = lane.t_crossed
+        if kernel.try_step(problem, parts, w, options, recording) > 0:
+            status, move = kernel.look_closer(
+                problem, parts, w, 0, max_steps, recording
             )
-            if move == REVERSED:
-                if not runs.is_dead(lane):
-                    zeros[found] = lane.t + (lane.h - lane.t_low)
-                    found += 1
-                later, move = call_for_pair(
-                    parts[DECIDE], (problem, w, 0, max_steps, True)
-                )
-                status = later if move == HOLD else status
-            ended = status != OK or (move != HOLD and lane.last > 0.0)
+            ended = status != kernel.OK or (move != HOLD and lane.last > 0.0)
+        last = lane.last > 0.0
+        if lane.t_crossed != crossed:
+            if runs.is_dead(lane):
+                # The step just tried ends at the zero.
+                lane.accept = 1.0
+                ended = True
+                last = False
+            else:
+                zeros[n_zeros] = lane.t_crossed
+                n_zeros += 1
         accepted = lane.accept > 0.0
         if not accepted:
             runs.hold_back(lane)
-        last = lane.last > 0.0
-        commit(problem, w)
-    counts[ENDED], counts[STATUS] = 1 if ended else 0, status
-    counts[N_STEPS], counts[N_ZEROS] = row - 1, found
-    energies[0], energies[1] = lane.energy0, runs.energy_at(lane, lane.y)
+        kernel.commit(problem, w)
+    counts[ENDED] = 1 if ended else 0
+    counts[STATUS] = status
+    counts[N_STEPS] = row - 1
+    counts[N_ZEROS] = n_zeros
+    energies[FIRST] = lane.energy0
+    energies[LAST] = runs.energy_at(lane, lane.y)
 
 
 def states_after(problem, parts, w, steps, which, offset, constants, out):
-    """Write the states a time ``offset`` after the rows ``which`` of ``steps`` to
-    ``out``.
+    """Write the states a time ``offset`` after rows of ``steps`` to ``out``.
 
     Each is one step of the method in its own lane.  Components that ``steps`` lacks
     start at zero.
     """
     widest_vectors()
     for l in range(problem.lanes):
-        lane_of(problem, w, l).constants = first_of(constants, problem.n_constants)
-    given, points = problem.n_given, which.size
+        lane = lane_of(problem, w, l)
+        lane.constants = first_of(constants, problem.model.n_constants)
+    given = problem.n_given
+    points = which.size
     for first in range(0, points, problem.lanes):
         for l in range(problem.lanes):
             i = min(first + l, points - 1)
             lane = lane_of(problem, w, l)
             row = steps[which[i], STATE:]
-            lane.y = first_of(row, given) + problem.others
-            lane.f = first_of(row[given:], given) + problem.others
-            if given < problem.n_state:
+            lane.y = first_of(row, given) + problem.extra
+            lane.f = first_of(row[given:], given) + problem.extra
+            if given < problem.model.n_state:
                 runs.derive(lane)
             lane.h = offset[i]
-        call(parts[ATTEMPT], (problem, w, 1.0))
+        call(parts[kernel.ATTEMPT], (problem, w, 1.0))
         for l in range(min(problem.lanes, points - first)):
             for c, component in enumerate(lane_of(problem, w, l).y1):
                 out[first + l, c] = component
 
 
 def observe(problem, states, constants, out):
-    """Write spin, energy, normal and tangential contact force in ``states`` to
-    ``out``.
-    """
-    q = first_of(constants, problem.n_constants)
+    """Write spin, energy, normal and tangential contact force to ``out``."""
+    model = problem.model
+    q = first_of(constants, model.n_constants)
     for i in range(out.shape[1]):
-        y = first_of(states[i], problem.n_state)
-        out[0, i], out[1, i] = problem.spin(*y), problem.energy(*(y + q))
-        out[2, i], out[3, i] = problem.contact(*(y + q))
+        y = first_of(states[i], model.n_state)
+        out[0, i] = model.spin(*y)
+        out[1, i] = model.energy(*(y + q))
+        out[2, i], out[3, i] = model.contact(*(y + q))
 
 
 OPTIONS = {"nogil": True, "error_model": "numpy"}
@@ -151,9 +161,10 @@ OPTIONS = {"nogil": True, "error_model": "numpy"}
 def steps_recipe(model_name: str, adaptive: bool) -> Kernel:
     """Return :func:`record_steps` of a model."""
     problem = batches.problem_of(find_model(model_name), adaptive)
-    given = problem, batches.NO_PARTS, batches.FLAT, *batches.RUNS
-    tables = batches.TABLE, batches.FLAT, batches.WHOLE, batches.FLAT
-    return Kernel(record_steps, (*given, *tables), OPTIONS)
+    run = problem, batches.NO_PARTS, batches.FLAT, *batches.RUNS
+    outputs = batches.TABLE, batches.FLAT, batches.WHOLE, batches.FLAT
+    arguments = *run, batches.NOTHING.reversals, *outputs
+    return Kernel(record_steps, arguments, OPTIONS)
 
 
 def states_recipe(model_name: str) -> Kernel:
@@ -183,13 +194,16 @@ class Samples:
 
 
 class Follower:
-    """Integrates a batch of one run past its reversals, as far as its states are
-    requested.
+    """Integrates a batch of one run past its reversals, as far as states are requested.
 
     With `attitude`, heading and contact point are integrated over the accepted steps.
     `look` is called with times and the result of :meth:`observe`: first for the launch,
     then for the accepted steps.  If the step is fixed, only every eighth step counts as
     accepted.
+
+    A run that leaves the chart of its variables is integrated again from its launch
+    with :attr:`Model.anywhere`, as in sweeps, but not with `attitude`; :attr:`model` is
+    the model whose variables the states have.
     """
 
     def __init__(
@@ -204,11 +218,33 @@ class Follower:
         attitude: bool = False,
         look: Callable[[Floats, Floats], None] | None = None,
     ) -> None:
-        self.t, self.n_steps, self.status = 0.0, 0, Status.OK
+        self._tableau = tableau
+        self._dt = dt
+        self._settings = tol, dt, max_steps
+        self._look: Callable[[Floats, Floats], None] | None = None
+        self._start(batch, model, attitude)
+        if model.anywhere is not None and not attitude:
+            while not self.ended:
+                self._continue()
+            if self.status in batches.FAILED:
+                self._start(batches.anywhere(batch), model.anywhere, attitude)
+            else:
+                self._start(batch, model, attitude)
+        self._look = look
+        if look is not None:
+            look(np.zeros(1), self.observe(self._batch.y0))
+
+    def _start(self, batch: Batch, model: Model, attitude: bool) -> None:
+        """Load the kernels of a model, and begin the run at its launch."""
+        self.model = model
+        self.t = 0.0
+        self.n_steps = 0
+        self.status = Status.OK
         # Times of the spin's zeros so far, without those after which the body is dead.
         self.zeros = list[float]()
         self.ended = not batch.t_end[0] > 0
-        self._batch, self._tableau, self._dt, self._look = batch, tableau, dt, look
+        self._batch = batch
+        tableau = self._tableau
         self._models = [model, ATTITUDES[model.name]] if attitude else [model]
         # Loaded together, so that they are compiled in parallel.
         self._kernel, self._observe, decision, *others = load_kernels(
@@ -218,7 +254,8 @@ class Follower:
             *((batches.attempt, tableau.name, each.name) for each in self._models),
             *((states_recipe, each.name) for each in self._models),
         )
-        steps, self._states = others[: len(self._models)], others[len(self._models) :]
+        steps = others[: len(self._models)]
+        self._states = others[len(self._models) :]
         self._steps = [addresses_of(step) for step in steps]
         # No window ends, so no amplitudes are compared.
         endless = replace(batch, window=np.full(1, 1e290), first_mark=np.full(1, 1e290))
@@ -226,10 +263,11 @@ class Follower:
             batches.problem_of(model, tableau.adaptive),
             addresses_of(steps[0], decision),
             batches.workspace(tableau, model, 1)[0],
-            *batches.run_arrays(endless, tableau, tol, dt, max_steps),
-            np.zeros(runs.N_RECORD, dtype=np.bool_),
+            *batches.run_arrays(endless, tableau, *self._settings),
+            np.zeros((1, *runs.SHAPES.reversals)),
         )
-        self._counts, self._energies = np.zeros(N_COUNTS, dtype=np.int64), np.zeros(2)
+        self._counts = np.zeros(N_COUNTS, dtype=np.int64)
+        self._energies = np.zeros(2)
         self._zeros = np.zeros(256)
         # Row 0 is where the last call ended.  The first call only stores the launch
         # there.
@@ -238,10 +276,8 @@ class Follower:
             *self._run, self._table[:1], self._zeros, self._counts, self._energies
         )
         self._rows = 1
-        self.energy_0 = float(self._energies[0])
+        self.energy_0 = float(self._energies[FIRST])
         self._extra = np.zeros((1, self._models[-1].n_extra))
-        if look is not None:
-            look(np.zeros(1), self.observe(batch.y0))
 
     def launch(self) -> Samples:
         """Return the state at time zero."""
@@ -250,9 +286,7 @@ class Follower:
         )
 
     def steps(self) -> Samples:
-        """Continue, and return the ends of the next accepted steps; none if the run has
-        ended.
-        """
+        """Continue, and return the next accepted steps; none if the run has ended."""
         if self.ended:
             return self._samples(0, 0)
         self._continue()
@@ -269,29 +303,29 @@ class Follower:
         return out
 
     def at(self, times: Floats) -> Samples:
-        """Return the states at increasing times, which must not precede those of the
-        last call.
+        """Return the states at increasing times, none before those of the last call.
 
         Times after the end of the run are left out.
         """
         out = np.empty((len(times), self._batch.y0.shape[1]))
-        extra, done = np.empty((len(times), self._extra.shape[1])), 0
+        extra = np.empty((len(times), self._extra.shape[1]))
+        done = 0
         while done < len(times):
             ends = self._table[: self._rows, T]
             upto = int(np.searchsorted(times, ends[-1], side="right"))
             if upto > done:
-                part = times[done:upto]
-                which = np.maximum(np.searchsorted(ends, part, side="left") - 1, 0)
-                offset = (part - ends[which]) + self._table[which, T_LOW]
+                wanted = times[done:upto]
+                which = np.maximum(np.searchsorted(ends, wanted, side="left") - 1, 0)
+                offset = (wanted - ends[which]) + self._table[which, T_LOW]
                 out[done:upto] = self._between(0, which, offset)
                 if extra.size:
                     # The moves are in the frame of the heading at the start of the
                     # step.
-                    moved, start = self._moves(which, offset), self._extra[which]
+                    moved = self._moves(which, offset)
+                    start = self._extra[which]
+                    turned = _rotated(start[:, 0], moved[:, 1:])
                     extra[done:upto, 0] = start[:, 0] + moved[:, 0]
-                    extra[done:upto, 1:] = start[:, 1:] + _rotated(
-                        start[:, 0], moved[:, 1:]
-                    )
+                    extra[done:upto, 1:] = start[:, 1:] + turned
                 done = upto
             elif self.ended:
                 break
@@ -300,29 +334,43 @@ class Follower:
         return Samples(times[:done], out[:done], extra[:done])
 
     def _samples(self, first: int, last: int) -> Samples:
+        """Return rows of the table of steps."""
         table = self._table[first:last]
         y = table[:, STATE : STATE + self._batch.y0.shape[1]]
         return Samples(table[:, T].copy(), y.copy(), self._extra[first:last].copy())
 
     def _between(self, place: int, which: Integers, offset: Floats) -> Floats:
-        model, constants = self._models[place], self._batch.constants[0].copy()
-        w = batches.workspace(self._tableau, model, 1)[0]
+        """Return the states of a model at some times after rows of the table."""
+        model = self._models[place]
         out = np.empty((len(which), model.n_state))
-        given = batches.problem_of(model, True), self._steps[place], w, self._table
-        self._states[place](*given, which.astype(np.int64), offset, constants, out)
+        self._states[place](
+            batches.problem_of(model, True),
+            self._steps[place],
+            batches.workspace(self._tableau, model, 1)[0],
+            self._table,
+            which.astype(np.int64),
+            offset,
+            self._batch.constants[0].copy(),
+            out,
+        )
         return out
 
     def _moves(self, which: Integers, offset: Floats) -> Floats:
+        """Return the changes of heading and contact point since rows of the table."""
         return self._between(1, which, offset)[:, self._batch.y0.shape[1] :]
 
     def _continue(self) -> None:
-        table, counts = self._table, self._counts
+        """Fill the table with the next steps."""
+        table = self._table
+        counts = self._counts
         self._kernel(*self._run, table, self._zeros, counts, self._energies)
-        self._rows = rows = 1 + int(counts[N_STEPS])
+        rows = 1 + int(counts[N_STEPS])
+        self._rows = rows
         self.n_steps += int(counts[N_STEPS]) * batches.stride(self._tableau)
         self.zeros += self._zeros[: counts[N_ZEROS]].tolist()
         self.t = float(table[rows - 1, T])
-        self.ended, self.status = bool(counts[ENDED]), Status(int(counts[STATUS]))
+        self.ended = bool(counts[ENDED])
+        self.status = Status(int(counts[STATUS]))
         base = self._extra[-1]
         self._extra = np.repeat(base[None], rows, axis=0)
         if base.size:
@@ -334,14 +382,12 @@ class Follower:
         if self.ended and self.status == Status.OK:
             self._check_accuracy()
         if self._look is not None:
-            found = self._samples(1, rows)
-            self._look(found.t, self.observe(found.y))
+            samples = self._samples(1, rows)
+            self._look(samples.t, self.observe(samples.y))
 
     def _check_accuracy(self) -> None:
-        """Set the status that a sweep would give to a run whose numbers cannot be
-        trusted.
-        """
-        drift = (float(self._energies[1]) - self.energy_0) / self.energy_0
+        """Set the status that a sweep gives to a run that cannot be trusted."""
+        drift = (float(self._energies[LAST]) - self.energy_0) / self.energy_0
         if not abs(drift) <= runs.MAX_ENERGY_DRIFT:
             self.status = Status.ENERGY if np.isfinite(drift) else Status.NONFINITE
         elif not self._tableau.adaptive:
@@ -353,6 +399,8 @@ class Follower:
 
 def _rotated(heading: Floats, move: Floats) -> Floats:
     """Return moves in the plane, rotated by headings."""
-    cosine, sine = np.cos(heading), np.sin(heading)
-    x, y = move[:, 0], move[:, 1]
+    cosine = np.cos(heading)
+    sine = np.sin(heading)
+    x = move[:, 0]
+    y = move[:, 1]
     return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)

@@ -36,6 +36,8 @@ class Model:
     error: Formula
     energy: Formula  # energy(*y, *q): conserved; with friction, the energy minus work
     contact: Formula  # contact(*y, *q): normal and tangential force
+    # limit(*y, *q): positive where the model holds; a run ends where it is zero
+    limit: Formula | None = None
     surface: Surface | None = None
     volume: Formula | None = None  # volume(*y, *q): rate of phase volume
     # The same equations in variables that exist in any position.

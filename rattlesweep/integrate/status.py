@@ -32,6 +32,7 @@ class Status(IntEnum):
         "the fixed step damped or fed the oscillation by more than 10 %",
     )
     STOPPED = 7, "stopped", "interrupted before the run began or ended; never stored"
+    LIMIT = 8, "limit", "the model holds no further; never stored"
 
     label: str
     meaning: str

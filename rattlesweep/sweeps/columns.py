@@ -14,12 +14,15 @@ from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
-from rattlesweep.quantities import DAMPING as DAMPING
-from rattlesweep.quantities import ENERGY as ENERGY
-from rattlesweep.quantities import FORCE as FORCE
-from rattlesweep.quantities import MEASURES, QUANTITIES, Definition
-from rattlesweep.quantities import RATE as RATE
-from rattlesweep.quantities import TIME as TIME
+from rattlesweep.quantities import (
+    ENERGY,
+    FORCE,
+    MEASURES,
+    QUANTITIES,
+    RATE,
+    TIME,
+    Definition,
+)
 
 F64 = pa.float64()
 I32 = pa.int32()
@@ -333,7 +336,7 @@ GROUPS = (
                 F64,
                 "lyapunov_late",
                 RATE,
-                "Lyapunov exponent of the second half; null: too short",
+                "the same from half time, interpolated in its window; null: too short",
             ),
             Column(
                 "chaotic",

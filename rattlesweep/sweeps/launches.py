@@ -8,7 +8,8 @@ import numpy as np
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.batch import N_WINDOWS, Batch
+from rattlesweep.integrate.batch import Batch
+from rattlesweep.integrate.lanes.runs import N_WINDOWS
 from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
 from rattlesweep.physics import full, reduced, stone, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback

@@ -192,14 +192,18 @@ def _wrong_ends(rows: pa.Table, config: Config) -> Flags:
     is_ok = rows["status"].to_numpy() == "ok"
     horizon = _horizons(rows, config)
     reverses = np.isfinite(t_r)
-    is_end = np.where(reverses, t_end == t_r, t_end == horizon)
-    if "n_turns" in rows.schema.names:  # runs go on after a reversal
-        is_end = (t_end == horizon) & ~(t_r > t_end)
+    if "n_turns" in rows.schema.names:
+        # Runs go on after their reversals, the first of which is before the end.
+        goes_on = np.ones(len(rows), bool)
+        is_end = ~(t_r > t_end)
+    else:
+        goes_on = ~reverses
+        is_end = goes_on | (t_end == t_r)
+    # A row of a table may have a horizon of its own.
+    is_end &= ~goes_on | (t_end == horizon) | np.isnan(horizon)
     # Runs may end before, once they are settled, or at a reversal of a dead body.
     if config.classify.early or config.dissipation:
-        is_end |= ~reverses & (t_end < horizon)
-    # A row of a table may have a horizon of its own.
-    is_end |= np.isnan(horizon) & ~reverses
+        is_end |= goes_on & (t_end < horizon)
     wrong: Flags = (t_end > horizon) | (is_ok & ~is_end)
     return wrong
 

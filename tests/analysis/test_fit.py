@@ -21,7 +21,8 @@ from rattlesweep.analysis.fit.film import read_film, unwrapped
 from rattlesweep.analysis.fit.search import fit_run
 from rattlesweep.sweeps.launches import Launch
 
-STONE, DATA = ROOT / "configs/fit/stone.yaml", ROOT / "configs/fit/data.csv"
+STONE = ROOT / "configs/fit/stone.yaml"
+DATA = ROOT / "configs/fit/data.csv"
 BODY = rs.Rattleback.half_ellipsoid(
     length="12 cm", width="3 cm", height="12 mm", mass="60 g", skew="3 deg"
 )
@@ -37,17 +38,21 @@ def test_the_command_prints_what_the_page_shows(tmp_path):
     assert result.stdout + summary in (ROOT / "docs/fit.md").read_text()
     assert picture.stat().st_size > 10_000
     for line in result.stdout.splitlines()[1:4]:
-        name, value, low, high = line.split()[0], *map(float, line.split()[1:4])
+        name, *numbers = line.split()[:4]
+        value, low, high = map(float, numbers)
         assert low < value < high
         assert low - (high - low) < TRUTH[name] < high + (high - low)
     (tmp_path / "few.csv").write_text(
         "".join(DATA.read_text().splitlines(keepends=True)[:80])
     )
-    told = json.loads(invoke("fit", STONE, tmp_path / "few.csv", "--json", "-q").stdout)
-    assert told["values"].keys() == told["intervals"].keys() == TRUTH.keys()
+    printed = json.loads(
+        invoke("fit", STONE, tmp_path / "few.csv", "--json", "-q").stdout
+    )
+    assert printed["values"].keys() == printed["intervals"].keys() == TRUTH.keys()
     rpm = 30 / math.pi / BODY.units.time
-    assert told["in_si"]["n_i"] == pytest.approx(
-        [rpm * x for x in (told["values"]["n_i"], *told["intervals"]["n_i"])] + ["rpm"]
+    assert printed["in_si"]["n_i"] == pytest.approx(
+        [rpm * x for x in (printed["values"]["n_i"], *printed["intervals"]["n_i"])]
+        + ["rpm"]
     )
 
 
@@ -58,10 +63,10 @@ def test_exact_data_give_the_truth_back():
     table.loc[40:70, "n_rpm"] = np.nan
     spins = table[["t_s", "n_rpm"]]
     launch = {"n_i": 0.31, "omega_xy0": 0.03}
-    found = rs.fit(BODY, spins, free=["n_i", "sigma"], launch=launch)
-    assert found.rows == 300 - 31
+    fit = rs.fit(BODY, spins, free=["n_i", "sigma"], launch=launch)
+    assert fit.rows == 300 - 31
     for name in ("n_i", "sigma"):
-        assert found.values[name] == pytest.approx(TRUTH[name], rel=1e-6)
+        assert fit.values[name] == pytest.approx(TRUTH[name], rel=1e-6)
 
 
 def test_reversal_times_tell_the_friction():
@@ -69,9 +74,9 @@ def test_reversal_times_tell_the_friction():
     run = rs.trajectory(BODY, **launch, sigma=4e-3, t_end="8 s", points=2)
     times = run.reversals * BODY.units.time
     assert len(times) >= 2
-    found = rs.fit(BODY, {"reversal_s": times}, free="sigma", launch=launch)
-    assert found.values["sigma"] == pytest.approx(4e-3, rel=1e-5)
-    axes = found.plot().axes[0]
+    fit = rs.fit(BODY, {"reversal_s": times}, free="sigma", launch=launch)
+    assert fit.values["sigma"] == pytest.approx(4e-3, rel=1e-5)
+    axes = fit.plot().axes[0]
     assert [line.get_linestyle() for line in axes.lines] == ["None", "None"]
     assert axes.get_xticks().tolist() == list(range(1, len(times) + 1))
 
@@ -82,8 +87,8 @@ def test_parameters_that_only_their_ratio_is_told_of_are_both_named():
         ["t", "n"]
     ]
     data["n"] += 1e-3 * np.random.default_rng(1).standard_normal(200)
-    found = rs.fit(BODY, data, free=["sigma", "gamma"], launch=launch)
-    assert "the data cannot tell sigma and gamma apart" in found.remarks[0]
+    fit = rs.fit(BODY, data, free=["sigma", "gamma"], launch=launch)
+    assert "the data cannot tell sigma and gamma apart" in fit.remarks[0]
 
 
 def test_an_axis_is_followed_through_half_turns_and_gaps():
@@ -91,9 +96,9 @@ def test_an_axis_is_followed_through_half_turns_and_gaps():
     angle = 9 * t - 0.9 * t**2
     seen = np.remainder(angle, math.pi)
     seen[100:130] = np.nan
-    found = unwrapped(t, seen)
+    continuous = unwrapped(t, seen)
     known = np.isfinite(seen)
-    assert np.ptp((found - angle)[known]) < 1e-9
+    assert np.ptp((continuous - angle)[known]) < 1e-9
 
 
 @pytest.mark.parametrize(
@@ -250,9 +255,9 @@ def test_large_residuals_are_told(monkeypatch):
     # The search cannot succeed: a body of the other skew does not turn like this one.
     monkeypatch.setattr(search, "FINE", ())
     monkeypatch.setattr(search, "MOST_STEPS", 3)
-    other = BODY.replace(xi=-BODY.xi)
+    mirrored = BODY.replace(xi=-BODY.xi)
     launch = {"n_i": 0.3, "omega_xy0": 0.03}
-    fit = rs.fit(other, film()[:240], free="sigma", launch=launch)
+    fit = rs.fit(mirrored, film()[:240], free="sigma", launch=launch)
     assert fit.noise > 20
     assert fit.remarks[0].startswith(
         f"the residuals are {fit.noise:.3g} deg: the model"

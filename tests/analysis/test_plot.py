@@ -22,7 +22,8 @@ from theory_mp import n_c1_squared
 
 import rattlesweep as rs
 from rattlesweep.analysis.layout import fill, read_layout
-from rattlesweep.analysis.plots import BONDI, CODES, Picture, choose_picture
+from rattlesweep.analysis.plots import Picture, choose_picture
+from rattlesweep.analysis.plots.maps import BONDI, CODES
 from rattlesweep.analysis.style import TYPE_STYLE, curve, new_figure, styled
 
 # Of sweeps without dissipation.
@@ -93,8 +94,9 @@ def legend_words(figure: Any) -> list[str]:
 
 def test_counts_and_moments_against_pandas(sweeps):
     table = picture(sweeps / "steady").table()
-    runs, summary = rs.load(sweeps / "steady").runs, rs.load(sweeps / "steady").summary
-    runs = runs.merge(summary[["case", "K_r"]], on="case", suffixes=("_body", ""))
+    sweep = rs.load(sweeps / "steady")
+    summary = sweep.summary
+    runs = sweep.runs.merge(summary[["case", "K_r"]], on="case", suffixes=("_body", ""))
     groups = runs.groupby(["n_i", "omega_xy0", "K_r"])
     assert len(table) == groups.ngroups == 16
     for _, row in table.iterrows():
@@ -108,9 +110,9 @@ def test_counts_and_moments_against_pandas(sweeps):
             )
         assert row["fraction_bondi"] == (cell["n_c1"].abs() < cell["n_i"].abs()).mean()
         for name, values in (("t_r", reversed_["t_r"]), ("ratio", ratio)):
-            found = row[[f"{name}_mean", f"{name}_std", f"{name}_sem"]].tolist()
+            drawn_moments = row[[f"{name}_mean", f"{name}_std", f"{name}_sem"]].tolist()
             moments = [values.mean(), values.std(), values.sem()]
-            assert found == pytest.approx(moments, rel=1e-10, nan_ok=True)
+            assert drawn_moments == pytest.approx(moments, rel=1e-10, nan_ok=True)
         assert row["t_rgh_mean"] == pytest.approx(cell["t_rgh"].mean(), rel=1e-12)
     # Bondi's threshold is one of the steady direction.
     assert picture(sweeps / "unsteady").table()["fraction_bondi"].isna().all()
@@ -170,7 +172,8 @@ def test_a_single_abscissa_has_a_mark_for_the_theory(sweeps):
 
 
 def test_rounding_errors_are_no_oscillations():
-    axes, t = new_figure(3, 2).subplots(), np.linspace(0, 40, 40_001)
+    axes = new_figure(3, 2).subplots()
+    t = np.linspace(0, 40, 40_001)
     curve(axes, t, np.tanh(t - 9) + 1e-16 * np.sin(1e5 * t))
     assert not axes.collections
     curve(axes, t, np.sin(100 * t))
@@ -196,7 +199,8 @@ def test_a_map_shows_the_runs_and_bondis_line_between_them(sweeps):
     runs = rs.load(sweeps / "map").runs
     runs = runs.assign(code=runs["type"].map(order), ratio=runs["t_r"] / runs["t_rgh"])
     cells = runs.pivot(index="n_i", columns="theta", values=["code", "ratio"])
-    code, value = cells["code"].to_numpy(), cells["ratio"].to_numpy()
+    code = cells["code"].to_numpy()
+    value = cells["ratio"].to_numpy()
     assert len(np.unique(code)) > 2
     types, ratio = figure.axes[:2]
     np.testing.assert_array_equal(types.collections[0].get_array(), code)
@@ -265,10 +269,8 @@ def test_data_style_title_size_and_defaults(sweeps, tmp_path):
     svg = (copy / "ratio.svg").read_text()
     assert "#ffff00" in svg
     assert "<!-- Steady -->" in svg
-    csv, parquet = (
-        pd.read_csv(tmp_path / "d.csv"),
-        pd.read_parquet(tmp_path / "d.parquet"),
-    )
+    csv = pd.read_csv(tmp_path / "d.csv")
+    parquet = pd.read_parquet(tmp_path / "d.parquet")
     pd.testing.assert_frame_equal(csv, parquet)
     assert (set(csv["K_r"]), set(csv["n_i"])) == ({0.005, 0.02}, {-0.5})
 
@@ -367,7 +369,8 @@ def test_bodies_of_a_known_size_are_shown_in_seconds_and_rpm(tmp_path):
 
 def test_filled_points_are_those_of_the_nearest_run_and_between_runs():
     x, y = np.meshgrid(np.arange(9.0), np.arange(9.0), indexing="ij")
-    plane, known = 2 * x + 3 * y, (x % 4 == 0) & (y % 4 == 0)
+    plane = 2 * x + 3 * y
+    known = (x % 4 == 0) & (y % 4 == 0)
     np.testing.assert_allclose(fill(np.where(known, plane, np.nan), known), plane)
     filled = fill(np.where(known, np.where(x < 4, "R", "SS"), ""), known)
     assert ({*filled[:2].flat}, {*filled[7:].flat}) == ({"R"}, {"SS"})
@@ -467,7 +470,10 @@ def place(sweeps: Path) -> Path:
 def test_what_is_wrong_is_one_sentence(place, monkeypatch, line):
     monkeypatch.chdir(place)
     before = tree(place)
-    typed, words = line.split(" | ")
-    code = 1 if words.startswith("1: ") else 2
-    assert_refused(invoke(*shlex.split(typed)), code, words.removeprefix("1: "))
+    command, sentence = line.split(" | ")
+    code = 2
+    if sentence.startswith("1: "):
+        code = 1
+    result = invoke(*shlex.split(command))
+    assert_refused(result, code, sentence.removeprefix("1: "))
     assert tree(place) == before

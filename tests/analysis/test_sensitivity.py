@@ -17,7 +17,8 @@ from sweeping import invoke, sweep
 from rattlesweep.analysis.sensitivity import MOST_MISSING, indices, sensitivity
 from rattlesweep.sweeps.bodies.sources import sequence_points
 
-GROUP, GROUPS = 7, 256
+GROUP = 7
+GROUPS = 256
 PARAMETERS = ("gamma", "f_sd", "theta", "phi", "minus_xi_deg")
 CONFIG: dict[str, Any] = {
     "seed": 4,
@@ -27,7 +28,8 @@ CONFIG: dict[str, Any] = {
     "horizon": {"t": 1e5},
 }
 # Ishigami's function, whose indices are known (Ishigami and Homma, 1990).
-A, B = 7.0, 0.1
+A = 7.0
+B = 0.1
 VARIANCE = A**2 / 8 + B * np.pi**4 / 5 + B**2 * np.pi**8 / 18 + 0.5
 FIRST = np.array([0.5 * (1 + B * np.pi**4 / 5) ** 2, A**2 / 8, 0]) / VARIANCE
 TOTAL = FIRST + np.array([1, 0, 1]) * B**2 * np.pi**8 * (1 / 18 - 1 / 50) / VARIANCE

@@ -57,7 +57,8 @@ def held(text: str) -> Any:
 
 
 # The paraboloid of Eq. 4 in the paper's own form, z = 1 - s.R Theta R^-1.s / 2.
-COS, SIN = math.cos(GH.xi), math.sin(GH.xi)
+COS = math.cos(GH.xi)
+SIN = math.sin(GH.xi)
 TURN = np.array([[COS, -SIN], [SIN, COS]])
 SURFACE = TURN @ np.diag([GH.theta, GH.phi]) @ TURN.T
 
@@ -77,11 +78,12 @@ def lowest(matrix: Any) -> Any:
 
 def test_the_page_holds_the_columns_and_names_no_address(page):
     text = page.read_text()
-    data, found = held(text), scene()
+    data = held(text)
+    columns = scene()["columns"]
     table = np.frombuffer(base64.b64decode(data["table"]), dtype="<f4")
     table = table.reshape(-1, len(data["columns"]))
     for k, name in enumerate(data["columns"]):
-        assert np.array_equal(table[:, k], found["columns"][name].astype(np.float32))
+        assert np.array_equal(table[:, k], columns[name].astype(np.float32))
     # The name of a language, which is no address.
     assert set(re.findall(r"https?://[^\s\"'`)]+", text)) == {
         "http://www.w3.org/1999/xhtml"
@@ -89,11 +91,8 @@ def test_the_page_holds_the_columns_and_names_no_address(page):
     assert "default-src 'none'" in text
     assert "The MIT License" in text
     # The largest page is below 5 MB.
-    many = {
-        name: np.resize(column, show.MOST_ROWS)
-        for name, column in found["columns"].items()
-    }
-    assert len(show.make_page(found | {"columns": many}, "a", "b")) < 5e6
+    many = {name: np.resize(column, show.MOST_ROWS) for name, column in columns.items()}
+    assert len(show.make_page(scene() | {"columns": many}, "a", "b")) < 5e6
 
 
 def test_the_facts_of_a_body_of_known_size_are_in_its_units():
@@ -108,19 +107,21 @@ def test_the_facts_of_a_body_of_known_size_are_in_its_units():
 
 
 def test_words_cannot_become_markup(tmp_path):
-    title, path = "</title><script>alert('1')</script> & @@data@@", tmp_path / "p.html"
+    title = "</title><script>alert('1')</script> & @@data@@"
+    path = tmp_path / "p.html"
     invoke("show", "--preset", "GH", "--t-end", 5, "--title", title, "--output", path)
     text = path.read_text()
     assert "alert('1')" not in text
     assert "&amp; @@data@@" in text
-    found = scene(t_end=5.0) | {"facts": [("a", "</script><script>")]}
-    assert held(show.make_page(found, "a", "b").decode())["facts"] == [
+    evil = scene(t_end=5.0) | {"facts": [("a", "</script><script>")]}
+    assert held(show.make_page(evil, "a", "b").decode())["facts"] == [
         ["a", "</script><script>"]
     ]
 
 
 def test_a_stored_run_is_shown_and_proved(tmp_path):
-    output, path = tmp_path / "out", tmp_path / "new" / "r.html"
+    output = tmp_path / "out"
+    path = tmp_path / "new" / "r.html"
     assert run("gh.yaml", output, "spin.n_i=[0.1]").exit_code == 0
     t_r = float(rows(output)["t_r"].iloc[0])
     result = invoke(
@@ -136,9 +137,9 @@ def opened(page: Path) -> Iterator[Browser]:
     """The page, once for the tests that follow: to draw it first takes most of their
     time.
     """
-    with browser() as one:
-        one.open(page)
-        yield one
+    with browser() as window:
+        window.open(page)
+        yield window
 
 
 @pytest.fixture
@@ -192,15 +193,16 @@ def test_the_drawn_body_touches_the_plane_and_hardly_slips(still):
         channels=["trace_x", "trace_y"],
     ).table.to_numpy()
     assert np.abs(now[:, 4:6] - exact).max() < 1e-4 * np.ptp(exact, axis=0).max()
-    slips, speeds = [], []
-    for one, two, three in zip(now, before, after, strict=True):
-        m = turns(one[:4])
-        low = lowest(m)
+    slips = []
+    speeds = []
+    for pose, earlier, later in zip(now, before, after, strict=True):
+        attitude = turns(pose[:4])
+        low = lowest(attitude)
         # The lowest point of the true surface is on the plane, and where the trace is.
-        assert np.abs(one[7:] + m @ low - one[4:7]).max() < 1e-12
-        ends = [p[7:] + turns(p[:4]) @ low for p in (two, three)]
+        assert np.abs(pose[7:] + attitude @ low - pose[4:7]).max() < 1e-12
+        ends = [p[7:] + turns(p[:4]) @ low for p in (earlier, later)]
         slips.append(np.linalg.norm(ends[1] - ends[0]))
-        speeds.append(np.linalg.norm(three[4:7] - two[4:7]))
+        speeds.append(np.linalg.norm(later[4:7] - earlier[4:7]))
     assert max(slips) < 2e-4 * max(speeds)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
+from configs import EXAMPLE, GOOD, changed, variants
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config import read
 from rattlesweep.sweeps.config.read import (
@@ -22,42 +23,6 @@ from rattlesweep.sweeps.config.read import (
 from rattlesweep.sweeps.config.schema import ACCURACIES
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
-EXAMPLE = """\
-name: steady-kr-quick
-seed: 2017                  # every draw depends on (seed, case, sample) and on nothing else
-bodies:                     # where parameter sets come from
-  source: sd                # sd | preset | table | grid
-  samples: 1000             # per case
-  ranges: {gamma: [5, 15], f_sd: [0.05, 0.15], theta: [0.6, 0.95], phi: [0.01, 0.1], minus_xi_deg: [0, 6]}
-  target: {K_r: [0.01, 0.03, 0.1], rel_tol: 1e-3}   # optional
-spin:                       # cases are targets x n_i x omega_xy0
-  n_i: [-0.1, -0.3, -0.5]
-  omega_xy0: [0.001, 0.01, 0.1]
-  psi: relevant
-model: full                 # full | reduced | gh
-horizon: {t_rgh: 5}
-integrator: {method: dop853, tol: 1e-9}
-classify: {}
-record: []
-output: out/steady-kr-quick
-"""  # noqa: E501
-SPIN = "spin: {n_i: -0.1, omega_xy0: 0.01}\n"
-GOOD = {
-    "sd": EXAMPLE,
-    "preset": "bodies: {source: preset, name: GH, overrides: {theta: 0.82}}\n" + SPIN,
-    "table": "bodies: {source: table, path: bodies.csv}\n",
-    "grid": "bodies: {source: grid, base: {preset: GH}, "
-    "axes: {theta: {linspace: [0.6, 0.99, 200]}, phi: [0.02, 0.036]}}\n" + SPIN,
-    "shell": "bodies: {source: grid, base: {gamma: 10, f_sd: 0.1, theta: 0.7, "
-    "phi: 0.05, xi_deg: -3}, axes: {f_sd: [0.1, 0.2], "
-    "minus_xi_deg: {logspace: [0.01, 1, 3]}}}\n"
-    "spin: {n_i: [0.1, -0.1], omega_xy0: 0.01, psi: 30}\n"
-    "integrator: {method: rk4, dt: 0.002}\nhorizon: {t: 3.0e4}\n"
-    "record: [contact, energy]\n",
-    "shape": "bodies: {source: shape, length: 12cm, width: 0.03, height: 12 mm, "
-    "mass: [80 g, 90 g], skew: -3 deg, samples: 4}\n"
-    "spin: {n_i: [60 rpm, 0.1], omega_xy0: 6 rpm}\n",
-}
 SD = {"bodies": {"source": "sd"}, "spin": {"n_i": 0.1, "omega_xy0": 0.01}}
 
 
@@ -73,11 +38,6 @@ def messages(path, *overrides):
     with pytest.raises(ConfigError) as caught:
         load_config(path, overrides)
     return [line.replace(str(path), "c.yaml") for line in caught.value.messages]
-
-
-def changed(old, new, text=EXAMPLE):
-    assert old in text
-    return text.replace(old, new)
 
 
 @pytest.mark.parametrize(
@@ -97,8 +57,8 @@ def test_configs_round_trip_and_fit_the_schema(name, path):
     assert (
         parse_config({"name": config.name} | yaml.safe_load(path.read_text())) == config
     )
-    for given in (data, read.read_yaml(path.read_text())[0]):
-        jsonschema.Draft202012Validator(read.config_json_schema()).validate(given)
+    for plain in (data, read.read_yaml(path.read_text())[0]):
+        jsonschema.Draft202012Validator(read.config_json_schema()).validate(plain)
 
 
 def test_settings_are_yaml_1_2_and_the_last_one_wins(path):
@@ -202,8 +162,8 @@ def test_defaults_are_table_one_and_the_papers_own_step():
     }
     # Null means not given; tuples and NumPy's numbers are accepted.
     spin = {"n_i": (np.float64(0.1),), "omega_xy0": np.array([0.01])}
-    given = SD | {"stop": None, "seed": np.int64(0), "spin": spin}
-    assert resolved(parse_config(SD)) == resolved(parse_config(given)) == expected
+    spelled_out = SD | {"stop": None, "seed": np.int64(0), "spin": spin}
+    assert resolved(parse_config(SD)) == resolved(parse_config(spelled_out)) == expected
     assert parse_config({**SD, "integrator": {"method": "rk4"}}).integrator.dt == 0.002
 
 
@@ -296,19 +256,6 @@ WHOLE = {
     ): "1: cannot be read as YAML (more than 20000 values);",
     "{" * 600: "1: cannot be read as YAML (maximum recursion depth",
 }
-
-
-def variants(table, **more):
-    """Return the rows of a table like `REFUSED` as parameters: the changed config, and
-    the rest.
-    """
-    found = []
-    for line in table.strip().splitlines():
-        name, old, new, *rest = line.replace(r"\n", "\n").split(" | ")
-        text = (GOOD | more)[name]
-        text = text + new + "\n" if old == "+" else changed(old, new, text)
-        found.append(pytest.param(text, *rest, id=rest[-1]))
-    return found
 
 
 @pytest.mark.parametrize(("text", "words"), [*variants(REFUSED), *WHOLE.items()])
@@ -431,7 +378,7 @@ def test_the_hash_changes_only_with_the_results_of_a_run(path):
         "bodies.target.K_r=[0.5]",
         "integrator.max_steps=5",
     )
-    assert {hashed(one) for one in same} == {hashed()}
+    assert {hashed(change) for change in same} == {hashed()}
     others = (
         "seed=1",
         "integrator.tol=1e-8",

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sweeping import HEAD, ROW
-from test_config import GOOD
 
+from configs import GOOD
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.config.schema import SdSource
@@ -29,7 +29,8 @@ JARGON = (
 TEXTS = [
     *GOOD.values(),
     GOOD["sd"].replace("  target:", "  # target:"),
-    "bodies:\n  source: table\n  path: t.csv\nspin: {n_i: [0.1, -0.1], omega_xy0: 0.01}\n"
+    "bodies:\n  source: table\n  path: t.csv\n"
+    "spin: {n_i: [0.1, -0.1], omega_xy0: 0.01}\n"
     "model: reduced\nintegrator: {accuracy: draft}\nseed: 3\n",
     "bodies:\n  source: grid\n  base:\n    preset: GH\n  axes:\n    theta:\n"
     "      linspace: [0.6, 0.9, 1000]\n    phi:\n      logspace: [0.01, 0.1, 1000]\n"

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from numba.core import event
 from sweeping import CONFIGS, HEAD, ROW
-from test_config import SPIN, variants
 
+from configs import SPIN, variants
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.config.schema import SdSource

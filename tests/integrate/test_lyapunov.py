@@ -6,13 +6,15 @@ import kernels
 import numpy as np
 import oracle
 import pytest
+from exact import exactly
 from mpmath import mp
-from test_full import mp_rhs
 
 from rattlesweep.integrate.batch import exponents, integrate
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.physics import full, steady, tangent
+
+mp_rhs = exactly(full.rhs)
 
 GH = oracle.GH
 LYAPUNOV = frozenset(["lyapunov"])

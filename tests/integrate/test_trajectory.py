@@ -174,3 +174,55 @@ def test_a_failed_run_says_so_and_keeps_its_good_steps():
     assert np.isfinite(y).all()
     found = Follower(batch, DOP853, FULL, max_steps=50).at(np.linspace(0, 100, 201))
     assert 0 < len(found.t) < 201
+
+
+def test_a_dead_body_ends_where_a_sweep_ends():
+    launch = {"n_i": -0.1, "omega_xy0": 0.01, "t_end": 2000.0, "sigma": 1e6}
+    found = rs.trajectory(GH, points=5, **launch)
+    run = rs.simulate(GH, **launch)
+    assert (found.status, run.type) == ("ok", "D")
+    assert found.t_end == run.t_end < 1
+    assert found.zeros.tolist() == []
+
+
+LOW = {
+    "alpha": 10.035408776710417,
+    "beta": 1.5949252516116899,
+    "gamma": 9.630334028322107,
+    "theta": 0.6553645686412248,
+    "phi": 0.06132069405832485,
+    "xi": -0.09841503537328168,
+    "c": 2.0,
+}
+
+
+def test_a_body_that_rolls_onto_its_side_goes_on_as_in_a_sweep():
+    """The launch of a low ellipsoid whose roll grows until it lies on its side."""
+    body = rs.Rattleback(**LOW)
+    launch = {"n_i": -0.5, "omega_xy0": 0.01, "t_end": 605.0}
+    run = rs.simulate(body, **launch)
+    channels = [
+        "t",
+        "n",
+        "energy",
+        "u_x",
+        "u_y",
+        "u_z",
+        "F_normal",
+        "contact_x",
+        "contact_y",
+        "contact_z",
+    ]
+    found = rs.trajectory(body, channels=channels, points=4001, **launch)
+    assert (found.status, run.status) == ("ok", "ok")
+    assert found.t_end == 605
+    assert found.zeros[0] == run.t_r
+    table = found.table
+    assert table.u_z.max() > 0
+    assert np.linalg.norm(table[["u_x", "u_y", "u_z"]], axis=1) == pytest.approx(1)
+    assert table.energy.to_numpy() == pytest.approx(table.energy[0], rel=1e-6)
+    # The contact point is the lowest point of the body, on its ellipsoid.
+    u = table[["u_x", "u_y", "u_z"]].to_numpy()
+    r = table[["contact_x", "contact_y", "contact_z"]].to_numpy()
+    centre = np.array([0, 0, 1 - LOW["c"]])
+    assert (np.sum((r - centre) * u, axis=1) < 0).all()

@@ -46,6 +46,9 @@ PIECES = {
     "commit": (kernel.commit, (float64[::1],)),
     "advance": (runs.advance, (float64[::1],)),
     "advance_tangent": (runs.advance_tangent, (float64[::1],)),
+    "observe_contact": (runs.observe_contact, (float64[::1],)),
+    "observe_spin": (runs.observe_spin, (float64[::1],)),
+    "observe_limit": (runs.observe_limit, (float64[::1],)),
 }
 
 
@@ -112,5 +115,14 @@ def test_decisions_are_vectorised(method, model):
 def test_lanes_move_on_vectorised(model):
     assert_vectorised(piece("commit", "dop853", model))
     assert_vectorised(piece("advance", "dop853", model))
+    assert_vectorised(piece("observe_spin", "dop853", model))
     if model == TANGENT.name:
         assert_vectorised(piece("advance_tangent", "dop853", model))
+
+
+@models
+def test_observations_are_vectorised(model):
+    if model.endswith("rolling"):
+        pytest.skip("the resistance of rolling has branches")
+    if model != "reduced":
+        assert_vectorised(piece("observe_contact", "dop853", model))

@@ -6,8 +6,8 @@ import kernels
 import numpy as np
 import pytest
 import stone_oracle
+from stones import constants_of, random_bodies
 from sweeping import plan_of, prepared
-from test_stone import constants_of, random_bodies
 
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import ELLIPSOID, VECTORS

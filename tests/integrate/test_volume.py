@@ -8,7 +8,7 @@ import reference
 from exact import exactly
 from mpmath import mp
 from samples import GH, mapping, table_one
-from test_stone import constants_of, of_model, random_bodies
+from stones import constants_of, of_model, random_bodies
 
 import rattlesweep as rs
 from rattlesweep.integrate.batch import integrate

@@ -1,64 +1,16 @@
 """Ellipsoids and friction against an independent formulation of the mechanics."""
 
-import math
-
 import numpy as np
 import pytest
 import stone_oracle
 from exact import exactly
 from mpmath import mp
+from stones import constants_of, of_model, random_bodies
 
 from rattlesweep.integrate.model import ELLIPSOID, FRICTION
-from rattlesweep.physics import full, stone
-from rattlesweep.physics.body import PARAMETERS, shell_dumbbell
+from rattlesweep.physics import full
 
 MODELS = [ELLIPSOID, *FRICTION.values()]
-
-
-def random_bodies(count, seed):
-    """Bodies, states and friction coefficients; every fourth body is a paraboloid."""
-    rng = np.random.default_rng(seed)
-    for k in range(count):
-        gamma = rng.uniform(3, 20)
-        f_sd = rng.uniform(0.05, 0.3)
-        alpha, beta = shell_dumbbell(gamma, f_sd)
-        theta = rng.uniform(0.15, 0.95)
-        body = {
-            "alpha": alpha,
-            "beta": beta,
-            "gamma": gamma,
-            "theta": theta,
-            "phi": rng.uniform(0.004, 0.8) * theta,
-            "xi": -math.radians(rng.uniform(0.1, 9)),
-            "c": None,
-        }
-        if k % 4:
-            body["c"] = theta * (1 + rng.lognormal(0, 1.5))
-        tilt = rng.uniform(0, 0.3)
-        turn = rng.uniform(0, 2 * math.pi)
-        u = np.array(
-            [
-                math.sin(tilt) * math.cos(turn),
-                math.sin(tilt) * math.sin(turn),
-                -math.cos(tilt),
-            ]
-        )
-        yield body, u, rng.normal(0, 0.4, 3), rng.uniform(0, 0.1), rng.uniform(0, 0.01)
-
-
-def constants_of(model, body, sigma=0.0, rolling=0.0):
-    """Return the constants of a body for a model."""
-    shape = full.constants(*(body[name] for name in PARAMETERS))
-    k = stone.inverse_semi_axis(body["c"])
-    return [*shape, k, sigma, rolling, stone.SMOOTHING][: model.n_constants]
-
-
-def of_model(model, body, sigma, rolling):
-    """Return body and coefficients without what the model does not have."""
-    flat = model.name.startswith("full")
-    sigma = 0.0 if model is ELLIPSOID else sigma
-    rolling = rolling if model.name.endswith("rolling") else 0.0
-    return body | {"c": None if flat else body["c"]}, sigma, rolling
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
@@ -134,17 +86,3 @@ def test_carried_functions_of_a_step(model):
                 max(abs(a - b) for a, b in zip(nearly, (*got, rate), strict=True))
                 < 1e-12
             )
-
-
-def kl_state(omega_3):
-    """Return Kane and Levinson's launch in our units: ``u``, ``omega``, a second."""
-    tilt = stone_oracle.KL_TILT
-    _, vectors = np.linalg.eigh(stone_oracle.KL_INERTIA)
-    x = vectors[:, 1] * np.sign(vectors[1, 1])
-    z = np.array([0, 0, 1.0])
-    frame = np.array([x, np.cross(z, x), z])
-    down = np.array(
-        [-math.cos(tilt) * math.sin(tilt), math.sin(tilt), math.cos(tilt) ** 2]
-    )
-    second = math.sqrt(stone_oracle.KL_GRAVITY / stone_oracle.KL_HEIGHT)
-    return frame @ -down, frame @ [0, 0, omega_3 / second], second

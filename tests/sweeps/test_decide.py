@@ -11,9 +11,9 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 import sweeping
+from cutting import Stop, cut
 from hardship import check_equal
 from sweeping import changed, plan_of, proved
-from test_invariance import Stop, cut
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.decide import FIRST_WAVE, nearest_rows, wanted_runs

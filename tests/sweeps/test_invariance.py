@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sweeping
+from cutting import Stop, cut
 from hardship import check_equal
 from sweeping import changed, plan_of
 
@@ -43,31 +44,6 @@ LARGE = changed(SMALL, bodies={"samples": 31})
 TARGET = {"K_r": [0.1], "rel_tol": 0.5}
 AIMED = changed(SMALL, bodies={"target": TARGET})
 SPIN = {"n_i": [-0.2, -0.1, 0.1, 0.2], "omega_xy0": [0.001, 0.01]}
-
-
-class Stop(Exception):
-    """The engine gives up."""
-
-
-def cut(rows: int, most: int = 10**9, dice: random.Random | None = None) -> Any:
-    """Return an engine for blocks of `rows` runs, which gives up after `most`
-    blocks.
-    """
-
-    def engine(work: Job, blocks: Iterator[Keys]) -> None:
-        case, sample = (np.concatenate(keys) for keys in zip(*blocks, strict=True))
-        order = np.lexsort((sample, case))
-        pieces = []
-        for first in range(0, len(case), rows):
-            chosen = order[first : first + rows]
-            pieces.append((case[chosen], sample[chosen]))
-        if dice is not None:
-            dice.shuffle(pieces)
-        local(work, iter(pieces[:most]))
-        if len(pieces) > most:
-            raise Stop
-
-    return engine
 
 
 def sweep(output: Path, config: dict[str, Any] = FULL, **options: Any) -> Any:

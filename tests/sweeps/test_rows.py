@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from editing import replaced
+from random_rows import SCHEMA, random_columns
 from sweeping import sweep
 
 from rattlesweep import quantities as units
@@ -40,35 +41,6 @@ CONFIG: dict[str, Any] = {
     "model": "gh",
     "horizon": {"t": 1000},
 }
-SCHEMA = runs_schema(("energy", "contact", "windows"))
-
-
-def random_columns(
-    case: np.ndarray, sample: np.ndarray, seed: int = 1
-) -> dict[str, Any]:
-    """Columns of every kind, with nulls wherever the schema allows them."""
-    rng = np.random.default_rng(seed)
-    n = len(case)
-    columns: dict[str, Any] = {"case": case, "sample": sample}
-    for field in SCHEMA:
-        if field.name in columns:
-            continue
-        if pa.types.is_floating(field.type):
-            values = rng.normal(size=n) * 10.0 ** rng.integers(-8, 8, n)
-            if field.nullable:
-                values[rng.random(n) < 0.2] = np.nan
-                values[rng.random(n) < 0.05] = np.inf
-            columns[field.name] = values
-        elif pa.types.is_integer(field.type):
-            columns[field.name] = rng.integers(0, 3, n)
-        elif pa.types.is_list(field.type):
-            columns[field.name] = tables.ragged(
-                rng.normal(size=(n, 5)), rng.integers(-1, 6, n)
-            )
-    status = (rng.random(n) < 0.1).astype(np.int8)
-    columns["status"] = (status, ["ok", "diverged"])
-    columns["type"] = (np.where(status == 0, rng.integers(0, 2, n), -1), ["R", "SS"])
-    return columns
 
 
 def random_rows(cases: int, samples: int) -> pa.Table:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 import stone_oracle
+from stones import kl_state, random_bodies
 from sweeping import HEAD, ROW, plan_of
-from test_stone import kl_state, random_bodies
 
 import rattlesweep as rs
 from rattlesweep.physics.body import PARAMETERS

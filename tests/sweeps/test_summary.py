@@ -13,7 +13,7 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 import scipy.stats
-from test_rows import SCHEMA, random_columns
+from random_rows import SCHEMA, random_columns
 
 import rattlesweep as rs
 from rattlesweep.sweeps import stored as stored_module

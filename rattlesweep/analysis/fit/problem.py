@@ -182,9 +182,11 @@ class Problem:
             above = self.residuals(high)
             # Next to a run that fails, the difference is taken on the other side.
             if not np.isfinite(below).all():
-                low, below = x, self.residuals(x)
+                low = x
+                below = self.residuals(x)
             if not np.isfinite(above).all():
-                high, above = x, self.residuals(x)
+                high = x
+                above = self.residuals(x)
             width = (high - low).sum()
             if width > 0:
                 columns.append((above - below) / width)

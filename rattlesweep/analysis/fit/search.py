@@ -116,8 +116,8 @@ class Progress:
     def trial(self) -> None:
         """Count a trial run."""
         self._trials += 1
-        part = min(1.0, self._trials / self._most_trials)
-        self._report(min(1.0, (self._stage + part) / self._stages))
+        of_search = min(1.0, self._trials / self._most_trials)
+        self._report(min(1.0, (self._stage + of_search) / self._stages))
 
 
 @dataclass(frozen=True)
@@ -181,9 +181,9 @@ def _best_search(problem: Problem, starts: list[Floats], progress: Progress) -> 
         for share in shares:
             progress.begin(stage, FIRST_STEPS)
             stage += 1
-            part = problem.until(share)
-            if part.freedom > 10 * len(x) and part.succeeds(x):
-                x = _minimise(part, x, 1e-3, FIRST_STEPS).x
+            beginning = problem.until(share)
+            if beginning.freedom > 10 * len(x) and beginning.succeeds(x):
+                x = _minimise(beginning, x, 1e-3, FIRST_STEPS).x
         progress.begin(stage, MOST_STEPS)
         stage += 1
         if not problem.succeeds(x):
@@ -273,5 +273,8 @@ def _first_values(
     first_values = {}
     for name in free:
         value = getattr(launch, name, None) or getattr(body, name, None)
-        first_values[name] = [value] if value else guesses[name]
+        if value:
+            first_values[name] = [value]
+        else:
+            first_values[name] = guesses[name]
     return first_values

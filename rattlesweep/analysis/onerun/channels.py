@@ -43,6 +43,11 @@ class View:
         """The states, shape (variables, times)."""
         return np.ascontiguousarray(self.samples.y.T)
 
+    @property
+    def is_anywhere(self) -> bool:
+        """Whether the variables are those of a body in any position."""
+        return self.follower.model.name == "vectors"
+
     @cached_property
     def observed(self) -> Floats:
         """Spin, energy minus work, normal and tangential force, shape (4, times)."""
@@ -52,14 +57,33 @@ class View:
     def work(self) -> Floats:
         """The work of the dissipation, the last variable of a model that has one."""
         if len(self.y) > full.N_STATE:
-            work: Floats = self.y[full.N_STATE]
+            work: Floats = self.y[-1]
             return work
         return np.zeros(self.y.shape[1])
 
     @cached_property
     def vectors(self) -> tuple[Floats, Floats]:
         """Vertical unit vector and angular velocity, both of shape (3, times)."""
+        if self.is_anywhere:
+            return self.y[:3] / np.linalg.norm(self.y[:3], axis=0), self.y[3:6]
         return full.to_vectors(self.y[: full.N_STATE])
+
+    @property
+    def slopes(self) -> tuple[Floats, Floats]:
+        """The slopes p = u_x/u_z and q = u_y/u_z, both of shape (times,)."""
+        if self.is_anywhere:
+            return self.y[0] / self.y[2], self.y[1] / self.y[2]
+        return self.y[0], self.y[1]
+
+    @property
+    def contact(self) -> Floats:
+        """The contact point from the centre of mass, shape (3, times)."""
+        point = contact_point(*self.slopes, self.constants)
+        if not self.is_anywhere:
+            return point
+        # An ellipsoid upside down stands on the opposite point, seen from its centre.
+        centre = np.array([[0.0], [0.0], [1.0 - 1.0 / self.constants[6]]])
+        return np.where(self.y[2] < 0, point, 2 * centre - point)
 
     @cached_property
     def modes(self) -> tuple[Floats, Floats]:
@@ -72,7 +96,7 @@ class View:
         return mode_energies(
             self.launches.modes,
             moments=(bodies.alpha, bodies.beta),
-            slope=(self.y[0], self.y[1]),
+            slope=self.slopes,
             rate=(oscillation[0], oscillation[1]),
         )
 
@@ -174,7 +198,7 @@ def _channels() -> Iterator[Channel]:
         "contact_x contact_y contact_z",
         LENGTH,
         "contact point from the centre of mass, body's {}",
-        lambda view: contact_point(view.y[0], view.y[1], view.constants),
+        lambda view: view.contact,
     )
     yield from _components(
         "trace_x trace_y",

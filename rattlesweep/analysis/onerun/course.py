@@ -1,6 +1,4 @@
-"""One run as a table of channels, computed chunk by chunk: in memory, as Parquet or
-CSV.
-"""
+"""One run as a table of channels, computed chunk by chunk: in memory or in a file."""
 # ruff: noqa: D102 - the names are enough
 
 from __future__ import annotations
@@ -29,8 +27,9 @@ from rattlesweep.integrate.follow import Follower, Samples
 from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.quantities import DAMPING, LENGTH
 from rattlesweep.sweeps import columns
-from rattlesweep.sweeps.columns import DAMPING, build_table
+from rattlesweep.sweeps.columns import build_table
 from rattlesweep.sweeps.files import streamed_file
 from rattlesweep.sweeps.launches import (
     Launch,
@@ -47,9 +46,13 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.launches import Launches
 
 CHUNK = 8192  # rows in memory at once
-PER_PERIOD, LEAST_ROWS = 20, 2001  # default rows in a period of the pitch, and in all
+# Default rows in a period of the pitch, and in all.
+PER_PERIOD = 20
+LEAST_ROWS = 2001
 MOST_ROWS = 10**8
 BESIDE_TOL = 1e-10  # of the reduced model, which differs from the full one by far more
+# Letters of the parameters in a title.
+LETTERS = {"alpha": "α", "beta": "β", "gamma": "γ", "theta": "θ", "phi": "φ", "c": "c"}
 LIFTS = (
     "contact would be lost at t = {:.4g}, where the normal force becomes negative; the "
     "model keeps the body on the plane all the same"
@@ -68,10 +71,8 @@ class PreparedRun:
     launches: Launches
     batch: Batch | None
     units: Units | None = None  # if the size of the body is known
-    energies: tuple[float | None, float | None] = (
-        None,
-        None,
-    )  # E_p, E_r of the reduced model
+    # E_p and E_r of the reduced model, if they are given.
+    energies: tuple[float | None, float | None] = (None, None)
 
     def __post_init__(self) -> None:
         if self.batch is None:
@@ -99,8 +100,9 @@ class PreparedRun:
     def body(self) -> dict[str, float]:
         bodies = self.launches.bodies
         body = {name: float(getattr(bodies, name)[0]) for name in PARAMETERS}
-        ellipsoid = bodies.c is not None and np.isfinite(bodies.c[0])
-        return body | {"c": float(bodies.c[0])} if ellipsoid else body  # type: ignore[index]
+        if bodies.c is not None and np.isfinite(bodies.c[0]):
+            body["c"] = float(bodies.c[0])
+        return body
 
     @cached_property
     def launch(self) -> dict[str, float]:
@@ -110,73 +112,68 @@ class PreparedRun:
 
     @property
     def integrator(self) -> dict[str, Any]:
-        own = self.config.integrator
-        step = {"tol": own.tol} if METHODS[own.method].adaptive else {"dt": own.dt}
-        return {"method": own.method, **step}
+        integrator = self.config.integrator
+        if METHODS[integrator.method].adaptive:
+            return {"method": integrator.method, "tol": integrator.tol}
+        return {"method": integrator.method, "dt": integrator.dt}
 
     @property
     def title(self) -> str:
         """The run in one line."""
-        names = {
-            "alpha": "α",
-            "beta": "β",
-            "gamma": "γ",
-            "theta": "θ",
-            "phi": "φ",
-            "c": "c",
-        }
-        body = ", ".join(
-            f"{names[x]} {v:.4g}" for x, v in self.body.items() if x in names
+        texts = [
+            f"{letter} {self.body[name]:.4g}"
+            for name, letter in LETTERS.items()
+            if name in self.body
+        ]
+        size = 1.0
+        unit = "√(g/a)"
+        if self.units is not None:
+            size = 30 / math.pi / self.units.time
+            unit = "rpm"
+        title = (
+            f"{', '.join(texts)}, ξ {math.degrees(self.body['xi']):.4g}°; "
+            f"n_i {size * self.launch['n_i']:.4g} {unit}"
         )
-        rate, unit = (
-            (30 / math.pi / self.units.time, "rpm") if self.units else (1.0, "√(g/a)")
-        )
-        n_i, omega_xy0 = (
-            f"{rate * self.launch[name]:.4g} {unit}" for name in ("n_i", "omega_xy0")
-        )
-        line = f"{body}, ξ {math.degrees(self.body['xi']):.4g}°; n_i {n_i}"
         # Given energies of both modes replace the oscillation of the reduced model.
         if self.model == "full" or None in self.energies:
-            line += f", ω_xy0 {omega_xy0}"
-        energies = zip(("E_p0", "E_r0"), self.energies, strict=True)
-        line += "".join(
-            f", {name} {value:.4g}" for name, value in energies if value is not None
-        )
-        return ", ".join(filter(None, (line, self.losses))).replace("-", "−")
+            title += f", ω_xy0 {size * self.launch['omega_xy0']:.4g} {unit}"
+        for name, energy in zip(("E_p0", "E_r0"), self.energies, strict=True):
+            if energy is not None:
+                title += f", {name} {energy:.4g}"
+        if self.losses:
+            title += f", {self.losses}"
+        return title.replace("-", "−")
 
     @property
     def losses(self) -> str:
-        """The losses that are not zero, in words."""
-        own = (
+        """The losses that are not zero, as text."""
+        losses = []
+        for name, unit, values in (
             ("σ", DAMPING, self.launches.sigma),
-            ("rolling", "a", self.launches.rolling),
-        )
-        return ", ".join(
-            f"{name} {self.with_unit(of[0], unit)}"
-            for name, unit, of in own
-            if of is not None and of[0] > 0
-        )
+            ("rolling", LENGTH, self.launches.rolling),
+        ):
+            if values is not None and values[0] > 0:
+                losses.append(f"{name} {self.with_unit(values[0], unit)}")
+        return ", ".join(losses)
 
     def with_unit(self, value: float, unit: str) -> str:
-        """Return a value with its unit, converted to SI if the size of the body is
-        known.
-        """
-        size, name = (
-            self.units.sizes[unit] if self.units else (1.0, unit.replace("sqrt", "√"))
-        )
-        return f"{size * value:.6g} {name}"
+        """Return a value with its unit, in SI if the size of the body is known."""
+        if self.units is None:
+            return f"{value:.6g} {unit.replace('sqrt', '√')}"
+        size, si_unit = self.units.sizes[unit]
+        return f"{size * value:.6g} {si_unit}"
 
     def even_rows(
         self, per_period: int, least: int, most: int, start: float | None = None
     ) -> int:
-        """Return the number of rows that gives `per_period` in each period of the
-        pitch.
-        """
-        shown = self.t_end - (start or 0.0)
-        pitch = float(self.launches.modes.omega_p[0]) if self.model == "full" else 0.0
-        return min(
-            max(least, math.ceil(shown * pitch / (2 * math.pi) * per_period) + 1), most
-        )
+        """Return the number of rows with `per_period` in each period of the pitch."""
+        count = least
+        if self.model == "full":
+            shown = self.t_end - (start or 0.0)
+            pitch = float(self.launches.modes.omega_p[0])
+            periods = shown * pitch / (2 * math.pi)
+            count = max(least, math.ceil(periods * per_period) + 1)
+        return min(count, most)
 
     def row_times(
         self,
@@ -187,7 +184,8 @@ class PreparedRun:
         start: float | None,
     ) -> Floats | None:
         """Return the times of the rows from `start` on; None for those of the steps."""
-        first, t_end = start or 0.0, self.t_end
+        first = start or 0.0
+        t_end = self.t_end
         if sum(way is not None for way in (points, dt, steps or None, times)) > 1:
             raise ConfigError(
                 "points, dt, steps, times: more than one is given; keep one"
@@ -209,22 +207,22 @@ class PreparedRun:
                     f"{t_end:g}"
                 )
             return wanted[wanted >= first]
-        if dt is None:
-            count = points or self.even_rows(
-                PER_PERIOD, LEAST_ROWS, MOST_ROWS + 1, start
-            )
-        else:
+        if dt is not None:
             count = int(min((t_end - first) / dt, MOST_ROWS)) + 2
+        elif points:
+            count = points
+        else:
+            count = self.even_rows(PER_PERIOD, LEAST_ROWS, MOST_ROWS + 1, start)
         if count > MOST_ROWS:
             raise ConfigError(f"more than {MOST_ROWS:,} rows; ask for fewer")
-        rows = first + (dt or 1.0) * np.arange(count, dtype=np.float64)
-        return np.linspace(first, t_end, count) if dt is None else rows[rows <= t_end]
+        if dt is None:
+            return np.linspace(first, t_end, count)
+        rows = first + dt * np.arange(count, dtype=np.float64)
+        return rows[rows <= t_end]
 
 
 class Course:
-    """A trajectory that is integrated while iterating over the chunks of its
-    columns.
-    """
+    """A trajectory that is integrated while its chunks of columns are iterated over."""
 
     def __init__(
         self,
@@ -252,7 +250,8 @@ class Course:
             raise ConfigError(
                 "e_p0 and e_r0 belong to the reduced model; no channel needs it"
             )
-        self.run, self.si = run, in_si(chosen, run.units)
+        self.run = run
+        self.si = in_si(chosen, run.units)
         self.channels = (*chosen, *self.si.values())
         self.times = run.row_times(points, dt, steps, times, from_time)
         self._start = from_time or 0.0
@@ -263,9 +262,11 @@ class Course:
         self._slips_from: float | None = None
         self._lifts_from: float | None = None
         # Time and sign of the last spin beyond PLATEAU_SHARE of the launch's.
-        self._last = 0.0, 0.0
+        self._last_time = 0.0
+        self._last_sign = 0.0
         assert run.batch is not None
-        self._constants, setting = run.batch.constants[0], run.integrator
+        self._constants = run.batch.constants[0]
+        setting = run.integrator
         self.follower = Follower(
             run.batch,
             METHODS[setting.pop("method")],
@@ -294,48 +295,48 @@ class Course:
 
     def columns(self) -> dict[str, Floats]:
         """Integrate to the end, and return the whole columns."""
-        none = {channel.name: np.zeros(0) for channel in self.channels}
-        chunks = [none, *self]
+        empty = {channel.name: np.zeros(0) for channel in self.channels}
+        chunks = [empty, *self]
         return {
-            name: np.concatenate([chunk[name] for chunk in chunks]) for name in none
+            name: np.concatenate([chunk[name] for chunk in chunks]) for name in empty
         }
 
     def _samples(self) -> Iterator[Samples]:
         follower = self.follower
         if self.times is None:
-            found = follower.launch()
-            while found.t.size or not follower.ended:
-                late = take(found, found.t >= self._start)
+            samples = follower.launch()
+            while samples.t.size or not follower.ended:
+                late = take(samples, samples.t >= self._start)
                 if late.t.size:
                     yield late
-                found = follower.steps()
+                samples = follower.steps()
             return
         for begin in range(0, len(self.times), CHUNK):
-            part = self.times[begin : begin + CHUNK]
-            found = follower.at(part)
-            if found.t.size:
-                yield found
-            if found.t.size < part.size:
+            times = self.times[begin : begin + CHUNK]
+            samples = follower.at(times)
+            if samples.t.size:
+                yield samples
+            if samples.t.size < times.size:
                 return
         # The rest of the run matters, too: its reversals and its status.
         while not follower.ended:
             follower.steps()
 
     def _look(self, t: Floats, seen: Floats) -> None:
-        """Collect reversals and warnings from the accepted steps, and first from the
-        launch.
-        """
+        """Collect reversals and warnings from the launch and the accepted steps."""
         n, _, normal, tangential = seen
         with np.errstate(all="ignore"):  # a failing run may overflow
             far = np.abs(n) > PLATEAU_SHARE * self.run.launches.spin_scale[0]
             ratio = np.where(normal > 0, tangential / normal, 0.0)
             ratio = np.where(np.isfinite(ratio), ratio, 0.0)
-        times = np.append(self._last[0], t[far])
-        side = np.append(self._last[1], np.sign(n[far]))
-        for k in np.flatnonzero(side[1:] * side[:-1] < 0):
+        times = np.append(self._last_time, t[far])
+        sign = np.append(self._last_sign, np.sign(n[far]))
+        for k in np.flatnonzero(sign[1:] * sign[:-1] < 0):
+            # The first zero on the way from one side to the other.
             first = bisect_right(self.follower.zeros, times[k])
             self.reversals += self.follower.zeros[first : first + 1]
-        self._last = float(times[-1]), float(side[-1])
+        self._last_time = float(times[-1])
+        self._last_sign = float(sign[-1])
         slips = ratio > COMMON_FRICTION
         lifts = normal < 0
         self.friction = max(self.friction, float(np.max(ratio, initial=0.0)))
@@ -357,7 +358,10 @@ class Course:
 def save(course: Course, path: Path) -> None:
     """Integrate a run and write its file atomically."""
     with streamed_file(path) as file:
-        (write_csv if path.suffix.lower() == ".csv" else write_parquet)(course, file)
+        if path.suffix.lower() == ".csv":
+            write_csv(course, file)
+        else:
+            write_parquet(course, file)
 
 
 def write_parquet(course: Course, file: BinaryIO) -> None:
@@ -381,9 +385,7 @@ def write_csv(course: Course, file: BinaryIO) -> None:
 
 
 def _schema(course: Course) -> pa.Schema:
-    """Return the schema of a run, whose metadata describe body, launch and
-    integrator.
-    """
+    """Return the schema of a run, whose metadata describe how it was made."""
     run = course.run
     about = {
         **run.body,

@@ -13,11 +13,10 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.files import as_path
 
-PER_PERIOD, LEAST, MOST = (
-    24,
-    2001,
-    400_001,
-)  # points in a period of the pitch, and in all
+# Points in a period of the pitch, and the fewest and the most in all.
+PER_PERIOD = 24
+LEAST = 2001
+MOST = 400_001
 MARKS = 12  # turns to mark; if there are more, only the first is marked
 MODELS = {"full": "full dynamics", "reduced": "reduced model"}
 BESIDE = {
@@ -31,7 +30,9 @@ def course_of(
     run: PreparedRun, shown: Sequence[str] | None, start: float | None
 ) -> Course:
     """Return a run with the channels to be drawn, and the theory beside its spin."""
-    names = ["t", *(SHOWN[run.model] if shown is None else shown)]
+    if shown is None:
+        shown = SHOWN[run.model]
+    names = ["t", *shown]
     if "n" in names:
         names.append("n_gh")
         if run.model == "full" and run.energies != (None, None):
@@ -52,23 +53,29 @@ def shown(figure: Figure, path: str | Path | None = None) -> Figure:
 def draw(
     columns: Mapping[str, Floats], course: Course, path: str | Path | None = None
 ) -> Figure:
-    """Return a figure of the columns of a finished course, in SI units if its size is
-    known.
-    """
-    data = {
-        name: columns[course.si[name].name if name in course.si else name]
-        for name in columns
-        if name in CHANNELS
-    }
-    units = {name: course.si.get(name, CHANNELS[name]).unit for name in data}
-    t, size = data["t"], course.si["t"].size if "t" in course.si else 1.0
+    """Return a figure of the columns of a finished course, in SI units if it can."""
+    data: dict[str, Floats] = {}
+    units: dict[str, str] = {}
+    for name in columns:
+        if name in CHANNELS:
+            # The same quantity is also a column in SI units, if the size is known.
+            channel = course.si.get(name, CHANNELS[name])
+            data[name] = columns[channel.name]
+            units[name] = channel.unit
+    t = data["t"]
     if not len(t):
         raise ConfigError(
             f"the run ends at t = {course.follower.t:g}, before its first row"
         )
-    over = {"t", *BESIDE} if "n" in data else {"t"}
-    panels = [name for name in data if name not in over]
-    turns = [time * size for time in course.reversals if time * size >= t[0]]
+    second = 1.0
+    if "t" in course.si:
+        second = course.si["t"].size
+    beside = []
+    if "n" in data:
+        beside = [name for name in BESIDE if name in data]
+    panels = [name for name in data if name != "t" and name not in beside]
+    turns = [time * second for time in course.reversals if time * second >= t[0]]
+    marked = turns[:1] if len(turns) > MARKS else turns
     with style.styled():
         figure = style.new_figure(7.2, 1.1 + 1.85 * len(panels))
         axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
@@ -77,19 +84,22 @@ def draw(
             curve(axis, t, data[name], label=MODELS[course.run.model])
             style.light_grid(axis)
             if name == "n":
-                for other, (words, colour, dash) in BESIDE.items():
-                    if other in data:
-                        curve(axis, t, data[other], colour, label=words, linestyle=dash)
+                for theory in beside:
+                    label, colour, dash = BESIDE[theory]
+                    curve(axis, t, data[theory], colour, label=label, linestyle=dash)
                 low, high = axis.get_ylim()
                 axis.set_ylim(low, high + 0.25 * (high - low))  # room for the legend
-            for time in turns if len(turns) <= MARKS else turns[:1]:
+            for time in marked:
                 axis.axvline(time, color=GREY, linewidth=0.9, linestyle=":", zorder=1)
-            if axis.get_ylim()[0] <= 0 <= axis.get_ylim()[1]:
+            low, high = axis.get_ylim()
+            if low <= 0 <= high:
                 axis.axhline(0, color=GREY, linewidth=0.7, zorder=1)
         if turns:
-            words = "turn" if len(turns) == 1 else f"{len(turns)} turns, the first"
-            words += f" at {turns[0]:.6g}" + (" s" if "t" in course.si else "")
-            axes[0].plot([], [], color=GREY, linestyle=":", label=words)
+            count = "turn" if len(turns) == 1 else f"{len(turns)} turns, the first"
+            label = f"{count} at {turns[0]:.6g}"
+            if "t" in course.si:
+                label += " s"
+            axes[0].plot([], [], color=GREY, linestyle=":", label=label)
         axes[0].legend(
             loc="upper right", ncols=2, fontsize=8, frameon=True, edgecolor="none"
         )

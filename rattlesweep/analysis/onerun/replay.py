@@ -1,5 +1,4 @@
 """Find a stored run, prove that it is reproduced, and prepare it for a trajectory."""
-# ruff: noqa: D102 - the names are enough
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,6 +19,8 @@ from rattlesweep.sweeps.plan import Plan, stored_plan
 from rattlesweep.sweeps.stored import Stored, keys_of, open_stored
 from rattlesweep.sweeps.verify import differing_rows
 
+MOST_NAMED = 6  # columns that a message names
+
 
 @dataclass(frozen=True)
 class StoredRun:
@@ -30,17 +31,22 @@ class StoredRun:
 
     @cached_property
     def values(self) -> dict[str, Any]:
-        found: dict[str, Any] = self.row.to_pylist()[0]
-        return found
+        """The columns of the run by name."""
+        values: dict[str, Any] = self.row.to_pylist()[0]
+        return values
 
     @property
     def name(self) -> str:
+        """Case and sample."""
         return f"case {self.values['case']}, sample {self.values['sample']}"
 
     @property
     def title(self) -> str:
-        kind = f", type {self.values['type']}" if self.values["type"] else ""
-        return f"{self.stored.config.name}: {self.name}{kind}"
+        """The sweep and the run, with its type if it has one."""
+        title = f"{self.stored.config.name}: {self.name}"
+        if self.values["type"]:
+            title += f", type {self.values['type']}"
+        return title
 
     @property
     def proof(self) -> str:
@@ -48,18 +54,20 @@ class StoredRun:
         row = self.values
         if row["status"] != "ok":
             return f"{self.name}: status {row['status']} as stored, bit for bit"
-        error = (
-            f" +- {row['t_r_error']:.2g}" if row.get("t_r_error") is not None else ""
-        )
-        t_r = "no reversal" if row["t_r"] is None else f"t_r {row['t_r']!r}{error}"
+        t_r = "no reversal"
+        if row["t_r"] is not None:
+            t_r = f"t_r {row['t_r']!r}"
+            if row.get("t_r_error") is not None:
+                t_r += f" +- {row['t_r_error']:.2g}"
         return f"{self.name}: {t_r} and type {row['type']} as stored, bit for bit"
 
     def prove(self) -> None:
-        """Integrate the run as the sweep did; raise an OutputError if its row
-        differs.
-        """
-        for _, _, names in differing_rows(self._planned[0], self.row, threads=1):
-            listed = ", ".join(names[:6]) + " and others" * (len(names) > 6)
+        """Integrate the run as the sweep did; raise if its row differs."""
+        plan, _ = self._planned
+        for _, _, names in differing_rows(plan, self.row, threads=1):
+            listed = ", ".join(names[:MOST_NAMED])
+            if len(names) > MOST_NAMED:
+                listed += " and others"
             raise OutputError(
                 f"{self.name} differs from its stored row in {listed}; see "
                 "rattlesweep verify"
@@ -76,16 +84,15 @@ class StoredRun:
         return take(self._planned[1].bodies.units, 0)  # type: ignore[arg-type]
 
     def prepare(self, t_end: float | None = None) -> PreparedRun:
-        """Return the run up to ``t_end`` or the sweep's horizon, with its own
-        tolerance.
-        """
-        launches, config = self._planned[1], self.stored.config
+        """Return the run up to `t_end` or its horizon, with its own tolerance."""
+        _, launches = self._planned
+        config = self.stored.config
         if t_end is not None:
             launches = replace(launches, horizon=np.array([t_end]))
         if self.values.get("tol") is not None:
             tolerance = {"accuracy": None, "tol": self.values["tol"]}
-            own = config.integrator.model_copy(update=tolerance)
-            config = config.model_copy(update={"integrator": own})
+            integrator = config.integrator.model_copy(update=tolerance)
+            config = config.model_copy(update={"integrator": integrator})
         return PreparedRun(
             config, launches, make_batch(launches, config.model), self.units
         )
@@ -99,18 +106,21 @@ def find_run(
 ) -> StoredRun:
     """Return the run of a case and a sample, or the first that meets a condition."""
     stored = open_stored(directory)
-    if [case is None, sample is None] != 2 * [where is not None]:
+    has_keys = case is not None and sample is not None
+    has_a_key = case is not None or sample is not None
+    if has_keys != has_a_key or has_keys == (where is not None):
         raise ConfigError("which run? give case and sample, or where")
-    condition = None if where is None else parse_where(where, stored.schema)
-    mine = (pc.field("case") == case) & (pc.field("sample") == sample)
+    condition = None
+    if where is not None:
+        condition = parse_where(where, stored.schema)
+    is_wanted = (pc.field("case") == case) & (pc.field("sample") == sample)
     for rows in stored.batches():
-        found = (
-            pa.table(condition.filter(rows))
-            if condition
-            else pa.table(rows).filter(mine)
-        )
-        if len(found):
-            return StoredRun(stored, found.slice(0, 1))
+        if condition is None:
+            runs = pa.table(rows).filter(is_wanted)
+        else:
+            runs = pa.table(condition.filter(rows))
+        if len(runs):
+            return StoredRun(stored, runs.slice(0, 1))
     if case is None or sample is None:
         raise ConfigError(f"where {where}: {directory} stores no such run")
     if not (0 <= case < len(stored.cases) and 0 <= sample < stored.samples):

@@ -1,5 +1,4 @@
-"""One run as an animated page: the rolling body, its trace and its spin, in one HTML
-file.
+"""One run as an animated page: the rolling body, its trace and its spin.
 
 The page is made from `page/`: `scene.js` (the drawing), `player.js` (time and controls)
 and `three.min.js`, which `bundle.sh` makes. It contains all it needs and forbids
@@ -21,34 +20,35 @@ import numpy as np
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.columns import RATE, TIME
+from rattlesweep.quantities import RATE, TIME
 
 COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r")
 CHANNELS = ("t", *COLUMNS, "contact_z", "energy")
 # Rows in a period of the pitch, and the fewest for long runs.  The page interpolates by
 # cubics, and the body slips by at most 5e-5 of the contact's speed (GH, n = 0.1 and
 # -0.1).
-PER_PERIOD, LEAST = 20, 10
-FEWEST_ROWS, MOST_ROWS = (
-    201,
-    80_000,
-)  # a row takes 48 bytes of the page, which stays below 5 MB
+PER_PERIOD = 20
+LEAST = 10
+# A row takes 48 bytes of the page, which stays below 5 MB.
+FEWEST_ROWS = 201
+MOST_ROWS = 80_000
 THEORY_POINTS = 800
 MARGIN = 1.25  # the body is drawn up to above all contact points and its centre of mass
 WIDEST = 0.99  # fraction of the height of an ellipsoid's lower half that is drawn
 TRAIL = 6  # periods of the roll that the trace of the contact shows
 # Seconds until the first reversal at the page's initial speed, and bounds of this
 # speed.
-SECONDS, SLOW, FAST = 30, 4.0, 25.0
+SECONDS = 30
+SLOWEST = 4.0
+FASTEST = 25.0
+MOST_TIMES = 6  # that a fact lists
 SOURCES = ("page.css", "three.min.js", "scene.js", "player.js")
 
 
 def course_of(
     run: PreparedRun, points: int | None, from_time: float | None = None
 ) -> Course:
-    """Return a run with the channels and rows that its page needs, or with so many
-    ``points``.
-    """
+    """Return a run with the channels of its page, and the rows it needs or `points`."""
     if run.model != "full":
         raise ConfigError(
             f"the model {run.model} has no moving body; show needs the full one"
@@ -67,62 +67,70 @@ def make_scene(course: Course) -> dict[str, Any]:
     columns = course.columns()
     # A failed run is shown as far as its numbers are finite.
     good = np.logical_and.reduce([np.isfinite(columns[name]) for name in CHANNELS])
-    rows = len(good) if good.all() else int(np.argmin(good))
+    rows = len(good)
+    if not good.all():
+        rows = int(np.argmin(good))
     ended = course.follower
     if rows < 2:
         raise ConfigError(f"the run ends at t = {ended.t:g}: {ended.status.meaning}")
     columns = {name: columns[name][:rows] for name in CHANNELS}
-    t, launches, body = columns["t"], course.run.launches, course.run.body
+    t = columns["t"]
+    launches = course.run.launches
+    body = course.run.body
     start = float(t[0])
+    end = float(t[-1])
     rise = max(1.0, MARGIN * float(np.max(1 - columns["contact_z"])))
-    first = [*ended.zeros, float(t[-1])][0]
+    # An ellipsoid ends at its rim, c above the bottom.
+    rise = min(rise, WIDEST * body.get("c", math.inf))
+    first_zero = ended.zeros[0] if ended.zeros else end
+    speed = (max(first_zero, start) - start) / SECONDS
     units = {"t": (1.0, "√(a/g)"), "n": (1.0, "√(g/a)")}
-    units |= {
-        name: (si.size, si.unit) for name, si in course.si.items() if name in units
-    }
+    for name in units:
+        if name in course.si:
+            units[name] = (course.si[name].size, course.si[name].unit)
     return {
         "columns": columns,
-        "theory": launches.gh.spin(np.linspace(start, t[-1], THEORY_POINTS)),
+        "theory": launches.gh.spin(np.linspace(start, end, THEORY_POINTS)),
         "body": body,
         "start": start,
-        "step": (float(t[-1]) - start) / (rows - 1),
-        # An ellipsoid ends at its rim, c above the bottom.
-        "rise": min(rise, WIDEST * body.get("c", np.inf)),
+        "step": (end - start) / (rows - 1),
+        "rise": rise,
         "energy": float(columns["energy"][0]),
         "reversals": [time for time in course.reversals if time >= start],
         "trail": TRAIL * 2 * math.pi / float(launches.modes.omega_r[0]),
-        "speed": min(FAST, max(SLOW, (max(first, start) - start) / SECONDS)),
+        "speed": min(FASTEST, max(SLOWEST, speed)),
         "units": units,
         "facts": _facts(course, units["t"]),
     }
 
 
 def _facts(course: Course, time: tuple[float, str]) -> list[tuple[str, str]]:
-    """Return the facts that the page lists, by name; `time` is the size and name of its
-    unit.
-    """
-    run, launches, ended = course.run, course.run.launches, course.follower
-    m, units, t_rgh = launches.modes, run.units, float(launches.gh.t_rgh[0])
-    facts = {
-        "size": f"M = {units.mass:.4g} kg, a = {1000 * units.length:.4g} mm, "
-        f"√(a/g) = {units.time:.4g} s"
-        if units
-        else "",
-        "dissipation": run.losses,
-        "launched along": f"{math.degrees(run.launch['psi']):.4g}°",
-        "K_p, K_r": f"{m.K_p[0]:.4g}, {m.K_r[0]:.4g}",
-        "ω_p, ω_r": ", ".join(
-            run.with_unit(of[0], RATE) for of in (m.omega_p, m.omega_r)
-        ),
-        "t_rGH": run.with_unit(t_rgh, TIME) if np.isfinite(t_rgh) else "none",
-        "turns": _listed(course.reversals, ended.t, *time),
-        "zeros": _listed(ended.zeros, ended.t, *time)
-        if ended.zeros != course.reversals
-        else "",
-        "integrated by": ", ".join(map(str, run.integrator.values())),
-        "status": ended.status.label,
-        "beware": course.warning,
-    }
+    """Return the facts that the page lists; `time` is its unit's size and name."""
+    run = course.run
+    launches = run.launches
+    ended = course.follower
+    modes = launches.modes
+    t_rgh = float(launches.gh.t_rgh[0])
+    frequencies = [run.with_unit(x[0], RATE) for x in (modes.omega_p, modes.omega_r)]
+    facts: dict[str, str] = {}
+    if run.units is not None:
+        facts["size"] = (
+            f"M = {run.units.mass:.4g} kg, a = {1000 * run.units.length:.4g} mm, "
+            f"√(a/g) = {run.units.time:.4g} s"
+        )
+    facts["dissipation"] = run.losses
+    facts["launched along"] = f"{math.degrees(run.launch['psi']):.4g}°"
+    facts["K_p, K_r"] = f"{modes.K_p[0]:.4g}, {modes.K_r[0]:.4g}"
+    facts["ω_p, ω_r"] = ", ".join(frequencies)
+    facts["t_rGH"] = "none"
+    if math.isfinite(t_rgh):
+        facts["t_rGH"] = run.with_unit(t_rgh, TIME)
+    facts["turns"] = _listed(course.reversals, ended.t, *time)
+    if ended.zeros != course.reversals:
+        facts["zeros"] = _listed(ended.zeros, ended.t, *time)
+    facts["integrated by"] = ", ".join(map(str, run.integrator.values()))
+    facts["status"] = ended.status.label
+    facts["beware"] = course.warning
     # Exponents keep their hyphen, so that they can be copied into programs.
     return [
         (name, re.sub(r"(?<!e)-", "−", text)) for name, text in facts.items() if text
@@ -130,10 +138,13 @@ def _facts(course: Course, time: tuple[float, str]) -> list[tuple[str, str]]:
 
 
 def _listed(times: list[float], end: float, size: float, unit: str) -> str:
-    shown = ", ".join(f"{size * time:.8g}" for time in times[:6]) + ", ..." * (
-        len(times) > 6
-    )
-    return f"{shown or f'none by {size * end:g}'} {unit}"
+    """Return the first times in a unit, or that there are none by the end."""
+    if not times:
+        return f"none by {size * end:g} {unit}"
+    listed = ", ".join(f"{size * time:.8g}" for time in times[:MOST_TIMES])
+    if len(times) > MOST_TIMES:
+        listed += ", ..."
+    return f"{listed} {unit}"
 
 
 def make_page(scene: dict[str, Any], title: str, subtitle: str) -> bytes:
@@ -146,28 +157,35 @@ def make_page(scene: dict[str, Any], title: str, subtitle: str) -> bytes:
     }
     data = json.dumps(scene | arrays, ensure_ascii=False, allow_nan=False)
     folder = files("rattlesweep.analysis.onerun") / "page"
-    page, *texts = (
-        (folder / name).read_text(encoding="utf-8") for name in ("page.html", *SOURCES)
-    )
-    style, *scripts = (
-        f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-        for text in texts
-    )
-    parts = {
-        # Forbid all origins, and all scripts and styles but these, identified by their
-        # hashes.
-        "policy": f"default-src 'none'; script-src {' '.join(scripts)}; style-src {style}; "
-        "img-src data:; base-uri 'none'; form-action 'none'",
+    page = (folder / "page.html").read_text(encoding="utf-8")
+    sources = {name: (folder / name).read_text(encoding="utf-8") for name in SOURCES}
+    inserts = {
+        "policy": _policy(sources),
         "version": html.escape(version("rattlesweep")),
         "title": html.escape(title),
         "subtitle": html.escape(subtitle),
-        "data": data.replace(
-            "<", "\\u003c"
-        ),  # so that the text cannot close its element
-        **dict(zip(SOURCES, texts, strict=True)),
+        # The text of the data cannot close its element.
+        "data": data.replace("<", "\\u003c"),
+        **sources,
     }
     # One pass, so that inserted text is not searched for placeholders.
-    return re.sub(r"@@([\w.]+)@@", lambda found: parts[found[1]], page).encode()
+    return re.sub(r"@@([\w.]+)@@", lambda match: inserts[match[1]], page).encode()
+
+
+def _policy(sources: dict[str, str]) -> str:
+    """Return a policy that forbids all origins, and all code but the page's own."""
+    scripts = []
+    style = ""
+    for name, text in sources.items():
+        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        if name.endswith(".css"):
+            style = f"'sha256-{digest}'"
+        else:
+            scripts.append(f"'sha256-{digest}'")
+    return (
+        f"default-src 'none'; script-src {' '.join(scripts)}; style-src {style}; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
+    )
 
 
 def _encode(values: Floats) -> str:

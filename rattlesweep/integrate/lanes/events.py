@@ -1,4 +1,4 @@
-"""Search for the first zero of the spin within a step.
+"""Search for zeros and extremes of functions of the state within a step.
 
 The spin grazes zero before it reverses, so a pair of zeros often lies inside one step.
 A step that may contain a zero is held: the lane goes back to its start and tries
@@ -8,19 +8,32 @@ a zero.  In a piece where the spin falls at the start and rises at the end, the 
 is searched until a bound shows that it is positive or a negative value is found.
 Newton's method then finds the zero in its bracket.  The step that is finally accepted
 is the one first tried, unless it ends at a zero.
+
+Any smooth function of the state can be searched: all that a search needs is a
+:class:`~rattlesweep.integrate.lanes.lane.Point` of it at both ends of the step, with
+its rate or a difference along the flow.  The functions are
+
+- the limit of the model (``Model.limit``, a function of the state and the constants),
+  which is positive where the model holds; its first zero ends the run there with the
+  status ``LIMIT``, and ``Outcome.y_end`` is the state from which another model goes on;
+- the spin, whose zeros are reversals;
+- the ratio of the contact forces, the normal force and the modulus of the spin after a
+  reversal, of which the largest or least value is searched, once it is known how the
+  step ends.
 """
 
-# mypy: disable-error-code="no-any-return, no-untyped-def"
+# mypy: disable-error-code="no-any-return"
 from math import ceil
-from typing import Any
 
 from numba import njit
 
-from rattlesweep.integrate.lanes.lane import INNER, Point
+from rattlesweep.integrate.lanes.lane import INNER, Lane, Point
 from rattlesweep.physics.full import scalar
 
 # Modes of a lane.
-STEP, SCAN, MINIMUM, ROOT, REDO = 0, 1, 2, 3, 4
+STEP, SCAN, MINIMUM, ROOT, REDO, PEAK, RETAKE = range(7)
+# The functions, in the order in which they are searched.
+SPIN, LIMIT, RATIO, LIFT, TURN, N_FUNCTIONS = range(6)
 # Moves of the search: go back and try ``lane.h_next``, accept the step just tried, or
 # accept it as a step that ends at a zero.
 HOLD, TAKE, REVERSED = 0, 1, 2
@@ -34,52 +47,69 @@ _CLEAR, _DIP, _ZERO = 0, 1, 2
 # (Numba 0.68).
 _KNOWN = 3
 
+# An extreme is taken from the cubic through both ends of its bracket if it is higher
+# than them by less than this share; the cubic is then right to a tenth of that.
+RISE = 2e-4
+# Share of its height above the ends by which the cubic may be wrong in a whole step.
+SLACK = 0.2
+FINE = 1e-5  # smallest relative excess over the largest value so far that counts
+MAX_PEAK_TRIES = 12.0
+
+
+# Zeros.
+
+
+@njit(**INNER)
+def _sign(lane: Lane) -> float:
+    """Return the sign of the function at the start of the step."""
+    return 1.0 if lane.searched == LIMIT else lane.sign
+
 
 @njit(**INNER)
 def _judge(start: Point, end: Point, sign: float) -> int:
-    """Return whether a piece can hold a zero; times ``sign``, the spin is positive at
-    its start.
-    """
-    if sign * end.n <= 0.0:
+    """Return whether a piece, positive at its start times ``sign``, can hold a zero."""
+    if sign * end.value <= 0.0:
         return _ZERO
-    down, up = sign * start.rate, sign * end.rate
+    down = sign * start.rate
+    up = sign * end.rate
     if not (down < 0.0 and up > 0.0):
         return _CLEAR
     # A convex curve lies above its tangents, and these meet at this height.
-    n0, n1 = sign * start.n, sign * end.n
+    n0 = sign * start.value
+    n1 = sign * end.value
     meet = (n0 * up - n1 * down + (end.h - start.h) * down * up) / (up - down)
     return _CLEAR if meet > 0.0 else _DIP
 
 
 @scalar
-def may_reverse(h, n0, n1, rate1, rate_max):
-    """Return whether a step of size ``h`` between spins ``n0`` and ``n1`` may hold a
-    zero.
-    """
+def may_reverse(h, n0, n1, rate1, rate_max):  # type: ignore[no-untyped-def]
+    """Return whether a step between spins ``n0`` and ``n1`` may hold a zero."""
     # To reach zero and come back, the spin needs a path of |n0| + |n1|, at most h *
     # max|rate|; twice the largest recent rate is a safe bound.
-    recent, now = 0.9 * rate_max, abs(rate1)
+    recent = 0.9 * rate_max
+    now = abs(rate1)
     recent = now if now > recent else recent
     return (abs(n0) + abs(n1) < 2.0 * h * recent) | (n0 * n1 <= 0.0)
 
 
 @njit(**INNER)
-def search(lane: Any, tried: Point) -> int:
-    """Make one move of the search, after each step tried on the lane."""
+def search(lane: Lane, start: Point, tried: Point) -> int:
+    """Make one move of the search for a zero, after each step tried on the lane."""
     if lane.mode == REDO:
-        lane.mode, lane.h_next = STEP, lane.full_next
+        lane.mode = STEP
+        lane.h_next = lane.full_next
         return TAKE
     if lane.mode == ROOT:
         return _polish(lane, tried)
     if lane.mode == MINIMUM:
         return _close_in(lane, tried)
     if lane.mode == STEP:
-        lane.full, lane.full_next = tried, lane.h_next
-        lane.pieces = min(
-            MAX_PIECES, max(1.0, ceil(tried.h * lane.swing / PIECE_ANGLE))
-        )
+        lane.full = tried
+        lane.full_next = lane.h_next
+        angle = tried.h * lane.swing
+        lane.pieces = min(MAX_PIECES, max(1.0, ceil(angle / PIECE_ANGLE)))
         lane.piece = 1.0
-        lane.lo = Point(0.0, lane.n0, lane.rate0)
+        lane.lo = start
         lane.mode = SCAN
         if lane.pieces > 1.0:
             lane.h_next = tried.h / lane.pieces
@@ -90,10 +120,24 @@ def search(lane: Any, tried: Point) -> int:
 
 
 @njit(**INNER)
-def search_on(lane: Any, h: float) -> int:
-    """Continue the search after the zero at ``h`` in the same step, for one in the
-    other sense.
-    """
+def search_limit(lane: Lane) -> int:
+    """Make one move of the search for the first zero of the limit."""
+    lane.searched = LIMIT
+    move = search(lane, lane.limit0, lane.limit1)
+    if move != HOLD:
+        lane.searched = SPIN
+        lane.leaves = 0.0
+    if move == REVERSED:
+        # What is searched next is searched in the step to this zero.
+        lane.h_limit = lane.h
+        lane.mode = STEP
+        return TAKE
+    return move
+
+
+@njit(**INNER)
+def search_on(lane: Lane, h: float) -> int:
+    """Search the step on after the zero at ``h``, for one in the other sense."""
     lane.sign = -lane.sign
     lane.mode = SCAN
     if lane.beyond.h == lane.end.h:
@@ -104,18 +148,17 @@ def search_on(lane: Any, h: float) -> int:
 
 
 @njit(**INNER)
-def _scan(lane: Any, tried: float) -> int:
-    """Decide on the piece from LO to END, and on later ones as long as their ends are
-    known.
-    """
+def _scan(lane: Lane, tried: float) -> int:
+    """Decide on the piece from LO to END, and on later ones whose ends are known."""
     while True:
-        verdict = _judge(lane.lo, lane.end, lane.sign)
+        verdict = _judge(lane.lo, lane.end, _sign(lane))
         if verdict != _CLEAR:
             lane.hi = lane.end
             if verdict == _ZERO:
                 return _start_root(lane)
-            lane.mode, lane.tries = MINIMUM, 0.0
-            lane.h_next = _towards_minimum(lane)
+            lane.mode = MINIMUM
+            lane.tries = 0.0
+            lane.h_next = _towards_extremum(lane)
             return HOLD
         move = _next_piece(lane, tried)
         if move != _KNOWN:
@@ -123,9 +166,10 @@ def _scan(lane: Any, tried: float) -> int:
 
 
 @njit(**INNER)
-def _next_piece(lane: Any, tried: float) -> int:
-    """Go to the piece after END: try its end, or take the step, or return _KNOWN with
-    END set.
+def _next_piece(lane: Lane, tried: float) -> int:
+    """Go to the piece after END.
+
+    Try its end, or take the step, or return _KNOWN with END set.
     """
     lane.lo = lane.end
     lane.piece += 1.0
@@ -138,33 +182,35 @@ def _next_piece(lane: Any, tried: float) -> int:
         lane.end = lane.full
         return _KNOWN
     if tried == lane.full.h:
-        lane.mode, lane.h_next = STEP, lane.full_next
+        lane.mode = STEP
+        lane.h_next = lane.full_next
         return TAKE
-    lane.mode, lane.h_next = REDO, lane.full.h
+    lane.mode = REDO
+    lane.h_next = lane.full.h
     return HOLD
 
 
 @njit(**INNER)
-def _close_in(lane: Any, tried: Point) -> int:
-    """Narrow the bracket LO..HI of a minimum until the sign of the spin there is
-    certain.
-    """
-    if lane.sign * tried.n <= 0.0:
+def _close_in(lane: Lane, tried: Point) -> int:
+    """Narrow the bracket LO..HI of a minimum until the sign there is certain."""
+    sign = _sign(lane)
+    if sign * tried.value <= 0.0:
         lane.hi = tried
         return _start_root(lane)
-    if lane.sign * tried.rate < 0.0:
+    if sign * tried.rate < 0.0:
         lane.lo = tried
     else:
         lane.hi = tried
     lane.tries += 1.0
-    verdict = _judge(lane.lo, lane.hi, lane.sign)
+    verdict = _judge(lane.lo, lane.hi, sign)
     wide = lane.hi.h - lane.lo.h > 1e-12 * lane.full.h
     if verdict == _DIP and wide and lane.tries < MAX_TRIES:
-        lane.h_next = _towards_minimum(lane)
+        lane.h_next = _towards_extremum(lane)
         return HOLD
     # The ends of the bracket are nearer to the minimum than a last try in its middle.
-    lowest = min(lane.sign * lane.lo.n, lane.sign * lane.hi.n)
-    if lowest < lane.fuzz * lane.rate_max / lane.swing:
+    lowest = min(sign * lane.lo.value, sign * lane.hi.value)
+    near = lowest < lane.fuzz * lane.rate_max / lane.swing
+    if near and lane.searched == SPIN:
         lane.near += 1.0
     # There is no zero in this piece.
     move = _next_piece(lane, tried.h)
@@ -172,36 +218,41 @@ def _close_in(lane: Any, tried: Point) -> int:
 
 
 @njit(**INNER)
-def _towards_minimum(lane: Any) -> float:
-    """Return the next point to try in LO..HI: by a secant of the rate, every third time
-    halfway.
+def _towards_extremum(lane: Lane) -> float:
+    """Return the next point to try in LO..HI.
+
+    It is found by a secant of the rate, and is halfway every third time.
     """
-    lo, hi = lane.lo, lane.hi
+    lo = lane.lo
+    hi = lane.hi
     share = 0.5 if lane.tries % 3.0 == 2.0 else lo.rate / (lo.rate - hi.rate)
     return lo.h + min(0.98, max(0.02, share)) * (hi.h - lo.h)
 
 
 @njit(**INNER)
-def _start_root(lane: Any) -> int:
+def _start_root(lane: Lane) -> int:
     """Start Newton's method for the zero between LO and HI, with a secant."""
-    lo, hi = lane.lo, lane.hi
-    lane.beyond, lane.mode, lane.tries = hi, ROOT, 0.0
-    lane.h_next = lo.h + lo.n / (lo.n - hi.n) * (hi.h - lo.h)
+    lo = lane.lo
+    hi = lane.hi
+    lane.beyond = hi
+    lane.mode = ROOT
+    lane.tries = 0.0
+    lane.h_next = lo.h + lo.value / (lo.value - hi.value) * (hi.h - lo.h)
     return HOLD
 
 
 @njit(**INNER)
-def _polish(lane: Any, tried: Point) -> int:
-    """Take a step of Newton's method in the bracket LO..HI, until steps are rounding
-    errors.
-    """
+def _polish(lane: Lane, tried: Point) -> int:
+    """Take a step of Newton's method in LO..HI, until steps are rounding errors."""
     h, n, rate = tried
-    if lane.sign * n > 0.0:
+    if _sign(lane) * n > 0.0:
         lane.lo = tried
     else:
         lane.hi = tried
     lane.tries += 1.0
-    lo, hi, full = lane.lo.h, lane.hi.h, lane.full.h
+    lo = lane.lo.h
+    hi = lane.hi.h
+    full = lane.full.h
     guess = h - n / rate if rate != 0.0 else lo
     if not (guess > lo and guess < hi) or lane.tries % 8.0 == 7.0:
         guess = lo + 0.5 * (hi - lo)
@@ -216,8 +267,132 @@ def _polish(lane: Any, tried: Point) -> int:
     ):
         # Beyond the zero the spin goes rate^2 / (2 n'') deep, with n'' at most SWING *
         # RATE_MAX.
-        if rate * rate < 2.0 * lane.fuzz * lane.rate_max**2:
+        near = rate * rate < 2.0 * lane.fuzz * lane.rate_max**2
+        if near and lane.searched == SPIN:
             lane.near += 1.0
         return REVERSED
     lane.h_next = guess
     return HOLD
+
+
+# Extremes.
+
+
+@scalar
+def height(start, end):  # type: ignore[no-untyped-def]
+    """Return the largest value between two points, first rising, then falling."""
+    length = end.h - start.h
+    rise = length * start.rate
+    fall = length * end.rate
+    step = end.value - start.value
+    # The cubic through both ends, at the place where the secant of the rates is zero.
+    share = rise / (rise - fall)
+    cubic = rise + fall - 2.0 * step
+    return start.value + share * (rise + share * (step - rise - cubic + share * cubic))
+
+
+@scalar
+def may_peak(start, end, largest):  # type: ignore[no-untyped-def]
+    """Return whether a function may exceed its largest value between two points."""
+    top = height(start, end)
+    ends = end.value if end.value > start.value else start.value
+    peak = (start.rate > 0.0) & (end.rate < 0.0)
+    return peak & (top + SLACK * (top - ends) > largest + FINE * abs(largest))
+
+
+@scalar
+def turn_points(lane):  # type: ignore[no-untyped-def]
+    """Return the spin at both ends of the step, positive at the second."""
+    side = 1.0 if lane.n1 > 0.0 else -1.0
+    start = Point(0.0, side * lane.n0, side * lane.rate0)
+    return start, Point(lane.h, side * lane.n1, side * lane.rate1)
+
+
+@scalar
+def least_turn(lane):  # type: ignore[no-untyped-def]
+    """Return the modulus that the spin must exceed to be the largest of its turn."""
+    # After a zero, the next turn counts once the spin is far on the other side.
+    after = lane.n_after
+    far = lane.far
+    in_turn = after if lane.reversals > 0.0 else 1e290
+    return far if lane.t_pending >= 0.0 else in_turn
+
+
+@njit(**INNER)
+def search_peaks(lane: Lane) -> int:
+    """Make one move of the search for extremes in a step that is to be taken.
+
+    The first move follows the try of that step, the last one its repetition.
+    """
+    if lane.mode == PEAK:
+        tried = _peak_end(lane)
+        if tried.rate > 0.0:
+            lane.lo = tried
+        else:
+            lane.hi = tried
+        lane.tries += 1.0
+        if not _try_peak(lane):
+            # The step to take is tried again, since its end has been overwritten.
+            lane.mode = RETAKE
+            lane.h_next = lane.full.h
+        return HOLD
+    if lane.mode == RETAKE:
+        lane.searched += 1.0
+        lane.h_next = lane.full_next
+    else:
+        lane.searched = RATIO
+        lane.full = Point(lane.h, 0.0, 0.0)
+        lane.full_next = lane.h_next
+    while lane.searched < N_FUNCTIONS:
+        if _bracket_peak(lane) and _try_peak(lane):
+            return HOLD
+        lane.searched += 1.0
+    lane.searched = SPIN
+    lane.mode = STEP
+    return int(lane.move)
+
+
+@njit(**INNER)
+def _peak_end(lane: Lane) -> Point:
+    """Return the function at the end of the step just tried."""
+    if lane.searched == RATIO:
+        return lane.ratio1
+    if lane.searched == LIFT:
+        return lane.lift1
+    _, end = turn_points(lane)
+    return end
+
+
+@njit(**INNER)
+def _bracket_peak(lane: Lane) -> bool:
+    """Return whether the function may have a new extreme in the step LO..HI."""
+    lane.tries = 0.0
+    lane.hi = _peak_end(lane)
+    if lane.searched == RATIO:
+        lane.lo = lane.ratio0
+        rolls = lane.lift0.value < 0.0 and lane.lift1.value < 0.0
+        return rolls and may_peak(lane.lo, lane.hi, lane.ratio_max)
+    if lane.searched == LIFT:
+        lane.lo = lane.lift0
+        return may_peak(lane.lo, lane.hi, -lane.normal_min)
+    lane.lo, _ = turn_points(lane)
+    return lane.lo.value > 0.0 and may_peak(lane.lo, lane.hi, least_turn(lane))
+
+
+@njit(**INNER)
+def _try_peak(lane: Lane) -> bool:
+    """Set the next point to try, or note the extreme in LO..HI once it is known."""
+    top = height(lane.lo, lane.hi)
+    ends = max(lane.lo.value, lane.hi.value)
+    if top - ends > RISE * abs(top) and lane.tries < MAX_PEAK_TRIES:
+        lane.mode = PEAK
+        lane.h_next = _towards_extremum(lane)
+        return True
+    top = max(top, ends)
+    if lane.searched == RATIO:
+        lane.ratio_max = max(lane.ratio_max, top)
+    elif lane.searched == LIFT:
+        lane.normal_min = min(lane.normal_min, -top)
+    else:
+        lane.n_peak = max(lane.n_peak, top)
+    return False

@@ -9,7 +9,9 @@ a run depends on its own numbers alone, so it yields the same bits in any lane, 
 and batch.
 
 ``attempt`` is compiled for each method and model, :func:`decide_closely` once for all
-models.  Both are called by their addresses (``parts``), in sweeps and in trajectories.
+models.  Both are called by their addresses (``parts``).  Sweeps (:func:`work`) and
+trajectories (`follow.record_steps`) are made of the same turns: :func:`try_step`,
+:func:`look_closer` at the lanes that are due, :func:`commit`.
 """
 
 # mypy: ignore-errors
@@ -19,7 +21,14 @@ import numpy as np
 from numba import njit, prange
 
 from rattlesweep.integrate.lanes import events, runs
-from rattlesweep.integrate.lanes.events import HOLD, REVERSED, STEP, TAKE, may_reverse
+from rattlesweep.integrate.lanes.events import (
+    HOLD,
+    PEAK,
+    REVERSED,
+    STEP,
+    TAKE,
+    may_reverse,
+)
 from rattlesweep.integrate.lanes.lane import (
     INNER,
     Point,
@@ -29,12 +38,27 @@ from rattlesweep.integrate.lanes.lane import (
     lane_of,
     widest_vectors,
 )
+from rattlesweep.integrate.lanes.runs import recorded
 from rattlesweep.integrate.status import Status
 
 OK, NONFINITE = int(Status.OK), int(Status.NONFINITE)
 STEP_LIMIT, STEP_TOO_SMALL = int(Status.STEP_LIMIT), int(Status.STEP_TOO_SMALL)
+LIMIT = int(Status.LIMIT)
 # Indices into ``parts``: the addresses of ``attempt`` and of :func:`decide_closely`.
 ATTEMPT, DECIDE, PARTS = 0, 1, 2
+# Stages of :func:`decide_closely`: the zeros in a step tried, those after the zero at
+# which it ends, the extremes in a step that is to be taken.
+ZEROS, AFTER_ZERO, PEAKS = 0, 1, 2
+# Columns of ``options``: 1 / tol^2, fixed step, most steps (of SUBSTEPS substeps each
+# if the step is fixed).
+SCALE, FIXED_STEP, MOST_STEPS = range(3)
+# Columns of ``progress``, which each thread writes in its row: the expected cost of its
+# runs that have ended, the part done of the expected cost of those in its lanes, the
+# number of runs that have ended.
+COST_DONE, COST_UNDER_WAY, ENDED = range(3)
+# Places in ``shared``: the next place in the queue, the stop flag.
+NEXT_PLACE, STOP = 0, 1
+TURNS_PER_REPORT = 256
 
 # Step size control.  Errors are squared and in units of the tolerance. First step for a
 # tolerance of 1, and least step, in radians of the fastest swing of the spin.
@@ -48,17 +72,19 @@ OFFSET = np.uint64(
 )  # for `rough_root` of 1, where 1023 << 52 is 1.0
 
 
-def decide_closely(problem, w, l, max_steps, on):
-    """Decide on the step tried on lane ``l``, where something is due; return a status
-    and a move.
+def decide_closely(problem, w, l, max_steps, stage):
+    """Decide on the step tried on lane ``l``, where something is due.
 
-    The problem has no model.  If ``on`` is true, the step tried ends at a zero of the
-    spin, and the search continues after it.  The status is OK if the run goes on.  The
-    move is HOLD (the step is not taken), TAKE, or REVERSED (the step is taken and ends
-    at a zero).
+    The problem has no model.  Returns a status, which is OK if the run goes on, and a
+    move: HOLD (the step is not taken), TAKE, or REVERSED (the step is taken and ends at
+    a zero of the spin).
     """
     lane = lane_of(problem, w, l)
-    if on:
+    if stage == PEAKS:
+        move = events.search_peaks(lane)
+        lane.accept = 0.0 if move == HOLD else 1.0
+        return OK, move
+    if stage == AFTER_ZERO:
         move = events.search_on(lane, lane.h)
         lane.accept = 0.0 if move == HOLD else 1.0
         return OK, move
@@ -78,25 +104,34 @@ def decide_closely(problem, w, l, max_steps, on):
             status = STEP_TOO_SMALL if isfinite(lane.error) else NONFINITE
         return status, HOLD
     move = TAKE
-    if lane.arm > 0.0:
+    if lane.mode == STEP:
+        lane.h_limit = 0.0
+    if lane.searched == events.LIMIT or (lane.mode == STEP and lane.leaves > 0.0):
+        move = events.search_limit(lane)
+    if move == TAKE and lane.arm > 0.0:
         # No zero counts yet; UNKNOWN_RATE makes every step due (`may_reverse`).
         lane.rate_max = runs.UNKNOWN_RATE
         if abs(lane.n1) > lane.arm:
             lane.arm = 0.0
             lane.sign = 1.0 if lane.n1 > 0.0 else -1.0
             lane.rate_max = lane.arm_rate
-    elif lane.mode != STEP or may_reverse(
-        lane.h, lane.n0, lane.n1, lane.rate1, lane.rate_max
+    elif move == TAKE and (
+        lane.mode != STEP
+        or may_reverse(lane.h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
     ):
-        move = events.search(lane, Point(lane.h, lane.n1, lane.rate1))
+        start = Point(0.0, lane.n0, lane.rate0)
+        move = events.search(lane, start, Point(lane.h, lane.n1, lane.rate1))
     lane.accept = 0.0 if move == HOLD else 1.0
-    return STEP_LIMIT if move != HOLD and lane.steps >= max_steps else OK, move
+    if move == HOLD:
+        return OK, HOLD
+    if move == TAKE and lane.h == lane.h_limit:
+        return LIMIT, TAKE
+    return STEP_LIMIT if lane.steps >= max_steps else OK, move
 
 
 @njit(**INNER)
 def rough_root(x):
-    """Return roughly ``x^(1/64)`` of a positive number, by dividing its bits as a
-    logarithm.
+    """Return roughly ``x^(1/64)`` of a positive number, from its bits as a logarithm.
 
     The result is 0 to 6.2 % too large, as ``1 + m`` replaces ``2^m``, and rises with
     ``x``.
@@ -107,9 +142,7 @@ def rough_root(x):
 
 @njit(**INNER)
 def decide(problem, w, dt, max_steps):
-    """Decide on the step tried on every lane, and return how many lanes need a closer
-    look.
-    """
+    """Decide on the step tried on every lane, and return how many lanes are due."""
     widest_vectors()
     special = 0
     for l in range(problem.lanes):
@@ -134,6 +167,7 @@ def decide(problem, w, dt, max_steps):
             | (lane.mode > 0.0)
             | (lane.t + h >= lane.next)
             | (lane.steps >= max_steps)
+            | (lane.watched > 0.0)
             | (not accept)
         )
         lane.accept = 1.0 if accept else 0.0
@@ -149,16 +183,19 @@ def commit(problem, w):
     No load or store is masked, as masked ones are slow with AVX2.
     """
     widest_vectors()
-    problem.advance(problem, w)
+    problem.hooks.advance(problem, w)
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         n1 = lane.n1
         lane.n0 = n1
-        signed, least = lane.sign * n1, lane.n_least
+        signed = lane.sign * n1
+        least = lane.n_least
         lane.n_least = (signed if signed < least else least) + 0.0
-        now, largest = lane.amplitude, lane.a_max
+        now = lane.amplitude
+        largest = lane.a_max
         lane.a_max = (now if now > largest else largest) + 0.0
         lane.root0 = lane.root
+        lane.watched = 0.0
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         accept = lane.accept
@@ -188,24 +225,97 @@ def commit(problem, w):
 
 
 @njit(**INNER)
-def watch(problem, w, windows, record):
+def watch(problem, w, recording):
     """Update the records of lanes whose step was accepted."""
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         if lane.accept == 0.0:
             continue
-        if record[runs.REC_ENERGY] and lane.energy0 > 0.0:
+        if recorded(recording.energy) and lane.energy0 > 0.0:
             off = abs(runs.energy_at(lane, lane.y1) - lane.energy0)
             lane.drift_max = max(lane.drift_max, off / lane.energy0)
-        if record[runs.REC_CONTACT]:
-            runs.observe_contact(lane, lane.y1)
-        if record[runs.REC_WINDOWS]:
+        if recorded(recording.contact):
+            runs.note_contact(lane)
+        if recorded(recording.windows):
             lane.window_n_min = min(lane.window_n_min, lane.n1)
             lane.window_n_max = max(lane.window_n_max, lane.n1)
-        if record[runs.REC_REVERSALS]:
-            runs.note_side(lane, windows, record)
-        if record[runs.REC_VOLUME]:
+        if recorded(recording.reversals):
+            runs.note_side(lane, recording.reversals)
+        if recorded(recording.volume):
             lane.volume += lane.h * lane.volume_rate1
+        if problem.limited or recorded(recording.contact):
+            runs.start_points(lane)
+
+
+@njit(**INNER)
+def is_watching(problem, recording):
+    """Return whether :func:`watch` has something to do."""
+    return (
+        problem.limited
+        or recorded(recording.energy)
+        or recorded(recording.contact)
+        or recorded(recording.windows)
+        or recorded(recording.reversals)
+        or recorded(recording.volume)
+    )
+
+
+@njit(**INNER)
+def try_step(problem, parts, w, options, recording):
+    """Try a step on every lane, decide on it, and return how many lanes are due."""
+    call(parts[ATTEMPT], (problem, w, options[SCALE]))
+    if problem.limited:
+        runs.observe_limit(problem, w)
+    if recorded(recording.contact):
+        runs.observe_contact(problem, w)
+    if recorded(recording.reversals):
+        runs.observe_spin(problem, w)
+    return decide(problem, w, options[FIXED_STEP], options[MOST_STEPS])
+
+
+@njit(**INNER)
+def look_closer(problem, parts, w, l, max_steps, recording):
+    """Decide on the step tried on lane ``l``, which is due; return a status and a move.
+
+    If reversals are recorded, a run goes on after a zero of the spin.
+    """
+    lane = lane_of(problem, w, l)
+    if lane.mode < PEAK:
+        status, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, ZEROS))
+        if move == REVERSED and recorded(recording.reversals):
+            runs.note_zero(lane, lane.t + (lane.h - lane.t_low))
+            later, move = call_for_pair(
+                parts[DECIDE], (problem, w, l, max_steps, AFTER_ZERO)
+            )
+            status = later if move == HOLD else status
+        lane.move = move
+        if status != OK or move == HOLD or lane.watched == 0.0:
+            return status, move
+    return call_for_pair(parts[DECIDE], (problem, w, l, max_steps, PEAKS))
+
+
+@njit(**INNER)
+def under_way(problem, w, plan):
+    """Return the part done of the expected cost of the runs in the lanes."""
+    done = 0.0
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        run = int(lane.run)
+        if run >= 0:
+            share = min(1.0, lane.t / plan[run, runs.HORIZON])
+            done += share * plan[run, runs.COST]
+    return done
+
+
+@njit(**INNER)
+def next_run(problem, lane, shared, order, y0, constants, probe, plan):
+    """Start the next run of the queue in a lane; return whether there was one."""
+    place = fetch_add(shared, NEXT_PLACE, 1)
+    if place < order.size:
+        problem.hooks.start(lane, order[place], y0, constants, probe, plan)
+        return True
+    runs.idle(lane)
+    return False
 
 
 def work(
@@ -220,40 +330,33 @@ def work(
     probe,
     plan,
     options,
-    record,
     result,
     counts,
-    windows,
     progress,
+    energy,
+    contact,
+    windows,
+    reversals,
+    volume,
+    lyapunov,
 ):
-    """Integrate runs of the queue in one thread, until the queue is empty or Python
-    asks to stop.
+    """Integrate runs of the queue in one thread, until it is empty or a stop is asked.
 
-    ``thread`` is the row of ``progress`` that it writes: the expected cost of its runs
-    that have ended, the part done of the expected cost of those in its lanes, and the
-    number of runs that have ended.  ``parts`` are addresses, ``w`` is the thread's
-    workspace, ``order`` the queue, and ``shared`` holds the next place in the queue and
-    the stop flag.
+    ``parts`` are addresses, ``w`` is the thread's workspace, ``order`` the queue, and
+    the last arguments are the arrays of a Recording.
     """
     widest_vectors()
-    scale, dt, max_steps = options[0], options[1], options[2]
-    watching = record.any()
-    total = order.size
+    recording = runs.Recording(energy, contact, windows, reversals, volume, lyapunov)
+    watching = is_watching(problem, recording)
+    max_steps = options[MOST_STEPS]
     busy = 0
     for l in range(problem.lanes):
-        place = fetch_add(shared, 0, 1)
-        if place < total:
-            run = order[place]
-            problem.start(
-                lane_of(problem, w, l), run, y0, constants, probe, plan, record
-            )
+        lane = lane_of(problem, w, l)
+        if next_run(problem, lane, shared, order, y0, constants, probe, plan):
             busy += 1
-        else:
-            runs.idle(lane_of(problem, w, l))
     turns = 0
     while busy > 0:
-        call(parts[ATTEMPT], (problem, w, scale))
-        special = decide(problem, w, dt, max_steps)
+        special = try_step(problem, parts, w, options, recording)
         if special > 0:
             for l in range(problem.lanes):
                 lane = lane_of(problem, w, l)
@@ -265,66 +368,42 @@ def work(
                     lane.h_next = 0.0
                     runs.hold_back(lane)
                     continue
-                status, move = call_for_pair(
-                    parts[DECIDE], (problem, w, l, max_steps, False)
-                )
+                status, move = look_closer(problem, parts, w, l, max_steps, recording)
                 t = lane.t + (lane.h - lane.t_low)
-                if move == REVERSED and record[runs.REC_REVERSALS]:
-                    # Go on after the zero, in the same step.
-                    runs.note_zero(lane, t)
-                    later, move = call_for_pair(
-                        parts[DECIDE], (problem, w, l, max_steps, True)
-                    )
-                    status = later if move == HOLD else status
                 reversal = move == REVERSED
                 ended = status != OK or reversal
-                if move == TAKE and lane.last > 0.0:
+                if move == TAKE and lane.last > 0.0 and status != LIMIT:
                     t = lane.t_end
                     ended = True
                 if move == TAKE and not ended and t >= lane.next:
-                    problem.pass_marks(lane, t, run, windows, record)
+                    problem.hooks.pass_marks(lane, t, run, recording)
                     ended = runs.settled(lane, plan[run, runs.SETTLED])
                 if ended:
                     lane.steps += 1.0
-                    problem.finish(
-                        lane, status, reversal, t, run, result, counts, windows, record
+                    problem.hooks.finish(
+                        lane, status, reversal, t, run, result, counts, recording
                     )
-                    progress[thread, 0] += plan[run, runs.COST]
-                    progress[thread, 2] += 1.0
-                    place = fetch_add(shared, 0, 1)
-                    if place < total:
-                        problem.start(
-                            lane, order[place], y0, constants, probe, plan, record
-                        )
-                    else:
-                        runs.idle(lane)
+                    progress[thread, COST_DONE] += plan[run, runs.COST]
+                    progress[thread, ENDED] += 1.0
+                    if not next_run(
+                        problem, lane, shared, order, y0, constants, probe, plan
+                    ):
                         busy -= 1
                     lane.accept = 0.0
                 if lane.accept == 0.0:
                     runs.hold_back(lane)
         if watching:
-            watch(problem, w, windows, record)
+            watch(problem, w, recording)
         commit(problem, w)
         turns += 1
-        if turns % 256 == 0:
-            if fetch_add(shared, 1, 0) != 0:
+        if turns % TURNS_PER_REPORT == 0:
+            if fetch_add(shared, STOP, 0) != 0:
                 return
-            under_way = 0.0
-            for l in range(problem.lanes):
-                lane = lane_of(problem, w, l)
-                run = int(lane.run)
-                if run >= 0:
-                    under_way += (
-                        min(1.0, lane.t / plan[run, runs.HORIZON])
-                        * plan[run, runs.COST]
-                    )
-            progress[thread, 1] = under_way
-    progress[thread, 1] = 0.0
+            progress[thread, COST_UNDER_WAY] = under_way(problem, w, plan)
+    progress[thread, COST_UNDER_WAY] = 0.0
 
 
 def drive(address, parts, threads, w, shared):
-    """Call :func:`work` by its address on each thread, so that one driver serves all
-    problems.
-    """
+    """Call :func:`work` by its address on each thread: one driver for all problems."""
     for thread in prange(threads):
         call(address, (thread, parts, w[thread]) + shared)  # noqa: RUF005

@@ -23,6 +23,7 @@ of contexts; ``library`` and ``fndesc`` of overloads.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, is_dataclass
 from functools import reduce, wraps
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -54,16 +55,15 @@ first_of = (
 def intrinsic(
     signature_of: Callable[..., Any], python: Callable[..., Any]
 ) -> Callable[..., Any]:
-    """Make an intrinsic of a function that writes LLVM code; without compilation, use
-    ``python``.
+    """Make an intrinsic of a function that writes LLVM code, and its Python twin.
 
     ``signature_of`` returns the signature for the types of the arguments.
     """
 
     def decorate(codegen: Callable[..., Any]) -> Any:
         @wraps(signature_of)
-        def typed(*given):
-            return signature_of(*given), codegen
+        def typed(*arguments):
+            return signature_of(*arguments), codegen
 
         typed.__name__ = codegen.__name__
         return python if config.DISABLE_JIT else extending.intrinsic(typed)
@@ -82,13 +82,11 @@ def _fetch_add(array, index, value):
     _fetch_add,
 )
 def fetch_add(context, builder, signature, args):
-    """Add ``value`` to ``array[index]`` (int64) atomically, and return the value
-    before.
-    """
-    kind, index = signature.args[0], [args[1]]
+    """Add to an element (int64) atomically, and return the value before."""
+    kind = signature.args[0]
     array = context.make_array(kind)(context, builder, args[0])
     pointer = cgutils.get_item_pointer(
-        context, builder, kind, array, index, wraparound=False
+        context, builder, kind, array, [args[1]], wraparound=False
     )
     return builder.atomic_rmw("add", pointer, args[2], "monotonic")
 
@@ -114,6 +112,20 @@ def widest_vectors(context, builder, signature, args):
     return context.get_dummy_value()
 
 
+@intrinsic(
+    lambda typingctx, y, f, h: y(y, f, types.float64),
+    lambda y, f, h: tuple(a + h * b for a, b in zip(y, f, strict=True)),
+)
+def moved(context, builder, signature, args):
+    """Return the state ``y + h f``."""
+    y, f, h = args
+    components = []
+    for i in range(len(signature.return_type)):
+        change = builder.fmul(h, builder.extract_value(f, i))
+        components.append(builder.fadd(builder.extract_value(y, i), change))
+    return context.make_tuple(builder, signature.return_type, components)
+
+
 def addresses_of(*compiled: Any) -> Any:
     """Return the addresses of compiled functions, which the caller must keep alive."""
     if config.DISABLE_JIT:
@@ -132,11 +144,11 @@ def _calling(result: Any) -> Any:
         lambda function, arguments: function(*arguments),
     )
     def call(context, builder, signature, args):
-        given = signature.args[1].types
-        function_type = context.call_conv.get_function_type(result, given)
+        kinds = signature.args[1].types
+        function_type = context.call_conv.get_function_type(result, kinds)
         function = builder.inttoptr(args[0], function_type.as_pointer())
         status, returned = context.call_conv.call_function(
-            builder, function, result, given, cgutils.unpack_tuple(builder, args[1])
+            builder, function, result, kinds, cgutils.unpack_tuple(builder, args[1])
         )
         with cgutils.if_unlikely(builder, status.is_error):
             context.call_conv.return_status_propagate(builder, status)
@@ -147,71 +159,145 @@ def _calling(result: Any) -> Any:
 
 # Call the compiled function at an address with a tuple of arguments; the second returns
 # a pair of integers.
-call, call_for_pair = _calling(types.none), _calling(types.UniTuple(types.intp, 2))
+call = _calling(types.none)
+call_for_pair = _calling(types.UniTuple(types.intp, 2))
 
 
 class Point(NamedTuple):
-    """A point within a step: its time from the start of the step, the spin and the
-    spin's rate.
-    """
+    """A function of the state at a point of a step."""
 
-    h: float
-    n: float
+    h: float  # time from the start of the step
+    value: float
     rate: float
 
 
-# Fields of a lane, in the order of their rows; flags are 1 or 0.
-FIELDS = (
-    # Index of the run or -1; time, its low part in a compensated sum, horizon; numbers
-    # of accepted and rejected steps, and of extrema of the spin whose sign the method
-    # could not decide.
-    ("number", "run t t_low t_end steps rejected near"),
-    # The step tried: size, squared error, `rough_root` of it and of the step before;
-    # spin and rate at both ends, squared amplitude at the end; whether it is the last,
-    # whether it repeats a rejected one.
-    ("number", "h error root root0 n0 rate0 n1 rate1 amplitude last held"),
-    # Whether the lane needs a closer look; whether it takes the step; size of the next
-    # step; largest size of any step.
-    ("number", "due accept h_next h_longest"),
-    # Fastest angular frequency of the spin; its largest recent rate; its value and sign
-    # at launch; the smallest sign * n since.
-    ("number", "swing rate_max n_launch sign n_least"),
-    # Modulus beyond which the spin counts as being on one side; for a run launched
-    # without spin the same until it gets there, else 0; the bound of the spin's rate
-    # from there on.
-    ("number", "far arm arm_rate"),
-    # Search in a held step (events.py): mode; number of pieces and the present one;
-    # tries; depth of an undecided extremum, relative to the swing; the step as first
-    # tried and the size of the one after it; ends of the piece and of the bracket in
-    # it; the point after the bracketed zero.
-    ("number", "mode pieces piece tries fuzz"),
-    ("point", "full"),
-    ("number", "full_next"),
-    ("point", "lo end hi beyond"),
-    # Squared amplitudes: largest since the last comparison, smallest of those compared,
-    # largest growth, number of comparisons, smallest that counts; next time at which a
-    # comparison or the end of a window is due; time of the next comparison within the
-    # first window.
-    ("number", "a_max a_min growth compared a_floor next mark"),
-    # Length, end and number of the window; largest squared amplitude and extremes of
-    # the spin.
-    ("number", "window window_end window_no window_a_max window_n_min window_n_max"),
-    # Energy at launch and its largest drift; extremes of the contact forces.
-    ("number", "energy0 drift_max ratio_max normal_min"),
-    # Times of the first zero of the spin, and of the first one since the spin was last
-    # far (-1 for none); the side it was on, the number of changes of side, the largest
-    # spin since the last.
-    ("number", "t_zero t_pending side reversals n_after"),
-    # Logarithm of phase volume, its rate over the step; share of the energy below which
-    # a body is dead; exponent of the power of two taken out of the tangent.
-    ("number", "volume volume_rate1 dead shift"),
-    # State and derivative at both ends of the step; last the tangents and the state of
-    # a stage.
-    ("state", "y f y1 f1"),
-    ("constants", "constants"),
-    ("probe", "probe"),
-    ("tangent", "v g v1 g1 ys fs"),
-)
+# Kinds of fields of a lane; all numbers are doubles.
+Number = float
+Flag = float  # 1 or 0
+State = tuple[float, ...]  # as many numbers as the state of the model
+Constants = tuple[float, ...]
+Probe = tuple[float, ...]
+Tangent = tuple[float, ...]  # as many as the state, or none without a tangent
+
+
+class Fields:
+    """The fields of a lane, in the order of their rows."""
+
+    # The run.
+    run: Number  # index, or -1 in an empty lane
+    t: Number  # time
+    t_low: Number  # its low part in a compensated sum
+    t_end: Number  # horizon
+    steps: Number  # accepted steps
+    rejected: Number  # rejected steps
+    near: Number  # extrema of the spin whose sign the method could not decide
+
+    # The step tried.
+    h: Number  # size
+    error: Number  # square of the error, in units of the tolerance
+    root: Number  # `kernel.rough_root` of the error
+    root0: Number  # the same of the step before
+    n0: Number  # spin at the start
+    rate0: Number  # rate of the spin at the start
+    n1: Number  # spin at the end
+    rate1: Number
+    amplitude: Number  # squared, at the end
+    last: Flag  # whether the step ends at the horizon
+    held: Flag  # whether it repeats a rejected one
+
+    # The decision on it.
+    due: Flag  # whether the lane needs a closer look
+    accept: Flag  # whether the lane takes the step
+    h_next: Number  # size of the next step
+    h_longest: Number  # largest size of any step
+
+    # Spin.
+    swing: Number  # fastest angular frequency
+    rate_max: Number  # largest recent rate
+    n_launch: Number
+    sign: Number  # of the spin between its zeros
+    n_least: Number  # smallest ``sign * n`` since the launch
+    far: Number  # modulus beyond which the spin counts as being on one side
+    arm: Number  # the same in a run launched without spin until it gets there, else 0
+    arm_rate: Number  # `rate_max` from there on
+
+    # Search within a held step (events.py).
+    mode: Number
+    searched: Number  # which function
+    pieces: Number
+    piece: Number  # index of the present one
+    tries: Number
+    fuzz: Number  # depth of an undecided extremum, relative to the swing
+    full: Point  # end of the step as first tried
+    full_next: Number  # size of the step after it
+    lo: Point  # bracket within the piece
+    end: Point  # end of the piece
+    hi: Point
+    beyond: Point  # the point after the bracketed zero
+
+    # Functions of the state, at both ends of the step.
+    limit0: Point  # the limit of the model
+    limit1: Point
+    ratio0: Point  # ratio of the contact forces
+    ratio1: Point
+    lift0: Point  # normal force with a minus sign
+    lift1: Point
+    leaves: Flag  # whether the step may end at a zero of the limit
+    h_limit: Number  # size of the step that does
+    watched: Number  # above 0 if the step may hold such a zero or a new extreme
+    move: Number  # what happens after the search for extremes
+
+    # Comparisons of squared amplitudes.
+    a_max: Number  # largest since the last comparison
+    a_min: Number  # smallest of those compared
+    growth: Number  # largest ratio
+    compared: Number  # number of comparisons
+    a_floor: Number  # smallest amplitude that counts
+    next: Number  # time at which a comparison or the end of a window is due
+    mark: Number  # time of the next comparison within the first window
+
+    # The present window.
+    window: Number  # length
+    window_end: Number
+    window_no: Number
+    window_a_max: Number  # squared amplitude
+    window_n_min: Number
+    window_n_max: Number
+
+    # Energy and contact.
+    energy0: Number  # at launch
+    drift_max: Number
+    dead: Number  # fraction of the energy below which a body is dead
+    ratio_max: Number
+    normal_min: Number
+
+    # Reversals; times are -1 for none.
+    t_zero: Number  # first zero of the spin
+    t_pending: Number  # first zero since the spin was last far
+    t_crossed: Number  # latest zero, also of a dead body
+    side: Number  # sign of the spin when it was last far
+    reversals: Number  # changes of side
+    n_after: Number  # largest modulus of the spin since the last one
+    n_peak: Number  # largest modulus found within the step
+
+    # Phase volume and tangent.
+    volume: Number  # logarithm
+    volume_rate1: Number  # its rate over the step
+    shift: Number  # exponent of the power of two taken out of the tangent
+
+    # What depends on the model: the fields from `y` on.
+    y: State  # at the start of the step
+    f: State  # derivative
+    y1: State  # at its end
+    f1: State
+    constants: Constants
+    probe: Probe
+    v: Tangent
+    g: Tangent  # its derivative
+    v1: Tangent
+    g1: Tangent
+    ys: Tangent  # the state in a stage
+    fs: Tangent
 
 
 class Layout:
@@ -223,32 +309,19 @@ class Layout:
     """
 
     def __init__(self, model: Model | None) -> None:
-        n, constants, probe = (
-            (model.n_state, model.n_constants, model.n_probe) if model else (0, 0, 0)
-        )
-        counts = {
-            "number": 1,
-            "point": 3,
-            "state": n,
-            "constants": constants,
-            "probe": probe,
-        }
-        counts["tangent"] = n if model and model.rate else 0
-        found = {
-            kind: types.UniTuple(types.float64, n) if n else types.Tuple(())
-            for kind, n in counts.items()
-        }
-        found |= {
-            "number": types.float64,
-            "point": types.NamedUniTuple(types.float64, 3, Point),
-        }
-        self.fields: dict[str, tuple[int, Any]] = {}
+        numbers = {"State": 0, "Constants": 0, "Probe": 0, "Tangent": 0}
+        if model:
+            numbers["State"] = model.n_state
+            numbers["Constants"] = model.n_constants
+            numbers["Probe"] = model.n_probe
+        if model and model.rate:
+            numbers["Tangent"] = model.n_state
+        self.fields: dict[str, tuple[int, types.Type]] = {}
         self.stages = 0
-        for kind, names in FIELDS:
-            for name in names.split():
-                self.fields[name] = self.stages, found[kind]
-                setattr(self, name, self.stages)
-                self.stages += counts[kind]
+        for name, kind in Fields.__annotations__.items():
+            self.fields[name] = self.stages, _type_of(kind, numbers.get(kind, 1))
+            setattr(self, name, self.stages)
+            self.stages += 3 if kind == "Point" else numbers.get(kind, 1)
 
     if TYPE_CHECKING:
 
@@ -256,16 +329,37 @@ class Layout:
 
     def rows(self, tableau: Tableau, model: Model) -> int:
         """Return the number of rows of the workspace for a method."""
-        stages = (tableau.stages - 1) * model.n_state * (2 if model.rate else 1)
+        stages = (tableau.stages - 1) * model.n_state
+        if model.rate:
+            stages *= 2
         return self.stages + stages + model.n_carried * (tableau.stages + 1)
+
+
+def _type_of(kind: str, count: int) -> types.Type:
+    """Return the Numba type of a kind of field."""
+    if kind in ("Number", "Flag"):
+        return types.float64
+    if kind == "Point":
+        return types.NamedUniTuple(types.float64, 3, Point)
+    return types.UniTuple(types.float64, count) if count else types.Tuple(())
+
+
+@dataclass(frozen=True)
+class Hooks:
+    """Compiled functions of `lanes.runs` that differ between models."""
+
+    start: Callable[..., None]
+    pass_marks: Callable[..., None]
+    finish: Callable[..., None]
+    advance: Callable[..., None]
+    limit: Callable[..., Point]
 
 
 class Problem:
     """What a kernel is compiled for: a model, the kind of method, the number of lanes.
 
-    For compiled functions it is an argument without data, and its attributes, among
-    them those of the model, are constants.  Hooks are the functions that differ for
-    models with a tangent.
+    For compiled functions it is an argument without data, and its attributes, like
+    those of its model and its hooks, are constants.
     """
 
     known: ClassVar[dict[str, Problem]] = {}
@@ -275,73 +369,87 @@ class Problem:
         model: Model | None,
         adaptive: bool,
         lanes: int = LANES,
-        **hooks: Callable[..., Any],
+        hooks: Hooks | None = None,
     ) -> None:
         if model is not None:
-            vars(self).update(vars(model) | hooks)
+            # The state of a sweep lacks the extra components of the model.
             self.n_given = model.n_state - model.n_extra
-            self.others = (0.0,) * model.n_extra
+            self.extra = (0.0,) * model.n_extra
             # State, constants and probe of an empty lane.
             state, constants = (1.0,) * model.n_state, (1.0,) * model.n_constants
             self.idle = state, constants, (0.0,) * model.n_probe
-        kind = "adaptive" if adaptive else "fixed"
-        self.name = f"{model.name if model else 'any'}_{kind}_{lanes}"
-        self.adaptive, self.lanes, self.layout = adaptive, lanes, Layout(model)
+            self.limited = model.limit is not None
+        self.model = model
+        self.hooks = hooks
+        self.name = f"{model.name if model else 'any'}_"
+        self.name += f"{'adaptive' if adaptive else 'fixed'}_{lanes}"
+        self.adaptive = adaptive
+        self.lanes = lanes
+        self.layout = Layout(model)
         self.known[self.name] = self
 
 
-class ProblemType(types.Type):
-    """Numba's type of a problem, which it knows by name, since types are stored on
-    disk.
+class RecordType(types.Type):
+    """Numba's type of a problem or of a record in it, whose attributes are constants.
+
+    It has the name of the problem and not the problem, since types are stored on disk.
     """
 
-    def __init__(self, problem: str) -> None:
+    def __init__(self, problem: str, *path: str) -> None:
         self.problem = problem
-        super().__init__(f"Problem({problem})")
+        self.path = path
+        super().__init__(f"Record({'.'.join([problem, *path])})")
 
     def value_of(self, name: str) -> Any:
-        """Return an attribute of the problem."""
-        return getattr(Problem.known[self.problem], name)
+        """Return an attribute."""
+        record: Any = Problem.known[self.problem]
+        for step in (*self.path, name):
+            record = getattr(record, step)
+        return record
 
 
-# Without members a problem takes no argument in machine code, so `kernel.drive` leaves
+# Without members a record takes no argument in machine code, so `kernel.drive` leaves
 # it out.
-@extending.register_model(ProblemType)
-class _ProblemModel(extending.models.StructModel):
-    def __init__(self, manager: Any, problem: ProblemType) -> None:
-        super().__init__(manager, problem, [])
+@extending.register_model(RecordType)
+class _RecordModel(extending.models.StructModel):
+    def __init__(self, manager: Any, record: RecordType) -> None:
+        super().__init__(manager, record, [])
 
 
 @extending.typeof_impl.register(Problem)
-def _typeof(problem: Problem, _: Any) -> ProblemType:
-    return ProblemType(problem.name)
+def _typeof(problem: Problem, _: Any) -> RecordType:
+    return RecordType(problem.name)
 
 
-@extending.unbox(ProblemType)
-def _unbox_problem(problem: ProblemType, _: Any, c: Any) -> Any:
+@extending.unbox(RecordType)
+def _unbox_problem(problem: RecordType, _: Any, c: Any) -> Any:
     return extending.NativeValue(_empty(c.context, c.builder, problem))
 
 
-def _empty(context: Any, builder: Any, problem: ProblemType) -> Any:
-    return cgutils.create_struct_proxy(problem)(context, builder)._getvalue()
+def _empty(context: Any, builder: Any, record: RecordType) -> Any:
+    return cgutils.create_struct_proxy(record)(context, builder)._getvalue()
 
 
 @extending.infer_getattr
 class _Attributes(AttributeTemplate):
-    key = ProblemType
+    key = RecordType
 
-    def generic_resolve(self, problem: ProblemType, name: str) -> Any:
-        value = problem.value_of(name)
+    def generic_resolve(self, record: RecordType, name: str) -> Any:
+        value = record.value_of(name)
+        if is_dataclass(value):
+            return RecordType(record.problem, *record.path, name)
         if isinstance(value, int):
             return types.literal(value)
         return self.context.resolve_value_type(value)
 
 
-@extending.lower_getattr_generic(ProblemType)
+@extending.lower_getattr_generic(RecordType)
 def _get_attribute(
-    context: Any, builder: Any, problem: ProblemType, _: Any, name: str
+    context: Any, builder: Any, record: RecordType, _: Any, name: str
 ) -> Any:
-    value = problem.value_of(name)
+    value = record.value_of(name)
+    if is_dataclass(value):
+        return _empty(context, builder, RecordType(record.problem, *record.path, name))
     if callable(value):
         return context.get_dummy_value()
     kind = context.typing_context.resolve_value_type(value)
@@ -351,7 +459,7 @@ def _get_attribute(
 class LaneType(types.Type):
     """Numba's type of a lane."""
 
-    def __init__(self, problem: ProblemType) -> None:
+    def __init__(self, problem: RecordType) -> None:
         self.problem = problem
         super().__init__(f"Lane({problem.problem})")
 
@@ -367,23 +475,27 @@ class _LaneModel(extending.models.StructModel):
         super().__init__(manager, lane, members)
 
 
-class Lane:
+class Lane(Fields):
     """A lane in Python, used where nothing is compiled."""
 
+    problem: Problem
+
     def __init__(self, problem: Problem, w: Any, l: int) -> None:
-        cells = w.reshape(-1, problem.lanes)[:, l]
-        vars(self).update(problem=problem, cells=cells, fields=problem.layout.fields)
+        vars(self)["problem"] = problem
+        vars(self)["cells"] = w.reshape(-1, problem.lanes)[:, l]
 
     def __getattr__(self, name: str) -> Any:
-        row, kind = self.fields[name]
+        row, kind = self.problem.layout.fields[name]
+        cells = vars(self)["cells"]
         if kind is types.float64:
-            return self.cells[row]
-        values = tuple(self.cells[row : row + len(kind)])
+            return cells[row]
+        values = tuple(cells[row : row + len(kind)])
         return Point(*values) if isinstance(kind, types.NamedUniTuple) else values
 
     def __setattr__(self, name: str, value: Any) -> None:
-        row, kind = self.fields[name]
-        self.cells[row : row + (1 if kind is types.float64 else len(kind))] = value
+        row, kind = self.problem.layout.fields[name]
+        count = 1 if kind is types.float64 else len(kind)
+        vars(self)["cells"][row : row + count] = value
 
 
 class _Cells(NamedTuple):
@@ -419,16 +531,14 @@ class _Cells(NamedTuple):
         )
         if wanted.factor is not None:
             total = self.builder.fmul(self.product(wanted.share, wanted.factor), total)
-        return (
-            total
-            if wanted.row is None
-            else self.builder.fadd(self.read(wanted.row), total)
-        )
+        if wanted.row is None:
+            return total
+        return self.builder.fadd(self.read(wanted.row), total)
 
 
 def _cells(context: Any, builder: Any, lane: LaneType, value: Any) -> _Cells:
-    found = cgutils.create_struct_proxy(lane)(context, builder, value)
-    return _Cells(builder, found.data, found.place, lane.problem.value_of("lanes"))
+    record = cgutils.create_struct_proxy(lane)(context, builder, value)
+    return _Cells(builder, record.data, record.place, lane.problem.value_of("lanes"))
 
 
 @extending.infer_getattr
@@ -443,7 +553,8 @@ class _Fields(AttributeTemplate):
 def _get(context: Any, builder: Any, lane: LaneType, value: Any, name: str) -> Any:
     if name == "problem":
         return _empty(context, builder, lane.problem)
-    cells, (row, kind) = _cells(context, builder, lane, value), lane.field(name)
+    cells = _cells(context, builder, lane, value)
+    row, kind = lane.field(name)
     if kind is types.float64:
         return cells.read(row)
     return context.make_tuple(
@@ -454,7 +565,8 @@ def _get(context: Any, builder: Any, lane: LaneType, value: Any, name: str) -> A
 @extending.lower_setattr_generic(LaneType)
 def _set(context: Any, builder: Any, signature: Any, args: Any, name: str) -> None:
     lane = signature.args[0]
-    cells, (row, kind) = _cells(context, builder, lane, args[0]), lane.field(name)
+    cells = _cells(context, builder, lane, args[0])
+    row, kind = lane.field(name)
     if kind is types.float64:
         cells.write(row, args[1])
         return
@@ -467,14 +579,14 @@ def _set(context: Any, builder: Any, signature: Any, args: Any, name: str) -> No
 )
 def lane_of(context, builder, signature, args):
     """Return lane ``l`` of a workspace ``w``."""
-    made = cgutils.create_struct_proxy(signature.return_type)(context, builder)
-    made.data = context.make_array(signature.args[1])(context, builder, args[1]).data
-    made.place = args[2]
-    return made._getvalue()
+    lane = cgutils.create_struct_proxy(signature.return_type)(context, builder)
+    lane.data = context.make_array(signature.args[1])(context, builder, args[1]).data
+    lane.place = args[2]
+    return lane._getvalue()
 
 
 def _clear(lane):
-    lane.cells[: lane.fields["y"][0]] = 0.0
+    vars(lane)["cells"][: lane.problem.layout.y] = 0.0
 
 
 @intrinsic(lambda typingctx, lane: types.void(lane), _clear)
@@ -500,9 +612,7 @@ class Sum(NamedTuple):
     share: float = 1.0
 
     def value(self, w: Any) -> Any:
-        """Return the value for the cells of a lane, in the order of the compiled
-        code.
-        """
+        """Return the value for the cells of a lane, summed as in compiled code."""
         products = [number * w[row] for number, row in self.terms]
         total = sum(products[1::2], start=0.0) + sum(products[::2], start=0.0)
         if self.factor is not None:
@@ -513,21 +623,17 @@ class Sum(NamedTuple):
 def sums(
     count: int, terms: dict[int, float], start: int | None = None, *scale: Any
 ) -> list[Sum]:
-    """Return sums for ``count`` components; ``terms`` are coefficients by the first row
-    of each.
-    """
-    shifted = [
-        tuple((number, row + i) for row, number in terms.items()) for i in range(count)
-    ]
-    return [
-        Sum(None if start is None else start + i, shifted[i], *scale)
-        for i in range(count)
-    ]
+    """Return sums for ``count`` components, with coefficients by first rows."""
+    components = []
+    for i in range(count):
+        shifted = tuple((number, row + i) for row, number in terms.items())
+        row = None if start is None else start + i
+        components.append(Sum(row, shifted, *scale))
+    return components
 
 
 def gather(lanes: int, values: Sequence[int | Sum], constants: Sequence[int]) -> Any:
-    """Return ``read(w, l)``, which returns the values and then the constants as a
-    tuple.
+    """Return ``read(w, l)``, which returns values and then constants as a tuple.
 
     Constants are read first, and single cells before sums: the last bits depend on this
     order.
@@ -540,7 +646,8 @@ def gather(lanes: int, values: Sequence[int | Sum], constants: Sequence[int]) ->
     def python(w: Any, l: int) -> tuple[float, ...]:
         cells = w.reshape(-1, lanes)[:, l]
         return tuple(
-            cells[one] if isinstance(one, int) else one.value(cells) for one in wanted
+            cells[value] if isinstance(value, int) else value.value(cells)
+            for value in wanted
         )
 
     @intrinsic(
@@ -552,23 +659,23 @@ def gather(lanes: int, values: Sequence[int | Sum], constants: Sequence[int]) ->
     def read(context, builder, signature, args):
         array = context.make_array(signature.args[0])(context, builder, args[0])
         lane = _Cells(builder, array.data, args[1], lanes)
-        found = {i: lane.value(wanted[i]) for i in order}
-        parts = [found[i] for i in range(len(wanted))]
-        return context.make_tuple(builder, signature.return_type, parts)
+        numbers = {i: lane.value(wanted[i]) for i in order}
+        components = [numbers[i] for i in range(len(wanted))]
+        return context.make_tuple(builder, signature.return_type, components)
 
     return read
 
 
 def scatter(lanes: int, rows: Sequence[int]) -> Any:
-    """Return ``write(w, l, values)``, which writes a tuple to the rows of lane
-    ``l``.
-    """
+    """Return ``write(w, l, values)``, which writes a tuple to rows of lane ``l``."""
     values = types.UniTuple(types.float64, len(rows))
 
-    def python(w: Any, l: int, given: tuple[float, ...]) -> None:
-        w.reshape(-1, lanes)[list(rows), l] = given
+    def python(w: Any, l: int, numbers: tuple[float, ...]) -> None:
+        w.reshape(-1, lanes)[list(rows), l] = numbers
 
-    @intrinsic(lambda typingctx, w, l, given: types.void(w, types.intp, values), python)
+    @intrinsic(
+        lambda typingctx, w, l, numbers: types.void(w, types.intp, values), python
+    )
     def write(context, builder, signature, args):
         array = context.make_array(signature.args[0])(context, builder, args[0])
         lane = _Cells(builder, array.data, args[1], lanes)

@@ -1,4 +1,4 @@
-"""A run in a lane: its start, the ends of its windows, its end.
+"""A run in a lane: its start, what is observed at its steps, its end.
 
 A run may carry a tangent, which is scaled by a power of two when it has become very
 long or short. Barriers keep the arithmetic of the tangent apart from that of the state,
@@ -7,19 +7,25 @@ whose bits are then the same as without a tangent.
 
 # mypy: ignore-errors
 from math import isfinite, log, nan, sqrt
+from typing import Any, NamedTuple
 
 from numba import njit
 
+from rattlesweep.integrate.lanes.events import least_turn, may_peak, turn_points
 from rattlesweep.integrate.lanes.lane import (
     INNER,
+    Hooks,
+    Point,
     barrier,
     clear,
     first_of,
     lane_of,
+    moved,
     widest_vectors,
 )
+from rattlesweep.integrate.model import Model
 from rattlesweep.integrate.status import Status
-from rattlesweep.physics.full import FASTMATH
+from rattlesweep.physics.full import FASTMATH, scalar
 
 # The arrays that a kernel reads and writes have one row for each run.  Columns of
 # ``result`` are attributes of an Outcome, followed by the state at the end.
@@ -31,77 +37,101 @@ RESULT = (
     "amp_growth",
     "n_departure",
     "energy_0",
-    "energy_drift_max",
-    "contact_ratio_max",
-    "contact_normal_min",
-    "volume_rate",
 )
-T_END, T_R, GROWTH, DEPARTURE = map(
-    RESULT.index, ("t_end", "t_r", "amp_growth", "n_departure")
-)
-FIRST_STATE = len(RESULT)
+T_END, T_R, N_END, DRIFT, GROWTH, DEPARTURE, ENERGY_0, FIRST_STATE = range(8)
 # Columns of ``counts``, also attributes of an Outcome.
 COUNTS = ("status", "n_steps", "near_tangencies", "n_rejected", "n_turns")
-STATUS, STEPS = 0, 1
-# Columns of ``plan``, which `batch.run_arrays` fills from the attributes of a Batch.
-HORIZON, SWING, WINDOW, RATE, FIRST_STEP, COST, FUZZ, FIRST_MARK = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    6,
-    7,
+STATUS, STEPS, NEAR, REJECTED, TURNS = range(5)
+# Columns of ``plan``, which `batch.plan_of` fills.
+(
+    HORIZON,
+    SWING,
+    WINDOW,
+    RATE,
+    FIRST_STEP,
+    COST,
+    FUZZ,
+    FIRST_MARK,
+    FAR,
+    TAPPED,
+    SETTLED,
+    DEAD,
+    LONGEST,
+    N_PLAN,
+) = range(14)
+
+
+class Recording(NamedTuple):
+    """What a kernel records: arrays of shape (runs, rows, columns).
+
+    An array has no runs if its observation is not recorded.
+    """
+
+    energy: Any  # largest drift
+    contact: Any  # largest ratio of the forces, least normal force
+    windows: Any  # amplitude, least and largest spin in each window
+    # Time of each reversal and largest modulus of the spin until the next.
+    reversals: Any
+    volume: Any  # mean rate of phase volume
+    # Time and logarithm of the tangent's growth at the ends of the windows and of the
+    # run.  If a step ends several windows, only the row of the first is filled.
+    lyapunov: Any
+
+
+N_WINDOWS = 64
+MOST_REVERSALS = 8  # reversals that are stored
+SHAPES = Recording(
+    energy=(1, 1),
+    contact=(1, 2),
+    windows=(N_WINDOWS, 3),
+    reversals=(MOST_REVERSALS, 2),
+    volume=(1, 1),
+    lyapunov=(N_WINDOWS, 2),
 )
-FAR, TAPPED, SETTLED, DEAD, LONGEST = 8, 9, 10, 11, 12
-# ``options`` holds 1 / tol^2, fixed step and maximum number of steps, of SUBSTEPS
-# substeps each if the step is fixed.  ``record`` holds the flags:
-REC_ENERGY, REC_CONTACT, REC_WINDOWS, REC_REVERSALS, REC_VOLUME, N_RECORD = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-)
-MOST_REVERSALS = 8  # reversals that are stored, each in a row of the run's ``windows``
 
 OK, NONFINITE, ENERGY = int(Status.OK), int(Status.NONFINITE), int(Status.ENERGY)
+LIMIT = int(Status.LIMIT)
 MAX_ENERGY_DRIFT = 0.01
 TINY = 1e-290
 # Least squared amplitude that counts, as a share of the first: a mode that has decayed
 # by 1e-9 is lost in the rounding errors of the other.
 FLOOR = 1e-18
+DIFFERENCE = 1e-7  # length of differences along the flow, in radians of the swing
 UNKNOWN_RATE = 1e290  # bound of the spin's rate with which every step may reverse
 # The norm of a tangent stays between 2^-SHIFT and 2^SHIFT.
-SHIFT, LOG_2 = 200, log(2.0)
+SHIFT = 200
+LOG_2 = log(2.0)
 SHORTER, LONGER = 2.0**-SHIFT, 2.0**SHIFT
 SHORT, LONG = SHORTER**2, LONGER**2
+
+
+@njit(**INNER)
+def recorded(array):
+    """Return whether an observation is recorded."""
+    return array.shape[0] > 0
 
 
 @njit(fastmath=FASTMATH, **INNER)
 def energy_at(lane, y):
     """Return the energy of a lane's body in the state ``y``."""
-    return lane.problem.energy(*(y + lane.constants))
+    return lane.problem.model.energy(*(y + lane.constants))
 
 
 @njit(fastmath=FASTMATH, **INNER)
 def derive(lane):
-    """Set the derivative at the start of the step, and return the spin and its rate
-    there.
-    """
+    """Set the derivative at the start of the step, and return spin and its rate."""
     y = lane.y
-    f = lane.problem.rhs(*(y + lane.constants))
+    f = lane.problem.model.rhs(*(y + lane.constants))
     lane.f = f
-    return lane.problem.spin(*y), lane.problem.spin_rate(*(y + f))
+    return lane.problem.model.spin(*y), lane.problem.model.spin_rate(*(y + f))
+
+
+# Amplitudes and windows.
 
 
 @njit(**INNER)
 def compare(lane):
-    """Compare the largest amplitude since the last comparison with the smallest before
-    that.
-    """
+    """Compare the largest amplitude since the last comparison with those before."""
     largest = max(lane.a_max, lane.a_floor, TINY)
     if lane.compared > 0.0:
         lane.growth = max(lane.growth, largest / lane.a_min)
@@ -116,14 +146,14 @@ def compare(lane):
 
 
 @njit(**INNER)
-def close_window(lane, run, windows, record):
+def close_window(lane, run, recording):
     """Compare amplitudes, store the window if it is recorded, and open the next one."""
     compare(lane)
     k = int(lane.window_no)
-    if record[REC_WINDOWS] and k < windows.shape[1]:
-        windows[run, k, 0] = sqrt(lane.window_a_max)
-        windows[run, k, 1] = lane.window_n_min
-        windows[run, k, 2] = lane.window_n_max
+    if recorded(recording.windows) and k < N_WINDOWS:
+        recording.windows[run, k, 0] = sqrt(lane.window_a_max)
+        recording.windows[run, k, 1] = lane.window_n_min
+        recording.windows[run, k, 2] = lane.window_n_max
     lane.window_a_max = lane.amplitude
     lane.window_n_min = lane.window_n_max = lane.n1
     lane.window_no = k + 1
@@ -131,7 +161,7 @@ def close_window(lane, run, windows, record):
 
 
 @njit(**INNER)
-def pass_marks(lane, t, run, windows, record):
+def pass_marks(lane, t, run, recording):
     """Make the comparisons and close the windows that are due by time ``t``."""
     include_end(lane)
     while t >= lane.next:
@@ -139,19 +169,20 @@ def pass_marks(lane, t, run, windows, record):
             compare(lane)
             lane.mark *= 2.0
         else:
-            close_window(lane, run, windows, record)
+            close_window(lane, run, recording)
             lane.mark = 1e290
         lane.next = min(lane.mark, lane.window_end)
 
 
 @njit(fastmath=FASTMATH, **INNER)
 def settled(lane, most):
-    """Return whether no amplitude grew in two windows and the oscillation is at most
-    ``most``.
+    """Return whether no amplitude grew in two windows and little oscillation is left.
+
+    ``most`` is the largest oscillation of a settled run, or 0 if none may settle.
     """
     if most == 0.0 or lane.window_no < 2.0 or lane.growth > 1.0 or lane.t_zero >= 0.0:
         return False
-    _, oscillation = lane.problem.error(*(lane.y1 + lane.y1 + lane.constants))
+    _, oscillation = lane.problem.model.error(*(lane.y1 + lane.y1 + lane.constants))
     return oscillation <= most
 
 
@@ -163,19 +194,107 @@ def include_end(lane):
     lane.window_n_max = max(lane.window_n_max, lane.n1)
 
 
+# Functions of the state, for the searches in `lanes.events`.
+
+
+@scalar
+def contact_points(lane, h, y, f):
+    """Return the ratio of the contact forces and the negative normal force."""
+    # The rates are differences along the flow; an error of them only moves the place
+    # at which an extreme is evaluated.
+    ahead = DIFFERENCE / lane.swing
+    contact = lane.problem.model.contact
+    normal, tangential = contact(*(y + lane.constants))
+    ratio = tangential / abs(normal)
+    later_normal, tangential = contact(*(moved(y, f, ahead) + lane.constants))
+    rate = (tangential / abs(later_normal) - ratio) / ahead
+    lift_rate = (normal - later_normal) / ahead
+    return Point(h, ratio, rate), Point(h, -normal, lift_rate)
+
+
+@scalar
+def limit_point(lane, h, y, f):
+    """Return the limit of the model."""
+    ahead = DIFFERENCE / lane.swing
+    limit = lane.problem.model.limit
+    now = limit(*(y + lane.constants))
+    later = limit(*(moved(y, f, ahead) + lane.constants))
+    return Point(h, now, (later - now) / ahead)
+
+
+@scalar
+def no_limit(lane, h, y, f):
+    """Return the limit of a model that holds everywhere."""
+    return Point(h, 1.0, 0.0)
+
+
 @njit(fastmath=FASTMATH, **INNER)
-def observe_contact(lane, y):
-    """Update the extremes of the contact force with the state ``y``."""
-    normal, tangential = lane.problem.contact(*(y + lane.constants))
-    lane.normal_min = min(lane.normal_min, normal)
-    lane.ratio_max = max(lane.ratio_max, tangential / abs(normal))
+def observe_limit(problem, w):
+    """Compute the limit of the model at the end of the step tried on every lane."""
+    widest_vectors()
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        end = problem.hooks.limit(lane, lane.h, lane.y1, lane.f1)
+        start = lane.limit0
+        lane.limit1 = end
+        # It may dip below zero between two positive ends.
+        dips = (start.rate < 0.0) & (end.rate > 0.0)
+        leaves = 1.0 if dips | (end.value <= 0.0) else 0.0
+        lane.leaves = leaves
+        lane.watched += leaves
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def observe_contact(problem, w):
+    """Compute the contact forces at the end of the step tried on every lane."""
+    widest_vectors()
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        ratio, lift = contact_points(lane, lane.h, lane.y1, lane.f1)
+        lane.ratio1 = ratio
+        lane.lift1 = lift
+        peak = may_peak(lane.ratio0, ratio, lane.ratio_max)
+        # Where the normal force is negative, the ratio has poles and no largest value.
+        peak &= (lane.lift0.value < 0.0) & (lift.value < 0.0)
+        peak |= may_peak(lane.lift0, lift, -lane.normal_min)
+        lane.watched += 1.0 if peak else 0.0
+
+
+@njit(**INNER)
+def observe_spin(problem, w):
+    """Compute which steps tried may hold the largest spin of a turn."""
+    widest_vectors()
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        start, end = turn_points(lane)
+        peak = (start.value > 0.0) & may_peak(start, end, least_turn(lane))
+        lane.watched += 1.0 if peak else 0.0
+
+
+@njit(**INNER)
+def start_points(lane):
+    """Let the functions at the end of the step be those at the next start."""
+    limit = lane.limit1
+    ratio = lane.ratio1
+    lift = lane.lift1
+    lane.limit0 = Point(0.0, limit.value, limit.rate)
+    lane.ratio0 = Point(0.0, ratio.value, ratio.rate)
+    lane.lift0 = Point(0.0, lift.value, lift.rate)
+
+
+@njit(**INNER)
+def note_contact(lane):
+    """Let the end of the step just tried count in the extremes of the contact."""
+    lane.ratio_max = max(lane.ratio_max, lane.ratio1.value)
+    lane.normal_min = min(lane.normal_min, -lane.lift1.value)
+
+
+# Reversals.
 
 
 @njit(**INNER)
 def is_dead(lane):
-    """Return whether, after the step just tried, too little energy is left for a
-    reversal.
-    """
+    """Return whether too little energy is left for a reversal at the step's end."""
     # With friction the last component of the state is the work, which is negative.
     return lane.dead > 0.0 and 1.0 + lane.y1[-1] / lane.energy0 < lane.dead
 
@@ -184,6 +303,7 @@ def is_dead(lane):
 def note_zero(lane, t):
     """Note a zero of the spin at time ``t`` in a run that continues after it."""
     lane.n_least = min(lane.n_least, 0.0)
+    lane.t_crossed = t
     if is_dead(lane):
         return
     if lane.t_zero < 0.0:
@@ -193,12 +313,9 @@ def note_zero(lane, t):
 
 
 @njit(**INNER)
-def note_side(lane, windows, record):
-    """Count a reversal once the spin is far on the other side, and store its largest
-    modulus.
-    """
+def note_side(lane, reversals):
+    """Count a reversal once the spin is far on the other side, and store its peak."""
     run = int(lane.run)
-    at = 3 if record[REC_WINDOWS] else 0
     n = lane.n1
     if abs(n) > lane.far:
         side = 1.0 if n > 0.0 else -1.0
@@ -208,25 +325,33 @@ def note_side(lane, windows, record):
             lane.reversals += 1.0
             lane.n_after = 0.0
             if k < MOST_REVERSALS:
-                windows[run, k, at] = lane.t_pending
+                reversals[run, k, 0] = lane.t_pending
         lane.side = side
         lane.t_pending = -1.0
+    # A peak before the spin is far belongs to no turn.
+    peak = lane.n_peak if lane.t_pending < 0.0 else 0.0
+    lane.n_peak = 0.0
+    size = max(abs(n), peak)
     k = int(lane.reversals) - 1
-    if k >= 0 and abs(n) > lane.n_after:
-        lane.n_after = abs(n)
+    if k >= 0 and size > lane.n_after:
+        lane.n_after = size
         if k < MOST_REVERSALS:
-            windows[run, k, at + 1] = abs(n)
+            reversals[run, k, 1] = size
+
+
+# Start and end of a run.
 
 
 @njit(**INNER)
-def start(lane, run, y0, constants, probe, plan, record):
+def start(lane, run, y0, constants, probe, plan):
     """Start a run in a lane."""
     clear(lane)
+    model = lane.problem.model
     lane.run = run
     lane.root0 = 1.0
-    lane.y = first_of(y0[run], lane.problem.n_state)
-    lane.constants = first_of(constants[run], lane.problem.n_constants)
-    lane.probe = first_of(probe[run], lane.problem.n_probe)
+    lane.y = first_of(y0[run], model.n_state)
+    lane.constants = first_of(constants[run], model.n_constants)
+    lane.probe = first_of(probe[run], model.n_probe)
     n, rate = derive(lane)
     lane.t_end = plan[run, HORIZON]
     lane.swing = plan[run, SWING]
@@ -238,7 +363,7 @@ def start(lane, run, y0, constants, probe, plan, record):
     lane.rate0 = rate
     lane.sign = lane.side = 1.0 if n > 0.0 else -1.0
     lane.far = plan[run, FAR]
-    lane.t_zero = lane.t_pending = -1.0
+    lane.t_zero = lane.t_pending = lane.t_crossed = -1.0
     if plan[run, TAPPED] > 0.0:
         lane.arm = plan[run, FAR]
         lane.arm_rate = plan[run, RATE]
@@ -246,9 +371,11 @@ def start(lane, run, y0, constants, probe, plan, record):
         lane.side = 0.0
     lane.n_least = abs(n)
     lane.energy0 = energy_at(lane, lane.y)
+    lane.limit1 = lane.problem.hooks.limit(lane, 0.0, lane.y, lane.f)
+    lane.ratio1, lane.lift1 = contact_points(lane, 0.0, lane.y, lane.f)
     lane.normal_min = 1e290
-    if record[REC_CONTACT]:
-        observe_contact(lane, lane.y)
+    note_contact(lane)
+    start_points(lane)
     lane.fuzz = plan[run, FUZZ]
     lane.dead = plan[run, DEAD]
     lane.h_longest = plan[run, LONGEST]
@@ -259,9 +386,7 @@ def start(lane, run, y0, constants, probe, plan, record):
 
 @njit(**INNER)
 def idle(lane):
-    """Empty a lane: in a spinning state and with steps of size zero, no zero and no end
-    is due.
-    """
+    """Empty a lane: a spinning state and steps of size zero, so that nothing is due."""
     clear(lane)
     lane.run = -1.0
     lane.y, lane.constants, lane.probe = lane.problem.idle
@@ -285,43 +410,46 @@ def hold_back(lane):
 
 
 @njit(**INNER)
-def finish(lane, status, reversal, t, run, result, counts, windows, record):
+def finish(lane, status, reversal, t, run, result, counts, recording):
     """Store the results of a run that ends with the step just tried, at time ``t``."""
     energy0 = lane.energy0
     drift = (energy_at(lane, lane.y1) - energy0) / energy0
-    if status == OK and not abs(drift) <= MAX_ENERGY_DRIFT:
+    if status in (OK, LIMIT) and not abs(drift) <= MAX_ENERGY_DRIFT:
         status = ENERGY if isfinite(drift) else NONFINITE
     n = lane.n1
     include_end(lane)
     if t - lane.window_no * lane.window > 0.9 * lane.window:
-        close_window(lane, run, windows, record)
-    if record[REC_CONTACT]:
-        observe_contact(lane, lane.y1)
+        close_window(lane, run, recording)
     t_r = t if reversal and status == OK and not is_dead(lane) else nan
-    if record[REC_REVERSALS]:
-        note_side(lane, windows, record)
+    if recorded(recording.reversals):
+        note_side(lane, recording.reversals)
         # A failure after the first zero leaves it valid, unless the energy has drifted.
         if lane.t_zero > 0.0 and status != ENERGY:
             t_r = lane.t_zero
+    if recorded(recording.energy):
+        recording.energy[run, 0, 0] = max(lane.drift_max, abs(drift))
+    if recorded(recording.contact):
+        note_contact(lane)
+        recording.contact[run, 0, 0] = lane.ratio_max
+        recording.contact[run, 0, 1] = lane.normal_min
+    if recorded(recording.volume) and status == OK:
+        recording.volume[run, 0, 0] = (lane.volume + lane.h * lane.volume_rate1) / t
+    result[run, T_END] = t
+    result[run, T_R] = t_r
+    result[run, N_END] = n
+    result[run, DRIFT] = drift
     # The first comparison only sets the reference.
-    growth = sqrt(lane.growth) - 1.0 if lane.compared > 1.0 else nan
-    departure = 1.0 - min(lane.n_least, lane.sign * n) / abs(lane.n_launch)
-    rate = nan
-    if record[REC_VOLUME] and status == OK:
-        rate = (lane.volume + lane.h * lane.volume_rate1) / t
-    found = t, t_r, n, drift, growth, departure
-    seen = (
-        energy0,
-        max(lane.drift_max, abs(drift)),
-        lane.ratio_max,
-        lane.normal_min,
-        rate,
-    )
-    for i, value in enumerate(found + seen + lane.y1):
-        result[run, i] = value
+    result[run, GROWTH] = sqrt(lane.growth) - 1.0 if lane.compared > 1.0 else nan
+    lost = min(lane.n_least, lane.sign * n) / abs(lane.n_launch)
+    result[run, DEPARTURE] = 1.0 - lost
+    result[run, ENERGY_0] = energy0
+    for i, component in enumerate(lane.y1):
+        result[run, FIRST_STATE + i] = component
     counts[run, STATUS] = status
-    for i, count in enumerate((lane.steps, lane.near, lane.rejected, lane.reversals)):
-        counts[run, STEPS + i] = int(count)
+    counts[run, STEPS] = int(lane.steps)
+    counts[run, NEAR] = int(lane.near)
+    counts[run, REJECTED] = int(lane.rejected)
+    counts[run, TURNS] = int(lane.reversals)
 
 
 @njit(**INNER)
@@ -334,22 +462,22 @@ def advance(problem, w):
         lane.f = lane.f1
 
 
+# The same with a tangent.
+
+
 @njit(fastmath=FASTMATH, **INNER)
 def start_tangent(lane):
     """Give a lane the model's first tangent, made transverse and of norm 1."""
-    lane.v = lane.problem.seed(*(lane.y + lane.constants))
-    p, q, a, b, c = lane.problem.transverse(
-        *(lane.y + lane.f + lane.v + lane.constants)
-    )
-    norm = sqrt(lane.problem.square(p, q, a, b, c, *lane.constants))
+    model = lane.problem.model
+    lane.v = model.seed(*(lane.y + lane.constants))
+    p, q, a, b, c = model.transverse(*(lane.y + lane.f + lane.v + lane.constants))
+    norm = sqrt(model.square(p, q, a, b, c, *lane.constants))
     v = p / norm, q / norm, a / norm, b / norm, c / norm
     lane.v = v
     # All components but the last are read again.  This decides which products are
     # fused, and so keeps the last bits of the exponents.
     barrier()
-    lane.g = lane.problem.rate(
-        *(lane.y + lane.f + lane.v[:-1] + v[-1:] + lane.constants)
-    )
+    lane.g = model.rate(*(lane.y + lane.f + lane.v[:-1] + v[-1:] + lane.constants))
     lane.shift = 0.0
 
 
@@ -363,7 +491,7 @@ def advance_tangent(problem, w):
         lane.g = lane.g1
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        size = lane.problem.square(*(lane.v + lane.constants))
+        size = problem.model.square(*(lane.v + lane.constants))
         factor = SHORTER if size > LONG else 1.0
         factor = LONGER if size < SHORT else factor
         out = 1.0 * SHIFT if size > LONG else 0.0
@@ -383,39 +511,43 @@ def advance_both(problem, w):
 
 
 @njit(**INNER)
-def start_both(lane, run, y0, constants, probe, plan, record):
+def start_both(lane, run, y0, constants, probe, plan):
     """Start a run with a tangent in a lane."""
-    start(lane, run, y0, constants, probe, plan, record)
+    start(lane, run, y0, constants, probe, plan)
     barrier()
     start_tangent(lane)
     barrier()
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def note_tangent(lane, t, run, windows):
-    """Store the time and the tangent's growth in the last two columns of the window's
-    row.
-    """
-    k = min(int(lane.window_no), windows.shape[1] - 1)
+def note_tangent(lane, t, run, growths):
+    """Store the time and the tangent's growth in the row of the window."""
+    k = min(int(lane.window_no), N_WINDOWS - 1)
     barrier()
-    windows[run, k, windows.shape[2] - 2] = t
-    growth = 0.5 * log(lane.problem.square(*(lane.v1 + lane.constants)))
-    windows[run, k, windows.shape[2] - 1] = growth + LOG_2 * lane.shift
+    growths[run, k, 0] = t
+    growth = 0.5 * log(lane.problem.model.square(*(lane.v1 + lane.constants)))
+    growths[run, k, 1] = growth + LOG_2 * lane.shift
     barrier()
 
 
 @njit(**INNER)
-def pass_marks_both(lane, t, run, windows, record):
-    """Do as :func:`pass_marks`, and store the tangent's growth at the end of a
-    window.
-    """
+def pass_marks_both(lane, t, run, recording):
+    """Pass marks, and store the tangent's growth at the end of a window."""
     if t >= lane.window_end:
-        note_tangent(lane, t, run, windows)
-    pass_marks(lane, t, run, windows, record)
+        note_tangent(lane, t, run, recording.lyapunov)
+    pass_marks(lane, t, run, recording)
 
 
 @njit(**INNER)
-def finish_both(lane, status, reversal, t, run, result, counts, windows, record):
-    """Do as :func:`finish`, and store the tangent's growth."""
-    note_tangent(lane, t, run, windows)
-    finish(lane, status, reversal, t, run, result, counts, windows, record)
+def finish_both(lane, status, reversal, t, run, result, counts, recording):
+    """Store the results of a run, and the tangent's growth."""
+    note_tangent(lane, t, run, recording.lyapunov)
+    finish(lane, status, reversal, t, run, result, counts, recording)
+
+
+def hooks_of(model: Model) -> Hooks:
+    """Return the functions that differ between models."""
+    limit = no_limit if model.limit is None else limit_point
+    if model.rate is None:
+        return Hooks(start, pass_marks, finish, advance, limit)
+    return Hooks(start_both, pass_marks_both, finish_both, advance_both, limit)

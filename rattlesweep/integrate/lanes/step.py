@@ -20,8 +20,9 @@ from rattlesweep.integrate.tableau import Row, Tableau
 from rattlesweep.physics.full import FASTMATH
 
 SUBSTEPS = 8  # steps of a fixed-step method between two decisions on the lanes
-OPTIONS: dict[str, Any] = {"fastmath": FASTMATH} | INNER | {"no_cpython_wrapper": False}
-HEAD = '''"""One step of {tableau.name} for the model {model.name}, written by lanes.step."""
+OPTIONS: dict[str, Any] = {"fastmath": FASTMATH} | INNER
+OPTIONS |= {"no_cpython_wrapper": False}
+HEAD = '''"""One step of {tableau.name} for the model {model.name}, from lanes.step."""
 
 from rattlesweep.integrate.lanes.lane import (
     barrier, gather, lane_of, scatter, sums, widest_vectors,
@@ -30,20 +31,17 @@ from rattlesweep.integrate.lanes.lane import (
 
 
 class _Attempt:
-    """Writes the source of ``attempt(problem, w, scale)``, where ``scale = 1 /
-    tol**2``.
-    """
+    """Writes ``attempt(problem, w, scale)``, where ``scale = 1 / tol**2``."""
 
     def __init__(
         self, tableau: Tableau, model: Model, lanes: int, volume: bool
     ) -> None:
-        self.tableau, self.model, self.lanes, self.volume = (
-            tableau,
-            model,
-            lanes,
-            volume,
-        )
-        self.at = at = Layout(model)
+        self.tableau = tableau
+        self.model = model
+        self.lanes = lanes
+        self.volume = volume
+        at = Layout(model)
+        self.at = at
         # Definitions of the readers and writers of cells, and the lines of the
         # function.
         self.cells: list[str] = []
@@ -70,98 +68,111 @@ class _Attempt:
         self.source = "\n".join([head, *self.cells, "", "", *self.lines, ""])
 
     def step(self, y: int, f: int, v: int, g: int, share: float) -> None:
-        """Write a step of size ``share * h`` from rows ``y, f``, and ``v, g`` of the
-        tangent.
-        """
-        tableau, model, at, n = self.tableau, self.model, self.at, self.model.n_state
-        free = at.stages + (tableau.stages - 1) * n
-        self.stages = stages = [f, *range(at.stages, free, n)]
+        """Write a step of size ``share * h`` from rows ``y``, ``f``, ``v``, ``g``."""
+        tableau = self.tableau
+        model = self.model
+        n = model.n_state
+        # First rows of the derivatives in the stages: of the state, and of the tangent.
+        free = self.at.stages + (tableau.stages - 1) * n
+        stages = [f, *range(self.at.stages, free, n)]
         tangents = [g, *range(free, free + (tableau.stages - 1) * n, n)]
-        # Rows of the carried functions: their start, and their derivative in each
-        # stage.
+        self.stages = stages
+        # First rows of the carried functions: at the start, then of their derivatives.
         n_carried = model.n_carried
-        start, *derivatives = (free + i * n_carried for i in range(tableau.stages + 1))
+        carried = free
+        rates = [free + (i + 1) * n_carried for i in range(tableau.stages)]
         if n_carried:
-            given, put = (
-                self.gather(span(y, n)),
-                self.scatter(span(start, 2 * n_carried)),
-            )
-            # Only the last derivatives are used, and LLVM drops the computation of the
-            # others.
-            rate = f"problem.carried_rhs(*(q[:{n}] + x + q[{n}:]))[{n}:]"
-            self.loop(
-                f"q = {given}(w, l)",
-                "x = problem.carried_start(*q)",
-                f"{put}(w, l, x + {rate})",
-            )
+            self.start_carried(y, carried)
         for i in range(1, tableau.stages):
             values = self.sums(n, tableau.a[i], stages, y, share)
-            to, rhs = span(stages[i], n), "rhs"
+            rows = span(stages[i], n)
+            rhs = "rhs"
             if n_carried:
-                values += " + " + self.sums(
-                    n_carried, tableau.a[i], derivatives, start, share
-                )
-                to, rhs = f"{to} + {span(derivatives[i], n_carried)}", "carried_rhs"
-            body = [f"q = {self.gather(values)}(w, l)", f"f = problem.{rhs}(*q)"]
-            body.append(f"{self.scatter(to)}(w, l, f)")
-            if model.rate:
-                # Stored for the tangent's stage, which has its own loop.
-                self.loop(*body, f"lane.ys = q[:{n}]", "lane.fs = f")
-                given = self.tangent_at(tableau.a[i], tangents, v, share, at.ys, at.fs)
-                put = self.scatter(span(tangents[i], n))
-                self.loop(f"{put}(w, l, problem.rate(*{given}(w, l)))", barriers=True)
-            else:
+                more = self.sums(n_carried, tableau.a[i], rates, carried, share)
+                values += f" + {more}"
+                rows += f" + {span(rates[i], n_carried)}"
+                rhs = "carried_rhs"
+            body = [
+                f"q = {self.gather(values)}(w, l)",
+                f"f = problem.model.{rhs}(*q)",
+                f"{self.scatter(rows)}(w, l, f)",
+            ]
+            if not model.rate:
                 self.loop(*body)
+                continue
+            # Stored for the tangent's stage, which has its own loop.
+            self.loop(*body, f"lane.ys = q[:{n}]", "lane.fs = f")
+            at_stage = self.at.ys, self.at.fs
+            read = self.tangent_at(tableau.a[i], tangents, v, share, *at_stage)
+            write = self.scatter(span(tangents[i], n))
+            rate = f"problem.model.rate(*{read}(w, l))"
+            self.loop(f"{write}(w, l, {rate})", barriers=True)
         if self.volume:
-            # The weighted sum over the stages for the phase volume, on which no stage
-            # depends.
-            for i, weight in tableau.b.items():
-                values = (
-                    self.sums(n, tableau.a[i], stages, y, share) if i else span(y, n)
-                )
-                rate = f"problem.volume(*{self.gather(values)}(w, l))"
-                self.loop(
-                    f"lane.volume_rate1 += {share * weight} * {rate}", barriers=True
-                )
-        given = self.gather(self.sums(n, tableau.b, stages, y, share))
-        body = [f"q = {given}(w, l)", "f = problem.rhs(*q)", f"y = q[:{n}]"]
-        self.loop(
-            *body, "lane.y1 = y", "lane.f1 = f", *(SEEN if tableau.adaptive else ())
-        )
+            self.add_volume(y, share)
+        body = [
+            f"q = {self.gather(self.sums(n, tableau.b, stages, y, share))}(w, l)",
+            "f = problem.model.rhs(*q)",
+            f"y = q[:{n}]",
+            "lane.y1 = y",
+            "lane.f1 = f",
+        ]
+        self.loop(*body, *(SEEN if tableau.adaptive else ()))
         if model.rate:
-            given = self.tangent_at(tableau.b, tangents, v, share, at.y1, at.f1)
+            at_end = self.at.y1, self.at.f1
+            read = self.tangent_at(tableau.b, tangents, v, share, *at_end)
             # Only the transverse part is kept: where it decays, rounding errors in the
             # other directions would soon hide it.
-            rate = f"problem.rate(*(q[:{2 * n}] + v + q[{3 * n}:]))"
             self.loop(
-                f"q = {given}(w, l)",
-                "v = problem.transverse(*q)",
+                f"q = {read}(w, l)",
+                "v = problem.model.transverse(*q)",
                 "lane.v1 = v",
-                f"lane.g1 = {rate}",
+                f"lane.g1 = problem.model.rate(*(q[:{2 * n}] + v + q[{3 * n}:]))",
                 barriers=True,
             )
 
+    def start_carried(self, y: int, carried: int) -> None:
+        """Write the computation of the carried functions at the start of the step."""
+        n = self.model.n_state
+        read = self.gather(span(y, n))
+        write = self.scatter(span(carried, 2 * self.model.n_carried))
+        # Only the last derivatives are used, and LLVM drops the computation of the
+        # others.
+        rate = f"problem.model.carried_rhs(*(q[:{n}] + x + q[{n}:]))[{n}:]"
+        self.loop(
+            f"q = {read}(w, l)",
+            "x = problem.model.carried_start(*q)",
+            f"{write}(w, l, x + {rate})",
+        )
+
+    def add_volume(self, y: int, share: float) -> None:
+        """Write the sum over the stages for the phase volume."""
+        n = self.model.n_state
+        for i, weight in self.tableau.b.items():
+            values = span(y, n)
+            if i:
+                values = self.sums(n, self.tableau.a[i], self.stages, y, share)
+            rate = f"problem.model.volume(*{self.gather(values)}(w, l))"
+            self.loop(f"lane.volume_rate1 += {share * weight} * {rate}", barriers=True)
+
     def errors(self) -> None:
         """Write the computation of the squared error, in units of the tolerance."""
-        n, body = self.model.n_state, ["h = lane.h"]
+        n = self.model.n_state
+        body = ["h = lane.h"]
         for k, row in enumerate(self.tableau.errors):
-            values = f"{self.sums(n, row, [*self.stages, self.at.f1])} + {span(self.at.y, n)}"
-            body.append(f"e{k}, size = problem.error(*{self.gather(values)}(w, l))")
-        # Hairer's blend of the estimates of fifth and third order (dop853.f); both are
-        # squared.
-        blend = (
-            "e0 * (e0 / (e0 + 0.01 * e1 + 1e-300))"
-            if len(self.tableau.errors) == 2
-            else "e0"
-        )
+            values = self.sums(n, row, [*self.stages, self.at.f1])
+            read = self.gather(f"{values} + {span(self.at.y, n)}")
+            body.append(f"e{k}, size = problem.model.error(*{read}(w, l))")
+        blend = "e0"
+        if len(self.tableau.errors) == 2:
+            # Hairer's blend of the estimates of fifth and third order (dop853.f); both
+            # are squared.
+            blend = "e0 * (e0 / (e0 + 0.01 * e1 + 1e-300))"
         self.loop(*body, f"lane.error = (scale * h * h) * ({blend} / size)")
 
     def tangent_at(
         self, row: Row, tangents: Sequence[int], v: int, share: float, y: int, f: int
     ) -> str:
-        """Return a reader of ``y, f``, the tangent at a row of the tableau, and the
-        constants.
-        """
+        """Return a reader of ``y, f``, a sum of the tangent and the constants."""
         n = self.model.n_state
         tangent = self.sums(n, row, tangents, v, share)
         return self.gather(f"{span(y, n)} + {span(f, n)} + {tangent}")
@@ -169,8 +180,9 @@ class _Attempt:
     def sums(
         self, count: int, row: Row, stages: Sequence[int], *from_and_share: float
     ) -> str:
-        """Return the sum of a row of the tableau over stages, or ``start + share * h``
-        times it.
+        """Return the sum of a row of the tableau over stages.
+
+        With ``start`` and ``share`` it is ``start + share * h`` times the sum.
         """
         terms = {stages[j]: value for j, value in row.items()}
         if not from_and_share:
@@ -181,29 +193,35 @@ class _Attempt:
     def gather(self, values: str) -> str:
         """Return a reader of values, followed by the constants of the body."""
         constants = span(self.at.constants, self.model.n_constants)
-        return self.name("given", f"gather({self.lanes}, {values}, {constants})")
+        return self.name("read", f"gather({self.lanes}, {values}, {constants})")
 
-    def scatter(self, to: str) -> str:
-        return self.name("put", f"scatter({self.lanes}, {to})")
+    def scatter(self, rows: str) -> str:
+        """Return a writer to rows."""
+        return self.name("write", f"scatter({self.lanes}, {rows})")
 
-    def name(self, word: str, call: str) -> str:
-        name = f"{word}_{len(self.cells)}"
+    def name(self, kind: str, call: str) -> str:
+        """Name the result of a call above the function."""
+        name = f"{kind}_{len(self.cells)}"
         self.cells.append(f"{name} = {call}")
         return name
 
     def loop(self, *body: str, barriers: bool = False) -> None:
         """Write a loop over lanes."""
-        inner = ["    lane = lane_of(problem, w, l)", *("    " + text for text in body)]
-        lines = [f"for l in range({self.lanes}):", *inner]
-        lines = ["barrier()", *lines, "barrier()"] if barriers else lines
-        self.lines += [" " * self.indent + text for text in lines]
+        lines = [
+            f"for l in range({self.lanes}):",
+            "    lane = lane_of(problem, w, l)",
+        ]
+        lines += ["    " + line for line in body]
+        if barriers:
+            lines = ["barrier()", *lines, "barrier()"]
+        self.lines += [" " * self.indent + line for line in lines]
 
 
 # Spin, its rate and the amplitude in the state ``y`` with derivative ``f``.
 SEEN = (
-    "lane.n1 = problem.spin(*y)",
-    "lane.rate1 = problem.spin_rate(*(y + f))",
-    "lane.amplitude = problem.amplitude(*(y + lane.probe))",
+    "lane.n1 = problem.model.spin(*y)",
+    "lane.rate1 = problem.model.spin_rate(*(y + f))",
+    "lane.amplitude = problem.model.amplitude(*(y + lane.probe))",
 )
 
 
@@ -216,6 +234,8 @@ def write_attempt(
     tableau: Tableau, model: Model, lanes: int = LANES, *, volume: bool = False
 ) -> Callable[..., Any]:
     """Write and import the module of a method and a model, and return ``attempt``."""
-    name = f"attempt_{tableau.name}_{model.name}_{lanes}{'_volume' * volume}"
+    name = f"attempt_{tableau.name}_{model.name}_{lanes}"
+    if volume:
+        name += "_volume"
     written = import_written(name, _Attempt(tableau, model, lanes, volume).source)
     return written.attempt  # type: ignore[no-any-return]

@@ -1,0 +1,103 @@
+"""The runs of a sweep along its axes, as an xarray Dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from rattlesweep.analysis.layout import TARGETS, Layout, describe, fill
+from rattlesweep.arrays import Floats, Integers
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.columns import COLUMNS, define
+from rattlesweep.sweeps.config import not_one_of
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def make_dataset(
+    layout: Layout, columns: Sequence[str] | None = None, *, fill_refined: bool = False
+) -> xarray.Dataset:
+    """Return the runs along the axes of their sweep, as ``Sweep.to_xarray`` promises.
+
+    With `fill_refined`, the points that a refined sweep skips are filled.
+    """
+    names = _data_columns(layout, columns)
+    table = _read(layout, names)
+    place = layout.cells(table)
+    selected = place >= 0
+    axes: dict[str, Floats | Integers] = {
+        name: axis.values for name, axis in layout.axes.items()
+    }
+    if not layout.bodies:
+        # The samples of a case are a population, which is the last axis.
+        axes["sample"] = np.arange(layout.stored.samples)
+        place = place * layout.stored.samples + table["sample"].to_numpy()
+    index = pd.MultiIndex.from_product(list(axes.values()), names=list(axes))
+    frame = table.select(names).to_pandas()[selected]
+    frame = frame.set_index(index[place[selected]]).reindex(index)
+    # The axis of a target holds the requested values, the column those of the bodies.
+    frame = frame.rename(columns={name: f"{name}_body" for name in axes})
+    try:
+        dataset: xarray.Dataset = frame.to_xarray()
+    except ImportError:
+        raise OutputError(
+            "to_xarray needs xarray, which is not installed; run "
+            "pip install 'rattlesweep[xarray]'"
+        ) from None
+    done = np.isin(np.arange(len(index)), place[selected])
+    done = done.reshape(list(dataset.sizes.values()))
+    for key, variable in dataset.items():
+        column = layout.stored.schema.field(str(key).removesuffix("_body"))
+        values = variable.to_numpy()
+        if pa.types.is_string(column.type):
+            values = variable.fillna("").to_numpy().astype(str)
+        elif not pa.types.is_integer(column.type):
+            values = values.astype(float)
+        if fill_refined and layout.refined:
+            values = fill(values, done)
+        dataset[key] = (variable.dims, values, describe(column))
+    for name in axes:
+        if name in COLUMNS:
+            dataset[name].attrs = describe(COLUMNS[name].field)
+        else:
+            meaning = define(name).meaning
+            dataset[name].attrs = {"units": "degree", "long_name": meaning}
+    dataset.attrs = {
+        "title": layout.stored.config.name,
+        "source": f"rattlesweep {version('rattlesweep')}",
+        "comment": "units: mass M, height a of the centre of mass at rest, and "
+        "gravity g are 1",
+        "references": "Kondo and Nakanishi, Phys. Rev. E 95, 062207 (2017)",
+        "config_hash": layout.stored.hash,
+    }
+    return dataset
+
+
+def _data_columns(layout: Layout, columns: Sequence[str] | None) -> list[str]:
+    """Return the columns that are data and no axis; raise for unknown ones."""
+    schema = layout.stored.schema
+    single = [column.name for column in schema if not pa.types.is_list(column.type)]
+    if columns is None:
+        columns = single
+    for name in columns:
+        if name not in single:
+            raise ConfigError(f"columns: {not_one_of(name, single)}")
+    coordinates = {"case", "sample", *layout.axes} - set(TARGETS)
+    return [name for name in columns if name not in coordinates]
+
+
+def _read(layout: Layout, names: Sequence[str]) -> pa.Table:
+    """Return the keys and some columns of the runs, of which there may be none."""
+    schema = pa.schema(
+        [layout.stored.schema.field(name) for name in ("case", "sample", *names)]
+    )
+    empty = schema.remove_metadata().empty_table()
+    batches = layout.rows(schema.names)
+    tables = [pa.table(rows.select(schema.names)) for rows in batches]
+    return pa.concat_tables([empty, *tables])

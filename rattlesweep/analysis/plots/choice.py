@@ -1,0 +1,114 @@
+"""Which kinds of pictures fit a sweep, and which one suits it."""
+
+from collections.abc import Sequence
+
+from rattlesweep.analysis.layout import TARGETS, Layout
+from rattlesweep.analysis.plots.distribution import Distribution
+from rattlesweep.analysis.plots.fractions import Fractions
+from rattlesweep.analysis.plots.maps import Map
+from rattlesweep.analysis.plots.picture import SIDE, Picture
+from rattlesweep.analysis.plots.scatter import Scatter
+from rattlesweep.analysis.plots.times import Times
+from rattlesweep.errors import ConfigError
+
+KINDS: dict[str, type[Picture]] = {
+    "fractions": Fractions,
+    "times": Times,
+    "ratio": Times,
+    "map": Map,
+    "reversals": Map,
+    "distribution": Distribution,
+    "scatter": Scatter,
+}
+
+
+def choose_picture(
+    layout: Layout,
+    kind: str | None = None,
+    *,
+    x: str | None = None,
+    quantity: str | None = None,
+    select: Sequence[str] = (),
+    where: str | None = None,
+) -> Picture:
+    """Return the picture of a kind, by default the one that suits the sweep."""
+    layout = _selected(layout, select, where)
+    if kind is None:
+        kind = _suitable_kind(layout, x, quantity)
+    if x is not None and kind != "scatter":
+        x = layout.key(x, f"x {x}")
+    fitting = fitting_kinds(layout)
+    if kind not in fitting:
+        needs = ""
+        if kind == "reversals":
+            needs = " (it needs record: [reversals] and two parameters)"
+        raise ConfigError(
+            f"kind {kind}: does not fit this sweep{needs}; {', '.join(fitting)} fit"
+        )
+    if quantity is not None and kind not in ("map", "distribution"):
+        raise ConfigError(f"quantity: goes with kind map or distribution, not {kind}")
+    if kind == "reversals":
+        # Only confirmed turns, where the runs have error estimates.
+        quantity = "n_turns"
+        if "reversals_sure" in layout.stored.schema.names:
+            quantity = "reversals_sure"
+    if quantity is not None:
+        layout.column(quantity, "quantity")  # raises if there is none
+    return KINDS[kind](layout, kind, x, quantity)
+
+
+def _selected(layout: Layout, select: Sequence[str], where: str | None) -> Layout:
+    """Return the layout of selected values and runs, in SI units if there are any."""
+    natural = []
+    in_si = []
+    for text in select:
+        # A name with a unit, such as n_i_rpm, selects values in this unit, which
+        # the layout has after the change to SI units.
+        if text.partition("=")[0].strip() in layout.axes:
+            natural.append(text)
+        else:
+            in_si.append(text)
+    return layout.chosen(where).select(natural).in_si().select(in_si)
+
+
+def _suitable_kind(layout: Layout, x: str | None, quantity: str | None) -> str:
+    """Return the kind that shows a column, or that suits the sweep."""
+    if x in layout.stored.schema.names and x not in layout.axes:
+        return "scatter"
+    kind = default_kind(layout)
+    if quantity is None:
+        return kind
+    if kind in ("map", "reversals"):
+        return "map"
+    return "distribution"
+
+
+def fitting_kinds(layout: Layout) -> list[str]:
+    """Return the kinds for which parameters vary and columns are recorded."""
+    kinds = []
+    if layout.axes:
+        if not layout.bodies and layout.stored.samples > 1:
+            kinds.append("fractions")
+        kinds += ["times", "ratio"]
+    if len(layout.several) >= 2:
+        kinds.append("map")
+        if "reversals" in layout.stored.config.record:
+            kinds.append("reversals")
+    return [*kinds, "distribution", "scatter"]
+
+
+def default_kind(layout: Layout) -> str:
+    """Return the kind that suits a sweep, such as a map for two long axes."""
+    fitting = fitting_kinds(layout)
+    spin = layout.stored.config.spin
+    population = "fractions" in fitting
+    long_axes = sum(count >= SIDE for count in layout.lengths.values())
+    if long_axes >= 2 and not population:
+        return "reversals" if "reversals" in fitting else "map"
+    if not layout.several:
+        return "distribution"
+    if population and spin is not None and min(spin.n_i) < 0:
+        return "fractions"
+    if {*TARGETS} & {*layout.several}:
+        return "times"
+    return "ratio"

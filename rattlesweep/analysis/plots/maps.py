@@ -1,0 +1,251 @@
+"""Maps of a plane of parameters: types and times, or a column."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
+from matplotlib.patches import Patch
+
+from rattlesweep.analysis import style
+from rattlesweep.analysis.layout import fill
+from rattlesweep.analysis.plots.picture import (
+    SIDE,
+    WIDE,
+    Arrangement,
+    Handle,
+    Panel,
+    Picture,
+    ordered,
+    scale,
+    within,
+)
+from rattlesweep.analysis.style import TYPE_STYLE, label
+from rattlesweep.arrays import Floats, Integers
+from rattlesweep.errors import ConfigError
+
+ENDS = (0.5, 99.5)  # percentiles at which the colour scale ends
+WIDE_RATIO = 4.0  # ratios are nearer to each other than other quantities
+BONDI = "Bondi's threshold"
+# The states of a cell, with colour and label: its most common type, or why it has none.
+CELLS = {
+    **{name: (mark.colour, mark.label) for name, mark in TYPE_STYLE.items()},
+    "failed": (style.FAILED, "failed"),
+    "missing": (style.MISSING, "not run yet"),
+}
+CODES = {name: code for code, name in enumerate(CELLS)}
+# Columns that count turns, with the label of none.
+NO_TURNS = {"n_turns": "no turns", "reversals_sure": "no confirmed turns"}
+
+
+class Cells(NamedTuple):
+    """Of each cell its state, its value, and ``n_c1 - n_i``."""
+
+    code: Integers  # of `CELLS`
+    value: Floats
+    beyond: Floats
+
+
+class Colours(NamedTuple):
+    """The scale of colours of the values."""
+
+    norm: Normalize
+    low: float
+    high: float
+    wide: bool  # whether it is logarithmic
+    extend: str  # which ends leave values out, as Matplotlib says it
+
+
+class Map(Picture):
+    """Types and ``t_r/t_rGH`` side by side, or one column, as means over each cell."""
+
+    panel = (3.7, 3.4)
+
+    def arrange(self) -> Arrangement:
+        """Make the two longest axes the plane."""
+        layout = self.layout
+        order = ordered(layout, self.x, SIDE)
+        if layout.lengths[order[0]] < 2:
+            raise ConfigError(
+                f"kind map: only one value of {order[0]} is left; it needs two"
+            )
+        # Bondi's line needs one body in a cell, and a steady spin that lasts.
+        self.has_theory = bool(layout.bodies) and not layout.stored.config.dissipation
+        means = []
+        if self.quantity is None:
+            self.parts = 2
+        else:
+            self.parts = 1
+            means.append(self.quantity)
+        if self.has_theory:
+            means += ["n_c1", "n_i"]
+        self.more = tuple(dict.fromkeys(means))
+        return Arrangement(order[:2], order[2:], [])
+
+    def shown(self) -> Cells:
+        """Return what is drawn of each cell."""
+        layout = self.layout
+        cells, means = self.counted
+        counts = [cells.types.get(name, 0 * cells["runs"]) for name in TYPE_STYLE]
+        code = np.argmax(np.stack(counts), axis=0)
+        code = np.where(cells["ok"] == 0, CODES["failed"], code)
+        code = self.grid(np.where(cells["runs"] == 0, CODES["missing"], code))
+        if self.quantity is None:
+            value = self.grid(cells.ratio.means())
+        else:
+            value = self.grid(means[self.quantity])
+        beyond = np.full(code.shape, np.nan)
+        if self.has_theory:
+            beyond = self.grid(means["n_c1"] - means["n_i"])
+        if not layout.refined:
+            return Cells(code, value, beyond)
+        # Fill where no run was integrated, not where a condition excludes the run.
+        runs = cells["runs"]
+        if layout.where is not None:
+            runs = layout.chosen(None).count()[0]["runs"]
+        done = self.grid(runs) > 0
+        return Cells(fill(code, done), fill(value, done), fill(beyond, done))
+
+    def draw(self, panels: list[Panel], log: bool | None) -> list[Handle]:
+        """Colour the cells, and draw Bondi's threshold between them."""
+        x, y = self.axes[:2]
+        self.ylabel = label(y.name)
+        cells = self.shown()
+        if self.quantity in NO_TURNS:
+            # Cells without a turn are drawn in the colour of no turns.
+            value = np.where(cells.value == 0, np.nan, cells.value)
+            cells = cells._replace(value=value)
+        colours = self._colours(cells.value)
+        mesh: Any = None
+        has_bondi = False
+        for k, (axes, place) in enumerate(panels):
+            here = Cells(*(within(array, place) for array in cells))
+            of_types = self.quantity is None and k % 2 == 0
+            self._draw_states(axes, here, of_types)
+            if not of_types:
+                mesh = axes.pcolormesh(
+                    x.edges,
+                    y.edges,
+                    np.ma.masked_invalid(here.value.T),
+                    rasterized=True,
+                    norm=colours.norm,
+                )
+            has_bondi |= self._draw_bondi(axes, here.beyond)
+            scale(axes, "x", x, log)
+            scale(axes, "y", y, log)
+            axes.set(xlim=x.edges[[0, -1]], ylim=y.edges[[0, -1]])
+        self._add_bar([axes for axes, _ in panels], mesh, colours)
+        return self._entries(cells, has_bondi)
+
+    def _colours(self, value: Floats) -> Colours:
+        """Return the scale of colours, from a low to a high percentile."""
+        known = value[np.isfinite(value)]
+        if not len(known):
+            known = np.array([0.0, 2.0])
+        low, high = (float(end) for end in np.percentile(known, ENDS))
+        widest = WIDE_RATIO if self.quantity is None else WIDE
+        wide = low > 0 and high > widest * low
+        norm = LogNorm(low, high) if wide else Normalize(low, high)
+        below = bool(known.min() < low)
+        above = bool(known.max() > high)
+        extend = "neither"
+        if below and above:
+            extend = "both"
+        elif below:
+            extend = "min"
+        elif above:
+            extend = "max"
+        return Colours(norm, low, high, wide, extend)
+
+    def _draw_states(self, axes: Axes, here: Cells, of_types: bool) -> None:
+        """Colour the cells by their states."""
+        x, y = self.axes[:2]
+        colours = [colour for colour, _ in CELLS.values()]
+        if not of_types:
+            # What shows between the values is a type without a value.
+            count = len(TYPE_STYLE)
+            colours[:count] = [style.NO_REVERSAL] * count
+        axes.pcolormesh(
+            x.edges,
+            y.edges,
+            here.code.T,
+            rasterized=True,
+            vmin=-0.5,
+            vmax=len(CELLS) - 0.5,
+            cmap=ListedColormap(colours),
+        )
+
+    def _draw_bondi(self, axes: Axes, beyond: Floats) -> bool:
+        """Draw Bondi's threshold, and return whether it crosses the panel."""
+        lowest = np.nanmin(beyond, initial=0)
+        highest = np.nanmax(beyond, initial=0)
+        if not lowest < 0 < highest:
+            return False
+        x, y = self.axes[:2]
+        # A dark line with a light rim is visible on every colour.
+        for colour, width in (("#FFFFFF", 2.8), (style.BLACK, 1.3)):
+            axes.contour(
+                x.values,
+                y.values,
+                beyond.T,
+                [0],
+                colors=colour,
+                linewidths=width,
+                linestyles="solid",
+            )
+        return True
+
+    def _add_bar(self, every: list[Axes], mesh: Any, colours: Colours) -> None:
+        """Add the bar of colours, the titles and the meaning of the values."""
+        several = bool(self.counted[0]["runs"].max() > 1)
+        mean = "mean " if several else ""
+        if self.quantity is None:
+            types = "most common type" if several else "type"
+            every[0].set_title(types, fontsize="medium")
+            every[1].set_title(mean + label("ratio"), fontsize="medium")
+            bar_label = mean + label("ratio")
+            meaning = (
+                "t_r is the time of the first reversal, t_rGH that of Garcia and "
+                "Hubbard."
+            )
+        else:
+            unit, description = self.layout.column(self.quantity, "quantity")
+            bar_label = mean + label(self.quantity, unit)
+            # The legend names missing values.
+            meaning = f"{self.quantity}: {description.partition('; null')[0]}."
+        self.notes.append(meaning)
+        figure: Any = every[0].figure
+        bar = figure.colorbar(
+            mesh, ax=every, pad=0.03, aspect=35, extend=colours.extend
+        )
+        bar.set_label(bar_label)
+        if colours.wide:
+            style.plain_ticks(bar.ax, "y", colours.low, colours.high)
+        elif colours.low == colours.high:
+            # A scale around the only value would be invented.
+            bar.set_ticks([colours.low])
+
+    def _entries(self, cells: Cells, has_bondi: bool) -> list[Handle]:
+        """Return the legend entries of the states that occur."""
+        nothing = "no reversal"
+        if self.quantity is not None:
+            nothing = NO_TURNS.get(self.quantity, "no value")
+        entries = CELLS | {"none": (style.NO_REVERSAL, nothing)}
+        if self.layout.where is not None:
+            entries["missing"] = (style.MISSING, "not selected")
+        present = {name for name in CELLS if CODES[name] in cells.code}
+        if self.quantity is not None:
+            present -= TYPE_STYLE.keys()
+        if ((cells.code < len(TYPE_STYLE)) & np.isnan(cells.value)).any():
+            present.add("none")
+        handles: list[Handle] = [
+            Patch(facecolor=colour, label=text, edgecolor=style.GREY, linewidth=0.5)
+            for name, (colour, text) in entries.items()
+            if name in present
+        ]
+        if has_bondi:
+            handles.append(
+                style.entry(BONDI, color=style.BLACK, linestyle="-", linewidth=1.3)
+            )
+            self.notes.append("Bondi's threshold of the steady spin: |n_i| = |n_c1|.")
+        return handles

@@ -1,0 +1,294 @@
+"""What all pictures of a sweep share: panels, headings, legends and tables."""
+
+import textwrap
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import product
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rattlesweep.analysis import style
+from rattlesweep.analysis.layout import LAUNCH, Axis, Layout
+from rattlesweep.analysis.style import label, value_text
+from rattlesweep.arrays import Floats
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.columns import floats
+from rattlesweep.sweeps.summary import Counts
+from rattlesweep.sweeps.types import codes, share
+
+MOST_PANELS = 40
+PER_INCH = 11  # letters of a heading in an inch of width
+# Values that make an axis long enough for an abscissa, and for a side of a map.
+ENOUGH = 3
+SIDE = 8
+# Values whose largest ratio exceeds this are shown on a logarithmic scale.
+WIDE = 30.0
+# Inches: around the panels, and the smallest and the largest figure.
+MARGINS = (1.6, 1.4)
+SMALLEST = (6.4, 3.4)
+LARGEST = 14.0
+
+Handle = Any  # what Matplotlib takes as a legend entry
+
+
+class Arrangement(NamedTuple):
+    """Names of the axes inside a panel, and of the rows and columns of panels."""
+
+    inside: list[str]
+    rows: list[str]
+    columns: list[str]
+
+
+class Panel(NamedTuple):
+    """A panel, with the places of its values on the axes of the rows and columns."""
+
+    axes: Axes
+    place: tuple[int, ...]
+
+
+class Picture(ABC):
+    """A picture of a sweep over `axes`; drawing it fills `notes`, the caption."""
+
+    panel: ClassVar[tuple[float, float]]  # width and height of a panel in inches
+    parts = 1  # panels side by side for each combination of values
+    ylabel: str  # of all panels, set by drawing
+    shows = "of those selected"  # which runs the picture shows
+    more: tuple[str, ...] = ()  # columns that are averaged in each cell
+
+    def __init__(
+        self, layout: Layout, name: str, x: str | None, quantity: str | None
+    ) -> None:
+        self.layout = layout
+        self.name = name
+        self.x = x
+        self.quantity = quantity
+        arrangement = self.arrange()
+        self.rows = [layout.axes[name] for name in arrangement.rows]
+        self.columns = [layout.axes[name] for name in arrangement.columns]
+        inside = [layout.axes[name] for name in arrangement.inside]
+        self.axes = [*inside, *self.rows, *self.columns]
+        self.notes: list[str] = []
+
+    def arrange(self) -> Arrangement:
+        """Return which axes are inside a panel, and which make rows and columns."""
+        return Arrangement([], [], [])
+
+    @abstractmethod
+    def draw(self, panels: list[Panel], log: bool | None) -> list[Handle]:
+        """Draw the panels, and return the legend entries.
+
+        With `log` None, scales are as suits the values.
+        """
+
+    @cached_property
+    def counted(self) -> tuple[Counts, dict[str, Floats]]:
+        """The runs counted by cell, and the means of the columns `more`."""
+        return self.layout.count(self.more)
+
+    def __len__(self) -> int:
+        return int(self.counted[0]["runs"].sum())
+
+    def grid(self, cells: NDArray[Any]) -> NDArray[Any]:
+        """Reshape an array over the cells to the shape of `axes`."""
+        names = [axis.name for axis in self.layout.axes.values()]
+        order = [names.index(axis.name) for axis in self.axes]
+        # Axes that the picture does not have are of one value.
+        single = [k for k in range(len(names)) if k not in order]
+        whole = cells.reshape(list(self.layout.lengths.values()))
+        last = tuple(range(len(order), len(names)))
+        return whole.transpose(order + single).squeeze(last)
+
+    def table(self) -> pd.DataFrame:
+        """Return the numbers of the picture, one row for each cell that holds runs."""
+        cells, means = self.counted
+        axes = list(self.layout.axes.values())
+        name = self.layout.name
+        columns: dict[str, NDArray[Any]] = {}
+        values = np.meshgrid(*(axis.values for axis in axes), indexing="ij")
+        for axis, axis_values in zip(axes, values, strict=True):
+            columns[axis.name] = axis_values.ravel()
+        columns["runs"] = cells["runs"]
+        columns["failed"] = cells["failed"]
+        for kind, count in cells.types.items():
+            columns[f"fraction_{kind}"] = share(count, cells["ok"])
+        columns["fraction_bondi"] = share(cells["bondi"], cells["steady"])
+        for column, moments in ((name("t_r"), cells.t_r), ("ratio", cells.ratio)):
+            columns[f"{column}_mean"] = moments.means()
+            columns[f"{column}_std"] = moments.deviations()
+            columns[f"{column}_sem"] = moments.errors()
+        columns[f"{name('t_rgh')}_mean"] = cells.t_rgh.means()
+        for column, mean in means.items():
+            columns[f"{name(column)}_mean"] = mean
+        if "sensitive" in cells:
+            columns["sensitive"] = cells["sensitive"]
+            columns["unsure"] = cells["unsure"]
+        return pd.DataFrame(columns)[cells["runs"] > 0].reset_index(drop=True)
+
+    def read(self, *columns: str) -> Floats:
+        """Return cells and columns of runs that are ok, shape (1 + columns, runs)."""
+        blocks = [np.empty((1 + len(columns), 0))]
+        for rows in self.layout.rows(("case", "sample", "status", *columns)):
+            cells = self.layout.cells(rows)
+            values = [floats(rows.column(name)) for name in columns]
+            ok = codes(rows.column("status"), ("ok",)) == 0
+            blocks.append(np.stack([cells, *values])[:, ok & (cells >= 0)])
+        return np.concatenate(blocks, axis=1)
+
+    def figure(
+        self,
+        *,
+        title: str | None = None,
+        log: bool | None = None,
+        captioned: bool = True,
+        size: tuple[float, float] | None = None,
+        xlim: tuple[float, float] | None = None,
+        ylim: tuple[float, float] | None = None,
+    ) -> Figure:
+        """Return the figure; None stands for what suits the values."""
+        if not len(self):
+            raise OutputError(
+                f"{self.layout.stored.directory} holds no run {self.shows}"
+            )
+        down = _places(self.rows)
+        across = _places(self.columns)
+        self._check_number(len(down) * len(across))
+        # Each combination of values has as many panels as the picture has parts.
+        across = [place for place in across for _ in range(self.parts)]
+        if size is None:
+            width = self.panel[0] * len(across) + MARGINS[0]
+            height = self.panel[1] * len(down) + MARGINS[1]
+            figure = style.new_figure(*np.clip((width, height), SMALLEST, LARGEST))
+        else:
+            figure = style.new_figure(*size)
+        grid = figure.subplots(
+            len(down), len(across), sharex=True, sharey=True, squeeze=False
+        )
+        self._head_panels(grid, down, across)
+        self.notes.clear()
+        places = [row + column for row, column in product(down, across)]
+        panels = [
+            Panel(axes, place) for axes, place in zip(grid.flat, places, strict=True)
+        ]
+        handles = self.draw(panels, log)
+        figure.supylabel(self.ylabel, fontsize="medium")
+        for axes in grid.flat:
+            _limit(axes, xlim, ylim)
+        heading = [title or "", *self._selection(figure.get_figwidth())]
+        style.add_legend(figure, handles, [line for line in heading if line])
+        if captioned:
+            style.add_caption(figure, " ".join(self.notes), grow=size is None)
+        return figure
+
+    def _check_number(self, count: int) -> None:
+        """Raise a ConfigError if there are too many panels."""
+        if count > MOST_PANELS:
+            names = " and ".join(axis.name for axis in (*self.rows, *self.columns))
+            raise ConfigError(
+                f"there would be {count} panels, one for each {names}; choose some "
+                "with select, as in n_i=-0.3,-0.5"
+            )
+
+    def _head_panels(
+        self,
+        grid: NDArray[Any],
+        down: list[tuple[int, ...]],
+        across: list[tuple[int, ...]],
+    ) -> None:
+        """Write the values of the columns above, those of the rows beside."""
+        for axes, place in zip(grid[0], across, strict=True):
+            axes.set_title(texts(self.columns, place), fontsize="medium")
+        # A long text beside a low panel is smaller.
+        height = grid[0, 0].figure.get_figheight()
+        fontsize = "medium" if height > 1.6 * len(down) else "x-small"
+        for axes, place in zip(grid[:, -1], down, strict=True):
+            axes.annotate(
+                texts(self.rows, place),
+                (1.02, 0.5),
+                xycoords="axes fraction",
+                rotation=270,
+                va="center",
+                ha="left",
+                fontsize=fontsize,
+            )
+        if self.axes:
+            for axes in grid[-1]:
+                axes.set_xlabel(label(self.axes[0].name))
+
+    def _selection(self, width: float) -> list[str]:
+        """Return what was selected, as lines for a figure of some width in inches."""
+        # A value selected alone appears nowhere else in the picture.
+        pinned = [
+            axis
+            for axis in self.layout.axes.values()
+            if len(axis.values) == 1 and -1 in axis.rank
+        ]
+        lines = [texts(pinned, [0] * len(pinned))]
+        if self.layout.where is not None:
+            # A dollar sign in a condition does not begin a formula.
+            condition = self.layout.where.text.replace("$", "\\$")
+            lines.append(textwrap.fill(condition, int(PER_INCH * width)))
+        return lines
+
+
+def within(values: NDArray[Any], place: tuple[int, ...]) -> NDArray[Any]:
+    """Return the values of a panel, along the axes inside it."""
+    index: Any = (..., *place)
+    panel: NDArray[Any] = values[index]
+    return panel
+
+
+def _places(axes: list[Axis]) -> list[tuple[int, ...]]:
+    """Return the places of all combinations of values; one if there are no axes."""
+    return list(product(*(range(len(axis.values)) for axis in axes)))
+
+
+def _limit(
+    axes: Axes, xlim: tuple[float, float] | None, ylim: tuple[float, float] | None
+) -> None:
+    """Set the limits that are given; raise a ConfigError for 0 on a logarithm."""
+    for which, limits, scale in (
+        ("x", xlim, axes.get_xscale()),
+        ("y", ylim, axes.get_yscale()),
+    ):
+        if limits is not None and limits[0] <= 0 and scale == "log":
+            raise ConfigError(
+                f"{which}lim: a logarithmic axis is positive; take a linear one"
+            )
+    if xlim is not None:
+        axes.set_xlim(xlim)
+    if ylim is not None:
+        axes.set_ylim(ylim)
+
+
+def texts(axes: Sequence[Axis], places: Sequence[int]) -> str:
+    """Return the values at some places of axes as text: ``n_i = -0.1, K_r = 0.02``."""
+    values = zip(axes, places, strict=True)
+    return ", ".join(value_text(axis.name, axis.values[k]) for axis, k in values)
+
+
+def ordered(
+    layout: Layout, first: str | None, enough: int, prefer: str = ""
+) -> list[str]:
+    """Return the axes of several values, `first` before all others, then by length.
+
+    All lengths from `enough` on are alike; then `prefer` comes first, a launch last.
+    """
+    lengths = layout.lengths
+    names = sorted(
+        lengths,
+        key=lambda name: (-min(lengths[name], enough), name != prefer, name in LAUNCH),
+    )
+    if first is None:
+        first = names[0]
+    return [first, *(name for name in names if name != first and lengths[name] > 1)]
+
+
+def scale(axes: Axes, which: str, axis: Axis, log: bool | None) -> None:
+    """Make an axis logarithmic if `log`, or with None if its values are spaced so."""
+    style.scale_axis(axes, which, axis.values, axis.logarithmic(log), axis.name)

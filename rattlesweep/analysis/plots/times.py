@@ -1,0 +1,185 @@
+"""Mean reversal times, or their ratios to theory, against one axis."""
+
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from rattlesweep.analysis import style
+from rattlesweep.analysis.plots.picture import (
+    ENOUGH,
+    Arrangement,
+    Handle,
+    Panel,
+    Picture,
+    ordered,
+    scale,
+    texts,
+    within,
+)
+from rattlesweep.analysis.style import SERIES, THEORY, label
+from rattlesweep.arrays import Floats
+
+MOST_MARKERS = 40  # more markers would hide the curve
+
+
+class Look(NamedTuple):
+    """A curve: its place on the second axis, its colour and marker."""
+
+    place: int
+    colour: str
+    marker: str
+
+
+class Curve(NamedTuple):
+    """The values of a curve; `theory` is the mean of t_rGH."""
+
+    mean: Floats
+    spread: Floats
+    theory: Floats
+
+
+class Times(Picture):
+    """The mean of ``t_r``, or of ``t_r/t_rGH``, over type R, and theory dashed."""
+
+    panel = (2.6, 2.8)
+
+    def arrange(self) -> Arrangement:
+        """Make the longest of the other axes the curves of a panel."""
+        prefer = "n_i" if self.is_relative else ""
+        first, *rest = ordered(self.layout, self.x, ENOUGH, prefer)
+        rest.sort(key=lambda name: -self.layout.lengths[name])
+        return Arrangement([first, *rest[:1]], [], rest[1:])
+
+    @property
+    def is_relative(self) -> bool:
+        """Whether the times are divided by those of theory."""
+        return self.name == "ratio"
+
+    def draw(self, panels: list[Panel], log: bool | None) -> list[Handle]:
+        """Draw a curve with a band for each value of the second axis."""
+        x, *curve_axes = self.axes[: len(self.axes) - len(self.columns)]
+        looks = self._looks()
+        # The axis of ratios is linear and begins at 0.
+        log_y = log is not False
+        if self.is_relative:
+            log_y = bool(log)
+        curves = self._curves()
+        # The curves of the two directions of spin are not joined.
+        borders: list[int] = []
+        if x.name.startswith("n_i"):
+            borders = [int(np.searchsorted(x.values, 0.0))]
+        stretches = np.split(np.arange(len(x.values)), borders)
+        for axes, place in panels:
+            for look in looks:
+                here = Curve(
+                    *(within(values, (look.place, *place)) for values in curves)
+                )
+                for stretch in stretches:
+                    piece = Curve(*(values[stretch] for values in here))
+                    self._draw_piece(axes, x.values[stretch], piece, look, log_y)
+        for axes, _ in panels:
+            scale(axes, "x", x, log)
+            style.light_grid(axes)
+            if self.is_relative:
+                axes.axhline(1, **THEORY, zorder=1.5)
+            if log_y:
+                axes.set_yscale("log")
+                style.plain_ticks(axes, "y", *axes.get_ylim())
+            elif self.is_relative:
+                highest = np.nanmax(curves.mean + curves.spread, initial=1.0)
+                axes.set_ylim(0, 1.08 * float(highest))
+        self._label(len(looks))
+        handles = []
+        if curve_axes:
+            for look in looks:
+                name = texts(curve_axes, [look.place])
+                handles.append(
+                    style.entry(
+                        name, color=look.colour, marker=look.marker, ms=4, ls="-"
+                    )
+                )
+        return [*handles, style.entry("theory", **THEORY)]
+
+    @property
+    def _count(self) -> int:
+        """The number of curves."""
+        if len(self.axes) - len(self.columns) < 2:
+            return 1
+        return len(self.axes[1].values)
+
+    def _looks(self) -> list[Look]:
+        """Return the curves, no more than there are colours."""
+        places = np.linspace(0, self._count - 1, min(self._count, len(SERIES)))
+        return [
+            Look(int(place), colour, marker)
+            for place, (colour, marker) in zip(places, SERIES, strict=False)
+        ]
+
+    def _curves(self) -> Curve:
+        """Return the values on the grid of the axes, of which the second is curves."""
+        cells = self.counted[0]
+        moments = cells.ratio if self.is_relative else cells.t_r
+        curves = Curve(
+            mean=self.grid(moments.means()),
+            spread=self.grid(np.nan_to_num(moments.deviations())),
+            theory=self.grid(cells.t_rgh.means()),
+        )
+        if len(self.axes) - len(self.columns) < 2:
+            return Curve(*(np.expand_dims(values, 1) for values in curves))
+        return curves
+
+    def _draw_piece(
+        self, axes: Axes, x: Floats, curve: Curve, look: Look, log_y: bool
+    ) -> None:
+        """Draw a curve in one direction of spin, with its band and its theory."""
+        few = len(self.axes[0].values) <= MOST_MARKERS
+        axes.plot(
+            x,
+            curve.mean,
+            color=look.colour,
+            linewidth=1.1,
+            markersize=4,
+            marker=look.marker if few else None,
+        )
+        below = curve.spread
+        if log_y:
+            # A logarithmic axis has no zero: the band ends at a tenth of the mean.
+            below = np.minimum(below, 0.9 * curve.mean)
+        # A single abscissa has no line: the edge of a band and a dash are seen there.
+        single = len(x) == 1
+        axes.fill_between(
+            x,
+            curve.mean - below,
+            curve.mean + curve.spread,
+            color=look.colour,
+            alpha=0.12,
+            linewidth=4 if single else 0,
+        )
+        if not self.is_relative:
+            dashes = THEORY | {"color": look.colour, "zorder": 1.5}
+            axes.plot(
+                x,
+                curve.theory,
+                **dashes,
+                marker="_" if single else None,
+                markersize=12,
+            )
+
+    def _label(self, drawn: int) -> None:
+        """Set the label and the sentences of the caption."""
+        if self.is_relative:
+            self.ylabel = label("ratio")
+            quantity = "t_r/t_rGH"
+            theory = "Theory: Garcia and Hubbard's t_rGH."
+        else:
+            self.ylabel = label(self.layout.name("t_r"))
+            quantity = "the time t_r of the first reversal"
+            theory = "Theory: Garcia and Hubbard's t_rGH, mean over all runs."
+        self.notes += [
+            f"Mean of {quantity} over the runs that reverse (type R); bands: its "
+            "standard deviation.",
+            theory,
+        ]
+        if drawn < self._count:
+            self.notes.append(f"{drawn} of {self._count} values are shown.")

@@ -1,0 +1,37 @@
+"""Engines that integrate blocks of a given size, and may give up."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from rattlesweep.sweeps.job import Job, Keys
+from rattlesweep.sweeps.run import local
+
+
+class Stop(Exception):
+    """The engine gives up."""
+
+
+def cut(rows: int, most: int = 10**9, dice: random.Random | None = None) -> Any:
+    """Return an engine for blocks of `rows` runs, which gives up after `most`
+    blocks.
+    """
+
+    def engine(work: Job, blocks: Iterator[Keys]) -> None:
+        case, sample = (np.concatenate(keys) for keys in zip(*blocks, strict=True))
+        order = np.lexsort((sample, case))
+        pieces = []
+        for first in range(0, len(case), rows):
+            chosen = order[first : first + rows]
+            pieces.append((case[chosen], sample[chosen]))
+        if dice is not None:
+            dice.shuffle(pieces)
+        local(work, iter(pieces[:most]))
+        if len(pieces) > most:
+            raise Stop
+
+    return engine
