@@ -21,13 +21,15 @@ from rattlesweep.text import COMPILING
 
 FILE = Path(__file__).parents[1] / "net" / "transcripts.txt"
 FILES = {
-    "sd.yaml": "bodies: {source: sd, samples: 4, target: {K_r: [0.02, 0.1], rel_tol: 1e-2}}\n"
+    "sd.yaml": "bodies:\n"
+    "  {source: sd, samples: 4, target: {K_r: [0.02, 0.1], rel_tol: 1e-2}}\n"
     "spin: {n_i: [-0.3, 0.4], omega_xy0: 0.1}\nhorizon: {t_rgh: 5, t: 2000}\n",
-    "gh.yaml": "bodies: {source: preset, name: GH}\nspin: {n_i: [0.1, -0.1], omega_xy0: 0.01}\n"
-    "record: [error]\n",
-    "failing.yaml": "bodies: {source: sd, samples: 4}\nspin: {n_i: -0.3, omega_xy0: 0.1}\n"
-    "integrator: {max_steps: 400}\n",
-    "bad.yaml": "nmae: x\nbodies: {source: sd, samples: -1}\nspin: {n_i: [0.1, oops]}\n",
+    "gh.yaml": "bodies: {source: preset, name: GH}\n"
+    "spin: {n_i: [0.1, -0.1], omega_xy0: 0.01}\nrecord: [error]\n",
+    "failing.yaml": "bodies: {source: sd, samples: 4}\n"
+    "spin: {n_i: -0.3, omega_xy0: 0.1}\nintegrator: {max_steps: 400}\n",
+    "bad.yaml": "nmae: x\nbodies: {source: sd, samples: -1}\n"
+    "spin: {n_i: [0.1, oops]}\n",
 }
 COMMANDS = r"""
 --help
