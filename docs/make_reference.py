@@ -91,8 +91,8 @@ SHARED = {
 
 TABLES = """## A table as a source
 
-`bodies: {source: table, path: bodies.csv}` reads a CSV file with a header, a Parquet file, or a directory of Parquet files. CSV may have
-commas, semicolons or tabs between the columns, and with the latter two also decimal commas. A relative path is looked up in the working directory and then beside the config. Each row is one body, in the columns `alpha beta gamma theta phi xi` (radians),
+`bodies: {source: table, path: bodies.csv}` reads CSV with a header, Parquet, or a directory of Parquet files. CSV has
+commas, semicolons or tabs between its columns, and with the latter two perhaps decimal commas. A relative path is looked up in the working directory and then beside the config. Each row is one body, in the columns `alpha beta gamma theta phi xi` (radians),
 or `gamma f_sd theta phi xi` for a shell-dumbbell body. These optional columns replace a part of the config, row by row:
 
 | columns | replace | unit |
@@ -107,8 +107,8 @@ or `gamma f_sd theta phi xi` for a shell-dumbbell body. These optional columns r
 
 A body in SI units has the columns `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m` and optionally `ixy_kg_m2 axes_angle_deg
 gravity_m_s2 c_m`. Its launch is `n_i_rpm omega_xy0_rpm`, its horizon `t_end_s`, its dissipation `sigma_N_m_s` and `rolling_m`. The runs then also have
-the columns `t_r_s` and `n_i_rpm`. Other columns are copied to the runs. A column with the name of a result,
-such as `t_r`, is an error unless the table is one of runs.
+the columns `t_r_s` and `n_i_rpm`. Other columns are copied to the runs. A result such as `t_r`
+is an error, unless the table is one of runs.
 
 ```csv
 alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0,t_end

@@ -57,8 +57,8 @@ def test_configs_round_trip_and_fit_the_schema(name, path):
     assert (
         parse_config({"name": config.name} | yaml.safe_load(path.read_text())) == config
     )
-    for given in (data, read.read_yaml(path.read_text())[0]):
-        jsonschema.Draft202012Validator(read.config_json_schema()).validate(given)
+    for plain in (data, read.read_yaml(path.read_text())[0]):
+        jsonschema.Draft202012Validator(read.config_json_schema()).validate(plain)
 
 
 def test_settings_are_yaml_1_2_and_the_last_one_wins(path):
@@ -162,8 +162,8 @@ def test_defaults_are_table_one_and_the_papers_own_step():
     }
     # Null means not given; tuples and NumPy's numbers are accepted.
     spin = {"n_i": (np.float64(0.1),), "omega_xy0": np.array([0.01])}
-    given = SD | {"stop": None, "seed": np.int64(0), "spin": spin}
-    assert resolved(parse_config(SD)) == resolved(parse_config(given)) == expected
+    spelled_out = SD | {"stop": None, "seed": np.int64(0), "spin": spin}
+    assert resolved(parse_config(SD)) == resolved(parse_config(spelled_out)) == expected
     assert parse_config({**SD, "integrator": {"method": "rk4"}}).integrator.dt == 0.002
 
 
@@ -378,7 +378,7 @@ def test_the_hash_changes_only_with_the_results_of_a_run(path):
         "bodies.target.K_r=[0.5]",
         "integrator.max_steps=5",
     )
-    assert {hashed(one) for one in same} == {hashed()}
+    assert {hashed(change) for change in same} == {hashed()}
     others = (
         "seed=1",
         "integrator.tol=1e-8",

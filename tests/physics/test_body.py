@@ -27,7 +27,7 @@ xi=0: the skew angle xi is 0 rad; -pi/2 < xi < 0 is needed, or xi > 0 for a mirr
 xi=2: the skew angle xi is 2 rad; -pi/2 < xi < 0 is needed, or xi > 0 for a mirror image
 gamma=11: no body has this inertia: I_xx = alpha - 1 = 12.04 exceeds I_yy + I_zz = 11.522
 gamma=12.6: no body has this inertia: I_zz = gamma = 12.6 exceeds I_xx + I_yy = 12.562
-"""
+"""  # noqa: E501
 
 
 @pytest.mark.parametrize("rule", RULES.strip().splitlines())
@@ -58,18 +58,19 @@ def test_all_shell_dumbbells_are_bodies(scale):
 def test_mode_energies_add_up_to_that_of_the_launch():
     alpha, beta, gamma, theta, phi, xi = table_one(200, 36)
     rng = np.random.default_rng(37)
-    found = theory.modes(alpha, beta, theta, phi, xi)
-    w, psi = 10 ** rng.uniform(-12, 0, 200), rng.uniform(-np.pi, np.pi, 200)
+    modes = theory.modes(alpha, beta, theta, phi, xi)
+    w = 10 ** rng.uniform(-12, 0, 200)
+    psi = rng.uniform(-np.pi, np.pi, 200)
     kinetic = 0.5 * (alpha * (w * np.cos(psi)) ** 2 + beta * (w * np.sin(psi)) ** 2)
-    e_p, e_r = reduced.mode_energies(alpha, beta, found.psi_p, found.psi_r, w, psi)
+    e_p, e_r = reduced.mode_energies(alpha, beta, modes.psi_p, modes.psi_r, w, psi)
     assert np.all(e_p >= 0)
     assert np.all(e_r >= 0)
     np.testing.assert_allclose(e_p + e_r, kinetic, rtol=1e-13)
     # A launch along one mode has no energy in the other.
-    for own, other, psi in ((0, 1, found.psi_p), (1, 0, found.psi_r)):
-        parts = reduced.mode_energies(alpha, beta, found.psi_p, found.psi_r, w, psi)
+    for launched, still, psi in ((0, 1, modes.psi_p), (1, 0, modes.psi_r)):
+        energies = reduced.mode_energies(alpha, beta, modes.psi_p, modes.psi_r, w, psi)
         kinetic = 0.5 * w**2 * (alpha * np.cos(psi) ** 2 + beta * np.sin(psi) ** 2)
-        np.testing.assert_allclose(parts[own], kinetic, rtol=1e-14)
-        assert np.all(parts[other] == 0)
+        np.testing.assert_allclose(energies[launched], kinetic, rtol=1e-14)
+        assert np.all(energies[still] == 0)
         speed = theory.oscillation_speed(alpha, beta, gamma, w, psi)
-        np.testing.assert_allclose(parts[own], gamma * speed**2 / 2, rtol=1e-13)
+        np.testing.assert_allclose(energies[launched], gamma * speed**2 / 2, rtol=1e-13)

@@ -54,23 +54,27 @@ def test_kane_and_levinsons_body():
 def test_any_axes_and_any_order_of_the_radii(angle, order):
     """A body turned about the vertical is the same body."""
     gh = rs.Rattleback.gh()
-    mass, a = 0.2, 0.013
+    mass = 0.2
+    a = 0.013
     axes = np.array(
         [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
     )
     plane = axes @ np.diag([gh.alpha - 1, gh.beta - 1]) @ axes.T * mass * a**2
     tensor = np.zeros((3, 3))
-    tensor[:2, :2], tensor[2, 2] = plane, gh.gamma * mass * a**2
-    radii, direction = [a / gh.theta, a / gh.phi], angle + gh.xi
+    tensor[:2, :2] = plane
+    tensor[2, 2] = gh.gamma * mass * a**2
+    radii = [a / gh.theta, a / gh.phi]
+    direction = angle + gh.xi
     if order < 0:
-        radii, direction = radii[::-1], direction + math.pi / 2
-    given = {"mass": mass, "height": a, "radii": radii}
-    body = rs.Rattleback.from_si(**given, inertia=tensor, axes_angle=direction)
+        radii = radii[::-1]
+        direction += math.pi / 2
+    stone = {"mass": mass, "height": a, "radii": radii}
+    body = rs.Rattleback.from_si(**stone, inertia=tensor, axes_angle=direction)
     assert numbers(body) == pytest.approx(numbers(gh), rel=1e-9)
     # Seen from the other side, the y axis and all angles are reversed.
     flip = np.diag([1, -1, -1])
     seen = rs.Rattleback.from_si(
-        **given, inertia=flip @ tensor @ flip, axes_angle=-direction, z_up=True
+        **stone, inertia=flip @ tensor @ flip, axes_angle=-direction, z_up=True
     )
     assert numbers(seen) == pytest.approx(numbers(gh), rel=1e-9)
 
@@ -194,8 +198,8 @@ def integrated(length, width, height, mass, skew, weights, x, y, wall=np.inf):
 def test_half_ellipsoids_agree_with_quadrature(stone):
     *five, weights, x, y = stone
     for wall in (np.inf, 0.1 * stone[2], 0.4 * stone[2]):
-        found = half_ellipsoid(*five, weights=weights, x=x, y=y, wall=wall)
-        assert found == pytest.approx(integrated(*stone, wall), rel=1e-9)
+        body = half_ellipsoid(*five, weights=weights, x=x, y=y, wall=wall)
+        assert body == pytest.approx(integrated(*stone, wall), rel=1e-9)
 
 
 def turned_about_y(tilt, moments):
@@ -247,9 +251,9 @@ def test_quantities(kind):
     for text, value in QUANTITIES.get(kind, {}).items():
         assert quantity(text, kind) == pytest.approx(value, rel=1e-14), text
     assert quantity(KINDS[kind][1], kind) > 0
-    for other in (name for name in KINDS if KINDS[name][0] != KINDS[kind][0]):
-        with pytest.raises(ValueError, match=f"; an? {other} is needed"):
-            quantity(KINDS[kind][1], other)
+    for wrong in (name for name in KINDS if KINDS[name][0] != KINDS[kind][0]):
+        with pytest.raises(ValueError, match=f"; an? {wrong} is needed"):
+            quantity(KINDS[kind][1], wrong)
 
 
 @pytest.mark.parametrize(

@@ -62,26 +62,27 @@ def refusal(bodies: dict[str, Any]) -> str:
     return line
 
 
-words = (
+numbers = (
     st.integers(0, 2**63 - 1) | st.integers(0, 3) | st.integers(2**63 - 3, 2**63 - 1)
 )
 signed = st.integers(-(2**63), 2**63 - 1)
 
 
 @settings(max_examples=200, deadline=None)
-@given(words, signed, words, st.integers(0, 2**61) | st.integers(0, 3))
+@given(numbers, signed, numbers, st.integers(0, 2**61) | st.integers(0, 3))
 @example(0, 0, 0, 0)
 @example(2**63 - 1, -(2**63), 2**63 - 1, 2**61)
 def test_the_bits_are_those_of_numpys_philox(seed, word, sample, draw):
     # As one 256-bit integer: a list with numbers above 2^63 would become floats.
-    key, counter = seed + (word % 2**64 << 64), 2 * draw + (sample << 64)
+    key = seed + (word % 2**64 << 64)
+    counter = 2 * draw + (sample << 64)
     generator = np.random.Generator(np.random.Philox(key=key, counter=counter))
     assert uniforms(seed, word, sample, draw) == tuple(generator.random(8))
 
 
 def sobol(samples: Any, seed: int = 7) -> np.ndarray:
     """Return the points of the unit cube from which bodies of a Sobol' sequence are
-    made.
+    design.
     """
     b = plan(drawn(20_000, draw="sobol"), seed=seed).source.bodies(
         math.nan, np.asarray(samples)
@@ -107,12 +108,12 @@ def test_a_sequence_is_scipys_and_fills_every_cell_equally():
     ("name", "values"), [("K_r", [0.0041, 0.1]), ("K_p", [0.05, 2.34])]
 )
 def test_targets_are_met(name, values):
-    made = plan(drawn(100, target={name: values, "rel_tol": 2e-3}))
+    design = plan(drawn(100, target={name: values, "rel_tol": 2e-3}))
     for value in values:
-        b = made.source.bodies(value, np.arange(100))
-        found = getattr(theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi), name)
-        assert (np.abs(found - value) <= 2e-3 * value * (1 + 1e-12)).all()
-        assert np.ptp(found) > 1e-3 * value
+        b = design.source.bodies(value, np.arange(100))
+        reached = getattr(theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi), name)
+        assert (np.abs(reached - value) <= 2e-3 * value * (1 + 1e-12)).all()
+        assert np.ptp(reached) > 1e-3 * value
         for values_, (low, high) in zip(
             (b.gamma, b.f_sd, b.theta, b.phi), RANGES, strict=False
         ):
@@ -127,9 +128,12 @@ def test_a_body_depends_on_seed_target_and_sample_alone(own):
     samples.
     """
     n = CHUNK + 50
-    config, rng = drawn(n, **own), np.random.default_rng(1)
-    for value in own["target"]["K_r"] if "target" in own else [math.nan]:
-        fresh, whole = plan(config, seed=3), bodies_of(plan(config, seed=3), value)
+    config = drawn(n, **own)
+    rng = np.random.default_rng(1)
+    targets = own.get("target", {"K_r": [math.nan]})["K_r"]
+    for value in targets:
+        fresh = plan(config, seed=3)
+        whole = bodies_of(plan(config, seed=3), value)
         fresh = pickle.loads(pickle.dumps(fresh))
         for picks in ([n - 1], [0], rng.choice(n, 200)):
             assert np.array_equal(bodies_of(fresh, value, picks), whole[:, picks])
@@ -156,19 +160,24 @@ def test_samples_of_a_group_differ_in_one_parameter_each(semi_axis):
     turn.
     """
     names = ["gamma", "f_sd", "theta", "phi", "xi", *semi_axis]
-    n, group = len(names), len(names) + 2
-    made = plan(drawn(group * 512, draw="saltelli", **semi_axis))
-    b = made.source.bodies(math.nan, np.arange(group * 40))
+    n = len(names)
+    group = n + 2
+    design = plan(drawn(group * 512, draw="saltelli", **semi_axis))
+    b = design.source.bodies(math.nan, np.arange(group * 40))
     values = np.array([getattr(b, name) for name in names]).reshape(n, 40, group)
-    first, second, others = values[:, :, 0], values[:, :, 1], values[:, :, 2:]
+    first = values[:, :, 0]
+    second = values[:, :, 1]
+    mixed = values[:, :, 2:]
     assert (first != second).all()
     for k in range(n):
         for p in range(n):
-            assert np.array_equal(others[p, :, k], (second if p == k else first)[p])
+            source = second if p == k else first
+            assert np.array_equal(mixed[p, :, k], source[p])
 
 
 def test_a_body_does_not_depend_on_threads(monkeypatch):
-    target, drawn_by = Target(K_r=[0.05], rel_tol=0.01), set()
+    target = Target(K_r=[0.05], rel_tol=0.01)
+    drawn_by = set()
     for threads in (1, 2, 3):
         monkeypatch.setattr(
             sources, "available_threads", lambda threads=threads: threads
@@ -190,14 +199,14 @@ def test_the_first_axis_of_a_grid_varies_slowest():
         "phi": [0.02, 0.036],
         "xi_deg": [-1, -3],
     }
-    made = plan(GRID | {"axes": axes})
-    b = bodies_of(made)
+    design = plan(GRID | {"axes": axes})
+    b = bodies_of(design)
     grid = np.meshgrid(
         [0.6, 0.7, 0.8, 0.9], [0.02, 0.036], np.radians([-1, -3]), indexing="ij"
     )
     np.testing.assert_allclose(b[3:], [values.ravel() for values in grid], rtol=1e-15)
     assert (b[0] == 13.04).all()
-    assert np.array_equal(bodies_of(made, samples=[3, 9]), b[:, [3, 9]])
+    assert np.array_equal(bodies_of(design, samples=[3, 9]), b[:, [3, 9]])
 
 
 def table(directory: Any, text: str) -> dict[str, Any]:
@@ -303,10 +312,10 @@ BAD_TABLES = {
 
 @pytest.mark.parametrize("name", BAD_TABLES)
 def test_a_bad_table_is_told_by_its_row(name, tmp_path):
-    text, words = BAD_TABLES[name]
+    text, sentence = BAD_TABLES[name]
     line = refusal(table(tmp_path, text))
     assert line.startswith("bodies.path: ")
-    assert words in line
+    assert sentence in line
 
 
 def test_a_file_that_is_no_table_is_refused_by_name(tmp_path):
@@ -396,8 +405,8 @@ def test_a_table_is_identified_by_its_content(tmp_path):
         ("one", "two"),
         ("omega_xy0,name", "omega_xy0,label"),
     ):
-        other = plan(table(tmp_path, text.replace(old, new))).source
-        assert other.content_hash != first
+        changed = plan(table(tmp_path, text.replace(old, new))).source
+        assert changed.content_hash != first
 
 
 @pytest.mark.parametrize("psi", ["relevant", 30.0])
@@ -411,7 +420,8 @@ def test_an_output_table_is_a_valid_input_and_gives_the_same_results(psi, tmp_pa
         "horizon": {"t_rgh": 3},
     }
     sweeping.sweep(tmp_path / "first", data)
-    first, runs = rows(tmp_path / "first"), tmp_path / "first" / "runs"
+    first = rows(tmp_path / "first")
+    runs = tmp_path / "first" / "runs"
     had = first.t_r.notna().to_numpy()
     assert 0 < had.sum() < len(first) == 24
     assert (first.t_end[had] == first.t_r[had]).all()
@@ -422,8 +432,8 @@ def test_an_output_table_is_a_valid_input_and_gives_the_same_results(psi, tmp_pa
         return rows(tmp_path / name)
 
     same = [c for c in first.columns if c not in ("case", "sample")]
-    other = again("again", {"t_rgh": 3})
-    pd.testing.assert_frame_equal(first[same], other[same], check_exact=True)
+    repeated = again("again", {"t_rgh": 3})
+    pd.testing.assert_frame_equal(first[same], repeated[same], check_exact=True)
     # With a shorter horizon in the config, only rows that have a t_r are cut.
     cut = again("short", {"t": 10})
     assert (cut.t_end[had] <= 10).all()

@@ -78,8 +78,8 @@ def test_zero_needs_no_unit_and_python_takes_numbers_in_si_units():
     plain = rs.Rattleback.from_si(
         mass=0.085, height=0.01, inertia=(6e-6, 9e-5, 9.2e-5, -2e-6), radii=(0.5, 0.015)
     )
-    given = body_from(MEASURED | {"axes_angle": 0})
-    assert (given.alpha, given.xi) == pytest.approx((plain.alpha, plain.xi))
+    body = body_from(MEASURED | {"axes_angle": 0})
+    assert (body.alpha, body.xi) == pytest.approx((plain.alpha, plain.xi))
 
 
 STONE = (
