@@ -98,7 +98,9 @@ class Pairs(ast.NodeTransformer):
     names = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Div: "div"}  # noqa: RUF012
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
-        """Replace an operator by a call."""
+        """Replace an operator by a call, except where it joins tuples."""
+        if isinstance(node.left, ast.Tuple):
+            return ast.BinOp(self.visit(node.left), node.op, self.visit(node.right))
         name = ast.Name(self.names[type(node.op)], ast.Load())
         return ast.Call(name, [self.visit(node.left), self.visit(node.right)], [])
 

@@ -361,11 +361,15 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
     return replace(model, carried_start=start, carried_rhs=carried_rhs)
 
 
-ELLIPSOID = _frictionless(surface.ELLIPSOID)
+FRICTIONLESS = {FULL.name: FULL}
+FRICTIONLESS |= {each.name: _frictionless(each) for each in surface.FURTHER}
+"""Models of the surfaces without friction, by their names."""
+
+ELLIPSOID = FRICTIONLESS[surface.ELLIPSOID.name]
 
 FRICTION = {
     (rolling.name, law.name): _with_friction(rolling, law)
-    for rolling in (FULL, ELLIPSOID)
+    for rolling in FRICTIONLESS.values()
     for law in surface.LAWS
 }
 """Models with friction, by the names of the model without it and of the law."""
@@ -489,11 +493,12 @@ def _with_attitude(plain: Model) -> Model:
 
 
 ATTITUDES = {
-    plain.name: _with_attitude(plain) for plain in (FULL, ELLIPSOID, *FRICTION.values())
+    plain.name: _with_attitude(plain)
+    for plain in (*FRICTIONLESS.values(), *FRICTION.values())
 }
 """Models with heading and contact point, by the name of the model without them."""
 
-PLAIN = FULL, ELLIPSOID, VECTORS, *FRICTION.values(), REDUCED
+PLAIN = *FRICTIONLESS.values(), VECTORS, *FRICTION.values(), REDUCED
 MODELS: dict[str, Model] = {model.name: model for model in (*PLAIN, TANGENT)}
 
 

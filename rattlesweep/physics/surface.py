@@ -65,6 +65,8 @@ ELLIPSOID = Surface(
     closed=True,
     carried=Carried(stone.rise_at, stone.rise_rate, stone.carried_ellipsoid),
 )
+FURTHER = (ELLIPSOID,)
+"""The surfaces that have a further constant."""
 
 VISCOUS = Friction("viscous", stone.viscous_rhs)
 ROLLING = Friction("rolling", stone.rolling_rhs)

@@ -113,13 +113,13 @@ def test_formulas_are_the_papers(cases):
             paper = Paper(parameters, state)
             arguments = [*(mp.mpf(float(x)) for x in state), *paper.constants]
             small = mp.mpf(10) ** -50
-            for one, two in zip(mp_rhs(*arguments), paper.rates, strict=True):
-                assert abs(one - two) <= small * abs(two)
-            assert abs(mp_spin(*arguments[:5]) / dot(paper.u, paper.omega) - 1) < small
+            for got, wanted in zip(mp_rhs(*arguments), paper.rates, strict=True):
+                assert abs(got - wanted) <= small * abs(wanted)
+            spin = dot(paper.u, paper.omega)
+            assert abs(mp_spin(*arguments[:5]) / spin - 1) < small
             rate = dot(paper.u, paper.domega)
-            assert abs(
-                mp_spin_rate(*arguments[:2], *paper.domega) - rate
-            ) <= small * abs(rate)
+            got = mp_spin_rate(*arguments[:2], *paper.domega)
+            assert abs(got - rate) <= small * abs(rate)
             normal, tangential = mp_force(*arguments)
             normal_p, tangential_p = paper.force()
             assert abs(normal - normal_p) <= small * (1 + abs(normal_p))
@@ -136,9 +136,8 @@ def errors(parameters, state):
     got = full.rhs(*map(float, state), *full.constants(*parameters))
     with mp.workdps(DIGITS):
         wanted = Paper(parameters, state).rates
-        return [
-            float(abs(mp.mpf(g) - w) / abs(w)) for g, w in zip(got, wanted, strict=True)
-        ]
+        pairs = zip(got, wanted, strict=True)
+        return [float(abs(mp.mpf(g) - w) / abs(w)) for g, w in pairs]
 
 
 def test_relative_accuracy_in_the_extremes():
@@ -155,15 +154,15 @@ def test_mirrored_bodies_move_in_mirror_images():
     """The x-z plane reflects u to (u_x, -u_y, u_z), omega to (-w_x, w_y, -w_z)."""
     image = np.array([1, -1, -1, 1, -1])
     for parameters, state in CASES:
-        one = full.constants(*parameters)
-        two = full.constants(*parameters[:5], -parameters[5])
-        assert not np.array_equal(one, two)
-        rates = np.array(full.rhs(*state, *one))
-        assert np.array_equal(full.rhs(*(image * state), *two), image * rates)
-        assert full.energy(*(image * state), *two) == full.energy(*state, *one)
-        assert full.spin(*(image * state)) == -full.spin(*state)
-        assert full.contact_force(*(image * state), *two) == full.contact_force(
-            *state, *one
-        )
+        body = full.constants(*parameters)
+        mirrored = full.constants(*parameters[:5], -parameters[5])
+        assert not np.array_equal(body, mirrored)
+        reflected = image * state
+        rates = np.array(full.rhs(*state, *body))
+        assert np.array_equal(full.rhs(*reflected, *mirrored), image * rates)
+        assert full.energy(*reflected, *mirrored) == full.energy(*state, *body)
+        assert full.spin(*reflected) == -full.spin(*state)
+        force = full.contact_force(*state, *body)
+        assert full.contact_force(*reflected, *mirrored) == force
         # Without the reflection the rates differ.
-        assert not np.array_equal(full.rhs(*state, *two), rates)
+        assert not np.array_equal(full.rhs(*state, *mirrored), rates)
