@@ -35,7 +35,7 @@ def sweep(tmp_path_factory) -> Path:
 
 
 def test_they_are_those_of_the_trajectory(sweep):
-    """Every run, bit for bit; the largest spin at the accepted steps in between."""
+    """Every run, bit for bit; the largest spin of all states in between."""
     runs = rs.load(sweep).runs
     assert runs.n_turns.max() > 8
     assert (runs.n_turns == 0).any()
@@ -45,11 +45,14 @@ def test_they_are_those_of_the_trajectory(sweep):
         assert run.n_turns == len(path.reversals)
         assert run.turn_times.tolist() == path.reversals[:8].tolist()
         ends = [*path.reversals, np.inf]
-        steps = path.table.t.to_numpy()
-        size = path.table.n.abs().to_numpy()
+        dense = rs.replay(sweep, int(run.case), int(run.sample), dt=0.01)
+        times = dense.table.t.to_numpy()
+        size = dense.table.n.abs().to_numpy()
         for k, largest in enumerate(run.spin_after_turn):
-            between = (steps > ends[k]) & (steps < ends[k + 1])
-            assert largest == pytest.approx(size[between].max(), rel=1e-12)
+            between = (times > ends[k]) & (times < ends[k + 1])
+            # Between two rows the spin rises by less than n'' dt^2 / 8.
+            assert largest == pytest.approx(size[between].max(), rel=1e-4)
+            assert largest >= (1 - 1e-6) * size[between].max()
         if run.n_turns:
             assert run.t_r <= run.turn_times[0]
         assert run.t_end == 900
