@@ -24,20 +24,29 @@ if TYPE_CHECKING:
 def derivatives(ux, uy, uz, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
     """Return the derivatives of ``(u, omega)`` (Eqs. 10 and 11), written by hand."""
     up = 1.0 / uz
-    p, q = ux * up, uy * up
-    x, y = p + cxx * p + cxy * q, q + cxy * p + cyy * q
+    p = ux * up
+    q = uy * up
+    x = p + cxx * p + cxy * q
+    y = q + cxy * p + cyy * q
     z = 1.0 - 0.5 * (x * p + y * q)
-    dux, duy, duz = uy * c - uz * b, uz * a - ux * c, ux * b - uy * a
-    dp, dq = (dux - p * duz) * up, (duy - q * duz) * up
+    dux = uy * c - uz * b
+    duy = uz * a - ux * c
+    duz = ux * b - uy * a
+    dp = (dux - p * duz) * up
+    dq = (duy - q * duz) * up
     wx = y * c - z * b - (dp + cxx * dp + cxy * dq)
     wy = z * a - x * c - (dq + cxy * dp + cyy * dq)
     wz = x * b - y * a + (x * dp + y * dq)
-    kx, ky, kz = b * wz - c * wy + ux, c * wx - a * wz + uy, a * wy - b * wx + uz
+    kx = b * wz - c * wy + ux
+    ky = c * wx - a * wz + uy
+    kz = a * wy - b * wx + uz
     tx = (iy - iz) * b * c + y * kz - z * ky
     ty = (iz - ix) * c * a + z * kx - x * kz
     tz = (ix - iy) * a * b + x * ky - y * kx
     r2 = x * x + y * y + z * z
-    ex, ey, ez = 1.0 / (ix + r2), 1.0 / (iy + r2), 1.0 / (iz + r2)
+    ex = 1.0 / (ix + r2)
+    ey = 1.0 / (iy + r2)
+    ez = 1.0 / (iz + r2)
     s = (x * tx * ex + y * ty * ey + z * tz * ez) / (
         1.0 - (x * x * ex + y * y * ey + z * z * ez)
     )

@@ -17,8 +17,10 @@ from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 
 GH = {name: getattr(Rattleback.gh(), name) for name in PARAMETERS}
-STEP, EVERY = 0.01, 5
-rhs, spin = full.rhs, full.spin
+STEP = 0.01
+EVERY = 5
+rhs = full.rhs
+spin = full.spin
 
 
 @nb.njit
@@ -106,8 +108,9 @@ def island_of_gh(runs) -> None:
         stable = down["n_c1"].abs() < down["n_i"].abs()
         print(f"omega_xy0 = {size:g}: {shares(part, 'type')}")
         print(
-            f"  past Bondi's threshold {int(stable.sum())}: {shares(down[stable], 'type')}; "
-            f"before it SS {int((down[~stable]['type'] == 'SS').sum())}"
+            f"  past Bondi's threshold {int(stable.sum())}: "
+            f"{shares(down[stable], 'type')}; before it SS "
+            f"{int((down[~stable]['type'] == 'SS').sum())}"
         )
         island = down[
             (down["type"] == "SW")
@@ -116,8 +119,8 @@ def island_of_gh(runs) -> None:
             & (down["n_i"] < -0.05)
         ]
         print(
-            f"  island: {len(island)} cells, theta from {island['theta'].min():.4f}, n_i from "
-            f"{island['n_i'].max():.4f}"
+            f"  island: {len(island)} cells, theta from "
+            f"{island['theta'].min():.4f}, n_i from {island['n_i'].max():.4f}"
         )
         grey = down[
             (down["type"] == "unclassified")
@@ -133,10 +136,12 @@ def island_of_gh(runs) -> None:
                 low, high = sorted(lines(seen[int(0.8 * len(seen)) :, 1])[:2])
                 caught += abs(high / low - 3) < 3e-3
             print(
-                f"  grey: {len(grey)} cells, {caught} of 24 drawn are locked, loss of spin from "
-                f"{grey['n_departure'].min():.4f}"
+                f"  grey: {len(grey)} cells, {caught} of 24 drawn are locked, "
+                f"loss of spin from {grey['n_departure'].min():.4f}"
             )
-        locked, fall, over = 0, [], []
+        locked = 0
+        fall = []
+        over = []
         for _, row in island.iloc[
             np.sort(rng.choice(len(island), 24, False))
         ].iterrows():
@@ -148,9 +153,10 @@ def island_of_gh(runs) -> None:
                 fall.append(row["n_i"] ** 2 - late[:, 2].mean() ** 2)
                 over.append(high / row["omega_p"])
         print(
-            f"  {locked} of 24 drawn from it have lines at 1 : 3; the third harmonic is "
-            f"{np.min(over):.3f} to {np.max(over):.3f} omega_p, n_i^2 - mean n^2 "
-            f"{np.min(fall):.4f} to {np.max(fall):.4f}"
+            f"  {locked} of 24 drawn from it have lines at 1 : 3; "
+            f""
+            f"the third harmonic is {np.min(over):.3f} to {np.max(over):.3f} omega_p, "
+            f"n_i^2 - mean n^2 {np.min(fall):.4f} to {np.max(fall):.4f}"
         )
     print("theta = 0.9, n_i = -0.2, omega_xy0 = 0.01")
     for phi in (0.030, 0.033, 0.036, 0.039):
@@ -177,7 +183,8 @@ def random_bodies(runs) -> None:
             & (runs["omega_xy0"] == 0.01)
             & (runs["n_departure"] > 0.1)
         ]
-        over, linear = [], []
+        over = []
+        linear = []
         for _, row in some.iloc[rng.choice(len(some), 50, False)].iterrows():
             body = {name: row[name] for name in PARAMETERS}
             state = theory.full_state(n_i, 0.01, row["psi"]).ravel()
@@ -191,9 +198,9 @@ def random_bodies(runs) -> None:
             linear.append(row["omega_p"] / row["omega_r"])
         near = np.abs(np.array(over) - 1.05) < 0.1
         print(
-            f"random bodies, SW at n_i = {n_i:g}: of 50, {near.sum()} have their second line at "
-            f"0.95 to 1.15 omega_p; omega_p/omega_r is {np.min(linear):.1f} to "
-            f"{np.max(linear):.1f}"
+            f"random bodies, SW at n_i = {n_i:g}: of 50, {near.sum()} have "
+            f"their second line at 0.95 to 1.15 omega_p; "
+            f"omega_p/omega_r is {np.min(linear):.1f} to {np.max(linear):.1f}"
         )
 
 

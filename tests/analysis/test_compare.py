@@ -57,7 +57,8 @@ def told(*args: Any, code: int = 0) -> dict[str, Any]:
 
 
 def test_the_table_and_the_data_are_what_pandas_finds(sweeps, tmp_path):
-    a, b = sweeps / "a", sweeps / "b"
+    a = sweeps / "a"
+    b = sweeps / "b"
     rows = joined(a, b)
     ok = (rows.status_a == "ok") & (rows.status_b == "ok")
     rows["relative"] = (
@@ -125,7 +126,8 @@ def test_runs_beyond_both_errors_are_counted_and_listed_first(sweeps, tmp_path):
     assert 0.005 < share < 1
     found = told(a, b, code=1)
     assert found["total"]["beyond"] == beyond
-    first, worst = found["differing"][0], rows.loc[over.idxmax()]
+    first = found["differing"][0]
+    worst = rows.loc[over.idxmax()]
     assert (first["case"], first["sample"]) == (worst["case"], worst["sample"])
     assert first["over_errors"] == pytest.approx(over.max())
     figure = tmp_path / "figure.svg"

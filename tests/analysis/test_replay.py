@@ -44,7 +44,8 @@ def test_every_run_is_the_stored_one_bit_for_bit(sweep):
         one = find_run(sweep, stored.case, stored.sample)
         one.prove()
         course = Course(one.prepare(), steps=True)
-        last, ended = list(course)[-1], course.follower
+        last = list(course)[-1]
+        ended = course.follower
         assert ended.status.label == stored.status
         if np.isnan(stored.t_r):
             assert (ended.zeros, ended.n_steps) == ([], stored.n_steps)
@@ -58,7 +59,8 @@ def test_every_run_is_the_stored_one_bit_for_bit(sweep):
 def test_a_run_is_chosen_by_a_condition_and_goes_to_files(sweep, tmp_path):
     text = "n_i == -0.5 and sample in (1, 3, 5)"
     stored = pd.read_parquet(sweep / "runs").query(text).iloc[0]
-    table, figure = tmp_path / "run.parquet", tmp_path / "run.svg"
+    table = tmp_path / "run.parquet"
+    figure = tmp_path / "run.svg"
     result = invoke(
         "replay",
         sweep,

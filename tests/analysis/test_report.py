@@ -110,7 +110,8 @@ def test_failures_are_counted_and_named(sweeps, pages):
     runs = rs.load(sweeps / "map").runs
     bad = runs[runs["status"] != "ok"]
     assert len(bad) > 3
-    word, first = bad["status"].iloc[0], bad.iloc[0]
+    word = bad["status"].iloc[0]
+    first = bad.iloc[0]
     share = f"{100 * len(bad) / len(runs):.3g} %"
     words = f"{word} {len(bad)} {share} case {first['case']}, sample {first['sample']}"
     assert words in Page(pages["map"]).text

@@ -127,7 +127,8 @@ def test_rk4_is_of_fourth_order_and_models_without_the_dynamics_are_wrong(study)
     # All runs are in both, so the same ones are compared.
     order = math.log(own[0.05].error_median / own[0.02].error_median, 0.05 / 0.02)
     assert 3.5 < order < 5.5
-    (reduced,), (gh,) = rows(study, "dop853", "reduced"), rows(study, "none", "gh")
+    (reduced,) = rows(study, "dop853", "reduced")
+    (gh,) = rows(study, "none", "gh")
     assert min(reduced.error_median, gh.error_median) > 1e-3
     # One mode alone is the closed form.
     assert gh.error_median == pytest.approx(reduced.error_median, rel=1e-4)

@@ -137,7 +137,8 @@ def mutated(pick):
         found = (
             list(re.finditer(r"(?<=: )[^,}\]\n]+|(?<=[\[ ])[-\d.e]+", text)) or words
         )
-        word, value = pick.choice(words), pick.choice(found)
+        word = pick.choice(words)
+        value = pick.choice(found)
 
         def put(new, at, text=text):
             return text[: at.start()] + new + text[at.end() :]
@@ -150,7 +151,8 @@ def mutated(pick):
             case "value":
                 text = put(pick.choice(WILD), value)
             case "key":
-                key, i = word[0], pick.randrange(len(word[0]) + 1)
+                key = word[0]
+                i = pick.randrange(len(word[0]) + 1)
                 near = [
                     key[:i] + key[i + 1 :],
                     key[:i] + "x" + key[i:],

@@ -8,7 +8,8 @@ from mpmath import mp
 def exactly(function, sqrt=mp.sqrt, **others):
     """Return a formula, and all that it calls, with other globals."""
     formula = function.py_func
-    names, known = formula.__code__.co_names, formula.__globals__
+    names = formula.__code__.co_names
+    known = formula.__globals__
 
     def plain(value):
         if isinstance(value, ModuleType):

@@ -23,7 +23,8 @@ def table_one(size, seed):
     """Draw bodies of the paper's set SD."""
     rng = np.random.default_rng(seed)
     inertia = dumbbells(rng.uniform(5, 15, size), rng.uniform(0.05, 0.15, size))
-    theta, phi = rng.uniform(0.6, 0.95, size), rng.uniform(0.01, 0.1, size)
+    theta = rng.uniform(0.6, 0.95, size)
+    phi = rng.uniform(0.01, 0.1, size)
     return np.stack([*inertia, theta, phi, -np.radians(rng.uniform(0.1, 6, size))])
 
 

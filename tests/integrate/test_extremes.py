@@ -12,7 +12,8 @@ from oracle import GH
 
 import rattlesweep as rs
 
-FLAT, LONG_ROLL = {"theta": 1 - 1e-9}, {"phi": 1e-3}
+FLAT = {"theta": 1 - 1e-9}
+LONG_ROLL = {"phi": 1e-3}
 OVERDAMPED = {"xi": -math.pi / 4}
 SD = {"alpha": 10.0, "beta": 2.0, "gamma": 10.0, "theta": 0.8, "phi": 0.05, "xi": -0.05}
 

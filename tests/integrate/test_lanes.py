@@ -25,9 +25,11 @@ from rattlesweep.physics import full, theory
 from rattlesweep.physics.full import scalar
 
 GH = oracle.GH
-DOP853, RK4 = METHODS["dop853"], METHODS["rk4"]
+DOP853 = METHODS["dop853"]
+RK4 = METHODS["rk4"]
 # By `oracle.first_reversal`.
-T_UNSTEADY, T_STEADY = 112.093877963873, 809.857417847725
+T_UNSTEADY = 112.093877963873
+T_STEADY = 809.857417847725
 every_method = kernels.methods("dop853", "rk4")
 both_kinds = pytest.mark.parametrize("method", [DOP853, RK4], ids=["dop853", "rk4"])
 also_dopri5 = pytest.mark.parametrize(
@@ -43,7 +45,8 @@ def shell_dumbbells(count, seed):
     """Random bodies as a mapping of arrays, with spins and oscillations at launch."""
     rng = np.random.default_rng(seed)
     inertia = dumbbells(rng.uniform(5, 15, count), rng.uniform(0.05, 0.15, count))
-    theta, phi = rng.uniform(0.6, 0.95, count), rng.uniform(0.01, 0.1, count)
+    theta = rng.uniform(0.6, 0.95, count)
+    phi = rng.uniform(0.01, 0.1, count)
     body = mapping((*inertia, theta, phi, -np.radians(rng.uniform(0.5, 10, count))))
     n_i = rng.choice([-1, 1], count) * rng.uniform(0.1, 0.5, count)
     return body, n_i, rng.choice([0.01, 0.1], count)
@@ -126,7 +129,9 @@ def test_threads_order_and_other_runs_do_not_matter(method):
 
 # GH launched with 0.1 along the pitch: the spin just touches zero
 # (`oracle.first_reversal`).
-TOUCH, T_TOUCH, T_NEXT = 0.00663381740279008, 1.967217, 3.13791070912
+TOUCH = 0.00663381740279008
+T_TOUCH = 1.967217
+T_NEXT = 3.13791070912
 
 
 @also_dopri5
@@ -177,7 +182,9 @@ def test_nonfinite_states_end_at_once_and_leave_the_neighbours_alone(method):
     runs = mixed(LANES)
     alone = integrate(runs, method, FULL, dt=0.01)
     y0 = runs.y0.copy()
-    y0[5, 2], y0[9, 4], y0[11, 0] = np.nan, np.inf, 1e200
+    y0[5, 2] = np.nan
+    y0[9, 4] = np.inf
+    y0[11, 0] = 1e200
     out = integrate(dataclasses.replace(runs, y0=y0), method, FULL, dt=0.01)
     assert [Status(int(s)) for s in out.status[[5, 9, 11]]] == [Status.NONFINITE] * 3
     assert np.isnan(out.t_r[[5, 9, 11]]).all()
@@ -215,7 +222,8 @@ def test_recording_changes_nothing_else(method):
 
 @both_kinds
 def test_records_are_those_of_the_trajectory(method):
-    t_end, n_windows = 12.8, 8
+    t_end = 12.8
+    n_windows = 8
     launches = [(0.5, 0.03), (-0.3, 0.03), (0.3, 0.02), (0.1, 0.01)]
     n_i, omega = np.array(launches).T
     runs = kernels.full_batch(GH, n_i, omega, t_end=t_end)

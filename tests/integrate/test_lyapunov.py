@@ -80,7 +80,8 @@ def test_a_very_long_tangent_stays_a_number():
 
 
 def test_tolerance_and_threads():
-    n_i, omega = [-0.1, -0.1, -0.05, 0.1, -0.5], [0.01, 0.003, 0.01, 0.001, 0.3]
+    n_i = [-0.1, -0.1, -0.05, 0.1, -0.5]
+    omega = [0.01, 0.003, 0.01, 0.001, 0.3]
     runs = kernels.full_batch(GH, n_i, omega, t_end=[700.0, 900, 1000, 150, 100])
     runs = kernels.join(*[runs] * 8)
     fine, rough = (

@@ -22,7 +22,8 @@ from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.launches import Launch
 
 GH = rs.Rattleback.gh()
-DOP853, RK4 = METHODS["dop853"], METHODS["rk4"]
+DOP853 = METHODS["dop853"]
+RK4 = METHODS["rk4"]
 every_method = kernels.methods("dop853", "rk4")
 
 
@@ -100,7 +101,8 @@ def test_attitude_and_trace_agree_with_rigid_body_kinematics():
     t_end = 15.0
 
     def rhs(t, y):
-        state, q = y[:6], y[6:10]
+        state = y[:6]
+        q = y[6:10]
         dy = oracle.rhs(t, state, oracle.GH)
         turn = Rotation.from_quat(q, scalar_first=True)
         w = state[3:]
@@ -154,11 +156,13 @@ def test_a_million_points_in_bounded_memory():
     channels = ("t", "n", "F_normal")
     run = PreparedRun.of(Launch(GH, 0.1, 0.01, 2e4))
     course = Course(run, channels, points=1_000_000)
-    rows, t = 0, 0.0
+    rows = 0
+    t = 0.0
     tracemalloc.start()
     for chunk in course:
         assert (chunk["t"] >= t).all()
-        t, rows = chunk["t"][-1], rows + len(chunk["n"])
+        t = chunk["t"][-1]
+        rows = rows + len(chunk["n"])
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert (rows, t) == (1_000_000, 2e4)

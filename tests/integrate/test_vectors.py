@@ -48,7 +48,8 @@ def test_equations_are_those_of_mechanics_in_any_position():
         if body["c"] is None:
             continue
         v = rng.normal(size=3)
-        sigma, rolling = sigma * (k % 3 > 0), rolling * (k % 3 > 1)
+        sigma = sigma * (k % 3 > 0)
+        rolling = rolling * (k % 3 > 1)
         q = constants_of(VECTORS, body, sigma, rolling)
         y = np.concatenate([v / np.linalg.norm(v), omega, [0.0]])
         wanted, force, power = stone_oracle.forces(y, body, sigma, rolling)

@@ -16,7 +16,8 @@ from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, VECTORS
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, vectors
 
-DOP853, RK4 = METHODS["dop853"], METHODS["rk4"]
+DOP853 = METHODS["dop853"]
+RK4 = METHODS["rk4"]
 VOLUME = frozenset(["volume"])
 
 
@@ -24,14 +25,16 @@ VOLUME = frozenset(["volume"])
     "model", [FULL, ELLIPSOID, *FRICTION.values()], ids=lambda m: m.name
 )
 def test_rate_is_the_trace_of_the_derivative_over_omega(model):
-    rhs, h = exactly(model.rhs), mp.mpf(10) ** -20
+    rhs = exactly(model.rhs)
+    h = mp.mpf(10) ** -20
     for body, u, omega, sigma, rolling in random_bodies(24, 7):
         body, sigma, rolling = of_model(model, body, sigma, rolling)
         state = [*full.from_vectors(u, omega), 0.3][: model.n_state]
         q = constants_of(model, body, sigma, rolling)
         got = model.volume(*state, *q)
         with mp.workdps(50):
-            y, wanted = [mp.mpf(float(x)) for x in state], mp.mpf(0)
+            y = [mp.mpf(float(x)) for x in state]
+            wanted = mp.mpf(0)
             for i in (2, 3, 4):
                 ends = [
                     rhs(*y[:i], y[i] + s * h, *y[i + 1 :], *map(mp.mpf, map(float, q)))[
@@ -69,10 +72,12 @@ def logarithm_of_volume(body, y0, t_end, steps):
         for axis in directions(start[:3])
         for s in (1, -1)
     ]
-    y, step = np.array(columns, dtype=object).T, np.array([mp.mpf(t_end) / steps] * 11)
+    y = np.array(columns, dtype=object).T
+    step = np.array([mp.mpf(t_end) / steps] * 11)
     for _ in range(steps):
         y = reference.step(y, step, q)
-    ends, rows = directions(list(y[:3, 0])), mp.matrix(5, 5)
+    ends = directions(list(y[:3, 0]))
+    rows = mp.matrix(5, 5)
     for j in range(5):
         moved = (y[:, 1 + 2 * j] - y[:, 2 + 2 * j]) / (2 * h)
         for i, axis in enumerate(ends):
@@ -82,14 +87,13 @@ def logarithm_of_volume(body, y0, t_end, steps):
 
 @pytest.mark.parametrize("count", [1, pytest.param(10, marks=pytest.mark.slow)])
 def test_mean_rate_is_that_of_a_small_volume(count):
-    rng, t_end = np.random.default_rng(4), 1.0
+    rng = np.random.default_rng(4)
+    t_end = 1.0
     for row in table_one(count, 44).T:
-        body, n, w, psi = (
-            mapping(row),
-            rng.uniform(-0.5, 0.5),
-            rng.uniform(0.1, 0.5),
-            0.7,
-        )
+        body = mapping(row)
+        n = rng.uniform(-0.5, 0.5)
+        w = rng.uniform(0.1, 0.5)
+        psi = 0.7
         run = rs.simulate(
             rs.Rattleback(**body),
             n_i=n,

@@ -76,7 +76,8 @@ def test_simulate_one_run():
 
 
 def test_a_table_of_runs_has_the_bits_of_single_runs():
-    n_i, omega = np.array([0.3, -0.2]), np.array([0.02, 0.1, 0.3])
+    n_i = np.array([0.3, -0.2])
+    omega = np.array([0.02, 0.1, 0.3])
     launches = {"n_i": n_i[:, None, None], "omega_xy0": omega[:, None], "t_end": 60.0}
     runs = rs.simulate(BODIES, **launches)
     assert (runs.attrs["shape"], len(runs)) == ((2, 3, 3), 18)
@@ -111,7 +112,8 @@ def test_tables_of_bodies():
         pd.testing.assert_frame_equal(same, runs.reset_index(drop=True))
     # Runs are a table of bodies with their launches; horizons of those that reversed
     # are unknown.
-    again, still = rs.simulate(runs), runs.t_r.isna()
+    again = rs.simulate(runs)
+    still = runs.t_r.isna()
     pd.testing.assert_frame_equal(again[still], runs[still])
     assert np.array_equal(again.t_r[~still], runs.t_r[~still])
     # Other launches are not along the old directions, nor do they end with the old
@@ -170,7 +172,8 @@ def test_theory_takes_arrays():
             ]
         assert rs.bondi_threshold(bodies).shape == shape
     n_i = np.array([0.1, -0.1, 0.3, -2.0])
-    times, rates = rs.reversal_time_gh(array, n_i, 0.01), rs.growth_rates(array, n_i)
+    times = rs.reversal_time_gh(array, n_i, 0.01)
+    rates = rs.growth_rates(array, n_i)
     for (k, i), time in np.ndenumerate(times):
         assert time == rs.reversal_time_gh(BODIES[k], n_i[i], 0.01)
         assert rates.pitch[k, i] == n_i[i] * rs.modes(BODIES[k]).K_p / 2

@@ -1,12 +1,14 @@
 """Bodies and runs of other people: their numbers (theirs.json) against ours.
 
-- Kane and Levinson's stone: angular velocities (rad/s) by the package RattleBack 0.0.2 with
-  ``rtol=1e-12``, from 0.5 degrees of tilt; keys are its ``sigma`` in cm^2/s and the spin.
-- The stone of physics-atlas (A. Kanjilal, github.com/akanjilal-work/physics-atlas, commit 5b64f8e):
-  spin at 1 ... 12 s and its first zeros, by its Runge-Kutta scheme with steps of 50 us.
+- Kane and Levinson's stone: angular velocities (rad/s) by the package RattleBack 0.0.2
+  with ``rtol=1e-12``, from 0.5 degrees of tilt; keys are its ``sigma`` in cm^2/s and
+  the spin.
+- The stone of physics-atlas (A. Kanjilal, github.com/akanjilal-work/physics-atlas,
+  commit 5b64f8e): spin at 1 ... 12 s and its first zeros, by its Runge-Kutta scheme
+  with steps of 50 us.
 - Two stones of C. Wittenstein (*Simulation des Wackelsteines*, Mainz 2024,
-  github.com/cwittens/Simulation-of-the-Rattleback): points of the curves in the vector drawings
-  vergleich_kuypers_omega, kuypers_omega_pushed_down and kuypers0_reproduced.
+  github.com/cwittens/Simulation-of-the-Rattleback): points of the curves in the vector
+  drawings vergleich_kuypers_omega, kuypers_omega_pushed_down and kuypers0_reproduced.
 """
 
 import json
@@ -91,7 +93,11 @@ def test_kane_and_levinsons_stone_by_the_package_rattleback(key):
 
 @pytest.mark.parametrize("spin", THEIRS["atlas"])
 def test_the_stone_of_physics_atlas(spin):
-    long, wide, deep, mass, skew = 0.1, 0.02, 0.016, 0.2, 0.1
+    long = 0.1
+    wide = 0.02
+    deep = 0.016
+    mass = 0.2
+    skew = 0.1
     centre = 3 * deep / 8
     across = mass * (wide**2 + deep**2) / 5 - mass * centre**2
     along = mass * (long**2 + deep**2) / 5 - mass * centre**2
@@ -144,8 +150,10 @@ def test_kuypers_stone_with_friction():
     """His angles over 8 s; the drawing lacks a scale, so a line is fitted and the rest
     compared.
     """
-    turn, inertia = 0.1, np.diag([0.0, 0.0, 1.7e-3])
-    c, s = math.cos(turn), math.sin(turn)
+    turn = 0.1
+    inertia = np.diag([0.0, 0.0, 1.7e-3])
+    c = math.cos(turn)
+    s = math.sin(turn)
     inertia[:2, :2] = [
         [2e-4 * c * c + 16e-4 * s * s, -14e-4 * s * c],
         [-14e-4 * s * c, 2e-4 * s * s + 16e-4 * c * c],
@@ -153,7 +161,8 @@ def test_kuypers_stone_with_friction():
     stone = Stone(1.0, inertia, (0.2, 0.03, 0.02), 1e-3)
     times = np.linspace(0, 8, 80_001)
     rates, up, _ = stone.run(tilted(-0.02, -0.02), [0, 0, -8.0], times, sigma=1e-4)
-    alpha, beta = np.arcsin(up[:, 1]), np.arctan2(-up[:, 0], up[:, 2])
+    alpha = np.arcsin(up[:, 1])
+    beta = np.arctan2(-up[:, 0], up[:, 2])
     turning = (rates[:, 2] * np.cos(beta) - rates[:, 0] * np.sin(beta)) / np.cos(alpha)
     gamma = cumulative_simpson(turning, x=times, initial=0)
     curves = THEIRS["wittenstein"]["kuypers"]

@@ -163,7 +163,8 @@ def integrated(length, width, height, mass, skew, weights, x, y, wall=np.inf):
     masses = (1 - first) * r**2 * shares[:, None, None] * of_cosines[:, None]
     masses = masses.ravel() * mass / masses.sum()
     # The inertia of the half ellipsoid is turned clockwise, but not the weights.
-    c, s = np.cos(skew), np.sin(skew)
+    c = np.cos(skew)
+    s = np.sin(skew)
     points = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ points
     points = np.column_stack([points, [x, -y, 0], [-x, y, 0]])
     masses = np.append(masses, [weights, weights])
@@ -204,7 +205,8 @@ def test_half_ellipsoids_agree_with_quadrature(stone):
 
 def turned_about_y(tilt, moments):
     """Return an inertia tensor whose z axis is off a principal axis by an angle."""
-    c, s = math.cos(tilt), math.sin(tilt)
+    c = math.cos(tilt)
+    s = math.sin(tilt)
     axes = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
     return axes @ np.diag(moments) @ axes.T
 
@@ -215,7 +217,8 @@ def test_a_vertical_off_a_principal_axis_is_refused_however_close_moments_are(cl
     moments = [9e-5, 6e-6, 9e-5 * (1 + close * 0.06)]
     stone = {"mass": "85 g", "height": "1 cm", "radii": "50, 1.5 cm"}
     for turn in (0.0, 0.4):
-        c, s = math.cos(turn), math.sin(turn)
+        c = math.cos(turn)
+        s = math.sin(turn)
         axes = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
         def tilted(tilt, axes=axes):

@@ -85,7 +85,8 @@ class Cluster:
     """A scheduler and workers in separate processes, which a test may kill."""
 
     def __init__(self, place: Path, gate: Path) -> None:
-        self.place, self.processes = place, []
+        self.place = place
+        self.processes = []
         self._environment = os.environ | {
             "DASK_TEMPORARY_DIRECTORY": str(place),
             "DASK_DISTRIBUTED__WORKER__PRELOAD": json.dumps([str(GATE)]),
@@ -164,7 +165,8 @@ def own_cluster(tmp_path, gate) -> Iterator[Cluster]:
 
 @pytest.mark.parametrize("name", ["quickstart", "refine"])
 def test_rows_are_those_of_the_local_engine(name, cluster, tmp_path):
-    config, sets = REFINED, []
+    config = REFINED
+    sets = []
     if name == "quickstart":
         config = CONFIGS / "quickstart.yaml"
         sets = ["bodies.samples=6", "bodies.target.rel_tol=0.1"]
@@ -181,7 +183,9 @@ def test_losses_of_workers_and_of_the_scheduler(
     """Workers need no disk in common; a killed one costs nothing; the other cases are
     sentences.
     """
-    it, output, closed = own_cluster, tmp_path / "out", tmp_path / "closed"
+    it = own_cluster
+    output = tmp_path / "out"
+    closed = tmp_path / "closed"
     with monkeypatch.context() as patch:
         patch.setattr(daskengine, "WORKER_TIMEOUT", 1.0)
         with pytest.raises(
@@ -236,7 +240,8 @@ def test_without_a_scheduler_workers_of_its_own_do_it(plain, tmp_path):
 def test_a_stop_keeps_the_blocks_that_are_done_and_frees_the_workers(
     how, cluster, plain, tmp_path, monkeypatch
 ):
-    output, endless = tmp_path / "out", tmp_path / "endless"
+    output = tmp_path / "out"
+    endless = tmp_path / "endless"
 
     def stop(progress: Progress) -> None:
         if progress.runs >= 10:

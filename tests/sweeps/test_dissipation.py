@@ -19,7 +19,8 @@ from rattlesweep.physics.theory import bondi_threshold
 from rattlesweep.sweeps.classify import classify_stored
 from rattlesweep.sweeps.launches import model_of
 
-SIGMA, ROLLING = [0.0, 0.05, 0.2], [0.0, 1e-3]
+SIGMA = [0.0, 0.05, 0.2]
+ROLLING = [0.0, 1e-3]
 # The kernel that knows all of it, as in test_stones.
 CONFIG: dict[str, Any] = {
     "bodies": {
@@ -64,7 +65,8 @@ def test_a_horizon_in_units_of_the_decay():
 
 def test_columns_are_those_of_each_run(swept, tmp_path):
     runs = swept.runs
-    sigma, rolling = runs.sigma, runs["rolling"]
+    sigma = runs.sigma
+    rolling = runs["rolling"]
     assert runs.status.eq("ok").all()
     assert sorted(set(zip(sigma, rolling, strict=True))) == [
         (s, r) for s in SIGMA for r in ROLLING

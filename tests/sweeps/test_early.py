@@ -41,7 +41,8 @@ def both(tmp_path_factory) -> Path:
 
 
 def test_no_type_changes_and_steady_runs_take_a_fraction_of_their_steps(both):
-    early, full = rows(both / "early"), rows(both / "full")
+    early = rows(both / "early")
+    full = rows(both / "full")
     some = (early.t_end < full.t_end) & early.t_r.isna()
     assert early.type.equals(full.type)
     assert set(full.type) == {"R", "SS", "SW", "unclassified"}
@@ -51,7 +52,8 @@ def test_no_type_changes_and_steady_runs_take_a_fraction_of_their_steps(both):
     assert early.n_steps[steady].sum() < 0.3 * full.n_steps[steady].sum()
     pd.testing.assert_frame_equal(early[~some], full[~some], check_exact=True)
     # A run settles at the spin that corresponds to all of its energy.
-    early, full = early[some], full[some]
+    early = early[some]
+    full = full[some]
     assert (early.status == "ok").all()
     assert (np.maximum(early.amp_growth, full.amp_growth) <= 0).all()
     np.testing.assert_allclose(early.n_end, -early.n_0, rtol=1e-14)
@@ -76,7 +78,8 @@ def test_the_same_content_however_it_is_run(both, tmp_path):
 
 def test_for_the_mirror_image(tmp_path):
     """The mirror image is stable in the other direction."""
-    b, found = rs.Rattleback.gh(), []
+    b = rs.Rattleback.gh()
+    found = []
     for sign in (1, -1):
         body = [b.alpha, b.beta, b.gamma, 0.95, b.phi, sign * b.xi]
         table = pd.DataFrame([body], columns=list(PARAMETERS))

@@ -72,9 +72,11 @@ def assert_close(now: pd.DataFrame, then: pd.DataFrame) -> None:
         np.testing.assert_allclose(now[name], then[name], rtol=1e-12, err_msg=name)
     kept = ~(then.t_r_error > 1e-6 * then.t_r)
     assert kept.sum() > 0.9 * len(then)
-    apart, errors = (now.t_r - then.t_r).abs(), now.t_r_error + then.t_r_error
+    apart = (now.t_r - then.t_r).abs()
+    errors = now.t_r_error + then.t_r_error
     assert (apart[~kept] <= errors[~kept]).all()
-    now, then = now[kept], then[kept]
+    now = now[kept]
+    then = then[kept]
     for name, (rtol, atol) in CLOSE.items():
         np.testing.assert_allclose(now[name], then[name], rtol, atol, err_msg=name)
     assert (now.t_r / then.t_r - 1).abs().median() < 1e-12
@@ -108,6 +110,7 @@ def test_on_another_type_of_processor(tmp_path):
         check=True,
         timeout=900,
     )
-    now, then = pd.read_parquet(target), pd.read_parquet(GOLDEN)
+    now = pd.read_parquet(target)
+    then = pd.read_parquet(GOLDEN)
     assert not now.equals(then)
     assert_close(now, then)

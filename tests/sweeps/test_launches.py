@@ -30,7 +30,10 @@ def sweep(output: Path, **config: Any) -> pd.DataFrame:
 
 def test_an_upright_state_is_the_launch_with_its_spin(tmp_path):
     """Results are equal bit by bit; direction and energy, from theory, to rounding."""
-    n, w, psi, horizon = -0.3, 0.1, 50.0, {"t_rgh": 3}
+    n = -0.3
+    w = 0.1
+    psi = 50.0
+    horizon = {"t_rgh": 3}
     spin = {"n_i": n, "omega_xy0": w, "psi": psi}
     one = sweep(tmp_path / "spin", spin=spin, horizon=horizon)
     omega = [w * math.cos(math.radians(psi)), w * math.sin(math.radians(psi)), -n]
@@ -145,7 +148,8 @@ def test_a_tapped_body_reverses_once_it_has_spun(psi):
     body = rs.Rattleback(**BODY)
     angle = {"pitch": rs.modes(body).psi_p}.get(psi, math.radians(45.0))
     tap = {"n_i": 0, "omega_xy0": 0.4, "psi": psi, "t_end": T_TAP[psi]}
-    run, path = rs.simulate(body, **tap), rs.trajectory(body, **tap, dt=0.05)
+    run = rs.simulate(body, **tap)
+    path = rs.trajectory(body, **tap, dt=0.05)
     begin, t_r = tapped_oracle(0.4, angle, T_TAP[psi])
     assert run.type == "R"
     assert run.t_r == pytest.approx(t_r, rel=1e-8)

@@ -102,7 +102,8 @@ def test_shapes_of_different_sizes_are_launched_in_si_units(tmp_path):
         "horizon": {"t": "9 s"},
     }
     made = rs.sweep(config, output=tmp_path / "out")
-    runs, summary = made.runs, made.summary
+    runs = made.runs
+    summary = made.summary
     assert len(runs) == 12
     for run in runs.itertuples():
         stone = rs.Rattleback.half_ellipsoid(
@@ -149,7 +150,8 @@ def test_a_frame_is_swept_with_all_of_its_columns(tmp_path):
     assert runs.sigma.tolist() == [0.0, 0.01, 0.02]
     assert runs["rolling"].tolist() == pytest.approx([0, 1e-6 / 0.012, 0], rel=1e-14)
     (file,) = (tmp_path / "out").glob("bodies-*.parquet")
-    source, again = table.frame_bodies(frame), table.read_bodies(str(file))
+    source = table.frame_bodies(frame)
+    again = table.read_bodies(str(file))
     assert again.content_hash == source.content_hash
     assert {*source.carried} == {
         "stone",

@@ -35,7 +35,7 @@ def sweep(tmp_path_factory) -> Path:
 
 
 def test_they_are_those_of_the_trajectory(sweep):
-    """Every run, bit for bit; the largest spin at the accepted steps in between."""
+    """Every run, bit for bit; the largest spin of all states in between."""
     runs = rs.load(sweep).runs
     assert runs.n_turns.max() > 8
     assert (runs.n_turns == 0).any()
@@ -45,17 +45,22 @@ def test_they_are_those_of_the_trajectory(sweep):
         assert run.n_turns == len(path.reversals)
         assert run.turn_times.tolist() == path.reversals[:8].tolist()
         ends = [*path.reversals, np.inf]
-        steps, size = path.table.t.to_numpy(), path.table.n.abs().to_numpy()
+        dense = rs.replay(sweep, int(run.case), int(run.sample), dt=0.01)
+        times = dense.table.t.to_numpy()
+        size = dense.table.n.abs().to_numpy()
         for k, largest in enumerate(run.spin_after_turn):
-            between = (steps > ends[k]) & (steps < ends[k + 1])
-            assert largest == pytest.approx(size[between].max(), rel=1e-12)
+            between = (times > ends[k]) & (times < ends[k + 1])
+            # Between two rows the spin rises by less than n'' dt^2 / 8.
+            assert largest == pytest.approx(size[between].max(), rel=1e-4)
+            assert largest >= (1 - 1e-6) * size[between].max()
         if run.n_turns:
             assert run.t_r <= run.turn_times[0]
         assert run.t_end == 900
 
 
 def test_the_first_one_and_the_type_are_as_without(sweep, tmp_path):
-    runs, plain = rs.load(sweep).runs, rs.sweep(CONFIG, output=tmp_path).runs
+    runs = rs.load(sweep).runs
+    plain = rs.sweep(CONFIG, output=tmp_path).runs
     pd.testing.assert_frame_equal(
         runs[["t_r", "type"]], plain[["t_r", "type"]], check_exact=True
     )
@@ -103,10 +108,8 @@ def test_turns_are_sure_as_far_as_a_looser_integration_confirms_them(sweep, tmp_
     # What is recorded without errors stays as it is, and tighter turns lie within their
     # errors.
     both = {"record": ["reversals", "windows", "error"]}
-    runs, plain = (
-        rs.sweep(CONFIG | both, output=tmp_path / "many").runs,
-        rs.load(sweep).runs,
-    )
+    runs = rs.sweep(CONFIG | both, output=tmp_path / "many").runs
+    plain = rs.load(sweep).runs
     pd.testing.assert_frame_equal(runs[list(plain)], plain, check_exact=True)
     tight = CONFIG | {"record": ["reversals"], "integrator": {"tol": 1e-12}}
     better = rs.sweep(tight, output=tmp_path / "tight").runs

@@ -49,7 +49,8 @@ def home(tmp_path):
 
 
 def script(home: Path, *overrides: str, **task: Any) -> str:
-    config, task = home / "sweep.yaml", TASK | {"partition": None} | task
+    config = home / "sweep.yaml"
+    task = TASK | {"partition": None} | task
     return job_script(
         make_plan(load_config(config)), config, home / "out", overrides, **task
     )
@@ -61,7 +62,8 @@ class Cluster:
     """
 
     def __init__(self, place: Path) -> None:
-        self.place, self.notes = place, place / "scontrol.log"
+        self.place = place
+        self.notes = place / "scontrol.log"
         (place / "tools").mkdir()
         self.notes.touch()
         self.put("scontrol", f'echo "$*" >> {self.notes}\n')

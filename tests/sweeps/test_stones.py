@@ -42,10 +42,8 @@ def test_drawn_bodies_have_semi_axes_from_their_range_and_stay_the_same_otherwis
 
 
 def test_presets_grids_and_tables(tmp_path):
-    kl, grid = (
-        {"source": "preset", "name": "KL"},
-        GRID | {"axes": {"theta": [0.6, 0.7]}},
-    )
+    kl = {"source": "preset", "name": "KL"}
+    grid = GRID | {"axes": {"theta": [0.6, 0.7]}}
     (tmp_path / "b.csv").write_text(f"{HEAD},c\n{ROW},\n{ROW},1.5\n")
     table = {"source": "table", "path": str(tmp_path / "b.csv")}
     for source, expected in (

@@ -157,7 +157,8 @@ def test_cases_not_yet_run(tmp_path):
 
 def test_moments_do_not_lose_digits_over_many_pieces():
     rng = np.random.default_rng(3)
-    cell, values = rng.integers(0, 5, 3000), 1e7 + rng.normal(size=3000)
+    cell = rng.integers(0, 5, 3000)
+    values = 1e7 + rng.normal(size=3000)
     moments = Moments(6)
     for start in range(0, 3000, 37):
         moments.add(cell[start : start + 37], values[start : start + 37])
@@ -172,7 +173,8 @@ def test_moments_do_not_lose_digits_over_many_pieces():
 
 
 def test_wilson_against_scipy():
-    part, whole = np.array([0, 7, 1, 245, 1, 0]), np.array([7, 7, 7, 1000, 1, 0])
+    part = np.array([0, 7, 1, 245, 1, 0])
+    whole = np.array([7, 7, 7, 1000, 1, 0])
     low, high = wilson(part, whole)
     for k in range(5):
         expected = scipy.stats.binomtest(part[k], whole[k]).proportion_ci(
@@ -191,11 +193,10 @@ def test_shares_are_those_of_the_rows(tmp_path):
         "horizon": {"t": 60},
     }
     sweep = rs.sweep(config, output=tmp_path)
-    runs, summary = (
-        sweep.runs[sweep.runs.status == "ok"],
-        sweep.summary.set_index("case"),
-    )
-    ratio, normal = runs.contact_ratio_max, runs.contact_normal_min
+    runs = sweep.runs[sweep.runs.status == "ok"]
+    summary = sweep.summary.set_index("case")
+    ratio = runs.contact_ratio_max
+    normal = runs.contact_normal_min
     for name, true in (
         ("friction_above_0_3", ratio > 0.3),
         ("friction_above_0_6", ratio > 0.6),

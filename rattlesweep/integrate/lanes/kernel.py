@@ -67,9 +67,8 @@ SAFETY, SAFETY_REJECTED = 0.95, 0.85
 # Least ratio of two steps after a rejection; the least error limits the ratio to 7.3
 # otherwise.
 SHRINK, LEAST_ERROR = 0.2, 1e-30
-OFFSET = np.uint64(
-    (1023 << 52) - (1023 << 46)
-)  # for `rough_root` of 1, where 1023 << 52 is 1.0
+# For `rough_root` of 1, where 1023 << 52 is 1.0.
+OFFSET = np.uint64((1023 << 52) - (1023 << 46))
 
 
 def decide_closely(problem, w, l, max_steps, stage):
@@ -124,7 +123,8 @@ def decide_closely(problem, w, l, max_steps, stage):
     lane.accept = 0.0 if move == HOLD else 1.0
     if move == HOLD:
         return OK, HOLD
-    if move == TAKE and lane.h == lane.h_limit:
+    # A last step of a fixed method may have the size zero, which is no limit found.
+    if move == TAKE and lane.h_limit > 0.0 and lane.h == lane.h_limit:
         return LIMIT, TAKE
     return STEP_LIMIT if lane.steps >= max_steps else OK, move
 
