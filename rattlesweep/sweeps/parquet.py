@@ -28,7 +28,8 @@ REPEATING = {
     "near_tangencies",
     "window_t",
 }
-# Rows in a group: about 30 MB decoded, so that readers can stream a large file.
+# Most rows in a group, the least that is read at once: about 30 MB in memory, so that
+# readers can stream a large file.
 ROW_GROUP = 1 << 17
 MARK = b"footer's crc32: "  # precedes the checksum
 ENDING = 8  # bytes after the footer: its length, and Parquet's own mark
@@ -42,10 +43,15 @@ def write_parquet(
 ) -> None:
     """Write a table with metadata; equal tables give equal files.
 
-    The file is written in the folder `staging`, by default its own, before it appears.
+    The file is written in the folder `staging`, by default that of `path`, and appears
+    at `path` when it is complete.
     """
-    # Page boundaries depend on those of chunks.
-    table = table.combine_chunks().replace_schema_metadata(dict(metadata or {}) or None)
+    new_metadata = None
+    if metadata:
+        new_metadata = dict(metadata)
+    # Where pages of the file end depends on the chunks of the table, which equal tables
+    # need not share.
+    table = table.combine_chunks().replace_schema_metadata(new_metadata)
     data = encode(table)
     with streamed_file(path, staging) as file:
         file.write(data)
@@ -65,9 +71,10 @@ def encode(table: pa.Table) -> bytes:
         write_page_checksum=True,
     )
     data = sink.getvalue()
-    footer = len(data) - ENDING - _footer_length(data[-ENDING:])
-    checksum = zlib.crc32(data[footer:]).to_bytes(4, "little")
-    return data[:footer] + MARK + checksum + data[footer:]
+    footer_start = len(data) - ENDING - _footer_length(data[-ENDING:])
+    footer = data[footer_start:]  # and the ending
+    checksum = zlib.crc32(footer).to_bytes(4, "little")
+    return data[:footer_start] + MARK + checksum + footer
 
 
 def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
@@ -77,8 +84,8 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     if the system cannot read it.
     """
     try:
-        # Python's own file tells errors of the system by their numbers. Arrow would
-        # tell some without one, as it tells damage.
+        # A file opened by Python raises errors of the system with their numbers. Arrow
+        # raises some without a number, which could not be told from damage.
         with open_regular(path) as file:
             _check_footer(file)
             parquet = pq.ParquetFile(file, page_checksum_verification=True)
@@ -87,7 +94,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
                 raise pa.ArrowInvalid("its footer contradicts itself")
             return rows
     except MemoryError:
-        # Arrow's own is also an ArrowException, but does not mean the file is damaged.
+        # Arrow's MemoryError is also an ArrowException, but the file is not damaged.
         raise
     except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
         if isinstance(error, OSError) and error.errno is not None:
@@ -100,10 +107,10 @@ def _check_footer(file: BinaryIO) -> None:
     size = file.seek(0, os.SEEK_END)
     file.seek(max(0, size - ENDING))
     ending = file.read()
-    before = ENDING + _footer_length(ending) + len(MARK) + 4
+    from_mark = len(MARK) + 4 + _footer_length(ending) + ENDING  # bytes, to the end
     # What is no Parquet file, or was written by others, is left to Arrow.
-    if before <= size:
-        file.seek(size - before)
+    if from_mark <= size:
+        file.seek(size - from_mark)
         if file.read(len(MARK)) == MARK:
             checksum = int.from_bytes(file.read(4), "little")
             if zlib.crc32(file.read()) != checksum:

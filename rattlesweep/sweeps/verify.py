@@ -46,11 +46,12 @@ class Verified:
     missing: int = 0  # wanted runs that are not on disk
     recomputed: int = 0  # runs that were integrated again
     problems: list[str] = field(default_factory=list)  # a sentence each
-    damaged: list[str] = field(default_factory=list)  # files that were replaced
+    # Files that were damaged, and that a later session moved away and replaced.
+    damaged: list[str] = field(default_factory=list)
 
     @property
     def words(self) -> str:
-        """The same as text."""
+        """The result as lines of text."""
         size = f"{counted(self.runs, 'run')} in {counted(self.files, 'file')}"
         if self.missing:
             size += f", {counted(self.missing, 'run')} not done yet"
@@ -77,7 +78,11 @@ def verify(
     threads: int | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Verified:
-    """Compare files with the manifest; integrate `recompute` runs again."""
+    """Check the files, rows and summary of a directory, and integrate some runs again.
+
+    `recompute` is the number of these runs, and `seed` decides which they are. `report`
+    is called with the share of the files that are done.
+    """
     stored = open_stored(directory)
     on_disk = stored.find()
     thresholds = stored.thresholds
@@ -97,25 +102,28 @@ def verify(
             plan = stored_plan(stored)
         except ConfigError as error:  # the table of bodies is missing or has changed
             problems.append(str(error))
+    # Every file that could be read is listed under the thresholds it was typed by.
     intact = [path for paths in on_disk.typed.values() for path in paths]
     count = min(recompute, on_disk.rows)
     chosen = np.random.default_rng(seed).choice(on_disk.rows, count, replace=False)
-    seen = 0
+    # Runs are chosen by their place among the rows of all files, one after another.
+    rows_before = 0
     for number, path in enumerate(intact):
         report(number / len(intact))
         rows = read_parquet(path)
         retyped = with_types(rows, thresholds)
         problems += _problems_of_rows(path, rows, retyped, stored.config)
-        is_here = (chosen >= seen) & (chosen < seen + len(rows))
-        here = np.sort(chosen[is_here]) - seen
-        seen += len(rows)
-        if len(here) and plan is not None:
-            again = _repeatable(rows.take(here), stored.config.integrator.max_steps)
-            for case, sample, names in differing_rows(plan, again, threads):
+        is_in_file = (chosen >= rows_before) & (chosen < rows_before + len(rows))
+        places = np.sort(chosen[is_in_file]) - rows_before
+        rows_before += len(rows)
+        if len(places) and plan is not None:
+            max_steps = stored.config.integrator.max_steps
+            repeatable = _repeatable(rows.take(places), max_steps)
+            for case, sample, names in differing_rows(plan, repeatable, threads):
                 what = f"differs when computed again: {', '.join(names[:4])}"
                 problems.append(f"case {case} sample {sample} {what}")
-            result.recomputed += len(again)
-    # Problems of the rows would make the summary wrong as well.
+            result.recomputed += len(repeatable)
+    # Wrong or missing rows make the summary differ too, which would say nothing new.
     if not problems and not missing and not _is_summary_right(stored):
         what = "is missing, damaged or contradicts the runs"
         path = directory / SUMMARY
@@ -125,7 +133,7 @@ def verify(
 
 
 def _problems_of_files(stored: Stored, on_disk: Found, missing: int) -> Iterator[str]:
-    """Yield problems that are seen without looking at the values of the rows."""
+    """Yield problems that show without the values of the rows."""
     for path in on_disk.damaged:
         yield IS_DAMAGED.format(path)
     thresholds = stored.thresholds.as_text
@@ -134,9 +142,11 @@ def _problems_of_files(stored: Stored, on_disk: Found, missing: int) -> Iterator
             files = f"{counted(len(paths), 'file')}, such as {paths[0]}"
             advice = "run `rattlesweep classify` to type all alike"
             yield f"{files}, typed by other thresholds; {advice}"
+    # The runs of damaged files are missing, but they have been named above.
     if on_disk.damaged:
         return
-    # A sweep begins with its folder, and its summary comes when all runs are there.
+    # A sweep makes its folder first and its summary last, when all runs are there. So a
+    # missing folder, or a summary beside missing runs, means that files were lost.
     path = stored.directory / SUMMARY
     if not stored.folder.is_dir():
         yield f"{stored.folder} is gone; `rattlesweep run` does its runs again"
@@ -155,17 +165,18 @@ def _is_summary_right(stored: Stored) -> bool:
 
 def _repeatable(rows: pa.Table, max_steps: int) -> pa.Table:
     """Leave out runs that ended at a smaller limit of steps, and would now go on."""
-    ended = pc.equal(rows["status"], "step_limit")
-    goes_on = pc.and_(ended, pc.less(rows["n_steps"], max_steps))
-    return rows.filter(pc.invert(goes_on))
+    ended_at_limit = pc.equal(rows["status"], "step_limit")
+    would_go_on = pc.and_(ended_at_limit, pc.less(rows["n_steps"], max_steps))
+    return rows.filter(pc.invert(would_go_on))
 
 
 def _problems_of_rows(
     path: Path, rows: pa.Table, retyped: pa.Table, config: Config
 ) -> Iterator[str]:
-    """Yield problems of the rows of a file; `retyped` are the same, typed again."""
+    """Yield problems of a file's rows; `retyped` are the same rows, typed again."""
     case, sample = keys_of(rows)
     in_order = np.lexsort((sample, case)) == np.arange(len(case))
+    # Each problem, and the rows that have it.
     wrong: dict[str, Flags] = {"its rows are not in order": ~in_order}
     for name in ("type", "type_sure"):
         if name in rows.schema.names:
@@ -173,44 +184,49 @@ def _problems_of_rows(
             wrong[f"{name} contradicts the columns it follows from"] = differs
     for column in rows.schema:
         if pa.types.is_floating(column.type):
-            # What is not finite is stored as null.
-            values = floats(rows.column(column.name).drop_null())
-            if not np.isfinite(values).all():
-                infinite = ~np.isfinite(floats(rows.column(column.name).fill_null(0.0)))
-                wrong[f"{column.name} is not finite"] = infinite
+            # A run without a value has null, so no value may be infinite or NaN.
+            values = floats(rows.column(column.name).fill_null(0.0))
+            is_infinite = ~np.isfinite(values)
+            if is_infinite.any():
+                wrong[f"{column.name} is not finite"] = is_infinite
     wrong["t_end contradicts t_r or the horizon"] = _wrong_ends(rows, config)
-    for what, which in wrong.items():
-        if which.any():
-            such = f"such as case {case[which][0]} sample {sample[which][0]}"
-            yield f"{path}: {counted(int(which.sum()), 'run')}, {such}: {what}"
+    for what, has_problem in wrong.items():
+        if has_problem.any():
+            first = np.flatnonzero(has_problem)[0]
+            runs = counted(int(has_problem.sum()), "run")
+            such = f"such as case {case[first]} sample {sample[first]}"
+            yield f"{path}: {runs}, {such}: {what}"
 
 
 def _wrong_ends(rows: pa.Table, config: Config) -> Flags:
-    """Return the runs whose last time is neither that of a reversal nor the horizon."""
+    """Return which runs end at a time that is neither a reversal nor the horizon."""
     t_end = floats(rows["t_end"])
     t_r = floats(rows["t_r"])
     is_ok = rows["status"].to_numpy() == "ok"
     horizon = _horizons(rows, config)
     reverses = np.isfinite(t_r)
+    is_at_horizon = (t_end == horizon) | np.isnan(horizon)  # NaN: cannot be checked
     if "n_turns" in rows.schema.names:
         # Runs go on after their reversals, the first of which is before the end.
         goes_on = np.ones(len(rows), bool)
-        is_end = ~(t_r > t_end)
+        is_right = is_at_horizon & ~(t_r > t_end)
     else:
+        # A reversal ends a run.
         goes_on = ~reverses
-        is_end = goes_on | (t_end == t_r)
-    # A row of a table may have a horizon of its own.
-    is_end &= ~goes_on | (t_end == horizon) | np.isnan(horizon)
-    # Runs may end before, once they are settled, or at a reversal of a dead body.
+        is_right = np.where(reverses, t_end == t_r, is_at_horizon)
+    # Such runs may end before the horizon: `early` ends those that are settled, and
+    # friction those whose spin changes sign with hardly any energy left.
     if config.classify.early or config.dissipation:
-        is_end |= goes_on & (t_end < horizon)
-    wrong: Flags = (t_end > horizon) | (is_ok & ~is_end)
+        is_right |= goes_on & (t_end < horizon)
+    wrong: Flags = (t_end > horizon) | (is_ok & ~is_right)
     return wrong
 
 
 def _horizons(rows: pa.Table, config: Config) -> Floats:
     """Return the horizons of runs, NaN where the rows and the config do not tell."""
     horizon = config.horizon
+    # A row of a table may have a horizon of its own, and a horizon in seconds depends
+    # on the size of the body.
     if config.bodies.source == "table" or config.settings["t_end"][0].si is not None:
         return np.full(len(rows), np.nan)
     t_end = np.full(len(rows), np.inf)
@@ -233,16 +249,19 @@ def differing_rows(
     from rattlesweep.sweeps.block import prepare_runs, start_block
 
     case, sample = keys_of(rows)
-    again = start_block(plan, prepare_runs(plan, case, sample), threads).wait()
+    recomputed = start_block(plan, prepare_runs(plan, case, sample), threads).wait()
     rows = rows.select(plan.schema.names)
-    if same_bits(again, rows):
+    # Almost always all are equal, and the slow search by row and column is not needed.
+    if same_bits(recomputed, rows):
         return
     for place in range(len(rows)):
         stored_row = rows.slice(place, 1)
-        repeated = again.slice(place, 1)
+        recomputed_row = recomputed.slice(place, 1)
         names = []
         for name in rows.schema.names:
-            if not same_bits(stored_row.select([name]), repeated.select([name])):
+            stored_value = stored_row.select([name])
+            recomputed_value = recomputed_row.select([name])
+            if not same_bits(stored_value, recomputed_value):
                 names.append(name)
         if names:
             yield int(case[place]), int(sample[place]), names
@@ -259,7 +278,10 @@ def same_bits(first: pa.Table, second: pa.Table) -> bool:
 
 
 def _bits(column: pa.ChunkedArray) -> pa.Array:
-    """Return a column of floats, or of lists of them, as integers."""
+    """Return floats, or the floats in lists, as integers: 0.0 and -0.0 then differ.
+
+    Other columns stay as they are.
+    """
     values = column.combine_chunks()
     if pa.types.is_list(values.type):
         values = values.flatten()

@@ -20,29 +20,32 @@ if TYPE_CHECKING:
     from rattlesweep.analysis.fit.problem import Problem
     from rattlesweep.physics.si import Units
 
-# Residuals of an angle that no video has; of another quantity, as a share of its
-# largest value.
+# Residuals above which a model does not follow the data: in angle, and in any other
+# quantity as a share of the largest value measured.
 LARGE_ANGLE = math.radians(20)
 LARGE_SHARE = 0.3
 LONGEST_GAP = 0.5  # seconds without an angle; in a longer gap half a turn may get lost
-# A factor between data and launch is recognised if it is right to this factor.
+# Most by which the ratio of two spins may miss the factor of a wrong unit, as a factor.
 CLEAR = 1.5
-# A first reversal is around a time if it is right to this factor.
+# Most by which two times of a first reversal may differ, as a factor.
 AROUND = 3.0
-# Part of the launch's spin above which a spin in the other direction is not noise.
+# A spin against the launch is noise up to this share of the launch's spin.
 TURNING = 0.2
-CORRELATED = 0.12  # correlation of neighbouring residuals that are not noise
+# Neighbouring residuals are noise up to this correlation; if few, up to a larger one.
+CORRELATED = 0.12
 ALIKE = 0.99  # correlation of two estimates above which the data cannot separate them
-VAGUE = 0.5  # half width of an interval, over the value, above which it says little
-SINGULAR = 1e-6  # smallest singular value that is not an error of the differences
+# A value is hardly known if its interval's half width is above this share of it.
+VAGUE = 0.5
+# Singular values of a Jacobian below this are errors of its finite differences.
+SINGULAR = 1e-6
 
 
 class Mistake(NamedTuple):
-    """A wrong unit: how the first spin of the data then compares with the launch's."""
+    """A column in another unit than its name says, and how that shows."""
 
-    factor: float
+    factor: float  # first spin of the data, as read, over that of the launch
     column: str  # the column of the wrong unit, "t" or "value"
-    unit: str  # that its name gives
+    unit: str  # the unit in the column's name
     true_unit: str
 
 
@@ -56,7 +59,7 @@ MISTAKES = (
 
 
 def check_film(film: Film, n_i: float | None, units: Units | None) -> None:
-    """Raise a ConfigError if the data have another unit or direction than they say.
+    """Raise a ConfigError if the data have a wrong unit or a wrong direction.
 
     `n_i` is the spin of the launch in units of the body, None if it is not known.
     """
@@ -64,21 +67,24 @@ def check_film(film: Film, n_i: float | None, units: Units | None) -> None:
         return
     _check_folded_radians(film)
     _check_spacing(film, units)
+    # A launch without spin gives nothing to compare with.
     if n_i:
         _check_first_spin(film, n_i, units)
 
 
 def _check_folded_radians(film: Film) -> None:
-    """Raise if angles "in degrees" jump by pi or 2 pi, as an axis in radians does."""
+    """Raise if "degrees" jump by about pi or 2 pi, as radians do after a turn."""
     if film.kind != "angle" or film.value_column.unit.name != "deg":
         return
+    # In degrees again, as in the column.
     degrees = np.degrees(film.value[film.known])
     steps = np.diff(degrees)
     if len(steps) == 0 or np.ptp(degrees) > 1.01 * math.tau:
         return
-    jumps = np.abs(steps) > 0.8 * math.pi
-    steady = np.abs(np.median(steps)) < 0.5
-    if jumps.any() and steady:
+    # The stone's own step is part of the difference, which may so be less than pi.
+    is_jump = np.abs(steps) > 0.8 * math.pi
+    is_smooth_elsewhere = np.abs(np.median(steps)) < 0.5
+    if is_jump.any() and is_smooth_elsewhere:
         name = film.value_column.name
         raise ConfigError(
             f"{film.source}: {name} stays between {degrees.min():.3g} and "
@@ -104,22 +110,23 @@ def _check_spacing(film: Film, units: Units | None) -> None:
 def _check_first_spin(film: Film, n_i: float, units: Units | None) -> None:
     """Raise if the data begin with a spin that a wrong unit or direction explains."""
     first_spin = _typical_spin(film)
-    seen = spin_text(first_spin, units)
+    measured = spin_text(first_spin, units)
     launched = spin_text(n_i, units)
     name = film.value_column.name
     for mistake in MISTAKES:
         column = film.t_column if mistake.column == "t" else film.value_column
-        ratio = first_spin / n_i / mistake.factor
-        if column.unit.name == mistake.unit and 1 / CLEAR < abs(ratio) < CLEAR:
-            begin = column.name.partition("_")[0]
+        # The direction may be wrong as well, so only the size is compared.
+        misfit = abs(first_spin / n_i / mistake.factor)
+        if column.unit.name == mistake.unit and 1 / CLEAR < misfit < CLEAR:
+            quantity = column.name.partition("_")[0]
             raise ConfigError(
-                f"{film.source}: {name} begins with a spin of {seen}, and n_i is "
+                f"{film.source}: {name} begins with a spin of {measured}, and n_i is "
                 f"{launched}; if {column.name} is in {mistake.true_unit}, name it "
-                f"{begin}_{mistake.true_unit}"
+                f"{quantity}_{mistake.true_unit}"
             )
     if first_spin * n_i < 0 and abs(first_spin) > TURNING * abs(n_i):
         raise ConfigError(
-            f"{film.source}: {name} begins with a spin of {seen}, and n_i is "
+            f"{film.source}: {name} begins with a spin of {measured}, and n_i is "
             f"{launched}, the other way; angles are counterclockwise seen from above, "
             "so change their sign (rows of an image count downward, which turns them) "
             "or that of n_i"
@@ -127,10 +134,11 @@ def _check_first_spin(film: Film, n_i: float, units: Units | None) -> None:
 
 
 def _typical_spin(film: Film) -> float:
-    """Return the spin of the first rows without the jumps of an axis."""
+    """Return the spin of the first rows, whether or not their angles jump."""
     if film.kind != "angle":
         return film.first_spin
     rows = film.first_rows
+    # The median ignores a few jumps, which would tilt a fitted line.
     return float(np.median(np.diff(film.value[rows]) / np.diff(film.t[rows])))
 
 
@@ -142,18 +150,24 @@ def spin_text(spin: float, units: Units | None) -> str:
 
 
 def check_first_reversal(problem: Problem, start: Floats) -> None:
-    """Raise if a run with the first values reverses a thousand times sooner."""
+    """Raise if a run reverses about a thousand times sooner than the data.
+
+    The times of the data are then likely to be in ms. `start` are the first values of
+    the parameters, with which the run is made.
+    """
     film = problem.film
     unit = film.value_column.unit
     if unit.name == "ms":
         return
-    # A run to the times of the data would be very long if they are wrong.
+    # The run ends soon after the first time read as ms: if the data are in ms, a run to
+    # that many seconds would be very long.
     launch = replace(problem.launch, t_end=AROUND * float(film.t[0]) / 1000)
     short = replace(problem, launch=launch, film=replace(film, t=film.t[:1]))
     if not short.succeeds(start):
         return
     first = float(short.expected(start)[0])
-    if first < (launch.t_end or 0.0) and first > film.t[0] / 1000 / AROUND:
+    reverses = first < (launch.t_end or 0.0)  # a run without a reversal gives its end
+    if reverses and first > film.t[0] / 1000 / AROUND:
         raise ConfigError(
             f"{film.source}: {film.value_column.name} begins with "
             f"{film.t[0] / unit.size:.4g} {unit.name}, and a run with the first values "
@@ -163,7 +177,7 @@ def check_first_reversal(problem: Problem, start: Floats) -> None:
 
 
 def doubts_of_data(film: Film, units: Units | None) -> list[str]:
-    """Return what may be wrong with data, whatever the fit is."""
+    """Return remarks on what may be wrong with data, whatever the fit is."""
     remarks = []
     if film.kind == "angle" and film.value_column.unit.name == "deg":
         span = float(np.ptp(np.degrees(film.value[film.known])))
@@ -176,22 +190,24 @@ def doubts_of_data(film: Film, units: Units | None) -> list[str]:
         seconds = film.t[film.known] * units.time
         gaps = np.diff(seconds)
         if gaps.max() > LONGEST_GAP:
-            k = int(gaps.argmax())
+            widest = int(gaps.argmax())
+            before = seconds[widest]
+            after = seconds[widest + 1]
             remarks.append(
-                f"there is no angle between {seconds[k]:.4g} and {seconds[k + 1]:.4g} "
-                f"s, and half a turn may get lost in {gaps[k]:.3g} s; fill in angles "
-                f"so that gaps are below {LONGEST_GAP} s, or fit the rows on one side"
+                f"there is no angle between {before:.4g} and {after:.4g} s, and half a "
+                f"turn may get lost in {gaps[widest]:.3g} s; fill in angles so that "
+                f"gaps are below {LONGEST_GAP} s, or fit the rows on one side"
             )
     return remarks
 
 
 def doubts_of_residuals(film: Film, residuals: Floats, noise: float) -> list[str]:
-    """Return what large or correlated residuals say of a fit with some noise."""
+    """Return remarks on large or correlated residuals; `noise` is their usual size."""
     unit = film.value_column.unit
-    most = LARGE_ANGLE
+    largest_noise = LARGE_ANGLE
     if film.kind != "angle":
-        most = LARGE_SHARE * float(np.nanmax(np.abs(film.value)))
-    if noise > most:
+        largest_noise = LARGE_SHARE * float(np.nanmax(np.abs(film.value)))
+    if noise > largest_noise:
         return [
             f"the residuals are {noise / unit.size:.3g} {unit.name}: the model does "
             "not follow the data, and the values mean nothing; look at the figure, and "
@@ -209,6 +225,7 @@ def doubts_of_residuals(film: Film, residuals: Floats, noise: float) -> list[str
 
 def noise_limit(film: Film) -> float:
     """Return the largest correlation of neighbouring residuals that are noise."""
+    # That of N independent residuals is about 1/sqrt(N), and rarely four times as much.
     return float(max(CORRELATED, 4 / math.sqrt(film.known.sum())))
 
 
@@ -221,37 +238,44 @@ def correlation(residuals: Floats) -> float:
 def doubts_of_parameters(
     names: list[str], x: Floats, half_width: Floats, jacobian: Floats
 ) -> list[str]:
-    """Return which parameters, of the values ``x``, the data hardly determine.
+    """Return remarks on the parameters that the data hardly determine.
 
-    `jacobian` has columns of length 1.
+    `x` are their values, and `half_width` those of the intervals. The columns of
+    `jacobian` have length 1.
     """
     spread, weakest, smallest = directions_of(jacobian)
     lengths = np.linalg.norm(spread, axis=1)
     # The absolute error of a logarithm is the relative error of its number.
     logarithmic = np.array([name == "omega_xy0" for name in names])
     sizes = np.where(logarithmic, 1.0, np.abs(x))
+    # Written as a negation, since a half width of NaN is vague as well.
     vague = ~(half_width <= VAGUE * sizes)
     if smallest < SINGULAR:
         vague |= np.abs(weakest) > 0.1
     alike = np.abs(spread @ spread.T) > ALIKE * np.outer(lengths, lengths)
-    pairs = np.argwhere(np.triu(alike & (vague | vague[:, None]), 1))
+    # Two estimates that go together are harmless as long as both are well known.
+    is_pair = alike & (vague | vague[:, None])
+    pairs = np.argwhere(np.triu(is_pair, 1))  # each pair once
     remarks = [
         f"the data cannot tell {names[i]} and {names[j]} apart: fix one of them"
         for i, j in pairs
     ]
-    alone = [names[i] for i in np.flatnonzero(vague) if i not in pairs]
-    if alone:
+    unpaired = [names[i] for i in np.flatnonzero(vague) if i not in pairs]
+    if unpaired:
+        vague_names = " and ".join(unpaired)
         remarks.append(
-            f"the data hardly tell {' and '.join(alone)}: fix what is known otherwise"
+            f"the data hardly tell {vague_names}: fix what is known otherwise"
         )
     return remarks
 
 
 def directions_of(jacobian: Floats) -> tuple[Floats, Floats, float]:
-    """Return a root of the covariance for unit noise, and the weakest direction.
+    """Return a root of the covariance, the weakest direction and its singular value.
 
-    The weakest direction comes with its singular value.
+    The root R, for noise of size 1, is such that R R^T is the covariance of the
+    parameters. The weakest direction is the one that changes the residuals least.
     """
     _, singular, directions = np.linalg.svd(jacobian, full_matrices=False)
+    # Nothing is divided by zero where the residuals do not depend on a direction.
     spread = directions.T / np.maximum(singular, 1e-12)
     return spread, directions[-1], float(singular[-1])
