@@ -19,13 +19,15 @@ class Model:
     """Equations of motion and observed quantities, as compiled functions of scalars.
 
     ``y`` are the components of the state, ``dy`` its derivative, ``q`` the constants of
-    the body.
+    the body.  In the formulas below, ``p, q`` are slopes and ``a, b, c`` the components
+    of the angular velocity; a probe is the real and the imaginary part of the left
+    eigenvector of the relevant mode.  A term 1e-290 prevents a division by zero.
     """
 
     name: str
     n_state: int
     n_constants: int
-    n_probe: int
+    n_probe: int  # coefficients of the relevant amplitude
     rhs: Formula  # rhs(*y, *q): dy
     spin: Formula  # spin(*y)
     spin_rate: Formula  # spin_rate(*y, *dy)
@@ -35,7 +37,7 @@ class Model:
     # compare it with
     error: Formula
     energy: Formula  # energy(*y, *q): conserved; with friction, the energy minus work
-    contact: Formula  # contact(*y, *q): normal and tangential force
+    contact: Formula  # contact(*y, *q): normal force, then tangential force
     # limit(*y, *q): positive where the model holds; a run ends where it is zero
     limit: Formula | None = None
     surface: Surface | None = None

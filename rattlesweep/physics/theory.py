@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Flags, Floats
 
-# a spin below this share of the angular velocity is a zero with rounding errors
+# A spin below this share of the angular velocity is a rounding error of zero.
 NO_SPIN = 1e-15
 
 
@@ -71,9 +71,10 @@ def torque_coefficients(
     square_p = (h11 + h22 + split) / 2
     # det H = omega_p^2 omega_r^2 does not depend on xi.
     square_r = roll * pitch / (alpha * beta) / square_p
-    # Eq. 38 over omega_p^2 - omega_r^2.
-    torque = -0.5 * np.sin(2 * xi) * ((alpha - beta) / (alpha * beta))
-    torque = torque * ((theta - phi) / (theta * phi)) / split
+    # Eq. 38 is the difference of inverse inertias times that of radii; Eqs. 39 and 40
+    # divide it by omega_p^2 - omega_r^2.
+    inertias = -0.5 * np.sin(2 * xi) * ((alpha - beta) / (alpha * beta))
+    torque = inertias * ((theta - phi) / (theta * phi)) / split
     return square_p, square_r, torque * square_p, torque * square_r
 
 
@@ -88,8 +89,9 @@ def modes(
     pitch = (1 - phi) / phi
     h11, h12, h22 = hessian(alpha, beta, theta, phi, xi)
     square_p, square_r, K_p, K_r = torque_coefficients(alpha, beta, theta, phi, xi)
-    # The eigenvectors of H are (cos, sin) and (-sin, cos) of chi; omega_perp is J^-1/2
-    # times them.
+    # The eigenvectors of H (Eq. 22) are (cos, sin) and (-sin, cos) of chi. The
+    # horizontal angular velocity of a mode is J^-1/2 times its eigenvector, where J is
+    # diag(alpha, beta).
     chi = np.arctan2(2 * h12, h11 - h22) / 2
     sin = np.sin(chi)
     cos = np.cos(chi)
@@ -100,8 +102,16 @@ def modes(
     # psi and psi + pi are the same direction.
     psi_p, psi_r = (np.where(x > np.pi / 2, x - np.pi, x) for x in psi)
     psi_p, psi_r = (np.where(x <= -np.pi / 2, x + np.pi, x) for x in (psi_p, psi_r))
-    at_zero = np.sqrt(pitch / alpha), np.sqrt(roll / beta)
-    return Modes(np.sqrt(square_p), np.sqrt(square_r), psi_p, psi_r, *at_zero, K_p, K_r)
+    return Modes(
+        omega_p=np.sqrt(square_p),
+        omega_r=np.sqrt(square_r),
+        psi_p=psi_p,
+        psi_r=psi_r,
+        omega_p0=np.sqrt(pitch / alpha),
+        omega_r0=np.sqrt(roll / beta),
+        K_p=K_p,
+        K_r=K_r,
+    )
 
 
 def inertia_along(alpha: ArrayLike, beta: ArrayLike, psi: ArrayLike) -> Floats:
@@ -132,9 +142,7 @@ def unsteady(K_p: ArrayLike, n_i: ArrayLike) -> Flags:
 
 
 def growth_rates(K_p: ArrayLike, K_r: ArrayLike, n: ArrayLike) -> tuple[Floats, Floats]:
-    """Return the growth rates of the pitch and roll amplitudes at a small spin (Eq.
-    74).
-    """
+    """Return the growth rates of pitch and roll at a small spin (Eq. 74)."""
     n = np.asarray(n, float)
     return n * np.asarray(K_p) / 2, -n * np.asarray(K_r) / 2
 
@@ -142,13 +150,17 @@ def growth_rates(K_p: ArrayLike, K_r: ArrayLike, n: ArrayLike) -> tuple[Floats, 
 def damping_rates(
     alpha: ArrayLike, beta: ArrayLike, modes: Modes, sigma: ArrayLike
 ) -> tuple[Floats, Floats]:
-    """Return the rates at which ``-sigma omega`` damps the amplitudes without spin."""
-    twice = (2 * inertia_along(alpha, beta, psi) for psi in (modes.psi_p, modes.psi_r))
-    pitch, roll = (np.asarray(sigma) / inertia for inertia in twice)
+    """Return the rates at which a torque ``-sigma omega`` damps pitch and roll.
+
+    They are those without spin.
+    """
+    pitch = np.asarray(sigma) / (2 * inertia_along(alpha, beta, modes.psi_p))
+    roll = np.asarray(sigma) / (2 * inertia_along(alpha, beta, modes.psi_r))
     return pitch, roll
 
 
 def _two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Return the sum and its exact rounding error (Dekker 1971)."""
     s = a + b
     t = s - a
     return s, (a - (s - t)) + (b - t)
@@ -157,6 +169,7 @@ def _two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
 def two_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Return the product and its exact rounding error (Dekker 1971)."""
     p = a * b
+    # The factor 2^27 + 1 splits a number into halves of 26 bits.
     at = 134217729.0 * a
     bt = 134217729.0 * b
     ah = at - (at - a)
@@ -182,7 +195,9 @@ def bondi_threshold(
     alpha, beta, gamma, theta, phi = np.broadcast_arrays(
         *(np.asarray(x, float) for x in (alpha, beta, gamma, theta, phi))
     )
-    # The denominator passes through zero, so it is computed in twice the precision.
+    # The denominator is 2 - s - k d with k = alpha + beta - gamma, s = theta + phi and
+    # d = s - 2 theta phi.  It passes through zero, so it is computed in twice the
+    # precision: a name that ends in a number or in `low` is a rounding error.
     k, k1 = _two_sum(alpha, beta)
     k, k2 = _two_sum(k, -gamma)
     k, k_low = _two_sum(k, k1 + k2)
@@ -219,8 +234,7 @@ class GarciaHubbard:
     def t_rgh(self) -> Floats:
         """Return the time for reversal (Eqs. 56 and 58); NaN without an initial spin.
 
-        ``ln((n_0 + n)/(n_0 - n))`` is written as ``2 asinh(n/w)``, since ``n_0^2 - n^2
-        = w^2``.
+        Since ``n_0^2 - n^2 = w^2``, ``ln((n_0 + n)/(n_0 - n))`` is ``2 asinh(n/w)``.
         """
         n = np.abs(self.n_i)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -233,9 +247,12 @@ class GarciaHubbard:
 
     def spin(self, t: ArrayLike) -> Floats:
         """Return the spin at times ``t`` (Eqs. 55 and 57, as a hyperbolic tangent)."""
-        late = np.asarray(t, float) - np.where(self.n_i == 0, 0.0, self.t_rgh)
+        # Without an initial spin there is no reversal (NaN), and the spin stays zero.
+        t_rgh = np.where(self.n_i == 0, 0.0, self.t_rgh)
+        since_reversal = np.asarray(t, float) - t_rgh
         rate = self.n_0 * np.abs(self.K)
-        return np.asarray(-np.sign(self.n_i) * self.n_0 * np.tanh(rate * late / 2))
+        share = np.tanh(rate * since_reversal / 2)
+        return np.asarray(-np.sign(self.n_i) * self.n_0 * share)
 
 
 def garcia_hubbard(
@@ -243,8 +260,8 @@ def garcia_hubbard(
 ) -> GarciaHubbard:
     """Return the solution for a launch of a body, or of many, along ``psi``."""
     speed = oscillation_speed(body.alpha, body.beta, body.gamma, omega_xy0, psi)
-    grows = np.where(unsteady(modes.K_p, n_i), modes.K_p, modes.K_r)
-    return GarciaHubbard(grows, np.asarray(n_i, float), speed)
+    growing_K = np.where(unsteady(modes.K_p, n_i), modes.K_p, modes.K_r)
+    return GarciaHubbard(growing_K, np.asarray(n_i, float), speed)
 
 
 def direction(modes: Modes, n_i: ArrayLike, psi: str | float) -> Floats:
@@ -255,17 +272,19 @@ def direction(modes: Modes, n_i: ArrayLike, psi: str | float) -> Floats:
     end excites.
     """
     if psi == "relevant":
-        pitch = unsteady(modes.K_p, n_i) | (np.asarray(n_i) == 0)
-        return np.where(pitch, modes.psi_p, modes.psi_r)
-    named = {"pitch": modes.psi_p, "roll": modes.psi_r}
-    angle = named[str(psi)] if psi in named else np.radians(float(psi))
+        is_pitch = unsteady(modes.K_p, n_i) | (np.asarray(n_i) == 0)
+        return np.where(is_pitch, modes.psi_p, modes.psi_r)
+    if psi == "pitch":
+        angle = modes.psi_p
+    elif psi == "roll":
+        angle = modes.psi_r
+    else:
+        angle = np.radians(np.asarray(float(psi)))
     return np.broadcast_to(angle, np.broadcast(modes.psi_p, n_i).shape)
 
 
 def full_state(n_i: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike) -> Floats:
-    """Return upright states of :mod:`rattlesweep.physics.full`, shape (..., 5) (Eqs.
-    68, 69).
-    """
+    """Return upright states of `physics.full`, shape (..., 5) (Eqs. 68 and 69)."""
     n_i, omega_xy0, psi = np.broadcast_arrays(n_i, omega_xy0, psi)
     zero = np.zeros(n_i.shape)
     # u points up and the z axis down: n = u . omega = -omega_z.
@@ -277,10 +296,10 @@ def full_state(n_i: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike) -> Floats:
 def spin_and_oscillation(
     omega: ArrayLike, u: ArrayLike
 ) -> tuple[Floats, Floats, Floats]:
-    """Return ``n = u . omega``, and modulus and direction of ``omega - n u``, (...).
+    """Return ``n = u . omega``, and modulus and direction of ``omega - n u``.
 
-    `omega` and `u` have the shape (..., 3).  The direction is an angle from the x axis,
-    in radians.
+    `omega` and `u` have the shape (..., 3), the results (...).  The direction is an
+    angle from the x axis, in radians.
     """
     omega = np.asarray(omega, float)
     u = np.asarray(u, float)
