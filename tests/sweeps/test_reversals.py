@@ -36,7 +36,9 @@ def sweep(tmp_path_factory) -> Path:
 
 def top_of(values: np.ndarray) -> float:
     """Return the maximum of a parabola through the largest of values and neighbours."""
-    place = int(np.clip(values.argmax(), 1, len(values) - 2))
+    place = int(values.argmax())
+    if place in (0, len(values) - 1):
+        return values[place]
     before, top, after = values[place - 1 : place + 2]
     return top + (before - after) ** 2 / (8 * (2 * top - before - after))
 
