@@ -70,9 +70,11 @@ def start(body, u, omega):
 def rates(body, y, mu, eps, sigma):
     """Return the rates and the normal force."""
     turn, _, velocity, momentum = unpack(y)
-    inverse = turn @ np.diag(
-        [1 / (body.alpha - 1), 1 / (body.beta - 1), 1 / body.gamma]
-    ) @ turn.T
+    inverse = (
+        turn
+        @ np.diag([1 / (body.alpha - 1), 1 / (body.beta - 1), 1 / body.gamma])
+        @ turn.T
+    )
     omega = inverse @ momentum
     spinning = np.array(
         [

@@ -19,7 +19,7 @@ that slides is ``(u, omega, friction, couple, s, ln |v|)`` with ``v = |v| s``.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import DOP853, Radau
@@ -30,13 +30,28 @@ SAMPLES = 16  # places inside a step at which the events are looked for
 # A slide begins this much later than the force leaves the cone, with half the
 # acceleration of that moment times this as its speed.
 FIRST_TIME = 1e-7
-# The direction of a slide is stiff until it has the speed QUICK.  Below the speed SLOW a
-# slide that slows down is followed in the time t' with dt = |v| dt', in which it takes
-# forever to end and nothing is stiff.
+# The direction of a slide is stiff until it has the speed QUICK.  Below the speed SLOW
+# a slide that slows down is followed in the time t' with dt = |v| dt', in which it
+# takes forever to end and nothing is stiff.
 QUICK = 3e-3
 SLOW = 1e-3
+# With less deceleration the foot creeps: t' runs so fast that its direction is stiff.
+CREEP = 1e-3
 LAST_SPEED = 1e-11
 HUGE = 1e12
+
+
+@dataclass(frozen=True)
+class Body:
+    """The parameters of a body, as `rs.Rattleback` has them."""
+
+    alpha: float
+    beta: float
+    gamma: float
+    theta: float
+    phi: float
+    xi: float
+    c: float | None = None
 
 
 @dataclass(frozen=True)
@@ -143,9 +158,7 @@ class Contact:
     def turn(self, f):
         """Return ``domega/dt`` under a contact force."""
         torque = cross(self.r, f)
-        return tuple(
-            self.free_turn[i] + torque[i] / self.inertia[i] for i in range(3)
-        )
+        return tuple(self.free_turn[i] + torque[i] / self.inertia[i] for i in range(3))
 
 
 def contact_of(stone, u, omega):
@@ -230,7 +243,7 @@ def sliding_rates(stone, y, exp=math.exp):
     rates = [*times(speed, contact.du), *times(speed, contact.turn(force))]
     rates += [-stone.mu * normal * speed * speed]
     rates += [-stone.sigma * dot(omega, omega) * speed]
-    # The direction turns with the pull across it and, seen from the body, with the body.
+    # The direction turns with the pull across it and, seen from the body, with it.
     # Written so, errors of |s| = 1 and s.u = 0 do not grow.
     across = cross(u, s)
     rates += plus(times(dot(pull, across), across), times(speed, cross(s, omega)))
@@ -242,12 +255,6 @@ def rates_in_time(stone, y, exp=math.exp):
     """Return the rates of a state that slides."""
     rates, speed = sliding_rates(stone, y, exp)
     return [rate / speed for rate in rates]
-
-
-def rates_in_slow_time(stone, y):
-    """Return the rates of a state that slides, and of the time, times the speed."""
-    rates, speed = sliding_rates(stone, y[:12])
-    return [*rates, speed]
 
 
 def velocity(y):
@@ -367,18 +374,20 @@ class Run:
 class Follower:
     """Integrates one phase from event to event."""
 
-    def __init__(self, equations, method, rtol):
+    def __init__(self, equations, method, rtol, n_state=12):
         self.method = method
         self.options = {"rtol": rtol, "atol": 1e-3 * rtol}
         if method is Radau:
             self.options["jac"] = lambda t, y: complex_jacobian(equations, y)
-            # Radau judges its steps by a formula of order 3, and errors of the direction
-            # and of ln |v| count only times the speed.
+            # Radau judges its steps by a formula of order 3, and errors of direction and
+            # ln |v| count only times the speed.
             self.options["rtol"] = 30 * rtol
-            self.options["atol"] = np.array([0.1 * rtol] * N_ROLLING + [300 * rtol] * 4)
+            self.options["atol"] = np.full(n_state, 0.1 * rtol)
+            self.options["atol"][N_ROLLING:12] = 300 * rtol
         # Python's own floats are faster than NumPy's.
         self.rates = lambda t, y: equations(y.tolist())
         self.steps = 0
+        self.highest = -math.inf  # the last component, ln |v| in a slide
 
     def solver(self, t, y, bound):
         return self.method(self.rates, t, y, bound, **self.options)
@@ -399,41 +408,46 @@ class Follower:
     def follow(self, t, y, bound, events):
         """Return the time, the state and the name of the first event, or None.
 
-        An event is a vectorised function of the state that falls through zero.
+        `events` returns, by their names, functions of the state that fall through zero
+        at an event; it takes one state or an array of them.
         """
         solver = self.solver(t, y, bound)
         while solver.status == "running":
             before = solver.y.copy()
             self.advanced(solver)
             self.steps += 1
+            self.highest = max(self.highest, solver.y[-1])
             dense = solver.dense_output()
             moments = np.linspace(solver.t_old, solver.t, SAMPLES + 1)
             states = dense(moments)
             states[:, 0] = before
             states[:, -1] = solver.y
             hits = []
-            for name, event in events.items():
-                bracket = falls(event, dense, moments, event(states))
+            for name, values in events(states).items():
+
+                def event(t, name=name, dense=dense):
+                    return events(dense(t))[name]
+
+                bracket = falls(event, moments, values)
                 if bracket is not None:
-                    hits.append(
-                        (brentq(lambda x: event(dense(x)), *bracket, xtol=1e-15), name)  # noqa: B023
-                    )
+                    hits.append((brentq(event, *bracket, xtol=1e-15), name))
             if hits:
                 moment, name = min(hits)
-                return *self.settle(solver, before, dense, moment, events[name]), name
+                return *self.settle(solver, before, dense, moment, events, name), name
         return solver.t, solver.y, None
 
-    def settle(self, solver, before, dense, moment, event):
+    def settle(self, solver, before, dense, moment, events, name):
         """Return time and state of an event, corrected on states that were integrated.
 
         Dense output is of a lower order than the steps.
         """
         width = 1e-3 * (solver.t - solver.t_old)
-        slope = (event(dense(moment + width)) - event(dense(moment - width))) / width / 2
+        after = events(dense(moment + width))[name]
+        slope = (after - events(dense(moment - width))[name]) / (2 * width)
         for _ in range(4):
             if not solver.t_old < moment:
                 break
-            shift = event(self.again(solver.t_old, before, moment)) / slope
+            shift = events(self.again(solver.t_old, before, moment))[name] / slope
             if not abs(shift) < 10 * width:
                 break
             moment -= shift
@@ -444,8 +458,8 @@ class Follower:
         return moment, self.again(solver.t_old, before, moment)
 
 
-def falls(event, dense, moments, values):
-    """Return a bracket of the first fall through zero of an event's samples, or None."""
+def falls(event, moments, values):
+    """Return a bracket of the first fall of an event's samples, or None."""
     for k in range(len(moments) - 1):
         if values[k] > 0 >= values[k + 1]:
             return moments[k], moments[k + 1]
@@ -455,7 +469,7 @@ def falls(event, dense, moments, values):
         if 0 < values[k] < 3 * bend:
             # The event dips here and may be below zero between the samples.
             lowest = minimize_scalar(
-                lambda x: event(dense(x)),
+                event,
                 bounds=(moments[k - 1], moments[k + 1]),
                 method="bounded",
                 options={"xatol": 1e-12},
@@ -539,13 +553,11 @@ class Oracle:
         """Roll until the foot slips or the run is over."""
         if self.slides and math.isnan(self.slides[-1].end):
             self.close_slide(t, y)
-        follower = Follower(
-            lambda y: rolling_rates(self.stone, y), DOP853, self.rtol
-        )
-        events = {
-            "slip": lambda y: grip(self.stone, y),
-            "reversal": lambda y: self.sign * spin(y),
-        }
+        follower = Follower(lambda y: rolling_rates(self.stone, y), DOP853, self.rtol)
+
+        def events(y):
+            return {"slip": grip(self.stone, y), "reversal": self.sign * spin(y)}
+
         while True:
             t, y, name = follower.follow(t, y, self.t_end, events)
             if name == "slip":
@@ -574,65 +586,90 @@ class Oracle:
         speed = (before + gain) / 2 * self.first_time
         return t + self.first_time, np.array([*later, *s, math.log(speed)]), False
 
+    def watched(self, y):
+        """Return the events of every slide, and the gain of speed a unit of time."""
+        s = tuple(y[8:11])
+        normal, pull, below = slip(self.stone, y, s)
+        self.least_denominator = min(self.least_denominator, float(np.min(below)))
+        events = {
+            "lifts_off": normal,
+            "jammed": below,
+            "reversal": self.sign * spin(y),
+        }
+        return events, dot(pull, s)
+
     def slide(self, t, y):
         """Slide until the foot stands still or the run is over."""
-        slide = self.slides[-1]
-        if slip(self.stone, y, tuple(y[8:11]))[2] <= 0:
+        events, gain = self.watched(y)
+        if events["jammed"] <= 0:
             return t, y, self.is_over(t, "jammed")
-
-        def gain(y):
-            s = tuple(y[8:11])
-            _, pull, below = slip(self.stone, y, s)
-            self.least_denominator = min(self.least_denominator, float(np.min(below)))
-            return dot(pull, s)
-
-        events = {
-            "lifts_off": lambda y: slip(self.stone, y, tuple(y[8:11]))[0],
-            "jammed": lambda y: slip(self.stone, y, tuple(y[8:11]))[2],
-            "reversal": lambda y: self.sign * spin(y),
-        }
         if y[11] >= math.log(QUICK):
             name = "is_quick"
-        elif gain(y) > 0:
+        elif gain > 0:
             name = "quickens"
         else:
             name = "slows"
         while True:
             if name == "slows":
-                t, y, name = self.slow(t, y, events, gain)
-            elif name == "quickens":
-                further = {"is_quick": lambda y: math.log(QUICK) - y[11], "slows": gain}
-                t, y, name = self.go_on(Radau, t, y, events | further)
+                t, y, name = self.slow(t, y)
             else:
-                further = {"slows": lambda y: y[11] - math.log(SLOW)}
-                t, y, name = self.go_on(DOP853, t, y, events | further)
-            slide.fastest = max(slide.fastest, math.exp(y[11]) if len(y) > 8 else 0.0)
+                t, y, name = self.go_on(t, y, name)
             if name == "stands":
                 return t, y, False
             if name not in ("slows", "quickens", "is_quick"):
                 return t, y, self.is_over(t, name)
 
-    def go_on(self, method, t, y, events):
+    def go_on(self, t, y, phase):
         """Slide on in time."""
-        follower = Follower(
-            lambda y, exp=math.exp: rates_in_time(self.stone, y, exp), method, self.rtol
-        )
-        t, y, name = follower.follow(t, y, self.t_end, events)
-        self.slides[-1].steps += follower.steps
+
+        def events_while_quick(y):
+            events, _ = self.watched(y)
+            return events | {"slows": y[11] - math.log(SLOW)}
+
+        def events_of_start(y):
+            events, gain = self.watched(y)
+            return events | {"slows": gain, "is_quick": math.log(QUICK) - y[11]}
+
+        def rates(y, exp=math.exp):
+            return rates_in_time(self.stone, y, exp)
+
+        if phase == "is_quick":
+            follower = Follower(rates, DOP853, self.rtol)
+            t, y, name = follower.follow(t, y, self.t_end, events_while_quick)
+        else:
+            follower = Follower(rates, Radau, self.rtol)
+            t, y, name = follower.follow(t, y, self.t_end, events_of_start)
+        slide = self.slides[-1]
+        slide.steps += follower.steps
+        slide.fastest = max(slide.fastest, math.exp(follower.highest))
         return t, y, name
 
-    def slow(self, t, y, events, gain):
+    def slow(self, t, y):
         """Follow a slide that slows down to its end or until it quickens again."""
-        follower = Follower(
-            lambda y: rates_in_slow_time(self.stone, y), DOP853, self.rtol
-        )
-        further = {
-            "quickens": lambda y: -gain(y),
-            "stands": lambda y: y[11] - math.log(LAST_SPEED),
-            "horizon": lambda y: self.t_end - y[12],
-        }
-        _, y, name = follower.follow(0.0, np.array([*y, t]), HUGE, events | further)
-        self.slides[-1].steps += follower.steps
+
+        def events_of_end(y):
+            events, gain = self.watched(y)
+            return events | {
+                "quickens": -gain,
+                "stands": y[11] - math.log(LAST_SPEED),
+                "horizon": self.t_end - y[12],
+            }
+
+        def events_of_end_without_creep(y):
+            events = events_of_end(y)
+            return events | {"creeps": events["quickens"] - CREEP}
+
+        _, gain = self.watched(y)
+        y = np.array([*y, t])
+        name = "creeps"
+        if gain < -CREEP:
+            follower = Follower(self.slow_rates, DOP853, self.rtol)
+            _, y, name = follower.follow(0.0, y, HUGE, events_of_end_without_creep)
+            self.slides[-1].steps += follower.steps
+        if name == "creeps":
+            follower = Follower(self.slow_rates, Radau, self.rtol, 13)
+            _, y, name = follower.follow(0.0, y, HUGE, events_of_end)
+            self.slides[-1].steps += follower.steps
         t = float(y[12])
         y = y[:12]
         if name != "stands":
@@ -642,6 +679,11 @@ class Oracle:
         rest = -speed / rates[11]
         y = y + rest / speed * np.array(rates)
         return t + rest, y[:N_ROLLING], name
+
+    def slow_rates(self, y, exp=math.exp):
+        """Return the rates of a state that slides, and of the time, times the speed."""
+        rates, speed = sliding_rates(self.stone, y[:12], exp)
+        return [*rates, speed]
 
 
 def run(body, u, omega, t_end, mu, sigma=0.0, through=False, **options):
