@@ -17,9 +17,11 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.quantities import (
     ENERGY,
     FORCE,
+    LOSSES,
     MEASURES,
     QUANTITIES,
     RATE,
+    SURFACES,
     TIME,
     Definition,
 )
@@ -97,6 +99,7 @@ class Group:
 
 
 must = partial(Column, nullable=False)
+NOT_LINEAR = " or ".join(f"{x.name} > 0" for x in LOSSES.values() if not x.is_linear)
 
 # The columns of `runs` in order.
 GROUPS = (
@@ -223,31 +226,34 @@ GROUPS = (
             ),
         ),
     ),
-    Group(
-        "surface",
-        "`bodies: {surface: ellipsoid}`",
-        (Column("c", F64, "bodies.c", note="null: a paraboloid"),),
-        optional=True,
+    *(
+        Group(
+            surface,
+            f"`bodies: {{surface: {surface}}}`",
+            (Column(name, F64, f"bodies.further.{name}", note="null: a paraboloid"),),
+            optional=True,
+        )
+        for surface, name in SURFACES.items()
+        if name is not None
     ),
     Group(
         "dissipation",
         "`dissipation`",
         (
-            must("sigma", F64, "launches.sigma"),
-            must("rolling", F64, "launches.rolling"),
+            *(must(name, F64, f"launches.losses.{name}") for name in LOSSES),
             Column(
                 "growth",
                 F64,
                 "growth",
                 RATE,
-                "growth rate of the oscillation at n_i; null if rolling > 0",
+                f"growth rate of the oscillation at n_i; null if {NOT_LINEAR}",
             ),
             Column(
                 "n_growth",
                 F64,
                 "n_growth",
                 RATE,
-                "spin at which growth balances damping; null if rolling > 0",
+                f"spin at which growth balances damping; null if {NOT_LINEAR}",
             ),
             Column(
                 "energy_left",

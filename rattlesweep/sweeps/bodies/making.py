@@ -7,6 +7,7 @@ from typing import Any
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
+from rattlesweep.quantities import ANGLES
 from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.units import require_unit
 
@@ -28,8 +29,6 @@ KINDS = {
 }
 # Keys that choose how a body is made.
 WAYS = ("preset", "shape", "mass", "f_sd")
-ANGLES = {"xi_deg": 1, "minus_xi_deg": -1}
-"""Keys for the skew angle in degrees, and their signs."""
 
 
 def body_from(
