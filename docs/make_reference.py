@@ -157,7 +157,7 @@ def tables_text() -> str:
     )
     rows.append(f"| {names}, in all rows | `dissipation` | {units} |")
     measures = [loss.measure for loss in LOSSES.values() if loss.measure is not None]
-    in_si = " and ".join(f"`{measure.name}`" for measure in measures)
+    in_si = f"`{' '.join(measure.name for measure in measures)}`"
     text = TABLES.replace("@@constants@@", "\n".join(rows))
     return text.replace("@@losses@@", in_si)
 

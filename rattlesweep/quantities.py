@@ -81,6 +81,8 @@ class Loss(Definition):
     letter: str = ""
     # The value without the key; None if the key then has no meaning.
     default: float | None = 0.0
+    # Whether only sweeps with some of it have its column.
+    optional: bool = True
     # Whether a small oscillation about a spin has a rate of growth that theory knows.
     is_linear: bool = False
     # Where the search of a fit begins, and its upper limit.  A torque per spin begins
@@ -309,6 +311,7 @@ _DISSIPATION = (
         measure=Measure("sigma_N_m_s", "N m s"),
         key="Torque / -omega",
         letter="σ",
+        optional=False,
         is_linear=True,
         first_values=(0.03, 0.1, 0.3),
         most_fitted=10.0,
@@ -324,6 +327,7 @@ _DISSIPATION = (
         formula="$l$",
         key="Moment / normal force",
         letter="rolling",
+        optional=False,
         first_values=(1e-4, 1e-3),
         most_fitted=1.0,
     ),

@@ -113,6 +113,8 @@ def derived(
     if lossy:
         decay = sigma / b.gamma
         for name, loss in LOSSES.items():
+            if loss.optional and not losses[name]:
+                continue
             rows.append((name, losses[name], loss.unit, f"dissipation: {loss.meaning}"))
         rows += [
             ("spin_decay", decay, RATE, "rate at which an upright spin falls"),

@@ -99,6 +99,13 @@ class Group:
 
 
 must = partial(Column, nullable=False)
+
+
+def of_loss(name: str) -> Column:
+    """Return the column of a constant of dissipation."""
+    return must(name, F64, f"launches.losses.{name}")
+
+
 NOT_LINEAR = " or ".join(f"{x.name} > 0" for x in LOSSES.values() if not x.is_linear)
 
 # The columns of `runs` in order.
@@ -240,7 +247,7 @@ GROUPS = (
         "dissipation",
         "`dissipation`",
         (
-            *(must(name, F64, f"launches.losses.{name}") for name in LOSSES),
+            *(of_loss(name) for name, loss in LOSSES.items() if not loss.optional),
             Column(
                 "growth",
                 F64,
@@ -264,6 +271,17 @@ GROUPS = (
         ),
         optional=True,
         not_with=("reduced", "gh"),
+    ),
+    *(
+        Group(
+            name,
+            f"`dissipation: {{{name}: ...}}`",
+            (of_loss(name),),
+            optional=True,
+            not_with=("reduced", "gh"),
+        )
+        for name, loss in LOSSES.items()
+        if loss.optional
     ),
     # By the words of `record`; null for a run that failed at launch.
     Group(

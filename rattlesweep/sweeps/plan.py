@@ -133,7 +133,7 @@ def _combinations(names: Iterable[str], values: Values) -> list[dict[str, Settin
 def _with_losses(config: Config, columns: Mapping[str, list[float | str]]) -> Config:
     """Return the config with the dissipation of a table's columns."""
     for name in LOSSES:
-        values = config.settings[name]
+        values = config.settings.get(name, [])
         if Setting() in values and name not in columns:
             lacks = f"the table has no column {name}; give a number"
             raise ConfigError(f"dissipation.{name}: {lacks}")

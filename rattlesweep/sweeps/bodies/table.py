@@ -396,7 +396,7 @@ def _without_units(columns: dict[str, Floats], where: str) -> Units | None:
         if name not in columns:
             continue
         sizes: tuple[str, ...] = ()
-        if kind == "torque per spin":
+        if "M" in si.NATURAL.get(kind, ""):
             sizes = ("mass_kg", "height_m")
         elif kind != "angle":
             sizes = ("height_m",)

@@ -578,14 +578,18 @@ class Dissipation(LossKeys):  # type: ignore[misc]
     """
 
     @property
-    def values(self) -> dict[str, list[float | str]]:
-        """The values of each constant."""
-        return {name: getattr(self, name) for name in LOSSES}
-
-    @property
     def present(self) -> list[str]:
         """The constants that are not zero in some run."""
-        return [name for name, values in self.values.items() if values != [0]]
+        return [name for name in LOSSES if getattr(self, name) != [0]]
+
+    @property
+    def values(self) -> dict[str, list[float | str]]:
+        """The values of each constant that cases and columns have."""
+        return {
+            name: getattr(self, name)
+            for name, loss in LOSSES.items()
+            if name in self.present or not loss.optional
+        }
 
     @property
     def law(self) -> str | None:
@@ -805,6 +809,7 @@ class Config(Base):
             "turns": {"error", "reversals"} <= {*self.record},
             self.bodies.bottom: SURFACES[self.bodies.bottom],
             "dissipation": self.dissipation,
+            **{name: LOSSES[name].optional for name in self.dissipation.present},
         }
         return [*self.record, *(name for name, present in groups.items() if present)]
 
