@@ -53,7 +53,9 @@ def init(config: Path) -> None:
     # In quotes, as YAML would read some names as numbers.
     text = text.replace("name: NAME", f"name: {json.dumps(config.stem)}")
     text = text.replace("NAME", config.stem)
-    parse_config(read_yaml(text)[0])  # a stem may not be a valid name of a sweep
+    data, _, _ = read_yaml(text)
+    assert isinstance(data, dict)
+    parse_config(data)  # a stem may not be a valid name of a sweep
     probe(config)
     replace_file(config, text.encode())
     click.echo(config)
