@@ -59,8 +59,9 @@ def init(config: Path | None, example: str | None) -> None:
     else:
         config = config or Path("sweep.yaml")
         texts = {config: starter(config.stem)}
-        # The stem may not be a valid name of a sweep.
-        parse_config(read_yaml(texts[config])[0])
+        data, _, _ = read_yaml(texts[config])
+        assert isinstance(data, dict)
+        parse_config(data)  # the stem may not be a valid name of a sweep
     for path in texts:
         if path.exists():
             raise ConfigError(
