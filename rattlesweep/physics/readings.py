@@ -4,13 +4,11 @@ They are NumPy formulas for time series and for single bodies; those that the ke
 need are compiled in `full` and `stone`.
 """
 
-from typing import Any
-
 import numpy as np
 from scipy.optimize import brentq
 
 from rattlesweep.arrays import Floats
-from rattlesweep.physics.surface import Surface
+from rattlesweep.physics.surface import Surface, in_python
 from rattlesweep.physics.theory import Modes
 
 STEEPEST = 1e3  # slope up to which a body is tilted to find its turning point
@@ -34,10 +32,9 @@ def contact_point(p: Floats, q: Floats, constants: Floats) -> Floats:
 
 def contact_of(surface: Surface, p: Floats, q: Floats, constants: Floats) -> Floats:
     """Return the contact point on any surface, shape (3, ...), from its formula."""
-    formula: Any = surface.contact
     at_rest = (0.0,) * 6
-    values = np.vectorize(formula.py_func)(p, q, *at_rest, *constants[3:7])
-    fx, fy, rise, *_ = values
+    contact = in_python(surface.contact, 7)
+    fx, fy, rise, *_ = contact(p, q, *at_rest, *constants[3:7])
     return np.array([p + fx, q + fy, 1 - rise])
 
 

@@ -18,6 +18,12 @@ from rattlesweep.physics import full, stone
 Formula = Callable[..., Any]  # compiled by `full.scalar`
 
 
+def in_python(formula: Formula, results: int) -> Callable[..., Any]:
+    """Return a formula of numbers for arrays, not compiled, as that would take long."""
+    plain = formula.py_func  # type: ignore[attr-defined]
+    return np.vectorize(plain, otypes=[float] * results)
+
+
 @dataclass(frozen=True)
 class Carried:
     """A function ``x`` of the slope that steps carry beside the state.
