@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 from functools import cache
 from numbers import Real
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rattlesweep.errors import ConfigError
 
@@ -121,7 +121,7 @@ def seconds_of(text: str) -> float:
     return seconds
 
 
-def require_unit(name: str, value: Any, kind: str) -> None:
+def require_unit(name: str, value: object, kind: str) -> None:
     """Raise a ConfigError if a value is a number without a unit, or has such numbers.
 
     Zero is the same in all units.

@@ -259,7 +259,7 @@ def read_layout(directory: Path) -> Layout:
         raise OutputError(f"{directory} holds no runs yet")
     config = stored.config
     cases = stored.cases
-    values: dict[str, Sequence[Any]] = {}
+    values: dict[str, Sequence[float | None]] = {}
     if cases[0].target_name is not None:
         values[cases[0].target_name] = [case.target for case in cases]
     names = []
@@ -274,7 +274,7 @@ def read_layout(directory: Path) -> Layout:
             values[si_name] = [value / size for value in in_si]
         elif settings[0].natural is not None:
             values[name] = [setting.natural for setting in settings]
-    grid: dict[str, Any] = {}
+    grid: dict[str, list[float]] = {}
     if isinstance(config.bodies, GridSource):
         grid = config.bodies.varying
     axes = {}

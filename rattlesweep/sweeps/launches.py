@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -338,7 +337,7 @@ class Launch:
     t_end: float | None = None
     psi: str | float | None = None
     model: str = "full"
-    integrator: Mapping[str, Any] = field(default_factory=dict)
+    integrator: Mapping[str, object] = field(default_factory=dict)
     e_p0: float | None = None
     e_r0: float | None = None
     omega: Sequence[float] | None = None
@@ -348,7 +347,7 @@ class Launch:
     record: Sequence[str] = ()
 
 
-def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
+def is_full_state(omega: object, u: object, spin: Mapping[str, object]) -> bool:
     """Return whether a launch is a full state; raise if it also has a spin, or lacks
     omega.
     """
@@ -379,7 +378,7 @@ def plan_of(run: Launch) -> Plan:
     )
     spin = {"n_i": run.n_i, "omega_xy0": run.omega_xy0, "psi": run.psi}
     if is_full_state(run.omega, run.u, spin):
-        launch: dict[str, Any] = {"launch": {"omega": run.omega, "u": run.u}}
+        launch: dict[str, object] = {"launch": {"omega": run.omega, "u": run.u}}
     elif run.t_end is None and run.n_i == 0:
         raise ConfigError("t_end: missing; a launch without spin has no t_rGH")
     else:
@@ -393,9 +392,9 @@ def plan_of(run: Launch) -> Plan:
 def plan_of_rows(
     rows: TableBodies,
     model: str,
-    integrator: Mapping[str, Any],
+    integrator: Mapping[str, object],
     record: Sequence[str],
-    keys: Mapping[str, Any],
+    keys: Mapping[str, object],
 ) -> Plan:
     """Return the plan of bodies in memory, by default up to 5 t_rGH.
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -288,7 +287,7 @@ def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
         description = column.metadata[b"description"].decode()
         kind = str(column.type)
         columns.append([column.name, kind, column.nullable, unit, description])
-    manifest: dict[str, Any] = {
+    manifest: dict[str, object] = {
         "format": FORMAT,
         "name": plan.config.name,
         "config": resolved(plan.config),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -35,7 +34,7 @@ SEED = 2017
 
 
 def plan_frame(
-    frame: Frame, output: Path | None, keys: Mapping[str, Any]
+    frame: Frame, output: Path | None, keys: Mapping[str, object]
 ) -> tuple[Plan, Path, Path, list[str]]:
     """Plan a sweep of a DataFrame, and store its rows in the output directory."""
     if "bodies" in keys:

@@ -40,6 +40,8 @@ from rattlesweep.sweeps.launches import (
 )
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.physics.si import Units
     from rattlesweep.sweeps.config.schema import Config
@@ -180,7 +182,7 @@ class PreparedRun:
         points: int | None,
         dt: float | None,
         steps: bool,
-        times: Any,
+        times: ArrayLike | None,
         start: float | None,
     ) -> Floats | None:
         """Return the times of the rows from `start` on; None for those of the steps."""
@@ -232,7 +234,7 @@ class Course:
         points: int | None = None,
         dt: float | None = None,
         steps: bool = False,
-        times: Any = None,
+        times: ArrayLike | None = None,
         from_time: float | None = None,
     ) -> None:
         chosen = choose(channels, run.model)

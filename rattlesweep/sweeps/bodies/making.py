@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Mapping
 from inspect import signature
-from typing import Any
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
@@ -33,7 +32,7 @@ ANGLES = {"xi_deg": 1, "minus_xi_deg": -1}
 
 
 def body_from(
-    values: Mapping[str, Any],
+    values: Mapping[str, object],
     spelled: Callable[[str], str] = str,
     in_si: bool = False,
 ) -> Rattleback:
@@ -91,7 +90,7 @@ def body_from(
     return body
 
 
-def _maker(values: dict[str, Any]) -> tuple[str, Callable[..., Rattleback]]:
+def _maker(values: dict[str, object]) -> tuple[str, Callable[..., Rattleback]]:
     """Return the key that chooses how a body is made, and the function that makes it.
 
     Keys that are no arguments of this function are removed.
@@ -110,7 +109,7 @@ def _maker(values: dict[str, Any]) -> tuple[str, Callable[..., Rattleback]]:
     return "parameters", Rattleback
 
 
-def preset_of(name: Any, where: str) -> Rattleback:
+def preset_of(name: object, where: str) -> Rattleback:
     """Return the body of a name; messages of errors begin with `where`."""
     if isinstance(name, str) and name in PRESETS:
         return PRESETS[name]()
@@ -118,8 +117,8 @@ def preset_of(name: Any, where: str) -> Rattleback:
 
 
 def _with_skew_in_radians(
-    values: dict[str, Any], spelled: Callable[[str], str]
-) -> dict[str, Any]:
+    values: dict[str, object], spelled: Callable[[str], str]
+) -> dict[str, object]:
     """Return values with the skew angle as ``xi``."""
     names = [name for name in ("xi", *ANGLES) if name in values]
     if len(names) > 1:

@@ -5,7 +5,7 @@ keys.
 import json
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import chain
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -43,14 +43,14 @@ TABLE = "table"  # stands for values that the rows of a table give
 PATH = {"min_length": 1, "pattern": r"^[^\x00]*$"}
 
 
-def key(default: Any, description: str, **limits: Any) -> Any:
+def key(default: object, description: str, **limits: Any) -> Any:
     """Return a pydantic field; a callable default is a factory."""
     if callable(default):
         return Field(default_factory=default, description=description, **limits)
     return Field(default=default, description=description, **limits)
 
 
-def parameter(name: str, default: Any = None) -> Any:
+def parameter(name: str, default: object = None) -> Any:
     """Return the field of a body parameter, which the registry describes."""
     quantity = QUANTITIES[name]
     description = f"{quantity.meaning[0].upper()}{quantity.meaning[1:]}"
@@ -59,7 +59,7 @@ def parameter(name: str, default: Any = None) -> Any:
     return Field(default, description=f"{description}.")
 
 
-def within(name: str) -> Any:
+def within(name: str) -> object:
     """Return the limits of a quantity as a constraint of a type."""
     quantity = QUANTITIES[name]
     if quantity.is_open:
@@ -83,7 +83,7 @@ class Base(pydantic.BaseModel):
 
     @pydantic.model_validator(mode="before")
     @classmethod
-    def _tidy(cls, data: Any) -> Any:
+    def _tidy(cls, data: object) -> object:
         """Drop nulls, and read numbers such as 1e-9, which are texts in YAML 1.1.
 
         An unknown key stays even without a value: ``n_i: 0,3`` in braces has a key 3.
@@ -100,12 +100,12 @@ class Base(pydantic.BaseModel):
         return tidied
 
     @property
-    def given(self) -> dict[str, Any]:
+    def given(self) -> dict[str, object]:
         """Return the keys that have a value."""
         return self.model_dump(exclude_none=True)
 
 
-def _with_numbers(value: Any) -> Any:
+def _with_numbers(value: object) -> object:
     """Return a value with the texts that are numbers as numbers."""
     if isinstance(value, list):
         return [_with_numbers(item) for item in value]
@@ -624,7 +624,7 @@ class Integrator(Base):
 
     @pydantic.model_validator(mode="before")
     @classmethod
-    def _spell_out(cls, data: Any) -> Any:
+    def _spell_out(cls, data: object) -> object:
         """Fill in method, tol and dt, so that configs with one meaning are equal."""
         if not isinstance(data, dict):
             return data
@@ -655,18 +655,18 @@ RECORDS = (
 )
 
 
-def _word_as_list(value: Any) -> Any:
+def _word_as_list(value: object) -> object:
     """Return one word as a list."""
     if isinstance(value, str):
         return [value]
     return value
 
 
-def _setting(value: Any) -> Setting:
+def _setting(value: float | str | None) -> Setting:
     """Return a value of a config as a setting."""
     if isinstance(value, Quantity):
         return Setting(si=value)
-    if value == TABLE:
+    if isinstance(value, str):  # `TABLE`
         return Setting()
     return Setting(value)
 
@@ -765,7 +765,7 @@ class Config(Base):
     @property
     def settings(self) -> dict[str, list[Setting]]:
         """Values by the column that they set, empty where a table has them."""
-        settings: dict[str, list[Any]] = {
+        settings: dict[str, Sequence[float | str | None]] = {
             "sigma": self.dissipation.sigma,
             "rolling": self.dissipation.rolling,
             "t_end": [self.horizon.t],
@@ -816,7 +816,7 @@ class Losses(Base):
 class Stone(Base):
     """What is known of a stone, and the names of the unknowns; see `docs/fit.md`."""
 
-    body: dict[str, Any]
+    body: dict[str, object]
     free: list[str]
-    launch: dict[str, Any] = {}
+    launch: dict[str, object] = {}
     dissipation: Losses = Field(default_factory=Losses)
