@@ -310,7 +310,7 @@ def compile_in_child() -> None:
     os._exit(0)  # skips freeing the memory of LLVM, which takes a while
 
 
-def compile_orders(orders: list[tuple[str, str, list[Any]]]) -> None:
+def compile_orders(orders: list[tuple[str, str, list[str | bool]]]) -> None:
     """Compile and store kernels: modules and names of recipes, and their arguments."""
     from filelock import FileLock, Timeout
 
