@@ -379,7 +379,7 @@ class Follower:
         self.options = {"rtol": rtol, "atol": 1e-3 * rtol}
         if method is Radau:
             self.options["jac"] = lambda t, y: complex_jacobian(equations, y)
-            # Radau judges its steps by a formula of order 3, and errors of direction and
+            # Radau judges its steps by a formula of order 3; errors of direction and
             # ln |v| count only times the speed.
             self.options["rtol"] = 30 * rtol
             self.options["atol"] = np.full(n_state, 0.1 * rtol)
