@@ -15,6 +15,21 @@ from rattlesweep.physics.surface import Formula, Friction, Surface
 
 
 @dataclass(frozen=True)
+class Slide:
+    """What a model needs for sliding, with states ``y`` and constants ``q`` as tuples.
+
+    The coefficient of friction is a further constant of the body, after ``q``.
+    """
+
+    # place(y, q): rates of the position, u, omega, r, w, inertia, and the torques of
+    # friction as `physics.surface.Friction.couples` returns them
+    place: Formula
+    # derivative(rates of the position, domega/dt, power of friction): dy
+    derivative: Formula
+    has_work: bool  # whether the state has the work of friction
+
+
+@dataclass(frozen=True)
 class Model:
     """Equations of motion and observed quantities, as compiled functions of scalars.
 
@@ -40,6 +55,8 @@ class Model:
     contact: Formula  # contact(*y, *q): normal force, then tangential force
     # limit(*y, *q): positive where the model holds; a run ends where it is zero
     limit: Formula | None = None
+    # sliding where the plane cannot hold the body; without it the plane holds everything
+    slide: Slide | None = None
     surface: Surface | None = None
     volume: Formula | None = None  # volume(*y, *q): rate of phase volume
     # The same equations in variables that exist in any position.
@@ -377,6 +394,110 @@ FRICTION = {
 """Models with friction, by the names of the model without it and of the law."""
 
 
+# Sliding, where friction cannot hold the contact point.
+
+
+@scalar
+def _position_and_omega(rates, omega_rate, power):
+    return rates + omega_rate
+
+
+@scalar
+def _position_omega_and_work(rates, omega_rate, power):
+    return rates + omega_rate + (power,)  # noqa: RUF005
+
+
+@scalar
+def _contact_of_slope(touch, p, q, a, b, c, shape):
+    dp, dq, m = full.slope_rate(p, q, a, b, c)
+    fx, fy, rise, wx, wy, wz, uz = touch(p, q, a, b, c, dp, dq, m, *shape)
+    u = p * uz, q * uz, uz
+    r = p + fx, q + fy, 1.0 - rise
+    return (dp, dq), u, (a, b, c), r, (wx, wy, wz)
+
+
+_NONE = 0.0, 0.0, 0.0
+
+
+def _sliding(rolling: Model, law: Friction | None) -> Model:
+    """Return a model of slopes whose bodies slide where friction cannot hold them."""
+    on = rolling.surface
+    assert on is not None
+    touch = on.contact
+
+    @scalar
+    def place(y, constants):
+        p, q, a, b, c = y
+        ix, iy, iz, cxx, cxy, cyy = constants
+        shape = cxx, cxy, cyy
+        rates, u, omega, r, w = _contact_of_slope(touch, p, q, a, b, c, shape)
+        return rates, u, omega, r, w, (ix, iy, iz), _NONE, _NONE
+
+    @scalar
+    def place_with_constant(y, constants):
+        p, q, a, b, c = y
+        ix, iy, iz, cxx, cxy, cyy, k = constants
+        shape = cxx, cxy, cyy, k
+        rates, u, omega, r, w = _contact_of_slope(touch, p, q, a, b, c, shape)
+        return rates, u, omega, r, w, (ix, iy, iz), _NONE, _NONE
+
+    if law is None:
+        plain = place if on is surface.PARABOLOID else place_with_constant
+        slide = Slide(plain, _position_and_omega, has_work=False)
+        return replace(rolling, name=f"{rolling.name}_sliding", slide=slide)
+    couples = law.couples
+
+    @scalar
+    def place_with_friction(y, constants):
+        p, q, a, b, c, _ = y
+        ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps = constants
+        shape = cxx, cxy, cyy, k
+        rates, u, omega, r, w = _contact_of_slope(touch, p, q, a, b, c, shape)
+        torque, drag = couples(u, omega, (sigma, lever, eps))
+        return rates, u, omega, r, w, (ix, iy, iz), torque, drag
+
+    slide = Slide(place_with_friction, _position_omega_and_work, has_work=True)
+    return replace(rolling, name=f"{rolling.name}_sliding", slide=slide)
+
+
+@scalar
+def _place_in_any_position(y, constants):
+    vx, vy, vz, a, b, c, _ = y
+    ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps = constants
+    u = vectors.unit(vx, vy, vz)
+    omega = a, b, c
+    r, rho = vectors.contact(*u, cxx, cxy, cyy, k)
+    w = vectors.moving(u, omega, r, rho, cxx, cxy, cyy, k)
+    torque, drag = stone.rolling_couples(u, omega, (sigma, lever, eps))
+    rates = vy * c - vz * b, vz * a - vx * c, vx * b - vy * a
+    return rates, u, omega, r, w, (ix, iy, iz), torque, drag
+
+
+VECTORS_SLIDING = replace(
+    VECTORS,
+    name="vectors_sliding",
+    slide=Slide(_place_in_any_position, _position_omega_and_work, has_work=True),
+)
+
+
+def _all_sliding() -> dict[str, Model]:
+    """Return the sliding models by the names of the models without sliding."""
+    models = {}
+    for rolling in FRICTIONLESS.values():
+        models[rolling.name] = _sliding(rolling, None)
+        for law in surface.LAWS:
+            damped = FRICTION[rolling.name, law.name]
+            models[damped.name] = _sliding(damped, law)
+    for name, model in models.items():
+        if model.anywhere is not None:
+            models[name] = replace(model, anywhere=VECTORS_SLIDING)
+    return models
+
+
+SLIDING = _all_sliding()
+"""Models of bodies that slide, by the name of the model that always rolls."""
+
+
 # The reduced model.
 
 
@@ -501,7 +622,10 @@ ATTITUDES = {
 """Models with heading and contact point, by the name of the model without them."""
 
 PLAIN = *FRICTIONLESS.values(), VECTORS, *FRICTION.values(), REDUCED
-MODELS: dict[str, Model] = {model.name: model for model in (*PLAIN, TANGENT)}
+SLIDING_MODELS = *SLIDING.values(), VECTORS_SLIDING
+MODELS: dict[str, Model] = {
+    model.name: model for model in (*PLAIN, TANGENT, *SLIDING_MODELS)
+}
 
 
 def find_model(name: str) -> Model:

@@ -166,6 +166,14 @@ def viscous_rhs(contact, y, inertia, shape, loss):
 
 
 @scalar
+def viscous_couples(u, omega, loss):
+    """Return the torque ``-sigma omega``, and none that the normal force causes."""
+    a, b, c = omega
+    sigma, _, _ = loss
+    return (-sigma * a, -sigma * b, -sigma * c), (0.0, 0.0, 0.0)
+
+
+@scalar
 def dot(u, v):
     """Return ``u . v``."""
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
@@ -216,6 +224,17 @@ def resistance(u, omega, r, normal, lever, eps, solved):
     # There is no resistance where the plane would have to pull.
     share = 0.5 * (share + abs(share))
     return share * jx, share * jy, share * jz, share * square
+
+
+@scalar
+def rolling_couples(u, omega, loss):
+    """Return the torque ``-sigma omega``, and rolling resistance per normal force."""
+    a, b, c = omega
+    sigma, lever, eps = loss
+    hx, hy, hz = horizontal(u, omega)
+    share = lever / sqrt(hx * hx + hy * hy + hz * hz + eps * eps)
+    torque = -sigma * a, -sigma * b, -sigma * c
+    return torque, (-share * hx, -share * hy, -share * hz)
 
 
 @scalar

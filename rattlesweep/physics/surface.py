@@ -54,6 +54,8 @@ class Friction:
 
     name: str
     rhs: Formula  # rhs(contact, y, inertia, shape, loss): derivative of y, with work
+    # couples(u, omega, loss): the torque, and the torque per unit of normal force
+    couples: Formula
 
 
 PARABOLOID = Surface("full", contact=full.paraboloid, energy=full.energy, quadric=True)
@@ -68,6 +70,6 @@ ELLIPSOID = Surface(
 FURTHER = (ELLIPSOID,)
 """The surfaces that have a further constant."""
 
-VISCOUS = Friction("viscous", stone.viscous_rhs)
-ROLLING = Friction("rolling", stone.rolling_rhs)
+VISCOUS = Friction("viscous", stone.viscous_rhs, stone.viscous_couples)
+ROLLING = Friction("rolling", stone.rolling_rhs, stone.rolling_couples)
 LAWS = VISCOUS, ROLLING

@@ -117,6 +117,25 @@ def energy_at(lane, y):
     return lane.problem.model.energy(*(y + lane.constants))
 
 
+@njit(**INNER)
+def energy_after(lane):
+    """Return the energy at the end of the step just tried."""
+    return energy_at(lane, lane.y1)
+
+
+@njit(**INNER)
+def work_after(lane):
+    """Return the work of friction until the end of the step, which is negative."""
+    # With friction, the last component of the state.
+    return lane.y1[-1]
+
+
+@njit(**INNER)
+def unchanged(lane, status):
+    """Return the status; the lane goes on as it is."""
+    return status
+
+
 @njit(fastmath=FASTMATH, **INNER)
 def derive(lane):
     """Set the derivative at the start of the step, and return spin and its rate."""
@@ -295,8 +314,9 @@ def note_contact(lane):
 @njit(**INNER)
 def is_dead(lane):
     """Return whether too little energy is left for a reversal at the step's end."""
-    # With friction the last component of the state is the work, which is negative.
-    return lane.dead > 0.0 and 1.0 + lane.y1[-1] / lane.energy0 < lane.dead
+    if lane.dead == 0.0:
+        return False
+    return 1.0 + lane.problem.hooks.work(lane) / lane.energy0 < lane.dead
 
 
 @njit(**INNER)
@@ -407,13 +427,14 @@ def hold_back(lane):
     lane.rate1 = lane.rate0
     lane.amplitude = lane.a_max
     lane.root = lane.root0
+    lane.slip1 = lane.slip
 
 
 @njit(**INNER)
 def finish(lane, status, reversal, t, run, result, counts, recording):
     """Store the results of a run that ends with the step just tried, at time ``t``."""
     energy0 = lane.energy0
-    drift = (energy_at(lane, lane.y1) - energy0) / energy0
+    drift = (lane.problem.hooks.energy(lane) - energy0) / energy0
     if status in (OK, LIMIT) and not abs(drift) <= MAX_ENERGY_DRIFT:
         status = ENERGY if isfinite(drift) else NONFINITE
     n = lane.n1
@@ -549,5 +570,23 @@ def hooks_of(model: Model) -> Hooks:
     """Return the functions that differ between models."""
     limit = no_limit if model.limit is None else limit_point
     if model.rate is None:
-        return Hooks(start, pass_marks, finish, advance, limit)
-    return Hooks(start_both, pass_marks_both, finish_both, advance_both, limit)
+        return Hooks(
+            start,
+            pass_marks,
+            finish,
+            advance,
+            limit,
+            energy_after,
+            work_after,
+            unchanged,
+        )
+    return Hooks(
+        start_both,
+        pass_marks_both,
+        finish_both,
+        advance_both,
+        limit,
+        energy_after,
+        work_after,
+        unchanged,
+    )
