@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from rattlesweep.physics import full, reduced, stone, surface, tangent, vectors
+from rattlesweep.physics import full, reduced, sliding, stone, surface, tangent, vectors
 from rattlesweep.physics.full import scalar
 from rattlesweep.physics.surface import Formula, Friction, Surface
 
@@ -24,7 +24,7 @@ class Slide:
     # place(y, q): rates of the position, u, omega, r, w, inertia, and the torques of
     # friction as `physics.surface.Friction.couples` returns them
     place: Formula
-    # derivative(rates of the position, domega/dt, power of friction): dy
+    # derivative(y, slip, what `place` returns, domega/dt, power of friction): dy
     derivative: Formula
     has_work: bool  # whether the state has the work of friction
 
@@ -55,7 +55,7 @@ class Model:
     contact: Formula  # contact(*y, *q): normal force, then tangential force
     # limit(*y, *q): positive where the model holds; a run ends where it is zero
     limit: Formula | None = None
-    # sliding where the plane cannot hold the body; without it the plane holds everything
+    # without it the plane holds the body whatever the force
     slide: Slide | None = None
     surface: Surface | None = None
     volume: Formula | None = None  # volume(*y, *q): rate of phase volume
@@ -398,13 +398,13 @@ FRICTION = {
 
 
 @scalar
-def _position_and_omega(rates, omega_rate, power):
-    return rates + omega_rate
+def _without_work(y, slip, placed, omega_rate, power):
+    return placed[0] + omega_rate
 
 
 @scalar
-def _position_omega_and_work(rates, omega_rate, power):
-    return rates + omega_rate + (power,)  # noqa: RUF005
+def _with_work(y, slip, placed, omega_rate, power):
+    return placed[0] + omega_rate + (power,)
 
 
 @scalar
@@ -443,7 +443,7 @@ def _sliding(rolling: Model, law: Friction | None) -> Model:
 
     if law is None:
         plain = place if on is surface.PARABOLOID else place_with_constant
-        slide = Slide(plain, _position_and_omega, has_work=False)
+        slide = Slide(plain, _without_work, has_work=False)
         return replace(rolling, name=f"{rolling.name}_sliding", slide=slide)
     couples = law.couples
 
@@ -456,7 +456,7 @@ def _sliding(rolling: Model, law: Friction | None) -> Model:
         torque, drag = couples(u, omega, (sigma, lever, eps))
         return rates, u, omega, r, w, (ix, iy, iz), torque, drag
 
-    slide = Slide(place_with_friction, _position_omega_and_work, has_work=True)
+    slide = Slide(place_with_friction, _with_work, has_work=True)
     return replace(rolling, name=f"{rolling.name}_sliding", slide=slide)
 
 
@@ -476,7 +476,7 @@ def _place_in_any_position(y, constants):
 VECTORS_SLIDING = replace(
     VECTORS,
     name="vectors_sliding",
-    slide=Slide(_place_in_any_position, _position_omega_and_work, has_work=True),
+    slide=Slide(_place_in_any_position, _with_work, has_work=True),
 )
 
 
@@ -559,6 +559,42 @@ def _no_error(*values):
     return 0.0, 1.0
 
 
+@scalar
+def _sliding_track(placed, slip, heading):
+    _, u, omega, r, w, _, _, _ = placed
+    return sliding.track(u, omega, r, w, slip.speed, slip.angle, heading)
+
+
+def _slide_with_attitude(plain: Slide) -> Slide:
+    """Return what a model with heading and contact point needs for sliding."""
+    plain_place = plain.place
+
+    @scalar
+    def place(y, constants):
+        p, q, a, b, c, _, _, _ = y
+        return plain_place((p, q, a, b, c), constants)
+
+    @scalar
+    def place_with_work(y, constants):
+        p, q, a, b, c, work, _, _, _ = y
+        return plain_place((p, q, a, b, c, work), constants)
+
+    @scalar
+    def derivative(y, slip, placed, omega_rate, power):
+        _, _, _, _, _, heading, _, _ = y
+        return placed[0] + omega_rate + _sliding_track(placed, slip, heading)
+
+    @scalar
+    def derivative_with_work(y, slip, placed, omega_rate, power):
+        _, _, _, _, _, _, heading, _, _ = y
+        track = _sliding_track(placed, slip, heading)
+        return placed[0] + omega_rate + (power,) + track
+
+    if plain.has_work:
+        return Slide(place_with_work, derivative_with_work, has_work=True)
+    return Slide(place, derivative, has_work=False)
+
+
 def _with_attitude(plain: Model) -> Model:
     """Return a model with heading and contact point on the plane, for single steps."""
     assert plain.surface is not None
@@ -600,6 +636,9 @@ def _with_attitude(plain: Model) -> Model:
         return f + full.track(p, q, a, b, c, heading, *contact)
 
     has_work = plain.n_state == stone.N_FRICTION_STATE
+    slide = None
+    if plain.slide is not None:
+        slide = _slide_with_attitude(plain.slide)
     return replace(
         plain,
         name=f"{plain.name}_attitude",
@@ -608,6 +647,7 @@ def _with_attitude(plain: Model) -> Model:
         n_extra=full.N_EXTRA,
         n_carried=0,
         rhs=rhs_with_work if has_work else rhs,
+        slide=slide,
         spin=_zero,
         spin_rate=_zero,
         amplitude=_zero,
@@ -617,7 +657,7 @@ def _with_attitude(plain: Model) -> Model:
 
 ATTITUDES = {
     plain.name: _with_attitude(plain)
-    for plain in (*FRICTIONLESS.values(), *FRICTION.values())
+    for plain in (*FRICTIONLESS.values(), *FRICTION.values(), *SLIDING.values())
 }
 """Models with heading and contact point, by the name of the model without them."""
 

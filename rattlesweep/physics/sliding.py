@@ -103,7 +103,7 @@ def contact_at(u, omega, r, w, inertia, torque, drag):
     turned_u = divided(lever_u, inertia)
     turned_1 = divided(lever_1, inertia)
     turned_2 = divided(lever_2, inertia)
-    ux, uy, uz = u
+    _, uy, uz = u
     contact = Contact(
         1.0 + dot(u, curl) - dot(lever_u, own),
         dot(lever_1, own) - dot(first, curl),
@@ -164,7 +164,7 @@ def spun(own, u, r, inertia, drag, mu, angle, normal):
 
 @scalar
 def holding_force(contact):
-    """Return the normal force and the force along ``h_1, h_2`` that keep a body rolling.
+    """Return the forces along ``u, h_1, h_2`` that keep a body rolling.
 
     They solve three linear equations: the contact point is not accelerated.
     """
@@ -227,3 +227,21 @@ def slip_energy(u, omega, r, speed, angle):
     """Return the kinetic energy of a sliding body beyond that of a rolling one."""
     e = direction(u, angle)
     return speed * dot(e, cross(r, omega)) + 0.5 * speed * speed
+
+
+@scalar
+def track(u, omega, r, w, speed, angle, heading):
+    """Return the rates of the heading and of the contact point's place on the plane.
+
+    As in :func:`rattlesweep.physics.full.track`, with the velocity of sliding.
+    """
+    _, uy, uz = u
+    _, b, c = omega
+    root = sqrt(uy * uy + uz * uz)
+    dx, dy, dz = cross(r, omega)
+    along = (dx - w[0]) / root + speed * cos(angle)
+    across = ((dy - w[1]) * uz - (dz - w[2]) * uy) / root + speed * sin(angle)
+    cosine = cos(heading)
+    sine = sin(heading)
+    turn = (uy * b + uz * c) / (root * root)
+    return turn, cosine * along - sine * across, sine * along + cosine * across

@@ -8,8 +8,9 @@ run has ended takes the next run from a queue that all threads share.  The arith
 a run depends on its own numbers alone, so it yields the same bits in any lane, thread
 and batch.
 
-``attempt`` is compiled for each method and model, :func:`decide_closely` once for all
-models.  Both are called by their addresses (``parts``).  Sweeps (:func:`work`) and
+``attempt`` is compiled for each method and model, ``slide_lanes`` for each model that
+slides, :func:`decide_closely` once for all models.  They are called by their addresses
+(``parts``).  Sweeps (:func:`work`) and
 trajectories (`follow.record_steps`) are made of the same turns: :func:`try_step`,
 :func:`look_closer` at the lanes that are due, :func:`commit`.
 """
@@ -44,8 +45,8 @@ from rattlesweep.integrate.status import Status
 OK, NONFINITE = int(Status.OK), int(Status.NONFINITE)
 STEP_LIMIT, STEP_TOO_SMALL = int(Status.STEP_LIMIT), int(Status.STEP_TOO_SMALL)
 LIMIT = int(Status.LIMIT)
-# Indices into ``parts``: the addresses of ``attempt``, of :func:`decide_closely` and, if
-# the model slides, of :func:`slides.slide_lanes`.
+# Indices into ``parts``: the addresses of ``attempt``, of :func:`decide_closely` and,
+# for a model that slides, of :func:`slides.slide_lanes`.
 ATTEMPT, DECIDE, SLIDE = 0, 1, 2
 # Stages of :func:`decide_closely`: the zeros in a step tried, those after the zero at
 # which it ends, the extremes in a step that is to be taken.

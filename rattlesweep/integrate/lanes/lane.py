@@ -381,6 +381,9 @@ class Hooks:
     work: Callable[..., float]
     # After a step that is taken, with a status: what the lane changes to.
     change: Callable[..., int]
+    # observe(model, y, slip, constants, mu): energy minus work, normal and tangential
+    # force
+    observe: Callable[..., tuple[float, float, float]]
 
 
 class Problem:

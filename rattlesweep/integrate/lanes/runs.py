@@ -6,6 +6,7 @@ whose bits are then the same as without a tangent.
 """
 
 # mypy: ignore-errors
+from dataclasses import replace
 from math import isfinite, log, nan, sqrt
 from typing import Any, NamedTuple
 
@@ -130,6 +131,13 @@ def work_after(lane):
     return lane.y1[-1]
 
 
+@njit(fastmath=FASTMATH, **INNER)
+def observe(model, y, slip, constants, mu):
+    """Return the energy minus the work, and the normal and tangential force."""
+    normal, tangential = model.contact(*(y + constants))
+    return model.energy(*(y + constants)), normal, tangential
+
+
 @njit(**INNER)
 def unchanged(lane, status):
     """Return the status; the lane goes on as it is."""
@@ -247,6 +255,12 @@ def no_limit(lane, h, y, f):
     return Point(h, 1.0, 0.0)
 
 
+@scalar
+def below(point):
+    """Return a point of the function with a minus sign."""
+    return Point(point.h, -point.value, -point.rate)
+
+
 @njit(fastmath=FASTMATH, **INNER)
 def observe_limit(problem, w):
     """Compute the limit of the model at the end of the step tried on every lane."""
@@ -257,7 +271,7 @@ def observe_limit(problem, w):
         start = lane.limit0
         lane.limit1 = end
         # It may dip below zero between two positive ends.
-        dips = (start.rate < 0.0) & (end.rate > 0.0)
+        dips = may_peak(below(start), below(end), 0.0)
         leaves = 1.0 if dips | (end.value <= 0.0) else 0.0
         lane.leaves = leaves
         lane.watched += leaves
@@ -568,25 +582,23 @@ def finish_both(lane, status, reversal, t, run, result, counts, recording):
 
 def hooks_of(model: Model) -> Hooks:
     """Return the functions that differ between models."""
-    limit = no_limit if model.limit is None else limit_point
+    hooks = Hooks(
+        start=start,
+        pass_marks=pass_marks,
+        finish=finish,
+        advance=advance,
+        limit=no_limit if model.limit is None else limit_point,
+        energy=energy_after,
+        work=work_after,
+        change=unchanged,
+        observe=observe,
+    )
     if model.rate is None:
-        return Hooks(
-            start,
-            pass_marks,
-            finish,
-            advance,
-            limit,
-            energy_after,
-            work_after,
-            unchanged,
-        )
-    return Hooks(
-        start_both,
-        pass_marks_both,
-        finish_both,
-        advance_both,
-        limit,
-        energy_after,
-        work_after,
-        unchanged,
+        return hooks
+    return replace(
+        hooks,
+        start=start_both,
+        pass_marks=pass_marks_both,
+        finish=finish_both,
+        advance=advance_both,
     )

@@ -72,11 +72,11 @@ T_SLIDE, SLIDES, SLIDE_TIME, SLIDE_WORK, N_COLUMNS = range(5)
 
 @njit(fastmath=FASTMATH, **INNER)
 def contact_of(lane, y):
-    """Return the contact of a lane's body in the state ``y``, and what `spun` needs."""
+    """Return the contact of a lane's body in the state ``y``."""
     place = lane.problem.model.slide.place
-    rates, u, omega, r, w, inertia, torque, drag = place(y, lane.constants)
-    contact, own = contact_at(u, omega, r, w, inertia, torque, drag)
-    return contact, (own, rates, u, omega, r, inertia, torque, drag)
+    _, u, omega, r, w, inertia, torque, drag = place(y, lane.constants)
+    contact, _ = contact_at(u, omega, r, w, inertia, torque, drag)
+    return contact
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -86,12 +86,15 @@ def derivative(lane, y, slip):
     These are the derivatives of state and slip, the derivative of the angle's rate with
     respect to the angle, the normal force, and what is positive where a body slides.
     """
-    contact, (own, rates, u, omega, r, inertia, torque, drag) = contact_of(lane, y)
+    slide = lane.problem.model.slide
+    placed = slide.place(y, lane.constants)
+    _, u, omega, r, w, inertia, torque, drag = placed
+    contact, own = contact_at(u, omega, r, w, inertia, torque, drag)
     mu = lane.mu
     normal, mobility, along, across, slope = push(contact, mu, slip.angle)
     turned = spun(own, u, r, inertia, drag, mu, slip.angle, normal)
     power = dot(torque, omega) + normal * dot(drag, omega)
-    f = lane.problem.model.slide.derivative(rates, turned, power)
+    f = slide.derivative(y, slip, placed, turned, power)
     turning = across / slip.speed - contact.turn
     slip_rate = Slip(along, turning, -mu * normal * slip.speed)
     margin = min(contact.need, mobility - LEAST_MOBILITY)
@@ -145,7 +148,7 @@ def time_to_rest(lane):
 
 @njit(fastmath=FASTMATH, **INNER)
 def predict(lane, stages):
-    """Write a first guess of state and slip at the stages; return whether there is one."""
+    """Write a first guess of state and slip at the stages."""
     y, slip, h = lane.y, lane.slip, lane.h
     n = len(y)
     f, rate, stiffness, _, _ = derivative(lane, y, slip)
@@ -159,11 +162,11 @@ def predict(lane, stages):
         stages[i, n + 1] = slip.angle + (ahead * rate.angle if turns else 0.0)
         stages[i, n + 2] = slip.work
     if not begins:
-        return True
+        return
     # The direction follows the force, and the speed is the integral of its rate.
     growths = np.empty(STAGES)
     for i in range(STAGES):
-        contact, _ = contact_of(lane, first_of(stages[i], lane.problem.model.n_state))
+        contact = contact_of(lane, first_of(stages[i], lane.problem.model.n_state))
         angle, _ = settled_direction(contact, lane.mu, stages[max(i - 1, 0), n + 1])
         _, _, along, _, _ = push(contact, lane.mu, angle)
         stages[i, n + 1] = angle
@@ -173,7 +176,6 @@ def predict(lane, stages):
         for j in range(STAGES):
             speed += h * INTEGRALS[i, j] * growths[j]
         stages[i, n] = speed
-    return True
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -264,7 +266,7 @@ def observe(lane, contact_recorded):
     lane.amplitude = model.amplitude(*(y + lane.probe))
     set_limit(lane, lane.h, slip)
     limit = lane.limit1
-    dips = lane.limit0.rate < 0.0 and limit.rate > 0.0
+    dips = may_peak(runs.below(lane.limit0), runs.below(limit), 0.0)
     lane.leaves = 1.0 if dips or not limit.value > 0.0 else 0.0
     lane.watched = lane.leaves
     if contact_recorded and may_peak(lane.lift0, lane.lift1, -lane.normal_min):
@@ -368,7 +370,7 @@ def hold_point(lane, h, y, f):
 @njit(fastmath=FASTMATH, **INNER)
 def slide_from_rest(lane):
     """Let a lane slide from rest at the end of the step; return a status."""
-    contact, _ = contact_of(lane, lane.y1)
+    contact = contact_of(lane, lane.y1)
     angle, found = outgoing(contact, lane.mu)
     if not found:
         return LIFTS_OFF if contact.need <= 0.0 else JAMMED
@@ -415,11 +417,14 @@ def end(lane, t):
 
 @njit(**INNER)
 def change(lane, status):
-    """Change between rolling and sliding after a step that is taken; return a status."""
+    """Change between rolling and sliding after a step that is taken.
+
+    Return a status.
+    """
     t = lane.t + (lane.h - lane.t_low)
     slid = lane.slip.speed > 0.0
     if status == LIMIT and slid:
-        contact, _ = contact_of(lane, lane.y1)
+        contact = contact_of(lane, lane.y1)
         return LIFTS_OFF if contact.need < LEAST_MOBILITY else JAMMED
     if status == LIMIT:
         return begin(lane, t)
@@ -459,14 +464,26 @@ def advance(problem, w):
 
 
 @njit(fastmath=FASTMATH, **INNER)
+def energy_of(model, y, slip, constants):
+    """Return the energy minus the work of friction of a body that may slide."""
+    _, u, omega, r, _, _, _, _ = model.slide.place(y, constants)
+    moving = slip_energy(u, omega, r, slip.speed, slip.angle)
+    return model.energy(*(y + constants)) + moving - slip.work
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def force_of(model, y, slip, constants, mu):
+    """Return the normal and the tangential force on a body that slides."""
+    _, u, omega, r, w, inertia, torque, drag = model.slide.place(y, constants)
+    contact, _ = contact_at(u, omega, r, w, inertia, torque, drag)
+    normal, _, _, _, _ = push(contact, mu, slip.angle)
+    return normal, mu * normal
+
+
+@njit(**INNER)
 def energy(lane):
     """Return the energy minus the work of friction at the end of the step."""
-    y = lane.y1
-    slip = lane.slip1
-    rolling = runs.energy_at(lane, y)
-    place = lane.problem.model.slide.place
-    _, u, omega, r, _, _, _, _ = place(y, lane.constants)
-    return rolling + slip_energy(u, omega, r, slip.speed, slip.angle) - slip.work
+    return energy_of(lane.problem.model, lane.y1, lane.slip1, lane.constants)
 
 
 @njit(**INNER)
@@ -489,6 +506,24 @@ def finish(lane, status, reversal, t, run, result, counts, recording):
     result[run, first + SLIDE_WORK] = lane.slip1.work
 
 
+@njit(fastmath=FASTMATH, **INNER)
+def observe_body(model, y, slip, constants, mu):
+    """Return the energy minus the work, and the normal and tangential force."""
+    if slip.speed > 0.0:
+        normal, tangential = force_of(model, y, slip, constants, mu)
+    else:
+        normal, tangential = model.contact(*(y + constants))
+    return energy_of(model, y, slip, constants), normal, tangential
+
+
 HOOKS = Hooks(
-    start, runs.pass_marks, finish, advance, hold_point, energy, work, change
+    start=start,
+    pass_marks=runs.pass_marks,
+    finish=finish,
+    advance=advance,
+    limit=hold_point,
+    energy=energy,
+    work=work,
+    change=change,
+    observe=observe_body,
 )
