@@ -18,6 +18,7 @@ from typing import Any
 import pyarrow as pa
 
 from rattlesweep.integrate.status import Status
+from rattlesweep.quantities import LOSSES, SURFACE_CONSTANTS
 from rattlesweep.sweeps import columns, summary
 from rattlesweep.sweeps.config.read import config_json_schema
 from rattlesweep.sweeps.config.schema import Config
@@ -29,13 +30,12 @@ PARAMETERS = ("overrides", "base", "axes")
 
 CONFIG_HEAD = """# The config, key by key
 
-A config is a YAML 1.2 file, or in Python a mapping with the same keys. `rattlesweep init` writes a config to start from, and `rattlesweep plan CONFIG --check` reports each mistake
-as `file:line: key: sentence`. `--set KEY=VALUE` overrides a key by its dotted name, such as `--set bodies.samples=100`.
-`rattlesweep schema` prints the JSON Schema for editors.
+A config is a YAML 1.2 file, or in Python a mapping with the same keys. `rattlesweep init` writes one to start from, and `rattlesweep plan CONFIG --check` reports each mistake
+with its line. `--set bodies.samples=100` overrides a key. `rattlesweep schema` prints the JSON Schema for editors.
 
-The body's mass `M`, the height `a` of its centre of mass at rest and gravity `g` are 1. Times are in `sqrt(a/g)`, spins and rates in
-`sqrt(g/a)`. "Or several" means one number, a list, `{linspace: [low, high, n]}` or `{logspace: [low, high, n]}`; both ends
-are included. If the bodies have a size (`source: shape`, the preset KL, a table with `height_m`), spins, times and dissipation may have units, as in
+`M`, `a` and `g` are 1: times are in `sqrt(a/g)`, spins and rates in
+`sqrt(g/a)`. "Or several" means one number, a list, `{linspace: [low, high, n]}` or `{logspace: [low, high, n]}` with both ends.
+If the bodies have a size (`source: shape`, the preset KL, a table with `height_m`), spins, times and dissipation may have units, as in
 `n_i: 60 rpm`, `t: 20 s` or `sigma: 1e-5 N m s`. If the sizes differ between bodies, a key with a unit takes one value.
 
 ```yaml
@@ -91,9 +91,9 @@ SHARED = {
 
 TABLES = """## A table as a source
 
-`bodies: {source: table, path: bodies.csv}` reads CSV with a header, Parquet, or a directory of Parquet files. CSV has
-commas, semicolons or tabs between its columns, and with the latter two perhaps decimal commas. A relative path is looked up in the working directory and then beside the config. Each row is one body, in the columns `alpha beta gamma theta phi xi` (radians),
-or `gamma f_sd theta phi xi` for a shell-dumbbell body. These optional columns replace a part of the config, row by row:
+`bodies: {source: table, path: bodies.csv}` reads CSV with a header (commas, semicolons or tabs; with the latter two perhaps decimal commas), Parquet, or a directory of Parquet files.
+A relative path is looked up in the working directory and then beside the config. Each row is one body: `alpha beta gamma theta phi xi` (radians),
+or `gamma f_sd theta phi xi` for a shell-dumbbell body. Optional columns replace a part of the config, row by row:
 
 | columns | replace | unit |
 |---|---|---|
@@ -101,12 +101,11 @@ or `gamma f_sd theta phi xi` for a shell-dumbbell body. These optional columns r
 | `psi` or `psi_deg` | `spin.psi` | radians, degrees |
 | `omega_x omega_y omega_z u_x u_y u_z` | `spin`, by a full state | `sqrt(g/a)`; 1 |
 | `t_end`, may be empty | `horizon` | `sqrt(a/g)` |
-| `c`, may be empty | `bodies.c` | `a` |
-| `sigma`, `rolling`, in all rows | `dissipation` | `M a^2 sqrt(g/a)`, `a` |
+@@constants@@
 | `xi_deg` or `minus_xi_deg` | `xi` | degrees |
 
 A body in SI units has the columns `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m` and optionally `ixy_kg_m2 axes_angle_deg
-gravity_m_s2 c_m`. Its launch is `n_i_rpm omega_xy0_rpm`, its horizon `t_end_s`, its dissipation `sigma_N_m_s` and `rolling_m`. The runs then also have
+gravity_m_s2 c_m`. Its launch is `n_i_rpm omega_xy0_rpm`, its horizon `t_end_s`, its dissipation @@losses@@. The runs then also have
 the columns `t_r_s` and `n_i_rpm`. Other columns are copied to the runs. A result such as `t_r`
 is an error, unless the table is one of runs.
 
@@ -116,13 +115,13 @@ alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0,t_end
 13.04,1.522,12.28,0.7,0.05,-0.05,-0.2,0.1,
 ```
 
-The runs of a sweep are such a table: `path: out/quickstart/runs` repeats its launches and horizons.
-For a run that has reversed, `t_end` is its reversal time. `rs.sweep(frame, ...)` takes a DataFrame of pandas or Polars, or an Arrow table, with these columns.
+The runs of a sweep are such a table: `path: out/quickstart/runs` repeats its launches and horizons
+(for a run that has reversed, `t_end` is its reversal time). `rs.sweep(frame, ...)` takes a DataFrame of pandas or Polars, or an Arrow table.
 """
 
 COLUMNS_HEAD = """# Columns of the tables
 
-This page lists the columns of `runs/*.parquet`, with one row for each run, and of `summary.parquet`, with one row for each case. Units and meanings are also in the metadata of the files and in
+The columns of `runs/*.parquet`, with one row for each run, and of `summary.parquet`, with one row for each case. Units and meanings are also in the metadata of the files and in
 the `attrs` of DataFrames. `M`, `a` and `g` are 1. A `?` marks columns that may be null. NaN and infinity never occur.
 """
 
@@ -143,7 +142,24 @@ def config_page() -> str:
         description = next(iter(models.values()))["description"].replace("\n", " ")
         lines += [f"## {path}\n", SHARED.get(path, description), ""]
         lines += ["```yaml", *EXAMPLES[path], "```", "", table(rows_of(models)), ""]
-    return "\n".join([*lines, TABLES])
+    return "\n".join([*lines, tables_text()])
+
+
+def tables_text() -> str:
+    """Return the section about tables, with the constants that have columns."""
+    rows = [
+        f"| `{name}`, may be empty | `bodies.{name}` | `{constant.unit}` |"
+        for name, constant in SURFACE_CONSTANTS.items()
+    ]
+    names = ", ".join(f"`{name}`" for name in LOSSES)
+    units = ", ".join(
+        loss.unit if loss.unit == "1" else f"`{loss.unit}`" for loss in LOSSES.values()
+    )
+    rows.append(f"| {names}, in all rows | `dissipation` | {units} |")
+    measures = [loss.measure for loss in LOSSES.values() if loss.measure is not None]
+    in_si = f"`{' '.join(measure.name for measure in measures)}`"
+    text = TABLES.replace("@@constants@@", "\n".join(rows))
+    return text.replace("@@losses@@", in_si)
 
 
 def sections(schema: Schema) -> list[tuple[str, Schema]]:
@@ -194,7 +210,9 @@ def rows_of(models: dict[str, Schema]) -> list[tuple[str, ...]]:
         row.append(together({label: kind_of(key) for label, key in keys.items()}))
         row.append(together({label: meaning_of(key) for label, key in keys.items()}))
         rows.append(tuple(row))
-    return rows
+    # A section without defaults needs no column for them.
+    filled = [place for place in range(len(head)) if any(r[place] for r in rows[1:])]
+    return [tuple(row[place] for place in filled) for row in rows]
 
 
 def default_cell(name: str, models: dict[str, Schema]) -> str:

@@ -6,6 +6,7 @@ A hook of MkDocs (see mkdocs.yml).
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,14 @@ COPIED = {
     "benchmarks/fit.md": "fit_coverage.md",
     "benchmarks/literature.md": "other_runs.md",
 }
+
+
+def on_config(config: Any) -> Any:
+    """Take the addresses of the site and the repository from pyproject.toml."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    config.site_url = project["project"]["urls"]["Documentation"]
+    config.repo_url = project["project"]["urls"]["Repository"]
+    return config
 
 
 def on_files(files: Any, *, config: Any) -> Any:

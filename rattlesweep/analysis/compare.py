@@ -133,7 +133,7 @@ def _add_differences(runs: pd.DataFrame) -> None:
     runs["sure"] = runs.type_sure_a.eq(True) & runs.type_sure_b.eq(True)
 
 
-def _counted(runs: pd.DataFrame, has_errors: bool) -> dict[str, Any]:
+def _counted(runs: pd.DataFrame, has_errors: bool) -> dict[str, int | float | None]:
     """Return the counts and quantiles of some runs."""
     relative = runs["relative"].dropna()
     counts: dict[str, int | float | None] = {
@@ -154,7 +154,7 @@ def _counted(runs: pd.DataFrame, has_errors: bool) -> dict[str, Any]:
     return counts | {"failed": int(runs["not_ok"].sum())}
 
 
-def _same_runs(side: Stored) -> dict[str, Any]:
+def _same_runs(side: Stored) -> dict[str, object]:
     """Return what determines the runs, however they are integrated."""
     how = ("integrator", "record", "classify")
     data = {k: v for k, v in fixed_part(side.config).items() if k not in how}
@@ -163,7 +163,7 @@ def _same_runs(side: Stored) -> dict[str, Any]:
     return data | {"cases": [str(case) for case in side.cases], "samples": side.samples}
 
 
-def _settings(side: Stored) -> dict[str, Any]:
+def _settings(side: Stored) -> dict[str, object]:
     """Return the settings that may explain differences."""
     config = resolved(side.config)
     manifest = side.manifest
@@ -209,10 +209,10 @@ def save(comparison: Comparison, path: Path) -> None:
     values = values[values.between(0, np.inf, inclusive="neither")]
     with style.styled():
         figure = style.new_figure(5.2, 3.9)
-        axes: Any = figure.subplots()
+        axes = figure.subplots()
         if len(values):
             bins = np.geomspace(values.min() / 2, 2 * values.max(), 60)
-            axes.hist(values, bins, color=style.BLUE)
+            axes.hist(values, bins.tolist(), color=style.BLUE)
             axes.set(xscale="log", yscale="log", ylim=(0.7, None))
         else:
             equal = (

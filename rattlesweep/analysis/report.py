@@ -28,7 +28,7 @@ MOST_FITTING = 480.0  # points of width of a picture that is shrunk to a narrow 
 MOST_SESSIONS = 200
 
 
-def render(template: str, **values: Any) -> bytes:
+def render(template: str, **values: object) -> bytes:
     """Return a page; `values` are what its template names, among them `title`."""
     loader = PackageLoader("rattlesweep.analysis", "templates")
     environment = Environment(
@@ -42,7 +42,7 @@ def render(template: str, **values: Any) -> bytes:
     return environment.get_template(template).render(values).encode()
 
 
-def embedded(svg: bytes, png: bytes) -> Mapping[str, Any]:
+def embedded(svg: bytes, png: bytes) -> Mapping[str, object]:
     """Return a picture as a data URL, as PNG if its SVG is too large, and its class.
 
     A wide picture scrolls on a narrow screen, where its text would be too small to
@@ -58,7 +58,7 @@ def embedded(svg: bytes, png: bytes) -> Mapping[str, Any]:
     return {"url": url, "wide": width is not None and float(width[1]) > MOST_FITTING}
 
 
-def config_yaml(config: Mapping[str, Any]) -> str:
+def config_yaml(config: Mapping[str, object]) -> str:
     """Return a resolved config as YAML, with innermost mappings and lists in a line."""
     yaml: Any = YAML(typ="safe", pure=True)
     yaml.default_flow_style = None
@@ -121,13 +121,13 @@ def _failures(rows: pd.DataFrame) -> list[tuple[str, int, str, str]]:
     return failures
 
 
-def _session_cells(session: Mapping[str, Any]) -> list[Any]:
+def _session_cells(session: Mapping[str, object]) -> list[object]:
     """Return the cells of a session in the table of sessions."""
     names = ("how", "shard", "host", "threads", "runs", "seconds")
     return [str(session.get("started"))[:19], *(session.get(name) for name in names)]
 
 
-def _shown(layout: Layout, kind: str) -> Mapping[str, Any]:
+def _shown(layout: Layout, kind: str) -> Mapping[str, object]:
     """Return a picture for the page, or why there is none, such as too many panels."""
     try:
         with styled():

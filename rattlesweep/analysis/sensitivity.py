@@ -8,10 +8,11 @@ the same ones, but accepts only powers of two of groups.
 
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
 from rattlesweep.analysis import style
@@ -33,7 +34,15 @@ MOST_CASES = 6  # in a figure
 _INDICES = {"first": ("first order", style.BLUE), "total": ("total", style.ORANGE)}
 
 
-def sensitivity(directory: Path) -> dict[str, Any]:
+class Indices(TypedDict):
+    """The result of :func:`sensitivity`."""
+
+    cases: list[dict[str, int | float | str]]
+    indices: list[dict[str, int | float | str]]
+    notes: list[str]
+
+
+def sensitivity(directory: Path) -> Indices:
     """Compute the indices of the complete groups of runs on disk.
 
     ``indices`` has a row for each ``case``, ``of`` (one of `QUANTITIES`) and
@@ -50,7 +59,7 @@ def sensitivity(directory: Path) -> dict[str, Any]:
     frame = stored.read(["case", "sample", "t_r", "type", "status"]).to_pandas()
     frame["group"], frame["place"] = np.divmod(frame["sample"], bodies.group)
     _add_quantities(frame)
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, int | float | str]] = []
     notes: list[str] = []
     for (case, runs), quantity in product(frame.groupby("case"), QUANTITIES):
         # One row for each group whose runs are all stored.
@@ -129,20 +138,21 @@ def indices(f: Floats) -> list[dict[str, float]]:
     return rows
 
 
-def as_text(result: dict[str, Any], most_cases: int) -> str:
+def as_text(result: Indices, most_cases: int) -> str:
     """Return a table of the indices with their intervals, for at most so many cases."""
     cases = result["cases"]
     rows = []
     for row in result["indices"]:
-        if row["case"] < most_cases:
-            rows.append(cases[row["case"]] | row)
+        case = int(row["case"])
+        if case < most_cases:
+            rows.append(cases[case] | row)
     lines = [style.text_table(rows, ".3g"), *result["notes"][:most_cases]]
     if len(cases) > most_cases:
         lines.append(f"{len(cases) - most_cases} more cases are in --json")
     return "\n".join(lines)
 
 
-def save(result: dict[str, Any], path: Path) -> None:
+def save(result: Indices, path: Path) -> None:
     """Write a figure with a panel of bars for each case and quantity."""
     frame = pd.DataFrame(result["indices"])
     names = [name for name in QUANTITIES if name in set(frame["of"])]
@@ -180,7 +190,7 @@ def save(result: dict[str, Any], path: Path) -> None:
         style.save(figure, [path])
 
 
-def _draw_bars(axes: Any, rows: pd.DataFrame) -> None:
+def _draw_bars(axes: Axes, rows: pd.DataFrame) -> None:
     """Draw the first-order and the total index of each parameter side by side."""
     for k, (index, (_, colour)) in enumerate(_INDICES.items()):
         value = rows[index].to_numpy()

@@ -11,10 +11,13 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Floats, Places
 from rattlesweep.errors import ConfigError, one_line
@@ -78,7 +81,7 @@ UNITS = {
     "M g": r"$M\,g$",
     "M a^2 sqrt(g/a)": r"$M\,a^2 \sqrt{g/a}$",
 }
-RC: dict[str, Any] = {
+RC: dict[str, object] = {
     "font.size": 9,
     "axes.linewidth": 0.6,
     "axes.axisbelow": True,
@@ -135,7 +138,9 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def add_legend(figure: Any, handles: list[Any], heading: Sequence[str] = ()) -> None:
+def add_legend(
+    figure: Figure, handles: Sequence[Artist], heading: Sequence[str] = ()
+) -> None:
     """Put a heading and a legend above all panels, in as few rows as fit."""
     count = max(1, len(handles))
     for rows in range(1, count + 1):
@@ -148,7 +153,7 @@ def add_legend(figure: Any, handles: list[Any], heading: Sequence[str] = ()) -> 
         if rows == count or legend.get_window_extent().width <= figure.bbox.width:
             break
         legend.remove()
-    legend.set_title("\n".join(map(str, heading)) or None)
+    legend.set_title("\n".join(map(str, heading)))
     legend.get_title().set_multialignment("center")
 
 
@@ -164,7 +169,7 @@ def add_caption(figure: Figure, words: str, *, grow: bool = True) -> None:
         figure.set_figheight(height)
 
 
-def light_grid(axes: Any) -> None:
+def light_grid(axes: Axes) -> None:
     """Draw a faint grid behind the data, and no frame on the top and the right."""
     axes.grid(visible=True, color=FAINT, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
@@ -176,7 +181,7 @@ def entry(words: str, **look: Any) -> Line2D:
 
 
 def scale_axis(
-    axes: Any, which: str, values: Any, log: bool, name: str = "t_r"
+    axes: Axes, which: str, values: ArrayLike, log: bool, name: str = "t_r"
 ) -> None:
     """Make an axis logarithmic if `log`; messages call its values `name`."""
     if not log:
@@ -209,7 +214,7 @@ class PlainTicks(LogLocator):
         return super().tick_values(vmin, vmax)
 
 
-def plain_ticks(axes: Any, which: str, low: float, high: float) -> None:
+def plain_ticks(axes: Axes, which: str, low: float, high: float) -> None:
     """Label a logarithmic axis with plain numbers instead of powers of ten."""
     axis = axes.xaxis if which == "x" else axes.yaxis
     if high > 4 * low:
@@ -233,16 +238,16 @@ def thin(values: Floats, bins: int) -> Places:
 
 
 def curve(
-    axis: Any, t: Floats, values: Floats, colour: str = BLUE, **look: Any
+    axis: Axes, t: Floats, values: Floats, colour: str = BLUE, **look: Any
 ) -> None:
     """Draw a curve, or the envelope of one with very many oscillations."""
-    look = {"color": colour, "linewidth": 0.8} | look
+    lines: dict[str, Any] = {"color": colour, "linewidth": 0.8} | look
     steps = np.diff(values)
     steps = steps[np.abs(steps) > ROUNDING * np.ptp(values)]
     periods = np.count_nonzero(np.diff(np.sign(steps))) / 2
     if periods <= MOST_PERIODS or not np.isfinite(values).all():
         places = thin(values, BINS)
-        axis.plot(t[places], values[places], **look)
+        axis.plot(t[places], values[places], **lines)
         return
     # The lowest and the highest value in stretches of more than one oscillation.
     stretches = int(min(BINS, periods / 1.5))
@@ -254,9 +259,9 @@ def curve(
     middle[0] = t[0]
     middle[-1] = t[-1]
     axis.fill_between(middle, low, high, color=colour, alpha=0.25, linewidth=0)
-    axis.plot(middle, low, **look)
-    look.pop("label", None)  # one entry in the legend is enough
-    axis.plot(middle, high, **look)
+    axis.plot(middle, low, **lines)
+    lines.pop("label", None)  # one entry in the legend is enough
+    axis.plot(middle, high, **lines)
 
 
 def encode(figure: Figure, kind: str, dpi: float = DPI) -> bytes:
@@ -290,7 +295,7 @@ def save_table(rows: pd.DataFrame, path: Path) -> None:
     replace_file(path, content)
 
 
-def text_table(rows: Sequence[Mapping[Any, Any]], form: str = ".6g") -> str:
+def text_table(rows: Sequence[Mapping[Any, object]], form: str = ".6g") -> str:
     """Return rows as a table of text, without the columns that are empty."""
     frame = pd.DataFrame(rows).dropna(axis=1, how="all").astype(object)
     frame = frame.where(frame.notna(), "-")

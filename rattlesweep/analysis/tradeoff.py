@@ -34,7 +34,7 @@ from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.provenance import machine
 
-DEFAULT: dict[str, Any] = {
+DEFAULT: dict[str, object] = {
     "name": "tradeoff",
     "seed": 2017,
     "bodies": {"source": "sd"},
@@ -103,7 +103,7 @@ def draw_runs(
     config: Config, base: Path | None, samples: int | None, least: int
 ) -> tuple[Config, Launches]:
     """Draw `samples` runs of each case that have an end, or at least `least` in all."""
-    data: dict[str, Any] = resolved(config) | {"record": [], "model": "full"}
+    data = resolved(config) | {"record": [], "model": "full"}
     config = parse_config(data, ["integrator={method: dop853}"])
     plan = make_plan(config, base)
     wanted = samples or -(-least // len(plan.cases))
@@ -249,7 +249,7 @@ def make_reference(config: Config, runs: Launches, threads: int = 1) -> pd.DataF
     return first.assign(apart=apart, both=apart < AGREE, neither=neither)
 
 
-def errors(results: pd.DataFrame, reference: pd.DataFrame) -> dict[str, Any]:
+def errors(results: pd.DataFrame, reference: pd.DataFrame) -> dict[str, object]:
     """Return the errors of runs as numbers; a missed reversal is an infinite error."""
     both = reference["both"]
     neither = reference["neither"]
@@ -269,11 +269,11 @@ def errors(results: pd.DataFrame, reference: pd.DataFrame) -> dict[str, Any]:
     }
 
 
-def cheapest(rows: pd.DataFrame) -> list[dict[str, Any]]:
+def cheapest(rows: pd.DataFrame) -> list[dict[str, object]]:
     """Return the cheapest setting for each error in `WANTED`, as median and of 99 %."""
     table = []
     for error in WANTED:
-        row: dict[str, Any] = {"error": error}
+        row: dict[str, object] = {"error": error}
         for statistic in ("median", "p99"):
             row[statistic] = None
             row[f"{statistic}_us_per_unit"] = None
@@ -306,7 +306,7 @@ def as_text(study: Study) -> str:
     )
 
 
-def as_data(study: Study) -> dict[str, Any]:
+def as_data(study: Study) -> dict[str, object]:
     """Return the measurements as JSON can hold them."""
     rows = study.rows.astype(object).replace([np.nan, np.inf], None)
     return {"facts": study.facts, "rows": rows.to_dict("records")}

@@ -129,8 +129,8 @@ class Sweep:
     ) -> xarray.Dataset:
         """Return the runs as a Dataset with one dimension for each axis of the sweep.
 
-        Needs xarray (``pip install '.[xarray]'``).  The dimensions are the target
-        ``K_p`` or ``K_r`` if there is one (the bodies' own coefficient is then
+        Needs xarray (``pip install 'rattlesweep[xarray]'``).  The dimensions are the
+        target ``K_p`` or ``K_r`` if there is one (the bodies' own coefficient is then
         ``K_r_body``), ``n_i``, ``omega_xy0``, and the axes of a grid of bodies, or else
         ``sample``.  By default all columns with one value per run are there.  Runs for
         which `where` is false are missing: NaN, or an empty text.  With `fill`, points

@@ -25,8 +25,20 @@ from rattlesweep.cli.options import (
 )
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate import SettingError
+from rattlesweep.shipped import address
 
 __all__ = ["main", "single", "sweeps"]
+
+PAGES = [
+    ("tutorial", "from installation to a map"),
+    ("columns", "columns of the tables"),
+    ("types", "types of runs"),
+]
+FIRST_LINES = """\
+  rattlesweep init --example quickstart     writes configs/quickstart.yaml
+  rattlesweep run configs/quickstart.yaml   integrates 6,000 rattlebacks
+  rattlesweep plot out/quickstart           draws out/quickstart/fractions.png
+"""
 
 
 class Program(click.Group):
@@ -92,6 +104,13 @@ class Program(click.Group):
             with formatter.section(section):
                 formatter.write_dl(rows)
 
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write where the documentation is, and three lines to begin with."""
+        with formatter.section("Documentation"):
+            formatter.write_dl([(address(page), about) for page, about in PAGES])
+        with formatter.section("To begin with"):
+            formatter.write(FIRST_LINES)
+
 
 def _terminate(number: int, frame: FrameType | None) -> NoReturn:
     raise KeyboardInterrupt(number)
@@ -145,8 +164,6 @@ def main(context: click.Context, verbose: bool, version: bool) -> None:
     Exit codes: 0 done, 1 failed, 2 the command or the config is wrong, 3 done but some
     runs have a status other than ok, 75 stopped early on purpose, 130 interrupted, 143
     terminated.
-
-    docs/columns.md explains the columns of the tables, docs/types.md the types of runs.
     """
     if version:
         import rattlesweep

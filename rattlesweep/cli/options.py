@@ -2,6 +2,7 @@
 
 import json
 import pkgutil
+import re
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -18,7 +19,8 @@ from rattlesweep.integrate import MOST_THREADS, check_settings
 from rattlesweep.integrate.compile import listening
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.names import ACCURACY_NAMES, MODEL_NAMES, PLOT_NAMES, PRESET_NAMES
-from rattlesweep.quantities import QUANTITIES
+from rattlesweep.quantities import LOSSES, QUANTITIES
+from rattlesweep.shipped import linked
 from rattlesweep.text import Bar
 from rattlesweep.units import KINDS, quantities, quantity, seconds_of
 
@@ -43,6 +45,13 @@ class Command(click.Command):
 
     section = ""
 
+    def format_help_text(
+        self, ctx: click.Context, formatter: click.HelpFormatter
+    ) -> None:
+        """Write the text of the help, with addresses of pages of the documentation."""
+        self.help = linked(self.help or "")
+        super().format_help_text(ctx, formatter)
+
     def invoke(self, ctx: click.Context) -> None:
         """Run the command, and report the compilation of kernels."""
         check_settings()
@@ -62,6 +71,11 @@ def command(section: str, *examples: str) -> Callable[[Function], Command]:
     if section not in SECTIONS:
         raise ValueError(f"no section {section}")
     epilog = "\n  ".join(["\b\nExamples:", *examples])
+    named = dict.fromkeys(re.findall(r"configs/(\w+)", epilog))
+    if named:
+        # Whoever has no clone has no configs yet.
+        writers = [f"rattlesweep init --example {name}" for name in named]
+        epilog += "\n\n" + "\n  ".join(["\b\nWrite these configs by:", *writers])
 
     def register(function: Function) -> Command:
         new = click.command(cls=Command, epilog=epilog)(function)
@@ -241,7 +255,6 @@ SPIN = measured("spin")
 DURATION = measured("time")
 LENGTH = measured("length")
 ENERGY = measured("energy")
-DAMPING = measured("torque per spin", "sigma")
 MASS = in_si("mass")
 HEIGHT = in_si("length")
 ANGLE = in_si("angle")
@@ -419,7 +432,12 @@ _BODY: tuple[Row, ...] = (
 )
 BODY = [flag.removeprefix("--").replace("-", "_") for flag, _, _ in _BODY]
 body = group(*_BODY)
-dissipation = group(named("sigma", DAMPING), named("rolling", LENGTH))
+dissipation = group(
+    *(
+        named(name, measured(loss.kind, loss.kind.split()[0]) if loss.kind else float)
+        for name, loss in LOSSES.items()
+    )
+)
 SPIN_DEFAULTS = {"n_i": 0.1, "omega_xy0": 0.01}
 spin = group(
     named("n_i", SPIN, "  [default: 0.1]"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import secrets
 import shutil
 import time
@@ -16,6 +15,7 @@ from click import option
 from rattlesweep.cli import options
 from rattlesweep.cli.options import COUNT, DONE, Kind, command, probe, say, to_json
 from rattlesweep.errors import ConfigError
+from rattlesweep.shipped import example_names
 from rattlesweep.text import Bar, counted
 
 if TYPE_CHECKING:
@@ -30,33 +30,47 @@ SHARD = Kind("i/n", "rattlesweep.sweeps.run:Shard.parse")
 LIMIT = Kind("time", "rattlesweep.sweeps.slurm:limit_of")
 
 
-@command("Sweeps", "rattlesweep init mine.yaml")
-@options.path("config", default="sweep.yaml")
-def init(config: Path) -> None:
+@command(
+    "Sweeps",
+    "rattlesweep init mine.yaml",
+    "rattlesweep init --example quickstart",
+    "rattlesweep init --example fit mine/stone.yaml",
+)
+@options.path("config", required=False)
+@option(
+    "--example",
+    type=click.Choice(example_names()),
+    help="Write a config of the documentation instead, by default in configs/.",
+)
+def init(config: Path | None, example: str | None) -> None:
     """Write a commented config to begin with.
 
-    It describes a small sweep, ready to run. Prints its path. No file is overwritten.
+    It describes a small sweep, ready to run, and is called sweep.yaml by default.
+    Prints the paths that it writes. No file is overwritten.
     """
-    from importlib.resources import files
-
+    from rattlesweep.shipped import example_files, starter
     from rattlesweep.sweeps.config.read import parse_config, read_yaml
     from rattlesweep.sweeps.files import replace_file
 
-    if config.suffix not in (".yaml", ".yml"):
+    if config is not None and config.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"{config}: the name of a config ends in .yaml")
-    if config.exists():
-        raise ConfigError(
-            f"{config}: exists already; choose another name, or remove it first"
-        )
-    starter = files("rattlesweep.sweeps.config") / "starter.yaml"
-    text = starter.read_text(encoding="utf-8")
-    # In quotes, as YAML would read some names as numbers.
-    text = text.replace("name: NAME", f"name: {json.dumps(config.stem)}")
-    text = text.replace("NAME", config.stem)
-    parse_config(read_yaml(text)[0])  # a stem may not be a valid name of a sweep
-    probe(config)
-    replace_file(config, text.encode())
-    click.echo(config)
+    if example is not None:
+        texts = example_files(example, config)
+    else:
+        config = config or Path("sweep.yaml")
+        texts = {config: starter(config.stem)}
+        data, _, _ = read_yaml(texts[config])
+        assert isinstance(data, dict)
+        parse_config(data)  # the stem may not be a valid name of a sweep
+    for path in texts:
+        if path.exists():
+            raise ConfigError(
+                f"{path}: exists already; choose another name, or remove it first"
+            )
+    probe(*texts)
+    for path, text in texts.items():
+        replace_file(path, text.encode())
+        click.echo(path)
 
 
 @command(

@@ -14,7 +14,7 @@ from numba import config
 
 from rattlesweep.arrays import Flags, Floats, Integers, put, take
 from rattlesweep.integrate import SettingError, processors
-from rattlesweep.integrate.compile import Kernel, load_kernels
+from rattlesweep.integrate.compile import Kernel, Order, load_kernels
 from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.integrate.lanes import runs, slides
 from rattlesweep.integrate.lanes.lane import INNER, LANES, Layout, Problem, addresses_of
@@ -107,7 +107,7 @@ def drive() -> Kernel:
 
 def kernel(
     tableau_name: str, model_name: str, record: Collection[str] = ()
-) -> Callable[[int, tuple[Any, ...]], None]:
+) -> Callable[[int, tuple[object, ...]], None]:
     """Return a kernel, which takes the number of threads and the shared arrays.
 
     If threads cannot be started (:func:`parallel`), the work of all is done in this
@@ -117,7 +117,7 @@ def kernel(
     model = TANGENT if "lyapunov" in record else model
     # Steps integrate the rate of phase volume as well if it is recorded.
     extra = ("volume",) if "volume" in record else ()
-    orders: list[tuple[Any, ...]] = [
+    orders: list[Order] = [
         (work, model.name, tableau.adaptive),
         (attempt, tableau_name, model.name, *extra),
         (decide_closely, tableau.adaptive),
@@ -136,11 +136,11 @@ def kernel(
         driving = loaded[-1]
         address = addresses_of(working)[0]
 
-        def call(threads: int, shared: tuple[Any, ...]) -> None:
+        def call(threads: int, shared: tuple[object, ...]) -> None:
             driving(address, parts, threads, workspace(tableau, model, threads), shared)
     else:
 
-        def call(threads: int, shared: tuple[Any, ...]) -> None:
+        def call(threads: int, shared: tuple[object, ...]) -> None:
             w = workspace(tableau, model, threads)
             problem = problem_of(model, tableau.adaptive)
             for thread in range(threads):

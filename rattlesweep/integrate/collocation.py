@@ -35,7 +35,8 @@ def radau(stages: int) -> Collocation:
     for _ in range(3):
         points -= legendre.legval(points, series) / legendre.legval(points, derivative)
     points[-1] = 1.0
-    spectrum: Floats = np.linalg.inv(legendre.legvander(points, stages - 1))
+    values: Floats = legendre.legvander(points, stages - 1)
+    spectrum = np.asarray(np.linalg.inv(values), float)
     moments = np.empty((stages, stages))
     for k in range(stages):
         term = legendre.Legendre.basis(k).integ(lbnd=-1)

@@ -24,14 +24,17 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from numba.core.dispatcher import Dispatcher
 
 # Functions import Numba where they need it: commands without a kernel start faster.
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -41,17 +44,18 @@ PROCESSES = 2  # processes that compile at once
 class Kernel(NamedTuple):
     """A function to compile for the types of its arguments."""
 
-    function: Callable[..., Any]
-    arguments: tuple[Any, ...]
-    options: dict[str, Any]  # of ``njit``
+    function: Callable[..., object]
+    arguments: tuple[object, ...]
+    options: Mapping[str, object]  # of ``njit``
     # Sources outside of integrate and physics that it depends on.
     files: tuple[str, ...] = ()
 
 
 # A module-level function that returns a kernel for some names, each a string or a bool.
 Recipe = Callable[..., Kernel]
-# A recipe and its names.
-Order = tuple[Any, ...]
+Order = tuple[Recipe, *tuple[str | bool, ...]]
+# What Numba makes of the function of a kernel.
+Compiled = Callable[..., object]
 
 
 def _hash(files: list[Path], *versions: object) -> str:
@@ -138,7 +142,7 @@ def cache_folder() -> Path:
     return folder
 
 
-def _place(recipe: Recipe, *names: Any) -> Path:
+def _place(recipe: Recipe, *names: str | bool) -> Path:
     """Return the folder of a kernel."""
     files = [_hash([Path(file)])[:8] for file in recipe(*names).files]
     return cache_folder() / "-".join([recipe.__name__, *map(str, names), *files])
@@ -163,11 +167,11 @@ def import_written(name: str, source: str) -> ModuleType:
     return module
 
 
-_loaded: dict[Order, Any] = {}
+_loaded: dict[Order, Compiled] = {}
 _cache_dir = threading.Lock()
 
 
-def load_kernels(*wanted: Order) -> list[Any]:
+def load_kernels(*wanted: Order) -> list[Compiled]:
     """Return kernels, given by recipes and names; compile those not stored."""
     missing = [order for order in wanted if order not in _loaded]
     _compile([order for order in missing if not is_stored(*order)])
@@ -176,7 +180,7 @@ def load_kernels(*wanted: Order) -> list[Any]:
     return [_loaded[order] for order in wanted]
 
 
-def _load(recipe: Recipe, *names: Any) -> Any:
+def _load(recipe: Recipe, *names: str | bool) -> Compiled:
     """Load a kernel, or compile it in this process if no other could."""
     from numba import config, njit
 
@@ -200,7 +204,7 @@ def _load(recipe: Recipe, *names: Any) -> Any:
     return _typed(njit(**kernel.options)(kernel.function), kernel)
 
 
-def _load_from(place: Path, kernel: Kernel) -> Any:
+def _load_from(place: Path, kernel: Kernel) -> Compiled:
     """Load a kernel from its folder, or compile it and store it there.
 
     OSError is raised if nothing can be stored there.
@@ -221,15 +225,16 @@ def _load_from(place: Path, kernel: Kernel) -> Any:
     return _typed(compiled, kernel)
 
 
-def _typed(compiled: Any, kernel: Kernel) -> Any:
+def _typed(function: "Dispatcher", kernel: Kernel) -> Compiled:
     """Compile a function for the types of its kernel's arguments, or load it so."""
     from numba import typeof
 
-    compiled.compile(tuple(map(typeof, kernel.arguments)))
+    function.compile(tuple(map(typeof, kernel.arguments)))
+    compiled: Compiled = function
     return compiled
 
 
-def is_stored(recipe: Recipe, *names: Any) -> bool:
+def is_stored(recipe: Recipe, *names: str | bool) -> bool:
     """Return whether a kernel has been compiled before."""
     from numba import config
 
@@ -299,17 +304,22 @@ def _end_with_parent() -> None:
 
 def compile_in_child() -> None:
     """Compile and store kernels in a process that does nothing else."""
-    from filelock import FileLock, Timeout
-
     gc.disable()  # the process soon ends, so collecting garbage is lost time
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    for module, name, names in json.loads(sys.argv[1]):
+    compile_orders(json.loads(sys.argv[1]))
+    os._exit(0)  # skips freeing the memory of LLVM, which takes a while
+
+
+def compile_orders(orders: list[tuple[str, str, list[str | bool]]]) -> None:
+    """Compile and store kernels: modules and names of recipes, and their arguments."""
+    from filelock import FileLock, Timeout
+
+    for module, name, names in orders:
         recipe = getattr(import_module(module), name)
         # A kernel whose lock is taken is being compiled by another process.
         with suppress(Timeout), FileLock(f"{_place(recipe, *names)}.lock", timeout=0):
             if not is_stored(recipe, *names):
                 _load(recipe, *names)
-    os._exit(0)  # skips freeing the memory of LLVM, which takes a while
 
 
 # A listener is told whether later runs will find the kernels.

@@ -68,7 +68,7 @@ def make_engine(scheduler: str | None, threads: int | None = None) -> Engine:
 
         security = Security.temporary() if scheduler is None else None
     except ImportError as error:
-        advice = "`pip install '.[dask]'`"
+        advice = "`pip install 'rattlesweep[dask]'`"
         raise ConfigError(f"--engine dask: needs Dask ({error}); {advice}") from None
     for name in LOGGERS:  # errors that matter are raised here, in one sentence
         logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -8,14 +8,14 @@ import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from rattlesweep.errors import ConfigError, OutputError, one_line
 
 MOST_BYTES = 1 << 28  # of a file that is read as a whole
 
 
-def as_path(value: Any, name: str) -> Path:
+def as_path(value: object, name: str) -> Path:
     """Return an argument as a path; raise a ConfigError if it is none."""
     if isinstance(value, str | os.PathLike) and os.fspath(value):
         return Path(value)

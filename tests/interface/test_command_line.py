@@ -6,6 +6,8 @@ import re
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import metadata
+from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
@@ -13,11 +15,12 @@ from refusal import assert_refused
 from sweeping import PROGRAM, ROOT, invoke
 
 import rattlesweep as rs
-from rattlesweep import cli, text
+from rattlesweep import cli, shipped, text
 from rattlesweep.analysis.plots import KINDS
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.names import ACCURACY_NAMES, MODEL_NAMES, PLOT_NAMES, PRESET_NAMES
 from rattlesweep.physics.body import PRESETS
+from rattlesweep.shipped import example_names
 from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.config.schema import ACCURACIES
 
@@ -56,7 +59,7 @@ COMMANDS = {
 
 
 def test_help_lists_every_command_with_a_whole_sentence():
-    sections = invoke("--help").stdout.split("--help ")[1]
+    sections = invoke("--help").stdout.split("--help ")[1].split("Documentation:")[0]
     assert set(re.findall(r"^  (\w+) ", sections, re.MULTILINE)) == COMMANDS
     assert set(cli.main.commands) == COMMANDS
     assert "..." not in sections
@@ -208,3 +211,54 @@ def test_body_says_what_the_python_interface_says():
     )
     assert vars(rs.modes("GH")).items() <= found.items()
     assert found["t_rgh"] == rs.reversal_time_gh("GH", -0.1, 0.01)
+
+
+@pytest.mark.parametrize("name", example_names())
+def test_an_example_is_written_and_its_paths_exist(name, tmp_path, monkeypatch):
+    """Whoever has only the package gets the configs of the clone from it."""
+    monkeypatch.chdir(tmp_path)
+    written = invoke("init", "--example", name)
+    assert written.exit_code == 0
+    paths = written.stdout.split()
+    for path in paths:
+        text = Path(path).read_text()
+        assert all(Path(p).exists() for p in re.findall(r"configs/[\w/.]+\w", text))
+        assert not re.search(r"\bdocs/", text)
+        comments = r"#.*|\s"  # and blanks, in which the columns of comments differ
+        shipped = (ROOT / path).read_text()
+        assert re.sub(comments, "", text) == re.sub(comments, "", shipped)
+    if name == "fit":
+        done = invoke("fit", *reversed(paths), "--json")
+        assert json.loads(done.stdout)["rows"] > 300
+    else:
+        assert invoke("plan", *paths, "--check").exit_code == 0
+    assert_refused(invoke("init", "--example", name), 2, "exists already")
+    elsewhere = invoke("init", "--example", name, "mine/own.yaml").stdout.split()
+    assert "mine/own.yaml" in elsewhere
+    texts = [Path(path).read_text() for path in elsewhere]
+    assert not any("configs/" in text for text in texts)
+
+
+def test_every_config_of_the_clone_is_an_example():
+    names = {path.stem for path in (ROOT / "configs").iterdir()}
+    assert names == {shipped.ALIASES.get(name, name) for name in example_names()}
+    assert {"quickstart", "steady", "unsteady", "map", "rolling", "fit"} <= set(
+        example_names()
+    )
+
+
+def test_helps_name_only_what_a_user_of_the_package_has():
+    """Configs come with a command that writes them, pages with an address."""
+    for name in ("", *COMMANDS):
+        told = invoke(*name.split(), "--help").stdout
+        configs = set(re.findall(r"configs/(\w+)", told))
+        assert configs <= set(re.findall(r"init --example (\w+)", told))
+        assert "docs/" not in told
+
+
+def test_links_of_the_long_description_are_absolute():
+    """If this fails after a change of README.md, install the package again."""
+    link = re.compile(r"\]\(([^)]*)\)")
+    links = link.findall(metadata("rattlesweep")["Description"])
+    assert len(links) == len(link.findall((ROOT / "README.md").read_text()))
+    assert all(re.match(r"https?://[^/]+/", address) for address in links)

@@ -18,7 +18,7 @@ from rattlesweep.analysis.plots.picture import (
     within,
 )
 from rattlesweep.analysis.style import TYPE_STYLE
-from rattlesweep.arrays import Floats
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.sweeps.types import share, wilson
 
 FEW = 6  # with fewer values than this, each value of an abscissa has a tick
@@ -101,7 +101,7 @@ class Fractions(Picture):
             _draw_intervals(axes, x.values, count, ok)
 
 
-def _draw_intervals(axes: Axes, x: Floats, count: Floats, ok: Floats) -> None:
+def _draw_intervals(axes: Axes, x: Floats, count: Floats, ok: Integers) -> None:
     """Draw Wilson's interval of an upper border, a fraction of the runs itself."""
     border = share(count, ok)
     low, high = wilson(count, ok)

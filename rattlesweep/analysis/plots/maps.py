@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.patches import Patch
 
@@ -116,10 +117,14 @@ class Map(Picture):
             value = np.where(cells.value == 0, np.nan, cells.value)
             cells = cells._replace(value=value)
         colours = self._colours(cells.value)
-        mesh: Any = None
+        mesh: QuadMesh | None = None
         has_bondi = False
         for k, (axes, place) in enumerate(panels):
-            here = Cells(*(within(array, place) for array in cells))
+            here = Cells(
+                within(cells.code, place),
+                within(cells.value, place),
+                within(cells.beyond, place),
+            )
             of_types = self.quantity is None and k % 2 == 0
             self._draw_states(axes, here, of_types)
             if not of_types:
@@ -195,7 +200,9 @@ class Map(Picture):
             )
         return True
 
-    def _add_bar(self, every: list[Axes], mesh: Any, colours: Colours) -> None:
+    def _add_bar(
+        self, every: list[Axes], mesh: QuadMesh | None, colours: Colours
+    ) -> None:
         """Add the bar of colours, the titles and the meaning of the values."""
         several = bool(self.counted[0]["runs"].max() > 1)
         mean = "mean " if several else ""
@@ -214,6 +221,7 @@ class Map(Picture):
             # The legend names missing values.
             meaning = f"{self.quantity}: {description.partition('; null')[0]}."
         self.notes.append(meaning)
+        assert mesh is not None
         figure: Any = every[0].figure
         bar = figure.colorbar(
             mesh, ax=every, pad=0.03, aspect=35, extend=colours.extend

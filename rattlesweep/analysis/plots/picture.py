@@ -5,10 +5,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import cached_property
 from itertools import product
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -34,7 +35,8 @@ MARGINS = (1.6, 1.4)
 SMALLEST = (6.4, 3.4)
 LARGEST = 14.0
 
-Handle = Any  # what Matplotlib takes as a legend entry
+Handle = Artist  # a legend entry
+T = TypeVar("T", bound=np.generic)
 
 
 class Arrangement(NamedTuple):
@@ -94,7 +96,7 @@ class Picture(ABC):
     def __len__(self) -> int:
         return int(self.counted[0]["runs"].sum())
 
-    def grid(self, cells: NDArray[Any]) -> NDArray[Any]:
+    def grid(self, cells: NDArray[T]) -> NDArray[T]:
         """Reshape an array over the cells to the shape of `axes`."""
         names = [axis.name for axis in self.layout.axes.values()]
         order = [names.index(axis.name) for axis in self.axes]
@@ -109,7 +111,7 @@ class Picture(ABC):
         cells, means = self.counted
         axes = list(self.layout.axes.values())
         name = self.layout.name
-        columns: dict[str, NDArray[Any]] = {}
+        columns: dict[str, NDArray[np.generic]] = {}
         values = np.meshgrid(*(axis.values for axis in axes), indexing="ij")
         for axis, axis_values in zip(axes, values, strict=True):
             columns[axis.name] = axis_values.ravel()
@@ -196,7 +198,7 @@ class Picture(ABC):
 
     def _head_panels(
         self,
-        grid: NDArray[Any],
+        grid: NDArray[np.object_],
         down: list[tuple[int, ...]],
         across: list[tuple[int, ...]],
     ) -> None:
@@ -236,10 +238,10 @@ class Picture(ABC):
         return lines
 
 
-def within(values: NDArray[Any], place: tuple[int, ...]) -> NDArray[Any]:
+def within(values: NDArray[T], place: tuple[int, ...]) -> NDArray[T]:
     """Return the values of a panel, along the axes inside it."""
     index: Any = (..., *place)
-    panel: NDArray[Any] = values[index]
+    panel: NDArray[T] = values[index]
     return panel
 
 

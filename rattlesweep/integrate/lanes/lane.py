@@ -16,7 +16,8 @@ Each operation written as LLVM code has a Python twin, which runs with
 Only this module uses private interfaces of Numba (tried with 0.68.1): ``cgutils``,
 ``AttributeTemplate``, ``to_fixed_tuple``; ``make_array``, ``make_tuple``,
 ``get_dummy_value``, ``get_constant_generic``, ``resolve_value_type`` and ``call_conv``
-of contexts; ``library`` and ``fndesc`` of overloads.
+of contexts; ``library`` and ``fndesc`` of overloads.  Types of private interfaces are
+imported for annotations alone.
 """
 
 # mypy: disable-error-code="no-untyped-call, no-untyped-def, misc"
@@ -25,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, is_dataclass
 from functools import reduce, wraps
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 from llvmlite import ir
@@ -34,15 +35,27 @@ from numba.core import cgutils
 from numba.core.typing.templates import AttributeTemplate
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from rattlesweep.arrays import Floats
 from rattlesweep.integrate.model import Model
 from rattlesweep.integrate.tableau import Tableau
+
+if TYPE_CHECKING:
+    from numba.core.base import BaseContext
+    from numba.core.datamodel import DataModelManager
+    from numba.core.dispatcher import Dispatcher
+    from numba.core.pythonapi import _UnboxContext
+    from numba.core.typing.templates import Signature
+    from numpy.typing import NDArray
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 LANES = 1 if config.DISABLE_JIT else 32  # measured by benchmarks/kernel.py --lanes
 DOUBLE = ir.DoubleType()
 # Options of functions that only compiled functions call.  Wrappers for Python and C,
 # which would take time to compile, are left out; a call from Python would crash the
 # process.
-INNER: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+INNER: dict[str, object] = {"nogil": True, "error_model": "numpy"}
 INNER |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 # first_of(array, length): the first numbers of an array, as a tuple.
 first_of = (
@@ -53,14 +66,14 @@ first_of = (
 
 
 def intrinsic(
-    signature_of: Callable[..., Any], python: Callable[..., Any]
-) -> Callable[..., Any]:
+    signature_of: Callable[..., Signature], python: Callable[P, R]
+) -> Callable[[Callable[..., ir.Value]], Callable[P, R]]:
     """Make an intrinsic of a function that writes LLVM code, and its Python twin.
 
     ``signature_of`` returns the signature for the types of the arguments.
     """
 
-    def decorate(codegen: Callable[..., Any]) -> Any:
+    def decorate(codegen: Callable[..., ir.Value]) -> Callable[P, R]:
         @wraps(signature_of)
         def typed(*arguments):
             return signature_of(*arguments), codegen
@@ -126,7 +139,7 @@ def moved(context, builder, signature, args):
     return context.make_tuple(builder, signature.return_type, components)
 
 
-def addresses_of(*compiled: Any) -> Any:
+def addresses_of(*compiled: Dispatcher) -> NDArray[np.int64] | NDArray[np.object_]:
     """Return the addresses of compiled functions, which the caller must keep alive."""
     if config.DISABLE_JIT:
         return np.array(compiled, object)
@@ -138,7 +151,7 @@ def addresses_of(*compiled: Any) -> Any:
     )
 
 
-def _calling(result: Any) -> Any:
+def _calling(result: types.Type) -> Callable[[int, tuple[object, ...]], object]:
     @intrinsic(
         lambda typingctx, address, arguments: result(types.intp, arguments),
         lambda function, arguments: function(*arguments),
@@ -432,9 +445,9 @@ class RecordType(types.Type):
         self.path = path
         super().__init__(f"Record({'.'.join([problem, *path])})")
 
-    def value_of(self, name: str) -> Any:
+    def value_of(self, name: str) -> object:
         """Return an attribute."""
-        record: Any = Problem.known[self.problem]
+        record: object = Problem.known[self.problem]
         for step in (*self.path, name):
             record = getattr(record, step)
         return record
@@ -444,21 +457,23 @@ class RecordType(types.Type):
 # it out.
 @extending.register_model(RecordType)
 class _RecordModel(extending.models.StructModel):
-    def __init__(self, manager: Any, record: RecordType) -> None:
+    def __init__(self, manager: DataModelManager, record: RecordType) -> None:
         super().__init__(manager, record, [])
 
 
 @extending.typeof_impl.register(Problem)
-def _typeof(problem: Problem, _: Any) -> RecordType:
+def _typeof(problem: Problem, _: object) -> RecordType:
     return RecordType(problem.name)
 
 
 @extending.unbox(RecordType)
-def _unbox_problem(problem: RecordType, _: Any, c: Any) -> Any:
+def _unbox_problem(
+    problem: RecordType, _: object, c: _UnboxContext
+) -> extending.NativeValue:
     return extending.NativeValue(_empty(c.context, c.builder, problem))
 
 
-def _empty(context: Any, builder: Any, record: RecordType) -> Any:
+def _empty(context: BaseContext, builder: ir.IRBuilder, record: RecordType) -> ir.Value:
     return cgutils.create_struct_proxy(record)(context, builder)._getvalue()
 
 
@@ -466,7 +481,7 @@ def _empty(context: Any, builder: Any, record: RecordType) -> Any:
 class _Attributes(AttributeTemplate):
     key = RecordType
 
-    def generic_resolve(self, record: RecordType, name: str) -> Any:
+    def generic_resolve(self, record: RecordType, name: str) -> types.Type:
         value = record.value_of(name)
         if is_dataclass(value):
             return RecordType(record.problem, *record.path, name)
@@ -477,8 +492,12 @@ class _Attributes(AttributeTemplate):
 
 @extending.lower_getattr_generic(RecordType)
 def _get_attribute(
-    context: Any, builder: Any, record: RecordType, _: Any, name: str
-) -> Any:
+    context: BaseContext,
+    builder: ir.IRBuilder,
+    record: RecordType,
+    _: object,
+    name: str,
+) -> ir.Value:
     value = record.value_of(name)
     if is_dataclass(value):
         return _empty(context, builder, RecordType(record.problem, *record.path, name))
@@ -495,14 +514,14 @@ class LaneType(types.Type):
         self.problem = problem
         super().__init__(f"Lane({problem.problem})")
 
-    def field(self, name: str) -> Any:
+    def field(self, name: str) -> tuple[int, types.Type]:
         """Return the first row and the type of a field."""
-        return self.problem.value_of("layout").fields[name]
+        return Problem.known[self.problem.problem].layout.fields[name]
 
 
 @extending.register_model(LaneType)
 class _LaneModel(extending.models.StructModel):
-    def __init__(self, manager: Any, lane: LaneType) -> None:
+    def __init__(self, manager: DataModelManager, lane: LaneType) -> None:
         members = [("data", types.CPointer(types.float64)), ("place", types.intp)]
         super().__init__(manager, lane, members)
 
@@ -512,21 +531,22 @@ class Lane(Fields):
 
     problem: Problem
 
-    def __init__(self, problem: Problem, w: Any, l: int) -> None:
+    def __init__(self, problem: Problem, w: Floats, l: int) -> None:
         vars(self)["problem"] = problem
         vars(self)["cells"] = w.reshape(-1, problem.lanes)[:, l]
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> float | tuple[float, ...]:
         row, kind = self.problem.layout.fields[name]
-        cells = vars(self)["cells"]
+        cells: Floats = vars(self)["cells"]
         if kind is types.float64:
-            return cells[row]
+            number: float = cells[row]
+            return number
         values = tuple(cells[row : row + len(kind)])
         return (
             kind.instance_class(*values) if hasattr(kind, "instance_class") else values
         )
 
-    def __setattr__(self, name: str, value: Any) -> None:
+    def __setattr__(self, name: str, value: float | tuple[float, ...]) -> None:
         row, kind = self.problem.layout.fields[name]
         count = 1 if kind is types.float64 else len(kind)
         vars(self)["cells"][row : row + count] = value
@@ -535,26 +555,26 @@ class Lane(Fields):
 class _Cells(NamedTuple):
     """A writer of LLVM code that reads and writes the cells of one lane."""
 
-    builder: Any
-    data: Any
-    lane: Any
+    builder: ir.IRBuilder
+    data: ir.Value
+    lane: ir.Value
     lanes: int
 
-    def place(self, row: int) -> Any:
+    def place(self, row: int) -> ir.Value:
         index = self.builder.add(self.lane.type(row * self.lanes), self.lane)
         return cgutils.gep(self.builder, self.data, index)
 
-    def read(self, row: int) -> Any:
+    def read(self, row: int) -> ir.Value:
         return self.builder.load(self.place(row))
 
-    def write(self, row: int, value: Any) -> None:
+    def write(self, row: int, value: ir.Value) -> None:
         self.builder.store(value, self.place(row))
 
-    def product(self, number: float, row: int) -> Any:
+    def product(self, number: float, row: int) -> ir.Value:
         value = self.read(row)
         return value if number == 1.0 else self.builder.fmul(DOUBLE(number), value)
 
-    def value(self, wanted: int | Sum) -> Any:
+    def value(self, wanted: int | Sum) -> ir.Value:
         if isinstance(wanted, int):
             return self.read(wanted)
         products = [self.product(*term) for term in wanted.terms]
@@ -570,21 +590,30 @@ class _Cells(NamedTuple):
         return self.builder.fadd(self.read(wanted.row), total)
 
 
-def _cells(context: Any, builder: Any, lane: LaneType, value: Any) -> _Cells:
+def _cells(
+    context: BaseContext, builder: ir.IRBuilder, lane: LaneType, value: ir.Value
+) -> _Cells:
     record = cgutils.create_struct_proxy(lane)(context, builder, value)
-    return _Cells(builder, record.data, record.place, lane.problem.value_of("lanes"))
+    lanes = Problem.known[lane.problem.problem].lanes
+    return _Cells(builder, record.data, record.place, lanes)
 
 
 @extending.infer_getattr
 class _Fields(AttributeTemplate):
     key = LaneType
 
-    def generic_resolve(self, lane: LaneType, name: str) -> Any:
+    def generic_resolve(self, lane: LaneType, name: str) -> types.Type:
         return lane.problem if name == "problem" else lane.field(name)[1]
 
 
 @extending.lower_getattr_generic(LaneType)
-def _get(context: Any, builder: Any, lane: LaneType, value: Any, name: str) -> Any:
+def _get(
+    context: BaseContext,
+    builder: ir.IRBuilder,
+    lane: LaneType,
+    value: ir.Value,
+    name: str,
+) -> ir.Value:
     if name == "problem":
         return _empty(context, builder, lane.problem)
     cells = _cells(context, builder, lane, value)
@@ -597,7 +626,13 @@ def _get(context: Any, builder: Any, lane: LaneType, value: Any, name: str) -> A
 
 
 @extending.lower_setattr_generic(LaneType)
-def _set(context: Any, builder: Any, signature: Any, args: Any, name: str) -> None:
+def _set(
+    context: BaseContext,
+    builder: ir.IRBuilder,
+    signature: Signature,
+    args: Sequence[ir.Value],
+    name: str,
+) -> None:
     lane = signature.args[0]
     cells = _cells(context, builder, lane, args[0])
     row, kind = lane.field(name)
@@ -645,7 +680,7 @@ class Sum(NamedTuple):
     factor: int | None = None
     share: float = 1.0
 
-    def value(self, w: Any) -> Any:
+    def value(self, w: Floats) -> float:
         """Return the value for the cells of a lane, summed as in compiled code."""
         products = [number * w[row] for number, row in self.terms]
         total = sum(products[1::2], start=0.0) + sum(products[::2], start=0.0)
@@ -655,18 +690,24 @@ class Sum(NamedTuple):
 
 
 def sums(
-    count: int, terms: dict[int, float], start: int | None = None, *scale: Any
+    count: int,
+    terms: dict[int, float],
+    start: int | None = None,
+    factor: int | None = None,
+    share: float = 1.0,
 ) -> list[Sum]:
     """Return sums for ``count`` components, with coefficients by first rows."""
     components = []
     for i in range(count):
         shifted = tuple((number, row + i) for row, number in terms.items())
         row = None if start is None else start + i
-        components.append(Sum(row, shifted, *scale))
+        components.append(Sum(row, shifted, factor, share))
     return components
 
 
-def gather(lanes: int, values: Sequence[int | Sum], constants: Sequence[int]) -> Any:
+def gather(
+    lanes: int, values: Sequence[int | Sum], constants: Sequence[int]
+) -> Callable[[Floats, int], tuple[float, ...]]:
     """Return ``read(w, l)``, which returns values and then constants as a tuple.
 
     Constants are read first, and single cells before sums: the last bits depend on this
@@ -677,7 +718,7 @@ def gather(lanes: int, values: Sequence[int | Sum], constants: Sequence[int]) ->
         range(len(wanted)), key=lambda i: (i < len(values), isinstance(wanted[i], Sum))
     )
 
-    def python(w: Any, l: int) -> tuple[float, ...]:
+    def python(w: Floats, l: int) -> tuple[float, ...]:
         cells = w.reshape(-1, lanes)[:, l]
         return tuple(
             cells[value] if isinstance(value, int) else value.value(cells)
@@ -700,11 +741,13 @@ def gather(lanes: int, values: Sequence[int | Sum], constants: Sequence[int]) ->
     return read
 
 
-def scatter(lanes: int, rows: Sequence[int]) -> Any:
+def scatter(
+    lanes: int, rows: Sequence[int]
+) -> Callable[[Floats, int, tuple[float, ...]], None]:
     """Return ``write(w, l, values)``, which writes a tuple to rows of lane ``l``."""
     values = types.UniTuple(types.float64, len(rows))
 
-    def python(w: Any, l: int, numbers: tuple[float, ...]) -> None:
+    def python(w: Floats, l: int, numbers: tuple[float, ...]) -> None:
         w.reshape(-1, lanes)[list(rows), l] = numbers
 
     @intrinsic(

@@ -8,10 +8,11 @@ whose bits are then the same as without a tangent.
 # mypy: ignore-errors
 from dataclasses import replace
 from math import isfinite, log, nan, sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from numba import njit
 
+from rattlesweep.arrays import Floats
 from rattlesweep.integrate.lanes.events import least_turn, may_peak, turn_points
 from rattlesweep.integrate.lanes.lane import (
     INNER,
@@ -68,15 +69,15 @@ class Recording(NamedTuple):
     An array has no runs if its observation is not recorded.
     """
 
-    energy: Any  # largest drift
-    contact: Any  # largest ratio of the forces, least normal force
-    windows: Any  # amplitude, least and largest spin in each window
+    energy: Floats  # largest drift
+    contact: Floats  # largest ratio of the forces, least normal force
+    windows: Floats  # amplitude, least and largest spin in each window
     # Time of each reversal and largest modulus of the spin until the next.
-    reversals: Any
-    volume: Any  # mean rate of phase volume
+    reversals: Floats
+    volume: Floats  # mean rate of phase volume
     # Time and logarithm of the tangent's growth at the ends of the windows and of the
     # run.  If a step ends several windows, only the row of the first is filled.
-    lyapunov: Any
+    lyapunov: Floats
 
 
 N_WINDOWS = 64

@@ -11,7 +11,6 @@ between it and the state, and change the last bits of the state.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from rattlesweep.integrate.compile import import_written
 from rattlesweep.integrate.lanes.lane import INNER, LANES, Layout
@@ -20,7 +19,7 @@ from rattlesweep.integrate.tableau import Row, Tableau
 from rattlesweep.physics.full import FASTMATH
 
 SUBSTEPS = 8  # steps of a fixed-step method between two decisions on the lanes
-OPTIONS: dict[str, Any] = {"fastmath": FASTMATH} | INNER
+OPTIONS: dict[str, object] = {"fastmath": FASTMATH} | INNER
 OPTIONS |= {"no_cpython_wrapper": False}
 HEAD = '''"""One step of {tableau.name} for the model {model.name}, from lanes.step."""
 
@@ -232,7 +231,7 @@ def span(first: int, count: int) -> str:
 
 def write_attempt(
     tableau: Tableau, model: Model, lanes: int = LANES, *, volume: bool = False
-) -> Callable[..., Any]:
+) -> Callable[..., None]:
     """Write and import the module of a method and a model, and return ``attempt``."""
     name = f"attempt_{tableau.name}_{model.name}_{lanes}"
     if volume:

@@ -3,10 +3,10 @@
 import math
 from collections.abc import Callable, Mapping
 from inspect import signature
-from typing import Any
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
+from rattlesweep.quantities import ANGLES
 from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.units import require_unit
 
@@ -28,12 +28,10 @@ KINDS = {
 }
 # Keys that choose how a body is made.
 WAYS = ("preset", "shape", "mass", "f_sd")
-ANGLES = {"xi_deg": 1, "minus_xi_deg": -1}
-"""Keys for the skew angle in degrees, and their signs."""
 
 
 def body_from(
-    values: Mapping[str, Any],
+    values: Mapping[str, object],
     spelled: Callable[[str], str] = str,
     in_si: bool = False,
 ) -> Rattleback:
@@ -91,7 +89,7 @@ def body_from(
     return body
 
 
-def _maker(values: dict[str, Any]) -> tuple[str, Callable[..., Rattleback]]:
+def _maker(values: dict[str, object]) -> tuple[str, Callable[..., Rattleback]]:
     """Return the key that chooses how a body is made, and the function that makes it.
 
     Keys that are no arguments of this function are removed.
@@ -110,7 +108,7 @@ def _maker(values: dict[str, Any]) -> tuple[str, Callable[..., Rattleback]]:
     return "parameters", Rattleback
 
 
-def preset_of(name: Any, where: str) -> Rattleback:
+def preset_of(name: object, where: str) -> Rattleback:
     """Return the body of a name; messages of errors begin with `where`."""
     if isinstance(name, str) and name in PRESETS:
         return PRESETS[name]()
@@ -118,8 +116,8 @@ def preset_of(name: Any, where: str) -> Rattleback:
 
 
 def _with_skew_in_radians(
-    values: dict[str, Any], spelled: Callable[[str], str]
-) -> dict[str, Any]:
+    values: dict[str, object], spelled: Callable[[str], str]
+) -> dict[str, object]:
     """Return values with the skew angle as ``xi``."""
     names = [name for name in ("xi", *ANGLES) if name in values]
     if len(names) > 1:

@@ -4,14 +4,13 @@ import difflib
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from rattlesweep.errors import one_line
 
 Key = tuple[str | int, ...]  # such as ("bodies", "ranges", "theta", 1)
 
 
-def describe(value: Any) -> str:
+def describe(value: object) -> str:
     """Return a value of a config in the words of a message."""
     if value is None:
         return "nothing"
@@ -22,7 +21,7 @@ def describe(value: Any) -> str:
     return one_line(json.dumps(value, ensure_ascii=False))
 
 
-def hint(text: Any, names: Iterable[str], otherwise: str) -> str:
+def hint(text: object, names: Iterable[str], otherwise: str) -> str:
     """Return ``did you mean NAME?`` if a name is close to a text, else `otherwise`."""
     known = {name.casefold(): name for name in names}
     near = difflib.get_close_matches(str(text)[:40].casefold(), known, 1)
@@ -31,7 +30,7 @@ def hint(text: Any, names: Iterable[str], otherwise: str) -> str:
     return f"did you mean {describe(known[near[0]])}?"
 
 
-def not_one_of(value: Any, names: Iterable[str]) -> str:
+def not_one_of(value: object, names: Iterable[str]) -> str:
     """Return the message about a value that is not one of `names`."""
     names = list(names)
     advice = hint(value, names, "choose one of them")

@@ -1,7 +1,7 @@
 """Sentences about values of a config that its schema refuses."""
 
 from collections.abc import Iterator
-from typing import Any, get_args
+from typing import get_args
 
 from pydantic import BaseModel
 from pydantic_core import ErrorDetails
@@ -36,7 +36,7 @@ LIMITS = {
 }
 
 
-def problem_of(error: ErrorDetails, model: Model, data: Any) -> tuple[Key, str]:
+def problem_of(error: ErrorDetails, model: Model, data: object) -> tuple[Key, str]:
     """Return the key and the sentence of one of pydantic's errors about data."""
     key = _key_of(error["loc"], data)
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
@@ -56,7 +56,7 @@ def problem_of(error: ErrorDetails, model: Model, data: Any) -> tuple[Key, str]:
     return key, f"{describe(value)} is given; {_needed(error, key, model, data)}"
 
 
-def _key_of(location: tuple[int | str, ...], data: Any) -> Key:
+def _key_of(location: tuple[int | str, ...], data: object) -> Key:
     """Return the key at a location, which for bodies also names the source."""
     place = list(location)
     if place[:1] == ["bodies"]:
@@ -78,7 +78,7 @@ def _words_of(expected: str) -> list[str]:
     return expected.replace(" or ", ", ").replace("'", "").split(", ")
 
 
-def _needed(error: ErrorDetails, key: Key, model: Model, data: Any) -> str:
+def _needed(error: ErrorDetails, key: Key, model: Model, data: object) -> str:
     """Return the clause about what is needed in place of a value."""
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
     if isinstance(value, str) and (pointed := with_point(value)):
@@ -101,7 +101,7 @@ def _needed(error: ErrorDetails, key: Key, model: Model, data: Any) -> str:
     return f"a section is needed, such as {key[-1] if key else 'a config'}: {example}"
 
 
-def _unknown(key: Key, model: Model, data: Any) -> str:
+def _unknown(key: Key, model: Model, data: object) -> str:
     """Return the sentence about a key that is not known in its section."""
     name = str(key[-1])
     sentence = f"unknown key {describe(name)}"
@@ -128,14 +128,14 @@ def _unknown(key: Key, model: Model, data: Any) -> str:
     return f"{sentence}; allowed are {', '.join(known)}"
 
 
-def _model_at(key: Key, model: Model, data: Any) -> Model | None:
+def _model_at(key: Key, model: Model, data: object) -> Model | None:
     """Return the model of the section at a key; None if there is no section."""
     section: Model | None = model
     for name in key:
         if section is None or isinstance(name, int):
             return None
         if name == "bodies" and section is Config:
-            bodies = data["bodies"]
+            bodies = data.get("bodies") if isinstance(data, dict) else None
             if not isinstance(bodies, dict):
                 return None
             section = SOURCES.get(str(bodies.get("source")))
@@ -146,7 +146,7 @@ def _model_at(key: Key, model: Model, data: Any) -> Model | None:
     return section
 
 
-def _models_in(annotation: Any) -> Iterator[Model]:
+def _models_in(annotation: object) -> Iterator[Model]:
     """Yield the models in the annotation of a field."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation

@@ -30,7 +30,7 @@ MAX_VALUES = 20_000  # a few aliases can expand to far more values than a file h
 TOO_MANY = f"more than {MAX_VALUES} values; use linspace, logspace or a table"
 MAX_TOLD = 20  # problems that are listed
 # Converters by the YAML type; values of other types, such as dates, stay text.
-SCALARS: dict[str, Callable[[str], Any]] = {
+SCALARS: dict[str, Callable[[str], object]] = {
     "null": lambda _: None,
     "bool": lambda text: text.lower() == "true",
     "int": lambda text: int(text, 0),
@@ -57,7 +57,7 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
 
 def read_file(
     path: str | os.PathLike[str],
-) -> tuple[dict[str, Any], Places, list[Problem]]:
+) -> tuple[dict[str, object], Places, list[Problem]]:
     """Return the mapping in a YAML file, the places of its keys, and repeated keys."""
     file = one_line(os.fspath(path), 200)
     try:
@@ -78,7 +78,7 @@ def read_file(
 
 
 def parse_config(
-    data: Mapping[str, Any],
+    data: Mapping[str, object],
     overrides: Sequence[str] = (),
     bodies: TableSource | None = None,
 ) -> Config:
@@ -87,7 +87,7 @@ def parse_config(
     `bodies` is the section of bodies that are in memory.
     """
 
-    def as_plain(value: Any) -> Any:
+    def as_plain(value: object) -> object:
         if hasattr(value, "tolist"):
             return value.tolist()
         return str(value)
@@ -106,7 +106,7 @@ def parse_config(
     return checked(Config, plain, places, [])
 
 
-def config_json_schema() -> dict[str, Any]:
+def config_json_schema() -> dict[str, object]:
     """Return the JSON Schema (draft 2020-12) of a config."""
     schema = Config.model_json_schema()
     del schema["properties"]["bodies"]["discriminator"]  # a keyword of OpenAPI
@@ -127,7 +127,7 @@ def fixed_part(config: Config) -> dict[str, Any]:
     if not config.dissipation:
         # Otherwise it decides which zeros of the spin are reversals.
         thresholds.add("dead_energy")
-    free: dict[str, Any] = {
+    free: dict[str, bool | set[str] | dict[str, bool | set[str]]] = {
         "name": True,
         "output": True,
         "stop": True,
@@ -147,7 +147,7 @@ def fixed_part(config: Config) -> dict[str, Any]:
     fixed = config.model_dump(mode="json", exclude_none=True, exclude=free)
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
         fixed["bodies"]["target"]["coefficient"] = config.bodies.target.name
-    fixed["dissipation"] = config.dissipation.kind
+    fixed["dissipation"] = config.dissipation.law or ""
     return fixed
 
 
@@ -160,7 +160,7 @@ def physics_hash(config: Config) -> str:
 
 
 def differences(
-    a: Mapping[str, Any], b: Mapping[str, Any], *, within: str = ""
+    a: Mapping[str, object], b: Mapping[str, object], *, within: str = ""
 ) -> list[str]:
     """Return a line for each dotted key in which two configs (plain data) differ."""
     lines = []
@@ -175,14 +175,14 @@ def differences(
     return lines
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     """Return a value as JSON; None, for a key that is not set, in words."""
     if value is None:
         return "not set"
     return json.dumps(value)
 
 
-def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
+def read_yaml(text: str) -> tuple[object, dict[Key, int], list[Problem]]:
     """Return the data of a YAML text, the line of each key and item, and problems."""
     # Each value but the first follows a comma or a new line.  The parser reads 5,000
     # values in a second, so they are counted before.
@@ -216,7 +216,7 @@ class _Reader:
         self.lines: dict[Key, int] = {}
         self.problems: list[Problem] = []
 
-    def read(self, node: Node, key: Key) -> Any:
+    def read(self, node: Node, key: Key) -> object:
         """Return the data of a node at a key."""
         if len(self.lines) > MAX_VALUES:  # by aliases
             raise ValueError(f"more than {MAX_VALUES} values")
@@ -229,13 +229,13 @@ class _Reader:
             return SCALARS.get(kind, str)(node.value)
         return node.value
 
-    def _read_list(self, node: SequenceNode, key: Key) -> list[Any]:
+    def _read_list(self, node: SequenceNode, key: Key) -> list[object]:
         for place, item in enumerate(node.value):
             self.lines[(*key, place)] = item.start_mark.line + 1
         return [self.read(item, (*key, place)) for place, item in enumerate(node.value)]
 
-    def _read_mapping(self, node: MappingNode, key: Key) -> dict[str, Any]:
-        data: dict[str, Any] = {}
+    def _read_mapping(self, node: MappingNode, key: Key) -> dict[str, object]:
+        data: dict[str, object] = {}
         for name, value in node.value:
             word = name.value if isinstance(name, ScalarNode) else "?"
             line = name.start_mark.line + 1
@@ -250,7 +250,7 @@ class _Reader:
         return data
 
 
-def checked(model: type[T], data: Any, places: Places, problems: list[Problem]) -> T:
+def checked(model: type[T], data: object, places: Places, problems: list[Problem]) -> T:
     """Return data as a model, or raise a ConfigError with all of its problems."""
     try:
         config = model.model_validate(data)
@@ -282,7 +282,7 @@ def checked(model: type[T], data: Any, places: Places, problems: list[Problem]) 
     raise ConfigError(lines)
 
 
-def _override(data: dict[str, Any], places: Places, text: str) -> Places:
+def _override(data: dict[str, object], places: Places, text: str) -> Places:
     """Put one ``KEY=VALUE`` into `data`; return the places with its key."""
     origin = f"--set {one_line(text, 100)}"
     name, equals, value = text.partition("=")
@@ -292,13 +292,15 @@ def _override(data: dict[str, Any], places: Places, text: str) -> Places:
     parsed, _, problems = read_yaml(value)
     if problems:
         raise ConfigError(f"{origin}: {problems[0][2]}")
+    section = data
     for part in key[:-1]:
-        if data.get(part) is None:
-            data[part] = {}
-        data = data[part]
-        if not isinstance(data, dict):
+        inner = section.get(part)
+        if inner is None:
+            inner = section[part] = {}
+        if not isinstance(inner, dict):
             raise ConfigError(f"{origin}: {part} is not a mapping; set all of it")
-    data[key[-1]] = parsed
+        section = inner
+    section[key[-1]] = parsed
     # The lines of what is replaced are no longer its place.
     origins = {
         place: line

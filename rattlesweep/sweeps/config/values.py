@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import (
     AfterValidator,
     BeforeValidator,
@@ -24,7 +25,7 @@ NO_UNIT_VECTOR = "u must be a vector of length 1 with u_z below 0, as [0, 0, -1]
 AT_REST = "the body stands upright and at rest; give it an angular velocity"
 
 
-def _whole(value: Any) -> Any:
+def _whole(value: object) -> object:
     """Return floats without a fraction, such as 1e5, as integers."""
     if isinstance(value, float) and value.is_integer() and abs(value) < 2**53:
         return int(value)
@@ -42,7 +43,7 @@ class OneOf:
     names: Iterable[str]
 
     def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
+        self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         return core_schema.literal_schema(list(self.names))
 
@@ -51,16 +52,16 @@ class OneOf:
 class OrText:
     """A value of the type `item`, or a text that a function reads or refuses."""
 
-    item: Any
-    read: Callable[[str], Any]
-    text: dict[str, Any]  # the JSON Schema of the text
+    item: object
+    read: Callable[[str], object]
+    text: dict[str, object]  # the JSON Schema of the text
 
     def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
+        self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         def validate(
-            value: Any, item_of: core_schema.ValidatorFunctionWrapHandler
-        ) -> Any:
+            value: object, item_of: core_schema.ValidatorFunctionWrapHandler
+        ) -> object:
             if isinstance(value, str):
                 return self.read(value)
             return item_of(value)
@@ -73,20 +74,20 @@ class OrText:
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
+    ) -> dict[str, object]:
         return {"anyOf": [handler(schema), self.text]}
 
 
-def as_written(value: Any) -> Any:
+def as_written(value: object) -> object:
     """Return a value as in a config; quantities with units are their texts."""
     return getattr(value, "text", value)
 
 
-def quantity_or(item: Any, kind: str, unit: str, *words: str) -> OrText:
+def quantity_or(item: object, kind: str, unit: str, *words: str) -> OrText:
     """Return a number in a `unit`, a text with a unit of a kind, or one of `words`."""
     example = KINDS[kind][1]
 
-    def read(text: str) -> Any:
+    def read(text: str) -> object:
         if text in words:
             return text
         if split(text)[0] is None:
@@ -97,7 +98,7 @@ def quantity_or(item: Any, kind: str, unit: str, *words: str) -> OrText:
     return OrText(item, read, {"type": "string", "examples": [example]})
 
 
-def one_of(item: Any, words: Collection[str]) -> OrText:
+def one_of(item: object, words: Collection[str]) -> OrText:
     """Return a value of the type `item`, or one of `words`."""
 
     def read(text: str) -> str:
@@ -117,7 +118,7 @@ def distinct(values: list[T]) -> list[T]:
     return values
 
 
-def _as_list(value: Any) -> Any:
+def _as_list(value: object) -> object:
     """Return one value, or ``{linspace: [low, high, n]}``, as a list."""
     if isinstance(value, dict):
         return _spaced(value)
@@ -126,7 +127,9 @@ def _as_list(value: Any) -> Any:
     return [value]
 
 
-def _spaced(value: dict[str, Any]) -> list[float | str]:
+def _spaced(
+    value: dict[str, tuple[float | str, float | str, int]],
+) -> list[float | str]:
     """Return the values between the ends of a linspace or a logspace."""
     wanted = (
         "write {linspace: [low, high, n]} or {logspace: [low, high, n]}, with ends in "
@@ -161,13 +164,13 @@ class _OneOrSeveral:
     """A list that may be given as one item, as a list, or by linspace or logspace."""
 
     def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
+        self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         return core_schema.no_info_before_validator_function(_as_list, handler(source))
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
+    ) -> dict[str, object]:
         several = handler(schema)
         ends = {"type": "array", "minItems": 3, "maxItems": 3}
         ends["items"] = {"anyOf": [{"type": "number"}, {"type": "string"}]}
@@ -183,9 +186,9 @@ class _OneOrPair:
     """A range that may be given as one number, for a range of zero width."""
 
     def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
+        self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        def as_pair(value: Any) -> Any:
+        def as_pair(value: object) -> object:
             if isinstance(value, list):
                 return value
             return [value, value]
@@ -194,7 +197,7 @@ class _OneOrPair:
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
+    ) -> dict[str, object]:
         pair = handler(schema)
         return {"anyOf": [pair["items"], pair]}
 
@@ -210,6 +213,8 @@ Several = Annotated[
     list[T], Field(min_length=1), UNIQUE, _OneOrSeveral(), AfterValidator(distinct)
 ]
 """A list of distinct items, given as one, as a list, or by linspace."""
+One = Annotated[T, Field()]
+"""One item."""
 Pair = Annotated[list[T], Field(min_length=2, max_length=2)]
 Three = Annotated[list[T], Field(min_length=3, max_length=3)]
 Range = Annotated[
@@ -221,14 +226,14 @@ Range = Annotated[
 """A range [low, high], or one number."""
 
 
-def pair_of_lengths(value: Any) -> Any:
+def pair_of_lengths(value: object) -> object:
     """Return a text such as ``45, -9 mm`` as two lengths in m."""
     if isinstance(value, str):
         return quantities(value, "length", 2)
     return value
 
 
-def normalised(u: Any) -> Floats:
+def normalised(u: ArrayLike) -> Floats:
     """Return vectors scaled to length 1; NaN for another length and for u_z >= 0."""
     u = np.asarray(u, float)
     length = np.linalg.norm(u, axis=-1, keepdims=True)
