@@ -61,21 +61,11 @@ BODY_DEFAULTS = {
 """
 # Columns in other units: the column in units of the body, the size of the unit in SI
 # units, and the kind of quantity.
-WITH_UNITS: dict[str, tuple[str, float, str]] = {
-    "minus_xi_deg": ("xi", -np.pi / 180, "angle")
+WITH_UNITS = {"minus_xi_deg": ("xi", -np.pi / 180, "angle")} | {
+    name: (quantity.name, measure.size, quantity.kind)
+    for name, (quantity, measure) in MEASURES.items()
+    if quantity.name in COLUMNS
 }
-for _name in (
-    "xi_deg",
-    "psi_deg",
-    "n_i_rpm",
-    "omega_xy0_rpm",
-    "t_end_s",
-    "c_m",
-    "rolling_m",
-    "sigma_N_m_s",
-):
-    _quantity, _measure = MEASURES[_name]
-    WITH_UNITS[_name] = (_quantity.name, _measure.size, _quantity.kind)
 INPUT = (*COLUMNS, "t_r", *SI_BODY, *BODY_DEFAULTS, *WITH_UNITS)
 NULLABLE = ("t_end", "psi", "psi_deg", "f_sd", "t_r", "c", "t_end_s", "c_m")
 KEPT = ("mass_kg", "height_m", "gravity_m_s2")
@@ -87,23 +77,6 @@ TAKEN -= {*INPUT} - {"t_r"}
 """Names of results, which only tables of runs may have, as their values are replaced.
 """
 KEYS = ("case", "sample")
-BOUNDED = (
-    *LAUNCH,
-    *OMEGA,
-    *LOSSES,
-    "t_end",
-    "dt",
-    "e_p0",
-    "e_r0",
-    "psi",
-    "psi_deg",
-    "mass_kg",
-    "height_m",
-    "r1_m",
-    "r2_m",
-    "gravity_m_s2",
-)
-"""Columns with limits of their own; `physics.body` checks the parameters of bodies."""
 RowProblem = tuple[int, str]  # number of a row, from 0, and message
 
 
@@ -423,9 +396,10 @@ def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
 
 def check_value(name: str, values: Floats) -> RowProblem | None:
     """Return the first place out of bounds and a message; NaN is in bounds."""
-    if name not in BOUNDED:
+    quantity = QUANTITIES.get(name)
+    # `physics.body` checks the parameters of bodies, whose limits are open.
+    if quantity is None or quantity.is_open:
         return None
-    quantity = QUANTITIES[name]
     for place in _first((values < quantity.low) | (values > quantity.high)):
         if values[place] <= 0 < quantity.low:
             return place, "it must be positive"
