@@ -227,7 +227,8 @@ class Layout:
             # The largest value in both units.
             largest = max(map(abs, in_si), default=0.0)
             if largest:
-                natural = max(abs(getattr(case, name)) for case in self.stored.cases)
+                of_cases = [case.value(name) or 0.0 for case in self.stored.cases]
+                natural = max(map(abs, of_cases))
                 sizes.setdefault(name, largest / SI[name][1] / natural)
         for name in sizes.keys() & axes.keys():
             si_values = np.round(axes[name].values * sizes[name], 12)
@@ -265,7 +266,8 @@ def read_layout(directory: Path) -> Layout:
     names = []
     if config.spin is not None:
         names = ["n_i", "omega_xy0"]
-    names += [n for n in ("sigma", "rolling") if len(config.settings[n]) > 1]
+    losses = config.dissipation.values
+    names += [name for name, several in losses.items() if len(several) > 1]
     for name in names:
         settings = [case.setting(name) for case in cases]
         in_si = [setting.si for setting in settings if setting.si is not None]

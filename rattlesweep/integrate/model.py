@@ -41,6 +41,7 @@ class Model:
     # limit(*y, *q): positive where the model holds; a run ends where it is zero
     limit: Formula | None = None
     surface: Surface | None = None
+    law: Friction | None = None  # of a model with friction
     volume: Formula | None = None  # volume(*y, *q): rate of phase volume
     # The same equations in variables that exist in any position.
     anywhere: Model | None = None
@@ -125,44 +126,23 @@ SPIN_KNOWN = 1e-14
 
 
 @scalar
-def _size_and_weight(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return the square of the oscillation, and the weight of the spin's error.
+def _weighted_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
+    """Return the squares of the error and of the oscillation.
 
     Friction changes the spin in every step; rounding errors of the spin must not reject
     a step.
     """
     size = full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
-    return size, min(1.0, size / (SPIN_KNOWN * iz * c * c + 1e-290))
+    weight = min(1.0, size / (SPIN_KNOWN * iz * c * c + 1e-290))
+    step = full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy)
+    return step + weight * iz * ec * ec, size
 
 
 @scalar
 def _error_with_friction(
-    ep,
-    eq,
-    ea,
-    eb,
-    ec,
-    ework,
-    p,
-    q,
-    a,
-    b,
-    c,
-    work,
-    ix,
-    iy,
-    iz,
-    cxx,
-    cxy,
-    cyy,
-    k,
-    sigma,
-    lever,
-    eps,
+    ep, eq, ea, eb, ec, ework, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss
 ):
-    size, weight = _size_and_weight(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
-    step = full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy)
-    return step + weight * iz * ec * ec, size
+    return _weighted_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
 
 
 @scalar
@@ -181,11 +161,9 @@ def _amplitude_with_work(p, q, a, b, c, work, p0, q0, a0, b0, p1, q1, a1, b1):
 
 
 @scalar
-def _volume_with_friction(
-    p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
-):
+def _volume_with_friction(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
     return vectors.volume(
-        -p, -q, -1.0, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+        -p, -q, -1.0, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss
     )
 
 
@@ -226,13 +204,12 @@ def _vectors_error(
     cxy,
     cyy,
     k,
-    sigma,
-    lever,
-    eps,
+    *loss,
 ):
-    size, weight = _size_and_weight(vx, vy, a, b, c, ix, iy, iz, cxx, cxy, cyy)
-    step = full.oscillation(ex, ey, ea, eb, ix, iy, cxx, cxy, cyy)
-    return step + weight * iz * ec * ec + ez * ez, size
+    step, size = _weighted_error(
+        ex, ey, ea, eb, ec, vx, vy, a, b, c, ix, iy, iz, cxx, cxy, cyy
+    )
+    return step + ez * ez, size
 
 
 VECTORS = Model(
@@ -271,7 +248,7 @@ def _frictionless(on: Surface) -> Model:
 
     model = replace(
         FULL,
-        name=on.name,
+        name=on.model,
         n_constants=stone.N_CONSTANTS,
         rhs=rhs,
         energy=on.energy,
@@ -300,37 +277,49 @@ def _frictionless(on: Surface) -> Model:
     return replace(model, n_carried=1, carried_start=start, carried_rhs=carried_rhs)
 
 
+def _rhs_of(law: Friction) -> Formula:
+    """Return the equations of a law that has no form of its own."""
+    couples = law.couples
+
+    @scalar
+    def rhs(touch, y, inertia, shape, loss):
+        return stone.rhs_of_couples(couples, touch, y, inertia, shape, loss)
+
+    formula: Formula = rhs
+    return formula
+
+
 def _with_friction(rolling: Model, law: Friction) -> Model:
     """Return the model of the same surface with a law of friction."""
     on = rolling.surface
     assert on is not None
     touch = on.contact
     surface_energy = on.energy
-    law_rhs = law.rhs
+    law_rhs = law.rhs or _rhs_of(law)
 
     @scalar
-    def rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+    def rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
         y = p, q, a, b, c, work
         shape = cxx, cxy, cyy, k
-        return law_rhs(touch, y, (ix, iy, iz), shape, (sigma, lever, eps))
+        return law_rhs(touch, y, (ix, iy, iz), shape, loss)
 
     @scalar
-    def contact(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+    def contact(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
         y = p, q, a, b, c, work
         shape = cxx, cxy, cyy, k
-        f = law_rhs(touch, y, (ix, iy, iz), shape, (sigma, lever, eps))
+        f = law_rhs(touch, y, (ix, iy, iz), shape, loss)
         dp, dq, da, db, dc, _ = f
         return stone.surface_force(touch, p, q, a, b, c, dp, dq, da, db, dc, shape)
 
     @scalar
-    def energy(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+    def energy(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
         return surface_energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k) - work
 
     model = replace(
         rolling,
         name=f"{rolling.name}_{law.name}",
         n_state=stone.N_FRICTION_STATE,
-        n_constants=stone.N_FRICTION_CONSTANTS,
+        n_constants=stone.N_CONSTANTS + len(law.loss),
         rhs=rhs,
         spin=_spin_with_work,
         spin_rate=_spin_rate_with_work,
@@ -338,7 +327,9 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
         error=_error_with_friction,
         energy=energy,
         contact=contact,
-        volume=_volume_with_friction if on.quadric else None,
+        volume=_volume_with_friction if on.quadric and law.in_vectors else None,
+        law=law,
+        anywhere=rolling.anywhere if law.in_vectors else None,
     )
     if on.carried is None:
         return model
@@ -347,16 +338,14 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
     carried_touch = on.carried.contact
 
     @scalar
-    def start(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+    def start(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
         return (start_at(p, q, cxx, cxy, cyy, k),)
 
     @scalar
-    def carried_rhs(
-        p, q, a, b, c, work, x, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
-    ):
+    def carried_rhs(p, q, a, b, c, work, x, ix, iy, iz, cxx, cxy, cyy, k, *loss):
         y = p, q, a, b, c, work
         shape = cxx, cxy, cyy, k, x
-        f = law_rhs(carried_touch, y, (ix, iy, iz), shape, (sigma, lever, eps))
+        f = law_rhs(carried_touch, y, (ix, iy, iz), shape, loss)
         dp, dq, _, _, _, _ = f
         return f + (rate_at(p, q, dp, dq, *shape),)  # noqa: RUF005
 
@@ -364,15 +353,15 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
 
 
 FRICTIONLESS = {FULL.name: FULL}
-FRICTIONLESS |= {each.name: _frictionless(each) for each in surface.FURTHER}
+FRICTIONLESS |= {each.model: _frictionless(each) for each in surface.FURTHER}
 """Models of the surfaces without friction, by their names."""
 
-ELLIPSOID = FRICTIONLESS[surface.ELLIPSOID.name]
+ELLIPSOID = FRICTIONLESS[surface.ELLIPSOID.model]
 
 FRICTION = {
     (rolling.name, law.name): _with_friction(rolling, law)
     for rolling in FRICTIONLESS.values()
-    for law in surface.LAWS
+    for law in surface.LAWS.values()
 }
 """Models with friction, by the names of the model without it and of the law."""
 
@@ -451,29 +440,9 @@ def _with_attitude(plain: Model) -> Model:
 
     @scalar
     def rhs_with_work(
-        p,
-        q,
-        a,
-        b,
-        c,
-        work,
-        heading,
-        x,
-        y,
-        ix,
-        iy,
-        iz,
-        cxx,
-        cxy,
-        cyy,
-        k,
-        sigma,
-        lever,
-        eps,
+        p, q, a, b, c, work, heading, x, y, ix, iy, iz, cxx, cxy, cyy, k, *loss
     ):
-        f = plain_rhs(
-            p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
-        )
+        f = plain_rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss)
         m = p * b - q * a
         contact = touch(p, q, a, b, c, f[0], f[1], m, cxx, cxy, cyy, k)
         return f + full.track(p, q, a, b, c, heading, *contact)

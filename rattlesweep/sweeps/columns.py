@@ -17,9 +17,11 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.quantities import (
     ENERGY,
     FORCE,
+    LOSSES,
     MEASURES,
     QUANTITIES,
     RATE,
+    SURFACES,
     TIME,
     Definition,
 )
@@ -100,6 +102,14 @@ class Group:
 
 must = partial(Column, nullable=False)
 recorded = partial(Group, optional=True, recorded=True)
+
+
+def of_loss(name: str) -> Column:
+    """Return the column of a constant of dissipation."""
+    return must(name, F64, f"launches.losses.{name}")
+
+
+NOT_LINEAR = " or ".join(f"{x.name} > 0" for x in LOSSES.values() if not x.is_linear)
 
 # The columns of `runs` in order.
 GROUPS = (
@@ -226,31 +236,34 @@ GROUPS = (
             ),
         ),
     ),
-    Group(
-        "surface",
-        "`bodies: {surface: ellipsoid}`",
-        (Column("c", F64, "bodies.c", note="null: a paraboloid"),),
-        optional=True,
+    *(
+        Group(
+            surface,
+            f"`bodies: {{surface: {surface}}}`",
+            (Column(name, F64, f"bodies.further.{name}", note="null: a paraboloid"),),
+            optional=True,
+        )
+        for surface, name in SURFACES.items()
+        if name is not None
     ),
     Group(
         "dissipation",
         "`dissipation`",
         (
-            must("sigma", F64, "launches.sigma"),
-            must("rolling", F64, "launches.rolling"),
+            *(of_loss(name) for name, loss in LOSSES.items() if not loss.optional),
             Column(
                 "growth",
                 F64,
                 "growth",
                 RATE,
-                "growth rate of the oscillation at n_i; null if rolling > 0",
+                f"growth rate of the oscillation at n_i; null if {NOT_LINEAR}",
             ),
             Column(
                 "n_growth",
                 F64,
                 "n_growth",
                 RATE,
-                "spin at which growth balances damping; null if rolling > 0",
+                f"spin at which growth balances damping; null if {NOT_LINEAR}",
             ),
             Column(
                 "energy_left",
@@ -261,6 +274,17 @@ GROUPS = (
         ),
         optional=True,
         not_with=("reduced", "gh"),
+    ),
+    *(
+        Group(
+            name,
+            f"`dissipation: {{{name}: ...}}`",
+            (of_loss(name),),
+            optional=True,
+            not_with=("reduced", "gh"),
+        )
+        for name, loss in LOSSES.items()
+        if loss.optional
     ),
     # By the words of `record`; null for a run that failed at launch.
     recorded(

@@ -70,11 +70,19 @@ FITS = {
     "rk4": Fit(floor=0.0, share=0.003),
 }
 """Constants by method; a method without them has no estimate."""
-# The large swings of an ellipsoid are harder to integrate.
-ELLIPSOID = Fit(slope=20.0, share=0.002)
-# Kinks lower the order of all methods, so a companion must be nearly as accurate as the
-# run.
-ROLLING = Fit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0)
+# Constants by surface and by law of friction, None for those of the method; those of a
+# law count before those of a surface.  Others have no estimate.
+SURFACES: dict[str, Fit | None] = {
+    "paraboloid": None,
+    # Its large swings are harder to integrate.
+    "ellipsoid": Fit(slope=20.0, share=0.002),
+}
+LAWS: dict[str, Fit | None] = {
+    "viscous": None,
+    # Kinks lower the order of all methods, so a companion must be nearly as accurate as
+    # the run.
+    "rolling": Fit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0),
+}
 
 LEAST_LOOSER = 10.0  # smallest ratio of the companion's tolerance to the run's
 LOOSEST = 1e-5  # largest tolerance of a companion; at larger ones most runs part
@@ -543,8 +551,13 @@ def fit_of(config: Config) -> Fit:
             f"integrator.method: errors are not calibrated for {method}; leave out "
             f"record: [error] and accuracy, or use {' or '.join(FITS)}"
         )
-    if config.dissipation.kind == "rolling":
-        return ROLLING
-    if config.bodies.ellipsoidal:
-        return ELLIPSOID
-    return FITS[method]
+    surface = config.bodies.bottom
+    law = config.dissipation.law
+    for name, known in ((surface, SURFACES), (law, LAWS)):
+        if name is not None and name not in known:
+            raise ConfigError(
+                f"record: errors are not calibrated for {name}; leave out error and "
+                "accuracy"
+            )
+    of_law = None if law is None else LAWS[law]
+    return of_law or SURFACES[surface] or FITS[method]

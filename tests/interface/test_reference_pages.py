@@ -110,6 +110,22 @@ def test_links_between_pages_lead_somewhere(page):
             assert anchor[1:] in slugs, f"{page}: {path}{anchor}"
 
 
+def test_the_manuscript_names_what_exists():
+    """Its numbers come from files of the repository, its citations from its list."""
+    folder = ROOT / "docs" / "joss"
+    text = (folder / "paper.md").read_text()
+    comments = " ".join(re.findall(r"<!--(.*?)-->", text, re.DOTALL))
+    paths = re.findall(r"\b(?:benchmarks|configs|docs|tests)/[\w/.]+\w", comments)
+    assert len(paths) > 10
+    assert all((ROOT / path).exists() for path in paths)
+    (picture,) = re.findall(r"\]\((\S+\.png)\)", text)
+    assert (folder / picture).exists()
+    keys = re.findall(
+        r"^@\w+\{(\w+),", (folder / "paper.bib").read_text(), re.MULTILINE
+    )
+    assert set(re.findall(r"@(\w+)", text)) == set(keys)
+
+
 def test_the_contracts_of_imports_hold():
     program = Path(sys.executable).with_name("lint-imports")
     done = subprocess.run(

@@ -15,7 +15,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, reduced
 from rattlesweep.physics.full import quaternion
-from rattlesweep.physics.readings import contact_point, mode_energies
+from rattlesweep.physics.readings import contact_of, contact_point, mode_energies
 from rattlesweep.quantities import ENERGY, FORCE, LENGTH, RATE, TIME
 from rattlesweep.sweeps.config import not_one_of
 
@@ -78,6 +78,9 @@ class View:
     @property
     def contact(self) -> Floats:
         """The contact point from the centre of mass, shape (3, times)."""
+        surface = self.follower.model.surface
+        if surface is not None and not surface.quadric:
+            return contact_of(surface, *self.slopes, self.constants)
         point = contact_point(*self.slopes, self.constants)
         if not self.is_anywhere:
             return point

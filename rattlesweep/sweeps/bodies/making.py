@@ -6,6 +6,7 @@ from inspect import signature
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
+from rattlesweep.quantities import ANGLES
 from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.units import require_unit
 
@@ -27,8 +28,6 @@ KINDS = {
 }
 # Keys that choose how a body is made.
 WAYS = ("preset", "shape", "mass", "f_sd")
-ANGLES = {"xi_deg": 1, "minus_xi_deg": -1}
-"""Keys for the skew angle in degrees, and their signs."""
 
 
 def body_from(
