@@ -73,8 +73,8 @@ class Picture(ABC):
         arrangement = self.arrange()
         self.rows = [layout.axes[name] for name in arrangement.rows]
         self.columns = [layout.axes[name] for name in arrangement.columns]
-        inside = [layout.axes[name] for name in arrangement.inside]
-        self.axes = [*inside, *self.rows, *self.columns]
+        self.inside = [layout.axes[name] for name in arrangement.inside]
+        self.axes = [*self.inside, *self.rows, *self.columns]
         self.notes: list[str] = []
 
     def arrange(self) -> Arrangement:
