@@ -61,7 +61,7 @@ LIFTS = (
 )
 SLIPS = (
     "rolling without slip needs a coefficient of friction of {:.2g}, and more than "
-    "{:g} from t = {:.4g} on; with less the body slips, which is not modelled"
+    "{:g} from t = {:.4g} on; with less the body slips, as it does with mu"
 )
 
 
@@ -159,6 +159,8 @@ class PreparedRun:
 
     def with_unit(self, value: float, unit: str) -> str:
         """Return a value with its unit, in SI if the size of the body is known."""
+        if unit == "1":
+            return f"{value:.6g}"
         if self.units is None:
             return f"{value:.6g} {unit.replace('sqrt', '√')}"
         size, si_unit = self.units.sizes[unit]
@@ -348,7 +350,9 @@ class Course:
 
     @property
     def warning(self) -> str:
-        """Where a real body would lift off or slip; empty if it would not."""
+        """Where a real body would lift off or slip, and the run does not."""
+        if self.run.config.dissipation.slides:
+            return ""
         if self._lifts_from is not None:
             return LIFTS.format(self._lifts_from)
         if self._slips_from is not None:

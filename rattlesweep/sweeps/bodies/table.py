@@ -441,8 +441,11 @@ def check_value(name: str, values: Floats) -> RowProblem | None:
     if name not in BOUNDED:
         return None
     quantity = QUANTITIES[name]
-    for place in _first((values < quantity.low) | (values > quantity.high)):
-        if values[place] <= 0 < quantity.low:
+    bad = (values < quantity.low) | (values > quantity.high)
+    if quantity.is_open:
+        bad |= (values == quantity.low) | (values == quantity.high)
+    for place in _first(bad):
+        if values[place] <= 0 and (quantity.low > 0 or quantity.is_open):
             return place, "it must be positive"
         return place, f"{quantity.limits} is allowed"
     return None

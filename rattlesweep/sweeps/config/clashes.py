@@ -106,10 +106,35 @@ def _dissipation(config: Config) -> Iterator[Clash]:
     if losses and losses.law is None:
         together = " and ".join(losses.present)
         yield "dissipation", f"no law of friction has {together}; leave one out"
+    if losses.slides:
+        yield from _sliding(config)
     if losses and config.model != "full":
         yield (
             "dissipation",
             f"the model {config.model} conserves energy; take model: full",
+        )
+
+
+def _sliding(config: Config) -> Iterator[Clash]:
+    """Refuse what is not defined where the foot slides, or not known."""
+    method = config.integrator.method
+    if not METHODS[method].adaptive:
+        yield (
+            "integrator.method",
+            f"{method} cannot follow a slide, whose steps must adapt; take dop853, or "
+            "leave dissipation.mu out",
+        )
+    if "volume" in config.record:
+        yield (
+            "record",
+            "volume is not defined where the foot slides; leave it out, or "
+            "dissipation.mu",
+        )
+    if "error" in config.record:
+        yield (
+            "record",
+            "errors of runs that slide are not calibrated; leave out error and "
+            "accuracy: {t_r: ...}, or dissipation.mu",
         )
 
 

@@ -148,6 +148,8 @@ def fixed_part(config: Config) -> dict[str, Any]:
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
         fixed["bodies"]["target"]["coefficient"] = config.bodies.target.name
     fixed["dissipation"] = config.dissipation.law or ""
+    if config.dissipation.slides:
+        fixed["dissipation"] += "_sliding"
     return fixed
 
 
