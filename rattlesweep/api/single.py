@@ -202,8 +202,8 @@ def simulate(
         Dissipation, by the names of the config: arrays of ``sigma``, the coefficient of
         a torque ``-sigma omega``, in ``M a^2 sqrt(g/a)``, and of ``rolling``, the lever
         of a rolling resistance, in ``a``, and ``mu``, the coefficient of sliding
-        friction, without which the foot never slides.  Integrator: ``method`` with ``tol`` or
-        ``dt_step``, or an ``accuracy``: ``"draft"``, ``{"t_r": 1e-6}``.
+        friction, without which the foot never slides.  Integrator: ``method`` with
+        ``tol`` or ``dt_step``, or an ``accuracy``: ``"draft"``, ``{"t_r": 1e-6}``.
 
     Examples
     --------
@@ -388,8 +388,8 @@ def fit(
         is the first row, or time 0.
     free : sequence of str
         Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, mu, skew``
-        (which is ``-xi``), ``xi, theta, phi, alpha, beta, gamma, c``.  The search begins at
-        their given values.
+        (which is ``-xi``), ``xi, theta, phi, alpha, beta, gamma, c``.  The search
+        begins at their given values.
     launch : mapping
         ``n_i, omega_xy0, psi`` or ``omega, u``; free parameters may be left out.
     progress : bool, optional
