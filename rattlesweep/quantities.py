@@ -444,7 +444,10 @@ SURFACES: dict[str, str | None] = {"paraboloid": None, "ellipsoid": "c"}
 
 
 def law_of(names: Collection[str]) -> str | None:
-    """Return the law of friction for the constants that are not zero, None if none."""
+    """Return the law of friction for the couples of these names, None if none has all.
+
+    There is at least one.
+    """
     couples = COUPLES.intersection(names)
     for law, constants in LAWS.items():
         if couples <= {*constants}:

@@ -18,7 +18,7 @@ from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, METHODS, TOL
 from rattlesweep.integrate.task import Control, Task
-from rattlesweep.physics import full, steady
+from rattlesweep.physics import steady
 from rattlesweep.physics.theory import damping_rates, unsteady
 from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.columns import (
@@ -301,9 +301,10 @@ class Results:
     @property
     def energy_left(self) -> Floats:
         """Fraction of the initial energy that is left."""
-        # After those of a body that rolls, the state has the work of the dissipation.
-        work = self.integrated.y_end[:, full.N_STATE]
-        left = np.asarray(1 + work / self.integrated.energy_0)
+        left = np.ones(len(self.integrated.energy_0))
+        if self.config.dissipation.has_couples:
+            # The last component of the state is the work of the couples.
+            left = 1 + self.integrated.y_end[:, -1] / self.integrated.energy_0
         if self.config.dissipation.slides:
             left = left - self.integrated.slide_work
         return left

@@ -9,7 +9,13 @@ from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.lanes.runs import N_WINDOWS
-from rattlesweep.integrate.model import FRICTION, FRICTIONLESS, MODELS, Model
+from rattlesweep.integrate.model import (
+    FRICTION,
+    FRICTIONLESS,
+    MODELS,
+    SLIDING,
+    Model,
+)
 from rattlesweep.physics import full, reduced, surface, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
@@ -249,7 +255,7 @@ def full_model_of(config: Config) -> Model:
     law = config.dissipation.law
     model = FRICTIONLESS[name] if law is None else FRICTION[name, law]
     if config.dissipation.slides:
-        model = MODELS[f"{model.name}_sliding"]
+        model = SLIDING[model.name]
     if "volume" in config.record and model.volume is None:
         raise ConfigError(
             f"record: the phase volume of {model.name} is not known; leave volume out"
@@ -295,11 +301,10 @@ def full_batch(launches: Launches) -> Batch:
         for each in model.law.loss:
             value = launches.losses[each] if isinstance(each, str) else each
             constants.append(np.broadcast_to(value, count))
-        if "mu" in launches.losses:
-            constants.append(launches.losses["mu"])
-        # The work of dissipation, and what describes a slide, are zero at first.
-        further = np.zeros((count, model.n_state - y0.shape[1]))
-        y0 = np.concatenate([y0, further], axis=1)
+        # The last component of the state is the work of dissipation.
+        y0 = np.concatenate([y0, np.zeros((count, 1))], axis=1)
+    if model.slide is not None:
+        constants.append(launches.losses["mu"])
 
     sigma = launches.losses.get("sigma", 0.0)
     modes = steady_modes(body_constants, launches.n_i, sigma)

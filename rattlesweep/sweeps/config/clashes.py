@@ -103,7 +103,7 @@ def _dissipation(config: Config) -> Iterator[Clash]:
         yield "dissipation", "horizon.t_decay is in units of gamma/sigma; give sigma"
     if any(TABLE in values for values in losses.values.values()) and not table:
         yield "dissipation", "the word table needs source: table; give a number"
-    if losses and losses.law is None:
+    if losses.has_couples and losses.law is None:
         together = " and ".join(losses.present)
         yield "dissipation", f"no law of friction has {together}; leave one out"
     if losses.slides:

@@ -18,6 +18,7 @@ from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.names import AccuracyName, ModelName, PresetName
 from rattlesweep.physics.si import LIMITS
 from rattlesweep.quantities import (
+    COUPLES,
     LOSSES,
     MAX_TIME,
     QUANTITIES,
@@ -601,9 +602,14 @@ class Dissipation(LossKeys):  # type: ignore[misc]
         }
 
     @property
+    def has_couples(self) -> bool:
+        """Whether couples of friction act in some run."""
+        return bool(COUPLES.intersection(self.present))
+
+    @property
     def law(self) -> str | None:
-        """The law of friction, None without dissipation."""
-        return law_of(self.present) if self else None
+        """The law of friction, None without couples."""
+        return law_of(self.present) if self.has_couples else None
 
     @property
     def slides(self) -> bool:
