@@ -51,7 +51,7 @@ class View:
     @cached_property
     def observed(self) -> Floats:
         """Spin, energy minus work, normal and tangential force, shape (4, times)."""
-        return self.follower.observe(self.samples.y)
+        return self.follower.observe(self.samples)
 
     @property
     def work(self) -> Floats:
