@@ -15,6 +15,7 @@ from dataclasses import dataclass
 TIME = "sqrt(a/g)"
 RATE = "sqrt(g/a)"
 LENGTH = "a"
+SPEED = "sqrt(g a)"
 ENERGY = "M g a"
 FORCE = "M g"
 DAMPING = "M a^2 sqrt(g/a)"

@@ -76,6 +76,7 @@ class Trajectory:
     other side.  `t_end` is the time reached, `n_steps` counts accepted steps, and
     `status` is ``ok`` or a word for what went wrong.  `warning` says where contact
     would be lost, or rolling needs a coefficient of friction above 0.3, and how large.
+    `slides` has begin and end of each slide.
     """
 
     def __init__(self, run: PreparedRun, channels: Sequence[str], **rows: Any) -> None:
@@ -96,6 +97,7 @@ class Trajectory:
         self.n_steps = follower.n_steps
         self.status = follower.status.label
         self.warning = course.warning
+        self.slides = np.array(course.slides).reshape(-1, 2)
 
     def __getitem__(self, columns: str | list[str]) -> Any:
         """Return a column as a Series, or several as a DataFrame."""

@@ -332,6 +332,8 @@ def _say_outcome(course: Course, quiet: bool, proof: str) -> int:
         text += f"; {follower.n_steps} steps to t = {follower.t:g}"
         if units is not None:
             text += f" ({follower.t * units.time:.4g} s)"
+        if course.slides:
+            text += f"; {course.slides_in_words}"
         say(text)
         if course.warning:
             say(f"warning: {course.warning}")

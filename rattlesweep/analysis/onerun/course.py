@@ -20,14 +20,14 @@ import pyarrow.parquet as pq
 
 from rattlesweep.analysis.derived import COMMON_FRICTION
 from rattlesweep.analysis.onerun.channels import View, choose, in_si
-from rattlesweep.arrays import Floats, take
+from rattlesweep.arrays import Flags, Floats, take
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import PLATEAU_SHARE
 from rattlesweep.integrate.follow import Follower, Samples
 from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.quantities import LOSSES
+from rattlesweep.quantities import LOSSES, TIME
 from rattlesweep.sweeps import columns
 from rattlesweep.sweeps.columns import build_table
 from rattlesweep.sweeps.files import streamed_file
@@ -38,6 +38,7 @@ from rattlesweep.sweeps.launches import (
     single_run,
     with_energies,
 )
+from rattlesweep.text import counted
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -264,6 +265,9 @@ class Course:
         self.friction = 0.0
         self._slips_from: float | None = None
         self._lifts_from: float | None = None
+        self._ended_slides: list[tuple[float, float]] = []
+        self._slides_from: float | None = None  # begin of a slide that goes on
+        self.slide_work = 0.0  # of sliding friction so far, negative
         # Time and sign of the last spin beyond PLATEAU_SHARE of the launch's.
         self._last_time = 0.0
         self._last_sign = 0.0
@@ -325,9 +329,13 @@ class Course:
         while not follower.ended:
             follower.steps()
 
-    def _look(self, t: Floats, seen: Floats) -> None:
-        """Collect reversals and warnings from the launch and the accepted steps."""
+    def _look(self, samples: Samples, seen: Floats) -> None:
+        """Collect reversals, slides and warnings from launch and accepted steps."""
+        t = samples.t
         n, _, normal, tangential = seen
+        self._note_slides(t, samples.slip[:, 0] > 0)
+        if len(t):
+            self.slide_work = float(samples.slip[-1, 2])
         with np.errstate(all="ignore"):  # a failing run may overflow
             far = np.abs(n) > PLATEAU_SHARE * self.run.launches.spin_scale[0]
             ratio = np.where(normal > 0, tangential / normal, 0.0)
@@ -347,6 +355,35 @@ class Course:
             self._slips_from = float(t[np.argmax(slips)])
         if self._lifts_from is None and lifts.any():
             self._lifts_from = float(t[np.argmax(lifts)])
+
+    def _note_slides(self, t: Floats, is_sliding: Flags) -> None:
+        """Add the slides that begin or end at accepted steps."""
+        began = self._slides_from is not None
+        before = np.append(began, is_sliding[:-1])
+        for k in np.flatnonzero(is_sliding != before):
+            if self._slides_from is None:
+                self._slides_from = float(t[k])
+            else:
+                self._ended_slides.append((self._slides_from, float(t[k])))
+                self._slides_from = None
+
+    @property
+    def slides(self) -> list[tuple[float, float]]:
+        """Begin and end of each slide so far; the last may still go on."""
+        if self._slides_from is None:
+            return self._ended_slides
+        return [*self._ended_slides, (self._slides_from, self.follower.t)]
+
+    @property
+    def slides_in_words(self) -> str:
+        """How many slides there were, how long, and what they took; empty for none."""
+        if not self.slides:
+            return ""
+        lasted = sum(end - begin for begin, end in self.slides)
+        share = -self.slide_work / self.follower.energy_0
+        count = counted(len(self.slides), "slide")
+        time = self.run.with_unit(lasted, TIME)
+        return f"{count} of {time} in all, {share:.2%} of the energy"
 
     @property
     def warning(self) -> str:

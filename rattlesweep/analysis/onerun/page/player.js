@@ -88,7 +88,7 @@
   };
   let dirty = true;
   const scene = makeScene(get("view"), { body: b, rise: D.rise, trail: D.trail,
-    start: tStart,
+    start: tStart, slides: D.slides,
     changed: () => { dirty = true; } });
   if (scene.error) {
     get("message").textContent = scene.error;
@@ -160,6 +160,11 @@
     const ink = (name) => css.getPropertyValue(`--${name}`).trim();
     g.font = `11px ${getComputedStyle(document.body).fontFamily}`;
     g.lineWidth = 1;
+    g.fillStyle = ink("slipping");
+    for (const [begin, end] of D.slides) {
+      const x = chart.x(Math.max(begin, tStart));
+      g.fillRect(x, box.top, Math.max(chart.x(end) - x, 0.5), h - box.top - box.bottom);
+    }
     const step = nice(2 * most * turn, 5) / turn;
     g.textAlign = "right";
     g.textBaseline = "middle";
@@ -224,6 +229,7 @@
     get("mark").hidden = false;
     get("mark").querySelector("span").textContent = said;
   }
+  for (const id of ["slip", "slipping"]) get(id).hidden = !D.slides.length;
   for (const [name, value] of D.facts) {
     const line = document.createElement("div");
     for (const [tag, text] of [["dt", name], ["dd", value]]) {
