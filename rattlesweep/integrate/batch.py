@@ -11,6 +11,7 @@ from typing import Any
 import numba
 import numpy as np
 from numba import config
+from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags, Floats, Integers, put, take
 from rattlesweep.integrate import SettingError, processors
@@ -256,9 +257,9 @@ class Outcome:
     y_end: Floats  # states at t_end, shape (runs, n_state)
     # The next four have no rows if the model does not slide.
     t_slide: Floats  # begin of the first slide
-    n_slides: Floats
+    n_slides: NDArray[np.int32]
     slide_time: Floats  # time spent sliding
-    slide_work: Floats  # work of sliding friction in M g a, negative
+    slide_work: Floats  # energy lost by sliding, relative to energy_0
     # The others have no rows if they were not recorded.
     energy_drift_max: Floats
     contact_ratio_max: Floats
@@ -422,7 +423,7 @@ def _outcome(
         **columns,
         y_end=result[:, runs.FIRST_STATE : after],
         t_slide=slid[:, slides.T_SLIDE],
-        n_slides=slid[:, slides.SLIDES],
+        n_slides=slid[:, slides.SLIDES].astype(np.int32),
         slide_time=slid[:, slides.SLIDE_TIME],
         slide_work=slid[:, slides.SLIDE_WORK],
         energy_drift_max=recording.energy[:, 0, 0],

@@ -35,8 +35,8 @@ def radau(stages: int) -> Collocation:
     for _ in range(3):
         points -= legendre.legval(points, series) / legendre.legval(points, derivative)
     points[-1] = 1.0
-    values: Floats = legendre.legvander(points, stages - 1)
-    spectrum = np.asarray(np.linalg.inv(values), float)
+    values = legendre.legvander(points, stages - 1)
+    spectrum: Floats = np.linalg.inv(values).astype(np.float64)
     moments = np.empty((stages, stages))
     for k in range(stages):
         term = legendre.Legendre.basis(k).integ(lbnd=-1)

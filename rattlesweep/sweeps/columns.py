@@ -94,11 +94,14 @@ class Group:
     columns: tuple[Column, ...]
     # Whether only sweeps that ask for the group have it.
     optional: bool = False
+    # Whether they ask for it by a word of `record`, the name.
+    recorded: bool = False
     # Models that do not have it.
     not_with: tuple[str, ...] = ()
 
 
 must = partial(Column, nullable=False)
+recorded = partial(Group, optional=True, recorded=True)
 
 
 def of_loss(name: str) -> Column:
@@ -320,7 +323,7 @@ GROUPS = (
         if loss.optional
     ),
     # By the words of `record`; null for a run that failed at launch.
-    Group(
+    recorded(
         "energy",
         "`record: [energy]`",
         (
@@ -332,10 +335,9 @@ GROUPS = (
                 meaning="largest relative change of energy at any step",
             ),
         ),
-        optional=True,
         not_with=("gh",),
     ),
-    Group(
+    recorded(
         "contact",
         "`record: [contact]`",
         (
@@ -354,10 +356,9 @@ GROUPS = (
                 "smallest F_parallel; negative: lift-off",
             ),
         ),
-        optional=True,
         not_with=("reduced", "gh"),
     ),
-    Group(
+    recorded(
         "windows",
         "`record: [windows]`",
         (
@@ -376,10 +377,9 @@ GROUPS = (
                 "window_n_max", SERIES, "window_n_max", RATE, "largest spin, by window"
             ),
         ),
-        optional=True,
         not_with=("gh",),
     ),
-    Group(
+    recorded(
         "lyapunov",
         "`record: [lyapunov]`",
         (
@@ -405,10 +405,9 @@ GROUPS = (
                 meaning="lyapunov_late * t_end / 2 > 10; null: run too short",
             ),
         ),
-        optional=True,
         not_with=("reduced", "gh"),
     ),
-    Group(
+    recorded(
         "volume",
         "`record: [volume]`",
         (
@@ -420,10 +419,9 @@ GROUPS = (
                 "mean rate of the logarithm of phase volume over the run",
             ),
         ),
-        optional=True,
         not_with=("reduced", "gh"),
     ),
-    Group(
+    recorded(
         "error",
         "`record: [error]`",
         (
@@ -453,7 +451,6 @@ GROUPS = (
                 meaning="estimated error of n_departure; null: unknown",
             ),
         ),
-        optional=True,
         not_with=("gh",),
     ),
     Group(
@@ -470,7 +467,7 @@ GROUPS = (
         optional=True,
         not_with=("gh",),
     ),
-    Group(
+    recorded(
         "reversals",
         "`record: [reversals]`",
         (
@@ -497,7 +494,6 @@ GROUPS = (
                 "largest absolute spin until the next turn",
             ),
         ),
-        optional=True,
         not_with=("gh",),
     ),
     Group(
@@ -559,6 +555,9 @@ COLUMNS: dict[str, Column] = {
 }
 """All columns of `runs` that rattlesweep computes, by name."""
 
+RECORDS = tuple(group.name for group in GROUPS if group.recorded)
+"""Words of `record`, in the order of the columns."""
+
 REFINABLE = tuple(column.name for column in COLUMNS.values() if column.refines)
 """Columns that `bodies.refine.by` may compare."""
 
@@ -602,6 +601,12 @@ def runs_schema(
         if not group.optional or group.name in record:
             fields += RUNS[group.name]
     return pa.schema([*fields, *extra])
+
+
+def unit_and_meaning(column: pa.Field) -> tuple[str, str]:
+    """Return the unit and the meaning of a column of a schema."""
+    metadata = column.metadata
+    return metadata[b"unit"].decode(), metadata[b"description"].decode()
 
 
 def same_schema(schema: pa.Schema, expected: pa.Schema) -> bool:
