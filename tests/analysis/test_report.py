@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from browser import check_page, needs_browser
 from editing import edited
 
 import rattlesweep as rs
@@ -144,3 +145,11 @@ def test_a_sweep_whose_runs_all_failed(tmp_path):
     page = Page(make_report(tmp_path))
     assert "None of them is ok." in page.text
     assert "step_limit 2 100 %" in page.text
+
+
+@needs_browser
+@pytest.mark.parametrize("name", ["steady", "map"])
+def test_a_page_fits_and_can_be_read(name, pages, chromium, tmp_path):
+    path = tmp_path / "report.html"
+    path.write_bytes(pages[name])
+    check_page(chromium, path)

@@ -131,10 +131,9 @@ def window(
 
 def check_page(chromium: Chromium, path: Path) -> None:
     """Check that a page without scripts fits, is readable, and complains of nothing."""
-    for scheme in SCHEMES:
-        for width in WIDTHS:
-            with window(chromium, width, 900, scheme) as opened:
-                opened.page.goto(path.resolve().as_uri())
-                assert opened.overflow() <= 0, width
-                assert opened.barriers() == [], (width, scheme)
-                assert opened.console == []
+    for width, scheme in zip(WIDTHS, SCHEMES, strict=True):
+        with window(chromium, width, 900, scheme) as opened:
+            opened.page.goto(path.resolve().as_uri())
+            assert opened.overflow() <= 0
+            assert opened.barriers() == []
+            assert opened.console == []
