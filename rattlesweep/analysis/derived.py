@@ -10,10 +10,11 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, stone, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.readings import turning_friction
+from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import direction, garcia_hubbard
 from rattlesweep.quantities import LENGTH, LOSSES, QUANTITIES, RATE, TIME
 
-SPINS = ("n_c1", "n_i", "n_0")  # in SI units they are in rpm
+SPINS = ("n", "n_i", "n_0", "n_c1", "n_reduced", "n_gh")  # in SI units in rpm
 # A coefficient of friction that a smooth stone on a smooth table may lack.
 COMMON_FRICTION = 0.3
 SLIPS_AT_REVERSAL = (
@@ -143,8 +144,13 @@ def _quantity(
     value = float(number)
     if body.units is None or unit not in body.units.sizes:
         return Quantity(name, value, unit, description, None)
-    size, si_unit = body.units.sizes[unit]
-    if name in SPINS:
-        size *= 30 / math.pi
-        si_unit = "rpm"
+    size, si_unit = si_of(name, unit, body.units)
     return Quantity(name, value, unit, description, (value * size, si_unit))
+
+
+def si_of(name: str, unit: str, units: Units) -> tuple[float, str]:
+    """Return the size of a quantity's unit in SI units, and the name of these."""
+    size, si_unit = units.sizes[unit]
+    if name in SPINS:
+        return size * (30 / math.pi), "rpm"
+    return size, si_unit

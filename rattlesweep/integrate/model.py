@@ -9,9 +9,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from rattlesweep.physics import full, reduced, stone, surface, tangent, vectors
+from rattlesweep.physics import full, reduced, sliding, stone, surface, tangent, vectors
 from rattlesweep.physics.full import scalar
 from rattlesweep.physics.surface import Formula, Friction, Surface
+
+
+@dataclass(frozen=True)
+class Slide:
+    """What a model needs for sliding, with states ``y`` and constants ``q`` as tuples.
+
+    The coefficient of friction is a further constant of the body, after ``q``.
+    """
+
+    # place(y, q): rates of the position, u, omega, r, w, inertia, and the torques of
+    # friction as `physics.surface.Friction.couples` returns them
+    place: Formula
+    # derivative(y, slip, what `place` returns, domega/dt, power of friction): dy
+    derivative: Formula
+    has_work: bool  # whether the state has the work of friction
 
 
 @dataclass(frozen=True)
@@ -40,6 +55,8 @@ class Model:
     contact: Formula  # contact(*y, *q): normal force, then tangential force
     # limit(*y, *q): positive where the model holds; a run ends where it is zero
     limit: Formula | None = None
+    # without it the plane holds the body whatever the force
+    slide: Slide | None = None
     surface: Surface | None = None
     law: Friction | None = None  # of a model with friction
     volume: Formula | None = None  # volume(*y, *q): rate of phase volume
@@ -366,6 +383,109 @@ FRICTION = {
 """Models with friction, by the names of the model without it and of the law."""
 
 
+# Sliding, where friction cannot hold the contact point.
+
+
+@scalar
+def _without_work(y, slip, placed, omega_rate, power):
+    return placed[0] + omega_rate
+
+
+@scalar
+def _with_work(y, slip, placed, omega_rate, power):
+    return placed[0] + omega_rate + (power,)
+
+
+@scalar
+def _contact_of_slope(touch, p, q, a, b, c, shape):
+    dp, dq, m = full.slope_rate(p, q, a, b, c)
+    fx, fy, rise, wx, wy, wz, uz = touch(p, q, a, b, c, dp, dq, m, *shape)
+    u = p * uz, q * uz, uz
+    r = p + fx, q + fy, 1.0 - rise
+    return (dp, dq), u, (a, b, c), r, (wx, wy, wz)
+
+
+@scalar
+def _inertia_and_shape(ix, iy, iz, *shape):
+    return (ix, iy, iz), shape
+
+
+@scalar
+def _inertia_shape_and_loss(ix, iy, iz, cxx, cxy, cyy, k, *loss):
+    return (ix, iy, iz), (cxx, cxy, cyy, k), loss
+
+
+_NONE = 0.0, 0.0, 0.0
+
+
+def _sliding(rolling: Model, law: Friction | None) -> Model:
+    """Return a model of slopes whose bodies slide where friction cannot hold them."""
+    on = rolling.surface
+    assert on is not None
+    touch = on.contact
+
+    @scalar
+    def place(y, constants):
+        p, q, a, b, c = y
+        inertia, shape = _inertia_and_shape(*constants)
+        rates, u, omega, r, w = _contact_of_slope(touch, p, q, a, b, c, shape)
+        return rates, u, omega, r, w, inertia, _NONE, _NONE
+
+    if law is None:
+        slide = Slide(place, _without_work, has_work=False)
+        return replace(rolling, name=f"{rolling.name}_sliding", slide=slide)
+    couples = law.couples
+
+    @scalar
+    def place_with_friction(y, constants):
+        p, q, a, b, c, _ = y
+        inertia, shape, loss = _inertia_shape_and_loss(*constants)
+        rates, u, omega, r, w = _contact_of_slope(touch, p, q, a, b, c, shape)
+        torque, drag = couples(u, omega, loss)
+        return rates, u, omega, r, w, inertia, torque, drag
+
+    slide = Slide(place_with_friction, _with_work, has_work=True)
+    return replace(rolling, name=f"{rolling.name}_sliding", slide=slide)
+
+
+@scalar
+def _place_in_any_position(y, constants):
+    vx, vy, vz, a, b, c, _ = y
+    inertia, shape, loss = _inertia_shape_and_loss(*constants)
+    u = vectors.unit(vx, vy, vz)
+    omega = a, b, c
+    r, rho = vectors.contact(*u, *shape)
+    w = vectors.moving(u, omega, r, rho, *shape)
+    torque, drag = stone.rolling_couples(u, omega, loss)
+    rates = vy * c - vz * b, vz * a - vx * c, vx * b - vy * a
+    return rates, u, omega, r, w, inertia, torque, drag
+
+
+VECTORS_SLIDING = replace(
+    VECTORS,
+    name="vectors_sliding",
+    slide=Slide(_place_in_any_position, _with_work, has_work=True),
+)
+
+
+def _all_sliding() -> dict[str, Model]:
+    """Return the sliding models by the names of the models without sliding."""
+    models = {}
+    for rolling in FRICTIONLESS.values():
+        models[rolling.name] = _sliding(rolling, None)
+        for law in surface.LAWS.values():
+            damped = FRICTION[rolling.name, law.name]
+            models[damped.name] = _sliding(damped, law)
+    for name, model in models.items():
+        if model.anywhere is not None:
+            models[name] = replace(model, anywhere=VECTORS_SLIDING)
+    return models
+
+
+SLIDING = _all_sliding()
+"""Models of bodies that slide, by the name of the model that always rolls."""
+
+
 # The reduced model.
 
 
@@ -427,6 +547,42 @@ def _no_error(*values):
     return 0.0, 1.0
 
 
+@scalar
+def _sliding_track(placed, slip, heading):
+    _, u, omega, r, w, _, _, _ = placed
+    return sliding.track(u, omega, r, w, slip.speed, slip.angle, heading)
+
+
+def _slide_with_attitude(plain: Slide) -> Slide:
+    """Return what a model with heading and contact point needs for sliding."""
+    plain_place = plain.place
+
+    @scalar
+    def place(y, constants):
+        p, q, a, b, c, _, _, _ = y
+        return plain_place((p, q, a, b, c), constants)
+
+    @scalar
+    def place_with_work(y, constants):
+        p, q, a, b, c, work, _, _, _ = y
+        return plain_place((p, q, a, b, c, work), constants)
+
+    @scalar
+    def derivative(y, slip, placed, omega_rate, power):
+        _, _, _, _, _, heading, _, _ = y
+        return placed[0] + omega_rate + _sliding_track(placed, slip, heading)
+
+    @scalar
+    def derivative_with_work(y, slip, placed, omega_rate, power):
+        _, _, _, _, _, _, heading, _, _ = y
+        track = _sliding_track(placed, slip, heading)
+        return placed[0] + omega_rate + (power,) + track
+
+    if plain.has_work:
+        return Slide(place_with_work, derivative_with_work, has_work=True)
+    return Slide(place, derivative, has_work=False)
+
+
 def _with_attitude(plain: Model) -> Model:
     """Return a model with heading and contact point on the plane, for single steps."""
     assert plain.surface is not None
@@ -448,6 +604,9 @@ def _with_attitude(plain: Model) -> Model:
         return f + full.track(p, q, a, b, c, heading, *contact)
 
     has_work = plain.n_state == stone.N_FRICTION_STATE
+    slide = None
+    if plain.slide is not None:
+        slide = _slide_with_attitude(plain.slide)
     return replace(
         plain,
         name=f"{plain.name}_attitude",
@@ -456,6 +615,7 @@ def _with_attitude(plain: Model) -> Model:
         n_extra=full.N_EXTRA,
         n_carried=0,
         rhs=rhs_with_work if has_work else rhs,
+        slide=slide,
         spin=_zero,
         spin_rate=_zero,
         amplitude=_zero,
@@ -465,12 +625,15 @@ def _with_attitude(plain: Model) -> Model:
 
 ATTITUDES = {
     plain.name: _with_attitude(plain)
-    for plain in (*FRICTIONLESS.values(), *FRICTION.values())
+    for plain in (*FRICTIONLESS.values(), *FRICTION.values(), *SLIDING.values())
 }
 """Models with heading and contact point, by the name of the model without them."""
 
 PLAIN = *FRICTIONLESS.values(), VECTORS, *FRICTION.values(), REDUCED
-MODELS: dict[str, Model] = {model.name: model for model in (*PLAIN, TANGENT)}
+SLIDING_MODELS = *SLIDING.values(), VECTORS_SLIDING
+MODELS: dict[str, Model] = {
+    model.name: model for model in (*PLAIN, TANGENT, *SLIDING_MODELS)
+}
 
 
 def find_model(name: str) -> Model:

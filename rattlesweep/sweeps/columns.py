@@ -94,11 +94,14 @@ class Group:
     columns: tuple[Column, ...]
     # Whether only sweeps that ask for the group have it.
     optional: bool = False
+    # Whether they ask for it by a word of `record`, the name.
+    recorded: bool = False
     # Models that do not have it.
     not_with: tuple[str, ...] = ()
 
 
 must = partial(Column, nullable=False)
+recorded = partial(Group, optional=True, recorded=True)
 
 
 def of_loss(name: str) -> Column:
@@ -284,7 +287,7 @@ GROUPS = (
         if loss.optional
     ),
     # By the words of `record`; null for a run that failed at launch.
-    Group(
+    recorded(
         "energy",
         "`record: [energy]`",
         (
@@ -296,10 +299,9 @@ GROUPS = (
                 meaning="largest relative change of energy at any step",
             ),
         ),
-        optional=True,
         not_with=("gh",),
     ),
-    Group(
+    recorded(
         "contact",
         "`record: [contact]`",
         (
@@ -318,10 +320,9 @@ GROUPS = (
                 "smallest F_parallel; negative: lift-off",
             ),
         ),
-        optional=True,
         not_with=("reduced", "gh"),
     ),
-    Group(
+    recorded(
         "windows",
         "`record: [windows]`",
         (
@@ -340,10 +341,9 @@ GROUPS = (
                 "window_n_max", SERIES, "window_n_max", RATE, "largest spin, by window"
             ),
         ),
-        optional=True,
         not_with=("gh",),
     ),
-    Group(
+    recorded(
         "lyapunov",
         "`record: [lyapunov]`",
         (
@@ -369,10 +369,9 @@ GROUPS = (
                 meaning="lyapunov_late * t_end / 2 > 10; null: run too short",
             ),
         ),
-        optional=True,
         not_with=("reduced", "gh"),
     ),
-    Group(
+    recorded(
         "volume",
         "`record: [volume]`",
         (
@@ -384,10 +383,9 @@ GROUPS = (
                 "mean rate of the logarithm of phase volume over the run",
             ),
         ),
-        optional=True,
         not_with=("reduced", "gh"),
     ),
-    Group(
+    recorded(
         "error",
         "`record: [error]`",
         (
@@ -417,7 +415,6 @@ GROUPS = (
                 meaning="estimated error of n_departure; null: unknown",
             ),
         ),
-        optional=True,
         not_with=("gh",),
     ),
     Group(
@@ -434,7 +431,7 @@ GROUPS = (
         optional=True,
         not_with=("gh",),
     ),
-    Group(
+    recorded(
         "reversals",
         "`record: [reversals]`",
         (
@@ -461,7 +458,6 @@ GROUPS = (
                 "largest absolute spin until the next turn",
             ),
         ),
-        optional=True,
         not_with=("gh",),
     ),
     Group(
@@ -523,6 +519,9 @@ COLUMNS: dict[str, Column] = {
 }
 """All columns of `runs` that rattlesweep computes, by name."""
 
+RECORDS = tuple(group.name for group in GROUPS if group.recorded)
+"""Words of `record`, in the order of the columns."""
+
 REFINABLE = tuple(column.name for column in COLUMNS.values() if column.refines)
 """Columns that `bodies.refine.by` may compare."""
 
@@ -566,6 +565,12 @@ def runs_schema(
         if not group.optional or group.name in record:
             fields += RUNS[group.name]
     return pa.schema([*fields, *extra])
+
+
+def unit_and_meaning(column: pa.Field) -> tuple[str, str]:
+    """Return the unit and the meaning of a column of a schema."""
+    metadata = column.metadata
+    return metadata[b"unit"].decode(), metadata[b"description"].decode()
 
 
 def same_schema(schema: pa.Schema, expected: pa.Schema) -> bool:

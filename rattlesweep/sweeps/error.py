@@ -129,8 +129,7 @@ class Estimated(Outcome):
     n_departure_error: Floats
     # Whether it is sure that a run reverses by its horizon, or does not.
     reversal_sure: Flags
-    tol: Floats  # NaN with a fixed step, like companion_tol
-    companion_tol: Floats
+    tol: Floats  # NaN with a fixed step
     companion_t_r: Floats
     apart: Floats  # distance of the two states at their reversals
     grazes: Integers  # undecided extrema of the spin in both
@@ -404,7 +403,7 @@ def with_errors(
     reverses_in_time = (relative < 1.0) & (runs.t_r + t_r_error < batch.t_end)
     # If a stop ended the companion, its run has no error and counts as stopped.
     is_cut = companions.status == Status.STOPPED
-    tol, companion_tol = settings if scale.adaptive else (np.nan, np.nan)
+    tol = settings[0] if scale.adaptive else np.nan
     values = vars(runs) | {"status": np.where(is_cut, Status.STOPPED, runs.status)}
     return Estimated(
         **values,
@@ -413,7 +412,6 @@ def with_errors(
         n_departure_error=_departure_error(pair, apart),
         reversal_sure=reverses_in_time | (pair.both_stay & (pair.grazes == 0)),
         tol=np.full(len(batch), tol),
-        companion_tol=np.full(len(batch), companion_tol),
         companion_t_r=companions.t_r,
         apart=apart,
         grazes=pair.grazes,

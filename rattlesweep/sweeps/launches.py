@@ -221,23 +221,14 @@ def _horizon(
     config: Config, bodies: Bodies, t_rgh: Floats, sigma: Floats | None
 ) -> Floats:
     """Return the smallest of the config's horizons, or a table's own."""
-    horizon = config.horizon
-    earliest = np.full(len(t_rgh), np.inf)
-    if horizon.t_rgh is not None:
-        # fmin ignores NaN, the t_rGH of launches that have none.
-        earliest = np.fmin(earliest, horizon.t_rgh * t_rgh)
-    (t,) = config.settings["t_end"]
-    if t.si is not None and bodies.units is not None:
-        earliest = np.minimum(earliest, bodies.units.natural(t.si, t.si.kind))
-    if t.natural is not None:
-        earliest = np.minimum(earliest, t.natural)
-    if horizon.t_decay is not None and sigma is not None:
-        with np.errstate(divide="ignore"):
-            decay = horizon.t_decay * bodies.gamma / sigma
-        earliest = np.minimum(earliest, decay)
+    (setting,) = config.settings["t_end"]
+    t: Floats | float | None = setting.natural
+    if setting.si is not None and bodies.units is not None:
+        t = bodies.units.natural(setting.si, setting.si.kind)
+    horizon = config.horizon.earliest(t, t_rgh, bodies.gamma, sigma)
     if bodies.t_end is not None:
-        earliest = np.where(np.isfinite(bodies.t_end), bodies.t_end, earliest)
-    return earliest
+        horizon = np.where(np.isfinite(bodies.t_end), bodies.t_end, horizon)
+    return horizon
 
 
 def model_of(config: Config) -> Model:
@@ -456,16 +447,6 @@ def plan_of_rows(
         bodies=TableSource.in_memory(rows.surface),
     )
     return make_plan(config, rows=rows)
-
-
-def single_run(run: Launch) -> tuple[Config, Launches, Batch | None]:
-    """Return the config, launch and batch of one run; the model ``gh`` has no batch."""
-    plan, first = plan_of(run), np.zeros(1, np.int64)
-    launches = prepare(plan, first, first)
-    batch = make_batch(launches, run.model)
-    if batch is not None and run.model == "reduced":
-        batch = with_energies(batch, run.e_p0, run.e_r0)
-    return plan.config, launches, batch
 
 
 def with_energies(batch: Batch, e_p0: float | None, e_r0: float | None) -> Batch:

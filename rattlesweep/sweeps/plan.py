@@ -22,7 +22,7 @@ from rattlesweep.quantities import LOSSES
 from rattlesweep.sweeps.bodies import Source
 from rattlesweep.sweeps.bodies.sources import make_source
 from rattlesweep.sweeps.bodies.table import TableBodies, check_value
-from rattlesweep.sweeps.columns import STATE, runs_schema
+from rattlesweep.sweeps.columns import STATE, runs_schema, unit_and_meaning
 from rattlesweep.sweeps.config.clashes import SETTING_KEYS, clashes
 from rattlesweep.sweeps.config.read import (
     differences,
@@ -290,10 +290,8 @@ def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
     key = hashlib.sha256(text.encode()).hexdigest()
     columns = []
     for column in plan.extra:
-        unit = column.metadata[b"unit"].decode()
-        description = column.metadata[b"description"].decode()
-        kind = str(column.type)
-        columns.append([column.name, kind, column.nullable, unit, description])
+        about = unit_and_meaning(column)
+        columns.append([column.name, str(column.type), column.nullable, *about])
     manifest: dict[str, object] = {
         "format": FORMAT,
         "name": plan.config.name,

@@ -33,9 +33,11 @@ from rattlesweep.sweeps.columns import build_table
 from rattlesweep.sweeps.files import streamed_file
 from rattlesweep.sweeps.launches import (
     Launch,
+    make_batch,
     model_of,
+    plan_of,
+    prepare,
     reduced_batch,
-    single_run,
     with_energies,
 )
 
@@ -88,7 +90,14 @@ class PreparedRun:
 
     @classmethod
     def of(cls, launch: Launch) -> PreparedRun:
-        return cls(*single_run(launch), launch.body.units, (launch.e_p0, launch.e_r0))
+        plan = plan_of(launch)
+        first = np.zeros(1, np.int64)
+        launches = prepare(plan, first, first)
+        energies = launch.e_p0, launch.e_r0
+        batch = make_batch(launches, launch.model)
+        if batch is not None and launch.model == "reduced":
+            batch = with_energies(batch, *energies)
+        return cls(plan.config, launches, batch, launch.body.units, energies)
 
     @property
     def model(self) -> str:

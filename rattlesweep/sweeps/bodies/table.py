@@ -76,12 +76,11 @@ BODY_DEFAULTS = {
 """
 # Columns in other units: the column in units of the body, the size of the unit in SI
 # units, and the kind of quantity.
-WITH_UNITS: dict[str, tuple[str, float, str]] = {
-    "minus_xi_deg": ("xi", -np.pi / 180, "angle")
+WITH_UNITS = {"minus_xi_deg": ("xi", -np.pi / 180, "angle")} | {
+    name: (quantity.name, measure.size, quantity.kind)
+    for name, (quantity, measure) in MEASURES.items()
+    if quantity.name in COLUMNS
 }
-for _name, (_quantity, _measure) in MEASURES.items():
-    if _quantity.name in COLUMNS:
-        WITH_UNITS[_name] = (_quantity.name, _measure.size, _quantity.kind)
 INPUT = (*COLUMNS, "t_r", *SI_BODY, *BODY_DEFAULTS, *WITH_UNITS)
 NULLABLE = {"t_end", "psi", "psi_deg", "f_sd", "t_r", "t_end_s", *SURFACE_CONSTANTS}
 NULLABLE |= {name for name in WITH_UNITS if WITH_UNITS[name][0] in SURFACE_CONSTANTS}
@@ -94,23 +93,8 @@ TAKEN -= {*INPUT} - {"t_r"}
 """Names of results, which only tables of runs may have, as their values are replaced.
 """
 KEYS = ("case", "sample")
-BOUNDED = (
-    *LAUNCH,
-    *OMEGA,
-    *(name for name in SURFACE_CONSTANTS if name != "c"),
-    *LOSSES,
-    "t_end",
-    "dt",
-    "e_p0",
-    "e_r0",
-    "psi",
-    "psi_deg",
-    "mass_kg",
-    "height_m",
-    "r1_m",
-    "r2_m",
-    "gravity_m_s2",
-)
+BOUNDED = {name for name, quantity in QUANTITIES.items() if not quantity.is_open}
+BOUNDED |= SURFACE_CONSTANTS.keys() - {"c"}
 """Columns with limits of their own; `physics.body` checks the parameters and ``c``."""
 RowProblem = tuple[int, str]  # number of a row, from 0, and message
 

@@ -10,9 +10,11 @@ from contextlib import contextmanager, suppress
 from itertools import chain
 from typing import Annotated, Any, ClassVar, Literal, Self
 
+import numpy as np
 import pydantic
 from pydantic import AfterValidator, BeforeValidator, Field
 
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.names import AccuracyName, ModelName, PresetName
@@ -26,7 +28,7 @@ from rattlesweep.quantities import (
     Loss,
     law_of,
 )
-from rattlesweep.sweeps.columns import REFINABLE
+from rattlesweep.sweeps.columns import RECORDS, REFINABLE
 from rattlesweep.sweeps.config import Places
 from rattlesweep.sweeps.config.values import (
     UNIQUE,
@@ -556,6 +558,25 @@ class Horizon(Base):
         None, "In units of gamma/sigma; needs dissipation.sigma."
     )
 
+    def earliest(
+        self,
+        t: Floats | float | None,
+        t_rgh: Floats,
+        gamma: Floats,
+        sigma: Floats | None,
+    ) -> Floats:
+        """Return the horizons of runs; `t` is the key, in units of the bodies."""
+        end = np.full(len(t_rgh), np.inf)
+        if self.t_rgh is not None:
+            # fmin ignores NaN, the t_rGH of launches that have none.
+            end = np.fmin(end, self.t_rgh * t_rgh)
+        if t is not None:
+            end = np.minimum(end, t)
+        if self.t_decay is not None and sigma is not None:
+            with np.errstate(divide="ignore"):
+                end = np.minimum(end, self.t_decay * gamma / sigma)
+        return end
+
 
 def loss_key(loss: Loss) -> Any:
     """Return the type and the field of the key of a constant of dissipation."""
@@ -691,18 +712,6 @@ class Integrator(Base):
                 return {"tol": TOL} | data
             return {"dt": DT} | data
         return data
-
-
-# In the order of the columns of `runs`.
-RECORDS = (
-    "energy",
-    "contact",
-    "windows",
-    "lyapunov",
-    "volume",
-    "error",
-    "reversals",
-)
 
 
 def _word_as_list(value: object) -> object:
