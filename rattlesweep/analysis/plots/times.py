@@ -56,6 +56,12 @@ class Times(Picture):
         """Whether the times are divided by those of theory."""
         return self.name == "ratio"
 
+    def told(self) -> tuple[str, str]:
+        """Return the words and the column for the times, or their ratios."""
+        if self.is_relative:
+            return "Mean of t_r/t_rGH", "ratio_mean"
+        return "Mean time until the first reversal", f"{self.layout.name('t_r')}_mean"
+
     def draw(self, panels: list[Panel], log: bool | None) -> list[Handle]:
         """Draw a curve with a band for each value of the second axis."""
         x, *curve_axes = self.axes[: len(self.axes) - len(self.columns)]
