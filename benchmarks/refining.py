@@ -140,7 +140,9 @@ def draw(stored, code: np.ndarray, done: np.ndarray, missed: np.ndarray) -> obje
     theta = np.array(stored.config.bodies.axes.theta)
     n_i = np.array(spin.n_i)
     figure = style.new_figure(9.0, 7.4)
-    panels = figure.subplots(len(spin.omega_xy0), 2, sharex=True, sharey=True)
+    panels = figure.subplots(
+        len(spin.omega_xy0), 2, sharex=True, sharey=True, squeeze=False
+    )
     colours = [colour for colour, _ in CELLS.values()]
     for k, (left, right) in enumerate(panels):
         y, x = np.nonzero(done[:, k])

@@ -18,6 +18,7 @@ from typing import Any
 import pyarrow as pa
 
 from rattlesweep.integrate.status import Status
+from rattlesweep.quantities import LOSSES, SURFACE_CONSTANTS
 from rattlesweep.sweeps import columns, summary
 from rattlesweep.sweeps.config.read import config_json_schema
 from rattlesweep.sweeps.config.schema import Config
@@ -100,12 +101,11 @@ or `gamma f_sd theta phi xi` for a shell-dumbbell body. Optional columns replace
 | `psi` or `psi_deg` | `spin.psi` | radians, degrees |
 | `omega_x omega_y omega_z u_x u_y u_z` | `spin`, by a full state | `sqrt(g/a)`; 1 |
 | `t_end`, may be empty | `horizon` | `sqrt(a/g)` |
-| `c`, may be empty | `bodies.c` | `a` |
-| `sigma`, `rolling`, in all rows | `dissipation` | `M a^2 sqrt(g/a)`, `a` |
+@@constants@@
 | `xi_deg` or `minus_xi_deg` | `xi` | degrees |
 
 A body in SI units has the columns `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m` and optionally `ixy_kg_m2 axes_angle_deg
-gravity_m_s2 c_m`. Its launch is `n_i_rpm omega_xy0_rpm`, its horizon `t_end_s`, its dissipation `sigma_N_m_s` and `rolling_m`. The runs then also have
+gravity_m_s2 c_m`. Its launch is `n_i_rpm omega_xy0_rpm`, its horizon `t_end_s`, its dissipation @@losses@@. The runs then also have
 the columns `t_r_s` and `n_i_rpm`. Other columns are copied to the runs. A result such as `t_r`
 is an error, unless the table is one of runs.
 
@@ -142,7 +142,24 @@ def config_page() -> str:
         description = next(iter(models.values()))["description"].replace("\n", " ")
         lines += [f"## {path}\n", SHARED.get(path, description), ""]
         lines += ["```yaml", *EXAMPLES[path], "```", "", table(rows_of(models)), ""]
-    return "\n".join([*lines, TABLES])
+    return "\n".join([*lines, tables_text()])
+
+
+def tables_text() -> str:
+    """Return the section about tables, with the constants that have columns."""
+    rows = [
+        f"| `{name}`, may be empty | `bodies.{name}` | `{constant.unit}` |"
+        for name, constant in SURFACE_CONSTANTS.items()
+    ]
+    names = ", ".join(f"`{name}`" for name in LOSSES)
+    units = ", ".join(
+        loss.unit if loss.unit == "1" else f"`{loss.unit}`" for loss in LOSSES.values()
+    )
+    rows.append(f"| {names}, in all rows | `dissipation` | {units} |")
+    measures = [loss.measure for loss in LOSSES.values() if loss.measure is not None]
+    in_si = f"`{' '.join(measure.name for measure in measures)}`"
+    text = TABLES.replace("@@constants@@", "\n".join(rows))
+    return text.replace("@@losses@@", in_si)
 
 
 def sections(schema: Schema) -> list[tuple[str, Schema]]:

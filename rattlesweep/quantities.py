@@ -8,6 +8,7 @@ defined in :mod:`rattlesweep.sweeps.columns`.  This module imports nothing, so t
 
 import math
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 
 # Units of the body: mass M, height a of the centre of mass, and gravity g are 1.
@@ -65,6 +66,40 @@ class Definition:
         """The allowed values as a text such as ``from 0 to 1 a``."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         return f"from {self.low:g} to {self.high:g}{unit}"
+
+
+@dataclass(frozen=True)
+class Loss(Definition):
+    """A constant of dissipation.
+
+    A record is a key of the config, an argument, an option, a column and an axis.
+    """
+
+    # What the key of the config sets, without the unit.
+    key: str = ""
+    # In the titles of single runs.
+    letter: str = ""
+    # The value without the key; None if the key then has no meaning.
+    default: float | None = 0.0
+    # Whether only sweeps with some of it have its column.
+    optional: bool = True
+    # Whether a small oscillation about a spin has a rate of growth that theory knows.
+    is_linear: bool = False
+    # Where the search of a fit begins, and its upper limit.  A torque per spin begins
+    # at multiples of gamma over the time of the data.
+    first_values: tuple[float, ...] = ()
+    most_fitted: float = math.inf
+
+
+@dataclass(frozen=True)
+class SurfaceConstant(Definition):
+    """The further constant of a surface.
+
+    A record is a key of `bodies`, a range or an axis there, and a column.
+    """
+
+    noun: str = ""
+    example: str = ""
 
 
 def symbol_of(name: str) -> str:
@@ -158,7 +193,10 @@ _BODY = (
         high=0.5,
         is_open=True,
     ),
-    Definition(
+)
+
+_SURFACE = (
+    SurfaceConstant(
         name="c",
         unit=LENGTH,
         meaning="vertical semi-axis of the ellipsoid below",
@@ -167,6 +205,8 @@ _BODY = (
         high=1e9,
         is_open=True,
         measure=Measure("c_m", "m"),
+        noun="vertical semi-axis",
+        example="2",
     ),
 )
 
@@ -261,7 +301,7 @@ _LAUNCH = (
 )
 
 _DISSIPATION = (
-    Definition(
+    Loss(
         name="sigma",
         unit=DAMPING,
         meaning="torque -sigma omega",
@@ -269,8 +309,14 @@ _DISSIPATION = (
         low=0.0,
         high=MAX_SIGMA,
         measure=Measure("sigma_N_m_s", "N m s"),
+        key="Torque / -omega",
+        letter="σ",
+        optional=False,
+        is_linear=True,
+        first_values=(0.03, 0.1, 0.3),
+        most_fitted=10.0,
     ),
-    Definition(
+    Loss(
         name="rolling",
         unit=LENGTH,
         meaning="lever of the rolling resistance",
@@ -279,6 +325,11 @@ _DISSIPATION = (
         high=1.0,
         measure=Measure("rolling_m", "m"),
         formula="$l$",
+        key="Moment / normal force",
+        letter="rolling",
+        optional=False,
+        first_values=(1e-4, 1e-3),
+        most_fitted=1.0,
     ),
 )
 
@@ -336,9 +387,12 @@ _THEORY = (
     Definition("n", RATE, "spin u . omega", "spin", formula="spin $n$"),
 )
 
+ANGLES = {"xi_deg": 1, "minus_xi_deg": -1}
+"""Names of the skew angle in degrees, and their signs."""
+
 QUANTITIES: dict[str, Definition] = {
     quantity.name: quantity
-    for group in (_BODY, _SIZE, _LAUNCH, _DISSIPATION, _TIMES, _THEORY)
+    for group in (_BODY, _SURFACE, _SIZE, _LAUNCH, _DISSIPATION, _TIMES, _THEORY)
     for quantity in group
 }
 """The quantities by name."""
@@ -349,3 +403,30 @@ MEASURES: dict[str, tuple[Definition, Measure]] = {
     if quantity.measure is not None
 }
 """Quantities in SI units, rpm or degrees by the names of their columns."""
+
+LOSSES: dict[str, Loss] = {loss.name: loss for loss in _DISSIPATION}
+"""The constants of dissipation by name."""
+
+LAWS: dict[str, tuple[str, ...]] = {
+    "viscous": ("sigma",),
+    "rolling": ("sigma", "rolling"),
+}
+"""The laws of friction, with the constants that each takes.
+
+Runs have the first law that takes all constants that are not zero.  Its formulas are in
+:mod:`rattlesweep.physics.surface`.
+"""
+
+SURFACE_CONSTANTS: dict[str, SurfaceConstant] = {each.name: each for each in _SURFACE}
+"""The further constants of surfaces by name."""
+
+SURFACES: dict[str, str | None] = {"paraboloid": None, "ellipsoid": "c"}
+"""The surfaces, each with its further constant; bodies without one are the first."""
+
+
+def law_of(names: Collection[str]) -> str | None:
+    """Return the law of friction for the constants that are not zero, None if none."""
+    for law, constants in LAWS.items():
+        if {*names} <= {*constants}:
+            return law
+    return None

@@ -63,7 +63,7 @@ def quantities(text: str, kind: str, *counts: int) -> list[float]:
     """Return the numbers of a list such as ``2,16,17 kg cm^2``, of one of the lengths
     `counts`.
     """
-    needed = f"{_article(kind)} is needed, such as {KINDS[kind][1]}"
+    needed = f"{with_article(kind)} is needed, such as {KINDS[kind][1]}"
     if counts == (1,) and with_point(text):
         raise ValueError(f"has a decimal comma; write {with_point(text)}")
     values, units = zip(*map(split, text.split(",")), strict=True)
@@ -78,7 +78,7 @@ def quantities(text: str, kind: str, *counts: int) -> list[float]:
         size, base = _base(unit or units[-1], needed)
         if base != _base(KINDS[kind][0])[1]:
             others = (
-                _article(name)
+                with_article(name)
                 for name, (si, _) in KINDS.items()
                 if _base(si)[1] == base
             )
@@ -132,11 +132,12 @@ def require_unit(name: str, value: object, kind: str) -> None:
     elif isinstance(value, Real) and value != 0:
         raise ConfigError(
             f"{name}: {value:g} has no unit, and the body has a size; give "
-            f"{_article(kind)} with its unit, such as {KINDS[kind][1]}"
+            f"{with_article(kind)} with its unit, such as {KINDS[kind][1]}"
         )
 
 
-def _article(noun: str) -> str:
+def with_article(noun: str) -> str:
+    """Return a noun with "a" or "an"."""
     return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"
 
 

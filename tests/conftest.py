@@ -6,9 +6,10 @@ import gc
 import signal
 import tempfile
 from collections.abc import Iterator
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 
 import pytest
+from compiler import Compiler
 
 # The longest files start first, so that both workers finish at about the same time.
 LONGEST = (
@@ -56,11 +57,13 @@ def pytest_unconfigure() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep temporary files in pytest's own directory, and hide messages about
-    compilation.
+    """Keep temporary files in pytest's own directory, compile kernels in one process,
+    and hide messages about compilation.
     """
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, closing(Compiler()) as compiler:
         patch.setattr(tempfile, "tempdir", str(tmp_path_factory.mktemp("tempfile")))
+        patch.setattr("rattlesweep.integrate.compile._start_child", compiler.start)
+        patch.setattr("rattlesweep.integrate.compile.PROCESSES", 1)
         patch.setattr(
             "rattlesweep.cli.options.listening", lambda listener: nullcontext()
         )

@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from rattlesweep.analysis.layout import TARGETS, Layout, describe, fill
+from rattlesweep.analysis.layout import TARGETS, Layout, fill
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.columns import COLUMNS, define
+from rattlesweep.sweeps.columns import COLUMNS, define, unit_and_meaning
 from rattlesweep.sweeps.config import not_one_of
 
 if TYPE_CHECKING:
@@ -61,13 +61,14 @@ def make_dataset(
             values = values.astype(float)
         if fill_refined and layout.refined:
             values = fill(values, done)
-        dataset[key] = (variable.dims, values, describe(column))
+        about = _described(*unit_and_meaning(column))
+        dataset[key] = (variable.dims, values, about)
     for name in axes:
+        unit = "degree"
+        meaning = define(name).meaning
         if name in COLUMNS:
-            dataset[name].attrs = describe(COLUMNS[name].field)
-        else:
-            meaning = define(name).meaning
-            dataset[name].attrs = {"units": "degree", "long_name": meaning}
+            unit, meaning = unit_and_meaning(COLUMNS[name].field)
+        dataset[name].attrs = _described(unit, meaning)
     dataset.attrs = {
         "title": layout.stored.config.name,
         "source": f"rattlesweep {version('rattlesweep')}",
@@ -77,6 +78,11 @@ def make_dataset(
         "config_hash": layout.stored.hash,
     }
     return dataset
+
+
+def _described(unit: str, meaning: str) -> dict[str, str]:
+    """Return unit and meaning by the names that xarray shows."""
+    return {"units": unit, "long_name": meaning}
 
 
 def _data_columns(layout: Layout, columns: Sequence[str] | None) -> list[str]:

@@ -10,10 +10,11 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, stone, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.readings import turning_friction
+from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import direction, garcia_hubbard
-from rattlesweep.quantities import DAMPING, LENGTH, QUANTITIES, RATE, TIME
+from rattlesweep.quantities import LENGTH, LOSSES, QUANTITIES, RATE, TIME
 
-SPINS = ("n_c1", "n_i", "n_0")  # in SI units they are in rpm
+SPINS = ("n", "n_i", "n_0", "n_c1", "n_reduced", "n_gh")  # in SI units in rpm
 # A coefficient of friction that a smooth stone on a smooth table may lack.
 COMMON_FRICTION = 0.3
 SLIPS_AT_REVERSAL = (
@@ -47,13 +48,12 @@ def needed_friction(body: Rattleback, psi: Floats, n_0: Floats) -> float:
 
 
 def derived(
-    body: Rattleback,
-    n_i: float,
-    omega_xy0: float,
-    sigma: float = 0.0,
-    rolling: float = 0.0,
+    body: Rattleback, n_i: float, omega_xy0: float, **losses: float
 ) -> list[Quantity]:
-    """Return all that theory says about a body and a launch on the relevant mode."""
+    """Return all that theory says about a body and a launch on the relevant mode.
+
+    `losses` are constants of dissipation.
+    """
     if n_i == 0:
         raise ConfigError("--n-i 0: a launch without spin has no reversal time")
     b = body
@@ -61,7 +61,9 @@ def derived(
     psi = direction(m, n_i, "relevant")
     gh = garcia_hubbard(b, m, n_i, omega_xy0, psi)
     friction = needed_friction(body, psi, gh.n_0)
-    lossy = sigma > 0 or rolling > 0
+    losses = {name: losses.get(name, 0.0) for name in LOSSES}
+    sigma = losses["sigma"]
+    lossy = any(value > 0 for value in losses.values())
     # With losses no spin is steady.
     n_c1 = float(theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi))
     if b.xi > 0:
@@ -73,8 +75,8 @@ def derived(
     exact = np.array(steady.growth(constants, n_i, sigma))
     small = np.array(theory.growth_rates(m.K_p, m.K_r, n_i)) - damping
     outgrows = 2 * damping / [m.K_p, -m.K_r]
-    if rolling > 0:
-        # With rolling resistance no small oscillation grows.
+    if any(losses[name] > 0 for name in LOSSES if not LOSSES[name].is_linear):
+        # For example, with rolling resistance no small oscillation grows.
         exact *= math.nan
         small *= math.nan
         outgrows *= math.nan
@@ -111,14 +113,11 @@ def derived(
     ]
     if lossy:
         decay = sigma / b.gamma
+        for name, loss in LOSSES.items():
+            if loss.optional and not losses[name]:
+                continue
+            rows.append((name, losses[name], loss.unit, f"dissipation: {loss.meaning}"))
         rows += [
-            ("sigma", sigma, DAMPING, "dissipation: torque -sigma omega"),
-            (
-                "rolling",
-                rolling,
-                LENGTH,
-                "dissipation: lever of the rolling resistance",
-            ),
             ("spin_decay", decay, RATE, "rate at which an upright spin falls"),
             (
                 "n_growth_pitch",
@@ -145,8 +144,13 @@ def _quantity(
     value = float(number)
     if body.units is None or unit not in body.units.sizes:
         return Quantity(name, value, unit, description, None)
-    size, si_unit = body.units.sizes[unit]
-    if name in SPINS:
-        size *= 30 / math.pi
-        si_unit = "rpm"
+    size, si_unit = si_of(name, unit, body.units)
     return Quantity(name, value, unit, description, (value * size, si_unit))
+
+
+def si_of(name: str, unit: str, units: Units) -> tuple[float, str]:
+    """Return the size of a quantity's unit in SI units, and the name of these."""
+    size, si_unit = units.sizes[unit]
+    if name in SPINS:
+        return size * (30 / math.pi), "rpm"
+    return size, si_unit

@@ -17,7 +17,7 @@ from rattlesweep.analysis.where import Where, parse_where
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.quantities import TIME
-from rattlesweep.sweeps.columns import floats
+from rattlesweep.sweeps.columns import floats, unit_and_meaning
 from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.config.schema import GridSource
 from rattlesweep.sweeps.decide import FEWEST, nearest
@@ -177,16 +177,16 @@ class Layout:
     def column(self, name: str, option: str) -> tuple[str, str]:
         """Return unit and description of a column of numbers; raise for others."""
         numbers = {
-            column.name: describe(column)
+            column.name: unit_and_meaning(column)
             for column in self.stored.schema
             if str(column.type) in ("double", "int32", "int64")
         }
         if name not in numbers:
             raise ConfigError(f"{option}: {not_one_of(name, numbers)}")
-        unit = numbers[name]["units"]
+        unit, meaning = numbers[name]
         if self.si and unit == TIME:
             unit = "s"
-        return unit, numbers[name]["long_name"]
+        return unit, meaning
 
     def name(self, column: str) -> str:
         """Return the name of a column in tables, which ends in ``_s`` for seconds."""
@@ -227,7 +227,8 @@ class Layout:
             # The largest value in both units.
             largest = max(map(abs, in_si), default=0.0)
             if largest:
-                natural = max(abs(getattr(case, name)) for case in self.stored.cases)
+                of_cases = [case.value(name) or 0.0 for case in self.stored.cases]
+                natural = max(map(abs, of_cases))
                 sizes.setdefault(name, largest / SI[name][1] / natural)
         for name in sizes.keys() & axes.keys():
             si_values = np.round(axes[name].values * sizes[name], 12)
@@ -245,8 +246,8 @@ def in_seconds(rows: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
         # A tap has no spin, from which the unit of time follows.
         second = np.where(n_i == 0, t_r_s / t_r, n_i / rpm * 30 / np.pi)
     for place, name in enumerate(rows.schema.names):
-        is_time = describe(schema.field(name))["units"] == TIME
-        if is_time and pa.types.is_floating(rows[name].type):
+        unit, _ = unit_and_meaning(schema.field(name))
+        if unit == TIME and pa.types.is_floating(rows[name].type):
             values = pa.array(floats(rows[name]) * second, from_pandas=True)
             rows = rows.set_column(place, rows.schema.field(name), values)
     return rows
@@ -265,7 +266,8 @@ def read_layout(directory: Path) -> Layout:
     names = []
     if config.spin is not None:
         names = ["n_i", "omega_xy0"]
-    names += [n for n in ("sigma", "rolling") if len(config.settings[n]) > 1]
+    losses = config.dissipation.values
+    names += [name for name, several in losses.items() if len(several) > 1]
     for name in names:
         settings = [case.setting(name) for case in cases]
         in_si = [setting.si for setting in settings if setting.si is not None]
@@ -309,12 +311,3 @@ def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
             between = interpolate(np.argwhere(missing))
             numbers[missing] = np.where(np.isfinite(between), between, numbers[missing])
     return filled
-
-
-def describe(column: pa.Field) -> dict[str, str]:
-    """Return unit and description of a column, as xarray calls them."""
-    metadata = column.metadata
-    return {
-        "units": metadata[b"unit"].decode(),
-        "long_name": metadata[b"description"].decode(),
-    }

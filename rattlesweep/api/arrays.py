@@ -13,7 +13,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
 from rattlesweep.physics.si import GRAVITY, Units
-from rattlesweep.quantities import QUANTITIES
+from rattlesweep.quantities import LOSSES, QUANTITIES
 from rattlesweep.units import quantity, require_unit
 
 if TYPE_CHECKING:
@@ -29,7 +29,8 @@ Bodies: TypeAlias = "Rattleback | str | Iterable[object] | Mapping[str, Any] | F
 # The arguments that may be given in SI units, and their kinds.
 KINDS = {
     name: QUANTITIES[name].kind
-    for name in ("n", "n_i", "omega_xy0", "t_end", "dt", "sigma", "rolling")
+    for name in ("n", "n_i", "omega_xy0", "t_end", "dt", *LOSSES)
+    if QUANTITIES[name].kind
 }
 KINDS |= {"omega": "spin", "from_time": "time", "times": "time"}
 KINDS |= {"e_p0": "energy", "e_r0": "energy"}

@@ -18,6 +18,7 @@ from rattlesweep.api.arrays import Bodies, check_count, number, numbers
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.physics.body import Rattleback
+from rattlesweep.quantities import LOSSES
 from rattlesweep.text import Bar, counted
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
 INTEGRATOR = ("method", "tol", "dt_step", "accuracy")
 ROWS = ("points", "dt", "steps", "times", "from_time")
 SHOWN = ("points", "from_time", "path")
-LAUNCH = (*SPIN, "omega", "u", "t_end", "psi", "model", "sigma", "rolling", *INTEGRATOR)
+LAUNCH = (*SPIN, "omega", "u", "t_end", "psi", "model", *LOSSES, *INTEGRATOR)
 
 
 class Run(SimpleNamespace):
@@ -155,12 +156,10 @@ def simulate(
     t_end: ArrayLike | None = None,
     psi: str | ArrayLike | None = None,
     model: str = "full",
-    sigma: ArrayLike | None = None,
-    rolling: ArrayLike | None = None,
     record: str | Sequence[str] = (),
     threads: int | None = None,
     progress: bool | None = None,
-    **integrator: Any,
+    **settings: Any,
 ) -> Any:
     """Integrate bodies from their launches to their first reversals or to ``t_end``.
 
@@ -195,17 +194,15 @@ def simulate(
         ``full``, ``reduced`` or ``gh``.
     record : str or sequence of str
         Extra columns, such as ``["error", "energy"]``.
-    sigma : array_like, optional
-        Coefficient of the torque ``-sigma omega``, in ``M a^2 sqrt(g/a)``.
-    rolling : array_like, optional
-        Lever of a rolling resistance, in ``a``.
     threads : int, optional
         Threads of the kernel, by default all.
     progress : bool, optional
         Whether to show a bar, by default in a terminal and in a notebook.
-    **integrator
-        ``method`` with ``tol`` or ``dt_step``, or an ``accuracy``: ``"draft"``,
-        ``{"t_r": 1e-6}``.
+    **settings
+        Dissipation, by the names of the config: arrays of ``sigma``, the coefficient of
+        a torque ``-sigma omega``, in ``M a^2 sqrt(g/a)``, and of ``rolling``, the lever
+        of a rolling resistance, in ``a``.  Integrator: ``method`` with ``tol`` or
+        ``dt_step``, or an ``accuracy``: ``"draft"``, ``{"t_r": 1e-6}``.
 
     Examples
     --------
@@ -222,8 +219,10 @@ def simulate(
     from rattlesweep.sweeps.run import integrate_plan
 
     arguments.check_names(
-        "arguments", integrator, (*LAUNCH, "record", "threads", "progress")
+        "arguments", settings, (*LAUNCH, "record", "threads", "progress")
     )
+    integrator = {name: settings[name] for name in INTEGRATOR if name in settings}
+    losses = {name: settings[name] for name in LOSSES if name in settings}
     check_count("threads", threads)
     if arguments.is_table(body):
         unused = unknown_columns(arguments.column_names(body))
@@ -235,10 +234,9 @@ def simulate(
 
     # The launches as arrays in units of the bodies, and broadcast with these.
     spin = {"n_i": n_i, "omega_xy0": omega_xy0}
-    others = {"t_end": t_end, "sigma": sigma, "rolling": rolling}
     arrays = {
         name: numbers(name, value, units)
-        for name, value in (spin | others).items()
+        for name, value in (spin | {"t_end": t_end} | losses).items()
         if value is not None
     }
     full = is_full_state(omega, u, spin | {"psi": psi})
@@ -369,9 +367,8 @@ def fit(
     *,
     free: Iterable[str],
     launch: Mapping[str, Any] | None = None,
-    sigma: Number = 0.0,
-    rolling: Number = 0.0,
     progress: bool | None = None,
+    **losses: Number,
 ) -> Fit:
     """Fit parameters of one run to a measured angle or spin, or to reversal times.
 
@@ -394,15 +391,13 @@ def fit(
         their given values.
     launch : mapping
         ``n_i, omega_xy0, psi`` or ``omega, u``; free parameters may be left out.
-    sigma, rolling : number or str
-        Dissipation, as for ``simulate``.
     progress : bool, optional
         Whether to show a bar, by default in a terminal and in a notebook.
+    **losses
+        Dissipation, as for ``simulate``: ``sigma`` and ``rolling``.
     """
     with Bar.of_call(progress) as bar:
-        return fit_with_progress(
-            bar, body, data, free=free, launch=launch, sigma=sigma, rolling=rolling
-        )
+        return fit_with_progress(bar, body, data, free=free, launch=launch, **losses)
 
 
 def fit_with_progress(
@@ -412,8 +407,7 @@ def fit_with_progress(
     *,
     free: Iterable[str],
     launch: Mapping[str, Any] | None,
-    sigma: Number,
-    rolling: Number,
+    **losses: Any,
 ) -> Fit:
     """Fit as :func:`fit` does, and show the progress on a bar."""
     from rattlesweep.analysis.fit.film import read_film
@@ -424,7 +418,8 @@ def fit_with_progress(
     if not isinstance(launch, Mapping):
         raise ConfigError(f"launch: {arguments.kind_of(launch)} is not a mapping")
     arguments.check_names("launch", launch, (*SPIN, "psi", "omega", "u"))
-    run = launch_of(body, **launch, sigma=sigma, rolling=rolling)
+    arguments.check_names("arguments", losses, LOSSES)
+    run = launch_of(body, **launch, **losses)
     names = check_free(run, arguments.names_of("free", free))
     film = read_film(data, run.body.units)
     with listening(bar.compiling):
@@ -496,6 +491,7 @@ def launch_of(
     single: dict[str, Any] = {
         name: number(name, value, stone.units) for name, value in present.items()
     }
+    losses = {name: single.pop(name) for name in LOSSES if name in single}
     components: list[float] | None = None
     if omega is not None:
         state = arguments.full_states(omega, u, stone.units)
@@ -507,6 +503,7 @@ def launch_of(
         u=u,
         model=model,
         integrator=integrator,
+        losses=losses,
         **single,
     )
 

@@ -19,7 +19,7 @@ from rattlesweep.integrate import MOST_THREADS, check_settings
 from rattlesweep.integrate.compile import listening
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.names import ACCURACY_NAMES, MODEL_NAMES, PLOT_NAMES, PRESET_NAMES
-from rattlesweep.quantities import QUANTITIES
+from rattlesweep.quantities import LOSSES, QUANTITIES
 from rattlesweep.shipped import linked
 from rattlesweep.text import Bar
 from rattlesweep.units import KINDS, quantities, quantity, seconds_of
@@ -255,7 +255,6 @@ SPIN = measured("spin")
 DURATION = measured("time")
 LENGTH = measured("length")
 ENERGY = measured("energy")
-DAMPING = measured("torque per spin", "sigma")
 MASS = in_si("mass")
 HEIGHT = in_si("length")
 ANGLE = in_si("angle")
@@ -433,7 +432,12 @@ _BODY: tuple[Row, ...] = (
 )
 BODY = [flag.removeprefix("--").replace("-", "_") for flag, _, _ in _BODY]
 body = group(*_BODY)
-dissipation = group(named("sigma", DAMPING), named("rolling", LENGTH))
+dissipation = group(
+    *(
+        named(name, measured(loss.kind, loss.kind.split()[0]) if loss.kind else float)
+        for name, loss in LOSSES.items()
+    )
+)
 SPIN_DEFAULTS = {"n_i": 0.1, "omega_xy0": 0.01}
 spin = group(
     named("n_i", SPIN, "  [default: 0.1]"),

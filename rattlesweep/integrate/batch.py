@@ -11,12 +11,13 @@ from typing import Any
 import numba
 import numpy as np
 from numba import config
+from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags, Floats, Integers, put, take
 from rattlesweep.integrate import SettingError, processors
 from rattlesweep.integrate.compile import Kernel, Order, load_kernels
 from rattlesweep.integrate.lanes import kernel as lanes
-from rattlesweep.integrate.lanes import runs
+from rattlesweep.integrate.lanes import runs, slides
 from rattlesweep.integrate.lanes.lane import INNER, LANES, Layout, Problem, addresses_of
 from rattlesweep.integrate.lanes.runs import SHAPES, Recording
 from rattlesweep.integrate.lanes.step import OPTIONS, SUBSTEPS, write_attempt
@@ -40,7 +41,9 @@ RECORDS = Recording._fields
 @cache
 def problem_of(model: Model | None, adaptive: bool, width: int = LANES) -> Problem:
     """Return the problem that the kernels of a model are compiled for."""
-    hooks = runs.hooks_of(model) if model else None
+    if model is None:
+        return Problem(None, adaptive, width)
+    hooks = slides.HOOKS if model.slide else runs.hooks_of(model)
     return Problem(model, adaptive, width, hooks)
 
 
@@ -62,7 +65,7 @@ FLAT = np.zeros(0)
 TABLE = np.zeros((0, 1))
 WHOLE = np.zeros(0, dtype=np.int64)
 WHOLE_TABLE = np.zeros((0, 1), dtype=np.int64)
-NO_PARTS = np.zeros(lanes.PARTS, dtype=np.int64)
+NO_PARTS = np.zeros(2, dtype=np.int64)
 RUNS = TABLE, TABLE, TABLE, TABLE, FLAT
 NOTHING = Recording(*(np.zeros((0, 1, 1)) for _ in RECORDS))
 SHARED = WHOLE, WHOLE, *RUNS, TABLE, WHOLE_TABLE, TABLE, *NOTHING
@@ -91,6 +94,12 @@ def decide_closely(adaptive: bool) -> Kernel:
     )
 
 
+def slide_lanes(model_name: str) -> Kernel:
+    """Return :func:`slides.slide_lanes` for a model."""
+    problem = problem_of(find_model(model_name), True)
+    return Kernel(slides.slide_lanes, (problem, FLAT, 1.0, True), INNER)
+
+
 def drive() -> Kernel:
     """Return :func:`lanes.drive`, which starts the threads of all kernels."""
     options = {"parallel": True, "nogil": True}
@@ -114,14 +123,18 @@ def kernel(
         (attempt, tableau_name, model.name, *extra),
         (decide_closely, tableau.adaptive),
     ]
+    if model.slide is not None:
+        orders.append((slide_lanes, model.name))
+    pieces = len(orders)
     threaded = parallel()
     if threaded:
         orders.append((drive,))
     # All are loaded together, so that they are compiled in parallel.
-    working, trying, deciding, *drivers = load_kernels(*orders)
-    parts = addresses_of(trying, deciding)
+    loaded = load_kernels(*orders)
+    working = loaded[0]
+    parts = addresses_of(*loaded[1:pieces])
     if threaded:
-        (driving,) = drivers
+        driving = loaded[-1]
         address = addresses_of(working)[0]
 
         def call(threads: int, shared: tuple[object, ...]) -> None:
@@ -242,6 +255,11 @@ class Outcome:
     n_rejected: Integers
     n_turns: Integers  # 0 if reversals are not recorded
     y_end: Floats  # states at t_end, shape (runs, n_state)
+    # The next four have no rows if the model does not slide.
+    t_slide: Floats  # begin of the first slide
+    n_slides: NDArray[np.int32]
+    slide_time: Floats  # time spent sliding
+    slide_work: Floats  # energy lost by sliding, relative to energy_0
     # The others have no rows if they were not recorded.
     energy_drift_max: Floats
     contact_ratio_max: Floats
@@ -320,7 +338,10 @@ def integrate(
     longest = np.full(len(batch), np.inf) if longest_step is None else longest_step
     price = batch.t_end * batch.swing if cost is None else cost.astype(float)
     control.start(count, price)
-    result = np.full((len(batch), runs.FIRST_STATE + model.n_state), np.nan)
+    width = runs.FIRST_STATE + model.n_state
+    if model.slide is not None:
+        width += slides.N_COLUMNS
+    result = np.full((len(batch), width), np.nan)
     counts = np.zeros((len(batch), len(runs.COUNTS)), dtype=np.int64)
     counts[:, runs.STATUS] = Status.STOPPED
     recording = _recording(len(batch), record)
@@ -331,7 +352,7 @@ def integrate(
         call = kernel(tableau.name, model.name, record)
         with holding(count):
             call(count, (control.shared, order, *arrays, *outputs))
-    outcome = _outcome(batch, tableau, dt, result, counts, recording)
+    outcome = _outcome(batch, model, tableau, dt, result, counts, recording)
     failed = np.isin(outcome.status, FAILED)
     if model.anywhere is None or not failed.any():
         return outcome
@@ -372,6 +393,7 @@ def _recording(count: int, record: Collection[str]) -> Recording:
 
 def _outcome(
     batch: Batch,
+    model: Model,
     tableau: Tableau,
     dt: float,
     result: Floats,
@@ -388,6 +410,10 @@ def _outcome(
     # Without spin at launch these two have no reference.
     result[batch.tapped, runs.GROWTH] = np.nan
     result[batch.tapped, runs.DEPARTURE] = np.nan
+    after = runs.FIRST_STATE + model.n_state
+    slid = result[:, after:]
+    if model.slide is None:
+        slid = np.zeros((0, slides.N_COLUMNS))
     columns: dict[str, Any] = {}
     for k, name in enumerate(runs.RESULT):
         columns[name] = result[:, k]
@@ -395,7 +421,11 @@ def _outcome(
         columns[name] = counts[:, k]
     return Outcome(
         **columns,
-        y_end=result[:, runs.FIRST_STATE :],
+        y_end=result[:, runs.FIRST_STATE : after],
+        t_slide=slid[:, slides.T_SLIDE],
+        n_slides=slid[:, slides.SLIDES].astype(np.int32),
+        slide_time=slid[:, slides.SLIDE_TIME],
+        slide_work=slid[:, slides.SLIDE_WORK],
         energy_drift_max=recording.energy[:, 0, 0],
         contact_ratio_max=recording.contact[:, 0, 0],
         contact_normal_min=recording.contact[:, 0, 1],

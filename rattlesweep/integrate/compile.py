@@ -304,17 +304,22 @@ def _end_with_parent() -> None:
 
 def compile_in_child() -> None:
     """Compile and store kernels in a process that does nothing else."""
-    from filelock import FileLock, Timeout
-
     gc.disable()  # the process soon ends, so collecting garbage is lost time
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    for module, name, names in json.loads(sys.argv[1]):
+    compile_orders(json.loads(sys.argv[1]))
+    os._exit(0)  # skips freeing the memory of LLVM, which takes a while
+
+
+def compile_orders(orders: list[tuple[str, str, list[str | bool]]]) -> None:
+    """Compile and store kernels: modules and names of recipes, and their arguments."""
+    from filelock import FileLock, Timeout
+
+    for module, name, names in orders:
         recipe = getattr(import_module(module), name)
         # A kernel whose lock is taken is being compiled by another process.
         with suppress(Timeout), FileLock(f"{_place(recipe, *names)}.lock", timeout=0):
             if not is_stored(recipe, *names):
                 _load(recipe, *names)
-    os._exit(0)  # skips freeing the memory of LLVM, which takes a while
 
 
 # A listener is told whether later runs will find the kernels.

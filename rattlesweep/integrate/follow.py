@@ -18,8 +18,9 @@ from rattlesweep.integrate import batch as batches
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.lanes import kernel, runs
-from rattlesweep.integrate.lanes.events import HOLD
+from rattlesweep.integrate.lanes.events import HOLD, SCAN
 from rattlesweep.integrate.lanes.lane import (
+    Slip,
     addresses_of,
     call,
     first_of,
@@ -34,8 +35,9 @@ STEPS_PER_CALL = 2048  # a few milliseconds, after which Python can act on Ctrl-
 # ``counts`` of :func:`record_steps`: whether the run has begun and ended, its status,
 # and the numbers of steps and zeros that the last call stored.
 BEGUN, ENDED, STATUS, N_STEPS, N_ZEROS, N_COUNTS = range(6)
-# Columns of a stored step: time, its low part, then the state and its derivative.
+# Columns of a stored step: time, its low part, then the state, its derivative and slip.
 T, T_LOW, STATE = range(3)
+N_SLIP = len(Slip._fields)
 # ``energies`` at launch and in the last row.
 FIRST, LAST = 0, 1
 
@@ -85,6 +87,8 @@ def record_steps(
             steps[row, T_LOW] = 0.0 if last else lane.t_low
             for c, component in enumerate(lane.y + lane.f):
                 steps[row, STATE + c] = component
+            for c, component in enumerate(lane.slip):
+                steps[row, steps.shape[1] - N_SLIP + c] = component
             row += 1
         if ended or row == steps.shape[0] or n_zeros == zeros.size:
             break
@@ -107,16 +111,18 @@ def record_steps(
         accepted = lane.accept > 0.0
         if not accepted:
             runs.hold_back(lane)
+        if problem.limited:
+            kernel.watch(problem, w, recording)
         kernel.commit(problem, w)
     counts[ENDED] = 1 if ended else 0
     counts[STATUS] = status
     counts[N_STEPS] = row - 1
     counts[N_ZEROS] = n_zeros
     energies[FIRST] = lane.energy0
-    energies[LAST] = runs.energy_at(lane, lane.y)
+    energies[LAST] = problem.hooks.energy(lane)
 
 
-def states_after(problem, parts, w, steps, which, offset, constants, out):
+def states_after(problem, parts, w, steps, which, offset, constants, swing, scale, out):
     """Write the states a time ``offset`` after rows of ``steps`` to ``out``.
 
     Each is one step of the method in its own lane.  Components that ``steps`` lacks
@@ -126,6 +132,10 @@ def states_after(problem, parts, w, steps, which, offset, constants, out):
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         lane.constants = first_of(constants, problem.model.n_constants)
+        # Lanes that slide try steps of the given sizes.
+        lane.mu = constants[-1]
+        lane.swing = swing
+        lane.mode = SCAN
     given = problem.n_given
     points = which.size
     for first in range(0, points, problem.lanes):
@@ -138,21 +148,29 @@ def states_after(problem, parts, w, steps, which, offset, constants, out):
             if given < problem.model.n_state:
                 runs.derive(lane)
             lane.h = offset[i]
-        call(parts[kernel.ATTEMPT], (problem, w, 1.0))
+            lane.slip = Slip(*first_of(row[row.size - N_SLIP :], N_SLIP))
+            lane.slip1 = lane.slip
+        call(parts[kernel.ATTEMPT], (problem, w, scale))
+        if problem.slides:
+            call(parts[kernel.SLIDE], (problem, w, scale, False))
         for l in range(min(problem.lanes, points - first)):
-            for c, component in enumerate(lane_of(problem, w, l).y1):
+            lane = lane_of(problem, w, l)
+            for c, component in enumerate(lane.y1):
                 out[first + l, c] = component
+            for c, component in enumerate(lane.slip1):
+                out[first + l, out.shape[1] - N_SLIP + c] = component
 
 
-def observe(problem, states, constants, out):
+def observe(problem, states, slips, constants, out):
     """Write spin, energy, normal and tangential contact force to ``out``."""
     model = problem.model
     q = first_of(constants, model.n_constants)
+    mu = constants[-1]
     for i in range(out.shape[1]):
         y = first_of(states[i], model.n_state)
+        slip = Slip(*first_of(slips[i], N_SLIP))
         out[0, i] = model.spin(*y)
-        out[1, i] = model.energy(*(y + q))
-        out[2, i], out[3, i] = model.contact(*(y + q))
+        out[1, i], out[2, i], out[3, i] = problem.hooks.observe(model, y, slip, q, mu)
 
 
 OPTIONS = {"nogil": True, "error_model": "numpy"}
@@ -170,18 +188,17 @@ def steps_recipe(model_name: str, adaptive: bool) -> Kernel:
 def states_recipe(model_name: str) -> Kernel:
     """Return :func:`states_after` of a model, which serves all methods."""
     problem = batches.problem_of(find_model(model_name), True)
-    tables = batches.TABLE, batches.WHOLE, batches.FLAT, batches.FLAT, batches.TABLE
-    return Kernel(
-        states_after, (problem, batches.NO_PARTS, batches.FLAT, *tables), OPTIONS
-    )
+    points = batches.TABLE, batches.WHOLE, batches.FLAT
+    arguments = problem, batches.NO_PARTS, batches.FLAT, *points
+    settings = batches.FLAT, 1.0, 1.0
+    return Kernel(states_after, (*arguments, *settings, batches.TABLE), OPTIONS)
 
 
 def observe_recipe(model_name: str) -> Kernel:
     """Return :func:`observe` of a model."""
     problem = batches.problem_of(find_model(model_name), True)
-    return Kernel(
-        observe, (problem, batches.TABLE, batches.FLAT, batches.TABLE), OPTIONS
-    )
+    tables = batches.TABLE, batches.TABLE, batches.FLAT, batches.TABLE
+    return Kernel(observe, (problem, *tables), OPTIONS)
 
 
 @dataclass(frozen=True)
@@ -190,6 +207,7 @@ class Samples:
 
     t: Floats  # in sqrt(a/g)
     y: Floats  # in the model's variables
+    slip: Floats  # columns of `lanes.lane.Slip`, zero where the body rolls
     extra: Floats  # heading and contact point (see `physics.full`), or no columns
 
 
@@ -232,7 +250,7 @@ class Follower:
                 self._start(batch, model, attitude)
         self._look = look
         if look is not None:
-            look(np.zeros(1), self.observe(self._batch.y0))
+            look(np.zeros(1), self.observe(self.launch()))
 
     def _start(self, batch: Batch, model: Model, attitude: bool) -> None:
         """Load the kernels of a model, and begin the run at its launch."""
@@ -253,15 +271,23 @@ class Follower:
             (batches.decide_closely, tableau.adaptive),
             *((batches.attempt, tableau.name, each.name) for each in self._models),
             *((states_recipe, each.name) for each in self._models),
+            *((batches.slide_lanes, each.name) for each in self._models if each.slide),
         )
-        steps = others[: len(self._models)]
-        self._states = others[len(self._models) :]
-        self._steps = [addresses_of(step) for step in steps]
+        count = len(self._models)
+        steps = others[:count]
+        self._states = others[count : 2 * count]
+        slides = others[2 * count :]
+        self._parts = [addresses_of(step, decision) for step in steps]
+        if slides:
+            self._parts = [
+                addresses_of(step, decision, slide)
+                for step, slide in zip(steps, slides, strict=True)
+            ]
         # No window ends, so no amplitudes are compared.
         endless = replace(batch, window=np.full(1, 1e290), first_mark=np.full(1, 1e290))
         self._run = (
             batches.problem_of(model, tableau.adaptive),
-            addresses_of(steps[0], decision),
+            self._parts[0],
             batches.workspace(tableau, model, 1)[0],
             *batches.run_arrays(endless, tableau, *self._settings),
             np.zeros((1, *runs.SHAPES.reversals)),
@@ -271,19 +297,19 @@ class Follower:
         self._zeros = np.zeros(256)
         # Row 0 is where the last call ended.  The first call only stores the launch
         # there.
-        self._table = np.zeros((1 + STEPS_PER_CALL, STATE + 2 * model.n_state))
+        width = STATE + 2 * model.n_state + N_SLIP
+        self._table = np.zeros((1 + STEPS_PER_CALL, width))
         self._kernel(
             *self._run, self._table[:1], self._zeros, self._counts, self._energies
         )
         self._rows = 1
         self.energy_0 = float(self._energies[FIRST])
         self._extra = np.zeros((1, self._models[-1].n_extra))
+        self._launch = self._samples(0, 1)
 
     def launch(self) -> Samples:
         """Return the state at time zero."""
-        return Samples(
-            np.zeros(1), self._batch.y0.copy(), np.zeros((1, self._extra.shape[1]))
-        )
+        return self._launch
 
     def steps(self) -> Samples:
         """Continue, and return the next accepted steps; none if the run has ended."""
@@ -292,14 +318,15 @@ class Follower:
         self._continue()
         return self._samples(1, self._rows)
 
-    def observe(self, states: Floats) -> Floats:
+    def observe(self, samples: Samples) -> Floats:
         """Return spin, energy minus work, normal and tangential force, shape (4, rows).
 
         They are in ``sqrt(g/a)``, ``M g a`` and ``M g``.
         """
-        out = np.empty((4, len(states)))
+        out = np.empty((4, len(samples.t)))
         problem = batches.problem_of(self._models[0], True)
-        self._observe(problem, states, self._batch.constants[0], out)
+        constants = self._batch.constants[0]
+        self._observe(problem, samples.y, samples.slip, constants, out)
         return out
 
     def at(self, times: Floats) -> Samples:
@@ -307,7 +334,8 @@ class Follower:
 
         Times after the end of the run are left out.
         """
-        out = np.empty((len(times), self._batch.y0.shape[1]))
+        y = np.empty((len(times), self._batch.y0.shape[1]))
+        slip = np.empty((len(times), N_SLIP))
         extra = np.empty((len(times), self._extra.shape[1]))
         done = 0
         while done < len(times):
@@ -317,7 +345,7 @@ class Follower:
                 wanted = times[done:upto]
                 which = np.maximum(np.searchsorted(ends, wanted, side="left") - 1, 0)
                 offset = (wanted - ends[which]) + self._table[which, T_LOW]
-                out[done:upto] = self._between(0, which, offset)
+                y[done:upto], slip[done:upto] = self._between(0, which, offset)
                 if extra.size:
                     # The moves are in the frame of the heading at the start of the
                     # step.
@@ -331,33 +359,41 @@ class Follower:
                 break
             else:
                 self._continue()
-        return Samples(times[:done], out[:done], extra[:done])
+        return Samples(times[:done], y[:done], slip[:done], extra[:done])
 
     def _samples(self, first: int, last: int) -> Samples:
         """Return rows of the table of steps."""
         table = self._table[first:last]
         y = table[:, STATE : STATE + self._batch.y0.shape[1]]
-        return Samples(table[:, T].copy(), y.copy(), self._extra[first:last].copy())
+        slip = table[:, table.shape[1] - N_SLIP :]
+        extra = self._extra[first:last]
+        return Samples(table[:, T].copy(), y.copy(), slip.copy(), extra.copy())
 
-    def _between(self, place: int, which: Integers, offset: Floats) -> Floats:
-        """Return the states of a model at some times after rows of the table."""
+    def _between(
+        self, place: int, which: Integers, offset: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return states and slips of a model at some times after rows of the table."""
         model = self._models[place]
-        out = np.empty((len(which), model.n_state))
+        tol, _, _ = self._settings
+        out = np.empty((len(which), model.n_state + N_SLIP))
         self._states[place](
             batches.problem_of(model, True),
-            self._steps[place],
+            self._parts[place],
             batches.workspace(self._tableau, model, 1)[0],
             self._table,
             which.astype(np.int64),
             offset,
             self._batch.constants[0].copy(),
+            float(self._batch.swing[0]),
+            1.0 / tol**2,
             out,
         )
-        return out
+        return out[:, : model.n_state], out[:, model.n_state :]
 
     def _moves(self, which: Integers, offset: Floats) -> Floats:
         """Return the changes of heading and contact point since rows of the table."""
-        return self._between(1, which, offset)[:, self._batch.y0.shape[1] :]
+        y, _ = self._between(1, which, offset)
+        return y[:, self._batch.y0.shape[1] :]
 
     def _continue(self) -> None:
         """Fill the table with the next steps."""
@@ -383,7 +419,7 @@ class Follower:
             self._check_accuracy()
         if self._look is not None:
             samples = self._samples(1, rows)
-            self._look(samples.t, self.observe(samples.y))
+            self._look(samples.t, self.observe(samples))
 
     def _check_accuracy(self) -> None:
         """Set the status that a sweep gives to a run that cannot be trusted."""

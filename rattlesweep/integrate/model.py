@@ -9,9 +9,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from rattlesweep.physics import full, reduced, stone, surface, tangent, vectors
+from rattlesweep.physics import full, reduced, sliding, stone, surface, tangent, vectors
 from rattlesweep.physics.full import scalar
 from rattlesweep.physics.surface import Formula, Friction, Surface
+
+
+@dataclass(frozen=True)
+class Slide:
+    """What a model needs for sliding, with states ``y`` and constants ``q`` as tuples.
+
+    The coefficient of friction is a further constant of the body, after ``q``.
+    """
+
+    # place(y, q): rates of the position, u, omega, r, w, inertia, and the torques of
+    # friction as `physics.surface.Friction.couples` returns them
+    place: Formula
+    # derivative(y, slip, what `place` returns, domega/dt, power of friction): dy
+    derivative: Formula
+    has_work: bool  # whether the state has the work of friction
 
 
 @dataclass(frozen=True)
@@ -40,7 +55,10 @@ class Model:
     contact: Formula  # contact(*y, *q): normal force, then tangential force
     # limit(*y, *q): positive where the model holds; a run ends where it is zero
     limit: Formula | None = None
+    # without it the plane holds the body whatever the force
+    slide: Slide | None = None
     surface: Surface | None = None
+    law: Friction | None = None  # of a model with friction
     volume: Formula | None = None  # volume(*y, *q): rate of phase volume
     # The same equations in variables that exist in any position.
     anywhere: Model | None = None
@@ -125,44 +143,23 @@ SPIN_KNOWN = 1e-14
 
 
 @scalar
-def _size_and_weight(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    """Return the square of the oscillation, and the weight of the spin's error.
+def _weighted_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
+    """Return the squares of the error and of the oscillation.
 
     Friction changes the spin in every step; rounding errors of the spin must not reject
     a step.
     """
     size = full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
-    return size, min(1.0, size / (SPIN_KNOWN * iz * c * c + 1e-290))
+    weight = min(1.0, size / (SPIN_KNOWN * iz * c * c + 1e-290))
+    step = full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy)
+    return step + weight * iz * ec * ec, size
 
 
 @scalar
 def _error_with_friction(
-    ep,
-    eq,
-    ea,
-    eb,
-    ec,
-    ework,
-    p,
-    q,
-    a,
-    b,
-    c,
-    work,
-    ix,
-    iy,
-    iz,
-    cxx,
-    cxy,
-    cyy,
-    k,
-    sigma,
-    lever,
-    eps,
+    ep, eq, ea, eb, ec, ework, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss
 ):
-    size, weight = _size_and_weight(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
-    step = full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy)
-    return step + weight * iz * ec * ec, size
+    return _weighted_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
 
 
 @scalar
@@ -181,11 +178,9 @@ def _amplitude_with_work(p, q, a, b, c, work, p0, q0, a0, b0, p1, q1, a1, b1):
 
 
 @scalar
-def _volume_with_friction(
-    p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
-):
+def _volume_with_friction(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
     return vectors.volume(
-        -p, -q, -1.0, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+        -p, -q, -1.0, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss
     )
 
 
@@ -226,13 +221,12 @@ def _vectors_error(
     cxy,
     cyy,
     k,
-    sigma,
-    lever,
-    eps,
+    *loss,
 ):
-    size, weight = _size_and_weight(vx, vy, a, b, c, ix, iy, iz, cxx, cxy, cyy)
-    step = full.oscillation(ex, ey, ea, eb, ix, iy, cxx, cxy, cyy)
-    return step + weight * iz * ec * ec + ez * ez, size
+    step, size = _weighted_error(
+        ex, ey, ea, eb, ec, vx, vy, a, b, c, ix, iy, iz, cxx, cxy, cyy
+    )
+    return step + ez * ez, size
 
 
 VECTORS = Model(
@@ -271,7 +265,7 @@ def _frictionless(on: Surface) -> Model:
 
     model = replace(
         FULL,
-        name=on.name,
+        name=on.model,
         n_constants=stone.N_CONSTANTS,
         rhs=rhs,
         energy=on.energy,
@@ -300,37 +294,49 @@ def _frictionless(on: Surface) -> Model:
     return replace(model, n_carried=1, carried_start=start, carried_rhs=carried_rhs)
 
 
+def _rhs_of(law: Friction) -> Formula:
+    """Return the equations of a law that has no form of its own."""
+    couples = law.couples
+
+    @scalar
+    def rhs(touch, y, inertia, shape, loss):
+        return stone.rhs_of_couples(couples, touch, y, inertia, shape, loss)
+
+    formula: Formula = rhs
+    return formula
+
+
 def _with_friction(rolling: Model, law: Friction) -> Model:
     """Return the model of the same surface with a law of friction."""
     on = rolling.surface
     assert on is not None
     touch = on.contact
     surface_energy = on.energy
-    law_rhs = law.rhs
+    law_rhs = law.rhs or _rhs_of(law)
 
     @scalar
-    def rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+    def rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
         y = p, q, a, b, c, work
         shape = cxx, cxy, cyy, k
-        return law_rhs(touch, y, (ix, iy, iz), shape, (sigma, lever, eps))
+        return law_rhs(touch, y, (ix, iy, iz), shape, loss)
 
     @scalar
-    def contact(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+    def contact(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
         y = p, q, a, b, c, work
         shape = cxx, cxy, cyy, k
-        f = law_rhs(touch, y, (ix, iy, iz), shape, (sigma, lever, eps))
+        f = law_rhs(touch, y, (ix, iy, iz), shape, loss)
         dp, dq, da, db, dc, _ = f
         return stone.surface_force(touch, p, q, a, b, c, dp, dq, da, db, dc, shape)
 
     @scalar
-    def energy(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+    def energy(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
         return surface_energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k) - work
 
     model = replace(
         rolling,
         name=f"{rolling.name}_{law.name}",
         n_state=stone.N_FRICTION_STATE,
-        n_constants=stone.N_FRICTION_CONSTANTS,
+        n_constants=stone.N_CONSTANTS + len(law.loss),
         rhs=rhs,
         spin=_spin_with_work,
         spin_rate=_spin_rate_with_work,
@@ -338,7 +344,9 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
         error=_error_with_friction,
         energy=energy,
         contact=contact,
-        volume=_volume_with_friction if on.quadric else None,
+        volume=_volume_with_friction if on.quadric and law.in_vectors else None,
+        law=law,
+        anywhere=rolling.anywhere if law.in_vectors else None,
     )
     if on.carried is None:
         return model
@@ -347,16 +355,14 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
     carried_touch = on.carried.contact
 
     @scalar
-    def start(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):
+    def start(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
         return (start_at(p, q, cxx, cxy, cyy, k),)
 
     @scalar
-    def carried_rhs(
-        p, q, a, b, c, work, x, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
-    ):
+    def carried_rhs(p, q, a, b, c, work, x, ix, iy, iz, cxx, cxy, cyy, k, *loss):
         y = p, q, a, b, c, work
         shape = cxx, cxy, cyy, k, x
-        f = law_rhs(carried_touch, y, (ix, iy, iz), shape, (sigma, lever, eps))
+        f = law_rhs(carried_touch, y, (ix, iy, iz), shape, loss)
         dp, dq, _, _, _, _ = f
         return f + (rate_at(p, q, dp, dq, *shape),)  # noqa: RUF005
 
@@ -364,17 +370,120 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
 
 
 FRICTIONLESS = {FULL.name: FULL}
-FRICTIONLESS |= {each.name: _frictionless(each) for each in surface.FURTHER}
+FRICTIONLESS |= {each.model: _frictionless(each) for each in surface.FURTHER}
 """Models of the surfaces without friction, by their names."""
 
-ELLIPSOID = FRICTIONLESS[surface.ELLIPSOID.name]
+ELLIPSOID = FRICTIONLESS[surface.ELLIPSOID.model]
 
 FRICTION = {
     (rolling.name, law.name): _with_friction(rolling, law)
     for rolling in FRICTIONLESS.values()
-    for law in surface.LAWS
+    for law in surface.LAWS.values()
 }
 """Models with friction, by the names of the model without it and of the law."""
+
+
+# Sliding, where friction cannot hold the contact point.
+
+
+@scalar
+def _without_work(y, slip, placed, omega_rate, power):
+    return placed[0] + omega_rate
+
+
+@scalar
+def _with_work(y, slip, placed, omega_rate, power):
+    return placed[0] + omega_rate + (power,)
+
+
+@scalar
+def _contact_of_slope(touch, p, q, a, b, c, shape):
+    dp, dq, m = full.slope_rate(p, q, a, b, c)
+    fx, fy, rise, wx, wy, wz, uz = touch(p, q, a, b, c, dp, dq, m, *shape)
+    u = p * uz, q * uz, uz
+    r = p + fx, q + fy, 1.0 - rise
+    return (dp, dq), u, (a, b, c), r, (wx, wy, wz)
+
+
+@scalar
+def _inertia_and_shape(ix, iy, iz, *shape):
+    return (ix, iy, iz), shape
+
+
+@scalar
+def _inertia_shape_and_loss(ix, iy, iz, cxx, cxy, cyy, k, *loss):
+    return (ix, iy, iz), (cxx, cxy, cyy, k), loss
+
+
+_NONE = 0.0, 0.0, 0.0
+
+
+def _sliding(rolling: Model, law: Friction | None) -> Model:
+    """Return a model of slopes whose bodies slide where friction cannot hold them."""
+    on = rolling.surface
+    assert on is not None
+    touch = on.contact
+
+    @scalar
+    def place(y, constants):
+        p, q, a, b, c = y
+        inertia, shape = _inertia_and_shape(*constants)
+        rates, u, omega, r, w = _contact_of_slope(touch, p, q, a, b, c, shape)
+        return rates, u, omega, r, w, inertia, _NONE, _NONE
+
+    if law is None:
+        slide = Slide(place, _without_work, has_work=False)
+        return replace(rolling, name=f"{rolling.name}_sliding", slide=slide)
+    couples = law.couples
+
+    @scalar
+    def place_with_friction(y, constants):
+        p, q, a, b, c, _ = y
+        inertia, shape, loss = _inertia_shape_and_loss(*constants)
+        rates, u, omega, r, w = _contact_of_slope(touch, p, q, a, b, c, shape)
+        torque, drag = couples(u, omega, loss)
+        return rates, u, omega, r, w, inertia, torque, drag
+
+    slide = Slide(place_with_friction, _with_work, has_work=True)
+    return replace(rolling, name=f"{rolling.name}_sliding", slide=slide)
+
+
+@scalar
+def _place_in_any_position(y, constants):
+    vx, vy, vz, a, b, c, _ = y
+    inertia, shape, loss = _inertia_shape_and_loss(*constants)
+    u = vectors.unit(vx, vy, vz)
+    omega = a, b, c
+    r, rho = vectors.contact(*u, *shape)
+    w = vectors.moving(u, omega, r, rho, *shape)
+    torque, drag = stone.rolling_couples(u, omega, loss)
+    rates = vy * c - vz * b, vz * a - vx * c, vx * b - vy * a
+    return rates, u, omega, r, w, inertia, torque, drag
+
+
+VECTORS_SLIDING = replace(
+    VECTORS,
+    name="vectors_sliding",
+    slide=Slide(_place_in_any_position, _with_work, has_work=True),
+)
+
+
+def _all_sliding() -> dict[str, Model]:
+    """Return the sliding models by the names of the models without sliding."""
+    models = {}
+    for rolling in FRICTIONLESS.values():
+        models[rolling.name] = _sliding(rolling, None)
+        for law in surface.LAWS.values():
+            damped = FRICTION[rolling.name, law.name]
+            models[damped.name] = _sliding(damped, law)
+    for name, model in models.items():
+        if model.anywhere is not None:
+            models[name] = replace(model, anywhere=VECTORS_SLIDING)
+    return models
+
+
+SLIDING = _all_sliding()
+"""Models of bodies that slide, by the name of the model that always rolls."""
 
 
 # The reduced model.
@@ -438,6 +547,42 @@ def _no_error(*values):
     return 0.0, 1.0
 
 
+@scalar
+def _sliding_track(placed, slip, heading):
+    _, u, omega, r, w, _, _, _ = placed
+    return sliding.track(u, omega, r, w, slip.speed, slip.angle, heading)
+
+
+def _slide_with_attitude(plain: Slide) -> Slide:
+    """Return what a model with heading and contact point needs for sliding."""
+    plain_place = plain.place
+
+    @scalar
+    def place(y, constants):
+        p, q, a, b, c, _, _, _ = y
+        return plain_place((p, q, a, b, c), constants)
+
+    @scalar
+    def place_with_work(y, constants):
+        p, q, a, b, c, work, _, _, _ = y
+        return plain_place((p, q, a, b, c, work), constants)
+
+    @scalar
+    def derivative(y, slip, placed, omega_rate, power):
+        _, _, _, _, _, heading, _, _ = y
+        return placed[0] + omega_rate + _sliding_track(placed, slip, heading)
+
+    @scalar
+    def derivative_with_work(y, slip, placed, omega_rate, power):
+        _, _, _, _, _, _, heading, _, _ = y
+        track = _sliding_track(placed, slip, heading)
+        return placed[0] + omega_rate + (power,) + track
+
+    if plain.has_work:
+        return Slide(place_with_work, derivative_with_work, has_work=True)
+    return Slide(place, derivative, has_work=False)
+
+
 def _with_attitude(plain: Model) -> Model:
     """Return a model with heading and contact point on the plane, for single steps."""
     assert plain.surface is not None
@@ -451,34 +596,17 @@ def _with_attitude(plain: Model) -> Model:
 
     @scalar
     def rhs_with_work(
-        p,
-        q,
-        a,
-        b,
-        c,
-        work,
-        heading,
-        x,
-        y,
-        ix,
-        iy,
-        iz,
-        cxx,
-        cxy,
-        cyy,
-        k,
-        sigma,
-        lever,
-        eps,
+        p, q, a, b, c, work, heading, x, y, ix, iy, iz, cxx, cxy, cyy, k, *loss
     ):
-        f = plain_rhs(
-            p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
-        )
+        f = plain_rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss)
         m = p * b - q * a
         contact = touch(p, q, a, b, c, f[0], f[1], m, cxx, cxy, cyy, k)
         return f + full.track(p, q, a, b, c, heading, *contact)
 
     has_work = plain.n_state == stone.N_FRICTION_STATE
+    slide = None
+    if plain.slide is not None:
+        slide = _slide_with_attitude(plain.slide)
     return replace(
         plain,
         name=f"{plain.name}_attitude",
@@ -487,6 +615,7 @@ def _with_attitude(plain: Model) -> Model:
         n_extra=full.N_EXTRA,
         n_carried=0,
         rhs=rhs_with_work if has_work else rhs,
+        slide=slide,
         spin=_zero,
         spin_rate=_zero,
         amplitude=_zero,
@@ -496,12 +625,15 @@ def _with_attitude(plain: Model) -> Model:
 
 ATTITUDES = {
     plain.name: _with_attitude(plain)
-    for plain in (*FRICTIONLESS.values(), *FRICTION.values())
+    for plain in (*FRICTIONLESS.values(), *FRICTION.values(), *SLIDING.values())
 }
 """Models with heading and contact point, by the name of the model without them."""
 
 PLAIN = *FRICTIONLESS.values(), VECTORS, *FRICTION.values(), REDUCED
-MODELS: dict[str, Model] = {model.name: model for model in (*PLAIN, TANGENT)}
+SLIDING_MODELS = *SLIDING.values(), VECTORS_SLIDING
+MODELS: dict[str, Model] = {
+    model.name: model for model in (*PLAIN, TANGENT, *SLIDING_MODELS)
+}
 
 
 def find_model(name: str) -> Model:

@@ -25,6 +25,7 @@ NATURAL = {
     "time": "sqrt(a/g)",
     "length": "a",
     "energy": "M g a",
+    "moment of inertia": "M a^2",
     "torque per spin": "M a^2 sqrt(g/a)",
 }
 """Units of the body that kinds of quantities are measured in."""
@@ -67,6 +68,7 @@ class Units:
             "a": (a, "m"),
             "M g": (m * g, "N"),
             "M g a": (m * g * a, "J"),
+            "M a^2": (m * (a * a), "kg m^2"),
             "M a^2 sqrt(g/a)": (m * (a * a) / t, "N m s"),
         }
 

@@ -154,18 +154,6 @@ def surface_force(contact, p, q, a, b, c, dp, dq, da, db, dc, shape):
 
 
 @scalar
-def viscous_rhs(contact, y, inertia, shape, loss):
-    """Return the derivative of state and work under ``-sigma omega`` alone."""
-    p, q, a, b, c, _ = y
-    sigma, _, _ = loss
-    dp, dq, m = slope_rate(p, q, a, b, c)
-    touch = contact(p, q, a, b, c, dp, dq, m, *shape)
-    lx, ly, lz = -sigma * a, -sigma * b, -sigma * c
-    rates, _ = acceleration(p, q, a, b, c, *inertia, lx, ly, lz, *touch)
-    return (dp, dq) + rates + (lx * a + ly * b + lz * c,)  # noqa: RUF005
-
-
-@scalar
 def dot(u, v):
     """Return ``u . v``."""
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
@@ -201,6 +189,62 @@ def solve_again(r, h, solved):
 
 
 @scalar
+def viscous_couples(u, omega, loss):
+    """Return the couple ``-sigma omega``, and none in proportion to the normal force.
+
+    ``u`` is the vertical unit vector.
+    """
+    sigma, _, _ = loss
+    a, b, c = omega
+    return (-sigma * a, -sigma * b, -sigma * c), (0.0, 0.0, 0.0)
+
+
+@scalar
+def rolling_couples(u, omega, loss):
+    """Return the couple ``-sigma omega``, and the resistance over the normal force."""
+    sigma, lever, eps = loss
+    a, b, c = omega
+    hx, hy, hz = h = horizontal(u, omega)
+    share = -lever / sqrt(dot(h, h) + eps * eps)
+    return (-sigma * a, -sigma * b, -sigma * c), (share * hx, share * hy, share * hz)
+
+
+@scalar
+def rhs_of_couples(couples, contact, y, inertia, shape, loss):
+    """Return the derivative of state and work under the couples of any law."""
+    p, q, a, b, c, _ = y
+    dp, dq, m = slope_rate(p, q, a, b, c)
+    touch = contact(p, q, a, b, c, dp, dq, m, *shape)
+    fx, fy, rise, wx, wy, wz, uz = touch
+    u = (p * uz, q * uz, uz)
+    omega = (a, b, c)
+    r = (p + fx, q + fy, 1.0 - rise)
+    couple, per_force = couples(u, omega, loss)
+    rates, solved = acceleration(p, q, a, b, c, *inertia, *couple, *touch)
+    normal, _ = force_at(*u, *omega, *rates, *r, wx, wy, wz)
+    j = jx, jy, jz = solve_again(r, per_force, solved)
+    # The couple in proportion to the normal force F_n changes F_n itself.
+    normal = normal / (1.0 - triple(u, r, j))
+    # There is no such couple where the plane would have to pull.
+    normal = 0.5 * (normal + abs(normal))
+    da, db, dc = rates
+    power = dot(couple, omega) + normal * dot(per_force, omega)
+    return dp, dq, da + normal * jx, db + normal * jy, dc + normal * jz, power
+
+
+@scalar
+def viscous_rhs(contact, y, inertia, shape, loss):
+    """Return what :func:`rhs_of_couples` does for ``-sigma omega`` alone."""
+    p, q, a, b, c, _ = y
+    sigma, _, _ = loss
+    dp, dq, m = slope_rate(p, q, a, b, c)
+    touch = contact(p, q, a, b, c, dp, dq, m, *shape)
+    lx, ly, lz = -sigma * a, -sigma * b, -sigma * c
+    rates, _ = acceleration(p, q, a, b, c, *inertia, lx, ly, lz, *touch)
+    return (dp, dq) + rates + (lx * a + ly * b + lz * c,)  # noqa: RUF005
+
+
+@scalar
 def resistance(u, omega, r, normal, lever, eps, solved):
     """Return what rolling resistance takes from ``domega/dt``, and the power it takes.
 
@@ -220,7 +264,7 @@ def resistance(u, omega, r, normal, lever, eps, solved):
 
 @scalar
 def rolling_rhs(contact, y, inertia, shape, loss):
-    """Return the derivative of state and work under both couples."""
+    """Return what :func:`rhs_of_couples` does for both couples, by one division."""
     p, q, a, b, c, _ = y
     sigma, lever, eps = loss
     dp, dq, m = slope_rate(p, q, a, b, c)

@@ -1,6 +1,7 @@
 """Surfaces and laws of friction: what a model of a rattleback is made of.
 
-A further surface or law is a record here and the functions that it names.
+A further surface or law is a record here and the functions that it names.  Its name,
+and what users give, are in :mod:`rattlesweep.quantities`.
 """
 
 from __future__ import annotations
@@ -9,9 +10,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from rattlesweep.arrays import Floats
 from rattlesweep.physics import full, stone
 
 Formula = Callable[..., Any]  # compiled by `full.scalar`
+
+
+def in_python(formula: Formula, results: int) -> Callable[..., Any]:
+    """Return a formula of numbers for arrays, not compiled, as that would take long."""
+    plain = formula.py_func  # type: ignore[attr-defined]
+    return np.vectorize(plain, otypes=[float] * results)
 
 
 @dataclass(frozen=True)
@@ -35,8 +45,11 @@ class Surface:
     """
 
     name: str
+    model: str  # name of the model of bodies that roll on it without friction
     contact: Formula  # contact(p, q, a, b, c, dp, dq, m, *shape): see full.paraboloid
     energy: Formula  # energy(p, q, a, b, c, ix, iy, iz, *shape)
+    # k of the constant that users give, which is NaN for a paraboloid
+    constant: Callable[[Floats], Floats] = np.nan_to_num
     # Whether `physics.vectors` knows the surface: paraboloids and ellipsoids.
     quadric: bool = False
     # Whether the slope diverges where the body rolls onto its side.  Such a run goes on
@@ -47,20 +60,33 @@ class Surface:
 
 @dataclass(frozen=True)
 class Friction:
-    """A law of friction: couples on a body that rolls, and their work.
-
-    ``loss`` are its constants ``sigma, lever, eps``.
-    """
+    """A law of friction: couples on a body that rolls, and their work."""
 
     name: str
-    rhs: Formula  # rhs(contact, y, inertia, shape, loss): derivative of y, with work
+    # couples(u, omega, loss): a couple, and one that is multiplied by the normal force
+    couples: Formula
+    # The constants ``loss``: what users give, by name, and fixed numbers.
+    loss: tuple[str | float, ...]
+    # Whether `physics.vectors` knows the law.
+    in_vectors: bool = False
+    # rhs(contact, y, inertia, shape, loss): derivative of y, with work, if there is a
+    # cheaper form than `stone.rhs_of_couples`
+    rhs: Formula | None = None
 
 
-PARABOLOID = Surface("full", contact=full.paraboloid, energy=full.energy, quadric=True)
+PARABOLOID = Surface(
+    "paraboloid",
+    model="full",
+    contact=full.paraboloid,
+    energy=full.energy,
+    quadric=True,
+)
 ELLIPSOID = Surface(
     "ellipsoid",
+    model="ellipsoid",
     contact=stone.ellipsoid,
     energy=stone.energy,
+    constant=stone.inverse_semi_axis,
     quadric=True,
     closed=True,
     carried=Carried(stone.rise_at, stone.rise_rate, stone.carried_ellipsoid),
@@ -68,6 +94,22 @@ ELLIPSOID = Surface(
 FURTHER = (ELLIPSOID,)
 """The surfaces that have a further constant."""
 
-VISCOUS = Friction("viscous", stone.viscous_rhs)
-ROLLING = Friction("rolling", stone.rolling_rhs)
-LAWS = VISCOUS, ROLLING
+SURFACES = {surface.name: surface for surface in (PARABOLOID, *FURTHER)}
+
+# Both have the constants of `physics.vectors`.
+COUPLES = ("sigma", "rolling", stone.SMOOTHING)
+VISCOUS = Friction(
+    "viscous",
+    stone.viscous_couples,
+    COUPLES,
+    in_vectors=True,
+    rhs=stone.viscous_rhs,
+)
+ROLLING = Friction(
+    "rolling",
+    stone.rolling_couples,
+    COUPLES,
+    in_vectors=True,
+    rhs=stone.rolling_rhs,
+)
+LAWS = {law.name: law for law in (VISCOUS, ROLLING)}

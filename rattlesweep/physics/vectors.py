@@ -240,7 +240,8 @@ def from_slopes(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
     loss = constants[:, stone.N_CONSTANTS :]
     if not work.size:
         work = np.zeros((len(y), 1))
-        loss = np.tile([0.0, 0.0, stone.SMOOTHING], (len(y), 1))
+        no_loss = np.tile([0.0, 0.0, stone.SMOOTHING], (len(y), 1))
+        loss = np.hstack([no_loss, loss])
     return np.hstack([u.T, omega.T, work]), np.hstack(
         [constants[:, : stone.N_CONSTANTS], loss]
     )

@@ -1,10 +1,11 @@
 """Compute a block: from the keys of its runs to their rows."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from operator import attrgetter
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 import pyarrow as pa
@@ -40,7 +41,7 @@ from rattlesweep.sweeps.launches import (
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.types import TYPES, classify, is_chaotic, sure_types
 
-Prepared = tuple[Launches, Batch | None]  # no batch for the closed form
+Prepared: TypeAlias = tuple[Launches, Batch | None]  # no batch for the closed form
 STATUS_WORDS = [status.label for status in Status]
 
 
@@ -150,8 +151,16 @@ def columns_of(
     columns: dict[str, Values] = {}
     for group in groups:
         for column in group.columns:
-            columns[column.name] = attrgetter(column.source)(results)
+            columns[column.name] = _value_at(results, column.source)
     return columns | launches.bodies.carried
+
+
+def _value_at(results: Results, source: str) -> Values:
+    """Return what a dotted path leads to, by attributes and the keys of mappings."""
+    value: Any = results
+    for name in source.split("."):
+        value = value[name] if isinstance(value, Mapping) else getattr(value, name)
+    return cast("Values", value)
 
 
 @dataclass(frozen=True)
@@ -298,36 +307,33 @@ class Results:
 
     @property
     def growth(self) -> Floats:
-        """Growth rate of the relevant mode; rolling resistance has no linear rate."""
+        """Growth rate of the relevant mode, where friction is linear."""
         assert self.batch is not None
         body_constants = self.batch.constants[:, :6].T
         pitch_rate, roll_rate = steady.growth(
-            body_constants, self.launches.n_i, self._sigma
+            body_constants, self.launches.n_i, self.launches.losses["sigma"]
         )
-        return self._if_viscous(np.where(self._pitch_grows, pitch_rate, roll_rate))
+        return self._if_linear(np.where(self._pitch_grows, pitch_rate, roll_rate))
 
     @property
     def n_growth(self) -> Floats:
         """Spin at which the growth of the relevant mode balances its damping."""
         pitch_loss, roll_loss = damping_rates(
-            self.bodies.alpha, self.bodies.beta, self.launches.modes, self._sigma
+            self.bodies.alpha,
+            self.bodies.beta,
+            self.launches.modes,
+            self.launches.losses["sigma"],
         )
         loss = np.where(self._pitch_grows, pitch_loss, roll_loss)
         direction = np.sign(self.launches.n_i)
-        return self._if_viscous(direction * 2 * loss / np.abs(self.launches.gh.K))
+        return self._if_linear(direction * 2 * loss / np.abs(self.launches.gh.K))
 
     @property
     def _pitch_grows(self) -> Flags:
         return unsteady(self.launches.modes.K_p, self.launches.n_i)
 
-    @property
-    def _sigma(self) -> Floats:
-        assert self.launches.sigma is not None
-        return self.launches.sigma
-
-    def _if_viscous(self, values: Floats) -> Floats:
-        assert self.launches.rolling is not None
-        return np.where(self.launches.rolling > 0, np.nan, values)
+    def _if_linear(self, values: Floats) -> Floats:
+        return np.where(self.launches.has_linear_rate, values, np.nan)
 
     # ---------------------------------------------------- launches and SI units
 

@@ -17,9 +17,11 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.quantities import (
     ENERGY,
     FORCE,
+    LOSSES,
     MEASURES,
     QUANTITIES,
     RATE,
+    SURFACES,
     TIME,
     Definition,
 )
@@ -92,11 +94,22 @@ class Group:
     columns: tuple[Column, ...]
     # Whether only sweeps that ask for the group have it.
     optional: bool = False
+    # Whether they ask for it by a word of `record`, the name.
+    recorded: bool = False
     # Models that do not have it.
     not_with: tuple[str, ...] = ()
 
 
 must = partial(Column, nullable=False)
+recorded = partial(Group, optional=True, recorded=True)
+
+
+def of_loss(name: str) -> Column:
+    """Return the column of a constant of dissipation."""
+    return must(name, F64, f"launches.losses.{name}")
+
+
+NOT_LINEAR = " or ".join(f"{x.name} > 0" for x in LOSSES.values() if not x.is_linear)
 
 # The columns of `runs` in order.
 GROUPS = (
@@ -223,31 +236,34 @@ GROUPS = (
             ),
         ),
     ),
-    Group(
-        "surface",
-        "`bodies: {surface: ellipsoid}`",
-        (Column("c", F64, "bodies.c", note="null: a paraboloid"),),
-        optional=True,
+    *(
+        Group(
+            surface,
+            f"`bodies: {{surface: {surface}}}`",
+            (Column(name, F64, f"bodies.further.{name}", note="null: a paraboloid"),),
+            optional=True,
+        )
+        for surface, name in SURFACES.items()
+        if name is not None
     ),
     Group(
         "dissipation",
         "`dissipation`",
         (
-            must("sigma", F64, "launches.sigma"),
-            must("rolling", F64, "launches.rolling"),
+            *(of_loss(name) for name, loss in LOSSES.items() if not loss.optional),
             Column(
                 "growth",
                 F64,
                 "growth",
                 RATE,
-                "growth rate of the oscillation at n_i; null if rolling > 0",
+                f"growth rate of the oscillation at n_i; null if {NOT_LINEAR}",
             ),
             Column(
                 "n_growth",
                 F64,
                 "n_growth",
                 RATE,
-                "spin at which growth balances damping; null if rolling > 0",
+                f"spin at which growth balances damping; null if {NOT_LINEAR}",
             ),
             Column(
                 "energy_left",
@@ -259,8 +275,19 @@ GROUPS = (
         optional=True,
         not_with=("reduced", "gh"),
     ),
+    *(
+        Group(
+            name,
+            f"`dissipation: {{{name}: ...}}`",
+            (of_loss(name),),
+            optional=True,
+            not_with=("reduced", "gh"),
+        )
+        for name, loss in LOSSES.items()
+        if loss.optional
+    ),
     # By the words of `record`; null for a run that failed at launch.
-    Group(
+    recorded(
         "energy",
         "`record: [energy]`",
         (
@@ -272,10 +299,9 @@ GROUPS = (
                 meaning="largest relative change of energy at any step",
             ),
         ),
-        optional=True,
         not_with=("gh",),
     ),
-    Group(
+    recorded(
         "contact",
         "`record: [contact]`",
         (
@@ -294,10 +320,9 @@ GROUPS = (
                 "smallest F_parallel; negative: lift-off",
             ),
         ),
-        optional=True,
         not_with=("reduced", "gh"),
     ),
-    Group(
+    recorded(
         "windows",
         "`record: [windows]`",
         (
@@ -316,10 +341,9 @@ GROUPS = (
                 "window_n_max", SERIES, "window_n_max", RATE, "largest spin, by window"
             ),
         ),
-        optional=True,
         not_with=("gh",),
     ),
-    Group(
+    recorded(
         "lyapunov",
         "`record: [lyapunov]`",
         (
@@ -345,10 +369,9 @@ GROUPS = (
                 meaning="lyapunov_late * t_end / 2 > 10; null: run too short",
             ),
         ),
-        optional=True,
         not_with=("reduced", "gh"),
     ),
-    Group(
+    recorded(
         "volume",
         "`record: [volume]`",
         (
@@ -360,10 +383,9 @@ GROUPS = (
                 "mean rate of the logarithm of phase volume over the run",
             ),
         ),
-        optional=True,
         not_with=("reduced", "gh"),
     ),
-    Group(
+    recorded(
         "error",
         "`record: [error]`",
         (
@@ -393,7 +415,6 @@ GROUPS = (
                 meaning="estimated error of n_departure; null: unknown",
             ),
         ),
-        optional=True,
         not_with=("gh",),
     ),
     Group(
@@ -410,7 +431,7 @@ GROUPS = (
         optional=True,
         not_with=("gh",),
     ),
-    Group(
+    recorded(
         "reversals",
         "`record: [reversals]`",
         (
@@ -437,7 +458,6 @@ GROUPS = (
                 "largest absolute spin until the next turn",
             ),
         ),
-        optional=True,
         not_with=("gh",),
     ),
     Group(
@@ -499,6 +519,9 @@ COLUMNS: dict[str, Column] = {
 }
 """All columns of `runs` that rattlesweep computes, by name."""
 
+RECORDS = tuple(group.name for group in GROUPS if group.recorded)
+"""Words of `record`, in the order of the columns."""
+
 REFINABLE = tuple(column.name for column in COLUMNS.values() if column.refines)
 """Columns that `bodies.refine.by` may compare."""
 
@@ -542,6 +565,12 @@ def runs_schema(
         if not group.optional or group.name in record:
             fields += RUNS[group.name]
     return pa.schema([*fields, *extra])
+
+
+def unit_and_meaning(column: pa.Field) -> tuple[str, str]:
+    """Return the unit and the meaning of a column of a schema."""
+    metadata = column.metadata
+    return metadata[b"unit"].decode(), metadata[b"description"].decode()
 
 
 def same_schema(schema: pa.Schema, expected: pa.Schema) -> bool:

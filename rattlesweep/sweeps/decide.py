@@ -82,8 +82,8 @@ class Refining:
         bodies = config.bodies
         assert isinstance(bodies, GridSource) and bodies.refine is not None  # noqa: PT018
         names = ["n_i", "omega_xy0"] if config.spin else []
-        names += ["sigma", "rolling"] if config.dissipation else []
-        held = {name: {getattr(case, name) for case in design.cases} for name in names}
+        names += list(config.dissipation.values) if config.dissipation else []
+        held = {name: {case.value(name) for case in design.cases} for name in names}
         launches = {
             name: _in_units_of_bodies(config.settings[name], held[name])
             for name in names
@@ -105,7 +105,7 @@ class Refining:
         # A directory that has grown may number its cases in another order than the
         # axes.
         case_numbers = {
-            tuple(getattr(case, name) for name in names): case.index
+            tuple(case.value(name) for name in names): case.index
             for case in design.cases
         }
         self._order = np.array(

@@ -70,11 +70,19 @@ FITS = {
     "rk4": Fit(floor=0.0, share=0.003),
 }
 """Constants by method; a method without them has no estimate."""
-# The large swings of an ellipsoid are harder to integrate.
-ELLIPSOID = Fit(slope=20.0, share=0.002)
-# Kinks lower the order of all methods, so a companion must be nearly as accurate as the
-# run.
-ROLLING = Fit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0)
+# Constants by surface and by law of friction, None for those of the method; those of a
+# law count before those of a surface.  Others have no estimate.
+SURFACES: dict[str, Fit | None] = {
+    "paraboloid": None,
+    # Its large swings are harder to integrate.
+    "ellipsoid": Fit(slope=20.0, share=0.002),
+}
+LAWS: dict[str, Fit | None] = {
+    "viscous": None,
+    # Kinks lower the order of all methods, so a companion must be nearly as accurate as
+    # the run.
+    "rolling": Fit(floor=5.0, slope=20.0, share=0.0015, power=0.3, looser=30.0),
+}
 
 LEAST_LOOSER = 10.0  # smallest ratio of the companion's tolerance to the run's
 LOOSEST = 1e-5  # largest tolerance of a companion; at larger ones most runs part
@@ -121,8 +129,7 @@ class Estimated(Outcome):
     n_departure_error: Floats
     # Whether it is sure that a run reverses by its horizon, or does not.
     reversal_sure: Flags
-    tol: Floats  # NaN with a fixed step, like companion_tol
-    companion_tol: Floats
+    tol: Floats  # NaN with a fixed step
     companion_t_r: Floats
     apart: Floats  # distance of the two states at their reversals
     grazes: Integers  # undecided extrema of the spin in both
@@ -396,7 +403,7 @@ def with_errors(
     reverses_in_time = (relative < 1.0) & (runs.t_r + t_r_error < batch.t_end)
     # If a stop ended the companion, its run has no error and counts as stopped.
     is_cut = companions.status == Status.STOPPED
-    tol, companion_tol = settings if scale.adaptive else (np.nan, np.nan)
+    tol = settings[0] if scale.adaptive else np.nan
     values = vars(runs) | {"status": np.where(is_cut, Status.STOPPED, runs.status)}
     return Estimated(
         **values,
@@ -405,7 +412,6 @@ def with_errors(
         n_departure_error=_departure_error(pair, apart),
         reversal_sure=reverses_in_time | (pair.both_stay & (pair.grazes == 0)),
         tol=np.full(len(batch), tol),
-        companion_tol=np.full(len(batch), companion_tol),
         companion_t_r=companions.t_r,
         apart=apart,
         grazes=pair.grazes,
@@ -545,8 +551,13 @@ def fit_of(config: Config) -> Fit:
             f"integrator.method: errors are not calibrated for {method}; leave out "
             f"record: [error] and accuracy, or use {' or '.join(FITS)}"
         )
-    if config.dissipation.kind == "rolling":
-        return ROLLING
-    if config.bodies.ellipsoidal:
-        return ELLIPSOID
-    return FITS[method]
+    surface = config.bodies.bottom
+    law = config.dissipation.law
+    for name, known in ((surface, SURFACES), (law, LAWS)):
+        if name is not None and name not in known:
+            raise ConfigError(
+                f"record: errors are not calibrated for {name}; leave out error and "
+                "accuracy"
+            )
+    of_law = None if law is None else LAWS[law]
+    return of_law or SURFACES[surface] or FITS[method]

@@ -62,7 +62,6 @@ class Progress:
 
     fraction: float  # of the expected cost, including rows that were on disk before
     runs: int  # done
-    total: int  # wanted
     left: float | None  # estimate in seconds; None before there is a base for it
 
 
@@ -138,7 +137,6 @@ class Job:
         self._first_rate = ADAPTIVE_RATE if method.adaptive else FIXED_RATE
         # Steps and seconds of the last blocks.
         self._recent: deque[tuple[float, float]] = deque(maxlen=RECENT_BLOCKS)
-        self._total = 0  # runs wanted
         # Runs of each case that are wanted, and those of them that are not on disk.
         self._wanted = np.zeros(len(self._costs.each), np.int64)
         self._left = self._wanted
@@ -152,7 +150,6 @@ class Job:
     def blocks(self, wanted: Flags) -> Iterator[Keys]:
         """Yield the wanted runs that are not on disk, in blocks of about equal time."""
         todo = wanted & ~self.found.done
-        self._total = int(wanted.sum())
         self._wanted = wanted.sum(axis=1)
         self._left = todo.sum(axis=1)
         is_spread = self.plan.config.bodies.source in ("grid", "table")
@@ -226,9 +223,7 @@ class Job:
         seconds_left = None
         if spent > 0 and done > 0:
             seconds_left = left * spent / done
-        self.report(
-            Progress(self._fraction, self.runs + ended, self._total, seconds_left)
-        )
+        self.report(Progress(self._fraction, self.runs + ended, seconds_left))
         if now >= self.deadline and (self.done or ended or spent >= GRACE):
             raise OutOfTime
 

@@ -5,14 +5,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rattlesweep.arrays import Floats, Integers
+from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.lanes.runs import N_WINDOWS
-from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
-from rattlesweep.physics import full, reduced, stone, theory
+from rattlesweep.integrate.model import FRICTION, FRICTIONLESS, MODELS, Model
+from rattlesweep.physics import full, reduced, surface, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
+from rattlesweep.physics.surface import Surface
+from rattlesweep.quantities import LAWS, LOSSES, SURFACES
 from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.bodies.table import TableBodies
 from rattlesweep.sweeps.config import not_one_of
@@ -28,6 +30,10 @@ MARK_PERIODS = 8.0
 LEAST_DECAY = 0.01
 # Relative change of the spin up to which the probes at launch separate the modes.
 MOST_APART = 0.02
+
+
+# Constants of the couples that let a spin decay.
+COUPLES = {name for constants in LAWS.values() for name in constants}
 
 
 @dataclass(frozen=True)
@@ -52,9 +58,10 @@ class Launches:
     # Time at which a run without a reversal ends; not finite if there is none
     horizon: Floats
 
-    # Dissipation, or None
-    sigma: Floats | None = None
-    rolling: Floats | None = None
+    # Name of the model that is integrated for `model: full`
+    full_model: str
+    # Constants of dissipation by name; none without it
+    losses: dict[str, Floats] = field(default_factory=dict)
     # Fraction of the initial energy below which a body is dead
     dead: Floats | None = None
 
@@ -62,6 +69,23 @@ class Launches:
     def spin_scale(self) -> Floats:
         """Spin to compare others with: ``|n_i|``, or ``n_0`` if that is zero."""
         return np.where(self.n_i == 0, self.n_0, np.abs(self.n_i))
+
+    @property
+    def has_couples(self) -> Flags:
+        """Whether couples of friction let the spin of a run decay."""
+        lossy = np.zeros(len(self.n_i), bool)
+        for name in COUPLES & self.losses.keys():
+            lossy |= self.losses[name] > 0
+        return lossy
+
+    @property
+    def has_linear_rate(self) -> Flags:
+        """Whether small oscillations of a run grow or decay at a rate of theory."""
+        linear = np.ones(len(self.n_i), bool)
+        for name, values in self.losses.items():
+            if not LOSSES[name].is_linear:
+                linear &= ~(values > 0)
+        return linear
 
 
 def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
@@ -80,23 +104,21 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     if bodies.omega is not None and bodies.u is not None:
         # A full state is tilted as well, and its energy includes that of the tilt.
         gh = replace(gh, speed=_oscillation_speed(bodies, bodies.omega, bodies.u, n_i))
-        n_0 = _spin_of_energy(bodies, bodies.omega, bodies.u)
+        of_surface = surface.SURFACES[config.bodies.bottom]
+        n_0 = _spin_of_energy(bodies, bodies.omega, bodies.u, of_surface)
     n_c1 = theory.bondi_threshold(
         bodies.alpha, bodies.beta, bodies.gamma, bodies.theta, bodies.phi
     )
     # The steady direction of mirrored bodies is n > 0.
     n_c1 = np.where(bodies.xi > 0, -n_c1, n_c1)
 
-    sigma = None
-    rolling = None
+    losses: dict[str, Floats] = {}
     dead = None
     if config.dissipation:
-        sigma = _value("sigma", plan, case, bodies)
-        rolling = _value("rolling", plan, case, bodies)
+        for name in config.dissipation.values:
+            losses[name] = _value(name, plan, case, bodies)
         dead = np.full(len(sample), config.classify.dead_energy)
-        # A decaying spin does not stay above a threshold.
-        n_c1 = np.where((sigma > 0) | (rolling > 0), np.nan, n_c1)
-    return Launches(
+    launches = Launches(
         case=case,
         sample=sample,
         bodies=bodies,
@@ -107,11 +129,14 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
         gh=gh,
         n_0=n_0,
         n_c1=n_c1,
-        horizon=_horizon(config, bodies, gh.t_rgh, sigma),
-        sigma=sigma,
-        rolling=rolling,
+        horizon=_horizon(config, bodies, gh.t_rgh, losses.get("sigma")),
+        full_model=full_model_of(config).name,
+        losses=losses,
         dead=dead,
     )
+    # A decaying spin does not stay above a threshold.
+    n_c1 = np.where(launches.has_couples, np.nan, launches.n_c1)
+    return replace(launches, n_c1=n_c1)
 
 
 def _with_state(bodies: Bodies, state: State) -> Bodies:
@@ -125,7 +150,9 @@ def _with_state(bodies: Bodies, state: State) -> Bodies:
 
 def _value(name: str, plan: Plan, case: Integers, bodies: Bodies) -> Floats:
     """Return a quantity of a table's rows, or else of the cases, in units of bodies."""
-    of_rows: Floats | None = getattr(bodies, name)
+    of_rows: Floats | None = bodies.losses.get(name)
+    if name not in LOSSES:
+        of_rows = getattr(bodies, name)
     if of_rows is not None:
         return of_rows
     settings = [each.setting(name) for each in plan.cases]
@@ -162,15 +189,26 @@ def _oscillation_speed(bodies: Bodies, omega: Floats, u: Floats, n_i: Floats) ->
     return np.asarray(np.sqrt(twice / iz))
 
 
-def _spin_of_energy(bodies: Bodies, omega: Floats, u: Floats) -> Floats:
+def _spin_of_energy(
+    bodies: Bodies, omega: Floats, u: Floats, of_surface: Surface
+) -> Floats:
     """Return the spins that would hold all the energy of full states."""
     state = full.from_vectors(u.T, omega.T)
     constants = _constants_of(bodies)
-    # A paraboloid is an ellipsoid with an infinite semi-axis.
-    inverse_c = stone.inverse_semi_axis(bodies.c)
-    # The formula branches, so it takes numbers; to compile it here would take longer.
-    energy = np.vectorize(stone.energy.py_func, otypes=[float])
-    return np.asarray(np.sqrt(2 * energy(*state, *constants, inverse_c) / bodies.gamma))
+    if of_surface is surface.PARABOLOID:
+        # A paraboloid is an ellipsoid with an infinite semi-axis.
+        of_surface = surface.ELLIPSOID
+    k = _surface_constant(bodies, of_surface)
+    energy = surface.in_python(of_surface.energy, 1)
+    return np.asarray(np.sqrt(2 * energy(*state, *constants, k) / bodies.gamma))
+
+
+def _surface_constant(bodies: Bodies, of_surface: Surface) -> Floats:
+    """Return the further constant of a surface as models take it; 0 for paraboloids."""
+    name = SURFACES[of_surface.name]
+    none = np.full(len(bodies.alpha), np.nan)
+    values = none if name is None else bodies.further.get(name, none)
+    return of_surface.constant(values)
 
 
 def _constants_of(bodies: Bodies) -> Floats:
@@ -183,33 +221,33 @@ def _horizon(
     config: Config, bodies: Bodies, t_rgh: Floats, sigma: Floats | None
 ) -> Floats:
     """Return the smallest of the config's horizons, or a table's own."""
-    horizon = config.horizon
-    earliest = np.full(len(t_rgh), np.inf)
-    if horizon.t_rgh is not None:
-        # fmin ignores NaN, the t_rGH of launches that have none.
-        earliest = np.fmin(earliest, horizon.t_rgh * t_rgh)
-    (t,) = config.settings["t_end"]
-    if t.si is not None and bodies.units is not None:
-        earliest = np.minimum(earliest, bodies.units.natural(t.si, t.si.kind))
-    if t.natural is not None:
-        earliest = np.minimum(earliest, t.natural)
-    if horizon.t_decay is not None and sigma is not None:
-        with np.errstate(divide="ignore"):
-            decay = horizon.t_decay * bodies.gamma / sigma
-        earliest = np.minimum(earliest, decay)
+    (setting,) = config.settings["t_end"]
+    t: Floats | float | None = setting.natural
+    if setting.si is not None and bodies.units is not None:
+        t = bodies.units.natural(setting.si, setting.si.kind)
+    horizon = config.horizon.earliest(t, t_rgh, bodies.gamma, sigma)
     if bodies.t_end is not None:
-        earliest = np.where(np.isfinite(bodies.t_end), bodies.t_end, earliest)
-    return earliest
+        horizon = np.where(np.isfinite(bodies.t_end), bodies.t_end, horizon)
+    return horizon
 
 
 def model_of(config: Config) -> Model:
     """Return the equations that a sweep integrates; the model gh has none."""
     if config.model != "full":
         return MODELS[config.model]
-    surface = ELLIPSOID if config.bodies.ellipsoidal else FULL
-    if not config.dissipation:
-        return surface
-    return FRICTION[surface.name, config.dissipation.kind]
+    return full_model_of(config)
+
+
+def full_model_of(config: Config) -> Model:
+    """Return the equations of a config for `model: full`."""
+    name = surface.SURFACES[config.bodies.bottom].model
+    law = config.dissipation.law
+    model = FRICTIONLESS[name] if law is None else FRICTION[name, law]
+    if "volume" in config.record and model.volume is None:
+        raise ConfigError(
+            f"record: the phase volume of {model.name} is not known; leave volume out"
+        )
+    return model
 
 
 def make_batch(launches: Launches, model: str) -> Batch | None:
@@ -240,19 +278,20 @@ def full_batch(launches: Launches) -> Batch:
     body_constants = _constants_of(bodies)
     count = len(y0)
 
-    # Constants of ellipsoids and of dissipation follow those of the body.
+    # Constants of the surface and of dissipation follow those of the body.
+    model = MODELS[launches.full_model]
+    assert model.surface is not None
     constants = [*body_constants]
-    if bodies.c is not None or launches.sigma is not None:
-        inverse_c = stone.inverse_semi_axis(bodies.c)
-        constants.append(np.broadcast_to(inverse_c, count))
-    sigma: Floats | float = 0.0
-    if launches.sigma is not None and launches.rolling is not None:
-        sigma = launches.sigma
-        smoothing = np.full(count, stone.SMOOTHING)
-        constants += [launches.sigma, launches.rolling, smoothing]
+    if model.surface is not surface.PARABOLOID or model.law is not None:
+        constants.append(_surface_constant(bodies, model.surface))
+    if model.law is not None:
+        for each in model.law.loss:
+            value = launches.losses[each] if isinstance(each, str) else each
+            constants.append(np.broadcast_to(value, count))
         # The last component of the state is the work of dissipation.
         y0 = np.concatenate([y0, np.zeros((count, 1))], axis=1)
 
+    sigma = launches.losses.get("sigma", 0.0)
     modes = steady_modes(body_constants, launches.n_i, sigma)
     pitch_grows = theory.unsteady(launches.modes.K_p, launches.n_i)
     probe = np.where(pitch_grows[:, None], modes.pitch_probe, modes.roll_probe)
@@ -342,8 +381,7 @@ class Launch:
     e_r0: float | None = None
     omega: Sequence[float] | None = None
     u: Sequence[float] | None = None
-    sigma: float = 0.0
-    rolling: float = 0.0
+    losses: Mapping[str, float] = field(default_factory=dict)
     record: Sequence[str] = ()
 
 
@@ -384,8 +422,7 @@ def plan_of(run: Launch) -> Plan:
     else:
         launch = {"spin": spin}
     horizon = {"t_rgh": 5.0} if run.t_end is None else {"t": run.t_end}
-    losses = {"sigma": run.sigma, "rolling": run.rolling}
-    keys = {"horizon": horizon, "dissipation": losses, **launch}
+    keys = {"horizon": horizon, "dissipation": dict(run.losses), **launch}
     return plan_of_rows(rows, run.model, run.integrator, run.record, keys)
 
 
@@ -410,16 +447,6 @@ def plan_of_rows(
         bodies=TableSource.in_memory(rows.surface),
     )
     return make_plan(config, rows=rows)
-
-
-def single_run(run: Launch) -> tuple[Config, Launches, Batch | None]:
-    """Return the config, launch and batch of one run; the model ``gh`` has no batch."""
-    plan, first = plan_of(run), np.zeros(1, np.int64)
-    launches = prepare(plan, first, first)
-    batch = make_batch(launches, run.model)
-    if batch is not None and run.model == "reduced":
-        batch = with_energies(batch, run.e_p0, run.e_r0)
-    return plan.config, launches, batch
 
 
 def with_energies(batch: Batch, e_p0: float | None, e_r0: float | None) -> Batch:

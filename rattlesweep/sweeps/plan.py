@@ -6,7 +6,7 @@ key alone.
 """
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -18,10 +18,11 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import spin_and_oscillation
+from rattlesweep.quantities import LOSSES
 from rattlesweep.sweeps.bodies import Source
 from rattlesweep.sweeps.bodies.sources import make_source
-from rattlesweep.sweeps.bodies.table import LOSSES, TableBodies, check_value
-from rattlesweep.sweeps.columns import STATE, runs_schema
+from rattlesweep.sweeps.bodies.table import TableBodies, check_value
+from rattlesweep.sweeps.columns import STATE, runs_schema, unit_and_meaning
 from rattlesweep.sweeps.config.clashes import SETTING_KEYS, clashes
 from rattlesweep.sweeps.config.read import (
     differences,
@@ -47,9 +48,8 @@ from rattlesweep.units import Setting
 MAX_RUNS = 10**9  # in a sweep, which holds one byte for each of them
 MOST_SIZES = 64  # bodies that are looked at to see whether their sizes differ
 NO_END = np.array([np.nan])  # horizon of launches that have none of their own
-Pair = tuple[Setting, Setting]
 Values = dict[str, list[Setting]]  # by column, empty where the table has them
-FROM_TABLE = (Setting(), Setting())
+LAUNCH = ("n_i", "omega_xy0")
 
 
 @dataclass(frozen=True)
@@ -86,12 +86,12 @@ def make_plan(
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
         target = config.bodies.target
         targets = [(target.name, value) for value in target.values]
-    losses: list[Pair] = [FROM_TABLE]
+    losses: list[dict[str, Setting]] = [{}]
     if config.dissipation:
-        losses = list(product(values["sigma"], values["rolling"]))
+        losses = _combinations(config.dissipation.values, values)
     cases: list[Case] = []
     for (name, value), launch, loss in product(targets, launches, losses):
-        cases.append(Case.of(len(cases), name, value, (*launch, *loss)))
+        cases.append(Case.of(len(cases), name, value, launch | loss))
     extra = source.fields
     if is_state:
         extra = STATE + extra
@@ -105,27 +105,34 @@ def make_plan(
 
 def _launches(
     config: Config, table: Mapping[str, Floats], values: Values
-) -> tuple[list[Pair], Floats]:
+) -> tuple[list[dict[str, Setting]], Floats]:
     """Return the launches of the cases, and all their spins.
 
-    A launch is None where each row of the table has its own.
+    A launch is empty where each row of the table has its own.
     """
     if "n_i" in table:
-        return [FROM_TABLE], table["n_i"]
+        return [{}], table["n_i"]
     if config.launch is not None:
         spin, swing, *_ = spin_and_oscillation(config.launch.omega, config.launch.u)
-        return [(Setting(float(spin)), Setting(float(swing)))], np.array([spin])
+        launch = {"n_i": Setting(float(spin)), "omega_xy0": Setting(float(swing))}
+        return [launch], np.array([spin])
     if config.spin is not None:
-        launches = list(product(values["n_i"], values["omega_xy0"]))
-        return launches, np.array(config.spin.n_i)
+        return _combinations(LAUNCH, values), np.array(config.spin.n_i)
     lacks = "the table has no columns n_i and omega_xy0"
     raise ConfigError(f"spin: missing; {lacks}, so the config must give them")
+
+
+def _combinations(names: Iterable[str], values: Values) -> list[dict[str, Setting]]:
+    """Return every combination of the values of some columns."""
+    names = list(names)
+    combinations = product(*(values[name] for name in names))
+    return [dict(zip(names, each, strict=True)) for each in combinations]
 
 
 def _with_losses(config: Config, columns: Mapping[str, list[float | str]]) -> Config:
     """Return the config with the dissipation of a table's columns."""
     for name in LOSSES:
-        values = config.settings[name]
+        values = config.settings.get(name, [])
         if Setting() in values and name not in columns:
             lacks = f"the table has no column {name}; give a number"
             raise ConfigError(f"dissipation.{name}: {lacks}")
@@ -283,10 +290,8 @@ def describe(plan: Plan, directory: Path, base: Path | None = None) -> Stored:
     key = hashlib.sha256(text.encode()).hexdigest()
     columns = []
     for column in plan.extra:
-        unit = column.metadata[b"unit"].decode()
-        description = column.metadata[b"description"].decode()
-        kind = str(column.type)
-        columns.append([column.name, kind, column.nullable, unit, description])
+        about = unit_and_meaning(column)
+        columns.append([column.name, str(column.type), column.nullable, *about])
     manifest: dict[str, object] = {
         "format": FORMAT,
         "name": plan.config.name,

@@ -13,6 +13,7 @@ from rattlesweep.arrays import Flags
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.quantities import SURFACES
 from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.bodies.sources import SdBodies, bodies_at, ranges_of
 from rattlesweep.sweeps.bodies.table import (
@@ -138,13 +139,11 @@ def _drawn_bodies(source: SdSource) -> TableBodies:
     """
     ranges = ranges_of(source)
     points = np.random.default_rng(SEED).random((len(ranges), BODIES_DRAWN))
-    bodies = bodies_at(points, ranges)
+    bodies = bodies_at(points, ranges, SURFACES[source.bottom])
     if source.target is not None:
         _check_reach(bodies, source.target)
     columns = {name: getattr(bodies, name) for name in (*PARAMETERS, "f_sd")}
-    if bodies.c is not None:
-        columns["c"] = bodies.c
-    return TableBodies(columns)
+    return TableBodies(columns | bodies.further)
 
 
 def _check_reach(bodies: Bodies, target: Target) -> None:

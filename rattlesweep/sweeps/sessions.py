@@ -77,6 +77,7 @@ def read_sessions(directory: Path) -> list[Session]:
     sessions = []
     for path in sorted((directory / SESSIONS).glob("*.json")):
         with contextlib.suppress(OSError, ValueError, TypeError, RecursionError):
+            # Keys that another version did not write are null.
             record = dict.fromkeys(KINDS) | json.loads(read_regular(path, MOST_BYTES))
             if all(_is_usable(record[name], kind) for name, kind in KINDS.items()):
                 sessions.append(record)
@@ -90,6 +91,7 @@ def _is_usable(value: object, kind: type | tuple[type, ...]) -> bool:
 def unfinished(sessions: list[Session]) -> dict[str, Session]:
     """Return, by their locks, the last sessions that run or were killed."""
     running = [session for session in sessions if session["how"] == "running"]
+    # Of several with one lock, the last one stays.
     return {session["shard"] or WHOLE: session for session in running}
 
 

@@ -55,9 +55,12 @@ def interpolate(values: Floats, is_known: Array, strides: list[int]) -> Floats:
     stride = list(strides)
     while max(stride) > 1:
         longest = max(stride)
+        # The longest strides are halved one after another, so that the points which
+        # one axis has gained are known when the next one is halved.
         for axis in range(values.ndim):
             if stride[axis] < longest:
                 continue
+            # Along each axis, the places of the points that have a value by now.
             lattice = [
                 ticks_of(*pair) for pair in zip(values.shape, stride, strict=True)
             ]
@@ -68,6 +71,7 @@ def interpolate(values: Floats, is_known: Array, strides: list[int]) -> Floats:
             between = np.moveaxis(_between(before, along_axis, new), -1, axis)
             lattice[axis] = new
             place = np.ix_(*lattice)
+            # A run that refinement has added there has a value of its own.
             values[place] = np.where(is_known[place], values[place], between)
     return values
 
@@ -84,7 +88,8 @@ def _between(x: Integers, values: Floats, new: Integers) -> Floats:
     slope = np.diff(values) / np.diff(x)
     curvature = np.full(values.shape, np.nan)
     curvature[..., 1:-1] = np.diff(slope) / (x[2:] - x[:-2])
-    # The mean of the parabolas through either end is a cubic through four points.
+    # The parabola through both ends, with the mean of the curvatures there.  In the
+    # middle of equal steps it is the cubic through four points.
     at_ends = np.stack([curvature[..., left], curvature[..., right]])
     is_curved = np.isfinite(at_ends)
     bend = np.where(is_curved, at_ends, 0.0).sum(axis=0)

@@ -26,6 +26,7 @@ import pyarrow.compute as pc
 
 from rattlesweep.arrays import Flags, Integers
 from rattlesweep.errors import ConfigError, DamagedError, OutputError, one_line
+from rattlesweep.quantities import LOSSES, QUANTITIES
 from rattlesweep.sweeps.columns import (
     floats,
     runs_schema,
@@ -51,12 +52,8 @@ KEY = ("case", "sample")
 MISSING = -1  # code of a run that is not stored
 FAILED = len(TYPES)  # code of a stored run without a type
 BATCH_ROWS = 1_000_000  # rows sorted at a time
-VARIES = {
-    "n_i": "spin",
-    "omega_xy0": "spin",
-    "sigma": "torque per spin",
-    "rolling": "length",
-}
+# Columns that a case may share, and their kinds.
+VARIES = {name: QUANTITIES[name].kind for name in ("n_i", "omega_xy0", *LOSSES)}
 IS_DAMAGED = "{} is damaged; `rattlesweep run` does its runs again"
 
 
@@ -344,7 +341,8 @@ class Case:
     """Target, launch and dissipation that the runs of a case share; None where they
     differ.
 
-    `in_si` has the values in SI units, by name, that differ in the units of the bodies.
+    `losses` has the constants of dissipation, by name.  `in_si` has the values in SI
+    units, by name, that differ in the units of the bodies.
     """
 
     index: int = field(compare=False)
@@ -352,8 +350,7 @@ class Case:
     target: float | None
     n_i: float | None = None
     omega_xy0: float | None = None
-    sigma: float | None = None
-    rolling: float | None = None
+    losses: tuple[tuple[str, float], ...] = ()
     in_si: tuple[tuple[str, Quantity], ...] = ()
 
     @classmethod
@@ -362,21 +359,31 @@ class Case:
         index: int,
         target_name: str | None,
         target: float | None,
-        settings: Sequence[Setting],
+        settings: Mapping[str, Setting],
     ) -> Case:
-        """Return the case of the settings of the columns `VARIES`."""
+        """Return the case of the settings of some of the columns `VARIES`."""
         natural: dict[str, float] = {}
-        in_si: list[tuple[str, Quantity]] = []
-        for name, setting in zip(VARIES, settings, strict=True):
+        in_si: dict[str, Quantity] = {}
+        for name, setting in settings.items():
             if setting.natural is not None:
                 natural[name] = setting.natural
             elif setting.si is not None:
-                in_si.append((name, setting.si))
-        return cls(index, target_name, target, **natural, in_si=tuple(in_si))
+                in_si[name] = setting.si
+        launch = {name: natural.pop(name, None) for name in ("n_i", "omega_xy0")}
+        losses = tuple(natural.items())
+        in_order = tuple(in_si.items())
+        return cls(index, target_name, target, **launch, losses=losses, in_si=in_order)
 
     def setting(self, name: str) -> Setting:
         """Return the value of a column of `VARIES`."""
-        return Setting(getattr(self, name), dict(self.in_si).get(name))
+        return Setting(self.value(name), dict(self.in_si).get(name))
+
+    def value(self, name: str) -> float | None:
+        """Return the value of a column of `VARIES` in units of the bodies, or None."""
+        if name in LOSSES:
+            return dict(self.losses).get(name)
+        value: float | None = getattr(self, name)
+        return value
 
     def dump(self) -> dict[str, str | float]:
         """Return the case as JSON data, without what is None."""
@@ -396,18 +403,17 @@ class Case:
         """Return the case of such data; raise a TypeError for other kinds of data."""
         name = next((name for name in ("K_p", "K_r") if name in data), None)
         kinds = VARIES if name is None else {name: "", **VARIES}
-        values: dict[str, float] = {}
-        in_si: list[tuple[str, Quantity]] = []
+        settings: dict[str, Setting] = {}
         for key, kind in kinds.items():
             value = data.get(key)
             if isinstance(value, str):
-                in_si.append((key, Quantity(value, kind)))
+                settings[key] = Setting(si=Quantity(value, kind))
             elif isinstance(value, int | float) and not isinstance(value, bool):
-                values[key] = value
+                settings[key] = Setting(value)
             elif value is not None:
                 raise TypeError(f"{key} of a case is {one_line(repr(value), 30)}")
-        target = None if name is None else values.pop(name)
-        return cls(int(data["case"]), name, target, **values, in_si=tuple(in_si))
+        target = None if name is None else settings.pop(name).natural
+        return cls.of(int(data["case"]), name, target, settings)
 
     def __str__(self) -> str:
         texts = []

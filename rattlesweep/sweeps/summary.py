@@ -6,7 +6,7 @@ keys, so that sums do not depend on how rows are spread over files.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.physics.theory import unsteady
-from rattlesweep.quantities import DAMPING, LENGTH, MEASURES, RATE, TIME
+from rattlesweep.quantities import LOSSES, MEASURES, RATE, TIME
 from rattlesweep.sweeps import columns as tables
 from rattlesweep.sweeps.columns import F64, I32, I64, Values
 from rattlesweep.sweeps.decide import nearest_rows
@@ -36,8 +36,7 @@ READ = (
     "type",
     "status",
     "near_tangencies",
-    "sigma",
-    "rolling",
+    *LOSSES,
     "t_r_error",
     "type_sure",
     "contact_ratio_max",
@@ -169,9 +168,9 @@ def _numbers(
     n_i = columns["n_i"]
     is_steady = np.isfinite(columns["omega_p"]) & ~unsteady(columns["K_p"], n_i)
     types = TYPES[:DEAD]
-    if "sigma" in columns:
+    for name in LOSSES.keys() & columns.keys():
         types = TYPES
-        is_steady &= (columns["sigma"] == 0) & (columns["rolling"] == 0)
+        is_steady &= columns[name] == 0
     numbers: dict[str, Flags | Integers] = {
         "runs": np.ones(len(is_ok), bool),
         "ok": is_ok,
@@ -296,7 +295,7 @@ def _target(name: str) -> Value:
 
 def _held(name: str) -> Value:
     """Return a launch or loss in units of the bodies, NaN where it is in SI units."""
-    return lambda cases, counts: np.array([getattr(x, name) for x in cases], float)
+    return lambda cases, counts: np.array([case.value(name) for case in cases], float)
 
 
 def _held_in_si(name: str) -> Value:
@@ -391,19 +390,12 @@ COLUMNS = (
         "rpm",
         "initial oscillation",
     ),
-    SummaryColumn(
-        "sigma_N_m_s",
-        F64,
-        _held_in_si("sigma"),
-        "N m s",
-        "torque -sigma omega",
-    ),
-    SummaryColumn(
-        "rolling_m",
-        F64,
-        _held_in_si("rolling"),
-        "m",
-        "lever of the rolling resistance",
+    *(
+        SummaryColumn(
+            loss.measure.name, F64, _held_in_si(name), loss.measure.unit, loss.meaning
+        )
+        for name, loss in LOSSES.items()
+        if loss.measure is not None
     ),
     SummaryColumn("fraction_R", F64, _share("R"), "1", "fraction of type R"),
     SummaryColumn("fraction_SS", F64, _share("SS"), "1", "fraction of type SS"),
@@ -508,19 +500,15 @@ COLUMNS = (
         "1",
         "fraction of type D",
     ),
-    SummaryColumn(
-        "sigma",
-        F64,
-        _held("sigma"),
-        DAMPING,
-        "torque -sigma omega; null: no dissipation, or rows differ",
-    ),
-    SummaryColumn(
-        "rolling",
-        F64,
-        _held("rolling"),
-        LENGTH,
-        "lever of the rolling resistance; null likewise",
+    *(
+        SummaryColumn(
+            name,
+            F64,
+            _held(name),
+            loss.unit,
+            f"{loss.meaning}; null: no dissipation, or rows differ",
+        )
+        for name, loss in LOSSES.items()
     ),
     # Null unless contact is recorded.
     SummaryColumn(
@@ -563,15 +551,24 @@ class Printed:
     si: str = ""
 
 
+def _printed_losses() -> Iterator[Printed]:
+    """Yield the columns of each constant of dissipation, also in SI units."""
+    for name, loss in LOSSES.items():
+        measure = loss.measure
+        if measure is None:
+            yield Printed(name, name, ".4g", optional=True, varies=True)
+            continue
+        yield Printed(name, name, ".4g", varies=True, si=measure.name)
+        heading = f"{name} ({measure.unit})"
+        yield Printed(measure.name, heading, ".4g", optional=True, varies=True)
+
+
 PRINTED = (
     Printed("n_i", "n_i", ".4g", si="n_i_rpm"),
     Printed("n_i_rpm", "n_i (rpm)", ".4g", optional=True),
     Printed("omega_xy0", "omega_xy0", ".4g", si="omega_xy0_rpm"),
     Printed("omega_xy0_rpm", "omega_xy0 (rpm)", ".4g", optional=True),
-    Printed("sigma", "sigma", ".4g", varies=True, si="sigma_N_m_s"),
-    Printed("sigma_N_m_s", "sigma (N m s)", ".4g", optional=True, varies=True),
-    Printed("rolling", "rolling", ".4g", varies=True, si="rolling_m"),
-    Printed("rolling_m", "rolling (m)", ".4g", optional=True, varies=True),
+    *_printed_losses(),
     Printed("runs", "runs", "d"),
     Printed("fraction_R", "R"),
     Printed("fraction_SS", "SS"),

@@ -229,17 +229,11 @@ def _horizons(rows: pa.Table, config: Config) -> Floats:
     # on the size of the body.
     if config.bodies.source == "table" or config.settings["t_end"][0].si is not None:
         return np.full(len(rows), np.nan)
-    t_end = np.full(len(rows), np.inf)
-    if horizon.t_rgh is not None:
-        # Launches without t_rGH have NaN, which fmin ignores.
-        t_end = np.fmin(t_end, horizon.t_rgh * floats(rows["t_rgh"]))
-    if horizon.t is not None:
-        t_end = np.minimum(t_end, horizon.t)
+    sigma = None
     if horizon.t_decay is not None:
-        with np.errstate(divide="ignore"):
-            gamma = floats(rows["gamma"])
-            t_end = np.minimum(t_end, horizon.t_decay * gamma / floats(rows["sigma"]))
-    return t_end
+        sigma = floats(rows["sigma"])
+    t_rgh = floats(rows["t_rgh"])
+    return horizon.earliest(horizon.t, t_rgh, floats(rows["gamma"]), sigma)
 
 
 def differing_rows(

@@ -291,7 +291,7 @@ def test_a_trial_that_fails_is_a_bad_point_of_the_search(monkeypatch):
 def test_progress_grows_to_the_end():
     shares = []
     measured = read_film(film(), BODY.units)
-    launch = Launch(BODY, n_i=0.3, omega_xy0=0.03, sigma=4e-3)
+    launch = Launch(BODY, n_i=0.3, omega_xy0=0.03, losses={"sigma": 4e-3})
     fit_run(launch, measured, ["sigma"], shares.append)
     assert len(shares) > 20
     assert 0 <= shares[0] <= shares[-1] <= 1

@@ -97,7 +97,11 @@ def test_the_page_holds_the_columns_and_names_no_address(page):
 
 def test_the_facts_of_a_body_of_known_size_are_in_its_units():
     launch = Launch(
-        KL := rs.Rattleback.kl(), n_i=0.2, omega_xy0=0.02, sigma=1e-3, t_end=150.0
+        KL := rs.Rattleback.kl(),
+        n_i=0.2,
+        omega_xy0=0.02,
+        losses={"sigma": 1e-3},
+        t_end=150.0,
     )
     run = PreparedRun.of(launch)
     facts = dict(show.make_scene(show.course_of(run, None))["facts"])

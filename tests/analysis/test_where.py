@@ -185,15 +185,18 @@ def test_a_condition_runs_no_code(
     assert capsys.readouterr().out == ""
 
 
-@pytest.mark.parametrize("power", ["2" + "**2" * 5, "9**9**9**9", "(10**99)**99**99"])
-def test_a_power_cannot_hang(power: str) -> None:
+def test_a_power_cannot_hang() -> None:
+    powers = ["2" + "**2" * 5, "9**9**9**9", "(10**99)**99**99"]
     # In another process, as Python cannot be interrupted within one operation.
-    code = (
-        "import sys, pyarrow as pa\n"
-        f"from {parse_where.__module__} import parse_where\n"
-        "parse_where(sys.argv[1], pa.schema([('t_r', pa.float64())]))"
-    )
-    command = [sys.executable, "-c", code, f"t_r < {power}"]
+    code = f"""if True:
+        import sys, pyarrow as pa
+        from {parse_where.__module__} import parse_where
+        for power in sys.argv[1:]:
+            try:
+                parse_where("t_r < " + power, pa.schema([("t_r", pa.float64())]))
+            except ValueError as error:
+                print(error)
+    """
+    command = [sys.executable, "-c", code, *powers]
     done = subprocess.run(command, capture_output=True, text=True, timeout=20)
-    assert "ConfigError" in done.stderr
-    assert "exponents are numbers" in done.stderr
+    assert done.stdout.count("exponents are numbers") == len(powers), done.stderr

@@ -2,7 +2,6 @@
 
 import errno
 import json
-import multiprocessing
 import os
 import shutil
 import signal
@@ -10,37 +9,18 @@ import stat
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import kernels
+import fresh
 import numba
 import numpy as np
-import oracle
 import pytest
+from small_kernel import again, forget_folders, load_small
 from sweeping import CONFIGS
 
-from rattlesweep.integrate import compile
-from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.compile import Kernel, is_stored, load_kernels
-from rattlesweep.integrate.follow import Follower
-from rattlesweep.integrate.model import FULL
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate import batch, compile
 
 CONFIG = CONFIGS / "quickstart.yaml"
-
-
-def plus_ten(x):
-    return abs(x) + 10
-
-
-def small(name):
-    return Kernel(plus_ten, (-3,), {})
-
-
-def forget_folders():
-    compile.cache_folder.cache_clear()
-    compile._stored_folder.cache_clear()
 
 
 @pytest.fixture
@@ -55,21 +35,39 @@ def place(monkeypatch, tmp_path):
     forget_folders()
 
 
-def again(name="small"):
-    """Return a kernel's value as in a new process, and whether it was stored before."""
-    compile._loaded.clear()
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory):
+    """A cache in which the small kernel is stored."""
+    cache = tmp_path_factory.mktemp("filled") / "cache"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NUMBA_CACHE_DIR", str(cache))
+        patch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+        patch.setattr(compile, "_loaded", {})
+        assert again() == (13, False)
     forget_folders()
-    stored = is_stored(small, name)
-    return load_kernels((small, name))[0](-3), stored
+    return cache
+
+
+@pytest.fixture
+def stored(place, filled):
+    """A cache in which the small kernel is stored, of this test's own."""
+    shutil.copytree(filled, place)
+    return place
 
 
 def test_a_kernel_is_compiled_by_another_process_and_found_again(place):
-    assert again() == (13, False)
+    heard = []
+    with compile.listening(heard.append):
+        assert again() == (13, False)
+    # The listener hears that it is stored.
+    assert heard == [True]
     # This process has loaded it, and compiled nothing.
-    (compiled,) = load_kernels((small, "small"))
+    compiled = load_small()
     assert (len(compiled.stats.cache_hits), len(compiled.stats.cache_misses)) == (1, 0)
     files = {path: path.read_bytes() for path in place.rglob("*.nb?")}
-    assert again() == (13, True)
+    with compile.listening(heard.append):
+        assert again() == (13, True)
+    assert heard == [True]
     assert {path: path.read_bytes() for path in place.rglob("*.nb?")} == files
     assert len(files) == 2
     assert stat.S_IMODE(compile.cache_folder().stat().st_mode) == 0o700
@@ -77,7 +75,7 @@ def test_a_kernel_is_compiled_by_another_process_and_found_again(place):
 
 FOUND = """
 import json
-from rattlesweep.integrate import compile
+from rattlesweep.integrate import batch, compile
 from rattlesweep.integrate.batch import kernel, load_kernels
 heard = []
 with compile.listening(heard.append):
@@ -91,7 +89,7 @@ print(json.dumps([heard, hits]))
 
 
 def test_the_next_process_finds_all_parts_of_a_kernel():
-    python(FOUND)
+    batch.kernel("dop853", "full")
     heard, hits = json.loads(python(FOUND).stdout)
     assert heard == []
     assert {"work", "attempt", "drive"} <= hits.keys()
@@ -118,8 +116,8 @@ UNSAFE = {
 
 
 @pytest.mark.parametrize("unsafe", UNSAFE)
-def test_an_unsafe_folder_is_neither_read_nor_written(unsafe, place):
-    again()
+def test_an_unsafe_folder_is_neither_read_nor_written(unsafe, stored):
+    assert again() == (13, True)
     folder = compile.cache_folder()
     # Files that must stay as they are.
     files = list(folder.rglob("*.nb?"))
@@ -128,7 +126,7 @@ def test_an_unsafe_folder_is_neither_read_nor_written(unsafe, place):
     assert again() == (13, False)
     folder = compile.cache_folder()
     # The user's own cache is used instead of the one that was named.
-    assert folder.parent == place.parent / "user" / "rattlesweep"
+    assert folder.parent == stored.parent / "user" / "rattlesweep"
     assert [path.read_bytes() for path in files] == before
     assert again() == (13, True)
 
@@ -143,10 +141,8 @@ def test_a_private_temporary_folder_is_removed_with_its_process(tmp_path):
         "TMPDIR": str(temporary),
     }
     code = (
-        "import test_kernel_cache as t; "
-        "first = t.again(); "
-        "(plus_ten,) = t.load_kernels((t.small, 'small')); "
-        "print(first, plus_ten(-4), t.compile.cache_folder())"
+        "import small_kernel as s; "
+        "print(s.again(), s.load_small()(-4), s.compile.cache_folder())"
     )
     done = python(code, **env)
     assert done.returncode == 0, done.stderr
@@ -188,14 +184,6 @@ def test_a_user_without_a_home_compiles_into_a_temporary_folder(place, monkeypat
     assert heard == [False]
 
 
-def test_a_listener_hears_that_kernels_are_stored(place):
-    heard = []
-    with compile.listening(heard.append):
-        again()
-        again()
-    assert heard == [True]
-
-
 def test_an_error_of_numba_is_not_hidden_by_a_slow_start(place, monkeypatch):
     def fail(*args, **kwargs):
         raise AttributeError("this version of Numba has no such method")
@@ -206,9 +194,8 @@ def test_an_error_of_numba_is_not_hidden_by_a_slow_start(place, monkeypatch):
         again()
 
 
-def test_a_damaged_file_is_compiled_again(place):
-    again()
-    (path,) = place.rglob("*.nbc")
+def test_a_damaged_file_is_compiled_again(stored):
+    (path,) = stored.rglob("*.nbc")
     path.write_bytes(path.read_bytes()[:1000])
     assert again()[0] == 13
 
@@ -274,35 +261,12 @@ def text(path):
         return ""
 
 
-def states():
-    batch = kernels.full_batch(oracle.GH, [0.1, -0.2, 0.3], t_end=50.0)
-    out = integrate(batch, METHODS["dop853"], FULL, tol=1e-5, threads=2)
-    return json.dumps([out.y_end.tobytes().hex(), out.n_steps.tolist()])
-
-
-def _states(_):
-    return states()
-
-
-def fork(layer):
-    """Integrate in threads and then in forked processes; called in a fresh process."""
-    before = states()
-    assert numba.threading_layer() == layer
-    with ThreadPoolExecutor(4) as threads:
-        assert set(threads.map(lambda _: states(), range(40))) == {before}
-    with multiprocessing.get_context("fork").Pool(2) as workers:
-        assert workers.map(_states, range(4)) == [before] * 4
-    assert states() == before
-
-
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 @pytest.mark.parametrize(
     "layer", ["omp", pytest.param("workqueue", marks=pytest.mark.slow)]
 )
 def test_threads_and_forked_processes_integrate(layer):
-    done = python(
-        f"import test_kernel_cache as t; t.fork({layer!r})", NUMBA_THREADING_LAYER=layer
-    )
+    done = python(f"import fresh; fresh.fork({layer!r})", NUMBA_THREADING_LAYER=layer)
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -325,24 +289,10 @@ def test_an_impossible_setting_is_reported_in_one_sentence(setting, said, tmp_pa
     assert done.stderr.count("\n") == 1
 
 
-def both():
-    """Print a run with all records and its trajectory; for a fresh process."""
-    batch = kernels.full_batch(oracle.GH, [-0.1], 0.01, t_end=10.0)
-    records = frozenset(["energy", "contact", "windows", "reversals", "lyapunov"])
-    out = integrate(batch, METHODS["dop853"], FULL, threads=1, record=records)
-    follower = Follower(batch, METHODS["dop853"], FULL, attitude=True)
-    samples = follower.at(np.linspace(0.0, 10.0, 7))
-    values = out.y_end, out.n_departure, out.windows, samples.y, samples.extra
-    numbers = np.concatenate([value[np.isfinite(value)] for value in values])
-    print(json.dumps([numbers.tolist(), out.n_steps.tolist(), follower.n_steps]))
-
-
 def test_a_run_can_be_stepped_through_in_python():
-    code = "import test_kernel_cache as t; t.both()"
-    compiled, plain = (python(code, NUMBA_DISABLE_JIT=flag) for flag in "01")
+    plain = python("import fresh; print(fresh.both())", NUMBA_DISABLE_JIT="1")
     assert plain.returncode == 0, plain.stderr
-    (numbers, *steps), (plain_numbers, *same_steps) = (
-        json.loads(p.stdout) for p in (compiled, plain)
-    )
+    numbers, *steps = json.loads(fresh.both())
+    plain_numbers, *same_steps = json.loads(plain.stdout)
     assert same_steps == steps
     np.testing.assert_allclose(plain_numbers, numbers, rtol=0, atol=1e-12)

@@ -287,7 +287,7 @@ def test_extremes_between_the_steps_are_found(method):
     turns = 0
     for k in range(len(n_i)):
         exact = Follower(kernels.take(runs, [k]), DOP853, FULL, tol=1e-12)
-        spin, _, normal, tangential = exact.observe(exact.at(t).y)
+        spin, _, normal, tangential = exact.observe(exact.at(t))
         ratio = (tangential / normal).max()
         assert normal.min() > 0
         assert out.contact_ratio_max[k] == pytest.approx(ratio, rel=2e-5)
@@ -322,7 +322,8 @@ def test_a_run_ends_at_the_limit_of_its_model(monkeypatch):
     assert out.n_end[[0, 2]] == pytest.approx([0.05, 0.05], abs=1e-14)
     # No zero comes before, and a run that starts at the limit goes on from there.
     t = np.linspace(0, out.t_end[0], 20_001)[:-1]
-    spin, *_ = follower.observe(Follower(kernels.take(runs, [0]), DOP853, FULL).at(t).y)
+    again = Follower(kernels.take(runs, [0]), DOP853, FULL)
+    spin, *_ = follower.observe(again.at(t))
     assert (spin > 0.05).all()
     rest = dataclasses.replace(kernels.take(runs, [0]), y0=out.y_end[:1])
     (t_r,) = integrate(rest, DOP853, FULL, tol=1e-12).t_r

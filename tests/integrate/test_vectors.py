@@ -76,9 +76,8 @@ def test_runs_go_on_past_the_side_as_the_oracle_says():
     assert (out.status == Status.OK).all()
     assert abs(out.energy_drift).max() < 1e-6
     k = int(np.argmin(out.t_r))
-    body = {
-        name: getattr(launches.bodies, name)[rows[k]] for name in (*PARAMETERS, "c")
-    }
+    columns = vars(launches.bodies) | launches.bodies.further
+    body = {name: columns[name][rows[k]] for name in (*PARAMETERS, "c")}
     u, omega = full.to_vectors(batch.y0[rows[k]])
     found = stone_oracle.follow(body, u, omega, 1.01 * out.t_r[k], tol=1e-11)
     assert found.y[2].max() > 0

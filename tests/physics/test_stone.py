@@ -8,7 +8,7 @@ from mpmath import mp
 from stones import constants_of, of_model, random_bodies
 
 from rattlesweep.integrate.model import ELLIPSOID, FRICTION
-from rattlesweep.physics import full
+from rattlesweep.physics import full, stone
 
 MODELS = [ELLIPSOID, *FRICTION.values()]
 
@@ -51,6 +51,25 @@ def test_equations_are_those_of_mechanics(model):
         )
         r, _ = stone_oracle.contact(u, du, body)
         np.testing.assert_allclose([p + fx, q_slope + fy, 1 - rise], r, atol=1e-12)
+
+
+@pytest.mark.parametrize("model", FRICTION.values(), ids=lambda model: model.name)
+def test_the_cheaper_form_of_a_law_is_that_of_its_couples(model):
+    for body, u, omega, sigma, rolling in random_bodies(40, 3):
+        body, sigma, rolling = of_model(model, body, sigma, rolling)
+        state = *map(float, full.from_vectors(u, omega)), 0.3
+        q = [float(x) for x in constants_of(model, body, sigma, rolling)]
+        wanted = model.rhs(*state, *q)
+        got = stone.rhs_of_couples(
+            model.law.couples,
+            model.surface.contact,
+            state,
+            tuple(q[:3]),
+            tuple(q[3:7]),
+            tuple(q[7:]),
+        )
+        scale = 1 + np.abs(wanted).max()
+        np.testing.assert_allclose(got, wanted, rtol=0, atol=2e-12 * scale)
 
 
 @pytest.mark.parametrize(

@@ -164,7 +164,8 @@ def test_samples_of_a_group_differ_in_one_parameter_each(semi_axis):
     group = n + 2
     design = plan(drawn(group * 512, draw="saltelli", **semi_axis))
     b = design.source.bodies(math.nan, np.arange(group * 40))
-    values = np.array([getattr(b, name) for name in names]).reshape(n, 40, group)
+    columns = vars(b) | b.further
+    values = np.array([columns[name] for name in names]).reshape(n, 40, group)
     first = values[:, :, 0]
     second = values[:, :, 1]
     mixed = values[:, :, 2:]

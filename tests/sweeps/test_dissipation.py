@@ -169,8 +169,8 @@ def test_what_all_rows_share_is_that_of_the_config(tmp_path):
     two = table(tmp_path, f"{HEAD},sigma", f"{ROW},0.1", f"{ROW},0.2")
     both = plan_of(two, dissipation={"sigma": 7, "rolling": [0, 0.01]})
     launches, _ = prepared(both)
-    assert launches.sigma.tolist() == [0.1, 0.2, 0.1, 0.2]
-    assert launches.rolling.tolist() == [0, 0, 0.01, 0.01]
+    assert launches.losses["sigma"].tolist() == [0.1, 0.2, 0.1, 0.2]
+    assert launches.losses["rolling"].tolist() == [0, 0, 0.01, 0.01]
 
 
 # name: (column and value of a table, its config, words)

@@ -24,7 +24,7 @@ GRID = {"source": "grid", "base": {"preset": "GH"}}
 
 def c_of(bodies: dict[str, Any], **others: Any) -> Any:
     plan = plan_of({"bodies": bodies, "spin": SPIN, **others})
-    return plan.source.bodies(np.nan, np.arange(plan.samples)).c
+    return plan.source.bodies(np.nan, np.arange(plan.samples)).further.get("c")
 
 
 def test_drawn_bodies_have_semi_axes_from_their_range_and_stay_the_same_otherwise():

@@ -15,6 +15,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.body import PARAMETERS as BODY
+from rattlesweep.quantities import LOSSES
 from rattlesweep.sweeps.launches import Launch
 
 STEP = 3e-6  # of the central differences, relative to the scale of a parameter
@@ -33,8 +34,10 @@ PARAMETERS = {
     "n_i": Parameter("sqrt(g/a)", -10, 10, "initial spin"),
     "omega_xy0": Parameter("sqrt(g/a)", 1e-9, 10, "initial oscillation"),
     "psi_deg": Parameter("deg", -360, 360, "direction of the initial oscillation"),
-    "sigma": Parameter("M a^2 sqrt(g/a)", 0, 10, "torque -sigma omega"),
-    "rolling": Parameter("a", 0, 1, "lever of the rolling resistance"),
+    **{
+        name: Parameter(loss.unit, loss.low, loss.most_fitted, loss.meaning)
+        for name, loss in LOSSES.items()
+    },
     "skew": Parameter("rad", -math.pi / 2, math.pi / 2, "skew angle, -xi"),
     "xi": Parameter("rad", -math.pi / 2, math.pi / 2, "skew angle"),
     "theta": Parameter("1", 0, 1, "larger curvature"),
@@ -128,7 +131,9 @@ class Problem:
             changes["psi"] = changes.pop("psi_deg")
         of_body = {name: changes.pop(name) for name in (*BODY, "c") if name in changes}
         body = self.launch.body.replace(**of_body)
-        return replace(self.launch, body=body, **changes)
+        losses = {name: changes.pop(name) for name in LOSSES if name in changes}
+        losses = {**self.launch.losses, **losses}
+        return replace(self.launch, body=body, losses=losses, **changes)
 
     def expected(self, x: Floats) -> Floats:
         """Return the values without noise; angles start from the best first direction.

@@ -17,6 +17,7 @@ from rattlesweep.analysis.fit.result import Fit
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.theory import modes
+from rattlesweep.quantities import DAMPING, LOSSES
 from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.launches import Launch
 from rattlesweep.text import counted
@@ -227,8 +228,12 @@ def _result(problem: Problem, best: Search, remarks: list[str]) -> Fit:
         )
     final = problem.launched(best.x)
     launch: dict[str, Any] = {}
-    for name in ("n_i", "omega_xy0", "psi", "omega", "u", "sigma", "rolling"):
+    for name in ("n_i", "omega_xy0", "psi", "omega", "u"):
         value = getattr(final, name)
+        if value is not None:
+            launch[name] = value
+    for name, loss in LOSSES.items():
+        value = final.losses.get(name, loss.default)
         if value is not None:
             launch[name] = value
     unit = film.value_column.unit
@@ -266,13 +271,15 @@ def _first_values(
         "n_i": [spin],
         "omega_xy0": [share * abs(spin) for share in (0.01, 0.03, 0.1, 0.3)],
         "psi_deg": [psi_deg],
-        "sigma": [share * decay for share in (0.03, 0.1, 0.3)],
-        "rolling": [1e-4, 1e-3],
         "skew": [-body.xi],
     }
+    for name, loss in LOSSES.items():
+        size = decay if loss.unit == DAMPING else 1.0
+        guesses[name] = [size * value for value in loss.first_values]
     first_values = {}
     for name in free:
-        value = getattr(launch, name, None) or getattr(body, name, None)
+        value = launch.losses.get(name) or getattr(launch, name, None)
+        value = value or getattr(body, name, None)
         if value:
             first_values[name] = [value]
         else:

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rattlesweep.analysis.derived import si_of
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, reduced
 from rattlesweep.physics.full import quaternion
-from rattlesweep.physics.readings import contact_point, mode_energies
+from rattlesweep.physics.readings import contact_of, contact_point, mode_energies
 from rattlesweep.quantities import ENERGY, FORCE, LENGTH, RATE, TIME
 from rattlesweep.sweeps.config import not_one_of
 
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
 FULL = ("full",)
 BOTH = ("full", "reduced")
-SPINS = ("n", "n_reduced", "n_gh")  # in SI units they are in rpm
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class View:
     @cached_property
     def observed(self) -> Floats:
         """Spin, energy minus work, normal and tangential force, shape (4, times)."""
-        return self.follower.observe(self.samples.y)
+        return self.follower.observe(self.samples)
 
     @property
     def work(self) -> Floats:
@@ -78,6 +78,9 @@ class View:
     @property
     def contact(self) -> Floats:
         """The contact point from the centre of mass, shape (3, times)."""
+        surface = self.follower.model.surface
+        if surface is not None and not surface.quadric:
+            return contact_of(surface, *self.slopes, self.constants)
         point = contact_point(*self.slopes, self.constants)
         if not self.is_anywhere:
             return point
@@ -279,10 +282,7 @@ def in_si(channels: Iterable[Channel], units: Units | None) -> dict[str, Channel
         # Pure numbers have no size, and without a mass neither have forces.
         if channel.unit not in sizes or not math.isfinite(sizes[channel.unit][0]):
             continue
-        size, unit = sizes[channel.unit]
-        if channel.name in SPINS:
-            size *= 30 / math.pi
-            unit = "rpm"
+        size, unit = si_of(channel.name, channel.unit, units)
         name = f"{channel.name}_{unit.replace('/', '_')}"
         in_si[channel.name] = replace(channel, name=name, unit=unit, size=size)
     return in_si

@@ -27,15 +27,17 @@ from rattlesweep.integrate.follow import Follower, Samples
 from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.quantities import DAMPING, LENGTH
+from rattlesweep.quantities import LOSSES
 from rattlesweep.sweeps import columns
 from rattlesweep.sweeps.columns import build_table
 from rattlesweep.sweeps.files import streamed_file
 from rattlesweep.sweeps.launches import (
     Launch,
+    make_batch,
     model_of,
+    plan_of,
+    prepare,
     reduced_batch,
-    single_run,
     with_energies,
 )
 
@@ -54,7 +56,7 @@ LEAST_ROWS = 2001
 MOST_ROWS = 10**8
 BESIDE_TOL = 1e-10  # of the reduced model, which differs from the full one by far more
 # Letters of the parameters in a title.
-LETTERS = {"alpha": "α", "beta": "β", "gamma": "γ", "theta": "θ", "phi": "φ", "c": "c"}
+LETTERS = {"alpha": "α", "beta": "β", "gamma": "γ", "theta": "θ", "phi": "φ"}
 LIFTS = (
     "contact would be lost at t = {:.4g}, where the normal force becomes negative; the "
     "model keeps the body on the plane all the same"
@@ -88,7 +90,14 @@ class PreparedRun:
 
     @classmethod
     def of(cls, launch: Launch) -> PreparedRun:
-        return cls(*single_run(launch), launch.body.units, (launch.e_p0, launch.e_r0))
+        plan = plan_of(launch)
+        first = np.zeros(1, np.int64)
+        launches = prepare(plan, first, first)
+        energies = launch.e_p0, launch.e_r0
+        batch = make_batch(launches, launch.model)
+        if batch is not None and launch.model == "reduced":
+            batch = with_energies(batch, *energies)
+        return cls(plan.config, launches, batch, launch.body.units, energies)
 
     @property
     def model(self) -> str:
@@ -102,8 +111,9 @@ class PreparedRun:
     def body(self) -> dict[str, float]:
         bodies = self.launches.bodies
         body = {name: float(getattr(bodies, name)[0]) for name in PARAMETERS}
-        if bodies.c is not None and np.isfinite(bodies.c[0]):
-            body["c"] = float(bodies.c[0])
+        for name, values in bodies.further.items():
+            if np.isfinite(values[0]):
+                body[name] = float(values[0])
         return body
 
     @cached_property
@@ -123,9 +133,9 @@ class PreparedRun:
     def title(self) -> str:
         """The run in one line."""
         texts = [
-            f"{letter} {self.body[name]:.4g}"
-            for name, letter in LETTERS.items()
-            if name in self.body
+            f"{LETTERS.get(name, name)} {value:.4g}"
+            for name, value in self.body.items()
+            if name != "xi"
         ]
         size = 1.0
         unit = "√(g/a)"
@@ -150,12 +160,10 @@ class PreparedRun:
     def losses(self) -> str:
         """The losses that are not zero, as text."""
         losses = []
-        for name, unit, values in (
-            ("σ", DAMPING, self.launches.sigma),
-            ("rolling", LENGTH, self.launches.rolling),
-        ):
-            if values is not None and values[0] > 0:
-                losses.append(f"{name} {self.with_unit(values[0], unit)}")
+        for name, values in self.launches.losses.items():
+            if values[0] > 0:
+                loss = LOSSES[name]
+                losses.append(f"{loss.letter} {self.with_unit(values[0], loss.unit)}")
         return ", ".join(losses)
 
     def with_unit(self, value: float, unit: str) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
+from rattlesweep.physics import surface as surfaces
 from rattlesweep.quantities import RATE, TIME
 
 COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r")
@@ -52,6 +53,11 @@ def course_of(
     if run.model != "full":
         raise ConfigError(
             f"the model {run.model} has no moving body; show needs the full one"
+        )
+    surface = surfaces.SURFACES[run.config.bodies.bottom]
+    if not surface.quadric:
+        raise ConfigError(
+            f"the surface {surface.name} cannot be drawn; use trajectory instead"
         )
     if points is None:
         points = run.even_rows(PER_PERIOD, FEWEST_ROWS, MOST_ROWS, from_time)

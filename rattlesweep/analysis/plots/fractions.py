@@ -32,7 +32,7 @@ class Fractions(Picture):
     panel = (1.7, 1.6)
 
     def arrange(self) -> Arrangement:
-        """Put the oscillation, if there are two more axes, on the rows of panels."""
+        """Make the oscillation, or else one of several further axes, the rows."""
         first, *rest = ordered(self.layout, self.x, ENOUGH)
         rest.sort(key=lambda name: (name != "omega_xy0", name not in LAUNCH))
         rows = 0
@@ -49,7 +49,8 @@ class Fractions(Picture):
         for axes, place in panels:
             self._stack(axes, place, entries)
             if np.isfinite(bondi).any():
-                (entries[BEYOND],) = axes.plot(
+                # Measured from the top, where steady spinning is stacked.
+                [triangles] = axes.plot(
                     x.values,
                     1 - within(bondi, place),
                     "k^",
@@ -60,6 +61,7 @@ class Fractions(Picture):
                     markeredgewidth=0.5,
                     zorder=5,
                 )
+                entries[BEYOND] = triangles
             scale(axes, "x", x, log)
             if len(x.values) < FEW:
                 _tick_each(axes, x)
@@ -124,6 +126,7 @@ def _tick_each(axes: Axes, x: Axis) -> None:
     """Write each value at the abscissa, upright if there is not enough room."""
     texts = [f"{value:.4g}".replace("-", "−") for value in x.values]
     grid: Any = axes.get_gridspec()
+    # In points; a letter is about 7 points wide.
     width = 72 * grid.figure.get_figwidth() / grid.ncols
     letter = 0.75 * float(mpl.rcParams["font.size"])
     crowded = letter * len("  ".join(texts)) > width

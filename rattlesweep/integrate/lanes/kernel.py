@@ -8,8 +8,9 @@ run has ended takes the next run from a queue that all threads share.  The arith
 a run depends on its own numbers alone, so it yields the same bits in any lane, thread
 and batch.
 
-``attempt`` is compiled for each method and model, :func:`decide_closely` once for all
-models.  Both are called by their addresses (``parts``).  Sweeps (:func:`work`) and
+``attempt`` is compiled for each method and model, ``slide_lanes`` for each model that
+slides, :func:`decide_closely` once for all models.  They are called by their addresses
+(``parts``).  Sweeps (:func:`work`) and
 trajectories (`follow.record_steps`) are made of the same turns: :func:`try_step`,
 :func:`look_closer` at the lanes that are due, :func:`commit`.
 """
@@ -44,8 +45,9 @@ from rattlesweep.integrate.status import Status
 OK, NONFINITE = int(Status.OK), int(Status.NONFINITE)
 STEP_LIMIT, STEP_TOO_SMALL = int(Status.STEP_LIMIT), int(Status.STEP_TOO_SMALL)
 LIMIT = int(Status.LIMIT)
-# Indices into ``parts``: the addresses of ``attempt`` and of :func:`decide_closely`.
-ATTEMPT, DECIDE, PARTS = 0, 1, 2
+# Indices into ``parts``: the addresses of ``attempt``, of :func:`decide_closely` and,
+# for a model that slides, of :func:`slides.slide_lanes`.
+ATTEMPT, DECIDE, SLIDE = 0, 1, 2
 # Stages of :func:`decide_closely`: the zeros in a step tried, those after the zero at
 # which it ends, the extremes in a step that is to be taken.
 ZEROS, AFTER_ZERO, PEAKS = 0, 1, 2
@@ -232,7 +234,7 @@ def watch(problem, w, recording):
         if lane.accept == 0.0:
             continue
         if recorded(recording.energy) and lane.energy0 > 0.0:
-            off = abs(runs.energy_at(lane, lane.y1) - lane.energy0)
+            off = abs(problem.hooks.energy(lane) - lane.energy0)
             lane.drift_max = max(lane.drift_max, off / lane.energy0)
         if recorded(recording.contact):
             runs.note_contact(lane)
@@ -268,6 +270,10 @@ def try_step(problem, parts, w, options, recording):
         runs.observe_limit(problem, w)
     if recorded(recording.contact):
         runs.observe_contact(problem, w)
+    if problem.slides:
+        # Lanes that slide replace what was done to them.
+        arguments = problem, w, options[SCALE], recorded(recording.contact)
+        call(parts[SLIDE], arguments)
     if recorded(recording.reversals):
         runs.observe_spin(problem, w)
     return decide(problem, w, options[FIXED_STEP], options[MOST_STEPS])
@@ -276,6 +282,18 @@ def try_step(problem, parts, w, options, recording):
 @njit(**INNER)
 def look_closer(problem, parts, w, l, max_steps, recording):
     """Decide on the step tried on lane ``l``, which is due; return a status and a move.
+
+    Where a model slides, the lane changes between rolling and sliding.
+    """
+    status, move = search_closely(problem, parts, w, l, max_steps, recording)
+    if move != HOLD:
+        status = problem.hooks.change(lane_of(problem, w, l), status)
+    return status, move
+
+
+@njit(**INNER)
+def search_closely(problem, parts, w, l, max_steps, recording):
+    """Search the step tried on lane ``l``; return a status and a move.
 
     If reversals are recorded, a run goes on after a zero of the spin.
     """

@@ -176,6 +176,18 @@ call = _calling(types.none)
 call_for_pair = _calling(types.UniTuple(types.intp, 2))
 
 
+class Slip(NamedTuple):
+    """Sliding of the contact point on the plane, in the body's units.
+
+    A body slides while the speed is positive; where a slide begins, it is the smallest
+    positive number.
+    """
+
+    speed: float
+    angle: float  # direction in the plane, from the horizontal part of the x axis
+    work: float  # of sliding friction since the launch, negative
+
+
 class Point(NamedTuple):
     """A function of the state at a point of a step."""
 
@@ -185,6 +197,7 @@ class Point(NamedTuple):
 
 
 # Kinds of fields of a lane; all numbers are doubles.
+RECORDS = {"Point": Point, "Slip": Slip}
 Number = float
 Flag = float  # 1 or 0
 State = tuple[float, ...]  # as many numbers as the state of the model
@@ -284,6 +297,16 @@ class Fields:
     ratio_max: Number
     normal_min: Number
 
+    # Slides; used by models that slide.
+    slip: Slip  # at the start of the step
+    slip1: Slip  # at its end
+    mu: Number  # coefficient of friction
+    slides: Number  # number of slides so far
+    t_slide: Number  # begin of the first one
+    t_begin: Number  # begin of the last one
+    slide_time: Number  # time spent in those that have ended
+    h_rolling: Number  # size of the step before the last slide
+
     # Reversals; times are -1 for none.
     t_zero: Number  # first zero of the spin
     t_pending: Number  # first zero since the spin was last far
@@ -334,7 +357,7 @@ class Layout:
         for name, kind in Fields.__annotations__.items():
             self.fields[name] = self.stages, _type_of(kind, numbers.get(kind, 1))
             setattr(self, name, self.stages)
-            self.stages += 3 if kind == "Point" else numbers.get(kind, 1)
+            self.stages += 3 if kind in RECORDS else numbers.get(kind, 1)
 
     if TYPE_CHECKING:
 
@@ -352,8 +375,8 @@ def _type_of(kind: str, count: int) -> types.Type:
     """Return the Numba type of a kind of field."""
     if kind in ("Number", "Flag"):
         return types.float64
-    if kind == "Point":
-        return types.NamedUniTuple(types.float64, 3, Point)
+    if kind in RECORDS:
+        return types.NamedUniTuple(types.float64, 3, RECORDS[kind])
     return types.UniTuple(types.float64, count) if count else types.Tuple(())
 
 
@@ -366,6 +389,14 @@ class Hooks:
     finish: Callable[..., None]
     advance: Callable[..., None]
     limit: Callable[..., Point]
+    # At the end of the step: the energy minus the work of friction, and this work.
+    energy: Callable[..., float]
+    work: Callable[..., float]
+    # After a step that is taken, with a status: what the lane changes to.
+    change: Callable[..., int]
+    # observe(model, y, slip, constants, mu): energy minus work, normal and tangential
+    # force
+    observe: Callable[..., tuple[float, float, float]]
 
 
 class Problem:
@@ -391,7 +422,8 @@ class Problem:
             # State, constants and probe of an empty lane.
             state, constants = (1.0,) * model.n_state, (1.0,) * model.n_constants
             self.idle = state, constants, (0.0,) * model.n_probe
-            self.limited = model.limit is not None
+            self.slides = model.slide is not None
+            self.limited = self.slides or model.limit is not None
         self.model = model
         self.hooks = hooks
         self.name = f"{model.name if model else 'any'}_"
@@ -510,7 +542,9 @@ class Lane(Fields):
             number: float = cells[row]
             return number
         values = tuple(cells[row : row + len(kind)])
-        return Point(*values) if isinstance(kind, types.NamedUniTuple) else values
+        return (
+            kind.instance_class(*values) if hasattr(kind, "instance_class") else values
+        )
 
     def __setattr__(self, name: str, value: float | tuple[float, ...]) -> None:
         row, kind = self.problem.layout.fields[name]

@@ -6,6 +6,7 @@ whose bits are then the same as without a tangent.
 """
 
 # mypy: ignore-errors
+from dataclasses import replace
 from math import isfinite, log, nan, sqrt
 from typing import NamedTuple
 
@@ -116,6 +117,32 @@ def recorded(array):
 def energy_at(lane, y):
     """Return the energy of a lane's body in the state ``y``."""
     return lane.problem.model.energy(*(y + lane.constants))
+
+
+@njit(**INNER)
+def energy_after(lane):
+    """Return the energy at the end of the step just tried."""
+    return energy_at(lane, lane.y1)
+
+
+@njit(**INNER)
+def work_after(lane):
+    """Return the work of friction until the end of the step, which is negative."""
+    # With friction, the last component of the state.
+    return lane.y1[-1]
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def observe(model, y, slip, constants, mu):
+    """Return the energy minus the work, and the normal and tangential force."""
+    normal, tangential = model.contact(*(y + constants))
+    return model.energy(*(y + constants)), normal, tangential
+
+
+@njit(**INNER)
+def unchanged(lane, status):
+    """Return the status; the lane goes on as it is."""
+    return status
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -229,6 +256,12 @@ def no_limit(lane, h, y, f):
     return Point(h, 1.0, 0.0)
 
 
+@scalar
+def below(point):
+    """Return a point of the function with a minus sign."""
+    return Point(point.h, -point.value, -point.rate)
+
+
 @njit(fastmath=FASTMATH, **INNER)
 def observe_limit(problem, w):
     """Compute the limit of the model at the end of the step tried on every lane."""
@@ -239,7 +272,7 @@ def observe_limit(problem, w):
         start = lane.limit0
         lane.limit1 = end
         # It may dip below zero between two positive ends.
-        dips = (start.rate < 0.0) & (end.rate > 0.0)
+        dips = may_peak(below(start), below(end), 0.0)
         leaves = 1.0 if dips | (end.value <= 0.0) else 0.0
         lane.leaves = leaves
         lane.watched += leaves
@@ -296,8 +329,9 @@ def note_contact(lane):
 @njit(**INNER)
 def is_dead(lane):
     """Return whether too little energy is left for a reversal at the step's end."""
-    # With friction the last component of the state is the work, which is negative.
-    return lane.dead > 0.0 and 1.0 + lane.y1[-1] / lane.energy0 < lane.dead
+    if lane.dead == 0.0:
+        return False
+    return 1.0 + lane.problem.hooks.work(lane) / lane.energy0 < lane.dead
 
 
 @njit(**INNER)
@@ -408,13 +442,14 @@ def hold_back(lane):
     lane.rate1 = lane.rate0
     lane.amplitude = lane.a_max
     lane.root = lane.root0
+    lane.slip1 = lane.slip
 
 
 @njit(**INNER)
 def finish(lane, status, reversal, t, run, result, counts, recording):
     """Store the results of a run that ends with the step just tried, at time ``t``."""
     energy0 = lane.energy0
-    drift = (energy_at(lane, lane.y1) - energy0) / energy0
+    drift = (lane.problem.hooks.energy(lane) - energy0) / energy0
     if status in (OK, LIMIT) and not abs(drift) <= MAX_ENERGY_DRIFT:
         status = ENERGY if isfinite(drift) else NONFINITE
     n = lane.n1
@@ -548,7 +583,23 @@ def finish_both(lane, status, reversal, t, run, result, counts, recording):
 
 def hooks_of(model: Model) -> Hooks:
     """Return the functions that differ between models."""
-    limit = no_limit if model.limit is None else limit_point
+    hooks = Hooks(
+        start=start,
+        pass_marks=pass_marks,
+        finish=finish,
+        advance=advance,
+        limit=no_limit if model.limit is None else limit_point,
+        energy=energy_after,
+        work=work_after,
+        change=unchanged,
+        observe=observe,
+    )
     if model.rate is None:
-        return Hooks(start, pass_marks, finish, advance, limit)
-    return Hooks(start_both, pass_marks_both, finish_both, advance_both, limit)
+        return hooks
+    return replace(
+        hooks,
+        start=start_both,
+        pass_marks=pass_marks_both,
+        finish=finish_both,
+        advance=advance_both,
+    )

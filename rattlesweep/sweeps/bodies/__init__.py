@@ -1,6 +1,9 @@
 """Bodies of runs, and the interface of sources of bodies."""
 
-from dataclasses import dataclass, field
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from typing import Any, Protocol
 
 import pyarrow as pa
@@ -8,6 +11,7 @@ from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.physics.si import Units
+from rattlesweep.quantities import LOSSES, SURFACE_CONSTANTS
 
 
 @dataclass(frozen=True)
@@ -15,9 +19,8 @@ class Bodies:
     """Bodies of some runs, with the launches, horizons and dissipation that a table
     gives.
 
-    Where these are None, and where `t_end` is NaN, the config applies.  `f_sd` is NaN
-    unless the body is a shell-dumbbell, `c` is NaN for a paraboloid.  `carried` has
-    further columns of runs.
+    Where these are None or missing, and where `t_end` is NaN, the config applies.
+    `f_sd` is NaN unless the body is a shell-dumbbell.
     """
 
     alpha: Floats
@@ -27,17 +30,32 @@ class Bodies:
     phi: Floats
     xi: Floats
     f_sd: Floats
-    c: Floats | None = None
+    # Further constants of the surface by name, NaN for a paraboloid.
+    further: dict[str, Floats] = field(default_factory=dict)
     n_i: Floats | None = None
     omega_xy0: Floats | None = None
     psi: Floats | None = None
     t_end: Floats | None = None
     omega: Floats | None = None
     u: Floats | None = None
-    sigma: Floats | None = None
-    rolling: Floats | None = None
+    # Constants of dissipation by name.
+    losses: dict[str, Floats] = field(default_factory=dict)
     units: Units | None = None
+    # Further columns of runs.
     carried: dict[str, NDArray[Any]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, columns: Mapping[str, Floats], **others: Any) -> Bodies:
+        """Return the bodies of columns, and what else is known of them."""
+        known: dict[str, Any] = {
+            name: columns[name] for name in columns if name in _COLUMNS
+        }
+        further = {name: columns[name] for name in SURFACE_CONSTANTS if name in columns}
+        losses = {name: columns[name] for name in LOSSES if name in columns}
+        return cls(**known, further=further, losses=losses, **others)
+
+
+_COLUMNS = {each.name for each in fields(Bodies)}
 
 
 class Source(Protocol):

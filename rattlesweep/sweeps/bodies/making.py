@@ -1,4 +1,4 @@
-"""One body from a mapping: of a preset, a shape, SI units, or parameters."""
+"""One body from a mapping of keys and values, as in a fit's file or in options."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -6,6 +6,7 @@ from inspect import signature
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
+from rattlesweep.quantities import ANGLES
 from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.units import require_unit
 
@@ -27,8 +28,6 @@ KINDS = {
 }
 # Keys that choose how a body is made.
 WAYS = ("preset", "shape", "mass", "f_sd")
-ANGLES = {"xi_deg": 1, "minus_xi_deg": -1}
-"""Keys for the skew angle in degrees, and their signs."""
 
 
 def body_from(
@@ -53,15 +52,19 @@ def body_from(
         unit, as a person who writes ``mass: 60`` may mean grams.
     """
     values = _with_skew_in_radians(dict(values), spelled)
-    name, make = _maker(values)
+    way, make = _maker(values)
+    # The keys that may be given, and whether they must: the arguments of the function,
+    # but for the `units` of a Rattleback, which no text or number can stand for.
     required = {
         key: parameter.default is parameter.empty
         for key, parameter in signature(make).parameters.items()
-        if key not in ("parameters", "units")
+        if key != "units"
     }
-    if name == "preset":
+    if way == "preset":
+        # `replace` names no arguments of its own.
         required = dict.fromkeys((*PARAMETERS, "c"), False)
-    if name == "f_sd":
+    if way == "f_sd":
+        # A shell-dumbbell body gets its c afterwards.
         required["c"] = False
     for key in values:
         if key not in required:
@@ -74,12 +77,12 @@ def body_from(
                 *ways, last = map(spelled, WAYS)
                 sentence += f", or give {', '.join(ways)} or {last}"
             raise ConfigError(sentence)
-    if name in ("shape", "mass") and not in_si:
+    if way in ("shape", "mass") and not in_si:
         for key, value in values.items():
             if key in KINDS:
                 require_unit(spelled(key), value, KINDS[key])
     semi_axis = None
-    if name == "f_sd":
+    if way == "f_sd":
         semi_axis = values.pop("c", None)
     try:
         body = make(**values)
@@ -91,9 +94,10 @@ def body_from(
 
 
 def _maker(values: dict[str, object]) -> tuple[str, Callable[..., Rattleback]]:
-    """Return the key that chooses how a body is made, and the function that makes it.
+    """Return which of `WAYS` the keys choose, and the function that makes the body.
 
-    Keys that are no arguments of this function are removed.
+    Keys that are no arguments of this function are removed from `values`.  Without any
+    of `WAYS`, the keys are those of a :class:`Rattleback`.
     """
     if "preset" in values:
         return "preset", preset_of(values.pop("preset"), "preset").replace

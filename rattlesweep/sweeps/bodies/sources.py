@@ -34,8 +34,8 @@ from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.physics import body, si, theory
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
 from rattlesweep.physics.si import half_ellipsoid
+from rattlesweep.quantities import ANGLES, SURFACE_CONSTANTS, SURFACES
 from rattlesweep.sweeps.bodies import Bodies, Source
-from rattlesweep.sweeps.bodies.making import ANGLES
 from rattlesweep.sweeps.bodies.table import TableBodies, read_bodies, run_fields
 from rattlesweep.sweeps.columns import MEASURED
 from rattlesweep.sweeps.config.schema import (
@@ -46,6 +46,7 @@ from rattlesweep.sweeps.config.schema import (
     ShapeSource,
     TableSource,
     Target,
+    of_preset,
 )
 
 # Units of the sizes of a shape in the names of columns.
@@ -81,25 +82,28 @@ def _grid_bodies(config: Config, bodies: PresetSource | GridSource) -> GridBodie
         preset: str | None = bodies.name
         parameters = dict(bodies.overrides.parameters)
         axes: dict[str, Floats] = {}
-        semi_axis = bodies.c
     else:
         where = "bodies.axes"
         preset = bodies.base.preset
         parameters = dict(bodies.base.parameters)
         axes = {name: np.array(x, float) for name, x in bodies.varying.items()}
-        # Several values of the key c are an axis.
-        semi_axis = None if bodies.c is None else bodies.c[0]
     units: si.Units | None = None
     if preset is not None:
         known = PRESETS[preset]()
-        parameters = {name: getattr(known, name) for name in PARAMETERS} | parameters
-        if semi_axis is None:
-            semi_axis = known.c
+        names = [*PARAMETERS, *of_preset(preset)]
+        parameters = {name: getattr(known, name) for name in names} | parameters
         # Runs get columns in SI units if the config uses them.
         if config.in_si:
             units = known.units
-    if semi_axis is not None and bodies.ellipsoidal:
-        parameters["c"] = semi_axis
+    constant = SURFACES[bodies.bottom]
+    parameters = {
+        name: value
+        for name, value in parameters.items()
+        if name not in SURFACE_CONSTANTS or name == constant
+    }
+    if constant is not None and bodies.constant(constant) is not None:
+        # Several values of the key are an axis, which replaces the first.
+        parameters[constant] = np.ravel(bodies.constant(constant))[0]
     for name, sign in ANGLES.items():
         if name in axes:
             axes["xi"] = sign * np.radians(axes.pop(name))
@@ -116,10 +120,9 @@ def _check(bodies: Bodies, where: str, sizes: dict[str, Floats] | None = None) -
 
     Of several bodies, the message names the first by its `sizes`, or its parameters.
     """
-    columns = {name: getattr(bodies, name) for name in PARAMETERS}
-    if bodies.c is not None:
-        columns["c"] = bodies.c
-    for place, message in violations(**columns):
+    parameters = {name: getattr(bodies, name) for name in PARAMETERS}
+    columns = parameters | bodies.further
+    for place, message in violations(**parameters, c=bodies.further.get("c")):
         which = ""
         if len(bodies.alpha) > 1:
             shown = sizes or columns
@@ -157,7 +160,7 @@ class GridBodies:
         if "alpha" not in columns:
             alpha, beta = shell_dumbbell(columns["gamma"], columns["f_sd"])
             columns |= {"alpha": alpha, "beta": beta}
-        return Bodies(**columns, units=self._units)  # type: ignore[arg-type]
+        return Bodies.of(columns, units=self._units)
 
 
 class ShapeBodies:
@@ -195,8 +198,8 @@ class ShapeBodies:
         carried = {"mass_kg": mass, "height_m": height}
         for name in self._source.drawn:
             carried[f"shape_{name}_{SIZES[name]}"] = sizes[name]
-        return Bodies(
-            **parameters,
+        return Bodies.of(
+            parameters,
             f_sd=np.full(mass.shape, np.nan),
             units=si.Units(mass, height),
             carried=carried,
@@ -215,6 +218,7 @@ class SdBodies:
         self._seed = seed
         self._source = source
         self._ranges = ranges_of(source)
+        self._constant = SURFACES[source.bottom]
         self._chunk = lru_cache(maxsize=64)(self._draw_chunk)
 
     def __reduce__(self) -> tuple[type[SdBodies], tuple[int, SdSource]]:
@@ -232,7 +236,8 @@ class SdBodies:
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some samples for their targets, in any order."""
         if self._source.target is None and self._source.draw == "random":
-            return bodies_at(draw_points(self._seed, sample), self._ranges)
+            points = draw_points(self._seed, sample)
+            return bodies_at(points, self._ranges, self._constant)
         # Draws for a target are slow, and a sequence is made in order: both go by whole
         # chunks.
         points = np.empty((6, len(sample)))
@@ -243,7 +248,7 @@ class SdBodies:
         for value, number in wanted:
             rows = (values == value) & (chunks == number)
             points[:, rows] = self._chunk(value, number)[:, places[rows]]
-        return bodies_at(points, self._ranges)
+        return bodies_at(points, self._ranges, self._constant)
 
     def _draw_chunk(self, value: float, number: int) -> Floats:
         """Return the points of the samples of a chunk, for the `value` of a target."""
@@ -259,10 +264,14 @@ class SdBodies:
 
 
 def ranges_of(source: SdSource) -> Floats:
-    """Return the ranges of the parameters, shape (5, 2), or (6, 2) with ``c``."""
+    """Return the ranges of the parameters, shape (5, 2).
+
+    For a surface with a further constant, its range follows, shape (6, 2).
+    """
     ranges = list(dict(source.ranges).values())
-    if source.c:
-        ranges.append(source.c)
+    constant = SURFACES[source.bottom]
+    if constant is not None:
+        ranges.append(source.constant(constant))
     return np.array(ranges)
 
 
@@ -277,15 +286,18 @@ def _shell_parameters(u, ranges):
     return gamma, f_sd, theta, phi, xi
 
 
-def bodies_at(points: Floats, ranges: Floats) -> Bodies:
-    """Return bodies at points of the unit cube, with a row for each of `ranges`."""
+def bodies_at(points: Floats, ranges: Floats, constant: str | None = None) -> Bodies:
+    """Return bodies at points of the unit cube, with a row for each of `ranges`.
+
+    The sixth is that of the further `constant` of their surface.
+    """
     gamma, f_sd, theta, phi, xi = cast("Any", _shell_parameters)(points, ranges)
     alpha, beta = shell_dumbbell(gamma, f_sd)
-    c = None
-    if len(ranges) == 6:
+    further = {}
+    if constant is not None:
         low, high = ranges[5]
-        c = low + (high - low) * points[5]
-    return Bodies(alpha, beta, gamma, theta, phi, xi, f_sd, c)
+        further[constant] = low + (high - low) * points[5]
+    return Bodies(alpha, beta, gamma, theta, phi, xi, f_sd, further)
 
 
 def sequence_points(

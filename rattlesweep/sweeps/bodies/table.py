@@ -27,7 +27,13 @@ from rattlesweep.physics import si
 from rattlesweep.physics.body import PARAMETERS, shell_dumbbell, violations
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import spin_and_oscillation
-from rattlesweep.quantities import MEASURES, QUANTITIES
+from rattlesweep.quantities import (
+    LOSSES,
+    MEASURES,
+    QUANTITIES,
+    SURFACE_CONSTANTS,
+    SURFACES,
+)
 from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT, field
 from rattlesweep.sweeps.config.schema import TABLE, TableSource
@@ -42,10 +48,19 @@ Frame: TypeAlias = "pd.DataFrame | pl.DataFrame | pa.Table"
 """A table in memory."""
 SHELL_DUMBBELL = ("gamma", "f_sd", "theta", "phi", "xi")
 LAUNCH = ("n_i", "omega_xy0")
-LOSSES = ("sigma", "rolling")
 OMEGA = ("omega_x", "omega_y", "omega_z")
 U = ("u_x", "u_y", "u_z")
-COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, "t_end", "psi", "f_sd", "c", *LOSSES)
+COLUMNS = (
+    *PARAMETERS,
+    *LAUNCH,
+    *OMEGA,
+    *U,
+    "t_end",
+    "psi",
+    "f_sd",
+    *SURFACE_CONSTANTS,
+    *LOSSES,
+)
 """Columns that determine a run, in units of the body."""
 SI_BODY = ("mass_kg", "height_m", "ixx_kg_m2", "iyy_kg_m2", "izz_kg_m2", "r1_m", "r2_m")
 """Mass, height of the centre of mass, inertia about it, radii of curvature at the
@@ -61,23 +76,14 @@ BODY_DEFAULTS = {
 """
 # Columns in other units: the column in units of the body, the size of the unit in SI
 # units, and the kind of quantity.
-WITH_UNITS: dict[str, tuple[str, float, str]] = {
-    "minus_xi_deg": ("xi", -np.pi / 180, "angle")
+WITH_UNITS = {"minus_xi_deg": ("xi", -np.pi / 180, "angle")} | {
+    name: (quantity.name, measure.size, quantity.kind)
+    for name, (quantity, measure) in MEASURES.items()
+    if quantity.name in COLUMNS
 }
-for _name in (
-    "xi_deg",
-    "psi_deg",
-    "n_i_rpm",
-    "omega_xy0_rpm",
-    "t_end_s",
-    "c_m",
-    "rolling_m",
-    "sigma_N_m_s",
-):
-    _quantity, _measure = MEASURES[_name]
-    WITH_UNITS[_name] = (_quantity.name, _measure.size, _quantity.kind)
 INPUT = (*COLUMNS, "t_r", *SI_BODY, *BODY_DEFAULTS, *WITH_UNITS)
-NULLABLE = ("t_end", "psi", "psi_deg", "f_sd", "t_r", "c", "t_end_s", "c_m")
+NULLABLE = {"t_end", "psi", "psi_deg", "f_sd", "t_r", "t_end_s", *SURFACE_CONSTANTS}
+NULLABLE |= {name for name in WITH_UNITS if WITH_UNITS[name][0] in SURFACE_CONSTANTS}
 KEPT = ("mass_kg", "height_m", "gravity_m_s2")
 """Inputs that are also copied to the runs."""
 RESULTS = {column.name for part in (*RUNS.values(), STATE, MEASURED) for column in part}
@@ -87,23 +93,9 @@ TAKEN -= {*INPUT} - {"t_r"}
 """Names of results, which only tables of runs may have, as their values are replaced.
 """
 KEYS = ("case", "sample")
-BOUNDED = (
-    *LAUNCH,
-    *OMEGA,
-    *LOSSES,
-    "t_end",
-    "dt",
-    "e_p0",
-    "e_r0",
-    "psi",
-    "psi_deg",
-    "mass_kg",
-    "height_m",
-    "r1_m",
-    "r2_m",
-    "gravity_m_s2",
-)
-"""Columns with limits of their own; `physics.body` checks the parameters of bodies."""
+BOUNDED = {name for name, quantity in QUANTITIES.items() if not quantity.is_open}
+BOUNDED |= SURFACE_CONSTANTS.keys() - {"c"}
+"""Columns with limits of their own; `physics.body` checks the parameters and ``c``."""
 RowProblem = tuple[int, str]  # number of a row, from 0, and message
 
 
@@ -137,9 +129,10 @@ class TableBodies:
 
     @property
     def surface(self) -> str | None:
-        """The surface of the bodies if some have a semi-axis c, else None."""
-        if np.isfinite(self.columns.get("c", np.nan)).any():
-            return "ellipsoid"
+        """The surface of the bodies if some have its further constant, else None."""
+        for name, constant in SURFACES.items():
+            if constant and np.isfinite(self.columns.get(constant, np.nan)).any():
+                return name
         return None
 
     @cached_property
@@ -163,32 +156,38 @@ class TableBodies:
             u = [columns.pop(name) for name in U]
             columns["omega"] = np.stack(omega, axis=1)
             columns["u"] = np.stack(u, axis=1)
-        return Bodies(
-            **columns,
+        return Bodies.of(
+            columns,
             units=take(self.units, sample),
             carried=take(self.carried, sample),
         )
 
     def with_surface(self, source: TableSource) -> TableBodies:
         """Return these bodies with the surface that a config gives them."""
-        columns = dict(self.columns)
-        c = columns.pop("c", np.full(self.samples, np.nan))
-        if source.surface is None and source.c is None and self.surface:
+        columns = {
+            name: values
+            for name, values in self.columns.items()
+            if name not in SURFACE_CONSTANTS
+        }
+        if source.surface is None and not source.constants and self.surface:
             raise ConfigError(
-                "bodies.surface: the key is missing; as the table has a column c, give "
-                "ellipsoid or paraboloid"
+                "bodies.surface: the key is missing; as the table has a column "
+                f"{SURFACES[self.surface]}, give {self.surface} or paraboloid"
             )
-        if not source.ellipsoidal:
+        constant = SURFACES[source.bottom]
+        if constant is None:
             return TableBodies(columns, self.units, self.carried)
-        if source.c is not None:
-            c = np.where(np.isnan(c), source.c, c)
-        if np.isnan(c).all():
+        values = self.columns.get(constant, np.full(self.samples, np.nan))
+        if source.constant(constant) is not None:
+            values = np.where(np.isnan(values), source.constant(constant), values)
+        if np.isnan(values).all():
             raise ConfigError(
-                "bodies.c: the key is missing, and the table has no column c"
+                f"bodies.{constant}: the key is missing, and the table has no column "
+                f"{constant}"
             )
-        columns["c"] = c
-        parameters = {name: columns[name] for name in (*PARAMETERS, "c")}
-        _refuse("bodies", violations(**parameters))
+        columns[constant] = values
+        parameters = {name: columns[name] for name in PARAMETERS}
+        _refuse("bodies", violations(**parameters, c=columns.get("c")))
         return TableBodies(columns, self.units, self.carried)
 
 
@@ -381,7 +380,7 @@ def _without_units(columns: dict[str, Floats], where: str) -> Units | None:
         if name not in columns:
             continue
         sizes: tuple[str, ...] = ()
-        if kind == "torque per spin":
+        if "M" in si.NATURAL.get(kind, ""):
             sizes = ("mass_kg", "height_m")
         elif kind != "angle":
             sizes = ("height_m",)

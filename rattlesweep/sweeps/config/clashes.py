@@ -4,8 +4,8 @@ import math
 from collections.abc import Iterator
 
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.quantities import ANGLES, LOSSES, SURFACE_CONSTANTS, SURFACES
 from rattlesweep.sweeps.config.schema import (
-    ANGLES,
     MAX_CASES,
     TABLE,
     Base,
@@ -14,16 +14,17 @@ from rattlesweep.sweeps.config.schema import (
     PresetSource,
     SdSource,
     ShapeSource,
+    Surfaced,
 )
 from rattlesweep.sweeps.config.values import AT_REST
+from rattlesweep.units import with_article
 
 Clash = tuple[str, str]  # dotted key and message
 SETTING_KEYS = {
     "n_i": "spin.n_i",
     "omega_xy0": "spin.omega_xy0",
     "t_end": "horizon.t",
-    "sigma": "dissipation.sigma",
-    "rolling": "dissipation.rolling",
+    **{name: f"dissipation.{name}" for name in LOSSES},
 }
 """Keys that may have SI units, by the columns that they set."""
 
@@ -71,7 +72,7 @@ def _launches(config: Config) -> Iterator[Clash]:
         )
     if launch and not any((*launch.omega, *launch.u[:2])):
         yield "launch", AT_REST
-    lengths = [len(config.dissipation.sigma), len(config.dissipation.rolling)]
+    lengths = [len(values) for values in config.dissipation.values.values()]
     if spin:
         lengths += [len(spin.n_i), len(spin.omega_xy0)]
     if isinstance(config.bodies, SdSource) and config.bodies.target:
@@ -98,10 +99,13 @@ def _units(config: Config) -> Iterator[Clash]:
 
 def _dissipation(config: Config) -> Iterator[Clash]:
     losses, table = config.dissipation, config.bodies.source == TABLE
-    if config.horizon.t_decay and not (table or any(losses.sigma)):
+    if config.horizon.t_decay and not (table or "sigma" in losses.present):
         yield "dissipation", "horizon.t_decay is in units of gamma/sigma; give sigma"
-    if TABLE in (*losses.sigma, *losses.rolling) and not table:
+    if any(TABLE in values for values in losses.values.values()) and not table:
         yield "dissipation", "the word table needs source: table; give a number"
+    if losses and losses.law is None:
+        together = " and ".join(losses.present)
+        yield "dissipation", f"no law of friction has {together}; leave one out"
     if losses and config.model != "full":
         yield (
             "dissipation",
@@ -136,7 +140,8 @@ def _integrator(config: Config) -> Iterator[Clash]:
 
 def _records(config: Config) -> Iterator[Clash]:
     early, recorded = config.classify.early, {*config.record}
-    plain = not (config.dissipation or config.bodies.ellipsoidal)
+    is_paraboloid = SURFACES[config.bodies.bottom] is None
+    plain = is_paraboloid and not config.dissipation
     if early and not (plain and config.model == "full"):
         yield (
             "classify",
@@ -156,15 +161,7 @@ def _body_clashes(config: Config) -> Iterator[Clash]:
     if isinstance(bodies, ShapeSource):
         yield from _shape(bodies)
         return
-    if bodies.surface == "paraboloid" and bodies.c is not None:
-        yield "bodies.c", "a paraboloid has no c; take surface: ellipsoid"
-    # A table may have a column c.
-    needs_c = bodies.surface == "ellipsoid" and bodies.source != TABLE
-    if needs_c and not bodies.has_semi_axis:
-        yield (
-            "bodies.surface",
-            "an ellipsoid needs its vertical semi-axis; give c, such as c: 2",
-        )
+    yield from _constants(bodies)
     if isinstance(bodies, PresetSource):
         yield from _one_angle("overrides", bodies.overrides)
     if isinstance(bodies, GridSource):
@@ -175,8 +172,32 @@ def _body_clashes(config: Config) -> Iterator[Clash]:
         yield from _drawn(bodies)
 
 
+def _constants(bodies: Surfaced) -> Iterator[Clash]:
+    """Compare the further constants that are given with that of the surface."""
+    needed = SURFACES[bodies.bottom]
+    surface_of_bodies = with_article(bodies.bottom)
+    for surface, name in SURFACES.items():
+        if name is not None and name != needed and bodies.constant(name) is not None:
+            yield (
+                f"bodies.{name}",
+                f"{surface_of_bodies} has no {name}; take surface: {surface}",
+            )
+    if isinstance(bodies, GridSource):
+        for name in bodies.axes.given.keys() & SURFACE_CONSTANTS.keys() - {needed}:
+            yield f"bodies.axes.{name}", f"{surface_of_bodies} has no {name}; drop it"
+    # A table may have a column for it.
+    if needed is None or needed in bodies.constants or bodies.source == TABLE:
+        return
+    constant = SURFACE_CONSTANTS[needed]
+    yield (
+        "bodies.surface",
+        f"{surface_of_bodies} needs its {constant.noun}; give {needed}, such as "
+        f"{needed}: {constant.example}",
+    )
+
+
 def _one_angle(name: str, section: Base) -> Iterator[Clash]:
-    if len(section.given.keys() & {*ANGLES}) > 1:
+    if len(section.given.keys() & {"xi", *ANGLES}) > 1:
         yield (
             f"bodies.{name}",
             "xi, xi_deg and minus_xi_deg exclude each other; keep one",
@@ -250,8 +271,11 @@ def _grid(bodies: GridSource) -> Iterator[Clash]:
             "bodies.axes",
             f"{name} cannot vary: f_sd stands in place of alpha and beta",
         )
-    if bodies.c and ("c" in axes or (len(bodies.c) > 1 and bodies.refine)):
-        yield (
-            "bodies.c",
-            "c clashes with axes.c or refine; write axes: {c: ...} alone",
-        )
+    for name in SURFACE_CONSTANTS:
+        values = bodies.constant(name)
+        if values and (name in axes or (len(values) > 1 and bodies.refine)):
+            yield (
+                f"bodies.{name}",
+                f"{name} clashes with axes.{name} or refine; write axes: {{{name}: "
+                "...} alone",
+            )

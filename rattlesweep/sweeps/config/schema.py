@@ -10,19 +10,30 @@ from contextlib import contextmanager, suppress
 from itertools import chain
 from typing import Annotated, Any, ClassVar, Literal, Self
 
+import numpy as np
 import pydantic
 from pydantic import AfterValidator, BeforeValidator, Field
 
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.names import AccuracyName, ModelName, PresetName
 from rattlesweep.physics.si import LIMITS
-from rattlesweep.quantities import MAX_TIME, QUANTITIES
-from rattlesweep.sweeps.columns import REFINABLE
+from rattlesweep.quantities import (
+    LOSSES,
+    MAX_TIME,
+    QUANTITIES,
+    SURFACE_CONSTANTS,
+    SURFACES,
+    Loss,
+    law_of,
+)
+from rattlesweep.sweeps.columns import RECORDS, REFINABLE
 from rattlesweep.sweeps.config import Places
 from rattlesweep.sweeps.config.values import (
     UNIQUE,
     Count,
+    One,
     OneOf,
     OrText,
     Pair,
@@ -127,37 +138,68 @@ Xi = Annotated[float, within("xi")]
 XiDegrees = Annotated[float, within("xi_deg")]
 MinusXiDegrees = Annotated[float, within("minus_xi_deg")]
 ShellShare = Annotated[float, within("f_sd")]
-SemiAxis = Annotated[float, within("c")]
 
 PRESET_MEANING = (
     "GH: the body of Garcia and Hubbard (1988); KL: that of Kane and Levinson (1982)."
 )
 SIZED_PRESETS = ("KL",)
-Surface = Literal["paraboloid", "ellipsoid"]
+# Presets that are no paraboloids, with the constant of their surface.
+PRESET_CONSTANTS = {"KL": "c"}
 Draw = Literal["random", "sobol", "saltelli"]
 
 
+SURFACE_MEANING = "; ".join(
+    ["Shape of the bottom"]
+    + [f"{name} if {x} is given" for name, x in SURFACES.items() if x is not None]
+)
+
+
+def with_constants(base: type[Base], form: Any) -> Any:
+    """Return a class with a key for the further constant of each surface.
+
+    A `form` such as ``Range`` is the type of their values, given that of a number.
+    """
+    keys: dict[str, Any] = {}
+    for name in SURFACE_CONSTANTS:
+        number = Annotated[float, within(name)]
+        keys[name] = (form[number] | None, parameter(name))
+    return pydantic.create_model(base.__name__, __base__=base, **keys)
+
+
 class Surfaced(Base):
-    """Bodies whose surface is a paraboloid or an ellipsoid."""
+    """Bodies with one of several surfaces."""
 
     source: str
-    surface: Surface | None = key(None, "Shape of the bottom; ellipsoid if c is given.")
-    c: Any = None  # of a type that depends on the source
+    surface: Annotated[str, OneOf(tuple(SURFACES))] | None = key(
+        None, f"{SURFACE_MEANING}."
+    )
 
     # Their size is known; None if only the rows of a table tell.
     has_size: ClassVar[bool | None] = False
 
-    @property
-    def has_semi_axis(self) -> bool:
-        """Whether the config gives a semi-axis c, by a key or a preset."""
-        return self.c is not None
+    def constant(self, name: str) -> Any:
+        """Return the value of the key for a further constant of a surface, or None."""
+        return getattr(self, name)
 
     @property
-    def ellipsoidal(self) -> bool:
-        """Whether the bodies are ellipsoids: as `surface` says, or if they have a c."""
-        if self.surface is None:
-            return self.has_semi_axis
-        return self.surface == "ellipsoid"
+    def constants(self) -> set[str]:
+        """The further constants that the config gives, by a key or a preset."""
+        return {name for name in SURFACE_CONSTANTS if self.constant(name) is not None}
+
+    @property
+    def bottom(self) -> str:
+        """The surface: that of the key, or else that of a constant that is given."""
+        if self.surface is not None:
+            return self.surface
+        for name, constant in SURFACES.items():
+            if constant in self.constants:
+                return name
+        return next(iter(SURFACES))
+
+
+def of_preset(name: str | None) -> set[str]:
+    """Return the further constants that a preset has."""
+    return {PRESET_CONSTANTS[name]} if name in PRESET_CONSTANTS else set()
 
 
 class SdRanges(Base):
@@ -202,7 +244,7 @@ class Target(Base):
         return self.K_r or self.K_p or []
 
 
-class SdSource(Surfaced):
+class SdSource(with_constants(Surfaced, Range)):  # type: ignore[misc]
     """Shell-dumbbell bodies, drawn at random from ranges."""
 
     source: Literal["sd"] = key(..., "Draw shell-dumbbell bodies at random.")
@@ -212,14 +254,16 @@ class SdSource(Surfaced):
         "random", "sobol: more even; saltelli: for `rattlesweep sensitivity`."
     )
     target: Target | None = key(None, "Keep only bodies with this torque coefficient.")
-    c: Range[SemiAxis] | None = parameter("c")
 
     @property
     def drawn(self) -> tuple[str, ...]:
         """Names of the parameters that are drawn from a range, in their order."""
-        if self.c and self.c[0] < self.c[1]:
-            return (*SdRanges.model_fields, "c")
-        return tuple(SdRanges.model_fields)
+        names = tuple(SdRanges.model_fields)
+        for name in self.constants:
+            low, high = self.constant(name)
+            if low < high:
+                names = (*names, name)
+        return names
 
     @property
     def group(self) -> int:
@@ -249,7 +293,7 @@ class Overrides(Base):
         return values
 
 
-class PresetSource(Surfaced):
+class PresetSource(with_constants(Surfaced, One)):  # type: ignore[misc]
     """One body of the literature, perhaps with other values of some parameters."""
 
     texts = ("name",)
@@ -257,20 +301,20 @@ class PresetSource(Surfaced):
     source: Literal["preset"] = key(..., "Use one named body.")
     name: PresetName = key(..., PRESET_MEANING)
     overrides: Overrides = key(Overrides, "Parameters that replace the preset's.")
-    c: SemiAxis | None = parameter("c")
 
     @property
-    def has_size(self) -> bool:  # type: ignore[override]
+    def has_size(self) -> bool:
         """Whether the size of the preset is known."""
         return self.name in SIZED_PRESETS
 
     @property
-    def has_semi_axis(self) -> bool:
-        """Whether there is a semi-axis c: the key, or that of the preset."""
-        return self.c is not None or self.name == "KL"
+    def constants(self) -> set[str]:
+        """The further constants that the config gives, by a key or the preset."""
+        constants: set[str] = super().constants
+        return constants | of_preset(self.name)
 
 
-class TableSource(Surfaced):
+class TableSource(with_constants(Surfaced, One)):  # type: ignore[misc]
     """Bodies from the rows of a table, in its order."""
 
     texts = ("path",)
@@ -280,12 +324,12 @@ class TableSource(Surfaced):
     path: str = key(
         ..., "CSV or Parquet file, or a directory of Parquet files.", **PATH
     )
-    c: SemiAxis | None = parameter("c")
 
     @classmethod
     def in_memory(cls, surface: str | None) -> Self:
         """Return the source of a table without a path, whose rows are at hand."""
-        return cls.model_construct(source="table", path="", surface=surface)
+        rows: Self = cls.model_construct(source="table", path="", surface=surface)
+        return rows
 
 
 class GridBase(Overrides):
@@ -297,13 +341,8 @@ class GridBase(Overrides):
     f_sd: ShellShare | None = parameter("f_sd")
 
 
-ANGLES = ("xi", "xi_deg", "minus_xi_deg")
-
-
-class Axes(Base):
-    """Parameters that vary. Every combination is a body; the first axis varies
-    slowest.
-    """
+class ParameterAxes(Base):
+    """Parameters that vary, without the constants of surfaces."""
 
     alpha: Several[Alpha] | None = parameter("alpha")
     beta: Several[Beta] | None = parameter("beta")
@@ -314,7 +353,12 @@ class Axes(Base):
     xi: Several[Xi] | None = parameter("xi")
     xi_deg: Several[XiDegrees] | None = parameter("xi_deg")
     minus_xi_deg: Several[MinusXiDegrees] | None = parameter("minus_xi_deg")
-    c: Several[SemiAxis] | None = parameter("c")
+
+
+class Axes(with_constants(ParameterAxes, Several)):  # type: ignore[misc]
+    """Parameters that vary. Every combination is a body; the first axis varies
+    slowest.
+    """
 
 
 class Refine(Base):
@@ -333,33 +377,36 @@ class Refine(Base):
     )
 
 
-class GridSource(Surfaced):
+class GridSource(with_constants(Surfaced, Several)):  # type: ignore[misc]
     """All combinations of the values of some parameters, with the others fixed."""
 
     source: Literal["grid"] = key(..., "Vary parameters over a grid.")
     base: GridBase = key(..., "The body whose parameters are varied.")
     axes: Axes = key(..., "Parameters that vary, with their values.")
     refine: Refine | None = key(None, "Skip points between runs that agree.")
-    c: Several[SemiAxis] | None = parameter("c")
 
     @property
-    def has_size(self) -> bool:  # type: ignore[override]
+    def has_size(self) -> bool:
         """Whether the size of the base is known."""
         return self.base.preset in SIZED_PRESETS
 
     @property
-    def has_semi_axis(self) -> bool:
-        """Whether there is a semi-axis c: the key, an axis, or that of the preset."""
-        return bool(self.c or self.axes.c) or self.base.preset == "KL"
+    def constants(self) -> set[str]:
+        """The further constants that the config gives: a key, an axis, the preset."""
+        constants: set[str] = super().constants
+        axes: set[str] = self.axes.given.keys() & SURFACE_CONSTANTS.keys()
+        return constants | axes | of_preset(self.base.preset)
 
     @property
     def varying(self) -> dict[str, list[float]]:
-        """Values of each axis in order; a key c with several values is the last
-        axis.
+        """Values of each axis in order; a key such as c with several values is the
+        last axis.
         """
         axes = {name: values for name, values in vars(self.axes).items() if values}
-        if self.c and len(self.c) > 1:
-            axes["c"] = self.c
+        for name in SURFACE_CONSTANTS:
+            values = self.constant(name) or []
+            if len(values) > 1:
+                axes[name] = values
         return axes
 
 
@@ -412,7 +459,7 @@ class ShapeSource(Base):
     )
     samples: Count | None = key(None, "Bodies per case (1000) if a key is a range.")
 
-    ellipsoidal: ClassVar[bool] = True  # as is its bottom
+    bottom: ClassVar[str] = "ellipsoid"
     has_size: ClassVar[bool] = True
 
     @property
@@ -511,43 +558,67 @@ class Horizon(Base):
         None, "In units of gamma/sigma; needs dissipation.sigma."
     )
 
+    def earliest(
+        self,
+        t: Floats | float | None,
+        t_rgh: Floats,
+        gamma: Floats,
+        sigma: Floats | None,
+    ) -> Floats:
+        """Return the horizons of runs; `t` is the key, in units of the bodies."""
+        end = np.full(len(t_rgh), np.inf)
+        if self.t_rgh is not None:
+            # fmin ignores NaN, the t_rGH of launches that have none.
+            end = np.fmin(end, self.t_rgh * t_rgh)
+        if t is not None:
+            end = np.minimum(end, t)
+        if self.t_decay is not None and sigma is not None:
+            with np.errstate(divide="ignore"):
+                end = np.minimum(end, self.t_decay * gamma / sigma)
+        return end
 
-Torque = Annotated[
-    float | str,
-    quantity_or(
-        Annotated[float, within("sigma")],
-        "torque per spin",
-        "in M a^2 sqrt(g/a)",
-        TABLE,
-    ),
-]
-Lever = Annotated[
-    float | str,
-    quantity_or(Annotated[float, within("rolling")], "length", "in a", TABLE),
-]
+
+def loss_key(loss: Loss) -> Any:
+    """Return the type and the field of the key of a constant of dissipation."""
+    unit = f"in {loss.unit}"
+    item = quantity_or(Annotated[float, within(loss.name)], loss.kind, unit, TABLE)
+    field = key([loss.default], f"{loss.key}, {unit} or with a unit.")
+    return Several[Annotated[float | str, item]], field
 
 
-class Dissipation(Base):
+LossKeys: Any = pydantic.create_model(
+    "LossKeys",
+    __base__=Base,
+    **{name: loss_key(loss) for name, loss in LOSSES.items()},
+)
+
+
+class Dissipation(LossKeys):  # type: ignore[misc]
     """Loss of energy. Each value of a list is a case; `table` stands for a table's
     column.
     """
 
-    sigma: Several[Torque] = key(
-        [0.0], "Torque / -omega, in M a^2 sqrt(g/a) or with a unit."
-    )
-    rolling: Several[Lever] = key([0.0], "Moment / normal force, in a or with a unit.")
+    @property
+    def present(self) -> list[str]:
+        """The constants that are not zero in some run."""
+        return [name for name in LOSSES if getattr(self, name) != [0]]
 
     @property
-    def kind(self) -> Literal["", "viscous", "rolling"]:
-        """Dissipation of some run: none, by sigma alone, or with rolling resistance."""
-        if self.rolling != [0]:
-            return "rolling"
-        if self.sigma != [0]:
-            return "viscous"
-        return ""
+    def values(self) -> dict[str, list[float | str]]:
+        """The values of each constant that cases and columns have."""
+        return {
+            name: getattr(self, name)
+            for name, loss in LOSSES.items()
+            if name in self.present or not loss.optional
+        }
+
+    @property
+    def law(self) -> str | None:
+        """The law of friction, None without dissipation."""
+        return law_of(self.present) if self else None
 
     def __bool__(self) -> bool:
-        return bool(self.kind)
+        return bool(self.present)
 
 
 class Classify(Base):
@@ -641,18 +712,6 @@ class Integrator(Base):
                 return {"tol": TOL} | data
             return {"dt": DT} | data
         return data
-
-
-# In the order of the columns of `runs`.
-RECORDS = (
-    "energy",
-    "contact",
-    "windows",
-    "lyapunov",
-    "volume",
-    "error",
-    "reversals",
-)
 
 
 def _word_as_list(value: object) -> object:
@@ -757,8 +816,9 @@ class Config(Base):
         groups = {
             "tol": self.integrator.goal,
             "turns": {"error", "reversals"} <= {*self.record},
-            "surface": self.bodies.ellipsoidal,
+            self.bodies.bottom: SURFACES[self.bodies.bottom],
             "dissipation": self.dissipation,
+            **{name: LOSSES[name].optional for name in self.dissipation.present},
         }
         return [*self.record, *(name for name, present in groups.items() if present)]
 
@@ -766,8 +826,7 @@ class Config(Base):
     def settings(self) -> dict[str, list[Setting]]:
         """Values by the column that they set, empty where a table has them."""
         settings: dict[str, Sequence[float | str | None]] = {
-            "sigma": self.dissipation.sigma,
-            "rolling": self.dissipation.rolling,
+            **self.dissipation.values,
             "t_end": [self.horizon.t],
         }
         if self.spin is not None:
@@ -806,11 +865,12 @@ class Config(Base):
             raise ConfigError(map(self.located, error.messages)) from None
 
 
-class Losses(Base):
-    """Dissipation of one run."""
-
-    sigma: float | str = 0.0
-    rolling: float | str = 0.0
+Losses = pydantic.create_model(
+    "Losses",
+    __base__=Base,
+    __doc__="Dissipation of one run.",
+    **{name: (float | str, loss.default) for name, loss in LOSSES.items()},  # type: ignore[call-overload]
+)
 
 
 class Stone(Base):
@@ -819,4 +879,4 @@ class Stone(Base):
     body: dict[str, object]
     free: list[str]
     launch: dict[str, object] = {}
-    dissipation: Losses = Field(default_factory=Losses)
+    dissipation: Losses = Field(default_factory=Losses)  # type: ignore[valid-type]

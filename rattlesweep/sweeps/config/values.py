@@ -213,6 +213,8 @@ Several = Annotated[
     list[T], Field(min_length=1), UNIQUE, _OneOrSeveral(), AfterValidator(distinct)
 ]
 """A list of distinct items, given as one, as a list, or by linspace."""
+One = Annotated[T, Field()]
+"""One item."""
 Pair = Annotated[list[T], Field(min_length=2, max_length=2)]
 Three = Annotated[list[T], Field(min_length=3, max_length=3)]
 Range = Annotated[

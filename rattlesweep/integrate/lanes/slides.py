@@ -1,0 +1,529 @@
+"""Slides of a run in a lane: their steps, their begin and their end.
+
+A body rolls until the force that keeps its contact point at rest exceeds ``mu`` times
+the normal force; this is the limit of the model, whose zero the lanes find as they find
+others (`lanes.events`).  From there the lane slides: its steps are those of
+:func:`try_slide` and not of ``attempt``, in the same turns as those of the other lanes,
+and everything that is observed at steps is observed as before.  It rolls again once
+the speed is zero and friction can hold the contact point, and otherwise slides on.
+
+The angle of sliding is stiff near the begin and the end of a slide (`physics.sliding`),
+and nothing else is.  So a step of a Radau IIA method solves its equations for the
+angle by Newton's method, which needs one derivative a stage, and for the rest by
+iteration.  Near the end of a slide steps become shorter with the speed, since the
+equations have no sense beyond its zero.
+"""
+
+# mypy: ignore-errors
+from math import isfinite, sqrt
+
+import numpy as np
+from numba import njit
+
+from rattlesweep.integrate.collocation import radau
+from rattlesweep.integrate.lanes import runs
+from rattlesweep.integrate.lanes.events import STEP, may_peak
+from rattlesweep.integrate.lanes.lane import (
+    INNER,
+    Hooks,
+    Point,
+    Slip,
+    first_of,
+    lane_of,
+    moved,
+)
+from rattlesweep.integrate.status import Status
+from rattlesweep.physics.full import FASTMATH, scalar
+from rattlesweep.physics.sliding import (
+    contact_at,
+    dot,
+    outgoing,
+    push,
+    settled_direction,
+    slip_energy,
+    spun,
+)
+
+OK, LIMIT = int(Status.OK), int(Status.LIMIT)
+LIFTS_OFF, JAMMED = int(Status.LIFTS_OFF), int(Status.JAMMED)
+
+STAGES = 5
+METHOD = radau(STAGES)
+POINTS, INTEGRALS = METHOD.points, METHOD.integrals
+# Legendre coefficients of the derivative, from whose decay the error is estimated.
+THIRD, FIFTH = METHOD.spectrum[2], METHOD.spectrum[4]
+MAX_SWEEPS = 25  # iterations of the equations of a step
+# The equations are solved to this share of the tolerance, or to rounding errors.
+SOLVED, ROUNDING = 1e-2, 1e-15
+LARGEST_TURN = 0.5  # of the angle in an iteration
+FAILED = 1e30  # squared error of a step whose equations were not solved
+
+BEGINNING = 1e-290  # speed at the begin of a slide
+# A slide whose rest is this short, in radians of the fastest swing, ends with a step
+# along the derivative: force and direction do not change any more.
+LAST_ANGLE = 1e-8
+# Fraction of the time to rest that a step leaves: at least, and at most.
+LEAST_LEFT, MOST_LEFT = 0.1, 0.3
+FIRST_ANGLE = 0.1  # first step of a slide, in radians of the fastest swing
+LEAST_MOBILITY = 1e-3  # below it the normal force grows without bound
+# Columns of the results of a run, after its state.
+T_SLIDE, SLIDES, SLIDE_TIME, SLIDE_WORK, N_COLUMNS = range(5)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def contact_of(lane, y):
+    """Return the contact of a lane's body in the state ``y``."""
+    place = lane.problem.model.slide.place
+    _, u, omega, r, w, inertia, torque, drag = place(y, lane.constants)
+    contact, _ = contact_at(u, omega, r, w, inertia, torque, drag)
+    return contact
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def derivative(lane, y, slip):
+    """Return what a step needs of a sliding body.
+
+    These are the derivatives of state and slip, the derivative of the angle's rate with
+    respect to the angle, the normal force, and what is positive where a body slides.
+    """
+    slide = lane.problem.model.slide
+    placed = slide.place(y, lane.constants)
+    _, u, omega, r, w, inertia, torque, drag = placed
+    contact, own = contact_at(u, omega, r, w, inertia, torque, drag)
+    mu = lane.mu
+    normal, mobility, along, across, slope = push(contact, mu, slip.angle)
+    turned = spun(own, u, r, inertia, drag, mu, slip.angle, normal)
+    power = dot(torque, omega) + normal * dot(drag, omega)
+    f = slide.derivative(y, slip, placed, turned, power)
+    turning = across / slip.speed - contact.turn
+    slip_rate = Slip(along, turning, -mu * normal * slip.speed)
+    margin = min(contact.need, mobility - LEAST_MOBILITY)
+    return f, slip_rate, slope / slip.speed, normal, margin
+
+
+@njit(**INNER)
+def solve_angles(matrix, turns):
+    """Solve linear equations for the angles at the stages, in place."""
+    for k in range(STAGES):
+        pivot = k
+        for i in range(k + 1, STAGES):
+            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
+                pivot = i
+        if pivot != k:
+            for j in range(STAGES):
+                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
+            turns[k], turns[pivot] = turns[pivot], turns[k]
+        for i in range(k + 1, STAGES):
+            factor = matrix[i, k] / matrix[k, k]
+            for j in range(k + 1, STAGES):
+                matrix[i, j] -= factor * matrix[k, j]
+            turns[i] -= factor * turns[k]
+    for k in range(STAGES - 1, -1, -1):
+        for j in range(k + 1, STAGES):
+            turns[k] -= matrix[k, j] * turns[j]
+        turns[k] /= matrix[k, k]
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def time_to_rest(lane):
+    """Return the time in which the speed falls to zero, or infinity.
+
+    The speed is taken as a parabola in time, from its rates at two points.
+    """
+    y, slip = lane.y, lane.slip
+    f, rate, _, _, _ = derivative(lane, y, slip)
+    if slip.speed <= BEGINNING or rate.speed >= 0.0:
+        return np.inf
+    ahead = min(runs.DIFFERENCE / lane.swing, -0.1 * slip.speed / rate.speed)
+    next_slip = Slip(
+        slip.speed + ahead * rate.speed, slip.angle + ahead * rate.angle, slip.work
+    )
+    _, later, _, _, _ = derivative(lane, moved(y, f, ahead), next_slip)
+    bend = (later.speed - rate.speed) / ahead
+    square = rate.speed * rate.speed - 2.0 * slip.speed * bend
+    if square <= 0.0:
+        return np.inf
+    return 2.0 * slip.speed / (sqrt(square) - rate.speed)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def predict(lane, stages):
+    """Write a first guess of state and slip at the stages."""
+    y, slip, h = lane.y, lane.slip, lane.h
+    n = len(y)
+    f, rate, stiffness, _, _ = derivative(lane, y, slip)
+    begins = slip.speed <= BEGINNING
+    for i in range(STAGES):
+        ahead = h * POINTS[i]
+        for c in range(n):
+            stages[i, c] = y[c] + ahead * f[c]
+        stages[i, n] = slip.speed + ahead * rate.speed
+        turns = not begins and abs(h * stiffness) < 1.0
+        stages[i, n + 1] = slip.angle + (ahead * rate.angle if turns else 0.0)
+        stages[i, n + 2] = slip.work
+    if not begins:
+        return
+    # The direction follows the force, and the speed is the integral of its rate.
+    growths = np.empty(STAGES)
+    for i in range(STAGES):
+        contact = contact_of(lane, first_of(stages[i], lane.problem.model.n_state))
+        angle, _ = settled_direction(contact, lane.mu, stages[max(i - 1, 0), n + 1])
+        _, _, along, _, _ = push(contact, lane.mu, angle)
+        stages[i, n + 1] = angle
+        growths[i] = along
+    for i in range(STAGES):
+        speed = 0.0
+        for j in range(STAGES):
+            speed += h * INTEGRALS[i, j] * growths[j]
+        stages[i, n] = speed
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def sweep(lane, stages, rates, stiffness):
+    """Improve state and slip at the stages; return the square of the largest change.
+
+    The change is that of velocities and slopes; it is infinite where a speed is not
+    positive or a number not finite.
+    """
+    y, slip, h = lane.y, lane.slip, lane.h
+    n = len(y)
+    for i in range(STAGES):
+        if not stages[i, n] > 0.0:
+            return np.inf
+        here = Slip(stages[i, n], stages[i, n + 1], stages[i, n + 2])
+        f, slip_rate, slope, _, _ = derivative(
+            lane, first_of(stages[i], lane.problem.model.n_state), here
+        )
+        for c in range(n):
+            rates[i, c] = f[c]
+        rates[i, n] = slip_rate.speed
+        rates[i, n + 1] = slip_rate.angle
+        rates[i, n + 2] = slip_rate.work
+        stiffness[i] = slope
+    matrix = np.empty((STAGES, STAGES))
+    turns = np.empty(STAGES)
+    for i in range(STAGES):
+        turns[i] = slip.angle - stages[i, n + 1]
+        for j in range(STAGES):
+            share = h * INTEGRALS[i, j]
+            turns[i] += share * rates[j, n + 1]
+            matrix[i, j] = (1.0 if i == j else 0.0) - share * stiffness[j]
+    solve_angles(matrix, turns)
+    largest = 0.0
+    for i in range(STAGES):
+        change = 0.0
+        for c in range(n + 3):
+            if c == n + 1:
+                turn = min(LARGEST_TURN, max(-LARGEST_TURN, turns[i]))
+                stages[i, c] += turn
+                difference = turn * stages[i, n]
+            else:
+                value = slip[c - n] if c >= n else y[c]
+                for j in range(STAGES):
+                    value += h * INTEGRALS[i, j] * rates[j, c]
+                difference = value - stages[i, c]
+                stages[i, c] = value
+            change += difference * difference
+        if not isfinite(change):
+            return np.inf
+        largest = max(largest, change)
+    return largest
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def squared_error(lane, rates, scale):
+    """Return the squared error of the step just tried, in units of the tolerance.
+
+    If the coefficients of the derivative fall by ``rho`` from one degree to the next,
+    the error at the end of a step falls as ``rho^9``; this returns ``rho^8``.
+    """
+    n = len(lane.y)
+    fifth = np.zeros(n + 3)
+    third = np.zeros(n + 3)
+    for i in range(STAGES):
+        for c in range(n + 3):
+            fifth[c] += lane.h * FIFTH[i] * rates[i, c]
+            third[c] += lane.h * THIRD[i] * rates[i, c]
+    error = lane.problem.model.error
+    state = lane.y1 + lane.constants
+    high, size = error(*(first_of(fifth, lane.problem.model.n_state) + state))
+    low, _ = error(*(first_of(third, lane.problem.model.n_state) + state))
+    speed = lane.slip1.speed
+    high += fifth[n] * fifth[n] + (speed * fifth[n + 1]) * (speed * fifth[n + 1])
+    low += third[n] * third[n] + (speed * third[n + 1]) * (speed * third[n + 1])
+    fall = high / (low + 1e-290)
+    return scale * high * fall * fall / size
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def observe(lane, contact_recorded):
+    """Compute spin, amplitude, force and limit at the end of the step just tried."""
+    model = lane.problem.model
+    y, f = lane.y1, lane.f1
+    slip = lane.slip1
+    lane.n1 = model.spin(*y)
+    lane.rate1 = model.spin_rate(*(y + f))
+    lane.amplitude = model.amplitude(*(y + lane.probe))
+    set_limit(lane, lane.h, slip)
+    limit = lane.limit1
+    dips = may_peak(runs.below(lane.limit0), runs.below(limit), 0.0)
+    lane.leaves = 1.0 if dips or not limit.value > 0.0 else 0.0
+    lane.watched = lane.leaves
+    if contact_recorded and may_peak(lane.lift0, lane.lift1, -lane.normal_min):
+        lane.watched += 1.0
+    if slip.speed == 0.0:
+        lane.watched += 1.0
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def set_limit(lane, h, slip):
+    """Set the limit and the forces of a lane that slides at the end of the step."""
+    y = lane.y1
+    ahead = runs.DIFFERENCE / lane.swing
+    f, _, _, normal, margin = derivative(lane, y, slip)
+    _, _, _, later_normal, later = derivative(lane, moved(y, f, ahead), slip)
+    lane.limit1 = Point(h, margin, (later - margin) / ahead)
+    lane.lift1 = Point(h, -normal, (normal - later_normal) / ahead)
+    lane.ratio1 = Point(h, lane.mu, 0.0)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def step_to_rest(lane, rest):
+    """Step along the derivative, to rest if the step is as long as that takes."""
+    f, rate, _, _, _ = derivative(lane, lane.y, lane.slip)
+    h = lane.h
+    slip = lane.slip
+    speed = slip.speed * (1.0 - h / rest) if h < rest else 0.0
+    lane.slip1 = Slip(speed, slip.angle + h * rate.angle, slip.work + h * rate.work)
+    lane.y1 = moved(lane.y, f, h)
+    lane.f1 = f
+    lane.error = 0.0
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def try_slide(lane, scale, contact_recorded):
+    """Try a step of a lane that slides."""
+    model = lane.problem.model
+    n = model.n_state
+    rest = time_to_rest(lane)
+    angle = rest * lane.swing
+    ends = angle < LAST_ANGLE
+    if lane.mode == STEP:
+        # The cubic term of the speed may bring the rest nearer.
+        left = 0.0 if ends else min(MOST_LEFT, max(LEAST_LEFT, angle * angle))
+        if rest * (1.0 - left) < lane.h:
+            lane.h = rest * (1.0 - left)
+            lane.last = 0.0
+    if ends:
+        step_to_rest(lane, rest)
+        observe(lane, contact_recorded)
+        return
+    stages = np.empty((STAGES, n + 3))
+    rates = np.empty((STAGES, n + 3))
+    stiffness = np.empty(STAGES)
+    solved = False
+    predict(lane, stages)
+    _, size = model.error(*(lane.y + lane.y + lane.constants))
+    enough = max(SOLVED * SOLVED * size / scale, ROUNDING * ROUNDING)
+    for _ in range(MAX_SWEEPS):
+        change = sweep(lane, stages, rates, stiffness)
+        solved = change <= enough
+        if solved or change == np.inf:
+            break
+    last = stages[STAGES - 1]
+    lane.y1 = first_of(last, lane.problem.model.n_state)
+    lane.f1 = first_of(rates[STAGES - 1], lane.problem.model.n_state)
+    lane.slip1 = Slip(last[n], last[n + 1], last[n + 2])
+    if not (solved and last[n] > 0.0):
+        # Nothing is observed at the end of a step that is not taken.
+        runs.hold_back(lane)
+        lane.leaves = lane.watched = 0.0
+        lane.error = FAILED
+        return
+    lane.error = squared_error(lane, rates, scale)
+    observe(lane, contact_recorded)
+
+
+def slide_lanes(problem, w, scale, contact_recorded):
+    """Try a step on every lane that slides."""
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        if lane.slip.speed > 0.0:
+            try_slide(lane, scale, contact_recorded)
+
+
+# From rolling to sliding and back.
+
+
+@scalar
+def hold_point(lane, h, y, f):
+    """Return the friction that is left: positive while the plane holds the body."""
+    ahead = runs.DIFFERENCE / lane.swing
+    contact = lane.problem.model.contact
+    normal, tangential = contact(*(y + lane.constants))
+    now = lane.mu * normal - tangential
+    normal, tangential = contact(*(moved(y, f, ahead) + lane.constants))
+    later = lane.mu * normal - tangential
+    return Point(h, now, (later - now) / ahead)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def slide_from_rest(lane):
+    """Let a lane slide from rest at the end of the step; return a status."""
+    contact = contact_of(lane, lane.y1)
+    angle, found = outgoing(contact, lane.mu)
+    if not found:
+        return LIFTS_OFF if contact.need <= 0.0 else JAMMED
+    slip = Slip(BEGINNING, angle, lane.slip.work)
+    lane.slip1 = slip
+    f, _, _, _, _ = derivative(lane, lane.y1, slip)
+    lane.f1 = f
+    lane.rate1 = lane.problem.model.spin_rate(*(lane.y1 + f))
+    set_limit(lane, lane.h, slip)
+    lane.h_next = FIRST_ANGLE / lane.swing
+    lane.root = 1.0
+    lane.last = 0.0
+    return OK
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def begin(lane, t):
+    """Begin a slide at the end of the step, at time ``t``; return a status."""
+    lane.h_rolling = max(lane.h, lane.h_next)
+    lane.t_begin = t
+    if lane.slides == 0.0:
+        lane.t_slide = t
+    lane.slides += 1.0
+    return slide_from_rest(lane)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def end(lane, t):
+    """End a slide at the end of the step, at time ``t``, or let it go on."""
+    y = lane.y1
+    f = lane.problem.model.rhs(*(y + lane.constants))
+    limit = hold_point(lane, lane.h, y, f)
+    if limit.value <= 0.0:
+        return slide_from_rest(lane)
+    lane.f1 = f
+    lane.rate1 = lane.problem.model.spin_rate(*(y + f))
+    lane.limit1 = limit
+    lane.ratio1, lane.lift1 = runs.contact_points(lane, lane.h, y, f)
+    lane.h_next = lane.h_rolling
+    lane.root = 1.0
+    lane.slide_time += t - lane.t_begin
+    return OK
+
+
+@njit(**INNER)
+def change(lane, status):
+    """Change between rolling and sliding after a step that is taken.
+
+    Return a status.
+    """
+    t = lane.t + (lane.h - lane.t_low)
+    slid = lane.slip.speed > 0.0
+    if status == LIMIT and slid:
+        contact = contact_of(lane, lane.y1)
+        return LIFTS_OFF if contact.need < LEAST_MOBILITY else JAMMED
+    if status == LIMIT:
+        return begin(lane, t)
+    if status == OK and slid and lane.slip1.speed == 0.0:
+        return end(lane, t)
+    return status
+
+
+# What differs from runs that always roll.
+
+
+@njit(**INNER)
+def start(lane, run, y0, constants, probe, plan):
+    """Start a run in a lane; it slides at once where the plane cannot hold it."""
+    runs.start(lane, run, y0, constants, probe, plan)
+    lane.t_slide = -1.0
+    lane.mu = constants[run, lane.problem.model.n_constants]
+    lane.limit1 = hold_point(lane, 0.0, lane.y, lane.f)
+    runs.start_points(lane)
+    if lane.limit0.value < 0.0:
+        lane.y1 = lane.y
+        begin(lane, 0.0)
+        lane.slip = lane.slip1
+        lane.f = lane.f1
+        lane.rate0 = lane.rate1
+        lane.h = min(lane.h, lane.h_next)
+        runs.start_points(lane)
+
+
+@njit(**INNER)
+def advance(problem, w):
+    """Move all lanes to the end of their step."""
+    runs.advance(problem, w)
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        lane.slip = lane.slip1
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def energy_of(model, y, slip, constants):
+    """Return the energy minus the work of friction of a body that may slide."""
+    _, u, omega, r, _, _, _, _ = model.slide.place(y, constants)
+    moving = slip_energy(u, omega, r, slip.speed, slip.angle)
+    return model.energy(*(y + constants)) + moving - slip.work
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def force_of(model, y, slip, constants, mu):
+    """Return the normal and the tangential force on a body that slides."""
+    _, u, omega, r, w, inertia, torque, drag = model.slide.place(y, constants)
+    contact, _ = contact_at(u, omega, r, w, inertia, torque, drag)
+    normal, _, _, _, _ = push(contact, mu, slip.angle)
+    return normal, mu * normal
+
+
+@njit(**INNER)
+def energy(lane):
+    """Return the energy minus the work of friction at the end of the step."""
+    return energy_of(lane.problem.model, lane.y1, lane.slip1, lane.constants)
+
+
+@njit(**INNER)
+def work(lane):
+    """Return the work of friction until the end of the step, which is negative."""
+    rolled = lane.y1[-1] if lane.problem.model.slide.has_work else 0.0
+    return rolled + lane.slip1.work
+
+
+@njit(**INNER)
+def finish(lane, status, reversal, t, run, result, counts, recording):
+    """Store the results of a run, and of its slides."""
+    runs.finish(lane, status, reversal, t, run, result, counts, recording)
+    if lane.slip1.speed > 0.0:
+        lane.slide_time += t - lane.t_begin
+    first = runs.FIRST_STATE + lane.problem.model.n_state
+    result[run, first + T_SLIDE] = lane.t_slide if lane.t_slide >= 0.0 else np.nan
+    result[run, first + SLIDES] = lane.slides
+    result[run, first + SLIDE_TIME] = lane.slide_time
+    result[run, first + SLIDE_WORK] = -lane.slip1.work / lane.energy0
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def observe_body(model, y, slip, constants, mu):
+    """Return the energy minus the work, and the normal and tangential force."""
+    if slip.speed > 0.0:
+        normal, tangential = force_of(model, y, slip, constants, mu)
+    else:
+        normal, tangential = model.contact(*(y + constants))
+    return energy_of(model, y, slip, constants), normal, tangential
+
+
+HOOKS = Hooks(
+    start=start,
+    pass_marks=runs.pass_marks,
+    finish=finish,
+    advance=advance,
+    limit=hold_point,
+    energy=energy,
+    work=work,
+    change=change,
+    observe=observe_body,
+)

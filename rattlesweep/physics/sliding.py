@@ -1,0 +1,247 @@
+"""A body that slides on the plane under Coulomb's law, and where rolling ends.
+
+The contact point has a velocity ``s e`` in the plane, with the speed ``s > 0``, and
+the plane exerts the force ``F_n (u - mu e)``.  With ``w = r x omega - dr/dt`` and the
+torque ``g`` of everything but the contact force, Newton's and Euler's equations are
+
+    D(s e) = F - u - r x domega/dt - omega x w,    I domega/dt = r x F + g,
+
+with ``D`` the derivative in space.  As the body stays on the plane, ``u . D(s e)``
+vanishes, which determines ``F_n = N / d``: ``N`` is the normal force that a massless
+contact would need, and ``d``, the mobility of the contact along the force, must be
+positive (Painleve).  A rolling resistance is a torque proportional to ``F_n``.
+
+Vectors in the plane have components along ``h_1``, the horizontal part of the body's x
+axis, and ``h_2 = u x h_1``.  The direction of sliding is ``e = cos(angle) h_1 +
+sin(angle) h_2``.  Its rate grows as ``1/s``: near ``s = 0`` the angle is stiff.
+"""
+
+# mypy: disable-error-code="no-untyped-def"
+from math import atan2, cos, sin, sqrt
+from typing import NamedTuple
+
+from rattlesweep.physics.full import scalar
+from rattlesweep.physics.stone import dot
+
+
+class Contact(NamedTuple):
+    """What the contact force does to the motion, for any direction of sliding.
+
+    The mobility ``k`` is the acceleration of the contact point by a unit force, with
+    components along ``u, h_1, h_2``.
+    """
+
+    need: float  # N
+    free1: float  # acceleration of the contact point without a contact force
+    free2: float
+    turn: float  # rate at which h_1 turns about u
+    kuu: float
+    ku1: float
+    ku2: float
+    k11: float
+    k12: float
+    k22: float
+    # Acceleration of the contact point by the rolling resistance, per normal force.
+    tu: float
+    t1: float
+    t2: float
+
+
+@scalar
+def cross(v, w):
+    """Return ``v x w``."""
+    return (
+        v[1] * w[2] - v[2] * w[1],
+        v[2] * w[0] - v[0] * w[2],
+        v[0] * w[1] - v[1] * w[0],
+    )
+
+
+@scalar
+def axes(u):
+    """Return ``h_1`` and ``h_2 = u x h_1``."""
+    ux, uy, uz = u
+    root = sqrt(uy * uy + uz * uz)
+    first = root, -ux * uy / root, -ux * uz / root
+    return first, (0.0, uz / root, -uy / root)
+
+
+@scalar
+def direction(u, angle):
+    """Return the unit vector ``e`` of a direction in the plane."""
+    (x1, y1, z1), (x2, y2, z2) = axes(u)
+    c = cos(angle)
+    s = sin(angle)
+    return c * x1 + s * x2, c * y1 + s * y2, c * z1 + s * z2
+
+
+@scalar
+def divided(v, inertia):
+    """Return ``I^-1 v``."""
+    return v[0] / inertia[0], v[1] / inertia[1], v[2] / inertia[2]
+
+
+@scalar
+def contact_at(u, omega, r, w, inertia, torque, drag):
+    """Return the :class:`Contact`, and ``I^-1 g`` with the gyroscopic torque in ``g``.
+
+    ``torque + F_n drag`` is the torque of friction apart from sliding.
+    """
+    ix, iy, iz = inertia
+    a, b, c = omega
+    first, second = axes(u)
+    gyro = (
+        (iy - iz) * b * c + torque[0],
+        (iz - ix) * c * a + torque[1],
+        (ix - iy) * a * b + torque[2],
+    )
+    own = divided(gyro, inertia)
+    curl = cross(omega, w)
+    lever_u = cross(r, u)
+    lever_1 = cross(r, first)
+    lever_2 = cross(r, second)
+    turned_u = divided(lever_u, inertia)
+    turned_1 = divided(lever_1, inertia)
+    turned_2 = divided(lever_2, inertia)
+    _, uy, uz = u
+    contact = Contact(
+        1.0 + dot(u, curl) - dot(lever_u, own),
+        dot(lever_1, own) - dot(first, curl),
+        dot(lever_2, own) - dot(second, curl),
+        (uy * b + uz * c) / (uy * uy + uz * uz),
+        1.0 + dot(lever_u, turned_u),
+        dot(lever_u, turned_1),
+        dot(lever_u, turned_2),
+        1.0 + dot(lever_1, turned_1),
+        dot(lever_1, turned_2),
+        1.0 + dot(lever_2, turned_2),
+        dot(drag, turned_u),
+        dot(drag, turned_1),
+        dot(drag, turned_2),
+    )
+    return contact, own
+
+
+@scalar
+def push(contact, mu, angle):
+    """Return what the contact force does in a direction of sliding.
+
+    The values are the normal force, the denominator ``d``, the rate of the speed, the
+    speed times the rate of the direction in space, and the derivative of the last with
+    respect to the angle.
+    """
+    c = cos(angle)
+    s = sin(angle)
+    # Acceleration of the contact point per unit of normal force, and its derivative.
+    per_u = contact.kuu + contact.tu - mu * (contact.ku1 * c + contact.ku2 * s)
+    per_1 = contact.ku1 + contact.t1 - mu * (contact.k11 * c + contact.k12 * s)
+    per_2 = contact.ku2 + contact.t2 - mu * (contact.k12 * c + contact.k22 * s)
+    turned_u = mu * (contact.ku1 * s - contact.ku2 * c)
+    turned_1 = mu * (contact.k11 * s - contact.k12 * c)
+    turned_2 = mu * (contact.k12 * s - contact.k22 * c)
+    normal = contact.need / per_u
+    normal_rate = -normal * turned_u / per_u
+    x = contact.free1 + normal * per_1
+    y = contact.free2 + normal * per_2
+    x_rate = normal_rate * per_1 + normal * turned_1
+    y_rate = normal_rate * per_2 + normal * turned_2
+    along = c * x + s * y
+    across = c * y - s * x
+    return normal, per_u, along, across, (c * y_rate - s * x_rate) - along
+
+
+@scalar
+def spun(own, u, r, inertia, drag, mu, angle, normal):
+    """Return ``domega/dt`` under the contact force ``normal (u - mu e)``."""
+    ex, ey, ez = direction(u, angle)
+    ux, uy, uz = u
+    force = ux - mu * ex, uy - mu * ey, uz - mu * ez
+    lx, ly, lz = cross(r, force)
+    tx, ty, tz = lx + drag[0], ly + drag[1], lz + drag[2]
+    ax, ay, az = divided((tx, ty, tz), inertia)
+    return own[0] + normal * ax, own[1] + normal * ay, own[2] + normal * az
+
+
+@scalar
+def holding_force(contact):
+    """Return the forces along ``u, h_1, h_2`` that keep a body rolling.
+
+    They solve three linear equations: the contact point is not accelerated.
+    """
+    a, b, c = contact.kuu + contact.tu, contact.ku1, contact.ku2
+    d, e, f = contact.ku1 + contact.t1, contact.k11, contact.k12
+    g, h, i = contact.ku2 + contact.t2, contact.k12, contact.k22
+    p, q, r = contact.need, -contact.free1, -contact.free2
+    minor_a = e * i - f * h
+    minor_b = d * i - f * g
+    minor_c = d * h - e * g
+    det = a * minor_a - b * minor_b + c * minor_c
+    normal = (p * minor_a - b * (q * i - f * r) + c * (q * h - e * r)) / det
+    first = (a * (q * i - f * r) - p * minor_b + c * (d * r - q * g)) / det
+    second = (a * (e * r - q * h) - b * (d * r - q * g) + p * minor_c) / det
+    return normal, first, second
+
+
+# Directions that are tried where Newton's method finds none.
+SCAN = 64
+TWO_PI = 6.283185307179586
+
+
+@scalar
+def settled_direction(contact, mu, angle):
+    """Return the stable direction of sliding near ``angle``, by Newton's method.
+
+    There the direction stays while the speed is small and does not fall.  The second
+    value tells whether one was found.
+    """
+    for _ in range(30):
+        _, _, along, across, slope = push(contact, mu, angle)
+        if slope >= 0.0:
+            break
+        step = -across / slope
+        angle += min(0.3, max(-0.3, step))
+        if abs(step) < 1e-14:
+            return angle, along >= -1e-9
+    return angle, False
+
+
+@scalar
+def outgoing(contact, mu):
+    """Return the direction in which a body at rest on the plane begins to slide.
+
+    The second value tells whether there is one.  Where the force that would keep it
+    rolling is just ``mu`` times the normal force, sliding begins opposite to it.
+    """
+    _, first, second = holding_force(contact)
+    angle = atan2(-second, -first)
+    found, sure = settled_direction(contact, mu, angle)
+    for k in range(SCAN):
+        if sure:
+            break
+        found, sure = settled_direction(contact, mu, angle + k * (TWO_PI / SCAN))
+    return found, sure
+
+
+@scalar
+def slip_energy(u, omega, r, speed, angle):
+    """Return the kinetic energy of a sliding body beyond that of a rolling one."""
+    e = direction(u, angle)
+    return speed * dot(e, cross(r, omega)) + 0.5 * speed * speed
+
+
+@scalar
+def track(u, omega, r, w, speed, angle, heading):
+    """Return the rates of the heading and of the contact point's place on the plane.
+
+    As in :func:`rattlesweep.physics.full.track`, with the velocity of sliding.
+    """
+    _, uy, uz = u
+    _, b, c = omega
+    root = sqrt(uy * uy + uz * uz)
+    dx, dy, dz = cross(r, omega)
+    along = (dx - w[0]) / root + speed * cos(angle)
+    across = ((dy - w[1]) * uz - (dz - w[2]) * uy) / root + speed * sin(angle)
+    cosine = cos(heading)
+    sine = sin(heading)
+    turn = (uy * b + uz * c) / (root * root)
+    return turn, cosine * along - sine * across, sine * along + cosine * across

@@ -1,0 +1,35 @@
+"""A kernel that is compiled within a second, and its cache; imports little."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rattlesweep.integrate import compile
+from rattlesweep.integrate.compile import Kernel, is_stored, load_kernels
+
+
+def plus_ten(x: int) -> int:
+    return abs(x) + 10
+
+
+def small(name: str) -> Kernel:
+    """Return the kernel, under any name."""
+    return Kernel(plus_ten, (-3,), {})
+
+
+def load_small() -> Any:
+    """Return the compiled function."""
+    return load_kernels((small, "small"))[0]
+
+
+def again() -> tuple[int, bool]:
+    """Return its value as in a new process, and whether it was stored before."""
+    compile._loaded.clear()
+    forget_folders()
+    stored = is_stored(small, "small")
+    return load_small()(-3), stored
+
+
+def forget_folders() -> None:
+    compile.cache_folder.cache_clear()
+    compile._stored_folder.cache_clear()

@@ -1,0 +1,257 @@
+"""Runs that slide under Coulomb's law: against exact motions, limits and an oracle."""
+
+from dataclasses import replace
+from functools import cache
+
+import kernels
+import numpy as np
+import oracle
+import pytest
+from numba import njit
+from samples import mapping, table_one
+
+from rattlesweep.integrate import batch as batches
+from rattlesweep.integrate.batch import integrate
+from rattlesweep.integrate.collocation import radau
+from rattlesweep.integrate.follow import Follower
+from rattlesweep.integrate.lanes import slides
+from rattlesweep.integrate.lanes.lane import LANES
+from rattlesweep.integrate.model import FULL, SLIDING, VECTORS_SLIDING
+from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics import full, vectors
+from rattlesweep.physics.readings import contact_point
+
+GH = oracle.GH
+DOP853 = METHODS["dop853"]
+
+
+def with_mu(batch, mu):
+    """Return a batch for a model that slides."""
+    mu = np.broadcast_to(np.asarray(mu, float), len(batch))
+    return replace(batch, constants=np.column_stack([batch.constants, mu]))
+
+
+def slide(batch, mu, model="full", **settings):
+    return integrate(with_mu(batch, mu), DOP853, SLIDING[model], **settings)
+
+
+def in_friction(batch, k=0.0, sigma=0.0, rolling=0.0, eps=1e-4):
+    """Return a batch for the models of ellipsoids and of friction."""
+    loss = np.tile([k, sigma, rolling, eps], (len(batch), 1))
+    return replace(
+        batch,
+        y0=np.column_stack([batch.y0, np.zeros(len(batch))]),
+        constants=np.hstack([batch.constants, loss]),
+    )
+
+
+@pytest.mark.parametrize("stages", [3, 5])
+def test_collocation_is_exact_for_polynomials(stages):
+    method = radau(stages)
+    assert method.points[-1] == 1
+    for power in range(stages):
+        integral = method.integrals @ method.points**power
+        exact = method.points ** (power + 1) / (power + 1)
+        assert integral == pytest.approx(exact, abs=1e-15)
+    # The weights of the end are exact up to degree 2 s - 2, and no further.
+    degrees = np.arange(2 * stages)
+    powers = method.points[:, None] ** degrees
+    errors = method.integrals[-1] @ powers - 1 / (degrees + 1)
+    assert np.abs(errors[:-1]).max() < 1e-15
+    assert abs(errors[-1]) > 1e-7
+
+
+class Slider:
+    """One lane that starts with a speed of its contact point, in tests alone."""
+
+    def __init__(self, batch, speed, angle, tol):
+        model = SLIDING["ellipsoid"]
+        self._slide = njit(slides.slide_lanes, error_model="numpy")
+        self.problem = batches.problem_of(model, True)
+        self.w = batches.workspace(DOP853, model, 1)[0]
+        self.cells = self.w.reshape(-1, LANES)[:, 0]
+        self.scale = tol**-2
+        self.set("y", batch.y0[0])
+        self.set("constants", batch.constants[0, :-1])
+        self.set("mu", batch.constants[0, -1])
+        self.set("slip", [speed, angle, 0])
+        self.set("swing", 1.0)
+        self.t = 0.0
+
+    def rows(self, name):
+        first, kind = self.problem.layout.fields[name]
+        return slice(first, first + (len(kind) if hasattr(kind, "__len__") else 1))
+
+    def set(self, name, value):
+        self.cells[self.rows(name)] = value
+
+    def get(self, name):
+        return self.cells[self.rows(name)].copy()
+
+    def run(self, longest):
+        """Take steps until the body rolls."""
+        while self.get("slip")[0] > 0:
+            self.set("h", longest)
+            self._slide(self.problem, self.w, self.scale, False)
+            assert self.get("error")[0] <= 1
+            self.t += self.get("h")[0]
+            self.set("y", self.get("y1"))
+            self.set("slip", self.get("slip1"))
+
+
+@pytest.mark.parametrize("spin", [0.0, 0.7])
+def test_a_sphere_slides_and_then_rolls(spin):
+    # v = 5/7 v_0 after 2 v_0 / (7 mu g), whatever the spin; the direction stays.
+    body = {"alpha": 1.4, "beta": 1.4, "gamma": 0.4, "theta": 1, "phi": 1, "xi": 0}
+    constants = np.append(full.constants(**body), [1.0, 0.2])  # k = 1: a sphere
+    runs = kernels.full_batch(GH, 0.3)
+    runs = replace(runs, y0=np.array([[0, 0, 0, 0, -spin]]), constants=constants[None])
+    slider = Slider(runs, 0.5, 0.4, tol=1e-11)
+    slider.run(0.05)
+    assert slider.t == pytest.approx(2 * 0.5 / (7 * 0.2), abs=1e-10)
+    # The velocity is u x omega, of which 5/7 of the first is left.
+    p, q, *omega = slider.get("y")
+    u = -np.array([p, q, 1.0]) / np.sqrt(1 + p * p + q * q)
+    velocity = np.cross(omega, u)
+    assert np.linalg.norm(velocity) == pytest.approx(5 / 7 * 0.5, abs=1e-10)
+    assert u @ omega == pytest.approx(spin, abs=1e-10)
+    work = 0.5 * (0.5**2 * (1 - (5 / 7) ** 2) - 0.4 * (5 / 7 * 0.5) ** 2)
+    assert slider.get("slip")[2] == pytest.approx(-work, abs=1e-10)
+
+
+@cache
+def sliding_sweep():
+    """Bodies of the paper's ranges whose runs slide."""
+    rng = np.random.default_rng(8)
+    body = mapping(table_one(40, seed=8))
+    n_i = rng.choice([0.2, -0.2, 0.3, -0.3, 0.5, -0.5], 40)
+    return kernels.full_batch(body, n_i, rng.choice([0.01, 0.1], 40), t_end=150.0)
+
+
+@cache
+def slid(mu):
+    return slide(sliding_sweep(), mu)
+
+
+@pytest.mark.parametrize("mu", [0.2, 0.3, 0.5])
+def test_energy_minus_work_is_kept(mu):
+    out = slid(mu)
+    assert set(out.status) <= {Status.OK, Status.LIFTS_OFF}
+    ok = out.status == Status.OK
+    assert ok.sum() > 30
+    assert (out.n_slides[ok] > 0).sum() > 5
+    assert np.abs(out.energy_drift[ok]).max() < 1e-8
+    assert (out.slide_work >= 0).all()
+    slides_only = out.n_slides > 0
+    assert (np.isfinite(out.t_slide) == slides_only).all()
+    assert ((out.slide_time > 0) == slides_only).all()
+
+
+def test_no_slide_takes_more_than_a_few_hundred_steps():
+    rolling = integrate(sliding_sweep(), DOP853, FULL)
+    for mu in (0.2, 0.3, 0.5):
+        out = slid(mu)
+        several = np.maximum(out.n_slides, 1)
+        assert ((out.n_steps - 2 * rolling.n_steps) / several).max() < 300
+
+
+def test_a_plane_that_holds_everything_is_the_limit():
+    held = integrate(sliding_sweep(), DOP853, FULL)
+    out = slide(sliding_sweep(), 1e6)
+    assert (out.n_slides == 0).all()
+    assert np.isnan(out.t_slide).all()
+    assert np.array_equal(out.t_r, held.t_r, equal_nan=True)
+    assert np.array_equal(out.y_end, held.y_end)
+    assert np.array_equal(out.n_steps, held.n_steps)
+
+
+def test_the_motion_of_a_mirrored_body_is_mirrored():
+    runs = kernels.full_batch(GH, [0.3, 0.4], 0.1, t_end=60.0)
+    mirrored = GH | {"xi": -GH["xi"]}
+    # Mirrored in the plane of x and z: q, a and c change sign, and so does the spin.
+    sign = np.array([1, -1, -1, 1, -1])
+    other = replace(
+        runs,
+        y0=runs.y0 * sign,
+        constants=np.tile(full.constants(**mirrored), (2, 1)),
+    )
+    one = slide(runs, 0.25)
+    two = slide(other, 0.25)
+    assert one.n_slides.min() > 0
+    assert two.t_r == pytest.approx(one.t_r, rel=1e-11)
+    assert two.y_end == pytest.approx(one.y_end * sign, abs=1e-10)
+    assert two.slide_work == pytest.approx(one.slide_work, rel=1e-10)
+
+
+def test_all_models_slide_alike():
+    runs = kernels.full_batch(GH, 0.3, 0.1, t_end=100.0)
+    damped = in_friction(runs, sigma=1e-3, rolling=2e-3)
+    one = slide(damped, 0.3, "full_rolling")
+    assert one.n_slides > 0
+    y0, constants = vectors.from_slopes(damped.y0, with_mu(damped, 0.3).constants)
+    anywhere = replace(damped, y0=y0, constants=constants)
+    two = integrate(anywhere, DOP853, VECTORS_SLIDING)
+    assert two.t_r == pytest.approx(one.t_r, rel=1e-9)
+    assert two.slide_work == pytest.approx(one.slide_work, rel=1e-8)
+    free = slide(in_friction(runs), 0.3, "full_viscous")
+    assert free.t_r == pytest.approx(slide(runs, 0.3).t_r, rel=1e-12)
+
+
+def test_observations_do_not_change_a_run():
+    runs = with_mu(kernels.full_batch(GH, [0.3, 0.4], 0.1, t_end=60.0), 0.3)
+    plain = integrate(runs, DOP853, SLIDING["full"])
+    watched = integrate(
+        runs,
+        DOP853,
+        SLIDING["full"],
+        record=frozenset(["contact", "energy", "windows"]),
+    )
+    assert np.array_equal(plain.t_r, watched.t_r, equal_nan=True)
+    assert np.array_equal(plain.y_end, watched.y_end)
+    # The plane exerts no more than mu times the normal force.
+    assert watched.contact_ratio_max == pytest.approx([0.3, 0.3], abs=1e-9)
+    assert (watched.contact_normal_min > 0).all()
+    assert watched.energy_drift_max.max() < 1e-8
+    further = integrate(runs, DOP853, SLIDING["full"], record=frozenset(["reversals"]))
+    assert further.t_r == pytest.approx(plain.t_r, rel=1e-12, nan_ok=True)
+    assert (further.slide_time > plain.slide_time).any()
+
+
+def test_a_run_can_be_followed_through_its_slides():
+    runs = with_mu(kernels.full_batch(GH, 0.3, 0.1, t_end=60.0), 0.3)
+    out = integrate(runs, DOP853, SLIDING["full"])
+    for attitude in (False, True):
+        follower = Follower(runs, DOP853, SLIDING["full"], attitude=attitude)
+        samples = follower.at(np.linspace(0, 60, 601))
+        assert follower.zeros[0] == out.t_r[0]
+        _, energy, normal, tangential = follower.observe(samples)
+        assert energy / follower.energy_0 - 1 == pytest.approx(0, abs=1e-8)
+        does_slide = samples.slip[:, 0] > 0
+        assert 50 < does_slide.sum() < 500
+        ratio = tangential / normal
+        assert ratio[does_slide] == pytest.approx(0.3, abs=1e-12)
+        assert ratio[~does_slide].max() <= 0.3
+
+
+def test_the_place_of_the_foot_agrees_with_newton():
+    runs = with_mu(kernels.full_batch(GH, 0.3, 0.1, t_end=24.0), 0.3)
+    follower = Follower(runs, DOP853, SLIDING["full"], attitude=True, tol=1e-12)
+    step = 2e-3
+    samples = follower.at(np.arange(19.0, 24.0, step))
+    _, _, _, tangential = follower.observe(samples)
+    # The centre of mass, from the contact point, in axes that do not turn.
+    u, _ = full.to_vectors(samples.y.T)
+    point = contact_point(samples.y[:, 0], samples.y[:, 1], runs.constants[0, :6])
+    root = np.hypot(u[1], u[2])
+    along = point[0] / root - u[0] * (u * point).sum(axis=0) / root
+    across = (point[1] * u[2] - point[2] * u[1]) / root
+    turned = samples.extra[:, 0]
+    x = samples.extra[:, 1] - np.cos(turned) * along + np.sin(turned) * across
+    y = samples.extra[:, 2] - np.sin(turned) * along - np.cos(turned) * across
+    pull = np.hypot(np.diff(x, 2), np.diff(y, 2)) / step**2
+    difference = np.abs(pull - tangential[1:-1])
+    does_slide = samples.slip[:, 0] > 0
+    assert 500 < does_slide.sum() < 2000
+    # The force jumps where a slide ends.
+    assert np.quantile(difference, 0.99) < 1e-3
