@@ -132,7 +132,7 @@ def _shown(layout: Layout, kind: str) -> Mapping[str, object]:
     try:
         with styled():
             picture = choose_picture(layout, kind)
-            figure = picture.figure(captioned=False)
+            figure = picture.figure(caption=False)
             svg = encode(figure, "svg", DPI)
             png = encode(figure, "png", DPI) if len(svg) > MOST_SVG else b""
     except (ConfigError, OutputError) as error:

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -131,5 +132,6 @@ def _tick_each(axes: Axes, x: Axis) -> None:
     grid: Any = axes.get_gridspec()
     # In points; a letter is about 7 points wide.
     width = 72 * grid.figure.get_figwidth() / grid.ncols
-    crowded = 7 * len("  ".join(texts)) > width
+    letter = 0.75 * float(mpl.rcParams["font.size"])
+    crowded = letter * len("  ".join(texts)) > width
     axes.set_xticks(x.values, texts, rotation=90 if crowded else 0)

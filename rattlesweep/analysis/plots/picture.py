@@ -172,16 +172,13 @@ class Picture(ABC):
         *,
         title: str | None = None,
         log: bool | None = None,
-        captioned: bool = True,
+        caption: bool = True,
         size: tuple[float, float] | None = None,
         xlim: tuple[float, float] | None = None,
         ylim: tuple[float, float] | None = None,
     ) -> Figure:
         """Return the figure; None stands for what suits the values."""
-        if not len(self):
-            raise OutputError(
-                f"{self.layout.stored.directory} holds no run {self.shows}"
-            )
+        self._check_runs()
         down = _places(self.rows)
         across = _places(self.columns)
         self._check_number(len(down) * len(across))
@@ -208,9 +205,46 @@ class Picture(ABC):
             _limit(axes, xlim, ylim)
         heading = [title or "", *self._selection(figure.get_figwidth())]
         style.add_legend(figure, handles, [line for line in heading if line])
-        if captioned:
-            style.add_caption(figure, " ".join(self.notes), grow=size is None)
+        if caption:
+            style.add_caption(figure, self.notes, grow=size is None)
+        style.separate_ticks(figure)
         return figure
+
+    def draw_on(
+        self,
+        axes: Axes,
+        *,
+        title: str | None = None,
+        log: bool | None = None,
+        xlim: tuple[float, float] | None = None,
+        ylim: tuple[float, float] | None = None,
+    ) -> None:
+        """Draw the picture on axes of the caller's, if it has a single panel."""
+        self._check_runs()
+        count = len(_places(self.rows)) * len(_places(self.columns)) * self.parts
+        if count > 1:
+            raise ConfigError(
+                f"ax: there are {count} panels; choose one with select, as in "
+                "n_i=-0.3, or quantity for a map"
+            )
+        self.notes.clear()
+        if self.axes:
+            axes.set_xlabel(label(self.axes[0].name))
+        place = (0,) * (len(self.rows) + len(self.columns))
+        handles = self.draw([Panel(axes, place)], log)
+        axes.set_ylabel(self.ylabel)
+        _limit(axes, xlim, ylim)
+        if title is not None:
+            axes.set_title(title)
+        if handles:
+            axes.legend(handles=handles)
+
+    def _check_runs(self) -> None:
+        """Raise an OutputError if there is no run to be shown."""
+        if not len(self):
+            raise OutputError(
+                f"{self.layout.stored.directory} holds no run {self.shows}"
+            )
 
     def _check_number(self, count: int) -> None:
         """Raise a ConfigError if there are too many panels."""
