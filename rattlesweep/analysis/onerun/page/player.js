@@ -128,6 +128,8 @@
       bars[k].style.width = `${(100 * part) / sum}%`;
       write(percents[k], `${fixed((100 * part) / sum, 1)} %`);
     });
+    get("bar").setAttribute("aria-label",
+      shares.map((name, k) => `${name} ${percents[k].textContent}`).join(", "));
     scrub.value = state.t;
     scrub.setAttribute("aria-valuetext", `time ${get("t").textContent}, spin ${get("n").textContent}`);
     cursor(state.t, n);
