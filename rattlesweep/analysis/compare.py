@@ -227,5 +227,5 @@ def save(comparison: Comparison, path: Path) -> None:
             f"{directories}: {total['reversing']:,} runs reverse in both, "
             f"{total['equal']:,} of them at equal times."
         )
-        style.add_caption(figure, caption)
+        style.add_caption(figure, [caption])
         style.save(figure, [path])

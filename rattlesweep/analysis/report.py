@@ -132,16 +132,15 @@ def _shown(layout: Layout, kind: str) -> Mapping[str, object]:
     try:
         with styled():
             picture = choose_picture(layout, kind)
-            figure = picture.figure(captioned=False)
+            figure = picture.figure(caption=False)
             svg = encode(figure, "svg", DPI)
             png = encode(figure, "png", DPI) if len(svg) > MOST_SVG else b""
     except (ConfigError, OutputError) as error:
         return {"kind": kind, "error": error}
-    varies = ", ".join(axis.name for axis in picture.axes) or "all runs"
     return {
         "kind": kind,
         "error": None,
         "image": embedded(svg, png),
-        "varies": varies,
+        "alt": picture.alt(),
         "caption": " ".join(picture.notes),
     }

@@ -184,8 +184,10 @@ def save(result: Indices, path: Path) -> None:
         style.add_legend(figure, handles)
         style.add_caption(
             figure,
-            "Sobol' indices with 95 % intervals; a panel is empty where the "
-            "value does not vary or too few groups of runs have one.",
+            [
+                "Sobol' indices with 95 % intervals; a panel is empty where the "
+                "value does not vary or too few groups of runs have one."
+            ],
         )
         style.save(figure, [path])
 

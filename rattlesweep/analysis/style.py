@@ -1,22 +1,26 @@
 """The look of every picture: colours, marks, labels, legends, and files."""
 
 import io
+import itertools
 import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib import font_manager
+from matplotlib import style as mpl_styles
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Floats, Places
@@ -108,27 +112,63 @@ ROUNDING = 1e-9
 BINS = 1000  # stretches of a curve, each about a pixel wide
 # A curve of more oscillations would be solid ink, so the envelope is drawn.
 MOST_PERIODS = 150
-CAPTION_SIZE = 7.0  # points
+CAPTION_SIZE = 7.0  # points; less where the text of the figure is small
+CAPTION_PART = 0.22  # of the height of a figure that does not grow
+# A style file, the name of a style, or settings.
+Style: TypeAlias = "Path | str | Mapping[str, Any] | None"
 
 
 @contextmanager
-def styled(style: Path | None = None) -> Iterator[None]:
-    """Draw with the settings of all pictures, overridden by those of a style file."""
-    settings = mpl.RcParams(RC)
-    try:
-        if style is not None:
-            settings |= mpl.rc_params_from_file(str(style), True, False)
-    except OSError as error:
-        raise ConfigError(
-            f"--style {style}: {error.strerror}; give the path of a style file of "
-            "Matplotlib"
-        ) from None
-    except ValueError as error:
-        raise ConfigError(f"--style {style}: {one_line(str(error), 300)}") from None
+def styled(style: Style = None) -> Iterator[None]:
+    """Draw with the settings of all pictures, overridden by the caller's.
+
+    These are the ``matplotlib.rcParams`` that differ from Matplotlib's own, as in an
+    ``rc_context``, and then those of a style: a file, a name of Matplotlib's, or a
+    mapping.
+    """
+    settings: dict[Any, Any] = dict(RC)
+    defaults = mpl.rcParamsDefault
+    for key, value in mpl.rcParams.items():
+        if not key.startswith("backend") and value != defaults[key]:
+            settings[key] = value
+    settings |= _settings_of(style)
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(settings)
+        if "mathtext.fontset" not in settings:
+            mpl.rcParams["mathtext.fontset"] = _font_of_formulas()
         yield
+
+
+def _font_of_formulas() -> str:
+    """Return the font set of formulas that goes with the font of the text."""
+    file = font_manager.findfont(font_manager.FontProperties())
+    name = font_manager.get_font(file).family_name
+    if name in ("DejaVu Sans", "DejaVu Serif"):
+        return name.replace(" ", "").lower()
+    if name.startswith(("cmr", "CMU", "Computer Modern", "Latin Modern")):
+        return "cm"
+    is_sans = "Sans" in name or name in mpl.rcParams["font.sans-serif"]
+    return "stixsans" if is_sans else "stix"
+
+
+def _settings_of(style: Style) -> dict[Any, Any]:
+    """Return the settings of a style; raise a ConfigError if there is none."""
+    if style is None:
+        return {}
+    try:
+        if isinstance(style, Mapping):
+            return dict(mpl.RcParams(style))
+        if str(style) in mpl_styles.library:
+            return dict(mpl_styles.library[str(style)])
+        return dict(mpl.rc_params_from_file(str(style), True, False))
+    except OSError as error:
+        raise ConfigError(
+            f"--style {style}: {error.strerror}; give the path of a style file, or the "
+            "name of a style, of Matplotlib"
+        ) from None
+    except (KeyError, ValueError) as error:
+        raise ConfigError(f"--style {style}: {one_line(str(error), 300)}") from None
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -157,16 +197,67 @@ def add_legend(
     legend.get_title().set_multialignment("center")
 
 
-def add_caption(figure: Figure, words: str, *, grow: bool = True) -> None:
-    """Write sentences below all panels; with `grow`, the figure gets higher by them."""
-    letters = int(1.75 * 72 * figure.get_figwidth() / CAPTION_SIZE)
-    lines = textwrap.wrap(words.replace("$", "\\$"), letters)
-    figure.supxlabel(
-        "\n".join(lines), fontsize=CAPTION_SIZE, color=GREY, multialignment="left"
-    )
+def add_caption(figure: Figure, sentences: Sequence[str], *, grow: bool = True) -> None:
+    """Write sentences below all panels; with `grow`, the figure gets higher by them.
+
+    Otherwise only as many sentences are written as leave the panels their room.
+    """
+    size = min(CAPTION_SIZE, 0.85 * float(mpl.rcParams["font.size"]))
+    letters = int(1.75 * 72 * figure.get_figwidth() / size)
+    line_height = 0.02 * size  # inches
+    room = math.inf if grow else CAPTION_PART * figure.get_figheight()
+    lines: list[str] = []
+    for count in range(len(sentences), 0, -1):
+        words = " ".join(sentences[:count])
+        lines = textwrap.wrap(words.replace("$", "\\$"), letters)
+        if line_height * len(lines) <= room:
+            break
+        lines = []
+    figure.supxlabel("\n".join(lines), fontsize=size, color=GREY, multialignment="left")
     if grow:
-        height = figure.get_figheight() + 0.02 * CAPTION_SIZE * len(lines)
-        figure.set_figheight(height)
+        figure.set_figheight(figure.get_figheight() + line_height * len(lines))
+
+
+def separate_ticks(figure: Figure) -> None:
+    """Take fewer ticks along the abscissas until their labels stand apart."""
+    for _ in range(8):
+        # The layout is solved first, on which the places of the labels depend.
+        with valid_texts():
+            figure.draw_without_rendering()
+        if not _crowded(figure):
+            return
+        for axes in figure.axes:
+            locator = axes.xaxis.get_major_locator()
+            if isinstance(locator, PlainTicks):
+                locator.most = max(2, locator.shown - 1)
+            elif isinstance(locator, MaxNLocator):
+                shown = len(_labels(axes))
+                axes.xaxis.set_major_locator(MaxNLocator(max(2, shown - 2)))
+
+
+def _labels(axes: Axes) -> list[Bbox]:
+    """Return the places of the labels at the ticks of an abscissa."""
+    low, high = sorted(axes.get_xlim())
+    boxes: list[Bbox] = []
+    for tick in axes.xaxis.get_major_ticks():
+        text = tick.label1
+        if tick.get_loc() < low or tick.get_loc() > high or not text.get_visible():
+            continue
+        if text.get_text():
+            boxes.append(text.get_window_extent())
+    return boxes
+
+
+def _crowded(figure: Figure) -> bool:
+    """Return whether labels of neighbouring ticks, of any panels, touch."""
+    boxes = [box for axes in figure.axes for box in _labels(axes)]
+    gap = 0.6 * float(mpl.rcParams["font.size"]) * figure.dpi / 72
+    for box, other in itertools.combinations(boxes, 2):
+        apart = max(box.x0, other.x0) - min(box.x1, other.x1)
+        same_line = min(box.y1, other.y1) > max(box.y0, other.y0)
+        if same_line and apart < gap:
+            return True
+    return False
 
 
 def light_grid(axes: Axes) -> None:
@@ -201,17 +292,35 @@ def scale_axis(
 class PlainTicks(LogLocator):
     """Ticks at multiples of the powers of ten, as many as there is room for."""
 
+    most = 100  # ticks that have room, beside Matplotlib's own estimate
+    shown = 0  # ticks between the ends
+
     def tick_values(self, vmin: float, vmax: float) -> Any:
         """Return the ticks between two ends."""
         axis: Any = self.axis  # set by Matplotlib
-        for subs in ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)):
-            self.set_params(subs=subs)
-            ticks = np.asarray(super().tick_values(vmin, vmax))
-            shown = np.count_nonzero((ticks >= vmin) & (ticks <= vmax))
-            if 3 <= shown <= axis.get_tick_space():
-                return ticks
-        self.set_params(subs=(1.0,))
+        most = min(self.most, axis.get_tick_space())
+        best: tuple[float, ...] = (1.0,)
+        self.shown = 0
+        for subs in (
+            (1.0, 2.0, 5.0),
+            (1.0, 3.0),
+            (1.0, 1.5, 2.0, 3.0, 5.0, 7.0),
+            (1.0,),
+        ):
+            shown = self._count(subs, vmin, vmax)
+            if self.shown < shown <= most:
+                best = subs
+                self.shown = shown
+            if 3 <= shown <= most:
+                break
+        self.set_params(subs=best)
         return super().tick_values(vmin, vmax)
+
+    def _count(self, subs: tuple[float, ...], low: float, high: float) -> int:
+        """Return the number of ticks at these multiples between two ends."""
+        self.set_params(subs=subs)
+        ticks = np.asarray(super().tick_values(low, high))
+        return int(np.count_nonzero((ticks >= low) & (ticks <= high)))
 
 
 def plain_ticks(axes: Axes, which: str, low: float, high: float) -> None:
@@ -267,12 +376,19 @@ def curve(
 def encode(figure: Figure, kind: str, dpi: float = DPI) -> bytes:
     """Return a figure in one of `FORMATS`; equal figures give equal bytes."""
     buffer = io.BytesIO()
-    try:
+    with valid_texts():
         figure.savefig(buffer, format=kind, dpi=dpi, metadata=FORMATS[kind])
-    except ValueError as error:  # an invalid formula in a title
+    return buffer.getvalue()
+
+
+@contextmanager
+def valid_texts() -> Iterator[None]:
+    """Raise a ConfigError if Matplotlib cannot draw a formula, as in a title."""
+    try:
+        yield
+    except ValueError as error:
         reason = " ".join(str(error).split())
         raise ConfigError(f"a text in the picture: {reason}") from None
-    return buffer.getvalue()
 
 
 def save(figure: Figure, paths: Sequence[Path], dpi: float = DPI) -> None:

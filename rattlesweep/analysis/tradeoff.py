@@ -322,11 +322,11 @@ def save(study: Study, directory: Path) -> list[Path]:
         figure = draw(study.rows)
         style.add_caption(
             figure,
-            (
+            [
                 "Markers: median error; lines: up to the error that 99 % of the runs "
                 "keep. {runs} runs of {config}, {compared} with a sure reversal; "
-                "{machine}, rattlesweep {rattlesweep}."
-            ).format(**study.facts),
+                "{machine}, rattlesweep {rattlesweep}.".format(**study.facts)
+            ],
         )
         style.save(figure, pictures)
     return [table, *pictures]

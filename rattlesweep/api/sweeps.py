@@ -31,9 +31,11 @@ from rattlesweep.text import Bar
 if TYPE_CHECKING:
     import pandas as pd
     import xarray
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from rattlesweep.analysis.compare import Comparison
+    from rattlesweep.analysis.style import Style
     from rattlesweep.sweeps.bodies.table import Frame
     from rattlesweep.sweeps.stored import Stored
     from rattlesweep.sweeps.verify import Verified
@@ -153,29 +155,48 @@ class Sweep:
         select: Mapping[str, Any] | Sequence[str] = (),
         where: str | None = None,
         path: str | Path | None = None,
+        style: Style = None,
+        ax: Axes | None = None,
         **looks: Any,
     ) -> Figure:
         """Draw the sweep as ``rattlesweep plot`` does.
 
         The arguments are the options of the command; `path` is an .svg, .png or .pdf
         file to write.  `select` may be a mapping, as in ``{"n_i": [-0.3, -0.5]}``;
-        looks are ``title``, ``log``, ``size``, ``xlim``, ``ylim``.
+        looks are ``title``, ``log``, ``size``, ``xlim``, ``ylim`` and ``caption``
+        (False leaves it out).
+
+        What differs in ``matplotlib.rcParams`` from Matplotlib's own settings is
+        respected, and `style`, a file, a name such as ``"ggplot"`` or a mapping, above
+        it.  A picture of a single panel may be drawn on `ax`, axes of the caller's,
+        whose figure is returned; the caption is then left to the caller.
         """
         from rattlesweep.analysis.layout import read_layout
         from rattlesweep.analysis.onerun.figure import shown
         from rattlesweep.analysis.plots import choose_picture
-        from rattlesweep.analysis.style import styled
+        from rattlesweep.analysis.style import save, styled
+        from rattlesweep.sweeps.files import as_path
 
         _check_looks(looks)
         layout = read_layout(self.directory)
         if isinstance(select, Mapping):
             select = [_selection(name, values) for name, values in select.items()]
         texts = names_of("select", select)
-        with styled():
+        with styled(style):
             picture = choose_picture(
                 layout, kind, x=x, quantity=quantity, select=texts, where=where
             )
-            return shown(picture.figure(**looks), path)
+            if ax is None:
+                return shown(picture.figure(**looks), path)
+            for name in ("size", "caption"):
+                if looks.pop(name, None):
+                    raise ConfigError(f"{name}: the figure of ax is the caller's")
+            picture.draw_on(ax, **looks)
+            figure = ax.get_figure(root=True)
+            assert figure is not None
+            if path is not None:
+                save(figure, [as_path(path, "path")])
+            return figure
 
     def report(
         self, path: str | Path | None = None, *, title: str | None = None
@@ -252,7 +273,7 @@ class Sweep:
 
 def _check_looks(looks: Mapping[str, Any]) -> None:
     """Refuse looks of a figure that are unknown, or no pairs where pairs are needed."""
-    check_names("looks", looks, ("title", "log", "size", "xlim", "ylim"))
+    check_names("looks", looks, ("title", "log", "size", "xlim", "ylim", "caption"))
     for name in ("size", "xlim", "ylim"):
         value = looks.get(name)
         if value is None:

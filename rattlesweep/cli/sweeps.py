@@ -485,8 +485,16 @@ def _forecast(planned: Plan, directory: Path, threads: int | None) -> Forecast:
 )
 @option(
     "--style",
-    type=click.Path(path_type=Path),
-    help="A Matplotlib style file (.mplstyle).",
+    metavar="STYLE",
+    help="A style of Matplotlib: a file (.mplstyle), or a name such as ggplot.",
+)
+@option(
+    "--no-caption",
+    "caption",
+    flag_value=False,
+    default=True,
+    show_default=False,
+    help="Leave out the sentences below the figure.",
 )
 @option("--title", help="Title of the figure; may hold formulas, as in '$n_i$'.")
 @options.file(
@@ -499,7 +507,7 @@ def _forecast(planned: Plan, directory: Path, threads: int | None) -> Forecast:
 def plot(
     directory: Path,
     dpi: float,
-    style: Path | None,
+    style: str | None,
     output: tuple[Path, ...],
     data: Path | None,
     **given: Any,
@@ -514,7 +522,8 @@ def plot(
     from rattlesweep.analysis.style import save, save_table, styled
 
     probe(*output, data)
-    looks = {name: given.pop(name) for name in ("title", "log", "size", "xlim", "ylim")}
+    names = ("title", "log", "size", "xlim", "ylim", "caption")
+    looks = {name: given.pop(name) for name in names}
     paths = list(output)
     with styled(style):
         picture = choose_picture(read_layout(directory), **given)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shlex
 import shutil
 import sys
@@ -24,7 +25,7 @@ import rattlesweep as rs
 from rattlesweep.analysis.layout import fill, read_layout
 from rattlesweep.analysis.plots import Picture, choose_picture
 from rattlesweep.analysis.plots.maps import BONDI, CODES
-from rattlesweep.analysis.style import TYPE_STYLE, curve, new_figure, styled
+from rattlesweep.analysis.style import GREY, TYPE_STYLE, curve, new_figure, styled
 
 # Of sweeps without dissipation.
 PLAIN = {name: mark for name, mark in TYPE_STYLE.items() if name != "D"}
@@ -166,9 +167,11 @@ def test_times_are_the_means_and_the_theory_is_dashed(sweeps):
 def test_a_single_abscissa_has_a_mark_for_the_theory(sweeps):
     (axes,) = drawn(picture(sweeps / "one", "times")).axes
     (run,) = rs.load(sweeps / "one").runs.itertuples()
-    assert [line.get_ydata() for line in axes.lines if line.get_marker() == "_"] == [
-        [run.t_rgh]
-    ]
+    # Ends of error bars are such marks too, but small ones.
+    marks = [line for line in axes.lines if line.get_marker() == "_"]
+    assert [m.get_ydata() for m in marks if m.get_markersize() > 10] == [[run.t_rgh]]
+    (shown,) = axes.figure.legends[0].get_lines()
+    assert (shown.get_marker(), shown.get_linestyle()) == ("_", "None")
 
 
 def test_rounding_errors_are_no_oscillations():
@@ -232,6 +235,93 @@ def test_failed_and_missing_cells_are_seen(sweeps, tmp_path):
         figure = picture(directory).figure()
         assert word in legend_words(figure)
         assert (figure.axes[0].collections[0].get_array() == CODES[name]).sum() == count
+
+
+def test_settings_of_the_caller_are_respected(sweeps):
+    sweep = rs.load(sweeps / "unsteady")
+    loud = {"font.size": 14, "font.family": "serif"}
+    with mpl.rc_context(loud):
+        outside = sweep.plot("times", select={"n_i": 0.1}, caption=False)
+        above = sweep.plot("times", style={"font.size": 11})
+    plain = sweep.plot("times", style="ggplot")
+    expected = ((outside, 14, "dejavuserif"), (above, 11, "dejavuserif"))
+    for figure, size, math in (*expected, (plain, 12, "dejavusans")):
+        label = figure.axes[0].xaxis.label
+        assert label.get_fontsize() == pytest.approx(size)
+        assert label.get_math_fontfamily() == math
+    assert to_rgb(plain.axes[0].get_facecolor()) == to_rgb("#E5E5E5")
+    words = [[text.get_text() for text in f.texts] for f in (outside, above)]
+    assert ["Mean of" in " ".join(texts) for texts in words] == [False, True]
+    with pytest.raises(rs.ConfigError, match="ggplott"):
+        sweep.plot(style="ggplott")
+
+
+def test_a_picture_on_axes_of_the_caller(sweeps, tmp_path):
+    sweep = rs.load(sweeps / "unsteady")
+    one = {"select": {"n_i": 0.1}}
+    figure = new_figure(3, 2)
+    left, right = figure.subplots(1, 2)
+    assert sweep.plot("times", ax=left, title="here", **one) is figure
+    whole = sweep.plot("times", **one).axes[0]
+    for mine, other in zip(left.lines, whole.lines, strict=True):
+        np.testing.assert_array_equal(mine.get_xydata(), other.get_xydata())
+    assert left.get_title() == "here"
+    assert [text.get_text() for text in left.get_legend().get_texts()] == ["theory"]
+    rs.load(sweeps / "map").plot(quantity="n_steps", ax=right, path=tmp_path / "m.png")
+    assert right.collections
+    assert matplotlib.image.imread(tmp_path / "m.png").shape[:2] == (300, 450)
+    for name, wrong, sentence in (
+        ("steady", {"kind": "fractions"}, "ax: there are 4 panels"),
+        ("map", {"kind": "map"}, "quantity for a map"),
+        ("unsteady", {"size": (3, 2), **one}, "size: the figure of ax is the caller"),
+    ):
+        with pytest.raises(rs.ConfigError, match=sentence):
+            rs.load(sweeps / name).plot(ax=left, **wrong)
+
+
+@pytest.mark.parametrize("width", [3.4, 7.0])
+@pytest.mark.parametrize(
+    "shown",
+    [
+        "steady fractions",
+        "steady times",
+        "steady ratio",
+        "steady scatter",
+        "steady distribution",
+        "map map",
+        "turns reversals",
+    ],
+)
+def test_a_figure_of_a_column_of_a_journal_can_be_read(sweeps, shown, width):
+    """No labels of ticks touch, and the caption takes no quarter of the height."""
+    name, kind = shown.split()
+    choice = {}
+    if name == "steady":
+        choice = {"select": {"omega_xy0": 0.01}}
+    with mpl.rc_context({"font.family": "serif", "font.size": 7}):
+        figure = rs.load(sweeps / name).plot(kind, size=(width, 0.7 * width), **choice)
+    figure.canvas.draw()
+    for which in ("xaxis", "yaxis"):
+        boxes = []
+        for axes in figure.axes:
+            axis = getattr(axes, which)
+            low, high = sorted(axis.get_view_interval())
+            for tick in axis.get_major_ticks():
+                for text in (tick.label1, tick.label2):
+                    if (
+                        text.get_visible()
+                        and text.get_text()
+                        and low <= tick.get_loc() <= high
+                    ):
+                        boxes.append(text.get_window_extent())
+        assert len(boxes) >= 2
+        pairs = itertools.combinations(boxes, 2)
+        assert not any(one.overlaps(other) for one, other in pairs), which
+    height = figure.bbox.height
+    captions = [text for text in figure.texts if text.get_color() == GREY]
+    assert all(text.get_window_extent().height < height / 4 for text in captions)
+    panels = sum(axes.get_window_extent().height for axes in figure.axes[:1])
+    assert panels > 0.25 * height
 
 
 def test_data_style_title_size_and_defaults(sweeps, tmp_path):

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -38,6 +39,10 @@ class Fractions(Picture):
         if len(rest) > 1 or rest == ["omega_xy0"]:
             rows = 1
         return Arrangement([first], rest[:rows], rest[rows:])
+
+    def told(self) -> tuple[str, str]:
+        """Return the words and the column for what reverses."""
+        return "Fraction that reverses", "fraction_R"
 
     def draw(self, panels: list[Panel], log: bool | None) -> list[Handle]:
         """Stack the types on each other, with the intervals of their borders."""
@@ -127,5 +132,6 @@ def _tick_each(axes: Axes, x: Axis) -> None:
     grid: Any = axes.get_gridspec()
     # In points; a letter is about 7 points wide.
     width = 72 * grid.figure.get_figwidth() / grid.ncols
-    crowded = 7 * len("  ".join(texts)) > width
+    letter = 0.75 * float(mpl.rcParams["font.size"])
+    crowded = letter * len("  ".join(texts)) > width
     axes.set_xticks(x.values, texts, rotation=90 if crowded else 0)

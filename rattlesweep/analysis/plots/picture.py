@@ -73,8 +73,8 @@ class Picture(ABC):
         arrangement = self.arrange()
         self.rows = [layout.axes[name] for name in arrangement.rows]
         self.columns = [layout.axes[name] for name in arrangement.columns]
-        inside = [layout.axes[name] for name in arrangement.inside]
-        self.axes = [*inside, *self.rows, *self.columns]
+        self.inside = [layout.axes[name] for name in arrangement.inside]
+        self.axes = [*self.inside, *self.rows, *self.columns]
         self.notes: list[str] = []
 
     def arrange(self) -> Arrangement:
@@ -132,6 +132,31 @@ class Picture(ABC):
             columns["unsure"] = cells["unsure"]
         return pd.DataFrame(columns)[cells["runs"] > 0].reset_index(drop=True)
 
+    def told(self) -> tuple[str, str]:
+        """Return what the picture is of, in words, and the column of its table."""
+        raise NotImplementedError
+
+    def alt(self) -> str:
+        """Return what the picture shows, for those who cannot see it.
+
+        Told are the values at both ends of the first axis, as means over the others.
+        """
+        words, column = self.told()
+        table = self.table()
+        x = self.axes[0].name
+        names = ", ".join(axis.name for axis in self.axes)
+        sentence = f"{words} of {int(table['runs'].sum()):,} runs by {names}"
+        known = table[table[column].notna()]
+        if known.empty:
+            return f"{sentence}: no value"
+        weighted = known[column] * known["runs"]
+        means = weighted.groupby(known[x]).sum() / known["runs"].groupby(known[x]).sum()
+        first, last = means.index[[0, -1]]
+        return (
+            f"{sentence}: from {means[first]:.3g} at {x} = {first:.4g} "
+            f"to {means[last]:.3g} at {last:.4g}"
+        )
+
     def read(self, *columns: str) -> Floats:
         """Return cells and columns of runs that are ok, shape (1 + columns, runs)."""
         blocks = [np.empty((1 + len(columns), 0))]
@@ -147,16 +172,13 @@ class Picture(ABC):
         *,
         title: str | None = None,
         log: bool | None = None,
-        captioned: bool = True,
+        caption: bool = True,
         size: tuple[float, float] | None = None,
         xlim: tuple[float, float] | None = None,
         ylim: tuple[float, float] | None = None,
     ) -> Figure:
         """Return the figure; None stands for what suits the values."""
-        if not len(self):
-            raise OutputError(
-                f"{self.layout.stored.directory} holds no run {self.shows}"
-            )
+        self._check_runs()
         down = _places(self.rows)
         across = _places(self.columns)
         self._check_number(len(down) * len(across))
@@ -183,9 +205,46 @@ class Picture(ABC):
             _limit(axes, xlim, ylim)
         heading = [title or "", *self._selection(figure.get_figwidth())]
         style.add_legend(figure, handles, [line for line in heading if line])
-        if captioned:
-            style.add_caption(figure, " ".join(self.notes), grow=size is None)
+        if caption:
+            style.add_caption(figure, self.notes, grow=size is None)
+        style.separate_ticks(figure)
         return figure
+
+    def draw_on(
+        self,
+        axes: Axes,
+        *,
+        title: str | None = None,
+        log: bool | None = None,
+        xlim: tuple[float, float] | None = None,
+        ylim: tuple[float, float] | None = None,
+    ) -> None:
+        """Draw the picture on axes of the caller's, if it has a single panel."""
+        self._check_runs()
+        count = len(_places(self.rows)) * len(_places(self.columns)) * self.parts
+        if count > 1:
+            raise ConfigError(
+                f"ax: there are {count} panels; choose one with select, as in "
+                "n_i=-0.3, or quantity for a map"
+            )
+        self.notes.clear()
+        if self.axes:
+            axes.set_xlabel(label(self.axes[0].name))
+        place = (0,) * (len(self.rows) + len(self.columns))
+        handles = self.draw([Panel(axes, place)], log)
+        axes.set_ylabel(self.ylabel)
+        _limit(axes, xlim, ylim)
+        if title is not None:
+            axes.set_title(title)
+        if handles:
+            axes.legend(handles=handles)
+
+    def _check_runs(self) -> None:
+        """Raise an OutputError if there is no run to be shown."""
+        if not len(self):
+            raise OutputError(
+                f"{self.layout.stored.directory} holds no run {self.shows}"
+            )
 
     def _check_number(self, count: int) -> None:
         """Raise a ConfigError if there are too many panels."""

@@ -1,9 +1,10 @@
 """Mean reversal times, or their ratios to theory, against one axis."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 
 from rattlesweep.analysis import style
 from rattlesweep.analysis.plots.picture import (
@@ -21,6 +22,8 @@ from rattlesweep.analysis.style import SERIES, THEORY, label
 from rattlesweep.arrays import Floats
 
 MOST_MARKERS = 40  # more markers would hide the curve
+# Theory at a single abscissa, where a line has no length.
+SINGLE: dict[str, Any] = {"linestyle": "", "marker": "_", "markersize": 12}
 
 
 class Look(NamedTuple):
@@ -56,9 +59,15 @@ class Times(Picture):
         """Whether the times are divided by those of theory."""
         return self.name == "ratio"
 
+    def told(self) -> tuple[str, str]:
+        """Return the words and the column for the times, or their ratios."""
+        if self.is_relative:
+            return "Mean of t_r/t_rGH", "ratio_mean"
+        return "Mean time until the first reversal", f"{self.layout.name('t_r')}_mean"
+
     def draw(self, panels: list[Panel], log: bool | None) -> list[Handle]:
         """Draw a curve with a band for each value of the second axis."""
-        x, *curve_axes = self.axes[: len(self.axes) - len(self.columns)]
+        x, *curve_axes = self.inside
         looks = self._looks()
         # The axis of ratios is linear and begins at 0.
         log_y = log is not False
@@ -69,8 +78,10 @@ class Times(Picture):
         borders: list[int] = []
         if x.name.startswith("n_i"):
             borders = [int(np.searchsorted(x.values, 0.0))]
-        stretches = np.split(np.arange(len(x.values)), borders)
+        places = np.split(np.arange(len(x.values)), borders)
+        stretches = [stretch for stretch in places if len(stretch)]
         for axes, place in panels:
+            scale(axes, "x", x, log)
             for look in looks:
                 here = Curve(
                     *(within(values, (look.place, *place)) for values in curves)
@@ -79,8 +90,9 @@ class Times(Picture):
                     piece = Curve(*(values[stretch] for values in here))
                     self._draw_piece(axes, x.values[stretch], piece, look, log_y)
         for axes, _ in panels:
-            scale(axes, "x", x, log)
             style.light_grid(axes)
+            if len(x.values) == 1:
+                axes.set_xticks(x.values)
             if self.is_relative:
                 axes.axhline(1, **THEORY, zorder=1.5)
             if log_y:
@@ -99,14 +111,17 @@ class Times(Picture):
                         name, color=look.colour, marker=look.marker, ms=4, ls="-"
                     )
                 )
-        return [*handles, style.entry("theory", **THEORY)]
+        theory: dict[str, Any] = dict(THEORY)
+        if len(x.values) == 1 and not self.is_relative:
+            theory = SINGLE | {"color": style.INK}
+        return [*handles, style.entry("theory", **theory)]
 
     @property
     def _count(self) -> int:
         """The number of curves."""
-        if len(self.axes) - len(self.columns) < 2:
+        if len(self.inside) < 2:
             return 1
-        return len(self.axes[1].values)
+        return len(self.inside[1].values)
 
     def _looks(self) -> list[Look]:
         """Return the curves, no more than there are colours."""
@@ -125,7 +140,7 @@ class Times(Picture):
             spread=self.grid(np.nan_to_num(moments.deviations())),
             theory=self.grid(cells.t_rgh.means()),
         )
-        if len(self.axes) - len(self.columns) < 2:
+        if len(self.inside) < 2:
             return Curve(*(np.expand_dims(values, 1) for values in curves))
         return curves
 
@@ -146,25 +161,44 @@ class Times(Picture):
         if log_y:
             # A logarithmic axis has no zero: the band ends at a tenth of the mean.
             below = np.minimum(below, 0.9 * curve.mean)
-        # A single abscissa has no line: the edge of a band and a dash are seen there.
-        single = len(x) == 1
-        axes.fill_between(
-            x,
-            curve.mean - below,
-            curve.mean + curve.spread,
-            color=look.colour,
-            alpha=0.12,
-            linewidth=4 if single else 0,
-        )
-        if not self.is_relative:
-            dashes = THEORY | {"color": look.colour, "zorder": 1.5}
-            axes.plot(
-                x,
-                curve.theory,
-                **dashes,
-                marker="_" if single else None,
-                markersize=12,
+        if few:
+            # Bars beside each other, as bands would hide one another.
+            axes.errorbar(
+                self._beside(axes, x, look),
+                curve.mean,
+                np.stack([below, curve.spread]),
+                fmt="none",
+                ecolor=look.colour,
+                elinewidth=0.8,
+                capsize=1.5,
             )
+        else:
+            axes.fill_between(
+                x,
+                curve.mean - below,
+                curve.mean + curve.spread,
+                facecolor=to_rgba(look.colour, 0.1),
+                edgecolor=to_rgba(look.colour, 0.6),
+                linewidth=0.4,
+            )
+        if not self.is_relative:
+            # A single abscissa has no line: a short dash is seen there.
+            dashes = SINGLE if len(self.axes[0].values) == 1 else THEORY
+            axes.plot(x, curve.theory, **dashes | {"color": look.colour, "zorder": 1.5})
+
+    def _beside(self, axes: Axes, x: Floats, look: Look) -> Floats:
+        """Return the abscissas of a curve's bars, next to those of other curves."""
+        looks = self._looks()
+        if len(looks) == 1 or len(self.axes[0].values) == 1:
+            return x
+        values = self.axes[0].values
+        rank = [other.place for other in looks].index(look.place)
+        part = 0.15 * (rank - (len(looks) - 1) / 2) / len(looks)
+        if axes.get_xscale() == "log":
+            moved: Floats = x * np.exp(part * np.diff(np.log(values)).min())
+        else:
+            moved = x + part * np.diff(values).min()
+        return moved
 
     def _label(self, drawn: int) -> None:
         """Set the label and the sentences of the caption."""
@@ -177,7 +211,7 @@ class Times(Picture):
             quantity = "the time t_r of the first reversal"
             theory = "Theory: Garcia and Hubbard's t_rGH, mean over all runs."
         self.notes += [
-            f"Mean of {quantity} over the runs that reverse (type R); bands: its "
+            f"Mean of {quantity} over the runs that reverse (type R), with its "
             "standard deviation.",
             theory,
         ]
