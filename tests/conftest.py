@@ -7,6 +7,7 @@ import signal
 import tempfile
 from collections.abc import Iterator
 from contextlib import closing, nullcontext
+from typing import Any
 
 import pytest
 from compiler import Compiler
@@ -68,6 +69,15 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
             "rattlesweep.cli.options.listening", lambda listener: nullcontext()
         )
         yield
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    """Chromium for the tests of one file, as its event loop would disturb others."""
+    from browser import launched
+
+    with launched() as it:
+        yield it
 
 
 @pytest.fixture(autouse=True)

@@ -137,11 +137,10 @@ def _shown(layout: Layout, kind: str) -> Mapping[str, object]:
             png = encode(figure, "png", DPI) if len(svg) > MOST_SVG else b""
     except (ConfigError, OutputError) as error:
         return {"kind": kind, "error": error}
-    varies = ", ".join(axis.name for axis in picture.axes) or "all runs"
     return {
         "kind": kind,
         "error": None,
         "image": embedded(svg, png),
-        "varies": varies,
+        "alt": picture.alt(),
         "caption": " ".join(picture.notes),
     }

@@ -10,7 +10,9 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from browser import check_page, needs_browser
 from editing import edited
 
 import rattlesweep as rs
@@ -85,8 +87,13 @@ def test_all_of_a_sweep_is_there(sweeps, pages):
     assert sweep.manifest["config_hash"] in page.text
     assert f"numba {sweep.manifest['versions']['numba']}" in page.text
     pictures = [attrs for tag, attrs in page.tags if tag == "img"]
-    kinds = ["fractions", "times", "ratio", "distribution"]
-    assert [str(p["alt"]).split()[0] for p in pictures] == kinds
+    alts = [str(picture["alt"]).split(" of ")[0] for picture in pictures]
+    assert alts == [
+        "Fraction that reverses",
+        "Mean time until the first reversal",
+        "Mean",
+        "Histogram",
+    ]
     # Those of many panels scroll on a narrow screen instead of shrinking to it.
     assert [attrs.get("class") for tag, attrs in page.tags if tag == "figure"] == [
         None,
@@ -144,3 +151,39 @@ def test_a_sweep_whose_runs_all_failed(tmp_path):
     page = Page(make_report(tmp_path))
     assert "None of them is ok." in page.text
     assert "step_limit 2 100 %" in page.text
+
+
+def test_what_the_pictures_show_is_said(sweeps, pages):
+    alts = [of["alt"] for tag, of in Page(pages["steady"]).tags if tag == "img"]
+    runs = rs.load(sweeps / "steady").runs.assign(
+        target=np.repeat([0.005, 0.02, 0.1], 40)
+    )
+    back = (runs["type"] == "R").groupby(runs["target"]).mean()
+    ratio = (runs["t_r"] / runs["t_rgh"]).dropna()
+    low, high = np.percentile(ratio, (25, 75))
+    assert alts[0] == (
+        "Fraction that reverses of 120 runs by K_r, omega_xy0, n_i: "
+        f"from {back[0.005]:.3g} at K_r = 0.005 to {back[0.1]:.3g} at 0.1"
+    )
+    assert alts[-1] == (
+        f"Histogram of t_r/t_rGH of {len(ratio)} runs, "
+        f"half of them between {low:.3g} and {high:.3g}"
+    )
+    (alt, *_) = [of["alt"] for tag, of in Page(pages["map"]).tags if tag == "img"]
+    map_runs = rs.load(sweeps / "map").runs
+    words, _, numbers = str(alt).partition(": from ")
+    assert words.startswith(
+        "Map of types and times; fraction that reverses of 450 runs"
+    )
+    first = words.split(" by ")[1].split(",")[0]
+    ok = map_runs[map_runs["status"] == "ok"]
+    share = (ok["type"] == "R").groupby(ok[first]).mean()
+    assert numbers.split(" at ")[0] == f"{share.iloc[0]:.3g}"
+
+
+@needs_browser
+@pytest.mark.parametrize("name", ["steady", "map"])
+def test_a_page_fits_and_can_be_read(name, pages, chromium, tmp_path):
+    path = tmp_path / "report.html"
+    path.write_bytes(pages[name])
+    check_page(chromium, path)

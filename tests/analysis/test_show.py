@@ -17,7 +17,7 @@ from typing import Any
 import matplotlib.image
 import numpy as np
 import pytest
-from browser import Browser, browser, find_browser
+from browser import SCHEMES, WIDTHS, Browser, needs_browser, window
 from scipy.spatial.transform import Rotation
 from sweeping import invoke, rows, run
 
@@ -28,9 +28,6 @@ from rattlesweep.sweeps.launches import Launch
 
 GH = rs.Rattleback.gh()
 T_END = 130.0
-needs_browser = pytest.mark.skipif(
-    find_browser() is None, reason="no Chromium is installed"
-)
 
 
 @cache
@@ -137,13 +134,13 @@ def test_a_stored_run_is_shown_and_proved(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def opened(page: Path) -> Iterator[Browser]:
+def opened(page: Path, chromium: Any) -> Iterator[Browser]:
     """The page, once for the tests that follow: to draw it first takes most of their
     time.
     """
-    with browser() as window:
-        window.open(page)
-        yield window
+    with window(chromium) as it:
+        it.open(page)
+        yield it
 
 
 @pytest.fixture
@@ -156,9 +153,9 @@ def still(opened: Browser) -> Iterator[Browser]:
     assert opened.console == []
 
 
-def pixels(window: Browser) -> Any:
+def pixels(opened: Browser) -> Any:
     """The window with the drawing at its top, shape (height, width, 4)."""
-    return matplotlib.image.imread(io.BytesIO(window.page.screenshot()))
+    return matplotlib.image.imread(io.BytesIO(opened.page.screenshot()))
 
 
 @needs_browser
@@ -231,3 +228,54 @@ def test_keys_and_buttons_work(still):
     n = float(still.run("document.querySelector('#n').textContent").replace("−", "-"))
     exact = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=T_END, times=[state("t")])
     assert n == pytest.approx(float(exact.table["n"][0]), abs=1e-4)
+
+
+@needs_browser
+def test_the_keyboard_plays_steps_and_resets(still):
+    """Only keys are pressed, from the top of the page on."""
+
+    def focused() -> str:
+        return str(still.run("document.activeElement.id"))
+
+    def tab_to(name: str) -> None:
+        for _ in range(12):
+            if focused() == name:
+                return
+            still.page.keyboard.press("Tab")
+        raise AssertionError(f"{name} cannot be reached")
+
+    still.run("document.activeElement.blur()")
+    tab_to("play")
+    outline = "getComputedStyle(document.activeElement).outlineStyle"
+    assert still.run(outline) == "solid"
+    still.page.keyboard.press("Enter")
+    still.until("show.state.playing && show.state.t > 0.2")
+    still.page.keyboard.press("Enter")
+    assert still.run("show.state.playing") is False
+    still.page.keyboard.press("Home")
+    still.page.keyboard.press("ArrowRight")
+    step = still.run("show.state.t")
+    assert step == pytest.approx(still.run("show.state.speed"))
+    still.page.keyboard.press("ArrowLeft")
+    assert still.run("show.state.t") == 0
+    # The camera follows the body, so its place is counted from there.
+    scene = "show.scene.camera.position.clone().sub(show.scene.orbit.target)"
+    camera = f"{scene}.toArray()"
+    before = still.run(camera)
+    still.page.keyboard.press("Shift+ArrowLeft")
+    still.frame()
+    assert still.run(camera) != pytest.approx(before)
+    tab_to("reset")
+    still.page.keyboard.press("Enter")
+    still.frame()
+    assert still.run(camera) == pytest.approx(before)
+
+
+@needs_browser
+@pytest.mark.parametrize(("width", "scheme"), zip(WIDTHS, SCHEMES, strict=True))
+def test_it_fits_and_can_be_read(page, chromium, width, scheme):
+    with window(chromium, width, 900, scheme) as it:
+        it.open(page)
+        assert it.overflow() <= 0
+        assert it.barriers() == []
+        assert it.console == []

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import pytest
+from axe_playwright_python.base import AXE_SCRIPT
+from playwright.sync_api import Browser as Chromium
 from playwright.sync_api import Page, sync_playwright
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -22,15 +27,29 @@ FLAGS = (
     "--enable-unsafe-swiftshader",
 )
 PATIENCE = 120_000.0  # milliseconds
+WIDTHS = (1400, 390)  # of a screen and of a telephone
+SCHEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
+# What axe-core checks: WCAG 2.1 up to level AA, with the contrast of texts.
+RULES = ("wcag2a", "wcag2aa", "wcag21a", "wcag21aa")
 
 
 def find_browser() -> str | None:
-    """Return the path of an installed Chromium, None if there is none."""
+    """Return the path of an installed Chromium, None if there is none.
+
+    With RATTLESWEEP_TESTS_BROWSER there has to be one.
+    """
+    if named := os.environ.get("RATTLESWEEP_TESTS_BROWSER"):
+        return shutil.which(named) or named
     for name in NAMES:
         path = shutil.which(name)
         if path is not None:
             return path
     return None
+
+
+needs_browser = pytest.mark.skipif(
+    find_browser() is None, reason="no Chromium is installed"
+)
 
 
 class Browser:
@@ -66,16 +85,55 @@ class Browser:
             "new Promise((f) => requestAnimationFrame(() => requestAnimationFrame(f)))"
         )
 
+    def overflow(self) -> int:
+        """Return by how many pixels the page is wider than the window."""
+        width: int = self.run("document.scrollingElement.scrollWidth - innerWidth")
+        return width
+
+    def barriers(self) -> list[str]:
+        """Return what axe-core finds on the page that keeps people out."""
+        self.run(AXE_SCRIPT)
+        options = {"runOnly": list(RULES), "resultTypes": ["violations"]}
+        found = []
+        for rule in self.run(f"axe.run({json.dumps(options)})")["violations"]:
+            for node in rule["nodes"]:
+                found.append(f"{rule['id']}: {node['html']}: {node['failureSummary']}")
+        return found
+
 
 @contextmanager
-def browser() -> Iterator[Browser]:
-    """Start Chromium with a small page that prefers reduced motion, and quit it."""
+def launched() -> Iterator[Chromium]:
+    """Start Chromium, and quit it."""
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(
             executable_path=find_browser(), args=FLAGS, timeout=PATIENCE
         )
-        page = chromium.new_page(
-            viewport={"width": 340, "height": 460}, reduced_motion="reduce"
-        )
-        yield Browser(page)
+        yield chromium
         chromium.close()
+
+
+@contextmanager
+def window(
+    chromium: Chromium,
+    width: int = 340,
+    height: int = 460,
+    scheme: Literal["light", "dark"] = "light",
+) -> Iterator[Browser]:
+    """Open an empty page that prefers reduced motion, and close it."""
+    page = chromium.new_page(
+        viewport={"width": width, "height": height},
+        reduced_motion="reduce",
+        color_scheme=scheme,
+    )
+    yield Browser(page)
+    page.close()
+
+
+def check_page(chromium: Chromium, path: Path) -> None:
+    """Check that a page without scripts fits, is readable, and complains of nothing."""
+    for width, scheme in zip(WIDTHS, SCHEMES, strict=True):
+        with window(chromium, width, 900, scheme) as opened:
+            opened.page.goto(path.resolve().as_uri())
+            assert opened.overflow() <= 0
+            assert opened.barriers() == []
+            assert opened.console == []

@@ -59,6 +59,8 @@ replay out/gh --case 1 --sample 0 --points 3 --t-end 900
 def masked(text: str) -> str:
     """Replace what differs from machine to machine and from run to run."""
     text = re.sub(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?(\.\d+)?", "DATE", text)
+    # Versions of click differ in it.
+    text = text.replace(" COMMAND [ARGS]", " [COMMAND] [ARGS]")
     text = re.sub(r"process \d+ on \S+,", "process N on HOST,", text)
     text = re.sub(r"\b[\d.]+ (s|ms|kB|MB|GB)\b", r"N \1", text)
     text = re.sub(

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from browser import check_page, needs_browser
 from refusal import assert_refused
 from sweeping import ROOT, invoke
 
@@ -132,6 +133,11 @@ def test_the_report_is_one_file_that_asks_for_nothing(made):
     ids = [claim["id"] for claim in made.claims]
     for text in (*ids, "Reduced", "numpy", "numba", "matplotlib", "fig7", "steady"):
         assert text in words_of(html)
+
+
+@needs_browser
+def test_the_report_fits_and_can_be_read(made, chromium):
+    check_page(chromium, made.directory / "report.html")
 
 
 def test_text_is_never_taken_for_markup(tmp_path, monkeypatch):

@@ -102,6 +102,7 @@ def make_scene(course: Course) -> dict[str, Any]:
         "step": (end - start) / (rows - 1),
         "rise": rise,
         "energy": float(columns["energy"][0]),
+        "slides": [slide for slide in course.slides if slide[1] >= start],
         "reversals": [time for time in course.reversals if time >= start],
         "trail": TRAIL * 2 * math.pi / float(launches.modes.omega_r[0]),
         "speed": min(FASTEST, max(SLOWEST, speed)),
@@ -134,6 +135,7 @@ def _facts(course: Course, time: tuple[float, str]) -> list[tuple[str, str]]:
     facts["turns"] = _listed(course.reversals, ended.t, *time)
     if ended.zeros != course.reversals:
         facts["zeros"] = _listed(ended.zeros, ended.t, *time)
+    facts["slides"] = course.slides_in_words
     facts["integrated by"] = ", ".join(map(str, run.integrator.values()))
     facts["status"] = ended.status.label
     facts["beware"] = course.warning

@@ -94,6 +94,17 @@ class Distribution(Picture):
             {f"{name}_low": edges[:-1], f"{name}_high": edges[1:], "runs": counts}
         )
 
+    def alt(self) -> str:
+        """Return between which values the middle half of the runs is."""
+        name = "t_r/t_rGH"
+        if self.quantity is not None:
+            name = self.layout.name(self.quantity)
+        sentence = f"Histogram of {name} of {len(self.known):,} runs"
+        if not len(self.known):
+            return sentence
+        low, high = np.percentile(self.known, (25, 75))
+        return f"{sentence}, half of them between {low:.3g} and {high:.3g}"
+
     def draw(self, panels: list[Panel], log: bool | None) -> list[Handle]:
         """Draw the bars, for ratios with a line where theory is."""
         axes = panels[0].axes

@@ -154,6 +154,10 @@ class Fractions(Picture):
             rows = 1
         return Arrangement([first], rest[:rows], rest[rows:])
 
+    def told(self) -> tuple[str, str]:
+        """Return the words and the column for what reverses."""
+        return "Fraction that reverses", "fraction_R"
+
     def draw(self, panels: list[Panel], log: bool | None) -> list[Handle]:
         """Stack the types on each other, with the intervals of their borders."""
         x = self.axes[0]

@@ -107,6 +107,13 @@ class Map(Picture):
         done = self.grid(runs) > 0
         return Cells(fill(code, done), fill(value, done), fill(beyond, done))
 
+    def told(self) -> tuple[str, str]:
+        """Return the words and the column for what reverses, or for the quantity."""
+        if self.quantity is None:
+            return "Map of types and times; fraction that reverses", "fraction_R"
+        name = self.layout.name(self.quantity)
+        return f"Map of the mean {name}", f"{name}_mean"
+
     def draw(self, panels: list[Panel], log: bool | None) -> list[Handle]:
         """Colour the cells, and draw Bondi's threshold between them."""
         x, y = self.axes[:2]

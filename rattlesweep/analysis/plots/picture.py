@@ -74,8 +74,8 @@ class Picture(ABC):
         arrangement = self.arrange()
         self.rows = [layout.axes[name] for name in arrangement.rows]
         self.columns = [layout.axes[name] for name in arrangement.columns]
-        inside = [layout.axes[name] for name in arrangement.inside]
-        self.axes = [*inside, *self.rows, *self.columns]
+        self.inside = [layout.axes[name] for name in arrangement.inside]
+        self.axes = [*self.inside, *self.rows, *self.columns]
         self.notes: list[str] = []
 
     def arrange(self) -> Arrangement:
@@ -132,6 +132,31 @@ class Picture(ABC):
             columns["sensitive"] = cells["sensitive"]
             columns["unsure"] = cells["unsure"]
         return pd.DataFrame(columns)[cells["runs"] > 0].reset_index(drop=True)
+
+    def told(self) -> tuple[str, str]:
+        """Return what the picture is of, in words, and the column of its table."""
+        raise NotImplementedError
+
+    def alt(self) -> str:
+        """Return what the picture shows, for those who cannot see it.
+
+        Told are the values at both ends of the first axis, as means over the others.
+        """
+        words, column = self.told()
+        table = self.table()
+        x = self.axes[0].name
+        names = ", ".join(axis.name for axis in self.axes)
+        sentence = f"{words} of {int(table['runs'].sum()):,} runs by {names}"
+        known = table[table[column].notna()]
+        if known.empty:
+            return f"{sentence}: no value"
+        weighted = known[column] * known["runs"]
+        means = weighted.groupby(known[x]).sum() / known["runs"].groupby(known[x]).sum()
+        first, last = means.index[[0, -1]]
+        return (
+            f"{sentence}: from {means[first]:.3g} at {x} = {first:.4g} "
+            f"to {means[last]:.3g} at {last:.4g}"
+        )
 
     def read(self, *columns: str) -> Floats:
         """Return cells and columns of runs that are ok, shape (1 + columns, runs)."""

@@ -56,6 +56,15 @@ class Scatter(Picture):
         """Return the points."""
         return self.points.reset_index(drop=True)
 
+    def alt(self) -> str:
+        """Return the ranges of the points."""
+        x, y = self.points.columns
+        low, high = self.points.min(), self.points.max()
+        return (
+            f"{y} of {len(self):,} runs that reverse, from {low[y]:.3g} to "
+            f"{high[y]:.3g}, against {x}, from {low[x]:.3g} to {high[x]:.3g}"
+        )
+
     def draw(self, panels: list[Panel], log: bool | None) -> list[Handle]:
         """Draw the points; t_r against t_rGH has the line of theory."""
         axes = panels[0].axes

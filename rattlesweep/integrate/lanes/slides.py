@@ -45,6 +45,7 @@ from rattlesweep.physics.sliding import (
 )
 
 OK, LIMIT = int(Status.OK), int(Status.LIMIT)
+STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
 LIFTS_OFF, JAMMED = int(Status.LIFTS_OFF), int(Status.JAMMED)
 
 STAGES = 5
@@ -389,6 +390,10 @@ def slide_from_rest(lane):
 @njit(fastmath=FASTMATH, **INNER)
 def begin(lane, t):
     """Begin a slide at the end of the step, at time ``t``; return a status."""
+    p, q = lane.y1[0], lane.y1[1]
+    steepest = lane.problem.model.slide.steepest
+    if p * p + q * q > steepest * steepest:
+        return STEP_TOO_SMALL
     lane.h_rolling = max(lane.h, lane.h_next)
     lane.t_begin = t
     if lane.slides == 0.0:
@@ -452,6 +457,10 @@ def start(lane, run, y0, constants, probe, plan):
         lane.rate0 = lane.rate1
         lane.h = min(lane.h, lane.h_next)
         runs.start_points(lane)
+        # The force that would hold the body never acts.
+        lane.ratio_max = 0.0
+        lane.normal_min = 1e290
+        runs.note_contact(lane)
 
 
 @njit(**INNER)

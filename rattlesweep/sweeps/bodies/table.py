@@ -94,7 +94,7 @@ TAKEN -= {*INPUT} - {"t_r"}
 """
 KEYS = ("case", "sample")
 BOUNDED = {name for name, quantity in QUANTITIES.items() if not quantity.is_open}
-BOUNDED |= SURFACE_CONSTANTS.keys() - {"c"}
+BOUNDED |= LOSSES.keys() | SURFACE_CONSTANTS.keys() - {"c"}
 """Columns with limits of their own; `physics.body` checks the parameters and ``c``."""
 RowProblem = tuple[int, str]  # number of a row, from 0, and message
 
@@ -425,8 +425,11 @@ def check_value(name: str, values: Floats) -> RowProblem | None:
     if name not in BOUNDED:
         return None
     quantity = QUANTITIES[name]
-    for place in _first((values < quantity.low) | (values > quantity.high)):
-        if values[place] <= 0 < quantity.low:
+    bad = (values < quantity.low) | (values > quantity.high)
+    if quantity.is_open:
+        bad |= (values == quantity.low) | (values == quantity.high)
+    for place in _first(bad):
+        if values[place] <= 0 and (quantity.low > 0 or quantity.is_open):
             return place, "it must be positive"
         return place, f"{quantity.limits} is allowed"
     return None

@@ -103,13 +103,38 @@ def _dissipation(config: Config) -> Iterator[Clash]:
         yield "dissipation", "horizon.t_decay is in units of gamma/sigma; give sigma"
     if any(TABLE in values for values in losses.values.values()) and not table:
         yield "dissipation", "the word table needs source: table; give a number"
-    if losses and losses.law is None:
+    if losses.has_couples and losses.law is None:
         together = " and ".join(losses.present)
         yield "dissipation", f"no law of friction has {together}; leave one out"
+    if losses.slides:
+        yield from _sliding(config)
     if losses and config.model != "full":
         yield (
             "dissipation",
             f"the model {config.model} conserves energy; take model: full",
+        )
+
+
+def _sliding(config: Config) -> Iterator[Clash]:
+    """Refuse what is not defined where the foot slides, or not known."""
+    method = config.integrator.method
+    if not METHODS[method].adaptive:
+        yield (
+            "integrator.method",
+            f"{method} cannot follow a slide, whose steps must adapt; take dop853, or "
+            "leave dissipation.mu out",
+        )
+    if "volume" in config.record:
+        yield (
+            "record",
+            "volume is not defined where the foot slides; leave it out, or "
+            "dissipation.mu",
+        )
+    if "error" in config.record:
+        yield (
+            "record",
+            "errors of runs that slide are not calibrated; leave out error and "
+            "accuracy: {t_r: ...}, or dissipation.mu",
         )
 
 

@@ -135,7 +135,8 @@ def _model_at(key: Key, model: Model, data: object) -> Model | None:
         if section is None or isinstance(name, int):
             return None
         if name == "bodies" and section is Config:
-            bodies = data.get("bodies") if isinstance(data, dict) else None
+            assert isinstance(data, dict)  # it has the key
+            bodies = data["bodies"]
             if not isinstance(bodies, dict):
                 return None
             section = SOURCES.get(str(bodies.get("source")))

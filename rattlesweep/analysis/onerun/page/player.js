@@ -88,7 +88,7 @@
   };
   let dirty = true;
   const scene = makeScene(get("view"), { body: b, rise: D.rise, trail: D.trail,
-    start: tStart,
+    start: tStart, slides: D.slides,
     changed: () => { dirty = true; } });
   if (scene.error) {
     get("message").textContent = scene.error;
@@ -128,6 +128,8 @@
       bars[k].style.width = `${(100 * part) / sum}%`;
       write(percents[k], `${fixed((100 * part) / sum, 1)} %`);
     });
+    get("bar").setAttribute("aria-label",
+      shares.map((name, k) => `${name} ${percents[k].textContent}`).join(", "));
     scrub.value = state.t;
     scrub.setAttribute("aria-valuetext", `time ${get("t").textContent}, spin ${get("n").textContent}`);
     cursor(state.t, n);
@@ -160,6 +162,11 @@
     const ink = (name) => css.getPropertyValue(`--${name}`).trim();
     g.font = `11px ${getComputedStyle(document.body).fontFamily}`;
     g.lineWidth = 1;
+    g.fillStyle = ink("slipping");
+    for (const [begin, end] of D.slides) {
+      const x = chart.x(Math.max(begin, tStart));
+      g.fillRect(x, box.top, Math.max(chart.x(end) - x, 0.5), h - box.top - box.bottom);
+    }
     const step = nice(2 * most * turn, 5) / turn;
     g.textAlign = "right";
     g.textBaseline = "middle";
@@ -224,6 +231,7 @@
     get("mark").hidden = false;
     get("mark").querySelector("span").textContent = said;
   }
+  for (const id of ["slip", "slipping"]) get(id).hidden = !D.slides.length;
   for (const [name, value] of D.facts) {
     const line = document.createElement("div");
     for (const [tag, text] of [["dt", name], ["dd", value]]) {

@@ -1,0 +1,67 @@
+"""Sessions that try rattlesweep with other versions: `nox`, or `nox -s lowest`.
+
+Each has an environment of its own, made by uv if it is installed.  Sessions for Pythons
+that are missing are skipped.
+"""
+
+import nox
+
+nox.needs_version = ">=2025.2.9"
+nox.options.default_venv_backend = "uv|virtualenv"
+# The versions in the classifiers.
+PYTHONS = nox.project.python_versions(nox.project.load_toml("pyproject.toml"))
+# The golden sweep, and one command of each kind.
+SHORT = ("tests/sweeps/test_golden.py", "tests/interface/test_transcripts.py")
+
+
+@nox.session(python=PYTHONS)
+def tests(session: nox.Session) -> None:
+    """Run the quick tests, or what is given after `--`."""
+    session.install("-e", ".[test]")
+    session.run("pytest", "-q", *session.posargs)
+    _compare_golden(session)
+
+
+@nox.session(python=PYTHONS, default=False)
+def short(session: nox.Session) -> None:
+    """Run the golden sweep and one command of each kind."""
+    session.install("-e", ".[test]")
+    session.run("pytest", "-q", "-n", "1", *SHORT)
+    _compare_golden(session)
+
+
+@nox.session(python=PYTHONS[0], venv_backend="uv")
+def lowest(session: nox.Session) -> None:
+    """Run the short tests with the lowest versions that pyproject.toml allows."""
+    session.install("--resolution", "lowest-direct", "-e", ".[test]")
+    # Old packages warn of what new ones have deprecated.
+    session.run("pytest", "-q", "-n", "1", "-W", "ignore", *SHORT, *session.posargs)
+    _compare_golden(session)
+
+
+@nox.session(python=PYTHONS[0])
+def lint(session: nox.Session) -> None:
+    """Check style, and which rooms import which."""
+    session.install("-e", ".[test]")
+    session.run("ruff", "check", ".")
+    session.run("ruff", "format", "--check", ".")
+    session.run("lint-imports")
+
+
+@nox.session(python=PYTHONS[0])
+def types(session: nox.Session) -> None:
+    """Check types."""
+    session.install("-e", ".[test]")
+    session.run("mypy")
+
+
+@nox.session(python=PYTHONS[0])
+def site(session: nox.Session) -> None:
+    """Build the documentation."""
+    session.install("-e", ".[docs]")
+    session.run("mkdocs", "build", "--strict")
+
+
+def _compare_golden(session: nox.Session) -> None:
+    """Print the versions, and which bits of the golden sweep they give."""
+    session.run("python", "tests/golden/make.py", "--compare")
