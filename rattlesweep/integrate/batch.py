@@ -30,7 +30,13 @@ from rattlesweep.physics import vectors
 # Largest change of the amplitude's logarithm that a fixed step may cause.
 MAX_DAMPING = 0.1
 # Statuses of runs that may have left the chart of their variables.
-FAILED = Status.NONFINITE, Status.STEP_TOO_SMALL, Status.ENERGY
+FAILED = (
+    Status.NONFINITE,
+    Status.STEP_TOO_SMALL,
+    Status.ENERGY,
+    Status.LIFTS_OFF,
+    Status.JAMMED,
+)
 # A reversal takes the spin from beyond this share of `Batch.scale` to beyond it on the
 # other side. If the spin has plateaus, any share from 0.05 to 0.5 counts the same
 # reversals.

@@ -403,7 +403,9 @@ def with_errors(
     reverses_in_time = (relative < 1.0) & (runs.t_r + t_r_error < batch.t_end)
     # If a stop ended the companion, its run has no error and counts as stopped.
     is_cut = companions.status == Status.STOPPED
-    tol = settings[0] if scale.adaptive else np.nan
+    tol = np.nan
+    if scale.adaptive:
+        tol, _ = settings
     values = vars(runs) | {"status": np.where(is_cut, Status.STOPPED, runs.status)}
     return Estimated(
         **values,
