@@ -62,6 +62,7 @@ class Picture(ABC):
     ylabel: str  # of all panels, set by drawing
     shows = "of those selected"  # which runs the picture shows
     more: tuple[str, ...] = ()  # columns that are averaged in each cell
+    colour: str | None = None  # column that colours the points of a scatter
 
     def __init__(
         self, layout: Layout, name: str, x: str | None, quantity: str | None
