@@ -251,9 +251,7 @@ def main(path):
         "slide": {
             name: mp.nstr(value, 30) for name, value in zip(NAMES, finer, strict=True)
         },
-        "error": max(
-            float(abs(a - b)) for a, b in zip(numbers, finer, strict=True)
-        ),
+        "error": max(float(abs(a - b)) for a, b in zip(numbers, finer, strict=True)),
     }
     path.write_text(json.dumps(result, indent=1) + "\n")
 
