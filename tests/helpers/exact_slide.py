@@ -242,8 +242,8 @@ def main(path):
     y = run.run((0, 0, -1), (0.1 * np.cos(tilt), 0.1 * np.sin(tilt), -0.3)).y
     start = [float(value) for value in y]
     print(start, file=sys.stderr)
-    numbers = followed(start, 12, 1)
-    finer = followed(start, 15, 1)
+    numbers = followed(start, 10, 1)
+    finer = followed(start, 12, 1)
     result = {
         "body": vars(GH),
         "mu": MU,
