@@ -74,7 +74,10 @@ EXAMPLES = {
         "spin: {n_i: [-0.1, -0.3], omega_xy0: {logspace: [0.001, 0.1, 3]}, psi: pitch}"
     ],
     "horizon": ["horizon: {t_rgh: 5, t: 1.0e+5}"],
-    "dissipation": ["dissipation: {sigma: [0.001, 0.003], rolling: 0.001}"],
+    "dissipation": [
+        "dissipation: {sigma: [0.001, 0.003], rolling: 0.001}",
+        "dissipation: {mu: 0.3}",
+    ],
     "integrator": [
         "integrator: {method: verner98, tol: 1.0e-11}",
         "integrator: {accuracy: draft}",

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 TIME = "sqrt(a/g)"
 RATE = "sqrt(g/a)"
 LENGTH = "a"
+SPEED = "sqrt(g a)"
 ENERGY = "M g a"
 FORCE = "M g"
 DAMPING = "M a^2 sqrt(g/a)"
@@ -23,6 +24,7 @@ MAX_INERTIA = 1e6  # M a^2
 # At this spin, in sqrt(g/a), a tilt of 1e-6 rad takes a contact force of the weight.
 MAX_SPEED = 1e3
 MAX_SIGMA = 1e6  # M a^2 sqrt(g/a)
+MAX_MU = 1e6
 MAX_TIME = 1e30  # sqrt(a/g) or t_rGH, beyond any run; sums of such numbers stay finite
 MIN_OSCILLATION = 1e-140  # sqrt(g/a); the square of a smaller one underflows
 
@@ -331,6 +333,21 @@ _DISSIPATION = (
         first_values=(1e-4, 1e-3),
         most_fitted=1.0,
     ),
+    Loss(
+        name="mu",
+        unit="1",
+        meaning="coefficient of sliding friction",
+        low=0.0,
+        high=MAX_MU,
+        is_open=True,
+        formula=r"$\mu$",
+        key="Friction / normal force at which the foot slides; none: never",
+        letter="μ",
+        default=None,
+        is_linear=True,
+        first_values=(0.2, 0.4),
+        most_fitted=10.0,
+    ),
 )
 
 _TIMES = (
@@ -417,6 +434,9 @@ Runs have the first law that takes all constants that are not zero.  Its formula
 :mod:`rattlesweep.physics.surface`.
 """
 
+COUPLES = frozenset(name for constants in LAWS.values() for name in constants)
+"""The constants of couples, under which a spin decays."""
+
 SURFACE_CONSTANTS: dict[str, SurfaceConstant] = {each.name: each for each in _SURFACE}
 """The further constants of surfaces by name."""
 
@@ -425,8 +445,12 @@ SURFACES: dict[str, str | None] = {"paraboloid": None, "ellipsoid": "c"}
 
 
 def law_of(names: Collection[str]) -> str | None:
-    """Return the law of friction for the constants that are not zero, None if none."""
+    """Return the law of friction for the couples of these names, None if none has all.
+
+    There is at least one.
+    """
+    couples = COUPLES.intersection(names)
     for law, constants in LAWS.items():
-        if {*names} <= {*constants}:
+        if couples <= {*constants}:
             return law
     return None

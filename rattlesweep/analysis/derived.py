@@ -12,14 +12,14 @@ from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.readings import turning_friction
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import direction, garcia_hubbard
-from rattlesweep.quantities import LENGTH, LOSSES, QUANTITIES, RATE, TIME
+from rattlesweep.quantities import COUPLES, LENGTH, LOSSES, QUANTITIES, RATE, TIME
 
 SPINS = ("n", "n_i", "n_0", "n_c1", "n_reduced", "n_gh")  # in SI units in rpm
 # A coefficient of friction that a smooth stone on a smooth table may lack.
 COMMON_FRICTION = 0.3
 SLIPS_AT_REVERSAL = (
     "to reverse without slip this launch needs a coefficient of friction of about "
-    "{:.2g}; with less the body slips, which is not modelled"
+    "{:.2g}; with less the body slips, as it does with mu"
 )
 
 
@@ -61,7 +61,7 @@ def derived(
     psi = direction(m, n_i, "relevant")
     gh = garcia_hubbard(b, m, n_i, omega_xy0, psi)
     friction = needed_friction(body, psi, gh.n_0)
-    losses = {name: losses.get(name, 0.0) for name in LOSSES}
+    losses = {name: losses.get(name, 0.0) for name in COUPLES}
     sigma = losses["sigma"]
     lossy = any(value > 0 for value in losses.values())
     # With losses no spin is steady.
@@ -75,7 +75,7 @@ def derived(
     exact = np.array(steady.growth(constants, n_i, sigma))
     small = np.array(theory.growth_rates(m.K_p, m.K_r, n_i)) - damping
     outgrows = 2 * damping / [m.K_p, -m.K_r]
-    if any(losses[name] > 0 for name in LOSSES if not LOSSES[name].is_linear):
+    if any(losses[name] > 0 for name in COUPLES if not LOSSES[name].is_linear):
         # For example, with rolling resistance no small oscillation grows.
         exact *= math.nan
         small *= math.nan
@@ -114,7 +114,7 @@ def derived(
     if lossy:
         decay = sigma / b.gamma
         for name, loss in LOSSES.items():
-            if loss.optional and not losses[name]:
+            if name not in losses or (loss.optional and not losses[name]):
                 continue
             rows.append((name, losses[name], loss.unit, f"dissipation: {loss.meaning}"))
         rows += [

@@ -13,6 +13,7 @@ import re
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from typing import TypeAlias
 
 import numpy as np
@@ -23,7 +24,7 @@ from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.config import not_one_of
 
 Constant: TypeAlias = "bool | int | float | str"
-Value: TypeAlias = "Constant | pd.Series"
+Value: TypeAlias = "Constant | list[Constant] | pd.Series"
 
 ADVICE = 'write a pandas query, as in type == "SW" and K_r < 0.005'
 ALLOWED = (
@@ -148,6 +149,8 @@ class _Evaluation:
                 return constant
             case ast.Name(id=name):
                 return self.column(name)
+            case ast.List(elts=nodes) | ast.Tuple(elts=nodes) | ast.Set(elts=nodes):
+                return self.members(nodes)
             case ast.BoolOp():
                 return self.joined(node)
             case ast.UnaryOp():
@@ -171,19 +174,28 @@ class _Evaluation:
             raise ValueError(f"{name} holds a list for each run")
         return self.frame[name]
 
+    def members(self, nodes: list[ast.expr]) -> list[Constant]:
+        """Return the numbers or texts of a list."""
+        members: list[Constant] = []
+        for node in nodes:
+            value = self.value(node)
+            if isinstance(value, pd.Series | list):
+                raise ValueError("a list holds numbers or texts, not columns")
+            members.append(value)
+        return members
+
     def joined(self, node: ast.BoolOp) -> Value:
         """Return conditions joined by `and` or `or`."""
         if isinstance(node.op, ast.And):
-            word, join = "and", operator.and_
+            word = "and"
+            join = operator.and_
         else:
-            word, join = "or", operator.or_
+            word = "or"
+            join = operator.or_
         conditions = [self.value(operand) for operand in node.values]
         if any(_kind(condition) != "condition" for condition in conditions):
             raise ValueError(f"{word} needs conditions on both sides")
-        result = conditions[0]
-        for condition in conditions[1:]:
-            result = join(result, condition)
-        return result
+        return reduce(join, conditions)
 
     def unary(self, node: ast.UnaryOp) -> Value:
         """Return a condition negated, or a number with its sign."""
@@ -197,7 +209,7 @@ class _Evaluation:
         _check_numbers("a sign", operand)
         if isinstance(node.op, ast.UAdd):
             return operand
-        subtract = ARITHMETIC[ast.Sub][1]
+        _, subtract = ARITHMETIC[ast.Sub]
         return subtract(0, operand)
 
     def arithmetic(self, node: ast.BinOp) -> Value:
@@ -217,45 +229,9 @@ class _Evaluation:
 
     def comparison(self, node: ast.Compare) -> Value:
         """Return a chain of comparisons, such as ``0 < a < 1``."""
-        nodes = [node.left, *node.comparators]
-        result: Value = True
-        for place, sign in enumerate(node.ops):
-            met = self.compared(nodes[place], sign, nodes[place + 1])
-            result = operator.and_(result, met)
-        return result
-
-    def compared(self, left: ast.expr, sign: ast.cmpop, right: ast.expr) -> Value:
-        """Return one comparison; with a list on its right side, a membership."""
-        first = self.value(left)
-        if isinstance(right, ast.List | ast.Tuple | ast.Set):
-            if not isinstance(first, pd.Series):
-                raise ValueError("only a column may be in a list")
-            member = first.isin(self.members(right))
-            if isinstance(sign, ast.In | ast.Eq):
-                return member
-            if isinstance(sign, ast.NotIn | ast.NotEq):
-                return ~member
-            raise ValueError("a list goes with in, not in, == and !=")
-        if isinstance(sign, ast.In | ast.NotIn):
-            raise ValueError("in needs a list, as in sample in [1, 3]")
-        if type(sign) not in COMPARISONS:
-            raise ValueError(ALLOWED)
-        second = self.value(right)
-        kinds = {_kind(first), _kind(second)}
-        # Numbers compare with conditions, as True is 1.
-        if "text" in kinds and len(kinds) > 1:
-            raise ValueError(f"it compares a {_kind(first)} with a {_kind(second)}")
-        return COMPARISONS[type(sign)](first, second)
-
-    def members(self, node: ast.List | ast.Tuple | ast.Set) -> list[Constant]:
-        """Return the numbers or texts of a list."""
-        members: list[Constant] = []
-        for element in node.elts:
-            value = self.value(element)
-            if isinstance(value, pd.Series):
-                raise ValueError("a list holds numbers or texts, not columns")
-            members.append(value)
-        return members
+        values = [self.value(each) for each in (node.left, *node.comparators)]
+        signs = map(type, node.ops)
+        return reduce(operator.and_, map(_compared, values, signs, values[1:]))
 
     def function(self, name: str, node: ast.Call) -> Value:
         """Return a function of a number or of a column of numbers."""
@@ -275,20 +251,37 @@ class _Evaluation:
         column = self.value(receiver)
         if not isinstance(column, pd.Series):
             raise ValueError(f".{name} is a method of columns only")
-        arguments = [self.argument(argument) for argument in node.args]
-        keywords = {str(word.arg): self.argument(word.value) for word in node.keywords}
+        arguments = [self.value(argument) for argument in node.args]
+        keywords = {str(word.arg): self.value(word.value) for word in node.keywords}
         result: Value = getattr(column, name)(*arguments, **keywords)
         return result
 
-    def argument(self, node: ast.expr) -> Value | list[Constant]:
-        """Return an argument of a method, which may be a list."""
-        if isinstance(node, ast.List | ast.Tuple | ast.Set):
-            return self.members(node)
-        return self.value(node)
+
+def _compared(first: Value, sign: type[ast.cmpop], second: Value) -> Value:
+    """Return one comparison; with a list on its right side, a membership."""
+    if isinstance(second, list):
+        if not isinstance(first, pd.Series):
+            raise ValueError("only a column may be in a list")
+        if sign in (ast.In, ast.Eq):
+            return first.isin(second)
+        if sign in (ast.NotIn, ast.NotEq):
+            return ~first.isin(second)
+        raise ValueError("a list goes with in, not in, == and !=")
+    if sign in (ast.In, ast.NotIn):
+        raise ValueError("in needs a list, as in sample in [1, 3]")
+    if sign not in COMPARISONS:
+        raise ValueError(ALLOWED)
+    kinds = {_kind(first), _kind(second)}
+    # Numbers compare with conditions, as True is 1.
+    if "text" in kinds and len(kinds) > 1:
+        raise ValueError(f"it compares a {_kind(first)} with a {_kind(second)}")
+    return COMPARISONS[sign](first, second)
 
 
 def _kind(value: Value) -> str:
-    """Return what a value or each value of a column is."""
+    """Return what a value or each value of a column is; refuse a list."""
+    if isinstance(value, list):
+        raise ValueError(ALLOWED)
     if isinstance(value, pd.Series):
         if pd.api.types.is_bool_dtype(value):
             return "condition"

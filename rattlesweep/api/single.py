@@ -76,6 +76,7 @@ class Trajectory:
     other side.  `t_end` is the time reached, `n_steps` counts accepted steps, and
     `status` is ``ok`` or a word for what went wrong.  `warning` says where contact
     would be lost, or rolling needs a coefficient of friction above 0.3, and how large.
+    `slides` has begin and end of each slide.
     """
 
     def __init__(self, run: PreparedRun, channels: Sequence[str], **rows: Any) -> None:
@@ -96,6 +97,7 @@ class Trajectory:
         self.n_steps = follower.n_steps
         self.status = follower.status.label
         self.warning = course.warning
+        self.slides = np.array(course.slides).reshape(-1, 2)
 
     def __getitem__(self, columns: str | list[str]) -> Any:
         """Return a column as a Series, or several as a DataFrame."""
@@ -201,8 +203,9 @@ def simulate(
     **settings
         Dissipation, by the names of the config: arrays of ``sigma``, the coefficient of
         a torque ``-sigma omega``, in ``M a^2 sqrt(g/a)``, and of ``rolling``, the lever
-        of a rolling resistance, in ``a``.  Integrator: ``method`` with ``tol`` or
-        ``dt_step``, or an ``accuracy``: ``"draft"``, ``{"t_r": 1e-6}``.
+        of a rolling resistance, in ``a``, and ``mu``, the coefficient of sliding
+        friction, without which the foot never slides.  Integrator: ``method`` with
+        ``tol`` or ``dt_step``, or an ``accuracy``: ``"draft"``, ``{"t_r": 1e-6}``.
 
     Examples
     --------
@@ -386,15 +389,15 @@ def fit(
         turns; the spin is its central difference, and n is ``u . omega``.  The launch
         is the first row, or time 0.
     free : sequence of str
-        Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, skew`` (which
-        is ``-xi``), ``xi, theta, phi, alpha, beta, gamma, c``.  The search begins at
-        their given values.
+        Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, mu, skew``
+        (which is ``-xi``), ``xi, theta, phi, alpha, beta, gamma, c``.  The search
+        begins at their given values.
     launch : mapping
         ``n_i, omega_xy0, psi`` or ``omega, u``; free parameters may be left out.
     progress : bool, optional
         Whether to show a bar, by default in a terminal and in a notebook.
     **losses
-        Dissipation, as for ``simulate``: ``sigma`` and ``rolling``.
+        Dissipation, as for ``simulate``: ``sigma``, ``rolling`` and ``mu``.
     """
     with Bar.of_call(progress) as bar:
         return fit_with_progress(bar, body, data, free=free, launch=launch, **losses)

@@ -152,6 +152,7 @@ class Sweep:
         *,
         x: str | None = None,
         quantity: str | None = None,
+        colour: str | None = None,
         select: Mapping[str, Any] | Sequence[str] = (),
         where: str | None = None,
         path: str | Path | None = None,
@@ -184,7 +185,13 @@ class Sweep:
         texts = names_of("select", select)
         with styled(style):
             picture = choose_picture(
-                layout, kind, x=x, quantity=quantity, select=texts, where=where
+                layout,
+                kind,
+                x=x,
+                quantity=quantity,
+                colour=colour,
+                select=texts,
+                where=where,
             )
             if ax is None:
                 return shown(picture.figure(**looks), path)
@@ -197,6 +204,36 @@ class Sweep:
             if path is not None:
                 save(figure, [as_path(path, "path")])
             return figure
+
+    def fractions(
+        self,
+        by: Sequence[str] | str,
+        *,
+        bins: int = 10,
+        where: str | None = None,
+    ) -> pd.DataFrame:
+        """Return the fractions of the types over bins of any columns of numbers.
+
+        A column of at most `bins` values has a bin for each of them, otherwise the bins
+        hold equal numbers of runs; each value of an axis of the sweep, such as ``n_i``,
+        is a bin if there are at most 50.  Several columns make a grid of bins.  A row
+        has the median and the ends of each column, the number of ``runs``, and each
+        fraction with its 95 % interval (Wilson).  In a refined sweep, a run counts for
+        the points of the grid that are nearest to it, and ``runs_effective`` is smaller
+        than the number of points.
+
+        Examples
+        --------
+        >>> rs.load("out/gh").fractions("n_i")[["n_i", "runs", "fraction_R"]].values
+        array([[-0.1,  1. ,  1. ],
+               [ 0.1,  1. ,  1. ]])
+        """
+        from rattlesweep.analysis.layout import read_layout
+        from rattlesweep.analysis.shares import fractions_by
+
+        check_count("bins", bins)
+        layout = read_layout(self.directory).chosen(where)
+        return fractions_by(layout, names_of("by", by), bins)
 
     def report(
         self, path: str | Path | None = None, *, title: str | None = None

@@ -67,7 +67,9 @@ def body(as_json: bool, **given: Any) -> None:
     }
     values = derived(described, **numbers)
     friction = {quantity.name: quantity.value for quantity in values}["friction"]
-    if friction is not None and friction > COMMON_FRICTION:
+    # Sliding friction changes none of these quantities.
+    mu = launch.get("mu", COMMON_FRICTION)
+    if friction is not None and friction > mu:
         say(f"warning: {SLIPS_AT_REVERSAL.format(friction)}")
     if as_json:
         click.echo(to_json(_as_data(described, values)))
@@ -330,6 +332,8 @@ def _say_outcome(course: Course, quiet: bool, proof: str) -> int:
         text += f"; {follower.n_steps} steps to t = {follower.t:g}"
         if units is not None:
             text += f" ({follower.t * units.time:.4g} s)"
+        if course.slides:
+            text += f"; {course.slides_in_words}"
         say(text)
         if course.warning:
             say(f"warning: {course.warning}")

@@ -450,6 +450,7 @@ def _forecast(planned: Plan, directory: Path, threads: int | None) -> Forecast:
     "--output ratio.pdf",
     "rattlesweep plot out/steady --kind scatter --x K_r "
     "--where 'type == \"R\" and t_r < 2e3'",
+    "rattlesweep plot out/steady --kind fractions --x xi --data xi.csv",
     "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0",
 )
 @options.directory
@@ -459,11 +460,14 @@ def _forecast(planned: Plan, directory: Path, threads: int | None) -> Forecast:
 @option(
     "--x",
     metavar="NAME",
-    help="Abscissa: what the config varies; for a scatter any column.",
+    help="Abscissa: what the config varies; for a scatter or fractions any column.",
 )
 @option(
-    "--quantity", metavar="COLUMN", help="Numeric column for a map or a distribution."
+    "--quantity",
+    metavar="COLUMN",
+    help="Numeric column for a map, a distribution or the ordinate of a scatter.",
 )
+@option("--colour", metavar="COLUMN", help="Numeric column that colours a scatter.")
 @option(
     "--select",
     metavar="NAME=VALUES",

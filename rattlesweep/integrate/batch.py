@@ -30,7 +30,13 @@ from rattlesweep.physics import vectors
 # Largest change of the amplitude's logarithm that a fixed step may cause.
 MAX_DAMPING = 0.1
 # Statuses of runs that may have left the chart of their variables.
-FAILED = Status.NONFINITE, Status.STEP_TOO_SMALL, Status.ENERGY
+FAILED = (
+    Status.NONFINITE,
+    Status.STEP_TOO_SMALL,
+    Status.ENERGY,
+    Status.LIFTS_OFF,
+    Status.JAMMED,
+)
 # A reversal takes the spin from beyond this share of `Batch.scale` to beyond it on the
 # other side. If the spin has plateaus, any share from 0.05 to 0.5 counts the same
 # reversals.
@@ -80,7 +86,8 @@ def work(model_name: str, adaptive: bool) -> Kernel:
 
 def attempt(tableau_name: str, model_name: str, extra: str = "") -> Kernel:
     """Return the step of a method and a model; ``extra`` is ``volume`` or empty."""
-    tableau, model = METHODS[tableau_name], find_model(model_name)
+    tableau = METHODS[tableau_name]
+    model = find_model(model_name)
     written = write_attempt(tableau, model, volume=extra == "volume")
     return Kernel(written, (problem_of(model, tableau.adaptive), FLAT, 1.0), OPTIONS)
 
@@ -114,7 +121,8 @@ def kernel(
     If threads cannot be started (:func:`parallel`), the work of all is done in this
     one.
     """
-    tableau, model = METHODS[tableau_name], find_model(model_name)
+    tableau = METHODS[tableau_name]
+    model = find_model(model_name)
     model = TANGENT if "lyapunov" in record else model
     # Steps integrate the rate of phase volume as well if it is recorded.
     extra = ("volume",) if "volume" in record else ()

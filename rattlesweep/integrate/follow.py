@@ -80,7 +80,9 @@ def record_steps(
     row = 0
     n_zeros = 0
     status = kernel.OK
-    accepted, last, ended = True, False, False
+    accepted = True
+    last = False
+    ended = False
     while True:
         if accepted:
             steps[row, T] = lane.t_end if last else lane.t
@@ -215,7 +217,7 @@ class Follower:
     """Integrates a batch of one run past its reversals, as far as states are requested.
 
     With `attitude`, heading and contact point are integrated over the accepted steps.
-    `look` is called with times and the result of :meth:`observe`: first for the launch,
+    `look` is called with samples and the result of :meth:`observe`: for the launch,
     then for the accepted steps.  If the step is fixed, only every eighth step counts as
     accepted.
 
@@ -234,12 +236,12 @@ class Follower:
         dt: float = DT,
         max_steps: int = MAX_STEPS,
         attitude: bool = False,
-        look: Callable[[Floats, Floats], None] | None = None,
+        look: Callable[[Samples, Floats], None] | None = None,
     ) -> None:
         self._tableau = tableau
         self._dt = dt
         self._settings = tol, dt, max_steps
-        self._look: Callable[[Floats, Floats], None] | None = None
+        self._look: Callable[[Samples, Floats], None] | None = None
         self._start(batch, model, attitude)
         if model.anywhere is not None and not attitude:
             while not self.ended:
@@ -250,7 +252,7 @@ class Follower:
                 self._start(batch, model, attitude)
         self._look = look
         if look is not None:
-            look(np.zeros(1), self.observe(self.launch()))
+            look(self.launch(), self.observe(self.launch()))
 
     def _start(self, batch: Batch, model: Model, attitude: bool) -> None:
         """Load the kernels of a model, and begin the run at its launch."""
@@ -419,7 +421,7 @@ class Follower:
             self._check_accuracy()
         if self._look is not None:
             samples = self._samples(1, rows)
-            self._look(samples.t, self.observe(samples))
+            self._look(samples, self.observe(samples))
 
     def _check_accuracy(self) -> None:
         """Set the status that a sweep gives to a run that cannot be trusted."""

@@ -8,6 +8,7 @@ and, with friction, a law (:class:`~rattlesweep.physics.surface.Friction`).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 
 from rattlesweep.physics import full, reduced, sliding, stone, surface, tangent, vectors
 from rattlesweep.physics.full import scalar
@@ -27,6 +28,9 @@ class Slide:
     # derivative(y, slip, what `place` returns, domega/dt, power of friction): dy
     derivative: Formula
     has_work: bool  # whether the state has the work of friction
+    # Slope beyond which the state says too little about the contact for a slide to
+    # begin; such a run is integrated again in the variables of `Model.anywhere`.
+    steepest: float = inf
 
 
 @dataclass(frozen=True)
@@ -468,6 +472,9 @@ VECTORS_SLIDING = replace(
 )
 
 
+STEEPEST = 100.0
+
+
 def _all_sliding() -> dict[str, Model]:
     """Return the sliding models by the names of the models without sliding."""
     models = {}
@@ -477,8 +484,9 @@ def _all_sliding() -> dict[str, Model]:
             damped = FRICTION[rolling.name, law.name]
             models[damped.name] = _sliding(damped, law)
     for name, model in models.items():
-        if model.anywhere is not None:
-            models[name] = replace(model, anywhere=VECTORS_SLIDING)
+        if model.anywhere is not None and model.slide is not None:
+            slide = replace(model.slide, steepest=STEEPEST)
+            models[name] = replace(model, slide=slide, anywhere=VECTORS_SLIDING)
     return models
 
 
@@ -586,7 +594,8 @@ def _slide_with_attitude(plain: Slide) -> Slide:
 def _with_attitude(plain: Model) -> Model:
     """Return a model with heading and contact point on the plane, for single steps."""
     assert plain.surface is not None
-    touch, plain_rhs = plain.surface.contact, plain.rhs
+    touch = plain.surface.contact
+    plain_rhs = plain.rhs
 
     @scalar
     def rhs(p, q, a, b, c, heading, x, y, ix, iy, iz, *shape):

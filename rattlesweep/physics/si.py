@@ -66,6 +66,7 @@ class Units:
             "sqrt(a/g)": (t, "s"),
             "sqrt(g/a)": (1 / t, "rad/s"),
             "a": (a, "m"),
+            "sqrt(g a)": (a / t, "m/s"),
             "M g": (m * g, "N"),
             "M g a": (m * g * a, "J"),
             "M a^2": (m * (a * a), "kg m^2"),

@@ -301,9 +301,13 @@ class Results:
     @property
     def energy_left(self) -> Floats:
         """Fraction of the initial energy that is left."""
-        # The last component of the state is the work of the dissipation.
-        work = self.integrated.y_end[:, -1]
-        return np.asarray(1 + work / self.integrated.energy_0)
+        left = np.ones(len(self.integrated.energy_0))
+        if self.config.dissipation.has_couples:
+            # The last component of the state is the work of the couples.
+            left = 1 + self.integrated.y_end[:, -1] / self.integrated.energy_0
+        if self.config.dissipation.slides:
+            left = left - self.integrated.slide_work
+        return left
 
     @property
     def growth(self) -> Floats:

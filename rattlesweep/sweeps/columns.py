@@ -111,6 +111,42 @@ def of_loss(name: str) -> Column:
 
 NOT_LINEAR = " or ".join(f"{x.name} > 0" for x in LOSSES.values() if not x.is_linear)
 
+# Columns beside those of optional constants of dissipation.
+WITH_LOSS = {
+    "mu": (
+        Column(
+            "t_slide",
+            F64,
+            "integrated.t_slide",
+            TIME,
+            "begin of the first slide; null: never",
+            refines=True,
+        ),
+        must(
+            "n_slides",
+            I32,
+            "integrated.n_slides",
+            meaning="number of slides",
+            refines=True,
+        ),
+        Column(
+            "slide_time",
+            F64,
+            "integrated.slide_time",
+            TIME,
+            "time spent sliding",
+            refines=True,
+        ),
+        Column(
+            "slide_work",
+            F64,
+            "integrated.slide_work",
+            meaning="energy lost by sliding over the initial energy",
+            refines=True,
+        ),
+    ),
+}
+
 # The columns of `runs` in order.
 GROUPS = (
     Group(
@@ -279,7 +315,7 @@ GROUPS = (
         Group(
             name,
             f"`dissipation: {{{name}: ...}}`",
-            (of_loss(name),),
+            (of_loss(name), *WITH_LOSS.get(name, ())),
             optional=True,
             not_with=("reduced", "gh"),
         )

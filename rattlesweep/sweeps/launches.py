@@ -9,12 +9,18 @@ from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.lanes.runs import N_WINDOWS
-from rattlesweep.integrate.model import FRICTION, FRICTIONLESS, MODELS, Model
+from rattlesweep.integrate.model import (
+    FRICTION,
+    FRICTIONLESS,
+    MODELS,
+    SLIDING,
+    Model,
+)
 from rattlesweep.physics import full, reduced, surface, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
 from rattlesweep.physics.surface import Surface
-from rattlesweep.quantities import LAWS, LOSSES, SURFACES
+from rattlesweep.quantities import COUPLES, LOSSES, SURFACES
 from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.bodies.table import TableBodies
 from rattlesweep.sweeps.config import not_one_of
@@ -30,10 +36,6 @@ MARK_PERIODS = 8.0
 LEAST_DECAY = 0.01
 # Relative change of the spin up to which the probes at launch separate the modes.
 MOST_APART = 0.02
-
-
-# Constants of the couples that let a spin decay.
-COUPLES = {name for constants in LAWS.values() for name in constants}
 
 
 @dataclass(frozen=True)
@@ -243,6 +245,8 @@ def full_model_of(config: Config) -> Model:
     name = surface.SURFACES[config.bodies.bottom].model
     law = config.dissipation.law
     model = FRICTIONLESS[name] if law is None else FRICTION[name, law]
+    if config.dissipation.slides:
+        model = SLIDING[model.name]
     if "volume" in config.record and model.volume is None:
         raise ConfigError(
             f"record: the phase volume of {model.name} is not known; leave volume out"
@@ -290,6 +294,8 @@ def full_batch(launches: Launches) -> Batch:
             constants.append(np.broadcast_to(value, count))
         # The last component of the state is the work of dissipation.
         y0 = np.concatenate([y0, np.zeros((count, 1))], axis=1)
+    if model.slide is not None:
+        constants.append(launches.losses["mu"])
 
     sigma = launches.losses.get("sigma", 0.0)
     modes = steady_modes(body_constants, launches.n_i, sigma)

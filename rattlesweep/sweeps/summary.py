@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.physics.theory import unsteady
-from rattlesweep.quantities import LOSSES, MEASURES, RATE, TIME
+from rattlesweep.quantities import COUPLES, LOSSES, MEASURES, RATE, TIME
 from rattlesweep.sweeps import columns as tables
 from rattlesweep.sweeps.columns import F64, I32, I64, Values
 from rattlesweep.sweeps.decide import nearest_rows
@@ -37,6 +37,7 @@ READ = (
     "status",
     "near_tangencies",
     *LOSSES,
+    "t_slide",
     "t_r_error",
     "type_sure",
     "contact_ratio_max",
@@ -51,7 +52,10 @@ SI: dict[str, tuple[str, float]] = {
     if definition.name in VARIES
 }
 # Shares of runs that need a coefficient of friction above these.
-FRICTION = {"share_friction_above_0_3": 0.3, "share_friction_above_0_6": 0.6}
+FRICTION = {
+    f"share_friction_above_{friction:g}".replace(".", "_"): friction
+    for friction in (0.1, 0.2, 0.3, 0.5, 0.6)
+}
 # Times that are interpolated at the points that a refined sweep skips.
 INTERPOLATED = ("t_r", "t_r_s", "t_rgh", "t_r_error")
 SENSITIVE = 1e-6  # relative error of t_r above which a run is sensitive
@@ -168,7 +172,7 @@ def _numbers(
     n_i = columns["n_i"]
     is_steady = np.isfinite(columns["omega_p"]) & ~unsteady(columns["K_p"], n_i)
     types = TYPES[:DEAD]
-    for name in LOSSES.keys() & columns.keys():
+    for name in COUPLES & columns.keys():
         types = TYPES
         is_steady &= columns[name] == 0
     numbers: dict[str, Flags | Integers] = {
@@ -189,6 +193,8 @@ def _numbers(
         for name, friction in FRICTION.items():
             numbers[name] = is_ok & (columns["contact_ratio_max"] > friction)
         numbers["share_lift_off"] = is_ok & (columns["contact_normal_min"] < 0)
+    if "t_slide" in columns:
+        numbers["share_slid"] = is_ok & np.isfinite(columns["t_slide"])
     return numbers
 
 
@@ -506,24 +512,20 @@ COLUMNS = (
             F64,
             _held(name),
             loss.unit,
-            f"{loss.meaning}; null: no dissipation, or rows differ",
+            f"{loss.meaning}; null: none, or rows differ",
         )
         for name, loss in LOSSES.items()
     ),
     # Null unless contact is recorded.
-    SummaryColumn(
-        "share_friction_above_0_3",
-        F64,
-        _share("share_friction_above_0_3"),
-        "1",
-        "fraction with contact_ratio_max > 0.3",
-    ),
-    SummaryColumn(
-        "share_friction_above_0_6",
-        F64,
-        _share("share_friction_above_0_6"),
-        "1",
-        "fraction with contact_ratio_max > 0.6",
+    *(
+        SummaryColumn(
+            name,
+            F64,
+            _share(name),
+            "1",
+            f"fraction with contact_ratio_max > {friction}",
+        )
+        for name, friction in FRICTION.items()
     ),
     SummaryColumn(
         "share_lift_off",
@@ -531,6 +533,14 @@ COLUMNS = (
         _share("share_lift_off"),
         "1",
         "fraction with contact_normal_min < 0, which would lift off",
+    ),
+    # Null without dissipation.mu.
+    SummaryColumn(
+        "share_slid",
+        F64,
+        _share("share_slid"),
+        "1",
+        "fraction with a slide",
     ),
 )
 SCHEMA = pa.schema([column.field for column in COLUMNS])
@@ -584,6 +594,7 @@ PRINTED = (
     Printed("share_friction_above_0_3", "friction > 0.3", optional=True),
     Printed("share_friction_above_0_6", "friction > 0.6", optional=True),
     Printed("share_lift_off", "lift-off", optional=True),
+    Printed("share_slid", "slid", optional=True),
     Printed("failed", "failed", "d"),
 )
 

@@ -18,6 +18,7 @@ from rattlesweep.physics.body import PARAMETERS as BODY
 from rattlesweep.quantities import LOSSES
 from rattlesweep.sweeps.launches import Launch
 
+LEAST = 1e-3  # of parameters that must be above zero
 STEP = 3e-6  # of the central differences, relative to the scale of a parameter
 
 
@@ -35,7 +36,13 @@ PARAMETERS = {
     "omega_xy0": Parameter("sqrt(g/a)", 1e-9, 10, "initial oscillation"),
     "psi_deg": Parameter("deg", -360, 360, "direction of the initial oscillation"),
     **{
-        name: Parameter(loss.unit, loss.low, loss.most_fitted, loss.meaning)
+        name: Parameter(
+            loss.unit,
+            # A limit that is excluded is not reached.
+            loss.low + LEAST * loss.is_open,
+            loss.most_fitted,
+            loss.meaning,
+        )
         for name, loss in LOSSES.items()
     },
     "skew": Parameter("rad", -math.pi / 2, math.pi / 2, "skew angle, -xi"),

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rattlesweep.analysis.derived import si_of
-from rattlesweep.arrays import Floats
+from rattlesweep.arrays import Flags, Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, reduced
 from rattlesweep.physics.full import quaternion
 from rattlesweep.physics.readings import contact_of, contact_point, mode_energies
-from rattlesweep.quantities import ENERGY, FORCE, LENGTH, RATE, TIME
+from rattlesweep.quantities import ENERGY, FORCE, LENGTH, RATE, SPEED, TIME
 from rattlesweep.sweeps.config import not_one_of
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class View:
     @property
     def is_anywhere(self) -> bool:
         """Whether the variables are those of a body in any position."""
-        return self.follower.model.name == "vectors"
+        return self.follower.model.name.startswith("vectors")
 
     @cached_property
     def observed(self) -> Floats:
@@ -55,11 +55,16 @@ class View:
 
     @property
     def work(self) -> Floats:
-        """The work of the dissipation, the last variable of a model that has one."""
-        if len(self.y) > full.N_STATE:
-            work: Floats = self.y[-1]
-            return work
-        return np.zeros(self.y.shape[1])
+        """The work of the dissipation: of couples, a variable, and of slides."""
+        of_slides: Floats = self.samples.slip[:, 2]
+        if self.follower.model.law is not None or self.is_anywhere:
+            of_slides = of_slides + self.y[-1]
+        return of_slides
+
+    @property
+    def slides(self) -> Flags:
+        """Whether the contact point slides."""
+        return self.samples.slip[:, 0] > 0
 
     @cached_property
     def vectors(self) -> tuple[Floats, Floats]:
@@ -223,6 +228,34 @@ def _channels() -> Iterator[Channel]:
         "contact force in the plane",
         FULL,
         lambda view: view.observed[3],
+    )
+    yield Channel(
+        "friction_ratio",
+        "1",
+        "tangential over normal force of the contact",
+        FULL,
+        lambda view: view.observed[3] / view.observed[2],
+    )
+    yield Channel(
+        "sliding",
+        "1",
+        "1 where the contact point slides, else 0",
+        FULL,
+        lambda view: view.slides.astype(float),
+    )
+    yield Channel(
+        "v_slip",
+        SPEED,
+        "speed of the contact point on the plane",
+        FULL,
+        lambda view: view.samples.slip[:, 0],
+    )
+    yield Channel(
+        "slip_angle",
+        "rad",
+        "direction of sliding from the horizontal part of the body's x axis",
+        FULL,
+        lambda view: np.where(view.slides, view.samples.slip[:, 1], np.nan),
     )
     yield Channel(
         "yaw",

@@ -20,14 +20,14 @@ import pyarrow.parquet as pq
 
 from rattlesweep.analysis.derived import COMMON_FRICTION
 from rattlesweep.analysis.onerun.channels import View, choose, in_si
-from rattlesweep.arrays import Floats, take
+from rattlesweep.arrays import Flags, Floats, take
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import PLATEAU_SHARE
 from rattlesweep.integrate.follow import Follower, Samples
 from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.quantities import LOSSES
+from rattlesweep.quantities import LOSSES, TIME
 from rattlesweep.sweeps import columns
 from rattlesweep.sweeps.columns import build_table
 from rattlesweep.sweeps.files import streamed_file
@@ -40,6 +40,7 @@ from rattlesweep.sweeps.launches import (
     reduced_batch,
     with_energies,
 )
+from rattlesweep.text import counted
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -63,7 +64,7 @@ LIFTS = (
 )
 SLIPS = (
     "rolling without slip needs a coefficient of friction of {:.2g}, and more than "
-    "{:g} from t = {:.4g} on; with less the body slips, which is not modelled"
+    "{:g} from t = {:.4g} on; with less the body slips, as it does with mu"
 )
 
 
@@ -168,6 +169,8 @@ class PreparedRun:
 
     def with_unit(self, value: float, unit: str) -> str:
         """Return a value with its unit, in SI if the size of the body is known."""
+        if unit == "1":
+            return f"{value:.6g}"
         if self.units is None:
             return f"{value:.6g} {unit.replace('sqrt', '√')}"
         size, si_unit = self.units.sizes[unit]
@@ -271,6 +274,9 @@ class Course:
         self.friction = 0.0
         self._slips_from: float | None = None
         self._lifts_from: float | None = None
+        self._ended_slides: list[tuple[float, float]] = []
+        self._slides_from: float | None = None  # begin of a slide that goes on
+        self.slide_work = 0.0  # of sliding friction so far, negative
         # Time and sign of the last spin beyond PLATEAU_SHARE of the launch's.
         self._last_time = 0.0
         self._last_sign = 0.0
@@ -332,9 +338,13 @@ class Course:
         while not follower.ended:
             follower.steps()
 
-    def _look(self, t: Floats, seen: Floats) -> None:
-        """Collect reversals and warnings from the launch and the accepted steps."""
+    def _look(self, samples: Samples, seen: Floats) -> None:
+        """Collect reversals, slides and warnings from launch and accepted steps."""
+        t = samples.t
         n, _, normal, tangential = seen
+        self._note_slides(t, samples.slip[:, 0] > 0)
+        if len(t):
+            self.slide_work = float(samples.slip[-1, 2])
         with np.errstate(all="ignore"):  # a failing run may overflow
             far = np.abs(n) > PLATEAU_SHARE * self.run.launches.spin_scale[0]
             ratio = np.where(normal > 0, tangential / normal, 0.0)
@@ -355,9 +365,40 @@ class Course:
         if self._lifts_from is None and lifts.any():
             self._lifts_from = float(t[np.argmax(lifts)])
 
+    def _note_slides(self, t: Floats, is_sliding: Flags) -> None:
+        """Add the slides that begin or end at accepted steps."""
+        began = self._slides_from is not None
+        before = np.append(began, is_sliding[:-1])
+        for k in np.flatnonzero(is_sliding != before):
+            if self._slides_from is None:
+                self._slides_from = float(t[k])
+            else:
+                self._ended_slides.append((self._slides_from, float(t[k])))
+                self._slides_from = None
+
+    @property
+    def slides(self) -> list[tuple[float, float]]:
+        """Begin and end of each slide so far; the last may still go on."""
+        if self._slides_from is None:
+            return self._ended_slides
+        return [*self._ended_slides, (self._slides_from, self.follower.t)]
+
+    @property
+    def slides_in_words(self) -> str:
+        """How many slides there were, how long, and what they took; empty for none."""
+        if not self.slides:
+            return ""
+        lasted = sum(end - begin for begin, end in self.slides)
+        share = -self.slide_work / self.follower.energy_0
+        count = counted(len(self.slides), "slide")
+        time = self.run.with_unit(lasted, TIME)
+        return f"{count} of {time} in all, {share:.2%} of the energy"
+
     @property
     def warning(self) -> str:
-        """Where a real body would lift off or slip; empty if it would not."""
+        """Where a real body would lift off or slip, and the run does not."""
+        if self.run.config.dissipation.slides:
+            return ""
         if self._lifts_from is not None:
             return LIFTS.format(self._lifts_from)
         if self._slips_from is not None:

@@ -12,11 +12,13 @@ from rattlesweep.analysis.style import GREY, INK, VERMILION, curve
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.files import as_path
+from rattlesweep.text import counted
 
 # Points in a period of the pitch, and the fewest and the most in all.
 PER_PERIOD = 24
 LEAST = 2001
 MOST = 400_001
+PALE = "#e4e2dc"  # of the times at which the body slides
 MARKS = 12  # turns to mark; if there are more, only the first is marked
 MODELS = {"full": "full dynamics", "reduced": "reduced model"}
 BESIDE = {
@@ -76,6 +78,11 @@ def draw(
     panels = [name for name in data if name != "t" and name not in beside]
     turns = [time * second for time in course.reversals if time * second >= t[0]]
     marked = turns[:1] if len(turns) > MARKS else turns
+    slides = [
+        (begin * second, (end - begin) * second)
+        for begin, end in course.slides
+        if end * second >= t[0]
+    ]
     with style.styled():
         figure = style.new_figure(7.2, 1.1 + 1.85 * len(panels))
         axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
@@ -89,6 +96,9 @@ def draw(
                     curve(axis, t, data[theory], colour, label=label, linestyle=dash)
                 low, high = axis.get_ylim()
                 axis.set_ylim(low, high + 0.25 * (high - low))  # room for the legend
+            if slides:
+                across = axis.get_xaxis_transform()
+                axis.broken_barh(slides, (0, 1), transform=across, color=PALE, zorder=0)
             for time in marked:
                 axis.axvline(time, color=GREY, linewidth=0.9, linestyle=":", zorder=1)
             low, high = axis.get_ylim()
@@ -100,6 +110,8 @@ def draw(
             if "t" in course.si:
                 label += " s"
             axes[0].plot([], [], color=GREY, linestyle=":", label=label)
+        if slides:
+            axes[0].fill([], [], color=PALE, label=counted(len(slides), "slide"))
         axes[0].legend(
             loc="upper right", ncols=2, fontsize=8, frameon=True, edgecolor="none"
         )

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from rattlesweep.analysis.layout import TARGETS, Layout
 from rattlesweep.analysis.plots.distribution import Distribution
-from rattlesweep.analysis.plots.fractions import Fractions
+from rattlesweep.analysis.plots.fractions import BinnedFractions, Fractions
 from rattlesweep.analysis.plots.maps import Map
 from rattlesweep.analysis.plots.picture import SIDE, Picture
 from rattlesweep.analysis.plots.scatter import Scatter
@@ -28,6 +28,7 @@ def choose_picture(
     *,
     x: str | None = None,
     quantity: str | None = None,
+    colour: str | None = None,
     select: Sequence[str] = (),
     where: str | None = None,
 ) -> Picture:
@@ -35,6 +36,14 @@ def choose_picture(
     layout = _selected(layout, select, where)
     if kind is None:
         kind = _suitable_kind(layout, x, quantity)
+    if colour is not None:
+        if kind != "scatter":
+            raise ConfigError(f"colour: goes with kind scatter, not {kind}")
+        layout.column(colour, "colour")  # raises if there is none
+    if kind == "fractions" and x is not None and not _is_axis(layout, x):
+        if quantity is not None:
+            raise ConfigError("quantity: kind fractions counts types; leave it out")
+        return BinnedFractions(layout, kind, x, quantity)
     if x is not None and kind != "scatter":
         x = layout.key(x, f"x {x}")
     fitting = fitting_kinds(layout)
@@ -45,8 +54,10 @@ def choose_picture(
         raise ConfigError(
             f"kind {kind}: does not fit this sweep{needs}; {', '.join(fitting)} fit"
         )
-    if quantity is not None and kind not in ("map", "distribution"):
-        raise ConfigError(f"quantity: goes with kind map or distribution, not {kind}")
+    if quantity is not None and kind not in ("map", "distribution", "scatter"):
+        raise ConfigError(
+            f"quantity: goes with kind map, distribution or scatter, not {kind}"
+        )
     if kind == "reversals":
         # Only confirmed turns, where the runs have error estimates.
         quantity = "n_turns"
@@ -54,7 +65,15 @@ def choose_picture(
             quantity = "reversals_sure"
     if quantity is not None:
         layout.column(quantity, "quantity")  # raises if there is none
-    return KINDS[kind](layout, kind, x, quantity)
+    picture = KINDS[kind](layout, kind, x, quantity)
+    picture.colour = colour
+    return picture
+
+
+def _is_axis(layout: Layout, name: str) -> bool:
+    """Return whether a name is that of an axis, or of no column of numbers either."""
+    names = {*layout.axes, *(axis.name for axis in layout.axes.values())}
+    return name in names or name not in layout.stored.schema.names
 
 
 def _selected(layout: Layout, select: Sequence[str], where: str | None) -> Layout:

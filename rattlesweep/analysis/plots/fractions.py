@@ -1,15 +1,20 @@
 """Fractions of the types against one axis."""
 
+import math
+from functools import cached_property
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from rattlesweep.analysis import style
 from rattlesweep.analysis.layout import LAUNCH, Axis
 from rattlesweep.analysis.plots.picture import (
     ENOUGH,
+    WIDE,
     Arrangement,
     Handle,
     Panel,
@@ -18,12 +23,121 @@ from rattlesweep.analysis.plots.picture import (
     scale,
     within,
 )
-from rattlesweep.analysis.style import TYPE_STYLE
-from rattlesweep.arrays import Floats, Integers
+from rattlesweep.analysis.shares import Points, fractions_of, read_points
+from rattlesweep.analysis.style import TYPE_STYLE, label
+from rattlesweep.arrays import Floats
 from rattlesweep.sweeps.types import share, wilson
 
 FEW = 6  # with fewer values than this, each value of an abscissa has a tick
 BEYOND = "beyond Bondi's threshold"
+
+
+class BinnedFractions(Picture):
+    """Fractions of the types over bins of any column, in panels by the launches."""
+
+    panel = (2.6, 2.0)
+
+    def arrange(self) -> Arrangement:
+        """Make panels of the launches, but for those of very many values."""
+        assert self.x is not None
+        self.unit, _ = self.layout.column(self.x, "x")
+        self.shows = f"that has values of {self.x}"
+        lengths = self.layout.lengths
+        few = [name for name in self.layout.several if lengths[name] <= FEW]
+        launch = [name for name in few if name in LAUNCH]
+        rows = [name for name in launch if name == "omega_xy0"]
+        return Arrangement([], rows, [name for name in launch if name not in rows])
+
+    @cached_property
+    def points(self) -> Points:
+        """The points of the column and of the axes of the panels."""
+        return read_points(self.layout, self._by)
+
+    @property
+    def _by(self) -> list[str]:
+        """The column, and the keys of the axes of the panels."""
+        keys = {axis.name: key for key, axis in self.layout.axes.items()}
+        return [str(self.x), *(keys[axis.name] for axis in self.axes)]
+
+    def __len__(self) -> int:
+        return len(np.unique(self.points.run))
+
+    @cached_property
+    def bins(self) -> int:
+        """The number of bins: more where a panel has many runs."""
+        panels = math.prod(len(axis.values) for axis in self.axes)
+        most = 12 if len(self.columns) == 0 else 8
+        return int(np.clip(math.isqrt(len(self) // panels) // 2, 3, most))
+
+    def table(self) -> pd.DataFrame:
+        """Return the fractions of each bin of each panel, with their intervals."""
+        return fractions_of(self.layout, self.points, self._by, self.bins)
+
+    def draw(self, panels: list[Panel], log: bool | None) -> list[Handle]:
+        """Stack the types on each other in each bin, with their intervals."""
+        table = self.table()
+        column = self.layout.name(str(self.x))
+        low = float(table[f"{column}_low"].min())
+        high = float(table[f"{column}_high"].max())
+        log_x = bool(low > 0 and high > WIDE * low) if log is None else log
+        entries: dict[str, Handle] = {}
+        panel_axes = [*self.rows, *self.columns]
+        for axes, place in panels:
+            here = table
+            for axis, k in zip(panel_axes, place, strict=True):
+                here = here[here[axis.name] == axis.values[k]]
+            self._stack(axes, here, column, entries)
+            style.scale_axis(axes, "x", (low, high), log_x, column)
+            position = axes.get_subplotspec()
+            if position is None or position.is_last_row():
+                axes.set_xlabel(label(str(self.x), self.unit))
+            axes.set(ylim=(0, 1), yticks=[0, 0.5, 1])
+            if low < high:
+                axes.set_xlim(low, high)
+        self.ylabel = "fraction of runs"
+        self.notes.append(
+            f"Fractions of {len(self):,} runs over bins with equal numbers of them, "
+            "with 95 % intervals (Wilson)."
+        )
+        if self.layout.refined:
+            self.notes.append("A run counts for the points nearest to it.")
+        return list(entries.values())
+
+    def _stack(
+        self, axes: Axes, here: pd.DataFrame, column: str, entries: dict[str, Handle]
+    ) -> None:
+        """Draw the types of one panel, and note their legend entries."""
+        low = here[f"{column}_low"].to_numpy()
+        high = here[f"{column}_high"].to_numpy()
+        centre = here[column].to_numpy()
+        if (low == high).all():
+            # A bin around each value.
+            edges = Axis(column, centre, np.arange(len(centre))).edges
+            low = edges[:-1]
+            high = edges[1:]
+        below = np.zeros(len(here))
+        for name, mark in TYPE_STYLE.items():
+            if f"fraction_{name}" not in here:
+                continue
+            fraction = here[f"fraction_{name}"].to_numpy()
+            bars = axes.bar(
+                low,
+                fraction,
+                high - low,
+                below,
+                align="edge",
+                facecolor=mark.colour,
+                hatch=mark.hatch,
+                linewidth=0,
+            )
+            if len(bars):
+                entries[mark.label] = bars[0]
+                bars[0].set_label(mark.label)
+            below = below + fraction
+            effective = here["runs_effective"].to_numpy()
+            # Rounding must not leave a border inside that is at the top.
+            border = np.where(below > 1 - 1e-9, 1.0, below)
+            _draw_intervals(axes, centre, border * effective, effective)
 
 
 class Fractions(Picture):
@@ -108,7 +222,7 @@ class Fractions(Picture):
             _draw_intervals(axes, x.values, count, ok)
 
 
-def _draw_intervals(axes: Axes, x: Floats, count: Floats, ok: Integers) -> None:
+def _draw_intervals(axes: Axes, x: Floats, count: Floats, ok: NDArray[Any]) -> None:
     """Draw Wilson's interval of an upper border, a fraction of the runs itself."""
     border = share(count, ok)
     low, high = wilson(count, ok)

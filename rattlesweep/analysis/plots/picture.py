@@ -62,6 +62,7 @@ class Picture(ABC):
     ylabel: str  # of all panels, set by drawing
     shows = "of those selected"  # which runs the picture shows
     more: tuple[str, ...] = ()  # columns that are averaged in each cell
+    colour: str | None = None  # column that colours the points of a scatter
 
     def __init__(
         self, layout: Layout, name: str, x: str | None, quantity: str | None
@@ -73,8 +74,8 @@ class Picture(ABC):
         arrangement = self.arrange()
         self.rows = [layout.axes[name] for name in arrangement.rows]
         self.columns = [layout.axes[name] for name in arrangement.columns]
-        inside = [layout.axes[name] for name in arrangement.inside]
-        self.axes = [*inside, *self.rows, *self.columns]
+        self.inside = [layout.axes[name] for name in arrangement.inside]
+        self.axes = [*self.inside, *self.rows, *self.columns]
         self.notes: list[str] = []
 
     def arrange(self) -> Arrangement:

@@ -67,7 +67,7 @@ class Times(Picture):
 
     def draw(self, panels: list[Panel], log: bool | None) -> list[Handle]:
         """Draw a curve with a band for each value of the second axis."""
-        x, *curve_axes = self.axes[: len(self.axes) - len(self.columns)]
+        x, *curve_axes = self.inside
         looks = self._looks()
         # The axis of ratios is linear and begins at 0.
         log_y = log is not False
@@ -119,9 +119,9 @@ class Times(Picture):
     @property
     def _count(self) -> int:
         """The number of curves."""
-        if len(self.axes) - len(self.columns) < 2:
+        if len(self.inside) < 2:
             return 1
-        return len(self.axes[1].values)
+        return len(self.inside[1].values)
 
     def _looks(self) -> list[Look]:
         """Return the curves, no more than there are colours."""
@@ -140,7 +140,7 @@ class Times(Picture):
             spread=self.grid(np.nan_to_num(moments.deviations())),
             theory=self.grid(cells.t_rgh.means()),
         )
-        if len(self.axes) - len(self.columns) < 2:
+        if len(self.inside) < 2:
             return Curve(*(np.expand_dims(values, 1) for values in curves))
         return curves
 

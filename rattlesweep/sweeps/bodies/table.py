@@ -94,7 +94,7 @@ TAKEN -= {*INPUT} - {"t_r"}
 """
 KEYS = ("case", "sample")
 BOUNDED = {name for name, quantity in QUANTITIES.items() if not quantity.is_open}
-BOUNDED |= SURFACE_CONSTANTS.keys() - {"c"}
+BOUNDED |= LOSSES.keys() | SURFACE_CONSTANTS.keys() - {"c"}
 """Columns with limits of their own; `physics.body` checks the parameters and ``c``."""
 RowProblem = tuple[int, str]  # number of a row, from 0, and message
 
@@ -317,7 +317,8 @@ def _missing_numbers(
 def _add_shell_dumbbells(columns: dict[str, Floats], where: str) -> None:
     """Add the inertia of bodies that are given by the paper's parameters."""
     _require(SHELL_DUMBBELL, columns, where, f"a body has {' '.join(SHELL_DUMBBELL)}")
-    f_sd, quantity = columns["f_sd"], QUANTITIES["f_sd"]
+    f_sd = columns["f_sd"]
+    quantity = QUANTITIES["f_sd"]
     wanted = f"above {quantity.low:g} and below {quantity.high:g} is needed"
     outside = ~((quantity.low < f_sd) & (f_sd < quantity.high))
     _refuse(
@@ -425,8 +426,11 @@ def check_value(name: str, values: Floats) -> RowProblem | None:
     if name not in BOUNDED:
         return None
     quantity = QUANTITIES[name]
-    for place in _first((values < quantity.low) | (values > quantity.high)):
-        if values[place] <= 0 < quantity.low:
+    bad = (values < quantity.low) | (values > quantity.high)
+    if quantity.is_open:
+        bad |= (values == quantity.low) | (values == quantity.high)
+    for place in _first(bad):
+        if values[place] <= 0 and (quantity.low > 0 or quantity.is_open):
             return place, "it must be positive"
         return place, f"{quantity.limits} is allowed"
     return None

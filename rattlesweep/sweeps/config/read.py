@@ -98,7 +98,8 @@ def parse_config(
         raise ConfigError(
             f"the config is not plain data ({error}); give a dict"
         ) from None
-    plain, places = json.loads(text), Places()
+    plain = json.loads(text)
+    places = Places()
     for override in overrides:
         places = _override(plain, places, override)
     if bodies is not None:
@@ -147,7 +148,10 @@ def fixed_part(config: Config) -> dict[str, Any]:
     fixed = config.model_dump(mode="json", exclude_none=True, exclude=free)
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
         fixed["bodies"]["target"]["coefficient"] = config.bodies.target.name
-    fixed["dissipation"] = config.dissipation.law or ""
+    laws = [config.dissipation.law or ""]
+    if config.dissipation.slides:
+        laws.append("sliding")
+    fixed["dissipation"] = "_".join(laws)
     return fixed
 
 

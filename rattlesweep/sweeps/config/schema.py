@@ -20,6 +20,7 @@ from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL
 from rattlesweep.names import AccuracyName, ModelName, PresetName
 from rattlesweep.physics.si import LIMITS
 from rattlesweep.quantities import (
+    COUPLES,
     LOSSES,
     MAX_TIME,
     QUANTITIES,
@@ -43,6 +44,7 @@ from rattlesweep.sweeps.config.values import (
     Vertical,
     Whole,
     distinct,
+    number_or,
     one_of,
     pair_of_lengths,
     quantity_or,
@@ -580,10 +582,18 @@ class Horizon(Base):
 
 def loss_key(loss: Loss) -> Any:
     """Return the type and the field of the key of a constant of dissipation."""
-    unit = f"in {loss.unit}"
-    item = quantity_or(Annotated[float, within(loss.name)], loss.kind, unit, TABLE)
-    field = key([loss.default], f"{loss.key}, {unit} or with a unit.")
-    return Several[Annotated[float | str, item]], field
+    number = Annotated[float, within(loss.name)]
+    if loss.kind:
+        unit = f"in {loss.unit}"
+        item = quantity_or(number, loss.kind, unit, TABLE)
+        meaning = f"{loss.key}, {unit} or with a unit."
+    else:
+        item = number_or(number, TABLE)
+        meaning = f"{loss.key}."
+    values = Several[Annotated[float | str, item]]
+    if loss.default is None:
+        return values | None, key(None, meaning)
+    return values, key([loss.default], meaning)
 
 
 LossKeys: Any = pydantic.create_model(
@@ -601,7 +611,7 @@ class Dissipation(LossKeys):  # type: ignore[misc]
     @property
     def present(self) -> list[str]:
         """The constants that are not zero in some run."""
-        return [name for name in LOSSES if getattr(self, name) != [0]]
+        return [name for name in LOSSES if getattr(self, name) not in (None, [0])]
 
     @property
     def values(self) -> dict[str, list[float | str]]:
@@ -613,9 +623,19 @@ class Dissipation(LossKeys):  # type: ignore[misc]
         }
 
     @property
+    def has_couples(self) -> bool:
+        """Whether couples of friction act in some run."""
+        return bool(COUPLES.intersection(self.present))
+
+    @property
     def law(self) -> str | None:
-        """The law of friction, None without dissipation."""
-        return law_of(self.present) if self else None
+        """The law of friction, None without couples."""
+        return law_of(self.present) if self.has_couples else None
+
+    @property
+    def slides(self) -> bool:
+        """Whether the foot slides where the plane does not hold it."""
+        return "mu" in self.present
 
     def __bool__(self) -> bool:
         return bool(self.present)
@@ -794,7 +814,7 @@ class Config(Base):
 
     @property
     def deciding_key(self) -> Literal["stop", "bodies.refine"] | None:
-        """The key by which a sweep leaves runs out; None if it runs all."""
+        """The key by which a sweep skips runs; None if it runs all."""
         if self.stop is not None:
             return "stop"
         if self.refine is not None:
@@ -803,7 +823,7 @@ class Config(Base):
 
     @property
     def deciding_column(self) -> str | None:
-        """The column, besides `type`, by which a sweep leaves runs out."""
+        """The column, besides `type`, by which a sweep skips runs."""
         if self.stop is not None:
             return None if self.stop.t_r is None else "t_r"
         if self.refine is None or self.refine.by == "type":
@@ -869,7 +889,7 @@ Losses = pydantic.create_model(
     "Losses",
     __base__=Base,
     __doc__="Dissipation of one run.",
-    **{name: (float | str, loss.default) for name, loss in LOSSES.items()},  # type: ignore[call-overload]
+    **{name: (float | str | None, loss.default) for name, loss in LOSSES.items()},  # type: ignore[call-overload]
 )
 
 

@@ -98,6 +98,17 @@ def quantity_or(item: object, kind: str, unit: str, *words: str) -> OrText:
     return OrText(item, read, {"type": "string", "examples": [example]})
 
 
+def number_or(item: object, *words: str) -> OrText:
+    """Return a number, or one of `words`."""
+
+    def read(text: str) -> str:
+        if text in words:
+            return text
+        raise ValueError("is not a number; give one, without a unit")
+
+    return OrText(item, read, {"type": "string", "enum": [*words]})
+
+
 def one_of(item: object, words: Collection[str]) -> OrText:
     """Return a value of the type `item`, or one of `words`."""
 

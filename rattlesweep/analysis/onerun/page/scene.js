@@ -1,6 +1,6 @@
 "use strict";
 // What is drawn: the body's true shape, the plane, shadow and trace. Lengths are in units of a.
-function makeScene(canvas, { body, rise, trail, start, changed }) {
+function makeScene(canvas, { body, rise, trail, start, slides, changed }) {
   const T = THREE;
   const nothing = () => {};
   const absent = (error) => ({ error, draw: nothing, resize: nothing, paint: nothing,
@@ -200,25 +200,38 @@ function makeScene(canvas, { body, rise, trail, start, changed }) {
   }
   scene.add(spot);
   const line = new Float64Array(2 * POINTS);
-  const tint = new T.Color();
+  const tint = new T.Color(), slipTint = new T.Color();
+  // Index of the last slide that has begun at a time, -1 before the first.
+  function slideAt(t) {
+    let low = 0, high = slides.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (slides[middle][0] <= t) low = middle + 1; else high = middle;
+    }
+    return low - 1;
+  }
   function drawTrace(t, trace) {
     const from = Math.max(start, t - trail);
     for (let k = 0; k < POINTS; k++) trace(from + ((t - from) * k) / (POINTS - 1), line, 2 * k);
     const half = 0.028 * short;
     let nx = 1, ny = 0;
+    let slide = slideAt(from);
     for (let k = 0; k < POINTS; k++) {
       const i = 2 * Math.max(k - 1, 0), j = 2 * Math.min(k + 1, POINTS - 1);
       const dx = line[j] - line[i], dy = line[j + 1] - line[i + 1];
       const size = Math.hypot(dx, dy);
       if (size > 1e-9) { nx = -dy / size; ny = dx / size; }
       const age = k / (POINTS - 1);
+      const time = from + (t - from) * age;
+      while (slide + 1 < slides.length && slides[slide + 1][0] <= time) slide++;
+      const colour = slide >= 0 && time <= slides[slide][1] ? slipTint : tint;
       const wide = half * (0.35 + 0.65 * age);
       for (const side of [0, 1]) {
         const sign = side ? 1 : -1, v = 3 * (2 * k + side);
         corners[v] = line[2 * k] + sign * wide * nx;
         corners[v + 1] = line[2 * k + 1] + sign * wide * ny;
         corners[v + 2] = 0.004 * rise;
-        colours.set([tint.r, tint.g, tint.b, age * age * 0.95], 4 * (2 * k + side));
+        colours.set([colour.r, colour.g, colour.b, age * age * 0.95], 4 * (2 * k + side));
       }
     }
     ribbon.attributes.position.needsUpdate = ribbon.attributes.color.needsUpdate = true;
@@ -283,6 +296,7 @@ function makeScene(canvas, { body, rise, trail, start, changed }) {
     curvaturePaint.color.set(colour("spin"));
     tint.set(colour("roll"));
     spot.material.color.copy(tint);
+    slipTint.set(colour("slip"));
   }
   function resize() {
     const { clientWidth: w, clientHeight: h } = canvas;
