@@ -38,7 +38,8 @@ class Quantity(float):
 
     def __new__(cls, text: str, kind: str) -> Quantity:  # noqa: D102
         self = super().__new__(cls, quantity(text, kind))
-        self.text, self.kind = " ".join(text.split()), kind
+        self.text = " ".join(text.split())
+        self.kind = kind
         return self
 
     def __reduce__(self) -> tuple[type[Quantity], tuple[str, str]]:

@@ -79,6 +79,7 @@ UNITS = {
     "1": "",
     "sqrt(a/g)": r"$\sqrt{a/g}$",
     "sqrt(g/a)": r"$\sqrt{g/a}$",
+    "sqrt(g a)": r"$\sqrt{g\,a}$",
     "deg": "degrees",
     "a": "$a$",
     "M g a": r"$M\,g\,a$",

@@ -187,9 +187,11 @@ class _Evaluation:
     def joined(self, node: ast.BoolOp) -> Value:
         """Return conditions joined by `and` or `or`."""
         if isinstance(node.op, ast.And):
-            word, join = "and", operator.and_
+            word = "and"
+            join = operator.and_
         else:
-            word, join = "or", operator.or_
+            word = "or"
+            join = operator.or_
         conditions = [self.value(operand) for operand in node.values]
         if any(_kind(condition) != "condition" for condition in conditions):
             raise ValueError(f"{word} needs conditions on both sides")

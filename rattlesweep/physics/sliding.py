@@ -21,7 +21,7 @@ from math import atan2, cos, sin, sqrt
 from typing import NamedTuple
 
 from rattlesweep.physics.full import scalar
-from rattlesweep.physics.stone import dot
+from rattlesweep.physics.stone import dot, triple
 
 
 class Contact(NamedTuple):
@@ -155,10 +155,9 @@ def spun(own, u, r, inertia, drag, mu, angle, normal):
     """Return ``domega/dt`` under the contact force ``normal (u - mu e)``."""
     ex, ey, ez = direction(u, angle)
     ux, uy, uz = u
-    force = ux - mu * ex, uy - mu * ey, uz - mu * ez
-    lx, ly, lz = cross(r, force)
-    tx, ty, tz = lx + drag[0], ly + drag[1], lz + drag[2]
-    ax, ay, az = divided((tx, ty, tz), inertia)
+    lever = cross(r, (ux - mu * ex, uy - mu * ey, uz - mu * ez))
+    torque = lever[0] + drag[0], lever[1] + drag[1], lever[2] + drag[2]
+    ax, ay, az = divided(torque, inertia)
     return own[0] + normal * ax, own[1] + normal * ay, own[2] + normal * az
 
 
@@ -168,17 +167,19 @@ def holding_force(contact):
 
     They solve three linear equations: the contact point is not accelerated.
     """
-    a, b, c = contact.kuu + contact.tu, contact.ku1, contact.ku2
-    d, e, f = contact.ku1 + contact.t1, contact.k11, contact.k12
-    g, h, i = contact.ku2 + contact.t2, contact.k12, contact.k22
-    p, q, r = contact.need, -contact.free1, -contact.free2
-    minor_a = e * i - f * h
-    minor_b = d * i - f * g
-    minor_c = d * h - e * g
-    det = a * minor_a - b * minor_b + c * minor_c
-    normal = (p * minor_a - b * (q * i - f * r) + c * (q * h - e * r)) / det
-    first = (a * (q * i - f * r) - p * minor_b + c * (d * r - q * g)) / det
-    second = (a * (e * r - q * h) - b * (d * r - q * g) + p * minor_c) / det
+    by_normal = (
+        contact.kuu + contact.tu,
+        contact.ku1 + contact.t1,
+        contact.ku2 + contact.t2,
+    )
+    by_first = contact.ku1, contact.k11, contact.k12
+    by_second = contact.ku2, contact.k12, contact.k22
+    wanted = contact.need, -contact.free1, -contact.free2
+    # Cramer's rule
+    whole = triple(by_normal, by_first, by_second)
+    normal = triple(wanted, by_first, by_second) / whole
+    first = triple(by_normal, wanted, by_second) / whole
+    second = triple(by_normal, by_first, wanted) / whole
     return normal, first, second
 
 

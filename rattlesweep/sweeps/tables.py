@@ -111,7 +111,8 @@ def _decimal_sign(head: str, separator: str, where: str) -> str:
     """Return the decimal sign of the numbers."""
     if separator == ",":
         return "."
-    commas, points = set(), set()
+    commas = set()
+    points = set()
     for line, cells in enumerate(
         dialects.reader(io.StringIO(head), delimiter=separator)
     ):

@@ -272,7 +272,7 @@ def test_the_keyboard_plays_steps_and_resets(still):
 
 
 @needs_browser
-@pytest.mark.parametrize(("width", "scheme"), zip(WIDTHS, SCHEMES, strict=True))
+@pytest.mark.parametrize(("width", "scheme"), [*zip(WIDTHS, SCHEMES, strict=True)])
 def test_it_fits_and_can_be_read(page, chromium, width, scheme):
     with window(chromium, width, 900, scheme) as it:
         it.open(page)

@@ -23,14 +23,14 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.physics import surface as surfaces
 from rattlesweep.quantities import RATE, TIME
 
-COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r")
-CHANNELS = ("t", *COLUMNS, "contact_z", "energy")
+COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r", "energy")
+CHANNELS = ("t", *COLUMNS, "contact_z")
 # Rows in a period of the pitch, and the fewest for long runs.  The page interpolates by
 # cubics, and the body slips by at most 5e-5 of the contact's speed (GH, n = 0.1 and
 # -0.1).
 PER_PERIOD = 20
 LEAST = 10
-# A row takes 48 bytes of the page, which stays below 5 MB.
+# A row takes 54 bytes of the page, which stays below 5 MB.
 FEWEST_ROWS = 201
 MOST_ROWS = 80_000
 THEORY_POINTS = 800
@@ -102,6 +102,7 @@ def make_scene(course: Course) -> dict[str, Any]:
         "step": (end - start) / (rows - 1),
         "rise": rise,
         "energy": float(columns["energy"][0]),
+        "lossy": bool(course.run.losses),
         "slides": [slide for slide in course.slides if slide[1] >= start],
         "reversals": [time for time in course.reversals if time >= start],
         "trail": TRAIL * 2 * math.pi / float(launches.modes.omega_r[0]),

@@ -59,7 +59,8 @@ class Scatter(Picture):
     def alt(self) -> str:
         """Return the ranges of the points."""
         x, y = self.points.columns
-        low, high = self.points.min(), self.points.max()
+        low = self.points.min()
+        high = self.points.max()
         return (
             f"{y} of {len(self):,} runs that reverse, from {low[y]:.3g} to "
             f"{high[y]:.3g}, against {x}, from {low[x]:.3g} to {high[x]:.3g}"

@@ -16,6 +16,7 @@ equations have no sense beyond its zero.
 
 # mypy: ignore-errors
 from math import isfinite, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -44,18 +45,25 @@ from rattlesweep.physics.sliding import (
     spun,
 )
 
-OK, LIMIT = int(Status.OK), int(Status.LIMIT)
+OK = int(Status.OK)
+LIMIT = int(Status.LIMIT)
 STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
-LIFTS_OFF, JAMMED = int(Status.LIFTS_OFF), int(Status.JAMMED)
+LIFTS_OFF = int(Status.LIFTS_OFF)
+JAMMED = int(Status.JAMMED)
 
+# Places of the slip behind the components of the state.
+SPEED, ANGLE, WORK, N_SLIP = range(4)
 STAGES = 5
 METHOD = radau(STAGES)
-POINTS, INTEGRALS = METHOD.points, METHOD.integrals
+POINTS = METHOD.points
+INTEGRALS = METHOD.integrals
 # Legendre coefficients of the derivative, from whose decay the error is estimated.
-THIRD, FIFTH = METHOD.spectrum[2], METHOD.spectrum[4]
+THIRD = METHOD.spectrum[2]
+FIFTH = METHOD.spectrum[4]
 MAX_SWEEPS = 25  # iterations of the equations of a step
 # The equations are solved to this share of the tolerance, or to rounding errors.
-SOLVED, ROUNDING = 1e-2, 1e-15
+SOLVED = 1e-2
+ROUNDING = 1e-15
 LARGEST_TURN = 0.5  # of the angle in an iteration
 FAILED = 1e30  # squared error of a step whose equations were not solved
 
@@ -64,7 +72,8 @@ BEGINNING = 1e-290  # speed at the begin of a slide
 # along the derivative: force and direction do not change any more.
 LAST_ANGLE = 1e-8
 # Fraction of the time to rest that a step leaves: at least, and at most.
-LEAST_LEFT, MOST_LEFT = 0.1, 0.3
+LEAST_LEFT = 0.1
+MOST_LEFT = 0.3
 FIRST_ANGLE = 0.1  # first step of a slide, in radians of the fastest swing
 LEAST_MOBILITY = 1e-3  # below it the normal force grows without bound
 # Columns of the results of a run, after its state.
@@ -80,13 +89,19 @@ def contact_of(lane, y):
     return contact
 
 
-@njit(fastmath=FASTMATH, **INNER)
-def derivative(lane, y, slip):
-    """Return what a step needs of a sliding body.
+class Motion(NamedTuple):
+    """What a step needs of a sliding body in one state."""
 
-    These are the derivatives of state and slip, the derivative of the angle's rate with
-    respect to the angle, the normal force, and what is positive where a body slides.
-    """
+    f: tuple[float, ...]  # derivative of the state
+    slip: Slip  # derivative of the slip
+    stiffness: float  # derivative of the angle's rate with respect to the angle
+    normal: float  # normal force
+    margin: float  # positive where the body can go on sliding
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def motion_of(lane, y, slip):
+    """Return the :class:`Motion` of a lane's body in a state."""
     slide = lane.problem.model.slide
     placed = slide.place(y, lane.constants)
     _, u, omega, r, w, inertia, torque, drag = placed
@@ -99,7 +114,15 @@ def derivative(lane, y, slip):
     turning = across / slip.speed - contact.turn
     slip_rate = Slip(along, turning, -mu * normal * slip.speed)
     margin = min(contact.need, mobility - LEAST_MOBILITY)
-    return f, slip_rate, slope / slip.speed, normal, margin
+    return Motion(f, slip_rate, slope / slip.speed, normal, margin)
+
+
+@njit(**INNER)
+def stage_of(lane, numbers):
+    """Return state and slip in a row of numbers."""
+    n = len(lane.y)
+    slip = Slip(numbers[n + SPEED], numbers[n + ANGLE], numbers[n + WORK])
+    return first_of(numbers, lane.problem.model.n_state), slip
 
 
 @njit(**INNER)
@@ -131,16 +154,18 @@ def time_to_rest(lane):
 
     The speed is taken as a parabola in time, from its rates at two points.
     """
-    y, slip = lane.y, lane.slip
-    f, rate, _, _, _ = derivative(lane, y, slip)
+    y = lane.y
+    slip = lane.slip
+    now = motion_of(lane, y, slip)
+    rate = now.slip
     if slip.speed <= BEGINNING or rate.speed >= 0.0:
         return np.inf
     ahead = min(runs.DIFFERENCE / lane.swing, -0.1 * slip.speed / rate.speed)
     next_slip = Slip(
         slip.speed + ahead * rate.speed, slip.angle + ahead * rate.angle, slip.work
     )
-    _, later, _, _, _ = derivative(lane, moved(y, f, ahead), next_slip)
-    bend = (later.speed - rate.speed) / ahead
+    later = motion_of(lane, moved(y, now.f, ahead), next_slip)
+    bend = (later.slip.speed - rate.speed) / ahead
     square = rate.speed * rate.speed - 2.0 * slip.speed * bend
     if square <= 0.0:
         return np.inf
@@ -150,33 +175,38 @@ def time_to_rest(lane):
 @njit(fastmath=FASTMATH, **INNER)
 def predict(lane, stages):
     """Write a first guess of state and slip at the stages."""
-    y, slip, h = lane.y, lane.slip, lane.h
+    y = lane.y
+    slip = lane.slip
+    h = lane.h
     n = len(y)
-    f, rate, stiffness, _, _ = derivative(lane, y, slip)
+    now = motion_of(lane, y, slip)
+    rate = now.slip
     begins = slip.speed <= BEGINNING
+    # Where the angle is stiff, its rate at the start says nothing about the step.
+    turning = 0.0 if begins or abs(h * now.stiffness) >= 1.0 else rate.angle
     for i in range(STAGES):
         ahead = h * POINTS[i]
         for c in range(n):
-            stages[i, c] = y[c] + ahead * f[c]
-        stages[i, n] = slip.speed + ahead * rate.speed
-        turns = not begins and abs(h * stiffness) < 1.0
-        stages[i, n + 1] = slip.angle + (ahead * rate.angle if turns else 0.0)
-        stages[i, n + 2] = slip.work
+            stages[i, c] = y[c] + ahead * now.f[c]
+        stages[i, n + SPEED] = slip.speed + ahead * rate.speed
+        stages[i, n + ANGLE] = slip.angle + ahead * turning
+        stages[i, n + WORK] = slip.work
     if not begins:
         return
     # The direction follows the force, and the speed is the integral of its rate.
     growths = np.empty(STAGES)
     for i in range(STAGES):
         contact = contact_of(lane, first_of(stages[i], lane.problem.model.n_state))
-        angle, _ = settled_direction(contact, lane.mu, stages[max(i - 1, 0), n + 1])
+        before = stages[max(i - 1, 0), n + ANGLE]
+        angle, _ = settled_direction(contact, lane.mu, before)
         _, _, along, _, _ = push(contact, lane.mu, angle)
-        stages[i, n + 1] = angle
+        stages[i, n + ANGLE] = angle
         growths[i] = along
     for i in range(STAGES):
         speed = 0.0
         for j in range(STAGES):
             speed += h * INTEGRALS[i, j] * growths[j]
-        stages[i, n] = speed
+        stages[i, n + SPEED] = speed
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -186,38 +216,38 @@ def sweep(lane, stages, rates, stiffness):
     The change is that of velocities and slopes; it is infinite where a speed is not
     positive or a number not finite.
     """
-    y, slip, h = lane.y, lane.slip, lane.h
+    y = lane.y
+    slip = lane.slip
+    h = lane.h
     n = len(y)
     for i in range(STAGES):
-        if not stages[i, n] > 0.0:
+        if not stages[i, n + SPEED] > 0.0:
             return np.inf
-        here = Slip(stages[i, n], stages[i, n + 1], stages[i, n + 2])
-        f, slip_rate, slope, _, _ = derivative(
-            lane, first_of(stages[i], lane.problem.model.n_state), here
-        )
+        state, here = stage_of(lane, stages[i])
+        motion = motion_of(lane, state, here)
         for c in range(n):
-            rates[i, c] = f[c]
-        rates[i, n] = slip_rate.speed
-        rates[i, n + 1] = slip_rate.angle
-        rates[i, n + 2] = slip_rate.work
-        stiffness[i] = slope
+            rates[i, c] = motion.f[c]
+        rates[i, n + SPEED] = motion.slip.speed
+        rates[i, n + ANGLE] = motion.slip.angle
+        rates[i, n + WORK] = motion.slip.work
+        stiffness[i] = motion.stiffness
     matrix = np.empty((STAGES, STAGES))
     turns = np.empty(STAGES)
     for i in range(STAGES):
-        turns[i] = slip.angle - stages[i, n + 1]
+        turns[i] = slip.angle - stages[i, n + ANGLE]
         for j in range(STAGES):
             share = h * INTEGRALS[i, j]
-            turns[i] += share * rates[j, n + 1]
+            turns[i] += share * rates[j, n + ANGLE]
             matrix[i, j] = (1.0 if i == j else 0.0) - share * stiffness[j]
     solve_angles(matrix, turns)
     largest = 0.0
     for i in range(STAGES):
         change = 0.0
-        for c in range(n + 3):
-            if c == n + 1:
+        for c in range(n + N_SLIP):
+            if c == n + ANGLE:
                 turn = min(LARGEST_TURN, max(-LARGEST_TURN, turns[i]))
                 stages[i, c] += turn
-                difference = turn * stages[i, n]
+                difference = turn * stages[i, n + SPEED]
             else:
                 value = slip[c - n] if c >= n else y[c]
                 for j in range(STAGES):
@@ -231,6 +261,13 @@ def sweep(lane, stages, rates, stiffness):
     return largest
 
 
+@njit(**INNER)
+def squared_slip(error, speed):
+    """Return the square of the error of the velocity in the plane."""
+    across = speed * error.angle
+    return error.speed * error.speed + across * across
+
+
 @njit(fastmath=FASTMATH, **INNER)
 def squared_error(lane, rates, scale):
     """Return the squared error of the step just tried, in units of the tolerance.
@@ -239,19 +276,20 @@ def squared_error(lane, rates, scale):
     the error at the end of a step falls as ``rho^9``; this returns ``rho^8``.
     """
     n = len(lane.y)
-    fifth = np.zeros(n + 3)
-    third = np.zeros(n + 3)
+    fifth = np.zeros(n + N_SLIP)
+    third = np.zeros(n + N_SLIP)
     for i in range(STAGES):
-        for c in range(n + 3):
+        for c in range(n + N_SLIP):
             fifth[c] += lane.h * FIFTH[i] * rates[i, c]
             third[c] += lane.h * THIRD[i] * rates[i, c]
     error = lane.problem.model.error
     state = lane.y1 + lane.constants
-    high, size = error(*(first_of(fifth, lane.problem.model.n_state) + state))
-    low, _ = error(*(first_of(third, lane.problem.model.n_state) + state))
-    speed = lane.slip1.speed
-    high += fifth[n] * fifth[n] + (speed * fifth[n + 1]) * (speed * fifth[n + 1])
-    low += third[n] * third[n] + (speed * third[n + 1]) * (speed * third[n + 1])
+    state_error, slip_error = stage_of(lane, fifth)
+    high, size = error(*(state_error + state))
+    high += squared_slip(slip_error, lane.slip1.speed)
+    state_error, slip_error = stage_of(lane, third)
+    low, _ = error(*(state_error + state))
+    low += squared_slip(slip_error, lane.slip1.speed)
     fall = high / (low + 1e-290)
     return scale * high * fall * fall / size
 
@@ -260,7 +298,8 @@ def squared_error(lane, rates, scale):
 def observe(lane, contact_recorded):
     """Compute spin, amplitude, force and limit at the end of the step just tried."""
     model = lane.problem.model
-    y, f = lane.y1, lane.f1
+    y = lane.y1
+    f = lane.f1
     slip = lane.slip1
     lane.n1 = model.spin(*y)
     lane.rate1 = model.spin_rate(*(y + f))
@@ -281,23 +320,26 @@ def set_limit(lane, h, slip):
     """Set the limit and the forces of a lane that slides at the end of the step."""
     y = lane.y1
     ahead = runs.DIFFERENCE / lane.swing
-    f, _, _, normal, margin = derivative(lane, y, slip)
-    _, _, _, later_normal, later = derivative(lane, moved(y, f, ahead), slip)
-    lane.limit1 = Point(h, margin, (later - margin) / ahead)
-    lane.lift1 = Point(h, -normal, (normal - later_normal) / ahead)
+    now = motion_of(lane, y, slip)
+    later = motion_of(lane, moved(y, now.f, ahead), slip)
+    lane.limit1 = Point(h, now.margin, (later.margin - now.margin) / ahead)
+    lane.lift1 = Point(h, -now.normal, (now.normal - later.normal) / ahead)
     lane.ratio1 = Point(h, lane.mu, 0.0)
 
 
 @njit(fastmath=FASTMATH, **INNER)
 def step_to_rest(lane, rest):
     """Step along the derivative, to rest if the step is as long as that takes."""
-    f, rate, _, _, _ = derivative(lane, lane.y, lane.slip)
     h = lane.h
     slip = lane.slip
-    speed = slip.speed * (1.0 - h / rest) if h < rest else 0.0
-    lane.slip1 = Slip(speed, slip.angle + h * rate.angle, slip.work + h * rate.work)
-    lane.y1 = moved(lane.y, f, h)
-    lane.f1 = f
+    now = motion_of(lane, lane.y, slip)
+    lane.slip1 = Slip(
+        slip.speed * (1.0 - h / rest) if h < rest else 0.0,
+        slip.angle + h * now.slip.angle,
+        slip.work + h * now.slip.work,
+    )
+    lane.y1 = moved(lane.y, now.f, h)
+    lane.f1 = now.f
     lane.error = 0.0
 
 
@@ -319,8 +361,8 @@ def try_slide(lane, scale, contact_recorded):
         step_to_rest(lane, rest)
         observe(lane, contact_recorded)
         return
-    stages = np.empty((STAGES, n + 3))
-    rates = np.empty((STAGES, n + 3))
+    stages = np.empty((STAGES, n + N_SLIP))
+    rates = np.empty((STAGES, n + N_SLIP))
     stiffness = np.empty(STAGES)
     solved = False
     predict(lane, stages)
@@ -331,11 +373,9 @@ def try_slide(lane, scale, contact_recorded):
         solved = change <= enough
         if solved or change == np.inf:
             break
-    last = stages[STAGES - 1]
-    lane.y1 = first_of(last, lane.problem.model.n_state)
-    lane.f1 = first_of(rates[STAGES - 1], lane.problem.model.n_state)
-    lane.slip1 = Slip(last[n], last[n + 1], last[n + 2])
-    if not (solved and last[n] > 0.0):
+    lane.y1, lane.slip1 = stage_of(lane, stages[STAGES - 1])
+    lane.f1, _ = stage_of(lane, rates[STAGES - 1])
+    if not (solved and lane.slip1.speed > 0.0):
         # Nothing is observed at the end of a step that is not taken.
         runs.hold_back(lane)
         lane.leaves = lane.watched = 0.0
@@ -377,9 +417,9 @@ def slide_from_rest(lane):
         return LIFTS_OFF if contact.need <= 0.0 else JAMMED
     slip = Slip(BEGINNING, angle, lane.slip.work)
     lane.slip1 = slip
-    f, _, _, _, _ = derivative(lane, lane.y1, slip)
-    lane.f1 = f
-    lane.rate1 = lane.problem.model.spin_rate(*(lane.y1 + f))
+    motion = motion_of(lane, lane.y1, slip)
+    lane.f1 = motion.f
+    lane.rate1 = lane.problem.model.spin_rate(*(lane.y1 + motion.f))
     set_limit(lane, lane.h, slip)
     lane.h_next = FIRST_ANGLE / lane.swing
     lane.root = 1.0
@@ -390,7 +430,8 @@ def slide_from_rest(lane):
 @njit(fastmath=FASTMATH, **INNER)
 def begin(lane, t):
     """Begin a slide at the end of the step, at time ``t``; return a status."""
-    p, q = lane.y1[0], lane.y1[1]
+    p = lane.y1[0]
+    q = lane.y1[1]
     steepest = lane.problem.model.slide.steepest
     if p * p + q * q > steepest * steepest:
         return STEP_TOO_SMALL

@@ -252,7 +252,8 @@ class SdBodies:
 
     def _draw_chunk(self, value: float, number: int) -> Floats:
         """Return the points of the samples of a chunk, for the `value` of a target."""
-        source, ranges = self._source, self._ranges
+        source = self._source
+        ranges = self._ranges
         first = number * CHUNK
         stop = min(first + CHUNK, self.samples)
         if source.draw == "random":
@@ -342,9 +343,11 @@ def draw_points(
     word = 0
     aim = (0, 0.0, 0.0, 1)
     if target is not None:
-        which, signed = 2, value
+        which = 2
+        signed = value
         if target.name == "K_p":
-            which, signed = 1, -value
+            which = 1
+            signed = -value
         # The 64 bits of the value, with the sign bit set for K_p.
         word = int(np.float64(signed).view(np.int64))
         aim = (which, float(value), target.rel_tol, target.max_draws)
@@ -381,7 +384,8 @@ def sampler() -> Kernel:
     """Return the sampler as a kernel to compile."""
     flag = Control().flag
     samples = np.zeros(0, dtype=np.int64)
-    ranges, points = np.zeros((5, 2)), np.zeros((6, 0))
+    ranges = np.zeros((5, 2))
+    points = np.zeros((6, 0))
     like = (0, 0, flag, 0, samples, 0, ranges, 0, 0.0, 0.0, 0, points)
     return Kernel(_draw, like, {"nogil": True}, (__file__,))
 

@@ -317,7 +317,8 @@ def _missing_numbers(
 def _add_shell_dumbbells(columns: dict[str, Floats], where: str) -> None:
     """Add the inertia of bodies that are given by the paper's parameters."""
     _require(SHELL_DUMBBELL, columns, where, f"a body has {' '.join(SHELL_DUMBBELL)}")
-    f_sd, quantity = columns["f_sd"], QUANTITIES["f_sd"]
+    f_sd = columns["f_sd"]
+    quantity = QUANTITIES["f_sd"]
     wanted = f"above {quantity.low:g} and below {quantity.high:g} is needed"
     outside = ~((quantity.low < f_sd) & (f_sd < quantity.high))
     _refuse(

@@ -62,7 +62,8 @@ def _choices_of_runs(config: Config) -> Iterator[Clash]:
 
 
 def _launches(config: Config) -> Iterator[Clash]:
-    spin, launch = config.spin, config.launch
+    spin = config.spin
+    launch = config.launch
     if spin and launch:
         yield "spin", "spin and launch are both given; keep one of them"
     if not (spin or launch or config.bodies.source == TABLE):
@@ -98,7 +99,8 @@ def _units(config: Config) -> Iterator[Clash]:
 
 
 def _dissipation(config: Config) -> Iterator[Clash]:
-    losses, table = config.dissipation, config.bodies.source == TABLE
+    losses = config.dissipation
+    table = config.bodies.source == TABLE
     if config.horizon.t_decay and not (table or "sigma" in losses.present):
         yield "dissipation", "horizon.t_decay is in units of gamma/sigma; give sigma"
     if any(TABLE in values for values in losses.values.values()) and not table:
@@ -164,7 +166,8 @@ def _integrator(config: Config) -> Iterator[Clash]:
 
 
 def _records(config: Config) -> Iterator[Clash]:
-    early, recorded = config.classify.early, {*config.record}
+    early = config.classify.early
+    recorded = {*config.record}
     is_paraboloid = SURFACES[config.bodies.bottom] is None
     plain = is_paraboloid and not config.dissipation
     if early and not (plain and config.model == "full"):
@@ -240,7 +243,8 @@ def _shape(bodies: ShapeSource) -> Iterator[Clash]:
     elif bodies.at is not None:
         # The body with the shortest sides is the first from which a weight would fall.
         x, y = bodies.at
-        length, width = bodies.length[0], bodies.width[0]
+        length = bodies.length[0]
+        width = bodies.width[0]
         if (2 * x / length) ** 2 + (2 * y / width) ** 2 > 1:
             yield (
                 "bodies.at",
@@ -249,7 +253,8 @@ def _shape(bodies: ShapeSource) -> Iterator[Clash]:
 
 
 def _drawn(bodies: SdSource) -> Iterator[Clash]:
-    ranges, target = bodies.ranges, bodies.target
+    ranges = bodies.ranges
+    target = bodies.target
     if ranges.phi[1] >= ranges.theta[0]:
         yield "bodies.ranges.phi", "phi >= theta is possible; separate the two ranges"
     if ranges.minus_xi_deg[1] == 0:
@@ -276,7 +281,8 @@ def _drawn(bodies: SdSource) -> Iterator[Clash]:
 
 
 def _grid(bodies: GridSource) -> Iterator[Clash]:
-    base, axes = bodies.base, bodies.axes.given
+    base = bodies.base
+    axes = bodies.axes.given
     needed = {"gamma", "theta", "phi", "xi"}
     if base.f_sd is None:
         needed |= {"alpha", "beta"}

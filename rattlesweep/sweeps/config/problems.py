@@ -39,7 +39,9 @@ LIMITS = {
 def problem_of(error: ErrorDetails, model: Model, data: object) -> tuple[Key, str]:
     """Return the key and the sentence of one of pydantic's errors about data."""
     key = _key_of(error["loc"], data)
-    kind, value, context = error["type"], error["input"], error.get("ctx", {})
+    kind = error["type"]
+    value = error["input"]
+    context = error.get("ctx", {})
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         return (*key, "source"), not_one_of(value.get("source"), SOURCES)
     if kind == "missing":
@@ -80,7 +82,9 @@ def _words_of(expected: str) -> list[str]:
 
 def _needed(error: ErrorDetails, key: Key, model: Model, data: object) -> str:
     """Return the clause about what is needed in place of a value."""
-    kind, value, context = error["type"], error["input"], error.get("ctx", {})
+    kind = error["type"]
+    value = error["input"]
+    context = error.get("ctx", {})
     if isinstance(value, str) and (pointed := with_point(value)):
         return f"write {pointed} with a decimal point"
     if kind in LIMITS:

@@ -98,7 +98,8 @@ def parse_config(
         raise ConfigError(
             f"the config is not plain data ({error}); give a dict"
         ) from None
-    plain, places = json.loads(text), Places()
+    plain = json.loads(text)
+    places = Places()
     for override in overrides:
         places = _override(plain, places, override)
     if bodies is not None:

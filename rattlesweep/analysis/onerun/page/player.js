@@ -106,7 +106,7 @@
   document.querySelectorAll(".spin-unit").forEach((e) => { e.textContent = spinUnit; });
   const places = Math.min(2, Math.max(0, 5 - Math.ceil(Math.log10(tEnd * second)) - (second === 1)));
   const spinPlaces = turn === 1 ? 4 : 2;
-  const shares = ["spin", "pitch", "roll"];
+  const shares = ["spin", "pitch", "roll", "lost"];
   const bars = shares.map((name) => document.querySelector(`#bar .${name}`));
   const percents = shares.map((name) => get(`share-${name}`));
   const scrub = get("scrub");
@@ -122,8 +122,9 @@
     write(get("way"), `${n > 0 ? "counter-clockwise" : "clockwise"}, the `
       + `${unsteady ? "unsteady" : "steady"} direction`);
     const pitch = Math.max(0, y[at.E_p]) / D.energy, roll = Math.max(0, y[at.E_r]) / D.energy;
-    const parts = [Math.max(0, 1 - pitch - roll), pitch, roll];
-    const sum = parts[0] + parts[1] + parts[2];
+    const left = D.lossy ? y[at.energy] / D.energy : 1;
+    const parts = [Math.max(0, left - pitch - roll), pitch, roll, Math.max(0, 1 - left)];
+    const sum = parts.reduce((whole, part) => whole + part);
     parts.forEach((part, k) => {
       bars[k].style.width = `${(100 * part) / sum}%`;
       write(percents[k], `${fixed((100 * part) / sum, 1)} %`);
@@ -232,6 +233,7 @@
     get("mark").querySelector("span").textContent = said;
   }
   for (const id of ["slip", "slipping"]) get(id).hidden = !D.slides.length;
+  get("lost").hidden = !D.lossy;
   for (const [name, value] of D.facts) {
     const line = document.createElement("div");
     for (const [tag, text] of [["dt", name], ["dd", value]]) {
