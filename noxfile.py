@@ -12,6 +12,7 @@ nox.options.default_venv_backend = "uv|virtualenv"
 PYTHONS = nox.project.python_versions(nox.project.load_toml("pyproject.toml"))
 # The golden sweep, and one command of each kind.
 SHORT = ("tests/sweeps/test_golden.py", "tests/interface/test_transcripts.py")
+AVX512 = "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL X86_V4"
 
 
 @nox.session(python=PYTHONS)
@@ -63,5 +64,15 @@ def site(session: nox.Session) -> None:
 
 
 def _compare_golden(session: nox.Session) -> None:
-    """Print the versions, and which bits of the golden sweep they give."""
-    session.run("python", "tests/golden/make.py", "--compare")
+    """Print the versions, and which bits of the golden sweep they give.
+
+    It was made without AVX-512, with which NumPy rounds some angles otherwise.
+    """
+    session.run(
+        "python",
+        "-W",
+        "ignore",  # versions of NumPy differ in the names of features
+        "tests/golden/make.py",
+        "--compare",
+        env={"NPY_DISABLE_CPU_FEATURES": AVX512},
+    )

@@ -345,6 +345,7 @@ class Layout:
     """
 
     def __init__(self, model: Model | None) -> None:
+        # How many numbers a field has whose kind depends on the model.
         numbers = {"State": 0, "Constants": 0, "Probe": 0, "Tangent": 0}
         if model:
             numbers["State"] = model.n_state
@@ -353,11 +354,13 @@ class Layout:
         if model and model.rate:
             numbers["Tangent"] = model.n_state
         self.fields: dict[str, tuple[int, types.Type]] = {}
-        self.stages = 0
+        row = 0
+        # The annotations are texts, such as "State".
         for name, kind in Fields.__annotations__.items():
-            self.fields[name] = self.stages, _type_of(kind, numbers.get(kind, 1))
-            setattr(self, name, self.stages)
-            self.stages += 3 if kind in RECORDS else numbers.get(kind, 1)
+            self.fields[name] = row, _type_of(kind, numbers.get(kind, 1))
+            setattr(self, name, row)
+            row += 3 if kind in RECORDS else numbers.get(kind, 1)
+        self.stages = row
 
     if TYPE_CHECKING:
 
@@ -420,7 +423,8 @@ class Problem:
             self.n_given = model.n_state - model.n_extra
             self.extra = (0.0,) * model.n_extra
             # State, constants and probe of an empty lane.
-            state, constants = (1.0,) * model.n_state, (1.0,) * model.n_constants
+            state = (1.0,) * model.n_state
+            constants = (1.0,) * model.n_constants
             self.idle = state, constants, (0.0,) * model.n_probe
             self.slides = model.slide is not None
             self.limited = self.slides or model.limit is not None
@@ -432,6 +436,10 @@ class Problem:
         self.lanes = lanes
         self.layout = Layout(model)
         self.known[self.name] = self
+
+
+# How Numba types, stores and reads a problem and a lane.  It calls what is registered
+# with `extending`, by the types of the values in a compiled function.
 
 
 class RecordType(types.Type):
