@@ -4,6 +4,10 @@ Each has an environment of its own, made by uv if it is installed.  Sessions for
 that are missing are skipped.
 """
 
+import shutil
+import tempfile
+from pathlib import Path
+
 import nox
 
 nox.needs_version = ">=2025.2.9"
@@ -61,6 +65,30 @@ def site(session: nox.Session) -> None:
     """Build the documentation."""
     session.install("-e", ".[docs]")
     session.run("mkdocs", "build", "--strict")
+
+
+@nox.session(python=PYTHONS[0], default=False)
+def release(session: nox.Session) -> None:
+    """Build both archives, check them, and try them in empty folders."""
+    archives = Path("dist").resolve()
+    shutil.rmtree(archives, ignore_errors=True)
+    session.install("build", "twine")
+    session.run("python", "-m", "build", "--outdir", str(archives))
+    [wheel] = archives.glob("*.whl")
+    [source] = archives.glob("*.tar.gz")
+    session.run("twine", "check", "--strict", str(wheel), str(source))
+
+    session.install(f"rattlesweep[test] @ {wheel.as_uri()}")
+    with tempfile.TemporaryDirectory() as folder, session.chdir(folder):
+        session.run("rattlesweep", "init", "mine.yaml")
+        session.run("rattlesweep", "run", "mine.yaml", "--set", "bodies.samples=5")
+    with tempfile.TemporaryDirectory() as folder, session.chdir(folder):
+        shutil.unpack_archive(source, folder, filter="data")
+        [unpacked] = Path(folder).iterdir()
+        # The tests must find the installed package alone.
+        shutil.rmtree(unpacked / "rattlesweep")
+        session.chdir(unpacked)
+        session.run("pytest", "-q", "-n", "1", *SHORT)
 
 
 def _compare_golden(session: nox.Session) -> None:
