@@ -9,7 +9,9 @@ Meanings of keys, columns and statuses come from their definitions in the packag
 # ruff: noqa: E501 - lines of Markdown
 from __future__ import annotations
 
+import itertools
 import math
+import re
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -18,6 +20,7 @@ from typing import Any
 import pyarrow as pa
 
 from rattlesweep.integrate.status import Status
+from rattlesweep.names import MODEL_NAMES
 from rattlesweep.quantities import LOSSES, SURFACE_CONSTANTS
 from rattlesweep.sweeps import columns, summary
 from rattlesweep.sweeps.config.read import config_json_schema
@@ -369,7 +372,8 @@ def columns_page() -> str:
     for group in optional:
         note = ""
         if group.not_with:
-            note = f"Not with `model: {'` or `'.join(group.not_with)}`.\n\n"
+            models = [name for name in MODEL_NAMES if name not in group.not_with]
+            note = f"With `model: {'` or `'.join(models)}`.\n\n"
         fields = [column.field for column in group.columns]
         lines.append(f"### {group.heading}\n\n{note}{fields_table(fields)}\n")
     lines.append(f"## `summary`\n\n{fields_table(summary.SCHEMA)}\n")
@@ -380,18 +384,45 @@ def columns_page() -> str:
 
 
 def fields_table(fields: Iterable[pa.Field]) -> str:
-    """Return columns as a table."""
+    """Return columns as a table.
+
+    Columns in a row that differ by a letter or a number, such as components of a
+    vector, share a row of the table.
+    """
     rows = [("column", "type, unit", "meaning")]
-    for field in fields:
-        kind = str(field.type).replace("list<element: double>", "list of double")
-        if field.nullable:
-            kind += "?"
-        unit = field.metadata[b"unit"].decode()
-        if unit != "1":
-            kind += f", `{unit}`"
-        meaning = field.metadata[b"description"].decode().replace("<", "&lt;")
-        rows.append((f"`{field.name}`", kind, meaning))
+    for alike, group in itertools.groupby(fields, _pattern):
+        members = list(group)
+        names = ", ".join(f"`{field.name}`" for field in members)
+        meaning = _meaning(members[0])
+        if len(members) > 1:
+            varying = [re.findall(VARYING, _meaning(field)) for field in members]
+            values = zip(*varying, strict=True)
+            first, *rest = re.split(VARYING, meaning)
+            meaning = first
+            for each, words in zip(values, rest, strict=True):
+                meaning += ", ".join(each) + words
+        rows.append((names, alike[0], meaning))
     return table(rows)
+
+
+VARYING = r"\b[xyz]\b|\b0\.\d\b"  # components, and thresholds of friction
+
+
+def _meaning(field: pa.Field) -> str:
+    return field.metadata[b"description"].decode().replace("<", "&lt;")
+
+
+def _pattern(field: pa.Field) -> tuple[str, str]:
+    """Return the type and unit of a column, and its meaning without what varies."""
+    kind = str(field.type).replace("list<element: double>", "list of double")
+    if field.nullable:
+        kind += "?"
+    unit = field.metadata[b"unit"].decode()
+    if unit != "1":
+        kind += f", `{unit}`"
+    meaning = re.sub(VARYING, "_", _meaning(field))
+    # Equal meanings without anything that varies are those of different columns.
+    return kind, meaning if "_" in meaning.split() else field.name
 
 
 # ------------------------------------------------------------------ both

@@ -1,6 +1,7 @@
-"""The differences between two directories of the same runs."""
+"""The differences between two directories of the same runs, or of two models."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,11 @@ from rattlesweep.analysis import style
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.config.read import differences, fixed_part, resolved
-from rattlesweep.sweeps.stored import Stored, open_stored
+from rattlesweep.sweeps.stored import Case, Stored, open_stored
+from rattlesweep.sweeps.types import TYPES
 
 MOST_LISTED = 10
+SPIN = ("n_i", "omega_xy0")
 # Columns that identify a run; their last digits may differ between machines.
 _RUN = [*PARAMETERS, "n_i", "omega_xy0"]
 _LISTED = [
@@ -38,8 +41,12 @@ class Comparison:
     the suffixes ``_a`` and ``_b``; ``dt_r``, the difference of the times; ``relative``,
     its size over their mean; ``over_errors``, its size over both errors added in
     quadrature; ``differs`` and ``sure`` of the types; ``not_ok``.  `data` can be
-    written as JSON: differing settings, counts in all and by case, the runs that differ
-    most.
+    written as JSON: differing settings, counts in all and by case, types against types,
+    the runs that differ most.
+
+    If the model or the dissipation differs, the differences are those of models:
+    ``data["of_models"]`` is true, and nothing is said to be beyond errors.  Runs are
+    then those of equal bodies and launches, and ``case_b`` is the case in `b`.
     """
 
     runs: pd.DataFrame
@@ -50,16 +57,21 @@ class Comparison:
 
     def disagree(self, allowed: float) -> bool:
         """Return whether too many times differ beyond their errors, or a sure type."""
+        if self.data["of_models"]:
+            return False
         total = self.data["total"]
         beyond = total["beyond"] or 0
         return bool(beyond > allowed * total["reversing"] or total["types_sure"])
 
 
 def compare(a: Path, b: Path) -> Comparison:
-    """Compare the runs of two directories whose configs integrate differently."""
+    """Compare the runs of two directories: other tolerances, machines or models."""
     stored_a = open_stored(a)
     stored_b = open_stored(b)
+    of_models = _physics(stored_a) != _physics(stored_b)
     has_errors = all("t_r_error" in x.schema.names for x in (stored_a, stored_b))
+    # Errors of the integration say nothing of the differences of models.
+    has_errors = has_errors and not of_models
     names = ["case", "sample", *_RUN, "t_r", "type", "status"]
     if has_errors:
         names += ["t_r_error", "type_sure"]
@@ -71,8 +83,21 @@ def compare(a: Path, b: Path) -> Comparison:
             raise OutputError(f"{stored.directory} holds no runs yet")
         frames.append(frame)
         missing.append(len(stored.cases) * stored.samples - len(frame))
-    runs = frames[0].merge(frames[1], on=["case", "sample"], suffixes=("_a", "_b"))
     wrong = differences(_same_runs(stored_a), _same_runs(stored_b))[:3]
+    cases_a = _same_cases(stored_a)
+    cases_b = _same_cases(stored_b)
+    if not of_models and cases_a != cases_b:
+        wrong += differences({"cases": _words(cases_a)}, {"cases": _words(cases_b)})
+    matches = [cases_a.index(case) if case in cases_a else -1 for case in cases_b]
+    if of_models and (-1 in matches or len({*cases_a}) < len(cases_a)):
+        wrong.append(
+            "dissipation: each launch of the second needs one case in the first"
+        )
+    if wrong:
+        matches = list(range(len(cases_b)))
+    frames[1]["case_b"] = frames[1]["case"]
+    frames[1]["case"] = np.array(matches)[frames[1]["case"]]
+    runs = frames[0].merge(frames[1], on=["case", "sample"], suffixes=("_a", "_b"))
     if not wrong:
         wrong = _differing_inputs(runs)
     if wrong:
@@ -89,17 +114,19 @@ def compare(a: Path, b: Path) -> Comparison:
     )
     listed = differing[_LISTED].head(MOST_LISTED).astype(object)
     cases = []
-    for case in sorted(set(runs["case"])):
-        counts = _counted(runs[runs["case"] == case], has_errors)
-        cases.append(stored_a.cases[case].dump() | counts)
+    for case in sorted(set(runs["case_b"])):
+        counts = _counted(runs[runs["case_b"] == case], has_errors, of_models)
+        cases.append(stored_b.cases[case].dump() | counts)
     return Comparison(
         runs,
         {
             "directories": [str(a), str(b)],
+            "of_models": of_models,
             "differ": differences(_settings(stored_a), _settings(stored_b)),
             "planned": [len(x.cases) * x.samples for x in (stored_a, stored_b)],
             "missing": missing,
-            "total": _counted(runs, has_errors),
+            "total": _counted(runs, has_errors, of_models),
+            "types": _types_against_types(runs),
             "cases": cases,
             "differing": listed.replace([np.nan, np.inf], None).to_dict("records"),
         },
@@ -133,7 +160,21 @@ def _add_differences(runs: pd.DataFrame) -> None:
     runs["sure"] = runs.type_sure_a.eq(True) & runs.type_sure_b.eq(True)
 
 
-def _counted(runs: pd.DataFrame, has_errors: bool) -> dict[str, int | float | None]:
+def _types_against_types(runs: pd.DataFrame) -> dict[str, dict[str, int]]:
+    """Return how many runs have each pair of types, by the first and the second."""
+    ok = runs[~runs["not_ok"]]
+    pairs = ok.groupby(["type_a", "type_b"]).size()
+    counts: dict[str, dict[str, int]] = {}
+    for first in TYPES:
+        row = {second: int(pairs.get((first, second), 0)) for second in TYPES}
+        if any(row.values()):
+            counts[first] = row
+    return counts
+
+
+def _counted(
+    runs: pd.DataFrame, has_errors: bool, of_models: bool
+) -> dict[str, int | float | None]:
     """Return the counts and quantiles of some runs."""
     relative = runs["relative"].dropna()
     counts: dict[str, int | float | None] = {
@@ -146,6 +187,10 @@ def _counted(runs: pd.DataFrame, has_errors: bool) -> dict[str, int | float | No
         if len(relative):
             quantile = np.quantile(relative, level, method="inverted_cdf")
             counts[name] = float(quantile)
+    if of_models:
+        ratio = (runs["t_r_b"] / runs["t_r_a"])[runs["dt_r"].notna()]
+        for name, level in (("ratio_p5", 5), ("ratio_median", 50), ("ratio_p95", 95)):
+            counts[name] = float(np.percentile(ratio, level)) if len(ratio) else None
     # The order of the keys is that of the table.
     counts |= {"beyond": None, "types": int(runs["differs"].sum()), "types_sure": None}
     if has_errors:
@@ -156,11 +201,29 @@ def _counted(runs: pd.DataFrame, has_errors: bool) -> dict[str, int | float | No
 
 def _same_runs(side: Stored) -> dict[str, object]:
     """Return what determines the runs, however they are integrated."""
-    how = ("integrator", "record", "classify")
+    how = ("integrator", "record", "classify", "model", "dissipation")
     data = {k: v for k, v in fixed_part(side.config).items() if k not in how}
     # A table may have moved; its content is compared row by row.
     data["bodies"] = {k: v for k, v in data["bodies"].items() if k != "path"}
-    return data | {"cases": [str(case) for case in side.cases], "samples": side.samples}
+    return data | {"samples": side.samples}
+
+
+def _physics(side: Stored) -> dict[str, object]:
+    """Return what determines the motion of a body after its launch."""
+    config = resolved(side.config)
+    return {name: config.get(name) for name in ("model", "dissipation")}
+
+
+def _same_cases(side: Stored) -> list[Case]:
+    """Return the targets and launches of the cases, without their dissipation."""
+    return [
+        replace(case, losses=(), in_si=tuple(of for of in case.in_si if of[0] in SPIN))
+        for case in side.cases
+    ]
+
+
+def _words(cases: Sequence[Case]) -> list[str]:
+    return [str(case) for case in cases]
 
 
 def _settings(side: Stored) -> dict[str, object]:
@@ -168,6 +231,7 @@ def _settings(side: Stored) -> dict[str, object]:
     config = resolved(side.config)
     manifest = side.manifest
     return {
+        **_physics(side),
         "integrator": config["integrator"],
         "record": config["record"],
         "classify": side.thresholds.model_dump(mode="json"),
@@ -191,11 +255,26 @@ def as_text(comparison: Comparison, most_cases: int) -> str:
     lines += ["", style.text_table(rows)]
     if len(cases) > most_cases:
         lines.append(f"{len(cases) - most_cases} more cases are in --json")
-    if data["total"]["beyond"] is None:
+    if data["of_models"]:
+        lines.append("the differences are those of the models, not errors of either")
+        lines.append("\ntypes in A (rows) against types in B:")
+        lines.append(_type_table(data["types"]))
+    elif data["total"]["beyond"] is None:
         lines.append("no errors are stored; add record: [error]")
     if data["differing"]:
         lines += ["\nruns that differ most:", style.text_table(data["differing"])]
     return "\n".join(lines)
+
+
+def _type_table(types: dict[str, dict[str, int]]) -> str:
+    """Return the numbers of types against types, without types that do not occur."""
+    seen = [name for name in TYPES if any(row[name] for row in types.values())]
+    return style.text_table(
+        [
+            {"A": first, **{name: row[name] for name in seen}}
+            for first, row in types.items()
+        ]
+    )
 
 
 def save(comparison: Comparison, path: Path) -> None:
@@ -206,6 +285,9 @@ def save(comparison: Comparison, path: Path) -> None:
     if total["beyond"] is None:
         values = comparison.runs.relative
         below = "$t_r$"
+    of_models = comparison.data["of_models"]
+    if of_models:
+        values = (comparison.runs.t_r_b / comparison.runs.t_r_a).dropna()
     values = values[values.between(0, np.inf, inclusive="neither")]
     with style.styled():
         figure = style.new_figure(5.2, 3.9)
@@ -221,11 +303,16 @@ def save(comparison: Comparison, path: Path) -> None:
             axes.text(0.5, 0.5, equal, ha="center", transform=axes.transAxes)
             axes.set(xticks=[], yticks=[])
         axes.set(xlabel=rf"$|\Delta t_r|$ / {below}", ylabel="number of runs")
+        if of_models:
+            axes.axvline(1, **style.THEORY)
+            axes.set_xlabel("$t_r$ of the second / $t_r$ of the first")
         style.light_grid(axes)
         directories = " against ".join(comparison.data["directories"])
         caption = (
             f"{directories}: {total['reversing']:,} runs reverse in both, "
             f"{total['equal']:,} of them at equal times."
         )
+        if of_models:
+            caption += " The differences are those of models, not errors."
         style.add_caption(figure, [caption])
         style.save(figure, [path])

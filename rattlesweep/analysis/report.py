@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import pyarrow as pa
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure
 from ruamel.yaml import YAML
 
 from rattlesweep.analysis.layout import Layout, read_layout
@@ -19,13 +21,23 @@ from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.read import resolved
 from rattlesweep.sweeps.sessions import read_sessions
 from rattlesweep.sweeps.status import status
-from rattlesweep.sweeps.summary import absent_columns, count_cases, summary_table
+from rattlesweep.sweeps.summary import (
+    PRINTED,
+    absent_columns,
+    count_cases,
+    summary_table,
+)
 
 DPI = 120
 # Bytes; larger pictures become PNG, or a page of seven would exceed 5 MB.
 MOST_SVG = 400_000
 MOST_FITTING = 480.0  # points of width of a picture that is shrunk to a narrow screen
 MOST_SESSIONS = 200
+# Pictures for telephones: inches of their width, of a row of panels, and of the rest.
+NARROW = 3.4
+NARROW_PANEL = 1.3
+NARROW_MARGIN = 1.4
+NARROW_FONT = 7.0
 
 
 def render(template: str, **values: object) -> bytes:
@@ -46,16 +58,20 @@ def embedded(svg: bytes, png: bytes) -> Mapping[str, object]:
     """Return a picture as a data URL, as PNG if its SVG is too large, and its class.
 
     A wide picture scrolls on a narrow screen, where its text would be too small to
-    read.
+    read, unless there is a narrow one to take its place.
     """
+    width = re.search(rb'<svg[^>]* width="([\d.]+)pt"', svg)
+    is_wide = width is not None and float(width[1]) > MOST_FITTING
+    return {"url": _data_url(svg, png), "wide": is_wide, "narrow": None}
+
+
+def _data_url(svg: bytes, png: bytes) -> str:
     kind = "svg+xml"
     data = svg
     if len(svg) > MOST_SVG:
         kind = "png"
         data = png
-    url = f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
-    width = re.search(rb'<svg[^>]* width="([\d.]+)pt"', svg)
-    return {"url": url, "wide": width is not None and float(width[1]) > MOST_FITTING}
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def config_yaml(config: Mapping[str, object]) -> str:
@@ -82,6 +98,11 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     hidden.add("near_tangencies")
     if "sensitive" not in counts:
         hidden.add("t_r_mean_error")
+    # What is not printed either is of use only where it is known.
+    known = {column.name for column in PRINTED}
+    for name in set(table.column_names) - known:
+        if table.column(name).null_count == len(table):
+            hidden.add(name)
     table = table.drop_columns([name for name in table.column_names if name in hidden])
     first = default_kind(layout)
     kinds = [first]
@@ -101,7 +122,7 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         counts=counts,
         steps=rows["n_steps"].sum(),
         pictures=[_shown(layout, kind) for kind in dict.fromkeys(kinds)],
-        case_head=table.column_names,
+        case_head=[_heading(column) for column in table.schema],
         cases=list(zip(*table.to_pydict().values(), strict=True)),
         failures=_failures(rows),
         thresholds=thresholds,
@@ -109,6 +130,12 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         seconds=sum(session.get("seconds") or 0.0 for session in sessions),
         sessions=[_session_cells(session) for session in sessions[-MOST_SESSIONS:]],
     )
+
+
+def _heading(column: pa.Field) -> tuple[str, str]:
+    """Return the heading of a column of the summary in words, and its name."""
+    words = column.metadata[b"description"].decode()
+    return re.split("[;,]", words)[0], column.name
 
 
 def _failures(rows: pd.DataFrame) -> list[tuple[str, int, str, str]]:
@@ -127,20 +154,30 @@ def _session_cells(session: Mapping[str, object]) -> list[object]:
     return [str(session.get("started"))[:19], *(session.get(name) for name in names)]
 
 
+def _encoded(figure: Figure) -> tuple[bytes, bytes]:
+    """Return a figure as SVG, and as PNG if that is too large."""
+    svg = encode(figure, "svg", DPI)
+    png = encode(figure, "png", DPI) if len(svg) > MOST_SVG else b""
+    return svg, png
+
+
 def _shown(layout: Layout, kind: str) -> Mapping[str, object]:
     """Return a picture for the page, or why there is none, such as too many panels."""
     try:
         with styled():
             picture = choose_picture(layout, kind)
-            figure = picture.figure(caption=False)
-            svg = encode(figure, "svg", DPI)
-            png = encode(figure, "png", DPI) if len(svg) > MOST_SVG else b""
+            image = {**embedded(*_encoded(picture.figure(caption=False)))}
+        with styled({"font.size": NARROW_FONT}):
+            if image["wide"]:
+                height = NARROW_MARGIN + NARROW_PANEL * len(picture.down)
+                narrow = picture.figure(caption=False, size=(NARROW, height))
+                image["narrow"] = _data_url(*_encoded(narrow))
     except (ConfigError, OutputError) as error:
         return {"kind": kind, "error": error}
     return {
         "kind": kind,
         "error": None,
-        "image": embedded(svg, png),
+        "image": image,
         "alt": picture.alt(),
         "caption": " ".join(picture.notes),
     }

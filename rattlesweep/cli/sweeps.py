@@ -593,6 +593,9 @@ def compare(
     relative to their mean. "beyond" counts runs whose t_r differ by more than their
     errors, "types_sure" those whose types differ although both are sure. Exits with 1
     if there are such types, or if the share of runs beyond is larger than --allow.
+
+    If A and B differ in model or dissipation, the differences are said to be of models:
+    ratios of t_r (B over A), and a table of types against types.
     """
     from rattlesweep.analysis import compare as compared
     from rattlesweep.analysis.style import save_table

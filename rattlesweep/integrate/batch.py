@@ -86,7 +86,8 @@ def work(model_name: str, adaptive: bool) -> Kernel:
 
 def attempt(tableau_name: str, model_name: str, extra: str = "") -> Kernel:
     """Return the step of a method and a model; ``extra`` is ``volume`` or empty."""
-    tableau, model = METHODS[tableau_name], find_model(model_name)
+    tableau = METHODS[tableau_name]
+    model = find_model(model_name)
     written = write_attempt(tableau, model, volume=extra == "volume")
     return Kernel(written, (problem_of(model, tableau.adaptive), FLAT, 1.0), OPTIONS)
 
@@ -120,7 +121,8 @@ def kernel(
     If threads cannot be started (:func:`parallel`), the work of all is done in this
     one.
     """
-    tableau, model = METHODS[tableau_name], find_model(model_name)
+    tableau = METHODS[tableau_name]
+    model = find_model(model_name)
     model = TANGENT if "lyapunov" in record else model
     # Steps integrate the rate of phase volume as well if it is recorded.
     extra = ("volume",) if "volume" in record else ()

@@ -154,9 +154,9 @@ def import_written(name: str, source: str) -> ModuleType:
     imported = sys.modules.get(name)
     if imported is not None and getattr(imported, "__file__", None) == str(path):
         return imported
-    if not path.exists() or path.read_text() != source:
+    if not path.exists() or path.read_text("utf-8") != source:
         unfinished = path.with_suffix(f".{os.getpid()}")
-        unfinished.write_text(source)
+        unfinished.write_text(source, "utf-8")
         unfinished.replace(path)
     spec = spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None  # noqa: PT018

@@ -80,7 +80,9 @@ def record_steps(
     row = 0
     n_zeros = 0
     status = kernel.OK
-    accepted, last, ended = True, False, False
+    accepted = True
+    last = False
+    ended = False
     while True:
         if accepted:
             steps[row, T] = lane.t_end if last else lane.t

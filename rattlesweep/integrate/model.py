@@ -594,7 +594,8 @@ def _slide_with_attitude(plain: Slide) -> Slide:
 def _with_attitude(plain: Model) -> Model:
     """Return a model with heading and contact point on the plane, for single steps."""
     assert plain.surface is not None
-    touch, plain_rhs = plain.surface.contact, plain.rhs
+    touch = plain.surface.contact
+    plain_rhs = plain.rhs
 
     @scalar
     def rhs(p, q, a, b, c, heading, x, y, ix, iy, iz, *shape):

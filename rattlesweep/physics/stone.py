@@ -111,7 +111,7 @@ def rise_rate(p, q, dp, dq, cxx, cxy, cyy, k, rise):
 
 @scalar
 def carried_ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, near):
-    """Like :func:`ellipsoid`, but from an approximate ``rise``, without a root."""
+    """Like :func:`ellipsoid`, but avoids the square root by an approximate ``rise``."""
     e, rise = corrected_rise(p, q, cxx, cxy, cyy, k, near)
     return ellipsoid_contact(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise)
 

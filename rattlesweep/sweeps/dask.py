@@ -119,6 +119,24 @@ def connected(address: str) -> Iterator[Client]:
 
 
 @contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Block Ctrl-C, where the system can, for children that start in the body.
+
+    A terminal sends Ctrl-C to all processes, and those children ignore it.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    # The first child would start the resource tracker, which unblocks Ctrl-C.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
 def embedded(security: Security | None, threads: int) -> Iterator[Client]:
     """Start workers with `threads` threads each on this machine, protected by TLS."""
     import dask
@@ -129,12 +147,8 @@ def embedded(security: Security | None, threads: int) -> Iterator[Client]:
         "distributed.scheduler.http.routes": list[str](),
         "distributed.worker.http.routes": list[str](),
     }
-    # A terminal sends Ctrl-C to all processes. Children that start while it is blocked
-    # ignore it. The first child would start the resource tracker, which unblocks it.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     with dask.config.set(no_pages):
-        try:
+        with _interrupts_blocked():
             cluster = LocalCluster(
                 n_workers=max(1, available_threads() // threads),
                 threads_per_worker=max(2, threads),
@@ -145,8 +159,6 @@ def embedded(security: Security | None, threads: int) -> Iterator[Client]:
                 security=security,
                 silence_logs=logging.CRITICAL,
             )
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         with cluster, Client(cluster, set_as_default=False) as client:
             yield client
 

@@ -1,4 +1,4 @@
-"""Sweeps that leave runs out: `stop` and `bodies.refine`.
+"""Sweeps that skip some runs: `stop` and `bodies.refine`.
 
 Both decide in waves.  Each wave follows from the rows of the waves before it alone, so
 the wanted runs do not depend on who computed them, or in which order.

@@ -25,8 +25,8 @@ and the weight of s is SWINGING_SHARE, as these errors do not average out.
 
 With `accuracy: {t_r: ...}`, runs with a larger estimate are integrated again, a hundred
 times tighter, with the previous run as their companion; and then once more.  A
-companion that has parted from its own companion may be near the run by chance.  So T is
-at least a tenth of (s' / PARTED)^2, where s' is the distance of these two.
+companion that has itself diverged from its own companion may be near the run by chance.
+So T is at least a tenth of (s' / PARTED)^2, where s' is the distance of these two.
 
 If reversals are recorded too, runs that end at their first reversal are also integrated
 to the horizon.  The error of a later turn follows from the largest d up to this turn,

@@ -39,6 +39,7 @@ FIRST_BLOCK_SECONDS = 1.0  # until blocks have been timed, by the rates below
 # Expected cost that a thread does in a second, by methods with adaptive or fixed steps.
 ADAPTIVE_RATE = 5e7
 FIXED_RATE = 2e5
+SLIDING_COST = 12.0  # of a step with mu 0.3 over one without, in the paper's ranges
 MAX_BLOCK_RUNS = 50_000  # a run takes a few hundred bytes while its block is computed
 RUNS_PER_LANE = 16  # in a block: at its end lanes wait for the last runs
 RECENT_BLOCKS = 8  # whose rate sets the size of the next
@@ -135,6 +136,8 @@ class Job:
         self._costs = Costs(case_costs(self.plan))
         method = METHODS[self.plan.config.integrator.method]
         self._first_rate = ADAPTIVE_RATE if method.adaptive else FIXED_RATE
+        if self.plan.config.dissipation.slides:
+            self._first_rate /= SLIDING_COST
         # Steps and seconds of the last blocks.
         self._recent: deque[tuple[float, float]] = deque(maxlen=RECENT_BLOCKS)
         # Runs of each case that are wanted, and those of them that are not on disk.

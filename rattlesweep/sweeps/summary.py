@@ -371,7 +371,7 @@ COLUMNS = (
         F64,
         _held("omega_xy0"),
         RATE,
-        "initial rate; null where rows differ",
+        "initial oscillation; null where rows differ",
     ),
     must(
         "runs",
@@ -403,9 +403,13 @@ COLUMNS = (
         for name, loss in LOSSES.items()
         if loss.measure is not None
     ),
-    SummaryColumn("fraction_R", F64, _share("R"), "1", "fraction of type R"),
-    SummaryColumn("fraction_SS", F64, _share("SS"), "1", "fraction of type SS"),
-    SummaryColumn("fraction_SW", F64, _share("SW"), "1", "fraction of type SW"),
+    SummaryColumn(
+        "fraction_R", F64, _share("R"), "1", "fraction that reverses (type R)"
+    ),
+    SummaryColumn(
+        "fraction_SS", F64, _share("SS"), "1", "fraction that spins steadily (SS)"
+    ),
+    SummaryColumn("fraction_SW", F64, _share("SW"), "1", "fraction that wobbles (SW)"),
     SummaryColumn(
         "fraction_unclassified",
         F64,
@@ -425,42 +429,42 @@ COLUMNS = (
         F64,
         lambda cases, counts: counts.t_r.means(),
         TIME,
-        "mean t_r of type R",
+        "mean reversal time (type R)",
     ),
     SummaryColumn(
         "t_r_s_mean",
         F64,
         lambda cases, counts: counts.t_r_s.means(),
         "s",
-        "mean t_r of type R in seconds, if sizes are known",
+        "mean reversal time in seconds, if sizes are known",
     ),
     SummaryColumn(
         "t_r_std",
         F64,
         lambda cases, counts: counts.t_r.deviations(),
         TIME,
-        "sample standard deviation (n - 1) of t_r of type R",
+        "standard deviation (n - 1) of the reversal times",
     ),
     SummaryColumn(
         "t_rgh_mean",
         F64,
         lambda cases, counts: counts.t_rgh.means(),
         TIME,
-        "mean t_rgh of the runs that have one",
+        "mean reversal time of theory, of the runs that have one",
     ),
     SummaryColumn(
         "t_r_over_t_rgh_mean",
         F64,
         lambda cases, counts: counts.ratio.means(),
         "1",
-        "mean of t_r / t_rgh over runs of type R",
+        "mean ratio of reversal time to theory, t_r / t_rgh",
     ),
     SummaryColumn(
         "t_r_over_t_rgh_sem",
         F64,
         lambda cases, counts: counts.ratio.errors(),
         "1",
-        "standard error of that mean",
+        "standard error of the mean ratio",
     ),
     must(
         "failed",
@@ -496,7 +500,7 @@ COLUMNS = (
         F64,
         lambda cases, counts: counts.t_r_error.means(),
         TIME,
-        "mean t_r_error of type R",
+        "mean error of the reversal times, t_r_error",
     ),
     # Null without dissipation.
     SummaryColumn(
@@ -504,7 +508,7 @@ COLUMNS = (
         F64,
         _share("D"),
         "1",
-        "fraction of type D",
+        "fraction that dies (type D)",
     ),
     *(
         SummaryColumn(
@@ -523,7 +527,7 @@ COLUMNS = (
             F64,
             _share(name),
             "1",
-            f"fraction with contact_ratio_max > {friction}",
+            f"fraction that needs friction > {friction} to roll, by contact_ratio_max",
         )
         for name, friction in FRICTION.items()
     ),
@@ -532,7 +536,7 @@ COLUMNS = (
         F64,
         _share("share_lift_off"),
         "1",
-        "fraction with contact_normal_min < 0, which would lift off",
+        "fraction that would lift off, with contact_normal_min < 0",
     ),
     # Null without dissipation.mu.
     SummaryColumn(
@@ -540,7 +544,7 @@ COLUMNS = (
         F64,
         _share("share_slid"),
         "1",
-        "fraction with a slide",
+        "fraction that slides",
     ),
 )
 SCHEMA = pa.schema([column.field for column in COLUMNS])
@@ -580,15 +584,15 @@ PRINTED = (
     Printed("omega_xy0_rpm", "omega_xy0 (rpm)", ".4g", optional=True),
     *_printed_losses(),
     Printed("runs", "runs", "d"),
-    Printed("fraction_R", "R"),
-    Printed("fraction_SS", "SS"),
-    Printed("fraction_SW", "SW"),
+    Printed("fraction_R", "R reverses"),
+    Printed("fraction_SS", "SS steady"),
+    Printed("fraction_SW", "SW wobbles"),
     Printed("fraction_unclassified", "unclassified"),
-    Printed("fraction_D", "D", optional=True),
+    Printed("fraction_D", "D dies", optional=True),
     Printed("fraction_bondi", "beyond Bondi"),
-    Printed("t_r_mean", "mean t_r", ".5g", si="t_r_s_mean"),
-    Printed("t_r_s_mean", "mean t_r (s)", ".5g", optional=True),
-    Printed("t_r_over_t_rgh_mean", "mean t_r/t_rGH", ".4f"),
+    Printed("t_r_mean", "mean reversal time", ".5g", si="t_r_s_mean"),
+    Printed("t_r_s_mean", "mean reversal time (s)", ".5g", optional=True),
+    Printed("t_r_over_t_rgh_mean", "ratio to theory", ".4f"),
     Printed("sensitive", "sensitive", "d", optional=True),
     Printed("unsure", "type unsure", "d", optional=True),
     Printed("share_friction_above_0_3", "friction > 0.3", optional=True),

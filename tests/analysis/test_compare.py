@@ -197,3 +197,55 @@ def test_tables_are_told_apart_by_their_rows(tmp_path):
     assert told(tmp_path / "one", tmp_path / "moved")["total"]["runs"] == 2
     done = invoke("compare", tmp_path / "one", tmp_path / "other")
     assert_refused(done, 2, "case 0, sample 1: theta: 0.8 against 0.81")
+
+
+def test_models_are_compared_as_models(sweeps, tmp_path):
+    """Types against types, and ratios of the times; no errors are spoken of."""
+    other = tmp_path / "gh"
+    rs.sweep(CONFIG | {"model": "gh"}, output=other, threads=1)
+    rows = joined(sweeps / "ea", other)
+    figure = tmp_path / "figure.png"
+    found = told(sweeps / "ea", other, "--figure", figure)
+    assert figure.stat().st_size > 1000
+    assert found["of_models"]
+    assert 'model: "full" against "gh"' in found["differ"]
+    total = found["total"]
+    assert total["beyond"] is total["types_sure"] is None
+    table = pd.crosstab(rows.type_a, rows.type_b)
+    for first, counts in found["types"].items():
+        for second, count in counts.items():
+            expected = 0
+            if first in table.index and second in table.columns:
+                expected = table.loc[first, second]
+            assert count == expected
+    assert sum(map(sum, (row.values() for row in found["types"].values()))) == 64
+    ratio = (rows.t_r_b / rows.t_r_a).dropna()
+    names = ("ratio_p5", "ratio_median", "ratio_p95")
+    expected = np.percentile(ratio, [5, 50, 95]).tolist()
+    assert [total[name] for name in names] == pytest.approx(expected)
+    text = invoke("compare", sweeps / "ea", other)
+    assert (text.exit_code, text.stderr) == (0, "")
+    assert "of the models, not errors" in text.stdout
+
+
+def test_each_friction_is_compared_with_none(sweeps, tmp_path):
+    with_friction = CONFIG | {"dissipation": {"sigma": [1e-4, 1e-2]}}
+    rs.sweep(with_friction, output=tmp_path / "damped", threads=1)
+    found = told(sweeps / "a", tmp_path / "damped", "--data", tmp_path / "d.parquet")
+    runs = pd.read_parquet(tmp_path / "d.parquet")
+    assert len(runs) == found["total"]["runs"] == 128
+    plain = rs.load(sweeps / "a").runs.set_index(["case", "sample"])
+    damped = rs.load(tmp_path / "damped").runs.set_index(["case", "sample"])
+    assert [case["sigma"] for case in found["cases"]] == 8 * [1e-4, 1e-2]
+    for run in runs.itertuples():
+        # The same body after the same launch.
+        first = plain.loc[run.case, run.sample]
+        second = damped.loc[run.case_b, run.sample]
+        launch = ["alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0"]
+        assert first[launch].tolist() == second[launch].tolist()
+        known = first["t_r"] == run.t_r_a or (
+            pd.isna(run.t_r_a) and pd.isna(first["t_r"])
+        )
+        assert known
+    back = invoke("compare", tmp_path / "damped", sweeps / "a")
+    assert_refused(back, 2, "each launch of the second needs one case in the first")

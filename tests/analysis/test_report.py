@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import check_page, needs_browser
+from browser import check_page, needs_browser, window
 from editing import edited
 
 import rattlesweep as rs
@@ -94,13 +94,14 @@ def test_all_of_a_sweep_is_there(sweeps, pages):
         "Mean",
         "Histogram",
     ]
-    # Those of many panels scroll on a narrow screen instead of shrinking to it.
-    assert [attrs.get("class") for tag, attrs in page.tags if tag == "figure"] == [
-        None,
-        "panels",
-        "panels",
-        None,
-    ]
+    # Those of many panels have another picture for a narrow screen.
+    narrow = [of for tag, of in page.tags if tag == "source"]
+    assert [of["media"] for of in narrow] == 2 * ["(max-width: 40rem)"]
+    urls = [picture["src"] for picture in pictures]
+    assert not {of["srcset"] for of in narrow} & {*urls}
+    # Columns of the summary are named in words, with the names below.
+    for words in ("fraction that reverses (type R) fraction_R", "mean reversal time"):
+        assert words in page.text
     for picture in pictures:
         head, code = str(picture["src"]).split(",")
         start = b"<?xml" if "svg" in head else b"\x89PNG"
@@ -187,3 +188,18 @@ def test_a_page_fits_and_can_be_read(name, pages, chromium, tmp_path):
     path = tmp_path / "report.html"
     path.write_bytes(pages[name])
     check_page(chromium, path)
+
+
+@needs_browser
+def test_nothing_is_cut_off_on_a_telephone(pages, chromium, tmp_path):
+    path = tmp_path / "report.html"
+    path.write_bytes(pages["steady"])
+    inner = """[...document.querySelectorAll('*')].filter(
+        (e) => e.clientWidth > 0 && e.scrollWidth > e.clientWidth + 1
+    ).map((e) => e.tagName + ' ' + e.className)"""
+    with window(chromium, 390, 900) as opened:
+        opened.page.goto(path.resolve().as_uri())
+        assert opened.run(inner) == []
+        shown = opened.run("[...document.images].map((image) => image.currentSrc)")
+    narrow = [of["srcset"] for tag, of in Page(pages["steady"]).tags if tag == "source"]
+    assert {*narrow} <= {*shown}

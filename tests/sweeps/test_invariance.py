@@ -68,6 +68,27 @@ def test_blocks_and_threads_and_the_order_of_blocks(rows, threads, whole, tmp_pa
     check_equal(tmp_path, whole)
 
 
+def test_runs_that_slide(tmp_path):
+    config = changed(FULL, dissipation={"mu": [0.2, 0.4]}, record=["contact"])
+    sweep(tmp_path / "whole", config, threads=1)
+    rows = open_stored(tmp_path / "whole").read().to_pandas()
+    assert rows.t_slide.notna().mean() > 0.5
+    for index in (1, 2, 0):
+        shard = Shard(index, 3)
+        threads = min(2, available_threads())
+        engine = cut(7, dice=random.Random(2))
+        sweep(tmp_path / "cut", config, shard=shard, threads=threads, engine=engine)
+    check_equal(tmp_path / "cut", tmp_path / "whole")
+    sweep(tmp_path / "grown", changed(config, dissipation={"mu": [0.2]}))
+    sweep(tmp_path / "grown", config)
+    grown = open_stored(tmp_path / "grown").read().to_pandas()
+    order = ["mu", "n_i", "K_r", "sample"]
+    assert len(grown) == 2 * RUNS
+    for name in ("t_r", "t_slide", "slide_work", "n_end", "energy_drift"):
+        first, second = (each.sort_values(order)[name] for each in (rows, grown))
+        assert np.array_equal(first, second, equal_nan=True), name
+
+
 def test_in_memory(whole):
     assert same_bits(integrate_plan(plan_of(FULL)), open_stored(whole).read())
 

@@ -94,6 +94,11 @@ class Picture(ABC):
         """The runs counted by cell, and the means of the columns `more`."""
         return self.layout.count(self.more)
 
+    @property
+    def down(self) -> list[tuple[int, ...]]:
+        """The places of the rows of panels."""
+        return _places(self.rows)
+
     def __len__(self) -> int:
         return int(self.counted[0]["runs"].sum())
 
@@ -180,7 +185,7 @@ class Picture(ABC):
     ) -> Figure:
         """Return the figure; None stands for what suits the values."""
         self._check_runs()
-        down = _places(self.rows)
+        down = self.down
         across = _places(self.columns)
         self._check_number(len(down) * len(across))
         # Each combination of values has as many panels as the picture has parts.

@@ -40,7 +40,8 @@ HOLD, TAKE, REVERSED = 0, 1, 2
 PIECE_ANGLE = 0.5  # longest piece, in radians of the fastest swing
 # Steps are at most a dozen radians, or so much longer than a swing that no search can
 # succeed.
-MAX_PIECES, MAX_TRIES = 4096.0, 60
+MAX_PIECES = 4096.0
+MAX_TRIES = 60
 _CLEAR, _DIP, _ZERO = 0, 1, 2
 # A further move: the end of the next piece is known already.  It replaces recursion,
 # which makes a cached kernel crash when it is loaded, even if two functions share it

@@ -42,8 +42,10 @@ from rattlesweep.integrate.lanes.lane import (
 from rattlesweep.integrate.lanes.runs import recorded
 from rattlesweep.integrate.status import Status
 
-OK, NONFINITE = int(Status.OK), int(Status.NONFINITE)
-STEP_LIMIT, STEP_TOO_SMALL = int(Status.STEP_LIMIT), int(Status.STEP_TOO_SMALL)
+OK = int(Status.OK)
+NONFINITE = int(Status.NONFINITE)
+STEP_LIMIT = int(Status.STEP_LIMIT)
+STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
 LIMIT = int(Status.LIMIT)
 # Indices into ``parts``: the addresses of ``attempt``, of :func:`decide_closely` and,
 # for a model that slides, of :func:`slides.slide_lanes`.
@@ -64,11 +66,14 @@ TURNS_PER_REPORT = 256
 
 # Step size control.  Errors are squared and in units of the tolerance. First step for a
 # tolerance of 1, and least step, in radians of the fastest swing of the spin.
-FIRST_ANGLE, LEAST_ANGLE = 6.0, 1e-9
-SAFETY, SAFETY_REJECTED = 0.95, 0.85
+FIRST_ANGLE = 6.0
+LEAST_ANGLE = 1e-9
+SAFETY = 0.95
+SAFETY_REJECTED = 0.85
 # Least ratio of two steps after a rejection; the least error limits the ratio to 7.3
 # otherwise.
-SHRINK, LEAST_ERROR = 0.2, 1e-30
+SHRINK = 0.2
+LEAST_ERROR = 1e-30
 # For `rough_root` of 1, where 1023 << 52 is 1.0.
 OFFSET = np.uint64((1023 << 52) - (1023 << 46))
 

@@ -423,7 +423,8 @@ class Problem:
             self.n_given = model.n_state - model.n_extra
             self.extra = (0.0,) * model.n_extra
             # State, constants and probe of an empty lane.
-            state, constants = (1.0,) * model.n_state, (1.0,) * model.n_constants
+            state = (1.0,) * model.n_state
+            constants = (1.0,) * model.n_constants
             self.idle = state, constants, (0.0,) * model.n_probe
             self.slides = model.slide is not None
             self.limited = self.slides or model.limit is not None

@@ -91,7 +91,9 @@ SHAPES = Recording(
     lyapunov=(N_WINDOWS, 2),
 )
 
-OK, NONFINITE, ENERGY = int(Status.OK), int(Status.NONFINITE), int(Status.ENERGY)
+OK = int(Status.OK)
+NONFINITE = int(Status.NONFINITE)
+ENERGY = int(Status.ENERGY)
 LIMIT = int(Status.LIMIT)
 MAX_ENERGY_DRIFT = 0.01
 TINY = 1e-290
@@ -103,8 +105,10 @@ UNKNOWN_RATE = 1e290  # bound of the spin's rate with which every step may rever
 # The norm of a tangent stays between 2^-SHIFT and 2^SHIFT.
 SHIFT = 200
 LOG_2 = log(2.0)
-SHORTER, LONGER = 2.0**-SHIFT, 2.0**SHIFT
-SHORT, LONG = SHORTER**2, LONGER**2
+SHORTER = 2.0**-SHIFT
+LONGER = 2.0**SHIFT
+SHORT = SHORTER**2
+LONG = LONGER**2
 
 
 @njit(**INNER)

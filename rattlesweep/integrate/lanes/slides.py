@@ -62,7 +62,8 @@ THIRD = METHOD.spectrum[2]
 FIFTH = METHOD.spectrum[4]
 MAX_SWEEPS = 25  # iterations of the equations of a step
 # The equations are solved to this share of the tolerance, or to rounding errors.
-SOLVED, ROUNDING = 1e-2, 1e-15
+SOLVED = 1e-2
+ROUNDING = 1e-15
 LARGEST_TURN = 0.5  # of the angle in an iteration
 FAILED = 1e30  # squared error of a step whose equations were not solved
 
@@ -71,7 +72,8 @@ BEGINNING = 1e-290  # speed at the begin of a slide
 # along the derivative: force and direction do not change any more.
 LAST_ANGLE = 1e-8
 # Fraction of the time to rest that a step leaves: at least, and at most.
-LEAST_LEFT, MOST_LEFT = 0.1, 0.3
+LEAST_LEFT = 0.1
+MOST_LEFT = 0.3
 FIRST_ANGLE = 0.1  # first step of a slide, in radians of the fastest swing
 LEAST_MOBILITY = 1e-3  # below it the normal force grows without bound
 # Columns of the results of a run, after its state.

@@ -814,7 +814,7 @@ class Config(Base):
 
     @property
     def deciding_key(self) -> Literal["stop", "bodies.refine"] | None:
-        """The key by which a sweep leaves runs out; None if it runs all."""
+        """The key by which a sweep skips runs; None if it runs all."""
         if self.stop is not None:
             return "stop"
         if self.refine is not None:
@@ -823,7 +823,7 @@ class Config(Base):
 
     @property
     def deciding_column(self) -> str | None:
-        """The column, besides `type`, by which a sweep leaves runs out."""
+        """The column, besides `type`, by which a sweep skips runs."""
         if self.stop is not None:
             return None if self.stop.t_r is None else "t_r"
         if self.refine is None or self.refine.by == "type":
