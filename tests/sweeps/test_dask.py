@@ -317,5 +317,5 @@ def test_address_where_nobody_is_is_told(tmp_path, monkeypatch):
             ):
                 sweep(tmp_path, SWEEP, engine=make_engine(address))
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ConfigError, match=r"pip install '\.\[dask\]'"):
+    with pytest.raises(ConfigError, match=r"pip install 'rattlesweep\[dask\]'"):
         make_engine("tcp://127.0.0.1:8786")
