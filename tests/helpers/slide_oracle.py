@@ -582,9 +582,11 @@ class Oracle:
         else:
             self.slides[-1].pauses += 1
         # The gain has grown from zero, or was there from the start.
-        before = max(0.0, dot(slip(self.stone, y, s)[1], s))
-        speed = (before + gain) / 2 * self.first_time
-        return t + self.first_time, np.array([*later, *s, math.log(speed)]), False
+        _, pull, _ = slip(self.stone, y, s)
+        speed = (max(0.0, dot(pull, s)) + gain) / 2 * self.first_time
+        y = np.array([*y, *s, math.log(speed)])
+        y[:N_ROLLING] += self.first_time * np.array(rates_in_time(self.stone, y))[:8]
+        return t + self.first_time, y, False
 
     def watched(self, y):
         """Return the events of every slide, and the gain of speed a unit of time."""

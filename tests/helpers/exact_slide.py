@@ -1,0 +1,260 @@
+"""One slide in 50 digits, by collocation with many stages.
+
+Run ``python tests/helpers/exact_slide.py FILE``; it takes a few minutes.  The body rolls
+from a given state until its foot slips, and slides until its foot holds.  Steps are those
+of the methods of Radau of order 2 s - 1, which `slide_oracle` takes with s = 3; Newton's
+method runs in 50 digits with derivatives in double precision.
+"""
+
+import json
+import sys
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import slide_oracle
+from mpmath import lu_solve, matrix, mp, mpf, polyroots, taylor
+from slide_oracle import Body, Stone
+
+DIGITS = 50
+GH = Body(13.04, 1.522, 12.28, 0.6429, 0.0360, -0.030019663134302467)
+MU = 0.3
+# Where the body GH is 19.5 units of time after a launch with n_i = 0.3.
+START = "tests/physics/exact_slide.json"
+
+
+@dataclass(frozen=True)
+class Tableau:
+    """A collocation method: its nodes in (0, 1] and its matrix."""
+
+    nodes: list
+    weights: list
+
+
+def radau(stages):
+    """Return the method of Radau of order ``2 stages - 1``."""
+
+    def polynomial(x):
+        return mp.legendre(stages, 2 * x - 1) - mp.legendre(stages - 1, 2 * x - 1)
+
+    with mp.workdps(3 * DIGITS):
+        coefficients = taylor(polynomial, 0, stages)[::-1]
+        nodes = sorted(polyroots(coefficients, maxsteps=500, extraprec=400))
+        powers = matrix(stages, stages)
+        for i, node in enumerate(nodes):
+            for k in range(stages):
+                powers[k, i] = node**k
+        weights = []
+        for node in nodes:
+            moments = matrix([node ** (k + 1) / (k + 1) for k in range(stages)])
+            weights.append(list(lu_solve(powers, moments)))
+    return Tableau([+node for node in nodes], [[+w for w in row] for row in weights])
+
+
+def newton_matrix(double, guess, weights):
+    """Return the matrix of Newton's method for the stages of a step."""
+    size = len(guess[0])
+    jacobians = []
+    for stage in guess:
+        state = np.array([float(value) for value in stage])
+        columns = double(state[:, None] + 1e-40j * np.eye(size))
+        rows = [np.broadcast_to(row, size) for row in columns]
+        jacobians.append(np.array(rows).imag / 1e-40)
+    blocks = weights[:, :, None, None] * np.array(jacobians)
+    whole = blocks.transpose(0, 2, 1, 3).reshape(size * len(guess), -1)
+    return np.eye(len(whole)) - whole
+
+
+def step(tableau, exact, double, y, h):
+    """Return the state a time h later.
+
+    `exact` are the rates in many digits; `double` those of arrays of double precision.
+    """
+    size = len(y)
+    stages = len(tableau.nodes)
+    weights = np.array([[float(w) for w in row] for row in tableau.weights])
+    slopes = exact(y)
+    guess = [
+        [y[k] + h * node * slopes[k] for k in range(size)] for node in tableau.nodes
+    ]
+    last = mp.inf
+    for iteration in range(40):
+        if iteration < 5:
+            inverse = np.linalg.inv(newton_matrix(double, guess, float(h) * weights))
+        rates = [exact(stage) for stage in guess]
+        residual = [
+            guess[i][k]
+            - y[k]
+            - h * sum(w * rates[j][k] for j, w in enumerate(tableau.weights[i]))
+            for i in range(stages)
+            for k in range(size)
+        ]
+        largest = max(abs(value) for value in residual)
+        is_exact = largest < mpf(10) ** (4 - DIGITS)
+        if is_exact or (largest >= last and largest < mpf(10) ** (22 - DIGITS)):
+            return guess[-1]
+        # The residual is scaled, since doubles cannot hold it beside the state.
+        scaled = inverse @ np.array([float(value / largest) for value in residual])
+        for i in range(stages):
+            for k in range(size):
+                guess[i][k] -= largest * mpf(float(scaled[size * i + k]))
+        last = largest
+    raise ArithmeticError(f"Newton's method stops at {mp.nstr(largest, 3)}")
+
+
+class Slider:
+    """Follows one slide in many digits."""
+
+    def __init__(self, body, mu, stages, steps):
+        xi = mpf(body.xi)
+        long = 1 / mpf(body.theta)
+        short = 1 / mpf(body.phi)
+        cosine = mp.cos(xi)
+        sine = mp.sin(xi)
+        self.stone = Stone(
+            inertia=(mpf(body.alpha) - 1, mpf(body.beta) - 1, mpf(body.gamma)),
+            radii=(
+                cosine**2 * long + sine**2 * short,
+                sine * cosine * (long - short),
+                sine**2 * long + cosine**2 * short,
+            ),
+            mu=mpf(mu),
+            sigma=mpf(0),
+        )
+        self.in_double = slide_oracle.stone_of(body, mu)
+        self.tableau = radau(stages)
+        self.steps = steps  # how many steps are taken in place of one
+
+    def rolled(self, y, time):
+        """Return a state that has rolled for a time, in steps of at most 0.05."""
+        exact = partial(slide_oracle.rolling_rates, self.stone)
+        double = partial(slide_oracle.rolling_rates, self.in_double)
+        count = max(1, int(mp.ceil(abs(time) / mpf("0.05")))) * self.steps
+        for _ in range(count):
+            y = step(self.tableau, exact, double, y, time / count)
+        return y
+
+    def begin(self, y, guess):
+        """Return when the foot slips, and the state a moment later, as it slides."""
+
+        def grip(time):
+            return slide_oracle.grip(self.stone, self.rolled(y, time))
+
+        begin = mp.findroot(grip, (guess, guess + mpf("1e-6")), tol=mpf(10) ** -60)
+        y = self.rolled(y, begin)
+        # The mean of the rates at the ends of the moment leaves an error of its third
+        # power.
+        moment = mpf("1e-9")
+        y = self.rolled(y, moment)
+        (_, s), *_ = slide_oracle.outgoing(self.in_double, [float(x) for x in y])
+        s = self.direction(y, s)
+        slides = self.slide_rates(s, y)
+        rolls = slide_oracle.rolling_rates(self.stone, y)
+        _, pull, _ = slide_oracle.slip(self.stone, y, s)
+        speed = moment * slide_oracle.dot(pull, s) / 2
+        y = [
+            value + moment * (a - b) / 2
+            for value, a, b in zip(y, slides, rolls, strict=True)
+        ]
+        return begin, begin + moment, [*y, *s, mp.log(speed)]
+
+    def slide_rates(self, s, y):
+        """Return the rates of a foot that begins to slide."""
+        u = tuple(y[:3])
+        contact = slide_oracle.contact_of(self.stone, u, tuple(y[3:6]))
+        _, force, _ = slide_oracle.sliding_force(self.stone, contact, u, s)
+        return [*contact.du, *contact.turn(force), mpf(0), mpf(0)]
+
+    def direction(self, y, s):
+        """Return the direction in which the pull has no part across."""
+        u = tuple(y[:3])
+        first = slide_oracle.cross(u, tuple(mpf(float(x)) for x in s))
+        length = mp.sqrt(slide_oracle.dot(first, first))
+        across = slide_oracle.times(1 / length, first)
+        along = slide_oracle.cross(across, u)
+
+        def turned(angle):
+            return slide_oracle.plus(
+                slide_oracle.times(mp.cos(angle), along),
+                slide_oracle.times(mp.sin(angle), across),
+            )
+
+        def strays(angle):
+            s = turned(angle)
+            _, pull, _ = slide_oracle.slip(self.stone, y, s)
+            return slide_oracle.dot(pull, slide_oracle.cross(u, s))
+
+        angle = mp.findroot(strays, (mpf(0), mpf("1e-9")), tol=mpf(10) ** -70)
+        return turned(angle)
+
+    def slid(self, t, y):
+        """Return the end of a slide and the state there."""
+        exact = partial(slide_oracle.rates_in_time, self.stone, exp=mp.exp)
+        double = partial(slide_oracle.rates_in_time, self.in_double, exp=np.exp)
+        begin = t - mpf("1e-9")
+        quickest = y[11]
+        while y[11] > quickest - 1:
+            h = min((t - begin) / 4, mpf("0.02"))
+            y, t = self.steps_of(exact, double, y, t, h)
+            quickest = max(quickest, y[11])
+
+        def exact_slow(y):
+            rates, speed = slide_oracle.sliding_rates(self.stone, y[:12], mp.exp)
+            return [*rates, speed]
+
+        def double_slow(y):
+            rates, speed = slide_oracle.sliding_rates(self.in_double, y[:12], np.exp)
+            return [*rates, speed]
+
+        y = [*y, t]
+        while y[11] > -60:
+            for _ in range(self.steps):
+                y = step(self.tableau, exact_slow, double_slow, y, mpf(1) / self.steps)
+        # What is left is a straight line.
+        rates = exact_slow(y)
+        rest = -1 / rates[11]
+        y = [value + rest * rate for value, rate in zip(y, rates, strict=True)]
+        return y[12], y[:8]
+
+    def steps_of(self, exact, double, y, t, h):
+        for _ in range(self.steps):
+            y = step(self.tableau, exact, double, y, h / self.steps)
+        return y, t + h
+
+
+def followed(start, stages, steps):
+    """Return the numbers of a slide: begin, end, and the state at the end."""
+    slider = Slider(GH, MU, stages, steps)
+    y = [mpf(value) for value in start]
+    begin, t, y = slider.begin(y, mpf("0.1438"))
+    end, y = slider.slid(t, y)
+    return [begin, end, *y[:7]]
+
+
+NAMES = ("begin", "end", "u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z", "work")
+
+
+def main(path):
+    mp.dps = DIGITS
+    run = slide_oracle.Oracle(slide_oracle.stone_of(GH, MU), 19.5)
+    tilt = -0.29702
+    y = run.run((0, 0, -1), (0.1 * np.cos(tilt), 0.1 * np.sin(tilt), -0.3)).y
+    start = [float(value) for value in y]
+    print(start, file=sys.stderr)
+    numbers = followed(start, 12, 1)
+    finer = followed(start, 15, 1)
+    result = {
+        "body": vars(GH),
+        "mu": MU,
+        "start": start[:6],
+        "slide": {
+            name: mp.nstr(value, 30) for name, value in zip(NAMES, finer, strict=True)
+        },
+        "error": max(float(abs(a - b)) for a, b in zip(numbers, finer, strict=True)),
+    }
+    path.write_text(json.dumps(result, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

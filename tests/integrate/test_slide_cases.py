@@ -1,0 +1,73 @@
+"""Runs that slide against those of an independent program, `helpers/slide_oracle.py`."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import kernels
+import numpy as np
+import pytest
+
+from rattlesweep.integrate.batch import integrate
+from rattlesweep.integrate.model import SLIDING
+from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics.body import PARAMETERS
+
+TESTS = Path(__file__).parents[1]
+CASES = json.loads((TESTS / "physics" / "slide_cases.json").read_text())
+
+
+def model_of(case):
+    """Return the name of the model in which a case is integrated."""
+    surface = "full" if case["body"]["c"] is None else "ellipsoid"
+    return f"{surface}_viscous" if case["sigma"] else surface
+
+
+def batch_of(cases, model):
+    """Return the launches of cases."""
+    body = {
+        name: np.array([case["body"][name] for case in cases]) for name in PARAMETERS
+    }
+    n_i, push, psi, t_end, mu, sigma = (
+        np.array([case[name] for case in cases])
+        for name in ("n_i", "omega_xy0", "psi", "t_end", "mu", "sigma")
+    )
+    runs = kernels.full_batch(body, n_i, push, psi, t_end)
+    k = np.array([1 / (case["body"]["c"] or np.inf) for case in cases])
+    none = np.zeros(len(cases))
+    constants = [runs.constants]
+    if model != "full":
+        constants.append(k[:, None])
+    if model.endswith("viscous"):
+        constants.append(np.column_stack([sigma, none, none + 1e-4]))
+        runs = replace(runs, y0=np.column_stack([runs.y0, none]))
+    return replace(runs, constants=np.hstack([*constants, mu[:, None]]))
+
+
+@pytest.mark.parametrize("model", ["full", "ellipsoid", "full_viscous"])
+def test_runs_are_those_of_the_oracle(model):
+    """The worst differences at the default tolerance are far below 1e-6."""
+    cases = [
+        case
+        for case in CASES
+        if model_of(case) == model and case["result"]["status"] == "ok"
+    ]
+    assert len(cases) >= 8
+    out = integrate(batch_of(cases, model), METHODS["dop853"], SLIDING[model], tol=1e-9)
+    for k, case in enumerate(cases):
+        if out.status[k] == Status.LIMIT:
+            # It rolls onto its side, beyond the chart of slopes.
+            continue
+        result = case["result"]
+        assert out.status[k] == Status.OK
+        assert out.n_slides[k] == result["n_slides"]
+        t_r = np.nan if result["t_r"] is None else result["t_r"]
+        assert out.t_r[k] == pytest.approx(t_r, rel=1e-8, nan_ok=True)
+        assert out.t_end[k] == pytest.approx(result["t_end"], rel=1e-8)
+        if result["n_slides"]:
+            assert out.t_slide[k] == pytest.approx(result["t_slide"], abs=1e-6)
+        else:
+            assert np.isnan(out.t_slide[k])
+        assert out.slide_time[k] == pytest.approx(result["slide_time"], abs=1e-6)
+        assert out.slide_work[k] == pytest.approx(result["slide_work"], abs=1e-8)
