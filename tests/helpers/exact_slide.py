@@ -1,9 +1,9 @@
 """One slide in 50 digits, by collocation with many stages.
 
-Run ``python tests/helpers/exact_slide.py FILE``; it takes a few minutes.  The body rolls
-from a given state until its foot slips, and slides until its foot holds.  Steps are those
-of the methods of Radau of order 2 s - 1, which `slide_oracle` takes with s = 3; Newton's
-method runs in 50 digits with derivatives in double precision.
+Run ``python tests/helpers/exact_slide.py FILE``; it takes a few minutes.  The body
+rolls from a given state until its foot slips, and slides until its foot holds.  Steps
+are those of the methods of Radau of order 2 s - 1, which `slide_oracle` takes with s =
+3; Newton's method runs in 50 digits with derivatives in double precision.
 """
 
 import json

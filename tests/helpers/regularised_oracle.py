@@ -124,13 +124,15 @@ def reversal(body, u, omega, t_end, mu, eps, sigma=0.0, tol=1e-9):
         return ((turn.T @ momentum) / inertia) @ (turn.T @ UP)
 
     spin.terminal = True
-    run = solve_ivp(
-        equations,
-        (0, t_end),
-        start(body, u, omega),
-        "Radau",
-        rtol=tol,
-        atol=1e-2 * tol,
-        events=spin,
-    )
+    # SciPy's numerical Jacobian may try steps that overflow.
+    with np.errstate(over="ignore"):
+        run = solve_ivp(
+            equations,
+            (0, t_end),
+            start(body, u, omega),
+            "Radau",
+            rtol=tol,
+            atol=1e-2 * tol,
+            events=spin,
+        )
     return float(run.t_events[0][0]) if run.t_events[0].size else None

@@ -1,4 +1,4 @@
-"""Runs that slide against those of an independent program, `helpers/slide_oracle.py`."""
+"""Runs that slide, against an independent program (`helpers/slide_oracle.py`)."""
 
 import json
 from dataclasses import replace
