@@ -553,7 +553,8 @@ def finish(lane, status, reversal, t, run, result, counts, recording):
     result[run, first + T_SLIDE] = lane.t_slide if lane.t_slide >= 0.0 else np.nan
     result[run, first + SLIDES] = lane.slides
     result[run, first + SLIDE_TIME] = lane.slide_time
-    result[run, first + SLIDE_WORK] = -lane.slip1.work / lane.energy0
+    # Zero and not -0 for a run that never slides.
+    result[run, first + SLIDE_WORK] = 0.0 - lane.slip1.work / lane.energy0
 
 
 @njit(fastmath=FASTMATH, **INNER)
