@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 import slide_oracle
-from mpmath import lu_solve, matrix, mp, mpf, polyroots, taylor
+from mpmath import findroot, lu_solve, matrix, mp, mpf
+from numpy.polynomial.legendre import legroots
 from slide_oracle import Body, Stone
 
 DIGITS = 50
@@ -45,9 +46,10 @@ def radau(stages):
     def polynomial(x):
         return mp.legendre(stages, 2 * x - 1) - mp.legendre(stages - 1, 2 * x - 1)
 
+    near = legroots([0.0] * (stages - 1) + [-1.0, 1.0])
     with mp.workdps(3 * DIGITS):
-        coefficients = taylor(polynomial, 0, stages)[::-1]
-        nodes = sorted(polyroots(coefficients, maxsteps=500, extraprec=400))
+        nodes = [findroot(polynomial, (1 + mpf(float(x))) / 2) for x in near[:-1]]
+        nodes.append(mpf(1))
         powers = matrix(stages, stages)
         for i, node in enumerate(nodes):
             for k in range(stages):
