@@ -124,7 +124,7 @@ def reversal(body, u, omega, t_end, mu, eps, sigma=0.0, tol=1e-9):
         return ((turn.T @ momentum) / inertia) @ (turn.T @ UP)
 
     spin.terminal = True
-    # SciPy's numerical Jacobian may try steps that overflow.
+    # The rates do not depend on the place, and SciPy widens its differences for it.
     with np.errstate(over="ignore"):
         run = solve_ivp(
             equations,

@@ -1,4 +1,4 @@
-"""Runs that slide, against an independent program (`helpers/slide_oracle.py`)."""
+"""Runs that slide against those of an independent program, `slide_oracle`."""
 
 import json
 from dataclasses import replace
@@ -12,9 +12,11 @@ from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import SLIDING
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics import full
 from rattlesweep.physics.body import PARAMETERS
 
 TESTS = Path(__file__).parents[1]
+EXACT = json.loads((TESTS / "physics" / "exact_slide.json").read_text())
 CASES = json.loads((TESTS / "physics" / "slide_cases.json").read_text())
 
 
@@ -68,3 +70,21 @@ def test_runs_are_those_of_the_oracle(model):
             assert np.isnan(out.t_slide[k])
         assert out.slide_time[k] == pytest.approx(result["slide_time"], abs=1e-6)
         assert out.slide_work[k] == pytest.approx(result["slide_work"], abs=1e-8)
+
+
+@pytest.mark.parametrize(("tol", "error"), [(1e-9, 2e-9), (1e-11, 2e-11)])
+def test_a_slide_in_many_digits(tol, error):
+    """Begin and end of one slide, and its work, are those in 50 digits."""
+    start = np.array(EXACT["start"])
+    runs = kernels.full_batch(EXACT["body"], 0.3, 0.1, t_end=2.0)
+    state = full.from_vectors(start[:3], start[3:])
+    constants = np.append(runs.constants[0], EXACT["mu"])
+    runs = replace(runs, y0=state[None], constants=constants[None])
+    out = integrate(runs, METHODS["dop853"], SLIDING["full"], tol=tol)
+    slide = {name: float(value) for name, value in EXACT["slide"].items()}
+    assert out.n_slides == 1
+    assert out.t_slide == pytest.approx([slide["begin"]], abs=error)
+    duration = slide["end"] - slide["begin"]
+    assert out.slide_time == pytest.approx([duration], abs=error)
+    energy = full.energy(*state, *runs.constants[0, :6])
+    assert out.slide_work * energy == pytest.approx([-slide["work"]], abs=error)

@@ -1,18 +1,23 @@
 """The oracle for sliding against exact motions, symmetries and another formulation."""
 
+import json
 import math
+from pathlib import Path
 
+import exact_slide
 import numpy as np
 import oracle
 import pytest
 import regularised_oracle
 import slide_oracle
 import stone_oracle
+from mpmath import mp, mpf
 from slide_oracle import Body, Oracle, Stone
 
 import rattlesweep as rs
 from rattlesweep.physics import full
 
+EXACT = json.loads((Path(__file__).parent / "exact_slide.json").read_text())
 GH = rs.Rattleback.gh()
 # A homogeneous ball of radius 1 whose lowest point is 1 below its centre.
 BALL = Stone(inertia=(0.4, 0.4, 0.4), radii=(1.0, 0.0, 1.0), c=1.0, mu=0.3)
@@ -153,6 +158,31 @@ def test_grazing_slide():
     assert 0 < creep.fastest < 1e-6
     assert 0 < creep.work < 1e-8
     assert max(slide.steps for slide in run.slides) < 800
+
+
+def test_slide_in_many_digits():
+    """Begin, end and the state at the end are those in 50 digits."""
+    stone = slide_oracle.stone_of(Body(**EXACT["body"]), EXACT["mu"])
+    u = EXACT["start"][:3]
+    omega = EXACT["start"][3:]
+    slide = EXACT["slide"]
+    end = float(slide["end"])
+    run = Oracle(stone, end + 1e-9, rtol=1e-12, through=True).run(u, omega)
+    assert run.slides[0].begin == pytest.approx(float(slide["begin"]), abs=1e-12)
+    assert run.slides[0].end == pytest.approx(end, abs=1e-11)
+    wanted = [float(slide[name]) for name in exact_slide.NAMES[2:]]
+    # The rest of 1e-9 changes the state by as much.
+    np.testing.assert_allclose(run.y[:7], wanted, atol=2e-9)
+    assert EXACT["error"] < 1e-17
+
+
+@pytest.mark.slow
+def test_slide_in_many_digits_again():
+    """Fewer stages give the stored numbers to 1e-15."""
+    with mp.workdps(exact_slide.DIGITS):
+        numbers = exact_slide.followed(9)
+        for name, number in zip(exact_slide.NAMES, numbers, strict=True):
+            assert abs(number - mpf(EXACT["slide"][name])) < 1e-15
 
 
 @pytest.mark.slow
