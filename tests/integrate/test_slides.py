@@ -10,6 +10,7 @@ import pytest
 from numba import njit
 from samples import mapping, table_one
 
+from rattlesweep.arrays import take
 from rattlesweep.integrate import batch as batches
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.collocation import radau
@@ -255,3 +256,48 @@ def test_the_place_of_the_foot_agrees_with_newton():
     assert 500 < does_slide.sum() < 2000
     # The force jumps where a slide ends.
     assert np.quantile(difference, 0.99) < 1e-3
+
+
+def rises_in_flight(u, omega, constants):
+    """Return the acceleration of the lowest point of a body that nothing holds."""
+    moments = constants[:3]
+    step = 1e-4
+
+    def spun(omega):
+        return np.cross(moments * omega, omega) / moments
+
+    def height(shift):
+        # Where the body's free rotation has brought the vertical, to second order.
+        rate = np.cross(u, omega)
+        bend = np.cross(rate, omega) + np.cross(u, spun(omega))
+        vertical = u + shift * rate + 0.5 * shift**2 * bend
+        vertical /= np.linalg.norm(vertical)
+        p, q = vertical[:2] / vertical[2]
+        return -contact_point(np.array([p]), np.array([q]), constants)[:, 0] @ vertical
+
+    bend = (height(step) - 2 * height(0.0) + height(-step)) / step**2
+    return -1.0 - bend
+
+
+def test_a_launch_from_which_the_body_flies_ends_at_once():
+    rng = np.random.default_rng(1)
+    constants = full.constants(**GH)
+    count = 60
+    u = np.column_stack([rng.normal(0, 0.3, count), rng.normal(0, 0.6, count)])
+    u = np.column_stack([u, -np.ones(count)])
+    u /= np.linalg.norm(u, axis=1)[:, None]
+    omega = rng.normal(0, 2.5, (count, 3))
+    runs = kernels.full_batch(GH, np.full(count, 0.3), t_end=0.05)
+    runs = replace(runs, y0=full.from_vectors(u.T, omega.T).T)
+    out = slide(runs, 0.3)
+    gaps = [rises_in_flight(u[k], omega[k], constants) for k in range(count)]
+    flies = np.array(gaps) > 0
+    assert 3 < flies.sum() < 30
+    assert (out.status[flies] == Status.LIFTS_OFF).all()
+    assert (out.t_end[flies] == 0).all()
+    assert (out.n_slides[flies] == 0).all()
+    assert (out.t_end[~flies] > 0).all()
+    # A slide that goes on never needs a plane that pulls.
+    lasting = take(runs, ~flies)
+    contact = slide(lasting, 0.3, record=frozenset(["contact"]))
+    assert contact.contact_normal_min.min() > -1e-12

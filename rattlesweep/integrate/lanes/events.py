@@ -13,9 +13,10 @@ Any smooth function of the state can be searched: all that a search needs is a
 :class:`~rattlesweep.integrate.lanes.lane.Point` of it at both ends of the step, with
 its rate or a difference along the flow.  The functions are
 
-- the limit of the model (``Model.limit``, a function of the state and the constants),
-  which is positive where the model holds; its first zero ends the run there with the
-  status ``LIMIT``, and ``Outcome.y_end`` is the state from which another model goes on;
+- the limit of the model, which is positive where the model holds: ``Model.limit``,
+  whose first zero ends the run there with the status ``LIMIT``, and ``Outcome.y_end``
+  is the state from which another model goes on; or, in a model that slides
+  (`lanes.slides`), what is left of the friction, and in a slide of the normal force;
 - the spin, whose zeros are reversals;
 - the ratio of the contact forces, the normal force and the modulus of the spin after a
   reversal, of which the largest or least value is searched, once it is known how the

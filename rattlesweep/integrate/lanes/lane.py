@@ -306,6 +306,7 @@ class Fields:
     t_begin: Number  # begin of the last one
     slide_time: Number  # time spent in those that have ended
     h_rolling: Number  # size of the step before the last slide
+    refused: Number  # status of a body that can neither roll nor slide at launch, or 0
 
     # Reversals; times are -1 for none.
     t_zero: Number  # first zero of the spin

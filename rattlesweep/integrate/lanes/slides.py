@@ -81,12 +81,12 @@ T_SLIDE, SLIDES, SLIDE_TIME, SLIDE_WORK, N_COLUMNS = range(5)
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def contact_of(lane, y):
-    """Return the contact of a lane's body in the state ``y``."""
-    place = lane.problem.model.slide.place
-    _, u, omega, r, w, inertia, torque, drag = place(y, lane.constants)
-    contact, _ = contact_at(u, omega, r, w, inertia, torque, drag)
-    return contact
+def contact_of(model, y, constants):
+    """Return the contact of a body, ``I^-1 g``, and what `Slide.place` returns."""
+    placed = model.slide.place(y, constants)
+    _, u, omega, r, w, inertia, torque, drag = placed
+    contact, own = contact_at(u, omega, r, w, inertia, torque, drag)
+    return contact, own, placed
 
 
 class Motion(NamedTuple):
@@ -102,15 +102,14 @@ class Motion(NamedTuple):
 @njit(fastmath=FASTMATH, **INNER)
 def motion_of(lane, y, slip):
     """Return the :class:`Motion` of a lane's body in a state."""
-    slide = lane.problem.model.slide
-    placed = slide.place(y, lane.constants)
-    _, u, omega, r, w, inertia, torque, drag = placed
-    contact, own = contact_at(u, omega, r, w, inertia, torque, drag)
+    model = lane.problem.model
+    contact, own, placed = contact_of(model, y, lane.constants)
+    _, u, omega, r, _, inertia, torque, drag = placed
     mu = lane.mu
     normal, mobility, along, across, slope = push(contact, mu, slip.angle)
     turned = spun(own, u, r, inertia, drag, mu, slip.angle, normal)
     power = dot(torque, omega) + normal * dot(drag, omega)
-    f = slide.derivative(y, slip, placed, turned, power)
+    f = model.slide.derivative(y, slip, placed, turned, power)
     turning = across / slip.speed - contact.turn
     slip_rate = Slip(along, turning, -mu * normal * slip.speed)
     margin = min(contact.need, mobility - LEAST_MOBILITY)
@@ -149,14 +148,13 @@ def solve_angles(matrix, turns):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def time_to_rest(lane):
+def time_to_rest(lane, now):
     """Return the time in which the speed falls to zero, or infinity.
 
-    The speed is taken as a parabola in time, from its rates at two points.
+    The speed is taken as a parabola in time, from its rates at two points; ``now`` is
+    the motion at the start of the step.
     """
-    y = lane.y
     slip = lane.slip
-    now = motion_of(lane, y, slip)
     rate = now.slip
     if slip.speed <= BEGINNING or rate.speed >= 0.0:
         return np.inf
@@ -164,7 +162,7 @@ def time_to_rest(lane):
     next_slip = Slip(
         slip.speed + ahead * rate.speed, slip.angle + ahead * rate.angle, slip.work
     )
-    later = motion_of(lane, moved(y, now.f, ahead), next_slip)
+    later = motion_of(lane, moved(lane.y, now.f, ahead), next_slip)
     bend = (later.slip.speed - rate.speed) / ahead
     square = rate.speed * rate.speed - 2.0 * slip.speed * bend
     if square <= 0.0:
@@ -173,13 +171,15 @@ def time_to_rest(lane):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def predict(lane, stages):
-    """Write a first guess of state and slip at the stages."""
+def predict(lane, now, stages):
+    """Write a first guess of state and slip at the stages.
+
+    ``now`` is the motion at the start of the step.
+    """
     y = lane.y
     slip = lane.slip
     h = lane.h
     n = len(y)
-    now = motion_of(lane, y, slip)
     rate = now.slip
     begins = slip.speed <= BEGINNING
     # Where the angle is stiff, its rate at the start says nothing about the step.
@@ -196,7 +196,8 @@ def predict(lane, stages):
     # The direction follows the force, and the speed is the integral of its rate.
     growths = np.empty(STAGES)
     for i in range(STAGES):
-        contact = contact_of(lane, first_of(stages[i], lane.problem.model.n_state))
+        state, _ = stage_of(lane, stages[i])
+        contact, _, _ = contact_of(lane.problem.model, state, lane.constants)
         before = stages[max(i - 1, 0), n + ANGLE]
         angle, _ = settled_direction(contact, lane.mu, before)
         _, _, along, _, _ = push(contact, lane.mu, angle)
@@ -304,7 +305,7 @@ def observe(lane, contact_recorded):
     lane.n1 = model.spin(*y)
     lane.rate1 = model.spin_rate(*(y + f))
     lane.amplitude = model.amplitude(*(y + lane.probe))
-    set_limit(lane, lane.h, slip)
+    set_limit(lane)
     limit = lane.limit1
     dips = may_peak(runs.below(lane.limit0), runs.below(limit), 0.0)
     lane.leaves = 1.0 if dips or not limit.value > 0.0 else 0.0
@@ -316,23 +317,21 @@ def observe(lane, contact_recorded):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def set_limit(lane, h, slip):
+def set_limit(lane):
     """Set the limit and the forces of a lane that slides at the end of the step."""
-    y = lane.y1
     ahead = runs.DIFFERENCE / lane.swing
-    now = motion_of(lane, y, slip)
-    later = motion_of(lane, moved(y, now.f, ahead), slip)
-    lane.limit1 = Point(h, now.margin, (later.margin - now.margin) / ahead)
-    lane.lift1 = Point(h, -now.normal, (now.normal - later.normal) / ahead)
-    lane.ratio1 = Point(h, lane.mu, 0.0)
+    now = motion_of(lane, lane.y1, lane.slip1)
+    later = motion_of(lane, moved(lane.y1, now.f, ahead), lane.slip1)
+    lane.limit1 = Point(lane.h, now.margin, (later.margin - now.margin) / ahead)
+    lane.lift1 = Point(lane.h, -now.normal, (now.normal - later.normal) / ahead)
+    lane.ratio1 = Point(lane.h, lane.mu, 0.0)
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def step_to_rest(lane, rest):
+def step_to_rest(lane, now, rest):
     """Step along the derivative, to rest if the step is as long as that takes."""
     h = lane.h
     slip = lane.slip
-    now = motion_of(lane, lane.y, slip)
     lane.slip1 = Slip(
         slip.speed * (1.0 - h / rest) if h < rest else 0.0,
         slip.angle + h * now.slip.angle,
@@ -343,12 +342,24 @@ def step_to_rest(lane, rest):
     lane.error = 0.0
 
 
+@njit(**INNER)
+def stay(lane):
+    """Take a step of size zero, so that the run ends where it is."""
+    runs.hold_back(lane)
+    lane.h = 0.0
+    lane.error = 0.0
+    lane.last = 0.0
+    lane.leaves = 0.0
+    lane.watched = 1.0
+
+
 @njit(fastmath=FASTMATH, **INNER)
 def try_slide(lane, scale, contact_recorded):
     """Try a step of a lane that slides."""
     model = lane.problem.model
     n = model.n_state
-    rest = time_to_rest(lane)
+    now = motion_of(lane, lane.y, lane.slip)
+    rest = time_to_rest(lane, now)
     angle = rest * lane.swing
     ends = angle < LAST_ANGLE
     if lane.mode == STEP:
@@ -358,14 +369,14 @@ def try_slide(lane, scale, contact_recorded):
             lane.h = rest * (1.0 - left)
             lane.last = 0.0
     if ends:
-        step_to_rest(lane, rest)
+        step_to_rest(lane, now, rest)
         observe(lane, contact_recorded)
         return
     stages = np.empty((STAGES, n + N_SLIP))
     rates = np.empty((STAGES, n + N_SLIP))
     stiffness = np.empty(STAGES)
     solved = False
-    predict(lane, stages)
+    predict(lane, now, stages)
     _, size = model.error(*(lane.y + lane.y + lane.constants))
     enough = max(SOLVED * SOLVED * size / scale, ROUNDING * ROUNDING)
     for _ in range(MAX_SWEEPS):
@@ -389,7 +400,9 @@ def slide_lanes(problem, w, scale, contact_recorded):
     """Try a step on every lane that slides."""
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        if lane.slip.speed > 0.0:
+        if lane.refused > 0.0:
+            stay(lane)
+        elif lane.slip.speed > 0.0:
             try_slide(lane, scale, contact_recorded)
 
 
@@ -408,19 +421,26 @@ def hold_point(lane, h, y, f):
     return Point(h, now, (later - now) / ahead)
 
 
+@njit(**INNER)
+def why_not(contact):
+    """Return the status of a body that can neither roll nor slide."""
+    return LIFTS_OFF if contact.need < LEAST_MOBILITY else JAMMED
+
+
 @njit(fastmath=FASTMATH, **INNER)
 def slide_from_rest(lane):
     """Let a lane slide from rest at the end of the step; return a status."""
-    contact = contact_of(lane, lane.y1)
+    contact, _, _ = contact_of(lane.problem.model, lane.y1, lane.constants)
     angle, found = outgoing(contact, lane.mu)
-    if not found:
-        return LIFTS_OFF if contact.need <= 0.0 else JAMMED
     slip = Slip(BEGINNING, angle, lane.slip.work)
-    lane.slip1 = slip
     motion = motion_of(lane, lane.y1, slip)
+    # Without a margin the plane would have to pull, in any direction of sliding.
+    if not (found and motion.margin > 0.0):
+        return why_not(contact)
+    lane.slip1 = slip
     lane.f1 = motion.f
     lane.rate1 = lane.problem.model.spin_rate(*(lane.y1 + motion.f))
-    set_limit(lane, lane.h, slip)
+    set_limit(lane)
     lane.h_next = FIRST_ANGLE / lane.swing
     lane.root = 1.0
     lane.last = 0.0
@@ -435,12 +455,15 @@ def begin(lane, t):
     steepest = lane.problem.model.slide.steepest
     if p * p + q * q > steepest * steepest:
         return STEP_TOO_SMALL
-    lane.h_rolling = max(lane.h, lane.h_next)
-    lane.t_begin = t
-    if lane.slides == 0.0:
-        lane.t_slide = t
-    lane.slides += 1.0
-    return slide_from_rest(lane)
+    longest = max(lane.h, lane.h_next)
+    status = slide_from_rest(lane)
+    if status == OK:
+        lane.h_rolling = longest
+        lane.t_begin = t
+        if lane.slides == 0.0:
+            lane.t_slide = t
+        lane.slides += 1.0
+    return status
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -467,11 +490,13 @@ def change(lane, status):
 
     Return a status.
     """
+    if lane.refused > 0.0:
+        return int(lane.refused)
     t = lane.t + (lane.h - lane.t_low)
     slid = lane.slip.speed > 0.0
     if status == LIMIT and slid:
-        contact = contact_of(lane, lane.y1)
-        return LIFTS_OFF if contact.need < LEAST_MOBILITY else JAMMED
+        contact, _, _ = contact_of(lane.problem.model, lane.y1, lane.constants)
+        return why_not(contact)
     if status == LIMIT:
         return begin(lane, t)
     if status == OK and slid and lane.slip1.speed == 0.0:
@@ -492,7 +517,8 @@ def start(lane, run, y0, constants, probe, plan):
     runs.start_points(lane)
     if lane.limit0.value < 0.0:
         lane.y1 = lane.y
-        begin(lane, 0.0)
+        lane.f1 = lane.f
+        lane.refused = begin(lane, 0.0)
         lane.slip = lane.slip1
         lane.f = lane.f1
         lane.rate0 = lane.rate1
@@ -524,8 +550,7 @@ def energy_of(model, y, slip, constants):
 @njit(fastmath=FASTMATH, **INNER)
 def force_of(model, y, slip, constants, mu):
     """Return the normal and the tangential force on a body that slides."""
-    _, u, omega, r, w, inertia, torque, drag = model.slide.place(y, constants)
-    contact, _ = contact_at(u, omega, r, w, inertia, torque, drag)
+    contact, _, _ = contact_of(model, y, constants)
     normal, _, _, _, _ = push(contact, mu, slip.angle)
     return normal, mu * normal
 
