@@ -231,18 +231,20 @@ def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
 
 
 @scalar
-def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):
+def track_at(u, omega, r, w, heading):
     """Return the rates of the heading and of the contact point's place on the plane.
 
     With the x axis ``e``, the rate of the heading is the vertical part of ``e x (omega
     x e)`` over ``1 - (e . u)^2``.  The contact point has the velocity ``dr/dt + v``
     with ``v`` of Eq. 3.
     """
-    uy = q * uz
+    _, uy, uz = u
+    a, b, c = omega
+    x, y, z = r
+    wx, wy, wz = w
     square = uy * uy + uz * uz
     root = sqrt(square)
     turn = (uy * b + uz * c) / square
-    x, y, z = p + fx, q + fy, 1.0 - rise
     # dr/dt = r x omega - w
     xd = y * c - z * b - wx
     yd = z * a - x * c - wy
@@ -252,6 +254,14 @@ def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):
     cosine = cos(heading)
     sine = sin(heading)
     return turn, cosine * first - sine * second, sine * first + cosine * second
+
+
+@scalar
+def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):
+    """Return what :func:`track_at` does, for a slope and its contact."""
+    u = p * uz, q * uz, uz
+    r = p + fx, q + fy, 1.0 - rise
+    return track_at(u, (a, b, c), r, (wx, wy, wz), heading)
 
 
 def to_vectors(state: Floats) -> tuple[Floats, Floats]:

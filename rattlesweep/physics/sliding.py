@@ -20,7 +20,7 @@ sin(angle) h_2``.  Its rate grows as ``1/s``: near ``s = 0`` the angle is stiff.
 from math import atan2, cos, sin, sqrt
 from typing import NamedTuple
 
-from rattlesweep.physics.full import scalar
+from rattlesweep.physics.full import scalar, track_at
 from rattlesweep.physics.stone import dot, triple
 
 
@@ -232,17 +232,7 @@ def slip_energy(u, omega, r, speed, angle):
 
 @scalar
 def track(u, omega, r, w, speed, angle, heading):
-    """Return the rates of the heading and of the contact point's place on the plane.
-
-    As in :func:`rattlesweep.physics.full.track`, with the velocity of sliding.
-    """
-    _, uy, uz = u
-    _, b, c = omega
-    root = sqrt(uy * uy + uz * uz)
-    dx, dy, dz = cross(r, omega)
-    along = (dx - w[0]) / root + speed * cos(angle)
-    across = ((dy - w[1]) * uz - (dz - w[2]) * uy) / root + speed * sin(angle)
-    cosine = cos(heading)
-    sine = sin(heading)
-    turn = (uy * b + uz * c) / (root * root)
-    return turn, cosine * along - sine * across, sine * along + cosine * across
+    """Return what :func:`rattlesweep.physics.full.track_at` does, with sliding."""
+    turn, x, y = track_at(u, omega, r, w, heading)
+    # The direction of sliding is measured from the x axis, as the heading is.
+    return turn, x + speed * cos(heading + angle), y + speed * sin(heading + angle)
