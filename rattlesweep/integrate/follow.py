@@ -20,6 +20,7 @@ from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.lanes import kernel, runs
 from rattlesweep.integrate.lanes.events import HOLD, SCAN
 from rattlesweep.integrate.lanes.lane import (
+    N_SLIP,
     Slip,
     addresses_of,
     call,
@@ -37,7 +38,6 @@ STEPS_PER_CALL = 2048  # a few milliseconds, after which Python can act on Ctrl-
 BEGUN, ENDED, STATUS, N_STEPS, N_ZEROS, N_COUNTS = range(6)
 # Columns of a stored step: time, its low part, then the state, its derivative and slip.
 T, T_LOW, STATE = range(3)
-N_SLIP = len(Slip._fields)
 # ``energies`` at launch and in the last row.
 FIRST, LAST = 0, 1
 
@@ -209,7 +209,9 @@ class Samples:
 
     t: Floats  # in sqrt(a/g)
     y: Floats  # in the model's variables
-    slip: Floats  # columns of `lanes.lane.Slip`, zero where the body rolls
+    # Columns SLIP_SPEED, ... of `lanes.lane.Slip`; the speed is zero where the
+    # body rolls.
+    slip: Floats
     extra: Floats  # heading and contact point (see `physics.full`), or no columns
 
 

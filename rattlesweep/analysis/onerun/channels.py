@@ -13,6 +13,7 @@ import numpy as np
 from rattlesweep.analysis.derived import si_of
 from rattlesweep.arrays import Flags, Floats
 from rattlesweep.errors import ConfigError
+from rattlesweep.integrate.lanes.lane import SLIP_ANGLE, SLIP_SPEED, SLIP_WORK
 from rattlesweep.physics import full, reduced
 from rattlesweep.physics.full import quaternion
 from rattlesweep.physics.readings import contact_of, contact_point, mode_energies
@@ -56,7 +57,7 @@ class View:
     @property
     def work(self) -> Floats:
         """The work of the dissipation: of couples, a variable, and of slides."""
-        of_slides: Floats = self.samples.slip[:, 2]
+        of_slides: Floats = self.samples.slip[:, SLIP_WORK]
         if self.follower.model.law is not None or self.is_anywhere:
             of_slides = of_slides + self.y[-1]
         return of_slides
@@ -64,7 +65,7 @@ class View:
     @property
     def slides(self) -> Flags:
         """Whether the contact point slides."""
-        return self.samples.slip[:, 0] > 0
+        return self.samples.slip[:, SLIP_SPEED] > 0
 
     @cached_property
     def vectors(self) -> tuple[Floats, Floats]:
@@ -248,14 +249,14 @@ def _channels() -> Iterator[Channel]:
         SPEED,
         "speed of the contact point on the plane",
         FULL,
-        lambda view: view.samples.slip[:, 0],
+        lambda view: view.samples.slip[:, SLIP_SPEED],
     )
     yield Channel(
         "slip_angle",
         "rad",
         "direction of sliding from the horizontal part of the body's x axis",
         FULL,
-        lambda view: np.where(view.slides, view.samples.slip[:, 1], np.nan),
+        lambda view: np.where(view.slides, view.samples.slip[:, SLIP_ANGLE], np.nan),
     )
     yield Channel(
         "yaw",

@@ -24,6 +24,7 @@ from rattlesweep.arrays import Flags, Floats, take
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import PLATEAU_SHARE
 from rattlesweep.integrate.follow import Follower, Samples
+from rattlesweep.integrate.lanes.lane import SLIP_SPEED, SLIP_WORK
 from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics.body import PARAMETERS
@@ -342,9 +343,9 @@ class Course:
         """Collect reversals, slides and warnings from launch and accepted steps."""
         t = samples.t
         n, _, normal, tangential = seen
-        self._note_slides(t, samples.slip[:, 0] > 0)
+        self._note_slides(t, samples.slip[:, SLIP_SPEED] > 0)
         if len(t):
-            self.slide_work = float(samples.slip[-1, 2])
+            self.slide_work = float(samples.slip[-1, SLIP_WORK])
         with np.errstate(all="ignore"):  # a failing run may overflow
             far = np.abs(n) > PLATEAU_SHARE * self.run.launches.spin_scale[0]
             ratio = np.where(normal > 0, tangential / normal, 0.0)

@@ -188,6 +188,10 @@ class Slip(NamedTuple):
     work: float  # of sliding friction since the launch, negative
 
 
+# Columns of a table of slips.
+SLIP_SPEED, SLIP_ANGLE, SLIP_WORK, N_SLIP = range(4)
+
+
 class Point(NamedTuple):
     """A function of the state at a point of a step."""
 

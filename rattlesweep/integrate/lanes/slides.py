@@ -26,6 +26,10 @@ from rattlesweep.integrate.lanes import runs
 from rattlesweep.integrate.lanes.events import STEP, may_peak
 from rattlesweep.integrate.lanes.lane import (
     INNER,
+    N_SLIP,
+    SLIP_ANGLE,
+    SLIP_SPEED,
+    SLIP_WORK,
     Hooks,
     Point,
     Slip,
@@ -51,8 +55,6 @@ STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
 LIFTS_OFF = int(Status.LIFTS_OFF)
 JAMMED = int(Status.JAMMED)
 
-# Places of the slip behind the components of the state.
-SPEED, ANGLE, WORK, N_SLIP = range(4)
 STAGES = 5
 METHOD = radau(STAGES)
 POINTS = METHOD.points
@@ -118,9 +120,11 @@ def motion_of(lane, y, slip):
 
 @njit(**INNER)
 def stage_of(lane, numbers):
-    """Return state and slip in a row of numbers."""
+    """Return state and slip in a row of numbers, the slip after the state."""
     n = len(lane.y)
-    slip = Slip(numbers[n + SPEED], numbers[n + ANGLE], numbers[n + WORK])
+    slip = Slip(
+        numbers[n + SLIP_SPEED], numbers[n + SLIP_ANGLE], numbers[n + SLIP_WORK]
+    )
     return first_of(numbers, lane.problem.model.n_state), slip
 
 
@@ -188,9 +192,9 @@ def predict(lane, now, stages):
         ahead = h * POINTS[i]
         for c in range(n):
             stages[i, c] = y[c] + ahead * now.f[c]
-        stages[i, n + SPEED] = slip.speed + ahead * rate.speed
-        stages[i, n + ANGLE] = slip.angle + ahead * turning
-        stages[i, n + WORK] = slip.work
+        stages[i, n + SLIP_SPEED] = slip.speed + ahead * rate.speed
+        stages[i, n + SLIP_ANGLE] = slip.angle + ahead * turning
+        stages[i, n + SLIP_WORK] = slip.work
     if not begins:
         return
     # The direction follows the force, and the speed is the integral of its rate.
@@ -198,16 +202,16 @@ def predict(lane, now, stages):
     for i in range(STAGES):
         state, _ = stage_of(lane, stages[i])
         contact, _, _ = contact_of(lane.problem.model, state, lane.constants)
-        before = stages[max(i - 1, 0), n + ANGLE]
+        before = stages[max(i - 1, 0), n + SLIP_ANGLE]
         angle, _ = settled_direction(contact, lane.mu, before)
         _, _, along, _, _ = push(contact, lane.mu, angle)
-        stages[i, n + ANGLE] = angle
+        stages[i, n + SLIP_ANGLE] = angle
         growths[i] = along
     for i in range(STAGES):
         speed = 0.0
         for j in range(STAGES):
             speed += h * INTEGRALS[i, j] * growths[j]
-        stages[i, n + SPEED] = speed
+        stages[i, n + SLIP_SPEED] = speed
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -222,33 +226,33 @@ def sweep(lane, stages, rates, stiffness):
     h = lane.h
     n = len(y)
     for i in range(STAGES):
-        if not stages[i, n + SPEED] > 0.0:
+        if not stages[i, n + SLIP_SPEED] > 0.0:
             return np.inf
         state, here = stage_of(lane, stages[i])
         motion = motion_of(lane, state, here)
         for c in range(n):
             rates[i, c] = motion.f[c]
-        rates[i, n + SPEED] = motion.slip.speed
-        rates[i, n + ANGLE] = motion.slip.angle
-        rates[i, n + WORK] = motion.slip.work
+        rates[i, n + SLIP_SPEED] = motion.slip.speed
+        rates[i, n + SLIP_ANGLE] = motion.slip.angle
+        rates[i, n + SLIP_WORK] = motion.slip.work
         stiffness[i] = motion.stiffness
     matrix = np.empty((STAGES, STAGES))
     turns = np.empty(STAGES)
     for i in range(STAGES):
-        turns[i] = slip.angle - stages[i, n + ANGLE]
+        turns[i] = slip.angle - stages[i, n + SLIP_ANGLE]
         for j in range(STAGES):
             share = h * INTEGRALS[i, j]
-            turns[i] += share * rates[j, n + ANGLE]
+            turns[i] += share * rates[j, n + SLIP_ANGLE]
             matrix[i, j] = (1.0 if i == j else 0.0) - share * stiffness[j]
     solve_angles(matrix, turns)
     largest = 0.0
     for i in range(STAGES):
         change = 0.0
         for c in range(n + N_SLIP):
-            if c == n + ANGLE:
+            if c == n + SLIP_ANGLE:
                 turn = min(LARGEST_TURN, max(-LARGEST_TURN, turns[i]))
                 stages[i, c] += turn
-                difference = turn * stages[i, n + SPEED]
+                difference = turn * stages[i, n + SLIP_SPEED]
             else:
                 value = slip[c - n] if c >= n else y[c]
                 for j in range(STAGES):
