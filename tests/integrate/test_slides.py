@@ -301,3 +301,27 @@ def test_a_launch_from_which_the_body_flies_ends_at_once():
     lasting = take(runs, ~flies)
     contact = slide(lasting, 0.3, record=frozenset(["contact"]))
     assert contact.contact_normal_min.min() > -1e-12
+
+
+def test_a_slide_whose_normal_force_grows_without_bound_is_jammed():
+    # A body of the paper's ranges, on a plane with a coefficient of friction of 10.
+    body = {
+        "alpha": 14.956009613158221,
+        "beta": 1.8301550393690584,
+        "gamma": 14.78616465252728,
+        "theta": 0.764968171364017,
+        "phi": 0.04337782836920763,
+        "xi": -0.0850127010072178,
+    }
+    runs = with_mu(
+        kernels.full_batch(body, -0.5, 0.001, psi=1.476828925601111, t_end=500.0), 10.0
+    )
+    out = integrate(runs, DOP853, SLIDING["full"])
+    assert out.status == Status.JAMMED
+    assert out.t_slide < out.t_end < out.t_slide + 1
+    follower = Follower(runs, DOP853, SLIDING["full"])
+    normal = np.zeros(0)
+    while not follower.ended:
+        _, _, normal, _ = follower.observe(follower.steps())
+    assert follower.status == Status.JAMMED
+    assert normal[-1] > 10 * np.median(normal)

@@ -291,7 +291,7 @@ def look_closer(problem, parts, w, l, max_steps, recording):
     Where a model slides, the lane changes between rolling and sliding.
     """
     status, move = search_closely(problem, parts, w, l, max_steps, recording)
-    if move != HOLD:
+    if status != OK or move != HOLD:
         status = problem.hooks.change(lane_of(problem, w, l), status)
     return status, move
 

@@ -400,7 +400,8 @@ class Hooks:
     # At the end of the step: the energy minus the work of friction, and this work.
     energy: Callable[..., float]
     work: Callable[..., float]
-    # After a step that is taken, with a status: what the lane changes to.
+    # After a step that is taken or ends the run, with a status: what the lane changes
+    # to, and the status then.
     change: Callable[..., int]
     # observe(model, y, slip, constants, mu): energy minus work, normal and tangential
     # force

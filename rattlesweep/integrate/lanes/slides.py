@@ -78,6 +78,8 @@ LEAST_LEFT = 0.1
 MOST_LEFT = 0.3
 FIRST_ANGLE = 0.1  # first step of a slide, in radians of the fastest swing
 LEAST_MOBILITY = 1e-3  # below it the normal force grows without bound
+# As the mobility falls to zero in a finite time, steps become too small at this one.
+SMALL_MOBILITY = 0.1
 # Columns of the results of a run, after its state.
 T_SLIDE, SLIDES, SLIDE_TIME, SLIDE_WORK, N_COLUMNS = range(5)
 
@@ -490,7 +492,7 @@ def end(lane, t):
 
 @njit(**INNER)
 def change(lane, status):
-    """Change between rolling and sliding after a step that is taken.
+    """Change between rolling and sliding after a step that is taken or ends the run.
 
     Return a status.
     """
@@ -501,6 +503,10 @@ def change(lane, status):
     if status == LIMIT and slid:
         contact, _, _ = contact_of(lane.problem.model, lane.y1, lane.constants)
         return why_not(contact)
+    if status == STEP_TOO_SMALL and slid:
+        contact, _, _ = contact_of(lane.problem.model, lane.y, lane.constants)
+        _, mobility, _, _, _ = push(contact, lane.mu, lane.slip.angle)
+        return JAMMED if mobility < SMALL_MOBILITY else status
     if status == LIMIT:
         return begin(lane, t)
     if status == OK and slid and lane.slip1.speed == 0.0:
