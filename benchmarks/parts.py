@@ -40,6 +40,7 @@ RECORDS = (
     "windows",
     "error",
     "lyapunov",
+    "spectrum",
     "volume",
     "reversals",
     "energy, contact, windows",

@@ -106,7 +106,7 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     table = table.drop_columns([name for name in table.column_names if name in hidden])
     first = default_kind(layout)
     kinds = [first]
-    if first not in ("map", "reversals") and layout.several:
+    if first != "map" and first not in MAPS and layout.several:
         kinds += ["times", "ratio"]
     kinds.append("distribution")
     thresholds = [

@@ -62,6 +62,13 @@ TYPE_STYLE = {
     "SS": Mark(GREEN, "^", "\\\\\\\\", "SS: steady spinning"),
     "D": Mark(PURPLE, "v", "xxxx", "D: dies"),
 }
+REGIME_STYLE = {
+    "steady": Mark(SILVER, "^", "", "steady"),
+    "periodic": Mark(SKY, "o", "", "periodic"),
+    "quasi-periodic": Mark(GREEN, "s", "", "quasi-periodic"),
+    "attractor": Mark(VERMILION, "D", "", "strange attractor"),
+    "conservative": Mark(INK, "v", "", "chaos of conservative kind"),
+}
 SERIES = (
     (BLUE, "o"),
     (VERMILION, "s"),

@@ -344,7 +344,7 @@ def integrate(
     """
     control = control or Control()
     if "spectrum" in record and tableau.adaptive and longest_step is None:
-        longest_step = _longest_frame_steps(batch, tableau, tol)
+        longest_step = longest_frame_steps(batch, tableau, tol)
     count = 1
     if parallel():
         count = min(threads or available_threads(), config.NUMBA_NUM_THREADS)
@@ -390,7 +390,7 @@ def integrate(
     return replace(outcome, stopped=outcome.stopped or again.stopped)
 
 
-def _longest_frame_steps(batch: Batch, tableau: Tableau, tol: float) -> Floats:
+def longest_frame_steps(batch: Batch, tableau: Tableau, tol: float) -> Floats:
     """Return the longest steps that damp no tangent by more than the tolerance.
 
     The error controls only the motion, whose steps grow long for the faster mode where

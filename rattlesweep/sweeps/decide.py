@@ -101,6 +101,7 @@ class Refining:
             raise ConfigError(
                 f"bodies.refine.by: there is no column {column} in these runs"
             )
+        self._by_regime = column == "regime"
         self._tol = bodies.refine.tol
         # A directory that has grown may number its cases in another order than the
         # axes.
@@ -126,15 +127,19 @@ class Refining:
     def wanted(self, rows: Found) -> Flags:
         """Return which runs are wanted by the rows so far; shape (cases, samples)."""
         code = self.grid(rows.code)
+        compared = code
+        if self._by_regime:
+            regime = self.grid(rows.value)
+            compared = np.where(regime >= 0, regime, FAILED).astype(np.int8)
         wanted = np.zeros(self.shape, dtype=bool)
         wanted[np.ix_(*map(ticks_of, self.shape, self.strides))] = True
         # Each turn of the loop is a wave, as far as all runs of those before are there.
         while not (code[wanted] == MISSING).any():
             before = wanted.copy()
             # Rows beyond this wave must not count.
-            wave_code = np.where(before, code, np.int8(MISSING))
+            wave_code = np.where(before, compared, np.int8(MISSING))
             wave_value = None
-            if rows.column:
+            if rows.column and not self._by_regime:
                 wave_value = np.where(before, self.grid(rows.value), np.nan)
             stride = self.strides
             while max(stride) > 1:

@@ -37,6 +37,7 @@ from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import explained, read_regular, reason, replace_file
 from rattlesweep.sweeps.parquet import read_parquet, write_parquet
 from rattlesweep.sweeps.types import TYPES, codes
+from rattlesweep.names import REGIMES
 from rattlesweep.units import Quantity, Setting
 
 MANIFEST = "manifest.json"
@@ -302,7 +303,8 @@ class Found:
     def __init__(self, shape: tuple[int, int], column: str | None = None) -> None:
         # Of each run, its index in TYPES, or FAILED or MISSING.
         self.code = np.full(shape, MISSING, np.int8)
-        # Of each run, the value of the column that decides what runs are wanted.
+        # Of each run, the value of the column that decides what runs are wanted; of
+        # `regime`, its index.
         self.value = np.full(shape if column else (0, 0), np.nan)
         self.column = column
         self.status: Counter[str] = Counter()  # runs by status
@@ -331,7 +333,11 @@ class Found:
         kind = codes(rows.column("type"))
         self.code[keys] = np.where(kind < 0, FAILED, kind)
         if self.column in rows.schema.names:
-            self.value[keys] = floats(rows.column(self.column))
+            column = rows.column(self.column)
+            if pa.types.is_string(column.type):
+                self.value[keys] = codes(column, REGIMES)
+            else:
+                self.value[keys] = floats(column)
         for entry in rows.column("status").value_counts().to_pylist():
             self.status[entry["values"]] += entry["counts"]
 

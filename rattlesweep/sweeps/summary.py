@@ -17,6 +17,7 @@ from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.physics.theory import unsteady
 from rattlesweep.quantities import COUPLES, LOSSES, MEASURES, RATE, TIME
 from rattlesweep.sweeps import columns as tables
+from rattlesweep.names import REGIMES
 from rattlesweep.sweeps.columns import F64, I32, I64, Values
 from rattlesweep.sweeps.decide import nearest_rows
 from rattlesweep.sweeps.parquet import read_parquet, write_parquet
@@ -44,6 +45,7 @@ READ = (
     "contact_normal_min",
     "t_r_s",
     "n_i_rpm",
+    "regime",
 )
 # Launches and losses by their names, with name and size of their units in SI units.
 SI: dict[str, tuple[str, float]] = {
@@ -123,7 +125,8 @@ class Counts(dict[str, Integers]):
     Names are ``runs ok failed``, the types of runs that are ok, ``steady`` (runs in the
     steady direction with a theory and without dissipation), ``bondi`` (those of them
     beyond Bondi's threshold), ``near_tangencies`` (their sum), and, where the rows have
-    the columns, ``sensitive unsure`` and the names of shares in the summary.
+    the columns, ``sensitive unsure``, the names of shares in the summary, and regimes
+    after ``regime_``.
     """
 
     def __init__(self, cells: int) -> None:
@@ -151,12 +154,17 @@ class Counts(dict[str, Integers]):
 
     def add(self, rows: pa.Table, cell: Integers) -> None:
         """Add runs to cells; a negative cell leaves a run out."""
-        names = {*columns_for(rows.schema)} - {"type", "status"}
+        names = {*columns_for(rows.schema)} - {"type", "status", "regime"}
         columns = {name: tables.floats(rows.column(name)) for name in names}
         type_codes = codes(rows.column("type"))
         is_ok = codes(rows.column("status"), ("ok",)) == 0
         is_counted = cell >= 0
-        for name, number in _numbers(columns, type_codes, is_ok).items():
+        numbers = _numbers(columns, type_codes, is_ok)
+        if "regime" in rows.schema.names:
+            regime_codes = codes(rows.column("regime"), REGIMES)
+            for code, name in enumerate(REGIMES):
+                numbers[f"regime_{name}"] = is_ok & (regime_codes == code)
+        for name, number in numbers.items():
             sums = self.setdefault(name, self[name])
             np.add.at(sums, cell[is_counted], number[is_counted])
         for name, values in _averaged(columns, type_codes, is_ok).items():

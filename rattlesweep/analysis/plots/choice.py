@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from rattlesweep.analysis.layout import TARGETS, Layout
 from rattlesweep.analysis.plots.distribution import Distribution
 from rattlesweep.analysis.plots.fractions import BinnedFractions, Fractions
-from rattlesweep.analysis.plots.maps import Map
+from rattlesweep.analysis.plots.maps import Map, Regimes
 from rattlesweep.analysis.plots.picture import SIDE, Picture
 from rattlesweep.analysis.plots.scatter import Scatter
 from rattlesweep.analysis.plots.times import Times
@@ -17,9 +17,13 @@ KINDS: dict[str, type[Picture]] = {
     "ratio": Times,
     "map": Map,
     "reversals": Map,
+    "regimes": Regimes,
     "distribution": Distribution,
     "scatter": Scatter,
 }
+
+# Maps of what a word of `record` adds.
+MAPS = {"regimes": "spectrum", "reversals": "reversals"}
 
 
 def choose_picture(
@@ -49,8 +53,8 @@ def choose_picture(
     fitting = fitting_kinds(layout)
     if kind not in fitting:
         needs = ""
-        if kind == "reversals":
-            needs = " (it needs record: [reversals] and two parameters)"
+        if kind in MAPS:
+            needs = f" (it needs record: [{MAPS[kind]}] and two parameters)"
         raise ConfigError(
             f"kind {kind}: does not fit this sweep{needs}; {', '.join(fitting)} fit"
         )
@@ -97,7 +101,7 @@ def _suitable_kind(layout: Layout, x: str | None, quantity: str | None) -> str:
     kind = default_kind(layout)
     if quantity is None:
         return kind
-    if kind in ("map", "reversals"):
+    if kind == "map" or kind in MAPS:
         return "map"
     return "distribution"
 
@@ -111,8 +115,9 @@ def fitting_kinds(layout: Layout) -> list[str]:
         kinds += ["times", "ratio"]
     if len(layout.several) >= 2:
         kinds.append("map")
-        if "reversals" in layout.stored.config.record:
-            kinds.append("reversals")
+        kinds += [
+            name for name, word in MAPS.items() if word in layout.stored.config.record
+        ]
     return [*kinds, "distribution", "scatter"]
 
 
@@ -123,7 +128,7 @@ def default_kind(layout: Layout) -> str:
     population = "fractions" in fitting
     long_axes = sum(count >= SIDE for count in layout.lengths.values())
     if long_axes >= 2 and not population:
-        return "reversals" if "reversals" in fitting else "map"
+        return next((name for name in MAPS if name in fitting), "map")
     if not layout.several:
         return "distribution"
     if population and spin is not None and min(spin.n_i) < 0:

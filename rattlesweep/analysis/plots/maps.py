@@ -1,6 +1,7 @@
 """Maps of a plane of parameters: types and times, or a column."""
 
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,20 +22,13 @@ from rattlesweep.analysis.plots.picture import (
     scale,
     within,
 )
-from rattlesweep.analysis.style import TYPE_STYLE, label
+from rattlesweep.analysis.style import REGIME_STYLE, TYPE_STYLE, Mark, label
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 
 ENDS = (0.5, 99.5)  # percentiles at which the colour scale ends
 WIDE_RATIO = 4.0  # ratios are nearer to each other than other quantities
 BONDI = "Bondi's threshold"
-# The states of a cell, with colour and label: its most common type, or why it has none.
-CELLS = {
-    **{name: (mark.colour, mark.label) for name, mark in TYPE_STYLE.items()},
-    "failed": (style.FAILED, "failed"),
-    "missing": (style.MISSING, "not run yet"),
-}
-CODES = {name: code for code, name in enumerate(CELLS)}
 # Columns that count turns, with the label of none.
 NO_TURNS = {"n_turns": "no turns", "reversals_sure": "no confirmed turns"}
 
@@ -42,7 +36,7 @@ NO_TURNS = {"n_turns": "no turns", "reversals_sure": "no confirmed turns"}
 class Cells(NamedTuple):
     """Of each cell its state, its value, and ``n_c1 - n_i``."""
 
-    code: Integers  # of `CELLS`
+    code: Integers  # of `Map.states`
     value: Floats
     beyond: Floats
 
@@ -61,15 +55,21 @@ class Map(Picture):
     """Types and ``t_r/t_rGH`` side by side, or one column, as means over each cell."""
 
     panel = (3.7, 3.4)
+    # What most runs of a cell are, by the names in `Counts`.
+    marks: ClassVar[Mapping[str, Mark]] = TYPE_STYLE
+    without = "failed"  # what a cell is called that has none of these
+
+    @property
+    def states(self) -> dict[str, tuple[str, str]]:
+        """The states of a cell: one of `marks`, or why it has none."""
+        states = {name: (mark.colour, mark.label) for name, mark in self.marks.items()}
+        states["failed"] = style.FAILED, self.without
+        states["missing"] = style.MISSING, "not run yet"
+        return states
 
     def arrange(self) -> Arrangement:
         """Make the two longest axes the plane."""
         layout = self.layout
-        order = ordered(layout, self.x, SIDE)
-        if layout.lengths[order[0]] < 2:
-            raise ConfigError(
-                f"kind map: only one value of {order[0]} is left; it needs two"
-            )
         # Bondi's line needs one body in a cell, and a steady spin that lasts.
         self.has_theory = bool(layout.bodies) and not layout.stored.config.dissipation
         means = []
@@ -81,16 +81,25 @@ class Map(Picture):
         if self.has_theory:
             means += ["n_c1", "n_i"]
         self.more = tuple(dict.fromkeys(means))
+        return self._plane()
+
+    def _plane(self) -> Arrangement:
+        """Return the two longest axes as the plane."""
+        order = ordered(self.layout, self.x, SIDE)
+        if self.layout.lengths[order[0]] < 2:
+            raise ConfigError(
+                f"kind {self.name}: only one value of {order[0]} is left; it needs two"
+            )
         return Arrangement(order[:2], order[2:], [])
 
     def shown(self) -> Cells:
         """Return what is drawn of each cell."""
         layout = self.layout
         cells, means = self.counted
-        counts = [cells.types.get(name, 0 * cells["runs"]) for name in TYPE_STYLE]
-        code = np.argmax(np.stack(counts), axis=0)
-        code = np.where(cells["ok"] == 0, CODES["failed"], code)
-        code = self.grid(np.where(cells["runs"] == 0, CODES["missing"], code))
+        counts = np.stack([cells[name] for name in self.marks])
+        failed = len(self.marks)
+        code = np.where(counts.any(axis=0), np.argmax(counts, axis=0), failed)
+        code = self.grid(np.where(cells["runs"] == 0, failed + 1, code))
         if self.quantity is None:
             value = self.grid(cells.ratio.means())
         else:
@@ -172,10 +181,10 @@ class Map(Picture):
     def _draw_states(self, axes: Axes, here: Cells, of_types: bool) -> None:
         """Colour the cells by their states."""
         x, y = self.axes[:2]
-        colours = [colour for colour, _ in CELLS.values()]
+        colours = [colour for colour, _ in self.states.values()]
         if not of_types:
             # What shows between the values is a type without a value.
-            count = len(TYPE_STYLE)
+            count = len(self.marks)
             colours[:count] = [style.NO_REVERSAL] * count
         axes.pcolormesh(
             x.edges,
@@ -183,7 +192,7 @@ class Map(Picture):
             here.code.T,
             rasterized=True,
             vmin=-0.5,
-            vmax=len(CELLS) - 0.5,
+            vmax=len(colours) - 0.5,
             cmap=ListedColormap(colours),
         )
 
@@ -245,13 +254,13 @@ class Map(Picture):
         nothing = "no reversal"
         if self.quantity is not None:
             nothing = NO_TURNS.get(self.quantity, "no value")
-        entries = CELLS | {"none": (style.NO_REVERSAL, nothing)}
+        entries = self.states | {"none": (style.NO_REVERSAL, nothing)}
         if self.layout.where is not None:
             entries["missing"] = (style.MISSING, "not selected")
-        present = {name for name in CELLS if CODES[name] in cells.code}
+        present = {name for k, name in enumerate(self.states) if k in cells.code}
         if self.quantity is not None:
-            present -= TYPE_STYLE.keys()
-        if ((cells.code < len(TYPE_STYLE)) & np.isnan(cells.value)).any():
+            present -= self.marks.keys()
+        if ((cells.code < len(self.marks)) & np.isnan(cells.value)).any():
             present.add("none")
         handles: list[Handle] = [
             Patch(facecolor=colour, label=text, edgecolor=style.GREY, linewidth=0.5)
@@ -264,3 +273,37 @@ class Map(Picture):
             )
             self.notes.append("Bondi's threshold of the steady spin: |n_i| = |n_c1|.")
         return handles
+
+
+class Regimes(Map):
+    """The regime of most runs of each cell."""
+
+    marks = {f"regime_{name}": mark for name, mark in REGIME_STYLE.items()}
+    without = "unknown"
+
+    def arrange(self) -> Arrangement:
+        """Make the two longest axes the plane, without Bondi's line."""
+        self.has_theory = False
+        return self._plane()
+
+    def told(self) -> tuple[str, str]:
+        """Return the words and the column for strange attractors."""
+        return "Map of regimes; fraction of strange attractors", "fraction_attractor"
+
+    def draw(self, panels: list[Panel], log: bool | None) -> list[Handle]:
+        """Colour the cells."""
+        x, y = self.axes[:2]
+        self.ylabel = label(y.name)
+        # Every regime has a value, so the legend names no missing ones.
+        cells = self.shown()
+        cells = cells._replace(value=np.ones(cells.code.shape))
+        for axes, place in panels:
+            here = cells._replace(code=within(cells.code, place))
+            self._draw_states(axes, here, of_types=True)
+            scale(axes, "x", x, log)
+            scale(axes, "y", y, log)
+            axes.set(xlim=x.edges[[0, -1]], ylim=y.edges[[0, -1]])
+        self.notes.append(
+            "Regimes follow from the Lyapunov exponents of the second half of each run."
+        )
+        return self._entries(cells, has_bondi=False)

@@ -19,6 +19,7 @@ from rattlesweep.analysis.layout import LAUNCH, Axis, Layout
 from rattlesweep.analysis.style import label, value_text
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.names import REGIMES
 from rattlesweep.sweeps.columns import floats
 from rattlesweep.sweeps.summary import Counts
 from rattlesweep.sweeps.types import codes, share
@@ -125,6 +126,10 @@ class Picture(ABC):
         columns["failed"] = cells["failed"]
         for kind, count in cells.types.items():
             columns[f"fraction_{kind}"] = share(count, cells["ok"])
+        for regime in REGIMES:
+            if f"regime_{regime}" in cells:
+                count = cells[f"regime_{regime}"]
+                columns[f"fraction_{regime}"] = share(count, cells["ok"])
         columns["fraction_bondi"] = share(cells["bondi"], cells["steady"])
         for column, moments in ((name("t_r"), cells.t_r), ("ratio", cells.ratio)):
             columns[f"{column}_mean"] = moments.means()

@@ -631,6 +631,17 @@ def advance_frame(problem, w):
         lane = lane_of(problem, w, l)
         frame = lane.v1
         triangle = problem.model.factor(frame, lane.constants)
+        # A lane that does not move keeps its frame to the last bit.
+        moves = lane.accept > 0.0
+        r11, r22, r33, r12, r13, r23 = triangle
+        triangle = (
+            r11 if moves else 1.0,
+            r22 if moves else 1.0,
+            r33 if moves else 1.0,
+            r12 if moves else 0.0,
+            r13 if moves else 0.0,
+            r23 if moves else 0.0,
+        )
         lane.v = problem.model.solve(frame, triangle)
         lane.g = problem.model.solve(lane.g1, triangle)
         first, second, third = lane.length

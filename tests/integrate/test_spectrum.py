@@ -1,0 +1,172 @@
+"""All Lyapunov exponents: frames, their growth, sums, and steady spins."""
+
+import kernels
+import numpy as np
+import oracle
+import pytest
+
+from rattlesweep.integrate.batch import exponents, integrate, longest_frame_steps
+from rattlesweep.integrate.model import FULL
+from rattlesweep.integrate.tableau import DOP853
+from rattlesweep.physics import frame, full, steady, tangent
+
+GH = oracle.GH
+# A body whose roll goes on long after its pitch has decayed, and one that is stable
+# beyond n = -0.25.
+ROLLING = {
+    "alpha": 8.895,
+    "beta": 1.92,
+    "gamma": 8.815,
+    "theta": 0.9256,
+    "phi": 0.01087,
+    "xi": -0.06332,
+}
+STABLE = {
+    "alpha": 14.29,
+    "beta": 1.8886,
+    "gamma": 14.18,
+    "theta": 0.9473,
+    "phi": 0.01988,
+    "xi": -0.03646,
+}
+SPECTRUM = frozenset(["spectrum", "volume"])
+
+
+def random_motion(size, seed):
+    """Return states, their derivatives, frames and constants."""
+    rng = np.random.default_rng(seed)
+    for _ in range(size):
+        theta = rng.uniform(0.3, 0.95)
+        q = full.constants(12.0, 1.6, 11.0, theta, rng.uniform(0.01, 0.2), -0.05)
+        y = tuple(rng.standard_normal(5) * [0.3, 0.3, 0.3, 0.3, 1.0])
+        q = tuple(map(float, q))
+        yield y, full.rhs(*y, *q), tuple(rng.standard_normal(15)), q
+
+
+def norm_of(v, q):
+    return np.sqrt(tangent.square(*v, *q))
+
+
+def test_a_frame_is_factored_into_orthonormal_tangents_and_a_triangle():
+    for _, _, v, q in random_motion(20, 1):
+        triangle = frame.factor(v, q)
+        r11, r22, r33, r12, r13, r23 = triangle
+        e = np.reshape(frame.solve(v, triangle), (3, 5))
+        r = np.array([[r11, r12, r13], [0, r22, r23], [0, 0, r33]])
+        assert r.T @ e == pytest.approx(np.reshape(v, (3, 5)), rel=1e-12)
+        for i in range(3):
+            assert norm_of(e[i], q) == pytest.approx(1.0)
+            for k in range(i):
+                # Of an orthonormal pair, the sum is sqrt(2) long.
+                assert norm_of(e[i] + e[k], q) == pytest.approx(np.sqrt(2.0))
+
+
+def test_flow_and_gradient_are_normal_to_transverse_tangents():
+    for y, dy, v, q in random_motion(20, 2):
+        flow, steep = frame.trivial(y, dy, q)
+        assert np.sqrt(flow) == pytest.approx(norm_of(dy, q))
+        gradient = np.array(tangent.gradient(*y, *q))
+        # The norm of a gradient is the largest change of energy by a unit tangent.
+        random = np.random.default_rng(3).standard_normal((2000, 5))
+        changes = [abs(gradient @ w) / norm_of(w, q) for w in random]
+        assert 0.8 * np.sqrt(steep) < max(changes) <= np.sqrt(steep)
+        for w in np.reshape(frame.transverse(y, dy, v, q), (3, 5)):
+            assert gradient @ w == pytest.approx(0.0, abs=1e-12 * np.sqrt(steep))
+            square = norm_of(w + np.array(dy), q) ** 2
+            assert square == pytest.approx(norm_of(w, q) ** 2 + flow)
+
+
+def tilt(y):
+    """Return the logarithm of an area of slopes over the same area of ``u``."""
+    return 1.5 * np.log1p(y[:, 0] ** 2 + y[:, 1] ** 2)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    """Runs that reverse, swing, wobble and settle."""
+    n_i = [-0.1, 0.1, -0.05, -0.5]
+    omega = [0.01, 0.003, 0.1, 0.3]
+    return kernels.join(
+        kernels.full_batch(GH, n_i, omega, t_end=1000.0),
+        kernels.full_batch(ROLLING, 0.0733, 0.034, t_end=1000.0),
+        kernels.full_batch(STABLE, -0.4, 0.01, t_end=1000.0),
+    )
+
+
+@pytest.fixture(scope="module")
+def outcome(runs):
+    return integrate(runs, DOP853, FULL, tol=1e-11, record=SPECTRUM)
+
+
+def test_exponents_add_up_to_the_rate_of_volume(runs, outcome):
+    whole, _ = exponents(outcome.growth)
+    change = (tilt(outcome.y_end) - tilt(runs.y0)) / 1000.0
+    assert whole.sum(axis=1) == pytest.approx(outcome.volume_rate + change, abs=1e-9)
+    assert np.abs(outcome.volume_rate).max() > 0.1
+
+
+def test_runs_go_on_and_tell_their_first_reversal(runs, outcome):
+    steps = longest_frame_steps(runs, DOP853, 1e-11)
+    settings = {"tol": 1e-11, "longest_step": steps}
+    plain = integrate(runs, DOP853, FULL, **settings)
+    assert np.isfinite(plain.t_r).sum() == 5
+    assert outcome.t_r.tobytes() == plain.t_r.tobytes()
+    assert (outcome.t_end == 1000.0).all()
+    one = integrate(
+        runs, DOP853, FULL, record=frozenset(["lyapunov", "reversals"]), **settings
+    )
+    assert outcome.y_end.tobytes() == one.y_end.tobytes()
+    first, _ = exponents(one.growth)
+    whole, _ = exponents(outcome.growth)
+    assert whole[:, :1] == pytest.approx(first, abs=1e-9)
+
+
+def test_short_steps_keep_tangents_from_being_damped():
+    # With long steps, the method damps tangents along the pitch.
+    runs = kernels.full_batch(ROLLING, 0.0733, 0.034, t_end=1000.0)
+    long = integrate(
+        runs, DOP853, FULL, record=SPECTRUM, longest_step=np.full(len(runs), np.inf)
+    )
+    short = integrate(runs, DOP853, FULL, record=SPECTRUM)
+    error = []
+    for outcome in (long, short):
+        whole, _ = exponents(outcome.growth)
+        change = (tilt(outcome.y_end) - tilt(runs.y0)) / 1000.0
+        error.append(np.abs(whole.sum(axis=1) - outcome.volume_rate - change).max())
+    assert error[0] > 1e-6
+    assert error[1] < 1e-7
+
+
+@pytest.mark.parametrize("n_i", [-0.4, -0.1, 0.2])
+def test_exponents_of_a_steady_spin_are_real_parts_of_eigenvalues(n_i):
+    runs = kernels.full_batch(GH, n_i, 1e-100, t_end=600.0)
+    outcome = integrate(runs, DOP853, FULL, tol=1e-11, record=SPECTRUM)
+    _, late = exponents(outcome.growth)
+    pitch, roll = (float(x) for x in steady.growth(full.constants(**GH), n_i))
+    expected = sorted([pitch, pitch, roll, roll, 0.0])
+    assert sorted(late[0]) == pytest.approx(expected, abs=2e-3)
+
+
+def test_rows_end_where_the_flow_has_decayed():
+    runs = kernels.full_batch(STABLE, -0.75, 1e-3, t_end=40_000.0)
+    outcome = integrate(runs, DOP853, FULL, record=SPECTRUM)
+    last = np.nanmax(outcome.growth[0, :, 0])
+    assert 20_000 < last < 30_000
+    whole, _ = exponents(outcome.growth)
+    pitch, roll = (float(x) for x in steady.growth(full.constants(**STABLE), -0.75))
+    expected = sorted([pitch, pitch, roll, roll, 0.0])
+    assert sorted(whole[0]) == pytest.approx(expected, abs=1e-3)
+
+
+def test_a_body_at_rest_in_its_steady_spin_has_no_exponents():
+    runs = kernels.full_batch(GH, -0.5, 0.0, t_end=100.0)
+    outcome = integrate(runs, DOP853, FULL, record=SPECTRUM)
+    assert np.isnan(exponents(outcome.growth)[0]).all()
+
+
+def test_threads_and_neighbours_do_not_matter(runs, outcome):
+    many = kernels.join(*[runs] * 8)
+    one = integrate(many, DOP853, FULL, tol=1e-11, record=SPECTRUM, threads=1)
+    two = integrate(many, DOP853, FULL, tol=1e-11, record=SPECTRUM, threads=2)
+    kernels.assert_same(one, two)
+    kernels.assert_same(kernels.take(one, slice(0, 6)), outcome)
