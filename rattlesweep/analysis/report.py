@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from ruamel.yaml import YAML
 
 from rattlesweep.analysis.layout import Layout, read_layout
-from rattlesweep.analysis.plots import choose_picture, default_kind
+from rattlesweep.analysis.plots import MAPS, choose_picture, default_kind
 from rattlesweep.analysis.style import encode, styled
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.read import resolved
@@ -106,7 +106,7 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     table = table.drop_columns([name for name in table.column_names if name in hidden])
     first = default_kind(layout)
     kinds = [first]
-    if first != "map" and first not in MAPS and layout.several:
+    if first not in ("map", *MAPS) and layout.several:
         kinds += ["times", "ratio"]
     kinds.append("distribution")
     thresholds = [

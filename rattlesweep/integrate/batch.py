@@ -400,7 +400,8 @@ def longest_frame_steps(batch: Batch, tableau: Tableau, tol: float) -> Floats:
     damps = np.abs(tableau.damping(angles)) > tol
     angle = angles[max(0, int(np.argmax(damps)) - 1)]
     # The spin oscillates at twice the frequency of the mode.
-    return angle / (batch.swing / 2)
+    steps: Floats = angle / (batch.swing / 2)
+    return steps
 
 
 def anywhere(batch: Batch) -> Batch:

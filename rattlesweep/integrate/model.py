@@ -143,6 +143,7 @@ FULL = Model(
     volume=_volume,
 )
 
+
 @scalar
 def _tangent_rate(y, dy, v, q):
     return tangent.rate(*(y + dy + v + q))

@@ -424,7 +424,7 @@ GROUPS = (
                 "kaplan_yorke",
                 F64,
                 "kaplan_yorke",
-                meaning="Kaplan and Yorke's dimension at constant energy, from half time",
+                meaning="dimension of Kaplan and Yorke at constant energy, late",
                 refines=True,
             ),
             Column(

@@ -26,6 +26,7 @@ import pyarrow.compute as pc
 
 from rattlesweep.arrays import Flags, Integers
 from rattlesweep.errors import ConfigError, DamagedError, OutputError, one_line
+from rattlesweep.names import REGIMES
 from rattlesweep.quantities import LOSSES, QUANTITIES
 from rattlesweep.sweeps.columns import (
     floats,
@@ -37,7 +38,6 @@ from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import explained, read_regular, reason, replace_file
 from rattlesweep.sweeps.parquet import read_parquet, write_parquet
 from rattlesweep.sweeps.types import TYPES, codes
-from rattlesweep.names import REGIMES
 from rattlesweep.units import Quantity, Setting
 
 MANIFEST = "manifest.json"

@@ -14,10 +14,10 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Floats, Integers
+from rattlesweep.names import REGIMES
 from rattlesweep.physics.theory import unsteady
 from rattlesweep.quantities import COUPLES, LOSSES, MEASURES, RATE, TIME
 from rattlesweep.sweeps import columns as tables
-from rattlesweep.names import REGIMES
 from rattlesweep.sweeps.columns import F64, I32, I64, Values
 from rattlesweep.sweeps.decide import nearest_rows
 from rattlesweep.sweeps.parquet import read_parquet, write_parquet
@@ -162,8 +162,8 @@ class Counts(dict[str, Integers]):
         numbers = _numbers(columns, type_codes, is_ok)
         if "regime" in rows.schema.names:
             regime_codes = codes(rows.column("regime"), REGIMES)
-            for code, name in enumerate(REGIMES):
-                numbers[f"regime_{name}"] = is_ok & (regime_codes == code)
+            for code, regime in enumerate(REGIMES):
+                numbers[f"regime_{regime}"] = is_ok & (regime_codes == code)
         for name, number in numbers.items():
             sums = self.setdefault(name, self[name])
             np.add.at(sums, cell[is_counted], number[is_counted])

@@ -278,7 +278,9 @@ class Map(Picture):
 class Regimes(Map):
     """The regime of most runs of each cell."""
 
-    marks = {f"regime_{name}": mark for name, mark in REGIME_STYLE.items()}
+    marks: ClassVar[Mapping[str, Mark]] = {
+        f"regime_{name}": mark for name, mark in REGIME_STYLE.items()
+    }
     without = "unknown"
 
     def arrange(self) -> Arrangement:
