@@ -1,5 +1,6 @@
 """Single runs of GH: Fig. 5, first reversals (G1-G3); Fig. 9, long runs (L1-L4)."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -67,6 +68,8 @@ CHANNELS = (
     "F_tangential",
     *STATE,
 )
+# Columns of the longer runs.
+BEYOND = ("t_end", "lyapunov_late", "kaplan_yorke", "regime")
 volume_rate = vectorize(smooth_volume.py_func)
 
 
@@ -245,7 +248,7 @@ def long_runs(ws: Workspace) -> Tables:
         **ws.settings,
         tol=TOL,
         t_end=ws.sizes.exponents_t_end,
-        record=["lyapunov", "reversals"],
+        record=["lyapunov", "spectrum"],
     )
     spin = []
     rows = []
@@ -294,13 +297,20 @@ def long_runs(ws: Workspace) -> Tables:
                 "normal_min": table["F_normal"][least],
                 "normal_t": table["t"][least],
                 **volume_numbers(table, body),
-                **{name: beyond[name] for name in ("t_end", "lyapunov_late")},
+                **{name: beyond[name] for name in BEYOND},
+                "exponents": listed(beyond["lyapunov_spectrum_late"]),
+                "shrinking": sum(beyond["lyapunov_spectrum_late"]),
                 "growth": beyond["lyapunov_late"] * beyond["t_end"] / 2,
                 "chaotic": bool(is_chaotic(beyond["lyapunov_late"], beyond["t_end"])),
             }
         )
         spin.append(thinned(table, n=1100, n_reduced=550).assign(theta=body.theta))
     return {"spin": pd.concat(spin, ignore_index=True), "runs": pd.DataFrame(rows)}
+
+
+def listed(exponents: Sequence[float]) -> str:
+    """Return Lyapunov exponents as text."""
+    return ", ".join(f"{exponent:.2g}" for exponent in exponents)
 
 
 def averaged_casimir(table: pd.DataFrame, body: Rattleback, period: float) -> pd.Series:

@@ -50,6 +50,7 @@ EXAMPLES = {
         "(b-3) SW, chaotic",
     ),
 }
+EXPONENTS = ("lyapunov", "lyapunov_late", "kaplan_yorke", "regime")
 # Range for "only several Type SS samples out of 8000 samples".
 SEVERAL = (1, 20)
 
@@ -82,8 +83,9 @@ def draw_share(axis: Axes, rows: pd.DataFrame, by: str, name: str, **look: Any) 
 def types(ws: Workspace) -> Tables:
     """Return the tables of Fig. 7 and of its claims."""
     runs = ws.sweep("steady")
-    tested = ws.again(runs[runs["type"] == "SW"], ws.sizes.lyapunov, "lyapunov")
-    runs = runs.join(tested.reindex(columns=["lyapunov", "lyapunov_late"]))
+    wobbling = runs[runs["type"] == "SW"]
+    tested = ws.again(wobbling, ws.sizes.lyapunov, "lyapunov", "spectrum")
+    runs = runs.join(tested.reindex(columns=[*EXPONENTS]))
     runs["chaotic"] = is_chaotic(runs["lyapunov_late"], runs["t_end"])
     return {
         "fractions": fractions(runs),
@@ -278,6 +280,8 @@ def wobbling_chaos(made: Made) -> Measured | None:
         (int(group["chaotic"].sum()), len(group))
         for group in (calm, below, above, fast.query("K_r == @least"))
     )
+    chaotic = runs[runs["chaotic"]]
+    attractors = int((chaotic["regime"] == "attractor").sum())
     overlap = wilson(many, small)[1] > wilson(few, large)[0]
     checks = [
         Count(total - hits, total),
@@ -293,6 +297,8 @@ def wobbling_chaos(made: Made) -> Measured | None:
         "large": f"{few} of {large}",
         "K_r": least,
         "least": f"{lowest[0]} of {lowest[1]}, {share(*lowest)['share']}",
+        "attractors": f"{attractors} of {len(chaotic)}",
+        "dimension": chaotic["kaplan_yorke"].median(),
     }
 
 

@@ -75,12 +75,12 @@ class Workspace:
             self._sweeps[name] = runs.reset_index(drop=True)
         return self._sweeps[name]
 
-    def again(self, runs: pd.DataFrame, most: int, record: str) -> pd.DataFrame:
+    def again(self, runs: pd.DataFrame, most: int, *record: str) -> pd.DataFrame:
         """Integrate runs once more with ``record``, or `most`, evenly chosen."""
         runs = runs.iloc[:: max(1, -(-len(runs) // most))]
         if runs.empty:
             return runs
-        again = api.simulate(runs[LAUNCH], **self.settings, record=[record])
+        again = api.simulate(runs[LAUNCH], **self.settings, record=record)
         return self._good(again).reindex(runs.index)
 
     def _good(self, runs: pd.DataFrame) -> pd.DataFrame:

@@ -175,7 +175,7 @@ class _Attempt:
     def tangent_at(
         self, row: Row, tangents: Sequence[int], v: int, share: float, y: int, f: int
     ) -> list[str]:
-        """Return lines that read ``y, f``, the sum ``v`` of tangents, constants ``q``."""
+        """Return lines that read ``y, f``, a sum ``v`` of tangents, constants ``q``."""
         n = self.model.n_state
         end = (2 + self.model.n_tangents) * n
         tangent = self.sums(end - 2 * n, row, tangents, v, share)
