@@ -192,6 +192,17 @@ def to_slope(tangents, u, omega, body):
     return np.vstack([slopes, by_momentum @ tangents[:3] + by_u @ tangents[3:]])
 
 
+def on_sphere(tangents, state):
+    """Return tangents without their part along ``u``, which is rounding.
+
+    That part neither grows nor decays, so it would replace the columns that decay.
+    """
+    u = state[3:]
+    parts = tangents.copy()
+    parts[3:] -= np.outer(u, u @ tangents[3:]) / (u @ u)
+    return parts
+
+
 def log_volume(state, body):
     """Return the logarithm of a volume of ``(M, u)`` over that of ``(p, q, omega)``."""
     u = state[3:]
@@ -255,7 +266,7 @@ def spectrum(body_parameters, omega, u, t_end, *, inner_product=None, frame=None
         final = solution.y[:, -1]
         state = final[:6]
         log_growth += final[36]
-        tangents, triangle = np.linalg.qr(final[6:36].reshape(6, 5))
+        tangents, triangle = np.linalg.qr(on_sphere(final[6:36].reshape(6, 5), state))
         logs += np.log(np.abs(np.diag(triangle)))
 
     u = state[3:]
