@@ -10,10 +10,21 @@ ModelName = Literal["full", "reduced", "gh"]
 PresetName = Literal["GH", "KL"]
 AccuracyName = Literal["draft", "standard", "reference"]
 PlotName = Literal[
-    "fractions", "times", "ratio", "map", "reversals", "distribution", "scatter"
+    "fractions",
+    "times",
+    "ratio",
+    "map",
+    "reversals",
+    "regimes",
+    "distribution",
+    "scatter",
+]
+RegimeName = Literal[
+    "steady", "periodic", "quasi-periodic", "attractor", "conservative"
 ]
 
 MODEL_NAMES: tuple[ModelName, ...] = get_args(ModelName)
 PRESET_NAMES: tuple[PresetName, ...] = get_args(PresetName)
 ACCURACY_NAMES: tuple[AccuracyName, ...] = get_args(AccuracyName)
 PLOT_NAMES: tuple[PlotName, ...] = get_args(PlotName)
+REGIMES: tuple[RegimeName, ...] = get_args(RegimeName)

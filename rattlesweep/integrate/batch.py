@@ -21,7 +21,7 @@ from rattlesweep.integrate.lanes import runs, slides
 from rattlesweep.integrate.lanes.lane import INNER, LANES, Layout, Problem, addresses_of
 from rattlesweep.integrate.lanes.runs import SHAPES, Recording
 from rattlesweep.integrate.lanes.step import OPTIONS, SUBSTEPS, write_attempt
-from rattlesweep.integrate.model import TANGENT, Model, find_model
+from rattlesweep.integrate.model import FRAME, TANGENT, Model, find_model
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL, Tableau
 from rattlesweep.integrate.task import Control
@@ -123,7 +123,10 @@ def kernel(
     """
     tableau = METHODS[tableau_name]
     model = find_model(model_name)
-    model = TANGENT if "lyapunov" in record else model
+    if "lyapunov" in record:
+        model = TANGENT
+    if "spectrum" in record:
+        model = FRAME
     # Steps integrate the rate of phase volume as well if it is recorded.
     extra = ("volume",) if "volume" in record else ()
     orders: list[Order] = [
@@ -280,7 +283,7 @@ class Outcome:
     reversals: Floats
     # Time and logarithm of the tangent's growth at the ends of the windows and of the
     # run, shape (runs, 64, 2).  If a step ends several windows, only the row of the
-    # first is filled.
+    # first is filled.  For the spectrum there are N_GROWTHS logarithms.
     growth: Floats
     stopped: bool  # whether the kernel was stopped before all runs had ended
 
@@ -325,7 +328,7 @@ def integrate(
     max_steps : int
         Number of steps after which a run ends with `Status.STEP_LIMIT`.
     record : frozenset of str
-        Further observations, from :data:`RECORDS`.
+        Further observations, from :data:`RECORDS`, and ``spectrum``.
     cost : ndarray, shape (runs,), optional
         Expected cost of the runs in any unit, by default from their horizons.  The most
         expensive runs start first.
@@ -340,6 +343,8 @@ def integrate(
         If Numba cannot load the threading layer that the environment names.
     """
     control = control or Control()
+    if "spectrum" in record and tableau.adaptive and longest_step is None:
+        longest_step = _longest_frame_steps(batch, tableau, tol)
     count = 1
     if parallel():
         count = min(threads or available_threads(), config.NUMBA_NUM_THREADS)
@@ -385,6 +390,19 @@ def integrate(
     return replace(outcome, stopped=outcome.stopped or again.stopped)
 
 
+def _longest_frame_steps(batch: Batch, tableau: Tableau, tol: float) -> Floats:
+    """Return the longest steps that damp no tangent by more than the tolerance.
+
+    The error controls only the motion, whose steps grow long for the faster mode where
+    this has decayed; tangents along that mode would then be damped by the method.
+    """
+    angles = np.linspace(0.05, 2.0, 40)
+    damps = np.abs(tableau.damping(angles)) > tol
+    angle = angles[max(0, int(np.argmax(damps)) - 1)]
+    # The spin oscillates at twice the frequency of the mode.
+    return angle / (batch.swing / 2)
+
+
 def anywhere(batch: Batch) -> Batch:
     """Return a batch of slopes in the variables of :attr:`Model.anywhere`."""
     y0, constants = vectors.from_slopes(batch.y0, batch.constants)
@@ -396,6 +414,9 @@ def _recording(count: int, record: Collection[str]) -> Recording:
     arrays = {}
     for name, shape in SHAPES._asdict().items():
         arrays[name] = np.full((count if name in record else 0, *shape), np.nan)
+    if "spectrum" in record:
+        shape = count, runs.N_WINDOWS, 1 + runs.N_GROWTHS
+        arrays["lyapunov"] = np.full(shape, np.nan)
     return Recording(**arrays)
 
 
@@ -506,10 +527,10 @@ def run_arrays(
 def exponents(growth: Floats) -> tuple[Floats, Floats]:
     """Return finite-time Lyapunov exponents over each run and over its second half.
 
-    They are slopes of :attr:`Outcome.growth`, shape (runs,), in ``sqrt(g/a)``, and NaN
-    where it is not finite. The growth up to half time is interpolated between the ends
-    of windows.  The second slope is also NaN where half time falls within the first
-    window.
+    They are slopes of :attr:`Outcome.growth`, shape (runs, tangents), in ``sqrt(g/a)``,
+    and NaN where it is not finite. The growth up to half time is interpolated between
+    the ends of windows.  The second slopes are also NaN where half time falls within
+    the first window.
     """
     run = np.arange(len(growth))
     # A step that ends several windows fills the row of the first; move the empty rows
@@ -517,9 +538,9 @@ def exponents(growth: Floats) -> tuple[Floats, Floats]:
     order = np.argsort(~np.isfinite(growth[:, :, :1]), axis=1, kind="stable")
     rows = np.take_along_axis(growth, order, axis=1)
     # At the launch, time and growth are zero.
-    rows = np.concatenate([np.zeros((len(run), 1, 2)), rows], axis=1)
+    rows = np.concatenate([np.zeros((len(run), 1, growth.shape[2])), rows], axis=1)
     t = rows[:, :, 0]
-    log = rows[:, :, 1]
+    log = rows[:, :, 1:]
     last = np.isfinite(t).sum(axis=1) - 1
     end = t[run, last]
     grown = log[run, last]
@@ -529,9 +550,10 @@ def exponents(growth: Floats) -> tuple[Floats, Floats]:
     after = np.minimum(before + 1, last)
     with np.errstate(invalid="ignore", divide="ignore"):
         share = (half - t[run, before]) / (t[run, after] - t[run, before])
-        until = log[run, before] + share * (log[run, after] - log[run, before])
-        whole = grown / end
-        late = np.where(before > 0, (grown - until) / half, np.nan)
+        between = log[run, after] - log[run, before]
+        until = log[run, before] + share[:, None] * between
+        whole = grown / end[:, None]
+        late = np.where((before > 0)[:, None], (grown - until) / half[:, None], np.nan)
     whole[~np.isfinite(whole)] = np.nan
     late[~np.isfinite(late)] = np.nan
     return whole, late

@@ -10,7 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import inf
 
-from rattlesweep.physics import full, reduced, sliding, stone, surface, tangent, vectors
+from rattlesweep.physics import (
+    frame,
+    full,
+    reduced,
+    sliding,
+    stone,
+    surface,
+    tangent,
+    vectors,
+)
 from rattlesweep.physics.full import scalar
 from rattlesweep.physics.surface import Formula, Friction, Surface
 
@@ -74,13 +83,20 @@ class Model:
     n_carried: int = 0
     carried_start: Formula | None = None
     carried_rhs: Formula | None = None
-    # For runs with a tangent v, a small difference.  rate(*y, *dy, *v, *q): dv.
-    # seed(*y, *q): the first v.  transverse(*y, *dy, *v, *q): the part that is
-    # measured.  square(*v, *q): |v|^2.
+    # For runs with tangents, small differences, whose components follow each other in
+    # ``v``.  The arguments are tuples.  rate(y, dy, v, q): dv.  seed(y, q): the first
+    # v.  transverse(y, dy, v, q): the part that is measured.
+    n_tangents: int = 0
     rate: Formula | None = None
     seed: Formula | None = None
     transverse: Formula | None = None
-    square: Formula | None = None
+    square: Formula | None = None  # square(*v, *q): |v|^2 of one tangent
+    # Of a frame of several tangents: factor(v, q): the triangle R of its factors QR.
+    # solve(v, R): the tangents Q.  trivial(y, dy, q): squared norms of the flow and of
+    # the gradient of the energy.
+    factor: Formula | None = None
+    solve: Formula | None = None
+    trivial: Formula | None = None
 
 
 # Bodies that roll without friction: slopes and angular velocity.
@@ -127,15 +143,44 @@ FULL = Model(
     volume=_volume,
 )
 
+@scalar
+def _tangent_rate(y, dy, v, q):
+    return tangent.rate(*(y + dy + v + q))
+
+
+@scalar
+def _tangent_seed(y, q):
+    return tangent.seed(*(y + q))
+
+
+@scalar
+def _tangent_transverse(y, dy, v, q):
+    return tangent.transverse(*(y + dy + v + q))
+
+
 TANGENT = replace(
     FULL,
     name="full_tangent",
-    rate=tangent.rate,
-    seed=tangent.seed,
-    transverse=tangent.transverse,
+    n_tangents=1,
+    rate=_tangent_rate,
+    seed=_tangent_seed,
+    transverse=_tangent_transverse,
     square=tangent.square,
 )
 """The full model with a tangent, for the largest Lyapunov exponent."""
+
+FRAME = replace(
+    FULL,
+    name="full_frame",
+    n_tangents=frame.N_TANGENTS,
+    rate=frame.rate,
+    seed=frame.seed,
+    transverse=frame.transverse,
+    factor=frame.factor,
+    solve=frame.solve,
+    trivial=frame.trivial,
+)
+"""The full model with three tangents, for all Lyapunov exponents."""
 
 
 # Bodies that roll with friction: the state has the work as its sixth component.
@@ -641,7 +686,7 @@ ATTITUDES = {
 PLAIN = *FRICTIONLESS.values(), VECTORS, *FRICTION.values(), REDUCED
 SLIDING_MODELS = *SLIDING.values(), VECTORS_SLIDING
 MODELS: dict[str, Model] = {
-    model.name: model for model in (*PLAIN, TANGENT, *SLIDING_MODELS)
+    model.name: model for model in (*PLAIN, TANGENT, FRAME, *SLIDING_MODELS)
 }
 
 

@@ -18,8 +18,10 @@ from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, METHODS, TOL
 from rattlesweep.integrate.task import Control, Task
+from rattlesweep.names import REGIMES
 from rattlesweep.physics import steady
 from rattlesweep.physics.theory import damping_rates, unsteady
+from rattlesweep.sweeps import regimes
 from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.columns import (
     GROUPS,
@@ -161,6 +163,12 @@ def _value_at(results: Results, source: str) -> Values:
     for name in source.split("."):
         value = value[name] if isinstance(value, Mapping) else getattr(value, name)
     return cast("Values", value)
+
+
+def _descending(exponents: Floats) -> pa.Array:
+    is_known = np.isfinite(exponents).all(axis=1)
+    counts = np.where(is_known, exponents.shape[1], -1)
+    return ragged(-np.sort(-exponents, axis=1), counts)
 
 
 @dataclass(frozen=True)
@@ -373,20 +381,52 @@ class Results:
 
     @property
     def lyapunov(self) -> Floats:
-        """Lyapunov exponent of the whole run."""
-        return self.exponents[0]
+        """Largest Lyapunov exponent of the whole run."""
+        whole, _ = self.exponents
+        return whole[:, 0]
 
     @property
     def lyapunov_late(self) -> Floats:
-        """Lyapunov exponent of the second half."""
-        return self.exponents[1]
+        """Largest Lyapunov exponent of the second half."""
+        _, late = self.exponents
+        return late[:, 0]
 
     @property
     def chaotic(self) -> pa.Array:
         """Whether differences grew by more than `types.LEAST_GROWTH` in that half."""
-        late = self.lyapunov_late
-        flags = is_chaotic(late, self.outcome.t_end)
-        return pa.array(flags, mask=~np.isfinite(late))
+        _, late = self.exponents
+        largest = late.max(axis=1)
+        flags = is_chaotic(largest, self.outcome.t_end)
+        return pa.array(flags, mask=~np.isfinite(largest))
+
+    @property
+    def lyapunov_spectrum(self) -> pa.Array:
+        """Lyapunov exponents of the whole run, in descending order."""
+        whole, _ = self.exponents
+        return _descending(whole)
+
+    @property
+    def lyapunov_spectrum_late(self) -> pa.Array:
+        """Lyapunov exponents of the second half, in descending order."""
+        _, late = self.exponents
+        return _descending(late)
+
+    @cached_property
+    def _level(self) -> Floats:
+        """Significant late exponents at constant energy."""
+        _, late = self.exponents
+        # The last exponent is that of the energy.
+        return regimes.significant(late[:, :-1], self.outcome.t_end)
+
+    @property
+    def kaplan_yorke(self) -> Floats:
+        """Dimension of Kaplan and Yorke."""
+        return regimes.kaplan_yorke(self._level)
+
+    @property
+    def regime(self) -> tuple[Integers, Sequence[str]]:
+        """Index of the regime of each run, and the words."""
+        return regimes.regimes(self._level), REGIMES
 
     @property
     def window_amplitude(self) -> pa.Array:

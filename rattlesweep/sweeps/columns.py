@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
+from rattlesweep.names import REGIMES
 from rattlesweep.quantities import (
     ENERGY,
     FORCE,
@@ -398,13 +399,56 @@ GROUPS = (
                 RATE,
                 "the same from half time, interpolated in its window; null: too short",
             ),
+        ),
+        not_with=("reduced", "gh"),
+    ),
+    recorded(
+        "spectrum",
+        "`record: [spectrum]`",
+        (
+            Column(
+                "lyapunov_spectrum",
+                SERIES,
+                "lyapunov_spectrum",
+                RATE,
+                "the five Lyapunov exponents, descending; null: no motion",
+            ),
+            Column(
+                "lyapunov_spectrum_late",
+                SERIES,
+                "lyapunov_spectrum_late",
+                RATE,
+                "the same from half time; null: too short",
+            ),
+            Column(
+                "kaplan_yorke",
+                F64,
+                "kaplan_yorke",
+                meaning="Kaplan and Yorke's dimension at constant energy, from half time",
+                refines=True,
+            ),
+            Column(
+                "regime",
+                TEXT,
+                "regime",
+                meaning=f"{', '.join(REGIMES)}; null: unknown",
+                refines=True,
+            ),
+        ),
+        not_with=("reduced", "gh"),
+    ),
+    Group(
+        "chaos",
+        "`record: [lyapunov]` or `[spectrum]`",
+        (
             Column(
                 "chaotic",
                 FLAG,
                 "chaotic",
-                meaning="lyapunov_late * t_end / 2 > 10; null: run too short",
+                meaning="largest late exponent * t_end / 2 > 10; null: run too short",
             ),
         ),
+        optional=True,
         not_with=("reduced", "gh"),
     ),
     recorded(

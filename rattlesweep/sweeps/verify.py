@@ -206,7 +206,7 @@ def _wrong_ends(rows: pa.Table, config: Config) -> Flags:
     horizon = _horizons(rows, config)
     reverses = np.isfinite(t_r)
     is_at_horizon = (t_end == horizon) | np.isnan(horizon)  # NaN: cannot be checked
-    if "n_turns" in rows.schema.names:
+    if config.goes_on:
         # Runs go on after their reversals, the first of which is before the end.
         goes_on = np.ones(len(rows), bool)
         is_right = is_at_horizon & ~(t_r > t_end)

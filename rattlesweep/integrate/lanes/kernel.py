@@ -300,12 +300,12 @@ def look_closer(problem, parts, w, l, max_steps, recording):
 def search_closely(problem, parts, w, l, max_steps, recording):
     """Search the step tried on lane ``l``; return a status and a move.
 
-    If reversals are recorded, a run goes on after a zero of the spin.
+    If :func:`runs.goes_on`, a run goes on after a zero of the spin.
     """
     lane = lane_of(problem, w, l)
     if lane.mode < PEAK:
         status, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, ZEROS))
-        if move == REVERSED and recorded(recording.reversals):
+        if move == REVERSED and runs.goes_on(problem, recording):
             runs.note_zero(lane, lane.t + (lane.h - lane.t_low))
             later, move = call_for_pair(
                 parts[DECIDE], (problem, w, l, max_steps, AFTER_ZERO)

@@ -207,7 +207,9 @@ Flag = float  # 1 or 0
 State = tuple[float, ...]  # as many numbers as the state of the model
 Constants = tuple[float, ...]
 Probe = tuple[float, ...]
-Tangent = tuple[float, ...]  # as many as the state, or none without a tangent
+Tangent = tuple[float, ...]  # as many as the tangents of the model, or none
+Stage = tuple[float, ...]  # as many as the state, or none without tangents
+Lengths = tuple[float, ...]  # one for each tangent of a frame
 
 
 class Fields:
@@ -321,10 +323,12 @@ class Fields:
     n_after: Number  # largest modulus of the spin since the last one
     n_peak: Number  # largest modulus found within the step
 
-    # Phase volume and tangent.
+    # Phase volume and tangents.
     volume: Number  # logarithm
     volume_rate1: Number  # its rate over the step
     shift: Number  # exponent of the power of two taken out of the tangent
+    flow0: Number  # logarithm of the flow's norm at launch
+    steep0: Number  # logarithm of the norm of the energy's gradient at launch
 
     # What depends on the model: the fields from `y` on.
     y: State  # at the start of the step
@@ -337,8 +341,11 @@ class Fields:
     g: Tangent  # its derivative
     v1: Tangent
     g1: Tangent
-    ys: Tangent  # the state in a stage
-    fs: Tangent
+    ys: Stage  # the state in a stage
+    fs: Stage
+    # Growth of the tangents of a frame so far, with powers of two taken out.
+    length: Lengths
+    shifts: Lengths  # exponents of these powers
 
 
 class Layout:
@@ -351,13 +358,23 @@ class Layout:
 
     def __init__(self, model: Model | None) -> None:
         # How many numbers a field has whose kind depends on the model.
-        numbers = {"State": 0, "Constants": 0, "Probe": 0, "Tangent": 0}
+        numbers = {
+            "State": 0,
+            "Constants": 0,
+            "Probe": 0,
+            "Tangent": 0,
+            "Stage": 0,
+            "Lengths": 0,
+        }
         if model:
             numbers["State"] = model.n_state
             numbers["Constants"] = model.n_constants
             numbers["Probe"] = model.n_probe
-        if model and model.rate:
-            numbers["Tangent"] = model.n_state
+            numbers["Tangent"] = model.n_tangents * model.n_state
+        if model and model.n_tangents:
+            numbers["Stage"] = model.n_state
+        if model and model.n_tangents > 1:
+            numbers["Lengths"] = model.n_tangents
         self.fields: dict[str, tuple[int, types.Type]] = {}
         row = 0
         # The annotations are texts, such as "State".
@@ -373,9 +390,8 @@ class Layout:
 
     def rows(self, tableau: Tableau, model: Model) -> int:
         """Return the number of rows of the workspace for a method."""
-        stages = (tableau.stages - 1) * model.n_state
-        if model.rate:
-            stages *= 2
+        vectors = 1 + model.n_tangents
+        stages = (tableau.stages - 1) * vectors * model.n_state
         return self.stages + stages + model.n_carried * (tableau.stages + 1)
 
 

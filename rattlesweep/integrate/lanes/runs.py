@@ -1,8 +1,8 @@
 """A run in a lane: its start, what is observed at its steps, its end.
 
 A run may carry a tangent, which is scaled by a power of two when it has become very
-long or short. Barriers keep the arithmetic of the tangent apart from that of the state,
-whose bits are then the same as without a tangent.
+long or short, or a frame of tangents. Barriers keep their arithmetic apart from that of
+the state, whose bits are then the same as without tangents.
 """
 
 # mypy: ignore-errors
@@ -76,10 +76,12 @@ class Recording(NamedTuple):
     reversals: Floats
     volume: Floats  # mean rate of phase volume
     # Time and logarithm of the tangent's growth at the ends of the windows and of the
-    # run.  If a step ends several windows, only the row of the first is filled.
+    # run.  If a step ends several windows, only the row of the first is filled.  With a
+    # frame there are N_GROWTHS logarithms: of its tangents, the flow and the energy.
     lyapunov: Floats
 
 
+N_GROWTHS = 5
 N_WINDOWS = 64
 MOST_REVERSALS = 8  # reversals that are stored
 SHAPES = Recording(
@@ -109,12 +111,20 @@ SHORTER = 2.0**-SHIFT
 LONGER = 2.0**SHIFT
 SHORT = SHORTER**2
 LONG = LONGER**2
+# Squared norm below which a flow no longer determines what is normal to it.
+NO_FLOW = 1e-270
 
 
 @njit(**INNER)
 def recorded(array):
     """Return whether an observation is recorded."""
     return array.shape[0] > 0
+
+
+@njit(**INNER)
+def goes_on(problem, recording):
+    """Return whether runs go on after a zero of the spin."""
+    return recorded(recording.reversals) or problem.model.n_tangents > 1
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -463,9 +473,9 @@ def finish(lane, status, reversal, t, run, result, counts, recording):
     t_r = t if reversal and status == OK and not is_dead(lane) else nan
     if recorded(recording.reversals):
         note_side(lane, recording.reversals)
-        # A failure after the first zero leaves it valid, unless the energy has drifted.
-        if lane.t_zero > 0.0 and status != ENERGY:
-            t_r = lane.t_zero
+    # A failure after the first zero leaves it valid, unless the energy has drifted.
+    if goes_on(lane.problem, recording) and lane.t_zero > 0.0 and status != ENERGY:
+        t_r = lane.t_zero
     if recorded(recording.energy):
         recording.energy[run, 0, 0] = max(lane.drift_max, abs(drift))
     if recorded(recording.contact):
@@ -509,15 +519,15 @@ def advance(problem, w):
 def start_tangent(lane):
     """Give a lane the model's first tangent, made transverse and of norm 1."""
     model = lane.problem.model
-    lane.v = model.seed(*(lane.y + lane.constants))
-    p, q, a, b, c = model.transverse(*(lane.y + lane.f + lane.v + lane.constants))
+    lane.v = model.seed(lane.y, lane.constants)
+    p, q, a, b, c = model.transverse(lane.y, lane.f, lane.v, lane.constants)
     norm = sqrt(model.square(p, q, a, b, c, *lane.constants))
     v = p / norm, q / norm, a / norm, b / norm, c / norm
     lane.v = v
     # All components but the last are read again.  This decides which products are
     # fused, and so keeps the last bits of the exponents.
     barrier()
-    lane.g = model.rate(*(lane.y + lane.f + lane.v[:-1] + v[-1:] + lane.constants))
+    lane.g = model.rate(lane.y, lane.f, lane.v[:-1] + v[-1:], lane.constants)
     lane.shift = 0.0
 
 
@@ -585,6 +595,106 @@ def finish_both(lane, status, reversal, t, run, result, counts, recording):
     finish(lane, status, reversal, t, run, result, counts, recording)
 
 
+# The same with a frame of tangents, which is made orthonormal after each step.
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def start_frame(lane):
+    """Give a lane the model's first frame, made transverse and orthonormal."""
+    model = lane.problem.model
+    q = lane.constants
+    frame = model.transverse(lane.y, lane.f, model.seed(lane.y, q), q)
+    lane.v = model.solve(frame, model.factor(frame, q))
+    lane.g = model.rate(lane.y, lane.f, lane.v, q)
+    flow, steep = model.trivial(lane.y, lane.f, q)
+    lane.flow0 = 0.5 * log(flow)
+    lane.steep0 = 0.5 * log(steep)
+    lane.length = 1.0, 1.0, 1.0
+    lane.shifts = 0.0, 0.0, 0.0
+
+
+@scalar
+def _scaled(length):
+    """Return a growth with a power of two taken out, and its exponent."""
+    factor = SHORTER if length > LONGER else 1.0
+    factor = LONGER if length < SHORTER else factor
+    out = 1.0 * SHIFT if length > LONGER else 0.0
+    out = -1.0 * SHIFT if length < SHORTER else out
+    return length * factor, out
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def advance_frame(problem, w):
+    """Move the frames of all lanes to the end of their step."""
+    widest_vectors()
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        frame = lane.v1
+        triangle = problem.model.factor(frame, lane.constants)
+        lane.v = problem.model.solve(frame, triangle)
+        lane.g = problem.model.solve(lane.g1, triangle)
+        first, second, third = lane.length
+        first, out_1 = _scaled(first * triangle[0])
+        second, out_2 = _scaled(second * triangle[1])
+        third, out_3 = _scaled(third * triangle[2])
+        lane.length = first, second, third
+        s1, s2, s3 = lane.shifts
+        lane.shifts = s1 + out_1, s2 + out_2, s3 + out_3
+
+
+@njit(**INNER)
+def advance_with_frame(problem, w):
+    """Move all lanes and their frames to the end of their step."""
+    advance(problem, w)
+    advance_frame(problem, w)
+
+
+@njit(**INNER)
+def start_with_frame(lane, run, y0, constants, probe, plan):
+    """Start a run with a frame in a lane."""
+    start(lane, run, y0, constants, probe, plan)
+    barrier()
+    start_frame(lane)
+    barrier()
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def note_frame(lane, t, run, growths):
+    """Store the time and the five growths in the row of the window.
+
+    Where the flow has decayed too far to tell its direction, the row stays empty.
+    """
+    k = min(int(lane.window_no), N_WINDOWS - 1)
+    model = lane.problem.model
+    barrier()
+    flow, steep = model.trivial(lane.y1, lane.f1, lane.constants)
+    if flow < NO_FLOW:
+        return
+    triangle = model.factor(lane.v1, lane.constants)
+    growths[run, k, 0] = t
+    for i in range(len(lane.length)):
+        growth = log(lane.length[i] * triangle[i])
+        growths[run, k, 1 + i] = growth + LOG_2 * lane.shifts[i]
+    growths[run, k, 4] = 0.5 * log(flow) - lane.flow0
+    growths[run, k, 5] = lane.steep0 - 0.5 * log(steep)
+    barrier()
+
+
+@njit(**INNER)
+def pass_marks_with_frame(lane, t, run, recording):
+    """Pass marks, and store the growths at the end of a window."""
+    if t >= lane.window_end:
+        note_frame(lane, t, run, recording.lyapunov)
+    pass_marks(lane, t, run, recording)
+
+
+@njit(**INNER)
+def finish_with_frame(lane, status, reversal, t, run, result, counts, recording):
+    """Store the results of a run, and the growths."""
+    note_frame(lane, t, run, recording.lyapunov)
+    finish(lane, status, reversal, t, run, result, counts, recording)
+
+
 def hooks_of(model: Model) -> Hooks:
     """Return the functions that differ between models."""
     hooks = Hooks(
@@ -598,8 +708,16 @@ def hooks_of(model: Model) -> Hooks:
         change=unchanged,
         observe=observe,
     )
-    if model.rate is None:
+    if model.n_tangents == 0:
         return hooks
+    if model.n_tangents > 1:
+        return replace(
+            hooks,
+            start=start_with_frame,
+            pass_marks=pass_marks_with_frame,
+            finish=finish_with_frame,
+            advance=advance_with_frame,
+        )
     return replace(
         hooks,
         start=start_both,

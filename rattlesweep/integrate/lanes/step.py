@@ -53,7 +53,7 @@ class _Attempt:
             self.errors()
         else:
             self.loop("lane.y1 = lane.y", "lane.f1 = lane.f")
-            if model.rate:
+            if model.n_tangents:
                 self.loop("lane.v1 = lane.v", "lane.g1 = lane.g")
             self.lines.append(f"    for _ in range({SUBSTEPS}):")
             self.indent = 8
@@ -72,9 +72,10 @@ class _Attempt:
         model = self.model
         n = model.n_state
         # First rows of the derivatives in the stages: of the state, and of the tangent.
+        wide = model.n_tangents * n
         free = self.at.stages + (tableau.stages - 1) * n
         stages = [f, *range(self.at.stages, free, n)]
-        tangents = [g, *range(free, free + (tableau.stages - 1) * n, n)]
+        tangents = [g, *(free + i * wide for i in range(tableau.stages - 1))]
         self.stages = stages
         # First rows of the carried functions: at the start, then of their derivatives.
         n_carried = model.n_carried
@@ -96,16 +97,19 @@ class _Attempt:
                 f"f = problem.model.{rhs}(*q)",
                 f"{self.scatter(rows)}(w, l, f)",
             ]
-            if not model.rate:
+            if not model.n_tangents:
                 self.loop(*body)
                 continue
             # Stored for the tangent's stage, which has its own loop.
             self.loop(*body, f"lane.ys = q[:{n}]", "lane.fs = f")
             at_stage = self.at.ys, self.at.fs
             read = self.tangent_at(tableau.a[i], tangents, v, share, *at_stage)
-            write = self.scatter(span(tangents[i], n))
-            rate = f"problem.model.rate(*{read}(w, l))"
-            self.loop(f"{write}(w, l, {rate})", barriers=True)
+            write = self.scatter(span(tangents[i], wide))
+            self.loop(
+                *read,
+                f"{write}(w, l, problem.model.rate(y, f, v, q))",
+                barriers=True,
+            )
         if self.volume:
             self.add_volume(y, share)
         body = [
@@ -116,16 +120,16 @@ class _Attempt:
             "lane.f1 = f",
         ]
         self.loop(*body, *(SEEN if tableau.adaptive else ()))
-        if model.rate:
+        if model.n_tangents:
             at_end = self.at.y1, self.at.f1
             read = self.tangent_at(tableau.b, tangents, v, share, *at_end)
             # Only the transverse part is kept: where it decays, rounding errors in the
             # other directions would soon hide it.
             self.loop(
-                f"q = {read}(w, l)",
-                "v = problem.model.transverse(*q)",
+                *read,
+                "v = problem.model.transverse(y, f, v, q)",
                 "lane.v1 = v",
-                f"lane.g1 = problem.model.rate(*(q[:{2 * n}] + v + q[{3 * n}:]))",
+                "lane.g1 = problem.model.rate(y, f, v, q)",
                 barriers=True,
             )
 
@@ -170,11 +174,17 @@ class _Attempt:
 
     def tangent_at(
         self, row: Row, tangents: Sequence[int], v: int, share: float, y: int, f: int
-    ) -> str:
-        """Return a reader of ``y, f``, a sum of the tangent and the constants."""
+    ) -> list[str]:
+        """Return lines that read ``y, f``, a sum of the tangents ``v``, constants ``q``."""
         n = self.model.n_state
-        tangent = self.sums(n, row, tangents, v, share)
-        return self.gather(f"{span(y, n)} + {span(f, n)} + {tangent}")
+        end = (2 + self.model.n_tangents) * n
+        tangent = self.sums(end - 2 * n, row, tangents, v, share)
+        read = self.gather(f"{span(y, n)} + {span(f, n)} + {tangent}")
+        return [
+            f"cells = {read}(w, l)",
+            f"y, f = cells[:{n}], cells[{n}:{2 * n}]",
+            f"v, q = cells[{2 * n}:{end}], cells[{end}:]",
+        ]
 
     def sums(
         self, count: int, row: Row, stages: Sequence[int], *from_and_share: float

@@ -158,10 +158,11 @@ def _integrator(config: Config) -> Iterator[Clash]:
     word = integrator.accuracy
     if isinstance(word, str) and control == "accuracy" and integrator.tol is None:
         yield "integrator.accuracy", f"{word} sets method and tol; leave them out"
-    if integrator.goal and (config.model == "gh" or "reversals" in config.record):
+    if integrator.goal and (config.model == "gh" or config.goes_on):
         yield (
             "integrator",
-            "accuracy {t_r: ...} excludes model gh and record reversals; keep one",
+            "accuracy {t_r: ...} excludes model gh, and record reversals and spectrum; "
+            "keep one",
         )
 
 
@@ -175,12 +176,17 @@ def _records(config: Config) -> Iterator[Clash]:
             "classify",
             "early needs model full and paraboloids without dissipation; leave it out",
         )
-    if "lyapunov" in recorded and not plain:
-        yield "record", "lyapunov needs paraboloids without dissipation; leave it out"
-    if early and {"lyapunov", "volume", "reversals"} & recorded:
+    for name in ("lyapunov", "spectrum"):
+        if name in recorded and not plain:
+            needs = f"{name} needs paraboloids without dissipation; leave it out"
+            yield "record", needs
+    if {"spectrum", "error"} <= recorded:
+        yield "record", "spectrum and error exclude each other; keep one"
+    if early and {"lyapunov", "spectrum", "volume", "reversals"} & recorded:
         yield (
             "record",
-            "lyapunov, volume and reversals need whole runs; leave classify.early out",
+            "lyapunov, spectrum, volume and reversals need whole runs; leave "
+            "classify.early out",
         )
 
 

@@ -781,7 +781,10 @@ class Config(Base):
         AfterValidator(distinct),
         UNIQUE,
         BeforeValidator(_word_as_list),
-    ] = key(list, "Extra columns; with reversals, runs continue to the horizon.")
+    ] = key(
+        list,
+        "Extra columns; with reversals or spectrum, runs continue to the horizon.",
+    )
     output: str | None = key(None, "Directory; null: out/<name>.", **PATH)
 
     _places: Places = pydantic.PrivateAttr(default_factory=Places)
@@ -831,11 +834,17 @@ class Config(Base):
         return self.refine.by
 
     @property
+    def goes_on(self) -> bool:
+        """Whether runs go on to the horizon after a reversal."""
+        return not {"reversals", "spectrum"}.isdisjoint(self.record)
+
+    @property
     def parts(self) -> list[str]:
         """Optional groups of columns in `runs`."""
         groups = {
             "tol": self.integrator.goal,
             "turns": {"error", "reversals"} <= {*self.record},
+            "chaos": {"lyapunov", "spectrum"} & {*self.record},
             self.bodies.bottom: SURFACES[self.bodies.bottom],
             "dissipation": self.dissipation,
             **{name: LOSSES[name].optional for name in self.dissipation.present},
