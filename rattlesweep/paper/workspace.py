@@ -35,7 +35,7 @@ class Sizes:
     lyapunov: int = 20_000  # runs of type SW that are tested for chaos, at most
     windows: int = 6000  # runs of Fig. 8 that are followed in windows of time, at most
     friction: int = 1000  # bodies under friction
-    exponents_t_end: float = 200_000.0  # of the runs of Fig. 9
+    exponents_t_end: float = 1_000_000.0  # of the runs of Fig. 9
 
 
 FULL = Sizes()

@@ -1,10 +1,12 @@
-"""All Lyapunov exponents: frames, their growth, sums, and steady spins."""
+"""All Lyapunov exponents: frames, their growth, sums, an independent program."""
 
 import kernels
 import numpy as np
 import oracle
 import pytest
+import spectrum_oracle
 
+import rattlesweep as rs
 from rattlesweep.integrate.batch import exponents, integrate, longest_frame_steps
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import DOP853
@@ -170,3 +172,62 @@ def test_threads_and_neighbours_do_not_matter(runs, outcome):
     two = integrate(many, DOP853, FULL, tol=1e-11, record=SPECTRUM, threads=2)
     kernels.assert_same(one, two)
     kernels.assert_same(kernels.take(one, slice(0, 6)), outcome)
+
+
+def kernel_frame(body, omega, u):
+    """Return the kernel's directions at a launch, orthonormal, in columns.
+
+    They are the flow, three tangents at constant energy, and the gradient of energy.
+    """
+    norm = spectrum_oracle.energy_norm(*body)
+    root = np.linalg.cholesky(norm).T
+    q = tuple(map(float, full.constants(*body)))
+    y = (u[0] / u[2], u[1] / u[2], *omega)
+    flow = full.rhs(*y, *q)
+    gradient = np.linalg.solve(norm, tangent.gradient(*y, *q))
+    unit = gradient / np.sqrt(gradient @ norm @ gradient)
+    seeds = np.reshape(frame.seed(y, q), (3, 5))
+    level = np.array([flow, *seeds]).T
+    level -= np.outer(unit, unit @ norm @ level)
+    columns = np.column_stack([level, unit])
+    orthonormal, _ = np.linalg.qr(root @ columns)
+    return np.linalg.solve(root, orthonormal)
+
+
+@pytest.mark.parametrize(
+    ("body", "omega", "u", "t_end"),
+    [
+        ((7, 3, 7, 0.25, 1 / 9, -0.485), (0.24, -1.22, 0.83), (0.19, -0.2, -0.96), 60),
+        ((7, 6, 7, 0.25, 1 / 9, -0.2), (0.3, -0.4, 0.6), (0.4, -0.3, -0.83), 100),
+        (tuple(GH.values()), (0.02, 0.01, -0.3), (0.01, -0.02, -1.0), 100),
+    ],
+)
+def test_an_independent_program_has_the_same_exponents(body, omega, u, t_end):
+    u = np.array(u) / np.linalg.norm(u)
+    stone = rs.Rattleback(*body)
+    record = ["spectrum", "volume"]
+    run = rs.simulate(
+        stone, omega=omega, u=list(u), t_end=t_end, tol=1e-13, record=record
+    )
+    theirs = spectrum_oracle.spectrum(
+        body, omega, u, t_end, frame=kernel_frame(body, omega, u)
+    )
+    expected = -np.sort(-theirs.exponents)
+    assert run.lyapunov_spectrum == pytest.approx(expected, abs=3e-9)
+    assert sum(run.lyapunov_spectrum) == pytest.approx(theirs.divergence, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_exponents_do_not_depend_on_the_first_frame():
+    # The five exponents of a generic frame, none of them set to zero.
+    body = (7, 3, 7, 0.25, 1 / 9, -0.485)
+    omega = (0.239443, -1.22271, 0.825371)
+    u = (0.188817, -0.19839, -0.961764)
+    run = rs.simulate(
+        rs.Rattleback(*body), omega=omega, u=u, t_end=3000, record="spectrum"
+    )
+    theirs = spectrum_oracle.spectrum(body, omega, u, 3000)
+    expected = -np.sort(-theirs.exponents)
+    # The two zeros decay as log(t)/t; the others are means over different chaotic runs.
+    assert sorted(np.abs(expected))[:2] == pytest.approx([0, 0], abs=5e-3)
+    assert run.lyapunov_spectrum == pytest.approx(expected, abs=1e-2)
