@@ -6,6 +6,7 @@ import html
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,12 +24,14 @@ from rattlesweep.text import Bar, counted
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
     from rattlesweep.analysis.fit.result import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.analysis.onerun.replay import StoredRun
+    from rattlesweep.analysis.style import Style
     from rattlesweep.physics.si import Units
     from rattlesweep.sweeps.launches import Launch
 
@@ -77,19 +80,41 @@ class Trajectory:
     `status` is ``ok`` or a word for what went wrong.  `warning` says where contact
     would be lost, or rolling needs a coefficient of friction above 0.3, and how large.
     `slides` has begin and end of each slide.
+
+    If a section is asked for, the DataFrame `section` has the columns at each crossing,
+    with `t` first and with `rising`, whether the channel rises there; the run is then
+    integrated again for `table`, when that is first used.
     """
 
-    def __init__(self, run: PreparedRun, channels: Sequence[str], **rows: Any) -> None:
+    def __init__(
+        self,
+        run: PreparedRun,
+        channels: Sequence[str] | None,
+        section: str | None = None,
+        **rows: Any,
+    ) -> None:
         import pandas as pd
 
         from rattlesweep.analysis.onerun.course import Course
+        from rattlesweep.analysis.onerun.section import Section
 
-        names = arguments.names_of("channels", channels)
+        names = None
+        if channels is not None:
+            names = arguments.names_of("channels", channels)
         arguments.check_names("arguments", rows, ROWS)
-        course = Course(run, names, **rows_of(run.units, **rows))
+        chosen_rows = rows_of(run.units, **rows)
+        self.section: pd.DataFrame | None = None
+        if section is None:
+            course = Course(run, names, **chosen_rows)
+            self.table = pd.DataFrame(course.columns())
+        else:
+            plane = Section.parse(section, run.model, run.units)
+            start = chosen_rows["from_time"]
+            course = Course(run, names, section=plane, from_time=start)
+            self.section = pd.DataFrame(course.columns())
+            self._course_of_table = partial(Course, run, names, **chosen_rows)
         follower = course.follower
         self._course = course
-        self.table = pd.DataFrame(course.columns())
         self.units = {channel.name: channel.unit for channel in course.channels}
         self.reversals = np.array(course.reversals)
         self.zeros = np.array(follower.zeros)
@@ -99,16 +124,29 @@ class Trajectory:
         self.warning = course.warning
         self.slides = np.array(course.slides).reshape(-1, 2)
 
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """The rows beside a section, for which the run is integrated again."""
+        import pandas as pd
+
+        return pd.DataFrame(self._course_of_table().columns())
+
     def __getitem__(self, columns: str | list[str]) -> Any:
-        """Return a column as a Series, or several as a DataFrame."""
+        """Return a column of `table` as a Series, or several as a DataFrame."""
         return self.table[columns]
 
     def __repr__(self) -> str:
-        turns = counted(len(self.reversals), "reversal")
-        return f"<Trajectory of {', '.join(self.units)}: {turns} by t = {self.t_end:g}>"
+        events = counted(len(self.reversals), "reversal")
+        if self.section is not None:
+            events += f" and {counted(len(self.section), 'crossing')}"
+        names = ", ".join(self.units)
+        return f"<Trajectory of {names}: {events} by t = {self.t_end:g}>"
 
     def _repr_html_(self) -> str:
-        return f"<div>{html.escape(repr(self))}{self.table.to_html(max_rows=6)}</div>"
+        shown = self.section
+        if shown is None:
+            shown = self.table
+        return f"<div>{html.escape(repr(self))}{shown.to_html(max_rows=6)}</div>"
 
     def show(self, *, title: str | None = None, **shown: Any) -> Page:
         """Make a page of this run with the arguments of ``show``."""
@@ -123,6 +161,41 @@ class Trajectory:
             raise ConfigError("channels: a plot needs t and at least one other")
         columns = {str(name): self.table[name].to_numpy() for name in self.table}
         return draw(columns, self._course, path)
+
+    def plot_section(
+        self,
+        x: str | None = None,
+        y: str | None = None,
+        path: str | Path | None = None,
+        *,
+        style: Style = None,
+        ax: Axes | None = None,
+        size: tuple[float, float] | None = None,
+        caption: bool = True,
+    ) -> Figure:
+        """Draw two channels at the crossings of the section against each other.
+
+        By default these are the first two that are neither `t` nor the channel of the
+        section.  `path`, `style`, `ax`, `size` (in inches) and `caption` are as for a
+        sweep's ``plot``.  Raises a ConfigError if the run has no section, or a channel is not
+        in it.
+        """
+        from rattlesweep.analysis.onerun.figure import axes_of, draw_section
+
+        if self.section is None:
+            raise ConfigError("section: none is asked for; give section to trajectory")
+        columns = {str(name): self.section[name].to_numpy() for name in self.section}
+        axes = axes_of(self._course, x, y)
+        return draw_section(
+            columns,
+            self._course,
+            *axes,
+            path=path,
+            style_of=style,
+            ax=ax,
+            size=size,
+            caption=caption,
+        )
 
 
 @dataclass(frozen=True)
@@ -278,7 +351,8 @@ def simulate(
 def trajectory(
     body: Rattleback | str,
     *,
-    channels: Sequence[str] = ("t", "n"),
+    channels: Sequence[str] | None = None,
+    section: str | None = None,
     points: int | None = None,
     dt: Number | None = None,
     steps: bool = False,
@@ -316,6 +390,7 @@ def trajectory(
     return Trajectory(
         prepare_launch(body, **launch),
         channels,
+        section,
         points=points,
         dt=dt,
         steps=steps,
@@ -350,7 +425,8 @@ def replay(
     sample: int,
     *,
     t_end: Number | None = None,
-    channels: Sequence[str] = ("t", "n"),
+    channels: Sequence[str] | None = None,
+    section: str | None = None,
     **rows: Any,
 ) -> Trajectory:
     """Integrate a stored run again as a trajectory, if it comes out as stored.
@@ -361,7 +437,7 @@ def replay(
     in any bit.
     """
     _, run = prepare_stored(directory, t_end, case=case, sample=sample)
-    return Trajectory(run, channels, **rows)
+    return Trajectory(run, channels, section, **rows)
 
 
 def fit(

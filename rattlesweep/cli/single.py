@@ -132,7 +132,14 @@ series = options.stack(
         type=options.NAMES,
         callback=_list_channels,
         help="Columns, and panels of the figure; 'list' prints all of them.  "
-        "[default: t,n]",
+        "[default: t,n; of a section, the variables of the state]",
+    ),
+    option(
+        "--section",
+        metavar="CHANNEL=VALUE",
+        help="Instead of rows in time, one row for each passage of a channel through a "
+        "value, as in omega_y=0; omega_y=0+ takes only those that rise, omega_y=0- "
+        "those that fall.  The figure shows the first two other channels.",
     ),
     options.file(
         "--output",
@@ -150,6 +157,9 @@ series = options.stack(
     "rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
     "--channels t,n,E_p,E_r --output run.parquet --figure run.svg",
     "rattlesweep trajectory --preset GH --omega 0.02,0,-0.3 --u 0.01,0,-1 --t-end 500",
+    "rattlesweep trajectory --preset GH --n-i -0.3 --omega-xy0 0.1 --t-end 1e5 "
+    "--section omega_y=0+ --channels n,omega_x --output section.csv "
+    "--figure section.png",
 )
 @options.body
 @options.launch
@@ -292,6 +302,7 @@ def _follow(
     proof: str = "",
     *,
     channels: tuple[str, ...] | None,
+    section: str | None,
     output: Path | None,
     figure: Path | None,
     quiet: bool,
@@ -299,11 +310,25 @@ def _follow(
 ) -> int:
     """Integrate a run, and write its files or print CSV; a figure has its own rows."""
     from rattlesweep.analysis.onerun.course import Course, save, write_csv
+    from rattlesweep.analysis.onerun.section import Section
     from rattlesweep.api.single import rows_of
 
     rows = rows_of(run.units, **given)
+    if section is not None:
+        rows["section"] = Section.parse(section, run.model, run.units, is_typed=True)
+    if section is not None and figure is not None:
+        from rattlesweep.analysis.onerun.figure import axes_of, draw_section
+
+        # The points of the figure are the rows of the file.
+        course = Course(run, channels, **rows)
+        axes = axes_of(course)
+        columns = course.columns()
+        draw_section(columns, course, *axes, path=figure)
+        if output is not None:
+            save(course, output, [columns])
+        return _say_outcome(course, quiet, proof)
     if output is not None or figure is None:
-        course = Course(run, channels or ("t", "n"), **rows)
+        course = Course(run, channels, **rows)
         if output is None:
             write_csv(course, sys.stdout.buffer)
         else:
@@ -329,6 +354,9 @@ def _say_outcome(course: Course, quiet: bool, proof: str) -> int:
             text += f" ({', '.join(f'{t * units.time:.4g} s' for t in first)})"
         if follower.zeros != course.reversals:
             text += f" ({_times(follower.zeros, 'zero crossing')})"
+        if course.section is not None:
+            crossings = counted(course.n_crossings, "crossing")
+            text += f"; {crossings} of {course.section.text}"
         text += f"; {follower.n_steps} steps to t = {follower.t:g}"
         if units is not None:
             text += f" ({follower.t * units.time:.4g} s)"

@@ -2,15 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from rattlesweep.analysis import style
 from rattlesweep.analysis.onerun.channels import CHANNELS
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
-from rattlesweep.analysis.style import GREY, INK, VERMILION, curve
+from rattlesweep.analysis.style import BLUE, GREY, INK, VERMILION, curve
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.files import as_path
 from rattlesweep.text import counted
 
@@ -25,6 +30,9 @@ BESIDE = {
     "n_gh": ("Garcia and Hubbard", INK, "--"),
     "n_reduced": ("reduced model", VERMILION, "-."),
 }
+SENSES = {True: ("rising", BLUE), False: ("falling", VERMILION)}
+SECTION_SIZE = (4.8, 4.4)  # inches
+POINT_SIZES = (0.5, 3.0)  # points, the less the more of them
 SHOWN = {"full": ("n", "omega_x", "omega_y"), "reduced": ("n", "E_p", "E_r")}
 
 
@@ -41,6 +49,90 @@ def course_of(
             names.append("n_reduced")
     points = run.even_rows(PER_PERIOD, LEAST, MOST, start)
     return Course(run, names, points=points, from_time=start)
+
+
+def axes_of(course: Course, x: str | None = None, y: str | None = None) -> list[str]:
+    """Return the channels of a section to draw, by default its first two.
+
+    Those are neither `t` nor the channel of the section.  Raise a ConfigError if there
+    are not two.
+    """
+    names = [channel.name for channel in course.channels if channel.name in CHANNELS]
+    for name in (x, y):
+        if name is not None and name not in names:
+            raise ConfigError(f"axes of a section: {not_one_of(name, names)}")
+    assert course.section is not None
+    crossed = course.section.channel.name
+    fixed = ("t", crossed, x, y)
+    free = [name for name in names if name not in fixed]
+    axes = []
+    for name in (x, y):
+        if name is None and not free:
+            raise ConfigError(
+                f"channels: the figure of a section needs two besides t and {crossed}"
+            )
+        axes.append(name or free.pop(0))
+    return axes
+
+
+def draw_section(
+    columns: Mapping[str, NDArray[Any]],
+    course: Course,
+    x: str,
+    y: str,
+    *,
+    path: str | Path | None = None,
+    style_of: style.Style = None,
+    ax: Axes | None = None,
+    size: tuple[float, float] | None = None,
+    caption: bool = True,
+) -> Figure:
+    """Return a figure of two channels at the crossings of a course's section.
+
+    It has the columns of that course, in SI units if it can, and is drawn on `ax` if
+    these axes of the caller's are given.
+    """
+    section = course.section
+    assert section is not None
+    with style.styled(style_of):
+        axes = ax
+        if axes is None:
+            axes = style.new_figure(*(size or SECTION_SIZE)).subplots()
+        figure = axes.get_figure(root=True)
+        assert figure is not None
+        value, unit = section.value_in(course.run.units)
+        heading = f"{style.symbol(section.channel.name)} = {value:.6g}"
+        if value != 0:
+            heading += f" {style.UNITS.get(unit, unit)}"
+        handles = []
+        for is_rising, (word, colour) in SENSES.items():
+            here = columns["rising"] == is_rising
+            count = int(here.sum())
+            if not count:
+                continue
+            axes.plot(
+                columns[course.si.get(x, CHANNELS[x]).name][here],
+                columns[course.si.get(y, CHANNELS[y]).name][here],
+                "o",
+                color=colour,
+                markersize=float(np.clip(60 / np.sqrt(count), *POINT_SIZES)),
+                markeredgewidth=0,
+                rasterized=True,
+            )
+            handles.append(style.entry(f"{count:,} {word}", color=colour, marker="o"))
+        for name, set_label in ((x, axes.set_xlabel), (y, axes.set_ylabel)):
+            set_label(style.label(name, course.si.get(name, CHANNELS[name]).unit))
+        style.light_grid(axes)
+        if ax is not None:
+            axes.legend(handles=handles, title=heading)
+            if path is not None:
+                style.save(figure, [as_path(path, "path")])
+            return figure
+        style.add_legend(figure, handles, [heading])
+        if caption:
+            style.add_caption(figure, [f"{course.run.title}."], grow=size is None)
+        style.separate_ticks(figure)
+        return shown(figure, path)
 
 
 def shown(figure: Figure, path: str | Path | None = None) -> Figure:
