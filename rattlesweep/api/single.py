@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from rattlesweep.analysis.fit.result import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.analysis.onerun.replay import StoredRun
-    from rattlesweep.analysis.style import Style
     from rattlesweep.physics.si import Units
     from rattlesweep.sweeps.launches import Launch
 
@@ -168,34 +167,20 @@ class Trajectory:
         y: str | None = None,
         path: str | Path | None = None,
         *,
-        style: Style = None,
         ax: Axes | None = None,
-        size: tuple[float, float] | None = None,
-        caption: bool = True,
     ) -> Figure:
         """Draw two channels at the crossings of the section against each other.
 
-        By default these are the first two that are neither `t` nor the channel of the
-        section.  `path`, `style`, `ax`, `size` (in inches) and `caption` are as for a
-        sweep's ``plot``.  Raises a ConfigError if the run has no section, or a channel is not
-        in it.
+        By default they are the first that are neither `t` nor the channel of the
+        section.  `path` is an .svg, .png or .pdf file to write.  The figure is that of
+        `ax`, if axes are given, and otherwise has the size of ``matplotlib.rcParams``.
+        Raises a ConfigError if the run has no section, or not these channels.
         """
-        from rattlesweep.analysis.onerun.figure import axes_of, draw_section
+        from rattlesweep.analysis.onerun.figure import draw_section
 
         if self.section is None:
             raise ConfigError("section: none is asked for; give section to trajectory")
-        columns = {str(name): self.section[name].to_numpy() for name in self.section}
-        axes = axes_of(self._course, x, y)
-        return draw_section(
-            columns,
-            self._course,
-            *axes,
-            path=path,
-            style_of=style,
-            ax=ax,
-            size=size,
-            caption=caption,
-        )
+        return draw_section(self._course, x, y, path, ax)
 
 
 @dataclass(frozen=True)

@@ -316,24 +316,17 @@ def _follow(
     rows = rows_of(run.units, **given)
     if section is not None:
         rows["section"] = Section.parse(section, run.model, run.units, is_typed=True)
-    if section is not None and figure is not None:
-        from rattlesweep.analysis.onerun.figure import axes_of, draw_section
+    if section is not None or output is not None or figure is None:
+        course = Course(run, channels, **rows)
+        if section is not None and figure is not None:
+            from rattlesweep.analysis.onerun.figure import draw_section
 
-        # The points of the figure are the rows of the file.
-        course = Course(run, channels, **rows)
-        axes = axes_of(course)
-        columns = course.columns()
-        draw_section(columns, course, *axes, path=figure)
+            draw_section(course, path=figure)
         if output is not None:
-            save(course, output, [columns])
-        return _say_outcome(course, quiet, proof)
-    if output is not None or figure is None:
-        course = Course(run, channels, **rows)
-        if output is None:
-            write_csv(course, sys.stdout.buffer)
-        else:
             save(course, output)
-    if figure is not None:
+        elif figure is None:
+            write_csv(course, sys.stdout.buffer)
+    if section is None and figure is not None:
         from rattlesweep.analysis.onerun.figure import course_of, draw
 
         course = course_of(run, channels, rows["from_time"])

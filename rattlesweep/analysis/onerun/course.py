@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import math
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
@@ -281,6 +281,7 @@ class Course:
         self.times = run.row_times(points, dt, steps, times, from_time, section)
         self._start = from_time or 0.0
         self.n_crossings = 0  # of the section so far
+        self._whole: Columns | None = None
         self.reversals: list[float] = []
         # The largest ratio of the contact's forces, and the first times at which the
         # body would slip or lift off.
@@ -312,32 +313,30 @@ class Course:
 
     def __iter__(self) -> Iterator[Columns]:
         """Yield columns by name, some thousand rows at a time."""
+        if self._whole is not None:
+            yield self._whole
+            return
         if self.section is None:
             for samples in self._samples():
                 yield self._columns_of(samples)
             return
         # Rare crossings are gathered, since a chunk becomes a row group of a file.
         gathered: list[Columns] = []
-        rows = 0
         for chunk in self._crossings(self.section):
             gathered.append(chunk)
-            rows += len(chunk["rising"])
-            if rows >= CHUNK:
+            if sum(len(each["rising"]) for each in gathered) >= CHUNK:
                 yield _joined(gathered)
-                gathered.clear()
-                rows = 0
+                gathered = []
         if gathered:
             yield _joined(gathered)
 
     def columns(self) -> Columns:
-        """Integrate to the end, and return the whole columns."""
+        """Integrate to the end, and return whole columns; those of a section stay."""
         empty: Columns = {channel.name: np.zeros(0) for channel in self.channels}
-        if self.section is not None:
-            empty["rising"] = np.zeros(0, dtype=bool)
-        return _joined([empty, *self])
-
-    def _view(self, samples: Samples, beside: Samples | None = None) -> View:
-        return View(self.run.launches, self._constants, self.follower, samples, beside)
+        if self.section is None:
+            return _joined([empty, *self])
+        self._whole = _joined([empty | {"rising": np.zeros(0, dtype=bool)}, *self])
+        return self._whole
 
     def _columns_of(self, samples: Samples) -> Columns:
         beside = None
@@ -348,16 +347,19 @@ class Course:
             channel.name: channel.size * channel.of(view) for channel in self.channels
         }
 
+    def _view(self, samples: Samples, beside: Samples | None = None) -> View:
+        return View(self.run.launches, self._constants, self.follower, samples, beside)
+
     def _crossings(self, section: Section) -> Iterator[Columns]:
-        """Yield columns at the crossings of a section, and whether these rise."""
+        """Yield columns at the crossings of a section, and whether it rises there."""
 
         def channel_of(samples: Samples) -> Floats:
             return section.channel.of(self._view(samples))
 
         for samples, rises in Search(section, self.follower, channel_of):
             is_late = samples.t >= self._start
+            self.n_crossings += int(is_late.sum())
             if is_late.any():
-                self.n_crossings += int(is_late.sum())
                 columns = self._columns_of(take(samples, is_late))
                 yield columns | {"rising": rises[is_late]}
 
@@ -457,32 +459,28 @@ def _joined(chunks: Sequence[Columns]) -> Columns:
     }
 
 
-def save(course: Course, path: Path, chunks: Iterable[Columns] | None = None) -> None:
-    """Write the file of a run atomically: of its chunks, by default integrated now."""
+def save(course: Course, path: Path) -> None:
+    """Integrate a run and write its file atomically."""
     with streamed_file(path) as file:
         if path.suffix.lower() == ".csv":
-            write_csv(course, file, chunks)
+            write_csv(course, file)
         else:
-            write_parquet(course, file, chunks)
+            write_parquet(course, file)
 
 
-def write_parquet(
-    course: Course, file: BinaryIO, chunks: Iterable[Columns] | None = None
-) -> None:
-    """Write the chunks of a run as row groups; see :func:`save`."""
+def write_parquet(course: Course, file: BinaryIO) -> None:
+    """Integrate a run and write its chunks as row groups."""
     schema = _schema(course)
     with pq.ParquetWriter(file, schema, compression="zstd", version="2.6") as writer:
-        for chunk in chunks or course:
+        for chunk in course:
             writer.write_table(build_table(chunk, schema))
 
 
-def write_csv(
-    course: Course, file: BinaryIO, chunks: Iterable[Columns] | None = None
-) -> None:
-    """Write the chunks of a run as lines, after the names; see :func:`save`."""
+def write_csv(course: Course, file: BinaryIO) -> None:
+    """Integrate a run and write its chunks as lines, after the names."""
     schema = _schema(course)
     file.write((",".join(schema.names) + "\n").encode())
-    for chunk in chunks or course:
+    for chunk in course:
         sink = pa.BufferOutputStream()
         # pyarrow 26 writes stray memory for an empty chunk that comes before others.
         table = build_table(chunk, schema).combine_chunks()

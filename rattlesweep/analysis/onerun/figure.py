@@ -2,12 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from rattlesweep.analysis import style
 from rattlesweep.analysis.onerun.channels import CHANNELS
@@ -15,7 +14,6 @@ from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.analysis.style import BLUE, GREY, INK, VERMILION, curve
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.files import as_path
 from rattlesweep.text import counted
 
@@ -31,8 +29,8 @@ BESIDE = {
     "n_reduced": ("reduced model", VERMILION, "-."),
 }
 SENSES = {True: ("rising", BLUE), False: ("falling", VERMILION)}
-SECTION_SIZE = (4.8, 4.4)  # inches
-POINT_SIZES = (0.5, 3.0)  # points, the less the more of them
+POINT_SIZES = (0.7, 3.0)  # points; the more there are, the smaller
+DPI_OF_POINTS = 300.0
 SHOWN = {"full": ("n", "omega_x", "omega_y"), "reduced": ("n", "E_p", "E_r")}
 
 
@@ -51,88 +49,68 @@ def course_of(
     return Course(run, names, points=points, from_time=start)
 
 
-def axes_of(course: Course, x: str | None = None, y: str | None = None) -> list[str]:
-    """Return the channels of a section to draw, by default its first two.
-
-    Those are neither `t` nor the channel of the section.  Raise a ConfigError if there
-    are not two.
-    """
-    names = [channel.name for channel in course.channels if channel.name in CHANNELS]
-    for name in (x, y):
-        if name is not None and name not in names:
-            raise ConfigError(f"axes of a section: {not_one_of(name, names)}")
-    assert course.section is not None
-    crossed = course.section.channel.name
-    fixed = ("t", crossed, x, y)
-    free = [name for name in names if name not in fixed]
-    axes = []
-    for name in (x, y):
-        if name is None and not free:
-            raise ConfigError(
-                f"channels: the figure of a section needs two besides t and {crossed}"
-            )
-        axes.append(name or free.pop(0))
-    return axes
-
-
 def draw_section(
-    columns: Mapping[str, NDArray[Any]],
     course: Course,
-    x: str,
-    y: str,
-    *,
+    x: str | None = None,
+    y: str | None = None,
     path: str | Path | None = None,
-    style_of: style.Style = None,
     ax: Axes | None = None,
-    size: tuple[float, float] | None = None,
-    caption: bool = True,
 ) -> Figure:
-    """Return a figure of two channels at the crossings of a course's section.
+    """Return a figure of two channels at the crossings of the section of a course.
 
-    It has the columns of that course, in SI units if it can, and is drawn on `ax` if
-    these axes of the caller's are given.
+    By default they are the first that are neither `t` nor the channel of the section.
+    The figure is that of `ax`, if these axes of the caller's are given.
     """
     section = course.section
     assert section is not None
-    with style.styled(style_of):
-        axes = ax
-        if axes is None:
-            axes = style.new_figure(*(size or SECTION_SIZE)).subplots()
-        figure = axes.get_figure(root=True)
-        assert figure is not None
-        value, unit = section.value_in(course.run.units)
-        heading = f"{style.symbol(section.channel.name)} = {value:.6g}"
-        if value != 0:
-            heading += f" {style.UNITS.get(unit, unit)}"
+    crossed = section.channel.name
+    names = [channel.name for channel in course.channels if channel.name in CHANNELS]
+    free = (name for name in names if name not in ("t", crossed, x, y))
+    x = x or next(free, "")
+    y = y or next(free, "")
+    if not {x, y} <= {*names}:
+        raise ConfigError(
+            f"a figure of this section needs two of its channels, {', '.join(names)}, "
+            f"by default not t and {crossed}; choose two, or add a channel"
+        )
+    columns = course.columns()
+    with style.styled():
+        figure = style.new_figure(*mpl.rcParams["figure.figsize"])
+        axes = ax or figure.subplots()
+        abscissa = course.si.get(x, CHANNELS[x])
+        ordinate = course.si.get(y, CHANNELS[y])
+        axes.set_xlabel(style.label(x, abscissa.unit))
+        axes.set_ylabel(style.label(y, ordinate.unit))
+        style.light_grid(axes)
         handles = []
         for is_rising, (word, colour) in SENSES.items():
-            here = columns["rising"] == is_rising
-            count = int(here.sum())
+            points = columns["rising"] == is_rising
+            count = np.count_nonzero(points)
             if not count:
                 continue
             axes.plot(
-                columns[course.si.get(x, CHANNELS[x]).name][here],
-                columns[course.si.get(y, CHANNELS[y]).name][here],
+                columns[abscissa.name][points],
+                columns[ordinate.name][points],
                 "o",
                 color=colour,
-                markersize=float(np.clip(60 / np.sqrt(count), *POINT_SIZES)),
+                markersize=np.clip(120 / np.sqrt(count), *POINT_SIZES),
                 markeredgewidth=0,
                 rasterized=True,
             )
             handles.append(style.entry(f"{count:,} {word}", color=colour, marker="o"))
-        for name, set_label in ((x, axes.set_xlabel), (y, axes.set_ylabel)):
-            set_label(style.label(name, course.si.get(name, CHANNELS[name]).unit))
-        style.light_grid(axes)
-        if ax is not None:
-            axes.legend(handles=handles, title=heading)
-            if path is not None:
-                style.save(figure, [as_path(path, "path")])
-            return figure
-        style.add_legend(figure, handles, [heading])
-        if caption:
-            style.add_caption(figure, [f"{course.run.title}."], grow=size is None)
-        style.separate_ticks(figure)
-        return shown(figure, path)
+        heading = f"{style.symbol(crossed)} = {section.level}"
+        if ax is None:
+            style.add_legend(figure, handles, [heading])
+            style.add_caption(figure, [f"{course.run.title}."], grow=False)
+            style.separate_ticks(figure)
+            shown(figure)
+        else:
+            ax.legend(handles=handles, title=heading)
+        whole = axes.get_figure(root=True)
+        assert whole is not None
+        if path is not None:
+            style.save(whole, [as_path(path, "path")], DPI_OF_POINTS)
+        return whole
 
 
 def shown(figure: Figure, path: str | Path | None = None) -> Figure:
