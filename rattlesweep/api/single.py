@@ -356,21 +356,39 @@ def trajectory(
         As for ``simulate``, for one body; also ``e_p0`` and ``e_r0``, the initial
         energies of pitch and roll in the reduced model, in ``M g a``, by default those
         of the launch.
-    channels : sequence of str
-        Columns of the table; ``rattlesweep trajectory --channels list`` prints all of
-        them.
+    channels : sequence of str, optional
+        Columns of the table, by default ``t`` and ``n``, and of a section, by default
+        ``t``, ``n``, ``omega`` and ``u`` (in the reduced model ``t``, ``n`` and both
+        energies); ``rattlesweep trajectory --channels list`` prints all of them.
+    section : str, optional
+        A channel and a value that it crosses: ``"omega_y=0.1"`` in both directions,
+        ``"omega_y=0.1+"`` rising, ``"omega_y=0.1-"`` falling, and ``"omega_y"`` at
+        zero.  The value is in the units of the body, or as in ``"n=60 rpm"``.  Each
+        crossing, but not the launch, is a row of ``.section``, where the state has the
+        accuracy of the method.
     points, dt, steps, times
         One of them chooses the rows: a number of rows, evenly spaced (by default 2001,
         or 20 per pitch period if that is more), one every ``dt``, one per accepted
         step, or increasing times. Times are in ``sqrt(a/g)``.
     from_time : number or str, optional
-        Time of the first row.
+        Time of the first row; earlier crossings are left out.
+
+    Raises
+    ------
+    ConfigError
+        If a name, a number or a section is wrong.
 
     Examples
     --------
     >>> path = rs.trajectory("GH", n_i=0.1, omega_xy0=0.01, t_end=150, points=4)
     >>> path["n"].shape, path.reversals.round(2)
     ((4,), array([112.09]))
+    >>> launch = {"n_i": 0.1, "omega_xy0": 0.01, "t_end": 15}
+    >>> rs.trajectory("GH", section="omega_y=0+", **launch).section[["t", "n"]].round(4)
+             t       n
+    0   1.7880  0.0999
+    1   6.5441  0.0998
+    2  10.6784  0.0995
     """
     return Trajectory(
         prepare_launch(body, **launch),

@@ -137,9 +137,9 @@ series = options.stack(
     option(
         "--section",
         metavar="CHANNEL=VALUE",
-        help="Instead of rows in time, one row for each passage of a channel through a "
-        "value, as in omega_y=0; omega_y=0+ takes only those that rise, omega_y=0- "
-        "those that fall.  The figure shows the first two other channels.",
+        help="Instead of rows in time, one row for each time that a channel crosses a "
+        "value, as in omega_y=0; omega_y=0+ takes only rising crossings, omega_y=0- "
+        "falling ones.  The figure shows the first two other channels.",
     ),
     options.file(
         "--output",

@@ -1,4 +1,4 @@
-"""Sections of one run: the states at which a channel passes through a value.
+"""Sections of one run: the states at which a channel crosses a value.
 
 Each accepted step is cut into pieces that are short compared with a swing.  A piece
 whose ends lie on two sides of the value has a crossing.  A piece whose ends lie on one
@@ -48,6 +48,7 @@ KINDS = {unit: kind for kind, unit in NATURAL.items()} | {RATE: "spin"}
 NO_SECTIONS = {
     "t": "it only grows; choose rows by times instead",
     "sliding": "it jumps; the begin and end of slides are known without one",
+    "energy_drift": "it is an error of the method",
     "n_reduced": "it belongs to the reduced model; take that model, and n",
 }
 DIRECTIONS = {"+": 1, "-": -1, "": 0}
@@ -61,7 +62,7 @@ VARIABLES = {
 
 @dataclass(frozen=True)
 class Section:
-    """A value of a channel, and the directions in which a run passes through it."""
+    """A value of a channel, and the directions in which a run crosses it."""
 
     channel: Channel
     level: str  # the value as it was written
