@@ -134,6 +134,11 @@ def test_directions_and_times():
     assert rising["rising"].all()
     assert both["rising"].dtype == bool
     assert not falling["rising"].any()
+    # The heading is integrated for its section, though it is no column.
+    turned = rs.trajectory(GH, channels=["t", "yaw"], times=[*both["t"]], **WILD)["yaw"]
+    yaw = (turned.iloc[1] + turned.iloc[2]) / 2
+    first = crossings(f"yaw={yaw}", **WILD)["t"][0]
+    assert both["t"][1] < first < both["t"][2]
     late = crossings("omega_y=0.01", from_time=350, **WILD)
     assert late["t"].tolist() == both["t"][both["t"] >= 350].tolist()
 
@@ -222,7 +227,7 @@ def test_a_picture_has_the_size_of_the_settings_or_axes_of_the_caller(tmp_path):
     points = sorted(len(line.get_xdata()) for line in axes.lines)
     assert sum(points) == len(run.section)
     assert (tmp_path / "section.pdf").stat().st_size > 5000
-    whole, axes = mpl.figure.Figure(), None
+    whole = mpl.figure.Figure()
     axes = whole.subplots()
     assert run.plot_section("u_x", "omega_z", ax=axes) is whole
     assert axes.get_ylabel().startswith(r"$\omega_{z}$")
@@ -269,7 +274,7 @@ def test_a_stored_run_has_sections_too(tmp_path):
         (["--section", "omega_y="], "'omega_y=' is none; give a channel and a value"),
         (["--section", "omega_y=x"], "x is not a number"),
         (["--section", "omega_y=nan"], "nan is not finite"),
-        (["--section", "omega_y=3 rpm"], "a unit needs a body with a size"),
+        (["--section", "omega_y=3 rpm"], "a body with a size may have a unit"),
         (["--section", "n", "--dt", "1"], "more than one is given"),
         (["--section", "n", "--model", "reduced", "--channels", "u_x"], "u_x"),
         (

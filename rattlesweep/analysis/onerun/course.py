@@ -19,8 +19,8 @@ import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
 from rattlesweep.analysis.derived import COMMON_FRICTION
-from rattlesweep.analysis.onerun.channels import View, choose, in_si
-from rattlesweep.analysis.onerun.section import RISES, VARIABLES, Search, Section
+from rattlesweep.analysis.onerun.channels import VARIABLES, View, choose, in_si
+from rattlesweep.analysis.onerun.section import RISES, Search, Section
 from rattlesweep.arrays import Flags, Floats, take
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import PLATEAU_SHARE
@@ -261,6 +261,8 @@ class Course:
             channels = ["t", "n"]
         chosen = choose(channels, run.model)
         needs = {channel.needs for channel in chosen}
+        if section is not None:
+            needs.add(section.channel.needs)
         if "reduced" in needs and run.launches.bodies.omega is not None:
             raise ConfigError(
                 "channels: the reduced model begins with a spin and an oscillation, "

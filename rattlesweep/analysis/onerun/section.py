@@ -53,11 +53,6 @@ NO_SECTIONS = {
 }
 DIRECTIONS = {"+": 1, "-": -1, "": 0}
 RISES = "whether {} rises there"
-# The columns of a section for which none are asked.
-VARIABLES = {
-    "full": ("n", "omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z"),
-    "reduced": ("n", "E_p", "E_r"),
-}
 
 
 @dataclass(frozen=True)
@@ -71,12 +66,12 @@ class Section:
 
     @classmethod
     def parse(
-        cls, text: object, model: str, units: Units | None, *, is_typed: bool = False
+        cls, text: object, model: str, units: Units | None, *, needs_unit: bool = False
     ) -> Section:
         """Read a text such as ``omega_y``, ``omega_y=0.1+`` or ``n=-60 rpm-``.
 
-        A number that is typed on the command line needs a unit if the body has a size.
-        Raise a ConfigError for what is not a section of the model.
+        With `needs_unit`, a number needs one if the body has a size, as those of the
+        command line do.  Raise a ConfigError for what is not a section of the model.
         """
         match = re.fullmatch(r"\s*(\w+)\s*(?:=\s*(.+?)\s*)?([+-]?)\s*", str(text))
         if match is None:
@@ -89,7 +84,9 @@ class Section:
             raise ConfigError(f"section: {name} has none: {NO_SECTIONS[name]}")
         channel = choose([name], model)[0]
         try:
-            value = _value(level, KINDS.get(channel.unit), units, is_typed)
+            value = _value(level, KINDS.get(channel.unit), units, needs_unit)
+        except ConfigError:
+            raise  # it names the option
         except ValueError as error:
             raise ConfigError(f"section: {one_line(level)} {error}") from None
         return cls(channel, level, sign, value)
@@ -100,20 +97,22 @@ class Section:
         return f"{self.channel.name}={self.level}{self.sign}"
 
 
-def _value(level: str, kind: str | None, units: Units | None, is_typed: bool) -> float:
+def _value(
+    level: str, kind: str | None, units: Units | None, needs_unit: bool
+) -> float:
     """Return a level in the units of the body; raise a ValueError that says why not."""
     try:
         value = float(level)
     except ValueError:
         if units is None or kind is None:
             raise ValueError(
-                "is not a number; a unit needs a body with a size, and a channel with "
-                "a unit"
+                "is not a number; only spins, times, lengths and energies of a body "
+                "with a size may have a unit"
             ) from None
         return float(units.natural(quantity(level, kind), kind))
     if not math.isfinite(value):
         raise ValueError("is not finite")
-    if is_typed and units is not None and kind is not None:
+    if needs_unit and units is not None and kind is not None:
         require_unit("--section", value, kind)
     return value
 
