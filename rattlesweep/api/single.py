@@ -6,6 +6,7 @@ import html
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,6 +24,7 @@ from rattlesweep.text import Bar, counted
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
@@ -77,19 +79,41 @@ class Trajectory:
     `status` is ``ok`` or a word for what went wrong.  `warning` says where contact
     would be lost, or rolling needs a coefficient of friction above 0.3, and how large.
     `slides` has begin and end of each slide.
+
+    If a section is asked for, the DataFrame `section` has the columns at each crossing,
+    with `t` first and with `rising`, whether the channel rises there; the run is then
+    integrated again for `table`, when that is first used.
     """
 
-    def __init__(self, run: PreparedRun, channels: Sequence[str], **rows: Any) -> None:
+    def __init__(
+        self,
+        run: PreparedRun,
+        channels: Sequence[str] | None,
+        section: str | None = None,
+        **rows: Any,
+    ) -> None:
         import pandas as pd
 
         from rattlesweep.analysis.onerun.course import Course
+        from rattlesweep.analysis.onerun.section import Section
 
-        names = arguments.names_of("channels", channels)
+        names = None
+        if channels is not None:
+            names = arguments.names_of("channels", channels)
         arguments.check_names("arguments", rows, ROWS)
-        course = Course(run, names, **rows_of(run.units, **rows))
+        chosen_rows = rows_of(run.units, **rows)
+        self.section: pd.DataFrame | None = None
+        if section is None:
+            course = Course(run, names, **chosen_rows)
+            self.table = pd.DataFrame(course.columns())
+        else:
+            plane = Section.parse(section, run.model, run.units)
+            start = chosen_rows["from_time"]
+            course = Course(run, names, section=plane, from_time=start)
+            self.section = pd.DataFrame(course.columns())
+            self._course_of_table = partial(Course, run, names, **chosen_rows)
         follower = course.follower
         self._course = course
-        self.table = pd.DataFrame(course.columns())
         self.units = {channel.name: channel.unit for channel in course.channels}
         self.reversals = np.array(course.reversals)
         self.zeros = np.array(follower.zeros)
@@ -99,16 +123,29 @@ class Trajectory:
         self.warning = course.warning
         self.slides = np.array(course.slides).reshape(-1, 2)
 
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """The rows beside a section, for which the run is integrated again."""
+        import pandas as pd
+
+        return pd.DataFrame(self._course_of_table().columns())
+
     def __getitem__(self, columns: str | list[str]) -> Any:
-        """Return a column as a Series, or several as a DataFrame."""
+        """Return a column of `table` as a Series, or several as a DataFrame."""
         return self.table[columns]
 
     def __repr__(self) -> str:
-        turns = counted(len(self.reversals), "reversal")
-        return f"<Trajectory of {', '.join(self.units)}: {turns} by t = {self.t_end:g}>"
+        events = counted(len(self.reversals), "reversal")
+        if self.section is not None:
+            events += f" and {counted(len(self.section), 'crossing')}"
+        names = ", ".join(self.units)
+        return f"<Trajectory of {names}: {events} by t = {self.t_end:g}>"
 
     def _repr_html_(self) -> str:
-        return f"<div>{html.escape(repr(self))}{self.table.to_html(max_rows=6)}</div>"
+        shown = self.section
+        if shown is None:
+            shown = self.table
+        return f"<div>{html.escape(repr(self))}{shown.to_html(max_rows=6)}</div>"
 
     def show(self, *, title: str | None = None, **shown: Any) -> Page:
         """Make a page of this run with the arguments of ``show``."""
@@ -123,6 +160,27 @@ class Trajectory:
             raise ConfigError("channels: a plot needs t and at least one other")
         columns = {str(name): self.table[name].to_numpy() for name in self.table}
         return draw(columns, self._course, path)
+
+    def plot_section(
+        self,
+        x: str | None = None,
+        y: str | None = None,
+        path: str | Path | None = None,
+        *,
+        ax: Axes | None = None,
+    ) -> Figure:
+        """Draw two channels at the crossings of the section against each other.
+
+        By default they are the first that are neither `t` nor the channel of the
+        section.  `path` is an .svg, .png or .pdf file to write.  The figure is that of
+        `ax`, if axes are given, and otherwise has the size of ``matplotlib.rcParams``.
+        Raises a ConfigError if the run has no section, or not these channels.
+        """
+        from rattlesweep.analysis.onerun.figure import draw_section
+
+        if self.section is None:
+            raise ConfigError("section: none is asked for; give section to trajectory")
+        return draw_section(self._course, x, y, path, ax)
 
 
 @dataclass(frozen=True)
@@ -278,7 +336,8 @@ def simulate(
 def trajectory(
     body: Rattleback | str,
     *,
-    channels: Sequence[str] = ("t", "n"),
+    channels: Sequence[str] | None = None,
+    section: str | None = None,
     points: int | None = None,
     dt: Number | None = None,
     steps: bool = False,
@@ -297,25 +356,44 @@ def trajectory(
         As for ``simulate``, for one body; also ``e_p0`` and ``e_r0``, the initial
         energies of pitch and roll in the reduced model, in ``M g a``, by default those
         of the launch.
-    channels : sequence of str
-        Columns of the table; ``rattlesweep trajectory --channels list`` prints all of
-        them.
+    channels : sequence of str, optional
+        Columns of the table, by default ``t`` and ``n``, and of a section, by default
+        ``t``, ``n``, ``omega`` and ``u`` (in the reduced model ``t``, ``n`` and both
+        energies); ``rattlesweep trajectory --channels list`` prints all of them.
+    section : str, optional
+        A channel and a value that it crosses: ``"omega_y=0.1"`` in both directions,
+        ``"omega_y=0.1+"`` rising, ``"omega_y=0.1-"`` falling, and ``"omega_y"`` at
+        zero.  The value is in the units of the body, or as in ``"n=60 rpm"``.  Each
+        crossing, but not the launch, is a row of ``.section``, where the state has the
+        accuracy of the method.
     points, dt, steps, times
         One of them chooses the rows: a number of rows, evenly spaced (by default 2001,
         or 20 per pitch period if that is more), one every ``dt``, one per accepted
         step, or increasing times. Times are in ``sqrt(a/g)``.
     from_time : number or str, optional
-        Time of the first row.
+        Time of the first row; earlier crossings are left out.
+
+    Raises
+    ------
+    ConfigError
+        If a name, a number or a section is wrong.
 
     Examples
     --------
     >>> path = rs.trajectory("GH", n_i=0.1, omega_xy0=0.01, t_end=150, points=4)
     >>> path["n"].shape, path.reversals.round(2)
     ((4,), array([112.09]))
+    >>> launch = {"n_i": 0.1, "omega_xy0": 0.01, "t_end": 15}
+    >>> rs.trajectory("GH", section="omega_y=0+", **launch).section[["t", "n"]].round(4)
+             t       n
+    0   1.7880  0.0999
+    1   6.5441  0.0998
+    2  10.6784  0.0995
     """
     return Trajectory(
         prepare_launch(body, **launch),
         channels,
+        section,
         points=points,
         dt=dt,
         steps=steps,
@@ -350,7 +428,8 @@ def replay(
     sample: int,
     *,
     t_end: Number | None = None,
-    channels: Sequence[str] = ("t", "n"),
+    channels: Sequence[str] | None = None,
+    section: str | None = None,
     **rows: Any,
 ) -> Trajectory:
     """Integrate a stored run again as a trajectory, if it comes out as stored.
@@ -361,7 +440,7 @@ def replay(
     in any bit.
     """
     _, run = prepare_stored(directory, t_end, case=case, sample=sample)
-    return Trajectory(run, channels, **rows)
+    return Trajectory(run, channels, section, **rows)
 
 
 def fit(

@@ -132,7 +132,14 @@ series = options.stack(
         type=options.NAMES,
         callback=_list_channels,
         help="Columns, and panels of the figure; 'list' prints all of them.  "
-        "[default: t,n]",
+        "[default: t,n; of a section, the variables of the state]",
+    ),
+    option(
+        "--section",
+        metavar="CHANNEL=VALUE",
+        help="Instead of rows in time, one row for each time that a channel crosses a "
+        "value, as in omega_y=0; omega_y=0+ takes only rising crossings, omega_y=0- "
+        "falling ones.  The figure shows the first two other channels.",
     ),
     options.file(
         "--output",
@@ -150,6 +157,9 @@ series = options.stack(
     "rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
     "--channels t,n,E_p,E_r --output run.parquet --figure run.svg",
     "rattlesweep trajectory --preset GH --omega 0.02,0,-0.3 --u 0.01,0,-1 --t-end 500",
+    "rattlesweep trajectory --preset GH --n-i -0.3 --omega-xy0 0.1 --t-end 1e5 "
+    "--section omega_y=0+ --channels n,omega_x --output section.csv "
+    "--figure section.png",
 )
 @options.body
 @options.launch
@@ -292,6 +302,7 @@ def _follow(
     proof: str = "",
     *,
     channels: tuple[str, ...] | None,
+    section: str | None,
     output: Path | None,
     figure: Path | None,
     quiet: bool,
@@ -299,16 +310,23 @@ def _follow(
 ) -> int:
     """Integrate a run, and write its files or print CSV; a figure has its own rows."""
     from rattlesweep.analysis.onerun.course import Course, save, write_csv
+    from rattlesweep.analysis.onerun.section import Section
     from rattlesweep.api.single import rows_of
 
     rows = rows_of(run.units, **given)
-    if output is not None or figure is None:
-        course = Course(run, channels or ("t", "n"), **rows)
-        if output is None:
-            write_csv(course, sys.stdout.buffer)
-        else:
+    if section is not None:
+        rows["section"] = Section.parse(section, run.model, run.units, needs_unit=True)
+    if section is not None or output is not None or figure is None:
+        course = Course(run, channels, **rows)
+        if section is not None and figure is not None:
+            from rattlesweep.analysis.onerun.figure import draw_section
+
+            draw_section(course, path=figure)
+        if output is not None:
             save(course, output)
-    if figure is not None:
+        elif figure is None:
+            write_csv(course, sys.stdout.buffer)
+    if section is None and figure is not None:
         from rattlesweep.analysis.onerun.figure import course_of, draw
 
         course = course_of(run, channels, rows["from_time"])
@@ -329,6 +347,9 @@ def _say_outcome(course: Course, quiet: bool, proof: str) -> int:
             text += f" ({', '.join(f'{t * units.time:.4g} s' for t in first)})"
         if follower.zeros != course.reversals:
             text += f" ({_times(follower.zeros, 'zero crossing')})"
+        if course.section is not None:
+            crossings = counted(course.n_crossings, "crossing")
+            text += f"; {crossings} of {course.section.text}"
         text += f"; {follower.n_steps} steps to t = {follower.t:g}"
         if units is not None:
             text += f" ({follower.t * units.time:.4g} s)"

@@ -18,7 +18,7 @@ from rattlesweep.integrate import SettingError, processors
 from rattlesweep.integrate.compile import Kernel, Order, load_kernels
 from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.integrate.lanes import runs, slides
-from rattlesweep.integrate.lanes.lane import INNER, LANES, Layout, Problem, addresses_of
+from rattlesweep.integrate.lanes.lane import INNER, LANES, Problem, addresses_of
 from rattlesweep.integrate.lanes.runs import SHAPES, Recording
 from rattlesweep.integrate.lanes.step import OPTIONS, SUBSTEPS, write_attempt
 from rattlesweep.integrate.model import FRAME, TANGENT, Model, find_model
@@ -55,7 +55,8 @@ def problem_of(model: Model | None, adaptive: bool, width: int = LANES) -> Probl
 
 def workspace(tableau: Tableau, model: Model, threads: int) -> Floats:
     """Return workspaces (threads, size): rows of zeros that share no cache line."""
-    size = -(-Layout(model).rows(tableau, model) * LANES // 16) * 16
+    layout = problem_of(model, tableau.adaptive).layout
+    size = -(-layout.rows(tableau, model) * LANES // 16) * 16
     flat = np.zeros(threads * size + 8)
     shift = (-flat.ctypes.data // 8) % 8
     spaces = flat[shift : shift + threads * size].reshape(threads, size)

@@ -333,6 +333,33 @@ class Follower:
         self._observe(problem, samples.y, samples.slip, constants, out)
         return out
 
+    @property
+    def swing(self) -> float:
+        """The fastest angular frequency of the spin, in ``sqrt(g/a)``."""
+        return float(self._batch.swing[0])
+
+    def lengths(self) -> Floats:
+        """Return the lengths of the steps that the last call continued by."""
+        table = self._table[: self._rows]
+        lengths: Floats = np.diff(table[:, T]) - np.diff(table[:, T_LOW])
+        return lengths
+
+    def within(self, which: Integers, offset: Floats) -> Samples:
+        """Return the states at some times within the steps of the last call.
+
+        Each is one step of the method, a time `offset` after the begin of step `which`.
+        """
+        y, slip = self._between(0, which, offset)
+        extra = self._extra[which]
+        if extra.size:
+            # The moves are in the frame of the heading at the start of the step.
+            moved = self._moves(which, offset)
+            turned = _rotated(extra[:, 0], moved[:, 1:])
+            extra[:, 0] += moved[:, 0]
+            extra[:, 1:] += turned
+        t = self._table[which, T] + (offset - self._table[which, T_LOW])
+        return Samples(t, y, slip, extra)
+
     def at(self, times: Floats) -> Samples:
         """Return the states at increasing times, none before those of the last call.
 
@@ -349,15 +376,10 @@ class Follower:
                 wanted = times[done:upto]
                 which = np.maximum(np.searchsorted(ends, wanted, side="left") - 1, 0)
                 offset = (wanted - ends[which]) + self._table[which, T_LOW]
-                y[done:upto], slip[done:upto] = self._between(0, which, offset)
-                if extra.size:
-                    # The moves are in the frame of the heading at the start of the
-                    # step.
-                    moved = self._moves(which, offset)
-                    start = self._extra[which]
-                    turned = _rotated(start[:, 0], moved[:, 1:])
-                    extra[done:upto, 0] = start[:, 0] + moved[:, 0]
-                    extra[done:upto, 1:] = start[:, 1:] + turned
+                samples = self.within(which, offset)
+                y[done:upto] = samples.y
+                slip[done:upto] = samples.slip
+                extra[done:upto] = samples.extra
                 done = upto
             elif self.ended:
                 break
@@ -388,7 +410,7 @@ class Follower:
             which.astype(np.int64),
             offset,
             self._batch.constants[0].copy(),
-            float(self._batch.swing[0]),
+            self.swing,
             1.0 / tol**2,
             out,
         )
@@ -414,8 +436,7 @@ class Follower:
         base = self._extra[-1]
         self._extra = np.repeat(base[None], rows, axis=0)
         if base.size:
-            length = np.diff(table[:rows, T]) - np.diff(table[:rows, T_LOW])
-            moved = self._moves(np.arange(rows - 1), length)
+            moved = self._moves(np.arange(rows - 1), self.lengths())
             self._extra[1:, 0] = base[0] + np.cumsum(moved[:, 0])
             turned = _rotated(self._extra[:-1, 0], moved[:, 1:])
             self._extra[1:, 1:] = base[1:] + np.cumsum(turned, axis=0)

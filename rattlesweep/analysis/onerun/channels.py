@@ -27,6 +27,11 @@ if TYPE_CHECKING:
 
 FULL = ("full",)
 BOTH = ("full", "reduced")
+# The variables of the models, which are the columns of a section by default.
+VARIABLES = {
+    "full": ("n", "omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z"),
+    "reduced": ("n", "E_p", "E_r"),
+}
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
 import numpy as np
 import pyarrow as pa
@@ -19,7 +19,8 @@ import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
 from rattlesweep.analysis.derived import COMMON_FRICTION
-from rattlesweep.analysis.onerun.channels import View, choose, in_si
+from rattlesweep.analysis.onerun.channels import VARIABLES, View, choose, in_si
+from rattlesweep.analysis.onerun.section import RISES, Search, Section
 from rattlesweep.arrays import Flags, Floats, take
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import PLATEAU_SHARE
@@ -44,13 +45,15 @@ from rattlesweep.sweeps.launches import (
 from rattlesweep.text import counted
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.physics.si import Units
     from rattlesweep.sweeps.config.schema import Config
     from rattlesweep.sweeps.launches import Launches
 
+# Columns of rows by name: numbers, and flags of a section.
+Columns: TypeAlias = "dict[str, NDArray[Any]]"
 CHUNK = 8192  # rows in memory at once
 # Default rows in a period of the pitch, and in all.
 PER_PERIOD = 20
@@ -196,19 +199,21 @@ class PreparedRun:
         steps: bool,
         times: ArrayLike | None,
         start: float | None,
+        section: Section | None = None,
     ) -> Floats | None:
-        """Return the times of the rows from `start` on; None for those of the steps."""
+        """Return the times of the rows from `start` on, None if these are not known."""
         first = start or 0.0
         t_end = self.t_end
-        if sum(way is not None for way in (points, dt, steps or None, times)) > 1:
+        ways = points, dt, steps or None, times, section
+        if sum(way is not None for way in ways) > 1:
             raise ConfigError(
-                "points, dt, steps, times: more than one is given; keep one"
+                "points, dt, steps, times, section: more than one is given; keep one"
             )
         if not 0 <= first < t_end:
             raise ConfigError(
                 f"from_time {first:g}: must be from 0 to t_end = {t_end:g}"
             )
-        if steps:
+        if steps or section is not None:
             return None
         if times is not None:
             wanted: Floats = np.array(times, float, ndmin=1)
@@ -241,16 +246,23 @@ class Course:
     def __init__(
         self,
         run: PreparedRun,
-        channels: Sequence[str] = ("t", "n"),
+        channels: Sequence[str] | None = None,
         *,
         points: int | None = None,
         dt: float | None = None,
         steps: bool = False,
         times: ArrayLike | None = None,
         from_time: float | None = None,
+        section: Section | None = None,
     ) -> None:
+        if section is not None:
+            channels = ["t", *(channels or VARIABLES[run.model])]
+        elif channels is None:
+            channels = ["t", "n"]
         chosen = choose(channels, run.model)
         needs = {channel.needs for channel in chosen}
+        if section is not None:
+            needs.add(section.channel.needs)
         if "reduced" in needs and run.launches.bodies.omega is not None:
             raise ConfigError(
                 "channels: the reduced model begins with a spin and an oscillation, "
@@ -267,8 +279,11 @@ class Course:
         self.run = run
         self.si = in_si(chosen, run.units)
         self.channels = (*chosen, *self.si.values())
-        self.times = run.row_times(points, dt, steps, times, from_time)
+        self.section = section
+        self.times = run.row_times(points, dt, steps, times, from_time, section)
         self._start = from_time or 0.0
+        self.n_crossings = 0  # of the section so far
+        self._whole: Columns | None = None
         self.reversals: list[float] = []
         # The largest ratio of the contact's forces, and the first times at which the
         # body would slip or lift off.
@@ -298,25 +313,57 @@ class Course:
             beside = with_energies(reduced_batch(run.launches), *run.energies)
             self._beside = Follower(beside, DOP853, REDUCED, tol=BESIDE_TOL)
 
-    def __iter__(self) -> Iterator[dict[str, Floats]]:
-        """Yield columns by name, at most :data:`CHUNK` rows at a time."""
-        for samples in self._samples():
-            beside = None if self._beside is None else self._beside.at(samples.t)
-            view = View(
-                self.run.launches, self._constants, self.follower, samples, beside
-            )
-            yield {
-                channel.name: channel.size * channel.of(view)
-                for channel in self.channels
-            }
+    def __iter__(self) -> Iterator[Columns]:
+        """Yield columns by name, some thousand rows at a time."""
+        if self._whole is not None:
+            yield self._whole
+            return
+        if self.section is None:
+            for samples in self._samples():
+                yield self._columns_of(samples)
+            return
+        # Rare crossings are gathered, since a chunk becomes a row group of a file.
+        gathered: list[Columns] = []
+        for chunk in self._crossings(self.section):
+            gathered.append(chunk)
+            if sum(len(each["rising"]) for each in gathered) >= CHUNK:
+                yield _joined(gathered)
+                gathered = []
+        if gathered:
+            yield _joined(gathered)
 
-    def columns(self) -> dict[str, Floats]:
-        """Integrate to the end, and return the whole columns."""
-        empty = {channel.name: np.zeros(0) for channel in self.channels}
-        chunks = [empty, *self]
+    def columns(self) -> Columns:
+        """Integrate to the end, and return whole columns; those of a section stay."""
+        empty: Columns = {channel.name: np.zeros(0) for channel in self.channels}
+        if self.section is None:
+            return _joined([empty, *self])
+        self._whole = _joined([empty | {"rising": np.zeros(0, dtype=bool)}, *self])
+        return self._whole
+
+    def _columns_of(self, samples: Samples) -> Columns:
+        beside = None
+        if self._beside is not None:
+            beside = self._beside.at(samples.t)
+        view = self._view(samples, beside)
         return {
-            name: np.concatenate([chunk[name] for chunk in chunks]) for name in empty
+            channel.name: channel.size * channel.of(view) for channel in self.channels
         }
+
+    def _view(self, samples: Samples, beside: Samples | None = None) -> View:
+        return View(self.run.launches, self._constants, self.follower, samples, beside)
+
+    def _crossings(self, section: Section) -> Iterator[Columns]:
+        """Yield columns at the crossings of a section, and whether it rises there."""
+
+        def channel_of(samples: Samples) -> Floats:
+            return section.channel.of(self._view(samples))
+
+        for samples, rises in Search(section, self.follower, channel_of):
+            is_late = samples.t >= self._start
+            self.n_crossings += int(is_late.sum())
+            if is_late.any():
+                columns = self._columns_of(take(samples, is_late))
+                yield columns | {"rising": rises[is_late]}
 
     def _samples(self) -> Iterator[Samples]:
         follower = self.follower
@@ -407,6 +454,13 @@ class Course:
         return ""
 
 
+def _joined(chunks: Sequence[Columns]) -> Columns:
+    """Return the columns of several chunks in one."""
+    return {
+        name: np.concatenate([chunk[name] for chunk in chunks]) for name in chunks[0]
+    }
+
+
 def save(course: Course, path: Path) -> None:
     """Integrate a run and write its file atomically."""
     with streamed_file(path) as file:
@@ -451,4 +505,8 @@ def _schema(course: Course) -> pa.Schema:
         columns.field(c.name, columns.F64, c.unit, c.description)
         for c in course.channels
     ]
+    if course.section is not None:
+        meaning = RISES.format(course.section.channel.name)
+        fields.append(columns.field("rising", columns.FLAG, "1", meaning))
+        about["section"] = course.section.text
     return pa.schema(fields, metadata={"rattlesweep.run": json.dumps(about)})

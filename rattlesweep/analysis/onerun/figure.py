@@ -3,12 +3,15 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rattlesweep.analysis import style
 from rattlesweep.analysis.onerun.channels import CHANNELS
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
-from rattlesweep.analysis.style import GREY, INK, VERMILION, curve
+from rattlesweep.analysis.style import BLUE, GREY, INK, VERMILION, curve
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.files import as_path
@@ -25,6 +28,9 @@ BESIDE = {
     "n_gh": ("Garcia and Hubbard", INK, "--"),
     "n_reduced": ("reduced model", VERMILION, "-."),
 }
+SENSES = {True: ("rising", BLUE), False: ("falling", VERMILION)}
+POINT_SIZES = (0.7, 3.0)  # points; the more there are, the smaller
+DPI_OF_POINTS = 300.0
 SHOWN = {"full": ("n", "omega_x", "omega_y"), "reduced": ("n", "E_p", "E_r")}
 
 
@@ -41,6 +47,70 @@ def course_of(
             names.append("n_reduced")
     points = run.even_rows(PER_PERIOD, LEAST, MOST, start)
     return Course(run, names, points=points, from_time=start)
+
+
+def draw_section(
+    course: Course,
+    x: str | None = None,
+    y: str | None = None,
+    path: str | Path | None = None,
+    ax: Axes | None = None,
+) -> Figure:
+    """Return a figure of two channels at the crossings of the section of a course.
+
+    By default they are the first that are neither `t` nor the channel of the section.
+    The figure is that of `ax`, if these axes of the caller's are given.
+    """
+    section = course.section
+    assert section is not None
+    crossed = section.channel.name
+    names = [channel.name for channel in course.channels if channel.name in CHANNELS]
+    free = (name for name in names if name not in ("t", crossed, x, y))
+    x = x or next(free, "")
+    y = y or next(free, "")
+    if not {x, y} <= {*names}:
+        raise ConfigError(
+            f"a figure of this section needs two of its channels, {', '.join(names)}, "
+            f"by default not t and {crossed}; choose two, or add a channel"
+        )
+    columns = course.columns()
+    with style.styled():
+        figure = style.new_figure(*mpl.rcParams["figure.figsize"])
+        axes = ax or figure.subplots()
+        abscissa = course.si.get(x, CHANNELS[x])
+        ordinate = course.si.get(y, CHANNELS[y])
+        axes.set_xlabel(style.label(x, abscissa.unit))
+        axes.set_ylabel(style.label(y, ordinate.unit))
+        style.light_grid(axes)
+        handles = []
+        for is_rising, (word, colour) in SENSES.items():
+            points = columns["rising"] == is_rising
+            count = np.count_nonzero(points)
+            if not count:
+                continue
+            axes.plot(
+                columns[abscissa.name][points],
+                columns[ordinate.name][points],
+                "o",
+                color=colour,
+                markersize=np.clip(120 / np.sqrt(count), *POINT_SIZES),
+                markeredgewidth=0,
+                rasterized=True,
+            )
+            handles.append(style.entry(f"{count:,} {word}", color=colour, marker="o"))
+        heading = f"{style.symbol(crossed)} = {section.level}"
+        if ax is None:
+            style.add_legend(figure, handles, [heading])
+            style.add_caption(figure, [f"{course.run.title}."], grow=False)
+            style.separate_ticks(figure)
+            shown(figure)
+        else:
+            ax.legend(handles=handles, title=heading)
+        whole = axes.get_figure(root=True)
+        assert whole is not None
+        if path is not None:
+            style.save(whole, [as_path(path, "path")], DPI_OF_POINTS)
+        return whole
 
 
 def shown(figure: Figure, path: str | Path | None = None) -> Figure:
