@@ -1,0 +1,196 @@
+"""Chi squared along one parameter, with all others fitted at each of its values."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from rattlesweep.analysis.fit.estimate import Estimate, minimise
+from rattlesweep.arrays import Floats
+from rattlesweep.errors import ConfigWarning
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Step of the square root of the increase of chi squared, which is nearly linear in the
+# parameter.
+STEP = 0.4
+# A profile ends where this root is larger than at the end of the interval by a factor.
+BEYOND = 1.3
+MOST_POINTS = 40  # on each side
+MOST_STEPS = 30  # of a search
+CLOSE = 1e-3  # of the ends of the interval, in standard errors
+# A decrease of chi squared by which another fit is better, and not the same again.
+BETTER = 0.05
+
+
+class Point(NamedTuple):
+    """The best parameters at one value of one of them."""
+
+    x: Floats
+    root: float  # of the increase of chi squared; infinite where no run succeeds
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Searches along the parameter at one place of ``x``."""
+
+    estimate: Estimate
+    place: int
+
+    @property
+    def quantile(self) -> float:
+        """Root of the increase of chi squared at the ends of the 95 % interval."""
+        return float(self.estimate.quantiles[self.place])
+
+    def at(self, value: float, start: Floats) -> Point:
+        """Return the best parameters at a value; the search begins at ``start``."""
+        problem = self.estimate.problem
+        x = start.copy()
+        x[self.place] = value
+        others = [place for place in range(len(x)) if place != self.place]
+        if not problem.succeeds(x):
+            return Point(x, math.inf)
+        squares = float((problem.residuals(x) ** 2).sum())
+        if others:
+            search = minimise(problem, x, 1e-8, MOST_STEPS, others)
+            x = search.x
+            squares = search.squares
+        increase = squares - self.estimate.search.squares
+        return Point(x, math.copysign(math.sqrt(abs(increase)), increase))
+
+    def side(self, sign: int) -> list[Point]:
+        """Return points from the best fit on, in steps of the root of chi squared."""
+        place = self.place
+        limits = self.estimate.problem.limits()
+        best = self.estimate.x
+        limit = limits[int(sign > 0)][place]
+        # Where the data tell nothing, the first step is a share of the range.
+        error = self.estimate.standard_errors[place]
+        step = STEP * min(error, 0.1 * abs(limit - best[place]))
+        points = [Point(best, 0.0)]
+        slope = np.zeros(len(best))
+        while len(points) <= MOST_POINTS and points[-1].x[place] != limit:
+            last = points[-1]
+            value = last.x[place] + sign * step
+            if sign * value > sign * limit:
+                value = limit
+            # The other parameters change along a nearly straight line.
+            distance = abs(value - last.x[place])
+            point = self.at(value, np.clip(last.x + slope * distance, *limits))
+            if not math.isfinite(point.root):
+                break
+            points.append(point)
+            if point.root > BEYOND * self.quantile:
+                break
+            slope = (point.x - last.x) / distance
+            rise = max(point.root - last.root, STEP / 2)
+            step *= STEP / rise
+        return points
+
+    def end(self, points: list[Point]) -> Point:
+        """Return the end of the 95 % interval between points of one side, or the last.
+
+        The last point is that at the limit of the parameter if the interval reaches it.
+        """
+        from scipy.optimize import brentq
+
+        place = self.place
+        for inner, outer in pairwise(points):
+            if inner.root < self.quantile <= outer.root:
+                break
+        else:
+            return points[-1]
+        distance = outer.x[place] - inner.x[place]
+
+        def between(value: float) -> Point:
+            share = (value - inner.x[place]) / distance
+            return self.at(value, inner.x + share * (outer.x - inner.x))
+
+        value = brentq(
+            lambda value: between(value).root - self.quantile,
+            inner.x[place],
+            outer.x[place],
+            xtol=CLOSE * abs(distance),
+        )
+        return between(value)
+
+
+def profile_of(estimate: Estimate, name: str) -> pd.DataFrame:
+    """Return the table of :meth:`Fit.profile`."""
+    profile = Profile(estimate, list(estimate.problem.scales).index(name))
+    sides = [profile.side(sign) for sign in (-1, 1)]
+    ends = [profile.end(points) for points in sides]
+    points = {point.x[profile.place]: point for point in (*sides[0], *sides[1], *ends)}
+    ordered = [points[value] for value in sorted(points)]
+    table = pd.DataFrame([estimate.values(point.x) for point in ordered])
+    # A decrease is a negative root.
+    increase = [point.root * abs(point.root) for point in ordered]
+    table.insert(0, name, table.pop(name))
+    table.insert(1, "delta_chi_squared", increase)
+    table.attrs["threshold"] = profile.quantile**2
+    low, high = (estimate.values(end.x)[name] for end in ends)
+    table.attrs["interval"] = (low, high)
+    lowest = int(np.argmin(increase))
+    if increase[lowest] < -BETTER:
+        warnings.warn(
+            f"profile: chi squared is lower by {-increase[lowest]:.3g} than at the fit "
+            f"where {name} is {table[name][lowest]:.6g}; fit again from there",
+            ConfigWarning,
+            stacklevel=3,
+        )
+    return table
+
+
+def draw_profile(
+    estimate: Estimate,
+    table: pd.DataFrame,
+    size: float,
+    unit: str,
+    path: str | Path | None = None,
+) -> Figure:
+    """Return the figure of a profile, in units of a `size`."""
+    from rattlesweep.analysis import style
+    from rattlesweep.analysis.onerun.figure import shown
+
+    name = str(table.columns[0])
+    place = list(estimate.problem.scales).index(name)
+    values = size * table[name]
+    best = size * estimate.values(estimate.x)[name]
+    low, high = (size * end for end in table.attrs["interval"])
+    threshold = table.attrs["threshold"]
+
+    # The parabola is one in ``x``, as the interval of the covariance.
+    limits = estimate.problem.limits()
+    error = estimate.standard_errors[place]
+    roots = np.linspace(-1, 1, 201) * math.sqrt(table.delta_chi_squared.max())
+    parabola: list[tuple[float, float]] = []
+    for root in roots:
+        x = estimate.x.copy()
+        x[place] += root * error
+        if limits[0][place] <= x[place] <= limits[1][place]:
+            parabola.append((size * estimate.values(x)[name], root**2))
+    with style.styled():
+        figure = style.new_figure(4.6, 3.2)
+        axes = figure.subplots()
+        look: dict[str, Any] = {"marker": ".", "markersize": 4, "linewidth": 1.2}
+        increase = table.delta_chi_squared
+        axes.plot(values, increase, color=style.BLUE, label="profile", **look)
+        axes.plot(*np.transpose(parabola), label="covariance", **style.THEORY)
+        axes.axhline(threshold, color=style.GREY, linewidth=0.8, linestyle=":")
+        for end in (low, high):
+            axes.plot([end, end], [0, threshold], color=style.VERMILION, linewidth=0.9)
+        axes.set_xlabel(style.label(name, unit))
+        axes.set_ylabel(r"increase of $\chi^2$")
+        axes.set_ylim(bottom=0)
+        axes.set_title(f"{best:.4g}, 95 %: {low:.4g} to {high:.4g} {unit}", fontsize=9)
+        axes.legend(loc="upper center")
+        style.light_grid(axes)
+        return shown(figure, path)
