@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from dataclasses import asdict
 from itertools import combinations
@@ -478,15 +477,14 @@ def _fit_report(best: Fit, profile: pd.DataFrame | None) -> str:
 
 
 def _fit_as_json(best: Fit, profile: pd.DataFrame | None) -> dict[str, Any]:
-    """Return what JSON can hold of a fit; an infinite covariance is null."""
+    """Return a fit and a profile of it as JSON data."""
     names = [
         *("values", "intervals", "in_si", "noise", "noise_unit", "rows", "remarks"),
         *("dof", "chi_squared", "reduced_chi_squared"),
     ]
     data = {name: getattr(best, name) for name in names}
     for name in ("covariance", "correlations"):
-        matrix = getattr(best, name).replace([math.inf, -math.inf], math.nan)
-        data[name] = matrix.astype(object).where(matrix.notna(), None).to_dict()
+        data[name] = getattr(best, name).to_dict()
     if profile is not None:
         data["profile"] = {**profile.to_dict("list"), **profile.attrs}
     return data

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -23,6 +21,7 @@ MOST_SIZES = 20
 LEAST_NOISE = 1e-6
 # Rows that are as many as the parameters they determine leave rounding errors.
 LEAST_FREEDOM = 1e-6
+TINY = 1e-100
 
 
 @dataclass(frozen=True)
@@ -94,55 +93,38 @@ class Estimate:
     problem: Problem
     search: Search
     units: Units | None  # of the fitted body
+    jacobian: Floats  # with columns of length 1
+    root: Floats  # R of the covariance R R^T of ``x``
+    # Rows less the parameters that they determine: one that a prior determines costs no
+    # row, and one that both determine a share of a row.
+    freedom: float
+    # Share of the variance of each parameter that comes from noise, not from priors.
+    noise_shares: Floats
 
     @classmethod
     def of(cls, problem: Problem, search: Search) -> Estimate:
-        """Return the estimate of a search."""
-        units = problem.launched(search.x).body.units
-        return cls(problem, search, units)
+        """Return the estimate of a finished search."""
+        # A parameter that changes no residual has a huge variance, not an infinite one.
+        lengths = np.maximum(np.linalg.norm(search.jacobian, axis=0), TINY)
+        jacobian = search.jacobian / lengths
+        spread, _, _ = doubts.directions_of(jacobian)
+        pulls = jacobian[problem.rows :] @ spread
+        freedom = problem.rows - problem.unknowns + float((pulls**2).sum())
+        of_priors = ((spread @ pulls.T) ** 2).sum(axis=1)
+        return cls(
+            problem,
+            search,
+            problem.launched(search.x).body.units,
+            jacobian,
+            spread / lengths[:, None],
+            max(freedom, LEAST_FREEDOM),
+            1 - of_priors / (spread**2).sum(axis=1),
+        )
 
     @property
     def x(self) -> Floats:
         """The best parameters as the problem takes them."""
         return self.search.x
-
-    @cached_property
-    def _directions(self) -> tuple[Floats, Floats, Floats]:
-        """The Jacobian with columns of length 1, their lengths, and a root of the
-        covariance.
-        """
-        lengths = np.linalg.norm(self.search.jacobian, axis=0)
-        jacobian = self.search.jacobian / np.where(lengths > 0, lengths, 1.0)
-        spread, _, _ = doubts.directions_of(jacobian)
-        return jacobian, lengths, spread
-
-    @property
-    def jacobian(self) -> Floats:
-        """The Jacobian with columns of length 1."""
-        return self._directions[0]
-
-    @property
-    def told_by_priors(self) -> Floats:
-        """Share of the variance of each parameter that no noise adds to.
-
-        It is 1 for a parameter of which the film tells nothing.
-        """
-        jacobian, _, spread = self._directions
-        pulls = jacobian[self.problem.rows :] @ spread
-        variances = (spread**2).sum(axis=1)
-        of_priors = ((spread @ pulls.T) ** 2).sum(axis=1)
-        return np.asarray(of_priors / variances)
-
-    @property
-    def freedom(self) -> float:
-        """Number of rows less the parameters that they determine.
-
-        A parameter that a prior determines costs no row, and a share of one if both do.
-        """
-        jacobian, _, spread = self._directions
-        pulls = jacobian[self.problem.rows :] @ spread
-        freedom = self.problem.rows - self.problem.unknowns + float((pulls**2).sum())
-        return max(freedom, LEAST_FREEDOM)
 
     @property
     def noise(self) -> float:
@@ -152,19 +134,19 @@ class Estimate:
 
     def of_noise(self, noise: float) -> Estimate:
         """Return the estimate with the residuals divided by another noise."""
-        residuals = self.search.residuals.copy()
-        jacobian = self.search.jacobian.copy()
-        residuals[: self.problem.rows] *= self.problem.noise / noise
-        jacobian[: self.problem.rows] *= self.problem.noise / noise
-        search = replace(self.search, residuals=residuals, jacobian=jacobian)
-        return replace(self, problem=replace(self.problem, noise=noise), search=search)
+        factors = np.ones(len(self.search.residuals))
+        factors[: self.problem.rows] = self.problem.noise / noise
+        search = replace(
+            self.search,
+            residuals=self.search.residuals * factors,
+            jacobian=self.search.jacobian * factors[:, None],
+        )
+        return Estimate.of(replace(self.problem, noise=noise), search)
 
     @property
     def standard_errors(self) -> Floats:
         """Standard errors of ``x``."""
-        _, lengths, spread = self._directions
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.linalg.norm(spread, axis=1) / lengths)
+        return np.asarray(np.linalg.norm(self.root, axis=1))
 
     @property
     def quantiles(self) -> Floats:
@@ -173,34 +155,26 @@ class Estimate:
 
         freedom = np.full(len(self.x), np.inf)
         if self.problem.film.error is None:
-            # Welch and Satterthwaite: only the part of noise has a size that is
-            # estimated from the residuals.
-            of_noise = 1 - self.told_by_priors
+            # Welch and Satterthwaite: only noise has a size that is estimated.
             with np.errstate(divide="ignore"):
-                freedom = self.freedom / of_noise**2
+                freedom = self.freedom / self.noise_shares**2
         return np.asarray(student.ppf(0.975, freedom))
 
     @property
     def correlations(self) -> Floats:
         """Correlations of the parameters."""
-        _, _, spread = self._directions
-        directions = spread / np.linalg.norm(spread, axis=1)[:, None]
+        directions = self.root / self.standard_errors[:, None]
         return np.asarray(directions @ directions.T)
 
     @property
     def covariance(self) -> Floats:
         """Covariance of the parameters in the units of :meth:`values`."""
-        _, lengths, spread = self._directions
-        best = self.values(self.x)
-        linear = self.values(np.ones(len(self.x)))
-        sizes = []
-        for name in best:
-            # d exp(x) / dx is exp(x) itself.
-            size = best[name] if name == "omega_xy0" else linear[name]
-            sizes.append(size)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            root = spread * (np.array(sizes) / lengths)[:, None]
-        return root @ root.T
+        slopes = self.values(np.ones(len(self.x)))
+        if "omega_xy0" in slopes:
+            # The slope of an exponential function is its value.
+            slopes["omega_xy0"] = self.values(self.x)["omega_xy0"]
+        root = self.root * np.array([*slopes.values()])[:, None]
+        return np.asarray(root @ root.T)
 
     def values(self, x: Floats) -> dict[str, float]:
         """Return the parameters at ``x`` in the units of the fitted body."""
@@ -221,7 +195,7 @@ def settle_noise(problem: Problem, search: Search, steps: int) -> Estimate:
     if problem.film.error is not None:
         return estimate
     if not problem.priors:
-        return estimate.of_noise(max(estimate.noise, sys.float_info.min))
+        return estimate.of_noise(max(estimate.noise, TINY))
     for _ in range(MOST_SIZES):
         noise = max(estimate.noise, LEAST_NOISE * problem.film.size)
         change = abs(noise / problem.noise - 1)

@@ -15,7 +15,7 @@ import numpy as np
 from rattlesweep.arrays import Flags, Floats, Places
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.tables import read_table
-from rattlesweep.units import quantity
+from rattlesweep.units import quantity, split
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -246,23 +246,19 @@ def _error_of_all(error: float | str, measured: Column, units: Units | None) -> 
 
     A number has the unit of the column, and a text its own.
     """
-    dimension = KINDS[measured.kind]
-    text = one_line(str(error))
-    if isinstance(error, str) and measured.name not in BARE:
-        try:
-            size = quantity(error, dimension)
-        except ValueError as reason:
-            raise ConfigError(f"error: {text} {reason}") from None
-        if dimension != "angle" and units is not None:
-            size = float(units.natural(size, dimension))
-    else:
-        try:
-            size = float(error) * measured.unit.size
-        except (TypeError, ValueError):
-            raise ConfigError(f"error: {text} is not a number") from None
-    if not 0 < size < math.inf:
-        raise ConfigError(f"error: {text} is not a standard error above zero")
-    return size
+    number, unit = split(str(error))
+    like: Column | None = measured
+    if unit:
+        like = _measured_column(f"{measured.kind}_{unit}", units)
+    elif isinstance(error, str) and measured.name not in BARE:
+        like = None
+    if number is None or like is None or not 0 < number < math.inf:
+        example = f"0.5 {measured.unit.name}" if measured.name not in BARE else "0.5"
+        raise ConfigError(
+            f"error: {one_line(str(error))} is not a standard error of "
+            f"{measured.name}; it must be above zero, as in {example}"
+        )
+    return number * like.unit.size
 
 
 def _numbers(place: str, frame: pd.DataFrame, column: Column) -> Floats:

@@ -17,7 +17,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.body import PARAMETERS as BODY
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.physics.si import LIMITS, Units
+from rattlesweep.physics.si import Units
 from rattlesweep.quantities import LOSSES, RATE, TIME
 from rattlesweep.sweeps.launches import Launch
 
@@ -36,13 +36,13 @@ class Parameter(NamedTuple):
 
 # Quantities that a body is made from and does not keep.
 SIZES = {
-    "length": Parameter("m", *LIMITS["length"][:2], "length of the flat side"),
-    "width": Parameter("m", *LIMITS["length"][:2], "width of the flat side"),
-    "height": Parameter("m", *LIMITS["length"][:2], "height"),
-    "mass": Parameter("kg", *LIMITS["mass"][:2], "mass"),
-    "weights": Parameter("kg", *LIMITS["mass"][:2], "mass of each weight"),
-    "wall": Parameter("m", *LIMITS["length"][:2], "thickness of the shell"),
-    "axes_angle": Parameter("rad", *LIMITS["angle"][:2], "angle of the first radius"),
+    "length": Parameter("m", 1e-9, 1e6, "length of the flat side"),
+    "width": Parameter("m", 1e-9, 1e6, "width of the flat side"),
+    "height": Parameter("m", 1e-9, 1e6, "height"),
+    "mass": Parameter("kg", 1e-9, 1e9, "mass"),
+    "weights": Parameter("kg", 1e-9, 1e9, "mass of each weight"),
+    "wall": Parameter("m", 1e-9, 1e6, "thickness of the shell"),
+    "axes_angle": Parameter("rad", -1.57, 1.57, "angle of the first radius"),
     "f_sd": Parameter("1", 0, 0.5, "I_yy / I_zz"),
 }
 PARAMETERS = {
@@ -59,7 +59,7 @@ PARAMETERS = {
         )
         for name, loss in LOSSES.items()
     },
-    "skew": Parameter("rad", -math.pi / 2, math.pi / 2, "skew angle, -xi"),
+    "skew": Parameter("rad", -math.pi / 2, math.pi / 2, "skew angle"),
     "xi": Parameter("rad", -math.pi / 2, math.pi / 2, "skew angle"),
     "theta": Parameter("1", 0, 1, "larger curvature"),
     "phi": Parameter("1", 0, 1, "smaller curvature"),

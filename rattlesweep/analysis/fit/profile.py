@@ -35,7 +35,8 @@ class Point(NamedTuple):
     """The best parameters at one value of one of them."""
 
     x: Floats
-    root: float  # of the increase of chi squared; infinite where no run succeeds
+    # Of the increase of chi squared; infinite where no run succeeds.
+    root: float
 
 
 @dataclass(frozen=True)
@@ -56,14 +57,15 @@ class Profile:
         x = start.copy()
         x[self.place] = value
         others = [place for place in range(len(x)) if place != self.place]
-        if not problem.succeeds(x):
+        residuals = problem.residuals(x)
+        if not np.isfinite(residuals).all():
             return Point(x, math.inf)
-        squares = float((problem.residuals(x) ** 2).sum())
         if others:
             search = minimise(problem, x, 1e-8, MOST_STEPS, others)
             x = search.x
-            squares = search.squares
-        increase = squares - self.estimate.search.squares
+            residuals = search.residuals
+        increase = float((residuals**2).sum()) - self.estimate.search.squares
+        # A decrease, where the fit was not the best, is a negative root.
         return Point(x, math.copysign(math.sqrt(abs(increase)), increase))
 
     def side(self, sign: int) -> list[Point]:
@@ -162,35 +164,37 @@ def draw_profile(
 
     name = str(table.columns[0])
     place = list(estimate.problem.scales).index(name)
-    values = size * table[name]
     best = size * estimate.values(estimate.x)[name]
     low, high = (size * end for end in table.attrs["interval"])
     threshold = table.attrs["threshold"]
+    values = size * table[name].to_numpy()
+    increase = table.delta_chi_squared.to_numpy()
 
+    # Between the points, the root of chi squared is nearly straight.
+    line = np.linspace(values[0], values[-1], 400)
+    roots = np.sign(values - best) * np.sqrt(np.maximum(increase, 0))
+    curve = np.interp(line, values, roots) ** 2
     # The parabola is one in ``x``, as the interval of the covariance.
-    limits = estimate.problem.limits()
-    error = estimate.standard_errors[place]
-    roots = np.linspace(-1, 1, 201) * math.sqrt(table.delta_chi_squared.max())
-    parabola: list[tuple[float, float]] = []
-    for root in roots:
+    parabola_roots = np.linspace(roots[0], roots[-1], 400)
+    parabola = []
+    for root in parabola_roots:
         x = estimate.x.copy()
-        x[place] += root * error
-        if limits[0][place] <= x[place] <= limits[1][place]:
-            parabola.append((size * estimate.values(x)[name], root**2))
+        x[place] += root * estimate.standard_errors[place]
+        parabola.append(size * estimate.values(x)[name])
+    dots: dict[str, Any] = {"marker": ".", "markersize": 4, "linestyle": "none"}
+    ends: dict[str, Any] = {"color": style.VERMILION, "linewidth": 1.0}
     with style.styled():
         figure = style.new_figure(4.6, 3.2)
         axes = figure.subplots()
-        look: dict[str, Any] = {"marker": ".", "markersize": 4, "linewidth": 1.2}
-        increase = table.delta_chi_squared
-        axes.plot(values, increase, color=style.BLUE, label="profile", **look)
-        axes.plot(*np.transpose(parabola), label="covariance", **style.THEORY)
-        axes.axhline(threshold, color=style.GREY, linewidth=0.8, linestyle=":")
-        for end in (low, high):
-            axes.plot([end, end], [0, threshold], color=style.VERMILION, linewidth=0.9)
+        axes.plot(line, curve, color=style.BLUE, label="profile", linewidth=1.2)
+        axes.plot(values, increase, color=style.BLUE, **dots)
+        axes.plot(parabola, parabola_roots**2, label="covariance", **style.THEORY)
+        axes.hlines(threshold, low, high, label="95 % of the profile", **ends)
+        axes.vlines([low, high], 0, threshold, **ends)
+        axes.set(xlim=(values[0], values[-1]), ylim=(0, increase.max()))
         axes.set_xlabel(style.label(name, unit))
         axes.set_ylabel(r"increase of $\chi^2$")
-        axes.set_ylim(bottom=0)
-        axes.set_title(f"{best:.4g}, 95 %: {low:.4g} to {high:.4g} {unit}", fontsize=9)
-        axes.legend(loc="upper center")
+        axes.set_title(f"95 %: {low:.4g} to {high:.4g} {unit}", fontsize=9)
+        axes.legend(loc="upper center", fontsize=8)
         style.light_grid(axes)
         return shown(figure, path)
