@@ -514,6 +514,7 @@ def _read_stone(path: Path) -> dict[str, Any]:
         "body": body,
         "free": stone.free,
         "launch": stone.launch,
-        "error": stone.error,
+        # As a text, whose number needs the unit of the data.
+        "error": None if stone.error is None else str(stone.error),
         **losses,
     }

@@ -224,7 +224,7 @@ def _errors(
         return None
     # The unit is at the end of both names: angle_error_deg is to angle_deg an error.
     like = _measured_column(names[0].replace("_error", "", 1), units)
-    if like is None:
+    if like is None or (like.name in BARE) != (measured.name in BARE):
         raise ConfigError(
             f"{place}: {names[0]} does not end in a unit; name the column "
             f"{measured.name.replace(measured.kind, prefix, 1)}"

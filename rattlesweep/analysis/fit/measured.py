@@ -104,15 +104,16 @@ def measured_body(values: Mapping[str, object], in_si: bool = True) -> MeasuredB
         if name not in known:
             raise ConfigError(f"{name}: only {', '.join(known)} may have an error")
         kind = KINDS.get(name, "")
-        value = number(keys[name], kind, name)
-        prior = Prior(value, number(error, kind, name))
+        try:
+            prior = Prior(number(keys[name], kind, name), number(error, kind, name))
+        except ValueError as reason:
+            raise ConfigError(str(reason)) from None
         if name in ANGLES:
             # In radians, as the other key that the body could be made from.
-            sign = ANGLES[name]
+            degree = math.radians(1)
+            prior = Prior(ANGLES[name] * degree * prior.value, degree * prior.error)
             del keys[name]
             name = "xi"
-            value = sign * math.radians(value)
-            keys[name] = value
-            prior = Prior(value, math.radians(prior.error))
+            keys[name] = prior.value
         priors[name] = prior
     return MeasuredBody(body, keys, priors)

@@ -191,7 +191,7 @@ def draw_profile(
         axes.plot(parabola, parabola_roots**2, label="covariance", **style.THEORY)
         axes.hlines(threshold, low, high, label="95 % of the profile", **ends)
         axes.vlines([low, high], 0, threshold, **ends)
-        axes.set(xlim=(values[0], values[-1]), ylim=(0, increase.max()))
+        axes.set(xlim=(values[0], values[-1]), ylim=(0, 1.03 * increase.max()))
         axes.set_xlabel(style.label(name, unit))
         axes.set_ylabel(r"increase of $\chi^2$")
         axes.set_title(f"95 %: {low:.4g} to {high:.4g} {unit}", fontsize=9)

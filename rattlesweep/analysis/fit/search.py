@@ -148,7 +148,8 @@ def _best_search(problem: Problem, starts: list[Floats], progress: Progress) -> 
     series = film.kind != "reversal"
     if series:
         first_part = problem.until(COARSE[0])
-        ladders: tuple[tuple[float, ...], ...] = (COARSE, FINE)
+        # First values that are good are best left alone.
+        ladders: tuple[tuple[float, ...], ...] = (COARSE, FINE, ())
         most_starts = SERIES_STARTS
     else:
         first_part = problem
@@ -176,12 +177,21 @@ def _best_search(problem: Problem, starts: list[Floats], progress: Progress) -> 
             continue
         search = minimise(problem, x, 1e-8, MOST_STEPS)
         searches.append(search)
-        residuals = search.residuals[: problem.rows]
-        if series and doubts.correlation(residuals) < doubts.noise_limit(film):
+        if series and _is_noise(problem, search):
             break
     if not searches:
         problem.expected(starts[0])  # tells what is wrong with body or launch
     return min(searches, key=lambda search: search.squares)
+
+
+def _is_noise(problem: Problem, search: Search) -> bool:
+    """Return whether the residuals of a series look like noise of the right size."""
+    # One standard deviation above its mean, chi squared may have a lower minimum.
+    usual = problem.freedom + math.sqrt(2 * problem.freedom)
+    if problem.film.error is not None and search.squares > usual:
+        return False
+    residuals = search.residuals[: problem.rows]
+    return doubts.correlation(residuals) < doubts.noise_limit(problem.film)
 
 
 def _result(estimate: Estimate, remarks: list[str]) -> Fit:
