@@ -213,9 +213,10 @@ def test_a_profile_is_that_of_fits_at_fixed_values(tmp_path):
     assert abs(ends[1] - fit.intervals["sigma"][1]) > 0.05 * ends[1]
 
     figure = fit.plot_profile(profile, tmp_path / "profile.png")
-    (axes,) = figure.axes
-    labels = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert labels == ["profile", "covariance", "95 % of the profile"]
+    (legend,) = figure.legends
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert labels == ["profile", "covariance", "95 %"]
+    assert legend.get_title().get_text().startswith("95 %: 0 to 1.3")
     assert (tmp_path / "profile.png").stat().st_size > 10_000
     with pytest.raises(rs.ConfigError, match='profile: "mu" is not one of sigma, om'):
         fit.profile("mu")

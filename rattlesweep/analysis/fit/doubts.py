@@ -17,7 +17,6 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 
 if TYPE_CHECKING:
-    from rattlesweep.analysis.fit.estimate import Search
     from rattlesweep.analysis.fit.problem import Problem
     from rattlesweep.physics.si import Units
 
@@ -239,9 +238,11 @@ def correlation(residuals: Floats) -> float:
     return float((residuals[1:] * residuals[:-1]).sum()) / square
 
 
-def doubts_of_priors(problem: Problem, search: Search) -> list[str]:
-    """Return remarks on measured values that the data contradict."""
-    pulls = search.residuals[problem.rows :]
+def doubts_of_priors(problem: Problem, pulls: Floats) -> list[str]:
+    """Return remarks on measured values that the data contradict.
+
+    `pulls` are the residuals of the priors, in standard errors.
+    """
     return [
         f"the data move {name} by {abs(pull):.2g} standard errors from the measured "
         "value: measure it again, or the model does not describe the data"

@@ -209,7 +209,7 @@ def _result(estimate: Estimate, remarks: list[str]) -> Fit:
         *remarks,
         *doubts.doubts_of_residuals(film, residuals, estimate.noise),
         *doubts.doubts_of_parameters(problem, best.x, half_width, estimate.jacobian),
-        *doubts.doubts_of_priors(problem, best),
+        *doubts.doubts_of_priors(problem, best.residuals[problem.rows :]),
     ]
     if film.error is not None:
         remarks += doubts.doubts_of_errors(best.squares, problem.freedom)
