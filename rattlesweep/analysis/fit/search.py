@@ -158,6 +158,10 @@ def _best_search(problem: Problem, starts: list[Floats], progress: Progress) -> 
     starts = sorted(starts, key=lambda x: float((first_part.residuals(x) ** 2).sum()))
     stages_a_start = sum(len(shares) + 1 for shares in ladders)
     progress.plan(stages_a_start * min(most_starts, len(starts)))
+    unmeasured = []
+    if problem.priors:
+        names = enumerate(problem.scales)
+        unmeasured = [place for place, name in names if name not in problem.priors]
     searches: list[Search] = []
     stage = 0
     for number, (start, shares) in enumerate(product(starts, ladders)):
@@ -175,6 +179,9 @@ def _best_search(problem: Problem, starts: list[Floats], progress: Progress) -> 
         stage += 1
         if not problem.succeeds(x):
             continue
+        if unmeasured and not shares:
+            # Measured values are nearly right, so the others are fitted to them first.
+            x = minimise(problem, x, 1e-3, FIRST_STEPS, unmeasured).x
         search = minimise(problem, x, 1e-8, MOST_STEPS)
         searches.append(search)
         if series and _is_noise(problem, search):
