@@ -3,9 +3,12 @@
 Each data set is a synthetic video of a wooden stone at 240 frames a second, of which 5
 % are missing: the angle of its long axis with a noise of 0.5 degrees, or its spin with
 one of 3 rpm. The truth is drawn anew each time and not known to the fit. Prints the
-table of fit.md.
+tables of fit.md.  With `--ruler` the sizes of the stone are drawn, too, there is no
+rolling resistance, and the fit knows the sizes as measured: `errors` takes them with
+their errors, `exact` as exact.
 
     python benchmarks/fit_coverage.py --sets 500
+    python benchmarks/fit_coverage.py --sets 200 --ruler errors
     python benchmarks/fit_coverage.py --write configs/fit/data.csv
 """
 
@@ -22,14 +25,22 @@ import pandas as pd
 
 import rattlesweep as rs
 
-STONE = rs.Rattleback.half_ellipsoid(
-    length="12 cm", width="3 cm", height="12 mm", mass="60 g", skew="3 deg"
-)
+# What the ruler says, in SI units and radians, and its standard errors.
+SIZES = {
+    "length": (0.12, 2e-4),
+    "width": (0.03, 2e-4),
+    "height": (0.012, 1e-4),
+    "mass": (0.06, 1e-3),
+    "skew": (math.radians(3), math.radians(0.2)),
+}
+RULER = {name: value for name, (value, _) in SIZES.items()}
+STONE = rs.Rattleback.half_ellipsoid(**RULER)
 NOISE = {"angle_deg": 0.5, "n_rpm": 3.0}
 MISSING = 0.05
 
 
 def measured(
+    stone: rs.Rattleback,
     truth: dict[str, Any],
     column: str,
     seconds: float,
@@ -39,22 +50,22 @@ def measured(
     """Return the table of a video; the angle is that of the attitude as a
     quaternion.
     """
-    assert STONE.units is not None
+    assert stone.units is not None
     t = np.arange(0, seconds, 1 / rate)
-    times = t / STONE.units.time
+    times = t / stone.units.time
     names = ["q0", "q1", "q2", "q3", "n"]
     run = rs.trajectory(
-        STONE, **truth, t_end=times[-1], times=times, channels=names
+        stone, **truth, t_end=times[-1], times=times, channels=names
     ).table
     w, x, y, z, value = run[names].to_numpy().T
     if column == "angle_deg":
-        a = -math.sin(STONE.xi)
-        b = math.cos(STONE.xi)
+        a = -math.sin(stone.xi)
+        b = math.cos(stone.xi)
         east = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b
         north = 2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b
         value = np.degrees(np.arctan2(north, east))
     else:
-        value = value / STONE.units.time * 30 / math.pi
+        value = value / stone.units.time * 30 / math.pi
     value = value + generator.normal(0, NOISE[column], len(t))
     value[generator.random(len(t)) < MISSING] = np.nan
     if column == "angle_deg":
@@ -72,11 +83,30 @@ def drawn(generator: np.random.Generator) -> dict[str, Any]:
     }
 
 
+def drawn_sizes(generator: np.random.Generator) -> dict[str, float]:
+    """Return true sizes that the ruler could have measured as it did."""
+    return {name: generator.normal(*size) for name, size in SIZES.items()}
+
+
+def in_si(stone: rs.Rattleback, truth: dict[str, Any]) -> dict[str, float]:
+    """Return a truth in rpm and SI units."""
+    assert stone.units is not None
+    sizes = stone.units.sizes
+    rpm = 30 / math.pi / stone.units.time
+    return {
+        "n_i": rpm * truth["n_i"],
+        "omega_xy0": rpm * truth["omega_xy0"],
+        "sigma": sizes["M a^2 sqrt(g/a)"][0] * truth["sigma"],
+        "rolling": sizes["a"][0] * truth["rolling"],
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--sets", type=int, default=500)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--column", choices=list(NOISE), default="angle_deg")
+    parser.add_argument("--ruler", choices=["errors", "exact"])
     parser.add_argument("--write", type=Path)
     options = parser.parse_args()
     if options.write:
@@ -87,7 +117,7 @@ def main() -> None:
             "rolling": 0.0,
         }
         table = measured(
-            truth, "angle_deg", 3.0, 120.0, np.random.default_rng(2017)
+            STONE, truth, "angle_deg", 3.0, 120.0, np.random.default_rng(2017)
         ).round(4)
         table.to_csv(options.write, index=False)
         return
@@ -95,12 +125,25 @@ def main() -> None:
     for number in range(options.first, options.first + options.sets):
         generator = np.random.default_rng([2017, number])
         truth = drawn(generator)
-        table = measured(truth, options.column, 4.0, 240.0, generator)
+        stone = STONE
+        if options.ruler:
+            stone = rs.Rattleback.half_ellipsoid(**drawn_sizes(generator))
+            truth["rolling"] = 0.0
+        free = [name for name, value in truth.items() if value > 0]
+        table = measured(stone, truth, options.column, 4.0, 240.0, generator)
+        body: Any = STONE
+        if options.ruler == "errors":
+            units = {"mass": "kg", "skew": "rad"}
+            body = {"shape": "half_ellipsoid"}
+            for name, (value, error) in SIZES.items():
+                body[name] = f"{value} +- {error} {units.get(name, 'm')}"
         begin = time.perf_counter()
-        fit = rs.fit(STONE, table, free=list(truth))
+        fit = rs.fit(body, table, free=free)
         seconds = time.perf_counter() - begin
-        for name, value in truth.items():
-            low, high = fit.intervals[name]
+        true_values = in_si(stone, truth)
+        for name in free:
+            value = true_values[name]
+            best, low, high, _ = fit.in_si[name]
             rows.append(
                 {
                     "set": number,
@@ -110,12 +153,12 @@ def main() -> None:
                     "parameter": name,
                     "covered": low <= value <= high,
                     "width": (high - low) / 2 / value,
-                    "error": fit.values[name] / value - 1,
+                    "error": best / value - 1,
                 }
             )
         print(
             number,
-            *(int(row["covered"]) for row in rows[-4:]),
+            *(int(row["covered"]) for row in rows[-len(free) :]),
             f"{seconds:.1f}",
             flush=True,
         )

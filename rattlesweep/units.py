@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from functools import cache
 from numbers import Real
@@ -96,6 +97,29 @@ def with_point(text: str) -> str | None:
     if match is None:
         return None
     return f"{match[1] or 0}.{match[2]}"
+
+
+def separate_error(text: str) -> tuple[str, str] | None:
+    """Return the value and the standard error in a text such as ``60 +- 1 g``.
+
+    Each gets its unit, and the unit of one is that of the other.  None if the text has
+    no error; raises a ValueError if value or error cannot be read.
+    """
+    halves = re.split(r"\+-|\+/-|±", text)
+    if len(halves) == 1:
+        return None
+    for half in halves:
+        if with_point(half):
+            raise ValueError(f"has a decimal comma; write {with_point(half)}")
+    value, unit = split(halves[0])
+    error, unit_of_error = split(halves[1])
+    if len(halves) > 2 or value is None or error is None:
+        raise ValueError("is not a value with its error; write it as in 60 +- 1 g")
+    if not 0 < error < math.inf:
+        raise ValueError(f"has the error {error:g}; a standard error is above zero")
+    unit = unit or unit_of_error
+    unit_of_error = unit_of_error or unit
+    return f"{value!r} {unit}".strip(), f"{error!r} {unit_of_error}".strip()
 
 
 def split(text: str) -> tuple[float | None, str]:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
+    from rattlesweep.analysis.fit.measured import Prior
     from rattlesweep.analysis.fit.result import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.analysis.onerun.replay import StoredRun
@@ -444,55 +445,80 @@ def replay(
 
 
 def fit(
-    body: Rattleback | str,
+    body: Rattleback | str | Mapping[str, Any],
     data: str | PathLike[str] | pd.DataFrame | Mapping[str, Sequence[float]],
     *,
     free: Iterable[str],
     launch: Mapping[str, Any] | None = None,
+    error: Number | None = None,
     progress: bool | None = None,
     **losses: Number,
 ) -> Fit:
     """Fit parameters of one run to a measured angle or spin, or to reversal times.
 
-    The 95 % intervals come from the Jacobian at the best fit.  They assume equal and
-    independent noise, whose size is estimated from the residuals.
+    A quantity that was measured otherwise may be a text with its standard error, such
+    as ``"60 +- 1 g"`` (or ``±``).  It is then fitted, too, and its difference from the
+    measured value, over the error, is one more residual.
+
+    The 95 % intervals come from the Jacobian at the best fit.  They assume independent
+    noise, of the size that `error` or a column says, or else of equal size, estimated
+    from the residuals.
 
     Parameters
     ----------
-    body : Rattleback or str
-        What is known of the body; with a size if the data are in seconds.
+    body : Rattleback, str or mapping
+        What is known of the body; with a size if the data are in seconds.  A mapping
+        has the keys of a stone file, such as ``{"shape": "half_ellipsoid", "length":
+        "12 +- 0.02 cm", ...}``, and numbers in SI units.
     data : path, DataFrame or mapping of columns
         ``t_s`` (or ``t_ms``) and ``angle_deg``, ``spin_rpm`` or ``n_rpm``; or
         ``reversal_s`` alone. ``t`` and ``n`` are in the units of the body.  The angle
         is that of the long axis, counterclockwise seen from above, and may jump by half
         turns; the spin is its central difference, and n is ``u . omega``.  The launch
-        is the first row, or time 0.
+        is the first row, or time 0.  A column such as ``angle_error_deg`` has the
+        standard errors.
     free : sequence of str
         Parameters to fit, of ``n_i, omega_xy0, psi_deg, sigma, rolling, mu, skew``
-        (which is ``-xi``), ``xi, theta, phi, alpha, beta, gamma, c``.  The search
+        (which is ``-xi``), ``xi, theta, phi, alpha, beta, gamma, c``, and of a mapping
+        ``length, width, height, mass, weights, wall, axes_angle, f_sd``.  The search
         begins at their given values.
     launch : mapping
         ``n_i, omega_xy0, psi`` or ``omega, u``; free parameters may be left out.
+    error : number or str, optional
+        Standard error of all values, in the unit of the column or with a unit.
     progress : bool, optional
         Whether to show a bar, by default in a terminal and in a notebook.
     **losses
         Dissipation, as for ``simulate``: ``sigma``, ``rolling`` and ``mu``.
+
+    Raises
+    ------
+    ConfigError
+        If an argument or the data are wrong, or the data are too few.
     """
     with Bar.of_call(progress) as bar:
-        return fit_with_progress(bar, body, data, free=free, launch=launch, **losses)
+        return fit_with_progress(
+            bar, body, data, free=free, launch=launch, error=error, **losses
+        )
 
 
 def fit_with_progress(
     bar: Bar,
-    body: Rattleback | str,
+    body: object,
     data: str | PathLike[str] | pd.DataFrame | Mapping[str, Sequence[float]],
     *,
     free: Iterable[str],
     launch: Mapping[str, Any] | None,
+    error: Number | None = None,
     **losses: Any,
 ) -> Fit:
     """Fit as :func:`fit` does, and show the progress on a bar."""
     from rattlesweep.analysis.fit.film import read_film
+    from rattlesweep.analysis.fit.measured import (
+        MeasuredBody,
+        measured_body,
+        separate,
+    )
     from rattlesweep.analysis.fit.search import check_free, fit_run
     from rattlesweep.integrate.compile import listening
 
@@ -501,11 +527,32 @@ def fit_with_progress(
         raise ConfigError(f"launch: {arguments.kind_of(launch)} is not a mapping")
     arguments.check_names("launch", launch, (*SPIN, "psi", "omega", "u"))
     arguments.check_names("arguments", losses, LOSSES)
-    run = launch_of(body, **launch, **losses)
-    names = check_free(run, arguments.names_of("free", free))
-    film = read_film(data, run.body.units)
+    if isinstance(body, Mapping):
+        body = measured_body(body)
+    if not isinstance(body, MeasuredBody):
+        body = MeasuredBody(arguments.one_body(body))
+    values, errors = separate({**launch, **losses})
+    run = launch_of(body.body, **values)
+    priors = {**body.priors, **_priors(run, errors)}
+    names = check_free(run, [*arguments.names_of("free", free), *priors], body)
+    film = read_film(data, run.body.units, error)
     with listening(bar.compiling):
-        return fit_run(run, film, names, bar.counting("fit"))
+        return fit_run(run, film, names, bar.counting("fit"), body, priors)
+
+
+def _priors(run: Launch, errors: Mapping[str, Number]) -> dict[str, Prior]:
+    """Return the priors of a launch and its dissipation, in units of the body."""
+    from rattlesweep.analysis.fit.measured import Prior
+
+    priors = {}
+    for name, error in errors.items():
+        width = number(name, error, run.body.units)
+        value = run.losses.get(name, getattr(run, name, None))
+        assert isinstance(value, float)
+        assert width is not None
+        # The direction is in degrees.
+        priors["psi_deg" if name == "psi" else name] = Prior(value, width)
+    return priors
 
 
 def page_of(

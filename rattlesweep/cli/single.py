@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import sys
 from dataclasses import asdict
+from itertools import combinations
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -25,11 +27,14 @@ from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.text import Bar, align, counted
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from rattlesweep.analysis.derived import Quantity
     from rattlesweep.analysis.fit.result import Fit
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.physics.body import Rattleback
 
+LEAST_CORRELATION = 0.1  # that is printed
 MOST_TIMES = 8  # of a list of reversals, the others are not printed
 
 
@@ -380,46 +385,82 @@ def _times(times: list[float], event: str) -> str:
 )
 @options.path("stone")
 @options.path("data")
+@option("--error", help="Standard error of the data, as in '0.5 deg'.")
+@option(
+    "--profile",
+    metavar="NAME",
+    help="Also fit at fixed values of this parameter; --figure then draws chi squared "
+    "along it, not the data.",
+)
 @options.figure
 @options.as_json
 @options.quiet
 def fit(
-    stone: Path, data: Path, figure: Path | None, as_json: bool, quiet: bool
+    stone: Path,
+    data: Path,
+    error: str | None,
+    profile: str | None,
+    figure: Path | None,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
     """Fit parameters of a stone to an angle or spin from a video, or to reversal times.
 
-    STONE is a YAML file with the keys body, launch, dissipation and free. DATA is a CSV
-    or Parquet table with t_s and angle_deg or spin_rpm, or with reversal_s. Prints each
-    free parameter with its 95 % interval. docs/fit.md explains both files.
+    STONE is a YAML file with the keys body, launch, dissipation, free and error, in
+    which measured values may have a standard error, as in 60 +- 1 g. DATA is a CSV or
+    Parquet table with t_s and angle_deg or spin_rpm, or with reversal_s. Prints each
+    free parameter with its 95 % interval, and correlations above 0.1. docs/fit.md
+    explains both files.
     """
     from rattlesweep.api.single import fit_with_progress
 
     probe(figure)
     arguments = _read_stone(stone)
+    if error is not None:
+        arguments["error"] = error
     try:
         with Bar.of_command(quiet) as bar:
             best = fit_with_progress(bar, data=data, **arguments)
-    except ConfigError as error:
-        # Messages about the data begin with their path.
-        messages = [
-            message if message.startswith(str(data)) else f"{stone}: {message}"
-            for message in error.messages
-        ]
-        raise ConfigError(messages) from None
-    names = ("values", "intervals", "in_si", "noise", "noise_unit", "rows", "remarks")
+            table = None
+            if profile is not None:
+                table = best.profile(profile)
+    except ConfigError as failure:
+        raise ConfigError(
+            [_placed(message, stone, data, error) for message in failure.messages]
+        ) from None
     if as_json:
-        click.echo(to_json({name: getattr(best, name) for name in names}))
+        click.echo(to_json(_fit_as_json(best, table)))
     else:
-        click.echo(_fit_table(best))
+        click.echo(_fit_report(best, table))
     if figure is not None:
-        best.plot(figure)
+        if table is not None:
+            best.plot_profile(table, figure)
+        else:
+            best.plot(figure)
     if not quiet:
-        say(f"{best.rows} rows, noise {best.noise:.3g} {best.noise_unit}")
+        summary = f"{best.rows} rows, noise {best.noise:.3g} {best.noise_unit}"
+        if best.reduced_chi_squared is not None:
+            summary += (
+                f", chi squared {best.chi_squared:.4g}, "
+                f"{best.reduced_chi_squared:.3g} per degree of freedom"
+            )
+        say(summary)
         for remark in best.remarks:
             say(f"warning: {remark}")
 
 
-def _fit_table(best: Fit) -> str:
+def _placed(message: str, stone: Path, data: Path, error: str | None) -> str:
+    """Return a message with the file or the option that it is about."""
+    # Messages about the data begin with their path.
+    if message.startswith(str(data)):
+        return message
+    option_of = message.partition(":")[0]
+    if option_of == "profile" or (option_of == "error" and error is not None):
+        return f"--{message}"
+    return f"{stone}: {message}"
+
+
+def _fit_report(best: Fit, profile: pd.DataFrame | None) -> str:
     from rattlesweep.analysis.fit.problem import PARAMETERS
 
     lines = [["", "value", "low", "high", "unit", "", "low", "high", "unit", ""]]
@@ -435,13 +476,45 @@ def _fit_table(best: Fit) -> str:
         else:
             line += [""] * 4
         lines.append([*line, parameter.description])
-    return align(lines, "<>>><>>><<")
+    report = align(lines, "<>>><>>><<")
+    correlations = best.correlations.to_numpy()
+    pairs = []
+    for (i, first), (j, second) in combinations(enumerate(best.values), 2):
+        size = float(correlations[i, j])
+        if abs(size) > LEAST_CORRELATION:
+            # A line is not broken within a pair.
+            pairs.append((abs(size), f"{first}\xa0{second}\xa0{size:.2f}"))
+    pairs.sort(reverse=True)
+    if pairs:
+        listed = "; ".join(text for _, text in pairs)
+        lines_of_pairs = fill(f"correlations: {listed}", 100, subsequent_indent="  ")
+        report += "\n" + lines_of_pairs.replace("\xa0", " ")
+    if profile is not None:
+        name = str(profile.columns[0])
+        size, unit = best.unit_of(name)
+        low, high = (size * end for end in profile.attrs["interval"])
+        report += f"\nprofile of {name}: 95 % from {low:.5g} to {high:.5g} {unit}"
+    return report
+
+
+def _fit_as_json(best: Fit, profile: pd.DataFrame | None) -> dict[str, Any]:
+    """Return a fit and a profile of it as JSON data."""
+    names = [
+        *("values", "intervals", "in_si", "noise", "noise_unit", "rows", "remarks"),
+        *("dof", "chi_squared", "reduced_chi_squared"),
+    ]
+    data = {name: getattr(best, name) for name in names}
+    for name in ("covariance", "correlations"):
+        data[name] = getattr(best, name).to_dict()
+    if profile is not None:
+        data["profile"] = {**profile.to_dict("list"), **profile.attrs}
+    return data
 
 
 def _read_stone(path: Path) -> dict[str, Any]:
     """Return the arguments of :func:`rattlesweep.fit` in a YAML file."""
+    from rattlesweep.analysis.fit.measured import measured_body, separate
     from rattlesweep.api.arrays import require_units
-    from rattlesweep.sweeps.bodies.making import body_from
     from rattlesweep.sweeps.config.read import checked, read_file
     from rattlesweep.sweeps.config.schema import Stone
 
@@ -450,12 +523,19 @@ def _read_stone(path: Path) -> dict[str, Any]:
     losses = vars(stone.dissipation)
     section = "body"
     try:
-        body = body_from(stone.body)
+        body = measured_body(stone.body, in_si=False)
         section = "launch"
-        require_units(stone.launch, body.units)
+        require_units(separate(stone.launch)[0], body.body.units)
         section = "dissipation"
-        require_units(losses, body.units)
+        require_units(separate(losses)[0], body.body.units)
     except ConfigError as error:
         message = one_line(str(error), 300)
         raise ConfigError(places.line((section,), message)) from None
-    return {"body": body, "free": stone.free, "launch": stone.launch, **losses}
+    return {
+        "body": body,
+        "free": stone.free,
+        "launch": stone.launch,
+        # As a text, whose number needs the unit of the data.
+        "error": None if stone.error is None else str(stone.error),
+        **losses,
+    }

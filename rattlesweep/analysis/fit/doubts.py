@@ -36,6 +36,9 @@ CORRELATED = 0.12
 ALIKE = 0.99  # correlation of two estimates above which the data cannot separate them
 # A value is hardly known if its interval's half width is above this share of it.
 VAGUE = 0.5
+# A measured value that the data move by more than so many standard errors is doubtful.
+FAR = 3.0
+UNLIKELY = 1e-3  # probability of chi squared below which the errors are doubtful
 # Singular values of a Jacobian below this are errors of its finite differences.
 SINGULAR = 1e-6
 
@@ -235,14 +238,46 @@ def correlation(residuals: Floats) -> float:
     return float((residuals[1:] * residuals[:-1]).sum()) / square
 
 
+def doubts_of_priors(problem: Problem, pulls: Floats) -> list[str]:
+    """Return remarks on measured values that the data contradict.
+
+    `pulls` are the residuals of the priors, in standard errors.
+    """
+    return [
+        f"the data move {name} by {abs(pull):.2g} standard errors from the measured "
+        "value: measure it again, or the model does not describe the data"
+        for name, pull in zip(problem.priors, pulls, strict=True)
+        if abs(pull) > FAR
+    ]
+
+
+def doubts_of_errors(chi_squared: float, freedom: int) -> list[str]:
+    """Return remarks on standard errors that the residuals contradict."""
+    from scipy.stats import chi2
+
+    if (
+        freedom < 1
+        or min(chi2.cdf(chi_squared, freedom), chi2.sf(chi_squared, freedom)) > UNLIKELY
+    ):
+        return []
+    if chi_squared > freedom:
+        reason = "the errors are too small, or the model does not describe the data"
+    else:
+        reason = "the errors are too large"
+    return [
+        f"chi squared per degree of freedom is {chi_squared / freedom:.3g}: {reason}"
+    ]
+
+
 def doubts_of_parameters(
-    names: list[str], x: Floats, half_width: Floats, jacobian: Floats
+    problem: Problem, x: Floats, half_width: Floats, jacobian: Floats
 ) -> list[str]:
     """Return remarks on the parameters that the data hardly determine.
 
     `x` are their values, and `half_width` those of the intervals. The columns of
     `jacobian` have length 1.
     """
+    names = list(problem.scales)
     spread, weakest, smallest = directions_of(jacobian)
     lengths = np.linalg.norm(spread, axis=1)
     # The absolute error of a logarithm is the relative error of its number.
@@ -252,6 +287,8 @@ def doubts_of_parameters(
     vague = ~(half_width <= VAGUE * sizes)
     if smallest < SINGULAR:
         vague |= np.abs(weakest) > 0.1
+    # What was measured may be as vague as it was measured.
+    vague &= [name not in problem.priors for name in names]
     alike = np.abs(spread @ spread.T) > ALIKE * np.outer(lengths, lengths)
     # Two estimates that go together are harmless as long as both are well known.
     is_pair = alike & (vague | vague[:, None])

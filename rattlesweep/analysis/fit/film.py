@@ -7,7 +7,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from rattlesweep.arrays import Flags, Floats, Places
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.tables import read_table
-from rattlesweep.units import quantity
+from rattlesweep.units import quantity, split
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,6 +33,7 @@ MEMORY = 20
 # The launch is judged by the first 2 % of the rows, and by at least 10 of them.
 FIRST_SHARE = 50
 FEWEST_FIRST = 10
+ROUGH_NOISE = 0.01  # of the largest time of a reversal, before the first search
 
 
 class Unit(NamedTuple):
@@ -60,11 +61,36 @@ class Film:
     value: Floats
     t_column: Column  # of reversals: the same as the next
     value_column: Column
+    # Standard errors of the values, None if they are not known.
+    error: Floats | None = None
 
     @property
     def known(self) -> Flags:
         """The rows that have a value."""
         return np.isfinite(self.value)
+
+    def until(self, share: float) -> Film:
+        """Return the first part of the data."""
+        early = self.t <= share * self.t[-1]
+        error = self.error
+        if error is not None:
+            error = error[early]
+        return replace(self, t=self.t[early], value=self.value[early], error=error)
+
+    @property
+    def size(self) -> float:
+        """The largest value."""
+        return float(np.nanmax(np.abs(self.value)))
+
+    @property
+    def rough_noise(self) -> float:
+        """Size of noise from second differences, or a first guess for single times."""
+        if self.kind == "reversal" or self.known.sum() < 3:
+            return ROUGH_NOISE * self.size
+        bends = np.abs(np.diff(self.value[self.known], 2))
+        # The median of |x| of a normal variable, and the variance of x0 - 2 x1 + x2.
+        noise = float(np.median(bends)) / 0.6745 / math.sqrt(6)
+        return max(noise, 1e-6 * self.size)
 
     @property
     def first_rows(self) -> Places:
@@ -84,11 +110,14 @@ class Film:
 def read_film(
     source: str | os.PathLike[str] | pd.DataFrame | Mapping[str, Sequence[float]],
     units: Units | None,
+    error: float | str | None = None,
 ) -> Film:
     """Return measured data from a CSV or Parquet file, a table or columns by name.
 
-    `units` are those of the body, None if its size is not known.  Raises a ConfigError
-    if columns are missing, or if a row is no number or out of order.
+    `units` are those of the body, None if its size is not known, and `error` is the
+    standard error of all values, by default that of a column such as
+    ``angle_error_deg``.  Raises a ConfigError if columns are missing, or if a row is no
+    number or out of order.
     """
     place, frame = _read_table(source)
     columns = _measured_columns(place, frame, units)
@@ -99,20 +128,24 @@ def read_film(
     value = values[kind]
     if not np.isfinite(value).any():
         raise ConfigError(f"{place}: no row has a value of {columns[kind].name}")
+    errors = _errors(place, frame, columns[kind], value, units, error)
     if kind == "reversal":
-        value = np.sort(value[np.isfinite(value)])
+        order = np.argsort(value)[: np.isfinite(value).sum()]
+        value = value[order]
+        if errors is not None:
+            errors = errors[order]
         if value[0] <= 0:
             first = f"{value[0] / columns[kind].unit.size:g}"
             raise ConfigError(
                 f"{place}: {columns[kind].name} is {first}; the launch is at 0"
             )
-        return Film(place, kind, value, value, columns[kind], columns[kind])
+        return Film(place, kind, value, value, columns[kind], columns[kind], errors)
     t = values["t"]
     _check_increasing(place, t, columns["t"])
     t = t - t[0]
     if kind == "angle":
         value = unwrapped(t, value)
-    return Film(place, kind, t, value, columns["t"], columns[kind])
+    return Film(place, kind, t, value, columns["t"], columns[kind], errors)
 
 
 def _read_table(source: Any) -> tuple[str, pd.DataFrame]:
@@ -170,6 +203,62 @@ def _measured_column(name: str, units: Units | None) -> Column | None:
             size *= units.time**-1
         return Column(name, match[1], Unit(unit, size))
     return None
+
+
+def _errors(
+    place: str,
+    frame: pd.DataFrame,
+    measured: Column,
+    value: Floats,
+    units: Units | None,
+    error: float | str | None,
+) -> Floats | None:
+    """Return the standard errors of the values of a column, None if not known."""
+    prefix = f"{measured.kind}_error"
+    names = [name for name in map(str, frame) if name.startswith(prefix)]
+    if error is not None:
+        if names:
+            raise ConfigError(f"error: {place} has the column {names[0]}; keep one")
+        return np.full(len(value), _error_of_all(error, measured, units))
+    if not names:
+        return None
+    # The unit is at the end of both names: angle_error_deg is to angle_deg an error.
+    like = _measured_column(names[0].replace("_error", "", 1), units)
+    if like is None or (like.name in BARE) != (measured.name in BARE):
+        raise ConfigError(
+            f"{place}: {names[0]} does not end in a unit; name the column "
+            f"{measured.name.replace(measured.kind, prefix, 1)}"
+        )
+    errors = _numbers(place, frame, like._replace(name=names[0]))
+    for row in np.flatnonzero(np.isfinite(value) & ~(errors > 0))[:1]:
+        problem = "has no finite value"
+        if np.isfinite(errors[row]):
+            problem = f"is {errors[row] / like.unit.size:g}"
+        raise ConfigError(
+            f"{place}: row {row + 1}: {names[0]} {problem}; give a standard error "
+            "above zero"
+        )
+    return errors
+
+
+def _error_of_all(error: float | str, measured: Column, units: Units | None) -> float:
+    """Return one standard error in units of the body.
+
+    A number has the unit of the column, and a text its own.
+    """
+    number, unit = split(str(error))
+    like: Column | None = measured
+    if unit:
+        like = _measured_column(f"{measured.kind}_{unit}", units)
+    elif isinstance(error, str) and measured.name not in BARE:
+        like = None
+    if number is None or like is None or not 0 < number < math.inf:
+        example = f"0.5 {measured.unit.name}" if measured.name not in BARE else "0.5"
+        raise ConfigError(
+            f"error: {one_line(str(error))} is not a standard error of "
+            f"{measured.name}; it must be above zero, as in {example}"
+        )
+    return number * like.unit.size
 
 
 def _numbers(place: str, frame: pd.DataFrame, column: Column) -> Floats:

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rattlesweep.analysis.fit.film import Film
+from rattlesweep.analysis.fit.measured import MeasuredBody, Prior
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.body import PARAMETERS as BODY
-from rattlesweep.quantities import LOSSES
+from rattlesweep.physics.body import Rattleback
+from rattlesweep.physics.si import Units
+from rattlesweep.quantities import LOSSES, RATE, TIME
 from rattlesweep.sweeps.launches import Launch
 
 LEAST = 1e-3  # of parameters that must be above zero
@@ -31,6 +34,17 @@ class Parameter(NamedTuple):
     description: str
 
 
+# Quantities that a body is made from and does not keep.
+SIZES = {
+    "length": Parameter("m", 1e-9, 1e6, "length of the flat side"),
+    "width": Parameter("m", 1e-9, 1e6, "width of the flat side"),
+    "height": Parameter("m", 1e-9, 1e6, "height"),
+    "mass": Parameter("kg", 1e-9, 1e9, "mass"),
+    "weights": Parameter("kg", 1e-9, 1e9, "mass of each weight"),
+    "wall": Parameter("m", 1e-9, 1e6, "thickness of the shell"),
+    "axes_angle": Parameter("rad", -1.57, 1.57, "angle of the first radius"),
+    "f_sd": Parameter("1", 0, 0.5, "I_yy / I_zz"),
+}
 PARAMETERS = {
     "n_i": Parameter("sqrt(g/a)", -10, 10, "initial spin"),
     "omega_xy0": Parameter("sqrt(g/a)", 1e-9, 10, "initial oscillation"),
@@ -45,7 +59,7 @@ PARAMETERS = {
         )
         for name, loss in LOSSES.items()
     },
-    "skew": Parameter("rad", -math.pi / 2, math.pi / 2, "skew angle, -xi"),
+    "skew": Parameter("rad", -math.pi / 2, math.pi / 2, "skew angle"),
     "xi": Parameter("rad", -math.pi / 2, math.pi / 2, "skew angle"),
     "theta": Parameter("1", 0, 1, "larger curvature"),
     "phi": Parameter("1", 0, 1, "smaller curvature"),
@@ -53,7 +67,10 @@ PARAMETERS = {
     "beta": Parameter("1", 1, 1e6, "I_yy + 1"),
     "gamma": Parameter("1", 0, 1e6, "I_zz"),
     "c": Parameter("a", 0, 1e6, "vertical semi-axis of the ellipsoid"),
+    **SIZES,
 }
+
+OF_BODY = (*BODY, "c", "skew", *SIZES)
 
 
 def follow(launch: Launch, kind: str, times: Floats) -> tuple[Floats, list[float]]:
@@ -86,26 +103,79 @@ def follow(launch: Launch, kind: str, times: Floats) -> tuple[Floats, list[float
     return values, course.reversals
 
 
+def ratio(unit: str, old: Units | None, new: Units | None) -> float:
+    """Return the size of a unit of one body over its size for another body.
+
+    It is 1 for units that are the same for all bodies, such as kg.
+    """
+    if old is None or new is None or unit not in old.sizes:
+        return 1.0
+    return float(old.sizes[unit][0] / new.sizes[unit][0])
+
+
+def carried_over(launch: Launch, body: Rattleback) -> Launch:
+    """Return the same launch in SI units for another body.
+
+    A spin of 60 rpm is another number in the units of a body of another height.
+    """
+    old = launch.body.units
+    new = body.units
+    if old == new:
+        return replace(launch, body=body)
+    rate = ratio(RATE, old, new)
+    changes: dict[str, Any] = {}
+    for name in ("n_i", "omega_xy0"):
+        value = getattr(launch, name)
+        if value is not None:
+            changes[name] = rate * value
+    if launch.omega is not None:
+        changes["omega"] = [rate * component for component in launch.omega]
+    if launch.t_end is not None:
+        changes["t_end"] = ratio(TIME, old, new) * launch.t_end
+    losses = {
+        name: ratio(LOSSES[name].unit, old, new) * value
+        for name, value in launch.losses.items()
+    }
+    return replace(launch, body=body, losses=losses, **changes)
+
+
 @dataclass(frozen=True)
 class Problem:
-    """Residuals as a function of ``x``, the free parameters divided by their scales."""
+    """Residuals as a function of ``x``, the free parameters divided by their scales.
+
+    Film, launch, scales and priors are in the units of the body that is given, also
+    where ``x`` changes its size and so the units of the run.
+    """
 
     launch: Launch
     film: Film
     scales: dict[str, float]
     # Called before each trial run, for progress.
     trial: Callable[[], None] = field(default=lambda: None)
+    stone: MeasuredBody | None = None
+    # Measured values of free parameters with their standard errors.
+    priors: Mapping[str, Prior] = field(default_factory=dict)
+    # What the residuals are divided by if the film has no standard errors.
+    noise: float = 1.0
+
+    @property
+    def unknowns(self) -> int:
+        """Number of parameters, with the first direction of angles."""
+        return len(self.scales) + int(self.film.kind == "angle")
+
+    @property
+    def rows(self) -> int:
+        """Number of values of the film, whose residuals precede those of the priors."""
+        return int(self.film.known.sum())
 
     @property
     def freedom(self) -> int:
-        """Number of values less the parameters and, for angles, the first direction."""
-        unknowns = len(self.scales) + int(self.film.kind == "angle")
-        return int(self.film.known.sum()) - unknowns
+        """Number of values, of film and priors, less the unknowns."""
+        return self.rows + len(self.priors) - self.unknowns
 
     def until(self, share: float) -> Problem:
         """Return the problem of the first part of the data."""
-        early = self.film.t <= share * self.film.t[-1]
-        film = replace(self.film, t=self.film.t[early], value=self.film.value[early])
+        film = self.film.until(share)
         launch = replace(self.launch, t_end=float(film.t[-1]) or 1.0)
         return replace(self, film=film, launch=launch)
 
@@ -129,18 +199,32 @@ class Problem:
                 values[name] = place * scale
         return values
 
+    def body(self, values: dict[str, float]) -> Rattleback:
+        """Return the body with some parameters; or raise a ValueError."""
+        sizes = {}
+        changes = dict(values)
+        body = self.launch.body
+        if self.stone is not None:
+            for name in values:
+                # Without a prior, the parameter of the finished body is meant.
+                if name in SIZES or name in self.stone.priors:
+                    sizes[name] = changes.pop(name)
+            if sizes:
+                body = self.stone.remade(sizes)
+        if "skew" in changes:
+            changes["xi"] = -changes.pop("skew")
+        return body.replace(**changes)
+
     def launched(self, x: Floats) -> Launch:
         """Return the run with the parameters at ``x``; or raise a ValueError."""
         changes: dict[str, Any] = self.values(x)
-        if "skew" in changes:
-            changes["xi"] = -changes.pop("skew")
         if "psi_deg" in changes:
             changes["psi"] = changes.pop("psi_deg")
-        of_body = {name: changes.pop(name) for name in (*BODY, "c") if name in changes}
-        body = self.launch.body.replace(**of_body)
+        of_body = {name: changes.pop(name) for name in OF_BODY if name in changes}
         losses = {name: changes.pop(name) for name in LOSSES if name in changes}
         losses = {**self.launch.losses, **losses}
-        return replace(self.launch, body=body, losses=losses, **changes)
+        launch = replace(self.launch, losses=losses, **changes)
+        return carried_over(launch, self.body(of_body))
 
     def expected(self, x: Floats) -> Floats:
         """Return the values without noise; angles start from the best first direction.
@@ -150,28 +234,50 @@ class Problem:
         self.trial()
         film = self.film
         launch = self.launched(x)
+        # From units of the body that is given to those of the body at ``x``.
+        time = ratio(TIME, self.launch.body.units, launch.body.units)
         if film.kind == "reversal":
             _, reversals = follow(launch, "n", np.zeros(1))
             # A run with fewer reversals has the others at its end at the earliest.
             times = np.full(len(film.t), launch.t_end or 0.0)
             count = min(len(film.t), len(reversals))
             times[:count] = reversals[:count]
-            return times
-        values, _ = follow(launch, film.kind, film.t)
+            return times / time
+        values, _ = follow(launch, film.kind, film.t * time)
         if film.kind == "angle":
-            values = values + np.nanmean(film.value - values)
-        return values
+            return values + self.first_direction(film.value - values)
+        return values * time
+
+    def first_direction(self, angles: Floats) -> float:
+        """Return the mean of some angles, weighted by the errors of the film."""
+        if self.film.error is None:
+            return float(np.nanmean(angles))
+        weights = self.film.error[self.film.known] ** -2.0
+        return float(np.average(angles[self.film.known], weights=weights))
+
+    @property
+    def errors(self) -> Floats:
+        """Standard errors of the rows that have a value."""
+        if self.film.error is None:
+            return np.full(self.rows, self.noise)
+        return self.film.error[self.film.known]
 
     def residuals(self, x: Floats) -> Floats:
-        """Return the residuals; infinite ones if the run does not exist or fails.
+        """Return the residuals over their standard errors, those of the priors last.
 
-        SciPy's search takes an infinite residual as a step that was too long.
+        They are infinite if the run does not exist or fails, which SciPy's search takes
+        as a step that was too long.
         """
-        known = self.film.known
         try:
-            return (self.film.value - self.expected(x))[known]
+            rows = (self.film.value - self.expected(x))[self.film.known] / self.errors
         except ValueError:
-            return np.full(int(known.sum()), np.inf)
+            return np.full(self.rows + len(self.priors), np.inf)
+        values = self.values(x)
+        pulls = [
+            (values[name] - prior.value) / prior.error
+            for name, prior in self.priors.items()
+        ]
+        return np.concatenate([rows, pulls])
 
     def succeeds(self, x: Floats) -> bool:
         """Return whether the run at ``x`` exists and is integrated to its end."""
@@ -183,11 +289,17 @@ class Problem:
         high = self.scaled({name: PARAMETERS[name].high for name in self.scales})
         return low, high
 
-    def slopes(self, x: Floats) -> Floats:
-        """Return the Jacobian of the residuals by central differences."""
+    def slopes(self, x: Floats, places: Sequence[int] | None = None) -> Floats:
+        """Return the Jacobian of the residuals by central differences.
+
+        It has a column for each parameter, or for those at some `places`.
+        """
         limits = self.limits()
         columns = []
-        for step in np.diag(np.full(len(x), STEP)):
+        steps = np.diag(np.full(len(x), STEP))
+        if places is not None:
+            steps = steps[places]
+        for step in steps:
             low = np.clip(x - step, *limits)
             high = np.clip(x + step, *limits)
             below = self.residuals(low)

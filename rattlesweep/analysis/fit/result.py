@@ -9,26 +9,32 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.analysis.fit.film import Film
+from rattlesweep.analysis.fit.estimate import Estimate
 from rattlesweep.analysis.fit.problem import PARAMETERS
 from rattlesweep.arrays import Floats
+from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import Rattleback
+from rattlesweep.sweeps.config import not_one_of
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
 
+# Units for people, beside those of bodies.
+SI_SIZES = {"rad": (180 / math.pi, "deg"), "m": (1e3, "mm"), "kg": (1e3, "g")}
 MANY_ROWS = 30  # more are drawn as points, fewer as circles
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The result of a fit: best parameters in the units of the body, angles in radians.
+    """The result of a fit: best parameters in the units of the fitted body.
 
-    Only `psi_deg` is in degrees; `in_si` has degrees, rpm and SI units.  `intervals`
-    are 95 % intervals; `launch` holds launch and dissipation as arguments of
-    ``rs.trajectory``; `noise` is the standard deviation of a measured value, in
-    `noise_unit`; `remarks` name what the data cannot determine or the model not
-    describe.
+    Angles are in radians, sizes such as `length` and `mass` in m and kg, and `psi_deg`
+    is in degrees; `in_si` has degrees, rpm, mm, g and SI units.  `intervals` are 95 %
+    intervals, of quantities in SI units where the size of the body is fitted, too.
+    `launch` holds launch and dissipation as arguments of ``rs.trajectory``; `noise` is
+    the standard deviation of a residual, in `noise_unit`; `remarks` name what the data
+    cannot determine or the model not describe.
     """
 
     values: dict[str, float]
@@ -39,21 +45,117 @@ class Fit:
     noise_unit: str
     rows: int
     remarks: list[str]
-    _film: Film = field(repr=False)
+    _estimate: Estimate = field(repr=False)
     _expected: Floats = field(repr=False)
+
+    @property
+    def covariance(self) -> pd.DataFrame:
+        """Covariance of the parameters, in products of the units of `values`.
+
+        It is that of the measured errors if these are known, and otherwise that of
+        noise of the size of the residuals.
+        """
+        return self._matrix(self._estimate.covariance)
+
+    @property
+    def correlations(self) -> pd.DataFrame:
+        """Correlations of the parameters, from -1 to 1."""
+        return self._matrix(self._estimate.correlations)
+
+    def _matrix(self, entries: Floats) -> pd.DataFrame:
+        import pandas as pd
+
+        names = list(self.values)
+        return pd.DataFrame(entries, index=names, columns=names)
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom: values of data and priors less fitted parameters.
+
+        The first direction of angles counts as a parameter.
+        """
+        return self._estimate.problem.freedom
+
+    @property
+    def chi_squared(self) -> float | None:
+        """Sum of the squares of the residuals over their errors, with the priors'.
+
+        None if the errors of the data are not known.
+        """
+        if self._estimate.problem.film.error is None:
+            return None
+        return self._estimate.search.squares
+
+    @property
+    def reduced_chi_squared(self) -> float | None:
+        """Chi squared per degree of freedom; None if it is not known."""
+        if self.chi_squared is None or self.dof == 0:
+            return None
+        return self.chi_squared / self.dof
+
+    def profile(self, name: str) -> pd.DataFrame:
+        """Return chi squared along one parameter, the others fitted at each value.
+
+        Parameters
+        ----------
+        name : str
+            One of the free parameters.
+
+        Returns
+        -------
+        DataFrame
+            Columns `name` and ``delta_chi_squared``, the increase of chi squared (of
+            the sum of squares over that of the noise, if the errors are not known), and
+            the other parameters, all in the units of `values`; 12 rows or more.
+            ``attrs["interval"]`` is the 95 % interval where the increase stays below
+            ``attrs["threshold"]``, up to the limit of the parameter if it does so
+            there.
+
+        Raises
+        ------
+        ConfigError
+            If no free parameter has this name.
+        """
+        from rattlesweep.analysis.fit.profile import profile_of
+
+        if name not in self.values:
+            raise ConfigError(f"profile: {not_one_of(name, self.values)}")
+        return profile_of(self._estimate, name)
+
+    def plot_profile(
+        self, profile: str | pd.DataFrame, path: str | Path | None = None
+    ) -> Figure:
+        """Draw a profile beside the parabola of the covariance, with its interval.
+
+        `profile` is a name or what :meth:`profile` has returned; the figure is also
+        written to `path` if given.
+        """
+        from rattlesweep.analysis.fit.profile import draw_profile
+
+        if isinstance(profile, str):
+            profile = self.profile(profile)
+        size, unit = self.unit_of(str(profile.columns[0]))
+        return draw_profile(self._estimate, profile, size, unit, path)
+
+    def unit_of(self, name: str) -> tuple[float, str]:
+        """Return the unit of a parameter for people, and its size in that of `values`.
+
+        It is an SI unit, rpm or deg, if there is one.
+        """
+        unit = PARAMETERS[name].unit
+        sizes = SI_SIZES
+        if self.body.units is not None:
+            spin = 30 / math.pi / self.body.units.time, "rpm"
+            sizes = {**sizes, **self.body.units.sizes, "sqrt(g/a)": spin}
+        return sizes.get(unit, (1.0, unit))
 
     @property
     def in_si(self) -> dict[str, tuple[float, float, float, str]]:
         """Value, interval and unit of each parameter with an SI unit, and of angles."""
-        sizes = {"rad": (180 / math.pi, "deg")}
-        units = self.body.units
-        if units is not None:
-            sizes |= units.sizes
-            sizes["sqrt(g/a)"] = (30 / math.pi / units.time, "rpm")
         in_si = {}
         for name, value in self.values.items():
-            if PARAMETERS[name].unit in sizes:
-                size, unit = sizes[PARAMETERS[name].unit]
+            size, unit = self.unit_of(name)
+            if unit != PARAMETERS[name].unit:
                 low, high = self.intervals[name]
                 in_si[name] = (size * value, size * low, size * high, unit)
         return in_si
@@ -63,7 +165,7 @@ class Fit:
         from rattlesweep.analysis import style
         from rattlesweep.analysis.onerun.figure import shown
 
-        film = self._film
+        film = self._estimate.problem.film
         value_unit = film.value_column.unit
         value = film.value / value_unit.size
         expected = self._expected / value_unit.size

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from itertools import product
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from rattlesweep.analysis.fit import doubts
+from rattlesweep.analysis.fit.estimate import Estimate, Search, minimise, settle_noise
 from rattlesweep.analysis.fit.film import Film
-from rattlesweep.analysis.fit.problem import PARAMETERS, Problem
+from rattlesweep.analysis.fit.measured import MeasuredBody, Prior
+from rattlesweep.analysis.fit.problem import PARAMETERS, SIZES, Problem
 from rattlesweep.analysis.fit.result import Fit
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
@@ -35,7 +38,9 @@ REVERSAL_STARTS = 6
 LONGER = 1.5
 
 
-def check_free(launch: Launch, free: Iterable[str]) -> list[str]:
+def check_free(
+    launch: Launch, free: Iterable[str], stone: MeasuredBody | None = None
+) -> list[str]:
     """Return the names of free parameters; raise a ConfigError if they do not fit."""
     names = list(dict.fromkeys(free))
     if not names:
@@ -45,6 +50,13 @@ def check_free(launch: Launch, free: Iterable[str]) -> list[str]:
     for name in names:
         if name not in PARAMETERS:
             raise ConfigError(f"free: {not_one_of(name, PARAMETERS)}")
+        if name in SIZES:
+            if stone is None or not stone.keys:
+                raise ConfigError(
+                    f"free: {name} needs a body given by a mapping, such as "
+                    "{shape: half_ellipsoid, length: 12 cm, ...}"
+                )
+            stone.size(name)
     if {"skew", "xi"} <= {*names}:
         raise ConfigError("free: skew is -xi; keep one of them")
     if "c" in names and launch.body.c is None:
@@ -59,10 +71,14 @@ def fit_run(
     film: Film,
     free: list[str],
     report: Callable[[float], None] = lambda fraction: None,
+    stone: MeasuredBody | None = None,
+    priors: Mapping[str, Prior] = MappingProxyType({}),
 ) -> Fit:
     """Fit parameters to the beginning of the data first, and then to all of them.
 
-    `report` is called with the fraction of the work that is done, at most.
+    `report` is called with the fraction of the work that is done, at most.  `stone` is
+    the body of the launch if it can be remade, and `priors` are those of all parameters
+    that have one, in the units of this body.
     """
     units = launch.body.units
     t_end = float(film.t[-1])
@@ -71,15 +87,19 @@ def fit_run(
     launch = replace(launch, t_end=t_end)
     progress = Progress(report, len(free))
     # The number of values is checked before any of them is used.
-    problem = Problem(launch, film, dict.fromkeys(free, 1.0), progress.trial)
-    if problem.freedom < 1:
+    problem = Problem(
+        launch, film, dict.fromkeys(free, 1.0), progress.trial, stone, priors
+    )
+    if problem.freedom < int(film.error is None):
         values = counted(int(film.known.sum()), "value")
         raise ConfigError(
             f"{values} cannot determine {counted(len(free), 'parameter')} and the "
             "noise; give more rows or free fewer parameters"
         )
     doubts.check_film(film, launch.n_i, units)
-    first_values = _first_values(launch, film, free)
+    if priors and film.error is None:
+        problem = replace(problem, noise=film.rough_noise)
+    first_values = _first_values(problem)
     scales = {name: max(map(abs, values)) for name, values in first_values.items()}
     problem = replace(problem, scales=scales)
     starts = [
@@ -89,7 +109,8 @@ def fit_run(
     if film.kind == "reversal":
         doubts.check_first_reversal(problem, starts[len(starts) // 2])
     best = _best_search(problem, starts, progress)
-    return _result(problem, best, doubts.doubts_of_data(film, units))
+    estimate = settle_noise(problem, best, MOST_STEPS)
+    return _result(estimate, doubts.doubts_of_data(film, units))
 
 
 class Progress:
@@ -121,49 +142,14 @@ class Progress:
         self._report(min(1.0, (self._stage + of_search) / self._stages))
 
 
-@dataclass(frozen=True)
-class Search:
-    """A finished search: the parameters ``x``, and residuals and Jacobian there."""
-
-    x: Floats
-    residuals: Floats
-    jacobian: Floats
-    settled: bool
-
-    @property
-    def squares(self) -> float:
-        """The sum of the squares of the residuals."""
-        return float((self.residuals**2).sum())
-
-
-def _minimise(problem: Problem, x: Floats, accuracy: float, steps: int) -> Search:
-    """Minimise the sum of squares from ``x`` on."""
-    from scipy.optimize import least_squares
-
-    limits = problem.limits()
-    # The method "trf" is slow where two parameters are strongly correlated.
-    result = least_squares(
-        problem.residuals,
-        np.clip(x, *limits),
-        problem.slopes,
-        limits,
-        "dogbox",
-        x_scale="jac",
-        ftol=accuracy,
-        max_nfev=steps,
-    )
-    # SciPy's Jacobian is of the type of `slopes`.
-    jacobian = np.asarray(result.jac)
-    return Search(result.x, result.fun, jacobian, settled=result.status != 0)
-
-
 def _best_search(problem: Problem, starts: list[Floats], progress: Progress) -> Search:
     """Return the best of searches from several starts; raise if no run can be made."""
     film = problem.film
     series = film.kind != "reversal"
     if series:
         first_part = problem.until(COARSE[0])
-        ladders: tuple[tuple[float, ...], ...] = (COARSE, FINE)
+        # First values that are good are best left alone.
+        ladders: tuple[tuple[float, ...], ...] = (COARSE, FINE, ())
         most_starts = SERIES_STARTS
     else:
         first_part = problem
@@ -172,6 +158,10 @@ def _best_search(problem: Problem, starts: list[Floats], progress: Progress) -> 
     starts = sorted(starts, key=lambda x: float((first_part.residuals(x) ** 2).sum()))
     stages_a_start = sum(len(shares) + 1 for shares in ladders)
     progress.plan(stages_a_start * min(most_starts, len(starts)))
+    unmeasured = []
+    if problem.priors:
+        names = enumerate(problem.scales)
+        unmeasured = [place for place, name in names if name not in problem.priors]
     searches: list[Search] = []
     stage = 0
     for number, (start, shares) in enumerate(product(starts, ladders)):
@@ -184,44 +174,52 @@ def _best_search(problem: Problem, starts: list[Floats], progress: Progress) -> 
             stage += 1
             beginning = problem.until(share)
             if beginning.freedom > 10 * len(x) and beginning.succeeds(x):
-                x = _minimise(beginning, x, 1e-3, FIRST_STEPS).x
+                x = minimise(beginning, x, 1e-3, FIRST_STEPS).x
         progress.begin(stage, MOST_STEPS)
         stage += 1
         if not problem.succeeds(x):
             continue
-        search = _minimise(problem, x, 1e-8, MOST_STEPS)
+        if unmeasured and not shares:
+            # Measured values are nearly right, so the others are fitted to them first.
+            x = minimise(problem, x, 1e-3, FIRST_STEPS, unmeasured).x
+        search = minimise(problem, x, 1e-8, MOST_STEPS)
         searches.append(search)
-        if series and doubts.correlation(search.residuals) < doubts.noise_limit(film):
+        if series and _is_noise(problem, search):
             break
     if not searches:
         problem.expected(starts[0])  # tells what is wrong with body or launch
     return min(searches, key=lambda search: search.squares)
 
 
-def _result(problem: Problem, best: Search, remarks: list[str]) -> Fit:
-    """Return the fit of a search, with intervals and remarks."""
-    from scipy.stats import t as student
+def _is_noise(problem: Problem, search: Search) -> bool:
+    """Return whether the residuals of a series look like noise of the right size."""
+    # One standard deviation above its mean, chi squared may have a lower minimum.
+    usual = problem.freedom + math.sqrt(2 * problem.freedom)
+    if problem.film.error is not None and search.squares > usual:
+        return False
+    residuals = search.residuals[: problem.rows]
+    return doubts.correlation(residuals) < doubts.noise_limit(problem.film)
 
+
+def _result(estimate: Estimate, remarks: list[str]) -> Fit:
+    """Return the fit of an estimate, with intervals and remarks."""
+    problem = estimate.problem
+    best = estimate.search
     film = problem.film
     names = list(problem.scales)
-    noise = math.sqrt(best.squares / problem.freedom)
-    # Standard errors for noise of size 1, from the Jacobian with columns of length 1.
-    sizes = np.linalg.norm(best.jacobian, axis=0)
-    jacobian = best.jacobian / np.where(sizes > 0, sizes, 1.0)
-    spread, _, _ = doubts.directions_of(jacobian)
-    lengths = np.linalg.norm(spread, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        errors = lengths / sizes * noise
-        half_width = errors * float(student.ppf(0.975, problem.freedom))
+    half_width = estimate.standard_errors * estimate.quantiles
     limits = problem.limits()
-    low = problem.values(np.clip(best.x - half_width, *limits))
-    high = problem.values(np.clip(best.x + half_width, *limits))
-
+    low = estimate.values(np.clip(best.x - half_width, *limits))
+    high = estimate.values(np.clip(best.x + half_width, *limits))
+    residuals = best.residuals[: problem.rows]
     remarks = [
         *remarks,
-        *doubts.doubts_of_residuals(film, best.residuals, noise),
-        *doubts.doubts_of_parameters(names, best.x, half_width, jacobian),
+        *doubts.doubts_of_residuals(film, residuals, estimate.noise),
+        *doubts.doubts_of_parameters(problem, best.x, half_width, estimate.jacobian),
+        *doubts.doubts_of_priors(problem, best.residuals[problem.rows :]),
     ]
+    if film.error is not None:
+        remarks += doubts.doubts_of_errors(best.squares, problem.freedom)
     if not best.settled:
         remarks.append(
             f"the search did not settle within {MOST_STEPS} steps; give a better launch"
@@ -238,23 +236,23 @@ def _result(problem: Problem, best: Search, remarks: list[str]) -> Fit:
             launch[name] = value
     unit = film.value_column.unit
     return Fit(
-        values=problem.values(best.x),
+        values=estimate.values(best.x),
         intervals={name: (low[name], high[name]) for name in names},
         body=final.body,
         launch=launch,
-        noise=noise / unit.size,
+        noise=estimate.noise / unit.size,
         noise_unit=unit.name,
-        rows=int(film.known.sum()),
+        rows=problem.rows,
         remarks=remarks,
-        _film=film,
+        _estimate=estimate,
         _expected=problem.expected(best.x),
     )
 
 
-def _first_values(
-    launch: Launch, film: Film, free: list[str]
-) -> dict[str, list[float]]:
+def _first_values(problem: Problem) -> dict[str, list[float]]:
     """Return values of each free parameter from which the search may begin."""
+    launch = problem.launch
+    film = problem.film
     body = launch.body
     spin = launch.n_i or 0.1
     if film.kind != "reversal":
@@ -277,9 +275,14 @@ def _first_values(
         size = decay if loss.unit == DAMPING else 1.0
         guesses[name] = [size * value for value in loss.first_values]
     first_values = {}
-    for name in free:
+    for name in problem.scales:
         value = launch.losses.get(name) or getattr(launch, name, None)
         value = value or getattr(body, name, None)
+        if name in problem.priors:
+            # A quantity that was measured as zero is not larger than its error.
+            value = problem.priors[name].value or problem.priors[name].error
+        elif name in SIZES and problem.stone is not None:
+            value = problem.stone.size(name)
         if value:
             first_values[name] = [value]
         else:

@@ -909,3 +909,4 @@ class Stone(Base):
     free: list[str]
     launch: dict[str, object] = {}
     dissipation: Losses = Field(default_factory=Losses)  # type: ignore[valid-type]
+    error: float | str | None = None

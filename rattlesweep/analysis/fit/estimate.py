@@ -1,0 +1,207 @@
+"""Searches for the least sum of squares, and what they say of the parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rattlesweep.analysis.fit import doubts
+from rattlesweep.analysis.fit.problem import PARAMETERS, Problem, ratio
+from rattlesweep.arrays import Floats
+from rattlesweep.physics.si import Units
+
+# The size of noise is settled if it changes by less than this.
+SETTLED = 1e-3
+MOST_SIZES = 20
+# Noise below this share of the largest value is taken as this when priors are weighed,
+# since slopes are finite differences.
+LEAST_NOISE = 1e-6
+# Rows that are as many as the parameters they determine leave rounding errors.
+LEAST_FREEDOM = 1e-6
+TINY = 1e-100
+
+
+@dataclass(frozen=True)
+class Search:
+    """A finished search: the parameters ``x``, and residuals and Jacobian there."""
+
+    x: Floats
+    residuals: Floats
+    jacobian: Floats
+    settled: bool
+
+    @property
+    def squares(self) -> float:
+        """The sum of the squares of the residuals."""
+        return float((self.residuals**2).sum())
+
+
+def minimise(
+    problem: Problem,
+    x: Floats,
+    accuracy: float,
+    steps: int,
+    free: Sequence[int] | None = None,
+) -> Search:
+    """Minimise the sum of squares from ``x`` on, by all parameters or the `free` ones.
+
+    The Jacobian of the search has columns for the free parameters alone.
+    """
+    from scipy.optimize import least_squares
+
+    if free is None:
+        free = range(len(x))
+    places = list(free)
+
+    def whole(x_free: Floats) -> Floats:
+        all_x = x.copy()
+        all_x[places] = x_free
+        return all_x
+
+    def residuals(x_free: Floats) -> Floats:
+        return problem.residuals(whole(x_free))
+
+    def slopes(x_free: Floats) -> Floats:
+        return problem.slopes(whole(x_free), places)
+
+    low, high = problem.limits()
+    limits = low[places], high[places]
+    # The method "trf" is slow where two parameters are strongly correlated.
+    result = least_squares(
+        residuals,
+        np.clip(x[places], *limits),
+        slopes,
+        limits,
+        "dogbox",
+        x_scale="jac",
+        ftol=accuracy,
+        max_nfev=steps,
+    )
+    # SciPy's Jacobian is of the type of `slopes`.
+    jacobian = np.asarray(result.jac)
+    best = whole(result.x)
+    return Search(best, result.fun, jacobian, settled=result.status != 0)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The best parameters, and how well the data and the priors determine them."""
+
+    problem: Problem
+    search: Search
+    units: Units | None  # of the fitted body
+    jacobian: Floats  # with columns of length 1
+    root: Floats  # R of the covariance R R^T of ``x``
+    # Rows less the parameters that they determine: one that a prior determines costs no
+    # row, and one that both determine a share of a row.
+    freedom: float
+    # Share of the variance of each parameter that comes from noise, not from priors.
+    noise_shares: Floats
+
+    @classmethod
+    def of(cls, problem: Problem, search: Search) -> Estimate:
+        """Return the estimate of a finished search."""
+        # A parameter that changes no residual has a huge variance, not an infinite one.
+        lengths = np.maximum(np.linalg.norm(search.jacobian, axis=0), TINY)
+        jacobian = search.jacobian / lengths
+        spread, _, _ = doubts.directions_of(jacobian)
+        pulls = jacobian[problem.rows :] @ spread
+        freedom = problem.rows - problem.unknowns + float((pulls**2).sum())
+        of_priors = ((spread @ pulls.T) ** 2).sum(axis=1)
+        return cls(
+            problem,
+            search,
+            problem.launched(search.x).body.units,
+            jacobian,
+            spread / lengths[:, None],
+            max(freedom, LEAST_FREEDOM),
+            1 - of_priors / (spread**2).sum(axis=1),
+        )
+
+    @property
+    def x(self) -> Floats:
+        """The best parameters as the problem takes them."""
+        return self.search.x
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the residuals of the film, in units of the body."""
+        rows = self.search.residuals[: self.problem.rows] * self.problem.errors
+        return math.sqrt(float((rows**2).sum()) / self.freedom)
+
+    def of_noise(self, noise: float) -> Estimate:
+        """Return the estimate with the residuals divided by another noise."""
+        factors = np.ones(len(self.search.residuals))
+        factors[: self.problem.rows] = self.problem.noise / noise
+        search = replace(
+            self.search,
+            residuals=self.search.residuals * factors,
+            jacobian=self.search.jacobian * factors[:, None],
+        )
+        return Estimate.of(replace(self.problem, noise=noise), search)
+
+    @property
+    def standard_errors(self) -> Floats:
+        """Standard errors of ``x``."""
+        return np.asarray(np.linalg.norm(self.root, axis=1))
+
+    @property
+    def quantiles(self) -> Floats:
+        """Half the width of each 95 % interval, in standard errors."""
+        from scipy.stats import t as student
+
+        freedom = np.full(len(self.x), np.inf)
+        if self.problem.film.error is None:
+            # Welch and Satterthwaite: only noise has a size that is estimated.
+            with np.errstate(divide="ignore"):
+                freedom = self.freedom / self.noise_shares**2
+        return np.asarray(student.ppf(0.975, freedom))
+
+    @property
+    def correlations(self) -> Floats:
+        """Correlations of the parameters."""
+        directions = self.root / self.standard_errors[:, None]
+        return np.asarray(directions @ directions.T)
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance of the parameters in the units of :meth:`values`."""
+        slopes = self.values(np.ones(len(self.x)))
+        if "omega_xy0" in slopes:
+            # The slope of an exponential function is its value.
+            slopes["omega_xy0"] = self.values(self.x)["omega_xy0"]
+        root = self.root * np.array([*slopes.values()])[:, None]
+        return np.asarray(root @ root.T)
+
+    def values(self, x: Floats) -> dict[str, float]:
+        """Return the parameters at ``x`` in the units of the fitted body."""
+        given = self.problem.launch.body.units
+        return {
+            name: ratio(PARAMETERS[name].unit, given, self.units) * value
+            for name, value in self.problem.values(x).items()
+        }
+
+
+def settle_noise(problem: Problem, search: Search, steps: int) -> Estimate:
+    """Return the estimate of a search with the noise that its residuals have.
+
+    Priors weigh the more, the larger the noise is, so the search is repeated with them
+    until the noise settles.
+    """
+    estimate = Estimate.of(problem, search)
+    if problem.film.error is not None:
+        return estimate
+    if not problem.priors:
+        return estimate.of_noise(max(estimate.noise, TINY))
+    for _ in range(MOST_SIZES):
+        noise = max(estimate.noise, LEAST_NOISE * problem.film.size)
+        change = abs(noise / problem.noise - 1)
+        problem = replace(problem, noise=noise)
+        if change < SETTLED:
+            break
+        search = minimise(problem, search.x, 1e-8, steps)
+        estimate = Estimate.of(problem, search)
+    return estimate.of_noise(noise)

@@ -1,0 +1,119 @@
+"""What was measured of a stone with an error, such as ``60 +- 1 g``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.physics.body import PARAMETERS, Rattleback
+from rattlesweep.physics.si import number
+from rattlesweep.quantities import ANGLES
+from rattlesweep.sweeps.bodies.making import KINDS, body_from
+from rattlesweep.units import separate_error
+
+# Keys of bodies with a size that may have an error, and those of bodies without.
+SIZES = (
+    "length",
+    "width",
+    "height",
+    "mass",
+    "skew",
+    "weights",
+    "wall",
+    "axes_angle",
+)
+NUMBERS = (*PARAMETERS, "c", "f_sd", *ANGLES)
+
+
+class Prior(NamedTuple):
+    """A measured value of a parameter, and its standard error."""
+
+    value: float
+    error: float
+
+
+@dataclass(frozen=True)
+class MeasuredBody:
+    """A body, the keys and values that it is made from, and the priors of these.
+
+    Priors and numbers of `keys` are in SI units and radians.  A body that is given
+    ready-made has no keys.
+    """
+
+    body: Rattleback
+    keys: Mapping[str, object] = field(default_factory=dict)
+    priors: Mapping[str, Prior] = field(default_factory=dict)
+
+    def remade(self, values: Mapping[str, float]) -> Rattleback:
+        """Return the body with other values of some keys, or raise a ValueError."""
+        return body_from({**self.keys, **values}, in_si=True)
+
+    def size(self, name: str) -> float:
+        """Return the value of a key in SI units, or raise a ConfigError."""
+        value = self.keys.get(name)
+        if isinstance(value, int | float | str):
+            kind = KINDS.get(name, "")
+            return number(value, kind, name)
+        raise ConfigError(
+            f"free: {name} is not among the keys of the body; give its value there"
+        )
+
+
+def separate(
+    values: Mapping[str, object],
+) -> tuple[dict[str, Any], dict[str, float | str]]:
+    """Return values without their errors, and the errors by name.
+
+    A text without a unit becomes a number.
+    """
+    plain: dict[str, Any] = dict(values)
+    errors: dict[str, float | str] = {}
+    for name, text in values.items():
+        if not isinstance(text, str):
+            continue
+        try:
+            measured = separate_error(text)
+        except ValueError as reason:
+            raise ConfigError(f"{name}: {one_line(repr(text))} {reason}") from None
+        if measured is not None:
+            value, error = measured
+            plain[name] = _number_or_text(value)
+            errors[name] = _number_or_text(error)
+    return plain, errors
+
+
+def _number_or_text(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def measured_body(values: Mapping[str, object], in_si: bool = True) -> MeasuredBody:
+    """Return the body of a mapping as for `body_from`, in which numbers have errors."""
+    keys, errors = separate(values)
+    body = body_from(keys, in_si=in_si)
+    known = NUMBERS
+    if "shape" in keys or "mass" in keys:
+        known = SIZES
+    priors = {}
+    for name, error in errors.items():
+        if name not in known:
+            raise ConfigError(f"{name}: only {', '.join(known)} may have an error")
+        kind = KINDS.get(name, "")
+        try:
+            prior = Prior(number(keys[name], kind, name), number(error, kind, name))
+        except ValueError as reason:
+            raise ConfigError(str(reason)) from None
+        if name in ANGLES:
+            # In radians, as the other key that the body could be made from.
+            degree = math.radians(1)
+            prior = Prior(ANGLES[name] * degree * prior.value, degree * prior.error)
+            del keys[name]
+            name = "xi"
+            keys[name] = prior.value
+        priors[name] = prior
+    return MeasuredBody(body, keys, priors)
