@@ -1,4 +1,4 @@
-"""Draw the chart of regimes, and sections of two strange attractors at one of its points.
+"""Draw the chart of regimes, and sections of two attractors at one of its points.
 
     rattlesweep run configs/chart.yaml
     python docs/figures/chart.py out/chart [docs/chart.png]
@@ -31,6 +31,11 @@ SETTLED = 2_000.0
 T_END = 200_000.0
 
 
+def edges(values: np.ndarray) -> np.ndarray:
+    """Return the edges of cells around values."""
+    return Axis("", values, np.arange(len(values))).edges
+
+
 def draw_chart(axes: Axes, directory: str) -> None:
     """Colour the regimes over skew angle and energy."""
     sweep = rs.load(directory)
@@ -43,9 +48,9 @@ def draw_chart(axes: Axes, directory: str) -> None:
     skew = data.minus_xi_deg.to_numpy()
     energy = data.energy_0.max("minus_xi_deg").interpolate_na("omega_xy0").to_numpy()
     colours = [REGIME_STYLE[name].colour for name in REGIMES]
-    edges = [Axis("", values, np.arange(len(values))).edges for values in (skew, energy)]
     axes.pcolormesh(
-        *edges,
+        edges(skew),
+        edges(energy),
         code.T,
         cmap=ListedColormap(colours),
         vmin=-0.5,

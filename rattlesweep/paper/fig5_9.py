@@ -411,7 +411,7 @@ def volume_claim(made: Made) -> Measured:
     checks = [
         every(rows["volume_high"] - rows["volume_low"] > 1),
         every(rows["volume_late"][1:] < -1),
-        every(rows["rate"] < -2 * rows["error"]),
+        every(rows["regime"] == "attractor"),
     ]
     value = rows["rate"][1]
     half = 2 * rows["error"][1]
@@ -420,6 +420,7 @@ def volume_claim(made: Made) -> Measured:
         "low": value - half,
         "high": value + half,
         "runs": records(rows),
+        "t_end": rows["t_end"].iloc[0],
     }
 
 

@@ -299,6 +299,7 @@ def wobbling_chaos(made: Made) -> Measured | None:
         "least": f"{lowest[0]} of {lowest[1]}, {share(*lowest)['share']}",
         "attractors": f"{attractors} of {len(chaotic)}",
         "dimension": chaotic["kaplan_yorke"].median(),
+        "periodic": int((runs["regime"] == "periodic").sum()),
     }
 
 

@@ -74,7 +74,7 @@ def test_l4_follows_the_volume(nine):
         return verdicts({"fig9": {"runs": nine["runs"].assign(**changed)}})["L4"]
 
     assert l4() == "partly"
-    assert l4(rate=-1.0, error=0.1) == "agree"
+    assert l4(regime="attractor") == "agree"
     assert l4(volume_low=0.0, volume_high=0.1) == "disagree"
     # In (a) the volume comes back, in the others it does not.
     assert (nine["runs"]["volume_late"] > -1).tolist() == [True, False, False]
