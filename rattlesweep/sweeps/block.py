@@ -426,7 +426,7 @@ class Results:
     @property
     def regime(self) -> tuple[Integers, Sequence[str]]:
         """Index of the regime of each run, and the words."""
-        return regimes.regimes(self._level), REGIMES
+        return regimes.regime_codes(self._level), REGIMES
 
     @property
     def window_amplitude(self) -> pa.Array:

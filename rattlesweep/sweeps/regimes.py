@@ -52,7 +52,7 @@ def kaplan_yorke(level: Floats) -> Floats:
     return dimension
 
 
-def regimes(level: Floats) -> Integers:
+def regime_codes(level: Floats) -> Integers:
     """Return indices into :data:`rattlesweep.names.REGIMES`, -1 where unknown.
 
     `level` has the :func:`significant` exponents at constant energy, shape (runs, 4).

@@ -8,7 +8,7 @@ import rattlesweep as rs
 from rattlesweep.errors import ConfigError
 from rattlesweep.names import REGIMES
 from rattlesweep.sweeps.decide import wanted_runs
-from rattlesweep.sweeps.regimes import kaplan_yorke, regimes, significant
+from rattlesweep.sweeps.regimes import kaplan_yorke, regime_codes, significant
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.verify import verify
 
@@ -52,9 +52,9 @@ def test_regimes_follow_from_signs_and_the_sum():
         "attractor": [0.1, 0, -0.1, -0.3],
         "conservative": [0.1, 0, 0, -0.105],
     }
-    codes = regimes(np.array(list(level.values()), float))
+    codes = regime_codes(np.array(list(level.values()), float))
     assert [REGIMES[code] for code in codes] == list(level)
-    assert regimes(np.full((1, 4), np.nan)) == [-1]
+    assert regime_codes(np.full((1, 4), np.nan)) == [-1]
 
 
 def test_small_exponents_count_as_zero():

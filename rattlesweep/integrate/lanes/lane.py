@@ -422,6 +422,10 @@ class Hooks:
     # observe(model, y, slip, constants, mu): energy minus work, normal and tangential
     # force
     observe: Callable[..., tuple[float, float, float]]
+    # Of models with tangents.
+    start_tangents: Callable[..., None] | None = None
+    advance_tangents: Callable[..., None] | None = None
+    note_tangents: Callable[..., None] | None = None
 
 
 class Problem:

@@ -512,7 +512,7 @@ def advance(problem, w):
         lane.f = lane.f1
 
 
-# The same with a tangent.
+# A tangent.
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -553,22 +553,6 @@ def advance_tangent(problem, w):
         lane.shift += out
 
 
-@njit(**INNER)
-def advance_both(problem, w):
-    """Move all lanes and their tangents to the end of their step."""
-    advance(problem, w)
-    advance_tangent(problem, w)
-
-
-@njit(**INNER)
-def start_both(lane, run, y0, constants, probe, plan):
-    """Start a run with a tangent in a lane."""
-    start(lane, run, y0, constants, probe, plan)
-    barrier()
-    start_tangent(lane)
-    barrier()
-
-
 @njit(fastmath=FASTMATH, **INNER)
 def note_tangent(lane, t, run, growths):
     """Store the time and the tangent's growth in the row of the window."""
@@ -580,22 +564,7 @@ def note_tangent(lane, t, run, growths):
     barrier()
 
 
-@njit(**INNER)
-def pass_marks_both(lane, t, run, recording):
-    """Pass marks, and store the tangent's growth at the end of a window."""
-    if t >= lane.window_end:
-        note_tangent(lane, t, run, recording.lyapunov)
-    pass_marks(lane, t, run, recording)
-
-
-@njit(**INNER)
-def finish_both(lane, status, reversal, t, run, result, counts, recording):
-    """Store the results of a run, and the tangent's growth."""
-    note_tangent(lane, t, run, recording.lyapunov)
-    finish(lane, status, reversal, t, run, result, counts, recording)
-
-
-# The same with a frame of tangents, which is made orthonormal after each step.
+# A frame of tangents, which is made orthonormal after each step.
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -653,22 +622,6 @@ def advance_frame(problem, w):
         lane.shifts = s1 + out_1, s2 + out_2, s3 + out_3
 
 
-@njit(**INNER)
-def advance_with_frame(problem, w):
-    """Move all lanes and their frames to the end of their step."""
-    advance(problem, w)
-    advance_frame(problem, w)
-
-
-@njit(**INNER)
-def start_with_frame(lane, run, y0, constants, probe, plan):
-    """Start a run with a frame in a lane."""
-    start(lane, run, y0, constants, probe, plan)
-    barrier()
-    start_frame(lane)
-    barrier()
-
-
 @njit(fastmath=FASTMATH, **INNER)
 def note_frame(lane, t, run, growths):
     """Store the time and the five growths in the row of the window.
@@ -691,18 +644,37 @@ def note_frame(lane, t, run, growths):
     barrier()
 
 
+# A run and its tangents.
+
+
 @njit(**INNER)
-def pass_marks_with_frame(lane, t, run, recording):
-    """Pass marks, and store the growths at the end of a window."""
+def start_both(lane, run, y0, constants, probe, plan):
+    """Start a run with tangents in a lane."""
+    start(lane, run, y0, constants, probe, plan)
+    barrier()
+    lane.problem.hooks.start_tangents(lane)
+    barrier()
+
+
+@njit(**INNER)
+def advance_both(problem, w):
+    """Move all lanes and their tangents to the end of their step."""
+    advance(problem, w)
+    problem.hooks.advance_tangents(problem, w)
+
+
+@njit(**INNER)
+def pass_marks_both(lane, t, run, recording):
+    """Pass marks, and store the growth of tangents at the end of a window."""
     if t >= lane.window_end:
-        note_frame(lane, t, run, recording.lyapunov)
+        lane.problem.hooks.note_tangents(lane, t, run, recording.lyapunov)
     pass_marks(lane, t, run, recording)
 
 
 @njit(**INNER)
-def finish_with_frame(lane, status, reversal, t, run, result, counts, recording):
-    """Store the results of a run, and the growths."""
-    note_frame(lane, t, run, recording.lyapunov)
+def finish_both(lane, status, reversal, t, run, result, counts, recording):
+    """Store the results of a run, and the growth of its tangents."""
+    lane.problem.hooks.note_tangents(lane, t, run, recording.lyapunov)
     finish(lane, status, reversal, t, run, result, counts, recording)
 
 
@@ -721,18 +693,21 @@ def hooks_of(model: Model) -> Hooks:
     )
     if model.n_tangents == 0:
         return hooks
-    if model.n_tangents > 1:
-        return replace(
-            hooks,
-            start=start_with_frame,
-            pass_marks=pass_marks_with_frame,
-            finish=finish_with_frame,
-            advance=advance_with_frame,
-        )
-    return replace(
+    hooks = replace(
         hooks,
         start=start_both,
         pass_marks=pass_marks_both,
         finish=finish_both,
         advance=advance_both,
+        start_tangents=start_tangent,
+        advance_tangents=advance_tangent,
+        note_tangents=note_tangent,
+    )
+    if model.n_tangents == 1:
+        return hooks
+    return replace(
+        hooks,
+        start_tangents=start_frame,
+        advance_tangents=advance_frame,
+        note_tangents=note_frame,
     )
