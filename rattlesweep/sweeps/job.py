@@ -155,6 +155,8 @@ class Job:
         todo = wanted & ~self.found.done
         self._wanted = wanted.sum(axis=1)
         self._left = todo.sum(axis=1)
+        # More runs are wanted than before, so a smaller fraction of them is done.
+        self._fraction = 0.0
         is_spread = self.plan.config.bodies.source in ("grid", "table")
         pieces = in_order(todo, is_spread)
         keys = np.zeros((2, 0), np.int64)  # of the next runs
@@ -219,7 +221,7 @@ class Job:
         left = max(0.0, float(self._left @ self._costs.each) - under_way)
         wanted = float(self._wanted @ self._costs.each)
         if wanted:
-            # Neither a new wave nor a better estimate lowers what was reported.
+            # A better estimate does not lower what was reported.
             self._fraction = max(self._fraction, 1.0 - left / wanted)
         spent = 0.0 if self.begun is None else now - self.begun
         done = self._costs.done + under_way

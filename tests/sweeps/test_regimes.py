@@ -126,7 +126,7 @@ def test_a_chart_is_refined_by_its_regimes(tmp_path):
         ({"record": ["spectrum", "error"]}, "spectrum and error exclude each other"),
         ({"dissipation": {"sigma": 0.1}}, "spectrum needs paraboloids without"),
         ({"classify": {"early": True}}, "need whole runs"),
-        ({"integrator": {"accuracy": {"t_r": 1e-6}}}, "reversals and spectrum"),
+        ({"integrator": {"accuracy": {"t_r": 1e-6}}}, "reversals or spectrum"),
     ],
 )
 def test_rules(keys, words):

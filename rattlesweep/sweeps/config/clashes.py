@@ -161,7 +161,7 @@ def _integrator(config: Config) -> Iterator[Clash]:
     if integrator.goal and (config.model == "gh" or config.goes_on):
         yield (
             "integrator",
-            "accuracy {t_r: ...} excludes model gh, and record reversals and spectrum; "
+            "accuracy {t_r: ...} excludes model gh and record reversals or spectrum; "
             "keep one",
         )
 
