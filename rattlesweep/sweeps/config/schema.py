@@ -426,8 +426,8 @@ Place = Annotated[Pair[Coordinate], BeforeValidator(pair_of_lengths)]
 
 
 class ShapeSource(Base):
-    """Bodies of a shape; keys that are ranges are drawn for each sample. Numbers without
-    a unit are in m, kg and rad.
+    """Bodies of a shape; keys that are ranges are drawn for each sample. Numbers
+    without a unit are in m, kg and rad.
     """
 
     source: Literal["shape"] = key(..., "Bodies of a shape and a size.")
