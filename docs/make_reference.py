@@ -56,7 +56,6 @@ EXAMPLES = {
         "bodies: {source: sd, samples: 400, target: {K_r: 0.03}}",
         "bodies: {source: preset, name: GH, overrides: {theta: 0.82}}",
         "bodies: {source: table, path: bodies.csv}",
-        "bodies: {source: grid, base: {preset: GH}, axes: {theta: {linspace: [0.6, 0.99, 200]}}}",
         "bodies: {source: shape, shape: half_ellipsoid, length: 12 cm, width: 3 cm, height: [11 mm, 13 mm], mass: 85 g, skew: 3 deg, samples: 200}",
     ],
     "bodies.ranges": [
@@ -90,15 +89,15 @@ EXAMPLES = {
 }
 
 SHARED = {
-    "bodies": "Where the bodies come from.",
-    "bodies.overrides, bodies.base, bodies.axes": "`overrides` replaces parameters of a preset. `base` is the body of a "
-    "grid: a preset, six parameters, or a shell-dumbbell body. Each key of `axes` takes several values; the first axis varies slowest.",
+    "bodies": "Where the bodies come from. For a shape, numbers without a unit are in m, kg and rad.",
+    "bodies.overrides, bodies.base, bodies.axes": "`base` is a preset, six parameters, or a shell-dumbbell body. "
+    "Each key of `axes` takes several values; the first axis varies slowest.",
 }
 
 TABLES = """## A table as a source
 
-`bodies: {source: table, path: bodies.csv}` reads CSV with a header (commas, semicolons or tabs; with the latter two perhaps decimal commas), Parquet, or a directory of Parquet files.
-A relative path is looked up in the working directory and then beside the config. Each row is one body: `alpha beta gamma theta phi xi` (radians),
+`bodies: {source: table, path: bodies.csv}` reads CSV with a header (commas, semicolons or tabs; decimal commas with the latter two), Parquet, or a directory of Parquet files.
+A relative path is looked up in the working directory, then beside the config. Each row is one body: `alpha beta gamma theta phi xi` (radians),
 or `gamma f_sd theta phi xi` for a shell-dumbbell body. Optional columns replace a part of the config, row by row:
 
 | columns | replace | unit |
@@ -111,9 +110,8 @@ or `gamma f_sd theta phi xi` for a shell-dumbbell body. Optional columns replace
 | `xi_deg` or `minus_xi_deg` | `xi` | degrees |
 
 A body in SI units has the columns `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m` and optionally `ixy_kg_m2 axes_angle_deg
-gravity_m_s2 c_m`. Its launch is `n_i_rpm omega_xy0_rpm`, its horizon `t_end_s`, its dissipation @@losses@@. The runs then also have
-the columns `t_r_s` and `n_i_rpm`. Other columns are copied to the runs. A result such as `t_r`
-is an error, unless the table is one of runs.
+gravity_m_s2 c_m`. Its launch is `n_i_rpm omega_xy0_rpm`, its horizon `t_end_s`, its dissipation @@losses@@.
+Other columns are copied to the runs. A result such as `t_r` is an error, unless the table is one of runs.
 
 ```csv
 alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0,t_end
@@ -127,8 +125,12 @@ The runs of a sweep are such a table: `path: out/quickstart/runs` repeats its la
 
 COLUMNS_HEAD = """# Columns of the tables
 
-The columns of `runs/*.parquet`, with one row for each run, and of `summary.parquet`, with one row for each case. Units and meanings are also in the metadata of the files and in
+`runs/*.parquet` has one row for each run, `summary.parquet` one for each case. Units and meanings are also in the metadata of the files and in
 the `attrs` of DataFrames. `M`, `a` and `g` are 1. A `?` marks columns that may be null. NaN and infinity never occur.
+`model: gh` has no columns of `record`.
+"""
+
+SUMMARY_HEAD = """Fractions are those of runs whose status is ok. What differs between the rows of a case is null.
 """
 
 TYPES_LINK = """## Types
@@ -371,12 +373,12 @@ def columns_page() -> str:
         lines.append(f"### {heading}\n\n{fields_table(fields)}\n")
     for group in optional:
         note = ""
-        if group.not_with:
-            models = [name for name in MODEL_NAMES if name not in group.not_with]
-            note = f"With `model: {'` or `'.join(models)}`.\n\n"
+        models = [name for name in MODEL_NAMES if name not in group.not_with]
+        if len(models) == 1:
+            note = f"With `model: {models[0]}`.\n\n"
         fields = [column.field for column in group.columns]
         lines.append(f"### {group.heading}\n\n{note}{fields_table(fields)}\n")
-    lines.append(f"## `summary`\n\n{fields_table(summary.SCHEMA)}\n")
+    lines.append(f"## `summary`\n\n{SUMMARY_HEAD}\n{fields_table(summary.SCHEMA)}\n")
     statuses = [(f"`{status.label}`", status.meaning) for status in Status]
     lines.append(TYPES_LINK)
     lines.append(f"## Status words\n\n{table([('word', 'meaning'), *statuses])}")

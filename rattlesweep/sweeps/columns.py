@@ -397,7 +397,7 @@ GROUPS = (
                 F64,
                 "lyapunov_late",
                 RATE,
-                "the same from half time, interpolated in its window; null: too short",
+                "the same from half time; null: too short",
             ),
         ),
         not_with=("reduced", "gh"),

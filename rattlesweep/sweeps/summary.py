@@ -352,7 +352,8 @@ def _share(name: str, whole: str = "ok") -> Value:
 ALWAYS_COUNTED = ("runs", "failed", "near_tangencies")
 must = partial(SummaryColumn, nullable=False)
 
-# The columns of `summary` in order; fractions are of the runs with status ok.
+# The columns of `summary` in order; fractions are of the runs with status ok. What
+# differs between the rows of a case is null.
 COLUMNS = (
     must(
         "case",
@@ -361,25 +362,21 @@ COLUMNS = (
         "1",
         "number of the case, from 0",
     ),
-    SummaryColumn(
-        "K_p", F64, _target("K_p"), "1", "target of K_p, where the case has one"
-    ),
-    SummaryColumn(
-        "K_r", F64, _target("K_r"), "1", "target of K_r, where the case has one"
-    ),
+    SummaryColumn("K_p", F64, _target("K_p"), "1", "target of K_p; null: none"),
+    SummaryColumn("K_r", F64, _target("K_r"), "1", "target of K_r; null: none"),
     SummaryColumn(
         "n_i",
         F64,
         _held("n_i"),
         RATE,
-        "initial spin; null where rows differ",
+        "initial spin",
     ),
     SummaryColumn(
         "omega_xy0",
         F64,
         _held("omega_xy0"),
         RATE,
-        "initial oscillation; null where rows differ",
+        "initial oscillation",
     ),
     must(
         "runs",
@@ -394,7 +391,7 @@ COLUMNS = (
         F64,
         _spin_in_rpm,
         "rpm",
-        "initial spin; null where rows differ",
+        "initial spin",
     ),
     # Null unless given in these units, and the sizes of the bodies differ.
     SummaryColumn(
@@ -444,7 +441,7 @@ COLUMNS = (
         F64,
         lambda cases, counts: counts.t_r_s.means(),
         "s",
-        "mean reversal time in seconds, if sizes are known",
+        "mean reversal time, if sizes are known",
     ),
     SummaryColumn(
         "t_r_std",
@@ -458,21 +455,21 @@ COLUMNS = (
         F64,
         lambda cases, counts: counts.t_rgh.means(),
         TIME,
-        "mean reversal time of theory, of the runs that have one",
+        "mean reversal time of theory",
     ),
     SummaryColumn(
         "t_r_over_t_rgh_mean",
         F64,
         lambda cases, counts: counts.ratio.means(),
         "1",
-        "mean ratio of reversal time to theory, t_r / t_rgh",
+        "mean of t_r / t_rgh",
     ),
     SummaryColumn(
         "t_r_over_t_rgh_sem",
         F64,
         lambda cases, counts: counts.ratio.errors(),
         "1",
-        "standard error of the mean ratio",
+        "standard error of this mean",
     ),
     must(
         "failed",
@@ -508,7 +505,7 @@ COLUMNS = (
         F64,
         lambda cases, counts: counts.t_r_error.means(),
         TIME,
-        "mean error of the reversal times, t_r_error",
+        "mean of t_r_error",
     ),
     # Null without dissipation.
     SummaryColumn(
@@ -524,7 +521,7 @@ COLUMNS = (
             F64,
             _held(name),
             loss.unit,
-            f"{loss.meaning}; null: none, or rows differ",
+            f"{loss.meaning}; null: none",
         )
         for name, loss in LOSSES.items()
     ),

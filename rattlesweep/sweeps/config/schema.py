@@ -249,7 +249,7 @@ class Target(Base):
 class SdSource(with_constants(Surfaced, Range)):  # type: ignore[misc]
     """Shell-dumbbell bodies, drawn at random from ranges."""
 
-    source: Literal["sd"] = key(..., "Draw shell-dumbbell bodies at random.")
+    source: Literal["sd"] = key(..., "Shell-dumbbell bodies drawn at random.")
     samples: Count = key(1000, "Bodies per case.")
     ranges: SdRanges = key(SdRanges, "Ranges of the uniform draws.")
     draw: Draw = key(
@@ -300,7 +300,7 @@ class PresetSource(with_constants(Surfaced, One)):  # type: ignore[misc]
 
     texts = ("name",)
 
-    source: Literal["preset"] = key(..., "Use one named body.")
+    source: Literal["preset"] = key(..., "A named body.")
     name: PresetName = key(..., PRESET_MEANING)
     overrides: Overrides = key(Overrides, "Parameters that replace the preset's.")
 
@@ -322,7 +322,7 @@ class TableSource(with_constants(Surfaced, One)):  # type: ignore[misc]
     texts = ("path",)
     has_size = None
 
-    source: Literal["table"] = key(..., "Read bodies from a table.")
+    source: Literal["table"] = key(..., "The rows of a table.")
     path: str = key(
         ..., "CSV or Parquet file, or a directory of Parquet files.", **PATH
     )
@@ -339,7 +339,7 @@ class GridBase(Overrides):
     shell-dumbbell body.
     """
 
-    preset: PresetName | None = key(None, PRESET_MEANING)
+    preset: PresetName | None = key(None, "A named body.")
     f_sd: ShellShare | None = parameter("f_sd")
 
 
@@ -382,7 +382,7 @@ class Refine(Base):
 class GridSource(with_constants(Surfaced, Several)):  # type: ignore[misc]
     """All combinations of the values of some parameters, with the others fixed."""
 
-    source: Literal["grid"] = key(..., "Vary parameters over a grid.")
+    source: Literal["grid"] = key(..., "A grid of parameters.")
     base: GridBase = key(..., "The body whose parameters are varied.")
     axes: Axes = key(..., "Parameters that vary, with their values.")
     refine: Refine | None = key(None, "Skip points between runs that agree.")
@@ -426,39 +426,29 @@ Place = Annotated[Pair[Coordinate], BeforeValidator(pair_of_lengths)]
 
 
 class ShapeSource(Base):
-    """Bodies of a simple shape and a size; keys that are ranges are drawn for each
-    sample.
+    """Bodies of a shape; keys that are ranges are drawn for each sample. Numbers
+    without a unit are in m, kg and rad.
     """
 
-    source: Literal["shape"] = key(..., "Make bodies of a shape and a size.")
+    source: Literal["shape"] = key(..., "Bodies of a shape and a size.")
     shape: Literal["half_ellipsoid"] = key(
         "half_ellipsoid", "Of uniform density, flat side up."
     )
-    length: Range[Length] = key(
-        ..., "Axis of the flat side; a number is in m, not in mm or cm."
-    )
-    width: Range[Length] = key(..., "Its other axis; a number is in m.")
-    height: Range[Length] = key(
-        ..., "From the lowest point to the flat side; a number is in m."
-    )
-    mass: Range[Mass] = key(
-        ..., "Without the weights; a number is in kg, not in grams."
-    )
+    length: Range[Length] = key(..., "Axis of the flat side.")
+    width: Range[Length] = key(..., "Its other axis.")
+    height: Range[Length] = key(..., "From the lowest point to the flat side.")
+    mass: Range[Mass] = key(..., "Without the weights.")
     skew: Range[Angle] = key(
         [0.0, 0.0],
-        "Turn of the axes of inertia, clockwise from above; needed without weights; "
-        "a number is in rad.",
+        "Turn of the axes of inertia, clockwise from above; needed without weights.",
     )
     weights: Range[Mass] | None = key(
-        None, "Mass of each of two equal weights on the flat side; a number is in kg."
+        None, "Mass of each of two equal weights on the flat side."
     )
     at: Place | None = key(
-        None,
-        "Place [x, y] of one weight, to the right and away from you; numbers are in m.",
+        None, "Place [x, y] of one weight, to the right and away from you."
     )
-    wall: Length | None = key(
-        None, "Thickness of an open shell, else it is solid; a number is in m."
-    )
+    wall: Length | None = key(None, "Thickness of an open shell; none: solid.")
     samples: Count | None = key(None, "Bodies per case (1000) if a key is a range.")
 
     bottom: ClassVar[str] = "ellipsoid"
@@ -642,9 +632,7 @@ class Dissipation(LossKeys):  # type: ignore[misc]
 
 
 class Classify(Base):
-    """Thresholds between the types of runs that do not reverse; `early` saves steps of
-    type SS.
-    """
+    """Thresholds between the types of runs that do not reverse."""
 
     ss_growth: float = key(
         1e-3, "SS if amplitudes grow by less than this fraction.", gt=0
