@@ -123,7 +123,10 @@ def decide_closely(problem, w, l, max_steps, stage):
             lane.rate_max = lane.arm_rate
     elif move == TAKE and (
         lane.mode != STEP
-        or may_reverse(lane.h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
+        or (
+            lane.sign != 0.0
+            and may_reverse(lane.h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
+        )
     ):
         start = Point(0.0, lane.n0, lane.rate0)
         move = events.search(lane, start, Point(lane.h, lane.n1, lane.rate1))
@@ -167,9 +170,12 @@ def decide(problem, w, dt, max_steps):
             lane.h_next = h_next if h_next < longest else longest
         else:
             lane.h_next = dt
+        reverses = may_reverse(h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
+        if problem.model.n_tangents > 1:
+            reverses &= lane.sign != 0.0
         # With 'or' instead of '|' the later operands would be loaded under a mask.
         due = (
-            may_reverse(h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
+            reverses
             | (lane.last > 0.0)
             | (lane.mode > 0.0)
             | (lane.t + h >= lane.next)
@@ -311,6 +317,9 @@ def search_closely(problem, parts, w, l, max_steps, recording):
                 parts[DECIDE], (problem, w, l, max_steps, AFTER_ZERO)
             )
             status = later if move == HOLD else status
+        if move == TAKE and lane.t_zero >= 0.0 and not recorded(recording.reversals):
+            # Only the first zero is asked for.
+            lane.sign = 0.0
         lane.move = move
         if status != OK or move == HOLD or lane.watched == 0.0:
             return status, move

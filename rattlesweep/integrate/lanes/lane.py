@@ -247,7 +247,7 @@ class Fields:
     swing: Number  # fastest angular frequency
     rate_max: Number  # largest recent rate
     n_launch: Number
-    sign: Number  # of the spin between its zeros
+    sign: Number  # of the spin between its zeros; 0 if no more of them are searched
     n_least: Number  # smallest ``sign * n`` since the launch
     far: Number  # modulus beyond which the spin counts as being on one side
     arm: Number  # the same in a run launched without spin until it gets there, else 0
