@@ -61,7 +61,9 @@ class OutOfTime(BaseException):
 class Progress:
     """How far a sweep is."""
 
-    fraction: float  # of the expected cost, including rows that were on disk before
+    # Of the expected cost, including rows that were on disk before; of all runs where
+    # `stop` or `bodies.refine` may yet want them.
+    fraction: float
     runs: int  # done
     left: float | None  # estimate in seconds; None before there is a base for it
 
@@ -155,8 +157,6 @@ class Job:
         todo = wanted & ~self.found.done
         self._wanted = wanted.sum(axis=1)
         self._left = todo.sum(axis=1)
-        # More runs are wanted than before, so a smaller fraction of them is done.
-        self._fraction = 0.0
         is_spread = self.plan.config.bodies.source in ("grid", "table")
         pieces = in_order(todo, is_spread)
         keys = np.zeros((2, 0), np.int64)  # of the next runs
@@ -220,9 +220,13 @@ class Job:
             ended = control.runs_done
         left = max(0.0, float(self._left @ self._costs.each) - under_way)
         wanted = float(self._wanted @ self._costs.each)
-        if wanted:
-            # A better estimate does not lower what was reported.
-            self._fraction = max(self._fraction, 1.0 - left / wanted)
+        most = wanted
+        if self.plan.config.deciding_key:
+            # Later waves may want all runs.
+            most = float(self._costs.each.sum()) * self.plan.samples
+        if most:
+            # Neither a new wave nor a better estimate lowers what was reported.
+            self._fraction = max(self._fraction, (wanted - left) / most)
         spent = 0.0 if self.begun is None else now - self.begun
         done = self._costs.done + under_way
         seconds_left = None

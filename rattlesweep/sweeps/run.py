@@ -180,6 +180,8 @@ def _compute_missing(job: Job, shard: Shard | None, engine: Engine) -> None:
             wanted = shard.runs(plan.shape)
         job.runs = int((wanted & on_disk.done).sum())
         if on_disk.done[wanted].all():
+            if job.done:
+                job.report(Progress(1.0, job.runs, 0.0))
             return
         job.stored.drop_summary()
         try:

@@ -24,8 +24,10 @@ from theory_mp import n_c1_squared
 import rattlesweep as rs
 from rattlesweep.analysis.layout import fill, read_layout
 from rattlesweep.analysis.plots import Picture, choose_picture
-from rattlesweep.analysis.plots.maps import BONDI, CODES
+from rattlesweep.analysis.plots.maps import BONDI
 from rattlesweep.analysis.style import GREY, TYPE_STYLE, curve, new_figure, styled
+
+CODES = {name: code for code, name in enumerate([*TYPE_STYLE, "failed", "missing"])}
 
 # Of sweeps without dissipation.
 PLAIN = {name: mark for name, mark in TYPE_STYLE.items() if name != "D"}

@@ -17,7 +17,7 @@ from sweeping import changed, plan_of, proved
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.decide import FIRST_WAVE, nearest_rows, wanted_runs
-from rattlesweep.sweeps.run import integrate_plan
+from rattlesweep.sweeps.run import integrate_plan, run_sweep
 from rattlesweep.sweeps.status import status
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.summary import summarise
@@ -148,6 +148,17 @@ def test_the_summary_is_that_of_the_grid_and_not_of_its_boundaries(full, done):
     # The number of runs is not weighted.
     runs = some.groupby("case").size().reindex(summary.case, fill_value=0)
     assert summary.runs.tolist() == runs.tolist()
+
+
+@pytest.mark.parametrize("name", ["refine by type", "stop"])
+def test_progress_is_whole_only_once_no_more_runs_are_wanted(name, tmp_path):
+    seen = []
+    run_sweep(plan_of(CONFIGS[name]), tmp_path, report=seen.append)
+    fractions = [progress.fraction for progress in seen]
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1.0
+    # Of the runs that the config has, some are never wanted.
+    assert 0 < fractions[-2] < 0.9
 
 
 def test_spins_with_units_are_refined_like_plain_ones(tmp_path):
