@@ -344,7 +344,7 @@ def integrate(
         If Numba cannot load the threading layer that the environment names.
     """
     control = control or Control()
-    if "spectrum" in record and tableau.adaptive and longest_step is None:
+    if "spectrum" in record and longest_step is None:
         longest_step = longest_frame_steps(batch, tableau, tol)
     count = 1
     if parallel():
@@ -394,9 +394,13 @@ def integrate(
 def longest_frame_steps(batch: Batch, tableau: Tableau, tol: float) -> Floats:
     """Return the longest steps that damp no tangent by more than the tolerance.
 
+    Fixed steps have no limit.
+
     The error controls only the motion, whose steps grow long for the faster mode where
     this has decayed; tangents along that mode would then be damped by the method.
     """
+    if not tableau.adaptive:
+        return np.full(len(batch), np.inf)
     angles = np.linspace(0.05, 2.0, 40)
     damps = np.abs(tableau.damping(angles)) > tol
     angle = angles[max(0, int(np.argmax(damps)) - 1)]

@@ -221,7 +221,7 @@ class Follower:
     With `attitude`, heading and contact point are integrated over the accepted steps.
     `look` is called with samples and the result of :meth:`observe`: for the launch,
     then for the accepted steps.  If the step is fixed, only every eighth step counts as
-    accepted.
+    accepted.  `longest_step` is as for `integrate`.
 
     A run that leaves the chart of its variables is integrated again from its launch
     with :attr:`Model.anywhere`, as in sweeps, but not with `attitude`; :attr:`model` is
@@ -237,12 +237,14 @@ class Follower:
         tol: float = TOL,
         dt: float = DT,
         max_steps: int = MAX_STEPS,
+        longest_step: Floats | float = np.inf,
         attitude: bool = False,
         look: Callable[[Samples, Floats], None] | None = None,
     ) -> None:
         self._tableau = tableau
         self._dt = dt
         self._settings = tol, dt, max_steps
+        self._longest_step = longest_step
         self._look: Callable[[Samples, Floats], None] | None = None
         self._start(batch, model, attitude)
         if model.anywhere is not None and not attitude:
@@ -293,7 +295,9 @@ class Follower:
             batches.problem_of(model, tableau.adaptive),
             self._parts[0],
             batches.workspace(tableau, model, 1)[0],
-            *batches.run_arrays(endless, tableau, *self._settings),
+            *batches.run_arrays(
+                endless, tableau, *self._settings, longest_step=self._longest_step
+            ),
             np.zeros((1, *runs.SHAPES.reversals)),
         )
         self._counts = np.zeros(N_COUNTS, dtype=np.int64)

@@ -120,6 +120,24 @@ def test_a_chart_is_refined_by_its_regimes(tmp_path):
     assert "fraction_attractor" in head.split(",")
 
 
+def test_a_replay_takes_the_steps_of_the_stored_run(tmp_path):
+    config = {
+        "bodies": {"source": "sd", "samples": 8},
+        "spin": {"n_i": [-0.3, 0.3], "omega_xy0": 0.01},
+        "horizon": {"t": 1000},
+    }
+    plain = rs.sweep(config, output=tmp_path / "plain", progress=False).read()
+    output = tmp_path / "spectrum"
+    sweep = rs.sweep(config | {"record": "spectrum"}, output=output, progress=False)
+    runs = sweep.read()
+    reverses = runs["t_r"].notna()
+    assert reverses.sum() >= 8
+    # The steps are shorter than without the spectrum.
+    assert (runs["t_r"] != plain["t_r"])[reverses].any()
+    for run in runs[reverses].itertuples():
+        assert rs.replay(output, run.case, run.sample).zeros[0] == run.t_r
+
+
 @pytest.mark.parametrize(
     ("keys", "words"),
     [

@@ -23,11 +23,11 @@ from rattlesweep.analysis.onerun.channels import VARIABLES, View, choose, in_si
 from rattlesweep.analysis.onerun.section import RISES, Search, Section
 from rattlesweep.arrays import Flags, Floats, take
 from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.batch import PLATEAU_SHARE
+from rattlesweep.integrate.batch import PLATEAU_SHARE, longest_frame_steps
 from rattlesweep.integrate.follow import Follower, Samples
 from rattlesweep.integrate.lanes.lane import SLIP_SPEED, SLIP_WORK
 from rattlesweep.integrate.model import REDUCED
-from rattlesweep.integrate.tableau import DOP853, METHODS
+from rattlesweep.integrate.tableau import DOP853, METHODS, TOL
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.quantities import LOSSES, TIME
 from rattlesweep.sweeps import columns
@@ -299,12 +299,19 @@ class Course:
         assert run.batch is not None
         self._constants = run.batch.constants[0]
         setting = run.integrator
+        tableau = METHODS[setting.pop("method")]
+        longest_step: Floats | float = np.inf
+        if "spectrum" in run.config.record:
+            # A replay takes the steps of the stored run.
+            tol = run.config.integrator.tol or TOL
+            longest_step = longest_frame_steps(run.batch, tableau, tol)
         self.follower = Follower(
             run.batch,
-            METHODS[setting.pop("method")],
+            tableau,
             model_of(run.config),
             **setting,
             max_steps=run.config.integrator.max_steps,
+            longest_step=longest_step,
             attitude="attitude" in needs,
             look=self._look,
         )
