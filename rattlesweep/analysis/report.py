@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -108,7 +109,9 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     kinds = [first]
     if first not in ("map", *MAPS) and layout.several:
         kinds += ["times", "ratio"]
-    kinds.append("distribution")
+    if np.isfinite(counts.ratio.means()).any():
+        # Taps, for example, have no time of theory.
+        kinds.append("distribution")
     thresholds = [
         (key, value, stored.thresholds.thresholds[key])
         for key, value in stored.config.classify.thresholds.items()

@@ -569,3 +569,22 @@ def test_what_is_wrong_is_one_sentence(place, monkeypatch, line):
     result = invoke(*shlex.split(command))
     assert_refused(result, code, sentence.removeprefix("1: "))
     assert tree(place) == before
+
+
+def test_titles_of_narrow_panels_stay_apart(tmp_path):
+    config = {
+        "bodies": {
+            "source": "sd",
+            "samples": 5,
+            "target": {"K_r": [0.01, 0.03, 0.1], "rel_tol": 0.1},
+        },
+        "spin": {"n_i": [-0.1, -0.2, -0.3, -0.4, -0.5], "omega_xy0": 0.01},
+        "model": "gh",
+    }
+    sweep = rs.sweep(config, output=tmp_path / "five", progress=False)
+    figure = sweep.plot("fractions", size=(3.4, 2.8), caption=False)
+    figure.draw_without_rendering()
+    boxes = [axes.title.get_window_extent() for axes in figure.axes]
+    assert len(boxes) == 5
+    for left, right in itertools.pairwise(boxes):
+        assert left.x1 < right.x0

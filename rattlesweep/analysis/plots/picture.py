@@ -25,6 +25,7 @@ from rattlesweep.sweeps.summary import Counts
 from rattlesweep.sweeps.types import codes, share
 
 MOST_PANELS = 40
+LEAST_TITLED = 0.9  # inches of a panel that has room for a title
 PER_INCH = 11  # letters of a heading in an inch of width
 # Values that make an axis long enough for an abscissa, and for a side of a map.
 ENOUGH = 3
@@ -273,8 +274,11 @@ class Picture(ABC):
         across: list[tuple[int, ...]],
     ) -> None:
         """Write the values of the columns above, those of the rows beside."""
+        # A long text above a narrow panel is smaller.
+        width = grid[0, 0].figure.get_figwidth()
+        fontsize = "medium" if width > LEAST_TITLED * len(across) else "x-small"
         for axes, place in zip(grid[0], across, strict=True):
-            axes.set_title(texts(self.columns, place), fontsize="medium")
+            axes.set_title(texts(self.columns, place), fontsize=fontsize)
         # A long text beside a low panel is smaller.
         height = grid[0, 0].figure.get_figheight()
         fontsize = "medium" if height > 1.6 * len(down) else "x-small"
