@@ -402,8 +402,10 @@ def longest_frame_steps(batch: Batch, tableau: Tableau, tol: float) -> Floats:
     if not tableau.adaptive:
         return np.full(len(batch), np.inf)
     angles = np.linspace(0.05, 2.0, 40)
-    damps = np.abs(tableau.damping(angles)) > tol
-    angle = angles[max(0, int(np.argmax(damps)) - 1)]
+    too_long = np.flatnonzero(np.abs(tableau.damping(angles)) > tol)
+    angle = angles[-1]
+    if too_long.size:
+        angle = angles[max(0, too_long[0] - 1)]
     # The spin oscillates at twice the frequency of the mode.
     steps: Floats = angle / (batch.swing / 2)
     return steps

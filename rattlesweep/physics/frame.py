@@ -31,23 +31,25 @@ def _split(frame):
 
 
 @scalar
+def _of_each(formula, y, dy, frame, q):
+    """Return a formula of `physics.tangent` for each tangent."""
+    first, second, third = _split(frame)
+    of_first = formula(*(y + dy + first + q))
+    of_second = formula(*(y + dy + second + q))
+    of_third = formula(*(y + dy + third + q))
+    return of_first + of_second + of_third
+
+
+@scalar
 def rate(y, dy, frame, q):
     """Return the derivative of each tangent."""
-    first, second, third = _split(frame)
-    first_rate = tangent.rate(*(y + dy + first + q))
-    second_rate = tangent.rate(*(y + dy + second + q))
-    third_rate = tangent.rate(*(y + dy + third + q))
-    return first_rate + second_rate + third_rate
+    return _of_each(tangent.rate, y, dy, frame, q)
 
 
 @scalar
 def transverse(y, dy, frame, q):
     """Return the part of each tangent at constant energy and normal to the flow."""
-    first, second, third = _split(frame)
-    first = tangent.transverse(*(y + dy + first + q))
-    second = tangent.transverse(*(y + dy + second + q))
-    third = tangent.transverse(*(y + dy + third + q))
-    return first + second + third
+    return _of_each(tangent.transverse, y, dy, frame, q)
 
 
 @scalar

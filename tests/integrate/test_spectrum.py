@@ -139,6 +139,17 @@ def test_short_steps_keep_tangents_from_being_damped():
     assert error[1] < 1e-7
 
 
+def test_a_looser_tolerance_allows_longer_steps(runs):
+    tolerances = (1e-13, 1e-11, 1e-9, 1e-6, 1e-5, 1e-4, 1e-3)
+    angles = [
+        float(longest_frame_steps(runs, DOP853, tol)[0] * runs.swing[0] / 2)
+        for tol in tolerances
+    ]
+    assert angles == sorted(angles)
+    assert angles[0] == pytest.approx(0.25, abs=0.06)
+    assert angles[-1] == pytest.approx(2.0)
+
+
 @pytest.mark.parametrize("n_i", [-0.4, -0.1, 0.2])
 def test_exponents_of_a_steady_spin_are_real_parts_of_eigenvalues(n_i):
     runs = kernels.full_batch(GH, n_i, 1e-100, t_end=600.0)

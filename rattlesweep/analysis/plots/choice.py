@@ -101,7 +101,7 @@ def _suitable_kind(layout: Layout, x: str | None, quantity: str | None) -> str:
     kind = default_kind(layout)
     if quantity is None:
         return kind
-    if kind == "map" or kind in MAPS:
+    if kind in ("map", *MAPS):
         return "map"
     return "distribution"
 

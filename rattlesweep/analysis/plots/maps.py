@@ -152,11 +152,16 @@ class Map(Picture):
                     norm=colours.norm,
                 )
             has_bondi |= self._draw_bondi(axes, here.beyond)
-            scale(axes, "x", x, log)
-            scale(axes, "y", y, log)
-            axes.set(xlim=x.edges[[0, -1]], ylim=y.edges[[0, -1]])
+            self._scale(axes, log)
         self._add_bar([axes for axes, _ in panels], mesh, colours)
         return self._entries(cells, has_bondi)
+
+    def _scale(self, axes: Axes, log: bool | None) -> None:
+        """Scale and limit the axes of a panel."""
+        x, y = self.axes[:2]
+        scale(axes, "x", x, log)
+        scale(axes, "y", y, log)
+        axes.set(xlim=x.edges[[0, -1]], ylim=y.edges[[0, -1]])
 
     def _colours(self, value: Floats) -> Colours:
         """Return the scale of colours, from a low to a high percentile."""
@@ -294,17 +299,14 @@ class Regimes(Map):
 
     def draw(self, panels: list[Panel], log: bool | None) -> list[Handle]:
         """Colour the cells."""
-        x, y = self.axes[:2]
-        self.ylabel = label(y.name)
+        self.ylabel = label(self.axes[1].name)
         # Every regime has a value, so the legend names no missing ones.
         cells = self.shown()
         cells = cells._replace(value=np.ones(cells.code.shape))
         for axes, place in panels:
             here = cells._replace(code=within(cells.code, place))
             self._draw_states(axes, here, of_types=True)
-            scale(axes, "x", x, log)
-            scale(axes, "y", y, log)
-            axes.set(xlim=x.edges[[0, -1]], ylim=y.edges[[0, -1]])
+            self._scale(axes, log)
         self.notes.append(
             "Regimes follow from the Lyapunov exponents of the second half of each run."
         )

@@ -82,6 +82,8 @@ class Recording(NamedTuple):
 
 
 N_GROWTHS = 5
+# Columns of `lyapunov` after the time and the growths of the frame.
+FLOW_GROWTH, ENERGY_GROWTH = 4, 5
 N_WINDOWS = 64
 MOST_REVERSALS = 8  # reversals that are stored
 SHAPES = Recording(
@@ -639,8 +641,8 @@ def note_frame(lane, t, run, growths):
     for i in range(len(lane.length)):
         growth = log(lane.length[i] * triangle[i])
         growths[run, k, 1 + i] = growth + LOG_2 * lane.shifts[i]
-    growths[run, k, 4] = 0.5 * log(flow) - lane.flow0
-    growths[run, k, 5] = lane.steep0 - 0.5 * log(steep)
+    growths[run, k, FLOW_GROWTH] = 0.5 * log(flow) - lane.flow0
+    growths[run, k, ENERGY_GROWTH] = lane.steep0 - 0.5 * log(steep)
     barrier()
 
 
