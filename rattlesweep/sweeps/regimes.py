@@ -27,9 +27,9 @@ MOST_SHRINKING = 0.1
 
 
 def significant(late: Floats, t_end: Floats) -> Floats:
-    """Return exponents with those that count as zero set to zero."""
+    """Return exponents with those that count as zero set to zero; NaN stays NaN."""
     grown = late * t_end[:, None] / 2
-    return np.where(np.abs(grown) > LEAST_GROWTH, late, 0.0)
+    return np.where(np.abs(grown) <= LEAST_GROWTH, 0.0, late)
 
 
 def kaplan_yorke(level: Floats) -> Floats:

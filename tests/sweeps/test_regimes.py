@@ -62,6 +62,19 @@ def test_small_exponents_count_as_zero():
     assert significant(late, np.array([2000.0])).tolist() == [[0.011, 0, 0, -0.011]]
 
 
+def test_runs_without_exponents_have_no_regime():
+    # Too short for a second half, and a steady spin without any motion.
+    short = {"n_i": -0.1, "omega_xy0": 0.01, "t_end": 15}
+    still = {"omega": (0, 0, 0.5), "u": (0, 0, -1), "t_end": 900}
+    for launch in (short, still):
+        run = rs.simulate("GH", **launch, record="spectrum")
+        assert run.status == "ok"
+        assert run.lyapunov_spectrum_late is None
+        assert run.kaplan_yorke is None
+        assert run.regime is None
+        assert run.chaotic is None
+
+
 def test_a_strange_attractor():
     body = rs.Rattleback(**CELTIC, xi=-0.485)
     record = ["lyapunov", "spectrum", "volume"]
