@@ -73,6 +73,7 @@ class Bar(AbstractContextManager["Bar"]):
         self._shown = shown
         self._lines = lines
         self._compiled = False
+        self._staged = False
         self._start = time.monotonic()
         self._last = self._start
         self._bar: tqdm | None = None
@@ -107,9 +108,13 @@ class Bar(AbstractContextManager["Bar"]):
         return lambda fraction: self._show(fraction, what)
 
     def stage(self, text: str) -> None:
-        """Say what begins now."""
-        if self._shown or self._lines:
-            self._say(f"{time.monotonic() - self._start:4.0f} s  {text}")
+        """Say what begins now; without a terminal at most once in `LINE_EVERY`."""
+        now = time.monotonic()
+        is_due = self._lines and (not self._staged or now >= self._last + LINE_EVERY)
+        if self._shown or is_due:
+            self._staged = True
+            self._last = now
+            self._say(f"{now - self._start:4.0f} s  {text}")
 
     def compiling(self, stored: bool) -> None:
         """Say once that kernels are being compiled, and whether for later runs, too."""

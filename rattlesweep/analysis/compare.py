@@ -1,6 +1,5 @@
 """The differences between two directories of the same runs, or of two models."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -86,16 +85,17 @@ def compare(a: Path, b: Path) -> Comparison:
     wrong = differences(_same_runs(stored_a), _same_runs(stored_b))[:3]
     cases_a = _same_cases(stored_a)
     cases_b = _same_cases(stored_b)
-    if not of_models and cases_a != cases_b:
-        wrong += differences({"cases": _words(cases_a)}, {"cases": _words(cases_b)})
     matches = [cases_a.index(case) if case in cases_a else -1 for case in cases_b]
     if of_models and (-1 in matches or len({*cases_a}) < len(cases_a)):
         wrong.append(
             "dissipation: each launch of the second needs one case in the first"
         )
+    if not wrong and max(matches) < 0:
+        wrong.append(f"no case is in both, such as {cases_a[0]} and {cases_b[0]}")
     if wrong:
         matches = list(range(len(cases_b)))
     frames[1]["case_b"] = frames[1]["case"]
+    # Cases that only the second has are -1, which no run of the first is.
     frames[1]["case"] = np.array(matches)[frames[1]["case"]]
     runs = frames[0].merge(frames[1], on=["case", "sample"], suffixes=("_a", "_b"))
     if not wrong:
@@ -205,7 +205,8 @@ def _same_runs(side: Stored) -> dict[str, object]:
     data = {k: v for k, v in fixed_part(side.config).items() if k not in how}
     # A table may have moved; its content is compared row by row.
     data["bodies"] = {k: v for k, v in data["bodies"].items() if k != "path"}
-    return data | {"samples": side.samples}
+    # A sweep that has grown has the runs of the smaller one, and more.
+    return data
 
 
 def _physics(side: Stored) -> dict[str, object]:
@@ -220,10 +221,6 @@ def _same_cases(side: Stored) -> list[Case]:
         replace(case, losses=(), in_si=tuple(of for of in case.in_si if of[0] in SPIN))
         for case in side.cases
     ]
-
-
-def _words(cases: Sequence[Case]) -> list[str]:
-    return [str(case) for case in cases]
 
 
 def _settings(side: Stored) -> dict[str, object]:
@@ -248,6 +245,8 @@ def as_text(comparison: Comparison, most_cases: int) -> str:
         state = f"all {data['planned'][k]:,} runs"
         if data["missing"][k]:
             state = f"{data['missing'][k]:,} of {data['planned'][k]:,} runs are missing"
+        if data["total"]["runs"] < data["planned"][k] - data["missing"][k]:
+            state += f", of which {data['total']['runs']:,} are in both"
         lines.append(f"{name}  {data['directories'][k]}: {state}")
     lines += [f"   {difference}" for difference in data["differ"]]
     cases = data["cases"]

@@ -26,6 +26,7 @@ from rattlesweep.sweeps.summary import SI, Counts, Moments, columns_for
 
 # Relative difference up to which a value typed in decimals means a stored one.
 NEAR = 1e-6
+SKEW = "minus_xi_deg"  # the config's name for -xi, which has no column of its own
 TARGETS = ("K_p", "K_r")
 LAUNCH = (*VARIES, *(name for name, _ in SI.values()))
 
@@ -52,6 +53,30 @@ class Axis:
         last = 2 * places[-1] - middle[-1]
         edges = np.array([first, *middle, last])
         return np.exp(edges) if log else edges
+
+    @property
+    def stretches(self) -> list[tuple[Integers, Floats]]:
+        """Places and edges of the values of each direction of spin.
+
+        Between the slowest spins of the two directions nothing was sampled, so cells
+        there reach no farther inward than outward.  Other axes are one stretch.
+        """
+        places = np.arange(len(self.values))
+        border = int(np.searchsorted(self.values, 0.0))
+        if not self.name.startswith("n_i") or border in (0, len(places)):
+            return [(places, self.edges)]
+        halves = []
+        for half in (places[:border], places[border:]):
+            edges = Axis(self.name, self.values[half], half).edges
+            if len(half) == 1:
+                # A lone spin is as wide as the cell that all spins leave it.
+                around = np.abs(self.edges[half[0] + np.array([0, 1])] - edges.mean())
+                edges = edges.mean() + around.min() * np.array([-1, 1])
+            halves.append((half, edges))
+        gap = halves[1][1][0] - halves[0][1][-1]
+        if gap <= 0:
+            return [(places, self.edges)]
+        return halves
 
     def logarithmic(self, log: bool | None = None) -> bool:
         """Return `log`; with None, whether the logarithms are spaced more evenly."""
@@ -140,6 +165,9 @@ class Layout:
     def rows(self, columns: Sequence[str]) -> Iterator[pa.RecordBatch]:
         """Yield columns of the runs that meet the condition, file by file."""
         needed = dict.fromkeys(columns)
+        if SKEW in needed:
+            del needed[SKEW]
+            needed["xi"] = None
         if self.si:
             needed |= dict.fromkeys(("n_i", "n_i_rpm", "t_r", "t_r_s"))
         if self.where is not None:
@@ -149,6 +177,9 @@ class Layout:
                 rows = self.where.filter(rows)
             if self.si:
                 rows = in_seconds(rows, self.stored.schema)
+            if SKEW in columns:
+                skew = -np.degrees(floats(rows.column("xi")))
+                rows = rows.add_column(rows.num_columns, SKEW, pa.array(skew))
             yield rows
 
     def count(self, more: tuple[str, ...] = ()) -> tuple[Counts, dict[str, Floats]]:
@@ -175,15 +206,20 @@ class Layout:
         return known[name]
 
     def column(self, name: str, option: str) -> tuple[str, str]:
-        """Return unit and description of a column of numbers; raise for others."""
+        """Return unit and description of a column of numbers; raise for others.
+
+        Of the description only the first clause, as for the caption of a picture.
+        """
         numbers = {
             column.name: unit_and_meaning(column)
             for column in self.stored.schema
             if str(column.type) in ("double", "int32", "int64")
         }
+        numbers[SKEW] = ("deg", "skew angle, -xi")
         if name not in numbers:
             raise ConfigError(f"{option}: {not_one_of(name, numbers)}")
         unit, meaning = numbers[name]
+        meaning = meaning.partition(";")[0]
         if self.si and unit == TIME:
             unit = "s"
         return unit, meaning

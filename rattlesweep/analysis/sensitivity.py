@@ -20,6 +20,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.schema import SdSource
 from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.tails import LEAST_INDEX, tail_index
 from rattlesweep.sweeps.types import TYPES
 
 QUANTITIES = {"t_r": "$t_r$", "log10 t_r": r"$\log\,t_r$"} | {
@@ -74,6 +75,11 @@ def sensitivity(directory: Path) -> Indices:
                 f"case {case}, {quantity}: no indices, as only {len(usable):,} of "
                 f"{len(groups):,} groups have a value in all runs, and these do not "
                 "represent the ranges"
+            )
+        elif quantity == "t_r" and tail_index(usable[0].to_numpy()) < LEAST_INDEX:
+            notes.append(
+                f"case {case}, t_r: no indices, as its variance depends on the few "
+                "longest runs and may not exist; log10 t_r has indices"
             )
         elif np.ptp(usable[[0, 1]].to_numpy()) > 0:
             estimates = indices(usable.to_numpy().T)

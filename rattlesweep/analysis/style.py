@@ -358,6 +358,9 @@ def curve(
     axis: Axes, t: Floats, values: Floats, colour: str = BLUE, **look: Any
 ) -> None:
     """Draw a curve, or the envelope of one with very many oscillations."""
+    # Imported here, as most commands draw nothing and start faster without it.
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
     lines: dict[str, Any] = {"color": colour, "linewidth": 0.8} | look
     steps = np.diff(values)
     steps = steps[np.abs(steps) > ROUNDING * np.ptp(values)]
@@ -366,19 +369,15 @@ def curve(
         places = thin(values, BINS)
         axis.plot(t[places], values[places], **lines)
         return
-    # The lowest and the highest value in stretches of more than one oscillation.
-    stretches = int(min(BINS, periods / 1.5))
-    borders = np.linspace(0, len(t), stretches + 1).astype(np.int64)
-    starts = borders[:-1]
-    low = np.minimum.reduceat(values, starts)
-    high = np.maximum.reduceat(values, starts)
-    middle = t[(starts + borders[1:] - 1) // 2]
-    middle[0] = t[0]
-    middle[-1] = t[-1]
-    axis.fill_between(middle, low, high, color=colour, alpha=0.25, linewidth=0)
-    axis.plot(middle, low, **lines)
+    # The lowest and the highest value within an oscillation around each place.
+    width = math.ceil(1.2 * len(t) / periods)
+    places = np.linspace(0, len(t) - 1, 2 * BINS).round().astype(np.int64)
+    low = minimum_filter1d(values, width, mode="nearest")[places]
+    high = maximum_filter1d(values, width, mode="nearest")[places]
+    axis.fill_between(t[places], low, high, color=colour, alpha=0.25, linewidth=0)
+    axis.plot(t[places], low, **lines)
     lines.pop("label", None)  # one entry in the legend is enough
-    axis.plot(middle, high, **lines)
+    axis.plot(t[places], high, **lines)
 
 
 def encode(figure: Figure, kind: str, dpi: float = DPI) -> bytes:

@@ -51,6 +51,7 @@ AGREE = 1e-8  # relative difference up to which the references agree on a revers
 AGREE_N = 1e-6
 # Errors of t_r for which the cheapest setting is named.
 WANTED = (1e-3, 1e-6, 1e-9, 1e-12)
+ADVISED = 1e-6  # error, one of these, for which the text names an integrator
 ROUNDS = 3  # measurements of each cost
 HORIZON = 1000.0  # end of the runs whose cost is measured, in sqrt(a/g)
 SHORT = 0.2  # the cost of fixed steps below this is measured on shorter runs
@@ -302,8 +303,24 @@ def as_text(study: Study) -> str:
             style.text_table(rows, ".3g"),
             "\ncheapest setting by the error of t_r",
             style.text_table(study.facts["cheapest"], ".3g"),
+            f"\n{_advice(study)}",
         ]
     )
+
+
+def _advice(study: Study) -> str:
+    """Return the integrator to write in a config, in one line."""
+    [row] = [row for row in study.facts["cheapest"] if row["error"] == ADVISED]
+    goal = f"for 99 % of the runs below {ADVISED:g}:".replace("e-0", "e-")
+    if row["p99"] is None:
+        return (
+            f"{goal} no setting of this study; try {{accuracy: {{t_r: {ADVISED:g}}}}}"
+        )
+    best = study.rows[study.rows["name"] == row["p99"]].iloc[0]
+    value = f"{best['value']:g}".replace("e-0", "e-")
+    if best["model"] != "full":
+        return f"{goal} model: {best['model']}"
+    return f"{goal} {{method: {best['method']}, {best['setting']}: {value}}}"
 
 
 def as_data(study: Study) -> dict[str, object]:

@@ -37,7 +37,7 @@ SOME_FAILED = 3
 EARLY = 75
 
 SECTIONS = ("Sweeps", "Results of a sweep", "One run", "Studies")
-MOST_ROWS = 20  # rows of a table that are printed
+MOST_ROWS = 60  # rows of a table that are printed
 
 
 class Command(click.Command):

@@ -406,7 +406,7 @@ def schema() -> None:
 
 
 def _print_summary(summary: pa.Table | None, directory: Path) -> None:
-    from rattlesweep.sweeps.summary import closing_table
+    from rattlesweep.sweeps.summary import closing_table, doubts_of_means
 
     if summary is None:
         return
@@ -414,6 +414,9 @@ def _print_summary(summary: pa.Table | None, directory: Path) -> None:
     more = len(summary) - options.MOST_ROWS
     if more > 0:
         say(f"{counted(more, 'more case')} in {directory / 'summary.parquet'}")
+    doubt = doubts_of_means(summary)
+    if doubt is not None:
+        say(f"note: {doubt}")
 
 
 def _planned(

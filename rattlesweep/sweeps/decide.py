@@ -18,6 +18,7 @@ from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.schema import GridSource, Stop
 from rattlesweep.sweeps.stored import FAILED, MISSING, Design, Found, Stored
+from rattlesweep.sweeps.tails import LEAST_INDEX, median_error, tail_index
 from rattlesweep.sweeps.types import TYPES, R, wilson
 from rattlesweep.units import Setting
 
@@ -71,7 +72,23 @@ def _is_precise(stop: Stop, rows: Found, cases: Integers, samples: int) -> Flags
         error = times.std(axis=1, ddof=1) / np.sqrt(times.count(axis=1))
         # Without two reversals there is no error, so the case goes on.
         precise &= (error * Z <= stop.t_r * times.mean(axis=1)).filled(False)
+    if stop.watches_times:
+        for place in np.flatnonzero(precise):
+            is_reversal = code[place] == R
+            times_of_case = rows.value[cases[place], :samples][is_reversal]
+            precise[place] = _has_precise_times(stop, times_of_case)
     return precise
+
+
+def _has_precise_times(stop: Stop, times: Floats) -> bool:
+    """Return whether the reversal times of a case have a mean, and a known median."""
+    is_precise = True
+    if stop.t_r is not None:
+        # Where the mean may not exist, its standard error says nothing.
+        is_precise = not tail_index(times) < LEAST_INDEX
+    if stop.t_r_median is not None:
+        is_precise &= median_error(times, Z) <= stop.t_r_median
+    return is_precise
 
 
 class Refining:

@@ -28,6 +28,7 @@ from rattlesweep.sweeps.files import probe_directory
 from rattlesweep.sweeps.launches import Launches, prepare
 from rattlesweep.sweeps.parquet import write_parquet
 from rattlesweep.sweeps.plan import Plan, examine, make_plan
+from rattlesweep.sweeps.tails import LEAST_INDEX, tail_index
 
 MOST_RUNS = 4096  # runs that are judged
 BODIES_DRAWN = 65_536  # bodies drawn to find the range of a target's coefficient
@@ -110,7 +111,8 @@ def _doubts(config: Config, launches: Launches, which: str) -> Iterator[str]:
         if is_endless.all():
             raise ConfigError(problem)
         yield problem
-    elif is_early.mean() >= 0.5 and horizon.t_decay is None:
+    yield from _doubts_of_means(config, launches)
+    if not is_endless.any() and is_early.mean() >= 0.5 and horizon.t_decay is None:
         key = "horizon.t_rgh"
         if launches.bodies.t_end is not None:
             key = "bodies.path"
@@ -120,6 +122,20 @@ def _doubts(config: Config, launches: Launches, which: str) -> Iterator[str]:
             f"{key}: the horizon comes before t_rGH, the reversal time of theory, in "
             f"{_how_many(is_early, which)}, so few will be of type R; give t_rgh above "
             f"1, or t above {np.nanmedian(t_rgh):.3g}, the median of t_rGH"
+        )
+
+
+def _doubts_of_means(config: Config, launches: Launches) -> Iterator[str]:
+    """Yield a warning if reversal times of theory have no mean, and a mean is asked."""
+    if config.stop is None or config.stop.t_r is None:
+        return
+    t_rgh = launches.gh.t_rgh
+    index = tail_index(t_rgh[t_rgh < launches.horizon])
+    if index < LEAST_INDEX:
+        yield (
+            "stop.t_r: the mean of t_r may not exist, as t_rGH goes as 1/xi and its "
+            f"tail index is {index:.2g}, below {LEAST_INDEX:g}; such cases run "
+            "all samples; give t_r_median, or skews that are not close to 0"
         )
 
 

@@ -23,6 +23,7 @@ from rattlesweep.sweeps.decide import nearest_rows
 from rattlesweep.sweeps.parquet import read_parquet, write_parquet
 from rattlesweep.sweeps.skipped import estimate
 from rattlesweep.sweeps.stored import SUMMARY, VARIES, Case, Stored
+from rattlesweep.sweeps.tails import LEAST_INDEX, tail_index
 from rattlesweep.sweeps.types import DEAD, TYPES, R, codes, share
 from rattlesweep.text import align
 
@@ -60,6 +61,8 @@ FRICTION = {
 }
 # Times that are interpolated at the points that a refined sweep skips.
 INTERPOLATED = ("t_r", "t_r_s", "t_rgh", "t_r_error")
+# Reversal times of a case from which its median and tail are found.
+MOST_KEPT = 65_536
 SENSITIVE = 1e-6  # relative error of t_r above which a run is sensitive
 
 
@@ -88,7 +91,7 @@ def count_cases(stored: Stored) -> Counts:
     """
     cases = len(stored.cases)
     names = ("case", *columns_for(stored.schema))
-    counts = Counts(cases)
+    counts = Counts(cases, keeps_times=True)
     for rows in stored.batches(names):
         counts.add(rows, rows.column("case").to_numpy().astype(np.int64))
     if stored.config.deciding_key != "bodies.refine":
@@ -100,7 +103,7 @@ def count_cases(stored: Stored) -> Counts:
         for name in INTERPOLATED
         if name in names
     }
-    points = Counts(cases)
+    points = Counts(cases, keeps_times=True)
     for case, rows in enumerate(nearest):
         has_run = rows >= 0
         copies = runs.take(pa.array(rows[has_run]))
@@ -129,9 +132,11 @@ class Counts(dict[str, Integers]):
     after ``regime_``.
     """
 
-    def __init__(self, cells: int) -> None:
+    def __init__(self, cells: int, keeps_times: bool = False) -> None:
         super().__init__()
         self._cells = cells
+        # Reversal times themselves, for medians and tails, where they are asked for.
+        self.times = Sample(cells) if keeps_times else None
         # Of runs of type R; the ratio t_r / t_rgh is taken run by run.
         self.t_r = Moments(cells)
         self.t_r_error = Moments(cells)
@@ -171,6 +176,8 @@ class Counts(dict[str, Integers]):
             has_value = is_counted & np.isfinite(values)
             moments: Moments = getattr(self, name)
             moments.add(cell[has_value], values[has_value])
+            if name == "t_r" and self.times is not None:
+                self.times.add(cell[has_value], values[has_value])
 
 
 def _numbers(
@@ -269,6 +276,36 @@ class Moments:
         return share(self.deviations(), np.sqrt(self.count))
 
 
+class Sample:
+    """The first values of each cell, at most `MOST_KEPT` of them."""
+
+    def __init__(self, cells: int) -> None:
+        self._count = np.zeros(cells, np.int64)
+        self._cells: list[Integers] = []
+        self._values: list[Floats] = []
+
+    def add(self, cell: Integers, values: Floats) -> None:
+        """Add values to cells that are not full."""
+        has_room = self._count[cell] < MOST_KEPT
+        self._cells.append(cell[has_room])
+        self._values.append(values[has_room])
+        self._count += np.bincount(cell[has_room], minlength=len(self._count))
+
+    def each(self, function: Callable[[Floats], float]) -> Floats:
+        """Return a function of the values of each cell, NaN without values."""
+        results = np.full(len(self._count), np.nan)
+        if not self._count.any():
+            return results
+        cell = np.concatenate(self._cells)
+        order = np.argsort(cell, kind="stable")
+        values = np.concatenate(self._values)[order]
+        ends = np.cumsum(self._count)
+        for number in np.flatnonzero(self._count):
+            first = ends[number] - self._count[number]
+            results[number] = function(values[first : ends[number]][:MOST_KEPT])
+        return results
+
+
 def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     """Return the summary of cases whose runs are counted."""
     columns = {column.name: column.value(cases, counts) for column in COLUMNS}
@@ -347,6 +384,21 @@ def _share(name: str, whole: str = "ok") -> Value:
         return pa.nulls(len(cases), F64)
 
     return value
+
+
+def _of_times(function: Callable[[Floats], float]) -> Value:
+    """Return a function of the reversal times, null where they were not kept."""
+
+    def value(cases: Sequence[Case], counts: Counts) -> Values:
+        if counts.times is None:
+            return pa.nulls(len(cases), F64)
+        return counts.times.each(function)
+
+    return value
+
+
+def _median(values: Floats) -> float:
+    return float(np.median(values))
 
 
 ALWAYS_COUNTED = ("runs", "failed", "near_tangencies")
@@ -485,6 +537,21 @@ COLUMNS = (
         "1",
         "sum of near_tangencies over the runs",
     ),
+    SummaryColumn(
+        "t_r_median",
+        F64,
+        _of_times(_median),
+        TIME,
+        f"median reversal time (type R), of the first {MOST_KEPT:,} runs",
+    ),
+    SummaryColumn(
+        "t_r_tail",
+        F64,
+        _of_times(tail_index),
+        "1",
+        "tail index of the reversal times (Hill); below 2, the mean may not exist and "
+        "its error means nothing; null: fewer than 100 of type R",
+    ),
     # Null unless errors are recorded.
     SummaryColumn(
         "sensitive",
@@ -589,19 +656,19 @@ PRINTED = (
     Printed("omega_xy0_rpm", "omega_xy0 (rpm)", ".4g", optional=True),
     *_printed_losses(),
     Printed("runs", "runs", "d"),
-    Printed("fraction_R", "R reverses"),
-    Printed("fraction_SS", "SS steady"),
-    Printed("fraction_SW", "SW wobbles"),
-    Printed("fraction_unclassified", "unclassified"),
-    Printed("fraction_D", "D dies", optional=True),
-    Printed("fraction_bondi", "beyond Bondi"),
-    Printed("t_r_mean", "mean reversal time", ".5g", si="t_r_s_mean"),
-    Printed("t_r_s_mean", "mean reversal time (s)", ".5g", optional=True),
-    Printed("t_r_over_t_rgh_mean", "ratio to theory", ".4f"),
+    Printed("fraction_R", "R"),
+    Printed("fraction_SS", "SS"),
+    Printed("fraction_SW", "SW"),
+    Printed("fraction_unclassified", "uncl."),
+    Printed("fraction_D", "D", optional=True),
+    Printed("fraction_bondi", "Bondi"),
+    Printed("t_r_mean", "mean t_r", ".5g", si="t_r_s_mean"),
+    Printed("t_r_s_mean", "mean t_r (s)", ".5g", optional=True),
+    Printed("t_r_over_t_rgh_mean", "t_r/t_rGH", ".4f"),
     Printed("sensitive", "sensitive", "d", optional=True),
-    Printed("unsure", "type unsure", "d", optional=True),
-    Printed("share_friction_above_0_3", "friction > 0.3", optional=True),
-    Printed("share_friction_above_0_6", "friction > 0.6", optional=True),
+    Printed("unsure", "unsure", "d", optional=True),
+    Printed("share_friction_above_0_3", "mu>0.3", optional=True),
+    Printed("share_friction_above_0_6", "mu>0.6", optional=True),
     Printed("share_lift_off", "lift-off", optional=True),
     Printed("share_slid", "slid", optional=True),
     Printed("failed", "failed", "d"),
@@ -621,6 +688,26 @@ def closing_table(summary: pa.Table) -> str:
             line.append("-" if value is None else format(value, column.form))
         lines.append(line)
     return align(lines)
+
+
+def doubts_of_means(summary: pa.Table) -> str | None:
+    """Return a sentence on cases whose mean reversal time may not exist, or None."""
+    if "t_r_tail" not in summary.schema.names:  # an older version wrote it
+        return None
+    tails = tables.floats(summary.column("t_r_tail"))
+    is_heavy = tails < LEAST_INDEX
+    if not is_heavy.any():
+        return None
+    first = int(np.argmax(is_heavy))
+    which = f"case {first}"
+    if is_heavy.sum() > 1:
+        which = f"{is_heavy.sum()} cases, of which {first} is the first"
+    median = tables.floats(summary.column("t_r_median"))[first]
+    return (
+        f"the mean reversal time of {which} depends on the few longest runs and may "
+        f"not exist (tail index {tails[first]:.2g}, below {LEAST_INDEX:g}); the median "
+        f"of case {first} is {median:.5g} (column t_r_median)"
+    )
 
 
 def absent_columns(summary: pa.Table) -> set[str]:

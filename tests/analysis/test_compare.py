@@ -164,6 +164,32 @@ def test_of_partial_directories_what_both_have_is_compared(sweeps, tmp_path):
     assert found["total"]["runs"] == len(joined(a, sweeps / "b"))
 
 
+def test_a_sweep_that_has_grown_is_compared_by_the_runs_of_both(sweeps, tmp_path):
+    more = CONFIG | PARTS["b"] | {"spin": {"n_i": [-0.3, 0.2, 0.4], "omega_xy0": 0.02}}
+    more["bodies"] = CONFIG["bodies"] | {"samples": 11}
+    rs.sweep(more, output=tmp_path / "grown", threads=1)
+    for pair in (
+        (sweeps / "a", tmp_path / "grown"),
+        (tmp_path / "grown", sweeps / "a"),
+    ):
+        found = told(*pair)
+        # Two targets, two spins, one push, eight samples.
+        assert found["total"]["runs"] == 32
+        assert found["missing"] == [0, 0]
+    whole = told(sweeps / "a", sweeps / "b")
+    common = [row["worst"] for row in whole["cases"] if row["omega_xy0"] == 0.02]
+    assert found["total"]["worst"] == max(common)
+    text = invoke("compare", sweeps / "a", tmp_path / "grown")
+    assert "all 64 runs, of which 32 are in both" in text.stdout
+    rs.sweep(
+        more | {"spin": {"n_i": 0.1, "omega_xy0": 0.3}},
+        output=tmp_path / "x",
+        threads=1,
+    )
+    done = invoke("compare", sweeps / "a", tmp_path / "x")
+    assert_refused(done, 2, "no case is in both")
+
+
 def test_directories_of_other_runs_are_refused(sweeps, tmp_path):
     for key, part in (("seed", {"seed": 7}), ("horizon.t", {"horizon": {"t": 30.0}})):
         rs.sweep(CONFIG | part, output=tmp_path / key, threads=1)

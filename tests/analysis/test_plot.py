@@ -588,3 +588,89 @@ def test_titles_of_narrow_panels_stay_apart(tmp_path):
     assert len(boxes) == 5
     for left, right in itertools.pairwise(boxes):
         assert left.x1 < right.x0
+
+
+def test_nothing_is_drawn_outside_the_panels(sweeps):
+    figure = drawn(picture(sweeps / "steady", "fractions"), xlim=(0.01, 0.06))
+    lines = [line for axes in figure.axes for line in axes.lines]
+    markers = [line for line in lines if not line.get_clip_on()]
+    marked = np.concatenate([line.get_xdata() for line in markers])
+    assert set(marked) == {0.02, 0.05}
+
+
+@pytest.mark.parametrize("xlim", ["0.06,0.01", "0.2,0.3"])
+def test_limits_that_show_nothing_are_refused(sweeps, tmp_path, xlim):
+    target = tmp_path / "f.svg"
+    done = invoke("plot", sweeps / "steady", "--xlim", xlim, "--output", target)
+    assert_refused(done, 2, "xlim: ")
+    assert not target.exists()
+
+
+def test_bars_stand_on_their_markers(sweeps):
+    figure = drawn(picture(sweeps / "steady", "ratio", x="n_i"))
+    for axes in figure.axes:
+        containers = [c for c in axes.containers if c.has_yerr]
+        places = {
+            tuple(np.round(line.get_xdata(), 12))
+            for line in axes.lines
+            if line.get_marker() in ("o", "s", "^", "D")
+        }
+        assert containers
+        for container in containers:
+            (bars,) = container.lines[2]
+            x = tuple(np.round([segment[0, 0] for segment in bars.get_segments()], 12))
+            assert x in places
+
+
+def test_no_fraction_is_drawn_between_the_directions_of_spin(tmp_path):
+    config = {"bodies": bodies(K_r=[0.05]), "spin": spin([-0.3, -0.2, 0.2, 0.3])}
+    rs.sweep(config | {"model": "gh"}, output=tmp_path / "out", threads=1)
+    figure = drawn(picture(tmp_path / "out", "fractions"))
+    edges = [patch.get_data().edges for patch in figure.axes[0].patches]
+    assert all(not (each[0] < 0 < each[-1]) for each in edges)
+    assert sorted({float(np.round(e, 12)) for each in edges for e in each}) == [
+        -0.35, -0.25, -0.15, 0.15, 0.25, 0.35,
+    ]  # fmt: skip
+
+
+def test_a_tap_has_no_formula_that_stays_at_zero(tmp_path):
+    path = rs.trajectory("GH", n_i=0, omega_xy0=0.1, t_end=20)
+    words = [line.get_label() for line in path.plot().axes[0].lines]
+    assert "Garcia and Hubbard" not in words
+
+
+def test_an_envelope_keeps_every_extreme_and_the_turn():
+    t = np.linspace(0, 1000, 60_001)
+    turn = np.where(np.abs(t - 503) < 4, -1.0, 1.0)  # shorter than two oscillations
+    figure = new_figure(4, 3)
+    axis = figure.subplots()
+    curve(axis, t, turn + 0.1 * np.sin(2 * t))
+    low, high = (line.get_ydata() for line in axis.lines)
+    places = axis.lines[0].get_xdata()
+    assert low.min() == pytest.approx(-1.1, abs=1e-3)
+    inside = np.abs(places - 503) < 1
+    # The band is narrow within the turn: it shows that the curve went there and back.
+    assert high[inside].max() < -0.85
+    assert high.max() == pytest.approx(1.1, abs=1e-3)
+
+
+def test_very_many_panels_are_reduced_and_this_is_said(tmp_path):
+    config = {
+        "bodies": bodies(K_r=[0.02, 0.05, 0.1]),
+        "spin": spin(
+            [-0.1, -0.2, -0.3, -0.4, -0.5, 0.1, 0.2, 0.3, 0.4, 0.5], [0.01, 0.1]
+        ),
+        "dissipation": {"sigma": [0.0, 1e-4, 1e-3, 1e-2]},
+        "horizon": {"t": 1.0},
+    }
+    config["bodies"]["samples"] = 1
+    rs.sweep(config, output=tmp_path / "out", threads=1)
+    shown = picture(tmp_path / "out", "scatter", x="minus_xi_deg", quantity="n_end")
+    runs = rs.load(tmp_path / "out").runs
+    assert sorted(shown.table()["minus_xi_deg"]) == pytest.approx(
+        sorted(-np.degrees(runs.xi))
+    )
+    shown = picture(tmp_path / "out", "times")
+    figure = drawn(shown)
+    assert len(figure.axes) <= 40
+    assert len(runs) == 240

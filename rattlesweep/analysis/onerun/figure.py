@@ -42,7 +42,8 @@ def course_of(
         shown = SHOWN[run.model]
     names = ["t", *shown]
     if "n" in names:
-        names.append("n_gh")
+        if run.launches.n_i[0] != 0:  # without spin, the formula stays at zero
+            names.append("n_gh")
         if run.model == "full" and run.energies != (None, None):
             names.append("n_reduced")
     points = run.even_rows(PER_PERIOD, LEAST, MOST, start)

@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from rattlesweep.analysis.layout import TARGETS, Layout
+from rattlesweep.analysis.layout import SKEW, TARGETS, Layout
 from rattlesweep.analysis.plots.distribution import Distribution
 from rattlesweep.analysis.plots.fractions import BinnedFractions, Fractions
 from rattlesweep.analysis.plots.maps import Map, Regimes
-from rattlesweep.analysis.plots.picture import SIDE, Picture
+from rattlesweep.analysis.plots.picture import MOST_PANELS, SIDE, Picture
 from rattlesweep.analysis.plots.scatter import Scatter
 from rattlesweep.analysis.plots.times import Times
 from rattlesweep.errors import ConfigError
@@ -69,15 +69,40 @@ def choose_picture(
             quantity = "reversals_sure"
     if quantity is not None:
         layout.column(quantity, "quantity")  # raises if there is none
-    picture = KINDS[kind](layout, kind, x, quantity)
+    picture = _of_few_panels(layout, kind, x, quantity)
     picture.colour = colour
+    return picture
+
+
+def _of_few_panels(
+    layout: Layout, kind: str, x: str | None, quantity: str | None
+) -> Picture:
+    """Return the picture, with the longest axis inside or some values left out where
+    there would be too many panels.
+    """
+    picture = KINDS[kind](layout, kind, x, quantity)
+    if picture.count <= MOST_PANELS:
+        return picture
+    if x is None and picture.inside:
+        longest = max(layout.axes, key=lambda name: layout.lengths[name])
+        picture = KINDS[kind](layout, kind, longest, quantity)
+        x = longest
+    left_out = []
+    while picture.count > MOST_PANELS:
+        axis = max((*picture.rows, *picture.columns), key=lambda axis: len(axis.values))
+        layout = layout.select([f"{axis.name}={float(axis.values[0])!r}"])
+        left_out.append(axis.name)
+        picture = KINDS[kind](layout, kind, x, quantity)
+    if left_out:
+        names = " and ".join(left_out)
+        picture.doubts.append(f"Only the first {names} is shown; select others.")
     return picture
 
 
 def _is_axis(layout: Layout, name: str) -> bool:
     """Return whether a name is that of an axis, or of no column of numbers either."""
     names = {*layout.axes, *(axis.name for axis in layout.axes.values())}
-    return name in names or name not in layout.stored.schema.names
+    return name in names or name not in (*layout.stored.schema.names, SKEW)
 
 
 def _selected(layout: Layout, select: Sequence[str], where: str | None) -> Layout:
@@ -96,7 +121,7 @@ def _selected(layout: Layout, select: Sequence[str], where: str | None) -> Layou
 
 def _suitable_kind(layout: Layout, x: str | None, quantity: str | None) -> str:
     """Return the kind that shows a column, or that suits the sweep."""
-    if x in layout.stored.schema.names and x not in layout.axes:
+    if x in (*layout.stored.schema.names, SKEW) and x not in layout.axes:
         return "scatter"
     kind = default_kind(layout)
     if quantity is None:

@@ -183,7 +183,8 @@ class Fractions(Picture):
             scale(axes, "x", x, log)
             if len(x.values) < FEW:
                 _tick_each(axes, x)
-            axes.set(xlim=x.edges[[0, -1]], ylim=(0, 1), yticks=[0, 0.5, 1])
+            ends = x.stretches[0][1][0], x.stretches[-1][1][-1]
+            axes.set(xlim=ends, ylim=(0, 1), yticks=[0, 0.5, 1])
         self.ylabel = "fraction of bodies"
         self.notes.append(
             "Fractions of the runs with status ok, with 95 % intervals (Wilson)."
@@ -209,16 +210,17 @@ class Fractions(Picture):
             below = share(count, ok)
             count = count + within(self.grid(cells.types[name]), place)
             above = share(count, ok)
-            entries[mark.label] = axes.stairs(
-                above,
-                x.edges,
-                baseline=below,
-                fill=True,
-                label=mark.label,
-                facecolor=mark.colour,
-                hatch=mark.hatch,
-                linewidth=0,
-            )
+            for places, edges in x.stretches:
+                entries[mark.label] = axes.stairs(
+                    above[places],
+                    edges,
+                    baseline=below[places],
+                    fill=True,
+                    label=mark.label,
+                    facecolor=mark.colour,
+                    hatch=mark.hatch,
+                    linewidth=0,
+                )
             _draw_intervals(axes, x.values, count, ok)
 
 

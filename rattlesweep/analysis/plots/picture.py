@@ -79,6 +79,7 @@ class Picture(ABC):
         self.inside = [layout.axes[name] for name in arrangement.inside]
         self.axes = [*self.inside, *self.rows, *self.columns]
         self.notes: list[str] = []
+        self.doubts: list[str] = []  # sentences that follow the notes of any drawing
 
     def arrange(self) -> Arrangement:
         """Return which axes are inside a panel, and which make rows and columns."""
@@ -95,6 +96,11 @@ class Picture(ABC):
     def counted(self) -> tuple[Counts, dict[str, Floats]]:
         """The runs counted by cell, and the means of the columns `more`."""
         return self.layout.count(self.more)
+
+    @property
+    def count(self) -> int:
+        """The number of panels."""
+        return len(_places(self.rows)) * len(_places(self.columns)) * self.parts
 
     @property
     def down(self) -> list[tuple[int, ...]]:
@@ -193,7 +199,6 @@ class Picture(ABC):
         self._check_runs()
         down = self.down
         across = _places(self.columns)
-        self._check_number(len(down) * len(across))
         # Each combination of values has as many panels as the picture has parts.
         across = [place for place in across for _ in range(self.parts)]
         if size is None:
@@ -213,10 +218,10 @@ class Picture(ABC):
         ]
         handles = self.draw(panels, log)
         figure.supylabel(self.ylabel, fontsize="medium")
-        for axes in grid.flat:
-            _limit(axes, xlim, ylim)
+        _limit(list(grid.flat), xlim, ylim)
         heading = [title or "", *self._selection(figure.get_figwidth())]
         style.add_legend(figure, handles, [line for line in heading if line])
+        self.notes += self.doubts
         if caption:
             style.add_caption(figure, self.notes, grow=size is None)
         style.separate_ticks(figure)
@@ -233,10 +238,9 @@ class Picture(ABC):
     ) -> None:
         """Draw the picture on axes of the caller's, if it has a single panel."""
         self._check_runs()
-        count = len(_places(self.rows)) * len(_places(self.columns)) * self.parts
-        if count > 1:
+        if self.count > 1:
             raise ConfigError(
-                f"ax: there are {count} panels; choose one with select, as in "
+                f"ax: there are {self.count} panels; choose one with select, as in "
                 "n_i=-0.3, or quantity for a map"
             )
         self.notes.clear()
@@ -245,7 +249,7 @@ class Picture(ABC):
         place = (0,) * (len(self.rows) + len(self.columns))
         handles = self.draw([Panel(axes, place)], log)
         axes.set_ylabel(self.ylabel)
-        _limit(axes, xlim, ylim)
+        _limit([axes], xlim, ylim)
         if title is not None:
             axes.set_title(title)
         if handles:
@@ -256,15 +260,6 @@ class Picture(ABC):
         if not len(self):
             raise OutputError(
                 f"{self.layout.stored.directory} holds no run {self.shows}"
-            )
-
-    def _check_number(self, count: int) -> None:
-        """Raise a ConfigError if there are too many panels."""
-        if count > MOST_PANELS:
-            names = " and ".join(axis.name for axis in (*self.rows, *self.columns))
-            raise ConfigError(
-                f"there would be {count} panels, one for each {names}; choose some "
-                "with select, as in n_i=-0.3,-0.5"
             )
 
     def _head_panels(
@@ -324,22 +319,50 @@ def _places(axes: list[Axis]) -> list[tuple[int, ...]]:
     return list(product(*(range(len(axis.values)) for axis in axes)))
 
 
-def _limit(
-    axes: Axes, xlim: tuple[float, float] | None, ylim: tuple[float, float] | None
-) -> None:
-    """Set the limits that are given; raise a ConfigError for 0 on a logarithm."""
-    for which, limits, scale in (
-        ("x", xlim, axes.get_xscale()),
-        ("y", ylim, axes.get_yscale()),
-    ):
-        if limits is not None and limits[0] <= 0 and scale == "log":
+Limits = tuple[float, float] | None
+
+
+def _limit(panels: Sequence[Axes], xlim: Limits, ylim: Limits) -> None:
+    """Set the limits that are given; raise a ConfigError if nothing is within them."""
+    for which, limits in (("x", xlim), ("y", ylim)):
+        if limits is None:
+            continue
+        low, high = limits
+        if low >= high:
+            raise ConfigError(
+                f"{which}lim: {low:g},{high:g} is no range; give LOW,HIGH with LOW "
+                "below HIGH"
+            )
+        is_log = any(getattr(axes, f"get_{which}scale")() == "log" for axes in panels)
+        if low <= 0 and is_log:
             raise ConfigError(
                 f"{which}lim: a logarithmic axis is positive; take a linear one"
             )
-    if xlim is not None:
-        axes.set_xlim(xlim)
-    if ylim is not None:
-        axes.set_ylim(ylim)
+        drawn = [getattr(axes.dataLim, f"interval{which}") for axes in panels]
+        known = [ends for ends in drawn if np.isfinite(ends).all()]
+        if known and all(ends[0] > high or ends[1] < low for ends in known):
+            first = min(ends[0] for ends in known)
+            last = max(ends[1] for ends in known)
+            raise ConfigError(
+                f"{which}lim: nothing lies between {low:g} and {high:g}; the picture "
+                f"reaches from {first:.6g} to {last:.6g}"
+            )
+        for axes in panels:
+            getattr(axes, f"set_{which}lim")(low, high)
+    for axes in panels:
+        _drop_outside(axes)
+
+
+def _drop_outside(axes: Axes) -> None:
+    """Remove points beyond the panel from lines that are not clipped at its border."""
+    left, right = sorted(axes.get_xlim())
+    bottom, top = sorted(axes.get_ylim())
+    for line in axes.lines:
+        if line.get_clip_on():
+            continue
+        x, y = (np.asarray(values, float) for values in line.get_data())
+        is_inside = (x >= left) & (x <= right) & (y >= bottom) & (y <= top)
+        line.set_data(x[is_inside], y[is_inside])
 
 
 def texts(axes: Sequence[Axis], places: Sequence[int]) -> str:

@@ -75,11 +75,7 @@ class Times(Picture):
             log_y = bool(log)
         curves = self._curves()
         # The curves of the two directions of spin are not joined.
-        borders: list[int] = []
-        if x.name.startswith("n_i"):
-            borders = [int(np.searchsorted(x.values, 0.0))]
-        places = np.split(np.arange(len(x.values)), borders)
-        stretches = [stretch for stretch in places if len(stretch)]
+        stretches = [places for places, _ in x.stretches]
         for axes, place in panels:
             scale(axes, "x", x, log)
             for look in looks:
@@ -149,8 +145,10 @@ class Times(Picture):
     ) -> None:
         """Draw a curve in one direction of spin, with its band and its theory."""
         few = len(self.axes[0].values) <= MOST_MARKERS
+        # Markers with bars stand beside each other, as they would hide one another.
+        beside = self._beside(axes, x, look) if few else x
         axes.plot(
-            x,
+            beside,
             curve.mean,
             color=look.colour,
             linewidth=1.1,
@@ -162,9 +160,8 @@ class Times(Picture):
             # A logarithmic axis has no zero: the band ends at a tenth of the mean.
             below = np.minimum(below, 0.9 * curve.mean)
         if few:
-            # Bars beside each other, as bands would hide one another.
             axes.errorbar(
-                self._beside(axes, x, look),
+                beside,
                 curve.mean,
                 np.stack([below, curve.spread]),
                 fmt="none",
@@ -187,7 +184,7 @@ class Times(Picture):
             axes.plot(x, curve.theory, **dashes | {"color": look.colour, "zorder": 1.5})
 
     def _beside(self, axes: Axes, x: Floats, look: Look) -> Floats:
-        """Return the abscissas of a curve's bars, next to those of other curves."""
+        """Return the abscissas of a curve's markers, next to those of other curves."""
         looks = self._looks()
         if len(looks) == 1 or len(self.axes[0].values) == 1:
             return x
@@ -215,5 +212,7 @@ class Times(Picture):
             "standard deviation.",
             theory,
         ]
+        if drawn > 1 and 1 < len(self.axes[0].values) <= MOST_MARKERS:
+            self.notes.append("Markers at one abscissa stand beside each other.")
         if drawn < self._count:
             self.notes.append(f"{drawn} of {self._count} values are shown.")

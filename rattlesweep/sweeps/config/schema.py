@@ -657,12 +657,25 @@ class Classify(Base):
 
 
 class Stop(Base):
-    """Half-widths of 95 % intervals at which a case has enough samples; both, if both
-    are given.
+    """Half-widths of 95 % intervals at which a case has enough samples; all of those
+    that are given.
     """
 
     fraction: float | None = key(None, "For the fraction of every type.", gt=0, lt=0.5)
-    t_r: float | None = key(None, "For the mean t_r, relative to it.", gt=0, lt=1)
+    t_r: float | None = key(
+        None,
+        "For the mean t_r, relative to it; a case whose mean may not exist goes on.",
+        gt=0,
+        lt=1,
+    )
+    t_r_median: float | None = key(
+        None, "For the median t_r, relative to it.", gt=0, lt=1
+    )
+
+    @property
+    def watches_times(self) -> bool:
+        """Whether reversal times decide when a case has enough samples."""
+        return self.t_r is not None or self.t_r_median is not None
 
 
 # Method and tol of each word; docs/accuracy.md has their errors.
@@ -816,7 +829,7 @@ class Config(Base):
     def deciding_column(self) -> str | None:
         """The column, besides `type`, by which a sweep skips runs."""
         if self.stop is not None:
-            return None if self.stop.t_r is None else "t_r"
+            return "t_r" if self.stop.watches_times else None
         if self.refine is None or self.refine.by == "type":
             return None
         return self.refine.by

@@ -10,7 +10,7 @@ function makeScene(canvas, { body, rise, trail, start, slides, changed }) {
   if (!document.createElement("canvas").getContext("webgl2")) return absent(sorry);
   let renderer;
   try {
-    renderer = new T.WebGLRenderer({ canvas, antialias: true });
+    renderer = new T.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });
   } catch {
     return absent(sorry);
   }
