@@ -1,6 +1,6 @@
 """Draw the symbols of a rattleback: from above, and from the side.
 
-    python docs/figures/sketch.py [docs/sketch.png]
+    python docs/figures/sketch.py [docs]
 
 The skew is drawn four times as large as that of a usual stone.
 """
@@ -8,6 +8,7 @@ The skew is drawn four times as large as that of a usual stone.
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import numpy as np
 from matplotlib import pyplot as plt
@@ -124,8 +125,8 @@ def from_the_side(axes: Axes) -> None:
     axes.axis("off")
 
 
-figure, panels = plt.subplots(1, 2, figsize=(11.4, 4.4), layout="constrained")
-from_above(panels[0])
-from_the_side(panels[1])
-place = sys.argv[1] if len(sys.argv) > 1 else "docs/sketch.png"
-figure.savefig(place, dpi=110, bbox_inches="tight")
+folder = Path(sys.argv[1] if len(sys.argv) > 1 else "docs")
+for name, draw in (("above", from_above), ("side", from_the_side)):
+    figure, panel = plt.subplots(figsize=(5.7, 4.3), layout="constrained")
+    draw(panel)
+    figure.savefig(folder / f"sketch_{name}.png", dpi=110, bbox_inches="tight")

@@ -206,9 +206,7 @@ def test_shares_are_those_of_the_rows(tmp_path):
         assert share.tolist() == pytest.approx(true.groupby(runs.case).mean().tolist())
         assert share.nunique() > 1
     head = closing_table(summarise(open_stored(tmp_path))).splitlines()[0]
-    assert all(
-        words in head for words in ("friction > 0.3", "friction > 0.6", "lift-off")
-    )
+    assert all(words in head for words in ("friction>0.3", "friction>0.6", "lift-off"))
     assert not list(verify(tmp_path).problems)
 
 
