@@ -3,16 +3,26 @@
 from collections.abc import Iterable
 
 
-def printable(text: str) -> str:
-    """Return text with its control characters escaped, safe for any terminal."""
-    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+def printable(text: object) -> str:
+    """Return text as one line that is safe for any terminal.
+
+    Whatever is stored, such as a name or a file's name, passes through here before it
+    is printed. Escape sequences could change what a terminal shows, and a new line
+    could forge a line of ours.
+    """
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in str(text))
+
+
+def as_lines(lines: Iterable[object]) -> str:
+    """Return lines for a terminal, each of them :func:`printable`."""
+    return "\n".join(map(printable, lines))
 
 
 def one_line(text: str, limit: int = 60) -> str:
     """Return text as one printable line, shortened to a limit."""
     if len(text) > limit:
         text = text[: limit - 3] + "..."
-    return printable(text).replace("\n", "\\n")
+    return printable(text)
 
 
 class ConfigError(ValueError):

@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Protocol
 
+from rattlesweep.errors import printable
+
 if TYPE_CHECKING:
     from tqdm import tqdm
 
@@ -44,6 +46,7 @@ def align(lines: Sequence[Sequence[str]], sides: str = ">") -> str:
 
     The last of the sides is repeated for the columns after it.
     """
+    lines = [[printable(cell) for cell in line] for line in lines]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     sides = sides.ljust(len(widths), sides[-1])
     formats = [f"{side}{width}" for side, width in zip(sides, widths, strict=True)]

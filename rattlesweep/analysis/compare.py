@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from rattlesweep.analysis import style
-from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.errors import ConfigError, OutputError, printable
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.config.read import differences, fixed_part, resolved
 from rattlesweep.sweeps.stored import Case, Stored, open_stored
@@ -247,8 +247,8 @@ def as_text(comparison: Comparison, most_cases: int) -> str:
             state = f"{data['missing'][k]:,} of {data['planned'][k]:,} runs are missing"
         if data["total"]["runs"] < data["planned"][k] - data["missing"][k]:
             state += f", of which {data['total']['runs']:,} are in both"
-        lines.append(f"{name}  {data['directories'][k]}: {state}")
-    lines += [f"   {difference}" for difference in data["differ"]]
+        lines.append(printable(f"{name}  {data['directories'][k]}: {state}"))
+    lines += [printable(f"   {difference}") for difference in data["differ"]]
     cases = data["cases"]
     rows = [*cases[:most_cases], {"case": "all"} | data["total"]]
     lines += ["", style.text_table(rows)]

@@ -24,7 +24,7 @@ from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Floats, Places
-from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.errors import ConfigError, one_line, printable
 from rattlesweep.sweeps.columns import define
 from rattlesweep.sweeps.files import replace_file
 
@@ -393,6 +393,9 @@ def valid_texts() -> Iterator[None]:
     """Raise a ConfigError if Matplotlib cannot draw a formula, as in a title."""
     try:
         yield
+    except RecursionError:
+        problem = "a formula is nested too deeply"
+        raise ConfigError(f"a text in the picture: {problem}") from None
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise ConfigError(f"a text in the picture: {reason}") from None
@@ -421,8 +424,15 @@ def save_table(rows: pd.DataFrame, path: Path) -> None:
 def text_table(rows: Sequence[Mapping[Any, object]], form: str = ".6g") -> str:
     """Return rows as a table of text, without the columns that are empty."""
     frame = pd.DataFrame(rows).dropna(axis=1, how="all").astype(object)
-    frame = frame.where(frame.notna(), "-")
+    frame = frame.where(frame.notna(), "-").map(_cell).rename(columns=printable)
     return frame.to_string(index=False, float_format=lambda x: f"{x:{form}}")
+
+
+def _cell(value: object) -> object:
+    """Return a value as it is printed in a table."""
+    if isinstance(value, str):
+        return printable(value)
+    return value
 
 
 def label(name: str, unit: str | None = None) -> str:

@@ -246,19 +246,25 @@ class Sweep:
         return Page(make_report(self.directory, title)).save(path)
 
     def verify(
-        self, recompute: int = 0, *, seed: int = 0, threads: int | None = None
+        self,
+        recompute: int = 0,
+        *,
+        seed: int = 0,
+        threads: int | None = None,
+        complete: bool = False,
     ) -> Verified:
         """Check all runs against the manifest, and repeat some random ones bit for bit.
 
-        The result has ``problems``, a list of sentences, and ``words``.  Nothing is
-        changed.
+        The result has ``problems``, a list of sentences, ``missing``, the number of
+        runs that are not there, and ``words``.  With `complete`, missing runs are a
+        problem.  Nothing is changed.
         """
         from rattlesweep.sweeps.verify import verify
 
         check_count("recompute", recompute, 0)
         check_count("seed", seed, 0)
         check_count("threads", threads)
-        return verify(self.directory, recompute, seed, threads)
+        return verify(self.directory, recompute, seed, threads, complete=complete)
 
     def compare(self, other: Sweep | str | Path) -> Comparison:
         """Compare with another sweep, as ``rattlesweep compare`` does."""

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import click
 from click import Choice, argument, option
 
-from rattlesweep.errors import ConfigError, OutputError, one_line, printable
+from rattlesweep.errors import ConfigError, OutputError, as_lines, one_line, printable
 from rattlesweep.integrate import MOST_THREADS, check_settings
 from rattlesweep.integrate.compile import listening
 from rattlesweep.integrate.tableau import METHODS
@@ -114,6 +114,11 @@ def start_without_pandas() -> None:
 def say(text: str) -> None:
     """Print a line to standard error, where everything but data goes."""
     click.echo(printable(text), err=True)
+
+
+def tell(*lines: object) -> None:
+    """Print lines to standard output, each of them safe for a terminal."""
+    click.echo(as_lines(lines))
 
 
 def to_json(data: object) -> str:

@@ -21,6 +21,7 @@ from rattlesweep.cli.options import (
     pick,
     probe,
     say,
+    tell,
     to_json,
 )
 from rattlesweep.errors import ConfigError, one_line
@@ -254,7 +255,7 @@ def show(
             title = f"Rattleback {given['preset']}"
         run = _prepared(given)
     page, course = page_of(run, title, path=output, **rows)
-    click.echo(output)
+    tell(output)
     if not quiet:
         say(f"{len(page.content) / 1e6:.1f} MB")
     return _say_outcome(course, quiet, proof)

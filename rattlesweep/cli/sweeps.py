@@ -13,7 +13,16 @@ import click
 from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.options import COUNT, DONE, Kind, command, probe, say, to_json
+from rattlesweep.cli.options import (
+    COUNT,
+    DONE,
+    Kind,
+    command,
+    probe,
+    say,
+    tell,
+    to_json,
+)
 from rattlesweep.errors import ConfigError
 from rattlesweep.shipped import example_names
 from rattlesweep.text import Bar, counted
@@ -70,7 +79,7 @@ def init(config: Path | None, example: str | None) -> None:
     probe(*texts)
     for path, text in texts.items():
         replace_file(path, text.encode())
-        click.echo(path)
+        tell(path)
 
 
 @command(
@@ -95,7 +104,10 @@ def plan(
     Prints the number of runs, or each mistake in the config with its line. Integrates a
     sample of the runs for about two seconds and writes nothing.
     """
+    from rattlesweep.sweeps.plan import examine
+
     planned, directory = _planned(config, overrides, output)
+    examine(planned, directory)
     forecast = None
     if not check:
         forecast = _forecast(planned, directory, threads)
@@ -112,7 +124,7 @@ def plan(
     cases = counted(len(planned.cases), "case")
     samples = counted(planned.samples, "sample")
     runs = counted(planned.runs, "run")
-    click.echo(f"{config} is valid: {cases} x {samples} = {runs}")
+    tell(f"{config} is valid: {cases} x {samples} = {runs}")
     if forecast is not None:
         click.echo(forecast.words)
 
@@ -262,21 +274,28 @@ def status(directory: Path, as_json: bool) -> int:
 @option(
     "--recompute", type=options.NUMBER, default=0, help="Also repeat N random runs."
 )
+@option("--complete", is_flag=True, help="Missing runs are a problem, too.")
 @options.threads
 @options.as_json
-def verify(directory: Path, recompute: int, threads: int | None, as_json: bool) -> int:
-    """Check that an output directory is complete and consistent.
+def verify(
+    directory: Path,
+    recompute: int,
+    complete: bool,
+    threads: int | None,
+    as_json: bool,
+) -> int:
+    """Check that an output directory is consistent, and say whether runs are missing.
 
     Prints one line per problem and exits with 1 if there is any. Repeated runs are
     compared bit for bit. To repair a directory, use `rattlesweep run`, which repeats
-    damaged runs.
+    damaged runs and does missing ones.
     """
     from rattlesweep.sweeps.verify import verify as check
 
     seed = secrets.randbelow(2**32)
     with Bar.of_command() as bar:
         report = bar.counting("verifying")
-        verified = check(directory, recompute, seed, threads, report=report)
+        verified = check(directory, recompute, seed, threads, report, complete)
     click.echo(to_json(asdict(verified)) if as_json else verified.words)
     if verified.problems:
         return options.FAILED
@@ -314,16 +333,23 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
 @command("Sweeps", "rattlesweep merge out/steady-0 out/steady-1 --output out/steady")
 @options.path("directories", metavar="DIR...", nargs=-1, required=True)
 @options.output("The directory to write.", required=True)
+@option(
+    "--link",
+    is_flag=True,
+    help="Make hard links, which save space: damage of one file then damages both.",
+)
 @options.quiet
-def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
+def merge(directories: tuple[Path, ...], output: Path, link: bool, quiet: bool) -> int:
     """Merge the directories of one sweep's shards into one.
+
+    Files are copied; where the file system can, copies share their blocks on disk.
 
     Exits with 75 if runs are still missing: merge other shards into the same output, or
     let `rattlesweep run CONFIG --output DIR` compute the rest.
     """
     from rattlesweep.sweeps.merge import merge as join
 
-    merged = join(list(directories), output)
+    merged = join(list(directories), output, link)
     if not quiet:
         _print_summary(merged.summary, output)
         runs = counted(merged.runs, "run")
@@ -540,7 +566,7 @@ def plot(
     if data is not None:
         save_table(picture.table(), data)
         paths.append(data)
-    click.echo("\n".join(map(str, paths)))
+    tell(*paths)
     say(f"{picture.name}: {counted(len(picture), 'run')}")
 
 
@@ -562,7 +588,7 @@ def report(directory: Path, output: Path | None, title: str | None) -> None:
 
     probe(output)
     page = load(directory).report(output, title=title)
-    click.echo(page.path)
+    tell(page.path)
     say(f"{len(page.content) / 1e6:.2f} MB")
 
 

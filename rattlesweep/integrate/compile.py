@@ -5,7 +5,7 @@ the files of the functions that it calls.  The cache is therefore a folder named
 hash of all sources of kernels, of the versions that compile them and of the processor.
 Each kernel has its own subfolder, since two processes must not write to one index of
 Numba at once.  Loading a kernel executes stored code, so the folder must be private
-(:func:`is_private`).
+(:func:`is_private`), and what was checked is held open while kernels are loaded.
 
 Numba holds its own lock, and most of the time the interpreter's, while it compiles.  So
 other processes compile, two kernels at once, while the calling process draws bodies and
@@ -24,11 +24,11 @@ import subprocess
 import sys
 import tempfile
 import threading
+import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple
@@ -58,11 +58,37 @@ Order = tuple[Recipe, *tuple[str | bool, ...]]
 Compiled = Callable[..., object]
 
 
-def _hash(files: list[Path], *versions: object) -> str:
+def _hash(files: Mapping[str, bytes], *versions: object) -> str:
     digest = hashlib.sha256(repr(versions).encode())
-    for path in files:
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    for name in sorted(files):
+        digest.update(name.encode() + b"\0" + files[name] + b"\0")
     return digest.hexdigest()[:16]
+
+
+def _sources(place: Path) -> dict[str, bytes]:
+    """Return a source file, or those of a folder, by path; they may lie in a zip."""
+    for parent in place.parents:
+        if parent.is_file():
+            inside = place.relative_to(parent).as_posix()
+            with zipfile.ZipFile(parent) as archive:
+                names = [name for name in archive.namelist() if name.endswith(".py")]
+                return {
+                    name: archive.read(name)
+                    for name in names
+                    if name == inside or name.startswith(f"{inside}/")
+                }
+    if place.is_file():
+        return {place.name: place.read_bytes()}
+    return {
+        path.relative_to(place.parent).as_posix(): path.read_bytes()
+        for path in place.rglob("*.py")
+    }
+
+
+@cache
+def program_hash() -> str:
+    """Return a hash of all sources, wherever they lie."""
+    return _hash(_sources(PACKAGE))
 
 
 @cache
@@ -73,34 +99,58 @@ def source_hash() -> str:
     from llvmlite import binding
     from numba import config
 
-    files = list[Path]()
-    for room in ("integrate", "physics"):
-        files += (PACKAGE / room).rglob("*.py")
+    files = _sources(PACKAGE / "integrate") | _sources(PACKAGE / "physics")
     name = config.CPU_NAME or binding.get_host_cpu_name()
     features = config.CPU_FEATURES or binding.get_host_cpu_features().flatten()
     versions = sys.version, numba.__version__, llvmlite.__version__
-    return _hash(sorted(files), str(PACKAGE), *versions, name, features)
+    return _hash(files, str(PACKAGE), *versions, name, features)
 
 
 def is_private(folder: Path) -> bool:
     """Create a folder if it is missing, and return whether only this user can write.
 
-    The folder must be this user's with mode 0700.  Its parents must belong to this user
-    or to root, and must not be writable by all unless they are sticky.
+    The folder must be this user's, and closed to all others.  Its parents must belong
+    to this user or to root, and must not be writable by others, such as a group, unless
+    they are sticky.  No link is followed, since its owner could lead it elsewhere.
     """
     if not hasattr(os, "geteuid"):  # Windows, where the user's folders are private
         folder.mkdir(parents=True, exist_ok=True)
         return True
     for parent in reversed(folder.parents):
         parent.mkdir(mode=0o700, exist_ok=True)
-        owner = parent.stat()
-        shared = owner.st_mode & stat.S_IWOTH and not owner.st_mode & stat.S_ISVTX
-        if shared or owner.st_uid not in (0, os.geteuid()):
+        about = parent.lstat()
+        writers = about.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+        shared = writers and not about.st_mode & stat.S_ISVTX
+        if shared or about.st_uid not in (0, os.geteuid()):
+            return False
+        if not stat.S_ISDIR(about.st_mode):
             return False
     folder.mkdir(mode=0o700, exist_ok=True)
-    owner = folder.stat()
-    private = owner.st_uid == os.geteuid() and stat.S_IMODE(owner.st_mode) == 0o700
-    return private and os.access(folder, os.W_OK)
+    return _is_own(folder.lstat()) and os.access(folder, os.W_OK)
+
+
+def _is_own(about: os.stat_result) -> bool:
+    """Return whether this is a folder of this user, closed to all others."""
+    # The bits above these, such as the one by which a folder passes its group on, open
+    # it to nobody.
+    closed = about.st_mode & 0o777 == 0o700
+    return stat.S_ISDIR(about.st_mode) and closed and about.st_uid == os.geteuid()
+
+
+def _held_path(folder: Path) -> Path:
+    """Return a path that leads to a folder even if another one takes its place.
+
+    OSError is raised if the folder is not private.
+    """
+    if not hasattr(os, "geteuid"):
+        return folder
+    # It stays open, since Numba may look there again.
+    file = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    if not is_private(folder) or not _is_own(os.fstat(file)):
+        os.close(file)
+        raise OSError(f"{folder} is not private any more")
+    path = Path(f"/proc/self/fd/{file}")
+    return path if path.is_dir() else folder
 
 
 def _private_folder(root: Callable[[], str]) -> Path | None:
@@ -144,7 +194,7 @@ def cache_folder() -> Path:
 
 def _place(recipe: Recipe, *names: str | bool) -> Path:
     """Return the folder of a kernel."""
-    files = [_hash([Path(file)])[:8] for file in recipe(*names).files]
+    files = [_hash(_sources(Path(file)))[:8] for file in recipe(*names).files]
     return cache_folder() / "-".join([recipe.__name__, *map(str, names), *files])
 
 
@@ -158,12 +208,12 @@ def import_written(name: str, source: str) -> ModuleType:
         unfinished = path.with_suffix(f".{os.getpid()}")
         unfinished.write_text(source, "utf-8")
         unfinished.replace(path)
-    spec = spec_from_file_location(name, path)
-    assert spec is not None and spec.loader is not None  # noqa: PT018
-    module = module_from_spec(spec)
-    # Numba finds the module of a stored function by name.
+    module = ModuleType(name)
+    module.__file__ = str(path)
+    # Numba finds the module of a stored function by name, and looks at its file. What
+    # is executed is the text, whatever the file holds by then.
     sys.modules[name] = module
-    spec.loader.exec_module(module)
+    exec(compile(source, path, "exec"), module.__dict__)
     return module
 
 
@@ -211,6 +261,7 @@ def _load_from(place: Path, kernel: Kernel) -> Compiled:
     """
     from numba import config, njit
 
+    place = _held_path(place.parent) / place.name
     # Numba takes the folder of its files from a setting alone, at the time of `njit`.
     with _cache_dir:
         before = config.CACHE_DIR

@@ -32,7 +32,8 @@ from rattlesweep.sweeps.columns import (
     ragged,
 )
 from rattlesweep.sweeps.config.schema import Config
-from rattlesweep.sweeps.error import Estimated, integrate_estimated
+from rattlesweep.sweeps.decide import Refining
+from rattlesweep.sweeps.error import Estimated, fit_of, integrate_estimated
 from rattlesweep.sweeps.launches import (
     Launches,
     ending_early,
@@ -45,6 +46,17 @@ from rattlesweep.sweeps.types import TYPES, classify, is_chaotic, sure_types
 
 Prepared: TypeAlias = tuple[Launches, Batch | None]  # no batch for the closed form
 STATUS_WORDS = [status.label for status in Status]
+
+
+def check_computable(plan: Plan) -> None:
+    """Raise a ConfigError now, before a file is written, for runs that none can do."""
+    config = plan.config
+    if config.refine is not None:
+        Refining(plan)
+    if config.model != "gh":
+        model_of(config)
+    if "error" in config.record:
+        fit_of(config)
 
 
 def load_kernel(config: Config) -> None:

@@ -11,7 +11,6 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.read import parse_config, resolved
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.locks import hold
-from rattlesweep.sweeps.parquet import read_parquet
 from rattlesweep.sweeps.stored import Stored, open_stored, rewrite, typed_by
 from rattlesweep.sweeps.summary import write_summary
 from rattlesweep.sweeps.types import with_types
@@ -37,7 +36,7 @@ def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classifie
         files = 0
         for path in stored.files():
             if typed_by(path) != thresholds.as_text:
-                rows = read_parquet(path)
+                rows = stored.rows_of(path)
                 retyped = with_types(rows, thresholds)
                 rewrite(path, retyped, thresholds.as_text)
                 before = pc.fill_null(rows.column("type"), "")

@@ -26,6 +26,7 @@ import pyarrow as pa
 from rattlesweep.arrays import Integers
 from rattlesweep.errors import ConfigError, OutputError, one_line
 from rattlesweep.integrate.batch import available_threads
+from rattlesweep.integrate.compile import program_hash
 from rattlesweep.integrate.task import POLL, Control, Task
 from rattlesweep.sweeps.block import load_kernel, prepare_runs, start_block
 from rattlesweep.sweeps.job import Job, Keys, OutOfTime
@@ -57,6 +58,7 @@ class Order(TypedDict):
     """What all blocks of a sweep have in common."""
 
     versions: dict[str, str]  # of the driver
+    sources: str  # a hash of the driver's
     threads: int | None  # for each block; None for those of the worker
     plan: bytes  # pickled
 
@@ -183,6 +185,7 @@ class Driver:
         self._seen = time.monotonic()  # time when there was a worker
         order: Order = {
             "versions": versions(),
+            "sources": program_hash(),
             "threads": threads,
             "plan": pickle.dumps(job.plan),
         }
@@ -288,7 +291,7 @@ def do_block(order: Order, case: Integers, sample: Integers) -> tuple[pa.Table, 
             raise OutOfTime  # nobody waits for the block any more
 
     try:
-        _check_versions(order["versions"])
+        _check_same_program(order)
         plan = _unpack(order["plan"])
         prepared = prepare_runs(plan, case, sample)
         while not _kernel.acquire(timeout=POLL):
@@ -313,17 +316,22 @@ def do_block(order: Order, case: Integers, sample: Integers) -> tuple[pa.Table, 
         raise OutputError(f"{where}: {one_line(problem, 500)}") from None
 
 
-def _check_versions(driver: dict[str, str]) -> None:
+def _check_same_program(order: Order) -> None:
     """Raise an OutputError if results would differ from those of the driver."""
     worker = versions()
+    driver = order["versions"]
     differences = []
     for name in NUMERIC:
         if worker[name] != driver[name]:
             differences.append(f"{name} {worker[name]} there, {driver[name]} here")
+    if not differences and program_hash() != order["sources"]:
+        differences.append(
+            f"rattlesweep {driver['rattlesweep']} has other sources there than here"
+        )
     if differences:
         which = "; ".join(differences)
         raise OutputError(
-            f"its results would differ in their last bits: {which}; give all workers "
+            f"its results would differ from the driver's: {which}; give all workers "
             "the driver's environment"
         )
 

@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import os
+import re
 import secrets
 import stat
 import tempfile
@@ -13,6 +14,9 @@ from typing import BinaryIO
 from rattlesweep.errors import ConfigError, OutputError, one_line
 
 MOST_BYTES = 1 << 28  # of a file that is read as a whole
+UNFINISHED = re.compile(r"\..+\.[0-9a-f]{8}\.tmp")  # names of files being written
+# Directories that are held in their places, and what they were.
+_held: list[tuple[Path, os.stat_result]] = []
 
 
 def as_path(value: object, name: str) -> Path:
@@ -69,16 +73,61 @@ def streamed_file(path: Path, staging: Path | None = None) -> Iterator[BinaryIO]
     folder = path.parent if staging is None else staging
     temporary = folder / f".{path.name}.{secrets.token_hex(4)}.tmp"
     with explained(f"cannot write {path}"):
+        check_place(path)
         try:
             with open(temporary, "xb") as file:
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
+            check_place(path)
             os.replace(temporary, path)
             _sync_folder(path.parent)
         finally:
             with contextlib.suppress(OSError):  # it is gone if the rename succeeded
                 temporary.unlink()
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove the files that a killed process left half-written in a folder itself."""
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if UNFINISHED.fullmatch(entry.name) and entry.is_file(
+                follow_symlinks=False
+            ):
+                with contextlib.suppress(OSError):
+                    os.unlink(entry.path)
+
+
+@contextlib.contextmanager
+def kept_in_place(directory: Path) -> Iterator[None]:
+    """Let :func:`check_place` refuse files of a directory that is moved meanwhile."""
+    with contextlib.ExitStack() as stack:
+        # While it is open, no other directory can get its number.
+        with contextlib.suppress(OSError):
+            stack.callback(os.close, os.open(directory, os.O_RDONLY))
+        with explained(f"cannot read {directory}"):
+            held = directory, os.stat(directory)
+        _held.append(held)
+        try:
+            yield
+        finally:
+            _held.remove(held)
+
+
+def check_place(path: Path) -> None:
+    """Raise an OutputError if a path leads to another directory than the one held."""
+    for directory, before in _held:
+        if not path.is_relative_to(directory):
+            continue
+        try:
+            moved = not os.path.samestat(os.stat(directory), before)
+        except FileNotFoundError:
+            moved = True
+        if moved:
+            raise OutputError(
+                f"{directory} was moved or replaced while this command wrote there; "
+                "run it again with the directory's new path as --output"
+            )
 
 
 def _sync_folder(path: Path) -> None:

@@ -11,8 +11,8 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from rattlesweep.errors import OutputError
-from rattlesweep.sweeps.files import explained
-from rattlesweep.sweeps.sessions import WHOLE, read_sessions, unfinished, who
+from rattlesweep.sweeps.files import explained, kept_in_place, remove_unfinished
+from rattlesweep.sweeps.sessions import SESSIONS, WHOLE, read_sessions, unfinished, who
 
 LOCKS = ".locks"
 MANIFEST_LOCK = "manifest"
@@ -41,21 +41,16 @@ def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
             by = "another process" if user is None else who(user)
             raise OutputError(f"{what} is in use by {by}")
         if shard is None:  # otherwise other shards may be writing
-            _remove_temporary_files(directory)
-        yield
+            remove_unfinished(directory)
+            if not (directory / SESSIONS).is_symlink():
+                remove_unfinished(directory / SESSIONS)
+        with kept_in_place(directory):
+            yield
 
 
 def _shards(lock: str) -> str:
     """Return the number of shards in the name of a lock; empty for the whole."""
     return lock.partition("-of-")[2]
-
-
-def _remove_temporary_files(directory: Path) -> None:
-    """Remove the files that a killed process left half-written."""
-    for pattern in (".*.tmp", "*/.*.tmp"):
-        for path in directory.glob(pattern):
-            with contextlib.suppress(OSError):
-                path.unlink()
 
 
 @contextlib.contextmanager

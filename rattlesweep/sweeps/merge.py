@@ -4,20 +4,29 @@ import contextlib
 import filecmp
 import os
 import shutil
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import pyarrow as pa
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.decide import wanted_runs
-from rattlesweep.sweeps.files import explained, streamed_file
+from rattlesweep.sweeps.files import (
+    check_place,
+    explained,
+    open_regular,
+    streamed_file,
+)
 from rattlesweep.sweeps.locks import hold
 from rattlesweep.sweeps.plan import check_empty, check_same
 from rattlesweep.sweeps.stored import MANIFEST, Stored, free_path, open_stored
 from rattlesweep.sweeps.summary import write_summary
+from rattlesweep.text import counted
+
+FICLONE = 0x40049409  # the request of Linux by which two files share their blocks
 
 
 class Merged(NamedTuple):
@@ -30,24 +39,24 @@ class Merged(NamedTuple):
     summary: pa.Table | None  # None if runs are missing
 
 
-def merge(directories: Sequence[Path], output: Path) -> Merged:
+def merge(directories: Sequence[Path], output: Path, link: bool = False) -> Merged:
     """Copy the runs of directories of one sweep into `output`.
 
-    That is a new directory, or one that has runs of the same sweep.
+    That is a new directory, or one that has runs of the same sweep. With `link`, its
+    files are hard links to those of the directories, where the system can make them.
     """
     sources = _sources(directories, output)
     largest = max(sources, key=lambda stored: stored.shape)
     for stored in sources:
         check_same(stored, largest)
+        _check_part(stored, largest)
     with contextlib.ExitStack() as stack:
         for directory in directories:
             if os.access(directory, os.W_OK):  # a read-only directory has no writers
                 stack.enter_context(hold(directory))
-        merged = replace(largest, directory=output)
-        with explained(f"cannot write in {output}"):
-            output.mkdir(parents=True, exist_ok=True)
+        if output.exists():
             stack.enter_context(hold(output))
-            merged.folder.mkdir(exist_ok=True)
+        merged = replace(largest, directory=output)
         new = _new_files(sources, merged)
         on_disk = merged.find([*merged.files(), *new])
         if on_disk.damaged:
@@ -57,9 +66,15 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
             differing = " and ".join(str(paths[0]) for paths in on_disk.typed.values())
             problem = "have types of different thresholds"
             raise ConfigError(f"{differing} {problem}; run `rattlesweep classify`")
+        # What is refused leaves nothing behind, so a new directory is made only now.
+        with explained(f"cannot write in {output}"):
+            if not output.exists():
+                output.mkdir(parents=True)
+                stack.enter_context(hold(output))
+            merged.folder.mkdir(exist_ok=True)
         merged.write_manifest()
         for path in new:
-            _link_or_copy(path, merged)
+            _add(path, merged, link)
         missing = int((wanted_runs(merged, on_disk) & ~on_disk.done).sum())
         summary = None if missing else write_summary(merged)
     failed = on_disk.rows - on_disk.status["ok"]
@@ -95,12 +110,48 @@ def _new_files(sources: Sequence[Stored], merged: Stored) -> list[Path]:
     return new
 
 
-def _link_or_copy(path: Path, merged: Stored) -> None:
+def _check_part(stored: Stored, largest: Stored) -> None:
+    """Raise an OutputError if a sweep is no part of the largest one."""
+    how = None
+    for case, other in zip(stored.cases, largest.cases, strict=False):
+        if case != other:
+            differ = f"case {case.index} is {case} there and {other} here"
+            how = f"numbers its cases differently than {largest.directory} ({differ})"
+            break
+    if how is None and stored.samples > largest.samples:
+        counts = f"{stored.samples} samples of {counted(len(stored.cases), 'case')}"
+        others = f"{largest.samples} of {counted(len(largest.cases), 'case')}"
+        how = f"has {counts}, and {largest.directory} {others}"
+    if how is not None:
+        advice = "these are two sweeps; merge directories that were run by one config"
+        raise OutputError(f"{stored.directory} {how}: {advice}")
+
+
+def _add(path: Path, merged: Stored, link: bool) -> None:
     """Add a file to the merged directory."""
     target = free_path(merged.folder / path.name)
-    try:
-        # Links are safe, as files are never changed in place.
-        os.link(path, target)
-    except OSError:
-        with open(path, "rb") as file, streamed_file(target, merged.directory) as copy:
+    check_place(target)
+    if link:
+        with contextlib.suppress(OSError):
+            # A link to a link would end with it.
+            os.link(path.resolve(), target)
+            return
+    with open_regular(path) as file, streamed_file(target, merged.directory) as copy:
+        if not _share(file, copy):
             shutil.copyfileobj(file, copy)
+
+
+def _share(file: BinaryIO, copy: BinaryIO) -> bool:
+    """Let a copy share the blocks of a file on disk until one of them changes.
+
+    Return whether the file system can.
+    """
+    if sys.platform != "linux":
+        return False
+    import fcntl
+
+    try:
+        fcntl.ioctl(copy.fileno(), FICLONE, file.fileno())
+    except OSError:
+        return False
+    return True

@@ -88,8 +88,13 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
         # raises some without a number, which could not be told from damage.
         with open_regular(path) as file:
             _check_footer(file)
-            parquet = pq.ParquetFile(file, page_checksum_verification=True)
-            rows = parquet.read(None if columns is None else list(columns))
+            # All in this thread: one of Arrow's might be the last to use the file, and
+            # destroying a Python file while the interpreter ends aborts the process.
+            parquet = pq.ParquetFile(
+                file, page_checksum_verification=True, pre_buffer=False
+            )
+            names = None if columns is None else list(columns)
+            rows = parquet.read(names, use_threads=False)
             if len(rows) != parquet.metadata.num_rows:
                 raise pa.ArrowInvalid("its footer contradicts itself")
             return rows

@@ -38,6 +38,7 @@ from rattlesweep.sweeps.stored import (
     FOLDER,
     FORMAT,
     MANIFEST,
+    MAX_RUNS,
     Case,
     Design,
     Stored,
@@ -45,7 +46,6 @@ from rattlesweep.sweeps.stored import (
 )
 from rattlesweep.units import Setting
 
-MAX_RUNS = 10**9  # in a sweep, which holds one byte for each of them
 MOST_SIZES = 64  # bodies that are looked at to see whether their sizes differ
 NO_END = np.array([np.nan])  # horizon of launches that have none of their own
 Values = dict[str, list[Setting]]  # by column, empty where the table has them

@@ -14,6 +14,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.quantities import SURFACES
+from rattlesweep.sweeps.block import check_computable
 from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.bodies.sources import SdBodies, bodies_at, ranges_of
 from rattlesweep.sweeps.bodies.table import (
@@ -65,6 +66,7 @@ def checked_plan(
     """
     with config.locating():
         plan = make_plan(config, base, rows)
+        check_computable(plan)
         warnings = check_physics(plan)
         carried = unknown_columns(getattr(plan.source, "carried", ()))
         if carried:

@@ -24,7 +24,12 @@ from rattlesweep.arrays import Flags
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.task import Control, Task
-from rattlesweep.sweeps.block import load_kernel, prepare_runs, start_block
+from rattlesweep.sweeps.block import (
+    check_computable,
+    load_kernel,
+    prepare_runs,
+    start_block,
+)
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.decide import wanted_runs
 from rattlesweep.sweeps.files import explained
@@ -89,7 +94,9 @@ def run_sweep(
     start = time.monotonic()
     threads = threads or available_threads()
     _check_shard(plan, shard, retry_failed)
-    examine(plan, directory)  # refuse before anything is created there
+    # Refuse before anything is created there.
+    check_computable(plan)
+    examine(plan, directory)
     with explained(f"cannot write in {directory}"):
         directory.mkdir(parents=True, exist_ok=True)
     name = None if shard is None else shard.name

@@ -12,9 +12,12 @@ import socket
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from rattlesweep.errors import OutputError
+from rattlesweep.sweeps.checked import Checked, load
 from rattlesweep.sweeps.files import read_regular, replace_file
 from rattlesweep.sweeps.provenance import command_line, machine, now
 
@@ -22,20 +25,24 @@ SESSIONS = "sessions"
 WHOLE = "whole"  # name of the lock of a process that works on all shards
 MOST_BYTES = 1 << 20  # of a record
 Session = dict[str, Any]
-# Types of the values that are used; any of them may be null.
-KINDS: dict[str, type | tuple[type, ...]] = {
-    "started": str,
-    "ended": str,
-    "how": str,  # running, complete, stopped, interrupted or failed
-    "shard": str,  # such as shard-0-of-4
-    "command": str,
-    "host": str,
-    "pid": int,
-    "threads": int,
-    "runs": int,  # that it has done
-    "seconds": (int, float),
-    "kernel_seconds": (int, float),
-}
+Count = Annotated[int, Field(ge=0, lt=1 << 53)]
+
+
+class Record(Checked):
+    """Keys of a record; null where another version did not write them."""
+
+    started: str | None = None
+    ended: str | None = None
+    how: str | None = None  # running, complete, stopped, interrupted or failed
+    shard: str | None = None  # such as shard-0-of-4
+    command: str | None = None
+    host: str | None = None
+    pid: Count | None = None
+    threads: Count | None = None
+    machine: dict[str, str | Count] | None = None
+    runs: Count | None = None  # that it has done
+    seconds: float | None = None
+    kernel_seconds: float | None = None
 
 
 @contextlib.contextmanager
@@ -76,16 +83,9 @@ def read_sessions(directory: Path) -> list[Session]:
     """Return the records that can be read, the oldest first."""
     sessions = []
     for path in sorted((directory / SESSIONS).glob("*.json")):
-        with contextlib.suppress(OSError, ValueError, TypeError, RecursionError):
-            # Keys that another version did not write are null.
-            record = dict.fromkeys(KINDS) | json.loads(read_regular(path, MOST_BYTES))
-            if all(_is_usable(record[name], kind) for name, kind in KINDS.items()):
-                sessions.append(record)
+        with contextlib.suppress(OSError, ValueError):
+            sessions.append(load(Record, read_regular(path, MOST_BYTES)))
     return sessions
-
-
-def _is_usable(value: object, kind: type | tuple[type, ...]) -> bool:
-    return value is None or (isinstance(value, kind) and not isinstance(value, bool))
 
 
 def unfinished(sessions: list[Session]) -> dict[str, Session]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rattlesweep.errors import DamagedError
+from rattlesweep.errors import DamagedError, as_lines
 from rattlesweep.sweeps.decide import wanted_runs
 from rattlesweep.sweeps.locks import at_work
 from rattlesweep.sweeps.sessions import read_sessions, unfinished, who
@@ -44,7 +44,7 @@ class Status:
             if last["how"] == "running":
                 how = "was killed"
             lines.append(f"no process is at work; the last session, {who(last)}, {how}")
-        return "\n".join(lines)
+        return as_lines(lines)
 
 
 def _counts(numbers: Mapping[str, int]) -> str:

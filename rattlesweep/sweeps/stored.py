@@ -12,22 +12,25 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from pydantic import Field, field_validator
 
 from rattlesweep.arrays import Flags, Integers
 from rattlesweep.errors import ConfigError, DamagedError, OutputError, one_line
 from rattlesweep.names import REGIMES
 from rattlesweep.quantities import LOSSES, QUANTITIES
+from rattlesweep.sweeps.checked import Checked, load
 from rattlesweep.sweeps.columns import (
     floats,
     runs_schema,
@@ -35,7 +38,13 @@ from rattlesweep.sweeps.columns import (
 )
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Classify, Config
-from rattlesweep.sweeps.files import explained, read_regular, reason, replace_file
+from rattlesweep.sweeps.files import (
+    check_place,
+    explained,
+    read_regular,
+    reason,
+    replace_file,
+)
 from rattlesweep.sweeps.parquet import read_parquet, write_parquet
 from rattlesweep.sweeps.types import TYPES, codes
 from rattlesweep.units import Quantity, Setting
@@ -52,6 +61,7 @@ CASES = "rattlesweep.cases"
 KEY = ("case", "sample")
 MISSING = -1  # code of a run that is not stored
 FAILED = len(TYPES)  # code of a stored run without a type
+MAX_RUNS = 10**9  # in a sweep, which holds one byte for each of them
 BATCH_ROWS = 1_000_000  # rows sorted at a time
 # Columns that a case may share, and their kinds.
 VARIES = {name: QUANTITIES[name].kind for name in ("n_i", "omega_xy0", *LOSSES)}
@@ -63,7 +73,7 @@ def open_stored(directory: Path | str) -> Stored:
     directory = Path(directory)
     path = directory / MANIFEST
     try:
-        return _load(directory, json.loads(read_regular(path)))
+        return _load(directory, load(Manifest, read_regular(path)))
     except (FileNotFoundError, NotADirectoryError):
         what = "there is no such directory"
         if directory.is_dir():
@@ -71,19 +81,37 @@ def open_stored(directory: Path | str) -> Stored:
         raise ConfigError(f"{directory} is not an output directory: {what}") from None
     except OSError as error:
         raise OutputError(f"cannot read {path}: {reason(error)}") from error
-    except (
-        ValueError,
-        TypeError,
-        KeyError,
-        AttributeError,
-        OverflowError,
-        RecursionError,
-    ) as error:
-        why = reason(error)[:100]
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
+        why = one_line(reason(error), 100)
         raise DamagedError(
             f"{path} is damaged or of another version ({why}); move it away, and "
             "`rattlesweep run` with the same config writes a new one"
         ) from error
+
+
+class Manifest(Checked):
+    """Keys of a manifest."""
+
+    format: int
+    name: str
+    config: dict[str, Any]  # checked as any config is
+    config_hash: str
+    base: str | None
+    cases: list[dict[str, int | float | str]]
+    samples: Annotated[int, Field(ge=1, le=MAX_RUNS)]
+    # Of a further column: name, type, whether it may be null, unit, meaning.
+    columns: list[tuple[str, str, bool, str, str]]
+    versions: dict[str, str]
+    machine: dict[str, int | str]
+    command: list[str]
+    started: str
+    written: str
+
+    @field_validator("config")
+    @classmethod
+    def _is_plain(cls, config: dict[str, Any]) -> dict[str, Any]:
+        json.dumps(config, allow_nan=False)
+        return config
 
 
 def _load(directory: Path, manifest: dict[str, Any]) -> Stored:
@@ -96,18 +124,22 @@ def _load(directory: Path, manifest: dict[str, Any]) -> Stored:
         meaning = {"unit": unit, "description": description}
         extra.append(pa.field(name, pa.type_for_alias(kind), nullable, meaning))
     cases = tuple(map(Case.load, manifest["cases"]))
-    samples = int(manifest["samples"])
-    if [case.index for case in cases] != list(range(len(cases))) or samples < 1:
-        raise ValueError("its cases are not numbered from 0, or have no samples")
-    return Stored(
+    if not cases or [case.index for case in cases] != list(range(len(cases))):
+        raise ValueError("its cases are not numbered from 0")
+    stored = Stored(
         config=parse_config(manifest["config"]),
         cases=cases,
-        samples=samples,
+        samples=manifest["samples"],
         extra=tuple(extra),
         directory=directory,
         manifest=manifest,
-        hash=str(manifest["config_hash"]),
+        hash=manifest["config_hash"],
     )
+    if stored.runs > MAX_RUNS:
+        raise ValueError(f"it has {stored.runs:.3g} runs, more than any sweep")
+    if len(set(stored.schema.names)) < len(stored.schema.names):
+        raise ValueError("a column is named twice")
+    return stored
 
 
 @dataclass(frozen=True)
@@ -152,9 +184,12 @@ class Stored(Design):
     def thresholds(self) -> Classify:
         """Thresholds of the types on disk, which `classify` may have changed."""
         for path in self.files():
-            with contextlib.suppress(DamagedError, ValueError):
+            with contextlib.suppress(
+                DamagedError, ValueError, TypeError, RecursionError
+            ):
                 thresholds = json.loads(typed_by(path) or "{}")
-                return self.config.classify.model_copy(update=thresholds)
+                before = self.config.classify.model_dump()
+                return Classify.model_validate(before | thresholds)
         return self.config.classify
 
     @property
@@ -170,6 +205,7 @@ class Stored(Design):
     def drop_summary(self) -> None:
         """Remove the summary, if there is one, before the rows change."""
         path = self.directory / SUMMARY
+        check_place(path)
         with explained(f"cannot remove {path}"):
             path.unlink(missing_ok=True)
 
@@ -185,6 +221,12 @@ class Stored(Design):
         """Move damaged files out of the way of readers; return their new paths."""
         folder = self.directory / DAMAGED
         moved = []
+        if paths and self.folder.is_symlink():
+            # What looks damaged may be another program's file.
+            leads = f"{self.folder} leads to another folder"
+            advice = "move it away yourself if it is of this sweep"
+            raise OutputError(f"{paths[0]} is damaged, and {leads}; {advice}")
+        check_place(folder)
         with explained(f"cannot move a damaged file to {folder}"):
             for path in paths:
                 folder.mkdir(exist_ok=True)
@@ -229,19 +271,48 @@ class Stored(Design):
             return "has the columns of another version of rattlesweep"
         if not len(rows):
             return "holds no runs"
+        if self._is_beyond(rows):
+            return f"holds runs beyond {self._size}"
+        if not set(self._cases_of(rows)) <= {*labels.get(CASES, "").split("\n")}:
+            return "numbers its cases differently"
+        is_stored = found.code[keys_of(rows)] != MISSING
+        if is_stored.any() or len(np.unique(_order(rows))) < len(rows):
+            return "holds runs that are stored twice"
+        return None
+
+    @property
+    def _size(self) -> str:
+        return f"{len(self.cases)} cases of {self.samples} samples"
+
+    def _is_beyond(self, rows: pa.Table) -> bool:
+        """Return whether a key is none of this sweep."""
         case, sample = keys_of(rows)
         # A negative key would count from the end.
         is_inside = (case >= 0) & (case < len(self.cases))
         is_inside &= (sample >= 0) & (sample < self.samples)
-        if not is_inside.all():
-            limits = f"{len(self.cases)} cases of {self.samples} samples"
-            return f"holds runs beyond {limits}"
-        if not set(self._cases_of(rows)) <= {*labels.get(CASES, "").split("\n")}:
-            return "numbers its cases differently"
-        is_stored = found.code[case, sample] != MISSING
-        if is_stored.any() or len(np.unique(_order(rows))) < len(rows):
-            return "holds runs that are stored twice"
-        return None
+        return not is_inside.all()
+
+    def rows_of(self, path: Path, names: Sequence[str] | None = None) -> pa.Table:
+        """Return the rows of a file; raise an OutputError for those of no use.
+
+        `names` are the columns to read, the keys among them.
+        """
+        rows = read_parquet(path, names)
+        read = rows.schema.names
+        fault = None
+        if sorted(read) != sorted(names or self.schema.names):
+            fault = "lacks columns, or has further ones"
+        elif not rows.schema.equals(pa.schema([self.schema.field(n) for n in read])):
+            fault = "has columns of other types than its sweep"
+        elif not len(rows):
+            fault = "holds no runs"
+        elif self._is_beyond(rows):
+            fault = f"holds runs beyond {self._size}"
+        elif "t_r" in read and (floats(rows["t_r"]) < 0).any():
+            fault = "holds negative reversal times"
+        if fault is not None:
+            raise OutputError(f"{path} {fault}; move it away, and repeat its runs")
+        return rows
 
     def _cases_of(self, rows: pa.Table) -> list[str]:
         """Return the cases of rows as they are in the metadata of a file."""
@@ -250,7 +321,7 @@ class Stored(Design):
 
     def count(self) -> int:
         """Return the number of rows on disk."""
-        return sum(len(read_parquet(path, KEY)) for path in self.files())
+        return sum(len(self.rows_of(path, KEY)) for path in self.files())
 
     def read(self, names: Sequence[str] | None = None) -> pa.Table:
         """Return all rows, or some of their columns, in the order of their keys."""
@@ -263,11 +334,11 @@ class Stored(Design):
         """Yield the same rows in the same order, in pieces that fit into memory."""
         names = self.schema.names if names is None else list(names)
         needed = list(dict.fromkeys([*names, *KEY]))
-        first = {path: _order(read_parquet(path, KEY))[0] for path in self.files()}
+        first = {path: _order(self.rows_of(path, KEY))[0] for path in self.files()}
         paths = sorted(first, key=first.__getitem__)
         held: list[pa.Table] = []  # rows that later files may have rows between
         for path, following in zip_longest(paths, paths[1:]):
-            rows = read_parquet(path, needed)
+            rows = self.rows_of(path, needed)
             held.append(rows.replace_schema_metadata(None))
             if following is not None and sum(map(len, held)) < BATCH_ROWS:
                 continue
@@ -406,7 +477,7 @@ class Case:
 
     @classmethod
     def load(cls, data: Mapping[str, Any]) -> Case:
-        """Return the case of such data; raise a TypeError for other kinds of data."""
+        """Return the case of such data; raise a ValueError for other data."""
         name = next((name for name in ("K_p", "K_r") if name in data), None)
         kinds = VARIES if name is None else {name: "", **VARIES}
         settings: dict[str, Setting] = {}
@@ -414,12 +485,15 @@ class Case:
             value = data.get(key)
             if isinstance(value, str):
                 settings[key] = Setting(si=Quantity(value, kind))
-            elif isinstance(value, int | float) and not isinstance(value, bool):
-                settings[key] = Setting(value)
             elif value is not None:
-                raise TypeError(f"{key} of a case is {one_line(repr(value), 30)}")
+                settings[key] = Setting(float(value))
         target = None if name is None else settings.pop(name).natural
-        return cls.of(int(data["case"]), name, target, settings)
+        if not isinstance(data["case"], int):
+            raise ValueError("the number of a case is no whole number")
+        for key, setting in settings.items():
+            if not math.isfinite(setting.natural or setting.si or 0.0):
+                raise ValueError(f"{key} of a case is not finite")
+        return cls.of(data["case"], name, target, settings)
 
     def __str__(self) -> str:
         texts = []
@@ -437,6 +511,7 @@ def rewrite(path: Path, rows: pa.Table, typed: str) -> None:
         labels = metadata(rows) | {TYPED: typed}
         write_parquet(rows, path, labels, path.parent.parent)
     else:
+        check_place(path)
         with explained(f"cannot remove {path}"):
             path.unlink()
 

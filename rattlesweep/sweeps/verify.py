@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.arrays import Flags, Floats
-from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.errors import ConfigError, OutputError, as_lines
 from rattlesweep.sweeps.columns import floats
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.decide import wanted_runs
@@ -44,6 +44,7 @@ class Verified:
     runs: int = 0  # on disk
     files: int = 0
     missing: int = 0  # wanted runs that are not on disk
+    wanted: int = 0
     recomputed: int = 0  # runs that were integrated again
     problems: list[str] = field(default_factory=list)  # a sentence each
     # Files that were damaged, and that a later session moved away and replaced.
@@ -52,10 +53,9 @@ class Verified:
     @property
     def words(self) -> str:
         """The result as lines of text."""
-        size = f"{counted(self.runs, 'run')} in {counted(self.files, 'file')}"
+        lines = [f"{counted(self.runs, 'run')} in {counted(self.files, 'file')}"]
         if self.missing:
-            size += f", {counted(self.missing, 'run')} not done yet"
-        lines = [size]
+            lines.append(f"missing: {self.missing:,} of {counted(self.wanted, 'run')}")
         if self.recomputed:
             lines.append(f"{counted(self.recomputed, 'run')} computed again")
         if self.damaged:
@@ -67,8 +67,11 @@ class Verified:
         if self.problems:
             lines.append(counted(len(self.problems), "problem"))
         else:
-            lines.append("no problem found")
-        return "\n".join(lines)
+            found = "no problem found"
+            if self.missing:
+                found += " in the runs that are there"
+            lines.append(found)
+        return as_lines(lines)
 
 
 def verify(
@@ -77,22 +80,33 @@ def verify(
     seed: int = 0,
     threads: int | None = None,
     report: Callable[[float], None] = lambda share: None,
+    complete: bool = False,
 ) -> Verified:
     """Check the files, rows and summary of a directory, and integrate some runs again.
 
+    With `complete`, missing runs are a problem. They are none of a sweep under way.
     `recompute` is the number of these runs, and `seed` decides which they are. `report`
     is called with the share of the files that are done.
     """
     stored = open_stored(directory)
     on_disk = stored.find()
     thresholds = stored.thresholds
-    missing = int((wanted_runs(stored, on_disk) & ~on_disk.done).sum())
+    wanted = wanted_runs(stored, on_disk)
+    missing = int((wanted & ~on_disk.done).sum())
     damaged = [str(path) for path in stored.damaged_files()]
     result = Verified(
-        directory, on_disk.rows, len(stored.files()), missing, damaged=damaged
+        directory,
+        on_disk.rows,
+        len(stored.files()),
+        missing,
+        int(wanted.sum()),
+        damaged=damaged,
     )
     problems = result.problems
     problems += _problems_of_files(stored, on_disk, missing)
+    if complete and missing and not problems:
+        lacks = f"{missing:,} of {counted(result.wanted, 'run')} are missing"
+        problems.append(f"{lacks}; `rattlesweep run` does them")
     plan = None
     if recompute:
         # This imports Numba, which the rest does without.
@@ -189,6 +203,8 @@ def _problems_of_rows(
             is_infinite = ~np.isfinite(values)
             if is_infinite.any():
                 wrong[f"{column.name} is not finite"] = is_infinite
+    for name in ("t_r", "t_end"):
+        wrong[f"{name} is negative"] = floats(rows[name]) < 0
     wrong["t_end contradicts t_r or the horizon"] = _wrong_ends(rows, config)
     for what, has_problem in wrong.items():
         if has_problem.any():

@@ -571,6 +571,14 @@ def test_what_is_wrong_is_one_sentence(place, monkeypatch, line):
     assert tree(place) == before
 
 
+def test_a_formula_may_be_nested_too_deeply(sweeps, tmp_path):
+    title = "$" + r"\sqrt{" * 500 + "2" + "}" * 500 + "$"
+    command = ("plot", sweeps / "steady", "--title", title)
+    result = invoke(*command, "--output", tmp_path / "p.svg")
+    assert_refused(result, 2, "a text in the picture: a formula is nested too deeply")
+    assert not list(tmp_path.iterdir())
+
+
 def test_titles_of_narrow_panels_stay_apart(tmp_path):
     config = {
         "bodies": {

@@ -339,6 +339,11 @@ def test_files_and_data_that_cannot_be_read(path):
         parse_config({**SD, "spn": SD["spin"]})
     with pytest.raises(ConfigError, match="give a dict"):
         parse_config([])
+    with pytest.raises(ConfigError, match="the config is not plain data"):
+        parse_config({**SD, "seed": 10**5000})
+    for number in (f"0x{'f' * 4300}", "9" * 4300, f"-0o{'7' * 5000}"):
+        path.write_text(f"seed: {number}\n{EXAMPLE.replace('seed', '# seed')}")
+        assert messages(path)[0].startswith("c.yaml:1: seed: ")
 
 
 def test_the_schema_describes_every_key_and_refuses_what_it_can():

@@ -9,6 +9,7 @@ import stat
 import subprocess
 import sys
 import time
+import zipfile
 from pathlib import Path
 
 import fresh
@@ -112,7 +113,14 @@ def test_other_sources_have_another_folder(place, monkeypatch, tmp_path):
 UNSAFE = {
     "a group may write": lambda folder: folder.chmod(0o770),
     "all may rename": lambda folder: folder.parent.chmod(0o777),
+    "a group may rename": lambda folder: folder.parent.chmod(0o775),
+    "it is a link": lambda folder: link_to(folder.rename(folder.with_name("x"))),
 }
+
+
+def link_to(folder):
+    """Put a link to the folder that was moved where it had been."""
+    folder.with_name(compile.source_hash()).symlink_to(folder)
 
 
 @pytest.mark.parametrize("unsafe", UNSAFE)
@@ -129,6 +137,55 @@ def test_an_unsafe_folder_is_neither_read_nor_written(unsafe, stored):
     assert folder.parent == stored.parent / "user" / "rattlesweep"
     assert [path.read_bytes() for path in files] == before
     assert again() == (13, True)
+
+
+def test_a_private_folder_may_pass_its_group_on(stored):
+    compile.cache_folder().chmod(0o2700)
+    assert stat.S_IMODE(compile.cache_folder().stat().st_mode) == 0o2700
+    assert again() == (13, True)
+    assert compile.cache_folder().parent == stored
+
+
+def test_what_was_checked_is_what_is_loaded(stored, monkeypatch):
+    folder = compile.cache_folder()
+    is_private = compile.is_private
+
+    def exchange(checked):
+        # Another's folder takes the place of the one that has just been checked.
+        private = is_private(checked)
+        if folder == checked and folder.is_dir():
+            monkeypatch.setattr(compile, "is_private", is_private)
+            folder.rename(folder.with_name("mine"))
+            shutil.copytree(folder.with_name("mine"), folder)
+            for path in folder.rglob("*.nb?"):
+                path.write_bytes(b"another's code")
+        return private
+
+    compile._loaded.clear()
+    monkeypatch.setattr(compile, "is_private", exchange)
+    compiled = load_small()
+    # The kernel of the folder that was checked is loaded, and not compiled anew.
+    assert (compiled(-3), len(compiled.stats.cache_hits)) == (13, 1)
+
+
+def test_sources_in_a_zip_are_hashed(monkeypatch, tmp_path):
+    def packed(more):
+        path = tmp_path / "package.zip"
+        with zipfile.ZipFile(path, "w") as archive:
+            for room in ("integrate", "physics"):
+                for file in (package / room).rglob("*.py"):
+                    inside = f"rattlesweep/{file.relative_to(package).as_posix()}"
+                    archive.writestr(inside, file.read_bytes() + more)
+        monkeypatch.setattr(compile, "PACKAGE", path / "rattlesweep")
+        hashes = compile.source_hash, compile.program_hash
+        return [function.__wrapped__() for function in hashes]
+
+    package = compile.PACKAGE
+    plain = packed(b"")
+    assert packed(b"") == plain
+    changed = packed(b"# another line\n")
+    assert changed[0] != plain[0]
+    assert changed[1] != plain[1]
 
 
 def test_a_private_temporary_folder_is_removed_with_its_process(tmp_path):

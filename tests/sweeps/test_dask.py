@@ -287,6 +287,19 @@ def test_worker_of_another_version_is_refused(cluster, tmp_path, monkeypatch):
     assert not list(tmp_path.glob("runs/*"))
 
 
+def test_worker_with_other_sources_is_refused(cluster, tmp_path, monkeypatch):
+    hashes = iter(["0123456789abcdef"])  # of the driver
+    program_hash = daskengine.program_hash
+    monkeypatch.setattr(
+        daskengine, "program_hash", lambda: next(hashes, program_hash())
+    )
+    worker = r"^the worker at tcp://127\S+ on \S+"
+    sentence = rf"{worker}: its results would differ .* has other sources there"
+    with pytest.raises(OutputError, match=sentence):
+        sweep(tmp_path, SWEEP, engine=make_engine(cluster))
+    assert not list(tmp_path.glob("runs/*"))
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [

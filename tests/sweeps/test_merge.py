@@ -95,7 +95,15 @@ def test_a_missing_shard_is_said_and_run_or_merge_does_the_rest(
         (
             {"spin": {"n_i": [0.2, -0.1], "omega_xy0": 0.1}},
             1,
-            "numbers its cases differently",
+            "numbers its cases differently than",
+        ),
+        (
+            {
+                "bodies": CONFIG["bodies"]
+                | {"samples": 40, "target": {"K_r": [0.03], "rel_tol": 0.1}}
+            },
+            1,
+            "these are two sweeps",
         ),
     ],
 )
@@ -103,7 +111,36 @@ def test_only_shards_of_one_config_are_joined(changes, code, word, thirds, tmp_p
     sweep(tmp_path / "other", (0, 12), **changes)
     result = merge(tmp_path / "other", thirds[1], to=tmp_path / "out")
     assert_refused(result, code, word)
-    assert not files_of(tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_files_are_copied_and_linked_by_wish(plain, tmp_path):
+    (path,) = files_of(plain)
+    for folder, links in (("copied", 1), ("linked", 2)):
+        command = ["merge", plain, "--output", tmp_path / folder]
+        if links > 1:
+            command.append("--link")
+        assert invoke(*command).exit_code == 0
+        (merged,) = files_of(tmp_path / folder)
+        assert merged.samefile(path) == (links > 1)
+        assert merged.stat().st_nlink == links
+        check_equal(tmp_path / folder, plain)
+
+
+@pytest.mark.parametrize("options", [(), ("--link",)])
+def test_what_a_link_leads_to_is_merged_and_not_the_link(options, plain, tmp_path):
+    linked = Path(shutil.copytree(plain, tmp_path / "linked"))
+    store = tmp_path / "store"
+    store.mkdir()
+    (path,) = files_of(linked)
+    path.rename(store / path.name)
+    path.symlink_to(Path("../../store") / path.name)
+    output = tmp_path / "deep" / "er" / "out"
+    assert invoke("merge", linked, "--output", output, *options).exit_code == 0
+    shutil.rmtree(store)
+    (merged,) = files_of(output)
+    assert not merged.is_symlink()
+    check_equal(output, plain)
 
 
 def test_what_is_there_twice_or_damaged_is_not_passed_on(plain, thirds, tmp_path):

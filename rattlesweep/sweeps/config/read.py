@@ -28,12 +28,22 @@ from rattlesweep.sweeps.files import read_regular, reason
 MAX_BYTES = 1_000_000  # of a file
 MAX_VALUES = 20_000  # a few aliases can expand to far more values than a file has
 TOO_MANY = f"more than {MAX_VALUES} values; use linspace, logspace or a table"
+MOST_BITS = 1000  # of a whole number, so that it has a floating-point value
 MAX_TOLD = 20  # problems that are listed
+
+
+def _whole(text: str) -> int:
+    number = int(text, 0)
+    if number.bit_length() > MOST_BITS:
+        raise ValueError("larger than any number")
+    return number
+
+
 # Converters by the YAML type; values of other types, such as dates, stay text.
 SCALARS: dict[str, Callable[[str], object]] = {
     "null": lambda _: None,
     "bool": lambda text: text.lower() == "true",
-    "int": lambda text: int(text, 0),
+    "int": _whole,
     "float": float,
 }
 
@@ -94,7 +104,7 @@ def parse_config(
 
     try:
         text = json.dumps({**data}, default=as_plain)
-    except TypeError as error:
+    except (TypeError, ValueError, RecursionError) as error:
         raise ConfigError(
             f"the config is not plain data ({error}); give a dict"
         ) from None
