@@ -34,10 +34,11 @@ PARAMETERS = ("overrides", "base", "axes")
 CONFIG_HEAD = """# The config, key by key
 
 A config is a YAML 1.2 file, or in Python a mapping with the same keys. `rattlesweep init` writes one to start from, and `rattlesweep plan CONFIG --check` reports each mistake
-with its line. `--set bodies.samples=100` overrides a key. `rattlesweep schema` prints the JSON Schema for editors.
+with its line. `--set bodies.samples=100` overrides a key. A `--set` without a value is refused, as a shell variable may be unset; `--set seed=null` takes the default. `rattlesweep schema` prints the JSON Schema for editors.
 
 `M`, `a` and `g` are 1: times are in `sqrt(a/g)`, spins and rates in
 `sqrt(g/a)`. "Or several" means one number, a list, `{linspace: [low, high, n]}` or `{logspace: [low, high, n]}` with both ends.
+The values of a range are the decimals that are meant: -0.1 to -0.5 in 5 steps has -0.3, and -0.9 to 0.9 in 7 steps has 0. A list keeps its numbers as they are written.
 If the bodies have a size (`source: shape`, the preset KL, a table with `height_m`), spins, times and dissipation may have units, as in
 `n_i: 60 rpm`, `t: 20 s` or `sigma: 1e-5 N m s`. If the sizes differ between bodies, a key with a unit takes one value.
 
@@ -96,7 +97,8 @@ SHARED = {
 
 TABLES = """## A table as a source
 
-`bodies: {source: table, path: bodies.csv}` reads CSV with a header (commas, semicolons or tabs; decimal commas with the latter two), Parquet, or a directory of Parquet files.
+`bodies: {source: table, path: bodies.csv}` reads CSV with a header (commas, semicolons or tabs; decimal commas with the latter two), Parquet, or a directory of Parquet files. CSV is in UTF-8, in UTF-16 with a mark at its beginning, or in the encoding of Windows (cp1252).
+A directory has the columns of all its files. A copied column, or one that may be empty, is empty where a file lacks it. Any other column must be in all files or in none.
 A relative path is looked up in the working directory, then beside the config. Each row is one body: `alpha beta gamma theta phi xi` (radians),
 or `gamma f_sd theta phi xi` for a shell-dumbbell body. Optional columns replace a part of the config, row by row:
 
@@ -111,7 +113,10 @@ or `gamma f_sd theta phi xi` for a shell-dumbbell body. Optional columns replace
 
 A body in SI units has the columns `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m` and optionally `ixy_kg_m2 axes_angle_deg
 gravity_m_s2 c_m`. Its launch is `n_i_rpm omega_xy0_rpm`, its horizon `t_end_s`, its dissipation @@losses@@.
-Other columns are copied to the runs. A result such as `t_r` is an error, unless the table is one of runs.
+Two columns for one quantity must agree, as `xi_deg` with the tensor and the radii, or `n_i` with `n_i_rpm`; a table in which they contradict each other is refused.
+
+Columns of other names are copied to the runs as they are. Those of a CSV file are numbers if each cell is written as a number prints (`7`, `0.5`, `1e-07`), and texts otherwise (`007`, `1.10`, `1E5`, `NA`).
+Copied dates, decimals and infinities are texts. A result such as `t_r` is an error, unless the table is one of runs.
 
 ```csv
 alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0,t_end

@@ -6,6 +6,8 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from rattlesweep.errors import ConfigError
+
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Places = NDArray[np.intp]
@@ -32,6 +34,35 @@ def take(values: T, rows: NDArray[Any]) -> T:
         }
         taken = replace(values, **columns)
     return cast("T", taken)
+
+
+def unmasked(name: str, values: T) -> T:
+    """Return a masked array without its mask, or refuse it; others stay as they are.
+
+    NumPy's functions drop a mask, and with it what the caller meant to leave out.  The
+    message begins with the `name` of the argument.
+    """
+    if not isinstance(values, np.ma.MaskedArray):
+        return values
+    masked = np.ma.getmaskarray(values)
+    if masked.any():
+        place = np.argwhere(masked)[0].tolist()
+        index = f"{place}" if place else ""
+        raise ConfigError(
+            f"{name}{index} is masked; give a number there, or leave the entry out, as "
+            "with .compressed()"
+        )
+    return cast("T", values.data)
+
+
+def refuse_foreign_units(name: str, value: object) -> None:
+    """Refuse arrays of other libraries whose unit NumPy would drop without a word."""
+    unit = getattr(value, "unit", getattr(value, "units", None))
+    if isinstance(value, np.ndarray) and unit is not None:
+        raise ConfigError(
+            f"{name}: an array in {unit} ({type(value).__name__}) is not understood; "
+            "give texts such as '60 rpm', or quantities of Pint"
+        )
 
 
 def put(values: T, into: T, rows: NDArray[Any]) -> None:

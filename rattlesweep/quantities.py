@@ -67,6 +67,8 @@ class Definition:
     def limits(self) -> str:
         """The allowed values as a text such as ``from 0 to 1 a``."""
         unit = "" if self.unit == "1" else f" {self.unit}"
+        if self.is_open:
+            return f"above {self.low:g} and below {self.high:g}{unit}"
         return f"from {self.low:g} to {self.high:g}{unit}"
 
 
@@ -249,7 +251,8 @@ _LAUNCH = (
     Definition(
         name="psi",
         unit="rad",
-        meaning="direction of the oscillation from the x axis",
+        meaning="direction of the oscillation from the x axis; the key and the "
+        "argument psi are in degrees",
         kind="angle",
         low=-2 * math.pi,
         high=2 * math.pi,

@@ -8,9 +8,9 @@ import math
 import re
 from functools import cache
 from numbers import Real
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from rattlesweep.errors import ConfigError
+from rattlesweep.errors import ConfigError, one_line
 
 # Kinds of quantities: the SI unit, and an example.
 KINDS = {
@@ -24,6 +24,22 @@ KINDS = {
     "torque per spin": ("N m s", "1e-4 N m s"),
     "energy": ("J", "0.5 mJ"),
 }
+
+# Other spellings of the SI unit of a kind: pint counts the radian.
+ALSO = {"torque per spin": "N m s/rad"}
+# The units that a body or a launch is measured in, by pint's names; prefixes and
+# plurals go with them.  Pint has a thousand more, such as the grain (gr), the pixel
+# (px) and the short ton, which are slips of the pen here.
+MEANT = (
+    *("gram", "metric_ton", "pound", "ounce", "slug", "carat"),
+    *("meter", "micron", "angstrom", "inch", "thou", "foot", "yard", "mile"),
+    *("radian", "degree", "arcminute", "arcsecond", "turn", "grade"),
+    *("second", "minute", "hour", "day", "week", "hertz"),
+    *("revolutions_per_minute", "revolutions_per_second"),
+    *("newton", "dyne", "force_pound", "force_kilogram", "force_gram"),
+    *("joule", "erg", "electron_volt", "calorie", "watt", "pascal"),
+    *("standard_gravity", "galileo"),
+)
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _FACTOR = r"[*/·]?\s*[A-Za-zµμ°]+\s*(?:(?:\^|\*\*)?\s*(?:-?\d|[²³]))?\s*"
@@ -78,15 +94,69 @@ def quantities(text: str, kind: str, *counts: int) -> list[float]:
     found = []
     for value, unit in zip(values, units, strict=True):
         size, base = _base(unit or units[-1], needed)
-        if base != _base(KINDS[kind][0])[1]:
-            others = (
-                with_article(name)
-                for name, (si, _) in KINDS.items()
-                if _base(si)[1] == base
-            )
-            raise ValueError(f"is {next(others, 'another quantity')}; {needed}")
+        _require_kind(base, kind, needed)
         found.append(value * size)
     return found
+
+
+def is_measured(value: object) -> bool:
+    """Return whether a value is a quantity of Pint: numbers with a unit."""
+    return hasattr(value, "to_base_units") and hasattr(value, "magnitude")
+
+
+def in_si(value: Any, kind: str) -> Any:
+    """Return the numbers of a quantity of Pint in SI units, or raise a ValueError.
+
+    Without a kind, they are pure numbers.
+    """
+    size, base = _base_of(value)
+    if kind:
+        needed = f"{with_article(kind)} is needed, such as {KINDS[kind][1]}"
+        _require_kind(base, kind, needed)
+    elif base != _base_of_text("")[1]:
+        raise ValueError(f"has the unit {value.units:D}; a pure number is needed")
+    return value.magnitude * size
+
+
+def as_text(value: Any) -> Any:
+    """Return a quantity of Pint as configs have it: texts with units, or numbers."""
+    size, base = _base_of(value)
+    is_pure = base == _base_of_text("")[1]
+    unit = f"{value.units:~D}"
+    try:
+        size /= _base(unit)[0]
+    except ValueError:
+        # Only pint can read its unit, so the SI unit of its kind stands for it.
+        units = [si for si, _ in KINDS.values() if _base(si)[1] == base]
+        if not units and not is_pure:
+            problem = f"has the unit {value.units:D}, which no quantity here has"
+            raise ValueError(problem) from None
+        unit = next(iter(units), "")
+    numbers = value.magnitude * size
+    if hasattr(numbers, "tolist"):
+        numbers = numbers.tolist()
+    if is_pure:
+        return numbers
+    return _with_unit(numbers, unit)
+
+
+def _with_unit(numbers: Any, unit: str) -> Any:
+    if isinstance(numbers, list):
+        return [_with_unit(number, unit) for number in numbers]
+    return f"{float(numbers)!r} {unit}"
+
+
+def _require_kind(base: str, kind: str, needed: str) -> None:
+    """Raise a ValueError if base units are not those of a kind."""
+    units = [KINDS[kind][0]]
+    if kind in ALSO:
+        units.append(ALSO[kind])
+    if base in [_base(unit)[1] for unit in units]:
+        return
+    others = (
+        with_article(name) for name, (si, _) in KINDS.items() if _base(si)[1] == base
+    )
+    raise ValueError(f"is {next(others, 'another quantity')}; {needed}")
 
 
 def with_point(text: str) -> str | None:
@@ -174,14 +244,42 @@ def _base(unit: str, needed: str = "") -> tuple[float, str]:
             f"the unit {unit}, which is not a product of units" if unit else "no unit"
         )
         raise ValueError(f"has {what}; {needed}")
-    import pint  # as slow to import as the rest of the command line together
-
     # "mm2" means "mm^2", but pint reads it as the name of a unit.
     spelled = re.sub(r"(?<=[A-Za-zµμ°])\s*(?=-?\d)", "^", unit.replace("°", "deg"))
     try:
-        base = pint.application_registry.Quantity(1.0, spelled).to_base_units()
-    except (pint.PintError, ValueError, TypeError, AttributeError) as error:
-        raise ValueError(
-            f"has the unit {unit}: {' '.join(str(error).split())}; {needed}"
-        ) from None
-    return float(base.magnitude), str(base.units)
+        for name in re.findall(r"[^\W\d_]+", spelled):
+            _require_meant(name)
+        return _base_of_text(spelled)
+    except (ValueError, TypeError, AttributeError) as error:
+        reason = one_line(" ".join(str(error).split()), 200)
+        raise ValueError(f"has the unit {unit}: {reason}; {needed}") from None
+
+
+def _require_meant(name: str) -> None:
+    """Raise a ValueError if pint reads the name of a unit as one that nobody means."""
+    import pint  # as slow to import as the rest of the command line together
+
+    readings = pint.application_registry.parse_unit_name(name)
+    if readings and readings[0][1] not in MEANT:
+        meaning = readings[0][1].replace("_", " ")
+        raise ValueError(f"it would be read as {with_article(meaning)}")
+
+
+def _base_of(value: Any) -> tuple[float, str]:
+    """Return the size of the unit of a quantity of Pint, and its base units."""
+    try:
+        # The registry of the quantity may have another system of units than SI.
+        return _base_of_text(f"{value.units:D}")
+    except (ValueError, TypeError, AttributeError) as error:
+        raise ValueError(f"has the unit {value.units:D}: {error}") from None
+
+
+def _base_of_text(unit: str) -> tuple[float, str]:
+    """Return the size of a unit that pint reads, in SI base units, and these units."""
+    import pint
+
+    try:
+        one = pint.application_registry.Quantity(1.0, unit).to_base_units()
+    except pint.PintError as error:
+        raise ValueError(str(error)) from None
+    return float(one.magnitude), f"{one.units:D}"

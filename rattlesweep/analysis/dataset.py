@@ -88,10 +88,12 @@ def _described(unit: str, meaning: str) -> dict[str, str]:
 def _data_columns(layout: Layout, columns: Sequence[str] | None) -> list[str]:
     """Return the columns that are data and no axis; raise for unknown ones."""
     schema = layout.stored.schema
-    single = [column.name for column in schema if not pa.types.is_list(column.type)]
+    single = [name for name in schema.names if name not in layout.lists]
     if columns is None:
         columns = single
     for name in columns:
+        if name in layout.lists:
+            raise ConfigError(f"columns: {name} has a list for each run; see read()")
         if name not in single:
             raise ConfigError(f"columns: {not_one_of(name, single)}")
     coordinates = {"case", "sample", *layout.axes} - set(TARGETS)

@@ -205,6 +205,12 @@ class Layout:
             raise ConfigError(f"{option}: {not_one_of(name, known)}")
         return known[name]
 
+    @property
+    def lists(self) -> list[str]:
+        """The columns that have a list for each run."""
+        schema = self.stored.schema
+        return [column.name for column in schema if pa.types.is_list(column.type)]
+
     def column(self, name: str, option: str) -> tuple[str, str]:
         """Return unit and description of a column of numbers; raise for others.
 
@@ -213,7 +219,7 @@ class Layout:
         numbers = {
             column.name: unit_and_meaning(column)
             for column in self.stored.schema
-            if str(column.type) in ("double", "int32", "int64")
+            if str(column.type) in ("double", "int32", "int64", "uint64")
         }
         numbers[SKEW] = ("deg", "skew angle, -xi")
         if name not in numbers:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
 
 import numpy as np
 
-from rattlesweep.arrays import Floats
+from rattlesweep.arrays import Floats, refuse_foreign_units, unmasked
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
 from rattlesweep.physics.si import GRAVITY, Units
 from rattlesweep.quantities import LOSSES, QUANTITIES
-from rattlesweep.units import quantity, require_unit
+from rattlesweep.units import in_si, is_measured, quantity, require_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,6 +35,7 @@ KINDS = {
 KINDS |= {"omega": "spin", "from_time": "time", "times": "time"}
 KINDS |= {"e_p0": "energy", "e_r0": "energy"}
 SIZE = ("mass_kg", "height_m", "gravity_m_s2")  # columns that hold the size of bodies
+EXACT = 2**53  # whole numbers up to this are exact as floats
 OF_BODIES = (*PARAMETERS, "c", *SIZE)
 
 
@@ -85,6 +86,7 @@ def _table_columns(bodies: Mapping[str, Any] | Frame) -> dict[str, Floats]:
     if isinstance(bodies, Mapping):
         import pandas as pd
 
+        refuse_units_of_columns("bodies", bodies)
         try:
             bodies = pd.DataFrame(bodies)
         except ValueError as error:
@@ -92,6 +94,17 @@ def _table_columns(bodies: Mapping[str, Any] | Frame) -> dict[str, Floats]:
     table = frame_bodies(bodies)
     sizes = {name: table.carried[name] for name in SIZE if name in table.carried}
     return table.columns | sizes
+
+
+def refuse_units_of_columns(where: str, columns: Mapping[str, Any]) -> None:
+    """Refuse columns that are quantities, of which a table would keep the numbers."""
+    for name, values in columns.items():
+        refuse_foreign_units(f"{where}: {name}", values)
+        if is_measured(values):
+            raise ConfigError(
+                f"{where}: the column {name} is in {values.units}; give numbers, in a "
+                "column whose name has the unit, such as n_i_rpm or t_s"
+            )
 
 
 def column_units(columns: Mapping[str, Floats]) -> Units | None:
@@ -126,16 +139,28 @@ def numbers(name: str, value: object, units: Units | None = None) -> Floats:
 
 
 def _floats(name: str, value: object, units: Units | None) -> Floats:
-    """Return numbers and texts with units as an array in the units of the bodies."""
-    if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
-        return value.astype(float)
-    # Any other type of array would turn the numbers beside a text into texts.
-    mixed = np.array(value, dtype=object)
-    flat = mixed.ravel().tolist()
-    array = np.array([_number(name, value, entry) for entry in flat], float)
-    array = array.reshape(mixed.shape)
-    texts = [isinstance(entry, str) for entry in flat]
-    if not any(texts):
+    """Return numbers, texts with units and quantities of Pint as an array in the units
+    of the bodies.
+    """
+    if is_measured(value):
+        in_si_units = _in_si(name, value)
+        is_in_si = np.ones(np.shape(in_si_units), bool)
+        array = np.asarray(unmasked(name, in_si_units), float)
+    else:
+        refuse_foreign_units(name, value)
+        value = unmasked(name, value)
+        if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
+            return value.astype(float)
+        # Any other type of array would turn the numbers beside a text into texts.
+        mixed = np.array(value, dtype=object)
+        flat = mixed.ravel().tolist()
+        array = np.array([_number(name, value, entry) for entry in flat], float)
+        array = array.reshape(mixed.shape)
+        have_units = [isinstance(each, str) or is_measured(each) for each in flat]
+        is_in_si = np.array(have_units, bool).reshape(mixed.shape)
+    if name == "psi":
+        return np.where(is_in_si, np.degrees(array), array)
+    if not KINDS.get(name) or not is_in_si.any():
         return array
     if units is None:
         raise ConfigError(
@@ -144,7 +169,15 @@ def _floats(name: str, value: object, units: Units | None) -> Floats:
             "--mass and --height)"
         )
     natural = units.natural(array, KINDS[name])
-    return np.where(np.reshape(texts, mixed.shape), natural, array)
+    return np.where(is_in_si, natural, array)
+
+
+def _in_si(name: str, value: Any) -> Any:
+    """Return the numbers of a quantity of Pint in SI units, or refuse it."""
+    try:
+        return in_si(value, "angle" if name == "psi" else KINDS.get(name, ""))
+    except ValueError as error:
+        raise ConfigError(f"{name}: {one_line(str(value))} {error}") from None
 
 
 def _number(name: str, value: object, entry: Any) -> float:
@@ -152,12 +185,18 @@ def _number(name: str, value: object, entry: Any) -> float:
     try:
         if isinstance(entry, bool):
             raise TypeError
+        if is_measured(entry):
+            entry = _in_si(name, entry)
+        if isinstance(entry, np.ma.MaskedArray):
+            entry = unmasked(name, entry)
         if isinstance(entry, str):
             return quantity(entry, KINDS[name])
         return float(entry)
     except (KeyError, TypeError, OverflowError):
         message = f"{name}: {kind_of(value)} is not a number or an array"
         raise ConfigError(message) from None
+    except ConfigError:
+        raise
     except ValueError as error:
         raise ConfigError(f"{name}: {kind_of(entry)} {error}") from None
 
@@ -196,11 +235,11 @@ def check_count(name: str, value: object, least: int = 1) -> None:
     """Refuse an argument that is neither None nor a whole number from `least` on."""
     if value is None:
         return
-    whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if not whole or not least <= int(value) < 2**63:  # type: ignore[call-overload]
-        raise ConfigError(
-            f"{name}: {kind_of(value)} is not a whole number from {least} on"
-        )
+    needed = f"a whole number of at least {least} is needed"
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise ConfigError(f"{name}: {kind_of(value)} is given; {needed}")
+    if not least <= int(value) < 2**63:
+        raise ConfigError(f"{name}: {one_line(str(value), 30)} is given; {needed}")
 
 
 def check_names(what: str, names: Iterable[str], known: Collection[str]) -> None:
@@ -294,9 +333,32 @@ def units_of(schema: pa.Schema, key: bytes = b"unit") -> dict[str, str]:
 def to_frame(table: pa.Table) -> pd.DataFrame:
     """Return a table as a DataFrame, with units and descriptions in ``attrs``."""
     frame: pd.DataFrame = table.to_pandas()
+    for name in _beyond_floats(table):
+        import pandas as pd
+        import pyarrow as pa
+
+        exact = {pa.int64(): pd.Int64Dtype(), pa.uint64(): pd.UInt64Dtype()}
+        frame[name] = table.column(name).to_pandas(types_mapper=exact.get)
     frame.attrs["units"] = units_of(table.schema)
     frame.attrs["descriptions"] = units_of(table.schema, b"description")
     return frame
+
+
+def _beyond_floats(table: pa.Table) -> list[str]:
+    """Return the columns of whole numbers and empty cells that floats would round.
+
+    They are floats in a DataFrame, as these have NaN for an empty cell.
+    """
+    import pyarrow.compute as pc
+    from pyarrow import types
+
+    names = []
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if types.is_integer(column.type) and column.null_count:
+            ends = pc.min_max(column).as_py()
+            if max(-(ends["min"] or 0), ends["max"] or 0) > EXACT:
+                names.append(name)
+    return names
 
 
 def kind_of(value: object) -> str:

@@ -238,8 +238,9 @@ def simulate(
     body : Rattleback, str, sequence or array of these, or DataFrame
         A text is the name of a preset, ``"GH"`` or ``"KL"``.  A table, such as the runs
         of a sweep, has the columns ``alpha beta gamma theta phi xi`` and may have ``n_i
-        omega_xy0 psi t_end``, which count unless `n_i` and `omega_xy0` are given;
-        angles are in radians.
+        omega_xy0 psi t_end``, which count unless `n_i` and `omega_xy0` are given; then
+        only the ``t_end`` of a table without launches counts.  Angles are in radians,
+        ``psi``, too, unlike the argument.
     n_i, omega_xy0 : array_like
         Initial spin and oscillation, in ``sqrt(g/a)``; ``n_i=0`` is a tap, by default
         on the pitch.
@@ -250,7 +251,7 @@ def simulate(
         Horizon, in ``sqrt(a/g)``, by default 5 t_rGH of the spin's own direction.
     psi : array_like, optional
         Direction of the oscillation: ``relevant`` (default), ``pitch``, ``roll``, or
-        degrees.
+        degrees.  The column ``psi`` of the result is in radians.
     model : str
         ``full``, ``reduced`` or ``gh``.
     record : str or sequence of str
@@ -278,6 +279,7 @@ def simulate(
         unknown_columns,
     )
     from rattlesweep.sweeps.launches import directions, is_full_state, plan_of_rows
+    from rattlesweep.sweeps.plausible import near_tap
     from rattlesweep.sweeps.run import integrate_plan
 
     arguments.check_names(
@@ -316,6 +318,11 @@ def simulate(
     sizes = {name: columns.pop(name) for name in arguments.SIZE if name in columns}
     if units is None:
         sizes = {}
+    question = None
+    if "u_x" not in columns:
+        question = near_tap(columns["n_i"])
+    if question is not None:
+        warnings.warn(f"n_i: {question}", ConfigWarning, stacklevel=2)
     rows = TableBodies(columns, units, sizes)
     names = arguments.names_of("record", record)
     plan = plan_of_rows(rows, model, integrator, names, {})
@@ -531,6 +538,8 @@ def fit_with_progress(
         body = measured_body(body)
     if not isinstance(body, MeasuredBody):
         body = MeasuredBody(arguments.one_body(body))
+    if isinstance(data, Mapping):
+        arguments.refuse_units_of_columns("data", data)
     values, errors = separate({**launch, **losses})
     run = launch_of(body.body, **values)
     priors = {**body.priors, **_priors(run, errors)}
@@ -661,8 +670,10 @@ def _launched(
 ) -> dict[str, Floats]:
     """Return the columns of bodies with the launches, or else those of their table."""
     if any(name in arrays for name in (*SPIN, *STATE)):
-        # The directions and horizons of a table belong to its own launches.
-        replaced = (*SPIN, "psi", "t_end", *STATE)
+        replaced = {*SPIN, "psi", *STATE}
+        if columns.keys() & replaced:
+            # The horizons of a table belong to its own launches, if it has some.
+            replaced.add("t_end")
         columns = {
             name: column for name, column in columns.items() if name not in replaced
         }

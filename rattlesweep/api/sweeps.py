@@ -134,16 +134,23 @@ class Sweep:
         Needs xarray (``pip install 'rattlesweep[xarray]'``).  The dimensions are the
         target ``K_p`` or ``K_r`` if there is one (the bodies' own coefficient is then
         ``K_r_body``), ``n_i``, ``omega_xy0``, and the axes of a grid of bodies, or else
-        ``sample``.  By default all columns with one value per run are there.  Runs for
-        which `where` is false are missing: NaN, or an empty text.  With `fill`, points
-        left out by ``bodies.refine`` are filled from the nearest runs, numbers by
-        linear interpolation.
+        ``sample``.  By default all columns with one value per run are there; a
+        ConfigWarning names the columns of lists, which ``read`` has.  Runs for which
+        `where` is false are missing: NaN, or an empty text.  With `fill`, points left
+        out by ``bodies.refine`` are filled from the nearest runs, numbers by linear
+        interpolation.
         """
         from rattlesweep.analysis.dataset import make_dataset
         from rattlesweep.analysis.layout import read_layout
 
         layout = read_layout(self.directory).chosen(where)
-        names = None if columns is None else names_of("columns", columns)
+        names = None
+        if columns is not None:
+            names = names_of("columns", columns)
+        elif layout.lists:
+            listed = ", ".join(layout.lists)
+            text = f"to_xarray: columns of lists are left out: {listed}; see read()"
+            warnings.warn(text, ConfigWarning, stacklevel=2)
         return make_dataset(layout, names, fill_refined=fill)
 
     def plot(
@@ -303,6 +310,8 @@ class Sweep:
             self.directory, t_end, case=case, sample=sample, where=where
         )
         check_names("arguments", settings, SHOWN)
+        if stored.matches > 1:
+            warnings.warn(stored.choice, ConfigWarning, stacklevel=2)
         return page_of(run, title or stored.title, **settings)[0]
 
     def __repr__(self) -> str:
@@ -312,6 +321,18 @@ class Sweep:
         summary = self.summary.dropna(axis="columns", how="all")
         table = summary.to_html(max_rows=10, index=False, float_format="{:.5g}".format)
         return f"<div>{html.escape(repr(self))}{table}</div>"
+
+
+def _misplaced(key: str) -> str:
+    """Return why an argument of :func:`sweep` is refused beside a config."""
+    from rattlesweep.sweeps.config import hint
+    from rattlesweep.sweeps.config.schema import Config
+
+    if key in Config.model_fields:
+        return "keys go with a DataFrame only; write it into the config"
+    arguments_of_calls = ["config", "output", "threads", "progress"]
+    advice = hint(key, arguments_of_calls, "engines are chosen by `rattlesweep run`")
+    return f"rs.sweep has no such argument; {advice}"
 
 
 def _check_looks(looks: Mapping[str, Any]) -> None:
@@ -380,9 +401,7 @@ def sweep(
         plan, target, base, doubts = plan_frame(config, target, keys)
     else:
         for key in keys:
-            raise ConfigError(
-                f"{key}: keys go with a DataFrame only; write it into the config"
-            )
+            raise ConfigError(f"{key}: {_misplaced(key)}")
         if isinstance(config, str | os.PathLike):
             loaded = load_config(config)
             base = Path(config).resolve().parent

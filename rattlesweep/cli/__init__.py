@@ -4,6 +4,7 @@
 functions.
 """
 
+import errno
 import os
 import signal
 import sys
@@ -39,6 +40,10 @@ FIRST_LINES = """\
   rattlesweep run configs/quickstart.yaml   integrates 6,000 rattlebacks
   rattlesweep plot out/quickstart           draws out/quickstart/fractions.png
 """
+
+
+# What may go wrong with an open stream, which has no file name.
+OF_STREAMS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EBADF, errno.EIO}
 
 
 class Program(click.Group):
@@ -80,8 +85,7 @@ class Program(click.Group):
             say(f"error: {error}")
             code = FAILED
         except OSError as error:
-            what = error.filename or "cannot write to standard output"
-            say(f"error: {what}: {error.strerror or error}")
+            say(f"error: {_in_words(error)}")
             code = FAILED
         try:
             sys.stdout.flush()
@@ -110,6 +114,26 @@ class Program(click.Group):
             formatter.write_dl([(address(page), about) for page, about in PAGES])
         with formatter.section("To begin with"):
             formatter.write(FIRST_LINES)
+
+
+def _in_words(error: OSError) -> str:
+    """Return what the system refused, and of which file, if it is known."""
+    reason = error.strerror or str(error) or type(error).__name__
+    if error.filename:
+        return f"{error.filename}: {reason}"
+    if isinstance(error, FileNotFoundError) and _has_no_folder():
+        return "the current folder is gone; change to one that exists"
+    if error.errno in OF_STREAMS:
+        return f"cannot write to standard output: {reason}"
+    return f"the system refused: {reason}"
+
+
+def _has_no_folder() -> bool:
+    try:
+        os.getcwd()
+    except OSError:
+        return True
+    return False
 
 
 def _terminate(number: int, frame: FrameType | None) -> NoReturn:

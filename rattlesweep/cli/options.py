@@ -21,8 +21,8 @@ from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.names import ACCURACY_NAMES, MODEL_NAMES, PLOT_NAMES, PRESET_NAMES
 from rattlesweep.quantities import LOSSES, QUANTITIES
 from rattlesweep.shipped import linked
-from rattlesweep.text import Bar
-from rattlesweep.units import KINDS, quantities, quantity, seconds_of
+from rattlesweep.text import Bar, counted
+from rattlesweep.units import KINDS, Quantity, quantities, quantity, seconds_of
 
 # A command returns its exit code, or None for success.
 Function: TypeAlias = Callable[..., int | None]
@@ -135,6 +135,11 @@ def probe(*files: Path | None) -> None:
             continue
         if path.is_dir():
             raise OutputError(f"cannot write {path}: a directory is in the way")
+        if not path.parent.exists():
+            # Its name may be mistyped.
+            raise OutputError(
+                f"cannot write in {path.parent}: there is no such folder; make it first"
+            )
         probe_directory(path.parent)
 
 
@@ -191,12 +196,18 @@ def _number(low: float, high: float, text: str) -> float:
 
 def _numbers(example: str, low: float, high: float, text: str) -> tuple[float, ...]:
     """Read numbers between commas, as many as in an example."""
+    count = 1 + example.count(",")
+    given = text.split(",")
+    if len(given) != count:
+        raise ValueError(
+            f"has {counted(len(given), 'number')}, and {count} are needed, as in "
+            f"{example}"
+        )
     with suppress(ValueError):
-        values = tuple(map(float, text.split(",")))
-        enough = len(values) == 1 + example.count(",")
-        if enough and all(low <= value <= high for value in values):
+        values = tuple(map(float, given))
+        if all(low <= value <= high for value in values):
             return values
-    raise ValueError(f"give numbers from {low:g} to {high:g}, as in {example}")
+    raise ValueError(f"give {count} numbers from {low:g} to {high:g}, as in {example}")
 
 
 def _measured(kind: str, text: str) -> float | str:
@@ -237,7 +248,7 @@ def measured(kind: str, name: str = "") -> Kind:
 
 def in_si(kind: str) -> Kind:
     """Return the type of a quantity that needs a unit."""
-    return Kind(kind, partial(quantity, kind=kind))
+    return Kind(kind, partial(Quantity, kind=kind))
 
 
 def several(metavar: str, kind: str, *counts: int) -> Kind:

@@ -300,7 +300,21 @@ def _prepared(given: Given) -> PreparedRun:
     require_units(launch | times, described.units, _flag)
     if "omega" not in launch and "u" not in launch:
         launch = options.SPIN_DEFAULTS | launch
-    return prepare_launch(described, **launch)
+    try:
+        return prepare_launch(described, **launch)
+    except ConfigError as error:
+        raise ConfigError(map(_of_options, error.messages)) from None
+
+
+def _of_options(message: str) -> str:
+    """Return a message about an argument of a call as one about its option."""
+    from rattlesweep.api.single import LAUNCH
+
+    name, colon, sentence = message.partition(": ")
+    if name not in LAUNCH:
+        return message
+    sentence = sentence.replace(f"leave {name} out", f"leave {_flag(name)} out")
+    return f"{_flag(name)}{colon}{sentence}"
 
 
 def _follow(

@@ -59,7 +59,7 @@ def init(config: Path | None, example: str | None) -> None:
     """
     from rattlesweep.shipped import example_files, starter
     from rattlesweep.sweeps.config.read import parse_config, read_yaml
-    from rattlesweep.sweeps.files import replace_file
+    from rattlesweep.sweeps.files import probe_directory, replace_file
 
     if config is not None and config.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"{config}: the name of a config ends in .yaml")
@@ -76,8 +76,8 @@ def init(config: Path | None, example: str | None) -> None:
             raise ConfigError(
                 f"{path}: exists already; choose another name, or remove it first"
             )
-    probe(*texts)
     for path, text in texts.items():
+        probe_directory(path.parent)
         replace_file(path, text.encode())
         tell(path)
 

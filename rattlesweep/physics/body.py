@@ -116,13 +116,20 @@ class Rattleback:
         Arrays are broadcast by NumPy's rules.  Raise ValueError unless ``0 < f_sd <
         0.5``.
         """
-        given = {"gamma": gamma, "f_sd": f_sd, "theta": theta, "phi": phi, "xi": xi}
+        arguments = {"gamma": gamma, "f_sd": f_sd, "theta": theta, "phi": phi, "xi": xi}
+        given: dict[str, Any] = {}
+        for name, value in arguments.items():
+            kind = "angle" if name == "xi" else ""
+            given[name] = si.plain(name, value, kind)
         if all(np.ndim(value) == 0 for value in given.values()):
-            _require_number("gamma", gamma)
-            _require_number("f_sd", f_sd)
-            if not 0 < f_sd < 0.5:
-                raise ValueError(f"f_sd is {f_sd:g}; it must lie between 0 and 0.5")
-            return cls(*shell_dumbbell(gamma, f_sd), gamma, theta, phi, xi)
+            for name in ("gamma", "f_sd"):
+                _require_number(name, given[name])
+            share = given["f_sd"]
+            if not 0 < share < 0.5:
+                raise ValueError(f"f_sd is {share:g}; it must lie between 0 and 0.5")
+            alpha, beta = shell_dumbbell(given["gamma"], share)
+            shape = {name: given[name] for name in ("gamma", "theta", "phi", "xi")}
+            return cls(alpha, beta, **shape)
         columns = np.broadcast_arrays(*given.values())
         bodies = np.empty(columns[0].shape, dtype=object)
         for place in np.ndindex(bodies.shape):
@@ -352,6 +359,7 @@ def violations(
         "phi": phi,
         "xi": xi,
         "c": c,
+        "xi_deg": np.degrees(xi),
         "i_xx": i_xx,
         "yy_zz": i_yy + gamma,
         "xx_yy": i_xx + i_yy,
@@ -383,19 +391,24 @@ def violations(
         ),
         (gamma > 0, "gamma is {gamma:g}; it must be positive"),
         (
-            (xi != 0) & (np.abs(xi) < np.pi / 2),
-            "the skew angle xi is {xi:g} rad; -pi/2 < xi < 0 is needed, or xi > 0 for "
-            "a mirror image",
+            xi != 0,
+            "the skew angle xi is 0 rad; -pi/2 < xi < 0 is needed, or xi > 0 for a "
+            "mirror image",
+        ),
+        (
+            np.abs(xi) < np.pi / 2,
+            "the skew angle xi is {xi:g} rad ({xi_deg:g} deg); above -90 deg and below "
+            "90 deg is needed; at 90 deg, the radii of curvature may be exchanged",
         ),
         (
             i_xx <= i_yy + gamma + slack,
-            "no body has this inertia: I_xx = alpha - 1 = {i_xx:g} "
-            "exceeds I_yy + I_zz = {yy_zz:g}",
+            "no body has this inertia: I_xx = alpha - 1 = {i_xx:{digits}g} "
+            "exceeds I_yy + I_zz = {yy_zz:{digits}g}",
         ),
         (
             gamma <= i_xx + i_yy + slack,
-            "no body has this inertia: I_zz = gamma = {gamma:g} "
-            "exceeds I_xx + I_yy = {xx_yy:g}",
+            "no body has this inertia: I_zz = gamma = {gamma:{digits}g} "
+            "exceeds I_xx + I_yy = {xx_yy:{digits}g}",
         ),
         # Lying on its side, the ellipsoid has its centre of mass at the height
         # sqrt(c/theta).
@@ -410,4 +423,14 @@ def violations(
         if broken.size:
             first = int(broken[0])
             numbers = {name: column[first] for name, column in values.items()}
-            yield first, message.format(**numbers)
+            text = message.format(**numbers, digits=".6")
+            if not is_told_apart(text):
+                # Moments that differ beyond the digits that are usual.
+                text = message.format(**numbers, digits=".16")
+            yield first, text
+
+
+def is_told_apart(sentence: str) -> bool:
+    """Return whether a sentence on a number that exceeds another shows two numbers."""
+    larger, _, smaller = sentence.partition(" exceeds ")
+    return larger.rpartition(" = ")[2] != smaller.rpartition(" = ")[2] or not smaller

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rattlesweep.arrays import Floats
-from rattlesweep.units import KINDS, quantities, quantity
+from rattlesweep.arrays import Floats, refuse_foreign_units, unmasked
+from rattlesweep.errors import one_line
+from rattlesweep.units import KINDS, in_si, is_measured, quantities, quantity, split
 
 GRAVITY = 9.81  # on Earth, in m/s^2
 # angle between the z axis and a principal axis, in radians, for rounded inputs
@@ -74,12 +75,28 @@ class Units:
         }
 
 
+def plain(name: str, value: Any, kind: str) -> Any:
+    """Return a value without Pint's unit, in SI units, and without NumPy's mask.
+
+    Raise ValueError, with the `name` of the value, if the unit is not of the `kind`, or
+    an entry is masked.
+    """
+    if is_measured(value):
+        try:
+            value = in_si(value, kind)
+        except ValueError as error:
+            raise ValueError(f"{name}: {one_line(str(value))} {error}") from None
+    refuse_foreign_units(name, value)
+    return unmasked(name, value)
+
+
 def number(value: float | str, kind: str, name: str) -> float:
     """Return a number in SI units, given as such or as a text such as ``"85 g"``.
 
-    Raise ValueError, with the `name` of the value, if the text is not of a `kind` of
-    `units.KINDS`.
+    A quantity of Pint is like a text.  Raise ValueError, with the `name` of the value,
+    if the unit is not one of a `kind` of `units.KINDS`.
     """
+    value = plain(name, value, kind)
     try:
         if isinstance(value, str):
             return quantity(value, kind)
@@ -94,12 +111,30 @@ def number(value: float | str, kind: str, name: str) -> float:
 def size(value: float | str, kind: str, name: str) -> float:
     """Return a :func:`number`; raise ValueError unless it is within its `LIMITS`."""
     size_in_si = number(value, kind, name)
-    low, high, unit = LIMITS[kind]
-    if not low <= size_in_si <= high:
-        raise ValueError(
-            f"{name} is {size_in_si:g}; from {low:g} to {high:g} {unit} is allowed"
-        )
+    text = getattr(value, "text", value)
+    if not isinstance(text, str):
+        text = None
+    problem = outside(size_in_si, kind, text)
+    if problem is not None:
+        shown = text or f"{size_in_si:g}"
+        raise ValueError(f"{name} is {shown}; {problem}")
     return size_in_si
+
+
+def outside(size_in_si: float, kind: str, text: str | None = None) -> str | None:
+    """Return which sizes of a kind are allowed, None if this one is.
+
+    They are in the unit of the text, if one is given.
+    """
+    low, high, unit = LIMITS[kind]
+    if low <= size_in_si <= high:
+        return None
+    if text is not None:
+        unit = split(text)[1]
+        unit_in_si = quantity(f"1 {unit}", kind)
+        low /= unit_in_si
+        high /= unit_in_si
+    return f"from {low:.4g} to {high:.4g} {unit} is allowed"
 
 
 def two_lengths(value: str | Sequence[float | str], name: str) -> list[float]:
@@ -109,9 +144,12 @@ def two_lengths(value: str | Sequence[float | str], name: str) -> list[float]:
             return quantities(value, "length", 2)
     except ValueError as error:
         raise ValueError(f"{name}: {value!r} {error}") from None
-    if np.shape(value) != (2,):
+    lengths: Any = plain(name, value, "length")
+    if isinstance(lengths, np.ndarray):
+        lengths = lengths.tolist()
+    if not isinstance(lengths, list | tuple) or len(lengths) != 2:
         raise ValueError(f"{name}: {value!r} is given; two lengths are needed")
-    return [number(each, "length", name) for each in value]
+    return [number(each, "length", name) for each in lengths]
 
 
 def parameters(
@@ -150,6 +188,7 @@ def components(
     inertia: Sequence[float] | Sequence[Sequence[float]] | str,
 ) -> tuple[float, ...]:
     """Return ``I_xx, I_yy, I_zz, I_xy`` of a matrix or of three to six numbers."""
+    inertia = plain("inertia", inertia, "moment of inertia")
     try:
         if isinstance(inertia, str):
             inertia = quantities(inertia, "moment of inertia", 3, 4, 5, 6)
@@ -168,7 +207,10 @@ def components(
     moments = np.linalg.eigvalsh(tensor)
     if moments[0] <= 0 or moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
         listed = ", ".join(f"{moment:g}" for moment in moments)
-        raise ValueError(f"inertia: no body has the principal moments {listed} kg m^2")
+        condition = "all must be positive, and none above the sum of the other two"
+        raise ValueError(
+            f"inertia: no body has the principal moments {listed} kg m^2; {condition}"
+        )
     tilt = _tilt(tensor)
     if tilt > MAX_TILT:
         raise ValueError(

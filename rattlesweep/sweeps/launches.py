@@ -1,5 +1,6 @@
 """Runs before their integration: bodies, launches, theory, horizons, batches."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -448,11 +449,23 @@ def plan_of_rows(
         for name, value in integrator.items()
         if value is not None
     }
-    config = parse_config(
-        {"model": model, "integrator": steps, "record": list(record), **keys},
-        bodies=TableSource.in_memory(rows.surface),
-    )
+    try:
+        config = parse_config(
+            {"model": model, "integrator": steps, "record": list(record), **keys},
+            bodies=TableSource.in_memory(rows.surface),
+        )
+    except ConfigError as error:
+        raise ConfigError(map(_of_arguments, error.messages)) from None
     return make_plan(config, rows=rows)
+
+
+def _of_arguments(message: str) -> str:
+    """Return a message about a key of the integrator, as it is named in calls."""
+    message = message.removeprefix("integrator.")
+    if message.startswith("dt: "):
+        # The rows of a trajectory are ``dt`` apart.
+        return re.sub(r"\bdt\b", "dt_step", message)
+    return message
 
 
 def with_energies(batch: Batch, e_p0: float | None, e_r0: float | None) -> Batch:

@@ -30,7 +30,7 @@ from rattlesweep.sweeps.config.read import (
     physics_hash,
     resolved,
 )
-from rattlesweep.sweeps.config.schema import Config, SdSource
+from rattlesweep.sweeps.config.schema import Config, SdSource, TableSource
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.locks import LOCKS, at_work
 from rattlesweep.sweeps.provenance import command_line, machine, now, versions
@@ -80,8 +80,7 @@ def make_plan(
     values = _natural(config, source)
     launches, n_i = _launches(config, table, values)
     is_state = "u_x" in table or ("n_i" not in table and config.launch is not None)
-    own_end = table.get("t_end", NO_END) if "n_i" in table else NO_END
-    _check_launches(config, is_state, n_i, own_end)
+    _check_launches(config, is_state, n_i, _own_ends(table))
     targets: list[tuple[str | None, float | None]] = [(None, None)]
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
         target = config.bodies.target
@@ -122,6 +121,15 @@ def _launches(
     raise ConfigError(f"spin: missing; {lacks}, so the config must give them")
 
 
+def _own_ends(table: Mapping[str, Floats]) -> Floats:
+    """Return the horizons that a table gives its launches, NaN where it has none."""
+    ends = table.get("t_end", NO_END)
+    if "n_i" in table:
+        return ends
+    # Each launch of the config meets each row, so the rows that have none count.
+    return np.array([ends.min()])
+
+
 def _combinations(names: Iterable[str], values: Values) -> list[dict[str, Setting]]:
     """Return every combination of the values of some columns."""
     names = list(names)
@@ -144,9 +152,12 @@ def _with_losses(config: Config, columns: Mapping[str, list[float | str]]) -> Co
     if columns:
         # Rules between keys were checked without these columns.
         problems = [f"{key}: {problem}" for key, problem in clashes(config)]
+        where = ""
+        if isinstance(config.bodies, TableSource) and config.bodies.path:
+            # Otherwise they are arguments of a call.
+            where = f"bodies.path: with {' and '.join(columns)} of the table: "
         if problems:
-            where = "bodies.path: with the table's columns"
-            raise ConfigError(f"{where}: {problem}" for problem in problems)
+            raise ConfigError(f"{where}{problem}" for problem in problems)
     return config
 
 

@@ -7,9 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 
-from rattlesweep.arrays import Flags
+from rattlesweep.arrays import Flags, Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS
@@ -34,6 +33,7 @@ from rattlesweep.sweeps.tails import LEAST_INDEX, tail_index
 MOST_RUNS = 4096  # runs that are judged
 BODIES_DRAWN = 65_536  # bodies drawn to find the range of a target's coefficient
 SEED = 2017
+NEARLY_ZERO = 1e-12  # of the largest spin
 
 
 def plan_frame(
@@ -53,7 +53,7 @@ def plan_frame(
     path = directory / name
     if not path.exists():
         probe_directory(directory)
-        write_parquet(pa.table(source.columns | source.carried), path)
+        write_parquet(source.as_table, path)
     return plan, directory, directory.resolve(), warnings
 
 
@@ -90,7 +90,8 @@ def check_physics(plan: Plan) -> list[str]:
         numbers = np.linspace(0, plan.runs - 1, judged).astype(np.int64)
         case, sample = np.divmod(numbers, plan.samples)
         launches = prepare(plan, case, sample)
-        return [config.located(warning) for warning in _doubts(config, launches, which)]
+        warnings = [*_doubts(config, launches, which), *_near_taps(config, launches)]
+        return [config.located(warning) for warning in warnings]
 
 
 def _doubts(config: Config, launches: Launches, which: str) -> Iterator[str]:
@@ -139,6 +140,34 @@ def _doubts_of_means(config: Config, launches: Launches) -> Iterator[str]:
             f"tail index is {index:.2g}, below {LEAST_INDEX:g}; such cases run "
             "all samples; give t_r_median, or skews that are not close to 0"
         )
+
+
+def _near_taps(config: Config, launches: Launches) -> Iterator[str]:
+    """Yield a question about spins that seem to be rounding errors of zero."""
+    key = "spin.n_i"
+    if launches.bodies.n_i is not None:
+        key = "bodies.path"
+    # The spin of a full state is computed, and need not be zero to the last bit.
+    if launches.bodies.omega is None:
+        question = near_tap(launches.n_i)
+        if question is not None:
+            yield f"{key}: {question}"
+
+
+def near_tap(n_i: Floats) -> str | None:
+    """Return a question about a spin that is tiny beside the others, None without.
+
+    A tap, whose spin is zero, and a launch whose spin is 1e-16 of others reverse at
+    quite other times.
+    """
+    size = np.abs(n_i)
+    tiny = (size > 0) & (size < NEARLY_ZERO * size.max(initial=0))
+    if not tiny.any():
+        return None
+    first = n_i[np.argmax(tiny)]
+    return (
+        f"{first:.3g} is a rounding error beside {size.max():.3g}; is 0 meant, a tap?"
+    )
 
 
 def _how_many(mask: Flags, which: str) -> str:

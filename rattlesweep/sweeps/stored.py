@@ -498,10 +498,12 @@ class Case:
     def __str__(self) -> str:
         texts = []
         for name, value in self.dump().items():
-            if name != "case":
-                texts.append(
-                    f"{name} {value}" if isinstance(value, str) else f"{name} {value:g}"
-                )
+            if name == "case":
+                continue
+            shown = str(value)
+            if isinstance(value, float) and float(f"{value:g}") == value:
+                shown = f"{value:g}"
+            texts.append(f"{name} {shown}")
         return ", ".join(texts)
 
 

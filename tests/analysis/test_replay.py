@@ -16,6 +16,7 @@ from sweeping import invoke, rows, run
 import rattlesweep as rs
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import find_run
+from rattlesweep.errors import ConfigWarning
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +87,19 @@ def test_a_run_is_chosen_by_a_condition_and_goes_to_files(sweep, tmp_path):
     )
     pd.testing.assert_frame_equal(pd.read_parquet(table), found.table)
     assert figure.stat().st_size > 5000
+
+
+def test_a_condition_that_several_runs_meet_is_told(sweep, tmp_path):
+    count = len(pd.read_parquet(sweep / "runs").query("n_i == -0.5"))
+    assert count > 1
+    told = f", the first of {count} runs that meet the condition: "
+    file = tmp_path / "run.csv"
+    words = ("--where", "n_i == -0.5", "--points", 2, "--output", file)
+    assert told in invoke("replay", sweep, *words).stderr
+    with pytest.warns(ConfigWarning, match=told.rstrip(": ")):
+        rs.load(sweep).show(where="n_i == -0.5", points=10)
+    words = ("--case", 0, "--sample", 0, "--points", 2, "--output", file)
+    assert "the first of" not in invoke("replay", sweep, *words).stderr
 
 
 def test_a_stored_number_that_is_not_what_comes_out_is_told(sweep, tmp_path):

@@ -3,6 +3,7 @@
 import json
 import os
 import pickle
+from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from rattlesweep.sweeps.config.read import (
     resolved,
 )
 from rattlesweep.sweeps.config.schema import ACCURACIES
+from rattlesweep.sweeps.config.values import as_written
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
 SD = {"bodies": {"source": "sd"}, "spin": {"n_i": 0.1, "omega_xy0": 0.01}}
@@ -70,7 +72,7 @@ def test_settings_are_yaml_1_2_and_the_last_one_wins(path):
         EXAMPLE.replace("name: steady-kr-quick\n", "").replace("output: ", "# ")
     )
     config = load_config(
-        path, ["bodies.samples=10", "bodies.samples=20", "bodies.target="]
+        path, ["bodies.samples=10", "bodies.samples=20", "bodies.target=null"]
     )
     assert (config.bodies.samples, config.bodies.target) == (20, None)
     # Without a name, a sweep is named after its file.
@@ -99,6 +101,66 @@ def test_values_are_spaced_where_they_can_be(law, middle):
     ):
         with pytest.raises(ConfigError, match=r"write .linspace"):
             spaced(*ends)
+
+
+@pytest.mark.parametrize("unit", ["", " rpm"])
+def test_a_range_has_the_decimals_that_were_meant(unit):
+    """The values are the decimals of exact sums, and the middle of a range is zero."""
+
+    def spaced(law, low, high, count):
+        ends = [f"{low}{unit}", f"{high}{unit}", count]
+        values = parse_config(
+            {
+                "bodies": {"source": "shape", "length": 0.12, "width": 0.03}
+                | {"height": 0.012, "mass": 0.06, "skew": 0.05},
+                "spin": {"n_i": {law: ends}, "omega_xy0": 0.01},
+            }
+        ).spin.n_i
+        return [float(str(as_written(value)).removesuffix(unit)) for value in values]
+
+    for low in range(-10, 11):
+        for high in range(low + 1, 11):
+            for count in (3, 5, 11):
+                exact = [
+                    (Decimal(low) * (count - 1 - k) + Decimal(high) * k)
+                    / (10 * (count - 1))
+                    for k in range(count)
+                ]
+                assert spaced("linspace", low / 10, high / 10, count) == [
+                    float(value) for value in exact
+                ]
+    assert spaced("logspace", 0.001, 1000, 7) == [0.001, 0.01, 0.1, 1, 10, 100, 1000]
+
+
+def test_an_empty_setting_is_refused_and_an_empty_name_is_that_of_the_file(path):
+    for text in ("seed=", "bodies.samples= ", "name=", "seed=# no"):
+        with pytest.raises(ConfigError, match="has no value; give one, or null"):
+            load_config(path, [text])
+    assert load_config(path, ["seed=null"]).seed == 0
+    for text in ("name:\n", "name: null\n"):
+        path.write_text(text + GOOD["preset"])
+        assert load_config(path).name == path.stem
+
+
+def test_json_with_characters_beyond_the_first_plane_is_a_config(path):
+    data = {"name": "\U0001f600", "output": "out/\U00020bb7", "model": "gh"}
+    data |= {"bodies": {"source": "preset", "name": "GH"}}
+    data |= {"spin": {"n_i": 0.1, "omega_xy0": 0.01}}
+    path.write_text(json.dumps(data))
+    assert (load_config(path).name, load_config(path).output) == (
+        data["name"],
+        data["output"],
+    )
+    data["spin"]["n_i"] = "1 \ud83d"
+    with pytest.raises(ConfigError, match="half of a character"):
+        parse_config(data)
+    path.write_text(GOOD["preset"] + 'model: "f\\ud83d"\n')
+    with pytest.raises(ConfigError, match=r"c\.yaml:3: model: the text has half of"):
+        load_config(path)
+    data["spin"]["n_i"] = "1 \U0001f600"
+    path.write_text(json.dumps(data))
+    with pytest.raises(ConfigError, match=r"n_i: \S1 \U0001f600\S has the unit"):
+        load_config(path)
 
 
 def test_values_with_units_stay_as_they_are_written(path):
@@ -206,11 +268,11 @@ sd | name: steady-kr-quick | name: a/b | 1: name: "a/b" is not a plain word; lea
 sd | spin: | launch: {omega: [0, 0, -1]}\nspin: | 9: spin: spin and launch are both given; keep one of them
 preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [0, 0, 1], u: [0, 0, 1]} | 2: launch.u: u must be a vector of length 1 with u_z below 0
 sd | tol: 1e-9 | dt: 0.1 | 14: integrator.dt: dop853 takes tol alone; leave dt out
-sd | method: dop853 | accuracy: draft | 14: integrator.tol: dop853 takes accuracy alone; leave tol out
+sd | method: dop853 | accuracy: draft | 14: integrator.tol: accuracy: draft sets the method and its tol; leave tol out
 preset | + | model: gh\nintegrator: {accuracy: {t_r: 1e-6}} | 4: integrator: accuracy {t_r: ...} excludes model gh and record reversals or spectrum; keep
 sd | samples: 1000 | draw: sobol | 7: bodies.target: only random draws can meet a target; take draw: random
 preset | + | stop: {fraction: 0.1} | 3: stop: source preset draws no samples; take source: sd
-preset | + | horizon: {t_decay: 3} | 1: dissipation: horizon.t_decay is in units of gamma/sigma; give sigma
+preset | + | horizon: {t_decay: 3} | 3: horizon.t_decay: it is in units of gamma/sigma, and sigma is 0; give dissipation.sigma
 grid | phi: [0.02 | f_sd: [0.02 | 1: bodies.axes: f_sd cannot vary: f_sd stands in place of alpha and beta
 grid | {preset: GH} | {preset: GH, phi: 0.1} | 1: bodies.base: give a preset alone, or gamma theta phi xi with alpha beta or with f_sd
 shell | xi_deg: -3 | xi_deg: -3, xi: -0.1 | 1: bodies.base: xi, xi_deg and minus_xi_deg exclude each other; keep one
@@ -233,6 +295,15 @@ preset | overrides: {theta: 0.82} | samples: 5 | 1: bodies.samples: unknown key 
 preset | name: GH | name: HG | 1: bodies.name: "HG" is not one of GH, KL; choose one of them
 sd | record: [] | record: energies | 16: record: "energies" is not one of energy, contact, windows, lyapunov,
 grid | {linspace: [0.6, 0.99, 200]} | [] | 1: bodies.axes.theta: a list is given; it has 0 values, and 1 are needed
+preset | + | classify: {early: !!bool yes} | 3: classify.early: "yes" is given; true or false is needed
+preset | bodies: | %YAML 1.1\n---\nclassify: {early: on}\nbodies: | 3: classify.early: "on" is given; true or false is needed
+preset | + | horizon: !!null 5 | 3: horizon: 5 is given; a section is needed
+preset | name: GH | <<: {name: GH} | 1: bodies.<<: YAML 1.2 has no merge keys; write the keys themselves
+preset | + | dissipation: {mu: 1e6} | 3: dissipation.mu: 1000000.0 is given; a value below 1e+06 is needed
+grid | phi: [0.02, 0.036] | phii: [0.02] | 1: bodies.axes.phii: unknown key "phii"; did you mean "phi"?
+grid | theta: { | tetha: { | 1: bodies.axes.tetha: unknown key "tetha"; did you mean "theta"?
+shape | width: 0.03 | width: 12 px | 1: bodies.width: "12 px" has the unit px: it would be read as a css pixel
+shape | skew: -3 deg | skew: 95 deg | 1: bodies.skew: "95 deg" is out of range; from -89.95 to 89.95 deg is allowed
 shape | mass: [80 g, 90 g] | mass: 80 g | 1: bodies.samples: no key is a range, so all bodies are equal; leave
 """  # noqa: E501
 WHOLE = {

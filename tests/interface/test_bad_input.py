@@ -44,8 +44,10 @@ status none | none is not an output directory: there is no such
 trajectory --method rk5 | is not one of
 trajectory --preset GH --output run.xlsx | the name must end in .parquet or .csv
 trajectory --preset GH --figure run.jpg | the name must end in .svg or .png or .pdf
-trajectory --preset GH --accuracy draft --tol 1e-7 | integrator.tol: dop853 takes accuracy alone
-trajectory --preset GH --omega 1,2 | --omega 1,2: give numbers from
+trajectory --preset GH --accuracy draft --tol 1e-7 | --tol: accuracy: draft sets the method and its tol; leave --tol out
+trajectory --preset GH --dt-step 0.5 | --dt-step: dop853 takes tol alone; leave --dt-step out
+trajectory --preset GH --omega 1,2 | --omega 1,2: has 2 numbers, and 3 are needed, as in 0,0,-1
+trajectory --preset GH --omega 1,x,2 | --omega 1,x,2: give 3 numbers from
 trajectory --preset GH --omega 0,0,1 --n-i 0.1 | n_i given with a full state
 rnu | no such command
 run | missing argument 'CONFIG' (see `main run --help`)
@@ -57,7 +59,11 @@ compare c c --allow x | --allow x: give a number from 0 to 1
 slurm c.yaml --shards 1 --mem lots | --mem lots: is not a size of memory; write it as in 4G
 fit s.yaml t.csv | body: alpha is missing; add it, or give preset, shape, mass or f_sd
 body | --alpha is missing; add it, or give --preset, --half-ellipsoid, --mass or --f-sd
-body --preset GH --mass 60g | "--mass" is not one of --alpha, --beta, --gamma, --theta, --phi, --xi, --c, --preset,
+body --preset GH --mass 60g | --mass does not go with --preset; leave one of them out
+body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 95deg | skew is 95deg; from -89.95 to 89.95 deg is allowed
+body --mass '85 gr' | --mass 85 gr: has the unit gr: it would be read as a grain; a mass is needed, such as 85 g
+body --half-ellipsoid 12px,3px,1px --mass 60g | has the unit px: it would be read as a css pixel
+trajectory --preset GH --points 0 | points: 0 is given; a whole number of at least 2 is needed
 body --preset KL --n-i 60 | --n-i: 60 has no unit, and the body has a size; give a spin with its unit, such as 60 rpm
 body --preset KL --n-i 0.1 | --n-i: 0.1 has no unit
 trajectory --preset KL --n-i 60rpm --t-end 20 | --t-end: 20 has no unit
@@ -90,6 +96,11 @@ def test_a_file_that_cannot_be(here):
         "trajectory", "--preset", "GH", "--output", "/proc/nowhere/run.csv"
     )
     refused(command, 1, "cannot write in /proc/nowhere")
+    # A folder whose name may be mistyped is not made.
+    before = tree(here)
+    command = invoke("trajectory", "--preset", "GH", "--figure", "nowhere/run.svg")
+    refused(command, 1, "cannot write in nowhere: there is no such folder; make it")
+    assert tree(here) == before
 
 
 @pytest.mark.parametrize(

@@ -162,6 +162,20 @@ def test_a_standard_output_that_takes_nothing_is_one_sentence():
     assert (done.returncode, done.stderr) == (1, told)
 
 
+def test_a_folder_that_is_gone_is_told(tmp_path):
+    (tmp_path / "c.yaml").write_text(
+        "model: gh\nbodies: {source: preset, name: GH}\n"
+        "spin: {n_i: 0.1, omega_xy0: 0.1}\n"
+    )
+    (tmp_path / "gone").mkdir()
+    command = f"cd gone; rmdir ../gone; {PROGRAM} plan '{tmp_path}/c.yaml'"
+    done = subprocess.run(
+        command, shell=True, cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    told = "error: the current folder is gone; change to one that exists\n"
+    assert (done.returncode, done.stderr) == (1, told)
+
+
 def test_a_command_that_prints_nothing_needs_no_standard_output(tmp_path):
     (tmp_path / "c.yaml").write_text(
         "model: gh\nbodies: {source: preset, name: GH}\n"

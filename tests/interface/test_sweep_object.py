@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 import rattlesweep as rs
+from rattlesweep.errors import ConfigWarning
 from rattlesweep.sweeps.verify import verify
 
 GH = rs.Rattleback.gh()
@@ -103,13 +104,25 @@ def test_other_thresholds_and_back(sd):
         (lambda s: s.to_xarray(where=3), "^where 3: it is no condition"),
         (
             lambda s: s.verify(recompute=-1),
-            r"recompute: -1 \(int\) is not a whole number from 0",
+            "recompute: -1 is given; a whole number of at least 0 is needed",
         ),
         (
             lambda s: s.report("report.pdf"),
             "path report.pdf: the name must end in .html",
         ),
+        (
+            lambda s: s.verify(recompute=2.5),
+            r"recompute: 2.5 \(float\) is given; a whole number of at least 0",
+        ),
         (lambda s: rs.sweep("c.yaml", seed=1), "seed: keys go with a DataFrame only"),
+        (
+            lambda s: rs.sweep("c.yaml", engine="dask"),
+            "^engine: rs.sweep has no such argument; engines are chosen by `rattlesw",
+        ),
+        (
+            lambda s: rs.sweep("c.yaml", thread=1),
+            '^thread: rs.sweep has no such argument; did you mean "threads"',
+        ),
     ],
 )
 def test_bad_arguments_get_a_sentence_and_nothing_is_written(sd, call, words):
@@ -142,6 +155,19 @@ def test_a_map_is_a_dataset_of_its_axes(grid):
     # What is not chosen is missing.
     part = grid.to_xarray(["t_r", "type"], where="type == 'R'")
     assert (part.type.values == "").sum() == (rows.type != "R").sum() > 0
+
+
+def test_columns_of_lists_are_named_where_a_dataset_leaves_them_out(tmp_path):
+    config = {"bodies": {"source": "preset", "name": "GH"}, "record": ["reversals"]}
+    config |= {"spin": {"n_i": 0.1, "omega_xy0": 0.01}, "horizon": {"t": 120}}
+    sweep = rs.sweep(config, output=tmp_path / "o", threads=1)
+    with pytest.warns(ConfigWarning, match="columns of lists are left out: turn_times"):
+        data = sweep.to_xarray()
+    assert "t_r" in data
+    assert "turn_times" not in data
+    assert list(sweep.to_xarray(["t_r"])) == ["t_r"]
+    with pytest.raises(rs.ConfigError, match="columns: turn_times has a list for each"):
+        sweep.to_xarray(["turn_times"])
 
 
 def test_random_bodies_are_a_dataset_of_samples(sd):

@@ -24,7 +24,8 @@ beta=1: beta is 1; alpha > beta > 1 is needed
 alpha=1.522: alpha 1.522 is not above beta 1.522; alpha > beta > 1 is needed
 gamma=-3: gamma is -3; it must be positive
 xi=0: the skew angle xi is 0 rad; -pi/2 < xi < 0 is needed, or xi > 0 for a mirror image
-xi=2: the skew angle xi is 2 rad; -pi/2 < xi < 0 is needed, or xi > 0 for a mirror image
+xi=2: the skew angle xi is 2 rad (114.592 deg); above -90 deg and below 90 deg is needed; at 90 deg, the radii of curvature may be exchanged
+gamma=12.5620001: no body has this inertia: I_zz = gamma = 12.5620001 exceeds I_xx + I_yy = 12.562
 gamma=11: no body has this inertia: I_xx = alpha - 1 = 12.04 exceeds I_yy + I_zz = 11.522
 gamma=12.6: no body has this inertia: I_zz = gamma = 12.6 exceeds I_xx + I_yy = 12.562
 """  # noqa: E501

@@ -93,6 +93,17 @@ def test_any_axes_and_any_order_of_the_radii(angle, order):
             {"inertia": (1e-4, 1e-4, 9e-4)},
             "no body has the principal moments 0.0001, 0",
         ),
+        (
+            "from_si",
+            {"inertia": (1e-4, 1e-4, 9e-4)},
+            "kg m.2; all must be positive, and none above the sum of the other two",
+        ),
+        (
+            "half_ellipsoid",
+            {"skew": "95 deg"},
+            "skew is 95 deg; from -89.95 to 89.95 d",
+        ),
+        ("half_ellipsoid", {"mass": "60 gr"}, "it would be read as a grain"),
         ("from_si", {"inertia": (1, 2)}, "a finite symmetric 3 x 3 matrix is needed"),
         (
             "from_si",

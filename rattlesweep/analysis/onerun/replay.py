@@ -28,6 +28,8 @@ class StoredRun:
 
     stored: Stored
     row: pa.Table  # one row with all columns
+    # Runs that meet the condition by which it was chosen.
+    matches: int = 1
 
     @cached_property
     def values(self) -> dict[str, Any]:
@@ -39,6 +41,15 @@ class StoredRun:
     def name(self) -> str:
         """Case and sample."""
         return f"case {self.values['case']}, sample {self.values['sample']}"
+
+    @property
+    def choice(self) -> str:
+        """Case and sample, and of how many runs this is the first."""
+        if self.matches == 1:
+            return self.name
+        return (
+            f"{self.name}, the first of {self.matches:,} runs that meet the condition"
+        )
 
     @property
     def title(self) -> str:
@@ -53,13 +64,13 @@ class StoredRun:
         """The result of :meth:`prove` in one line."""
         row = self.values
         if row["status"] != "ok":
-            return f"{self.name}: status {row['status']} as stored, bit for bit"
+            return f"{self.choice}: status {row['status']} as stored, bit for bit"
         t_r = "no reversal"
         if row["t_r"] is not None:
             t_r = f"t_r {row['t_r']!r}"
             if row.get("t_r_error") is not None:
                 t_r += f" +- {row['t_r_error']:.2g}"
-        return f"{self.name}: {t_r} and type {row['type']} as stored, bit for bit"
+        return f"{self.choice}: {t_r} and type {row['type']} as stored, bit for bit"
 
     def prove(self) -> None:
         """Integrate the run as the sweep did; raise if its row differs."""
@@ -120,7 +131,12 @@ def find_run(
         else:
             runs = pa.table(condition.filter(rows))
         if len(runs):
-            return StoredRun(stored, runs.slice(0, 1))
+            matches = 1
+            if condition is not None:
+                needed = [*condition.columns] or ["case"]
+                batches = stored.batches(needed)
+                matches = sum(len(condition.filter(batch)) for batch in batches)
+            return StoredRun(stored, runs.slice(0, 1), matches)
     if case is None or sample is None:
         raise ConfigError(f"where {where}: {directory} stores no such run")
     if not (0 <= case < len(stored.cases) and 0 <= sample < stored.samples):

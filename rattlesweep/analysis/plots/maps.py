@@ -239,8 +239,7 @@ class Map(Picture):
         else:
             unit, description = self.layout.column(self.quantity, "quantity")
             bar_label = mean + label(self.quantity, unit)
-            # The legend names missing values.
-            meaning = f"{self.quantity}: {description.partition('; null')[0]}."
+            meaning = f"{self.quantity}: {description}."
         self.notes.append(meaning)
         assert mesh is not None
         figure: Any = every[0].figure

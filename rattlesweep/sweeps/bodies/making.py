@@ -67,9 +67,15 @@ def body_from(
         # A shell-dumbbell body gets its c afterwards.
         required["c"] = False
     for key in values:
-        if key not in required:
-            known = [spelled(each) for each in dict.fromkeys((*required, *WAYS))]
-            raise ConfigError(not_one_of(spelled(key), known))
+        if key in required:
+            continue
+        if key in (*KINDS, *WAYS, *PARAMETERS, "z_up"):
+            chosen = "a body by its parameters" if way not in WAYS else spelled(way)
+            raise ConfigError(
+                f"{spelled(key)} does not go with {chosen}; leave one of them out"
+            )
+        known = [spelled(each) for each in dict.fromkeys((*required, *WAYS))]
+        raise ConfigError(not_one_of(spelled(key), known))
     for key, is_required in required.items():
         if is_required and key not in values:
             sentence = f"{spelled(key)} is missing; add it"

@@ -38,7 +38,7 @@ from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT, field
 from rattlesweep.sweeps.config.schema import TABLE, TableSource
 from rattlesweep.sweeps.config.values import AT_REST, NO_UNIT_VECTOR, normalised
-from rattlesweep.sweeps.tables import read_table, unreadable
+from rattlesweep.sweeps.tables import EXACT, read_table, unreadable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -93,6 +93,8 @@ TAKEN -= {*INPUT} - {"t_r"}
 """Names of results, which only tables of runs may have, as their values are replaced.
 """
 KEYS = ("case", "sample")
+USED = {"", *INPUT, *RESULTS}
+"""Columns that are read, or replaced; those of other names are copied to the runs."""
 BOUNDED = {name for name, quantity in QUANTITIES.items() if not quantity.is_open}
 BOUNDED |= LOSSES.keys() | SURFACE_CONSTANTS.keys() - {"c"}
 """Columns with limits of their own; `physics.body` checks the parameters and ``c``."""
@@ -116,6 +118,14 @@ class TableBodies:
     def samples(self) -> int:
         """Number of rows."""
         return len(self.columns["alpha"])
+
+    @property
+    def as_table(self) -> pa.Table:
+        """All columns, as a table from which these bodies can be read again."""
+        carried = {}
+        for name, values in self.carried.items():
+            carried[name] = pa.array(values, _type_of(values))
+        return pa.table(self.columns | carried)
 
     @property
     def losses(self) -> dict[str, list[float | str]]:
@@ -195,11 +205,10 @@ def run_fields(
     units: Units | None, carried: Mapping[str, NDArray[Any]]
 ) -> tuple[pa.Field, ...]:
     """Return the columns of runs for carried values, and for bodies with a size."""
-    kinds = {"i": I64, "f": F64, "O": TEXT}
     fields = []
     for name, values in carried.items():
         unit, description = about(name)
-        fields.append(field(name, kinds[values.dtype.kind], unit, description))
+        fields.append(field(name, _type_of(values), unit, description))
     if units is not None:
         fields += MEASURED
     return tuple(fields)
@@ -228,10 +237,20 @@ def read_bodies(path: str, base: Path | None = None) -> TableBodies:
     if base is not None and not os.path.exists(file):
         file = base / path
     where = f"bodies.path: {one_line(path, 200)}"
-    table = read_table(file, where)
+    table = read_table(file, where, _is_used, _is_needed)
     if {*KEYS} <= {*table.column_names}:
         table = table.sort_by([(name, "ascending") for name in KEYS])
     return _bodies(table, where)
+
+
+def _is_used(name: str) -> bool:
+    """Return whether runs depend on a column, so that it is not only copied to them."""
+    return name in USED
+
+
+def _is_needed(name: str) -> bool:
+    """Return whether each row needs a number in a column, if the table has it."""
+    return name in INPUT and name not in NULLABLE
 
 
 def is_output(names: Iterable[str]) -> bool:
@@ -248,7 +267,21 @@ def frame_bodies(frame: Frame) -> TableBodies:
             table = pa.table(frame)
     except (pa.ArrowException, TypeError, ValueError) as error:
         raise unreadable("bodies", error) from None
+    except OverflowError:
+        large = " and ".join(_beyond_64_bits(frame)) or "a column"
+        raise ConfigError(
+            f"bodies: {large} has a whole number of more than 64 bits; give it as texts"
+        ) from None
     return _bodies(table, "bodies")
+
+
+def _beyond_64_bits(frame: Any) -> Iterator[str]:
+    """Yield the names of columns of a DataFrame with numbers that Arrow cannot hold."""
+    for name in frame.columns:
+        try:
+            pa.array(frame[name], from_pandas=True)
+        except OverflowError:
+            yield str(name)
 
 
 def _bodies(table: pa.Table, where: str) -> TableBodies:
@@ -263,7 +296,10 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
     units = _without_units(columns, where)
     if "f_sd" in columns and not {"alpha", "beta"} & columns.keys():
         _add_shell_dumbbells(columns, where)
-    _require(PARAMETERS, columns, where, f"a body has {' '.join(PARAMETERS)}")
+    wanted = f"a body has {' '.join(PARAMETERS)}"
+    if "mass_kg" in columns:
+        wanted += f", or in SI units {' '.join(SI_BODY)}"
+    _require(PARAMETERS, columns, where, wanted)
     full_state = (*OMEGA, *U)
     has_state = bool(columns.keys() & {*full_state})
     if has_state:
@@ -277,11 +313,16 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
         # The t_end of a run that reversed is its reversal time, not its horizon.
         reversed_runs = np.isfinite(columns["t_r"])
         columns["t_end"] = np.where(reversed_runs, np.nan, columns["t_end"])
-    used = {"", *INPUT, *RESULTS} - {*KEPT}
-    carried = {name: _carried(name, x) for name, x in cells.items() if name not in used}
+    copied = [name for name in cells if name not in USED or name in KEPT]
+    carried = {name: _carried(name, cells[name]) for name in copied}
     columns = {name: columns[name] for name in COLUMNS if name in columns}
     if has_state:
-        columns |= launched_from(columns, where)
+        launch = launched_from(columns, where)
+        for name in LAUNCH:
+            if name in columns:
+                state = "omega and u", launch[name]
+                _require_equal(where, (name, columns[name]), state, {})
+        columns |= launch
     return TableBodies(columns, units, carried)
 
 
@@ -342,18 +383,51 @@ def _numbers(column: pa.ChunkedArray) -> Floats:
 
 
 def _carried(name: str, column: pa.ChunkedArray) -> NDArray[Any]:
-    """Return a carried column as integers, numbers (NaN for empty cells) or texts."""
+    """Return a carried column as it is: numbers, or texts of what is none.
+
+    Floats are NaN for empty cells, and objects None.
+    """
     kind = column.type
-    is_whole = pa.types.is_integer(kind)
-    # Numbers of 64 bits without a sign do not fit.
-    fits = kind != pa.uint64() and not column.null_count
-    if is_whole and fits and name not in KEPT:
-        return np.asarray(column).astype(np.int64)
-    is_number = pa.types.is_floating(kind) or pa.types.is_decimal(kind)
-    if is_whole or is_number or name in KEPT:
+    if name in KEPT:
         return _numbers(column)
-    cells = [None if cell is None else str(cell) for cell in column.to_pylist()]
+    if pa.types.is_integer(kind):
+        if not column.null_count:
+            wide = np.uint64 if kind == pa.uint64() else np.int64
+            return np.asarray(column).astype(wide)
+        numbers = column.drop_null().to_pylist()
+        if max(map(abs, numbers), default=0) <= EXACT:
+            return _numbers(column)
+        # As objects, since floats would round them.
+        return np.array(column.to_pylist(), dtype=object)
+    if pa.types.is_floating(kind):
+        values = _numbers(column)
+        # The runs have no infinity.
+        if not np.isinf(values).any():
+            return values
+    cells = [_text(cell) for cell in column.to_pylist()]
     return np.array(cells, dtype=object)
+
+
+def _text(cell: object) -> str | None:
+    """Return a carried cell as a text; bytes are in UTF-8, or else Latin-1."""
+    if cell is None:
+        return None
+    if isinstance(cell, bytes):
+        try:
+            return cell.decode()
+        except UnicodeDecodeError:
+            return cell.decode("latin-1")
+    return str(cell)
+
+
+def _type_of(values: NDArray[Any]) -> pa.DataType:
+    """Return the type of a carried column in the runs."""
+    if values.dtype.kind != "O":
+        return {"i": I64, "u": pa.uint64(), "f": F64}[values.dtype.kind]
+    whole = [value for value in values if isinstance(value, int)]
+    if not whole:
+        return TEXT
+    return I64 if max(whole) < 2**63 else pa.uint64()
 
 
 def _without_units(columns: dict[str, Floats], where: str) -> Units | None:
@@ -366,17 +440,22 @@ def _without_units(columns: dict[str, Floats], where: str) -> Units | None:
     units: Units | None = None
     if "height_m" in columns:
         units = Units(full["mass_kg"], full["height_m"], full["gravity_m_s2"])
-    converted: dict[str, Floats] = {}
+    given = {*columns}
+    # What other columns say of a quantity, with the words for them.
+    sayings: list[tuple[str, str, Floats]] = []
     if columns.keys() & {*SI_BODY[2:], "ixy_kg_m2", "axes_angle_deg"}:
         _require(SI_BODY, columns, where, f"a body in SI units has {' '.join(SI_BODY)}")
         moments = [full[f"i{axes}_kg_m2"] for axes in ("xx", "yy", "zz", "xy")]
-        converted = si.parameters(
+        body = si.parameters(
             full["mass_kg"],
             np.stack(moments, axis=1),
             full["height_m"],
             np.stack([full["r1_m"], full["r2_m"]], axis=1),
             np.radians(full["axes_angle_deg"]),
         )
+        if "f_sd" in columns:
+            body["f_sd"] = (body["beta"] - 1) / body["gamma"]
+        sayings += [(name, "the tensor and the radii", x) for name, x in body.items()]
     for name, (plain, size, kind) in WITH_UNITS.items():
         if name not in columns:
             continue
@@ -389,18 +468,47 @@ def _without_units(columns: dict[str, Floats], where: str) -> Units | None:
         values = columns[name] * size
         if units is not None and kind != "angle":
             values = units.natural(values, kind)
-        converted[plain] = values
+        if kind == "angle" and plain in given:
+            raise ConfigError(f"{where}: {plain} and {name} are one quantity; keep one")
+        sayings.append((plain, name, values))
+    known: dict[str, str] = {}
+    for plain, source, values in sayings:
         if plain in columns:
-            # The runs of a sweep have both n_i and n_i_rpm.
-            is_angle = kind == "angle"
-            if is_angle or not np.allclose(columns[plain], values, 1e-9, 0.0):
-                raise ConfigError(
-                    f"{where}: {plain} and {name} are one quantity; keep one"
-                )
-    # Columns without units take precedence, so that the runs of a sweep are repeated
-    # exactly.
-    columns |= converted | columns
+            # The runs of a sweep have both n_i and n_i_rpm.  What is there stays, so
+            # that they are repeated exactly.
+            there = columns[plain]
+            _require_equal(where, (plain, there), (source, values), known)
+            columns[plain] = np.where(np.isnan(there), values, there)
+        else:
+            columns[plain] = values
+            known[plain] = source
     return units
+
+
+def _require_equal(
+    where: str,
+    given: tuple[str, Floats],
+    other: tuple[str, Floats],
+    known: Mapping[str, str],
+) -> None:
+    """Raise a ConfigError if two columns of one quantity contradict each other.
+
+    Each has a name; `known` tells from which columns that of `given` was computed.
+    """
+    name, values = given
+    source, others = other
+    differ = ~np.isclose(values, others, 1e-9, 0.0)
+    # An empty cell says nothing.
+    differ &= ~(np.isnan(values) | np.isnan(others))
+    if differ.any():
+        row = int(np.argmax(differ))
+        first = name
+        if name in known:
+            first = f"{name} by {known[name]}"
+        raise ConfigError(
+            f"{where}: row {row + 1}: {first} is {values[row]:.6g}, and by {source} "
+            f"{others[row]:.6g}; keep one of them"
+        )
 
 
 def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:

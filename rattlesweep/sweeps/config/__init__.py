@@ -24,10 +24,13 @@ def describe(value: object) -> str:
 def hint(text: object, names: Iterable[str], otherwise: str) -> str:
     """Return ``did you mean NAME?`` if a name is close to a text, else `otherwise`."""
     known = {name.casefold(): name for name in names}
-    near = difflib.get_close_matches(str(text)[:40].casefold(), known, 1)
+    word = str(text)[:40].casefold()
+    near = difflib.get_close_matches(word, known, len(known) or 1)
     if not near:
         return otherwise
-    return f"did you mean {describe(known[near[0]])}?"
+    # Letters in another order, as in tetha, are the most frequent slip.
+    anagrams = [name for name in near if sorted(name) == sorted(word)]
+    return f"did you mean {describe(known[(anagrams or near)[0]])}?"
 
 
 def not_one_of(value: object, names: Iterable[str]) -> str:

@@ -102,7 +102,10 @@ def _dissipation(config: Config) -> Iterator[Clash]:
     losses = config.dissipation
     table = config.bodies.source == TABLE
     if config.horizon.t_decay and not (table or "sigma" in losses.present):
-        yield "dissipation", "horizon.t_decay is in units of gamma/sigma; give sigma"
+        yield (
+            "horizon.t_decay",
+            "it is in units of gamma/sigma, and sigma is 0; give dissipation.sigma",
+        )
     if any(TABLE in values for values in losses.values.values()) and not table:
         yield "dissipation", "the word table needs source: table; give a number"
     if losses.has_couples and losses.law is None:
@@ -143,21 +146,21 @@ def _sliding(config: Config) -> Iterator[Clash]:
 def _integrator(config: Config) -> Iterator[Clash]:
     integrator = config.integrator
     method = integrator.method
+    word = integrator.accuracy
     if not METHODS[method].adaptive:
         control = "dt"
-    elif integrator.accuracy:
+    elif word:
         control = "accuracy"
     else:
         control = "tol"
+    reason = f"{method} takes {control} alone"
+    if isinstance(word, str) and control == "accuracy":
+        reason = f"accuracy: {word} sets the method and its tol"
+        if integrator.tol is None and integrator.dt is None:
+            yield "integrator.method", f"{reason}; leave method out"
     for name in ("accuracy", "tol", "dt"):
         if name != control and getattr(integrator, name) is not None:
-            yield (
-                f"integrator.{name}",
-                f"{method} takes {control} alone; leave {name} out",
-            )
-    word = integrator.accuracy
-    if isinstance(word, str) and control == "accuracy" and integrator.tol is None:
-        yield "integrator.accuracy", f"{word} sets method and tol; leave them out"
+            yield f"integrator.{name}", f"{reason}; leave {name} out"
     if integrator.goal and (config.model == "gh" or config.goes_on):
         yield (
             "integrator",

@@ -4,6 +4,7 @@ import hashlib
 import json
 import math
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -13,8 +14,9 @@ from pydantic import ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
+from rattlesweep.arrays import refuse_foreign_units, unmasked
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.sweeps.config import Key, Places, describe
+from rattlesweep.sweeps.config import Key, Places, describe, spell
 from rattlesweep.sweeps.config.clashes import clashes
 from rattlesweep.sweeps.config.problems import problem_of
 from rattlesweep.sweeps.config.schema import (
@@ -24,6 +26,7 @@ from rattlesweep.sweeps.config.schema import (
     TableSource,
 )
 from rattlesweep.sweeps.files import read_regular, reason
+from rattlesweep.units import as_text, is_measured
 
 MAX_BYTES = 1_000_000  # of a file
 MAX_VALUES = 20_000  # a few aliases can expand to far more values than a file has
@@ -39,13 +42,18 @@ def _whole(text: str) -> int:
     return number
 
 
+NULLS: dict[str, None] = dict.fromkeys(("", "~", "null"))
+BOOLS = {"true": True, "false": False}
 # Converters by the YAML type; values of other types, such as dates, stay text.
 SCALARS: dict[str, Callable[[str], object]] = {
-    "null": lambda _: None,
-    "bool": lambda text: text.lower() == "true",
+    "null": lambda text: NULLS[text.lower()],
+    # By %YAML 1.1 or a tag, yes and on would be true, too; they stay texts.
+    "bool": lambda text: BOOLS[text.lower()],
     "int": _whole,
     "float": float,
 }
+
+HALF_CHARACTER = re.compile("[\ud800-\udfff]")  # of a pair of surrogates
 
 T = TypeVar("T", bound=Base)
 Problem = tuple[int | str | None, Key, str]  # line or --set text, key, message
@@ -59,9 +67,10 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
     """
     data, places, problems = read_file(path)
     name = [c if c.isprintable() and c != "\\" else "_" for c in Path(path).stem]
-    data = {"name": "".join(name)} | data
     for text in overrides:
         places = _override(data, places, text)
+    if data.get("name") is None:
+        data["name"] = "".join(name)
     return checked(Config, data, places, problems)
 
 
@@ -96,25 +105,41 @@ def parse_config(
 
     `bodies` is the section of bodies that are in memory.
     """
-
-    def as_plain(value: object) -> object:
-        if hasattr(value, "tolist"):
-            return value.tolist()
-        return str(value)
-
     try:
-        text = json.dumps({**data}, default=as_plain)
+        text = json.dumps(_plain({**data}, ()), default=str)
     except (TypeError, ValueError, RecursionError) as error:
+        if isinstance(error, ConfigError):
+            raise
         raise ConfigError(
             f"the config is not plain data ({error}); give a dict"
         ) from None
     plain = json.loads(text)
+    if HALF_CHARACTER.search(json.dumps(plain, ensure_ascii=False)):
+        raise ConfigError("a text has half of a character; write all of it")
     places = Places()
     for override in overrides:
         places = _override(plain, places, override)
     if bodies is not None:
         plain["bodies"] = bodies
     return checked(Config, plain, places, [])
+
+
+def _plain(value: Any, key: Key) -> Any:
+    """Return data of a config without NumPy's arrays and without quantities of Pint."""
+    where = spell(key)
+    if isinstance(value, Mapping):
+        return {name: _plain(item, (*key, str(name))) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item, (*key, place)) for place, item in enumerate(value)]
+    if is_measured(value):
+        try:
+            return as_text(value)
+        except ValueError as error:
+            raise ConfigError(f"{where}: {error}") from None
+    if hasattr(value, "tolist"):
+        refuse_foreign_units(where, value)
+        return unmasked(where, value).tolist()
+    return value
 
 
 def config_json_schema() -> dict[str, object]:
@@ -239,9 +264,21 @@ class _Reader:
         if isinstance(node, MappingNode):
             return self._read_mapping(node, key)
         kind = str(node.tag).rpartition(":")[2]
-        with suppress(ValueError):
-            return SCALARS.get(kind, str)(node.value)
-        return node.value
+        text = self._text_of(node, key)
+        with suppress(ValueError, KeyError):
+            return SCALARS.get(kind, str)(text)
+        return text
+
+    def _text_of(self, node: Node, key: Key) -> str:
+        """Return the text of a node; JSON has large characters as two halves."""
+        text: str = node.value
+        try:
+            return text.encode("utf-16", "surrogatepass").decode("utf-16")
+        except UnicodeDecodeError:
+            line = node.start_mark.line + 1
+            message = "the text has half of a character; write all of it"
+            self.problems.append((line, key, message))
+            return text.encode("ascii", "backslashreplace").decode()
 
     def _read_list(self, node: SequenceNode, key: Key) -> list[object]:
         for place, item in enumerate(node.value):
@@ -251,10 +288,17 @@ class _Reader:
     def _read_mapping(self, node: MappingNode, key: Key) -> dict[str, object]:
         data: dict[str, object] = {}
         for name, value in node.value:
-            word = name.value if isinstance(name, ScalarNode) else "?"
+            word = self._text_of(name, key) if isinstance(name, ScalarNode) else "?"
             line = name.start_mark.line + 1
             child = (*key, word)
-            if word in data:
+            if word == "<<":
+                message = "YAML 1.2 has no merge keys; write the keys themselves"
+                self.problems.append((line, child, message))
+                merged = self.read(value, child)
+                # They count below, so that none of them is called missing.
+                if isinstance(merged, dict):
+                    data = merged | data
+            elif word in data:
                 first = f"first in line {self.lines[child]}"
                 message = f"the key is repeated ({first}); keep one"
                 self.problems.append((line, child, message))
@@ -306,6 +350,11 @@ def _override(data: dict[str, object], places: Places, text: str) -> Places:
     parsed, _, problems = read_yaml(value)
     if problems:
         raise ConfigError(f"{origin}: {problems[0][2]}")
+    if parsed is None and "null" not in value.lower() and "~" not in value:
+        # As of a shell variable that is not set.
+        raise ConfigError(
+            f"{origin}: has no value; give one, or null for the default of {name}"
+        )
     section = data
     for part in key[:-1]:
         inner = section.get(part)

@@ -415,7 +415,8 @@ class GridSource(with_constants(Surfaced, Several)):  # type: ignore[misc]
 def _size(kind: str) -> OrText:
     """Return a number in SI units or a text with a unit, within limits of a kind."""
     low, high, unit = LIMITS[kind]
-    return quantity_or(Annotated[float, Field(ge=low, le=high)], kind, f"in {unit}")
+    number = Annotated[float, Field(ge=low, le=high)]
+    return quantity_or(number, kind, f"in {unit}", is_limited=True)
 
 
 Length = Annotated[float, _size("length")]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Annotated, TypeVar
 
 import numpy as np
@@ -16,11 +17,13 @@ from pydantic import (
 from pydantic_core import CoreSchema, core_schema
 
 from rattlesweep.arrays import Floats
+from rattlesweep.physics.si import outside
 from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.units import KINDS, Quantity, quantities, split
 
 T = TypeVar("T")
 MAX_AXIS = 10**6
+ROUNDING = 2e-15  # relative error of a computed power
 NO_UNIT_VECTOR = "u must be a vector of length 1 with u_z below 0, as [0, 0, -1]"
 AT_REST = "the body stands upright and at rest; give it an angular velocity"
 
@@ -83,8 +86,13 @@ def as_written(value: object) -> object:
     return getattr(value, "text", value)
 
 
-def quantity_or(item: object, kind: str, unit: str, *words: str) -> OrText:
-    """Return a number in a `unit`, a text with a unit of a kind, or one of `words`."""
+def quantity_or(
+    item: object, kind: str, unit: str, *words: str, is_limited: bool = False
+) -> OrText:
+    """Return a number in a `unit`, a text with a unit of a kind, or one of `words`.
+
+    A text that `is_limited` has the limits of a size of this kind.
+    """
     example = KINDS[kind][1]
 
     def read(text: str) -> object:
@@ -93,7 +101,13 @@ def quantity_or(item: object, kind: str, unit: str, *words: str) -> OrText:
         if split(text)[0] is None:
             numbers = f"give a number {unit}, or one with a unit, such as {example}"
             raise ValueError(f"is not a number; {numbers}")
-        return Quantity(text, kind)
+        size = Quantity(text, kind)
+        problem = None
+        if is_limited:
+            problem = outside(size, kind, text)
+        if problem is not None:
+            raise ValueError(f"is out of range; {problem}")
+        return size
 
     return OrText(item, read, {"type": "string", "examples": [example]})
 
@@ -146,10 +160,7 @@ def _spaced(
         "write {linspace: [low, high, n]} or {logspace: [low, high, n]}, with ends in "
         f"one unit, of one sign for logspace, and a whole number n up to {MAX_AXIS}"
     )
-    laws: dict[str, Callable[[float, float, int], Floats]] = {
-        "linspace": np.linspace,
-        "logspace": np.geomspace,
-    }
+    laws = {"linspace": _evenly, "logspace": _by_factors}
     try:
         [(law, (low, high, count))] = value.items()
         first, unit = split(str(low))
@@ -160,15 +171,47 @@ def _spaced(
             raise ValueError(wanted)
         if first is None or last is None:
             raise ValueError(wanted)
-        with np.errstate(all="ignore"):
-            values = laws[law](first, last, int(count))
+        values = laws[law](first, last, int(count))
     except (TypeError, ValueError, KeyError, OverflowError):
         raise ValueError(wanted) from None
     if not np.isfinite(values).all():
         raise ValueError(wanted)
     if unit:
-        return [f"{number!r} {unit}" for number in values.tolist()]
-    return list(values.tolist())
+        return [f"{number!r} {unit}" for number in values]
+    return [*values]
+
+
+def _evenly(low: float, high: float, count: int) -> list[float]:
+    """Return evenly spaced numbers, each the nearest to its exact value.
+
+    The ends are the decimals as they are written, so that -0.1 to -0.5 has -0.3, and
+    -0.9 to 0.9 has 0: floating-point sums miss these by a rounding error.
+    """
+    first = Fraction(repr(low))
+    last = Fraction(repr(high))
+    gaps = max(count - 1, 1)
+    step = (last - first) / gaps
+    # Over a common denominator, each value is a quotient of whole numbers, which Python
+    # rounds correctly.
+    below = first.denominator * step.denominator
+    start = first.numerator * step.denominator
+    more = step.numerator * first.denominator
+    return [(start + k * more) / below for k in range(count)]
+
+
+def _by_factors(low: float, high: float, count: int) -> list[float]:
+    """Return numbers spaced by a factor; those that are decimals but for rounding
+    errors are these decimals.
+    """
+    with np.errstate(all="ignore"):
+        values = np.geomspace(low, high, count).tolist()
+    spaced = []
+    for value in values:
+        decimal = float(f"{value:.12g}")
+        if abs(decimal - value) <= ROUNDING * abs(value):
+            value = decimal
+        spaced.append(value)
+    return spaced
 
 
 class _OneOrSeveral:
