@@ -543,8 +543,11 @@ def fit_with_progress(
     values, errors = separate({**launch, **losses})
     run = launch_of(body.body, **values)
     priors = {**body.priors, **_priors(run, errors)}
-    names = check_free(run, [*arguments.names_of("free", free), *priors], body)
-    film = read_film(data, run.body.units, error)
+    wanted = arguments.names_of("free", free)
+    # What was measured with an error is free as well.
+    wanted = [*wanted, *(name for name in priors if name not in wanted)]
+    names = check_free(run, wanted, body)
+    film = read_film(data, run.body.units, error, run.n_i)
     with listening(bar.compiling):
         return fit_run(run, film, names, bar.counting("fit"), body, priors)
 

@@ -20,6 +20,7 @@ from rattlesweep.errors import ConfigError, one_line
 
 LARGE = 3e8  # bytes of a file that takes seconds to read
 SAMPLED = 1_000_000  # bytes from which separator and decimal sign are inferred
+COMMENT = "#"  # begins lines before the header that are no part of the table
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
 COMMA_DECIMAL = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
 POINT_DECIMAL = re.compile(r"[-+]?\d*\.\d+(?:[eE][-+]?\d+)?")
@@ -43,8 +44,8 @@ def read_table(
     """Read a CSV file, a Parquet file or a folder of Parquet files.
 
     CSV may have commas, semicolons or tabs between its columns, and with the latter two
-    also decimal commas.  Names of columns lose the blanks around them.  Messages of a
-    ConfigError begin with `where`.
+    also decimal commas.  Lines that begin with ``#`` may stand before the header.  Names
+    of columns lose the blanks around them.  Messages of a ConfigError begin with `where`.
 
     A cell of a CSV column may look like a number, or like none (``NA``).  Columns of
     names for which `by_looks` is false keep what is written: they are numbers only if
@@ -147,19 +148,33 @@ def _read_csv(file: Path, where: str, by_looks: Callable[[str], bool]) -> pa.Tab
     encoding = _encoding(file)
     with open(file, encoding=encoding, errors="replace", newline="") as stream:
         head = stream.read(SAMPLED)
+    if "\0" in head:
+        raise ConfigError(
+            f"{where}: cannot be read as a table: it has zero bytes, as UTF-16 without "
+            "a byte order mark or no text has; save it as UTF-8"
+        )
+    source: Path | pa.BufferReader = file
+    size = file.stat().st_size
+    if head.startswith(COMMENT):
+        text = _without_comments(file.read_text(encoding=encoding))
+        head = text[:SAMPLED]
+        content = text.encode()
+        source = pa.BufferReader(content)
+        size = len(content)
+        encoding = "utf-8"
     separator = _separator(head, where)
     decimal = _decimal_sign(head, separator, where)
     header = next(filter(None, dialects.reader(io.StringIO(head), delimiter=separator)))
     copied = [name for name in header if not by_looks(name.strip())]
     # Types are inferred from the first block, so one block takes the whole file, of
     # which a byte may become three in UTF-8.
-    block = min(3 * file.stat().st_size + 1, 2**31 - 1)
+    block = min(3 * size + 1, 2**31 - 1)
     converting = csv.ConvertOptions(
         decimal_point=decimal, column_types=dict.fromkeys(copied, pa.string())
     )
     try:
         table = csv.read_csv(
-            file,
+            source,
             csv.ReadOptions(block_size=block, encoding=encoding.removesuffix("-sig")),
             csv.ParseOptions(delimiter=separator),
             converting,
@@ -230,6 +245,28 @@ def _is_printed(cell: str, decimal: str) -> bool:
     except ValueError:
         return False
     return repr(number).replace(".", decimal) == cell and math.isfinite(number)
+
+
+def _without_comments(text: str) -> str:
+    """Return a table without the lines before it that begin with ``#``.
+
+    The last of these is its header if it has the columns of the first row of numbers.
+    """
+    lines = text.splitlines(keepends=True)
+    count = 0
+    while count < len(lines) and lines[count].startswith(COMMENT):
+        count += 1
+    rest = lines[count:]
+    if count and rest:
+        last = lines[count - 1].lstrip(COMMENT).lstrip()
+        has_numbers = re.match(r"[-+.\d]", rest[0].strip()) is not None
+        shapes = [
+            [line.count(separator) for separator in SEPARATORS]
+            for line in (last, rest[0])
+        ]
+        if has_numbers and shapes[0] == shapes[1]:
+            rest.insert(0, last)
+    return "".join(rest)
 
 
 def _separator(head: str, where: str) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -15,9 +16,10 @@ from refusal import assert_refused
 from sweeping import ROOT, invoke
 
 import rattlesweep as rs
-from rattlesweep.analysis.fit import problem, search
-from rattlesweep.analysis.fit.doubts import doubts_of_data
+from rattlesweep.analysis.fit import problem, search, series
+from rattlesweep.analysis.fit.doubts import doubts_of_data, doubts_of_residuals
 from rattlesweep.analysis.fit.film import read_film, unwrapped
+from rattlesweep.analysis.fit.scan import searches_of_times
 from rattlesweep.analysis.fit.search import fit_run
 from rattlesweep.sweeps.launches import Launch
 
@@ -79,6 +81,90 @@ def test_reversal_times_tell_the_friction():
     axes = fit.plot().axes[0]
     assert [line.get_linestyle() for line in axes.lines] == ["None", "None"]
     assert axes.get_xticks().tolist() == list(range(1, len(times) + 1))
+
+
+def test_exact_times_of_reversals_lead_to_the_truth():
+    """The times jump with the friction by whole swings; one valley has no residuals."""
+    launch = {"n_i": "60 rpm", "omega_xy0": "6 rpm"}
+    run = rs.trajectory(BODY, **launch, sigma="1e-7 N m s", t_end="25 s", points=2)
+    times = (run.reversals[:6] * BODY.units.time).round(5)
+    fit = rs.fit(BODY, {"reversal_s": times}, free="sigma", launch=launch)
+    value, low, high, _ = fit.in_si["sigma"]
+    assert value == pytest.approx(1e-7, rel=1e-4)
+    assert low < 1e-7 < high
+    assert fit.noise < 1e-5
+    assert fit.remarks == []
+
+
+FAR = 20.0  # where the slopes promise residuals of many standard errors
+
+
+def test_a_valley_that_the_times_cannot_exclude_is_told_of(monkeypatch):
+    def with_a_rival(*arguments):
+        best = searches_of_times(*arguments)[0]
+        return [best, replace(best, x=best.x + FAR)]
+
+    monkeypatch.setattr(search, "searches_of_times", with_a_rival)
+    launch = {"n_i": "60 rpm", "omega_xy0": "6 rpm"}
+    times = {"reversal_s": [1.0942, 5.4864]}
+    fit = rs.fit(BODY, times, free="sigma", launch=launch, error="0.01 s")
+    (remark,) = [text for text in fit.remarks if "a worse valley" in text]
+    scale = fit._estimate.problem.scales["sigma"] * fit.unit_of("sigma")[0]
+    rival = fit.in_si["sigma"][0] + FAR * scale
+    assert f"nearly as small at sigma {rival:.4g} N m s: this" in remark
+
+
+def test_a_launch_far_from_the_film_is_replaced_by_what_the_film_shows():
+    wrong = {"n_i": "88 rpm"}  # the film shows 104 rpm
+    fit = rs.fit(BODY, film(), free=FREE, launch=wrong)
+    for name, value in TRUTH.items():
+        low, high = fit.intervals[name]
+        assert low - (high - low) < value < high + (high - low)
+    assert fit.noise == pytest.approx(0.51, rel=0.05)
+    assert fit.remarks == []
+
+
+def test_a_film_in_a_wrong_valley_is_told_of():
+    measured = read_film(film(), BODY.units)
+    waves = 0.1 * math.sqrt(2) * np.sin(measured.t)
+    (remark,) = doubts_of_residuals(measured, waves, 0.1)
+    assert remark.startswith(
+        "the residuals are 5.73 deg, and the noise from row to row"
+    )
+    assert "a worse valley" in remark
+
+
+def test_a_tap_whose_spins_begin_with_zero_is_fitted():
+    run = rs.trajectory(
+        BODY, n_i=0, omega_xy0=0.1, t_end=40, points=60, channels=["t", "n"]
+    )
+    spins = run.table[["t", "n"]]
+    assert spins.n[0] == 0
+    fit = rs.fit(BODY, spins, free="omega_xy0", launch={"n_i": 0})
+    assert fit.values["omega_xy0"] == pytest.approx(0.1, rel=1e-5)
+
+
+def test_seven_rows_of_spin_are_enough():
+    rows = np.array([0, 5.0, 10, 15, 20, 25, 30])
+    launch = {"n_i": 0.3, "omega_xy0": 0.03}
+    run = rs.trajectory(BODY, **launch, t_end=30, times=rows, channels=["yaw"])
+    spins = np.gradient(run.table["yaw"].to_numpy(), rows)
+    data = {"t_s": rows * BODY.units.time, "spin_rad_s": spins / BODY.units.time}
+    fit = rs.fit(BODY, data, free="n_i", launch={**launch, "n_i": 0.31})
+    assert fit.rows == 7
+    assert fit.values["n_i"] == pytest.approx(0.3, rel=0.02)
+
+
+@pytest.mark.parametrize("rpm", [-600, -850])
+def test_half_turns_between_frames_are_counted_by_the_spin_of_the_launch(rpm):
+    t = np.arange(0, 1, 1 / 30)
+    data = {"t_s": t, "angle_deg": (6 * rpm * t + 90) % 180 - 90}
+    launch = {"n_i": f"{0.97 * rpm} rpm", "omega_xy0": "0.001 rpm"}
+    fit = rs.fit(BODY, data, free="n_i", launch=launch)
+    assert fit.in_si["n_i"][0] == pytest.approx(rpm, rel=1e-3)
+    (remark,) = [text for text in fit.remarks if "from row to row, and spins" in text]
+    assert f"turns by {abs(rpm) / 5:.3g} degrees" in remark
+    assert "differ by 900 rpm look alike" in remark
 
 
 def test_parameters_that_only_their_ratio_is_told_of_are_both_named():
@@ -172,6 +258,27 @@ def test_an_axis_is_followed_through_half_turns_and_gaps():
             "xi_deg: 'a' is not a number",
         ),
         (
+            "body: {preset: KL}\nlaunch: {n_i: 9 rpm}\nfree: [sigma]",
+            "t_s,n_rpm\n0,1\n1,2\n",
+            "launch: omega_xy0 is missing; give its value, or list it under free",
+        ),
+        (
+            "body: {preset: KL}\nfree: [n_i, n_i]",
+            "t_s,n_rpm\n0,1\n1,2\n",
+            "free: n_i is listed twice",
+        ),
+        (
+            "body: {preset: KL}\nlaunch: {omega_xy0: 9 rpm}\nfree: [n_i]",
+            "t_s,n_rpm\n0,1\n",
+            "it has one row",
+        ),
+        (
+            "body: {preset: KL}\nfree: [n_i, omega_xy0]",
+            "mass A,,,\nt,x,y,angle\n0,1,1,2\n1,2,1,3\n",
+            "its first line, mass A, names no columns; delete it, and name those of "
+            "the next line (t, x, y, angle)",
+        ),
+        (
             "body: {preset: KL}\nfree: []",
             "t_s,n_rpm\n0,1\n1,2\n",
             "no parameter is given",
@@ -253,8 +360,8 @@ def test_a_gap_is_told():
 
 def test_large_residuals_are_told(monkeypatch):
     # The search cannot succeed: a body of the other skew does not turn like this one.
-    monkeypatch.setattr(search, "FINE", ())
-    monkeypatch.setattr(search, "MOST_STEPS", 3)
+    monkeypatch.setattr(series, "STARTS", 1)
+    monkeypatch.setattr(series, "MOST_STEPS", 3)
     mirrored = BODY.replace(xi=-BODY.xi)
     launch = {"n_i": 0.3, "omega_xy0": 0.03}
     fit = rs.fit(mirrored, film()[:240], free="sigma", launch=launch)
@@ -296,3 +403,31 @@ def test_progress_grows_to_the_end():
     assert len(shares) > 20
     assert 0 <= shares[0] <= shares[-1] <= 1
     assert shares == sorted(shares)
+
+
+@pytest.mark.parametrize(
+    ("before", "header", "encoding"),
+    [
+        ("# filmed at 240 fps\n#\n", "t_s,angle_deg", "utf-8"),
+        # As NumPy's savetxt writes it.
+        ("# ", "t_s,angle_deg", "utf-8"),
+        ("", "t_s;angle_deg", "utf-16"),
+        ("# filmed in the hall\n", "t_s\tangle_deg", "utf-16"),
+    ],
+)
+def test_tables_with_comments_or_in_utf_16_are_read(tmp_path, before, header, encoding):
+    rows = ["0,10", "0.1,20", "0.2,30.5"]
+    separator = header.strip("# ")[3]
+    text = before + "\n".join([header, *(row.replace(",", separator) for row in rows)])
+    path = tmp_path / "film.csv"
+    path.write_text(text + "\n", encoding=encoding)
+    found = read_film(path, BODY.units)
+    assert np.degrees(found.value) == pytest.approx([10, 20, 30.5])
+    assert found.t * BODY.units.time == pytest.approx([0, 0.1, 0.2])
+
+
+def test_a_table_in_utf_16_without_its_mark_is_refused(tmp_path):
+    path = tmp_path / "film.csv"
+    path.write_text("t_s,angle_deg\n0,10\n", encoding="utf-16-le")
+    with pytest.raises(rs.ConfigError, match="save it as UTF-8"):
+        read_film(path, BODY.units)

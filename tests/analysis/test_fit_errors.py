@@ -269,9 +269,12 @@ def test_the_command_takes_errors_and_draws_a_profile(tmp_path):
             "body: {preset: KL}\nfree: [mass]",
             "free: mass is not among the keys of the body",
         ),
-        (stone_file(more="error: 0.5"), "error: 0.5 is not a standard error of n_rpm"),
-        (stone_file(more="error: 0.5 deg"), "it must be above zero, as in 0.5 rpm"),
-        (stone_file(more="error: -1 rpm"), "error: -1 rpm is not a standard error"),
+        (stone_file(more="error: 0.5"), "error: 0.5 has no unit; give a standard"),
+        (
+            stone_file(more="error: 0.5 deg"),
+            "0.5 deg is no standard error of n_rpm; give",
+        ),
+        (stone_file(more="error: -1 rpm"), "error: -1 rpm is not above zero; give a"),
     ],
 )
 def test_bad_errors_are_one_sentence(tmp_path, stone, words):
@@ -292,7 +295,11 @@ def test_bad_errors_are_one_sentence(tmp_path, stone, words):
             "n_error does not end in a unit; name the column n_",
         ),
         ("n_error_rpm\n1\n1\n1\n1", ["--error", "1 rpm"], "keep one"),
-        ("x\n1\n1\n1\n1", ["--error", "1 mm"], "--error: 1 mm is not a standard error"),
+        (
+            "x\n1\n1\n1\n1",
+            ["--error", "1 mm"],
+            "--error: 1 mm is no standard error of n",
+        ),
     ],
 )
 def test_bad_errors_of_data_are_one_sentence(tmp_path, data, option, words):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rattlesweep.analysis.fit.film import BARE, Film
+from rattlesweep.analysis.fit.film import BARE, FAST, Film
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 # quantity as a share of the largest value measured.
 LARGE_ANGLE = math.radians(20)
 LARGE_SHARE = 0.3
+# Residuals over the noise from frame to frame, above which another valley may be lower.
+MUCH_NOISE = 1.4
 LONGEST_GAP = 0.5  # seconds without an angle; in a longer gap half a turn may get lost
 # Most by which the ratio of two spins may miss the factor of a wrong unit, as a factor.
 CLEAR = 1.5
@@ -179,9 +181,16 @@ def check_first_reversal(problem: Problem, start: Floats) -> None:
         )
 
 
-def doubts_of_data(film: Film, units: Units | None) -> list[str]:
-    """Return remarks on what may be wrong with data, whatever the fit is."""
+def doubts_of_data(
+    film: Film, units: Units | None, n_i: float | None = None
+) -> list[str]:
+    """Return remarks on what may be wrong with data, whatever the fit is.
+
+    `n_i` is the spin that is given of the launch, None if it is not.
+    """
     remarks = []
+    if film.kind == "angle" and film.turn_a_row > FAST:
+        remarks.append(_of_fast_turns(film, units, n_i))
     if film.kind == "angle" and film.value_column.unit.name == "deg":
         span = float(np.ptp(np.degrees(film.value[film.known])))
         if span < math.tau:
@@ -204,6 +213,20 @@ def doubts_of_data(film: Film, units: Units | None) -> list[str]:
     return remarks
 
 
+def _of_fast_turns(film: Film, units: Units | None, n_i: float | None) -> str:
+    """Return the remark on an axis that nearly turns by half a turn between rows."""
+    turned = math.degrees(film.turn_a_row)
+    half_turn = spin_text(math.pi / float(np.median(np.diff(film.t))), units)
+    origin = f"n_i tells the spin of {spin_text(film.first_spin, units)}"
+    if n_i is None:
+        origin = "give n_i, which tells the right one"
+    return (
+        f"the axis turns by {turned:.3g} degrees from row to row, and spins that "
+        f"differ by {half_turn} look alike in such a film: {origin}; film at more "
+        "frames a second"
+    )
+
+
 def doubts_of_residuals(film: Film, residuals: Floats, noise: float) -> list[str]:
     """Return remarks on large or correlated residuals; `noise` is their usual size."""
     unit = film.value_column.unit
@@ -213,11 +236,23 @@ def doubts_of_residuals(film: Film, residuals: Floats, noise: float) -> list[str
     if noise > largest_noise:
         return [
             f"the residuals are {noise / unit.size:.3g} {unit.name}: the model does "
-            "not follow the data, and the values mean nothing; look at the figure, and "
+            "not follow the data, or the search has ended in a worse valley of chi "
+            "squared, and the values mean nothing; look at the figure, and "
             "try the other sign of the angles or of the skew, a launch nearer to the "
             "data, and the data up to the first reversal"
         ]
-    if film.kind != "reversal" and correlation(residuals) > noise_limit(film):
+    if film.kind == "reversal":
+        return []
+    is_correlated = correlation(residuals) > noise_limit(film)
+    if is_correlated and noise > MUCH_NOISE * film.rough_noise:
+        return [
+            f"the residuals are {noise / unit.size:.3g} {unit.name}, and the noise "
+            f"from row to row is {film.rough_noise / unit.size:.2g} {unit.name}: the "
+            "search has ended in a worse valley of chi squared, or the model does not "
+            "describe the data; give a launch nearer to the data, or free fewer "
+            "parameters"
+        ]
+    if is_correlated:
         return [
             "neighbouring residuals are correlated: the model does not describe the "
             "data within their noise, or they were smoothed, and the intervals are too "

@@ -22,6 +22,11 @@ LEAST_NOISE = 1e-6
 # Rows that are as many as the parameters they determine leave rounding errors.
 LEAST_FREEDOM = 1e-6
 TINY = 1e-100
+# A search has not ended if a step promises a decrease of chi squared above this.
+PROMISED = 1e-3
+MOST_POLISH = 10
+RIVAL = 0.99  # confidence with which another valley is excluded
+ELSEWHERE = 3.0  # rise of the parabola over that of a valley that is not excluded
 
 
 @dataclass(frozen=True)
@@ -84,6 +89,42 @@ def minimise(
     jacobian = np.asarray(result.jac)
     best = whole(result.x)
     return Search(best, result.fun, jacobian, settled=result.status != 0)
+
+
+def promised(search: Search) -> tuple[Floats, float]:
+    """Return the step to the minimum if the residuals were straight lines.
+
+    Also return the decrease of the sum of squares that it promises.
+    """
+    lengths = np.maximum(np.linalg.norm(search.jacobian, axis=0), TINY)
+    jacobian = search.jacobian / lengths
+    spread, _, _ = doubts.directions_of(jacobian)
+    pulls = jacobian @ spread
+    along = pulls.T @ search.residuals
+    return -(spread @ along) / lengths, float((along**2).sum())
+
+
+def polish(problem: Problem, search: Search) -> Search:
+    """Return a search that goes on until no step promises a lower sum of squares.
+
+    SciPy's stops early where two parameters go together.
+    """
+    for _ in range(MOST_POLISH):
+        step, decrease = promised(search)
+        if decrease < PROMISED * search.squares / max(problem.freedom, 1):
+            return search
+        limits = problem.limits()
+        trials = [
+            np.clip(search.x + factor * step, *limits) for factor in (1.0, 0.3, 0.1)
+        ]
+        residuals = problem.residuals_at(trials)
+        squares = [float((each**2).sum()) for each in residuals]
+        best = int(np.argmin(squares))
+        if not squares[best] < search.squares:
+            return search
+        x = trials[best]
+        search = Search(x, residuals[best], problem.slopes(x), search.settled)
+    return search
 
 
 @dataclass(frozen=True)
@@ -161,6 +202,18 @@ class Estimate:
         return np.asarray(student.ppf(0.975, freedom))
 
     @property
+    def half_widths(self) -> Floats:
+        """Half the widths of the 95 % intervals of ``x``."""
+        return self.standard_errors * self.quantiles
+
+    @property
+    def ends(self) -> list[Floats]:
+        """The best ``x`` at both ends of each interval, if residuals were straight."""
+        along = self.root @ self.root.T / self.standard_errors
+        steps = (along * self.quantiles).T
+        return [self.x + sign * step for step in steps for sign in (-1.0, 1.0)]
+
+    @property
     def correlations(self) -> Floats:
         """Correlations of the parameters."""
         directions = self.root / self.standard_errors[:, None]
@@ -183,6 +236,51 @@ class Estimate:
             name: ratio(PARAMETERS[name].unit, given, self.units) * value
             for name, value in self.problem.values(x).items()
         }
+
+
+def rises_of(estimate: Estimate) -> tuple[Floats, list[Floats]]:
+    """Return how chi squared rises to the ends of the intervals, and these.
+
+    A rise of 1 is that of a parabola.  Where an end is beyond the limit of a parameter,
+    it is 1 as well.
+    """
+    problem = estimate.problem
+    low, high = problem.limits()
+    ends = estimate.ends
+    residuals = problem.residuals_at([np.clip(x, low, high) for x in ends])
+    rises = np.ones(len(ends))
+    expected = np.repeat(estimate.quantiles**2, 2)
+    for place, x in enumerate(ends):
+        if (low <= x).all() and (x <= high).all():
+            squares = float((residuals[place] ** 2).sum())
+            rises[place] = (squares - estimate.search.squares) / expected[place]
+    return rises, ends
+
+
+def rivals_of(estimate: Estimate, searches: Sequence[Search]) -> list[Search]:
+    """Return searches in other valleys that the data cannot exclude, best first.
+
+    Chi squared is low there, although the parabola of the estimate is high.
+    """
+    from scipy.stats import chi2, f
+
+    unknowns = len(estimate.x)
+    lowest = min(search.squares for search in searches)
+    if estimate.problem.film.error is not None:
+        rise = float(chi2.ppf(RIVAL, unknowns))
+        highest = lowest + rise
+    else:
+        freedom = max(estimate.freedom, 1.0)
+        rise = unknowns * float(f.ppf(RIVAL, unknowns, freedom))
+        # The searches do not know the noise.
+        highest = lowest * (1 + rise / freedom)
+    rivals = []
+    for search in searches:
+        changes = estimate.search.jacobian @ (search.x - estimate.x)
+        is_elsewhere = float((changes**2).sum()) > ELSEWHERE * rise
+        if is_elsewhere and search.squares < highest:
+            rivals.append(search)
+    return sorted(rivals, key=lambda search: search.squares)
 
 
 def settle_noise(problem: Problem, search: Search, steps: int) -> Estimate:

@@ -33,6 +33,10 @@ MEMORY = 20
 # The launch is judged by the first 2 % of the rows, and by at least 10 of them.
 FIRST_SHARE = 50
 FEWEST_FIRST = 10
+# A film of a tap begins with less than this share of its largest spin.
+STILL = 0.3
+# Angle between rows, above which half turns are counted by the spin of the launch.
+FAST = 0.4 * math.pi
 ROUGH_NOISE = 0.01  # of the largest time of a reversal, before the first search
 
 
@@ -83,14 +87,40 @@ class Film:
         return float(np.nanmax(np.abs(self.value)))
 
     @property
+    def largest_spin(self) -> float:
+        """Modulus of the largest spin, which single times do not have."""
+        if self.kind != "angle":
+            return self.size
+        value = self.value[self.known]
+        t = self.t[self.known]
+        # Over several rows, noise counts less.
+        apart = min(FEWEST_FIRST, len(t) - 1)
+        return float(
+            np.max(np.abs(value[apart:] - value[:-apart]) / (t[apart:] - t[:-apart]))
+        )
+
+    @property
+    def spin_size(self) -> float:
+        """The size of the spin, also of a film that begins without spin."""
+        return max(abs(self.first_spin), STILL * self.largest_spin)
+
+    @property
+    def turn_a_row(self) -> float:
+        """The angle by which the first rows are usually apart."""
+        return abs(self.first_spin) * float(np.median(np.diff(self.t)))
+
+    @property
     def rough_noise(self) -> float:
-        """Size of noise from second differences, or a first guess for single times."""
-        if self.kind == "reversal" or self.known.sum() < 3:
+        """Size of noise from neighbouring rows, or a first guess for single times."""
+        if self.kind == "reversal" or self.known.sum() < FEWEST_FIRST:
             return ROUGH_NOISE * self.size
-        bends = np.abs(np.diff(self.value[self.known], 2))
-        # The median of |x| of a normal variable, and the variance of x0 - 2 x1 + x2.
-        noise = float(np.median(bends)) / 0.6745 / math.sqrt(6)
-        return max(noise, 1e-6 * self.size)
+        sizes = []
+        for order in (2, 3, 4):
+            bends = np.abs(np.diff(self.value[self.known], order))
+            # The median of |x| of a normal variable, and the variance of a difference.
+            variance = math.comb(2 * order, order)
+            sizes.append(float(np.median(bends)) / 0.6745 / math.sqrt(variance))
+        return max(min(sizes), 1e-6 * self.size)
 
     @property
     def first_rows(self) -> Places:
@@ -111,13 +141,15 @@ def read_film(
     source: str | os.PathLike[str] | pd.DataFrame | Mapping[str, Sequence[float]],
     units: Units | None,
     error: float | str | None = None,
+    n_i: float | None = None,
 ) -> Film:
     """Return measured data from a CSV or Parquet file, a table or columns by name.
 
     `units` are those of the body, None if its size is not known, and `error` is the
     standard error of all values, by default that of a column such as
-    ``angle_error_deg``.  Raises a ConfigError if columns are missing, or if a row is no
-    number or out of order.
+    ``angle_error_deg``.  A spin `n_i` of the launch that turns the axis by more than a
+    quarter turn from row to row tells which half turns were lost.  Raises a ConfigError
+    if columns are missing, or if a row is no number or out of order.
     """
     place, frame = _read_table(source)
     columns = _measured_columns(place, frame, units)
@@ -142,9 +174,14 @@ def read_film(
         return Film(place, kind, value, value, columns[kind], columns[kind], errors)
     t = values["t"]
     _check_increasing(place, t, columns["t"])
+    if len(t) < 2:
+        raise ConfigError(f"{place}: it has one row; a fit needs more rows")
     t = t - t[0]
     if kind == "angle":
-        value = unwrapped(t, value)
+        spin = 0.0
+        if n_i is not None and abs(n_i) * float(np.median(np.diff(t))) > FAST:
+            spin = n_i
+        value = unwrapped(t, value, spin)
     return Film(place, kind, t, value, columns["t"], columns[kind], errors)
 
 
@@ -178,6 +215,17 @@ def _measured_columns(
     if kind is None or (kind != "reversal" and "t" not in columns):
         names = one_line(", ".join(map(str, frame)), 100)
         advice = ""
+        cells = [str(name).strip() for name in frame]
+        if len(cells) > 1 and cells[0] and not any(cells[1:]):
+            # Tracker begins with the name of the point, above the header.
+            header = ", ".join(
+                str(cell).strip() for cell in frame.iloc[:1].to_numpy().flat
+            )
+            raise ConfigError(
+                f"{place}: its first line, {one_line(cells[0], 40)}, names no columns; "
+                f"delete it, and name those of the next line ({one_line(header, 80)}) "
+                "with their units, such as t_s and angle_deg"
+            )
         if units is None:
             advice = "; the body has no size, so only t and n, or give it in SI units"
         raise ConfigError(
@@ -254,9 +302,16 @@ def _error_of_all(error: float | str, measured: Column, units: Units | None) -> 
         like = None
     if number is None or like is None or not 0 < number < math.inf:
         example = f"0.5 {measured.unit.name}" if measured.name not in BARE else "0.5"
+        problem = f"is no standard error of {measured.name}"
+        if number is None:
+            problem = "is no number"
+        elif not 0 < number < math.inf:
+            problem = "is not above zero"
+        elif not unit:
+            problem = "has no unit"
         raise ConfigError(
-            f"error: {one_line(str(error))} is not a standard error of "
-            f"{measured.name}; it must be above zero, as in {example}"
+            f"error: {one_line(str(error))} {problem}; give a standard error of "
+            f"{measured.name}, as in {example}"
         )
     return number * like.unit.size
 
@@ -287,15 +342,17 @@ def _check_increasing(place: str, t: Floats, column: Column) -> None:
         raise ConfigError(f"{place}: row {row + 1}: {column.name} {problem}")
 
 
-def unwrapped(t: Floats, angle: Floats) -> Floats:
-    """Remove jumps by half turns from the angle of an axis, which has no front."""
+def unwrapped(t: Floats, angle: Floats, spin: float = 0.0) -> Floats:
+    """Remove jumps by half turns from the angle of an axis, which has no front.
+
+    `spin` is a first guess of the rate.
+    """
     continuous = angle.copy()
     rows = np.flatnonzero(np.isfinite(angle))
     for i in range(1, len(rows)):
         row = rows[i]
         last = rows[i - 1]
         first = rows[max(0, i - 1 - MEMORY)]
-        spin = 0.0
         if last > first:
             spin = (continuous[last] - continuous[first]) / (t[last] - t[first])
         expected = continuous[last] + spin * (t[row] - t[last])

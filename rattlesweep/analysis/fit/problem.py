@@ -11,9 +11,9 @@ import numpy as np
 
 from rattlesweep.analysis.fit.film import Film
 from rattlesweep.analysis.fit.measured import MeasuredBody, Prior
+from rattlesweep.analysis.fit.turns import failure, reversal_times
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.body import PARAMETERS as BODY
 from rattlesweep.physics.body import Rattleback
@@ -73,8 +73,8 @@ PARAMETERS = {
 OF_BODY = (*BODY, "c", "skew", *SIZES)
 
 
-def follow(launch: Launch, kind: str, times: Floats) -> tuple[Floats, list[float]]:
-    """Return the quantity `kind` of a run at some times, and its times of reversals.
+def follow(launch: Launch, kind: str, times: Floats) -> Floats:
+    """Return the quantity `kind` of a run at some times.
 
     Raises a ConfigError if the integration fails.
     """
@@ -86,7 +86,7 @@ def follow(launch: Launch, kind: str, times: Floats) -> tuple[Floats, list[float
     status = course.follower.status
     values = columns[names[0]]
     if status != Status.OK or not len(values):
-        raise ConfigError(f"the run failed: {status.meaning}")
+        raise failure(status)
     if names[0] == "yaw":
         # Add the angle from the x axis, whose direction is "yaw", to the long axis.
         x = -math.sin(launch.body.xi)
@@ -100,7 +100,7 @@ def follow(launch: Launch, kind: str, times: Floats) -> tuple[Floats, list[float
     values = np.pad(values, (0, len(times) - len(values)), mode="edge")
     if kind == "spin":
         values = np.gradient(values, times)
-    return values, course.reversals
+    return values
 
 
 def ratio(unit: str, old: Units | None, new: Units | None) -> float:
@@ -231,22 +231,41 @@ class Problem:
 
         Raises a ValueError if no such run exists or its integration fails.
         """
-        self.trial()
         film = self.film
+        if film.kind == "reversal":
+            (times,) = self.reversals([x])
+            if isinstance(times, ValueError):
+                raise times
+            return times
+        self.trial()
         launch = self.launched(x)
         # From units of the body that is given to those of the body at ``x``.
         time = ratio(TIME, self.launch.body.units, launch.body.units)
-        if film.kind == "reversal":
-            _, reversals = follow(launch, "n", np.zeros(1))
-            # A run with fewer reversals has the others at its end at the earliest.
-            times = np.full(len(film.t), launch.t_end or 0.0)
-            count = min(len(film.t), len(reversals))
-            times[:count] = reversals[:count]
-            return times / time
-        values, _ = follow(launch, film.kind, film.t * time)
+        values = follow(launch, film.kind, film.t * time)
         if film.kind == "angle":
             return values + self.first_direction(film.value - values)
         return values * time
+
+    def reversals(self, places: Sequence[Floats]) -> list[Floats | ValueError]:
+        """Return the times of reversals of runs, or why a run has none."""
+        answers: list[Floats | ValueError] = []
+        launches: dict[int, Launch] = {}
+        for place, x in enumerate(places):
+            self.trial()
+            try:
+                launches[place] = self.launched(x)
+                answers.append(np.zeros(0))
+            except ValueError as error:
+                answers.append(error)
+        if not launches:
+            return answers
+        found = reversal_times([*launches.values()], len(self.film.t))
+        for place, times in zip(launches, found, strict=True):
+            answers[place] = times
+            if not isinstance(times, ValueError):
+                units = launches[place].body.units
+                answers[place] = times / ratio(TIME, self.launch.body.units, units)
+        return answers
 
     def first_direction(self, angles: Floats) -> float:
         """Return the mean of some angles, weighted by the errors of the film."""
@@ -268,10 +287,31 @@ class Problem:
         They are infinite if the run does not exist or fails, which SciPy's search takes
         as a step that was too long.
         """
-        try:
-            rows = (self.film.value - self.expected(x))[self.film.known] / self.errors
-        except ValueError:
+        (residuals,) = self.residuals_at([x])
+        return residuals
+
+    def residuals_at(self, places: Sequence[Floats]) -> list[Floats]:
+        """Return the residuals at several ``x``, as :meth:`residuals` does at one."""
+        if self.film.kind == "reversal":
+            # Runs without states at given times are integrated together.
+            return [
+                self._residuals_of(x, expected)
+                for x, expected in zip(places, self.reversals(places), strict=True)
+            ]
+        residuals = []
+        for x in places:
+            expected: Floats | ValueError
+            try:
+                expected = self.expected(x)
+            except ValueError as error:
+                expected = error
+            residuals.append(self._residuals_of(x, expected))
+        return residuals
+
+    def _residuals_of(self, x: Floats, expected: Floats | ValueError) -> Floats:
+        if isinstance(expected, ValueError):
             return np.full(self.rows + len(self.priors), np.inf)
+        rows = (self.film.value - expected)[self.film.known] / self.errors
         values = self.values(x)
         pulls = [
             (values[name] - prior.value) / prior.error
@@ -295,15 +335,16 @@ class Problem:
         It has a column for each parameter, or for those at some `places`.
         """
         limits = self.limits()
-        columns = []
         steps = np.diag(np.full(len(x), STEP))
         if places is not None:
             steps = steps[places]
-        for step in steps:
-            low = np.clip(x - step, *limits)
-            high = np.clip(x + step, *limits)
-            below = self.residuals(low)
-            above = self.residuals(high)
+        lows = [np.clip(x - step, *limits) for step in steps]
+        highs = [np.clip(x + step, *limits) for step in steps]
+        residuals = self.residuals_at([*lows, *highs])
+        columns = []
+        for place, (low, high) in enumerate(zip(lows, highs, strict=True)):
+            below = residuals[place]
+            above = residuals[place + len(lows)]
             # Next to a run that fails, the difference is taken on the other side.
             if not np.isfinite(below).all():
                 low = x
@@ -312,8 +353,9 @@ class Problem:
                 high = x
                 above = self.residuals(x)
             width = (high - low).sum()
+            column = np.zeros_like(below)
             if width > 0:
-                columns.append((above - below) / width)
-            else:
-                columns.append(np.zeros_like(below))
+                column = (above - below) / width
+            # Where both sides fail, nothing is known of the slope.
+            columns.append(np.where(np.isfinite(column), column, 0.0))
         return np.stack(columns, axis=1)

@@ -20,9 +20,28 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from rattlesweep.physics.si import Units
+
 # Units for people, beside those of bodies.
 SI_SIZES = {"rad": (180 / math.pi, "deg"), "m": (1e3, "mm"), "kg": (1e3, "g")}
 MANY_ROWS = 30  # more are drawn as points, fewer as circles
+
+
+def unit_for_people(name: str, units: Units | None) -> tuple[float, str]:
+    """Return a unit of a parameter for people, and its size in that of fits."""
+    unit = PARAMETERS[name].unit
+    sizes = SI_SIZES
+    if units is not None:
+        spin = 30 / math.pi / units.time, "rpm"
+        sizes = {**sizes, **units.sizes, "sqrt(g/a)": spin}
+    return sizes.get(unit, (1.0, unit))
+
+
+def in_words(name: str, value: float, units: Units | None) -> str:
+    """Return a parameter with its value and unit for people."""
+    size, unit = unit_for_people(name, units)
+    text = f"{name} {size * value:.4g}"
+    return text if unit == "1" else f"{text} {unit}"
 
 
 @dataclass(frozen=True)
@@ -142,12 +161,7 @@ class Fit:
 
         It is an SI unit, rpm or deg, if there is one.
         """
-        unit = PARAMETERS[name].unit
-        sizes = SI_SIZES
-        if self.body.units is not None:
-            spin = 30 / math.pi / self.body.units.time, "rpm"
-            sizes = {**sizes, **self.body.units.sizes, "sqrt(g/a)": spin}
-        return sizes.get(unit, (1.0, unit))
+        return unit_for_people(name, self.body.units)
 
     @property
     def in_si(self) -> dict[str, tuple[float, float, float, str]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from itertools import product
@@ -12,42 +11,51 @@ from typing import Any
 import numpy as np
 
 from rattlesweep.analysis.fit import doubts
-from rattlesweep.analysis.fit.estimate import Estimate, Search, minimise, settle_noise
+from rattlesweep.analysis.fit.estimate import (
+    LEAST_NOISE,
+    Estimate,
+    Search,
+    minimise,
+    polish,
+    rises_of,
+    rivals_of,
+    settle_noise,
+)
 from rattlesweep.analysis.fit.film import Film
 from rattlesweep.analysis.fit.measured import MeasuredBody, Prior
 from rattlesweep.analysis.fit.problem import PARAMETERS, SIZES, Problem
-from rattlesweep.analysis.fit.result import Fit
+from rattlesweep.analysis.fit.result import Fit, in_words
+from rattlesweep.analysis.fit.scan import searches_of_times
+from rattlesweep.analysis.fit.series import MOST_STEPS, searches_of_series
+from rattlesweep.analysis.fit.starts import first_values, scales_of, spans
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
-from rattlesweep.physics.theory import modes
-from rattlesweep.quantities import DAMPING, LOSSES
+from rattlesweep.quantities import LOSSES
 from rattlesweep.sweeps.config import not_one_of
 from rattlesweep.sweeps.launches import Launch
 from rattlesweep.text import counted
 
-# Fractions of the data, from their beginning, that are fitted before the whole; the
-# fine ones are tried if the coarse ones end in a wrong minimum.
-COARSE = (0.15, 0.3, 0.6, 0.8)
-FINE = tuple(np.arange(0.1, 1.0, 0.05))
-MOST_STEPS = 60  # of a search over the whole data
-FIRST_STEPS = 10  # of one over their beginning
-# First values from which searches begin, in the order of their residuals.
-SERIES_STARTS = 2
-REVERSAL_STARTS = 6
 # Times of reversals are fitted to a run that is longer than the last of them.
 LONGER = 1.5
+# Searches that go on where the end of an interval is lower, as a share of its rise.
+MOST_DESCENTS = 3
+LOWER = -0.02
+BENT = 2.5  # factor by which chi squared rises more or less than a parabola
+USUAL_STEPS = 60  # of all searches of a fit
 
 
 def check_free(
     launch: Launch, free: Iterable[str], stone: MeasuredBody | None = None
 ) -> list[str]:
     """Return the names of free parameters; raise a ConfigError if they do not fit."""
-    names = list(dict.fromkeys(free))
+    names = list(free)
     if not names:
         raise ConfigError(
             f"free: no parameter is given; choose from {', '.join(PARAMETERS)}"
         )
     for name in names:
+        if names.count(name) > 1:
+            raise ConfigError(f"free: {name} is listed twice; keep one")
         if name not in PARAMETERS:
             raise ConfigError(f"free: {not_one_of(name, PARAMETERS)}")
         if name in SIZES:
@@ -96,109 +104,103 @@ def fit_run(
             f"{values} cannot determine {counted(len(free), 'parameter')} and the "
             "noise; give more rows or free fewer parameters"
         )
+    for name, value in (("n_i", launch.n_i), ("omega_xy0", launch.omega_xy0)):
+        if value is None and launch.omega is None and name not in free:
+            raise ConfigError(
+                f"launch: {name} is missing; give its value, or list it under free"
+            )
     doubts.check_film(film, launch.n_i, units)
     if priors and film.error is None:
         problem = replace(problem, noise=film.rough_noise)
-    first_values = _first_values(problem)
-    scales = {name: max(map(abs, values)) for name, values in first_values.items()}
-    problem = replace(problem, scales=scales)
-    starts = [
-        problem.scaled(dict(zip(first_values, combination, strict=True)))
-        for combination in product(*first_values.values())
-    ]
-    if film.kind == "reversal":
-        doubts.check_first_reversal(problem, starts[len(starts) // 2])
-    best = _best_search(problem, starts, progress)
+    firsts = first_values(problem)
+    problem = replace(problem, scales=scales_of(problem, firsts))
+    best, searches = _best_search(problem, firsts)
     estimate = settle_noise(problem, best, MOST_STEPS)
-    return _result(estimate, doubts.doubts_of_data(film, units))
+    rises, ends = rises_of(estimate)
+    for _ in range(MOST_DESCENTS):
+        lowest = int(np.argmin(rises))
+        if not rises[lowest] < LOWER:
+            break
+        # The valley goes on beyond the interval, or another one is lower.
+        again = minimise(problem, ends[lowest], 1e-8, MOST_STEPS)
+        if not again.squares < best.squares:
+            break
+        best = polish(problem, again)
+        estimate = settle_noise(problem, best, MOST_STEPS)
+        rises, ends = rises_of(estimate)
+    residuals = estimate.search.residuals[: problem.rows]
+    remarks = [
+        *doubts.doubts_of_data(film, units, launch.n_i),
+        *(
+            # Where no valley has been found, none is compared with others.
+            doubts.doubts_of_residuals(film, residuals, estimate.noise)
+            or _doubts_of_valley(estimate, searches, rises)
+        ),
+    ]
+    return _result(estimate, remarks)
+
+
+def _doubts_of_valley(
+    estimate: Estimate, searches: list[Search], rises: Floats
+) -> list[str]:
+    """Return remarks on other valleys, and on one that is no parabola."""
+    remarks = []
+    problem = estimate.problem
+    rivals = rivals_of(estimate, searches)
+    if rivals:
+        rival = rivals[0]
+        values = estimate.values(rival.x)
+        listed = ", ".join(
+            in_words(name, value, estimate.units) for name, value in values.items()
+        )
+        remarks.append(
+            f"the sum of squares is nearly as small at {listed}: this may be a worse "
+            "valley than the true one; give more data, or fix what is known otherwise"
+        )
+    names = list(problem.scales)
+    noise_counts = estimate.noise > LEAST_NOISE * problem.film.size
+    bent = (rises < 1 / BENT) | (rises > BENT)
+    curved = [names[j] for j in range(len(names)) if bent[2 * j : 2 * j + 2].any()]
+    if curved and noise_counts:
+        remarks.append(
+            f"chi squared is no parabola along {' and '.join(curved)}, so the "
+            f"intervals are rough: see the profile (--profile {curved[0]})"
+        )
+    return remarks
 
 
 class Progress:
-    """Fraction of the searches that are done, if all that are planned are needed."""
+    """Share of the work that is done, which only grows, as its end is not known."""
 
     def __init__(self, report: Callable[[float], None], free: int) -> None:
         self._report = report
-        # Trial runs of a step: the residuals, and the slope of each parameter.
-        self._trials_a_step = 1 + 2 * free
-        self._stage = 0
-        self._stages = 1
+        # A step takes the residuals, and the slope of each parameter.
+        self._usual = USUAL_STEPS * (1 + 2 * free)
         self._trials = 0
-        self._most_trials = math.inf  # before the first search
-
-    def plan(self, stages: int) -> None:
-        """Set the number of searches."""
-        self._stages = stages
-
-    def begin(self, stage: int, steps: int) -> None:
-        """Begin a search of at most so many steps."""
-        self._stage = stage
-        self._trials = 0
-        self._most_trials = steps * self._trials_a_step
 
     def trial(self) -> None:
         """Count a trial run."""
         self._trials += 1
-        of_search = min(1.0, self._trials / self._most_trials)
-        self._report(min(1.0, (self._stage + of_search) / self._stages))
+        self._report(self._trials / (self._trials + self._usual))
 
 
-def _best_search(problem: Problem, starts: list[Floats], progress: Progress) -> Search:
-    """Return the best of searches from several starts; raise if no run can be made."""
-    film = problem.film
-    series = film.kind != "reversal"
-    if series:
-        first_part = problem.until(COARSE[0])
-        # First values that are good are best left alone.
-        ladders: tuple[tuple[float, ...], ...] = (COARSE, FINE, ())
-        most_starts = SERIES_STARTS
+def _best_search(
+    problem: Problem, firsts: dict[str, list[float]]
+) -> tuple[Search, list[Search]]:
+    """Return the best of searches, and all of them; raise if no run can be made."""
+    starts = [
+        problem.scaled(dict(zip(firsts, combination, strict=True)))
+        for combination in product(*firsts.values())
+    ]
+    if problem.film.kind == "reversal":
+        doubts.check_first_reversal(problem, starts[len(starts) // 2])
+        searches = searches_of_times(problem, spans(problem, firsts))
     else:
-        first_part = problem
-        ladders = ((),)
-        most_starts = REVERSAL_STARTS
-    starts = sorted(starts, key=lambda x: float((first_part.residuals(x) ** 2).sum()))
-    stages_a_start = sum(len(shares) + 1 for shares in ladders)
-    progress.plan(stages_a_start * min(most_starts, len(starts)))
-    unmeasured = []
-    if problem.priors:
-        names = enumerate(problem.scales)
-        unmeasured = [place for place, name in names if name not in problem.priors]
-    searches: list[Search] = []
-    stage = 0
-    for number, (start, shares) in enumerate(product(starts, ladders)):
-        # Starts whose runs fail are replaced by the next ones.
-        if number >= most_starts * len(ladders) and searches:
-            break
-        x = start
-        for share in shares:
-            progress.begin(stage, FIRST_STEPS)
-            stage += 1
-            beginning = problem.until(share)
-            if beginning.freedom > 10 * len(x) and beginning.succeeds(x):
-                x = minimise(beginning, x, 1e-3, FIRST_STEPS).x
-        progress.begin(stage, MOST_STEPS)
-        stage += 1
-        if not problem.succeeds(x):
-            continue
-        if unmeasured and not shares:
-            # Measured values are nearly right, so the others are fitted to them first.
-            x = minimise(problem, x, 1e-3, FIRST_STEPS, unmeasured).x
-        search = minimise(problem, x, 1e-8, MOST_STEPS)
-        searches.append(search)
-        if series and _is_noise(problem, search):
-            break
+        searches = [*searches_of_series(problem, starts)]
     if not searches:
         problem.expected(starts[0])  # tells what is wrong with body or launch
-    return min(searches, key=lambda search: search.squares)
-
-
-def _is_noise(problem: Problem, search: Search) -> bool:
-    """Return whether the residuals of a series look like noise of the right size."""
-    # One standard deviation above its mean, chi squared may have a lower minimum.
-    usual = problem.freedom + math.sqrt(2 * problem.freedom)
-    if problem.film.error is not None and search.squares > usual:
-        return False
-    residuals = search.residuals[: problem.rows]
-    return doubts.correlation(residuals) < doubts.noise_limit(problem.film)
+    best = min(searches, key=lambda search: search.squares)
+    return polish(problem, best), searches
 
 
 def _result(estimate: Estimate, remarks: list[str]) -> Fit:
@@ -207,14 +209,12 @@ def _result(estimate: Estimate, remarks: list[str]) -> Fit:
     best = estimate.search
     film = problem.film
     names = list(problem.scales)
-    half_width = estimate.standard_errors * estimate.quantiles
+    half_width = estimate.half_widths
     limits = problem.limits()
     low = estimate.values(np.clip(best.x - half_width, *limits))
     high = estimate.values(np.clip(best.x + half_width, *limits))
-    residuals = best.residuals[: problem.rows]
     remarks = [
         *remarks,
-        *doubts.doubts_of_residuals(film, residuals, estimate.noise),
         *doubts.doubts_of_parameters(problem, best.x, half_width, estimate.jacobian),
         *doubts.doubts_of_priors(problem, best.residuals[problem.rows :]),
     ]
@@ -247,44 +247,3 @@ def _result(estimate: Estimate, remarks: list[str]) -> Fit:
         _estimate=estimate,
         _expected=problem.expected(best.x),
     )
-
-
-def _first_values(problem: Problem) -> dict[str, list[float]]:
-    """Return values of each free parameter from which the search may begin."""
-    launch = problem.launch
-    film = problem.film
-    body = launch.body
-    spin = launch.n_i or 0.1
-    if film.kind != "reversal":
-        spin = film.first_spin
-    decay = body.gamma / float(film.t[-1])
-    oscillations = modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
-    psi = oscillations.psi_p
-    if launch.psi == "roll":
-        psi = oscillations.psi_r
-    psi_deg = math.degrees(psi)
-    if isinstance(launch.psi, float):
-        psi_deg = launch.psi
-    guesses = {
-        "n_i": [spin],
-        "omega_xy0": [share * abs(spin) for share in (0.01, 0.03, 0.1, 0.3)],
-        "psi_deg": [psi_deg],
-        "skew": [-body.xi],
-    }
-    for name, loss in LOSSES.items():
-        size = decay if loss.unit == DAMPING else 1.0
-        guesses[name] = [size * value for value in loss.first_values]
-    first_values = {}
-    for name in problem.scales:
-        value = launch.losses.get(name) or getattr(launch, name, None)
-        value = value or getattr(body, name, None)
-        if name in problem.priors:
-            # A quantity that was measured as zero is not larger than its error.
-            value = problem.priors[name].value or problem.priors[name].error
-        elif name in SIZES and problem.stone is not None:
-            value = problem.stone.size(name)
-        if value:
-            first_values[name] = [value]
-        else:
-            first_values[name] = guesses[name]
-    return first_values

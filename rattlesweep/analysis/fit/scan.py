@@ -1,0 +1,97 @@
+"""The best fit to times of reversals, which are a jagged function of the parameters.
+
+The spin swings around zero before it turns, and a small change of a parameter moves a
+reversal by a whole swing.  So runs are spread over all values that come into question.
+Around those that meet the first reversal best, the first two and so on, more and more
+closely spaced ones follow; the best of all begin searches by slopes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rattlesweep.analysis.fit.estimate import Search, minimise
+from rattlesweep.analysis.fit.problem import PARAMETERS, Problem
+from rattlesweep.analysis.fit.starts import Span
+from rattlesweep.arrays import Floats
+
+# Runs of the first round, by the number of unknowns; more for more unknowns.
+RUNS = {1: 1024, 2: 2048}
+MOST_RUNS = 4096
+# In the first rounds, runs are kept for each number of reversals met; in the last ones,
+# only those that meet all of them best.
+FIRST_ROUNDS = 5
+ROUNDS = 9
+CLOSER = 0.4  # spacing of a round over that of the round before
+KEPT = 8
+AROUND = (0, 12, 14)  # new runs around each that is kept, by the number of unknowns
+MOST_AROUND = 20
+SEARCHES = 12
+MOST_STEPS = 40  # of a search
+SEED = 2017
+
+
+def searches_of_times(problem: Problem, spans: dict[str, Span]) -> list[Search]:
+    """Return searches that begin in the best valleys of the sum of squares.
+
+    There are none if no run succeeds.
+    """
+    from scipy.stats import qmc
+
+    unknowns = len(spans)
+    count = RUNS.get(unknowns, MOST_RUNS)
+    generator = np.random.default_rng(SEED)
+    shares = qmc.Halton(unknowns, seed=generator).random(count)
+    spacing = count ** (-1 / unknowns)
+    pool = np.zeros((0, unknowns))
+    squares = np.zeros((0, len(problem.film.t)))
+    around = MOST_AROUND
+    if unknowns < len(AROUND):
+        around = AROUND[unknowns]
+    for number_of_round in range(ROUNDS):
+        pool = np.concatenate([pool, shares])
+        squares = np.concatenate([squares, _squares_of(problem, spans, shares)])
+        kept: set[int] = set()
+        numbers = range(squares.shape[1])
+        if number_of_round > FIRST_ROUNDS:
+            numbers = numbers[-1:]
+        for number in numbers:
+            kept.update(_apart(pool, squares[:, number], spacing, KEPT))
+        centres = np.repeat(pool[sorted(kept)], around, axis=0)
+        shares = centres + spacing * generator.uniform(-1, 1, centres.shape)
+        spacing *= CLOSER
+    searches = []
+    for row in _apart(pool, squares[:, -1], spacing, SEARCHES):
+        x = _placed(problem, spans, pool[row])
+        searches.append(minimise(problem, x, 1e-10, MOST_STEPS))
+    return sorted(searches, key=lambda search: search.squares)
+
+
+def _placed(problem: Problem, spans: dict[str, Span], shares: Floats) -> Floats:
+    """Return the ``x`` at shares of the spans."""
+    values = {}
+    for (name, span), share in zip(spans.items(), shares.tolist(), strict=True):
+        parameter = PARAMETERS[name]
+        values[name] = min(max(span.at(share), parameter.low), parameter.high)
+    return problem.scaled(values)
+
+
+def _squares_of(problem: Problem, spans: dict[str, Span], shares: Floats) -> Floats:
+    """Return the sums of squares of the first residual, the first two and so on."""
+    places = [_placed(problem, spans, row) for row in shares]
+    residuals = np.array(problem.residuals_at(places)) ** 2
+    sums = np.cumsum(residuals[:, : problem.rows], axis=1)
+    of_priors = residuals[:, problem.rows :].sum(axis=1)
+    return np.asarray(sums + of_priors[:, None])
+
+
+def _apart(pool: Floats, squares: Floats, spacing: float, most: int) -> list[int]:
+    """Return the rows with the least squares that are a spacing apart, best first."""
+    chosen: list[int] = []
+    for row in np.argsort(squares, kind="stable").tolist():
+        if len(chosen) == most or not np.isfinite(squares[row]):
+            break
+        distances = np.abs(pool[chosen] - pool[row]).max(axis=1)
+        if (distances > spacing).all():
+            chosen.append(row)
+    return chosen
