@@ -3,6 +3,7 @@
 import io
 import itertools
 import math
+import shutil
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -139,7 +140,16 @@ def styled(style: Style = None) -> Iterator[None]:
     for key, value in mpl.rcParams.items():
         if not key.startswith("backend") and value != defaults[key]:
             settings[key] = value
+    # What would be in the way of every picture is left out.
+    settings.pop("savefig.format", None)
+    if not (shutil.which("latex") and shutil.which("dvipng")):
+        settings.pop("text.usetex", None)
+    if settings.get("image.cmap") not in mpl.colormaps:
+        settings.pop("image.cmap", None)
     settings |= _settings_of(style)
+    if settings.get("image.cmap", "viridis") not in mpl.colormaps:
+        problem = f"image.cmap: there is no map {settings['image.cmap']}"
+        raise ConfigError(f"--style {style}: {one_line(problem)}")
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(settings)
@@ -396,9 +406,14 @@ def valid_texts() -> Iterator[None]:
     except RecursionError:
         problem = "a formula is nested too deeply"
         raise ConfigError(f"a text in the picture: {problem}") from None
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())
-        raise ConfigError(f"a text in the picture: {reason}") from None
+        if isinstance(error, ValueError):
+            raise ConfigError(f"a text in the picture: {reason}") from None
+        if not mpl.rcParams["text.usetex"]:
+            raise
+        advice = "set text.usetex to False"
+        raise ConfigError(f"a text in the picture: {reason}; {advice}") from None
 
 
 def save(figure: Figure, paths: Sequence[Path], dpi: float = DPI) -> None:

@@ -50,7 +50,8 @@ class Sweep:
     def __init__(self, directory: str | Path) -> None:
         from rattlesweep.sweeps.files import as_path
 
-        self.directory = as_path(directory, "directory")
+        # The working directory may change while the sweep is open.
+        self.directory = as_path(directory, "directory").absolute()
         _ = self._stored  # raises an error if it is not an output directory
 
     @property
@@ -404,11 +405,11 @@ def sweep(
             raise ConfigError(f"{key}: {_misplaced(key)}")
         if isinstance(config, str | os.PathLike):
             loaded = load_config(config)
-            base = Path(config).resolve().parent
+            base = as_path(config, "config").resolve().parent
         else:
             loaded = parse_config(config)  # type: ignore[arg-type]
         plan, doubts = checked_plan(loaded, base)
-        target = target or Path(loaded.directory)
+        target = target or as_path(loaded.directory, "output")
     for doubt in doubts:
         warnings.warn(doubt, ConfigWarning, stacklevel=2)
     with Bar.of_call(progress) as bar, listening(bar.compiling):

@@ -84,6 +84,9 @@ class Program(click.Group):
         except OutputError as error:
             say(f"error: {error}")
             code = FAILED
+        except MemoryError:
+            say("error: there is not enough memory; see `ulimit -v`, or ask for less")
+            code = FAILED
         except OSError as error:
             say(f"error: {_in_words(error)}")
             code = FAILED

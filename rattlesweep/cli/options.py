@@ -232,13 +232,19 @@ def _names(text: str) -> tuple[str, ...]:
 def _directory(text: str) -> Path:
     if not text:
         raise ValueError("the directory has no name; give one")
-    return Path(text)
+    return _path(text)
 
 
 def _file(endings: tuple[str, ...], text: str) -> Path:
     if not text.lower().endswith(endings):
         raise ValueError(f"the name must end in {' or '.join(endings)}")
-    return Path(text)
+    return _path(text)
+
+
+def _path(text: str) -> Path:
+    from rattlesweep.sweeps.files import expand
+
+    return Path(expand(text))
 
 
 def measured(kind: str, name: str = "") -> Kind:
@@ -340,7 +346,7 @@ def file(
 
 def path(name: str, **settings: Any) -> Decorator:
     """Return an argument that is a path."""
-    return argument(name, type=click.Path(path_type=Path), **settings)
+    return argument(name, type=Kind("path", _path), **settings)
 
 
 directory = path("directory")

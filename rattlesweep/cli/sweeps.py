@@ -450,6 +450,7 @@ def _planned(
 ) -> tuple[Plan, Path]:
     """Return the plan of a config and its output directory; say what is doubtful."""
     from rattlesweep.sweeps.config.read import load_config
+    from rattlesweep.sweeps.files import as_path
     from rattlesweep.sweeps.plausible import checked_plan
 
     config = load_config(path, overrides)
@@ -457,7 +458,7 @@ def _planned(
     if not quiet:
         for doubt in doubts:
             say(f"warning: {doubt}")
-    return planned, output or Path(config.directory)
+    return planned, output or as_path(config.directory, "output")
 
 
 def _forecast(planned: Plan, directory: Path, threads: int | None) -> Forecast:
@@ -742,7 +743,7 @@ def tradeoff(
     from rattlesweep.analysis import tradeoff as study
     from rattlesweep.integrate.batch import available_threads
     from rattlesweep.sweeps.config.read import load_config, parse_config
-    from rattlesweep.sweeps.files import probe_directory
+    from rattlesweep.sweeps.files import as_path, probe_directory
 
     start = time.monotonic()
     base: Path | None = None
@@ -751,7 +752,7 @@ def tradeoff(
     else:
         loaded = load_config(config, overrides)
         base = config.resolve().parent
-    directory = output or Path(loaded.directory)
+    directory = output or as_path(loaded.directory, "output")
     probe_directory(directory)
     measured = study.measure(
         loaded,

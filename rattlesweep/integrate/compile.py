@@ -18,6 +18,7 @@ import gc
 import hashlib
 import json
 import os
+import re
 import shutil
 import stat
 import subprocess
@@ -33,12 +34,35 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple
 
+from rattlesweep.lockfile import LockFile
+
 if TYPE_CHECKING:
     from numba.core.dispatcher import Dispatcher
 
 # Functions import Numba where they need it: commands without a kernel start faster.
 PACKAGE = Path(__file__).resolve().parents[1]
 PROCESSES = 2  # processes that compile at once
+# Settings of Numba, as in NUMBA_OPT, that change the code of a kernel.
+SETTINGS = (
+    "OPT",
+    "LOOP_VECTORIZE",
+    "SLP_VECTORIZE",
+    "ENABLE_AVX",
+    "DISABLE_INTEL_SVML",
+    "BOUNDSCHECK",
+    "DEBUGINFO_DEFAULT",
+    "ENABLE_PROFILING",
+    "EXTEND_VARIABLE_LIFETIMES",
+    "LLVM_REFPRUNE_PASS",
+    "LLVM_REFPRUNE_FLAGS",
+    "DEBUG_ARRAY_OPT_RUNTIME",
+    "DEBUG_NRT",
+    "PARFOR_MAX_TUPLE_SIZE",
+)
+# Set in the processes that compile, which start no others.
+IS_CHILD = "RATTLESWEEP_IS_COMPILING"
+# Names of interpreters; another program that has Python inside is not one.
+INTERPRETER = re.compile(r"(python|pypy|graalpy)[\d.]*[a-z]?(_d)?(\.exe)?", re.ASCII)
 
 
 class Kernel(NamedTuple):
@@ -103,7 +127,8 @@ def source_hash() -> str:
     name = config.CPU_NAME or binding.get_host_cpu_name()
     features = config.CPU_FEATURES or binding.get_host_cpu_features().flatten()
     versions = sys.version, numba.__version__, llvmlite.__version__
-    return _hash(files, str(PACKAGE), *versions, name, features)
+    settings = [(key, repr(getattr(config, key, None))) for key in SETTINGS]
+    return _hash(files, str(PACKAGE), *versions, name, features, settings)
 
 
 def is_private(folder: Path) -> bool:
@@ -302,28 +327,37 @@ def _compile(wanted: list[Order]) -> None:
     is compiled by two processes at once.  What the processes leave out is compiled in
     this one by :func:`_load`.
     """
-    from filelock import FileLock
-
     if not wanted:
         return
     if _listeners:
         _listeners[-1](_stored_folder() is not None)
     children: list[subprocess.Popen[bytes]] = []
     try:
-        for _ in range(min(PROCESSES, len(wanted))):
-            # A Python inside another program may be unable to start itself.
+        for _ in range(min(PROCESSES, len(wanted)) if _can_start() else 0):
             with suppress(OSError):
                 children.append(_start_child(wanted))
         for child in children:
             child.wait()
         for order in wanted:
             # Wait in case another command is compiling this kernel.
-            with suppress(OSError), FileLock(f"{_place(*order)}.lock"):
-                pass
+            with suppress(OSError):
+                lock = LockFile(Path(f"{_place(*order)}.lock"))
+                lock.acquire()
+                lock.release()
     finally:
         for child in children:
             child.kill()
             child.communicate()
+
+
+def _can_start() -> bool:
+    """Return whether this process can start Python.
+
+    A program that has Python inside would start itself, and wait for its own end.
+    """
+    name = os.path.basename(sys.executable or "")
+    is_python = INTERPRETER.fullmatch(name) is not None
+    return is_python and not hasattr(sys, "frozen") and IS_CHILD not in os.environ
 
 
 def _start_child(wanted: list[Order]) -> subprocess.Popen[bytes]:
@@ -336,6 +370,7 @@ def _start_child(wanted: list[Order]) -> subprocess.Popen[bytes]:
         "PYTHONPATH": os.pathsep.join(path),
         "PYTHONHASHSEED": "0",
         "NUMBA_CACHE_DIR": str(cache_folder().parent),
+        IS_CHILD: "1",
     }
     # -P: do not import a package of the same name from the working directory.
     return subprocess.Popen(
@@ -363,14 +398,14 @@ def compile_in_child() -> None:
 
 def compile_orders(orders: list[tuple[str, str, list[str | bool]]]) -> None:
     """Compile and store kernels: modules and names of recipes, and their arguments."""
-    from filelock import FileLock, Timeout
-
     for module, name, names in orders:
         recipe = getattr(import_module(module), name)
+        lock = LockFile(Path(f"{_place(recipe, *names)}.lock"))
         # A kernel whose lock is taken is being compiled by another process.
-        with suppress(Timeout), FileLock(f"{_place(recipe, *names)}.lock", timeout=0):
+        if lock.acquire(0.0):
             if not is_stored(recipe, *names):
                 _load(recipe, *names)
+            lock.release()
 
 
 # A listener is told whether later runs will find the kernels.

@@ -315,6 +315,12 @@ class Follower:
         self._extra = np.zeros((1, self._models[-1].n_extra))
         self._launch = self._samples(0, 1)
 
+    def __getstate__(self) -> dict[str, object]:
+        # The compiled code of this process cannot be sent to another, so that only
+        # results are left there.
+        names = ("t", "n_steps", "status", "zeros", "ended", "energy_0")
+        return {name: getattr(self, name) for name in names}
+
     def launch(self) -> Samples:
         """Return the state at time zero."""
         return self._launch

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats
+from rattlesweep.errors import OutputError
 
 T = TypeVar("T")
 # Seconds between two checks of a running call, in every wait of the package.
@@ -114,7 +115,11 @@ class Task(threading.Thread, Generic[T]):
         # After Ctrl-C in `join`, Python 3.11 reports a running thread as ended; a
         # future is safe.
         self._future: futures.Future[T] = futures.Future()
-        self.start()
+        try:
+            self.start()
+        except RuntimeError as error:
+            advice = "the system's limit of threads or memory is reached"
+            raise OutputError(f"{error}; {advice}") from None
 
     def run(self) -> None:
         """Make the call, in the thread."""

@@ -5,6 +5,7 @@ import errno
 import os
 import re
 import secrets
+import shutil
 import stat
 import tempfile
 from collections.abc import Iterator
@@ -13,17 +14,38 @@ from typing import BinaryIO
 
 from rattlesweep.errors import ConfigError, OutputError, one_line
 
+UNSET = re.compile(r"\$(\w+|\{\w+\})")  # variables that are left in a path
 MOST_BYTES = 1 << 28  # of a file that is read as a whole
 UNFINISHED = re.compile(r"\..+\.[0-9a-f]{8}\.tmp")  # names of files being written
 # Directories that are held in their places, and what they were.
 _held: list[tuple[Path, os.stat_result]] = []
+# Errors of file systems that cannot write a file to disk at a wish.
+NO_SYNC = {errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP}
 
 
 def as_path(value: object, name: str) -> Path:
     """Return an argument as a path; raise a ConfigError if it is none."""
-    if isinstance(value, str | os.PathLike) and os.fspath(value):
-        return Path(value)
-    raise ConfigError(f"{name}: {one_line(repr(value), 40)} is not a path")
+    if not isinstance(value, str | os.PathLike) or not os.fspath(value):
+        raise ConfigError(f"{name}: {one_line(repr(value), 40)} is not a path")
+    text = os.fspath(value)
+    try:
+        return Path(expand(text))
+    except ValueError as error:
+        raise ConfigError(f"{name}: {one_line(str(text))}: {error}") from None
+
+
+def expand(path: str) -> str:
+    """Return a path with the values of ``~`` and ``$VARIABLES``, as a shell does.
+
+    A ValueError names a variable that is not set, unless there is a file of the name.
+    """
+    text = os.path.expanduser(os.path.expandvars(path))
+    unset = UNSET.search(text)
+    if unset is None:
+        return text
+    if os.path.lexists(path):
+        return path
+    raise ValueError(f"the variable {unset[0]} is not set")
 
 
 def probe_directory(path: Path) -> None:
@@ -78,10 +100,9 @@ def streamed_file(path: Path, staging: Path | None = None) -> Iterator[BinaryIO]
             with open(temporary, "xb") as file:
                 yield file
                 file.flush()
-                os.fsync(file.fileno())
+                _sync(file.fileno())
             check_place(path)
-            os.replace(temporary, path)
-            _sync_folder(path.parent)
+            move(temporary, path)
         finally:
             with contextlib.suppress(OSError):  # it is gone if the rename succeeded
                 temporary.unlink()
@@ -128,6 +149,29 @@ def check_place(path: Path) -> None:
                 f"{directory} was moved or replaced while this command wrote there; "
                 "run it again with the directory's new path as --output"
             )
+
+
+def move(source: Path, target: Path) -> None:
+    """Move a file in one step, also to another file system."""
+    try:
+        os.replace(source, target)
+    except OSError as error:
+        if error.errno != errno.EXDEV:
+            raise
+        # The target's folder is a mount, or a link, so the file is completed there.
+        with open(source, "rb") as file, streamed_file(target) as copy:
+            shutil.copyfileobj(file, copy)
+        source.unlink()
+    _sync_folder(target.parent)
+
+
+def _sync(handle: int) -> None:
+    """Write an open file to disk, if its file system can."""
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in NO_SYNC:
+            raise
 
 
 def _sync_folder(path: Path) -> None:

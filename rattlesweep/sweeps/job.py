@@ -123,6 +123,8 @@ class Job:
     # Called a few times a second.
     report: Callable[[Progress], None] = lambda progress: None
     deadline: float = math.inf  # of `time.monotonic`
+    # Called before rows are written; raises an OutputError if others write there now.
+    check: Callable[[], None] = lambda: None
     # When the kernel was loaded, so that the rate leaves out compile time.
     begun: float | None = None
     runs: int = 0  # wanted runs that are on disk
@@ -199,6 +201,7 @@ class Job:
     def write(self, table: pa.Table, seconds: float | None = None) -> None:
         """Write rows to disk, and count them and the seconds of the kernel for them."""
         with _signals_deferred():
+            self.check()
             self.stored.append(table, self.plan.config.classify.as_text)
             self.found.add(table)
             self.runs += len(table)

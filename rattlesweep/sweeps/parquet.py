@@ -7,6 +7,7 @@ footer. Readers that do not know of it skip these bytes, as they skip any gap.
 
 import io
 import os
+import re
 import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -33,6 +34,9 @@ REPEATING = {
 ROW_GROUP = 1 << 17
 MARK = b"footer's crc32: "  # precedes the checksum
 ENDING = 8  # bytes after the footer: its length, and Parquet's own mark
+# Words of Arrow about memory and threads that it did not get, for which it has no
+# number and no class.
+SYSTEM = re.compile(r"(?i)memory|alloc|thread|temporarily unavailable|too many open")
 
 
 def write_parquet(
@@ -85,7 +89,9 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     """
     try:
         # A file opened by Python raises errors of the system with their numbers. Arrow
-        # raises some without a number, which could not be told from damage.
+        # raises some without a number, which could not be told from damage. It reads
+        # without threads: a process may be allowed none, and they would outlive the
+        # file.
         with open_regular(path) as file:
             _check_footer(file)
             # All in this thread: one of Arrow's might be the last to use the file, and
@@ -102,7 +108,8 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
         # Arrow's MemoryError is also an ArrowException, but the file is not damaged.
         raise
     except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
-        if isinstance(error, OSError) and error.errno is not None:
+        has_number = isinstance(error, OSError) and error.errno is not None
+        if has_number or SYSTEM.search(str(error)):
             raise OutputError(f"cannot read {path}: {reason(error)}") from error
         raise DamagedError(f"{path} is damaged: {reason(error)}") from error
 

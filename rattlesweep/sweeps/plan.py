@@ -256,7 +256,7 @@ def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> 
             return stored
         # Shards that are at work know only the smaller sweep, whose summary they would
         # write.
-        busy = at_work(directory, shard) if shard else []
+        busy = at_work(directory, shard.__ne__) if shard else []
         if busy:
             what = "is at work; the sweep can grow when it has ended"
             raise OutputError(f"{directory}: {busy[0]} {what}")

@@ -24,7 +24,7 @@ from rattlesweep.sweeps.bodies.table import (
 )
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Config, SdSource, Target
-from rattlesweep.sweeps.files import probe_directory
+from rattlesweep.sweeps.files import as_path, probe_directory
 from rattlesweep.sweeps.launches import Launches, prepare
 from rattlesweep.sweeps.parquet import write_parquet
 from rattlesweep.sweeps.plan import Plan, examine, make_plan
@@ -47,7 +47,7 @@ def plan_frame(
     name = f"bodies-{source.content_hash[:16]}.parquet"
     bodies = {"source": "table", "path": name, "surface": source.surface}
     config = parse_config({**keys, "bodies": bodies})
-    directory = output or Path(config.directory)
+    directory = output or as_path(config.directory, "output")
     plan, warnings = checked_plan(config, rows=source)
     examine(plan, directory)
     path = directory / name

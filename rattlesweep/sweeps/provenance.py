@@ -3,6 +3,7 @@
 import platform
 import sys
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
@@ -13,6 +14,12 @@ PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow")
 
 def versions() -> dict[str, str]:
     """Return the versions of all that the numbers depend on."""
+    return dict(_versions())
+
+
+@cache
+def _versions() -> dict[str, str]:
+    # Looking them up takes longer than the rest of a manifest.
     program = {
         "rattlesweep": version("rattlesweep"),
         "python": platform.python_version(),

@@ -103,13 +103,13 @@ def run_sweep(
     with contextlib.ExitStack() as held:
         # Of several shards that start at once, one writes the manifest.
         with locked(directory, MANIFEST_LOCK):
-            held.enter_context(hold(directory, name))
+            check = held.enter_context(hold(directory, name))
             stored = begin(plan, directory, base, name)
         plan = replace(plan, cases=stored.cases)
         record = held.enter_context(session(directory, name, threads))
         on_disk = _mend(stored, plan.config.classify, shard, retry_failed)
         deadline = math.inf if max_time is None else start + max_time
-        job = Job(plan, stored, on_disk, threads, report, deadline)
+        job = Job(plan, stored, on_disk, threads, report, deadline, check)
         try:
             _compute_missing(job, shard, engine or local)
             if job.stopped is None:

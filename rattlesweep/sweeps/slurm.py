@@ -1,8 +1,10 @@
 """The script of a Slurm job array that runs a sweep, one shard per task."""
 
+import os
 import re
 import shlex
 import sys
+import sysconfig
 from collections.abc import Sequence
 from importlib.metadata import version
 from importlib.resources import files
@@ -36,6 +38,23 @@ def limit_of(text: str) -> int:
     if total < SHORTEST:
         raise ValueError("is too short; give at least 2 minutes")
     return total
+
+
+def program() -> list[str]:
+    """Return the program and first arguments that run this version again."""
+    places = [Path(sys.argv[0]).absolute()]
+    if sys.executable:
+        places.append(Path(sys.executable).with_name("rattlesweep"))
+    # Where `pip install --user` puts it.
+    places.append(Path(sysconfig.get_path("scripts", f"{os.name}_user"), "rattlesweep"))
+    for place in places:
+        if (
+            place.name == "rattlesweep"
+            and os.access(place, os.X_OK)
+            and place.is_file()
+        ):
+            return [str(place)]
+    return [sys.executable or "python3", "-P", "-m", "rattlesweep"]
 
 
 def job_script(
@@ -86,7 +105,7 @@ def job_script(
         "ABOUT": f"{plan.runs} runs in {shards} shards.",
         "FINISH": f"rattlesweep {finish}",
         "VERSION": version("rattlesweep"),
-        "PROGRAM": quote(f"{Path(sys.executable).with_name('rattlesweep')}"),
+        "PROGRAM": shlex.join(program()),
         "WHERE": quote(f"{where}"),
         "CONFIG": quote(f"{config}"),
         "OUTPUT": directory,

@@ -25,18 +25,18 @@ index=${SLURM_ARRAY_TASK_ID:-}
 cpus=${SLURM_CPUS_PER_TASK:-1}
 restarts=${SLURM_RESTART_COUNT:-0}
 task=${SLURM_ARRAY_JOB_ID:-?}_$index
-program=@PROGRAM@
+program=(@PROGRAM@)
 config=@CONFIG@
 output=@OUTPUT@
 
 # Check the environment before anything begins.
 cd @WHERE@ 2>/dev/null || fail "$HOSTNAME does not see "@WHERE@
-[[ -x $program ]] || fail "$HOSTNAME does not see $program, the program that wrote this script"
-found=$("$program" --version 2>&1) ||
+[[ -x ${program[0]} ]] || fail "$HOSTNAME does not see ${program[0]}, the program that wrote this script"
+found=$("${program[@]}" --version 2>&1) ||
     fail "rattlesweep does not start on $HOSTNAME: ${found##*$'
 '}"
 [[ $found == *" @VERSION@" ]] ||
-    fail "this script is of rattlesweep @VERSION@, and $program is ${found##* }; regenerate it" 2
+    fail "this script is of rattlesweep @VERSION@, and ${program[*]} is ${found##* }; regenerate it" 2
 [[ -r $config ]] || fail "$HOSTNAME does not see $config" 2
 mkdir -p "$output" 2>/dev/null && [[ -w $output ]] || fail "$HOSTNAME cannot write in $output"
 
@@ -63,7 +63,7 @@ trap 'forward USR1' USR1
 trap 'forward TERM' TERM
 
 echo "$(date '+%F %T') task $task on $HOSTNAME, $cpus threads, restart $restarts"
-"$program" run "$config" --output "$output"@SETS@ \
+"${program[@]}" run "$config" --output "$output"@SETS@ \
     --shard "$index/@SHARDS@" --threads "$cpus" --max-time @SECONDS@s --quiet >/dev/null &
 child=$!
 ((heard)) && kill -TERM "$child" 2>/dev/null

@@ -9,7 +9,7 @@ from typing import Any
 
 from rattlesweep.errors import DamagedError, as_lines
 from rattlesweep.sweeps.decide import wanted_runs
-from rattlesweep.sweeps.locks import at_work
+from rattlesweep.sweeps.locks import is_readable, probe
 from rattlesweep.sweeps.sessions import read_sessions, unfinished, who
 from rattlesweep.sweeps.stored import IS_DAMAGED, open_stored
 from rattlesweep.text import counted
@@ -38,8 +38,11 @@ class Status:
         for session in data["at_work"]:
             shard = session["shard"] or "the whole sweep"
             lines.append(f"at work: {shard}, {who(session)}")
+        for session in data["unknown"]:
+            why = "its lock cannot be read"
+            lines.append(f"at work or killed ({why}): {who(session)}")
         last = data["last"]
-        if last is not None and not data["at_work"]:
+        if last is not None and not data["at_work"] and not data["unknown"]:
             how = f"ended: {last['how']}"
             if last["how"] == "running":
                 how = "was killed"
@@ -55,7 +58,7 @@ def set_aside(paths: list[str]) -> str:
     """Return in words which damaged files were moved out of the way of readers."""
     folder = Path(paths[0]).parent
     files = counted(len(paths), "file")
-    return f"{files} in {folder}, replaced by new runs; delete it at will"
+    return f"{files} in {folder}, replaced by new runs; look why before you delete it"
 
 
 def status(directory: Path) -> Status:
@@ -66,11 +69,17 @@ def status(directory: Path) -> Status:
         raise DamagedError(IS_DAMAGED.format(on_disk.damaged[0]))
     files = stored.files()
     sessions = read_sessions(directory)
-    locks = at_work(directory)
-    working = [
-        session for lock, session in unfinished(sessions).items() if lock in locks
-    ]
-    idle = [session for session in sessions if session not in working]
+    locks = probe(directory)
+    can_tell = is_readable(directory)
+    working = []
+    unknown = []
+    for lock, session in unfinished(sessions).items():
+        held = locks.get(lock, False)
+        if held:
+            working.append(session)
+        elif held is None or not can_tell:
+            unknown.append(session)
+    idle = [session for session in sessions if session not in working + unknown]
     data = {
         "runs": on_disk.rows,
         "wanted": int(wanted_runs(stored, on_disk).sum()),
@@ -80,6 +89,7 @@ def status(directory: Path) -> Status:
         "types": dict(on_disk.types.most_common()),
         "damaged": [str(path) for path in stored.damaged_files()],
         "at_work": working,
+        "unknown": unknown,
         "last": idle[-1] if idle else None,
     }
     return Status(f"{stored.manifest['name']} in {directory}", data)

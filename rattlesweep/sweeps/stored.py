@@ -41,6 +41,7 @@ from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import (
     check_place,
     explained,
+    move,
     read_regular,
     reason,
     replace_file,
@@ -218,7 +219,10 @@ class Stored(Design):
         return _visible(self.directory / DAMAGED, ".damaged")
 
     def set_aside(self, paths: Sequence[Path]) -> list[Path]:
-        """Move damaged files out of the way of readers; return their new paths."""
+        """Move damaged files out of the way of readers; return their new paths.
+
+        A file that turns out to be whole stays, and an OutputError is raised.
+        """
         folder = self.directory / DAMAGED
         moved = []
         if paths and self.folder.is_symlink():
@@ -227,11 +231,16 @@ class Stored(Design):
             advice = "move it away yourself if it is of this sweep"
             raise OutputError(f"{paths[0]} is damaged, and {leads}; {advice}")
         check_place(folder)
-        with explained(f"cannot move a damaged file to {folder}"):
-            for path in paths:
+        for path in paths:
+            with contextlib.suppress(DamagedError):
+                read_parquet(path)
+                what = "could not be read at first, but is not damaged"
+                raise OutputError(f"{path} {what}; run the same command again")
+            with explained(f"cannot move {path} to {folder}"):
                 folder.mkdir(exist_ok=True)
                 target = free_path(folder / f"{path.name}.damaged")
-                moved.append(path.rename(target))
+                move(path, target)
+            moved.append(target)
         return moved
 
     def append(self, table: pa.Table, typed: str) -> None:

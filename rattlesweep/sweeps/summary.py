@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Floats, Integers
+from rattlesweep.errors import OutputError
 from rattlesweep.names import REGIMES
 from rattlesweep.physics.theory import unsteady
 from rattlesweep.quantities import COUPLES, LOSSES, MEASURES, RATE, TIME
@@ -73,10 +74,23 @@ def read_summary(stored: Stored) -> pa.Table:
 
 
 def write_summary(stored: Stored) -> pa.Table:
-    """Write ``summary.parquet`` from the rows, and return it."""
+    """Write ``summary.parquet`` from the rows, and return it.
+
+    A file that is right already stays as it is, with its time.
+    """
     table = summarise(stored)
-    write_parquet(table, stored.directory / SUMMARY)
+    if not is_summary_right(stored, table):
+        write_parquet(table, stored.directory / SUMMARY)
     return table
+
+
+def is_summary_right(stored: Stored, expected: pa.Table) -> bool:
+    """Return whether ``summary.parquet`` is there and holds what is expected."""
+    try:
+        summary = read_parquet(stored.directory / SUMMARY)
+    except OutputError:
+        return False
+    return bool(summary.equals(expected))
 
 
 def summarise(stored: Stored) -> pa.Table:

@@ -17,6 +17,7 @@ import pyarrow.csv as csv
 import pyarrow.parquet as pq
 
 from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.sweeps.files import as_path
 
 LARGE = 3e8  # bytes of a file that takes seconds to read
 SAMPLED = 1_000_000  # bytes from which separator and decimal sign are inferred
@@ -44,15 +45,16 @@ def read_table(
     """Read a CSV file, a Parquet file or a folder of Parquet files.
 
     CSV may have commas, semicolons or tabs between its columns, and with the latter two
-    also decimal commas.  Lines that begin with ``#`` may stand before the header.  Names
-    of columns lose the blanks around them.  Messages of a ConfigError begin with `where`.
+    also decimal commas.  Lines that begin with ``#`` may stand before the header.
+    Names of columns lose the blanks around them.  Messages of a ConfigError begin with
+    `where`.
 
     A cell of a CSV column may look like a number, or like none (``NA``).  Columns of
     names for which `by_looks` is false keep what is written: they are numbers only if
     each cell is written as a number is printed.  A folder has the columns of all its
     files; one that is `needed` must be in all files or in none.
     """
-    file = Path(path)
+    file = as_path(path, where)
     # Unlike methods of a path, these take names that no system allows.
     if not (os.path.isdir(file) or os.path.isfile(file)):
         what = "no such file"

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.arrays import Flags, Floats
-from rattlesweep.errors import ConfigError, OutputError, as_lines
+from rattlesweep.errors import ConfigError, as_lines
 from rattlesweep.sweeps.columns import floats
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.decide import wanted_runs
@@ -26,7 +26,7 @@ from rattlesweep.sweeps.stored import (
     keys_of,
     open_stored,
 )
-from rattlesweep.sweeps.summary import summarise
+from rattlesweep.sweeps.summary import is_summary_right, summarise
 from rattlesweep.sweeps.types import with_types
 from rattlesweep.text import counted
 
@@ -138,7 +138,7 @@ def verify(
                 problems.append(f"case {case} sample {sample} {what}")
             result.recomputed += len(repeatable)
     # Wrong or missing rows make the summary differ too, which would say nothing new.
-    if not problems and not missing and not _is_summary_right(stored):
+    if not problems and not missing and not is_summary_right(stored, summarise(stored)):
         what = "is missing, damaged or contradicts the runs"
         path = directory / SUMMARY
         problems.append(f"{path} {what}; `rattlesweep run` writes it again")
@@ -167,14 +167,6 @@ def _problems_of_files(stored: Stored, on_disk: Found, missing: int) -> Iterator
     elif missing and path.exists():
         lost = f"{counted(missing, 'run')} of them lost"
         yield f"{path} is of all runs, {lost}; `rattlesweep run` does them again"
-
-
-def _is_summary_right(stored: Stored) -> bool:
-    try:
-        summary = read_parquet(stored.directory / SUMMARY)
-    except OutputError:
-        return False
-    return bool(summary.equals(summarise(stored)))
 
 
 def _repeatable(rows: pa.Table, max_steps: int) -> pa.Table:

@@ -17,7 +17,7 @@ from rattlesweep.sweeps import files
 # As on Windows, but for file names and locks, which are those of this system.
 CODE = """if True:
     import builtins, multiprocessing.resource_tracker, os, signal, sys
-    import filelock, platformdirs  # of this system
+    import platformdirs, rattlesweep.lockfile  # of this system
 
     for module, names in (
         (os, "fork forkpty register_at_fork sched_getaffinity geteuid getuid"),

@@ -140,6 +140,11 @@ class Channel:
     needs: str = ""  # "attitude" or "reduced" if these must be integrated, too
     size: float = 1.0  # of the unit, in the units of the body
 
+    def __reduce__(self) -> tuple[Callable[..., Channel], tuple[object, ...]]:
+        # Formulas cannot be pickled, but are found again by the name of their channel.
+        plain = next(c for c in CHANNELS.values() if c.of is self.of)
+        return _channel_again, (plain.name, self.name, self.unit, self.size)
+
 
 def _components(
     names: str,
@@ -296,6 +301,10 @@ def _channels() -> Iterator[Channel]:
 
 
 CHANNELS = {channel.name: channel for channel in _channels()}
+
+
+def _channel_again(plain: str, name: str, unit: str, size: float) -> Channel:
+    return replace(CHANNELS[plain], name=name, unit=unit, size=size)
 
 
 def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:

@@ -38,6 +38,7 @@ from rattlesweep.sweeps.bodies import Bodies
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT, field
 from rattlesweep.sweeps.config.schema import TABLE, TableSource
 from rattlesweep.sweeps.config.values import AT_REST, NO_UNIT_VECTOR, normalised
+from rattlesweep.sweeps.files import as_path
 from rattlesweep.sweeps.tables import EXACT, read_table, unreadable
 
 if TYPE_CHECKING:
@@ -233,9 +234,9 @@ def about(name: str) -> tuple[str, str]:
 
 def read_bodies(path: str, base: Path | None = None) -> TableBodies:
     """Read bodies from CSV, Parquet or a folder of Parquet files, here or in `base`."""
-    file = Path(path)
+    file = as_path(path, "bodies.path")
     if base is not None and not os.path.exists(file):
-        file = base / path
+        file = base / file
     where = f"bodies.path: {one_line(path, 200)}"
     table = read_table(file, where, _is_used, _is_needed)
     if {*KEYS} <= {*table.column_names}:

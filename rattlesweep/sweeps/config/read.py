@@ -25,7 +25,7 @@ from rattlesweep.sweeps.config.schema import (
     SdSource,
     TableSource,
 )
-from rattlesweep.sweeps.files import read_regular, reason
+from rattlesweep.sweeps.files import as_path, read_regular, reason
 from rattlesweep.units import as_text, is_measured
 
 MAX_BYTES = 1_000_000  # of a file
@@ -79,8 +79,9 @@ def read_file(
 ) -> tuple[dict[str, object], Places, list[Problem]]:
     """Return the mapping in a YAML file, the places of its keys, and repeated keys."""
     file = one_line(os.fspath(path), 200)
+    place = as_path(path, "config")
     try:
-        text = read_regular(Path(path), MAX_BYTES).decode("utf-8-sig")
+        text = read_regular(place, MAX_BYTES).decode("utf-8-sig")
     except (OSError, ValueError) as error:
         why = one_line(reason(error), 200)
         raise ConfigError(
