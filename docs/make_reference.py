@@ -23,6 +23,7 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.names import MODEL_NAMES
 from rattlesweep.quantities import LOSSES, SURFACE_CONSTANTS
 from rattlesweep.sweeps import columns, summary
+from rattlesweep.sweeps.bodies.table import about
 from rattlesweep.sweeps.config.read import config_json_schema
 from rattlesweep.sweeps.config.schema import Config
 
@@ -110,6 +111,7 @@ or `gamma f_sd theta phi xi` for a shell-dumbbell body. Optional columns replace
 | `t_end`, may be empty | `horizon` | `sqrt(a/g)` |
 @@constants@@
 | `xi_deg` or `minus_xi_deg` | `xi` | degrees |
+| `rim`, may be empty | | `a`; height of the edge of the surface above its lowest point, at which a run ends |
 
 A body in SI units has the columns `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m` and optionally `ixy_kg_m2 axes_angle_deg
 gravity_m_s2 c_m`. Its launch is `n_i_rpm omega_xy0_rpm`, its horizon `t_end_s`, its dissipation @@losses@@.
@@ -383,6 +385,8 @@ def columns_page() -> str:
             note = f"With `model: {models[0]}`.\n\n"
         fields = [column.field for column in group.columns]
         lines.append(f"### {group.heading}\n\n{note}{fields_table(fields)}\n")
+    rim = columns.field("rim", columns.F64, *about("rim"))
+    lines.append(f"### Bodies with a rim\n\n{fields_table([rim])}\n")
     lines.append(f"## `summary`\n\n{SUMMARY_HEAD}\n{fields_table(summary.SCHEMA)}\n")
     statuses = [(f"`{status.label}`", status.meaning) for status in Status]
     lines.append(TYPES_LINK)

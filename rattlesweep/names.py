@@ -20,7 +20,7 @@ PlotName = Literal[
     "scatter",
 ]
 RegimeName = Literal[
-    "steady", "periodic", "quasi-periodic", "attractor", "conservative"
+    "steady", "periodic", "quasi-periodic", "attractor", "conservative", "undecided"
 ]
 
 MODEL_NAMES: tuple[ModelName, ...] = get_args(ModelName)

@@ -215,6 +215,15 @@ _SURFACE = (
 )
 
 _SIZE = (
+    Definition(
+        name="rim",
+        unit=LENGTH,
+        meaning="height of the body's rim above its lowest point",
+        kind="length",
+        low=0.0,
+        high=1e9,
+        is_open=True,
+    ),
     Definition("mass_kg", "kg", "mass M", "mass", 1e-9, 1e9),
     Definition(
         "height_m",

@@ -36,6 +36,8 @@ GREEN = "#009E73"
 PURPLE = "#CC79A7"
 ORANGE = "#E69F00"
 SKY = "#56B4E9"
+YELLOW = "#F0E442"
+WINE = "#882255"
 BLACK = "#000000"
 INK = "#222222"
 GREY = "#555555"
@@ -63,12 +65,14 @@ TYPE_STYLE = {
     "SS": Mark(GREEN, "^", "\\\\\\\\", "SS: steady spinning"),
     "D": Mark(PURPLE, "v", "xxxx", "D: dies"),
 }
+# A colour that types have, too, has the same meaning.
 REGIME_STYLE = {
-    "steady": Mark(SILVER, "^", "", "steady"),
+    "steady": Mark(GREEN, "^", "", "steady"),
     "periodic": Mark(SKY, "o", "", "periodic"),
-    "quasi-periodic": Mark(GREEN, "s", "", "quasi-periodic"),
+    "quasi-periodic": Mark(YELLOW, "s", "", "quasi-periodic"),
     "attractor": Mark(VERMILION, "D", "", "strange attractor"),
-    "conservative": Mark(INK, "v", "", "chaos of conservative kind"),
+    "conservative": Mark(WINE, "v", "", "chaos of conservative kind"),
+    "undecided": Mark(SILVER, "x", "", "undecided: run too short"),
 }
 SERIES = (
     (BLUE, "o"),

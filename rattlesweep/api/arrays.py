@@ -34,8 +34,9 @@ KINDS = {
 }
 KINDS |= {"omega": "spin", "from_time": "time", "times": "time"}
 KINDS |= {"e_p0": "energy", "e_r0": "energy"}
-SIZE = ("mass_kg", "height_m", "gravity_m_s2")  # columns that hold the size of bodies
 EXACT = 2**53  # whole numbers up to this are exact as floats
+# Columns that hold the size of bodies, and the height of their rims.
+SIZE = ("mass_kg", "height_m", "gravity_m_s2", "rim")
 OF_BODIES = (*PARAMETERS, "c", *SIZE)
 
 
@@ -69,6 +70,9 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
     if any(body.c is not None for body in flat):
         # The c of a paraboloid, None, becomes NaN.
         columns["c"] = [body.c for body in flat]
+    if any(body.rim is not None for body in flat):
+        # A body without a rim gets NaN.
+        columns["rim"] = [body.rim for body in flat]
     units = [body.units for body in flat if body.units is not None]
     if flat and len(units) == len(flat):
         columns["mass_kg"] = [unit.mass for unit in units]

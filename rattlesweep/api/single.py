@@ -317,7 +317,7 @@ def simulate(
     units = arguments.column_units(columns)
     sizes = {name: columns.pop(name) for name in arguments.SIZE if name in columns}
     if units is None:
-        sizes = {}
+        sizes = {name: sizes[name] for name in sizes if name == "rim"}
     question = None
     if "u_x" not in columns:
         question = near_tap(columns["n_i"])

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any
+from typing import Any, Self
 
 import numba
 import numpy as np
@@ -25,7 +25,7 @@ from rattlesweep.integrate.model import FRAME, TANGENT, Model, find_model
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, METHODS, TOL, Tableau
 from rattlesweep.integrate.task import Control
-from rattlesweep.physics import vectors
+from rattlesweep.physics import stone, vectors
 
 # Largest change of the amplitude's logarithm that a fixed step may cause.
 MAX_DAMPING = 0.1
@@ -41,16 +41,22 @@ FAILED = (
 # other side. If the spin has plateaus, any share from 0.05 to 0.5 counts the same
 # reversals.
 PLATEAU_SHARE = 0.25
+# Height of a rim that is never reached; products with a power of two keep their digits.
+NO_RIM = 2.0**100
 RECORDS = Recording._fields
 
 
 @cache
-def problem_of(model: Model | None, adaptive: bool, width: int = LANES) -> Problem:
+def problem_of(
+    model: Model | None, adaptive: bool, width: int = LANES, *, rimmed: bool = False
+) -> Problem:
     """Return the problem that the kernels of a model are compiled for."""
     if model is None:
         return Problem(None, adaptive, width)
-    hooks = slides.HOOKS if model.slide else runs.hooks_of(model)
-    return Problem(model, adaptive, width, hooks)
+    hooks = runs.hooks_of(model, rimmed)
+    if model.slide is not None:
+        hooks = slides.RIMMED_HOOKS if rimmed else slides.HOOKS
+    return Problem(model, adaptive, width, hooks, rimmed)
 
 
 def workspace(tableau: Tableau, model: Model, threads: int) -> Floats:
@@ -78,9 +84,13 @@ NOTHING = Recording(*(np.zeros((0, 1, 1)) for _ in RECORDS))
 SHARED = WHOLE, WHOLE, *RUNS, TABLE, WHOLE_TABLE, TABLE, *NOTHING
 
 
-def work(model_name: str, adaptive: bool) -> Kernel:
-    """Return :func:`lanes.work` for a model, which each thread runs."""
-    arguments = problem_of(find_model(model_name), adaptive), 0, NO_PARTS, FLAT, *SHARED
+def work(model_name: str, adaptive: bool, rim: str = "") -> Kernel:
+    """Return :func:`lanes.work` for a model, which each thread runs.
+
+    ``rim`` is ``rimmed`` or empty.
+    """
+    problem = problem_of(find_model(model_name), adaptive, rimmed=bool(rim))
+    arguments = problem, 0, NO_PARTS, FLAT, *SHARED
     options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
     return Kernel(lanes.work, arguments, options)
 
@@ -102,9 +112,9 @@ def decide_closely(adaptive: bool) -> Kernel:
     )
 
 
-def slide_lanes(model_name: str) -> Kernel:
-    """Return :func:`slides.slide_lanes` for a model."""
-    problem = problem_of(find_model(model_name), True)
+def slide_lanes(model_name: str, rim: str = "") -> Kernel:
+    """Return :func:`slides.slide_lanes` for a model; ``rim`` as for :func:`work`."""
+    problem = problem_of(find_model(model_name), True, rimmed=bool(rim))
     return Kernel(slides.slide_lanes, (problem, FLAT, 1.0, True), INNER)
 
 
@@ -115,7 +125,11 @@ def drive() -> Kernel:
 
 
 def kernel(
-    tableau_name: str, model_name: str, record: Collection[str] = ()
+    tableau_name: str,
+    model_name: str,
+    record: Collection[str] = (),
+    *,
+    rimmed: bool = False,
 ) -> Callable[[int, tuple[object, ...]], None]:
     """Return a kernel, which takes the number of threads and the shared arrays.
 
@@ -130,13 +144,14 @@ def kernel(
         model = FRAME
     # Steps integrate the rate of phase volume as well if it is recorded.
     extra = ("volume",) if "volume" in record else ()
+    rim = ("rimmed",) if rimmed else ()
     orders: list[Order] = [
-        (work, model.name, tableau.adaptive),
+        (work, model.name, tableau.adaptive, *rim),
         (attempt, tableau_name, model.name, *extra),
         (decide_closely, tableau.adaptive),
     ]
     if model.slide is not None:
-        orders.append((slide_lanes, model.name))
+        orders.append((slide_lanes, model.name, *rim))
     pieces = len(orders)
     threaded = parallel()
     if threaded:
@@ -155,7 +170,7 @@ def kernel(
 
         def call(threads: int, shared: tuple[object, ...]) -> None:
             w = workspace(tableau, model, threads)
-            problem = problem_of(model, tableau.adaptive)
+            problem = problem_of(model, tableau.adaptive, rimmed=rimmed)
             for thread in range(threads):
                 working(problem, thread, parts, w[thread], *shared)
 
@@ -243,6 +258,8 @@ class Batch:
     # Share of the energy at launch below which a zero of the spin, with friction, is no
     # reversal.
     dead: Floats = field(default_factory=lambda: np.zeros(0))
+    # Height of the body's rim over its lowest point, NaN without one.
+    rim: Floats = field(default_factory=lambda: np.zeros(0))
 
     def __len__(self) -> int:
         """Return the number of runs."""
@@ -284,7 +301,8 @@ class Outcome:
     reversals: Floats
     # Time and logarithm of the tangent's growth at the ends of the windows and of the
     # run, shape (runs, 64, 2).  If a step ends several windows, only the row of the
-    # first is filled.  For the spectrum there are N_GROWTHS logarithms.
+    # first is filled.  For the spectrum there are N_GROWTHS logarithms, and N_MARKS
+    # further rows within the first window.
     growth: Floats
     stopped: bool  # whether the kernel was stopped before all runs had ended
 
@@ -313,7 +331,8 @@ def integrate(
 ) -> Outcome:
     """Integrate every run to its first reversal, its horizon, or until it has settled.
 
-    If reversals are recorded, runs continue after a reversal.  The slopes of an
+    If reversals are recorded, runs continue after a reversal.  A run whose contact
+    passes the rim of its body ends there.  The slopes of an
     ellipsoid that rolls onto its side diverge; such a run is integrated again with
     :attr:`Model.anywhere`.  The bits of a run depend neither on the number of threads
     nor on the other runs.
@@ -363,7 +382,8 @@ def integrate(
         order = np.argsort(-price, kind="stable")
         arrays = run_arrays(batch, tableau, tol, dt, max_steps, price, longest)
         outputs = result, counts, control.progress, *recording
-        call = kernel(tableau.name, model.name, record)
+        rimmed = can_reach_rim(batch, model)
+        call = kernel(tableau.name, model.name, record, rimmed=rimmed)
         with holding(count):
             call(count, (control.shared, order, *arrays, *outputs))
     outcome = _outcome(batch, model, tableau, dt, result, counts, recording)
@@ -389,6 +409,19 @@ def integrate(
     y_end = vectors.to_slopes(again.y_end)[:, : model.n_state]
     put(replace(again, y_end=y_end), outcome, rows)
     return replace(outcome, stopped=outcome.stopped or again.stopped)
+
+
+def can_reach_rim(batch: Batch, model: Model) -> bool:
+    """Return whether a body has a rim that its contact can pass in a model.
+
+    At an infinite slope the contact is on the equator of the ellipsoid, so a rim there
+    or above is only reached with :attr:`Model.anywhere`.
+    """
+    has_rim = np.isfinite(batch.rim)
+    if has_rim.any() and model.anywhere is not None:
+        inverse_semi_axis = batch.constants[:, stone.N_CONSTANTS - 1]
+        has_rim &= batch.rim * inverse_semi_axis < 1 - 1e-12
+    return bool(has_rim.any())
 
 
 def longest_frame_steps(batch: Batch, tableau: Tableau, tol: float) -> Floats:
@@ -423,7 +456,7 @@ def _recording(count: int, record: Collection[str]) -> Recording:
     for name, shape in SHAPES._asdict().items():
         arrays[name] = np.full((count if name in record else 0, *shape), np.nan)
     if "spectrum" in record:
-        shape = count, runs.N_WINDOWS, 1 + runs.N_GROWTHS
+        shape = count, runs.N_WINDOWS + runs.N_MARKS, 1 + runs.N_GROWTHS
         arrays["lyapunov"] = np.full(shape, np.nan)
     return Recording(**arrays)
 
@@ -469,7 +502,7 @@ def _outcome(
         volume_rate=recording.volume[:, 0, 0],
         windows=recording.windows,
         reversals=recording.reversals,
-        growth=recording.lyapunov,
+        growth=_without_marks(recording.lyapunov, result[:, runs.T_END]),
         stopped=bool((counts[:, runs.STATUS] == Status.STOPPED).any()),
     )
 
@@ -514,6 +547,9 @@ def run_arrays(
         plan[:, runs.SETTLED] = batch.settled
     if len(batch.dead):
         plan[:, runs.DEAD] = batch.dead
+    plan[:, runs.RIM_HEIGHT] = NO_RIM
+    if len(batch.rim):
+        plan[:, runs.RIM_HEIGHT] = np.nan_to_num(batch.rim, nan=NO_RIM)
     # The depth below which the method cannot tell the sign of an extremum, as a
     # fraction of the swing.
     if tableau.adaptive:
@@ -532,6 +568,63 @@ def run_arrays(
     return y0, constants, np.ascontiguousarray(batch.probe), plan, options
 
 
+def _without_marks(growth: Floats, t_end: Floats) -> Floats:
+    """Return growths without those in the first window, but for motions that died out.
+
+    Their last growths are older than the end of the run.
+    """
+    if growth.shape[1] > runs.N_WINDOWS:
+        ends = np.nan_to_num(growth[:, : runs.N_WINDOWS, 0]).max(axis=1)
+        growth[ends >= t_end, runs.N_WINDOWS :] = np.nan
+    return growth
+
+
+@dataclass(frozen=True)
+class _Grown:
+    """Logarithms of the growth of tangents over time, interpolated."""
+
+    t: Floats  # shape (runs, rows), increasing from 0, then NaN
+    log: Floats  # shape (runs, rows, tangents)
+    last: Integers  # the last row of each run that is known
+
+    @classmethod
+    def of(cls, growth: Floats) -> Self:
+        """Return the growth in the rows of :attr:`Outcome.growth`."""
+        # A step that ends several windows fills the row of the first; the empty rows
+        # go to the end.
+        order = np.argsort(growth[:, :, :1], axis=1, kind="stable")
+        rows = np.take_along_axis(growth, order, axis=1)
+        # At the launch, time and growth are zero.
+        launch = np.zeros((len(growth), 1, growth.shape[2]))
+        rows = np.concatenate([launch, rows], axis=1)
+        t = rows[:, :, 0]
+        return cls(t, rows[:, :, 1:], np.isfinite(t).sum(axis=1) - 1)
+
+    @property
+    def end(self) -> Floats:
+        """Time up to which the growth is known."""
+        ends: Floats = self.t[np.arange(len(self.t)), self.last]
+        return ends
+
+    def whole(self) -> Floats:
+        """Return the growth up to the end."""
+        grown: Floats = self.log[np.arange(len(self.t)), self.last]
+        return grown
+
+    def until(self, time: Floats) -> Floats:
+        """Return the growth up to a time, NaN where that is before the second row."""
+        run = np.arange(len(self.t))
+        before = (self.t <= time[:, None]).sum(axis=1) - 1
+        after = np.minimum(before + 1, self.last)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share = (time - self.t[run, before]) / (
+                self.t[run, after] - self.t[run, before]
+            )
+            between = self.log[run, after] - self.log[run, before]
+            grown = self.log[run, before] + share[:, None] * between
+        return np.where((before > 0)[:, None], grown, np.nan)
+
+
 def exponents(growth: Floats) -> tuple[Floats, Floats]:
     """Return finite-time Lyapunov exponents over each run and over its second half.
 
@@ -540,28 +633,23 @@ def exponents(growth: Floats) -> tuple[Floats, Floats]:
     the ends of windows.  The second slopes are also NaN where half time falls within
     the first window.
     """
-    run = np.arange(len(growth))
-    # A step that ends several windows fills the row of the first; move the empty rows
-    # to the end.
-    order = np.argsort(~np.isfinite(growth[:, :, :1]), axis=1, kind="stable")
-    rows = np.take_along_axis(growth, order, axis=1)
-    # At the launch, time and growth are zero.
-    rows = np.concatenate([np.zeros((len(run), 1, growth.shape[2])), rows], axis=1)
-    t = rows[:, :, 0]
-    log = rows[:, :, 1:]
-    last = np.isfinite(t).sum(axis=1) - 1
-    end = t[run, last]
-    grown = log[run, last]
-    half = end / 2
-    # The last end of a window before half time; comparisons with NaN are false.
-    before = (t <= half[:, None]).sum(axis=1) - 1
-    after = np.minimum(before + 1, last)
+    grown = _Grown.of(growth)
+    half = grown.end / 2
     with np.errstate(invalid="ignore", divide="ignore"):
-        share = (half - t[run, before]) / (t[run, after] - t[run, before])
-        between = log[run, after] - log[run, before]
-        until = log[run, before] + share[:, None] * between
-        whole = grown / end[:, None]
-        late = np.where((before > 0)[:, None], (grown - until) / half[:, None], np.nan)
+        whole = grown.whole() / grown.end[:, None]
+        late = (grown.whole() - grown.until(half)) / half[:, None]
     whole[~np.isfinite(whole)] = np.nan
     late[~np.isfinite(late)] = np.nan
     return whole, late
+
+
+def late_growths(growth: Floats) -> tuple[Floats, Floats]:
+    """Return the logarithms of growth in the third and in the last quarter of each run.
+
+    They have the shape (runs, tangents), and are NaN where :func:`exponents` of the
+    second half are.
+    """
+    grown = _Grown.of(growth)
+    until_half = grown.until(grown.end / 2)
+    until_last = grown.until(0.75 * grown.end)
+    return until_last - until_half, grown.whole() - until_last

@@ -178,9 +178,9 @@ def observe(problem, states, slips, constants, out):
 OPTIONS = {"nogil": True, "error_model": "numpy"}
 
 
-def steps_recipe(model_name: str, adaptive: bool) -> Kernel:
-    """Return :func:`record_steps` of a model."""
-    problem = batches.problem_of(find_model(model_name), adaptive)
+def steps_recipe(model_name: str, adaptive: bool, rim: str = "") -> Kernel:
+    """Return :func:`record_steps` of a model; ``rim`` is as for `batch.work`."""
+    problem = batches.problem_of(find_model(model_name), adaptive, rimmed=bool(rim))
     run = problem, batches.NO_PARTS, batches.FLAT, *batches.RUNS
     outputs = batches.TABLE, batches.FLAT, batches.WHOLE, batches.FLAT
     arguments = *run, batches.NOTHING.reversals, *outputs
@@ -270,14 +270,20 @@ class Follower:
         self._batch = batch
         tableau = self._tableau
         self._models = [model, ATTITUDES[model.name]] if attitude else [model]
+        rimmed = batches.can_reach_rim(batch, model)
+        rim = ("rimmed",) if rimmed else ()
         # Loaded together, so that they are compiled in parallel.
         self._kernel, self._observe, decision, *others = load_kernels(
-            (steps_recipe, model.name, tableau.adaptive),
+            (steps_recipe, model.name, tableau.adaptive, *rim),
             (observe_recipe, model.name),
             (batches.decide_closely, tableau.adaptive),
             *((batches.attempt, tableau.name, each.name) for each in self._models),
             *((states_recipe, each.name) for each in self._models),
-            *((batches.slide_lanes, each.name) for each in self._models if each.slide),
+            *(
+                (batches.slide_lanes, each.name, *rim)
+                for each in self._models
+                if each.slide
+            ),
         )
         count = len(self._models)
         steps = others[:count]
@@ -292,7 +298,7 @@ class Follower:
         # No window ends, so no amplitudes are compared.
         endless = replace(batch, window=np.full(1, 1e290), first_mark=np.full(1, 1e290))
         self._run = (
-            batches.problem_of(model, tableau.adaptive),
+            batches.problem_of(model, tableau.adaptive, rimmed=rimmed),
             self._parts[0],
             batches.workspace(tableau, model, 1)[0],
             *batches.run_arrays(

@@ -68,6 +68,9 @@ class Model:
     contact: Formula  # contact(*y, *q): normal force, then tangential force
     # limit(*y, *q): positive where the model holds; a run ends where it is zero
     limit: Formula | None = None
+    # rise(*y, *q): height of the contact over the lowest point of the body, along its z
+    # axis; None for models without a contact point
+    rise: Formula | None = None
     # without it the plane holds the body whatever the force
     slide: Slide | None = None
     surface: Surface | None = None
@@ -127,6 +130,22 @@ def _volume(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k=0.0):
     )
 
 
+def _rise(touch: Formula, *, has_work: bool) -> Formula:
+    """Return the height of a surface's contact, as `Model.rise`."""
+
+    @scalar
+    def rise(p, q, a, b, c, ix, iy, iz, *shape):
+        _, _, height, _, _, _, _ = touch(p, q, a, b, c, 0.0, 0.0, 0.0, *shape)
+        return height
+
+    @scalar
+    def rise_with_work(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
+        return rise(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
+
+    formula: Formula = rise_with_work if has_work else rise
+    return formula
+
+
 FULL = Model(
     "full",
     full.N_STATE,
@@ -139,6 +158,7 @@ FULL = Model(
     error=_error,
     energy=full.energy,
     contact=full.contact_force,
+    rise=_rise(full.paraboloid, has_work=False),
     surface=surface.PARABOLOID,
     volume=_volume,
 )
@@ -279,6 +299,13 @@ def _vectors_error(
     return step + ez * ez, size
 
 
+@scalar
+def _vectors_rise(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss):
+    u = vectors.unit(vx, vy, vz)
+    (_, _, z), _ = vectors.contact(*u, cxx, cxy, cyy, k)
+    return 1.0 - z
+
+
 VECTORS = Model(
     "vectors",
     vectors.N_STATE,
@@ -291,6 +318,7 @@ VECTORS = Model(
     error=_vectors_error,
     energy=vectors.energy,
     contact=vectors.contact_force,
+    rise=_vectors_rise,
     volume=vectors.volume,
 )
 
@@ -320,6 +348,7 @@ def _frictionless(on: Surface) -> Model:
         rhs=rhs,
         energy=on.energy,
         contact=contact,
+        rise=_rise(touch, has_work=False),
         surface=on,
         volume=_volume if on.quadric else None,
         anywhere=VECTORS if on.closed else None,
@@ -394,6 +423,7 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
         error=_error_with_friction,
         energy=energy,
         contact=contact,
+        rise=_rise(touch, has_work=True),
         volume=_volume_with_friction if on.quadric and law.in_vectors else None,
         law=law,
         anywhere=rolling.anywhere if law.in_vectors else None,

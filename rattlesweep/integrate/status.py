@@ -39,6 +39,7 @@ class Status(IntEnum):
         "jammed",
         "rigid bodies under Coulomb's law have no unique motion from here (Painlevé)",
     )
+    RIM = 11, "rim", "the contact passes the body's rim, where its surface ends"
 
     label: str
     meaning: str

@@ -34,6 +34,9 @@ class Rattleback:
     c : float, optional
         Vertical semi-axis of an ellipsoid, in ``a``, above ``theta``; the default is a
         paraboloid.
+    rim : float, optional
+        Height of the rim above the lowest point, in ``a``, where the surface ends, as
+        at the flat side of a half ellipsoid; the default is a surface without an end.
     units : Units, optional
         SI size of the units, for bodies given in SI units.  Comparison ignores it.
 
@@ -51,13 +54,17 @@ class Rattleback:
     phi: float
     xi: float
     c: float | None = None
+    rim: float | None = field(default=None, repr=False, kw_only=True)
     units: Units | None = field(default=None, compare=False, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.compare}
         for name, value in values.items():
-            if (name, value) != ("c", None):
+            if name in PARAMETERS or value is not None:
                 _require_number(name, value)
+        rim = values.pop("rim")
+        if rim is not None and not 0 < rim < math.inf:
+            raise ValueError(f"rim is {rim:g}; it must be positive and finite")
         if not isinstance(self.units, Units | None):
             raise ValueError(
                 f"units: {str(self.units)[:40]} is not a Units; see from_si"
@@ -231,6 +238,7 @@ class Rattleback:
     ) -> Rattleback:
         """Return a half ellipsoid of uniform density, solid or hollow, flat side up.
 
+        A run ends with the status ``rim`` where it rolls past the edge of that side.
         Every quantity may be a number in SI units or a text such as ``"12 cm"``.
 
         Parameters
@@ -297,7 +305,7 @@ class Rattleback:
             raise ValueError("skew: both directions are alike; give a skew or weights")
         g = si.size(gravity, "acceleration", "gravity")
         units = Units(body.pop("mass"), body.pop("height"), g)
-        return cls(**body, units=units)
+        return cls(**body, rim=body["c"], units=units)
 
     def replace(self, **parameters: Any) -> Rattleback:
         """Return the body with some parameters changed, such as ``theta=0.82``."""

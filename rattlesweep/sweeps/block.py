@@ -438,7 +438,9 @@ class Results:
     @property
     def regime(self) -> tuple[Integers, Sequence[str]]:
         """Index of the regime of each run, and the words."""
-        return regimes.regime_codes(self._level), REGIMES
+        third, last = integration.late_growths(self.integrated.growth)
+        # The last exponent is that of the energy.
+        return regimes.regime_codes(third[:, :-1], last[:, :-1]), REGIMES
 
     @property
     def window_amplitude(self) -> pa.Array:

@@ -325,6 +325,7 @@ def full_batch(launches: Launches) -> Batch:
         scale=launches.spin_scale,
         tapped=launches.n_i == 0,
         dead=dead,
+        rim=bodies.rim,
     )
 
 
@@ -421,6 +422,8 @@ def plan_of(run: Launch) -> Plan:
     rows = TableBodies(
         {name: np.array([getattr(run.body, name)], float) for name in names}
     )
+    if run.body.rim is not None:
+        rows.carried["rim"] = np.array([run.body.rim])
     spin = {"n_i": run.n_i, "omega_xy0": run.omega_xy0, "psi": run.psi}
     if is_full_state(run.omega, run.u, spin):
         launch: dict[str, object] = {"launch": {"omega": run.omega, "u": run.u}}

@@ -271,6 +271,8 @@ def test_a_stored_run_has_sections_too(tmp_path):
         (["--section", "foo"], '"foo" is not one of t, n, u_x'),
         (["--section", "t=3"], "t has none: it only grows"),
         (["--section", "sliding"], "sliding has none: it jumps"),
+        (["--section", "energy=0.1"], "energy has none: it is constant in this run"),
+        (["--section", "C_I=1", "--model", "reduced"], "C_I has none: it is constant"),
         (["--section", "omega_y="], "'omega_y=' is none; give a channel and a value"),
         (["--section", "omega_y=x"], "x is not a number"),
         (["--section", "omega_y=nan"], "nan is not finite"),

@@ -44,17 +44,53 @@ def test_dimension_of_kaplan_and_yorke(exponents, dimension):
     assert kaplan_yorke(np.array([exponents], float)) == pytest.approx([dimension])
 
 
-def test_regimes_follow_from_signs_and_the_sum():
-    level = {
-        "steady": [-0.1, -0.1, -0.2, -0.2],
-        "periodic": [0, -0.1, -0.1, -0.3],
-        "quasi-periodic": [0, 0, -0.1, -0.3],
-        "attractor": [0.1, 0, -0.1, -0.3],
-        "conservative": [0.1, 0, 0, -0.105],
-    }
-    codes = regime_codes(np.array(list(level.values()), float))
-    assert [REGIMES[code] for code in codes] == list(level)
-    assert regime_codes(np.full((1, 4), np.nan)) == [-1]
+@pytest.mark.parametrize(
+    ("third", "last", "regime"),
+    [
+        ([-10, -10, -20, -20], [-10, -10, -20, -20], "steady"),
+        ([0.5, -10, -10, -30], [-0.5, -10, -10, -30], "periodic"),
+        ([0.4, -0.4, 0, 0], [0.3, -0.3, 0, 0], "quasi-periodic"),
+        ([10, 0, -10, -30], [9, 0, -12, -31], "attractor"),
+        ([10, 0, 0, -10.1], [10, 0, 0, -10.1], "conservative"),
+        # The slow mode decays by e^4, or the sum of the zeros keeps its sense.
+        ([0, -10, -10, -2], [0, -10, -10, -2], "undecided"),
+        ([-0.8, 0, 0, 0], [-0.1, -0.8, 0, 0], "undecided"),
+        # Two modes decay and two stay, as on the way to something else.
+        ([0.4, -9, -9, -0.4], [0.3, -9, -9, -0.3], "undecided"),
+        # Differences grew in one quarter and shrank in the other.
+        ([30, 0, -30, 0], [-10, 0, 10, 0], "undecided"),
+        ([0, -30, -30, -30], [0, 10, 10, 10], "undecided"),
+        # The volume grows, or its rate is not known.
+        ([20, 20, -10, 0], [20, 20, -10, 0], "undecided"),
+        ([10, 0, 0, -20], [10, 0, 0, -1], "undecided"),
+    ],
+)
+def test_regimes_follow_from_growths_and_their_change(third, last, regime):
+    (code,) = regime_codes(np.array([third], float), np.array([last], float))
+    assert REGIMES[code] == regime
+    nothing = np.full((1, 4), np.nan)
+    assert regime_codes(nothing, nothing) == [-1]
+
+
+def test_a_motion_that_dies_out_at_once_is_steady():
+    # Its flow falls below the smallest numbers within the first of 64 windows.
+    body = rs.Rattleback(13, 2.5, 12, 0.9, 0.05, -0.7)
+    launch = {"n_i": -1.5, "record": "spectrum"}
+    run = rs.simulate(body, **launch, omega_xy0=1e-115, t_end=45_000)
+    late = np.array(run.lyapunov_spectrum_late)
+    assert run.regime == "steady"
+    assert run.kaplan_yorke == 0
+    # The exponents are those of a motion that is followed all the time.
+    like = rs.simulate(body, **launch, omega_xy0=0.01, t_end=2000)
+    assert late == pytest.approx(like.lyapunov_spectrum_late, abs=2e-3)
+
+
+def test_a_spin_about_to_leave_its_plateau_is_undecided():
+    # Along an unstable spin the volume grows, which it cannot do for ever.
+    launch = {"n_i": 0.1, "omega_xy0": 1e-100, "t_end": 1000}
+    run = rs.simulate("GH", **launch, record="spectrum")
+    assert sum(run.lyapunov_spectrum_late) > run.lyapunov_spectrum_late[0] > 0
+    assert run.regime == "undecided"
 
 
 def test_small_exponents_count_as_zero():

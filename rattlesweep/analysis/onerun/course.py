@@ -262,6 +262,7 @@ class Course:
         chosen = choose(channels, run.model)
         needs = {channel.needs for channel in chosen}
         if section is not None:
+            section.refuse_constant(run.model, has_losses=bool(run.losses))
             needs.add(section.channel.needs)
         if "reduced" in needs and run.launches.bodies.omega is not None:
             raise ConfigError(
@@ -363,7 +364,13 @@ class Course:
         """Yield columns at the crossings of a section, and whether it rises there."""
 
         def channel_of(samples: Samples) -> Floats:
-            return section.channel.of(self._view(samples))
+            view = self._view(samples)
+            has_couples = self.run.config.dissipation.has_couples
+            if section.channel.name == "energy" and not has_couples:
+                # Between slides nothing takes energy, and the error of the method would
+                # cross the value.
+                return self.follower.energy_0 + view.work
+            return section.channel.of(view)
 
         for samples, rises in Search(section, self.follower, channel_of):
             is_late = samples.t >= self._start

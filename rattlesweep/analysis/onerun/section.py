@@ -51,6 +51,9 @@ NO_SECTIONS = {
     "energy_drift": "it is an error of the method",
     "n_reduced": "it belongs to the reduced model; take that model, and n",
 }
+# Channels that only rounding changes, by the models that conserve them; dissipation
+# takes energy.
+CONSTANTS = {"full": {"energy"}, "reduced": {"energy", "C_I"}}
 DIRECTIONS = {"+": 1, "-": -1, "": 0}
 RISES = "whether {} rises there"
 
@@ -90,6 +93,15 @@ class Section:
         except ValueError as error:
             raise ConfigError(f"section: {one_line(level)} {error}") from None
         return cls(channel, level, sign, value)
+
+    def refuse_constant(self, model: str, *, has_losses: bool) -> None:
+        """Raise a ConfigError if the channel is a constant of a run."""
+        name = self.channel.name
+        if name in CONSTANTS[model] and not has_losses:
+            raise ConfigError(
+                f"section: {name} has none: it is constant in this run; choose a "
+                "channel that varies"
+            )
 
     @property
     def text(self) -> str:

@@ -307,6 +307,7 @@ class Regimes(Map):
             self._draw_states(axes, here, of_types=True)
             self._scale(axes, log)
         self.notes.append(
-            "Regimes follow from the Lyapunov exponents of the second half of each run."
+            "Regimes follow from the Lyapunov exponents of the second half of each "
+            "run; where that is too short, they are undecided."
         )
         return self._entries(cells, has_bondi=False)

@@ -47,6 +47,7 @@ NONFINITE = int(Status.NONFINITE)
 STEP_LIMIT = int(Status.STEP_LIMIT)
 STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
 LIMIT = int(Status.LIMIT)
+RIM = int(Status.RIM)
 # Indices into ``parts``: the addresses of ``attempt``, of :func:`decide_closely` and,
 # for a model that slides, of :func:`slides.slide_lanes`.
 ATTEMPT, DECIDE, SLIDE = 0, 1, 2
@@ -296,9 +297,18 @@ def look_closer(problem, parts, w, l, max_steps, recording):
 
     Where a model slides, the lane changes between rolling and sliding.
     """
+    lane = lane_of(problem, w, l)
+    if problem.hooks.left(lane, lane.y) <= 0.0:
+        # It was launched beyond the rim, and ends there.
+        lane.accept = lane.h = lane.last = 0.0
+        runs.hold_back(lane)
+        return RIM, TAKE
     status, move = search_closely(problem, parts, w, l, max_steps, recording)
+    if status == LIMIT:
+        # The step ends before the horizon.
+        lane.last = 0.0
     if status != OK or move != HOLD:
-        status = problem.hooks.change(lane_of(problem, w, l), status)
+        status = problem.hooks.change(lane, status)
     return status, move
 
 

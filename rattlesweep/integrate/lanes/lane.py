@@ -297,6 +297,7 @@ class Fields:
     window_n_max: Number
 
     # Energy and contact.
+    rim: Number  # height of the rim
     energy0: Number  # at launch
     drift_max: Number
     dead: Number  # fraction of the energy below which a body is dead
@@ -413,6 +414,8 @@ class Hooks:
     finish: Callable[..., None]
     advance: Callable[..., None]
     limit: Callable[..., Point]
+    # left(lane, y): height from the contact up to the rim; 1 without a rim
+    left: Callable[..., float]
     # At the end of the step: the energy minus the work of friction, and this work.
     energy: Callable[..., float]
     work: Callable[..., float]
@@ -431,6 +434,8 @@ class Hooks:
 class Problem:
     """What a kernel is compiled for: a model, the kind of method, the number of lanes.
 
+    The runs of a rimmed problem end where the contact passes the rim of their body.
+
     For compiled functions it is an argument without data, and its attributes, like
     those of its model and its hooks, are constants.
     """
@@ -443,6 +448,7 @@ class Problem:
         adaptive: bool,
         lanes: int = LANES,
         hooks: Hooks | None = None,
+        rimmed: bool = False,
     ) -> None:
         if model is not None:
             # The state of a sweep lacks the extra components of the model.
@@ -453,11 +459,13 @@ class Problem:
             constants = (1.0,) * model.n_constants
             self.idle = state, constants, (0.0,) * model.n_probe
             self.slides = model.slide is not None
-            self.limited = self.slides or model.limit is not None
+            self.limited = self.slides or rimmed or model.limit is not None
         self.model = model
         self.hooks = hooks
         self.name = f"{model.name if model else 'any'}_"
         self.name += f"{'adaptive' if adaptive else 'fixed'}_{lanes}"
+        if rimmed:
+            self.name += "_rimmed"
         self.adaptive = adaptive
         self.lanes = lanes
         self.layout = Layout(model)

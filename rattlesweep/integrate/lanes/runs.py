@@ -59,8 +59,9 @@ STATUS, STEPS, NEAR, REJECTED, TURNS = range(5)
     SETTLED,
     DEAD,
     LONGEST,
+    RIM_HEIGHT,
     N_PLAN,
-) = range(14)
+) = range(15)
 
 
 class Recording(NamedTuple):
@@ -85,6 +86,9 @@ N_GROWTHS = 5
 # Columns of `lyapunov` after the time and the growths of the frame.
 FLOW_GROWTH, ENERGY_GROWTH = 4, 5
 N_WINDOWS = 64
+# Rows of `lyapunov` for a frame, after those of the windows: the comparisons within the
+# first window.  Where a motion dies out there, nothing else tells how.
+N_MARKS = 24
 MOST_REVERSALS = 8  # reversals that are stored
 SHAPES = Recording(
     energy=(1, 1),
@@ -99,6 +103,7 @@ OK = int(Status.OK)
 NONFINITE = int(Status.NONFINITE)
 ENERGY = int(Status.ENERGY)
 LIMIT = int(Status.LIMIT)
+RIM = int(Status.RIM)
 MAX_ENERGY_DRIFT = 0.01
 TINY = 1e-290
 # Least squared amplitude that counts, as a share of the first: a mode that has decayed
@@ -159,6 +164,12 @@ def observe(model, y, slip, constants, mu):
 def unchanged(lane, status):
     """Return the status; the lane goes on as it is."""
     return status
+
+
+@njit(**INNER)
+def past_rim(lane, status):
+    """Return the status of a run that has no limit but the rim."""
+    return RIM if status == LIMIT else status
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -270,6 +281,27 @@ def limit_point(lane, h, y, f):
 def no_limit(lane, h, y, f):
     """Return the limit of a model that holds everywhere."""
     return Point(h, 1.0, 0.0)
+
+
+@scalar
+def no_rim(lane, y):
+    """Return the height that is left below the rim of a body without one."""
+    return 1.0
+
+
+@scalar
+def below_rim(lane, y):
+    """Return the height that is left between the contact and the rim."""
+    return lane.rim - lane.problem.model.rise(*(y + lane.constants))
+
+
+@scalar
+def rim_point(lane, h, y, f):
+    """Return the height that is left below the rim."""
+    ahead = DIFFERENCE / lane.swing
+    now = below_rim(lane, y)
+    later = below_rim(lane, moved(y, f, ahead))
+    return Point(h, now, (later - now) / ahead)
 
 
 @scalar
@@ -422,6 +454,9 @@ def start(lane, run, y0, constants, probe, plan):
         lane.side = 0.0
     lane.n_least = abs(n)
     lane.energy0 = energy_at(lane, lane.y)
+    lane.rim = plan[run, RIM_HEIGHT]
+    if lane.problem.hooks.left(lane, lane.y) <= 0.0:
+        lane.watched = 1.0
     lane.limit1 = lane.problem.hooks.limit(lane, 0.0, lane.y, lane.f)
     lane.ratio1, lane.lift1 = contact_points(lane, 0.0, lane.y, lane.f)
     lane.normal_min = 1e290
@@ -466,7 +501,7 @@ def finish(lane, status, reversal, t, run, result, counts, recording):
     """Store the results of a run that ends with the step just tried, at time ``t``."""
     energy0 = lane.energy0
     drift = (lane.problem.hooks.energy(lane) - energy0) / energy0
-    if status in (OK, LIMIT) and not abs(drift) <= MAX_ENERGY_DRIFT:
+    if status in (OK, LIMIT, RIM) and not abs(drift) <= MAX_ENERGY_DRIFT:
         status = ENERGY if isfinite(drift) else NONFINITE
     n = lane.n1
     include_end(lane)
@@ -555,10 +590,15 @@ def advance_tangent(problem, w):
         lane.shift += out
 
 
+@njit(**INNER)
+def window_row(lane):
+    """Return the row of the window in the table of growths."""
+    return min(int(lane.window_no), N_WINDOWS - 1)
+
+
 @njit(fastmath=FASTMATH, **INNER)
-def note_tangent(lane, t, run, growths):
-    """Store the time and the tangent's growth in the row of the window."""
-    k = min(int(lane.window_no), N_WINDOWS - 1)
+def note_tangent(lane, t, run, k, growths):
+    """Store the time and the tangent's growth in row ``k``."""
     barrier()
     growths[run, k, 0] = t
     growth = 0.5 * log(lane.problem.model.square(*(lane.v1 + lane.constants)))
@@ -625,12 +665,11 @@ def advance_frame(problem, w):
 
 
 @njit(fastmath=FASTMATH, **INNER)
-def note_frame(lane, t, run, growths):
-    """Store the time and the five growths in the row of the window.
+def note_frame(lane, t, run, k, growths):
+    """Store the time and the five growths in row ``k``.
 
     Where the flow has decayed too far to tell its direction, the row stays empty.
     """
-    k = min(int(lane.window_no), N_WINDOWS - 1)
     model = lane.problem.model
     barrier()
     flow, steep = model.trivial(lane.y1, lane.f1, lane.constants)
@@ -667,20 +706,27 @@ def advance_both(problem, w):
 
 @njit(**INNER)
 def pass_marks_both(lane, t, run, recording):
-    """Pass marks, and store the growth of tangents at the end of a window."""
-    if t >= lane.window_end:
-        lane.problem.hooks.note_tangents(lane, t, run, recording.lyapunov)
+    """Pass marks, and store the growth of tangents at the end of a window.
+
+    That of a frame is also stored at the marks in the first window.
+    """
+    k = window_row(lane)
+    if t < lane.window_end:
+        k = N_WINDOWS + int(lane.compared)
+    if k < recording.lyapunov.shape[1]:
+        lane.problem.hooks.note_tangents(lane, t, run, k, recording.lyapunov)
     pass_marks(lane, t, run, recording)
 
 
 @njit(**INNER)
 def finish_both(lane, status, reversal, t, run, result, counts, recording):
     """Store the results of a run, and the growth of its tangents."""
-    lane.problem.hooks.note_tangents(lane, t, run, recording.lyapunov)
+    k = window_row(lane)
+    lane.problem.hooks.note_tangents(lane, t, run, k, recording.lyapunov)
     finish(lane, status, reversal, t, run, result, counts, recording)
 
 
-def hooks_of(model: Model) -> Hooks:
+def hooks_of(model: Model, rimmed: bool) -> Hooks:
     """Return the functions that differ between models."""
     hooks = Hooks(
         start=start,
@@ -688,11 +734,14 @@ def hooks_of(model: Model) -> Hooks:
         finish=finish,
         advance=advance,
         limit=no_limit if model.limit is None else limit_point,
+        left=no_rim,
         energy=energy_after,
         work=work_after,
         change=unchanged,
         observe=observe,
     )
+    if rimmed:
+        hooks = replace(hooks, limit=rim_point, left=below_rim, change=past_rim)
     if model.n_tangents == 0:
         return hooks
     hooks = replace(

@@ -15,6 +15,7 @@ equations have no sense beyond its zero.
 """
 
 # mypy: ignore-errors
+from dataclasses import replace
 from math import isfinite, sqrt
 from typing import NamedTuple
 
@@ -54,6 +55,7 @@ LIMIT = int(Status.LIMIT)
 STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
 LIFTS_OFF = int(Status.LIFTS_OFF)
 JAMMED = int(Status.JAMMED)
+RIM = int(Status.RIM)
 
 STAGES = 5
 METHOD = radau(STAGES)
@@ -80,6 +82,8 @@ FIRST_ANGLE = 0.1  # first step of a slide, in radians of the fastest swing
 LEAST_MOBILITY = 1e-3  # below it the normal force grows without bound
 # As the mobility falls to zero in a finite time, steps become too small at this one.
 SMALL_MOBILITY = 0.1
+# Height left below the rim, in a, at which a zero of the limit is that of the rim.
+AT_RIM = 1e-9
 # Columns of the results of a run, after its state.
 T_SLIDE, SLIDES, SLIDE_TIME, SLIDE_WORK, N_COLUMNS = range(5)
 
@@ -327,8 +331,12 @@ def set_limit(lane):
     """Set the limit and the forces of a lane that slides at the end of the step."""
     ahead = runs.DIFFERENCE / lane.swing
     now = motion_of(lane, lane.y1, lane.slip1)
-    later = motion_of(lane, moved(lane.y1, now.f, ahead), lane.slip1)
-    lane.limit1 = Point(lane.h, now.margin, (later.margin - now.margin) / ahead)
+    y_later = moved(lane.y1, now.f, ahead)
+    later = motion_of(lane, y_later, lane.slip1)
+    left = lane.problem.hooks.left
+    limit = now.margin * left(lane, lane.y1)
+    later_limit = later.margin * left(lane, y_later)
+    lane.limit1 = Point(lane.h, limit, (later_limit - limit) / ahead)
     lane.lift1 = Point(lane.h, -now.normal, (now.normal - later.normal) / ahead)
     lane.ratio1 = Point(lane.h, lane.mu, 0.0)
 
@@ -417,13 +425,19 @@ def slide_lanes(problem, w, scale, contact_recorded):
 
 @scalar
 def hold_point(lane, h, y, f):
-    """Return the friction that is left: positive while the plane holds the body."""
+    """Return the friction that is left: positive while the plane holds the body.
+
+    Of a body with a rim it is multiplied by the height that is left below the rim, so
+    that one search finds the first zero of both.
+    """
     ahead = runs.DIFFERENCE / lane.swing
     contact = lane.problem.model.contact
+    left = lane.problem.hooks.left
     normal, tangential = contact(*(y + lane.constants))
-    now = lane.mu * normal - tangential
-    normal, tangential = contact(*(moved(y, f, ahead) + lane.constants))
-    later = lane.mu * normal - tangential
+    now = (lane.mu * normal - tangential) * left(lane, y)
+    y_later = moved(y, f, ahead)
+    normal, tangential = contact(*(y_later + lane.constants))
+    later = (lane.mu * normal - tangential) * left(lane, y_later)
     return Point(h, now, (later - now) / ahead)
 
 
@@ -498,6 +512,8 @@ def change(lane, status):
     """
     if lane.refused > 0.0:
         return int(lane.refused)
+    if status == LIMIT and lane.problem.hooks.left(lane, lane.y1) < AT_RIM:
+        return RIM
     t = lane.t + (lane.h - lane.t_low)
     slid = lane.slip.speed > 0.0
     if status == LIMIT and slid:
@@ -608,8 +624,10 @@ HOOKS = Hooks(
     finish=finish,
     advance=advance,
     limit=hold_point,
+    left=runs.no_rim,
     energy=energy,
     work=work,
     change=change,
     observe=observe_body,
 )
+RIMMED_HOOKS = replace(HOOKS, left=runs.below_rim)

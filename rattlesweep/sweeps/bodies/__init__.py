@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Protocol
 
+import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
@@ -43,6 +44,11 @@ class Bodies:
     units: Units | None = None
     # Further columns of runs.
     carried: dict[str, NDArray[Any]] = field(default_factory=dict)
+
+    @property
+    def rim(self) -> Floats:
+        """Heights of rims in a, NaN without one; no entries if no body has a rim."""
+        return self.carried.get("rim", np.zeros(0))
 
     @classmethod
     def of(cls, columns: Mapping[str, Floats], **others: Any) -> Bodies:

@@ -54,11 +54,11 @@ def body_from(
     values = _with_skew_in_radians(dict(values), spelled)
     way, make = _maker(values)
     # The keys that may be given, and whether they must: the arguments of the function,
-    # but for the `units` of a Rattleback, which no text or number can stand for.
+    # but for those of a Rattleback that follow from how it is made.
     required = {
         key: parameter.default is parameter.empty
         for key, parameter in signature(make).parameters.items()
-        if key != "units"
+        if key not in ("rim", "units")
     }
     if way == "preset":
         # `replace` names no arguments of its own.

@@ -195,7 +195,8 @@ class ShapeBodies:
         parameters = half_ellipsoid(**sizes, **self._source.fixed)
         mass = parameters.pop("mass")
         height = parameters.pop("height")
-        carried = {"mass_kg": mass, "height_m": height}
+        # The flat side is as high as the semi-axis.
+        carried = {"mass_kg": mass, "height_m": height, "rim": parameters["c"]}
         for name in self._source.drawn:
             carried[f"shape_{name}_{SIZES[name]}"] = sizes[name]
         return Bodies.of(

@@ -82,10 +82,19 @@ WITH_UNITS = {"minus_xi_deg": ("xi", -np.pi / 180, "angle")} | {
     for name, (quantity, measure) in MEASURES.items()
     if quantity.name in COLUMNS
 }
-INPUT = (*COLUMNS, "t_r", *SI_BODY, *BODY_DEFAULTS, *WITH_UNITS)
-NULLABLE = {"t_end", "psi", "psi_deg", "f_sd", "t_r", "t_end_s", *SURFACE_CONSTANTS}
+INPUT = (*COLUMNS, "t_r", "rim", *SI_BODY, *BODY_DEFAULTS, *WITH_UNITS)
+NULLABLE = {
+    "t_end",
+    "rim",
+    "psi",
+    "psi_deg",
+    "f_sd",
+    "t_r",
+    "t_end_s",
+    *SURFACE_CONSTANTS,
+}
 NULLABLE |= {name for name in WITH_UNITS if WITH_UNITS[name][0] in SURFACE_CONSTANTS}
-KEPT = ("mass_kg", "height_m", "gravity_m_s2")
+KEPT = ("mass_kg", "height_m", "gravity_m_s2", "rim")
 """Inputs that are also copied to the runs."""
 RESULTS = {column.name for part in (*RUNS.values(), STATE, MEASURED) for column in part}
 TAKEN = {column.name for part in RUNS for column in RUNS[part] if part != "theory"}
@@ -97,7 +106,7 @@ KEYS = ("case", "sample")
 USED = {"", *INPUT, *RESULTS}
 """Columns that are read, or replaced; those of other names are copied to the runs."""
 BOUNDED = {name for name, quantity in QUANTITIES.items() if not quantity.is_open}
-BOUNDED |= LOSSES.keys() | SURFACE_CONSTANTS.keys() - {"c"}
+BOUNDED |= LOSSES.keys() | SURFACE_CONSTANTS.keys() - {"c"} | {"rim"}
 """Columns with limits of their own; `physics.body` checks the parameters and ``c``."""
 RowProblem = tuple[int, str]  # number of a row, from 0, and message
 
@@ -310,10 +319,12 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
     impossible = violations(**{name: columns[name] for name in PARAMETERS})
     # The columns that follow from those with units have limits, too.
     _refuse(where, [*_out_of_bounds(columns), *impossible])
-    if "t_r" in columns and "t_end" in columns:
-        # The t_end of a run that reversed is its reversal time, not its horizon.
-        reversed_runs = np.isfinite(columns["t_r"])
-        columns["t_end"] = np.where(reversed_runs, np.nan, columns["t_end"])
+    if "t_end" in columns:
+        # A run that reversed or failed ended there, before its horizon.
+        ended_early = np.isfinite(columns.get("t_r", np.nan))
+        if "status" in cells:
+            ended_early = ended_early | (cells["status"].to_numpy() != "ok")
+        columns["t_end"] = np.where(ended_early, np.nan, columns["t_end"])
     copied = [name for name in cells if name not in USED or name in KEPT]
     carried = {name: _carried(name, cells[name]) for name in copied}
     columns = {name: columns[name] for name in COLUMNS if name in columns}
