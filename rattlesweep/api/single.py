@@ -73,13 +73,15 @@ class Trajectory:
 
     The DataFrame `table` has a column per channel, NaN where there is no finite value,
     and `units` is a dict.  If the size of the body is known, columns in SI units
-    follow, such as ``t_s``. `zeros` are the times of all zeros of the spin; the first
-    is the ``t_r`` of a sweep. `reversals` has the first zero of each reversal, which
-    takes the spin from beyond a quarter of its initial value to beyond a quarter on the
-    other side.  `t_end` is the time reached, `n_steps` counts accepted steps, and
-    `status` is ``ok`` or a word for what went wrong.  `warning` says where contact
-    would be lost, or rolling needs a coefficient of friction above 0.3, and how large.
-    `slides` has begin and end of each slide.
+    follow, such as ``t_s``. `zeros` are the times of all zeros of the spin after
+    the launch; the first is the ``t_r`` of a sweep, except for a tap, whose zeros count
+    only after the spin has exceeded a quarter of ``n_0``. `reversals` has the first
+    zero of each reversal, which takes the spin from beyond a quarter of its initial
+    value (of ``n_0`` for a tap) to beyond a quarter on the other side.  `t_end` is the
+    time reached, `n_steps` counts accepted steps, and `status` is ``ok`` or a word for
+    what went wrong.  `warning` says where contact would be lost, or rolling needs a
+    coefficient of friction above 0.3, and how large.  `slides` has begin and end of
+    each slide.
 
     If a section is asked for, the DataFrame `section` has the columns at each crossing,
     with `t` first and with `rising`, whether the channel rises there; the run is then

@@ -1,4 +1,4 @@
-"""One run followed past its reversals: its accepted steps, states at any times, zeros.
+"""One run followed past its reversals: accepted steps, states at any times, zeros.
 
 :func:`record_steps` runs the sweep's kernel with one run in one lane, so that accepted
 steps and the first reversal have the same bits as in a sweep; but it stores every
@@ -18,7 +18,7 @@ from rattlesweep.integrate import batch as batches
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.lanes import kernel, runs
-from rattlesweep.integrate.lanes.events import HOLD, SCAN
+from rattlesweep.integrate.lanes.events import HOLD, NEVER, SCAN
 from rattlesweep.integrate.lanes.lane import (
     N_SLIP,
     Slip,
@@ -33,9 +33,10 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, TOL, Tableau
 
 STEPS_PER_CALL = 2048  # a few milliseconds, after which Python can act on Ctrl-C
+MOST_ZEROS = 256  # in a call
 # ``counts`` of :func:`record_steps`: whether the run has begun and ended, its status,
-# and the numbers of steps and zeros that the last call stored.
-BEGUN, ENDED, STATUS, N_STEPS, N_ZEROS, N_COUNTS = range(6)
+# and the numbers of steps, zeros and reversals that the last call stored.
+BEGUN, ENDED, STATUS, N_STEPS, N_ZEROS, N_TURNS, N_COUNTS = range(7)
 # Columns of a stored step: time, its low part, then the state, its derivative and slip.
 T, T_LOW, STATE = range(3)
 # ``energies`` at launch and in the last row.
@@ -54,6 +55,7 @@ def record_steps(
     reversals,
     steps,
     zeros,
+    turns,
     counts,
     energies,
 ):
@@ -63,7 +65,8 @@ def record_steps(
     of the spin of a dead body.  The arguments up to ``options`` are those of the
     kernel's ``work`` for one run, which stays in the workspace between calls.  The
     others are outputs: ``reversals`` of a Recording; ``steps``, where the run is and
-    then the ends of accepted steps; ``zeros``; ``counts``; ``energies``.
+    then the ends of accepted steps; times of ``zeros`` and of ``turns``, which are
+    reversals; ``counts``; ``energies``.
     """
     widest_vectors()
     nothing = reversals[:0]
@@ -73,12 +76,17 @@ def record_steps(
     if counts[BEGUN] == 0:
         counts[BEGUN] = 1
         problem.hooks.start(lane, 0, y0, constants, probe, plan)
-        # No window ends, and no peak of a turn is searched.
-        lane.next = lane.far = 1e290
+        lane.next = 1e290  # no window ends
+        if lane.arm > 0.0:
+            # All zeros are searched from the launch on, also those that do not count.
+            lane.arm = 0.0
+            lane.sign = 1.0 if lane.rate0 > 0.0 else -1.0
+            lane.rate_max = lane.arm_rate
         for l in range(1, problem.lanes):
             runs.idle(lane_of(problem, w, l))
     row = 0
     n_zeros = 0
+    n_turns = 0
     status = kernel.OK
     accepted = True
     last = False
@@ -95,6 +103,8 @@ def record_steps(
         if ended or row == steps.shape[0] or n_zeros == zeros.size:
             break
         crossed = lane.t_crossed
+        reversals_before = lane.reversals
+        lane.n_after = NEVER  # no peak of a turn is searched
         if kernel.try_step(problem, parts, w, options, recording) > 0:
             status, move = kernel.look_closer(
                 problem, parts, w, 0, max_steps, recording
@@ -110,6 +120,9 @@ def record_steps(
             else:
                 zeros[n_zeros] = lane.t_crossed
                 n_zeros += 1
+        if lane.reversals > reversals_before:
+            turns[n_turns] = lane.t_turn
+            n_turns += 1
         accepted = lane.accept > 0.0
         if not accepted:
             runs.hold_back(lane)
@@ -120,6 +133,7 @@ def record_steps(
     counts[STATUS] = status
     counts[N_STEPS] = row - 1
     counts[N_ZEROS] = n_zeros
+    counts[N_TURNS] = n_turns
     energies[FIRST] = lane.energy0
     energies[LAST] = problem.hooks.energy(lane)
 
@@ -182,7 +196,8 @@ def steps_recipe(model_name: str, adaptive: bool, rim: str = "") -> Kernel:
     """Return :func:`record_steps` of a model; ``rim`` is as for `batch.work`."""
     problem = batches.problem_of(find_model(model_name), adaptive, rimmed=bool(rim))
     run = problem, batches.NO_PARTS, batches.FLAT, *batches.RUNS
-    outputs = batches.TABLE, batches.FLAT, batches.WHOLE, batches.FLAT
+    times = batches.FLAT, batches.FLAT
+    outputs = batches.TABLE, *times, batches.WHOLE, batches.FLAT
     arguments = *run, batches.NOTHING.reversals, *outputs
     return Kernel(record_steps, arguments, OPTIONS)
 
@@ -264,8 +279,10 @@ class Follower:
         self.t = 0.0
         self.n_steps = 0
         self.status = Status.OK
-        # Times of the spin's zeros so far, without those after which the body is dead.
+        # Times of the spin's zeros so far, without those after which the body is dead,
+        # and of the first zero in each reversal.
         self.zeros = list[float]()
+        self.reversals = list[float]()
         self.ended = not batch.t_end[0] > 0
         self._batch = batch
         tableau = self._tableau
@@ -308,14 +325,15 @@ class Follower:
         )
         self._counts = np.zeros(N_COUNTS, dtype=np.int64)
         self._energies = np.zeros(2)
-        self._zeros = np.zeros(256)
+        self._zeros = np.zeros(MOST_ZEROS)
+        # The first reversal of a call may belong to a zero of the call before.
+        self._turns = np.zeros(MOST_ZEROS + 1)
+        self._outputs = self._zeros, self._turns, self._counts, self._energies
         # Row 0 is where the last call ended.  The first call only stores the launch
         # there.
         width = STATE + 2 * model.n_state + N_SLIP
         self._table = np.zeros((1 + STEPS_PER_CALL, width))
-        self._kernel(
-            *self._run, self._table[:1], self._zeros, self._counts, self._energies
-        )
+        self._kernel(*self._run, self._table[:1], *self._outputs)
         self._rows = 1
         self.energy_0 = float(self._energies[FIRST])
         self._extra = np.zeros((1, self._models[-1].n_extra))
@@ -441,11 +459,12 @@ class Follower:
         """Fill the table with the next steps."""
         table = self._table
         counts = self._counts
-        self._kernel(*self._run, table, self._zeros, counts, self._energies)
+        self._kernel(*self._run, table, *self._outputs)
         rows = 1 + int(counts[N_STEPS])
         self._rows = rows
         self.n_steps += int(counts[N_STEPS]) * batches.stride(self._tableau)
         self.zeros += self._zeros[: counts[N_ZEROS]].tolist()
+        self.reversals += self._turns[: counts[N_TURNS]].tolist()
         self.t = float(table[rows - 1, T])
         self.ended = bool(counts[ENDED])
         self.status = Status(int(counts[STATUS]))

@@ -41,7 +41,13 @@ import numpy as np
 
 from rattlesweep.arrays import Flags, Floats, Integers, put, take
 from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.batch import Batch, Outcome, has_settled, integrate
+from rattlesweep.integrate.batch import (
+    Batch,
+    Outcome,
+    has_settled,
+    integrate,
+    stride,
+)
 from rattlesweep.integrate.lanes.runs import MOST_REVERSALS
 from rattlesweep.integrate.model import REDUCED, Model
 from rattlesweep.integrate.status import Status
@@ -411,7 +417,7 @@ def with_errors(
         **values,
         t_r_error=t_r_error,
         amp_growth_error=_growth_error(batch, pair),
-        n_departure_error=_departure_error(pair, apart),
+        n_departure_error=_departure_error(config, batch, pair, apart),
         reversal_sure=reverses_in_time | (pair.both_stay & (pair.grazes == 0)),
         tol=np.full(len(batch), tol),
         companion_t_r=companions.t_r,
@@ -486,10 +492,20 @@ def _growth_error(batch: Batch, pair: _Pair) -> Floats:
     return np.where(runs.status == Status.OK, error, np.nan)
 
 
-def _departure_error(pair: _Pair, apart: Floats) -> Floats:
+def _departure_error(
+    config: Config, batch: Batch, pair: _Pair, apart: Floats
+) -> Floats:
     """Return errors of ``n_departure``, NaN for runs that are not ok."""
     departure = pair.runs.n_departure
     error = DIFFER * np.abs(departure - pair.companions.n_departure)
+    if config.model != REDUCED.name:  # its spin does not swing
+        # The loss is that at the ends of steps.  A swing of the launch's rate gets at
+        # most ``rate * swing * h^2 / 8`` further between two of them.
+        ends = np.maximum(pair.runs.n_steps, 1)
+        ends = ends / stride(METHODS[config.integrator.method])
+        angle = np.minimum(batch.swing * pair.runs.t_end / ends, np.pi)
+        further = batch.rate / batch.swing * angle**2 / 8
+        error += np.where(pair.both_reverse, 0.0, further / batch.scale)
     # Where the two have parted, nothing tells how much nearer to zero the spin may
     # come.
     may_reverse = pair.both_stay & (apart > PARTED) & (departure > NEAR_ZERO)

@@ -43,6 +43,57 @@ def top_of(values: np.ndarray) -> float:
     return top + (before - after) ** 2 / (8 * (2 * top - before - after))
 
 
+# Bodies and launches whose spin is far between two steps of the default tolerance only,
+# and the zero that counts, from SciPy's DOP853 with the equations of the oracle.
+FAR_BETWEEN_STEPS: dict[str, Any] = {
+    "tap": (
+        {
+            "alpha": 11.868874468384282,
+            "beta": 1.6177893190530255,
+            "gamma": 11.486663787437308,
+            "theta": 0.68349290100372,
+            "phi": 0.027815483381647896,
+            "xi": -0.030293513616017936,
+        },
+        {"n_i": 0, "omega_xy0": 0.7563800067435384, "psi": 102.48632167262316},
+        2.68009287,
+    ),
+    "spin": (
+        {
+            "alpha": 14.413419337048799,
+            "beta": 2.2130708799034036,
+            "gamma": 14.626490216952202,
+            "theta": 0.7016448069548542,
+            "phi": 0.06322620981639017,
+            "xi": -0.07796111836106463,
+        },
+        {"n_i": -0.050032290318757805, "omega_xy0": 0.2702831548167209},
+        53.15436174,
+    ),
+}
+
+
+@pytest.mark.parametrize("tol", [1e-6, 1e-8, 1e-9, 1e-11])
+@pytest.mark.parametrize("name", FAR_BETWEEN_STEPS)
+def test_a_peak_between_two_steps_counts(name, tol):
+    parameters, launch, first = FAR_BETWEEN_STEPS[name]
+    body = rs.Rattleback(**parameters)
+    at = {"t_end": 80, "tol": tol}
+    run = rs.simulate(body, **launch, **at, record=["reversals"])
+    path = rs.trajectory(body, **launch, **at)
+    close = max(1e-8, 100 * tol)
+    if name == "tap":
+        assert run.t_r == pytest.approx(first, rel=close)
+        assert run.t_r == rs.simulate(body, **launch, **at).t_r
+        # It crosses zero once before, which does not count.
+        assert path.zeros[1] == run.t_r
+        assert path.zeros[0] == pytest.approx(1.11696541, rel=close)
+    else:
+        assert run.turn_times[0] == pytest.approx(first, rel=close)
+        assert run.t_r == pytest.approx(47.78924429, rel=close)
+    assert path.reversals[:8].tolist() == list(run.turn_times)
+
+
 def test_they_are_those_of_the_trajectory(sweep):
     """Every run, bit for bit; the largest spin of all states in between."""
     runs = rs.load(sweep).runs

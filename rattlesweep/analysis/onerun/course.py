@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import math
-from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,7 +22,7 @@ from rattlesweep.analysis.onerun.channels import VARIABLES, View, choose, in_si
 from rattlesweep.analysis.onerun.section import RISES, Search, Section
 from rattlesweep.arrays import Flags, Floats, take
 from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.batch import PLATEAU_SHARE, longest_frame_steps
+from rattlesweep.integrate.batch import longest_frame_steps
 from rattlesweep.integrate.follow import Follower, Samples
 from rattlesweep.integrate.lanes.lane import SLIP_SPEED, SLIP_WORK
 from rattlesweep.integrate.model import REDUCED
@@ -285,7 +284,6 @@ class Course:
         self._start = from_time or 0.0
         self.n_crossings = 0  # of the section so far
         self._whole: Columns | None = None
-        self.reversals: list[float] = []
         # The largest ratio of the contact's forces, and the first times at which the
         # body would slip or lift off.
         self.friction = 0.0
@@ -294,9 +292,6 @@ class Course:
         self._ended_slides: list[tuple[float, float]] = []
         self._slides_from: float | None = None  # begin of a slide that goes on
         self.slide_work = 0.0  # of sliding friction so far, negative
-        # Time and sign of the last spin beyond PLATEAU_SHARE of the launch's.
-        self._last_time = 0.0
-        self._last_sign = 0.0
         assert run.batch is not None
         self._constants = run.batch.constants[0]
         setting = run.integrator
@@ -401,24 +396,15 @@ class Course:
             follower.steps()
 
     def _look(self, samples: Samples, seen: Floats) -> None:
-        """Collect reversals, slides and warnings from launch and accepted steps."""
+        """Collect slides and warnings from launch and accepted steps."""
         t = samples.t
-        n, _, normal, tangential = seen
+        _, _, normal, tangential = seen
         self._note_slides(t, samples.slip[:, SLIP_SPEED] > 0)
         if len(t):
             self.slide_work = float(samples.slip[-1, SLIP_WORK])
         with np.errstate(all="ignore"):  # a failing run may overflow
-            far = np.abs(n) > PLATEAU_SHARE * self.run.launches.spin_scale[0]
             ratio = np.where(normal > 0, tangential / normal, 0.0)
             ratio = np.where(np.isfinite(ratio), ratio, 0.0)
-        times = np.append(self._last_time, t[far])
-        sign = np.append(self._last_sign, np.sign(n[far]))
-        for k in np.flatnonzero(sign[1:] * sign[:-1] < 0):
-            # The first zero on the way from one side to the other.
-            first = bisect_right(self.follower.zeros, times[k])
-            self.reversals += self.follower.zeros[first : first + 1]
-        self._last_time = float(times[-1])
-        self._last_sign = float(sign[-1])
         slips = ratio > COMMON_FRICTION
         lifts = normal < 0
         self.friction = max(self.friction, float(np.max(ratio, initial=0.0)))
@@ -437,6 +423,11 @@ class Course:
             else:
                 self._ended_slides.append((self._slides_from, float(t[k])))
                 self._slides_from = None
+
+    @property
+    def reversals(self) -> list[float]:
+        """Time of the first zero of the spin in each reversal so far."""
+        return self.follower.reversals
 
     @property
     def slides(self) -> list[tuple[float, float]]:

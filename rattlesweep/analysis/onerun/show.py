@@ -88,7 +88,7 @@ def make_scene(course: Course) -> dict[str, Any]:
     rise = max(1.0, MARGIN * float(np.max(1 - columns["contact_z"])))
     # An ellipsoid ends at its rim, c above the bottom.
     rise = min(rise, WIDEST * body.get("c", math.inf))
-    first_zero = ended.zeros[0] if ended.zeros else end
+    first_zero = course.reversals[0] if course.reversals else end
     speed = (max(first_zero, start) - start) / SECONDS
     units = {"t": (1.0, "√(a/g)"), "n": (1.0, "√(g/a)")}
     for name in units:

@@ -18,13 +18,16 @@ its rate or a difference along the flow.  The functions are
   is the state from which another model goes on; or, in a model that slides
   (`lanes.slides`), what is left of the friction, and in a slide of the normal force;
 - the spin, whose zeros are reversals;
+- what the spin lacks of a modulus that is awaited, as zeros of a tap count only after
+  it has been reached, and a turn is complete there.  Only the order of this and of
+  zeros matters, so it is enough to know the piece or a point beyond;
 - the ratio of the contact forces, the normal force and the modulus of the spin after a
   reversal, of which the largest or least value is searched, once it is known how the
   step ends.
 """
 
 # mypy: disable-error-code="no-any-return"
-from math import ceil
+from math import ceil, floor, sqrt
 
 from numba import njit
 
@@ -34,11 +37,16 @@ from rattlesweep.physics.full import scalar
 # Modes of a lane.
 STEP, SCAN, MINIMUM, ROOT, REDO, PEAK, RETAKE = range(7)
 # The functions, in the order in which they are searched.
-SPIN, LIMIT, RATIO, LIFT, TURN, N_FUNCTIONS = range(6)
-# Moves of the search: go back and try ``lane.h_next``, accept the step just tried, or
-# accept it as a step that ends at a zero.
-HOLD, TAKE, REVERSED = 0, 1, 2
+SPIN, LIMIT, FAR, RATIO, LIFT, TURN, N_FUNCTIONS = range(7)
+# Moves of the search: go back and try ``lane.h_next``, accept the step just tried,
+# accept it as a step that ends at a zero; or the spin is as far as awaited in the step,
+# and the search goes on behind that.
+HOLD, TAKE, REVERSED, ARRIVED = 0, 1, 2, 4
+NEVER = 1e290  # a modulus that no spin reaches
 PIECE_ANGLE = 0.5  # longest piece, in radians of the fastest swing
+# Where the awaited modulus is small beside the swing, pieces are shorter: no piece may
+# have a zero and, between its ends, a spin that is far.
+SHORTEST_PIECE = 0.05
 # Steps are at most a dozen radians, or so much longer than a swing that no search can
 # succeed.
 MAX_PIECES = 4096.0
@@ -64,7 +72,7 @@ MAX_PEAK_TRIES = 12.0
 @njit(**INNER)
 def _sign(lane: Lane) -> float:
     """Return the sign of the function at the start of the step."""
-    return 1.0 if lane.searched == LIMIT else lane.sign
+    return lane.sign if lane.searched == SPIN else 1.0
 
 
 @njit(**INNER)
@@ -94,6 +102,40 @@ def may_reverse(h, n0, n1, rate1, rate_max):  # type: ignore[no-untyped-def]
     return (abs(n0) + abs(n1) < 2.0 * h * recent) | (n0 * n1 <= 0.0)
 
 
+@scalar
+def may_be_far(lane):  # type: ignore[no-untyped-def]
+    """Return whether the spin may reach the awaited modulus in the step tried."""
+    # As in `may_reverse`, for the path to that modulus and back.
+    before = lane.far_rate
+    latest = lane.rate_max
+    recent = 0.9 * (before if lane.arm > 0.0 else latest)
+    now = abs(lane.rate1)
+    recent = now if now > recent else recent
+    n1 = abs(lane.n1)
+    awaited = lane.awaited
+    path = abs(lane.n0) + n1 + 2.0 * lane.h * recent
+    return (n1 > awaited) | (path > 2.0 * awaited)
+
+
+@njit(**INNER)
+def _pieces(lane: Lane) -> float:
+    """Return the number of pieces of the step FULL."""
+    angle = PIECE_ANGLE
+    if lane.searched == SPIN and lane.arm == 0.0 and lane.awaited < NEVER:
+        # In a piece, a spin that swings through zero and back gets swing * rate_max *
+        # length^2 / 8 far; half the awaited modulus is allowed.
+        finest = sqrt(4.0 * lane.awaited * lane.swing / lane.rate_max)
+        angle = min(PIECE_ANGLE, max(SHORTEST_PIECE, finest))
+    return min(MAX_PIECES, max(1.0, ceil(lane.full.h * lane.swing / angle)))
+
+
+@scalar
+def _lacking(lane, point):  # type: ignore[no-untyped-def]
+    """Return what the spin lacks of the awaited modulus, on the side of END."""
+    side = 1.0 if lane.end.value > 0.0 else -1.0
+    return Point(point.h, lane.awaited - side * point.value, -side * point.rate)
+
+
 @njit(**INNER)
 def search(lane: Lane, start: Point, tried: Point) -> int:
     """Make one move of the search for a zero, after each step tried on the lane."""
@@ -108,8 +150,7 @@ def search(lane: Lane, start: Point, tried: Point) -> int:
     if lane.mode == STEP:
         lane.full = tried
         lane.full_next = lane.h_next
-        angle = tried.h * lane.swing
-        lane.pieces = min(MAX_PIECES, max(1.0, ceil(angle / PIECE_ANGLE)))
+        lane.pieces = _pieces(lane)
         lane.piece = 1.0
         lane.lo = start
         lane.mode = SCAN
@@ -139,13 +180,19 @@ def search_limit(lane: Lane) -> int:
 
 @njit(**INNER)
 def search_on(lane: Lane, h: float) -> int:
-    """Search the step on after the zero at ``h``, for one in the other sense."""
-    lane.sign = -lane.sign
-    lane.mode = SCAN
-    if lane.beyond.h == lane.end.h:
-        move = _next_piece(lane, h)
-        return _scan(lane, h) if move == _KNOWN else move
-    lane.lo = lane.beyond
+    """Search the step on after the zero at ``h``, or where the spin is far."""
+    if lane.mode == ROOT:
+        lane.sign = -lane.sign
+        lane.mode = SCAN
+        lane.lo = lane.beyond
+        pieces = _pieces(lane)
+        if pieces > lane.pieces:
+            # Go on from the zero in pieces that are short enough from now on.
+            lane.pieces = pieces
+            lane.piece = floor(h / lane.full.h * pieces)
+            lane.end = Point(h, 0.0, lane.rate1)
+            move = _next_piece(lane, h)
+            return _scan(lane, h) if move == _KNOWN else move
     return _scan(lane, h)
 
 
@@ -153,15 +200,26 @@ def search_on(lane: Lane, h: float) -> int:
 def _scan(lane: Lane, tried: float) -> int:
     """Decide on the piece from LO to END, and on later ones whose ends are known."""
     while True:
-        verdict = _judge(lane.lo, lane.end, _sign(lane))
-        if verdict != _CLEAR:
+        verdict = _CLEAR
+        if lane.searched == LIMIT or lane.arm == 0.0:
+            verdict = _judge(lane.lo, lane.end, _sign(lane))
+        if verdict == _ZERO:
             lane.hi = lane.end
+            return _start_root(lane)
+        if verdict == _DIP:
+            lane.hi = lane.end
+            return _start_minimum(lane)
+        if lane.searched == SPIN and lane.awaited < NEVER:
+            start = _lacking(lane, lane.lo)
+            end = _lacking(lane, lane.end)
+            verdict = _judge(start, end, 1.0)
             if verdict == _ZERO:
-                return _start_root(lane)
-            lane.mode = MINIMUM
-            lane.tries = 0.0
-            lane.h_next = _towards_extremum(lane)
-            return HOLD
+                return _arrive(lane, lane.end)
+            if verdict == _DIP:
+                lane.lo = start
+                lane.hi = end
+                lane.searched = FAR
+                return _start_minimum(lane)
         move = _next_piece(lane, tried)
         if move != _KNOWN:
             return move
@@ -193,16 +251,39 @@ def _next_piece(lane: Lane, tried: float) -> int:
 
 
 @njit(**INNER)
+def _arrive(lane: Lane, point: Point) -> int:
+    """Let the search go on from a point at which the spin is as far as awaited."""
+    lane.searched = SPIN
+    lane.mode = SCAN
+    lane.lo = point
+    return ARRIVED
+
+
+@njit(**INNER)
+def _start_minimum(lane: Lane) -> int:
+    """Start the search for a minimum between LO and HI."""
+    lane.mode = MINIMUM
+    lane.tries = 0.0
+    lane.h_next = _towards_extremum(lane)
+    return HOLD
+
+
+@njit(**INNER)
 def _close_in(lane: Lane, tried: Point) -> int:
     """Narrow the bracket LO..HI of a minimum until the sign there is certain."""
     sign = _sign(lane)
-    if sign * tried.value <= 0.0:
-        lane.hi = tried
+    point = tried
+    if lane.searched == FAR:
+        point = _lacking(lane, tried)
+        if point.value <= 0.0:
+            return _arrive(lane, tried)
+    if sign * point.value <= 0.0:
+        lane.hi = point
         return _start_root(lane)
-    if sign * tried.rate < 0.0:
-        lane.lo = tried
+    if sign * point.rate < 0.0:
+        lane.lo = point
     else:
-        lane.hi = tried
+        lane.hi = point
     lane.tries += 1.0
     verdict = _judge(lane.lo, lane.hi, sign)
     wide = lane.hi.h - lane.lo.h > 1e-12 * lane.full.h
@@ -214,6 +295,8 @@ def _close_in(lane: Lane, tried: Point) -> int:
     near = lowest < lane.fuzz * lane.rate_max / lane.swing
     if near and lane.searched == SPIN:
         lane.near += 1.0
+    if lane.searched == FAR:
+        lane.searched = SPIN
     # There is no zero in this piece.
     move = _next_piece(lane, tried.h)
     return _scan(lane, tried.h) if move == _KNOWN else move
@@ -313,11 +396,10 @@ def turn_points(lane):  # type: ignore[no-untyped-def]
 @scalar
 def least_turn(lane):  # type: ignore[no-untyped-def]
     """Return the modulus that the spin must exceed to be the largest of its turn."""
-    # After a zero, the next turn counts once the spin is far on the other side.
     after = lane.n_after
-    far = lane.far
-    in_turn = after if lane.reversals > 0.0 else 1e290
-    return far if lane.t_pending >= 0.0 else in_turn
+    # Before the first turn and between a zero and the next turn there is none.
+    in_turn = (lane.reversals > 0.0) & (lane.t_pending < 0.0)
+    return after if in_turn else NEVER
 
 
 @njit(**INNER)

@@ -23,11 +23,13 @@ from numba import njit, prange
 
 from rattlesweep.integrate.lanes import events, runs
 from rattlesweep.integrate.lanes.events import (
+    ARRIVED,
     HOLD,
     PEAK,
     REVERSED,
     STEP,
     TAKE,
+    may_be_far,
     may_reverse,
 )
 from rattlesweep.integrate.lanes.lane import (
@@ -51,9 +53,9 @@ RIM = int(Status.RIM)
 # Indices into ``parts``: the addresses of ``attempt``, of :func:`decide_closely` and,
 # for a model that slides, of :func:`slides.slide_lanes`.
 ATTEMPT, DECIDE, SLIDE = 0, 1, 2
-# Stages of :func:`decide_closely`: the zeros in a step tried, those after the zero at
-# which it ends, the extremes in a step that is to be taken.
-ZEROS, AFTER_ZERO, PEAKS = 0, 1, 2
+# Stages of :func:`decide_closely`: the zeros in a step tried, those after an event that
+# was found in it, the extremes in a step that is to be taken.
+ZEROS, AFTER_EVENT, PEAKS = 0, 1, 2
 # Columns of ``options``: 1 / tol^2, fixed step, most steps (of SUBSTEPS substeps each
 # if the step is fixed).
 SCALE, FIXED_STEP, MOST_STEPS = range(3)
@@ -83,19 +85,15 @@ def decide_closely(problem, w, l, max_steps, stage):
     """Decide on the step tried on lane ``l``, where something is due.
 
     The problem has no model.  Returns a status, which is OK if the run goes on, and a
-    move: HOLD (the step is not taken), TAKE, or REVERSED (the step is taken and ends at
-    a zero of the spin).
+    move: HOLD (the step is not taken), TAKE, REVERSED (the step is taken and ends at a
+    zero of the spin), or ARRIVED (the spin is as far as awaited within the step).
     """
     lane = lane_of(problem, w, l)
     if stage == PEAKS:
         move = events.search_peaks(lane)
         lane.accept = 0.0 if move == HOLD else 1.0
         return OK, move
-    if stage == AFTER_ZERO:
-        move = events.search_on(lane, lane.h)
-        lane.accept = 0.0 if move == HOLD else 1.0
-        return OK, move
-    if lane.mode == STEP and lane.accept == 0.0:
+    if stage == ZEROS and lane.mode == STEP and lane.accept == 0.0:
         lane.rejected += 1.0
         lane.held = 1.0
         # If the error is NaN, the comparison below is false, and the step shrinks by
@@ -110,27 +108,10 @@ def decide_closely(problem, w, l, max_steps, stage):
         elif lane.h * lane.swing < LEAST_ANGLE:
             status = STEP_TOO_SMALL if isfinite(lane.error) else NONFINITE
         return status, HOLD
-    move = TAKE
-    if lane.mode == STEP:
-        lane.h_limit = 0.0
-    if lane.searched == events.LIMIT or (lane.mode == STEP and lane.leaves > 0.0):
-        move = events.search_limit(lane)
-    if move == TAKE and lane.arm > 0.0:
-        # No zero counts yet; UNKNOWN_RATE makes every step due (`may_reverse`).
-        lane.rate_max = runs.UNKNOWN_RATE
-        if abs(lane.n1) > lane.arm:
-            lane.arm = 0.0
-            lane.sign = 1.0 if lane.n1 > 0.0 else -1.0
-            lane.rate_max = lane.arm_rate
-    elif move == TAKE and (
-        lane.mode != STEP
-        or (
-            lane.sign != 0.0
-            and may_reverse(lane.h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
-        )
-    ):
-        start = Point(0.0, lane.n0, lane.rate0)
-        move = events.search(lane, start, Point(lane.h, lane.n1, lane.rate1))
+    if stage == AFTER_EVENT:
+        move = events.search_on(lane, lane.h)
+    else:
+        move = search_zeros(lane)
     lane.accept = 0.0 if move == HOLD else 1.0
     if move == HOLD:
         return OK, HOLD
@@ -138,6 +119,29 @@ def decide_closely(problem, w, l, max_steps, stage):
     if move == TAKE and lane.h_limit > 0.0 and lane.h == lane.h_limit:
         return LIMIT, TAKE
     return STEP_LIMIT if lane.steps >= max_steps else OK, move
+
+
+@njit(**INNER)
+def search_zeros(lane):
+    """Make one move of the searches for zeros in the step just tried."""
+    move = TAKE
+    if lane.mode == STEP:
+        lane.h_limit = 0.0
+        if lane.arm > 0.0:
+            # No zero counts yet; UNKNOWN_RATE makes every step due (`may_reverse`).
+            lane.rate_max = runs.UNKNOWN_RATE
+            lane.far_rate = max(0.9 * lane.far_rate, abs(lane.rate1))
+    if lane.searched == events.LIMIT or (lane.mode == STEP and lane.leaves > 0.0):
+        move = events.search_limit(lane)
+    if move != TAKE:
+        return move
+    crosses = False
+    if lane.arm == 0.0 and lane.sign != 0.0:
+        crosses = may_reverse(lane.h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
+    if lane.mode == STEP and not crosses and not may_be_far(lane):
+        return TAKE
+    start = Point(0.0, lane.n0, lane.rate0)
+    return events.search(lane, start, Point(lane.h, lane.n1, lane.rate1))
 
 
 @njit(**INNER)
@@ -254,7 +258,7 @@ def watch(problem, w, recording):
             lane.window_n_min = min(lane.window_n_min, lane.n1)
             lane.window_n_max = max(lane.window_n_max, lane.n1)
         if recorded(recording.reversals):
-            runs.note_side(lane, recording.reversals)
+            runs.note_turn(lane, recording.reversals)
         if recorded(recording.volume):
             lane.volume += lane.h * lane.volume_rate1
         if problem.limited or recorded(recording.contact):
@@ -321,12 +325,16 @@ def search_closely(problem, parts, w, l, max_steps, recording):
     lane = lane_of(problem, w, l)
     if lane.mode < PEAK:
         status, move = call_for_pair(parts[DECIDE], (problem, w, l, max_steps, ZEROS))
-        if move == REVERSED and runs.goes_on(problem, recording):
-            runs.note_zero(lane, lane.t + (lane.h - lane.t_low))
-            later, move = call_for_pair(
-                parts[DECIDE], (problem, w, l, max_steps, AFTER_ZERO)
+        goes_on = runs.goes_on(problem, recording)
+        while move == ARRIVED or (move == REVERSED and goes_on):
+            if move == ARRIVED:
+                runs.note_far(lane, recording.reversals)
+            else:
+                t = lane.t + (lane.h - lane.t_low)
+                runs.note_zero(lane, t, recording.reversals)
+            status, move = call_for_pair(
+                parts[DECIDE], (problem, w, l, max_steps, AFTER_EVENT)
             )
-            status = later if move == HOLD else status
         if move == TAKE and lane.t_zero >= 0.0 and not recorded(recording.reversals):
             # Only the first zero is asked for.
             lane.sign = 0.0

@@ -250,8 +250,12 @@ class Fields:
     sign: Number  # of the spin between its zeros; 0 if no more of them are searched
     n_least: Number  # smallest ``sign * n`` since the launch
     far: Number  # modulus beyond which the spin counts as being on one side
-    arm: Number  # the same in a run launched without spin until it gets there, else 0
+    # The same while it matters when the spin gets there, else `NEVER`: after a launch
+    # without spin, and after a zero if reversals are recorded.
+    awaited: Number
+    arm: Flag  # whether no zero counts before that
     arm_rate: Number  # `rate_max` from there on
+    far_rate: Number  # largest recent rate until then
 
     # Search within a held step (events.py).
     mode: Number
@@ -319,7 +323,8 @@ class Fields:
     t_zero: Number  # first zero of the spin
     t_pending: Number  # first zero since the spin was last far
     t_crossed: Number  # latest zero, also of a dead body
-    side: Number  # sign of the spin when it was last far
+    t_turn: Number  # latest reversal
+    side: Number  # sign of the spin when it was last far, 0 if it has never been
     reversals: Number  # changes of side
     n_after: Number  # largest modulus of the spin since the last one
     n_peak: Number  # largest modulus found within the step

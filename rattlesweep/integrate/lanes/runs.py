@@ -13,7 +13,13 @@ from typing import NamedTuple
 from numba import njit
 
 from rattlesweep.arrays import Floats
-from rattlesweep.integrate.lanes.events import least_turn, may_peak, turn_points
+from rattlesweep.integrate.lanes.events import (
+    NEVER,
+    least_turn,
+    may_be_far,
+    may_peak,
+    turn_points,
+)
 from rattlesweep.integrate.lanes.lane import (
     INNER,
     Hooks,
@@ -344,13 +350,13 @@ def observe_contact(problem, w):
 
 @njit(**INNER)
 def observe_spin(problem, w):
-    """Compute which steps tried may hold the largest spin of a turn."""
+    """Compute which steps tried may complete a turn or hold its largest spin."""
     widest_vectors()
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
         start, end = turn_points(lane)
         peak = (start.value > 0.0) & may_peak(start, end, least_turn(lane))
-        lane.watched += 1.0 if peak else 0.0
+        lane.watched += 1.0 if peak | may_be_far(lane) else 0.0
 
 
 @njit(**INNER)
@@ -383,43 +389,60 @@ def is_dead(lane):
 
 
 @njit(**INNER)
-def note_zero(lane, t):
+def note_zero(lane, t, reversals):
     """Note a zero of the spin at time ``t`` in a run that continues after it."""
     lane.n_least = min(lane.n_least, 0.0)
     lane.t_crossed = t
-    if is_dead(lane):
+    # After a launch without spin, no zero counts before the spin has been far.
+    if lane.side == 0.0 or is_dead(lane):
         return
     if lane.t_zero < 0.0:
         lane.t_zero = t
-    if lane.t_pending < 0.0:
+    if recorded(reversals) and lane.t_pending < 0.0:
         lane.t_pending = t
+        lane.awaited = lane.far
 
 
 @njit(**INNER)
-def note_side(lane, reversals):
-    """Count a reversal once the spin is far on the other side, and store its peak."""
-    run = int(lane.run)
-    n = lane.n1
-    if abs(n) > lane.far:
-        side = 1.0 if n > 0.0 else -1.0
-        # Without a pending zero the body was dead when the spin changed sign.
-        if side * lane.side < 0.0 and lane.t_pending >= 0.0:
-            k = int(lane.reversals)
-            lane.reversals += 1.0
-            lane.n_after = 0.0
-            if k < MOST_REVERSALS:
-                reversals[run, k, 0] = lane.t_pending
-        lane.side = side
-        lane.t_pending = -1.0
-    # A peak before the spin is far belongs to no turn.
-    peak = lane.n_peak if lane.t_pending < 0.0 else 0.0
-    lane.n_peak = 0.0
-    size = max(abs(n), peak)
+def note_far(lane, reversals):
+    """Note that the spin is far, at the point from which the search goes on.
+
+    After a zero, this completes a reversal if the spin was far on the other side.
+    """
+    n = lane.lo.value
+    side = 1.0 if n > 0.0 else -1.0
+    if lane.arm > 0.0:
+        lane.arm = 0.0
+        lane.sign = side
+        lane.rate_max = lane.arm_rate
+    if side * lane.side < 0.0:
+        lane.reversals += 1.0
+        lane.t_turn = lane.t_pending
+        lane.n_after = 0.0
+        k = int(lane.reversals) - 1
+        if k < MOST_REVERSALS:
+            reversals[int(lane.run), k, 0] = lane.t_turn
+        note_size(lane, abs(n), reversals)
+    lane.side = side
+    lane.t_pending = -1.0
+    lane.awaited = NEVER
+
+
+@njit(**INNER)
+def note_size(lane, size, reversals):
+    """Let a modulus of the spin count as one of the present turn."""
     k = int(lane.reversals) - 1
     if k >= 0 and size > lane.n_after:
         lane.n_after = size
         if k < MOST_REVERSALS:
-            reversals[run, k, 1] = size
+            reversals[int(lane.run), k, 1] = size
+
+
+@njit(**INNER)
+def note_turn(lane, reversals):
+    """Let the end of the step just tried and a peak within it count in the turn."""
+    note_size(lane, max(abs(lane.n1), lane.n_peak), reversals)
+    lane.n_peak = 0.0
 
 
 # Start and end of a run.
@@ -447,9 +470,11 @@ def start(lane, run, y0, constants, probe, plan):
     lane.sign = lane.side = 1.0 if n > 0.0 else -1.0
     lane.far = plan[run, FAR]
     lane.t_zero = lane.t_pending = lane.t_crossed = -1.0
+    lane.awaited = NEVER
     if plan[run, TAPPED] > 0.0:
-        lane.arm = plan[run, FAR]
-        lane.arm_rate = plan[run, RATE]
+        lane.awaited = plan[run, FAR]
+        lane.arm = 1.0
+        lane.arm_rate = lane.far_rate = plan[run, RATE]
         lane.rate_max = UNKNOWN_RATE
         lane.side = 0.0
     lane.n_least = abs(n)
@@ -480,6 +505,7 @@ def idle(lane):
     lane.n0 = n
     lane.sign = 1.0
     lane.t_end = lane.window_end = lane.next = 1e290
+    lane.awaited = NEVER
 
 
 @njit(**INNER)
@@ -509,7 +535,7 @@ def finish(lane, status, reversal, t, run, result, counts, recording):
         close_window(lane, run, recording)
     t_r = t if reversal and status == OK and not is_dead(lane) else nan
     if recorded(recording.reversals):
-        note_side(lane, recording.reversals)
+        note_turn(lane, recording.reversals)
     # A failure after the first zero leaves it valid, unless the energy has drifted.
     if goes_on(lane.problem, recording) and lane.t_zero > 0.0 and status != ENERGY:
         t_r = lane.t_zero
