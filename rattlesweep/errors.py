@@ -46,5 +46,9 @@ class OutputError(RuntimeError):
     """Results cannot be read or written (exit code 1)."""
 
 
+class GoneError(OutputError):
+    """A file is gone, as one that was merged with others while they were read."""
+
+
 class DamagedError(OutputError):
     """A file is cut short, changed, or not written by this program."""

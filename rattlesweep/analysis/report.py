@@ -1,16 +1,18 @@
 """Self-contained HTML pages made from `templates/`, and the report of a sweep."""
 
 import base64
+import gc
 import io
 import re
 import shlex
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 from ruamel.yaml import YAML
@@ -19,9 +21,11 @@ from rattlesweep.analysis.layout import Layout, read_layout
 from rattlesweep.analysis.plots import MAPS, choose_picture, default_kind
 from rattlesweep.analysis.style import encode, styled
 from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.columns import floats
 from rattlesweep.sweeps.config.read import resolved
 from rattlesweep.sweeps.sessions import read_sessions
 from rattlesweep.sweeps.status import status
+from rattlesweep.sweeps.stored import Stored
 from rattlesweep.sweeps.summary import (
     PRINTED,
     absent_columns,
@@ -92,7 +96,7 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     stored = layout.stored
     state = status(directory)
     sessions = read_sessions(directory)
-    rows = stored.read(["case", "sample", "status", "n_steps"]).to_pandas()
+    steps, failures = _work(stored)
     counts = count_cases(stored)
     table = summary_table(stored.cases, counts)
     hidden = {"K_p", "K_r"}.difference(layout.axes) | absent_columns(table)
@@ -123,11 +127,11 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         done=state.data["runs"] >= state.data["wanted"],
         state=state.data,
         counts=counts,
-        steps=rows["n_steps"].sum(),
+        steps=steps,
         pictures=[_shown(layout, kind) for kind in dict.fromkeys(kinds)],
         case_head=[_heading(column) for column in table.schema],
         cases=list(zip(*table.to_pydict().values(), strict=True)),
-        failures=_failures(rows),
+        failures=failures,
         thresholds=thresholds,
         config=config_yaml(resolved(stored.config)),
         seconds=sum(session.get("seconds") or 0.0 for session in sessions),
@@ -141,14 +145,28 @@ def _heading(column: pa.Field) -> tuple[str, str]:
     return re.split("[;,]", words)[0], column.name
 
 
-def _failures(rows: pd.DataFrame) -> list[tuple[str, int, str, str]]:
-    """Return for each status but ok its number of runs, their share, and the first."""
+def _work(stored: Stored) -> tuple[int, list[tuple[str, int, str, str]]]:
+    """Return the number of steps, and the failures.
+
+    These are, for each status but ok, its number of runs, their share, and the first.
+    """
+    steps = 0
+    runs = 0
+    failed: Counter[str] = Counter()
+    first: dict[str, str] = {}
+    for rows in stored.batches(["case", "sample", "status", "n_steps"]):
+        steps += int(floats(rows["n_steps"]).sum())
+        runs += len(rows)
+        statuses = rows["status"]
+        for row in rows.filter(pc.not_equal(statuses, "ok")).to_pylist():
+            failed[row["status"]] += 1
+            place = f"case {row['case']}, sample {row['sample']}"
+            first.setdefault(row["status"], place)
     failures = []
-    for word, failed in rows[rows["status"] != "ok"].groupby("status"):
-        share = f"{100 * len(failed) / len(rows):.3g} %"
-        first = f"case {failed['case'].iloc[0]}, sample {failed['sample'].iloc[0]}"
-        failures.append((str(word), len(failed), share, first))
-    return failures
+    for word in sorted(failed):
+        share = f"{100 * failed[word] / runs:.3g} %"
+        failures.append((word, failed[word], share, first[word]))
+    return steps, failures
 
 
 def _session_cells(session: Mapping[str, object]) -> list[object]:
@@ -170,6 +188,8 @@ def _shown(layout: Layout, kind: str) -> Mapping[str, object]:
         with styled():
             picture = choose_picture(layout, kind)
             image = {**embedded(*_encoded(picture.figure(caption=False)))}
+        # The parts of a figure refer to each other, so that it would stay.
+        gc.collect()
         with styled({"font.size": NARROW_FONT}):
             if image["wide"]:
                 height = NARROW_MARGIN + NARROW_PANEL * len(picture.down)
@@ -177,6 +197,8 @@ def _shown(layout: Layout, kind: str) -> Mapping[str, object]:
                 image["narrow"] = _data_url(*_encoded(narrow))
     except (ConfigError, OutputError) as error:
         return {"kind": kind, "error": error}
+    finally:
+        gc.collect()
     return {
         "kind": kind,
         "error": None,

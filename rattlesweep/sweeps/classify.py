@@ -11,6 +11,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.read import parse_config, resolved
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.locks import hold
+from rattlesweep.sweeps.merging import all_runs, find_merged
 from rattlesweep.sweeps.stored import Stored, open_stored, rewrite, typed_by
 from rattlesweep.sweeps.summary import write_summary
 from rattlesweep.sweeps.types import with_types
@@ -32,6 +33,7 @@ def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classifie
     with hold(directory):
         stored = open_stored(directory)
         thresholds = _thresholds(stored, overrides)
+        find_merged(stored, all_runs)
         changed = 0
         files = 0
         for path in stored.files():

@@ -162,7 +162,7 @@ def move(source: Path, target: Path) -> None:
         with open(source, "rb") as file, streamed_file(target) as copy:
             shutil.copyfileobj(file, copy)
         source.unlink()
-    _sync_folder(target.parent)
+    sync_folder(target.parent)
 
 
 def _sync(handle: int) -> None:
@@ -174,7 +174,7 @@ def _sync(handle: int) -> None:
             raise
 
 
-def _sync_folder(path: Path) -> None:
+def sync_folder(path: Path) -> None:
     """Write the names in a folder to disk, if the system can.
 
     Windows cannot open a folder, and some network file systems cannot sync one.

@@ -26,6 +26,7 @@ from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.integrate.task import Control
 from rattlesweep.sweeps.columns import floats
 from rattlesweep.sweeps.cost import case_costs
+from rattlesweep.sweeps.merging import Writer
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.stored import Found, Stored, keys_of
 
@@ -138,6 +139,7 @@ class Job:
 
     def __post_init__(self) -> None:
         self._costs = Costs(case_costs(self.plan))
+        self._writer = Writer(self.stored, self.plan.config.classify.as_text)
         method = METHODS[self.plan.config.integrator.method]
         self._first_rate = ADAPTIVE_RATE if method.adaptive else FIXED_RATE
         if self.plan.config.dissipation.slides:
@@ -202,7 +204,7 @@ class Job:
         """Write rows to disk, and count them and the seconds of the kernel for them."""
         with _signals_deferred():
             self.check()
-            self.stored.append(table, self.plan.config.classify.as_text)
+            self._writer.write(table)
             self.found.add(table)
             self.runs += len(table)
             self.done += len(table)

@@ -5,18 +5,19 @@ may rename a column. So the four bytes before the footer hold the checksum of th
 footer. Readers that do not know of it skip these bytes, as they skip any gap.
 """
 
+import errno
 import io
 import os
 import re
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rattlesweep.errors import DamagedError, OutputError
+from rattlesweep.errors import DamagedError, GoneError, OutputError
 from rattlesweep.sweeps.files import open_regular, reason, streamed_file
 
 # Columns with few distinct values, which dictionary encoding makes smaller.
@@ -33,6 +34,7 @@ REPEATING = {
 # readers can stream a large file.
 ROW_GROUP = 1 << 17
 MARK = b"footer's crc32: "  # precedes the checksum
+GONE = (errno.ENOENT, errno.ESTALE)  # errors of a file that others have replaced
 ENDING = 8  # bytes after the footer: its length, and Parquet's own mark
 # Words of Arrow about memory and threads that it did not get, for which it has no
 # number and no class.
@@ -81,11 +83,16 @@ def encode(table: pa.Table) -> bytes:
     return data[:footer_start] + MARK + checksum + footer
 
 
-def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+def read_parquet(
+    path: Path,
+    columns: Sequence[str] | None = None,
+    check: Callable[[pa.Schema, pq.FileMetaData], None] = lambda schema, footer: None,
+) -> pa.Table:
     """Return the rows of a Parquet file, with its metadata.
 
     Raise a DamagedError if its contents contradict their checksums, and an OutputError
-    if the system cannot read it.
+    if the system cannot read it, a GoneError if there is no such file.  `check` is
+    called with the schema and the footer before rows are read, and may raise.
     """
     try:
         # A file opened by Python raises errors of the system with their numbers. Arrow
@@ -99,6 +106,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
             parquet = pq.ParquetFile(
                 file, page_checksum_verification=True, pre_buffer=False
             )
+            check(parquet.schema_arrow, parquet.metadata)
             names = None if columns is None else list(columns)
             rows = parquet.read(names, use_threads=False)
             if len(rows) != parquet.metadata.num_rows:
@@ -108,6 +116,8 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
         # Arrow's MemoryError is also an ArrowException, but the file is not damaged.
         raise
     except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
+        if isinstance(error, OSError) and error.errno in GONE:
+            raise GoneError(f"cannot read {path}: {reason(error)}") from error
         has_number = isinstance(error, OSError) and error.errno is not None
         if has_number or SYSTEM.search(str(error)):
             raise OutputError(f"cannot read {path}: {reason(error)}") from error

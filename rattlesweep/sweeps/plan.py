@@ -277,7 +277,8 @@ def examine(
         return None, wanted
     stored = open_stored(directory)
     check_same(stored, wanted)
-    lost = [case for case in stored.cases if case not in set(plan.cases)]
+    wanted_cases = set(plan.cases)
+    lost = [case for case in stored.cases if case not in wanted_cases]
     excess = ""
     if lost:
         excess = f"runs with {lost[0]}, which the config lacks"

@@ -20,7 +20,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from rattlesweep.arrays import Flags
+from rattlesweep.arrays import Flags, Integers
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.task import Control, Task
@@ -35,6 +35,7 @@ from rattlesweep.sweeps.decide import wanted_runs
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.job import Job, Keys, OutOfTime, Progress
 from rattlesweep.sweeps.locks import MANIFEST_LOCK, hold, locked
+from rattlesweep.sweeps.merging import all_runs, find_merged
 from rattlesweep.sweeps.parquet import read_parquet
 from rattlesweep.sweeps.plan import Plan, begin, examine
 from rattlesweep.sweeps.sessions import session
@@ -75,7 +76,11 @@ class Shard:
     def runs(self, shape: tuple[int, ...]) -> Flags:
         """Return the runs of the shard; neighbours cost alike and are in others."""
         case, sample = (np.arange(n) % self.count for n in shape)
-        return np.asarray((case[:, None] + sample) % self.count == self.index)
+        return self.has(case[:, None], sample)
+
+    def has(self, case: Integers, sample: Integers) -> Flags:
+        """Return which keys are those of runs of the shard."""
+        return np.asarray((case + sample) % self.count == self.index)
 
 
 def run_sweep(
@@ -144,11 +149,11 @@ def _mend(
 ) -> Found:
     """Make the rows on disk those to start from.
 
-    Damaged files are set aside, stale types are made anew, and failed runs are dropped
-    if they are to be repeated. Return what is then on disk, and the damaged files where
-    they now are.
+    Small files are merged, damaged ones set aside, stale types are made anew, and
+    failed runs are dropped if they are to be repeated. Return what is then on disk, and
+    the damaged files where they now are.
     """
-    on_disk = stored.find()
+    on_disk = find_merged(stored, all_runs if shard is None else shard.has)
     on_disk.damaged = stored.set_aside(on_disk.damaged)
     typed = thresholds.as_text
     stale: set[Path] = set()

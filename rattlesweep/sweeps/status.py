@@ -61,6 +61,14 @@ def set_aside(paths: list[str]) -> str:
     return f"{files} in {folder}, replaced by new runs; look why before you delete it"
 
 
+def _size(path: Path) -> int:
+    """Return the size of a file; 0 if it is gone."""
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0
+
+
 def status(directory: Path) -> Status:
     """Count the rows of an output directory, and list the sessions at work there."""
     stored = open_stored(directory)
@@ -84,7 +92,7 @@ def status(directory: Path) -> Status:
         "runs": on_disk.rows,
         "wanted": int(wanted_runs(stored, on_disk).sum()),
         "files": len(files),
-        "bytes": sum(path.stat().st_size for path in files),
+        "bytes": sum(map(_size, files)),
         "status": dict(on_disk.status.most_common()),
         "types": dict(on_disk.types.most_common()),
         "damaged": [str(path) for path in stored.damaged_files()],

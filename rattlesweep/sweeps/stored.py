@@ -4,6 +4,8 @@ A sweep is a set of runs with keys ``(case, sample)``.  The folder ``runs`` hold
 Parquet files. Each contains any set of rows in the order of their keys, none of which
 is in another file.  Its metadata name the sweep, the thresholds by which its rows were
 typed, and the cases of its rows, so that files can be copied between directories.
+A file in the folder ``merging`` stands for the files that its metadata name, until it
+has taken their place in ``runs``; see :mod:`rattlesweep.sweeps.merging`.
 ``manifest.json`` describes the sweep but not its progress, and is written when a sweep
 begins or grows.
 """
@@ -13,21 +15,30 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
+import zlib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import zip_longest
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 from pydantic import Field, field_validator
 
 from rattlesweep.arrays import Flags, Integers
-from rattlesweep.errors import ConfigError, DamagedError, OutputError, one_line
+from rattlesweep.errors import (
+    ConfigError,
+    DamagedError,
+    GoneError,
+    OutputError,
+    one_line,
+)
 from rattlesweep.names import REGIMES
 from rattlesweep.quantities import LOSSES, QUANTITIES
 from rattlesweep.sweeps.checked import Checked, load
@@ -54,16 +65,24 @@ MANIFEST = "manifest.json"
 SUMMARY = "summary.parquet"
 FOLDER = "runs"  # holds rows and nothing else: readers take all files there for data
 DAMAGED = "damaged"  # folder of the files that were damaged
+MERGING = "merging"  # folder of files that are about to replace others
 FORMAT = 3
 # Metadata of a file of rows: hash of the sweep, thresholds of its types, its cases.
 SWEEP = "rattlesweep.sweep"
 TYPED = "rattlesweep.classify"
 CASES = "rattlesweep.cases"
+# Of a file in `merging`: names and checksums of the files that it stands for, as JSON.
+REPLACES = "rattlesweep.replaces"
 KEY = ("case", "sample")
 MISSING = -1  # code of a run that is not stored
 FAILED = len(TYPES)  # code of a stored run without a type
 MAX_RUNS = 10**9  # in a sweep, which holds one byte for each of them
-BATCH_ROWS = 1_000_000  # rows sorted at a time
+BATCH_ROWS = 1 << 18  # rows sorted at a time
+# Rows, and bytes in memory, that no file of this program has.
+MOST_ROWS = 1 << 22
+MOST_BYTES = 1 << 30
+LOOKS = 100  # at files that others replace meanwhile
+T = TypeVar("T")
 # Columns that a case may share, and their kinds.
 VARIES = {name: QUANTITIES[name].kind for name in ("n_i", "omega_xy0", *LOSSES)}
 IS_DAMAGED = "{} is damaged; `rattlesweep run` does its runs again"
@@ -212,7 +231,36 @@ class Stored(Design):
 
     def files(self) -> list[Path]:
         """Return the files of rows, sorted by name."""
-        return _visible(self.folder, ".parquet")
+        for _ in range(LOOKS):
+            # Each step of a merge changes its folder, so the list is of one moment.
+            before = _changed(self.merging)
+            with contextlib.suppress(GoneError):
+                files = self._list()
+                if _changed(self.merging) == before:
+                    return files
+        raise OutputError(f"the files of {self.folder} are merged without end")
+
+    def _list(self) -> list[Path]:
+        merged = _visible(self.merging, ".parquet")
+        files = {path.name: path for path in _visible(self.folder, ".parquet")}
+        for path in merged:
+            with contextlib.suppress(DamagedError):
+                for name in replaced_by(path, files):
+                    del files[name]
+            files.setdefault(path.name, path)
+        return [files[name] for name in sorted(files)]
+
+    @property
+    def merging(self) -> Path:
+        """Folder of files that are about to replace others."""
+        return self.directory / MERGING
+
+    def steadily(self, look: Callable[[list[Path]], T]) -> T:
+        """Return what a function finds in the files, none of which was gone."""
+        for _ in range(LOOKS):
+            with contextlib.suppress(GoneError):
+                return look(self.files())
+        return look(self.files())
 
     def damaged_files(self) -> list[Path]:
         """Return the files that were damaged and have been set aside."""
@@ -243,43 +291,82 @@ class Stored(Design):
             moved.append(target)
         return moved
 
-    def append(self, table: pa.Table, typed: str) -> None:
-        """Write rows, none of which is on disk, to a new file."""
+    def new_path(self, table: pa.Table) -> Path:
+        """Return the path of a new file of rows."""
         case, sample = keys_of(table.slice(0, 1))
         name = f"case{case[0]:05d}-sample{sample[0]:09d}.parquet"
+        return free_path(self.folder / name)
+
+    def append(self, table: pa.Table, typed: str) -> Path:
+        """Write rows, none of which is on disk, to a new file; return its path."""
+        path = self.new_path(table)
+        self.write(path, table, typed)
+        return path
+
+    def write(
+        self, path: Path, table: pa.Table, typed: str, replaces: str | None = None
+    ) -> None:
+        """Write rows to a file, in one step."""
         labels = {
             SWEEP: self.hash,
             TYPED: typed,
             CASES: "\n".join(self._cases_of(table)),
         }
-        write_parquet(table, free_path(self.folder / name), labels, self.directory)
+        if replaces is not None:
+            labels[REPLACES] = replaces
+        write_parquet(table, path, labels, self.directory)
 
-    def find(self, files: Iterable[Path] | None = None) -> Found:
-        """Read all files, or these; raise an OutputError for rows of no use."""
+    def find(
+        self,
+        files: Iterable[Path] | None = None,
+        seen: Callable[[Path, pa.Table], None] = lambda path, rows: None,
+    ) -> Found:
+        """Read all files, or these; raise an OutputError for rows of no use.
+
+        `seen` is called with each file and its rows.
+        """
+        if files is None:
+            return self.steadily(self.find)
         found = self.nothing_found()
-        for path in self.files() if files is None else files:
+        for path in files:
             try:
-                rows = read_parquet(path)
+                rows = read_parquet(path, check=partial(self._check_footer, path))
             except DamagedError:
                 found.damaged.append(path)
                 continue
             fault = self._fault(rows, found)
             if fault is not None:
-                advice = "move it away, or use another output"
-                raise OutputError(f"{path} {fault}; {advice}")
+                raise _useless(path, fault)
             found.add(rows)
             found.typed.setdefault(metadata(rows).get(TYPED, ""), []).append(path)
+            seen(path, rows)
         return found
+
+    def _check_footer(
+        self, path: Path, schema: pa.Schema, footer: pq.FileMetaData
+    ) -> None:
+        """Raise an OutputError for a file of no use, before its rows take memory."""
+        rows = footer.num_rows
+        groups = map(footer.row_group, range(footer.num_row_groups))
+        size = sum(group.total_byte_size for group in groups)
+        most = min(self.runs, MOST_ROWS)
+        fault = None
+        if labels_of(schema).get(SWEEP) != self.hash:
+            fault = "holds runs of another sweep"
+        elif not same_schema(schema, self.schema):
+            fault = "has the columns of another version of rattlesweep"
+        elif not rows:
+            fault = "holds no runs"
+        elif rows > most:
+            fault = f"holds {rows:,} runs, more than the {most:,} that are possible"
+        elif size > MOST_BYTES:
+            fault = f"would take {size / 1e9:.1f} GB of memory"
+        if fault is not None:
+            raise _useless(path, fault)
 
     def _fault(self, rows: pa.Table, found: Found) -> str | None:
         """Return why the rows of a file cannot be added to those found before."""
         labels = metadata(rows)
-        if labels.get(SWEEP) != self.hash:
-            return "holds runs of another sweep"
-        if not same_schema(rows.schema, self.schema):
-            return "has the columns of another version of rattlesweep"
-        if not len(rows):
-            return "holds no runs"
         if self._is_beyond(rows):
             return f"holds runs beyond {self._size}"
         if not set(self._cases_of(rows)) <= {*labels.get(CASES, "").split("\n")}:
@@ -330,7 +417,11 @@ class Stored(Design):
 
     def count(self) -> int:
         """Return the number of rows on disk."""
-        return sum(len(self.rows_of(path, KEY)) for path in self.files())
+
+        def total(files: list[Path]) -> int:
+            return sum(len(self.rows_of(path, KEY)) for path in files)
+
+        return self.steadily(total)
 
     def read(self, names: Sequence[str] | None = None) -> pa.Table:
         """Return all rows, or some of their columns, in the order of their keys."""
@@ -340,29 +431,80 @@ class Stored(Design):
         return pa.Table.from_batches(batches, schema.remove_metadata()).cast(schema)
 
     def batches(self, names: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
-        """Yield the same rows in the same order, in pieces that fit into memory."""
+        """Yield the same rows in the same order, in pieces that fit into memory.
+
+        Rows that are written meanwhile may be left out.
+        """
         names = self.schema.names if names is None else list(names)
+        last = -1  # key of the last row, after which reading goes on
+        for _ in range(LOOKS):
+            try:
+                for rows in self._pieces(names, last):
+                    last = _order(rows.slice(len(rows) - 1))[0]
+                    yield from rows.select(names).to_batches()
+                return
+            except GoneError:  # the files have been merged
+                continue
+        raise OutputError(f"the files of {self.folder} are merged without end")
+
+    def _pieces(self, names: Sequence[str], last: int) -> Iterator[pa.Table]:
+        """Yield the rows after the one with the key `last`, in order."""
         needed = list(dict.fromkeys([*names, *KEY]))
-        first = {path: _order(self.rows_of(path, KEY))[0] for path in self.files()}
+        first = {
+            path: int(_order(self.rows_of(path, KEY)).min()) for path in self.files()
+        }
         paths = sorted(first, key=first.__getitem__)
         held: list[pa.Table] = []  # rows that later files may have rows between
         for path, following in zip_longest(paths, paths[1:]):
-            rows = self.rows_of(path, needed)
-            held.append(rows.replace_schema_metadata(None))
+            rows = in_order(self.rows_of(path, needed)).replace_schema_metadata(None)
+            # Rows may have been added to the file before its first one.
+            begin = max(first[path], last + 1)
+            held.append(rows.slice(int(np.searchsorted(_order(rows), begin))))
             if following is not None and sum(map(len, held)) < BATCH_ROWS:
                 continue
-            table = pa.concat_tables(held)
-            order = _order(table)
-            if (np.diff(order) < 0).any():
-                index = np.argsort(order)
-                table = table.take(index)
-                order = order[index]
+            table = in_order(pa.concat_tables(held))
             ready = len(table)
             if following is not None:
                 # No later file has rows before the first row of the next file.
-                ready = int(np.searchsorted(order, first[following]))
+                ready = int(np.searchsorted(_order(table), first[following]))
             held = [table.slice(ready)]
-            yield from table.slice(0, ready).select(names).to_batches()
+            if ready:
+                yield table.slice(0, ready)
+
+
+def _useless(path: Path, fault: str) -> OutputError:
+    """Return the error about a file whose rows cannot belong to a sweep."""
+    return OutputError(f"{path} {fault}; move it away, or use another output")
+
+
+def _changed(folder: Path) -> int:
+    """Return when names in a folder changed; 0 if there is none."""
+    try:
+        return os.stat(folder).st_mtime_ns
+    except OSError:
+        return 0
+
+
+def checksum(path: Path) -> int:
+    """Return a checksum of a file."""
+    try:
+        return zlib.crc32(path.read_bytes())
+    except FileNotFoundError:
+        raise GoneError(f"{path} is gone") from None
+    except OSError as error:
+        raise OutputError(f"cannot read {path}: {reason(error)}") from error
+
+
+def replaced_by(merged: Path, files: Mapping[str, Path]) -> list[str]:
+    """Return which files, by name, a file in `merging` stands for."""
+    labels = metadata(read_parquet(merged, []))
+    try:
+        replaces = {**json.loads(labels[REPLACES])}
+    except (KeyError, TypeError, ValueError) as error:
+        raise DamagedError(f"{merged} does not name the files it replaces") from error
+    names = replaces.keys() & files.keys()
+    # Names are used again, contents are not.
+    return [name for name in names if checksum(files[name]) == replaces[name]]
 
 
 def _visible(folder: Path, suffix: str) -> list[Path]:
@@ -534,8 +676,13 @@ def typed_by(path: Path) -> str:
 
 def metadata(rows: pa.Table) -> dict[str, str]:
     """Return the metadata of the file that rows were read from."""
+    return labels_of(rows.schema)
+
+
+def labels_of(schema: pa.Schema) -> dict[str, str]:
+    """Return the metadata of a schema as text."""
     labels = {}
-    for name, value in (rows.schema.metadata or {}).items():
+    for name, value in (schema.metadata or {}).items():
         labels[name.decode(errors="replace")] = value.decode(errors="replace")
     return labels
 
@@ -544,6 +691,14 @@ def keys_of(rows: pa.Table) -> tuple[Integers, Integers]:
     """Return case and sample of each row."""
     case, sample = (rows.column(name).to_numpy().astype(np.int64) for name in KEY)
     return case, sample
+
+
+def in_order(rows: pa.Table) -> pa.Table:
+    """Return rows in the order of their keys."""
+    order = _order(rows)
+    if (np.diff(order) < 0).any():
+        return rows.take(np.argsort(order))
+    return rows
 
 
 def _order(rows: pa.Table) -> Integers:

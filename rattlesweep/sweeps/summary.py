@@ -162,7 +162,9 @@ class Counts(dict[str, Integers]):
         self.n_i_rpm = Moments(cells)
 
     def __missing__(self, name: str) -> Integers:
-        return np.zeros(self._cells, np.int64)
+        # Sums of a number of each run may be larger than that of the runs.
+        kind = np.int64 if name == "near_tangencies" else np.int32
+        return np.zeros(self._cells, kind)
 
     @property
     def types(self) -> dict[str, Integers]:
@@ -185,7 +187,9 @@ class Counts(dict[str, Integers]):
                 numbers[f"regime_{regime}"] = is_ok & (regime_codes == code)
         for name, number in numbers.items():
             sums = self.setdefault(name, self[name])
-            np.add.at(sums, cell[is_counted], number[is_counted])
+            # Adding no zeros leaves arrays of zeros without memory of their own.
+            is_added = is_counted & (number != 0)
+            np.add.at(sums, cell[is_added], number[is_added].astype(sums.dtype))
         for name, values in _averaged(columns, type_codes, is_ok).items():
             has_value = is_counted & np.isfinite(values)
             moments: Moments = getattr(self, name)
@@ -248,10 +252,11 @@ class Moments:
     """Number, mean and deviation by cell.
 
     Differences from the first value are summed, so that a large mean costs no digits.
+    Where each cell has one run, all of them are zero and take no memory.
     """
 
     def __init__(self, cells: int) -> None:
-        self.count = np.zeros(cells, np.int64)
+        self.count = np.zeros(cells, np.int32)  # a sweep has at most 10^9 runs
         self._first = np.zeros(cells)
         self._sum = np.zeros(cells)
         self._squares = np.zeros(cells)
@@ -264,6 +269,9 @@ class Moments:
         step = values - self._first[cell]
         # One by one and in order; np.bincount would sum each batch separately.
         np.add.at(self.count, cell, 1)
+        differs = step != 0
+        cell = cell[differs]
+        step = step[differs]
         np.add.at(self._sum, cell, step)
         # An infinite deviation is stored as null.
         with np.errstate(over="ignore"):

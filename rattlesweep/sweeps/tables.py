@@ -17,9 +17,12 @@ import pyarrow.csv as csv
 import pyarrow.parquet as pq
 
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.sweeps.files import as_path
+from rattlesweep.sweeps.files import as_path, open_regular
 
 LARGE = 3e8  # bytes of a file that takes seconds to read
+MAGIC = b"PAR1"  # begins a Parquet file
+HIDDEN = (".", "_")
+MOST_FILES = 10_000  # in a folder
 SAMPLED = 1_000_000  # bytes from which separator and decimal sign are inferred
 COMMENT = "#"  # begins lines before the header that are no part of the table
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
@@ -62,6 +65,8 @@ def read_table(
             what = "is not a file"
         raise ConfigError(f"{where}: {what}; give the path of a CSV or Parquet table")
     try:
+        if file.is_dir():
+            _check_folder(file, where)
         _announce(file)
         if file.is_dir():
             return _read_folder(file, where, needed)
@@ -78,6 +83,29 @@ def unreadable(where: str, error: Exception) -> ConfigError:
     """Return the error about something that is no table."""
     reason = one_line(str(error).split("\n")[0] or type(error).__name__, 200)
     return ConfigError(f"{where}: cannot be read as a table ({reason})")
+
+
+def _check_folder(folder: Path, where: str) -> None:
+    """Refuse a folder of other things before all of it is searched."""
+    count = 0
+    for place, folders, names in os.walk(folder):
+        # Arrow leaves out what begins so.
+        folders[:] = [name for name in folders if not name.startswith(HIDDEN)]
+        count += len(folders)
+        for name in names:
+            if name.startswith(HIDDEN):
+                continue
+            count += 1
+            path = Path(place, name)
+            with open_regular(path) as file:
+                if file.read(len(MAGIC)) != MAGIC:
+                    what = (
+                        f"is a folder with {one_line(str(path), 200)}, no Parquet file"
+                    )
+                    raise ConfigError(f"{where}: {what}; give one of Parquet files")
+        if count > MOST_FILES:
+            what = f"is a folder of more than {MOST_FILES:,} files"
+            raise ConfigError(f"{where}: {what}; put them into one")
 
 
 def _announce(file: Path) -> None:

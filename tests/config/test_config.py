@@ -496,3 +496,18 @@ def test_differences_name_keys_and_both_values(path):
     every = ["bodies.samples: 1000 against 10", *others]
     assert read.differences(resolved(one), resolved(two)) == every
     assert read.differences(read.fixed_part(one), read.fixed_part(two)) == others
+
+
+@pytest.mark.parametrize("end", ["\n", "\r", "\r\n", "\x85", "\u2028"])
+def test_values_are_counted_whatever_ends_a_line(end, tmp_path, monkeypatch):
+    monkeypatch.setattr(read, "MAX_VALUES", 50)
+    monkeypatch.setattr(read, "TOO_MANY", "too many values")
+    path = tmp_path / "many.yaml"
+    items = [f"- 0.{number}" for number in range(60)]
+    path.write_bytes(end.join(["n_i:", *items]).encode())
+    with pytest.raises(ConfigError, match="too many values"):
+        read.load_config(path)
+    path.write_bytes(end.join(["n_i:", *items[:40]]).encode())
+    with pytest.raises(ConfigError) as refused:
+        read.load_config(path)
+    assert "too many values" not in str(refused.value)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
+from rattlesweep.sweeps import merging
 from rattlesweep.sweeps.job import Job, Keys
 from rattlesweep.sweeps.run import local
 
@@ -17,8 +19,8 @@ class Stop(Exception):
 
 
 def cut(rows: int, most: int = 10**9, dice: random.Random | None = None) -> Any:
-    """Return an engine for blocks of `rows` runs, which gives up after `most`
-    blocks.
+    """Return an engine for blocks of `rows` runs, each of which has a file, which
+    gives up after `most` blocks.
     """
 
     def engine(work: Job, blocks: Iterator[Keys]) -> None:
@@ -30,7 +32,8 @@ def cut(rows: int, most: int = 10**9, dice: random.Random | None = None) -> Any:
             pieces.append((case[chosen], sample[chosen]))
         if dice is not None:
             dice.shuffle(pieces)
-        local(work, iter(pieces[:most]))
+        with patch.object(merging, "FILE_BYTES", 1):
+            local(work, iter(pieces[:most]))
         if len(pieces) > most:
             raise Stop
 

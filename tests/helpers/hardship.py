@@ -22,7 +22,8 @@ from typing import Any
 import pyarrow as pa
 from nursery import TINY, become
 
-from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.parquet import read_parquet
+from rattlesweep.sweeps.stored import KEY, open_stored
 from rattlesweep.sweeps.verify import same_bits, verify
 
 # With this threshold some runs of the closed form change type.
@@ -69,7 +70,8 @@ class Child:
     """A `rattlesweep` command in a process of its own.
 
     Keywords: ``calls``, arguments of `syscalls.Calls`; ``hold``, the number of blocks
-    to finish before waiting for SIGUSR1; ``rows``, runs per block.
+    to finish before waiting for SIGUSR1; ``rows``, runs per block; ``bytes``, from
+    which on a file is large.
     """
 
     def __init__(self, *args: Any, **how: Any) -> None:
@@ -133,6 +135,10 @@ def check_whole(directory: Path, *expected: Path) -> int:
     if not (directory / "manifest.json").exists():
         assert not files_of(directory)
         return 0
+    # Other programs find no row twice, whenever they look.
+    keys = [read_parquet(path, KEY).to_pylist() for path in files_of(directory)]
+    seen = [(row["case"], row["sample"]) for rows in keys for row in rows]
+    assert len(set(seen)) == len(seen)
     rows = rows_of(directory).to_pylist()
     assert len({(row["case"], row["sample"]) for row in rows}) == len(rows)
     # `repr` tells any two different floats apart.

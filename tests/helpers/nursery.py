@@ -17,7 +17,7 @@ from typing import Any
 from syscalls import Calls
 
 from rattlesweep import cli
-from rattlesweep.sweeps import block, job
+from rattlesweep.sweeps import block, job, merging
 
 ROWS = 6  # runs per block, so that small sweeps have several files
 TINY = """\
@@ -63,6 +63,7 @@ def become(args: list[str], out: Path, how: dict[str, Any]) -> None:
         # It matters after a power cut, not after a kill, and takes most of the time.
         os.fsync = os.fstat  # type: ignore[assignment]
         job.MAX_BLOCK_RUNS = how.get("rows", ROWS)
+        merging.FILE_BYTES = how.get("bytes", 1)  # by default a file for each block
         if "hold" in how:
             _hold(how["hold"])
         if "calls" in how:

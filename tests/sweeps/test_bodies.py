@@ -22,9 +22,11 @@ import rattlesweep as rs
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.sweeps import tables
 from rattlesweep.sweeps.bodies import sources
 from rattlesweep.sweeps.bodies.sources import CHUNK, draw_points, uniforms
 from rattlesweep.sweeps.config.schema import Target
+from rattlesweep.sweeps.tables import read_table
 
 SPIN = {"n_i": -0.1, "omega_xy0": 0.01}
 TABLE_I = {
@@ -439,3 +441,19 @@ def test_an_output_table_is_a_valid_input_and_gives_the_same_results(psi, tmp_pa
     cut = again("short", {"t": 10})
     assert (cut.t_end[had] <= 10).all()
     assert np.array_equal(cut.t_end[~had], first.t_end[~had])
+
+
+def test_a_folder_of_other_things_is_refused_before_it_is_searched(
+    tmp_path, monkeypatch
+):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "notes.txt").write_text("no table")
+    monkeypatch.setattr(tables.pq, "read_table", lambda *_, **__: pytest.fail("read"))
+    with pytest.raises(ConfigError, match=r"notes\.txt, no Parquet file"):
+        read_table(tmp_path, "bodies.path")
+    (tmp_path / "a" / "notes.txt").unlink()
+    monkeypatch.setattr(tables, "MOST_FILES", 3)
+    for number in range(4):
+        (tmp_path / "a" / f"{number}.parquet").write_bytes(b"PAR1")
+    with pytest.raises(ConfigError, match="more than 3 files; put them into one"):
+        read_table(tmp_path, "bodies.path")

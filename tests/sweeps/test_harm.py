@@ -39,7 +39,18 @@ GRID = (
 )
 SPINS = "spin: {n_i: {linspace: [-0.4, 0.4, 6]}, omega_xy0: 0.01}"
 SD = "bodies: {source: sd, samples: 600}"
-SCENES = ("run", "classify", "retry", "merge", "grow", "refine", "stop")
+SCENES = (
+    "run",
+    "one file",
+    "small files",
+    "classify",
+    "retry",
+    "merge",
+    "grow",
+    "refine",
+    "stop",
+)
+LARGE = 1 << 22  # bytes of a file, as without these tests
 
 
 @dataclass(frozen=True)
@@ -52,6 +63,7 @@ class Scene:
     args: tuple[Any, ...]
     after: Path
     rows: int = 12
+    bytes: int = 1  # of a file that is large
 
     def begin(self, output: Path) -> None:
         shutil.rmtree(output, ignore_errors=True)
@@ -59,7 +71,8 @@ class Scene:
             shutil.copytree(self.before, output)
 
     def run(self, output: Path, **how: Any) -> Ended:
-        return command(*self.arguments(output), rows=self.rows, **how)
+        how |= {"rows": self.rows, "bytes": self.bytes}
+        return command(*self.arguments(output), **how)
 
     def arguments(self, output: Path) -> list[str]:
         return [str(text).replace("{out}", str(output)) for text in self.args]
@@ -87,6 +100,15 @@ def make_scene(name: str, folder: Path) -> Scene:
     whole = did(run, folder / "whole")
     if name in ("run", "refine", "stop"):
         return Scene(None, run, whole, rows)
+    if name == "one file":
+        return Scene(None, run, whole, 5, LARGE)
+    if name == "small files":
+        before = folder / "small"
+        assert Scene(None, run, before, 1).run(before).code == 0
+        (before / "summary.parquet").unlink()
+        for path in files_of(before)[::7]:
+            path.unlink()
+        return Scene(before, run, whole, 2, LARGE)
     if name == "merge":
         shards = [did((*run, "--shard", f"{k}/2"), folder / str(k)) for k in range(2)]
         return Scene(None, ("merge", *shards, "--output", "{out}"), whole)

@@ -27,6 +27,7 @@ from sweeping import plan_of
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate import task
 from rattlesweep.sweeps import job as jobs
+from rattlesweep.sweeps import merging
 from rattlesweep.sweeps import stored as stores
 from rattlesweep.sweeps.job import Job, Progress
 from rattlesweep.sweeps.locks import hold
@@ -282,6 +283,7 @@ def test_the_first_samples_of_every_case_come_first(shape, spread, monkeypatch):
 
 def test_reading_what_passes_wrote_holds_few_files(monkeypatch, tmp_path):
     monkeypatch.setattr(jobs, "MAX_BLOCK_RUNS", 100)
+    monkeypatch.setattr(merging, "FILE_BYTES", 1)
     monkeypatch.setattr(stores, "BATCH_ROWS", 1)
     config = CONFIG | {"bodies": {"source": "sd", "samples": 1000}, "model": "gh"}
     spin = {"n_i": np.linspace(0.1, 0.5, 4).tolist(), "omega_xy0": 0.01}

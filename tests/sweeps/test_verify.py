@@ -18,6 +18,7 @@ from hardship import check_equal, files_of, rows_of
 import rattlesweep as rs
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps import job as jobs
+from rattlesweep.sweeps import merging
 from rattlesweep.sweeps.classify import classify_stored
 from rattlesweep.sweeps.parquet import read_parquet, write_parquet
 from rattlesweep.sweeps.run import Shard
@@ -45,6 +46,7 @@ def whole(tmp_path_factory) -> Path:
     output = tmp_path_factory.mktemp("whole") / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(jobs, "MAX_BLOCK_RUNS", 20)
+        patch.setattr(merging, "FILE_BYTES", 1)
         sweep(output)
     return output
 

@@ -1,5 +1,6 @@
 """Maps of a plane of parameters: types and times, or a column."""
 
+import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
@@ -8,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
 from rattlesweep.analysis import style
 from rattlesweep.analysis.layout import fill
@@ -23,10 +25,11 @@ from rattlesweep.analysis.plots.picture import (
     within,
 )
 from rattlesweep.analysis.style import REGIME_STYLE, TYPE_STYLE, Mark, label
-from rattlesweep.arrays import Floats, Integers
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 
 ENDS = (0.5, 99.5)  # percentiles at which the colour scale ends
+MOST_DRAWN = 1200  # values along a side; a panel has fewer pixels
 WIDE_RATIO = 4.0  # ratios are nearer to each other than other quantities
 BONDI = "Bondi's threshold"
 # Columns that count turns, with the label of none.
@@ -36,7 +39,7 @@ NO_TURNS = {"n_turns": "no turns", "reversals_sure": "no confirmed turns"}
 class Cells(NamedTuple):
     """Of each cell its state, its value, and ``n_c1 - n_i``."""
 
-    code: Integers  # of `Map.states`
+    code: NDArray[np.int8]  # of `Map.states`
     value: Floats
     beyond: Floats
 
@@ -96,10 +99,14 @@ class Map(Picture):
         """Return what is drawn of each cell."""
         layout = self.layout
         cells, means = self.counted
-        counts = np.stack([cells[name] for name in self.marks])
+        runs = cells["runs"]
         failed = len(self.marks)
-        code = np.where(counts.any(axis=0), np.argmax(counts, axis=0), failed)
-        code = self.grid(np.where(cells["runs"] == 0, failed + 1, code))
+        most = np.zeros(len(runs), runs.dtype)
+        of_cells = np.where(runs == 0, failed + 1, failed).astype(np.int8)
+        for mark, name in enumerate(self.marks):
+            of_cells[cells[name] > most] = mark
+            np.maximum(most, cells[name], out=most)
+        code = self.grid(of_cells)
         if self.quantity is None:
             value = self.grid(cells.ratio.means())
         else:
@@ -110,7 +117,6 @@ class Map(Picture):
         if not layout.refined:
             return Cells(code, value, beyond)
         # Fill where no run was integrated, not where a condition excludes the run.
-        runs = cells["runs"]
         if layout.where is not None:
             runs = layout.chosen(None).count()[0]["runs"]
         done = self.grid(runs) > 0
@@ -125,8 +131,8 @@ class Map(Picture):
 
     def draw(self, panels: list[Panel], log: bool | None) -> list[Handle]:
         """Colour the cells, and draw Bondi's threshold between them."""
-        x, y = self.axes[:2]
-        self.ylabel = label(y.name)
+        self._thin()
+        self.ylabel = label(self.axes[1].name)
         cells = self.shown()
         if self.quantity in NO_TURNS:
             # Cells without a turn are drawn in the colour of no turns.
@@ -137,16 +143,15 @@ class Map(Picture):
         has_bondi = False
         for k, (axes, place) in enumerate(panels):
             here = Cells(
-                within(cells.code, place),
-                within(cells.value, place),
-                within(cells.beyond, place),
+                within(cells.code, place)[self.drawn],
+                within(cells.value, place)[self.drawn],
+                within(cells.beyond, place)[self.drawn],
             )
             of_types = self.quantity is None and k % 2 == 0
             self._draw_states(axes, here, of_types)
             if not of_types:
                 mesh = axes.pcolormesh(
-                    x.edges,
-                    y.edges,
+                    *self.edges,
                     np.ma.masked_invalid(here.value.T),
                     rasterized=True,
                     norm=colours.norm,
@@ -155,6 +160,19 @@ class Map(Picture):
             self._scale(axes, log)
         self._add_bar([axes for axes, _ in panels], mesh, colours)
         return self._entries(cells, has_bondi)
+
+    def _thin(self) -> None:
+        """Choose the cells that are drawn, at most `MOST_DRAWN` along each side."""
+        self.drawn: tuple[slice, ...] = ()
+        self.edges: list[Floats] = []
+        for axis in self.axes[:2]:
+            count = len(axis.values)
+            step = math.ceil(count / MOST_DRAWN)
+            self.drawn += (slice(None, None, step),)
+            self.edges.append(np.append(axis.edges[:-1:step], axis.edges[-1]))
+            if step > 1:
+                drawn = f"one in {step} is drawn"
+                self.notes.append(f"Of the {count:,} values of {axis.name}, {drawn}.")
 
     def _scale(self, axes: Axes, log: bool | None) -> None:
         """Scale and limit the axes of a panel."""
@@ -185,15 +203,13 @@ class Map(Picture):
 
     def _draw_states(self, axes: Axes, here: Cells, of_types: bool) -> None:
         """Colour the cells by their states."""
-        x, y = self.axes[:2]
         colours = [colour for colour, _ in self.states.values()]
         if not of_types:
             # What shows between the values is a type without a value.
             count = len(self.marks)
             colours[:count] = [style.NO_REVERSAL] * count
         axes.pcolormesh(
-            x.edges,
-            y.edges,
+            *self.edges,
             here.code.T,
             rasterized=True,
             vmin=-0.5,
@@ -207,12 +223,15 @@ class Map(Picture):
         highest = np.nanmax(beyond, initial=0)
         if not lowest < 0 < highest:
             return False
-        x, y = self.axes[:2]
+        x, y = (
+            axis.values[drawn]
+            for axis, drawn in zip(self.axes[:2], self.drawn, strict=True)
+        )
         # A dark line with a light rim is visible on every colour.
         for colour, width in (("#FFFFFF", 2.8), (style.BLACK, 1.3)):
             axes.contour(
-                x.values,
-                y.values,
+                x,
+                y,
                 beyond.T,
                 [0],
                 colors=colour,
@@ -298,12 +317,13 @@ class Regimes(Map):
 
     def draw(self, panels: list[Panel], log: bool | None) -> list[Handle]:
         """Colour the cells."""
+        self._thin()
         self.ylabel = label(self.axes[1].name)
         # Every regime has a value, so the legend names no missing ones.
         cells = self.shown()
         cells = cells._replace(value=np.ones(cells.code.shape))
         for axes, place in panels:
-            here = cells._replace(code=within(cells.code, place))
+            here = cells._replace(code=within(cells.code, place)[self.drawn])
             self._draw_states(axes, here, of_types=True)
             self._scale(axes, log)
         self.notes.append(

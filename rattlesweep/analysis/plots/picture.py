@@ -2,7 +2,7 @@
 
 import textwrap
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from itertools import product
 from typing import Any, ClassVar, NamedTuple, TypeVar
@@ -122,33 +122,46 @@ class Picture(ABC):
 
     def table(self) -> pd.DataFrame:
         """Return the numbers of the picture, one row for each cell that holds runs."""
+        return pd.DataFrame(dict(self._numbers()))
+
+    def _numbers(self) -> Iterator[tuple[str, NDArray[np.generic]]]:
+        """Yield the columns of the table one by one, as each may be large."""
         cells, means = self.counted
-        axes = list(self.layout.axes.values())
+        has_runs = cells["runs"] > 0
+        for column, values in self._of_cells(cells, means):
+            shown = values[has_runs]
+            if shown.dtype == np.int32:  # numbers of runs, as they are held
+                shown = shown.astype(np.int64)
+            yield column, shown
+
+    def _of_cells(
+        self, cells: Counts, means: dict[str, Floats]
+    ) -> Iterator[tuple[str, NDArray[np.generic]]]:
+        """Yield the columns of the table for all cells."""
         name = self.layout.name
-        columns: dict[str, NDArray[np.generic]] = {}
-        values = np.meshgrid(*(axis.values for axis in axes), indexing="ij")
-        for axis, axis_values in zip(axes, values, strict=True):
-            columns[axis.name] = axis_values.ravel()
-        columns["runs"] = cells["runs"]
-        columns["failed"] = cells["failed"]
+        lengths = list(self.layout.lengths.values())
+        for place, axis in enumerate(self.layout.axes.values()):
+            along = np.expand_dims(axis.values, list(range(1, len(lengths) - place)))
+            yield axis.name, np.broadcast_to(along, lengths).ravel()
+        yield "runs", cells["runs"]
+        yield "failed", cells["failed"]
         for kind, count in cells.types.items():
-            columns[f"fraction_{kind}"] = share(count, cells["ok"])
+            yield f"fraction_{kind}", share(count, cells["ok"])
         for regime in REGIMES:
             if f"regime_{regime}" in cells:
                 count = cells[f"regime_{regime}"]
-                columns[f"fraction_{regime}"] = share(count, cells["ok"])
-        columns["fraction_bondi"] = share(cells["bondi"], cells["steady"])
+                yield f"fraction_{regime}", share(count, cells["ok"])
+        yield "fraction_bondi", share(cells["bondi"], cells["steady"])
         for column, moments in ((name("t_r"), cells.t_r), ("ratio", cells.ratio)):
-            columns[f"{column}_mean"] = moments.means()
-            columns[f"{column}_std"] = moments.deviations()
-            columns[f"{column}_sem"] = moments.errors()
-        columns[f"{name('t_rgh')}_mean"] = cells.t_rgh.means()
+            yield f"{column}_mean", moments.means()
+            yield f"{column}_std", moments.deviations()
+            yield f"{column}_sem", moments.errors()
+        yield f"{name('t_rgh')}_mean", cells.t_rgh.means()
         for column, mean in means.items():
-            columns[f"{name(column)}_mean"] = mean
+            yield f"{name(column)}_mean", mean
         if "sensitive" in cells:
-            columns["sensitive"] = cells["sensitive"]
-            columns["unsure"] = cells["unsure"]
-        return pd.DataFrame(columns)[cells["runs"] > 0].reset_index(drop=True)
+            yield "sensitive", cells["sensitive"]
+            yield "unsure", cells["unsure"]
 
     def told(self) -> tuple[str, str]:
         """Return what the picture is of, in words, and the column of its table."""
@@ -160,19 +173,25 @@ class Picture(ABC):
         Told are the values at both ends of the first axis, as means over the others.
         """
         words, column = self.told()
-        table = self.table()
-        x = self.axes[0].name
+        cells, means = self.counted
         names = ", ".join(axis.name for axis in self.axes)
-        sentence = f"{words} of {int(table['runs'].sum()):,} runs by {names}"
-        known = table[table[column].notna()]
-        if known.empty:
+        sentence = f"{words} of {int(cells['runs'].sum()):,} runs by {names}"
+        of_cells = self._of_cells(cells, means)
+        values = next(each for name, each in of_cells if name == column).astype(float)
+        is_known = np.isfinite(values)
+        if not is_known.any():
             return f"{sentence}: no value"
-        weighted = known[column] * known["runs"]
-        means = weighted.groupby(known[x]).sum() / known["runs"].groupby(known[x]).sum()
-        first, last = means.index[[0, -1]]
+        runs = self.grid(np.where(is_known, cells["runs"], 0))
+        weighted = self.grid(np.where(is_known, values, 0.0)) * runs
+        others = tuple(range(1, len(self.axes)))
+        weights = runs.sum(axis=others)
+        places = np.flatnonzero(weights)[[0, -1]]
+        first, last = (weighted.sum(axis=others) / np.maximum(weights, 1))[places]
+        x = self.axes[0]
+        low, high = x.values[places]
         return (
-            f"{sentence}: from {means[first]:.3g} at {x} = {first:.4g} "
-            f"to {means[last]:.3g} at {last:.4g}"
+            f"{sentence}: from {first:.3g} at {x.name} = {low:.4g} "
+            f"to {last:.3g} at {high:.4g}"
         )
 
     def read(self, *columns: str) -> Floats:

@@ -30,6 +30,7 @@ from rattlesweep.units import as_text, is_measured
 
 MAX_BYTES = 1_000_000  # of a file
 MAX_VALUES = 20_000  # a few aliases can expand to far more values than a file has
+LINE_ENDS = "\n\r\x85\u2028\u2029"
 TOO_MANY = f"more than {MAX_VALUES} values; use linspace, logspace or a table"
 MOST_BITS = 1000  # of a whole number, so that it has a floating-point value
 MAX_TOLD = 20  # problems that are listed
@@ -224,9 +225,10 @@ def _shown(value: object) -> str:
 
 def read_yaml(text: str) -> tuple[object, dict[Key, int], list[Problem]]:
     """Return the data of a YAML text, the line of each key and item, and problems."""
-    # Each value but the first follows a comma or a new line.  The parser reads 5,000
-    # values in a second, so they are counted before.
-    if max(text.count(","), text.count("\n")) > MAX_VALUES:
+    # Each value but the first follows a comma or the end of a line.  The parser reads
+    # 5,000 values in a second, so they are counted before.
+    lines = sum(map(text.count, LINE_ENDS)) - text.count("\r\n")
+    if max(text.count(","), lines) > MAX_VALUES:
         return None, {}, [(1, (), TOO_MANY)]
     reader = _Reader()
     try:
