@@ -9,7 +9,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, stone, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.physics.readings import turning_friction
+from rattlesweep.physics.readings import Shape, turning_friction
 from rattlesweep.physics.si import Units
 from rattlesweep.physics.theory import direction, garcia_hubbard
 from rattlesweep.quantities import COUPLES, LENGTH, LOSSES, QUANTITIES, RATE, TIME
@@ -41,10 +41,12 @@ def needed_friction(body: Rattleback, psi: Floats, n_0: Floats) -> float:
     NaN if the body would tip over.
     """
     surface = [body.theta, body.phi, body.xi]
-    constants = full.constants(body.alpha, body.beta, body.gamma, *surface)
-    if body.c is not None:
-        constants = np.append(constants, stone.inverse_semi_axis(body.c))
-    return turning_friction(constants, float(psi), float(0.5 * body.gamma * n_0**2))
+    ix, iy, iz, cxx, cxy, cyy = full.constants(
+        body.alpha, body.beta, body.gamma, *surface
+    )
+    shape = Shape(cxx, cxy, cyy, stone.inverse_semi_axis(body.c))
+    energy = float(0.5 * body.gamma * n_0**2)
+    return turning_friction(np.array([ix, iy, iz]), shape, float(psi), energy)
 
 
 def derived(

@@ -13,7 +13,7 @@ import numpy as np
 from numba import config
 from numpy.typing import NDArray
 
-from rattlesweep.arrays import Flags, Floats, Integers, put, take
+from rattlesweep.arrays import Flags, Floats, Integers, put, scatter, take
 from rattlesweep.integrate import SettingError, processors
 from rattlesweep.integrate.compile import Kernel, Order, load_kernels
 from rattlesweep.integrate.lanes import kernel as lanes
@@ -363,6 +363,23 @@ def integrate(
         If Numba cannot load the threading layer that the environment names.
     """
     control = control or Control()
+    if model.flat is not None:
+        is_flat = on_paraboloids(batch, model)
+        if is_flat.any():
+            return _by_surface(
+                batch,
+                tableau,
+                model,
+                is_flat,
+                tol=tol,
+                dt=dt,
+                max_steps=max_steps,
+                longest_step=longest_step,
+                record=record,
+                cost=cost,
+                threads=threads,
+                control=control,
+            )
     if "spectrum" in record and longest_step is None:
         longest_step = longest_frame_steps(batch, tableau, tol)
     count = 1
@@ -422,6 +439,52 @@ def can_reach_rim(batch: Batch, model: Model) -> bool:
         inverse_semi_axis = batch.constants[:, stone.N_CONSTANTS - 1]
         has_rim &= batch.rim * inverse_semi_axis < 1 - 1e-12
     return bool(has_rim.any())
+
+
+def on_paraboloids(batch: Batch, model: Model) -> Flags:
+    """Return which bodies of a model with the constant ``k`` have a paraboloid."""
+    is_flat: Flags = model.named(batch.constants.T)["k"] == 0
+    return is_flat
+
+
+def flattened(batch: Batch, model: Model) -> tuple[Batch, Model]:
+    """Return a batch of paraboloids with the constants of their own model, and it."""
+    flat = model.flat
+    assert flat is not None
+    named = model.named(batch.constants.T)
+    constants = np.stack([named[name] for name in flat.of_runs], axis=1)
+    return replace(batch, constants=constants), flat
+
+
+def _by_surface(
+    batch: Batch,
+    tableau: Tableau,
+    model: Model,
+    is_flat: Flags,
+    *,
+    longest_step: Floats | None,
+    cost: Integers | None,
+    control: Control,
+    **settings: Any,
+) -> Outcome:
+    """Integrate paraboloids by their own model, as without ellipsoids beside them."""
+    flat_rows = np.flatnonzero(is_flat)
+    other_rows = np.flatnonzero(~is_flat)
+    parts = (
+        (flat_rows, *flattened(take(batch, flat_rows), model)),
+        (other_rows, take(batch, other_rows), model),
+    )
+    outcomes = []
+    stages = control.divided(float(is_flat.mean()))
+    for (rows, part, own_model), _ in zip(parts, stages, strict=True):
+        own: dict[str, Any] = dict(settings)
+        for name, values in (("longest_step", longest_step), ("cost", cost)):
+            own[name] = None if values is None else take(values, rows)
+        outcomes.append(integrate(part, tableau, own_model, control=control, **own))
+    of_flat, of_others = outcomes
+    outcome = scatter(of_flat, is_flat)
+    put(of_others, outcome, other_rows)
+    return replace(outcome, stopped=of_flat.stopped or of_others.stopped)
 
 
 def longest_frame_steps(batch: Batch, tableau: Tableau, tol: float) -> Floats:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rattlesweep.arrays import Floats, Integers
+from rattlesweep.integrate import attitude as rotations
 from rattlesweep.integrate import batch as batches
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.compile import Kernel, load_kernels
@@ -31,6 +32,7 @@ from rattlesweep.integrate.lanes.lane import (
 from rattlesweep.integrate.model import ATTITUDES, Model, find_model
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DT, MAX_STEPS, TOL, Tableau
+from rattlesweep.physics import vectors
 
 STEPS_PER_CALL = 2048  # a few milliseconds, after which Python can act on Ctrl-C
 MOST_ZEROS = 256  # in a call
@@ -61,8 +63,7 @@ def record_steps(
 ):
     """Continue the run until the tables are full or it ends.
 
-    It ends at its horizon or, where a sweep without reversals ends, at the first zero
-    of the spin of a dead body.  The arguments up to ``options`` are those of the
+    It ends at its horizon.  The arguments up to ``options`` are those of the
     kernel's ``work`` for one run, which stays in the workspace between calls.  The
     others are outputs: ``reversals`` of a Recording; ``steps``, where the run is and
     then the ends of accepted steps; times of ``zeros`` and of ``turns``, which are
@@ -111,16 +112,10 @@ def record_steps(
             )
             ended = status != kernel.OK or (move != HOLD and lane.last > 0.0)
         last = lane.last > 0.0
-        if lane.t_crossed != crossed:
-            if runs.is_dead(lane):
-                # The step just tried ends at the zero.
-                lane.accept = 1.0
-                ended = True
-                last = False
-            else:
-                zeros[n_zeros] = lane.t_crossed
-                n_zeros += 1
-        if lane.reversals > reversals_before:
+        if lane.t_crossed != crossed and not runs.is_dead(lane):
+            zeros[n_zeros] = lane.t_crossed
+            n_zeros += 1
+        if lane.reversals > reversals_before and not runs.is_dead(lane):
             turns[n_turns] = lane.t_turn
             n_turns += 1
         accepted = lane.accept > 0.0
@@ -239,8 +234,8 @@ class Follower:
     accepted.  `longest_step` is as for `integrate`.
 
     A run that leaves the chart of its variables is integrated again from its launch
-    with :attr:`Model.anywhere`, as in sweeps, but not with `attitude`; :attr:`model` is
-    the model whose variables the states have.
+    with :attr:`Model.anywhere`, as in sweeps; :attr:`model` is the model whose
+    variables the states have, and :attr:`constants` has its constants by name.
     """
 
     def __init__(
@@ -261,8 +256,10 @@ class Follower:
         self._settings = tol, dt, max_steps
         self._longest_step = longest_step
         self._look: Callable[[Samples, Floats], None] | None = None
+        if model.flat is not None and batches.on_paraboloids(batch, model).all():
+            batch, model = batches.flattened(batch, model)
         self._start(batch, model, attitude)
-        if model.anywhere is not None and not attitude:
+        if model.anywhere is not None:
             while not self.ended:
                 self._continue()
             if self.status in batches.FAILED:
@@ -285,6 +282,7 @@ class Follower:
         self.reversals = list[float]()
         self.ended = not batch.t_end[0] > 0
         self._batch = batch
+        self.constants = model.named(batch.constants[0])
         tableau = self._tableau
         self._models = [model, ATTITUDES[model.name]] if attitude else [model]
         rimmed = batches.can_reach_rim(batch, model)
@@ -337,12 +335,15 @@ class Follower:
         self._rows = 1
         self.energy_0 = float(self._energies[FIRST])
         self._extra = np.zeros((1, self._models[-1].n_extra))
+        self._in_any_position = attitude and model.n_state == vectors.N_STATE
+        if self._in_any_position:
+            self._extra = rotations.at_launch(batch.y0[0, :3])
         self._launch = self._samples(0, 1)
 
     def __getstate__(self) -> dict[str, object]:
         # The compiled code of this process cannot be sent to another, so that only
         # results are left there.
-        names = ("t", "n_steps", "status", "zeros", "ended", "energy_0")
+        names = ("t", "n_steps", "status", "zeros", "reversals", "ended", "energy_0")
         return {name: getattr(self, name) for name in names}
 
     def launch(self) -> Samples:
@@ -385,7 +386,9 @@ class Follower:
         """
         y, slip = self._between(0, which, offset)
         extra = self._extra[which]
-        if extra.size:
+        if self._in_any_position:
+            extra = rotations.after(extra, *self._rotations(which, offset))
+        elif extra.size:
             # The moves are in the frame of the heading at the start of the step.
             moved = self._moves(which, offset)
             turned = _rotated(extra[:, 0], moved[:, 1:])
@@ -455,6 +458,21 @@ class Follower:
         y, _ = self._between(1, which, offset)
         return y[:, self._batch.y0.shape[1] :]
 
+    def _rotations(
+        self, which: Integers, offset: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return what :func:`attitude.after` takes, since rows of the table."""
+        y, _ = self._between(1, which, offset)
+        n_given = self._batch.y0.shape[1]
+        ends = y[:, :n_given]
+        starts = self._table[which, STATE : STATE + n_given]
+        spins = [
+            (state[:, :3] * state[:, 3:6]).sum(axis=1)
+            / np.linalg.norm(state[:, :3], axis=1)
+            for state in (starts, ends)
+        ]
+        return y[:, n_given:], ends[:, :3], 0.5 * offset * (spins[0] + spins[1])
+
     def _continue(self) -> None:
         """Fill the table with the next steps."""
         table = self._table
@@ -470,7 +488,10 @@ class Follower:
         self.status = Status(int(counts[STATUS]))
         base = self._extra[-1]
         self._extra = np.repeat(base[None], rows, axis=0)
-        if base.size:
+        if self._in_any_position:
+            steps = self._rotations(np.arange(rows - 1), self.lengths())
+            self._extra = rotations.added(base, *steps)
+        elif base.size:
             moved = self._moves(np.arange(rows - 1), self.lengths())
             self._extra[1:, 0] = base[0] + np.cumsum(moved[:, 0])
             turned = _rotated(self._extra[:-1, 0], moved[:, 1:])

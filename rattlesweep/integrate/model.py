@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import inf
 
+from rattlesweep.arrays import Floats
 from rattlesweep.physics import (
     frame,
     full,
@@ -54,7 +55,7 @@ class Model:
 
     name: str
     n_state: int
-    n_constants: int
+    constants: tuple[str, ...]  # names of ``q``
     n_probe: int  # coefficients of the relevant amplitude
     rhs: Formula  # rhs(*y, *q): dy
     spin: Formula  # spin(*y)
@@ -78,6 +79,8 @@ class Model:
     volume: Formula | None = None  # volume(*y, *q): rate of phase volume
     # The same equations in variables that exist in any position.
     anywhere: Model | None = None
+    # The same equations for the constant ``k = 0``, where the surface is a paraboloid.
+    flat: Model | None = None
     # Number of components, the last ones, that the state of a sweep lacks.
     n_extra: int = 0
     # Functions x of the state that are cheaper to integrate beside it than to compute
@@ -100,6 +103,22 @@ class Model:
     factor: Formula | None = None
     solve: Formula | None = None
     trivial: Formula | None = None
+
+    @property
+    def n_constants(self) -> int:
+        """The number of constants ``q``."""
+        return len(self.constants)
+
+    @property
+    def of_runs(self) -> tuple[str, ...]:
+        """The names of all constants of a run: ``q``, and what slides need."""
+        if self.slide is None:
+            return self.constants
+        return *self.constants, "mu"
+
+    def named(self, values: Floats) -> dict[str, Floats]:
+        """Return constants of runs, one in each row of `values`, by their names."""
+        return dict(zip(self.of_runs, values, strict=True))
 
 
 # Bodies that roll without friction: slopes and angular velocity.
@@ -149,7 +168,7 @@ def _rise(touch: Formula, *, has_work: bool) -> Formula:
 FULL = Model(
     "full",
     full.N_STATE,
-    full.N_CONSTANTS,
+    full.CONSTANTS,
     n_probe=8,
     rhs=full.rhs,
     spin=full.spin,
@@ -309,7 +328,7 @@ def _vectors_rise(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss
 VECTORS = Model(
     "vectors",
     vectors.N_STATE,
-    stone.N_FRICTION_CONSTANTS,
+    vectors.CONSTANTS,
     FULL.n_probe,
     rhs=vectors.rhs,
     spin=vectors.spin,
@@ -344,7 +363,7 @@ def _frictionless(on: Surface) -> Model:
     model = replace(
         FULL,
         name=on.model,
-        n_constants=stone.N_CONSTANTS,
+        constants=stone.CONSTANTS,
         rhs=rhs,
         energy=on.energy,
         contact=contact,
@@ -352,6 +371,7 @@ def _frictionless(on: Surface) -> Model:
         surface=on,
         volume=_volume if on.quadric else None,
         anywhere=VECTORS if on.closed else None,
+        flat=FULL,
     )
     if on.carried is None:
         return model
@@ -415,7 +435,7 @@ def _with_friction(rolling: Model, law: Friction) -> Model:
         rolling,
         name=f"{rolling.name}_{law.name}",
         n_state=stone.N_FRICTION_STATE,
-        n_constants=stone.N_CONSTANTS + len(law.loss),
+        constants=(*stone.CONSTANTS, *law.constants),
         rhs=rhs,
         spin=_spin_with_work,
         spin_rate=_spin_rate_with_work,
@@ -455,11 +475,21 @@ FRICTIONLESS |= {each.model: _frictionless(each) for each in surface.FURTHER}
 
 ELLIPSOID = FRICTIONLESS[surface.ELLIPSOID.model]
 
-FRICTION = {
-    (rolling.name, law.name): _with_friction(rolling, law)
-    for rolling in FRICTIONLESS.values()
-    for law in surface.LAWS.values()
-}
+
+def _all_with_friction() -> dict[tuple[str, str], Model]:
+    """Return the models with friction by those without and the law."""
+    models = {}
+    for law in surface.LAWS.values():
+        flat = _with_friction(FULL, law)
+        models[FULL.name, law.name] = flat
+        for rolling in FRICTIONLESS.values():
+            if rolling is not FULL:
+                model = replace(_with_friction(rolling, law), flat=flat)
+                models[rolling.name, law.name] = model
+    return models
+
+
+FRICTION = _all_with_friction()
 """Models with friction, by the names of the model without it and of the law."""
 
 
@@ -562,7 +592,10 @@ def _all_sliding() -> dict[str, Model]:
     for name, model in models.items():
         if model.anywhere is not None and model.slide is not None:
             slide = replace(model.slide, steepest=STEEPEST)
-            models[name] = replace(model, slide=slide, anywhere=VECTORS_SLIDING)
+            model = replace(model, slide=slide, anywhere=VECTORS_SLIDING)
+        if model.flat is not None:
+            model = replace(model, flat=models[model.flat.name])
+        models[name] = model
     return models
 
 
@@ -606,7 +639,7 @@ def _reduced_error(dn, de_p, de_r, n, e_p, e_r, k_p, k_r, inertia):
 REDUCED = Model(
     "reduced",
     reduced.N_STATE,
-    reduced.N_CONSTANTS,
+    reduced.CONSTANTS,
     n_probe=2,
     rhs=reduced.rhs,
     spin=_reduced_spin,
@@ -708,11 +741,94 @@ def _with_attitude(plain: Model) -> Model:
     )
 
 
+# In any position no heading is defined, so single steps add the rotation and the path
+# since their start.
+
+
+@scalar
+def _position(vx, vy, vz, a, b, c, work, turned, qx, qy, qz, x, y, z):
+    return (vx, vy, vz, a, b, c, work), (turned, qx, qy, qz)
+
+
+@scalar
+def _rotating_rhs(
+    vx,
+    vy,
+    vz,
+    a,
+    b,
+    c,
+    work,
+    turned,
+    qx,
+    qy,
+    qz,
+    x,
+    y,
+    z,
+    ix,
+    iy,
+    iz,
+    cxx,
+    cxy,
+    cyy,
+    k,
+    *loss,
+):
+    f = vectors.rhs(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, *loss)
+    omega = a, b, c
+    velocity = vectors.rolled(vectors.unit(vx, vy, vz), omega, (cxx, cxy, cyy, k))
+    return f + vectors.carried_on((turned, qx, qy, qz), omega, velocity)
+
+
+@scalar
+def _rotating_place(y, constants):
+    state, _ = _position(*y)
+    return _place_in_any_position(state, constants)
+
+
+@scalar
+def _rotating_derivative(y, slip, placed, omega_rate, power):
+    rates, u, omega, r, w, _, _, _ = placed
+    _, rotation = _position(*y)
+    x, y, z = sliding.cross(r, omega)
+    wx, wy, wz = w
+    ex, ey, ez = sliding.direction(u, slip.angle)
+    velocity = (
+        x - wx + slip.speed * ex,
+        y - wy + slip.speed * ey,
+        z - wz + slip.speed * ez,
+    )
+    moved = vectors.carried_on(rotation, omega, velocity)
+    return rates + omega_rate + (power,) + moved
+
+
+def _with_rotation(plain: Model) -> Model:
+    """Return a model in any position with rotation and path, for single steps."""
+    slide = None
+    if plain.slide is not None:
+        slide = Slide(_rotating_place, _rotating_derivative, has_work=True)
+    return replace(
+        plain,
+        name=f"{plain.name}_attitude",
+        n_state=plain.n_state + vectors.N_EXTRA,
+        n_probe=0,
+        n_extra=vectors.N_EXTRA,
+        rhs=_rotating_rhs,
+        slide=slide,
+        spin=_zero,
+        spin_rate=_zero,
+        amplitude=_zero,
+        error=_no_error,
+    )
+
+
 ATTITUDES = {
     plain.name: _with_attitude(plain)
     for plain in (*FRICTIONLESS.values(), *FRICTION.values(), *SLIDING.values())
 }
-"""Models with heading and contact point, by the name of the model without them."""
+ATTITUDES |= {plain.name: _with_rotation(plain) for plain in (VECTORS, VECTORS_SLIDING)}
+"""Models of single steps that add the attitude, by the name of the model without it."""
 
 PLAIN = *FRICTIONLESS.values(), VECTORS, *FRICTION.values(), REDUCED
 SLIDING_MODELS = *SLIDING.values(), VECTORS_SLIDING

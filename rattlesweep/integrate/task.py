@@ -6,7 +6,7 @@ Other compiled loops check ``control.flag[0]`` regularly.
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent import futures
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
@@ -60,6 +60,15 @@ class Control:
     def repeat(self) -> None:
         """Announce a kernel that repeats runs which the last one has counted."""
         self.stage(self._span[1], self._span[1])
+
+    def divided(self, share: float) -> Iterator[None]:
+        """Divide the present stage at a share of its work, and announce both parts."""
+        low, high = self._span
+        counts = self._counts
+        middle = low + share * (high - low)
+        for begin, end in ((low, middle), (middle, high)):
+            self.stage(begin, end, ends=counts)
+            yield
 
     def count_ended(self, runs: int) -> None:
         """Count runs as done because no further kernel integrates them."""

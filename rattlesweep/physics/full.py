@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from rattlesweep.arrays import Floats
 
 N_STATE = 5
-N_CONSTANTS = 6
+CONSTANTS = "ix", "iy", "iz", "cxx", "cxy", "cyy"
 N_EXTRA = 3  # heading and the two co-ordinates of the contact point on the plane
 
 # With 'nnan' and 'ninf' LLVM would remove tests for non-finite states; with 'reassoc'

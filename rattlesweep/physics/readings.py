@@ -4,6 +4,8 @@ They are NumPy formulas for time series and for single bodies; those that the ke
 need are compiled in `full` and `stone`.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.optimize import brentq
 
@@ -14,15 +16,21 @@ from rattlesweep.physics.theory import Modes
 STEEPEST = 1e3  # slope up to which a body is tilted to find its turning point
 
 
-def contact_point(p: Floats, q: Floats, constants: Floats) -> Floats:
+class Shape(NamedTuple):
+    """The constants of a surface, and of an ellipsoid ``k = 1/c``."""
+
+    cxx: Floats | float
+    cxy: Floats | float
+    cyy: Floats | float
+    k: Floats | float = 0.0
+
+
+def contact_point(p: Floats, q: Floats, shape: Shape) -> Floats:
     """Return the contact point from the centre of mass (Eqs. 4 and 8), shape (3, ...).
 
-    `constants` are the six of a paraboloid, or with ``k = 1/c`` those of an ellipsoid.
+    The surface is a paraboloid or an ellipsoid.
     """
-    cxx, cxy, cyy = constants[3:6]
-    k = 0.0
-    if len(constants) > 6:
-        k = constants[6]
+    cxx, cxy, cyy, k = shape
     x = p + cxx * p + cxy * q
     y = q + cxy * p + cyy * q
     square = x * p + y * q
@@ -30,11 +38,11 @@ def contact_point(p: Floats, q: Floats, constants: Floats) -> Floats:
     return np.array([x / rho, y / rho, 1 - square / (rho + rho**2)])
 
 
-def contact_of(surface: Surface, p: Floats, q: Floats, constants: Floats) -> Floats:
+def contact_of(surface: Surface, p: Floats, q: Floats, shape: Shape) -> Floats:
     """Return the contact point on any surface, shape (3, ...), from its formula."""
     at_rest = (0.0,) * 6
     contact = in_python(surface.contact, 7)
-    fx, fy, rise, *_ = contact(p, q, *at_rest, *constants[3:7])
+    fx, fy, rise, *_ = contact(p, q, *at_rest, *shape)
     return np.array([p + fx, q + fy, 1 - rise])
 
 
@@ -75,10 +83,11 @@ def mode_energies(
     return pitch, roll
 
 
-def turning_friction(constants: Floats, psi: float, energy: float) -> float:
+def turning_friction(moments: Floats, shape: Shape, psi: float, energy: float) -> float:
     """Return the friction that rolling needs at the turning point of an oscillation.
 
-    The body is at rest, tilted about the direction `psi` until it has the `energy`.
+    The body, with its principal `moments`, is at rest, tilted about the direction `psi`
+    until it has the `energy`.
     There the tangential force of the contact is about the largest of the oscillation:
     in 700 runs of Table I that reverse (|n_i| from 0.1 to 0.3), the largest ratio of
     the forces was 0.93 to 1.00 times this (5 to 95 %).
@@ -87,23 +96,23 @@ def turning_friction(constants: Floats, psi: float, energy: float) -> float:
     direction = np.array([-np.sin(psi), np.cos(psi)])
 
     def surplus(tilt: float) -> float:
-        contact, up = _contact_and_vertical(tilt * direction, constants)
+        contact, up = _contact_and_vertical(tilt * direction, shape)
         return float(-contact @ up) - 1 - energy
 
     if not (np.isfinite(energy) and energy > 0 and surplus(STEEPEST) > 0):
         return float("nan")
     tilt = float(brentq(surplus, 0.0, STEEPEST))
-    contact, up = _contact_and_vertical(tilt * direction, constants)
+    contact, up = _contact_and_vertical(tilt * direction, shape)
     # Eqs. 11 and 1 for a body at rest: the torque of gravity accelerates it.
-    inertia = np.diag(constants[:3] + contact @ contact) - np.outer(contact, contact)
+    inertia = np.diag(moments + contact @ contact) - np.outer(contact, contact)
     acceleration = np.cross(contact, np.linalg.solve(inertia, np.cross(contact, up)))
     lift = acceleration @ up
     tangential = np.linalg.norm(acceleration - lift * up)
     return float(tangential / (1 + lift))
 
 
-def _contact_and_vertical(slope: Floats, constants: Floats) -> tuple[Floats, Floats]:
+def _contact_and_vertical(slope: Floats, shape: Shape) -> tuple[Floats, Floats]:
     """Return the contact point and the vertical unit vector of a slope."""
     p, q = slope
     up = -np.array([p, q, 1.0]) / np.sqrt(1 + p * p + q * q)
-    return contact_point(p, q, constants), up
+    return contact_point(p, q, shape), up

@@ -12,7 +12,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.physics.full import scalar
 
 N_STATE = 3
-N_CONSTANTS = 3
+CONSTANTS = "k_p", "k_r", "inertia"
 
 
 @scalar

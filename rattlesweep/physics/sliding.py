@@ -183,27 +183,51 @@ def holding_force(contact):
     return normal, first, second
 
 
-# Directions that are tried where Newton's method finds none.
-SCAN = 64
+SCAN = 64  # directions between which others are searched
+HALVINGS = 40
+FINE_SCAN = 720
 TWO_PI = 6.283185307179586
+CREEP = -1e-9  # least rate of the speed of a body that begins to slide
 
 
 @scalar
 def settled_direction(contact, mu, angle):
     """Return the stable direction of sliding near ``angle``, by Newton's method.
 
-    There the direction stays while the speed is small and does not fall.  The second
-    value tells whether one was found.
+    There the direction stays while the speed is small and does not fall, and the
+    mobility is positive.  The second value tells whether one was found.
     """
     for _ in range(30):
-        _, _, along, across, slope = push(contact, mu, angle)
+        _, mobility, along, across, slope = push(contact, mu, angle)
         if slope >= 0.0:
             break
         step = -across / slope
         angle += min(0.3, max(-0.3, step))
         if abs(step) < 1e-14:
-            return angle, along >= -1e-9
+            return angle, along >= CREEP and mobility > 0.0
     return angle, False
+
+
+@scalar
+def turning(contact, mu, angle):
+    """Return the mobility times the rate of the direction times the speed.
+
+    It has no poles: it is a sum of sines and cosines of the angle and of twice it.
+    """
+    _, mobility, _, across, _ = push(contact, mu, angle)
+    return mobility * across
+
+
+@scalar
+def direction_between(contact, mu, low, high):
+    """Return the settled direction between two, at which slides turn to each other."""
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        if turning(contact, mu, middle) > 0.0:
+            low = middle
+        else:
+            high = middle
+    return settled_direction(contact, mu, 0.5 * (low + high))
 
 
 @scalar
@@ -211,16 +235,44 @@ def outgoing(contact, mu):
     """Return the direction in which a body at rest on the plane begins to slide.
 
     The second value tells whether there is one.  Where the force that would keep it
-    rolling is just ``mu`` times the normal force, sliding begins opposite to it.
+    rolling is just ``mu`` times the normal force, sliding begins opposite to it.  If
+    Newton's method finds no direction from there, the one nearest to it is taken.
     """
     _, first, second = holding_force(contact)
-    angle = atan2(-second, -first)
-    found, sure = settled_direction(contact, mu, angle)
-    for k in range(SCAN):
-        if sure:
-            break
-        found, sure = settled_direction(contact, mu, angle + k * (TWO_PI / SCAN))
-    return found, sure
+    opposite = atan2(-second, -first)
+    found, sure = settled_direction(contact, mu, opposite)
+    if sure:
+        return found, True
+    nearest = -2.0
+    before = turning(contact, mu, opposite)
+    for k in range(1, SCAN + 1):
+        high = opposite + k * (TWO_PI / SCAN)
+        after = turning(contact, mu, high)
+        if before > 0.0 and after <= 0.0:
+            low = high - TWO_PI / SCAN
+            way, is_way = direction_between(contact, mu, low, high)
+            if is_way and cos(way - opposite) > nearest:
+                nearest = cos(way - opposite)
+                found = way
+        before = after
+    return found, nearest > -2.0
+
+
+@scalar
+def meets_singularity(contact, mu, angle):
+    """Return whether the mobility vanishes before a direction of sliding settles.
+
+    At a small speed nothing but the direction changes, until it settles.
+    """
+    sense = 1.0 if turning(contact, mu, angle) > 0.0 else -1.0
+    for k in range(1, FINE_SCAN + 1):
+        ahead = angle + sense * k * (TWO_PI / FINE_SCAN)
+        _, mobility, _, across, _ = push(contact, mu, ahead)
+        if mobility <= 0.0:
+            return True
+        if sense * across <= 0.0:
+            return False
+    return False
 
 
 @scalar

@@ -25,11 +25,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rattlesweep.arrays import Floats
+from rattlesweep.physics import full
 from rattlesweep.physics.full import acceleration, force, scalar, slope_rate
 
-N_CONSTANTS = 7
+CONSTANTS = *full.CONSTANTS, "k"
+N_CONSTANTS = len(CONSTANTS)
 N_FRICTION_STATE = 6
-N_FRICTION_CONSTANTS = 10
 
 SMOOTHING = 1e-4  # eps, in sqrt(g/a): below it rolling resistance becomes viscous
 

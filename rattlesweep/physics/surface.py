@@ -73,6 +73,13 @@ class Friction:
     # cheaper form than `stone.rhs_of_couples`
     rhs: Formula | None = None
 
+    @property
+    def constants(self) -> tuple[str, ...]:
+        """The names of the constants; a number that is fixed is a smoothing."""
+        return tuple(
+            each if isinstance(each, str) else "smoothing" for each in self.loss
+        )
+
 
 PARABOLOID = Surface(
     "paraboloid",

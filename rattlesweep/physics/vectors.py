@@ -41,6 +41,9 @@ from rattlesweep.physics.stone import (
 )
 
 N_STATE = 7
+CONSTANTS = *stone.CONSTANTS, "sigma", "rolling", "smoothing"
+# Rotation and path since the start of a step, which single steps add to the state.
+N_EXTRA = 7
 
 
 @scalar
@@ -228,6 +231,43 @@ def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever
     lost = share * trace + (0.5 * lever * (ahead - behind) - share * wider) / below
     smooth = smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma)
     return smooth - (lost if share > 0.0 else 0.0)
+
+
+@scalar
+def rolled(u, omega, shape):
+    """Return the velocity of the contact point of a rolling body, in its own axes."""
+    a, b, c = omega
+    r, rho = contact(*u, *shape)
+    x, y, z = r
+    wx, wy, wz = moving(u, omega, r, rho, *shape)
+    # dr/dt = r x omega - w
+    return y * c - z * b - wx, z * a - x * c - wy, x * b - y * a - wz
+
+
+@scalar
+def carried_on(rotation, omega, velocity):
+    """Return the rates of the rotation and the path since the start of a step.
+
+    The rotation is a unit quaternion less 1, so that it starts at zero.  The path has
+    the axes of the body at the start.
+    """
+    less, x, y, z = rotation
+    w = 1.0 + less
+    a, b, c = omega
+    vx, vy, vz = velocity
+    # The velocity turned by the quaternion: v + 2 q x (q x v + w v).
+    tx = y * vz - z * vy + w * vx
+    ty = z * vx - x * vz + w * vy
+    tz = x * vy - y * vx + w * vz
+    return (
+        -0.5 * (x * a + y * b + z * c),
+        0.5 * (w * a + y * c - z * b),
+        0.5 * (w * b + z * a - x * c),
+        0.5 * (w * c + x * b - y * a),
+        vx + 2.0 * (y * tz - z * ty),
+        vy + 2.0 * (z * tx - x * tz),
+        vz + 2.0 * (x * ty - y * tx),
+    )
 
 
 def from_slopes(y: Floats, constants: Floats) -> tuple[Floats, Floats]:

@@ -468,12 +468,14 @@ def _parted(apart: Floats | float) -> Floats:
 
 def _is_unsteady(batch: Batch, model: Model) -> Flags:
     """Return the launches in the unsteady direction."""
+    constants = model.named(batch.constants.T)
     if model.name == REDUCED.name:
-        # K_p and the spin
-        unsteady: Flags = batch.constants[:, 0] * batch.y0[:, 0] >= 0
+        n, _, _ = batch.y0.T
+        unsteady: Flags = constants["k_p"] * n >= 0
     else:
         # The mixed curvature has the sign of K_p, and omega_z that of -n.
-        unsteady = batch.constants[:, 4] * batch.y0[:, 4] <= 0
+        _, _, _, _, c, *_ = batch.y0.T
+        unsteady = constants["cxy"] * c <= 0
     return unsteady
 
 
@@ -524,7 +526,10 @@ def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Float
         moved, size = norm.py_func(*change, *y.T, *constants.T)
     else:
         # The spin is zero in both states at a reversal.
-        ix, iy, _, cxx, cxy, cyy = constants.T[:6]
+        named = model.named(constants.T)
+        ix, iy, cxx, cxy, cyy = (
+            named[name] for name in ("ix", "iy", "cxx", "cxy", "cyy")
+        )
         oscillation = full.oscillation.py_func
         moved = oscillation(*change[:4], ix, iy, cxx, cxy, cyy)
         size = oscillation(*y.T[:4], ix, iy, cxx, cxy, cyy)

@@ -17,11 +17,11 @@ from rattlesweep.integrate.collocation import radau
 from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.lanes import slides
 from rattlesweep.integrate.lanes.lane import LANES
-from rattlesweep.integrate.model import FULL, SLIDING, VECTORS_SLIDING
+from rattlesweep.integrate.model import ELLIPSOID, FULL, SLIDING, VECTORS_SLIDING
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, vectors
-from rattlesweep.physics.readings import contact_point
+from rattlesweep.physics.readings import Shape, contact_point
 
 GH = oracle.GH
 DOP853 = METHODS["dop853"]
@@ -243,7 +243,7 @@ def test_the_place_of_the_foot_agrees_with_newton():
     _, _, _, tangential = follower.observe(samples)
     # The centre of mass, from the contact point, in axes that do not turn.
     u, _ = full.to_vectors(samples.y.T)
-    point = contact_point(samples.y[:, 0], samples.y[:, 1], runs.constants[0, :6])
+    point = contact_point(*samples.y.T[:2], Shape(*runs.constants[0, 3:6]))
     root = np.hypot(u[1], u[2])
     along = point[0] / root - u[0] * (u * point).sum(axis=0) / root
     across = (point[1] * u[2] - point[2] * u[1]) / root
@@ -273,7 +273,8 @@ def rises_in_flight(u, omega, constants):
         vertical = u + shift * rate + 0.5 * shift**2 * bend
         vertical /= np.linalg.norm(vertical)
         p, q = vertical[:2] / vertical[2]
-        return -contact_point(np.array([p]), np.array([q]), constants)[:, 0] @ vertical
+        shape = Shape(*constants[3:])
+        return -contact_point(np.array([p]), np.array([q]), shape)[:, 0] @ vertical
 
     bend = (height(step) - 2 * height(0.0) + height(-step)) / step**2
     return -1.0 - bend
@@ -325,3 +326,120 @@ def test_a_slide_whose_normal_force_grows_without_bound_is_jammed():
         _, _, normal, _ = follower.observe(follower.steps())
     assert follower.status == Status.JAMMED
     assert normal[-1] > 10 * np.median(normal)
+
+
+# Random bodies whose slides meet the singularity: in the first the speed falls to zero
+# at the same moment, in the second the direction turns into it at rest.
+SINGULAR = (
+    (
+        {
+            "alpha": 7.397678073209623,
+            "beta": 2.556547899455956,
+            "gamma": 5.417263400217821,
+            "theta": 0.6578928976007767,
+            "phi": 0.30817981873437883,
+            "xi": -0.365266917975235,
+        },
+        {"n_i": -0.7139673443452234, "omega_xy0": 1.0, "psi": 5.390548895343304},
+        3.0,
+    ),
+    (
+        {
+            "alpha": 8.031238052445286,
+            "beta": 1.190831191124435,
+            "gamma": 7.0220752311031776,
+            "theta": 0.7252908334814034,
+            "phi": 0.39224112392972676,
+            "xi": -0.29773810910034976,
+        },
+        {"n_i": 0.8296796925803049, "omega_xy0": 0.01, "psi": 3.48433037412639},
+        10.0,
+    ),
+)
+
+
+@pytest.mark.parametrize(("body", "launch", "mu"), SINGULAR)
+def test_no_tolerance_lets_a_slide_pass_the_singularity(body, launch, mu):
+    runs = with_mu(kernels.full_batch(body, t_end=60.0, **launch), mu)
+    ends = []
+    for tol in (1e-8, 1e-9, 1e-10, 1e-11, 1e-12):
+        out = integrate(runs, DOP853, SLIDING["full"], tol=tol)
+        assert out.status == Status.JAMMED, tol
+        ends.append(out.t_end[0])
+    assert ends == pytest.approx([ends[-1]] * 5, rel=1e-8)
+
+
+def test_rounding_errors_of_a_long_slide_reject_no_step():
+    # The direction turns by 320 radians in a slide of 120 units of time.
+    body = {
+        "alpha": 12.687952,
+        "beta": 2.49131,
+        "gamma": 13.179262,
+        "theta": 0.766741,
+        "phi": 0.011093,
+        "xi": -0.051705,
+    }
+    runs = with_mu(kernels.full_batch(body, 0.3, 0.01, t_end=160.0), 0.1)
+    times = []
+    for tol in (1e-10, 1e-12, 1e-13, 1e-14):
+        out = integrate(runs, DOP853, SLIDING["full"], tol=tol)
+        assert out.status == Status.OK, tol
+        times.append(out.t_r[0])
+    assert times == pytest.approx([times[-1]] * 4, rel=1e-10)
+
+
+def test_a_slide_begins_where_the_mobility_is_positive():
+    # Newton's method finds a direction in which the force would pull; the reversal is
+    # that of an independent program.
+    body = {
+        "alpha": 1.2595,
+        "beta": 1.2551,
+        "gamma": 0.010357,
+        "theta": 0.818,
+        "phi": 0.1257,
+        "xi": -0.12,
+    }
+    u = np.array([0.4624, 0.2987, -0.8348])
+    u /= np.linalg.norm(u)
+    runs = kernels.full_batch(body, 0.01, t_end=2.0)
+    state = full.from_vectors(u, np.array([-0.0015, 0.0082, -0.0076]))
+    sign = np.copysign(0.01, u @ [-0.0015, 0.0082, -0.0076])
+    runs = replace(runs, y0=state[None], scale=np.abs([sign]))
+    out = slide(runs, 1.364)
+    assert out.status == Status.OK
+    assert out.t_r[0] == pytest.approx(0.52468, abs=1e-5)
+
+
+def test_the_least_normal_force_is_that_between_steps_of_slides():
+    runs = with_mu(sliding_sweep(), 0.2)
+    out = integrate(runs, DOP853, SLIDING["full"], record=frozenset(["contact"]))
+    chosen = np.flatnonzero((out.n_slides > 0) & (out.status == Status.OK))[:12]
+    for k in chosen:
+        follower = Follower(take(runs, [k]), DOP853, SLIDING["full"])
+        samples = follower.at(np.linspace(0, out.t_end[k], 20_000))
+        _, _, normal, _ = follower.observe(samples)
+        assert out.contact_normal_min[k] == pytest.approx(normal.min(), abs=2e-5)
+
+
+@pytest.mark.parametrize("slides_too", [False, True])
+def test_a_paraboloid_beside_an_ellipsoid_keeps_its_bits(slides_too):
+    runs = kernels.full_batch(GH, [0.3, 0.4, 0.3], 0.1, t_end=60.0)
+    mixed = np.column_stack([runs.constants, [0.0, 0.5, 0.0]])
+    beside = replace(runs, constants=mixed)
+    flat, model = FULL, ELLIPSOID
+    if slides_too:
+        flat, model = SLIDING["full"], SLIDING["ellipsoid"]
+        runs = with_mu(runs, 0.3)
+        beside = with_mu(beside, 0.3)
+    alone = integrate(take(runs, [0, 2]), DOP853, flat)
+    out = integrate(beside, DOP853, model)
+    assert np.array_equal(out.y_end[[0, 2]], alone.y_end)
+    assert np.array_equal(out.t_r[[0, 2]], alone.t_r)
+    assert np.array_equal(out.n_steps[[0, 2]], alone.n_steps)
+    of_ellipsoid = integrate(take(beside, [1]), DOP853, model)
+    assert np.array_equal(out.y_end[[1]], of_ellipsoid.y_end)
+    # So does the trajectory of such a run.
+    follower = Follower(take(beside, [0]), DOP853, model)
+    while not follower.ended:
+        follower.steps()
+    assert follower.zeros[:1] == alone.t_r[:1].tolist()

@@ -180,13 +180,27 @@ def test_a_failed_run_says_so_and_keeps_its_good_steps():
     assert 0 < len(found.t) < 201
 
 
-def test_a_dead_body_ends_where_a_sweep_ends():
-    launch = {"n_i": -0.1, "omega_xy0": 0.01, "t_end": 2000.0, "sigma": 1e6}
-    found = rs.trajectory(GH, points=5, **launch)
-    run = rs.simulate(GH, **launch)
-    assert (found.status, run.type) == ("ok", "D")
-    assert found.t_end == run.t_end < 1
-    assert found.zeros.tolist() == []
+def test_a_dead_body_is_followed_to_the_horizon():
+    launch = {"n_i": 0.3, "omega_xy0": 0.1, "t_end": 800.0, "sigma": 0.02}
+    found = rs.trajectory(GH, points=801, **launch)
+    run = rs.simulate(GH, record=["reversals"], **launch)
+    assert (found.status, found.t_end, len(found.table)) == ("ok", 800, 801)
+    # What is left of the spin decays; its zeros then are no reversals.
+    assert found.table.n.iloc[-1] == pytest.approx(run.n_end, abs=1e-16)
+    assert 0 < abs(found.table.n.iloc[-1]) < 1e-2
+    assert found.zeros.max() < 100
+
+
+def test_the_contact_point_of_a_body_that_may_slide():
+    omega = (0.1, -0.05, -0.3)
+    u = np.array([0.06, 0.08, -np.sqrt(0.99)])
+    names = ["contact_x", "contact_y", "contact_z"]
+    for losses in ({}, {"mu": 5.0}, {"mu": 5.0, "sigma": 1e-3}):
+        found = rs.trajectory(
+            GH, omega=omega, u=u, t_end=1.0, points=2, channels=names, **losses
+        )
+        point = oracle.contact_point(u, oracle.GH)
+        assert found.table.loc[0].to_numpy() == pytest.approx(point, abs=1e-12)
 
 
 LOW = {

@@ -13,10 +13,16 @@ import numpy as np
 from rattlesweep.analysis.derived import si_of
 from rattlesweep.arrays import Flags, Floats
 from rattlesweep.errors import ConfigError
+from rattlesweep.integrate.attitude import HEADING, PLACE, QUATERNION
 from rattlesweep.integrate.lanes.lane import SLIP_ANGLE, SLIP_SPEED, SLIP_WORK
 from rattlesweep.physics import full, reduced
 from rattlesweep.physics.full import quaternion
-from rattlesweep.physics.readings import contact_of, contact_point, mode_energies
+from rattlesweep.physics.readings import (
+    Shape,
+    contact_of,
+    contact_point,
+    mode_energies,
+)
 from rattlesweep.quantities import ENERGY, FORCE, LENGTH, RATE, SPEED, TIME
 from rattlesweep.sweeps.config import not_one_of
 
@@ -39,7 +45,6 @@ class View:
     """Quantities of a run at the same times, each computed on first use."""
 
     launches: Launches
-    constants: Floats
     follower: Follower
     samples: Samples
     beside: Samples | None  # of the reduced model at the same times
@@ -72,6 +77,13 @@ class View:
         """Whether the contact point slides."""
         return self.samples.slip[:, SLIP_SPEED] > 0
 
+    @property
+    def slip_angle(self) -> Floats:
+        """The direction of sliding from -pi to pi, NaN where the body rolls."""
+        angle = self.samples.slip[:, SLIP_ANGLE]
+        turns = np.round(angle / (2 * np.pi))
+        return np.where(self.slides, angle - 2 * np.pi * turns, np.nan)
+
     @cached_property
     def vectors(self) -> tuple[Floats, Floats]:
         """Vertical unit vector and angular velocity, both of shape (3, times)."""
@@ -90,14 +102,24 @@ class View:
     def contact(self) -> Floats:
         """The contact point from the centre of mass, shape (3, times)."""
         surface = self.follower.model.surface
+        constants = self.follower.constants
+        shape = Shape(*(constants[name] for name in Shape._fields if name in constants))
         if surface is not None and not surface.quadric:
-            return contact_of(surface, *self.slopes, self.constants)
-        point = contact_point(*self.slopes, self.constants)
+            return contact_of(surface, *self.slopes, shape)
+        point = contact_point(*self.slopes, shape)
         if not self.is_anywhere:
             return point
         # An ellipsoid upside down stands on the opposite point, seen from its centre.
-        centre = np.array([[0.0], [0.0], [1.0 - 1.0 / self.constants[6]]])
+        centre = np.array([[0.0], [0.0], [1.0 - 1.0 / shape.k]])
         return np.where(self.y[2] < 0, point, 2 * centre - point)
+
+    @property
+    def attitude(self) -> Floats:
+        """The unit quaternions from body to plane, shape (4, times)."""
+        extra = self.samples.extra.T
+        if self.is_anywhere:
+            return extra[QUATERNION]
+        return quaternion(self.vectors[0], extra[HEADING])
 
     @cached_property
     def modes(self) -> tuple[Floats, Floats]:
@@ -223,7 +245,7 @@ def _channels() -> Iterator[Channel]:
         "trace_x trace_y",
         LENGTH,
         "contact point on the plane, from the first one",
-        lambda view: view.samples.extra.T[1:],
+        lambda view: view.samples.extra.T[PLACE],
         "attitude",
     )
     yield Channel(
@@ -266,21 +288,21 @@ def _channels() -> Iterator[Channel]:
         "rad",
         "direction of sliding from the horizontal part of the body's x axis",
         FULL,
-        lambda view: np.where(view.slides, view.samples.slip[:, SLIP_ANGLE], np.nan),
+        lambda view: view.slip_angle,
     )
     yield Channel(
         "yaw",
         "rad",
         "heading of the body's x axis from the start, turns counted",
         FULL,
-        lambda view: view.samples.extra[:, 0],
+        lambda view: view.samples.extra[:, HEADING],
         "attitude",
     )
     yield from _components(
         "q0 q1 q2 q3",
         "1",
         "attitude, unit quaternion from body to plane, scalar first",
-        lambda view: quaternion(view.vectors[0], view.samples.extra[:, 0]),
+        lambda view: view.attitude,
         "attitude",
     )
     yield Channel(

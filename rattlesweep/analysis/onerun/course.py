@@ -293,7 +293,6 @@ class Course:
         self._slides_from: float | None = None  # begin of a slide that goes on
         self.slide_work = 0.0  # of sliding friction so far, negative
         assert run.batch is not None
-        self._constants = run.batch.constants[0]
         setting = run.integrator
         tableau = METHODS[setting.pop("method")]
         longest_step: Floats | float = np.inf
@@ -353,7 +352,7 @@ class Course:
         }
 
     def _view(self, samples: Samples, beside: Samples | None = None) -> View:
-        return View(self.run.launches, self._constants, self.follower, samples, beside)
+        return View(self.run.launches, self.follower, samples, beside)
 
     def _crossings(self, section: Section) -> Iterator[Columns]:
         """Yield columns at the crossings of a section, and whether it rises there."""

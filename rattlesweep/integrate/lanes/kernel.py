@@ -81,6 +81,13 @@ LEAST_ERROR = 1e-30
 OFFSET = np.uint64((1023 << 52) - (1023 << 46))
 
 
+@njit(**INNER)
+def ends_at_limit(lane, move):
+    """Return whether a step that is taken ends where the model does."""
+    # A last step of a fixed method may have the size zero, which is no limit found.
+    return move == TAKE and lane.h_limit > 0.0 and lane.h == lane.h_limit
+
+
 def decide_closely(problem, w, l, max_steps, stage):
     """Decide on the step tried on lane ``l``, where something is due.
 
@@ -92,7 +99,7 @@ def decide_closely(problem, w, l, max_steps, stage):
     if stage == PEAKS:
         move = events.search_peaks(lane)
         lane.accept = 0.0 if move == HOLD else 1.0
-        return OK, move
+        return LIMIT if ends_at_limit(lane, move) else OK, move
     if stage == ZEROS and lane.mode == STEP and lane.accept == 0.0:
         lane.rejected += 1.0
         lane.held = 1.0
@@ -115,8 +122,7 @@ def decide_closely(problem, w, l, max_steps, stage):
     lane.accept = 0.0 if move == HOLD else 1.0
     if move == HOLD:
         return OK, HOLD
-    # A last step of a fixed method may have the size zero, which is no limit found.
-    if move == TAKE and lane.h_limit > 0.0 and lane.h == lane.h_limit:
+    if ends_at_limit(lane, move):
         return LIMIT, TAKE
     return STEP_LIMIT if lane.steps >= max_steps else OK, move
 
@@ -339,7 +345,7 @@ def search_closely(problem, parts, w, l, max_steps, recording):
             # Only the first zero is asked for.
             lane.sign = 0.0
         lane.move = move
-        if status != OK or move == HOLD or lane.watched == 0.0:
+        if status not in (OK, LIMIT) or move == HOLD or lane.watched == 0.0:
             return status, move
     return call_for_pair(parts[DECIDE], (problem, w, l, max_steps, PEAKS))
 

@@ -16,7 +16,7 @@ equations have no sense beyond its zero.
 
 # mypy: ignore-errors
 from dataclasses import replace
-from math import isfinite, sqrt
+from math import floor, isfinite, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -41,8 +41,10 @@ from rattlesweep.integrate.lanes.lane import (
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics.full import FASTMATH, scalar
 from rattlesweep.physics.sliding import (
+    TWO_PI,
     contact_at,
     dot,
+    meets_singularity,
     outgoing,
     push,
     settled_direction,
@@ -65,25 +67,30 @@ INTEGRALS = METHOD.integrals
 THIRD = METHOD.spectrum[2]
 FIFTH = METHOD.spectrum[4]
 MAX_SWEEPS = 25  # iterations of the equations of a step
-# The equations are solved to this share of the tolerance, or to rounding errors.
-SOLVED = 1e-2
+SOLVED = 1e-2  # share of the tolerance to which the equations are solved
+# Rounding errors of a state over its size: no step is more exact.
 ROUNDING = 1e-15
 LARGEST_TURN = 0.5  # of the angle in an iteration
 FAILED = 1e30  # squared error of a step whose equations were not solved
 
 BEGINNING = 1e-290  # speed at the begin of a slide
 # A slide whose rest is this short, in radians of the fastest swing, ends with a step
-# along the derivative: force and direction do not change any more.
+# along the derivative.
 LAST_ANGLE = 1e-8
+# If the deceleration changes by more than this share until then, the direction turns,
+# and it may meet the singularity.
+STEADY = 0.1
 # Fraction of the time to rest that a step leaves: at least, and at most.
 LEAST_LEFT = 0.1
 MOST_LEFT = 0.3
 FIRST_ANGLE = 0.1  # first step of a slide, in radians of the fastest swing
 LEAST_MOBILITY = 1e-3  # below it the normal force grows without bound
-# As the mobility falls to zero in a finite time, steps become too small at this one.
-SMALL_MOBILITY = 0.1
 # Height left below the rim, in a, at which a zero of the limit is that of the rim.
 AT_RIM = 1e-9
+# A slide is jammed where steps become too small this short before the mobility is zero,
+# in radians of the fastest swing: it falls as the root of the time that is left.
+JAMMING_ANGLE = 1e-6
+TURN_AHEAD = 1e-6  # of differences with respect to the angle
 # Columns of the results of a run, after its state.
 T_SLIDE, SLIDES, SLIDE_TIME, SLIDE_WORK, N_COLUMNS = range(5)
 
@@ -104,6 +111,7 @@ class Motion(NamedTuple):
     slip: Slip  # derivative of the slip
     stiffness: float  # derivative of the angle's rate with respect to the angle
     normal: float  # normal force
+    mobility: float  # of the contact along the force
     margin: float  # positive where the body can go on sliding
 
 
@@ -121,7 +129,7 @@ def motion_of(lane, y, slip):
     turning = across / slip.speed - contact.turn
     slip_rate = Slip(along, turning, -mu * normal * slip.speed)
     margin = min(contact.need, mobility - LEAST_MOBILITY)
-    return Motion(f, slip_rate, slope / slip.speed, normal, margin)
+    return Motion(f, slip_rate, slope / slip.speed, normal, mobility, margin)
 
 
 @njit(**INNER)
@@ -224,8 +232,8 @@ def predict(lane, now, stages):
 def sweep(lane, stages, rates, stiffness):
     """Improve state and slip at the stages; return the square of the largest change.
 
-    The change is that of velocities and slopes; it is infinite where a speed is not
-    positive or a number not finite.
+    The change is that of velocities and slopes; it is infinite where a speed or a
+    mobility is not positive or a number not finite.
     """
     y = lane.y
     slip = lane.slip
@@ -236,6 +244,9 @@ def sweep(lane, stages, rates, stiffness):
             return np.inf
         state, here = stage_of(lane, stages[i])
         motion = motion_of(lane, state, here)
+        # The motion ends before the mobility is zero, so beyond there is no solution.
+        if not motion.mobility > 0.0:
+            return np.inf
         for c in range(n):
             rates[i, c] = motion.f[c]
         rates[i, n + SLIP_SPEED] = motion.slip.speed
@@ -279,12 +290,23 @@ def squared_slip(error, speed):
     return error.speed * error.speed + across * across
 
 
+@njit(**INNER)
+def squared_rounding(lane):
+    """Return the square of the rounding errors of a lane's state."""
+    speed = lane.slip.speed
+    size = 1.0 + speed * speed
+    for component in lane.y:
+        size += component * component
+    return ROUNDING * ROUNDING * size
+
+
 @njit(fastmath=FASTMATH, **INNER)
 def squared_error(lane, rates, scale):
     """Return the squared error of the step just tried, in units of the tolerance.
 
-    If the coefficients of the derivative fall by ``rho`` from one degree to the next,
-    the error at the end of a step falls as ``rho^9``; this returns ``rho^8``.
+    The tolerance is not smaller than rounding errors.  If the coefficients of the
+    derivative fall by ``rho`` from one degree to the next, the error at the end of a
+    step falls as ``rho^9``; this returns ``rho^8``.
     """
     n = len(lane.y)
     fifth = np.zeros(n + N_SLIP)
@@ -302,7 +324,7 @@ def squared_error(lane, rates, scale):
     low, _ = error(*(state_error + state))
     low += squared_slip(slip_error, lane.slip1.speed)
     fall = high / (low + 1e-290)
-    return scale * high * fall * fall / size
+    return high * fall * fall / max(size / scale, squared_rounding(lane))
 
 
 @njit(fastmath=FASTMATH, **INNER)
@@ -330,12 +352,17 @@ def observe(lane, contact_recorded):
 def set_limit(lane):
     """Set the limit and the forces of a lane that slides at the end of the step."""
     ahead = runs.DIFFERENCE / lane.swing
-    now = motion_of(lane, lane.y1, lane.slip1)
-    y_later = moved(lane.y1, now.f, ahead)
-    later = motion_of(lane, y_later, lane.slip1)
+    slip = lane.slip1
+    now = motion_of(lane, lane.y1, slip)
+    state = moved(lane.y1, now.f, ahead)
+    speed = max(BEGINNING, slip.speed + ahead * now.slip.speed)
+    later = motion_of(lane, state, Slip(speed, slip.angle, slip.work))
+    # Where the angle is stiff, it follows the force at once, as in an implicit step.
+    turn = ahead * later.slip.angle / (1.0 + ahead * abs(later.stiffness))
+    later = motion_of(lane, state, Slip(speed, slip.angle + turn, slip.work))
     left = lane.problem.hooks.left
     limit = now.margin * left(lane, lane.y1)
-    later_limit = later.margin * left(lane, y_later)
+    later_limit = later.margin * left(lane, state)
     lane.limit1 = Point(lane.h, limit, (later_limit - limit) / ahead)
     lane.lift1 = Point(lane.h, -now.normal, (now.normal - later.normal) / ahead)
     lane.ratio1 = Point(lane.h, lane.mu, 0.0)
@@ -356,10 +383,32 @@ def step_to_rest(lane, now, rest):
     lane.error = 0.0
 
 
+@njit(fastmath=FASTMATH, **INNER)
+def is_steady(lane, now, rest):
+    """Return whether the deceleration stays the same until rest."""
+    slip = lane.slip
+    state = moved(lane.y, now.f, rest)
+    contact, _, _ = contact_of(lane.problem.model, state, lane.constants)
+    _, mobility, along, _, _ = push(
+        contact, lane.mu, slip.angle + rest * now.slip.angle
+    )
+    change = abs(along - now.slip.speed)
+    return mobility > 0.0 and change <= STEADY * abs(now.slip.speed)
+
+
+@njit(**INNER)
+def hold_back(lane):
+    """Copy the start of a step that is not taken to its end, with its forces."""
+    runs.hold_back(lane)
+    lane.limit1 = lane.limit0
+    lane.ratio1 = lane.ratio0
+    lane.lift1 = lane.lift0
+
+
 @njit(**INNER)
 def stay(lane):
     """Take a step of size zero, so that the run ends where it is."""
-    runs.hold_back(lane)
+    hold_back(lane)
     lane.h = 0.0
     lane.error = 0.0
     lane.last = 0.0
@@ -382,6 +431,12 @@ def try_slide(lane, scale, contact_recorded):
         if rest * (1.0 - left) < lane.h:
             lane.h = rest * (1.0 - left)
             lane.last = 0.0
+    if ends and lane.mode == STEP and not is_steady(lane, now, rest):
+        contact, _, _ = contact_of(model, lane.y, lane.constants)
+        if meets_singularity(contact, lane.mu, lane.slip.angle):
+            lane.refused = JAMMED
+            stay(lane)
+            return
     if ends:
         step_to_rest(lane, now, rest)
         observe(lane, contact_recorded)
@@ -392,7 +447,7 @@ def try_slide(lane, scale, contact_recorded):
     solved = False
     predict(lane, now, stages)
     _, size = model.error(*(lane.y + lane.y + lane.constants))
-    enough = max(SOLVED * SOLVED * size / scale, ROUNDING * ROUNDING)
+    enough = max(SOLVED * SOLVED * size / scale, squared_rounding(lane))
     for _ in range(MAX_SWEEPS):
         change = sweep(lane, stages, rates, stiffness)
         solved = change <= enough
@@ -402,7 +457,7 @@ def try_slide(lane, scale, contact_recorded):
     lane.f1, _ = stage_of(lane, rates[STAGES - 1])
     if not (solved and lane.slip1.speed > 0.0):
         # Nothing is observed at the end of a step that is not taken.
-        runs.hold_back(lane)
+        hold_back(lane)
         lane.leaves = lane.watched = 0.0
         lane.error = FAILED
         return
@@ -439,6 +494,25 @@ def hold_point(lane, h, y, f):
     normal, tangential = contact(*(y_later + lane.constants))
     later = (lane.mu * normal - tangential) * left(lane, y_later)
     return Point(h, now, (later - now) / ahead)
+
+
+@njit(fastmath=FASTMATH, **INNER)
+def jams(lane):
+    """Return whether the mobility is about to vanish at the start of the step.
+
+    It falls with the angle, whose rate has no bound.
+    """
+    slip = lane.slip
+    contact, _, _ = contact_of(lane.problem.model, lane.y, lane.constants)
+    _, mobility, _, across, _ = push(contact, lane.mu, slip.angle)
+    turning = across / slip.speed - contact.turn
+    ahead = TURN_AHEAD if turning > 0.0 else -TURN_AHEAD
+    _, later, _, _, _ = push(contact, lane.mu, slip.angle + ahead)
+    fall = (mobility - later) / ahead * turning
+    soon = JAMMING_ANGLE / lane.swing
+    if mobility > max(LEAST_MOBILITY, 2.0 * soon * fall):
+        return False
+    return meets_singularity(contact, lane.mu, slip.angle)
 
 
 @njit(**INNER)
@@ -490,6 +564,8 @@ def begin(lane, t):
 def end(lane, t):
     """End a slide at the end of the step, at time ``t``, or let it go on."""
     y = lane.y1
+    # The force jumps here, and both its values count.
+    runs.note_contact(lane)
     f = lane.problem.model.rhs(*(y + lane.constants))
     limit = hold_point(lane, lane.h, y, f)
     if limit.value <= 0.0:
@@ -520,9 +596,7 @@ def change(lane, status):
         contact, _, _ = contact_of(lane.problem.model, lane.y1, lane.constants)
         return why_not(contact)
     if status == STEP_TOO_SMALL and slid:
-        contact, _, _ = contact_of(lane.problem.model, lane.y, lane.constants)
-        _, mobility, _, _, _ = push(contact, lane.mu, lane.slip.angle)
-        return JAMMED if mobility < SMALL_MOBILITY else status
+        return JAMMED if jams(lane) else status
     if status == LIMIT:
         return begin(lane, t)
     if status == OK and slid and lane.slip1.speed == 0.0:
@@ -562,7 +636,10 @@ def advance(problem, w):
     runs.advance(problem, w)
     for l in range(problem.lanes):
         lane = lane_of(problem, w, l)
-        lane.slip = lane.slip1
+        slip = lane.slip1
+        # Rounding errors of a direction that turns on and on would grow.
+        turns = floor(slip.angle / TWO_PI + 0.5)
+        lane.slip = Slip(slip.speed, slip.angle - turns * TWO_PI, slip.work)
 
 
 @njit(fastmath=FASTMATH, **INNER)
