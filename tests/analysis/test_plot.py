@@ -530,9 +530,9 @@ plot steady --select n_i=a | is not NAME=VALUES
 plot steady --where 't_R < 3' | did you mean "t_r"?
 plot steady --where 't_r < 0' | 1: holds no run of those selected
 plot steady --style bad.mplstyle | font.size
-plot one --size 60,60 --dpi 1200 | give numbers from 1 to 24
+plot one --size 60,60 --dpi 1200 | give 2 numbers from 1 to 24
 plot map --log | has values that are not positive
-plot one --output /proc/no/p.svg | 1: cannot write in /proc/no: No such file
+plot one --output /proc/no/p.svg | 1: cannot write in /proc/no: there is no such folder
 plot broken | 1: is damaged
 report damaged | 1: damaged/runs/
 show --preset GH --output a.htm | the name must end in .html

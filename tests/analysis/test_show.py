@@ -122,7 +122,7 @@ def test_words_cannot_become_markup(tmp_path):
 
 def test_a_stored_run_is_shown_and_proved(tmp_path):
     output = tmp_path / "out"
-    path = tmp_path / "new" / "r.html"
+    path = tmp_path / "r.html"
     assert run("gh.yaml", output, "spin.n_i=[0.1]").exit_code == 0
     t_r = float(rows(output)["t_r"].iloc[0])
     result = invoke(

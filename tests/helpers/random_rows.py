@@ -35,6 +35,7 @@ def random_columns(
             columns[field.name] = tables.ragged(
                 rng.normal(size=(n, 5)), rng.integers(-1, 6, n)
             )
+    columns["t_r"] = np.abs(columns["t_r"])  # a time
     status = (rng.random(n) < 0.1).astype(np.int8)
     columns["status"] = (status, ["ok", "diverged"])
     columns["type"] = (np.where(status == 0, rng.integers(0, 2, n), -1), ["R", "SS"])

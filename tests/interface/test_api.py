@@ -189,7 +189,7 @@ BAD: list[tuple[Any, str]] = [
     ),
     (
         lambda: rs.trajectory("GH", points=2.5, **LAUNCH),
-        r"points: 2.5 .* is not a whole number",
+        r"points: 2.5 .*; a whole number of at least 2 is needed",
     ),
     (
         lambda: rs.trajectory("GH", **LAUNCH, tend=1),
@@ -208,7 +208,7 @@ BAD: list[tuple[Any, str]] = [
         lambda: rs.fit("GH", {"t": [0], "n": [1]}, free=3, launch=LAUNCH),
         "free: 3 .* not a name",
     ),
-    (lambda: rs.replay("x", 1.5, 0), r"case: 1.5 \(float\) is not a whole"),
+    (lambda: rs.replay("x", 1.5, 0), r"case: 1.5 .*; a whole number of at least 0"),
 ]
 
 
@@ -228,7 +228,7 @@ BAD_RUNS: list[tuple[dict[str, Any], str]] = [
     ({"n_i": [1, 2], "omega_xy0": [1] * 3}, r"n_i \(2,\), omega_xy0 \(3,\)"),
     ({"omega_xy0": None}, "omega_xy0 missing; give both, or a table with them"),
     ({"psi": "yaw"}, '"yaw" is not one of relevant, pitch, roll'),
-    ({"method": "rk4", "tol": 1e-9}, "integrator.tol: rk4 takes"),
+    ({"method": "rk4", "tol": 1e-9}, "tol: rk4 takes dt alone"),
     ({"body": [GH, "HG"]}, r"bodies\[1\]: 'HG' \(str\) is not a body"),
     ({"body": FRAME.assign(psi=0, psi_deg=0)}, "psi and psi_deg are one quantity"),
     ({"body": FRAME.drop(columns="phi")}, "bodies: the column phi is missing"),

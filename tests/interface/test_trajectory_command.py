@@ -57,7 +57,7 @@ def test_options_mean_what_they_say(options, wanted):
 
 
 def test_files_hold_the_table_and_say_which_run_it_is(tmp_path):
-    target = tmp_path / "new" / "run.parquet"
+    target = tmp_path / "run.parquet"
     names = "t,n,energy_drift,E_r,C_I"
     result = command("--output", target, "--channels", names)
     assert (result.exit_code, result.stdout) == (0, "")

@@ -186,7 +186,7 @@ REFUSED_TABLES: dict[str, tuple[str, str, dict[str, Any], str]] = {
         "sigma",
         "0.1",
         {"model": "reduced"},
-        "bodies.path: with the table's columns: dissipation: the model reduced "
+        "bodies.path: with sigma of the table: dissipation: the model reduced "
         "conserves",
     ),
     "no decay": (

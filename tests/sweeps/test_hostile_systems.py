@@ -60,11 +60,11 @@ def test_a_file_is_read_once_more_before_it_is_moved(output, monkeypatch):
     honest = stores.read_parquet
     fails = [True]
 
-    def once(path: Path, *args: Any) -> pa.Table:
+    def once(path: Path, *args: Any, **options: Any) -> pa.Table:
         if fails:
             fails.pop()
             raise DamagedError(f"{path} is damaged")
-        return honest(path, *args)
+        return honest(path, *args, **options)
 
     monkeypatch.setattr(stores, "read_parquet", once)
     stored = open_stored(output)

@@ -53,7 +53,8 @@ def write(
 ) -> Any:
     table = build_table(columns, SCHEMA)
     config: Any = SimpleNamespace(parts=[], model="full", deciding_key=None)
-    stored = Stored(config, cases, 1, (), directory, {}, "sweep")
+    samples = int(columns["sample"].max()) + 1
+    stored = Stored(config, cases, samples, (), directory, {}, "sweep")
     (directory / "runs").mkdir(parents=True)
     for start in range(0, len(table), size):
         stored.append(table[start : start + size], "{}")

@@ -382,6 +382,8 @@ def _drop_outside(axes: Axes) -> None:
         x, y = (np.asarray(values, float) for values in line.get_data())
         is_inside = (x >= left) & (x <= right) & (y >= bottom) & (y <= top)
         line.set_data(x[is_inside], y[is_inside])
+        # The extent of a line without points is infinite.
+        line.set_in_layout(bool(is_inside.any()))
 
 
 def texts(axes: Sequence[Axis], places: Sequence[int]) -> str:
